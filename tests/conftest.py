@@ -1,0 +1,25 @@
+"""Fixtures that tests of several folders share."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _own_cache(tmp_path_factory):
+    """Keep what tests remember out of the user's cache."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TEXCLASS_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture
+def data_root(monkeypatch):
+    """Folder of real recordings, found by cards too; a test that asks for it skips where it is absent."""
+    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
+    root = Path(os.environ.get("TEXCLASS_DATA", beside))
+    if not root.is_dir():
+        pytest.skip(f"no real recordings at {root} (set TEXCLASS_DATA)")
+    monkeypatch.setenv("TEXCLASS_DATA", str(root))
+    return root

@@ -1,0 +1,113 @@
+"""The benchmark end to end on a toy dataset."""
+
+import json
+
+import pytest
+
+from texclass.experiment.benchmark import run_benchmark
+from texclass.experiment.definition import PipelineDefinition, RowDefinition, Selection, Use
+from texclass.recording import RecordingError
+
+CLASSIFIERS = {
+    "naive_bayes": Use("sklearn.naive_bayes.GaussianNB"),
+    "euclidean": Use("sklearn.neighbors.NearestCentroid"),
+}
+STEPS = (
+    Use("sklearn.impute.SimpleImputer", {"strategy": "median", "keep_empty_features": True}),
+    Use("sklearn.preprocessing.MinMaxScaler"),
+)
+ROWS = (
+    RowDefinition("Level", ("level",), published={"naive_bayes": 90}),
+    RowDefinition("Taps", ("knock", "level"), published={"naive_bayes": 10}),
+    RowDefinition("Whatever there is", ("knock", "level"), skip_missing=True),
+    RowDefinition("Selected", ("level", "peaks"), Selection(2, 2), published={"naive_bayes": 95}),
+    RowDefinition("Chance", ("rarely",), published={"naive_bayes": 20}),
+)
+
+
+@pytest.fixture
+def pipeline(feature_set):
+    return PipelineDefinition("toy", feature_set, STEPS, CLASSIFIERS, ROWS, seed=0, folds=4)
+
+
+@pytest.fixture
+def result(toy_dataset, pipeline):
+    return run_benchmark(toy_dataset(), pipeline)
+
+
+def test_json_has_the_keys_that_were_promised(result):
+    found = json.loads(result.to_json())
+    assert found["dataset"]["n_recordings"] == 12
+    assert {"dataset", "protocol", "rows", "versions", "seed", "input_hash"} <= set(found)
+    assert {"texclass", "numpy", "scikit-learn"} <= set(found["versions"])
+    for row in found["rows"]:
+        keys = {"name", "n_features", "accuracy", "paper", "ms_per_recording", "missing"}
+        assert keys <= set(row)
+        for accuracy in row["accuracy"].values():
+            assert 0 <= accuracy["low"] <= accuracy["mean"] <= accuracy["high"] <= 1
+    assert found["rows"][0]["paper"] == {"naive_bayes": 0.9}
+
+
+def test_separable_levels_are_recognised_and_confused_with_nothing(result):
+    assert result.rows[0].accuracy["euclidean"].mean == 1.0
+    assert result.confusion.counts.tolist() == [[4, 0, 0], [0, 4, 0], [0, 0, 4]]
+    assert result.best[0].name == "Level"
+
+
+def test_a_row_that_lacks_a_phase_says_so(result):
+    _, taps, whatever, *_ = result.rows
+    assert (taps.missing, taps.accuracy, taps.n_features) == ("no tap found (knock)", {}, 2)
+    assert taps.ms_per_recording is None
+    assert (whatever.missing, whatever.n_features) == ("no tap found (knock)", 1)
+    assert whatever.accuracy == result.rows[0].accuracy
+
+
+def test_selection_reports_its_columns_and_width(result):
+    row = result.rows[3]
+    assert row.n_features == 2
+    assert sum(row.selected["naive_bayes"].values()) == pytest.approx(2)
+
+
+def test_undefined_values_are_summed_up_by_feature(result):
+    found = {u.feature: u for u in result.undefined}
+    assert found["knock"].n_recordings == 12
+    assert found["rarely"].reason == "starts above 0"
+    assert 0 < found["rarely"].n_recordings < 12
+
+
+def test_processes_and_a_warm_cache_change_nothing_but_milliseconds(result, toy_dataset, pipeline):
+    again = run_benchmark(toy_dataset(), pipeline)
+    assert _without_ms(again) == _without_ms(result)
+
+
+def _without_ms(result):
+    found = result.to_dict()
+    return found | {"rows": [row | {"ms_per_recording": 0} for row in found["rows"]]}
+
+
+@pytest.mark.parametrize("protocol", ["operator", "blocks", "paper"])
+def test_other_protocols_are_named_in_the_result(toy_dataset, pipeline, protocol):
+    result = run_benchmark(toy_dataset(n_repetitions=6), pipeline, protocol=protocol)
+    assert result.protocol == protocol
+    assert result.rows[0].accuracy["euclidean"].mean > 0.9
+
+
+def test_an_impossible_protocol_is_refused_before_anything_is_loaded(toy_dataset, pipeline):
+    dataset = toy_dataset()
+    with pytest.raises(ValueError, match="material m0 has 4 recordings; 10 folds need at least 10 of each"):
+        run_benchmark(dataset, pipeline, n_folds=10)
+    assert dataset.load.loaded == []
+
+
+def test_bad_recordings_stop_the_run_or_are_listed(toy_dataset, pipeline):
+    dataset = toy_dataset(n_repetitions=5, bad=("m1_3",))
+    with pytest.raises(RecordingError, match="m1_3"):
+        run_benchmark(dataset, pipeline)
+    result = run_benchmark(dataset, pipeline, skip_bad=True)
+    assert [bad.recording_id for bad in result.left_out] == ["m1_3"]
+    assert result.dataset["n_recordings"] == 14
+
+
+def test_rank_agreement_needs_published_figures(result):
+    assert result.rank_agreement("euclidean") is None
+    assert -1 <= result.rank_agreement("naive_bayes") <= 1

@@ -1,0 +1,108 @@
+"""Extraction to disk: nothing lost by a kill, nothing computed twice, bad recordings named."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from texclass.experiment.extraction import cached_table, extract_table
+from texclass.experiment.table import METADATA, read_table
+from texclass.features.extractor import FeatureExtractor
+from texclass.recording import RecordingError
+
+
+def test_table_holds_metadata_features_and_reasons(toy_dataset, feature_set, tmp_path):
+    dataset = toy_dataset()
+    table = extract_table(dataset, feature_set, tmp_path / "t.parquet")
+    direct = FeatureExtractor(feature_set).fit(dataset).extract(dataset)
+    assert list(table.frame.columns) == [*METADATA, *feature_set.column_names]
+    assert table.frame["recording_id"].tolist() == [entry.recording_id for entry in dataset.entries]
+    np.testing.assert_array_equal(table.values, direct.values)
+    assert table.reasons == direct.reasons
+    assert table.flags[0] == ("m0_1", "clipped")
+
+
+def test_table_survives_the_disk_and_is_plain_parquet(toy_dataset, feature_set, tmp_path):
+    written = extract_table(toy_dataset(operators=0), feature_set, tmp_path / "t.parquet")
+    read = read_table(tmp_path / "t.parquet")
+    pd.testing.assert_frame_equal(read.frame, written.frame)
+    assert (read.columns, read.reasons, read.flags, read.key) == (
+        written.columns,
+        written.reasons,
+        written.flags,
+        written.key,
+    )
+    assert pd.read_parquet(tmp_path / "t.parquet")["repetition"].tolist() == [1, 2, 3, 4] * 3
+    assert list(tmp_path.glob("*.parts")) == []
+
+
+def test_a_killed_run_continues_where_it_stopped(toy_dataset, feature_set, tmp_path):
+    killed = toy_dataset(killed_at="m1_2")
+    with pytest.raises(KeyboardInterrupt):
+        extract_table(killed, feature_set, tmp_path / "t.parquet")
+    resumed = toy_dataset()
+    table = extract_table(resumed, feature_set, tmp_path / "t.parquet")
+    done, rest = killed.load.loaded, resumed.load.loaded
+    assert len(done) == 5
+    assert sorted(done + rest) == sorted(entry.recording_id for entry in resumed.entries)
+    whole = extract_table(toy_dataset(), feature_set, tmp_path / "other.parquet")
+    pd.testing.assert_frame_equal(table.frame, whole.frame)
+
+
+def test_a_complete_table_is_only_read(toy_dataset, feature_set):
+    first = cached_table(toy_dataset(), feature_set)
+    again = toy_dataset()
+    assert cached_table(again, feature_set).frame.equals(first.frame)
+    assert again.load.loaded == []
+
+
+@pytest.mark.parametrize("change", ["input", "features", "channels"])
+def test_whatever_values_depend_on_makes_a_new_table(toy_dataset, feature_set, tmp_path, change):
+    path = tmp_path / "t.parquet"
+    extract_table(toy_dataset(), feature_set, path)
+    dataset = toy_dataset(input_hash="other" if change == "input" else "toy")
+    features = feature_set.restricted_to(["level"]) if change == "features" else feature_set
+    extract_table(dataset, features, path, channels="each" if change == "channels" else "combine")
+    assert len(dataset.load.loaded) >= len(dataset)
+
+
+def test_a_bad_recording_stops_with_file_value_and_rule_and_keeps_the_rest(
+    toy_dataset, feature_set, tmp_path
+):
+    dataset = toy_dataset(bad=("m1_1",))
+    with pytest.raises(RecordingError, match=r"m1_1\.txt: value 'x' in line 3; the rule is numbers"):
+        extract_table(dataset, feature_set, tmp_path / "t.parquet")
+    repaired = toy_dataset()
+    extract_table(repaired, feature_set, tmp_path / "t.parquet")
+    assert not set(dataset.load.loaded) & set(repaired.load.loaded)
+
+
+def test_skip_bad_lists_what_was_left_out(toy_dataset, feature_set, tmp_path):
+    dataset = toy_dataset(bad=("m1_1", "m2_2"))
+    table = extract_table(dataset, feature_set, tmp_path / "t.parquet", skip_bad=True)
+    assert table.n_recordings == len(dataset) - 2
+    assert [bad.recording_id for bad in table.left_out] == ["m1_1", "m2_2"]
+    with pytest.raises(RecordingError, match="m1_1"):
+        extract_table(dataset, feature_set, tmp_path / "t.parquet")
+
+
+@pytest.mark.parametrize("channels", ["combine", "auto"])
+def test_nothing_usable_is_an_error(toy_dataset, feature_set, tmp_path, channels):
+    dataset = toy_dataset(1, 2, bad=("m0_1", "m0_2"))
+    with pytest.raises(RecordingError, match="toy: no recording can be used"):
+        extract_table(dataset, feature_set, tmp_path / "t.parquet", channels=channels, skip_bad=True)
+
+
+def test_progress_counts_to_the_total(toy_dataset, feature_set, tmp_path):
+    calls = []
+    extract_table(
+        toy_dataset(), feature_set, tmp_path / "t.parquet", progress=lambda *call: calls.append(call)
+    )
+    assert calls == [(done, 12, "features") for done in range(13)]
+
+
+def test_a_file_that_is_no_table_is_named(tmp_path):
+    pd.DataFrame({"a": [1]}).to_parquet(tmp_path / "a.parquet")
+    (tmp_path / "b.parquet").write_text("rubbish")
+    for name in ("a", "b"):
+        with pytest.raises(ValueError, match=rf"{name}\.parquet: not a feature table"):
+            read_table(tmp_path / f"{name}.parquet")

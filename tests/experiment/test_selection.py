@@ -1,0 +1,75 @@
+"""Forward selection: the columns scikit-learn selects, without its refits."""
+
+import numpy as np
+import pytest
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.feature_selection import SequentialFeatureSelector
+from sklearn.naive_bayes import GaussianNB
+from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
+from sklearn.tree import DecisionTreeClassifier
+from sklearn.utils.estimator_checks import parametrize_with_checks
+
+from texclass.experiment.selection import ForwardSelector, _closed_form
+
+CLASSIFIERS = [
+    GaussianNB(),
+    LinearDiscriminantAnalysis(),
+    LinearDiscriminantAnalysis(solver="lsqr", shrinkage=0.1),
+    NearestCentroid(),
+    KNeighborsClassifier(1),
+]
+
+
+def classes(seed, n_classes=5, n_each=9, n_columns=9):
+    rng = np.random.default_rng(seed)
+    y = np.repeat(np.arange(n_classes), n_each)
+    return rng.normal(size=(n_classes, n_columns))[y] + rng.normal(size=(len(y), n_columns)) * 1.5, y
+
+
+@pytest.mark.parametrize("classifier", CLASSIFIERS, ids=str)
+def test_closed_form_predicts_what_the_classifier_predicts(classifier):
+    X, y = classes(0)
+    train, test = np.arange(len(y)) % 3 > 0, np.arange(len(y)) % 3 == 0
+    columns = [4, 1, 7]
+    predicted = _closed_form(classifier, X[train], y[train], X[test])(columns[:2], np.array(columns[2:]))
+    expected = classifier.fit(X[train][:, columns], y[train]).predict(X[test][:, columns])
+    np.testing.assert_array_equal(predicted[0], expected)
+
+
+@pytest.mark.parametrize("classifier", [*CLASSIFIERS, DecisionTreeClassifier(random_state=0)], ids=str)
+def test_selects_the_columns_that_scikit_learn_selects(classifier):
+    X, y = classes(1)
+    ours = ForwardSelector(classifier, n_features_to_select=3, cv=3).fit(X, y)
+    theirs = SequentialFeatureSelector(classifier, n_features_to_select=3, cv=3).fit(X, y)
+    np.testing.assert_array_equal(ours.get_support(), theirs.get_support())
+
+
+@pytest.mark.parametrize("classifier", CLASSIFIERS, ids=str)
+def test_finds_the_columns_that_carry_the_classes(classifier):
+    rng = np.random.default_rng(2)
+    y = np.repeat(np.arange(4), 12)
+    X = rng.normal(size=(48, 12))
+    X[:, 3] += 4 * (y % 2)
+    X[:, 8] += 4 * (y // 2)
+    support = ForwardSelector(classifier, n_features_to_select=2).fit(X, y).get_support()
+    assert np.flatnonzero(support).tolist() == [3, 8]
+
+
+def test_collinear_and_constant_columns_do_no_harm():
+    X, y = classes(3)
+    X = np.column_stack([X, X[:, 0], np.ones(len(y))])
+    for classifier in CLASSIFIERS[:2]:
+        support = ForwardSelector(classifier, n_features_to_select=4).fit(X, y).get_support()
+        assert support.sum() == 4
+
+
+def test_a_small_pool_is_kept_and_a_lonely_class_is_refused():
+    X, y = classes(4)
+    assert ForwardSelector(GaussianNB(), n_features_to_select=20).fit(X, y).get_support().all()
+    with pytest.raises(ValueError, match="class 4 has 1 sample to train on"):
+        ForwardSelector(GaussianNB(), n_features_to_select=2).fit(X[:37], y[:37])
+
+
+@parametrize_with_checks([ForwardSelector(GaussianNB(), n_features_to_select=1)])
+def test_selector_is_a_scikit_learn_transformer(estimator, check):
+    check(estimator)

@@ -1,0 +1,50 @@
+"""Files of recordings in every format, all holding the same known signal."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.io
+import soundfile
+
+FS = 10_000.0
+N = 500
+
+
+@pytest.fixture
+def axes():
+    """Known acceleration of shape (500, 3): integers, so that every format can hold it exactly."""
+    return np.random.default_rng(0).integers(-2000, 2000, (N, 3)).astype(float)
+
+
+@pytest.fixture
+def write():
+    """Return the function that writes a file of recordings."""
+    return _write
+
+
+def _write(path: Path, axes: np.ndarray) -> Path:
+    """Write three axes in the format of the suffix (one file: text holds the first axis only)."""
+    frame = pd.DataFrame(axes, columns=["ax", "ay", "az"][: axes.shape[1]])
+    match path.suffix:
+        case ".txt":
+            np.savetxt(path, axes[:, 0], fmt="%16.7e")
+        case ".csv":
+            frame.to_csv(path, index=False)
+        case ".tsv":
+            frame.to_csv(path, index=False, sep="\t")
+        case ".parquet":
+            frame.to_parquet(path)
+        case ".wav" | ".flac":
+            soundfile.write(path, axes.astype(np.int16), int(FS), subtype="PCM_16")
+        case ".mat":
+            scipy.io.savemat(path, {"acceleration": axes, "fs": FS, "who": "me"})
+        case ".npz":
+            np.savez(path, acceleration=axes, fs=FS)
+        case ".h5" | ".hdf5":
+            with h5py.File(path, "w") as file:
+                file["acceleration"] = axes
+                file.attrs["fs"] = FS
+    return path

@@ -1,0 +1,116 @@
+import numpy as np
+import pytest
+
+from texclass.loaders import CardError, open_dataset
+from texclass.loaders.simulated import SIGNALS, SimulatedLoader, pack, recall, unpack
+from texclass.recording import Recording
+from texclass.simulate.recipe import Recipe
+
+CARD = """
+title = "small"
+source = "here"
+licence = "MIT"
+format = "simulated"
+recipe = {{ n_surfaces = {}, n_recordings = 2, n_operators = 2, duration_s = 4.0, fs = 10000, seed = 3 }}
+"""
+
+
+@pytest.fixture
+def small(tmp_path):
+    (tmp_path / "small.toml").write_text(CARD.format(2))
+    return open_dataset(tmp_path / "small.toml")
+
+
+def assert_same(one: Recording, other: Recording):
+    for name in SIGNALS:
+        a, b = getattr(one, name), getattr(other, name)
+        assert (a is None) == (b is None)
+        if a is not None:
+            np.testing.assert_array_equal(a, b)
+    for name in (
+        "fs",
+        "unit",
+        "recording_id",
+        "material",
+        "operator",
+        "session",
+        "repetition",
+        "channels",
+        "flags",
+    ):
+        assert getattr(one, name) == getattr(other, name)
+
+
+def test_entries_say_what_the_recordings_are(small):
+    assert len(small) == 4
+    for entry, recording in zip(small.entries, small, strict=True):
+        for name in ("recording_id", "material", "operator", "repetition"):
+            assert getattr(entry, name) == getattr(recording, name)
+
+
+def test_the_true_phases_are_withheld(small):
+    assert small.load.recipe.record(0, 1).phases is not None
+    assert small[0].phases is None
+    assert small[0].phases is None, "nor are they in the cache"
+
+
+def test_a_remembered_recording_is_the_fresh_one_to_the_last_bit(small):
+    fresh = SimulatedLoader(small.load.recipe)(small.entries[1])
+    assert_same(small[1], fresh)
+    remembered = recall(small.load.cache / f"{small.entries[1].recording_id}.npz")
+    assert_same(remembered, fresh)
+
+
+@pytest.mark.parametrize("damage", [lambda content: content[:1000], lambda _: b"", lambda _: b"rubbish" * 99])
+def test_a_damaged_cache_file_is_made_again(small, damage):
+    expected = small[0]
+    path = small.load.cache / f"{small.entries[0].recording_id}.npz"
+    path.write_bytes(damage(path.read_bytes()))
+    assert recall(path) is None
+    assert_same(small[0], expected)
+    assert recall(path) is not None
+
+
+def test_a_cache_that_cannot_be_written_is_no_error(small, tmp_path):
+    (tmp_path / "file").touch()
+    loader = SimulatedLoader(small.load.recipe, tmp_path / "file" / "below")
+    assert_same(loader(small.entries[0]), small[0])
+
+
+def test_the_hash_follows_the_recipe(small, tmp_path):
+    (tmp_path / "other.toml").write_text(CARD.format(3))
+    other = open_dataset(tmp_path / "other.toml")
+    assert other.input_hash != small.input_hash
+    assert other.load.cache != small.load.cache
+
+
+def test_an_impossible_recipe_is_a_card_error(tmp_path):
+    (tmp_path / "none.toml").write_text(CARD.format(0))
+    with pytest.raises(CardError, match="n_surfaces is 0"):
+        open_dataset(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("signal", "stored"),
+    [
+        (np.rint(1000 * np.random.default_rng(0).normal(size=(9000, 3))) * 0.0117, "codes"),
+        (np.random.default_rng(0).normal(size=9000).astype(np.float32).astype(float), "single"),
+        (np.random.default_rng(0).normal(size=9000), "double"),
+        (np.zeros(50), "single"),
+        (np.array([0.0, 1.0, 1.5, 70_000.0]), "single"),
+    ],
+)
+def test_packing_is_exact_and_takes_the_smallest_exact_form(signal, stored):
+    packed = pack(signal)
+    assert stored in packed
+    restored = unpack("s", {f"s.{part}": array for part, array in packed.items()})
+    np.testing.assert_array_equal(restored, signal)
+
+
+@pytest.mark.parametrize(("name", "n", "duration_s"), [("simulated", 240, 6.0), ("simulated69", 690, 25.0)])
+def test_the_shipped_recipes_have_the_promised_size(name, n, duration_s):
+    dataset = open_dataset(name)
+    assert len(dataset) == n
+    assert isinstance(dataset.load.recipe, Recipe)
+    assert dataset.load.recipe.duration_s == duration_s
+    assert len({entry.operator for entry in dataset.entries}) == 5

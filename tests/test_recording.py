@@ -1,0 +1,98 @@
+import numpy as np
+import pytest
+
+from texclass.recording import STANDARD_GRAVITY, Phases, Recording, RecordingError, Tap
+
+SIGNAL = np.sin(np.arange(100.0))
+
+
+def recording(**changes):
+    return Recording(**{"acceleration": SIGNAL, "fs": 1000.0, "unit": "m/s^2", "recording_id": "r"} | changes)
+
+
+@pytest.mark.parametrize("fs", [0, -1, None, np.nan, np.inf, "fast"])
+def test_a_sampling_rate_that_is_not_above_zero_is_refused(fs):
+    with pytest.raises(RecordingError, match=r"fs is .*the rule is a sampling rate in Hz above 0"):
+        recording(fs=fs)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("g", STANDARD_GRAVITY), ("mg", STANDARD_GRAVITY / 1000)])
+def test_physical_units_become_metres_per_second_squared(unit, factor):
+    converted = recording(unit=unit)
+    assert converted.unit == "m/s^2"
+    np.testing.assert_allclose(converted.acceleration, SIGNAL * factor, rtol=1e-15)
+
+
+def test_a_copy_is_not_converted_again():
+    once = recording(unit="g")
+    np.testing.assert_array_equal(once.with_(material="wood").acceleration, once.acceleration)
+
+
+@pytest.mark.parametrize("unit", ["counts", "V", "arbitrary"])
+def test_scaleless_units_are_kept(unit):
+    assert recording(unit=unit).unit == unit
+
+
+def test_an_unknown_unit_is_refused_with_the_known_ones():
+    with pytest.raises(RecordingError, match=r"unit is 'm/s'; the rule is one of m/s\^2"):
+        recording(unit="m/s")
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_samples_that_are_not_finite_are_counted_and_located(bad):
+    signal = SIGNAL.copy()
+    signal[7] = bad
+    with pytest.raises(RecordingError, match=r"holds 1 values .*first at \[7\]"):
+        recording(acceleration=signal)
+
+
+def test_signals_of_another_length_are_refused():
+    with pytest.raises(RecordingError, match="friction has 99 samples, acceleration 100"):
+        recording(friction=SIGNAL[:-1])
+
+
+def test_text_among_the_samples_is_refused():
+    with pytest.raises(RecordingError, match="not a number"):
+        recording(acceleration=["1", "two"])
+
+
+def test_the_arrays_are_read_only_copies():
+    own = SIGNAL.copy()
+    made = recording(acceleration=own)
+    own[0] = 5
+    assert made.acceleration[0] == SIGNAL[0]
+    with pytest.raises(ValueError, match="read-only"):
+        made.acceleration[0] = 1
+
+
+@pytest.mark.parametrize(("n", "names"), [(3, ("x", "y", "z")), (2, ("c1", "c2"))])
+def test_channels_have_default_names(n, names):
+    assert recording(acceleration=np.column_stack([SIGNAL] * n)).channels == names
+
+
+def test_channels_need_different_names():
+    with pytest.raises(RecordingError, match="2 different names"):
+        recording(acceleration=np.column_stack([SIGNAL, SIGNAL]), channels=("x", "x"))
+
+
+def test_duration_is_samples_by_rate():
+    assert recording().duration_s == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("indices", [(-1, 0, 1), (2, 1, 3), (0, 3, 3)])
+def test_a_tap_is_in_order_of_time(indices):
+    with pytest.raises(ValueError, match="start <= impact < end"):
+        Tap(*indices)
+
+
+@pytest.mark.parametrize(
+    ("phases", "kind"),
+    [
+        (Phases(), "nothing"),
+        (Phases(taps=(Tap(0, 1, 2),)), "taps only"),
+        (Phases(movement=(0, 9)), "movement only"),
+        (Phases(taps=(Tap(0, 1, 2),), movement=(3, 9)), "taps and movement"),
+    ],
+)
+def test_phases_say_what_there_is(phases, kind):
+    assert phases.kind == kind

@@ -1,0 +1,253 @@
+import fractions
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+
+from texclass.signals import (
+    bandpass,
+    butterworth,
+    causal,
+    combine,
+    dft321,
+    frame,
+    highpass,
+    highpass_fir,
+    lowpass,
+    moving_average,
+    rms,
+    zero_phase,
+)
+
+FS = 10_000.0
+
+
+def _axes(n, c=3, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.standard_normal((n, c)).cumsum(axis=0) * 0.1 + np.arange(c) * 9.81
+
+
+def _sine(hz, n=20_000):
+    return np.sin(2 * np.pi * hz * np.arange(n) / FS)
+
+
+# DFT321 -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [2, 3, 64, 997, 1000, 1001])
+@pytest.mark.parametrize("c", [2, 3, 6])
+def test_dft321_has_the_printed_magnitude_and_phase(n, c):
+    spectra = np.fft.rfft(_axes(n, c) - _axes(n, c).mean(axis=0), axis=0)[1:]
+    found = np.fft.rfft(dft321(_axes(n, c)))[1:]
+    assert_allclose(np.abs(found), np.sqrt((np.abs(spectra) ** 2).sum(axis=1)), rtol=1e-9)
+    total = spectra.sum(axis=1)
+    assert_allclose(found * np.abs(total), total * np.abs(found), atol=1e-6 * np.abs(spectra).max() ** 2)
+
+
+@given(st.integers(1, 400), st.integers(1, 4), st.integers(0, 5))
+@settings(deadline=None, max_examples=60)
+def test_dft321_preserves_the_energy_of_the_axes_without_their_means(n, c, seed):
+    axes = _axes(n, c, seed)
+    energy = ((axes - axes.mean(axis=0)) ** 2).sum()
+    assert_allclose((dft321(axes) ** 2).sum(), energy, rtol=1e-11, atol=1e-20)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_dft321_passes_a_single_moving_axis_unchanged(axis):
+    axes = np.tile([0.0, 9.81, -3.0], (501, 1))
+    axes[:, axis] += _axes(501, 1)[:, 0]
+    assert_allclose(dft321(axes), axes[:, axis] - axes[:, axis].mean(), atol=1e-12)
+
+
+def test_dft321_spectral_energy_is_invariant_to_rotation():
+    axes = _axes(1000)
+    turned = Rotation.from_rotvec([0.3, -1.1, 0.7]).apply(axes)
+    assert_allclose(np.abs(np.fft.rfft(dft321(turned))), np.abs(np.fft.rfft(dft321(axes))), atol=1e-9)
+
+
+def test_dft321_of_opposite_axes_takes_the_phase_of_the_earlier_one():
+    shake = _axes(1000, 1)[:, 0]
+    shake -= shake.mean()
+    noise = 1e-15 * np.random.default_rng(1).standard_normal((1000, 2))
+    found = dft321(np.stack([shake, -shake], axis=1) + noise)
+    assert_allclose(found, np.sqrt(2) * shake, atol=1e-4 * np.abs(shake).max())
+
+
+def test_dft321_is_continuous_where_the_axes_nearly_cancel():
+    shake = _axes(1000, 1)[:, 0]
+    shake -= shake.mean()
+    near = [dft321(np.stack([shake, -(1 - gap) * shake], axis=1)) for gap in (0.0, 1e-12, 1e-10, 1e-8)]
+    for found in near[1:]:
+        assert_allclose(found, near[0], atol=1e-6 * np.abs(shake).max())
+
+
+@pytest.mark.parametrize("axes", [np.zeros((50, 3)), np.full((50, 3), 9.81), np.ones((1, 3))])
+def test_dft321_of_no_motion_is_zero(axes):
+    assert_array_equal(dft321(axes), np.zeros(len(axes)))
+
+
+def test_dft321_costs_no_huge_offset_its_precision():
+    axes = np.random.default_rng(3).standard_normal((4096, 3))
+    assert_allclose(dft321(axes + 1e6), dft321(axes), atol=1e-8)
+
+
+@pytest.mark.parametrize("shape", [(10,), (0, 3), (10, 0), (4, 3, 2)])
+def test_dft321_names_a_wrong_shape(shape):
+    with pytest.raises(ValueError, match="the rule is"):
+        dft321(np.zeros(shape))
+
+
+def test_combine_only_centres_one_channel():
+    x = _axes(100, 1)[:, 0]
+    assert_array_equal(combine(x), x - x.mean())
+    assert_array_equal(combine(x[:, np.newaxis]), x - x.mean())
+
+
+# Filters ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("filtered", "hz", "gain"),
+    [
+        (lambda x: lowpass(x, 500.0, FS), 50.0, 1.0),
+        (lambda x: lowpass(x, 500.0, FS), 500.0, 0.5),
+        (lambda x: lowpass(x, 500.0, FS), 4000.0, 0.0),
+        (lambda x: highpass(x, 500.0, FS), 4000.0, 1.0),
+        (lambda x: highpass(x, 500.0, FS), 500.0, 0.5),
+        (lambda x: highpass(x, 500.0, FS), 50.0, 0.0),
+        (lambda x: bandpass(x, (200.0, 800.0), FS), 400.0, 1.0),
+        (lambda x: bandpass(x, (200.0, 800.0), FS), 200.0, 0.5),
+        (lambda x: bandpass(x, (200.0, 800.0), FS), 3000.0, 0.0),
+        (lambda x: highpass_fir(x, 100.0, FS), 400.0, 1.0),
+        (lambda x: highpass_fir(x, 100.0, FS), 100.0, 0.5),
+        (lambda x: highpass_fir(x, 100.0, FS), 20.0, 0.0),
+    ],
+)
+def test_filter_passes_a_sine_undelayed_with_its_gain(filtered, hz, gain):
+    middle = slice(5000, 15_000)
+    assert_allclose(filtered(_sine(hz))[middle], gain * _sine(hz)[middle], atol=4e-3)
+
+
+@pytest.mark.parametrize(
+    "filtered",
+    [lambda x: lowpass(x, 100.0, FS), lambda x: highpass(x, 100.0, FS), lambda x: highpass_fir(x, 100.0, FS)],
+)
+@pytest.mark.parametrize("n", [1, 2, 5, 40, 1000])
+def test_filter_takes_signals_of_any_length_and_keeps_a_constant_apart(filtered, n):
+    found = filtered(np.full(n, 1e3))
+    assert found.shape == (n,)
+    assert np.ptp(found) < 1e-6
+    assert np.isclose(found[0], 0.0, atol=1e-6) or np.isclose(found[0], 1e3, atol=1e-6)
+
+
+def test_zero_phase_filters_each_axis_by_itself():
+    axes = _axes(3000)
+    sos = butterworth("highpass", 100.0, FS)
+    assert_allclose(zero_phase(sos, axes)[:, 1], zero_phase(sos, axes[:, 1]), atol=1e-10)
+
+
+@pytest.mark.parametrize("shape", [(2000,), (2000, 3)])
+def test_causal_filter_gives_the_same_in_pieces(shape):
+    x = np.random.default_rng(0).standard_normal(shape) + 9.81
+    sos = butterworth("bandpass", (20.0, 900.0), FS)
+    whole, _ = causal(sos, x)
+    state, pieces = None, []
+    for piece in np.split(x, [1, 7, 900, 901]):
+        filtered, state = causal(sos, piece, state)
+        pieces.append(filtered)
+    assert_allclose(np.concatenate(pieces), whole, atol=1e-12)
+
+
+def test_causal_filter_responds_to_nothing_before_it_happens_and_not_to_a_constant():
+    x = np.full(1000, 9.81)
+    x[600] += 1.0
+    filtered, _ = causal(butterworth("highpass", 50.0, FS), x)
+    assert np.abs(filtered[:600]).max() < 1e-9 < np.abs(filtered[600])
+
+
+@pytest.mark.parametrize("cutoff", [5000.0, 6000.0, 0.0, -1.0, float("nan")])
+@pytest.mark.parametrize("make", [lowpass, highpass, highpass_fir])
+def test_cutoff_outside_the_band_is_named_with_the_rule(make, cutoff):
+    with pytest.raises(ValueError, match=rf"cut-off is {cutoff:g} Hz at fs = 10000 Hz.*fs/2 = 5000 Hz"):
+        make(np.zeros(100), cutoff, FS)
+
+
+@pytest.mark.parametrize("band", [(800.0, 200.0), (200.0, 200.0), (200.0, 5000.0)])
+def test_band_with_wrong_edges_is_named(band):
+    with pytest.raises(ValueError, match="the edges of a band rising"):
+        bandpass(np.zeros(100), band, FS)
+
+
+def test_fir_transition_width_is_checked():
+    with pytest.raises(ValueError, match=r"transition_hz is -3\.0"):
+        highpass_fir(np.zeros(100), 100.0, FS, transition_hz=-3.0)
+
+
+# Moving average, framing, level -----------------------------------------------------------------------------
+
+
+@given(st.integers(1, 60), st.integers(1, 130), st.integers(0, 10))
+@settings(deadline=None, max_examples=150)
+def test_moving_average_is_the_mean_of_the_window_cut_at_the_ends(size, n, seed):
+    x = np.random.default_rng(seed).standard_normal(size)
+    expected = [x[max(i - n // 2, 0) : i - n // 2 + n].mean() for i in range(size)]
+    assert_allclose(moving_average(x, n), expected, atol=1e-13)
+
+
+def test_moving_average_agrees_with_pandas():
+    x = _axes(5000, 1)[:, 0]
+    for n in (1, 3, 100, 101):
+        expected = pd.Series(x[::-1]).rolling(n, center=True, min_periods=1).mean().to_numpy()[::-1]
+        assert_allclose(moving_average(x, n)[n:-n], expected[n:-n] if n % 2 else _even(x, n), rtol=1e-10)
+
+
+def _even(x, n):
+    return np.convolve(x, np.full(n, 1 / n), mode="valid")[n - n // 2 : len(x) - n - n // 2]
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+@pytest.mark.parametrize("n", [3, 100, 5000])
+def test_moving_average_of_a_million_samples_is_exact(offset, n):
+    x = np.random.default_rng(4).standard_normal(1_000_000) + offset
+    found = moving_average(x, n)
+    for i in (n, 123_457, 500_000, 999_000 - n):
+        window = x[i - n // 2 : i - n // 2 + n]
+        exact = sum(map(fractions.Fraction, window)) / n
+        assert abs(fractions.Fraction(found[i]) - exact) <= 1e-12 * max(
+            abs(exact), fractions.Fraction(1, 100)
+        )
+
+
+def test_moving_average_forgets_a_huge_sample_once_the_window_has_passed_it():
+    x = np.random.default_rng(5).standard_normal(100_000)
+    spoiled = x.copy()
+    spoiled[1000], spoiled[1001] = 1e13, -1e13
+    assert_allclose(moving_average(spoiled, 500)[3000:], moving_average(x, 500)[3000:], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(("x", "n"), [(np.zeros((3, 2)), 2), (np.zeros(0), 2), (np.zeros(5), 0)])
+def test_moving_average_names_wrong_arguments(x, n):
+    with pytest.raises(ValueError, match="the rule is"):
+        moving_average(x, n)
+
+
+def test_frame_is_a_view_of_whole_frames():
+    x = np.arange(11.0)
+    frames = frame(x, 4, 3)
+    assert_array_equal(frames, [[0, 1, 2, 3], [3, 4, 5, 6], [6, 7, 8, 9]])
+    assert np.shares_memory(frames, x)
+    assert not frames.flags.writeable
+
+
+@pytest.mark.parametrize(("length", "hop"), [(0, 1), (1, 0), (12, 1)])
+def test_frame_names_what_cannot_be_framed(length, hop):
+    with pytest.raises(ValueError, match="the rule is"):
+        frame(np.zeros(11), length, hop)
+
+
+def test_rms_counts_every_sample_of_every_axis():
+    assert_allclose(rms([[3.0, -4.0], [4.0, 3.0]]), np.sqrt(50 / 4))

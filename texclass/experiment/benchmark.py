@@ -1,0 +1,259 @@
+"""The benchmark: dataset and pipeline in, the table out."""
+
+import platform
+from collections import Counter
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from joblib import Parallel, delayed, parallel_config
+from sklearn.metrics import confusion_matrix
+
+from texclass import __version__
+from texclass.experiment.cost import CostMeter
+from texclass.experiment.definition import PipelineDefinition, RowDefinition
+from texclass.experiment.evaluate import Evaluation, evaluate
+from texclass.experiment.extraction import Progress, cached_table
+from texclass.experiment.protocols import Split, find_protocol
+from texclass.experiment.result import BenchmarkResult, Confusion, RowResult, Undefined
+from texclass.experiment.table import FeatureTable
+from texclass.loaders.dataset import Dataset
+
+LIBRARIES = ("numpy", "scipy", "scikit-learn", "pandas", "PyWavelets", "librosa", "joblib")
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A row of the pipeline matched with what the dataset has.
+
+    Attributes
+    ----------
+    definition
+        The row.
+    columns
+        Its columns in the table; empty when the row cannot be computed.
+    n_features
+        Columns that reach the classifier, or would if the dataset lacked nothing.
+    missing
+        What the dataset lacks for it.
+    """
+
+    definition: RowDefinition
+    columns: tuple[str, ...]
+    n_features: int
+    missing: str | None = None
+
+
+def run_benchmark(
+    dataset: Dataset,
+    pipeline: PipelineDefinition,
+    *,
+    protocol: str | None = None,
+    n_folds: int | None = None,
+    n_jobs: int = 1,
+    skip_bad: bool = False,
+    progress: Progress | None = None,
+) -> BenchmarkResult:
+    """Evaluate every row of a pipeline on a dataset.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Labelled recordings.
+    pipeline : PipelineDefinition
+        See `load_pipeline`.
+    protocol : str, optional
+        "recording", "operator", "blocks" or "paper"; the pipeline's own by default.
+    n_folds : int, optional
+        Folds of "recording" and "paper"; the pipeline's own by default.
+    n_jobs : int
+        Processes.
+    skip_bad : bool
+        List bad recordings in the result instead of stopping at the first.
+    progress : callable, optional
+        Called with (done, total, what).
+
+    Returns
+    -------
+    BenchmarkResult
+        The same for the same dataset, pipeline, protocol and versions, apart from milliseconds.
+
+    Raises
+    ------
+    RecordingError
+        At a bad recording.
+    ValueError
+        If the protocol cannot split the dataset; the message names value and rule.
+    """
+    chosen = find_protocol(protocol or pipeline.protocol)
+    folds = pipeline.folds if n_folds is None else n_folds
+    # Before the features: a split that is impossible should not cost an extraction.
+    chosen.split(pd.DataFrame([vars(entry) for entry in dataset.entries]), folds, pipeline.seed)
+    needed = pipeline.feature_set.restricted_to(f for row in pipeline.rows for f in row.features)
+    table = cached_table(
+        dataset, needed, channels=pipeline.channels, n_jobs=n_jobs, skip_bad=skip_bad, progress=progress
+    )
+    splits = chosen.split(table.frame, folds, pipeline.seed)
+    rows = tuple(_ready(row, pipeline, table) for row in pipeline.rows)
+    costs = _costs(rows, dataset, table, pipeline)
+    evaluations = _evaluate(
+        rows, table, splits, pipeline, nested=chosen.nested, n_jobs=n_jobs, progress=progress
+    )
+    results = tuple(
+        _row_result(row, cost, evaluations.get(row.definition.name, {}))
+        for row, cost in zip(rows, costs, strict=True)
+    )
+    return BenchmarkResult(
+        dataset=_facts(dataset, table),
+        pipeline=pipeline.name,
+        pipeline_hash=pipeline.hash,
+        feature_set=pipeline.feature_set.name,
+        classifiers=tuple(pipeline.classifiers),
+        protocol=chosen.name,
+        protocol_description=chosen.description,
+        n_folds=len(splits),
+        rows=results,
+        confusion=_confusion(evaluations, dataset.materials),
+        versions=_versions(),
+        seed=pipeline.seed,
+        input_hash=dataset.input_hash,
+        left_out=table.left_out,
+        flags=table.flags,
+        undefined=_undefined(table),
+    )
+
+
+def _ready(row: RowDefinition, pipeline: PipelineDefinition, table: FeatureTable) -> Ready:
+    """Match a row with the table; a feature that no recording has is missing."""
+    found = {name: table.matching(pipeline.feature_set.columns_of([name])) for name in row.features}
+    defined = {c for names in found.values() for c in names if table.frame[c].notna().any()}
+    by_reason: dict[str, list[str]] = {}
+    for name, columns in found.items():
+        if not defined.intersection(columns):
+            by_reason.setdefault(_reason_of(table, name), []).append(name)
+    missing = "; ".join(f"{reason} ({', '.join(names)})" for reason, names in by_reason.items()) or None
+    every = tuple(dict.fromkeys(c for names in found.values() for c in names))
+    usable = tuple(c for c in every if c in defined)
+    n_features = len(usable if row.skip_missing else every)
+    return Ready(
+        row,
+        usable if missing is None or row.skip_missing else (),
+        min(row.select.n, n_features) if row.select else n_features,
+        missing,
+    )
+
+
+def _reason_of(table: FeatureTable, name: str) -> str:
+    feature = name.split(".", 1)[0]
+    reasons = Counter(r.reason for r in table.reasons if r.feature.split("/", 1)[-1] in (name, feature))
+    return reasons.most_common(1)[0][0]
+
+
+def _costs(
+    rows: tuple[Ready, ...], dataset: Dataset, table: FeatureTable, pipeline: PipelineDefinition
+) -> list[float | None]:
+    meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
+    return [
+        meter.milliseconds(pipeline.feature_set.restricted_to(row.definition.features))
+        if row.columns
+        else None
+        for row in rows
+    ]
+
+
+def _evaluate(
+    rows: tuple[Ready, ...],
+    table: FeatureTable,
+    splits: tuple[Split, ...],
+    pipeline: PipelineDefinition,
+    *,
+    nested: bool,
+    n_jobs: int,
+    progress: Progress | None,
+) -> dict[str, dict[str, Evaluation]]:
+    """Evaluate every computable row with every classifier: row name -> classifier -> evaluation."""
+    y = table.frame["material"].to_numpy(dtype=str)
+    tasks = [(row, name) for row in rows if row.columns for name in pipeline.classifiers]
+    calls = (
+        delayed(evaluate)(
+            table.frame[list(row.columns)].to_numpy(dtype=np.float64),
+            y,
+            splits,
+            pipeline.preparation(row.definition, name),
+            pipeline.classifiers[name].make(),
+            nested=nested,
+        )
+        for row, name in tasks
+    )
+    evaluations: dict[str, dict[str, Evaluation]] = {}
+    with parallel_config(backend="loky", inner_max_num_threads=1):
+        outcomes = Parallel(n_jobs=n_jobs, return_as="generator")(calls)
+        for done, ((row, name), evaluation) in enumerate(zip(tasks, outcomes, strict=True), start=1):
+            evaluations.setdefault(row.definition.name, {})[name] = evaluation
+            if progress is not None:
+                progress(done, len(tasks), "rows")
+    return evaluations
+
+
+def _row_result(row: Ready, cost: float | None, evaluations: dict[str, Evaluation]) -> RowResult:
+    selected = {
+        name: {c: float(share) for c, share in zip(row.columns, e.support, strict=True) if share > 0}
+        for name, e in evaluations.items()
+        if row.definition.select is not None
+    }
+    return RowResult(
+        name=row.definition.name,
+        n_features=row.n_features,
+        accuracy={name: e.accuracy for name, e in evaluations.items()},
+        published=row.definition.published,
+        ms_per_recording=cost,
+        missing=row.missing,
+        selected=selected,
+        reference=row.definition.reference,
+    )
+
+
+def _confusion(evaluations: dict[str, dict[str, Evaluation]], materials: tuple[str, ...]) -> Confusion | None:
+    """Confusion matrix of the row and classifier with the highest accuracy."""
+    pairs = [(row, name) for row, found in evaluations.items() for name in found]
+    if not pairs:
+        return None
+    row, name = max(pairs, key=lambda pair: evaluations[pair[0]][pair[1]].accuracy.mean)
+    best = evaluations[row][name]
+    return Confusion(
+        row, name, materials, confusion_matrix(best.truth, best.predicted, labels=list(materials))
+    )
+
+
+def _facts(dataset: Dataset, table: FeatureTable) -> dict[str, Any]:
+    frame = table.frame
+    return {
+        "name": dataset.name,
+        "title": dataset.title,
+        "n_recordings": len(frame),
+        "n_materials": int(frame["material"].nunique()),
+        "n_operators": int(frame["operator"].nunique()),
+        "n_sessions": int(frame["session"].nunique()),
+        "materials": list(dataset.materials),
+        "licence": dataset.licence,
+        "source": dataset.source,
+        "notes": list(dataset.notes),
+    }
+
+
+def _undefined(table: FeatureTable) -> tuple[Undefined, ...]:
+    """Summarise undefined values by feature: the commonest reason, and the number of recordings."""
+    by_feature: dict[str, Counter[str]] = {}
+    for reason in table.reasons:
+        by_feature.setdefault(reason.feature, Counter())[reason.reason] += 1
+    return tuple(
+        Undefined(feature, reasons.most_common(1)[0][0], reasons.total())
+        for feature, reasons in by_feature.items()
+    )
+
+
+def _versions() -> dict[str, str]:
+    libraries = {name: version(name) for name in LIBRARIES}
+    return {"texclass": __version__, "python": platform.python_version(), **libraries}

@@ -1,0 +1,253 @@
+"""A pipeline TOML: features, scikit-learn steps, classifiers and table rows, checked before anything runs."""
+
+import hashlib
+import importlib
+import inspect
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, cast
+
+from sklearn.base import BaseEstimator, is_classifier
+from sklearn.pipeline import Pipeline, make_pipeline
+
+from texclass.experiment.protocols import find_protocol
+from texclass.experiment.selection import ForwardSelector
+from texclass.features.sets import FeatureSet, load_feature_set, refuse_unknown
+from texclass.features.views import Channels
+from texclass.shipped import locate, read
+
+SETTINGS = {"name", "description", "reference", "features", "channels", "seed"}
+PIPELINE_KEYS = frozenset(SETTINGS | {"protocol", "steps", "classifiers", "rows"})
+ROW_KEYS = frozenset({"name", "features", "select", "published", "reference", "skip_missing"})
+ALLOWED = ("sklearn", "texclass")
+"""Packages whose classes a TOML may name; nothing else is ever imported."""
+ALL = "all"
+"""Stands for every feature of the set in a row."""
+
+
+@dataclass(frozen=True)
+class Use:
+    """One scikit-learn object of a TOML: the class it names and the arguments of its constructor."""
+
+    path: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    def make(self) -> Any:
+        """Return a new, unfitted object."""
+        return resolve(self.path)(**self.parameters)
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Sequential forward selection of a row: how many columns, judged in how many inner folds."""
+
+    n: int
+    folds: int = 5
+
+
+@dataclass(frozen=True)
+class RowDefinition:
+    """One row of the table.
+
+    Attributes
+    ----------
+    name
+        As printed.
+    features
+        Names of features and columns of the set.
+    select
+        Sequential selection among them; None keeps all.
+    published
+        Classifier -> published accuracy in per cent.
+    reference
+        Where the published figures or the features come from.
+    skip_missing
+        Whether a dataset that lacks some of the features is evaluated with the others.
+    """
+
+    name: str
+    features: tuple[str, ...]
+    select: Selection | None = None
+    published: Mapping[str, float] = field(default_factory=dict)
+    reference: str = ""
+    skip_missing: bool = False
+
+
+@dataclass(frozen=True)
+class PipelineDefinition:
+    """Everything a benchmark does, apart from the dataset; see `load_pipeline`."""
+
+    name: str
+    feature_set: FeatureSet
+    steps: tuple[Use, ...]
+    classifiers: Mapping[str, Use]
+    rows: tuple[RowDefinition, ...]
+    seed: int
+    channels: Channels = "combine"
+    protocol: str = "recording"
+    folds: int = 10
+    description: str = ""
+    reference: str = ""
+    hash: str = ""
+
+    def preparation(self, row: RowDefinition, classifier: str) -> Pipeline:
+        """Return the unfitted steps before a classifier: the common ones, then the row's selection."""
+        steps = [use.make() for use in self.steps]
+        if row.select is not None:
+            judge = self.classifiers[classifier].make()
+            steps.append(ForwardSelector(judge, n_features_to_select=row.select.n, cv=row.select.folds))
+        return make_pipeline(*(steps or ["passthrough"]))
+
+
+def load_pipeline(name_or_path: str | Path) -> PipelineDefinition:
+    """Read a pipeline: a shipped name or the path of a TOML.
+
+    A `features` that ends in ".toml" is looked for beside the pipeline's file.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the pipeline or its feature set does not exist.
+    ValueError
+        If the TOML breaks the schema; the message names file, key and rule.
+    """
+    definition = read("pipelines", name_or_path)
+    path = locate("pipelines", name_or_path)
+    where = path.name
+    refuse_unknown(definition, PIPELINE_KEYS, where)
+    _require(definition, ("features", "seed", "classifiers", "rows"), where)
+    feature_set = load_feature_set(_beside(path, _typed(definition["features"], str, f"{where}: features")))
+    classifiers = {
+        name: _use(table, f"{where}: classifiers.{name}", classifier=True)
+        for name, table in definition["classifiers"].items()
+    }
+    rows = tuple(
+        _row(table, feature_set, classifiers, f"{where}: rows {number}")
+        for number, table in enumerate(definition["rows"], start=1)
+    )
+    _refuse_repeated([row.name for row in rows], where)
+    protocol = definition.get("protocol", {})
+    refuse_unknown(protocol, frozenset(("name", "folds")), f"{where}: protocol")
+    return PipelineDefinition(
+        name=str(definition.get("name", path.stem)),
+        feature_set=feature_set,
+        steps=tuple(_use(s, f"{where}: steps {i}") for i, s in enumerate(definition.get("steps", []), 1)),
+        classifiers=classifiers,
+        rows=rows,
+        seed=_at_least(0, definition["seed"], f"{where}: seed"),
+        channels=_channels(definition.get("channels", "combine"), f"{where}: channels"),
+        protocol=find_protocol(protocol.get("name", "recording")).name,
+        folds=_at_least(2, protocol.get("folds", 10), f"{where}: protocol.folds"),
+        description=str(definition.get("description", "")),
+        reference=str(definition.get("reference", "")),
+        hash=hashlib.sha256(path.read_bytes()).hexdigest()[:16],
+    )
+
+
+def resolve(path: str) -> type[BaseEstimator]:
+    """Return the scikit-learn estimator class of a dotted path into sklearn or texclass.
+
+    Raises
+    ------
+    ValueError
+        If the path leads anywhere else, or to something that is not an estimator.
+    """
+    parts = path.split(".")
+    if parts[0] not in ALLOWED or len(parts) < 3 or not all(part.isidentifier() for part in parts):
+        raise ValueError(f"use = {path!r} is refused; the rule is a class of sklearn or texclass")
+    try:
+        found = getattr(importlib.import_module(".".join(parts[:-1])), parts[-1])
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"use = {path!r} does not exist ({error})") from None
+    own = inspect.isclass(found) and found.__module__.split(".")[0] in ALLOWED
+    if not own or not issubclass(found, BaseEstimator) or inspect.isabstract(found):
+        raise ValueError(f"use = {path!r} is refused; the rule is a scikit-learn estimator class")
+    return cast(type[BaseEstimator], found)
+
+
+def _use(table: Any, where: str, *, classifier: bool = False) -> Use:
+    if not isinstance(table, dict) or not isinstance(table.get("use"), str):
+        raise ValueError(f"{where}: the rule is a table with a key `use`")
+    parameters = {key: value for key, value in table.items() if key != "use"}
+    try:
+        kind = resolve(table["use"])
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+    refuse_unknown(parameters, frozenset(inspect.signature(kind).parameters), where)
+    try:
+        made = kind(**parameters)
+        made._validate_params()
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{where}: {error}") from None
+    if is_classifier(made) is not classifier or not (classifier or hasattr(made, "transform")):
+        raise ValueError(f"{where}: {table['use']} is not a {'classifier' if classifier else 'transformer'}")
+    return Use(table["use"], parameters)
+
+
+def _row(table: Any, feature_set: FeatureSet, classifiers: Mapping[str, Use], where: str) -> RowDefinition:
+    if not isinstance(table, dict):
+        raise ValueError(f"{where}: {table!r}; the rule is a table [[rows]]")
+    refuse_unknown(table, ROW_KEYS, where)
+    _require(table, ("name", "features"), where)
+    features = tuple(feature_set.columns) if table["features"] == ALL else tuple(table["features"])
+    try:
+        feature_set.columns_of(features)
+    except ValueError as error:
+        raise ValueError(f"{where} ({table['name']}): {error}") from None
+    published = table.get("published", {})
+    refuse_unknown(published, frozenset(classifiers), f"{where}: published")
+    for name, value in published.items():
+        if not isinstance(value, int | float) or not 0 <= value <= 100:
+            raise ValueError(f"{where}: published.{name} is {value!r}; the rule is per cent, 0 to 100")
+    return RowDefinition(
+        _typed(table["name"], str, f"{where}: name"),
+        features,
+        _selection(table["select"], where) if "select" in table else None,
+        published,
+        str(table.get("reference", "")),
+        _typed(table.get("skip_missing", False), bool, f"{where}: skip_missing"),
+    )
+
+
+def _selection(table: Any, where: str) -> Selection:
+    where = f"{where}: select"
+    if not isinstance(table, dict):
+        raise ValueError(f"{where} is {table!r}; the rule is a table with n and, optionally, folds")
+    refuse_unknown(table, frozenset(("n", "folds")), where)
+    _require(table, ("n",), where)
+    folds = _at_least(2, table.get("folds", Selection.folds), f"{where}.folds")
+    return Selection(_at_least(1, table["n"], f"{where}.n"), folds)
+
+
+def _beside(path: Path, features: str) -> str | Path:
+    beside = path.parent / features
+    return beside if features.endswith(".toml") and beside.is_file() else features
+
+
+def _channels(value: Any, where: str) -> Channels:
+    if value not in ("combine", "each", "auto"):
+        raise ValueError(f"{where} is {value!r}; the rule is 'combine', 'each' or 'auto'")
+    return cast(Literal["combine", "each", "auto"], value)
+
+
+def _at_least(least: int, value: Any, where: str) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        raise ValueError(f"{where} is {value!r}; the rule is a whole number of at least {least}")
+    return value
+
+
+def _typed(value: Any, kind: type, where: str) -> Any:
+    if not isinstance(value, kind):
+        raise ValueError(f"{where} is {value!r}; the rule is a {kind.__name__}")
+    return value
+
+
+def _require(given: Mapping[str, Any], keys: Iterable[str], where: str) -> None:
+    if missing := [key for key in keys if key not in given]:
+        raise ValueError(f"{where}: no key {missing[0]!r}; the rule is that it is given")
+
+
+def _refuse_repeated(names: list[str], where: str) -> None:
+    if repeated := [name for name in names if names.count(name) > 1]:
+        raise ValueError(f"{where}: two rows are named {repeated[0]!r}; the rule is one row a name")

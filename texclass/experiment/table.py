@@ -1,0 +1,136 @@
+"""The feature table of a dataset: one Parquet file that also holds why values are undefined."""
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from texclass.features.extractor import Reason
+from texclass.recording import Samples
+
+METADATA = ("recording_id", "material", "operator", "session", "repetition")
+"""Columns of every table, before the features."""
+
+
+class LeftOut(NamedTuple):
+    """A recording that could not be used, and why."""
+
+    recording_id: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.recording_id}: {self.reason}"
+
+
+class Flag(NamedTuple):
+    """What a loader noticed about a recording that is used all the same ("clipped: 3.1 % ...")."""
+
+    recording_id: str
+    flag: str
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureTable:
+    """The features of a dataset.
+
+    Attributes
+    ----------
+    frame : DataFrame
+        One row a recording in the dataset's order: the columns of `METADATA`, then the features (NaN where
+        undefined).
+    columns : tuple of str
+        The feature columns.
+    ms : ndarray of shape (n_recordings,)
+        Milliseconds that each recording took, segmentation included, loading not.
+    reasons : tuple of Reason
+        Why features are undefined.
+    flags : tuple of Flag
+        What loaders noticed.
+    left_out : tuple of LeftOut
+        Bad recordings that were skipped.
+    key : str
+        Digest of input, feature set, code and version.
+    """
+
+    frame: pd.DataFrame
+    columns: tuple[str, ...]
+    ms: Samples
+    reasons: tuple[Reason, ...] = ()
+    flags: tuple[Flag, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
+    key: str = ""
+
+    @property
+    def n_recordings(self) -> int:
+        """Number of rows."""
+        return len(self.frame)
+
+    @property
+    def n_columns(self) -> int:
+        """Number of feature columns."""
+        return len(self.columns)
+
+    @property
+    def values(self) -> Samples:
+        """The features, shape (n_recordings, n_columns)."""
+        return self.frame[list(self.columns)].to_numpy(dtype=np.float64)
+
+    def matching(self, base: Sequence[str]) -> tuple[str, ...]:
+        """Return the columns named in `base`, under every channel prefix, in the order of `base`."""
+        return tuple(c for b in base for c in self.columns if c == b or c.split("/", 1)[-1] == b)
+
+
+def read_table(path: str | Path) -> FeatureTable:
+    """Read a feature table.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the file is not a feature table.
+    """
+    try:
+        arrow = pq.read_table(path)
+        facts = json.loads((arrow.schema.metadata or {})[b"texclass"])
+    except (pa.ArrowInvalid, KeyError) as error:
+        raise ValueError(f"{path}: not a feature table of texclass ({error})") from error
+    return FeatureTable(
+        arrow.to_pandas(),
+        tuple(facts["columns"]),
+        np.array(facts["ms"]),
+        tuple(Reason(*r) for r in facts["reasons"]),
+        tuple(Flag(*f) for f in facts["flags"]),
+        tuple(LeftOut(*b) for b in facts["left_out"]),
+        facts["key"],
+    )
+
+
+def write_table(table: FeatureTable, path: Path) -> None:
+    """Write a feature table, atomically."""
+    facts = {
+        "key": table.key,
+        "columns": table.columns,
+        "ms": table.ms.tolist(),
+        "reasons": table.reasons,
+        "flags": table.flags,
+        "left_out": table.left_out,
+    }
+    arrow = pa.Table.from_pandas(table.frame, preserve_index=False)
+    metadata = {**(arrow.schema.metadata or {}), b"texclass": json.dumps(facts).encode()}
+    write_atomically(arrow.replace_schema_metadata(metadata), path)
+
+
+def write_atomically(arrow: pa.Table, path: Path) -> None:
+    """Write a Parquet file that is either complete or not there, whenever the process is killed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    pq.write_table(arrow, unfinished)
+    unfinished.replace(path)

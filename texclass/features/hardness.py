@@ -1,0 +1,180 @@
+"""Hardness and damping of a surface, from taps on it [strese2015, section IV-B]."""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import find_peaks
+
+from texclass.features.contract import UndefinedFeatureError, feature
+from texclass.features.fineness import printed_centroids
+from texclass.features.transforms import magnitude_of
+from texclass.features.view import TapSignal, TapView, transform
+from texclass.recording import Samples
+
+T = TypeVar("T")
+
+
+@transform
+def tap_level(view: TapView) -> float:
+    """Return the power of two next to the largest magnitude in all taps, in the unit of the samples.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        If there is no tap, a sample is not finite, or all are 0.
+    """
+    if not view.taps:
+        raise UndefinedFeatureError("no tap found")
+    return magnitude_of(np.concatenate([part for tap in view.taps for part in (tap.hand, tap.impulse)]))
+
+
+@transform
+def unit_taps(view: TapView) -> tuple[TapSignal, ...]:
+    """Return the taps divided by `tap_level`."""
+    scale = tap_level(view)
+    return tuple(TapSignal(tap.hand / scale, tap.impulse / scale) for tap in view.taps)
+
+
+def per_tap(view: TapView, value: Callable[[TapSignal], T]) -> list[T]:
+    """Return `value` of every tap that has one.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        If no tap has; the reason is that of the first.
+    """
+    found: list[T] = []
+    reasons: list[UndefinedFeatureError] = []
+    for tap in unit_taps(view):
+        try:
+            found.append(value(tap))
+        except UndefinedFeatureError as reason:
+            reasons.append(reason)
+    if not found:
+        raise reasons[0]
+    return found
+
+
+def impulse_peaks(magnitude: Samples, spacing: int, prominence: float) -> NDArray[np.intp]:
+    """Return the indices of the (at most) three largest peaks of a tap, in order of time.
+
+    A tap that does not bounce has fewer; the first and last sample count as peaks if they stand out.
+
+    Parameters
+    ----------
+    magnitude : ndarray of shape (m,)
+        |i|.
+    spacing : int
+        Least distance of two peaks, in samples.
+    prominence : float
+        Least prominence, in fractions of the largest magnitude.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        If the tap is silent.
+    """
+    largest = float(magnitude.max(initial=0.0))
+    if largest == 0:
+        raise UndefinedFeatureError("silence: the tap has no impulse")
+    padded = np.concatenate([[0.0], magnitude, [0.0]])
+    peaks, _ = find_peaks(padded, distance=max(1, spacing), prominence=prominence * largest)
+    highest = peaks[np.argsort(-padded[peaks], kind="stable")[:3]]
+    return np.asarray(np.sort(highest) - 1)
+
+
+@feature(phase="tap", unit="1", reference="strese2015, eq. 1", depends_on=("rate",))
+def hardness_as_printed(view: TapView, *, spacing: int = 100, prominence: float = 0.01) -> float:
+    """Hardness H = (max(i) / n) / sum(h), in samples; mean over taps.
+
+    i is the magnitude of impact and decay, n the mean index (from 1) of its three largest peaks, h the
+    magnitude of the hand's acceleration. A tap with one or two peaks takes the mean of those. Falls with
+    1/fs^2: both n and the sum count samples.
+
+    Parameters
+    ----------
+    view : TapView
+        Taps.
+    spacing : int
+        Least distance of two peaks, in samples.
+    prominence : float
+        Least prominence of a peak, in fractions of the largest (which keeps H free of gain).
+
+    Raises
+    ------
+    UndefinedFeatureError
+        If there is no tap, or none with an impulse and some hand acceleration.
+    """
+
+    def hardness_of(tap: TapSignal) -> float:
+        i, h = np.abs(tap.impulse), np.abs(tap.hand)
+        n = float(np.mean(impulse_peaks(i, spacing, prominence) + 1))
+        return float(i.max()) / n / _moved(float(h.sum()))
+
+    return float(np.mean(per_tap(view, hardness_of)))
+
+
+@feature(phase="tap", unit="1/s^2", reference="strese2015, eq. 1, corrected")
+def hardness(view: TapView, *, spacing_s: float = 0.01, prominence: float = 0.05) -> float:
+    """Hardness max|i| / (t v): impact over its time and over the velocity of the hand; median over taps.
+
+    t is the mean time of the three largest peaks after the contact (the fewer there are), in s, and
+    v = integral of |h| dt the hand's velocity, in m/s, over where |h| exceeds three times the noise of rest.
+    Gravity and resting level are removed from the view.
+
+    Parameters
+    ----------
+    view : TapView
+        Taps.
+    spacing_s : float
+        Least distance of two peaks, in s.
+    prominence : float
+        Least prominence of a peak, in fractions of the largest.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        If there is no tap, or none with an impulse and a hand acceleration above the noise.
+    """
+    noise = view.noise / tap_level(view)
+
+    def hardness_of(tap: TapSignal) -> float:
+        i, h = np.abs(tap.impulse), np.abs(tap.hand)
+        t = float(np.mean(impulse_peaks(i, round(spacing_s * view.fs), prominence) + 1)) / view.fs
+        return float(i.max()) / (t * _moved(float(h[h > 3 * noise].sum()) / view.fs))
+
+    return float(np.median(per_tap(view, hardness_of)))
+
+
+def _moved(velocity: float) -> float:
+    if velocity == 0:
+        raise UndefinedFeatureError(
+            "the hand's acceleration before the contact is 0; the rule is above the noise"
+        )
+    return velocity
+
+
+@feature(phase="tap", unit="DCT bin", reference="strese2015, eq. 2", depends_on=("rate",))
+def damping_as_printed(view: TapView, *, length: int = 4096) -> float:
+    """Spectral centroid of a tap, SC = sum k |I(k)|^2 / sum |I(k)|^2 for k = 1 ... m/2; mean over taps.
+
+    Inverse to damping: soft materials act as low-passes. Bin k of a DCT-II of m samples lies at k fs/(2m), so
+    the printed sum stops at fs/4.
+
+    Parameters
+    ----------
+    view : TapView
+        Taps.
+    length : int
+        m; impact and decay are cut or zero-padded to it.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        If there is no tap, or none with an impulse.
+    """
+    return float(
+        np.mean(per_tap(view, lambda tap: float(printed_centroids(tap.impulse[np.newaxis], length)[0])))
+    )

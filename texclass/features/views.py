@@ -1,0 +1,132 @@
+"""From a recording to what features read: one view per phase, made when the first feature asks for it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from texclass.features.contract import Phase, UndefinedFeatureError
+from texclass.features.view import PhaseView, TapSignal, TapView
+from texclass.phases import segment
+from texclass.recording import Phases, Recording, Samples
+from texclass.signals import combine
+
+Channels = Literal["combine", "each", "auto"]
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """The phase views of one recording, for one channel or for all of them combined.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    phases : Phases
+        Where its taps and its movement are.
+    channel : int, optional
+        Column of the acceleration; None combines the columns by DFT321 [strese2015, section III].
+    """
+
+    recording: Recording
+    phases: Phases
+    channel: int | None = None
+
+    def of(self, phase: Phase) -> PhaseView | TapView:
+        """Return the view of a phase.
+
+        Raises
+        ------
+        UndefinedFeatureError
+            If the recording does not have it; the message is the reason.
+        """
+        match phase:
+            case "movement":
+                return self.movement
+            case "tap":
+                return self.tap
+            case "friction":
+                return self.friction
+
+    @cached_property
+    def movement(self) -> PhaseView:
+        """Acceleration during the movement, mean removed."""
+        if self.phases.movement is None:
+            raise UndefinedFeatureError("no movement found")
+        return PhaseView(combine(self._axes(*self.phases.movement)), self.recording.fs)
+
+    @cached_property
+    def tap(self) -> TapView:
+        """The taps, resting level removed, with the root mean square of the quiet stretch before them."""
+        taps = self.phases.taps
+        if not taps:
+            raise UndefinedFeatureError("no tap found")
+        # The quiet stretch, the taps and nothing of the movement: one signal, so that all share one level.
+        quiet = taps[0].start
+        signal = combine(self._axes(0, taps[-1].end))
+        signal = signal - np.median(signal[:quiet] if quiet else signal)
+        parts = (TapSignal(signal[t.start : t.impact], signal[t.impact : t.end]) for t in taps)
+        return TapView(tuple(parts), self.recording.fs, self._noise(quiet))
+
+    @cached_property
+    def friction(self) -> PhaseView:
+        """Friction voltage during the movement, or all of it when no movement was found."""
+        if self.recording.friction is None:
+            raise UndefinedFeatureError("no friction signal")
+        start, stop = self.phases.movement or (0, self.recording.n_samples)
+        return PhaseView(self.recording.friction[start:stop], self.recording.fs)
+
+    def _axes(self, start: int, stop: int) -> Samples:
+        axes = self.recording.acceleration[start:stop]
+        return axes if self.channel is None or axes.ndim == 1 else axes[:, self.channel]
+
+    def _noise(self, n_quiet: int) -> float:
+        # On the axes, not on their combination: DFT321 leaks the taps into the quiet stretch.
+        if n_quiet == 0:
+            return 0.0
+        axes = self._axes(0, n_quiet)
+        return float(np.sqrt(np.sum(np.var(axes, axis=0))))
+
+
+def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Views]:
+    """Return the views of a recording by column prefix.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording; its phases are segmented unless they are declared.
+    channels : sequence of str, optional
+        Names of channels to keep apart (prefix "x/" for channel x); by default all are combined (prefix "").
+
+    Raises
+    ------
+    ValueError
+        If the recording's channels are not the ones named.
+    """
+    phases = segment(recording)
+    if channels and tuple(channels) != recording.channels:
+        raise ValueError(
+            f"{recording.source or recording.recording_id}: channels are {recording.channels}; "
+            f"the rule is {tuple(channels)}, as in the first recording"
+        )
+    combined = {"": Views(recording, phases)}
+    return combined | {f"{name}/": Views(recording, phases, i) for i, name in enumerate(channels)}
+
+
+def channels_apart(recording: Recording, channels: Channels) -> tuple[str, ...]:
+    """Return the channels to keep apart: all for "each", none for "combine".
+
+    "auto" combines the axes of one accelerometer (channels named among x, y and z) and keeps others apart.
+
+    Raises
+    ------
+    ValueError
+        If `channels` is none of the three.
+    """
+    if channels not in ("combine", "each", "auto"):
+        raise ValueError(f"channels is {channels!r}; the rule is 'combine', 'each' or 'auto'")
+    names = recording.channels
+    one_sensor = len(names) == 1 or {name.lower()[-1] for name in names} <= set("xyz")
+    return () if channels == "combine" or (channels == "auto" and one_sensor) else names

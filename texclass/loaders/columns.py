@@ -1,0 +1,139 @@
+"""What a file holds, before anything is known of its meaning: named columns and, perhaps, a sampling rate."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from texclass.recording import RecordingError, Samples
+
+MAX_VALUES = 100_000_000
+"""A file that announces more values than this in one recording is refused before they are read (0.8 GB)."""
+UNNAMED = "acceleration"
+"""Name of the only column of a format that does not name its columns."""
+CONVENTIONAL = ((UNNAMED,), ("x", "y", "z"), ("ax", "ay", "az"), ("acc_x", "acc_y", "acc_z"))
+"""Columns that are the acceleration when nobody says which ones are; matched without regard to case."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns read from one file.
+
+    Attributes
+    ----------
+    named : mapping of str to ndarray of shape (n,) or (n, c)
+        As stored, in the order asked for.
+    fs : float or None
+        Sampling rate in Hz if the file states it.
+    """
+
+    named: Mapping[str, Samples]
+    fs: float | None = None
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How to read what a format leaves open.
+
+    Attributes
+    ----------
+    delimiter : str, optional
+        Of a CSV file; by default a comma, and a tab in a TSV file.
+    codes : bool
+        Keep the integer codes of integer audio; else full scale is 1.
+    """
+
+    delimiter: str | None = None
+    codes: bool = False
+
+
+@dataclass(frozen=True)
+class ColumnRoles:
+    """Which columns play which part in a recording.
+
+    Attributes
+    ----------
+    acceleration : tuple of str
+        In the order of the axes; empty: the conventional names, or the only column.
+    auxiliary : mapping of str to tuple of str
+        Field of `Recording` -> its column(s).
+    """
+
+    acceleration: tuple[str, ...] = ()
+    auxiliary: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        """Every column that is named."""
+        return (*self.acceleration, *(name for names in self.auxiliary.values() for name in names))
+
+
+def choose_acceleration(names: Sequence[str], path: Path) -> tuple[str, ...]:
+    """Return the column(s) of the acceleration by convention; ask when there is none.
+
+    Raises
+    ------
+    RecordingError
+        If neither a conventional name nor a single column settles it.
+    """
+    by_lower = {name.lower(): name for name in names}
+    for convention in CONVENTIONAL:
+        if all(name in by_lower for name in convention):
+            return tuple(by_lower[name] for name in convention)
+    if len(names) == 1:
+        return tuple(names)
+    raise RecordingError(
+        f"{path}: its columns are {listed(names)}; the rule is to say which hold the acceleration (--column)"
+    )
+
+
+def require(wanted: Sequence[str], names: Sequence[str], path: Path, *, hint: str = "") -> None:
+    """Check that every wanted column exists exactly once.
+
+    Raises
+    ------
+    RecordingError
+        Naming the first that does not.
+    """
+    for name in wanted:
+        if (count := list(names).count(name)) != 1:
+            raise RecordingError(
+                f"{path}: column {name!r} occurs {count} times; its columns are {listed(names)}; "
+                f"the rule is once{hint}"
+            )
+
+
+def check_size(n_values: int, path: Path) -> None:
+    """Refuse a file that announces more than `MAX_VALUES` values, before they are read."""
+    if n_values > MAX_VALUES:
+        raise RecordingError(
+            f"{path}: announces {n_values} values; the rule is at most {MAX_VALUES} a recording, split it"
+        )
+
+
+def as_samples(array: Any, name: str, path: Path) -> Samples:
+    """Return a stored array as samples of shape (n,) or (n, c): real numbers, time along the first axis.
+
+    Axes of length 1 are dropped; of two axes the longer one is time.
+
+    Raises
+    ------
+    RecordingError
+        If it does not hold real numbers or has more than two axes.
+    """
+    array = np.asarray(array)
+    if array.dtype.kind not in "iuf":
+        raise RecordingError(f"{path}: {name} holds {array.dtype}; the rule is real numbers")
+    check_size(array.size, path)
+    samples = np.atleast_1d(np.squeeze(array)).astype(np.float64, copy=False)
+    if samples.ndim > 2:
+        raise RecordingError(f"{path}: {name} has shape {array.shape}; the rule is (n,) or (n, channels)")
+    return samples.T if samples.ndim == 2 and samples.shape[0] < samples.shape[1] else samples
+
+
+def listed(names: Sequence[str], most: int = 8) -> str:
+    """Return names for a message, cut short when there are many."""
+    shown = ", ".join(repr(name) for name in list(names)[:most])
+    return f"{shown} and {len(names) - most} more" if len(names) > most else shown or "none"

@@ -1,0 +1,80 @@
+"""A folder with one subfolder per material: a dataset without a card."""
+
+import re
+from pathlib import Path
+
+from texclass.loaders import formats
+from texclass.loaders.cards import Card
+from texclass.loaders.columns import ReadOptions
+from texclass.loaders.dataset import Dataset
+from texclass.loaders.filesets import open_files
+from texclass.loaders.single import UNIT_RULE, agreed_rate, axis_files
+from texclass.recording import RecordingError
+
+_SUFFIXES = "|".join(re.escape(suffix[1:]) for suffix in formats.SUFFIXES)
+PATTERNS = (
+    rf"(?P<material>[^/]+)/(?:.+/)?[^/]+_(?P<axis>[XYZxyz])(?:_[^/]*)?\.(?i:{_SUFFIXES})",
+    rf"(?P<material>[^/]+)/.+\.(?i:{_SUFFIXES})",
+)
+"""How the files of such a folder are named; the first one is one file per axis."""
+
+
+def open_folder(
+    root: Path, *, fs: float | None = None, unit: str | None = None, skip_bad: bool = False
+) -> Dataset:
+    """Return the dataset of a folder with one subfolder per material.
+
+    Parameters
+    ----------
+    root : Path
+        The folder. Every file below a subfolder with a known suffix is a recording, or one of its axes.
+    fs : float, optional
+        Sampling rate in Hz; needed unless the files state it. All recordings must share it.
+    unit : str, optional
+        Of the acceleration; needed.
+    skip_bad : bool
+        See `Dataset`.
+
+    Raises
+    ------
+    RecordingError
+        If there is no recording, or `fs` or `unit` is missing.
+    """
+    if unit is None:
+        raise RecordingError(f"{root}: unit is missing; the rule is {UNIT_RULE}, never guessed: give --unit")
+    files = [path for path in sorted(root.glob("*/**/*")) if path.suffix.lower() in formats.SUFFIXES]
+    if not files:
+        raise RecordingError(
+            f"{root}: holds no recording; the rule is one subfolder per material with files of "
+            f"{', '.join(formats.SUFFIXES)}"
+        )
+    card = Card(
+        name=root.resolve().name,
+        path=root,
+        title=f"Recordings in {root}",
+        source=str(root),
+        licence="not stated",
+        format="files",
+        fs_hz=agreed_rate(_stated_rate(files, unit) if fs is None else None, fs, str(root)),
+        unit=unit,
+        files=PATTERNS,
+        notes=_ignored(root),
+    )
+    return open_files(card, root, skip_bad=skip_bad)
+
+
+def _stated_rate(files: list[Path], unit: str) -> float | None:
+    """Return the sampling rate that the first file states, if it states one."""
+    options = ReadOptions(codes=unit == "counts")
+    first = next(iter(axis_files(files[0]).values()))
+    return formats.read(first, formats.names(first, options)[:1], options).fs
+
+
+def _ignored(root: Path) -> tuple[str, ...]:
+    """Say how many files are not recordings, so that nobody misses them unawares."""
+    others = [
+        path
+        for path in root.rglob("*")
+        if path.is_file() and not path.name.startswith(".") and path.suffix.lower() not in formats.SUFFIXES
+    ]
+    return (f"{len(others)} files of other kinds are ignored",) if others else ()

@@ -1,0 +1,67 @@
+"""Open a dataset by the name of its card, by a card's path, or by a folder."""
+
+from pathlib import Path
+
+from texclass import shipped
+from texclass.loaders.cards import Card, read_card
+from texclass.loaders.dataset import Dataset
+from texclass.loaders.filesets import open_files
+from texclass.loaders.folder import open_folder
+from texclass.loaders.places import find_folder
+from texclass.loaders.rowsets import open_rows
+from texclass.loaders.single import agreed_rate
+from texclass.recording import RecordingError
+
+
+def open_dataset(
+    name_or_path: str | Path,
+    *,
+    fs: float | None = None,
+    unit: str | None = None,
+    skip_bad: bool = False,
+) -> Dataset:
+    """Return a lazy dataset; no recording is read before it is asked for.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name of a shipped card, path of a card (.toml), or a folder with one subfolder per material.
+    fs : float, optional
+        Sampling rate in Hz, for a folder whose files do not state it. What a card says must agree.
+    unit : str, optional
+        Unit of the acceleration, for a folder. What a card says must agree.
+    skip_bad : bool
+        Let `Dataset.attempt` return the error of a bad recording instead of raising it.
+
+    Returns
+    -------
+    dataset : Dataset
+        Entries in a fixed order.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such card or folder, or (`DataNotFoundError`) the card's recordings are not here.
+    CardError
+        If the card breaks a rule.
+    RecordingError
+        If a fact is missing or contradicted, or the folder holds no recording.
+    """
+    path = Path(name_or_path).expanduser()
+    if str(name_or_path) not in shipped.names("datasets") and path.is_dir():
+        return open_folder(path, fs=fs, unit=unit, skip_bad=skip_bad)
+    card = read_card(name_or_path)
+    _check_agreement(card, fs, unit)
+    if card.format == "simulated":
+        from texclass.loaders.simulated import open_simulated
+
+        return open_simulated(card, skip_bad=skip_bad)
+    root = find_folder(card.folder, card_path=card.path, source=card.source)
+    return (open_rows if card.format == "rows" else open_files)(card, root, skip_bad=skip_bad)
+
+
+def _check_agreement(card: Card, fs: float | None, unit: str | None) -> None:
+    agreed_rate(card.fs_hz or card.recipe["fs"], fs, str(card.path))
+    stated = card.unit or "m/s^2"
+    if unit not in (None, stated):
+        raise RecordingError(f"{card.path}: unit is {stated!r}, {unit!r} was given; the rule is one unit")

@@ -1,0 +1,91 @@
+"""Where recordings and caches are on this machine, and the digest of a dataset's files."""
+
+import contextlib
+import hashlib
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+import platformdirs
+
+APPLICATION = "texclass"
+
+
+class DataNotFoundError(FileNotFoundError):
+    """The recordings of a card are not on this machine; the message says where to get and to put them."""
+
+
+def data_roots(card_path: Path | None = None) -> tuple[Path, ...]:
+    """Return the folders in which a card's folder is looked for, in order.
+
+    They are $TEXCLASS_DATA if it is set, the user's data folder, and the folder of the card itself.
+    """
+    stated = os.environ.get("TEXCLASS_DATA")
+    roots = [Path(stated).expanduser()] if stated else []
+    roots.append(platformdirs.user_data_path(APPLICATION))
+    return (*roots, card_path.parent) if card_path else tuple(roots)
+
+
+def cache_root() -> Path:
+    """Return the folder for what can be computed again: $TEXCLASS_CACHE, else the user's cache folder."""
+    stated = os.environ.get("TEXCLASS_CACHE")
+    return Path(stated).expanduser() if stated else platformdirs.user_cache_path(APPLICATION)
+
+
+def find_folder(folder: str, *, card_path: Path, source: str) -> Path:
+    """Return the folder that holds a card's recordings.
+
+    Raises
+    ------
+    DataNotFoundError
+        If it is in none of the places.
+    """
+    candidates = [root / folder for root in data_roots(card_path)]
+    for candidate in candidates:
+        if candidate.is_dir():
+            return candidate
+    raise DataNotFoundError(
+        f"{card_path.stem}: its recordings are not on this machine. Looked for "
+        f"{', '.join(map(str, candidates))}. Get them from {source} and put them there, or set "
+        "TEXCLASS_DATA to the folder that holds them"
+    )
+
+
+def digest_files(root: Path, relative: Iterable[str], facts: str) -> str:
+    """Return the SHA-256 hex digest of facts, names and contents of files.
+
+    Reading gigabytes takes seconds, so the digest is remembered in the cache under names, sizes and times of
+    modification: a file that was changed without changing its size and time goes unnoticed.
+    """
+    paths = sorted(set(relative))
+    memo = cache_root() / "digests" / _digest_states(root, paths, facts)
+    try:
+        return memo.read_text(encoding="ascii")
+    except (OSError, UnicodeDecodeError):
+        pass
+    digest = hashlib.sha256(facts.encode())
+    for name in paths:
+        with (root / name).open("rb") as file:
+            digest.update(f"\0{name}\0{hashlib.file_digest(file, 'sha256').hexdigest()}".encode())
+    write_atomically(memo, digest.hexdigest().encode("ascii"))
+    return digest.hexdigest()
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a cache file so that a reader sees all of it or nothing; a full or read-only disk is no error."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_bytes(content)
+        temporary.replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _digest_states(root: Path, paths: Iterable[str], facts: str) -> str:
+    digest = hashlib.sha256(f"{root.resolve()}\0{facts}".encode())
+    for name in paths:
+        state = (root / name).stat()
+        digest.update(f"\0{name}\0{state.st_size}\0{state.st_mtime_ns}".encode())
+    return digest.hexdigest()

@@ -1,0 +1,148 @@
+"""Simulated datasets: recordings made when they are asked for, and remembered on disk."""
+
+import functools
+import hashlib
+import io
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from texclass.loaders.cards import Card, CardError
+from texclass.loaders.dataset import Dataset, Entry
+from texclass.loaders.places import cache_root, write_atomically
+from texclass.recording import AUXILIARY_UNITS, Recording, Samples
+from texclass.simulate.recipe import Recipe
+
+SIGNALS = ("acceleration", *AUXILIARY_UNITS)
+FACTS = ("fs", "unit", "recording_id", "material", "operator", "session", "repetition", "source")
+MIN_FREE_BYTES = 5_000_000_000
+"""Nothing is remembered when the disk has less space than this."""
+
+
+@dataclass(frozen=True)
+class SimulatedLoader:
+    """Makes the recordings of a recipe; a `Dataset`'s `load`, picklable.
+
+    The true phases are withheld, so that segmentation has to find them as in a real recording.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        What to make.
+    cache : Path or None
+        Folder in which recordings are remembered; None: nowhere.
+    """
+
+    recipe: Recipe
+    cache: Path | None = None
+
+    def __call__(self, entry: Entry) -> Recording:
+        """Return one recording, from the cache or freshly made: the same to the last bit."""
+        path = self.cache / f"{entry.recording_id}.npz" if self.cache else None
+        if path is not None and (remembered := recall(path)) is not None:
+            return remembered
+        recording = self.recipe.record(*_places(self.recipe)[entry.recording_id]).with_(phases=None)
+        if path is not None:
+            remember(path, recording)
+        return recording
+
+
+def open_simulated(card: Card, *, skip_bad: bool = False) -> Dataset:
+    """Return the dataset of a card with a recipe; nothing is made yet.
+
+    Raises
+    ------
+    CardError
+        If the recipe breaks a rule of `Recipe`.
+    """
+    try:
+        recipe = Recipe(**card.recipe)  # type: ignore[arg-type]
+        entries = recipe.entries()
+    except (TypeError, ValueError) as error:
+        raise CardError(f"{card.path}: recipe: {error}") from error
+    input_hash = recipe.fingerprint()
+    made_by = hashlib.sha256(f"{input_hash} numpy {np.__version__}".encode()).hexdigest()[:16]
+    return Dataset(
+        name=card.name,
+        entries=tuple(Entry(id_, surface, operator, repetition=k) for id_, surface, operator, k in entries),
+        load=SimulatedLoader(recipe, cache_root() / "simulated" / made_by),
+        input_hash=input_hash,
+        title=card.title,
+        licence=card.licence,
+        source=card.source,
+        notes=card.notes,
+        skip_bad=skip_bad,
+    )
+
+
+@functools.lru_cache(maxsize=4)
+def _places(recipe: Recipe) -> dict[str, tuple[int, int]]:
+    """Return recording id -> (index of the surface, repetition)."""
+    return {
+        entry[0]: (position // recipe.n_recordings, entry[3])
+        for position, entry in enumerate(recipe.entries())
+    }
+
+
+def remember(path: Path, recording: Recording) -> None:
+    """Write a recording to the cache, unless the disk is nearly full."""
+    if shutil.disk_usage(_existing(path)).free < MIN_FREE_BYTES:
+        return
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+    for name in SIGNALS:
+        if (signal := getattr(recording, name)) is not None:
+            arrays |= {f"{name}.{part}": array for part, array in pack(signal).items()}
+    facts = {name: getattr(recording, name) for name in FACTS}
+    facts |= {"channels": recording.channels, "flags": recording.flags}
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, facts=np.array(json.dumps(facts)), **arrays)
+    write_atomically(path, buffer.getvalue())
+
+
+def recall(path: Path) -> Recording | None:
+    """Read a recording from the cache; None if it is not there or not intact."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        facts = json.loads(str(arrays.pop("facts")))
+        for name in ("channels", "flags"):
+            facts[name] = tuple(facts[name])
+        facts |= {name: unpack(name, arrays) for name in {key.partition(".")[0] for key in arrays}}
+        return Recording(**facts)
+    except Exception:  # absent or damaged, however: it is made again
+        return None
+
+
+def pack(signal: Samples) -> dict[str, np.ndarray[Any, Any]]:
+    """Return what restores a signal to the last bit: 16-bit codes and their levels if it is quantised.
+
+    The codes count the smallest step seen in the first samples; they are used only if every sample is
+    found again exactly.
+    """
+    steps = np.diff(np.unique(signal[:4096]))
+    positive = steps[steps > 0]
+    if positive.size and np.ptp(signal) < 65_535 * positive.min():
+        codes = np.rint((signal - signal.min()) / positive.min()).astype(np.uint16)
+        levels = np.zeros(int(codes.max()) + 1)
+        levels[codes] = signal
+        if np.array_equal(levels[codes], signal):
+            return {"codes": codes, "levels": levels}
+    single = signal.astype(np.float32)
+    return {"single": single} if np.array_equal(single, signal) else {"double": signal}
+
+
+def unpack(name: str, arrays: Mapping[str, np.ndarray[Any, Any]]) -> Samples:
+    """Return the signal that `pack` took."""
+    if f"{name}.codes" in arrays:
+        return np.asarray(arrays[f"{name}.levels"][arrays[f"{name}.codes"]], dtype=np.float64)
+    part = "single" if f"{name}.single" in arrays else "double"
+    return arrays[f"{name}.{part}"].astype(np.float64)
+
+
+def _existing(path: Path) -> Path:
+    return next(parent for parent in path.parents if parent.exists())

@@ -1,0 +1,195 @@
+"""One recording from one file, or from one file per axis."""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from texclass.loaders import formats
+from texclass.loaders.checks import check_acceleration
+from texclass.loaders.columns import UNNAMED, ColumnRoles, ReadOptions, choose_acceleration
+from texclass.recording import (
+    ACCELERATION_UNITS,
+    AUXILIARY_UNITS,
+    SCALELESS_UNITS,
+    Recording,
+    RecordingError,
+    Samples,
+)
+
+AXIS = re.compile(r"_(?P<axis>[XYZxyz])(?=[_.])")
+"""The part of a file's name that says which axis it holds: `<name>_X.txt`, `<name>_X_train1.txt`."""
+UNIT_RULE = f"one of {', '.join((*ACCELERATION_UNITS, *SCALELESS_UNITS))}"
+
+
+@dataclass(frozen=True)
+class Signals:
+    """The signals of one recording, and the sampling rate (Hz) if the files state it."""
+
+    fields: Mapping[str, Samples]
+    channels: tuple[str, ...]
+    fs: float | None
+
+
+def load_recording(
+    path: str | Path,
+    *,
+    fs: float | None = None,
+    unit: str | None = None,
+    column: str | Sequence[str] | None = None,
+    auxiliary: Mapping[str, str | Sequence[str]] | None = None,
+    delimiter: str | None = None,
+) -> Recording:
+    """Load one recording from a file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Text (one value per line), CSV, TSV, Parquet, WAV, FLAC, MATLAB 5 or 7.3, NPZ or HDF5, by suffix. If
+        its name says `_X`, `_Y` or `_Z` and files of the other axes are beside it, they form one recording.
+    fs : float, optional
+        Sampling rate in Hz; needed unless the file states it.
+    unit : str, optional
+        Unit of the acceleration: "m/s^2", "g", "mg", "counts", "V" or "arbitrary". Needed: no format
+        states it. Integer audio keeps its codes when this is "counts"; else full scale is 1.
+    column : str or sequence of str, optional
+        Column(s) or array of the acceleration; by default the conventional names (x, y, z; ax, ay, az;
+        acceleration) or the only column.
+    auxiliary : mapping of str to str or sequence of str, optional
+        Signals beside the acceleration: field of `Recording` -> column(s), in the unit the field is kept in.
+    delimiter : str, optional
+        Of a CSV file; a comma by default.
+
+    Returns
+    -------
+    recording : Recording
+        Without material or group.
+
+    Raises
+    ------
+    RecordingError
+        If a fact is missing or contradicted, or the file is not what it should be.
+    """
+    path = Path(path).expanduser()
+    if unit is None:
+        raise RecordingError(f"{path}: unit is missing; the rule is {UNIT_RULE}, never guessed: give --unit")
+    roles = ColumnRoles(_tuple(column), {name: _tuple(names) for name, names in (auxiliary or {}).items()})
+    axes = axis_files(path)
+    signals = read_signals(axes, roles, ReadOptions(delimiter, codes=unit == "counts"))
+    recording_id = path.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0]
+    return build_recording(signals, fs=fs, unit=unit, recording_id=recording_id, source=str(path))
+
+
+def without_axis(name: str) -> str:
+    """Return a file's name without the last part that says which axis it holds."""
+    found = list(AXIS.finditer(name))
+    return name[: found[-1].start()] + name[found[-1].end() :] if found else name
+
+
+def axis_files(path: Path) -> dict[str, Path]:
+    """Return axis -> file for a file that is one of several axes; else the file itself under ""."""
+    found = list(AXIS.finditer(path.name))
+    if not found:
+        return {"": path}
+    first, last = found[-1].span("axis")
+    letters = "XYZ" if path.name[first].isupper() else "xyz"
+    siblings = {a.lower(): path.with_name(path.name[:first] + a + path.name[last:]) for a in letters}
+    return {axis: file for axis, file in siblings.items() if file.is_file()} or {"": path}
+
+
+def read_signals(
+    axes: Mapping[str, Path], roles: ColumnRoles, options: ReadOptions, *, trim: bool = False
+) -> Signals:
+    """Read a recording's signals from one file, or join one file per axis.
+
+    Parameters
+    ----------
+    axes : mapping of str to Path
+        Axis -> file; the axis is "" when one file holds all.
+    roles : ColumnRoles
+        Which columns are what; auxiliary ones are read from the first file.
+    options : ReadOptions
+        How to read.
+    trim : bool
+        Cut axes of different lengths to the shortest instead of refusing them.
+
+    Raises
+    ------
+    RecordingError
+        If a file is bad, or the axes differ in length or rate.
+    """
+    if unknown := set(roles.auxiliary) - set(AUXILIARY_UNITS):
+        raise RecordingError(
+            f"signals {sorted(unknown)} are unknown; the rule is one of {', '.join(AUXILIARY_UNITS)}"
+        )
+    parts = {axis: _read_file(path, roles, options) for axis, path in axes.items()}
+    first = next(iter(parts.values()))
+    if len(parts) == 1:
+        axis = next(iter(parts))
+        is_one_axis = axis and first.fields[UNNAMED].ndim == 1
+        return Signals(first.fields, (axis,) if is_one_axis else first.channels, first.fs)
+    where = str(next(iter(axes.values())))
+    lengths = {axis: len(part.fields[UNNAMED]) for axis, part in parts.items()}
+    if len(set(lengths.values())) > 1 and not trim:
+        raise RecordingError(f"{where}: its axes have {lengths} samples; the rule is one length")
+    if len({part.fs for part in parts.values()}) > 1:
+        raise RecordingError(
+            f"{where}: its axes have rates {[part.fs for part in parts.values()]}; the rule is one"
+        )
+    n = min(lengths.values())
+    acceleration = np.column_stack([part.fields[UNNAMED][:n] for part in parts.values()])
+    return Signals({**first.fields, UNNAMED: acceleration}, tuple(parts), first.fs)
+
+
+def build_recording(
+    signals: Signals, *, fs: float | None, unit: str, source: str, flags: tuple[str, ...] = (), **facts: Any
+) -> Recording:
+    """Check signals and return them as a recording; `facts` are further fields of `Recording`.
+
+    Raises
+    ------
+    RecordingError
+        If the sampling rate is missing or contradicted, the acceleration too short, constant or not finite.
+    """
+    facts |= {**signals.fields, "channels": signals.channels, "unit": unit, "source": source}
+    recording = Recording(fs=agreed_rate(signals.fs, fs, source), **facts)
+    found = check_acceleration(recording.acceleration, recording.channels, source)
+    return recording.with_(flags=(*flags, *found)) if flags or found else recording
+
+
+def agreed_rate(stated: float | None, given: float | None, where: str) -> float:
+    """Return the sampling rate in Hz, from the file, from the user or card, or from both if they agree.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing or contradicted.
+    """
+    if stated is None and given is None:
+        raise RecordingError(f"{where}: fs is missing; the rule is a rate in Hz, never guessed: give --fs")
+    if stated is not None and given is not None and not math.isclose(stated, given, rel_tol=1e-9):
+        raise RecordingError(
+            f"{where}: fs is {stated:g} Hz there, {given:g} Hz was given; the rule is one rate"
+        )
+    return stated if stated is not None else given  # type: ignore[return-value]
+
+
+def _read_file(path: Path, roles: ColumnRoles, options: ReadOptions) -> Signals:
+    chosen = roles.acceleration or choose_acceleration(formats.names(path, options), path)
+    wanted = tuple(dict.fromkeys((*chosen, *roles.all)))
+    columns = formats.read(path, wanted, options)
+    groups = {UNNAMED: chosen, **roles.auxiliary}
+    fields = {field: _stack([columns.named[name] for name in names]) for field, names in groups.items()}
+    return Signals(fields, chosen if len(chosen) > 1 else (), columns.fs)
+
+
+def _stack(columns: Sequence[Samples]) -> Samples:
+    return columns[0] if len(columns) == 1 else np.column_stack(columns)
+
+
+def _tuple(names: str | Sequence[str] | None) -> tuple[str, ...]:
+    return () if names is None else (names,) if isinstance(names, str) else tuple(names)

@@ -1,0 +1,222 @@
+"""A recording: what one exploration of one surface recorded, and where its phases are."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Samples = NDArray[np.float64]
+
+STANDARD_GRAVITY = 9.80665
+ACCELERATION_UNITS: dict[str, float] = {"m/s^2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY / 1000}
+"""Factor from a physical unit of acceleration to m/s^2."""
+SCALELESS_UNITS = ("counts", "V", "arbitrary")
+"""Units without a known factor to m/s^2: features of level then compare only within the dataset."""
+AUXILIARY_UNITS = {
+    "friction": "V",
+    "normal_force": "N",
+    "speed": "mm/s",
+    "sound": "arbitrary",
+    "turn_rate": "rad/s",
+}
+"""The auxiliary signals a recording may carry, and the unit each is kept in."""
+
+
+class RecordingError(ValueError):
+    """A recording cannot be used; the message names the file, the value and the rule."""
+
+
+@dataclass(frozen=True)
+class Tap:
+    """One tap as half-open ranges of samples: hand [start, impact), impact and decay [impact, end).
+
+    Attributes
+    ----------
+    start
+        First sample of the hand's acceleration towards the surface.
+    impact
+        First sample of the contact.
+    end
+        One past the last sample of the decay.
+    """
+
+    start: int
+    impact: int
+    end: int
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.start <= self.impact < self.end:
+            raise ValueError(f"a tap needs 0 <= start <= impact < end, got {self}")
+
+
+@dataclass(frozen=True)
+class Phases:
+    """Where the taps and the movement of one recording are (sample indices).
+
+    Attributes
+    ----------
+    taps
+        Taps in order of time; empty when there is none.
+    movement
+        Half-open range [first, one past last] of the strokes; None when there is none.
+    onset
+        Sample at which static friction breaks and the first stroke starts to slide; None if unknown.
+    notes
+        What is ill-defined or was assumed, for the user.
+    """
+
+    taps: tuple[Tap, ...] = ()
+    movement: tuple[int, int] | None = None
+    onset: int | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def kind(self) -> Literal["taps and movement", "taps only", "movement only", "nothing"]:
+        """Which phases there are, in words."""
+        match bool(self.taps), self.movement is not None:
+            case True, True:
+                return "taps and movement"
+            case True, False:
+                return "taps only"
+            case False, True:
+                return "movement only"
+        return "nothing"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What one exploration of one surface recorded. Frozen; its arrays are read-only.
+
+    Parameters
+    ----------
+    acceleration : array_like of shape (n_samples,) or (n_samples, n_channels)
+        Acceleration of the tool in `unit` (kept in m/s^2 if the unit is physical).
+    fs : float
+        Sampling rate in Hz of every signal of the recording. Never guessed.
+    unit : str
+        "m/s^2", "g" or "mg" (converted to m/s^2), or "counts", "V", "arbitrary" (kept as they are).
+    recording_id : str
+        Unique within its dataset.
+    material, operator, session : str, optional
+        What was explored, by whom, on which occasion.
+    repetition : int, optional
+        Running number in order of time.
+    friction, normal_force, speed, sound : array_like of shape (n_samples,), optional
+        FSR bridge voltage (V), normal force (N), tangential speed (mm/s), sound (arbitrary).
+    turn_rate : array_like of shape (n_samples, 3), optional
+        Angular velocity (rad/s).
+    channels : tuple of str, optional
+        Names of the columns of a two-dimensional `acceleration`; x, y, z by default when there are three.
+    phases : Phases, optional
+        Where taps and movement are, when this is known (a card's declaration, a simulation's truth);
+        None leaves it to `texclass.phases.segment`.
+    source : str, optional
+        Where it came from, for messages.
+    flags : tuple of str, optional
+        What a user should know about the signal ("clipped: 3.1 % of samples at full scale").
+
+    Raises
+    ------
+    RecordingError
+        If a fact is missing or a value breaks a rule; the message names source, value and rule.
+    """
+
+    acceleration: Samples
+    fs: float
+    unit: str
+    recording_id: str
+    material: str | None = None
+    operator: str | None = None
+    session: str | None = None
+    repetition: int | None = None
+    friction: Samples | None = None
+    normal_force: Samples | None = None
+    speed: Samples | None = None
+    sound: Samples | None = None
+    turn_rate: Samples | None = None
+    channels: tuple[str, ...] = ()
+    phases: Phases | None = None
+    source: str = ""
+    flags: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        where = self.source or self.recording_id
+        fs = _sampling_rate(self.fs, where)
+        acceleration = _frozen(self.acceleration, "acceleration", where)
+        if acceleration.ndim not in (1, 2):
+            raise RecordingError(
+                f"{where}: acceleration has shape {acceleration.shape}; the rule is (n,) or (n, channels)"
+            )
+        if self.unit in ACCELERATION_UNITS:
+            acceleration = _frozen(acceleration * ACCELERATION_UNITS[self.unit], "acceleration", where)
+        elif self.unit not in SCALELESS_UNITS:
+            known = ", ".join((*ACCELERATION_UNITS, *SCALELESS_UNITS))
+            raise RecordingError(f"{where}: unit is {self.unit!r}; the rule is one of {known}")
+        object.__setattr__(self, "fs", fs)
+        object.__setattr__(self, "acceleration", acceleration)
+        object.__setattr__(self, "unit", "m/s^2" if self.unit in ACCELERATION_UNITS else self.unit)
+        object.__setattr__(self, "channels", self._channel_names(where))
+        for name in AUXILIARY_UNITS:
+            if (signal := getattr(self, name)) is not None:
+                object.__setattr__(self, name, self._auxiliary(name, signal, where))
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples of every signal."""
+        return int(self.acceleration.shape[0])
+
+    @property
+    def duration_s(self) -> float:
+        """Duration in seconds."""
+        return self.n_samples / self.fs
+
+    def with_(self, **changes: Any) -> "Recording":
+        """Return a copy with some fields replaced."""
+        return replace(self, **changes)
+
+    def _channel_names(self, where: str) -> tuple[str, ...]:
+        n_channels = 1 if self.acceleration.ndim == 1 else self.acceleration.shape[1]
+        default = ("x", "y", "z") if n_channels == 3 else tuple(f"c{i + 1}" for i in range(n_channels))
+        names = tuple(self.channels) or default
+        if len(names) != n_channels or len(set(names)) != n_channels:
+            raise RecordingError(
+                f"{where}: channels are {names}; the rule is {n_channels} different names, one a column"
+            )
+        return names
+
+    def _auxiliary(self, name: str, signal: ArrayLike, where: str) -> Samples:
+        array = _frozen(signal, name, where)
+        if array.shape[0] != self.n_samples:
+            raise RecordingError(
+                f"{where}: {name} has {array.shape[0]} samples, acceleration {self.n_samples}; "
+                "the rule is one rate and one length for all signals of a recording"
+            )
+        return array
+
+
+def _sampling_rate(fs: Any, where: str) -> float:
+    try:
+        value = float(fs)
+    except (TypeError, ValueError):
+        value = float("nan")
+    if not (np.isfinite(value) and value > 0):
+        raise RecordingError(f"{where}: fs is {fs!r}; the rule is a sampling rate in Hz above 0")
+    return value
+
+
+def _frozen(signal: ArrayLike, name: str, where: str) -> Samples:
+    try:
+        array = np.array(signal, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"{where}: {name} holds something that is not a number ({error})") from error
+    if array.size == 0:
+        raise RecordingError(f"{where}: {name} is empty; the rule is at least one sample")
+    if not np.isfinite(array).all():
+        n_bad, first = int((~np.isfinite(array)).sum()), np.argwhere(~np.isfinite(array))[0].tolist()
+        raise RecordingError(
+            f"{where}: {name} holds {n_bad} values that are NaN or infinite (first at {first}); "
+            "the rule is finite samples"
+        )
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,48 @@
+"""Write what a benchmark found into a folder: JSON, Markdown and pictures."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from texclass.experiment.result import BenchmarkResult
+from texclass.reporting.figures import draw_confusion, draw_ranking, draw_table
+from texclass.reporting.tables import markdown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DPI = 150
+
+
+def write_report(result: BenchmarkResult, folder: str | Path) -> tuple[Path, ...]:
+    """Write a benchmark's report.
+
+    Parameters
+    ----------
+    result : BenchmarkResult
+        What was found.
+    folder : str or path
+        Made if it does not exist. Files are named dataset-pipeline-protocol, so reports lie side by side.
+
+    Returns
+    -------
+    tuple of Path
+        The files: JSON, Markdown, the table and the ranking as PNG, and, if any row could be computed, the
+        confusion matrix of the best one.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    stem = f"{result.dataset['name']}-{result.pipeline}-{result.protocol}"
+    texts = {f"{stem}.json": result.to_json(), f"{stem}.md": markdown(result)}
+    figures = {f"{stem}-table.png": draw_table(result), f"{stem}-ranking.png": draw_ranking(result)}
+    if result.confusion is not None:
+        figures[f"{stem}-confusion.png"] = draw_confusion(result.confusion)
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    for name, figure in figures.items():
+        _save(figure, folder / name)
+    return tuple(folder / name for name in (*texts, *figures))
+
+
+def _save(figure: "Figure", path: Path) -> None:
+    # Without the library's version in it, an unchanged picture is an unchanged file.
+    figure.savefig(path, dpi=DPI, metadata={"Software": None})

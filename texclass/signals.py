@@ -1,0 +1,356 @@
+"""Conditioning that many modules need: one signal from three axes, filters, framing, moving average."""
+
+from typing import Literal
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike
+from scipy import fft, signal
+
+from texclass.recording import Samples
+
+AXIS_PREFERENCE = 1e-9
+"""Relative extra weight of an earlier axis in the sum whose phase DFT321 takes."""
+
+
+def dft321(acceleration: ArrayLike) -> Samples:
+    """Reduce several axes to one signal of the same spectral energy (DFT321).
+
+    The spectrum of the result is::
+
+        |A(f)| = sqrt(sum_i |A_i(f)|^2),    arg A(f) = arg sum_i A_i(f)
+
+    with A_i the discrete Fourier transform of axis i without its mean. The energy is that of all axes
+    together, bin by bin, so a rotation of the sensor leaves the magnitude spectrum as it is.
+
+    Parameters
+    ----------
+    acceleration : array_like of shape (n_samples, n_axes)
+        Any unit. The mean of each axis (gravity, for a tool held still) is removed.
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+        In the unit of the input, zero mean.
+
+    Raises
+    ------
+    ValueError
+        If the array is not two-dimensional or holds no sample.
+
+    Notes
+    -----
+    The phase is ill-defined where the axes cancel, as in axes of opposite sign: there the printed sum is
+    rounding noise. Axis i of c therefore enters the sum with the weight 1 + (c - 1 - i) `AXIS_PREFERENCE`,
+    which moves a well-defined phase by about 1e-9 rad and lets the earlier axis decide where the axes cancel.
+    The weighted sum is linear in the input, so nothing jumps at a threshold. Where it vanishes as well, the
+    phase is 0.
+
+    Phases of different axes are mixed, so a short event may leak to where no axis moved: locate events on
+    the axes themselves.
+
+    The transform has the length of the signal. Padding to a fast length would spread energy into the padding,
+    and cutting that off would lose it; scipy's transform of a prime length costs about three to five times
+    that of a fast one.
+
+    References
+    ----------
+    Landin et al., "Dimensional reduction of high-frequency accelerations for haptic rendering", 2010;
+    used by `strese2015`, section III.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> shake = np.sin(np.arange(64))
+    >>> one = dft321(np.stack([3 * shake, 4 * shake], axis=1))
+    >>> bool(np.allclose(one, 5 * (shake - shake.mean())))
+    True
+    """
+    axes = np.asarray(acceleration, dtype=np.float64)
+    if axes.ndim != 2 or axes.size == 0:
+        raise ValueError(f"dft321 got shape {axes.shape}; the rule is (n_samples, n_axes), none of them 0")
+    n, n_axes = axes.shape
+    if n_axes == 1:
+        return np.asarray(axes[:, 0] - axes[:, 0].mean())
+    energy: Samples = np.zeros(n // 2 + 1)
+    total = np.zeros(n // 2 + 1, dtype=np.complex128)
+    for i, axis in enumerate(axes.T):
+        spectrum = fft.rfft(axis - axis.mean())
+        energy += spectrum.real**2 + spectrum.imag**2
+        total += (1 + (n_axes - 1 - i) * AXIS_PREFERENCE) * spectrum
+    energy[0] = 0.0
+    magnitude = np.abs(total)
+    vanishing = magnitude == 0
+    total[vanishing], magnitude[vanishing] = 1.0, 1.0
+    return np.asarray(fft.irfft(total * (np.sqrt(energy) / magnitude), n))
+
+
+def combine(acceleration: ArrayLike) -> Samples:
+    """Return one zero-mean signal: the only channel as it is, several axes by `dft321`.
+
+    Parameters
+    ----------
+    acceleration : array_like of shape (n_samples,) or (n_samples, n_axes)
+        Any unit.
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+        In the unit of the input, zero mean.
+    """
+    samples = np.asarray(acceleration, dtype=np.float64)
+    return dft321(samples[:, np.newaxis] if samples.ndim == 1 else samples)
+
+
+def butterworth(
+    kind: Literal["lowpass", "highpass", "bandpass"],
+    cutoff_hz: float | tuple[float, float],
+    fs: float,
+    *,
+    order: int = 4,
+) -> Samples:
+    """Design a Butterworth filter as second-order sections.
+
+    Parameters
+    ----------
+    kind : {"lowpass", "highpass", "bandpass"}
+        What passes.
+    cutoff_hz : float or tuple of float
+        Frequency of the -3 dB point in Hz; lower and upper one for a band.
+    fs : float
+        Sampling rate in Hz.
+    order : int
+        Order of the filter (of each edge, for a band).
+
+    Returns
+    -------
+    ndarray of shape (n_sections, 6)
+
+    Raises
+    ------
+    ValueError
+        If a cut-off does not lie between 0 and fs/2, or the band's edges do not rise.
+    """
+    edges = np.atleast_1d(np.asarray(cutoff_hz, dtype=np.float64))
+    _check_cutoffs(edges, fs, n_edges=2 if kind == "bandpass" else 1)
+    band = edges if kind == "bandpass" else edges[0]
+    return np.asarray(signal.butter(order, band, btype=kind, fs=fs, output="sos"))
+
+
+def zero_phase(sos: Samples, x: ArrayLike) -> Samples:
+    """Filter forwards and backwards along the first axis: the gain is applied twice, nothing is delayed.
+
+    Parameters
+    ----------
+    sos : ndarray of shape (n_sections, 6)
+        From `butterworth`.
+    x : array_like of shape (n_samples, ...)
+        Of any length; at its ends it is continued by point reflection, as far as it is long enough.
+
+    Returns
+    -------
+    ndarray of the shape of `x`
+    """
+    samples = np.asarray(x, dtype=np.float64)
+    wished = 3 * (2 * len(sos) + 1)
+    return np.asarray(signal.sosfiltfilt(sos, samples, axis=0, padlen=min(wished, len(samples) - 1)))
+
+
+def causal(sos: Samples, x: ArrayLike, state: Samples | None = None) -> tuple[Samples, Samples]:
+    """Filter forwards only, piece by piece: pieces give what the whole signal would.
+
+    Parameters
+    ----------
+    sos : ndarray of shape (n_sections, 6)
+        From `butterworth`.
+    x : array_like of shape (n_samples, ...)
+        The next piece.
+    state : ndarray of shape (n_sections, 2, ...), optional
+        What the previous call returned. Without it the filter is at rest on the value of the first sample, so
+        a constant offset causes no transient.
+
+    Returns
+    -------
+    filtered : ndarray of the shape of `x`
+    state : ndarray of shape (n_sections, 2, ...)
+        For the next piece.
+    """
+    samples = np.asarray(x, dtype=np.float64)
+    if state is None:
+        unit = signal.sosfilt_zi(sos).reshape(len(sos), 2, *(1,) * (samples.ndim - 1))
+        state = unit * samples[0]
+    filtered, state = signal.sosfilt(sos, samples, axis=0, zi=state)
+    return np.asarray(filtered), np.asarray(state)
+
+
+def lowpass(x: ArrayLike, cutoff_hz: float, fs: float, *, order: int = 4) -> Samples:
+    """Return `x` without what lies above `cutoff_hz` (Hz), undelayed; -6 dB at the cut-off.
+
+    See `butterworth` for the parameters and errors, `zero_phase` for the ends.
+    """
+    return zero_phase(butterworth("lowpass", cutoff_hz, fs, order=order), x)
+
+
+def highpass(x: ArrayLike, cutoff_hz: float, fs: float, *, order: int = 4) -> Samples:
+    """Return `x` without what lies below `cutoff_hz` (Hz), undelayed; -6 dB at the cut-off.
+
+    See `butterworth` for the parameters and errors, `zero_phase` for the ends.
+    """
+    return zero_phase(butterworth("highpass", cutoff_hz, fs, order=order), x)
+
+
+def bandpass(x: ArrayLike, band_hz: tuple[float, float], fs: float, *, order: int = 4) -> Samples:
+    """Return what of `x` lies between the two frequencies (Hz), undelayed; -6 dB at both.
+
+    See `butterworth` for the parameters and errors, `zero_phase` for the ends.
+    """
+    return zero_phase(butterworth("bandpass", band_hz, fs, order=order), x)
+
+
+def highpass_fir(x: ArrayLike, cutoff_hz: float, fs: float, *, transition_hz: float | None = None) -> Samples:
+    """Return `x` after a linear-phase FIR high-pass, its constant delay compensated.
+
+    Parameters
+    ----------
+    x : array_like of shape (n_samples,)
+        Continued by point reflection at its ends, as far as it is long enough, then by its last value.
+    cutoff_hz : float
+        Frequency of half the amplitude, in Hz.
+    fs : float
+        Sampling rate in Hz.
+    transition_hz : float, optional
+        Width of the transition of the Hamming-windowed filter, in Hz; `cutoff_hz` by default. The stop band
+        lies at -53 dB, the filter has 3.3 fs / transition_hz coefficients.
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+
+    Raises
+    ------
+    ValueError
+        If the cut-off does not lie between 0 and fs/2 or the transition is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> bool(np.abs(highpass_fir(np.full(2000, 9.81), 100.0, 10_000.0)).max() < 1e-12)
+    True
+    """
+    samples = np.asarray(x, dtype=np.float64)
+    _check_cutoffs(np.array([cutoff_hz]), fs, n_edges=1)
+    width = cutoff_hz if transition_hz is None else transition_hz
+    if not width > 0:
+        raise ValueError(f"transition_hz is {width}; the rule is a width above 0 Hz")
+    half = int(np.ceil(3.3 * fs / width / 2))
+    smooth = signal.firwin(2 * half + 1, cutoff_hz, fs=fs, window="hamming")  # sums to 1
+    return np.asarray(samples - signal.oaconvolve(_continued(samples, half), smooth, mode="valid"))
+
+
+def moving_average(x: ArrayLike, n: int) -> Samples:
+    """Return the centred moving average over `n` samples.
+
+    Output i is the mean of x[i - n//2], ..., x[i - n//2 + n - 1]. At the ends the window is cut: the mean is
+    taken over the samples it still holds, so a constant stays a constant.
+
+    Parameters
+    ----------
+    x : array_like of shape (n_samples,)
+        Any unit.
+    n : int
+        Length of the window in samples, at least 1; may exceed the signal.
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+
+    Raises
+    ------
+    ValueError
+        If `x` is not one-dimensional or empty, or `n` is below 1.
+
+    Notes
+    -----
+    A window of n samples covers the end of one block of n samples and the start of the next. Its sum is that
+    of the two parts, accumulated within the blocks: rounding never travels further than 2 n samples, whatever
+    the length of the signal, and the cost does not depend on n.
+    """
+    samples = np.asarray(x, dtype=np.float64)
+    if samples.ndim != 1 or samples.size == 0 or n < 1:
+        raise ValueError(
+            f"moving_average got shape {samples.shape} and n = {n}; the rule is (n_samples,), n >= 1"
+        )
+    size = samples.size
+    offset = np.median(samples[:: -(-size // 1000)])  # robust: an outlier must not cost precision
+    n = min(n, 2 * size)
+    n_blocks = (size + n - 1) // n + 1
+    blocks = np.zeros((n_blocks, n))
+    blocks.reshape(-1)[n // 2 : n // 2 + size] = samples - offset
+    head = np.cumsum(blocks, axis=1).reshape(-1)
+    tail = np.cumsum(blocks[:, ::-1], axis=1)[:, ::-1].reshape(-1)
+    total = tail[:size] + head[n - 1 : n - 1 + size]
+    aligned = np.arange(size) % n == 0  # the window is one whole block: both parts are all of it
+    total[aligned] = tail[:size][aligned]
+    first = np.arange(size) - n // 2
+    held = np.minimum(first + n, size) - np.maximum(first, 0)
+    return np.asarray(total / held + offset)
+
+
+def frame(x: ArrayLike, length: int, hop: int) -> Samples:
+    """Return the overlapping frames of `x` as a read-only view; an incomplete last frame is left out.
+
+    Parameters
+    ----------
+    x : array_like of shape (n_samples,)
+        Any unit.
+    length, hop : int
+        Length of a frame and distance of two starts, in samples.
+
+    Returns
+    -------
+    ndarray of shape (n_frames, length)
+        n_frames = 1 + (n_samples - length) // hop. No sample is copied.
+
+    Raises
+    ------
+    ValueError
+        If `length` or `hop` is below 1 or the signal is shorter than one frame.
+
+    Examples
+    --------
+    >>> frame([1, 2, 3, 4, 5], length=3, hop=2)
+    array([[1., 2., 3.],
+           [3., 4., 5.]])
+    """
+    samples = np.asarray(x, dtype=np.float64)
+    if length < 1 or hop < 1:
+        raise ValueError(f"frame got length {length} and hop {hop}; the rule is both at least 1 sample")
+    if samples.ndim != 1 or samples.size < length:
+        raise ValueError(
+            f"frame got shape {samples.shape}; the rule is one channel of at least {length} samples"
+        )
+    return sliding_window_view(samples, length)[::hop]
+
+
+def rms(x: ArrayLike) -> float:
+    """Return the root mean square of all samples, in the unit of `x`."""
+    samples = np.asarray(x, dtype=np.float64).reshape(-1)
+    return float(np.sqrt(np.dot(samples, samples) / samples.size))
+
+
+def _check_cutoffs(edges: Samples, fs: float, n_edges: int) -> None:
+    shown = " ... ".join(f"{edge:g}" for edge in edges)
+    if edges.size != n_edges:
+        raise ValueError(f"cut-off is {shown} Hz; the rule is {n_edges} frequency value(s) for this filter")
+    if not (np.all(edges > 0) and np.all(edges < fs / 2) and np.all(np.diff(edges) > 0)):
+        raise ValueError(
+            f"cut-off is {shown} Hz at fs = {fs:g} Hz; "
+            f"the rule is 0 < cut-off < fs/2 = {fs / 2:g} Hz, the edges of a band rising"
+        )
+
+
+def _continued(x: Samples, half: int) -> Samples:
+    """Continue `x` by `half` samples at both ends: reflected in its end points, then constant."""
+    mirrored = min(half, x.size - 1)
+    reflected = np.pad(x, mirrored, mode="reflect", reflect_type="odd") if mirrored else x
+    return np.pad(reflected, half - mirrored, mode="edge")

@@ -1,0 +1,140 @@
+"""The controlled runs of `strese2015` (Sec. III): one condition rises linearly, the others stay."""
+
+import numpy as np
+
+from texclass.recording import Recording
+from texclass.simulate import gesture as hand
+from texclass.simulate.freehand import (
+    Seed,
+    check_duration_and_rate,
+    generators,
+    perform,
+    pressing_depth,
+)
+from texclass.simulate.operators import Operator
+from texclass.simulate.sensor import Sensor
+from texclass.simulate.surfaces import Surface
+
+Range = tuple[float, float]
+_REST_S = 0.3
+_START_S = 0.05
+
+
+def record_rising_speed(
+    surface: Surface,
+    operator: Operator,
+    *,
+    duration_s: float = 10.0,
+    fs: float = 10_000.0,
+    seed: Seed,
+    speed_mm_s: Range = (20.0, 200.0),
+    force_n: float = 1.0,
+    sensor: Sensor | None = None,
+) -> Recording:
+    """Simulate a rotary plate that turns faster and faster under a constant normal force.
+
+    Parameters
+    ----------
+    surface, operator, fs, seed, sensor
+        As in `record_freehand`; the operator gives grip and pose, without variation.
+    duration_s : float
+        The first 0.3 s the plate stands still.
+    speed_mm_s : (float, float)
+        First and last speed.
+    force_n : float
+        Normal force.
+    """
+    check_duration_and_rate(duration_s, fs, shortest_s=1.0)
+    return perform(
+        _plate(surface, operator, duration_s, speed_mm_s, (force_n, force_n)),
+        surface,
+        operator,
+        duration_s=duration_s,
+        fs=fs,
+        rngs=generators(seed),
+        sensor=sensor or Sensor(),
+        recording_id=f"{surface.name}, rising speed",
+    )
+
+
+def record_rising_force(
+    surface: Surface,
+    operator: Operator,
+    *,
+    duration_s: float = 10.0,
+    fs: float = 10_000.0,
+    seed: Seed,
+    force_n: Range = (0.4, 2.5),
+    speed_mm_s: float = 100.0,
+    sensor: Sensor | None = None,
+) -> Recording:
+    """Simulate a rotary plate at constant speed under a rising normal force; see `record_rising_speed`."""
+    check_duration_and_rate(duration_s, fs, shortest_s=1.0)
+    return perform(
+        _plate(surface, operator, duration_s, (speed_mm_s, speed_mm_s), force_n),
+        surface,
+        operator,
+        duration_s=duration_s,
+        fs=fs,
+        rngs=generators(seed),
+        sensor=sensor or Sensor(),
+        recording_id=f"{surface.name}, rising force",
+    )
+
+
+def record_rising_taps(
+    surface: Surface,
+    operator: Operator,
+    *,
+    n_taps: int = 8,
+    fs: float = 10_000.0,
+    seed: Seed,
+    tap_speed_mm_s: Range = (10.0, 45.0),
+    sensor: Sensor | None = None,
+) -> Recording:
+    """Simulate taps of rising strength and nothing else; see `record_rising_speed`.
+
+    Parameters
+    ----------
+    surface, operator, fs, seed, sensor
+        As in `record_freehand`.
+    n_taps : int
+        Number of taps.
+    tap_speed_mm_s : (float, float)
+        Speed of the hand at the contact of the first and the last.
+    """
+    if n_taps < 1 or min(tap_speed_mm_s) <= 0:
+        raise ValueError(
+            f"n_taps is {n_taps}, tap_speed_mm_s {tap_speed_mm_s}; the rule is at least one, above 0"
+        )
+    check_duration_and_rate(float(n_taps), fs, shortest_s=0.0)
+    rngs = generators(seed)
+    speeds = 1e-3 * np.linspace(*tap_speed_mm_s, n_taps)
+    taps = tuple(hand.IntendedTap(float(v), 0.06, 0.15, 0.25, 0.1) for v in speeds)
+    depth = float(pressing_depth(surface, operator, 0.3 * operator.force_n))
+    normal, times = hand.tap_path(taps, 0.4, depth, stay=False)
+    n = len(normal)
+    path = hand.Gesture(normal + hand.tremor(operator, n, rngs[0]), np.zeros(n), np.zeros(n), times)
+    return perform(
+        path,
+        surface,
+        operator,
+        duration_s=n / hand.CONTROL_RATE,
+        fs=fs,
+        rngs=rngs,
+        sensor=sensor or Sensor(),
+        recording_id=f"{surface.name}, rising taps",
+    )
+
+
+def _plate(
+    surface: Surface, operator: Operator, duration_s: float, speed: Range, force: Range
+) -> hand.Gesture:
+    """Return the path over a plate that turns after a rest; speed and force then rise linearly."""
+    n_knots = int(np.ceil(duration_s * hand.CONTROL_RATE)) + 2
+    begin = int(_REST_S * hand.CONTROL_RATE)
+    since = np.maximum(np.arange(n_knots) - begin, 0) / hand.CONTROL_RATE
+    rising = since / since[-1]
+    velocity = 1e-3 * (speed[0] + (speed[1] - speed[0]) * rising) * np.minimum(since / _START_S, 1.0)
+    normal = -pressing_depth(surface, operator, force[0] + (force[1] - force[0]) * rising)
+    return hand.Gesture(normal, velocity, np.zeros(n_knots), strokes_s=_REST_S)

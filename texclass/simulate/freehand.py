@@ -1,0 +1,253 @@
+"""A freehand recording: quiet, taps, rest, static friction breaks, free strokes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import signal
+
+from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples, Tap
+from texclass.simulate import gesture as hand
+from texclass.simulate.operators import Operator
+from texclass.simulate.profile import synthesize_profile
+from texclass.simulate.sensor import Sensor
+from texclass.simulate.surfaces import Surface
+from texclass.simulate.tool import BRISTLE_N_M, Mechanics, Motion, move_tool, steps_per_sample
+
+Seed = int | Sequence[int]
+Generators = tuple[np.random.Generator, np.random.Generator, np.random.Generator]
+"""Of the hand and its pose, of the profile, of the electronics."""
+SHORTEST_S = {True: 3.0, False: 1.0}
+"""Least duration with and without taps."""
+_TIP_MASS_KG = 0.030
+_MODE_MASS_KG = 0.060
+_MODE_HZ = 420.0
+_TRACKER_HZ = 20.0
+
+
+def record_freehand(
+    surface: Surface,
+    operator: Operator,
+    *,
+    duration_s: float,
+    fs: float = 10_000.0,
+    seed: Seed,
+    with_taps: bool = True,
+    snr_db: float | None = None,
+    sensor: Sensor | None = None,
+    recording_id: str | None = None,
+    repetition: int | None = None,
+) -> Recording:
+    """Simulate one freehand recording; the same arguments give the same samples, whatever was made before.
+
+    Parameters
+    ----------
+    surface, operator
+        What is explored, by whom.
+    duration_s : float
+        Duration; at least 3 s with taps, 1 s without.
+    fs : float
+        Sampling rate in Hz, 1,000 to 50,000. The motion does not depend on it.
+    seed : int or sequence of int
+        Of everything that is random in this recording.
+    with_taps : bool
+        Whether the recording begins with taps (3 to 6); else the tip rests on the surface from the start.
+    snr_db : float, optional
+        Adds white noise to every axis so that the strokes' vibration stands so far above it.
+    sensor : Sensor, optional
+        The electronics; the default is an LIS344ALH-like one.
+    recording_id, repetition
+        For the record.
+
+    Returns
+    -------
+    Recording
+        Three axes in m/s^2, friction (V), normal force (N), speed (mm/s), and the true phases.
+
+    Raises
+    ------
+    ValueError
+        If duration or rate break their rule.
+    """
+    check_duration_and_rate(duration_s, fs, shortest_s=SHORTEST_S[with_taps])
+    rngs = generators(seed)
+    rng = rngs[0]
+    person = operator.redrawn(rng)
+    path = _freehand_gesture(surface, person, duration_s, with_taps, rng)
+    return perform(
+        path,
+        surface,
+        person,
+        duration_s=duration_s,
+        fs=fs,
+        rngs=rngs,
+        sensor=sensor or Sensor(),
+        snr_db=snr_db,
+        recording_id=recording_id or f"{surface.name} by {operator.name}",
+        repetition=repetition,
+    )
+
+
+def generators(seed: Seed) -> Generators:
+    """Return independent generators; motion and profile stay the same whatever the electronics draw."""
+    hand_seed, profile_seed, sensor_seed = np.random.SeedSequence(seed).spawn(3)
+    return (
+        np.random.default_rng(hand_seed),
+        np.random.default_rng(profile_seed),
+        np.random.default_rng(sensor_seed),
+    )
+
+
+def perform(
+    path: hand.Gesture,
+    surface: Surface,
+    person: Operator,
+    *,
+    duration_s: float,
+    fs: float,
+    rngs: Generators,
+    sensor: Sensor,
+    snr_db: float | None = None,
+    recording_id: str,
+    repetition: int | None = None,
+) -> Recording:
+    """Return what is recorded when the hand follows `path`; `rngs` draw pose, profile and electronics."""
+    pose_rng, profile_rng, sensor_rng = rngs
+    profile = synthesize_profile(surface, path.n_lines, profile_rng, direction_deg=person.direction_deg)
+    n_samples = round(duration_s * fs)
+    sos = sensor.analogue_filter(fs, fs * steps_per_sample(fs))
+    motion = move_tool(path, profile, mechanics(surface, person), n_samples=n_samples, fs=fs, sos=sos)
+    phases = true_phases(path, motion, surface, fs)
+    in_tool = _pose(motion.acceleration, person, fs, pose_rng)
+    noise = _noise_for(motion.acceleration, phases, snr_db)
+    acceleration = sensor.read(in_tool, fs, sensor_rng, extra_noise=noise)
+    return Recording(
+        acceleration=acceleration,
+        fs=fs,
+        unit="m/s^2",
+        recording_id=recording_id,
+        material=surface.name,
+        operator=person.name,
+        repetition=repetition,
+        friction=sensor.read_bridge(motion.grip_force, fs, sensor_rng),
+        normal_force=motion.contact_force,
+        speed=1e3 * np.abs(_tracked(motion.speed, fs)),
+        phases=phases,
+        source="simulated",
+    )
+
+
+def mechanics(surface: Surface, person: Operator) -> Mechanics:
+    """Return the constants of this hand, holding the tool on this surface."""
+    grip = person.grip_stiffness_n_m
+    return Mechanics(
+        mass=_TIP_MASS_KG,
+        stiffness=grip,
+        damping=2.0 * person.grip_damping * float(np.sqrt(grip * _TIP_MASS_KG)),
+        mode_mass=_MODE_MASS_KG,
+        mode_hz=_MODE_HZ * (grip / 700.0) ** 0.15,
+        mode_damping=0.25 * person.grip_damping,
+        hertz=surface.hertz_n_m15,
+        dissipation=surface.dissipation_s_m,
+        static_friction=surface.static_friction,
+        kinetic_friction=surface.kinetic_friction,
+        stribeck=1e-3 * surface.stribeck_mm_s,
+        body_hz=surface.body_hz,
+        body_damping=surface.body_damping,
+        body_mass=surface.body_mass_kg,
+    )
+
+
+def pressing_depth(surface: Surface, person: Operator, force_n: float | Samples) -> Samples:
+    """Return how far below the surface (m) the hand must be to press with `force_n`."""
+    return np.asarray(surface.indentation_m(force_n) + force_n / person.grip_stiffness_n_m)
+
+
+def true_phases(path: hand.Gesture, motion: Motion, surface: Surface, fs: float) -> Phases:
+    """Return the phases from the hand's intention and from what the tip felt."""
+    taps = tuple(_true_tap(round(a * fs), round(b * fs), motion, fs) for a, b in path.taps_s)
+    if path.strokes_s is None:
+        return Phases(taps=taps)
+    start = round(path.strokes_s * fs)
+    limit = surface.static_friction * max(float(motion.contact_force[start]), 0.1)
+    travelled = np.abs(np.cumsum(motion.speed[start:])) / fs
+    onset = start + int(np.argmax(travelled > 1.5 * limit / BRISTLE_N_M))
+    return Phases(taps=taps, movement=(onset, motion.speed.size), onset=onset)
+
+
+def _true_tap(start: int, stop: int, motion: Motion, fs: float) -> Tap:
+    """Impact is the first touch; the decay ends when the vibration of 5 ms stays below 3 % of its peak.
+
+    It also ends when the hand does something else.
+    """
+    impact = start + int(np.argmax(motion.contact_force[start:stop] > 0.0))
+    power = (motion.acceleration[impact:stop] ** 2).sum(axis=1)
+    n = max(round(0.005 * fs), 1)
+    envelope = np.sqrt(np.convolve(power, np.ones(n) / n)[: power.size])
+    loud = np.flatnonzero(envelope > 0.03 * np.sqrt(power.max()))
+    return Tap(start, impact, impact + int(loud[-1]) + 1)
+
+
+def _freehand_gesture(
+    surface: Surface, person: Operator, duration_s: float, with_taps: bool, rng: np.random.Generator
+) -> hand.Gesture:
+    n_knots = int(np.ceil(duration_s * hand.CONTROL_RATE)) + 2
+    force = person.force_n * np.exp(person.force_spread * hand.smooth_noise(n_knots, 1.2, rng))
+    normal = -pressing_depth(surface, person, force)
+    quiet_s = rng.uniform(0.32, 0.5)
+    times: tuple[tuple[float, float], ...] = ()
+    begin = int(quiet_s * hand.CONTROL_RATE)
+    if with_taps:
+        most = 6 if duration_s >= 5.0 else 3
+        taps = hand.draw_taps(person, int(rng.integers(3, most + 1)), rng)
+        depth = float(pressing_depth(surface, person, 0.3 * person.force_n))
+        tapping, times = hand.tap_path(taps, quiet_s, depth, stay=True)
+        begin = len(tapping) + int(rng.uniform(0.2, 0.4) * hand.CONTROL_RATE)
+        normal[: len(tapping)] = tapping
+        normal[len(tapping) : begin] = hand.least_jerk(-depth, float(normal[begin]), begin - len(tapping))
+    velocity, line = np.zeros(n_knots), np.zeros(n_knots)
+    velocity[begin:], line[begin:] = hand.draw_strokes(person, n_knots - begin, rng)
+    tremble = [hand.tremor(person, n_knots, rng) for _ in range(2)]
+    velocity += np.gradient(tremble[1]) * hand.CONTROL_RATE
+    return hand.Gesture(normal + tremble[0], velocity, line, times, begin / hand.CONTROL_RATE)
+
+
+def _pose(acceleration: Samples, person: Operator, fs: float, rng: np.random.Generator) -> Samples:
+    """Turn (normal, along, across) into the sensor's axes, gravity included; the pose drifts slowly."""
+    n_knots = int(np.ceil(len(acceleration) / fs * hand.CONTROL_RATE)) + 2
+    knots = np.arange(n_knots) / hand.CONTROL_RATE
+    time = np.arange(len(acceleration)) / fs
+    tilt = np.deg2rad(person.tilt_deg + 2.0 * hand.smooth_noise(n_knots, 0.4, rng))
+    azimuth = np.deg2rad(person.azimuth_deg + 3.0 * hand.smooth_noise(n_knots, 0.4, rng))
+    turn = [np.interp(time, knots, f(angle)) for angle in (tilt, azimuth) for f in (np.cos, np.sin)]
+    cos_tilt, sin_tilt, cos_azimuth, sin_azimuth = turn
+    normal, along, across = acceleration.T
+    normal = normal + STANDARD_GRAVITY
+    forward = cos_azimuth * along + sin_azimuth * across
+    return np.column_stack(
+        [
+            cos_tilt * forward - sin_tilt * normal,
+            cos_azimuth * across - sin_azimuth * along,
+            sin_tilt * forward + cos_tilt * normal,
+        ]
+    )
+
+
+def _tracked(speed: Samples, fs: float) -> Samples:
+    """Return the speed as a position tracker reports it, without the tip's own vibration."""
+    return np.asarray(signal.sosfiltfilt(signal.butter(2, _TRACKER_HZ, fs=fs, output="sos"), speed))
+
+
+def _noise_for(acceleration: Samples, phases: Phases, snr_db: float | None) -> float:
+    """Return the deviation of white noise per axis that leaves the strokes `snr_db` above it."""
+    if snr_db is None or phases.movement is None:
+        return 0.0
+    vibration = acceleration[slice(*phases.movement)]
+    return float(np.sqrt(vibration.var(axis=0).mean()) * 10.0 ** (-snr_db / 20.0))
+
+
+def check_duration_and_rate(duration_s: float, fs: float, *, shortest_s: float) -> None:
+    """Raise ValueError if either breaks its rule."""
+    if not (np.isfinite(duration_s) and duration_s >= shortest_s):
+        raise ValueError(f"duration_s is {duration_s}; the rule is at least {shortest_s} s")
+    if not 1_000 <= fs <= 50_000:
+        raise ValueError(f"fs is {fs}; the rule is 1,000 to 50,000 Hz")

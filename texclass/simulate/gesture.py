@@ -1,0 +1,181 @@
+"""Gestures: the path of the hand, and when it meant to do what."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from texclass.recording import Samples
+from texclass.simulate.operators import Operator
+
+CONTROL_RATE = 1000.0
+"""Knots per second of the hand's path (Hz); no hand moves faster than that resolves."""
+_TURNING_S = 0.06
+_SHORTEST_STROKE_S = 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class Gesture:
+    """Path of the hand on knots 1 / CONTROL_RATE apart, and the times of what it does.
+
+    Attributes
+    ----------
+    normal_m, normal_m_s : ndarray of shape (n_knots,)
+        Height of the hand above the place where the tip would just touch, and its velocity.
+    tangential_m_s : ndarray of shape (n_knots,)
+        Velocity along the stroke.
+    line : ndarray of shape (n_knots,)
+        Line of the profile under the tip; fractional while a stroke turns.
+    taps_s : tuple of (float, float)
+        For each tap the start of the hand's acceleration, and the time at which the hand does something else.
+    strokes_s : float or None
+        Start of the first stroke.
+    """
+
+    normal_m: Samples
+    tangential_m_s: Samples
+    line: Samples
+    taps_s: tuple[tuple[float, float], ...] = ()
+    strokes_s: float | None = None
+
+    @property
+    def normal_m_s(self) -> Samples:
+        """Velocity of the hand along the normal."""
+        return np.gradient(self.normal_m) * CONTROL_RATE
+
+    @property
+    def n_lines(self) -> int:
+        """Lines of the profile it needs."""
+        return int(np.ceil(self.line.max())) + 1
+
+
+@dataclass(frozen=True)
+class IntendedTap:
+    """One tap as the hand means it.
+
+    Attributes
+    ----------
+    speed_m_s
+        At contact.
+    approach_s, hold_s, lift_s, pause_s
+        Acceleration towards the surface, pressing, retreat, waiting for the next.
+    """
+
+    speed_m_s: float
+    approach_s: float
+    hold_s: float
+    lift_s: float
+    pause_s: float
+
+    @property
+    def height_m(self) -> float:
+        """From which it starts: the velocity rises as half a cosine from 0 to `speed_m_s`."""
+        return 0.5 * self.speed_m_s * self.approach_s
+
+
+def draw_taps(operator: Operator, n: int, rng: np.random.Generator) -> tuple[IntendedTap, ...]:
+    """Return n taps of different strength, each in the operator's rhythm."""
+    strengths = rng.permutation(np.linspace(0.55, 1.6, n)) * np.exp(0.08 * rng.standard_normal(n))
+    return tuple(
+        IntendedTap(
+            speed_m_s=1e-3 * operator.tap_speed_mm_s * float(strength),
+            approach_s=rng.uniform(0.05, 0.08),
+            hold_s=rng.uniform(0.08, 0.12),
+            lift_s=rng.uniform(0.22, 0.30),
+            pause_s=rng.uniform(0.02, 0.08),
+        )
+        for strength in strengths
+    )
+
+
+def tap_path(
+    taps: tuple[IntendedTap, ...], quiet_s: float, depth: float, *, stay: bool
+) -> tuple[Samples, tuple[tuple[float, float], ...]]:
+    """Return the hand's height while it waits and taps, and the times of the taps.
+
+    Parameters
+    ----------
+    taps : tuple of IntendedTap
+        At least one.
+    quiet_s : float
+        Time before the first.
+    depth : float
+        How far below the surface the hand goes to press after contact (m).
+    stay : bool
+        Whether the hand stays on the surface after the last tap.
+    """
+    pieces = [np.full(_knots(quiet_s), taps[0].height_m)]
+    times = []
+    for i, tap in enumerate(taps):
+        start = sum(map(len, pieces)) / CONTROL_RATE
+        pieces += [_approach(tap), _press(tap, depth), np.full(_knots(tap.hold_s), -depth)]
+        times.append((start, sum(map(len, pieces)) / CONTROL_RATE))
+        if i + 1 < len(taps) or not stay:
+            following = taps[min(i + 1, len(taps) - 1)].height_m
+            pieces += [
+                least_jerk(-depth, following, _knots(tap.lift_s)),
+                np.full(_knots(tap.pause_s), following),
+            ]
+    return np.concatenate(pieces), tuple(times)
+
+
+def draw_strokes(operator: Operator, n_knots: int, rng: np.random.Generator) -> tuple[Samples, Samples]:
+    """Return tangential velocity (m/s) and line of back-and-forth strokes that fill `n_knots`.
+
+    A stroke's speed is half a sine, modulated by some tens of per cent; strokes differ in speed and length.
+    """
+    velocity, line = np.zeros(n_knots), np.zeros(n_knots)
+    start, stroke, sign = 0, 0, rng.choice([-1.0, 1.0])
+    while start < n_knots:
+        length = 1e-3 * operator.stroke_mm * np.exp(0.2 * rng.standard_normal())
+        speed = 1e-3 * operator.speed_mm_s * np.exp(operator.speed_spread * rng.standard_normal())
+        n = _knots(max(length / speed, _SHORTEST_STROKE_S))
+        tau = np.arange(n) / n
+        stop = min(start + n, n_knots)
+        velocity[start:stop] = (sign * speed * 0.5 * np.pi * np.sin(np.pi * tau))[: stop - start]
+        seconds_to_turn = (np.arange(n_knots) - (start + n)) / CONTROL_RATE
+        line += np.clip(seconds_to_turn / _TURNING_S + 0.5, 0.0, 1.0)
+        start, stroke, sign = start + n, stroke + 1, -sign
+    return velocity * np.exp(0.12 * smooth_noise(n_knots, 2.5, rng)), line
+
+
+def smooth_noise(n_knots: int, cutoff_hz: float, rng: np.random.Generator) -> Samples:
+    """Return noise of about unit deviation with content up to about `cutoff_hz`."""
+    n = int(np.ceil(n_knots / CONTROL_RATE * 2 * cutoff_hz)) + 4
+    support = (np.arange(n) - 1.5) / (2 * cutoff_hz)
+    noise = np.clip(rng.standard_normal(n), -2.5, 2.5)
+    return np.asarray(CubicSpline(support, noise)(np.arange(n_knots) / CONTROL_RATE))
+
+
+def tremor(operator: Operator, n_knots: int, rng: np.random.Generator) -> Samples:
+    """Return the displacement of the trembling hand (m): a few close lines about the centre frequency."""
+    time = np.arange(n_knots) / CONTROL_RATE
+    omega = 2 * np.pi * (operator.tremor_hz + np.linspace(-1.0, 1.0, 4) + 0.2 * rng.standard_normal(4))
+    phase = rng.uniform(0, 2 * np.pi, 4)
+    lines = (np.sin(w * time + p) / w**2 for w, p in zip(omega, phase, strict=True))
+    return np.asarray(operator.tremor_m_s2 / np.sqrt(2) * sum(lines))
+
+
+def _knots(seconds: float) -> int:
+    return max(round(seconds * CONTROL_RATE), 1)
+
+
+def _tau(seconds: float) -> Samples:
+    n = _knots(seconds)
+    return np.arange(n) / n
+
+
+def _approach(tap: IntendedTap) -> Samples:
+    tau = _tau(tap.approach_s)
+    return tap.height_m * (1.0 - tau + np.sin(np.pi * tau) / np.pi)
+
+
+def _press(tap: IntendedTap, depth: float) -> Samples:
+    tau = _tau(2.0 * depth / tap.speed_m_s)
+    return np.asarray(-depth * (tau + np.sin(np.pi * tau) / np.pi))
+
+
+def least_jerk(low: float, high: float, n_knots: int) -> Samples:
+    """Return the path of least jerk from `low` to `high`."""
+    tau = np.arange(n_knots) / n_knots
+    return low + (high - low) * tau**3 * (10.0 - 15.0 * tau + 6.0 * tau**2)

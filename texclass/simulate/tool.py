@@ -1,0 +1,236 @@
+"""The tool in the hand: contact, friction and one structural mode, stepped in time.
+
+The tip (mass m) hangs on the hand's spring and damper along the normal (z) and along the stroke (x):
+
+    m z'' = F + k (z_hand - z) + c (z_hand' - z')
+    m x'' = T + k (x_hand - x) + c (x_hand' - x')
+    q'' + 2 zeta w q' + w^2 q = (F + T) / m_mode          the shaft bends
+    b'' + 2 zeta_b w_b b' + w_b^2 b = -F / m_body         the explored object gives way and rings
+    F = K d^1.5 (1 + D d'),  d = h(x) + b - z             Hertz, with the dissipation of Hunt and Crossley
+    T = -LuGre friction(x', F) - s F h'(x)                Stribeck's curve; slopes push back
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from texclass.recording import Samples
+from texclass.simulate.gesture import CONTROL_RATE, Gesture
+from texclass.simulate.profile import Profile
+
+BRISTLE_N_M = 2.0e4
+"""Stiffness of the contact along the stroke before it slides (N/m)."""
+BRISTLE_DAMPING = 0.3
+"""Its damping ratio."""
+ASPERITY_SLOPE = 3.0
+"""How much steeper the crests that touch the tip are than the smoothed profile its ball follows (s above)."""
+INTERNAL_RATE = 40_000.0
+"""Least rate of the time steps, Hz; also at least four steps per sample."""
+_Z, _VZ, _X, _VX, _Q, _VQ, _B, _VB, _BRISTLE, _Z_HAND, _X_HAND = range(11)
+
+
+class Mechanics(NamedTuple):
+    """Constants of tool, hand, contact and object in SI units."""
+
+    mass: float
+    stiffness: float
+    damping: float
+    mode_mass: float
+    mode_hz: float
+    mode_damping: float
+    hertz: float
+    dissipation: float
+    static_friction: float
+    kinetic_friction: float
+    stribeck: float
+    body_hz: float
+    body_damping: float
+    body_mass: float
+
+
+class Motion(NamedTuple):
+    """What happened at the tool, one row per sample.
+
+    Attributes
+    ----------
+    acceleration : ndarray of shape (n, 3)
+        Along the normal, along the stroke, and across, behind the analogue filter (m/s^2, no gravity).
+    contact_force, grip_force : ndarray of shape (n,)
+        Normal force of the contact, lateral force of the hand: mean over the sample (N).
+    speed : ndarray of shape (n,)
+        Of the tip along the stroke, signed: mean over the sample (m/s).
+    """
+
+    acceleration: Samples
+    contact_force: Samples
+    grip_force: Samples
+    speed: Samples
+
+
+def steps_per_sample(fs: float) -> int:
+    """Return how many time steps one sample at `fs` takes."""
+    return max(4, int(np.ceil(INTERNAL_RATE / fs - 1e-9)))
+
+
+def move_tool(
+    gesture: Gesture, profile: Profile, mechanics: Mechanics, *, n_samples: int, fs: float, sos: Samples
+) -> Motion:
+    """Let the hand carry the tool through `gesture` over `profile`.
+
+    Parameters
+    ----------
+    gesture : Gesture
+        Path of the hand.
+    profile : Profile
+        Heights under the tip.
+    mechanics : Mechanics
+        Constants.
+    n_samples : int
+        Length of the result.
+    fs : float
+        Its sampling rate in Hz.
+    sos : ndarray of shape (n_sections, 6)
+        Analogue filter in front of the converter, designed at `fs * steps_per_sample(fs)`.
+    """
+    acceleration = np.empty((n_samples, 3))
+    other = np.empty((n_samples, 3))
+    path = np.column_stack([gesture.normal_m_s, gesture.tangential_m_s, gesture.line])
+    surface = (profile.heights_m, profile.step_m)
+    n_substeps = steps_per_sample(fs)
+    _run(
+        mechanics,
+        (path, float(gesture.normal_m[0]), surface),
+        np.ascontiguousarray(sos),
+        (n_substeps, 1.0 / (fs * n_substeps)),
+        (acceleration, other),
+    )
+    return Motion(acceleration, *other.T)
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def _height_and_slope(row, step, x):  # type: ignore[no-untyped-def]
+    """Catmull-Rom interpolation: smooth enough that the grid is not heard as a line at speed over step."""
+    last = row.shape[0] - 1  # the number of points is a power of two: "& last" wraps
+    position = x / step
+    whole = np.floor(position)
+    t = position - whole
+    i = int(whole)
+    before, at, after, beyond = row[(i - 1) & last], row[i & last], row[(i + 1) & last], row[(i + 2) & last]
+    b = 0.5 * (after - before)
+    c = before - 2.5 * at + 2.0 * after - 0.5 * beyond
+    d = 1.5 * (at - after) + 0.5 * (beyond - before)
+    return at + t * (b + t * (c + t * d)), (b + t * (2.0 * c + 3.0 * d * t)) / step
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def _under_tip(heights, step, x, line):  # type: ignore[no-untyped-def]
+    """Height and slope between two lines (`line` is fractional only while the stroke turns)."""
+    first = int(line)
+    weight = line - first
+    h, slope = _height_and_slope(heights[first], step, x)
+    if weight > 0.0:
+        h_next, slope_next = _height_and_slope(heights[first + 1], step, x)
+        h += weight * (h_next - h)
+        slope += weight * (slope_next - slope)
+    return h, slope
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def _contact_force(p, depth, rate):  # type: ignore[no-untyped-def]
+    if depth <= 0.0:
+        return 0.0
+    return p.hertz * depth * np.sqrt(depth) * min(max(1.0 + p.dissipation * rate, 0.0), 4.0)
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def _friction(p, force, speed, bristle, dt):  # type: ignore[no-untyped-def]
+    """One implicit step of s' = v - BRISTLE_N_M |v| s / g(v), which no step length makes unstable."""
+    if force <= 0.0:
+        return 0.0, 0.0
+    extra = (p.static_friction - p.kinetic_friction) * np.exp(-((speed / p.stribeck) ** 2))
+    limit = (p.kinetic_friction + extra) * force
+    moved = (bristle + speed * dt) / (1.0 + BRISTLE_N_M * abs(speed) * dt / limit)
+    damping = 2.0 * BRISTLE_DAMPING * np.sqrt(BRISTLE_N_M * p.mass)
+    return BRISTLE_N_M * moved + damping * (moved - bristle) / dt, moved
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def _ring(p, state, force, lateral, dt):  # type: ignore[no-untyped-def]
+    """One step of the modes of the shaft and of the object; return the shaft's acceleration."""
+    w_q, w_b = 2.0 * np.pi * p.mode_hz, 2.0 * np.pi * p.body_hz
+    aq = (force + lateral) / p.mode_mass - 2.0 * p.mode_damping * w_q * state[_VQ] - w_q * w_q * state[_Q]
+    ab = -force / p.body_mass - 2.0 * p.body_damping * w_b * state[_VB] - w_b * w_b * state[_B]
+    state[_VQ] += aq * dt
+    state[_VB] += ab * dt
+    state[_Q] += state[_VQ] * dt
+    state[_B] += state[_VB] * dt
+    return aq
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def _advance(p, state, hand, surface, dt):  # type: ignore[no-untyped-def]
+    """One step (semi-implicit Euler); return accelerations along z, x, q, and contact and grip force."""
+    v_hand_z, v_hand_x, line = hand
+    heights, grid = surface
+    state[_Z_HAND] += v_hand_z * dt
+    state[_X_HAND] += v_hand_x * dt
+    h, slope = _under_tip(heights, grid, state[_X], line)
+    depth = h + state[_B] - state[_Z]
+    force = _contact_force(p, depth, slope * state[_VX] + state[_VB] - state[_VZ])
+    friction, state[_BRISTLE] = _friction(p, force, state[_VX], state[_BRISTLE], dt)
+    lateral = -friction - force * min(max(ASPERITY_SLOPE * slope, -1.0), 1.0)
+    lift = p.stiffness * (state[_Z_HAND] - state[_Z]) + p.damping * (v_hand_z - state[_VZ])
+    grip = p.stiffness * (state[_X_HAND] - state[_X]) + p.damping * (v_hand_x - state[_VX])
+    az, ax = (force + lift) / p.mass, (lateral + grip) / p.mass
+    aq = _ring(p, state, force, lateral, dt)
+    state[_VZ] += az * dt
+    state[_VX] += ax * dt
+    state[_Z] += state[_VZ] * dt
+    state[_X] += state[_VX] * dt
+    return az, ax, aq, force, grip
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def _hand_at(path, knot_time):  # type: ignore[no-untyped-def]
+    """Velocities and line of the hand, linear between knots."""
+    knot = min(int(knot_time), path.shape[0] - 2)
+    w = knot_time - knot
+    now, then = path[knot], path[knot + 1]
+    return now[0] + w * (then[0] - now[0]), now[1] + w * (then[1] - now[1]), now[2] + w * (then[2] - now[2])
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def _filter(sos, memory, channel, value):  # type: ignore[no-untyped-def]
+    """Second-order sections, transposed direct form II."""
+    for s in range(sos.shape[0]):
+        out = sos[s, 0] * value + memory[s, channel, 0]
+        memory[s, channel, 0] = sos[s, 1] * value - sos[s, 4] * out + memory[s, channel, 1]
+        memory[s, channel, 1] = sos[s, 2] * value - sos[s, 5] * out
+        value = out
+    return value
+
+
+@njit(cache=True, error_model="numpy")
+def _run(p, drive, sos, clock, out):  # type: ignore[no-untyped-def]
+    path, height, surface = drive
+    n_substeps, dt = clock
+    acceleration, other = out
+    memory = np.zeros((sos.shape[0], 3, 2))
+    state = np.zeros(11)
+    state[_Z] = state[_Z_HAND] = height + _under_tip(surface[0], surface[1], 0.0, path[0, 2])[0]
+    state[_VZ], state[_VX] = path[0, 0], path[0, 1]
+    other[:] = 0.0
+    k = 0
+    for i in range(acceleration.shape[0]):
+        row, sums = acceleration[i], other[i]
+        for _ in range(n_substeps):
+            hand = _hand_at(path, k * dt * CONTROL_RATE)
+            az, ax, aq, force, grip = _advance(p, state, hand, surface, dt)
+            row[0] = _filter(sos, memory, 0, az + 0.4 * aq)
+            row[1] = _filter(sos, memory, 1, ax + 0.6 * aq)
+            row[2] = _filter(sos, memory, 2, 0.4 * aq + 0.1 * az)
+            sums[0] += force / n_substeps
+            sums[1] += grip / n_substeps
+            sums[2] += state[_VX] / n_substeps
+            k += 1
