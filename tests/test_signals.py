@@ -19,6 +19,7 @@ from texclass.signals import (
     highpass_fir,
     lowpass,
     moving_average,
+    remove_hand_motion,
     rms,
     zero_phase,
 )
@@ -251,3 +252,16 @@ def test_frame_names_what_cannot_be_framed(length, hop):
 
 def test_rms_counts_every_sample_of_every_axis():
     assert_allclose(rms([[3.0, -4.0], [4.0, 3.0]]), np.sqrt(50 / 4))
+
+
+@pytest.mark.parametrize(("frequency", "passed"), [(1.0, 0.065), (2.5, 0.363), (5.0, 1.0), (80.0, 1.0)])
+def test_hand_motion_is_removed_as_its_equation_says(frequency, passed):
+    time = np.arange(4 * int(FS)) / FS
+    middle = slice(int(FS), 3 * int(FS))
+    out = remove_hand_motion(np.sin(2 * np.pi * frequency * time) + 9.81, FS)
+    assert_allclose(np.sqrt(2) * rms(out[middle]), passed, atol=0.01)
+
+
+def test_hand_motion_of_a_short_or_slow_signal_is_defined():
+    assert remove_hand_motion(np.arange(3.0), 100.0).shape == (3,)
+    assert_allclose(remove_hand_motion(np.full(50, 7.0), 1.0), 0.0, atol=1e-12)

@@ -1,7 +1,7 @@
-"""Is the simulation like the real thing: level, spectral slope, kurtosis and envelope modulation of the movement.
+"""Is the simulation like the real thing: level, slope, kurtosis and envelope modulation of the movement.
 
-Run `python tests/benchmarks/realism_study.py`; it writes `reports/realism.{md,json,png}`. The real recordings are
-looked for under `$TEXCLASS_DATA` (else `../shared/data`).
+Run `python tests/benchmarks/realism_study.py`; it writes `reports/realism.{md,json,png}`. The real recordings
+are looked for under `$TEXCLASS_DATA` (else `../shared/data`).
 """
 
 import json
@@ -101,7 +101,8 @@ def verdicts(values: pd.DataFrame) -> list[str]:
             share = float(y.between(low, high).mean())
             lines.append(
                 f"- {label}, {name}: {share:.0%} of {y.size} recordings lie in the simulation's 5-95 % range "
-                f"[{low:.3g}, {high:.3g}]; medians {y.median():.3g} (real) and {simulated[column].median():.3g}."
+                f"[{low:.3g}, {high:.3g}]; "
+                f"medians {y.median():.3g} (real) and {simulated[column].median():.3g}."
             )
     return lines
 

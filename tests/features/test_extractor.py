@@ -10,7 +10,7 @@ from texclass.features.extractor import FeatureExtractor
 from texclass.features.sets import FeatureSet, Member, load_feature_set
 from texclass.features.views import channels_apart, views_of
 from texclass.recording import Phases, Recording, Tap
-from texclass.signals import combine
+from texclass.signals import combine, remove_hand_motion
 
 FS = 1000.0
 
@@ -65,10 +65,11 @@ def test_undefined_values_are_nan_with_recording_feature_and_reason():
     assert (found.ms > 0).all()
 
 
-def test_movement_is_the_combined_movement_without_mean():
+def test_movement_is_the_combined_movement_without_the_hand():
     recording = exploration()
     value = FeatureExtractor(TOY).fit_transform([recording])[0, 0]
-    assert value == pytest.approx(rms_of(combine(recording.acceleration[400:])), rel=1e-12)
+    movement = remove_hand_motion(combine(recording.acceleration[400:]), recording.fs)
+    assert value == pytest.approx(rms_of(movement), rel=1e-12)
 
 
 def rms_of(signal):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from texclass.signals import bandpass
 from texclass.simulate import Grating, Sensor, operator_catalogue, record_freehand, surface_catalogue
 from texclass.simulate.freehand import generators, perform
 from texclass.simulate.gesture import Gesture
@@ -86,10 +87,12 @@ def test_onset_is_where_the_tip_starts_to_slide(recordings):
         assert np.median(recording.speed[begin:]) > 20.0
 
 
-def test_strokes_turn_with_speed_through_zero_and_force_varies():
+def test_strokes_slow_down_at_their_ends_and_turn_back_and_force_varies():
     recording = record(duration_s=10.0)
     slide = slice(*recording.phases.movement)
-    assert (recording.speed[slide] < 5.0).any()
+    turns = np.flatnonzero(np.diff(np.sign(recording.friction[slide])))
+    assert turns.size >= 6
+    assert np.median(recording.speed[slide][turns]) < 0.7 * np.median(recording.speed[slide])
     assert np.ptp(recording.friction[slide]) > 2 * abs(recording.friction[slide]).mean()
     assert recording.normal_force[slide].mean() == pytest.approx(OPERATORS[0].force_n, rel=0.5)
 
@@ -217,3 +220,15 @@ def test_grating_is_felt_in_freehand_strokes_as_amplitude_that_follows_speed():
     fast = recording.speed[slide] > np.percentile(recording.speed[slide], 75)
     slow = recording.speed[slide] < np.percentile(recording.speed[slide], 25)
     assert level(x[slide][fast]) > 2 * level(x[slide][slow])
+
+
+def test_going_around_the_ends_of_strokes_spares_the_hand_the_jerk_of_stopping_dead():
+    smooth = replace(PLAIN, rms_um=0.01)
+
+    def low_frequency_level(roundness):
+        recording = record(smooth, replace(OPERATORS[0], roundness=roundness), 8.0, with_taps=False)
+        slow = bandpass(recording.acceleration, (10.0, 60.0), recording.fs)
+        # Without the break of static friction, and without the filter's end.
+        return level(slow[recording.phases.onset + round(recording.fs) : -2000])
+
+    assert low_frequency_level(0.3) < 0.5 * low_frequency_level(0.0)

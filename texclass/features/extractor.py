@@ -16,7 +16,6 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from texclass.features.sets import FeatureSet, load_feature_set
 from texclass.features.views import Channels, channels_apart, views_of
-from texclass.loaders.dataset import Dataset
 from texclass.recording import Phases, Recording, Samples
 
 
@@ -222,9 +221,9 @@ def _holds_recordings(X: Any) -> bool:
     return isinstance(X[0], Recording)
 
 
-def _loads(recordings: Sequence[Recording]) -> Iterator[Callable[[], Recording]]:
-    """Yield one call a recording; those of a dataset load in the process that computes them."""
-    if isinstance(recordings, Dataset):
+def _loads(recordings: Any) -> Iterator[Callable[[], Recording]]:
+    """Yield one call a recording; those of a lazy dataset load in the process that computes them."""
+    if hasattr(recordings, "entries"):
         return (partial(recordings.load, entry) for entry in recordings.entries)
     return (partial(_same, recording) for recording in recordings)
 

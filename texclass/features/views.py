@@ -11,7 +11,7 @@ from texclass.features.contract import Phase, UndefinedFeatureError
 from texclass.features.view import PhaseView, TapSignal, TapView
 from texclass.phases import segment
 from texclass.recording import Phases, Recording, Samples
-from texclass.signals import combine
+from texclass.signals import combine, remove_hand_motion
 
 Channels = Literal["combine", "each", "auto"]
 
@@ -52,10 +52,11 @@ class Views:
 
     @cached_property
     def movement(self) -> PhaseView:
-        """Acceleration during the movement, mean removed."""
+        """Acceleration during the movement, without gravity and the path of the hand."""
         if self.phases.movement is None:
             raise UndefinedFeatureError("no movement found")
-        return PhaseView(combine(self._axes(*self.phases.movement)), self.recording.fs)
+        vibration = remove_hand_motion(combine(self._axes(*self.phases.movement)), self.recording.fs)
+        return PhaseView(vibration, self.recording.fs)
 
     @cached_property
     def tap(self) -> TapView:

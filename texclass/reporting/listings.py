@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def dataset_table() -> "Table":
-    """Return the shipped dataset cards: name, what it is, rate, whether its recordings are on this machine."""
+    """Return the shipped dataset cards: name, title, rate, and whether it is on this machine."""
     cards = [read_card(name) for name in shipped.names("datasets")]
     return _table(
         ("dataset", "what it is", "rate", "here"),

@@ -130,7 +130,7 @@ def perform(
         repetition=repetition,
         friction=sensor.read_bridge(motion.grip_force, fs, sensor_rng),
         normal_force=motion.contact_force,
-        speed=1e3 * np.abs(_tracked(motion.speed, fs)),
+        speed=1e3 * _tracked_speed(motion.speed, path, fs),
         phases=phases,
         source="simulated",
     )
@@ -204,11 +204,11 @@ def _freehand_gesture(
         begin = len(tapping) + int(rng.uniform(0.2, 0.4) * hand.CONTROL_RATE)
         normal[: len(tapping)] = tapping
         normal[len(tapping) : begin] = hand.least_jerk(-depth, float(normal[begin]), begin - len(tapping))
-    velocity, line = np.zeros(n_knots), np.zeros(n_knots)
-    velocity[begin:], line[begin:] = hand.draw_strokes(person, n_knots - begin, rng)
+    velocity, lateral, line = np.zeros(n_knots), np.zeros(n_knots), np.zeros(n_knots)
+    velocity[begin:], lateral[begin:], line[begin:] = hand.draw_strokes(person, n_knots - begin, rng)
     tremble = [hand.tremor(person, n_knots, rng) for _ in range(2)]
     velocity += np.gradient(tremble[1]) * hand.CONTROL_RATE
-    return hand.Gesture(normal + tremble[0], velocity, line, times, begin / hand.CONTROL_RATE)
+    return hand.Gesture(normal + tremble[0], velocity, line, times, begin / hand.CONTROL_RATE, lateral)
 
 
 def _pose(acceleration: Samples, person: Operator, fs: float, rng: np.random.Generator) -> Samples:
@@ -232,9 +232,14 @@ def _pose(acceleration: Samples, person: Operator, fs: float, rng: np.random.Gen
     )
 
 
-def _tracked(speed: Samples, fs: float) -> Samples:
-    """Return the speed as a position tracker reports it, without the tip's own vibration."""
-    return np.asarray(signal.sosfiltfilt(signal.butter(2, _TRACKER_HZ, fs=fs, output="sos"), speed))
+def _tracked_speed(along: Samples, path: hand.Gesture, fs: float) -> Samples:
+    """Return the speed (m/s) as a position tracker reports it, without the tip's own vibration."""
+    tracked = signal.sosfiltfilt(signal.butter(2, _TRACKER_HZ, fs=fs, output="sos"), along)
+    if path.lateral_m_s is None:
+        return np.abs(tracked)
+    time = np.arange(along.size) / fs
+    across = np.interp(time, np.arange(path.lateral_m_s.size) / hand.CONTROL_RATE, path.lateral_m_s)
+    return np.hypot(tracked, across)
 
 
 def _noise_for(acceleration: Samples, phases: Phases, snr_db: float | None) -> float:

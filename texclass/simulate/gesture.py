@@ -30,6 +30,8 @@ class Gesture:
         For each tap the start of the hand's acceleration, and the time at which the hand does something else.
     strokes_s : float or None
         Start of the first stroke.
+    lateral_m_s : ndarray of shape (n_knots,) or None
+        Velocity across the stroke, which carries the tip around the turns; None for straight strokes.
     """
 
     normal_m: Samples
@@ -37,6 +39,7 @@ class Gesture:
     line: Samples
     taps_s: tuple[tuple[float, float], ...] = ()
     strokes_s: float | None = None
+    lateral_m_s: Samples | None = None
 
     @property
     def normal_m_s(self) -> Samples:
@@ -119,12 +122,15 @@ def tap_path(
     return np.concatenate(pieces), tuple(times)
 
 
-def draw_strokes(operator: Operator, n_knots: int, rng: np.random.Generator) -> tuple[Samples, Samples]:
-    """Return tangential velocity (m/s) and line of back-and-forth strokes that fill `n_knots`.
+def draw_strokes(
+    operator: Operator, n_knots: int, rng: np.random.Generator
+) -> tuple[Samples, Samples, Samples]:
+    """Return velocity along and across (m/s) and line of back-and-forth strokes that fill `n_knots`.
 
     A stroke's speed is half a sine, modulated by some tens of per cent; strokes differ in speed and length.
+    Its ends are round: the hand does not stop there but goes around, `operator.roundness` as fast as along.
     """
-    velocity, line = np.zeros(n_knots), np.zeros(n_knots)
+    velocity, lateral, line = np.zeros(n_knots), np.zeros(n_knots), np.zeros(n_knots)
     start, stroke, sign = 0, 0, rng.choice([-1.0, 1.0])
     while start < n_knots:
         length = 1e-3 * operator.stroke_mm * np.exp(0.2 * rng.standard_normal())
@@ -132,11 +138,15 @@ def draw_strokes(operator: Operator, n_knots: int, rng: np.random.Generator) -> 
         n = _knots(max(length / speed, _SHORTEST_STROKE_S))
         tau = np.arange(n) / n
         stop = min(start + n, n_knots)
-        velocity[start:stop] = (sign * speed * 0.5 * np.pi * np.sin(np.pi * tau))[: stop - start]
+        peak = sign * speed * 0.5 * np.pi
+        around = np.cos(np.pi * tau) if stroke else np.minimum(np.cos(np.pi * tau), 0.0)  # begins from rest
+        velocity[start:stop] = (peak * np.sin(np.pi * tau))[: stop - start]
+        lateral[start:stop] = (operator.roundness * peak * around)[: stop - start]
         seconds_to_turn = (np.arange(n_knots) - (start + n)) / CONTROL_RATE
         line += np.clip(seconds_to_turn / _TURNING_S + 0.5, 0.0, 1.0)
         start, stroke, sign = start + n, stroke + 1, -sign
-    return velocity * np.exp(0.12 * smooth_noise(n_knots, 2.5, rng)), line
+    unsteady = np.exp(0.12 * smooth_noise(n_knots, 2.5, rng))
+    return velocity * unsteady, lateral * unsteady, line
 
 
 def smooth_noise(n_knots: int, cutoff_hz: float, rng: np.random.Generator) -> Samples:

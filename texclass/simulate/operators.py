@@ -19,6 +19,8 @@ class Operator:
         Typical normal force while stroking.
     stroke_mm
         Typical length of a stroke.
+    roundness
+        Speed around the end of a stroke over the speed in its middle: 0 stops dead, 1 draws circles.
     speed_spread, force_spread
         Deviation of the logarithm of speed (stroke to stroke) and force (all the time) within a recording.
     grip_stiffness_n_m, grip_damping
@@ -37,6 +39,7 @@ class Operator:
     speed_mm_s: float
     force_n: float
     stroke_mm: float
+    roundness: float
     speed_spread: float
     force_spread: float
     grip_stiffness_n_m: float
@@ -92,6 +95,7 @@ def _operator(index: int, rng: np.random.Generator) -> Operator:
         speed_mm_s=around(110.0, 0.18),
         force_n=around(1.0, 0.18),
         stroke_mm=around(65.0, 0.25),
+        roundness=rng.uniform(0.15, 0.45),
         speed_spread=rng.uniform(0.15, 0.35),
         force_spread=rng.uniform(0.12, 0.30),
         grip_stiffness_n_m=around(700.0, 0.25),

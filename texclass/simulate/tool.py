@@ -8,6 +8,9 @@ The tip (mass m) hangs on the hand's spring and damper along the normal (z) and 
     b'' + 2 zeta_b w_b b' + w_b^2 b = -F / m_body         the explored object gives way and rings
     F = K d^1.5 (1 + D d'),  d = h(x) + b - z             Hertz, with the dissipation of Hunt and Crossley
     T = -LuGre friction(x', F) - s F h'(x)                Stribeck's curve; slopes push back
+
+Friction acts against the whole velocity in the plane: while the hand goes around at the end of a stroke, the
+part of it along x turns over smoothly.
 """
 
 from typing import NamedTuple
@@ -95,7 +98,8 @@ def move_tool(
     """
     acceleration = np.empty((n_samples, 3))
     other = np.empty((n_samples, 3))
-    path = np.column_stack([gesture.normal_m_s, gesture.tangential_m_s, gesture.line])
+    across = np.zeros_like(gesture.line) if gesture.lateral_m_s is None else gesture.lateral_m_s
+    path = np.column_stack([gesture.normal_m_s, gesture.tangential_m_s, across, gesture.line])
     surface = (profile.heights_m, profile.step_m)
     n_substeps = steps_per_sample(fs)
     _run(
@@ -144,13 +148,14 @@ def _contact_force(p, depth, rate):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _friction(p, force, speed, bristle, dt):  # type: ignore[no-untyped-def]
-    """One implicit step of s' = v - BRISTLE_N_M |v| s / g(v), which no step length makes unstable."""
+def _friction(p, force, along, across, bristle, dt):  # type: ignore[no-untyped-def]
+    """One implicit step of s' = v_x - BRISTLE_N_M |v| s / g(|v|), which no step length makes unstable."""
     if force <= 0.0:
         return 0.0, 0.0
+    speed = np.sqrt(along * along + across * across)
     extra = (p.static_friction - p.kinetic_friction) * np.exp(-((speed / p.stribeck) ** 2))
     limit = (p.kinetic_friction + extra) * force
-    moved = (bristle + speed * dt) / (1.0 + BRISTLE_N_M * abs(speed) * dt / limit)
+    moved = (bristle + along * dt) / (1.0 + BRISTLE_N_M * speed * dt / limit)
     damping = 2.0 * BRISTLE_DAMPING * np.sqrt(BRISTLE_N_M * p.mass)
     return BRISTLE_N_M * moved + damping * (moved - bristle) / dt, moved
 
@@ -171,14 +176,14 @@ def _ring(p, state, force, lateral, dt):  # type: ignore[no-untyped-def]
 @njit(cache=True, inline="always", error_model="numpy")
 def _advance(p, state, hand, surface, dt):  # type: ignore[no-untyped-def]
     """One step (semi-implicit Euler); return accelerations along z, x, q, and contact and grip force."""
-    v_hand_z, v_hand_x, line = hand
+    v_hand_z, v_hand_x, v_across, line = hand
     heights, grid = surface
     state[_Z_HAND] += v_hand_z * dt
     state[_X_HAND] += v_hand_x * dt
     h, slope = _under_tip(heights, grid, state[_X], line)
     depth = h + state[_B] - state[_Z]
     force = _contact_force(p, depth, slope * state[_VX] + state[_VB] - state[_VZ])
-    friction, state[_BRISTLE] = _friction(p, force, state[_VX], state[_BRISTLE], dt)
+    friction, state[_BRISTLE] = _friction(p, force, state[_VX], v_across, state[_BRISTLE], dt)
     lateral = -friction - force * min(max(ASPERITY_SLOPE * slope, -1.0), 1.0)
     lift = p.stiffness * (state[_Z_HAND] - state[_Z]) + p.damping * (v_hand_z - state[_VZ])
     grip = p.stiffness * (state[_X_HAND] - state[_X]) + p.damping * (v_hand_x - state[_VX])
@@ -197,7 +202,12 @@ def _hand_at(path, knot_time):  # type: ignore[no-untyped-def]
     knot = min(int(knot_time), path.shape[0] - 2)
     w = knot_time - knot
     now, then = path[knot], path[knot + 1]
-    return now[0] + w * (then[0] - now[0]), now[1] + w * (then[1] - now[1]), now[2] + w * (then[2] - now[2])
+    return (
+        now[0] + w * (then[0] - now[0]),
+        now[1] + w * (then[1] - now[1]),
+        now[2] + w * (then[2] - now[2]),
+        now[3] + w * (then[3] - now[3]),
+    )
 
 
 @njit(cache=True, inline="always", error_model="numpy")
@@ -218,7 +228,7 @@ def _run(p, drive, sos, clock, out):  # type: ignore[no-untyped-def]
     acceleration, other = out
     memory = np.zeros((sos.shape[0], 3, 2))
     state = np.zeros(11)
-    state[_Z] = state[_Z_HAND] = height + _under_tip(surface[0], surface[1], 0.0, path[0, 2])[0]
+    state[_Z] = state[_Z_HAND] = height + _under_tip(surface[0], surface[1], 0.0, path[0, 3])[0]
     state[_VZ], state[_VX] = path[0, 0], path[0, 1]
     other[:] = 0.0
     k = 0
