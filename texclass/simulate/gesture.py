@@ -133,8 +133,8 @@ def draw_strokes(
     velocity, lateral, line = np.zeros(n_knots), np.zeros(n_knots), np.zeros(n_knots)
     start, stroke, sign = 0, 0, rng.choice([-1.0, 1.0])
     while start < n_knots:
-        length = 1e-3 * operator.stroke_mm * np.exp(0.2 * rng.standard_normal())
-        speed = 1e-3 * operator.speed_mm_s * np.exp(operator.speed_spread * rng.standard_normal())
+        length = 1e-3 * operator.stroke_mm * _factor(0.2, rng)
+        speed = 1e-3 * operator.speed_mm_s * _factor(operator.speed_spread, rng)
         n = _knots(max(length / speed, _SHORTEST_STROKE_S))
         tau = np.arange(n) / n
         stop = min(start + n, n_knots)
@@ -164,6 +164,11 @@ def tremor(operator: Operator, n_knots: int, rng: np.random.Generator) -> Sample
     phase = rng.uniform(0, 2 * np.pi, 4)
     lines = (np.sin(w * time + p) / w**2 for w, p in zip(omega, phase, strict=True))
     return np.asarray(operator.tremor_m_s2 / np.sqrt(2) * sum(lines))
+
+
+def _factor(spread: float, rng: np.random.Generator) -> float:
+    """Return a log-normal factor about 1; nobody strays by more than two deviations from a habit."""
+    return float(np.exp(spread * np.clip(rng.standard_normal(), -2.0, 2.0)))
 
 
 def _knots(seconds: float) -> int:
