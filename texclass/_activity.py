@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from texclass.filters import butterworth, causal
 from texclass.recording import Recording, Samples
-from texclass.signals import butterworth, causal
 
 TRACK_RATE_HZ = 10_000.0
 """Faster recordings are averaged down to about this rate before they are searched."""

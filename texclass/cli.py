@@ -176,7 +176,8 @@ def inspect(
 
     recording = load_recording(file, fs=fs, unit=unit)
     phases = segment(recording)
-    extraction = FeatureExtractor(features).extract([recording.with_(phases=phases)])
+    declared = [recording.with_(phases=phases)]
+    extraction = FeatureExtractor(features).fit(declared).extract(declared)
     values = dict(zip(extraction.columns, extraction.values[0], strict=True))
     path = out or Path(f"{file.stem}.inspect.png")
     draw_inspection(recording, phases, values, path)

@@ -11,8 +11,8 @@ from texclass.features.related import (
     wavelet_energy,
 )
 from texclass.features.view import PhaseView
+from texclass.filters import highpass_fir
 from texclass.recording import Samples
-from texclass.signals import highpass_fir
 
 FS = 10_000.0
 

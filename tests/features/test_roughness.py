@@ -12,8 +12,8 @@ from texclass.features.roughness import (
     temporal_roughness_as_printed,
 )
 from texclass.features.view import PhaseView
+from texclass.filters import highpass_fir
 from texclass.recording import Samples
-from texclass.signals import highpass_fir
 
 FS = 10_000.0
 

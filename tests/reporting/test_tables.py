@@ -48,6 +48,12 @@ def test_a_row_holds_ours_with_interval_then_the_published_figures():
     )  # fmt: skip
 
 
+def test_brief_cells_fit_a_terminal():
+    result = a_result()
+    assert cells(result, result.rows[0], brief=True)[2:4] == ("50.0 [24, 76]", "90.0 [60, 98]")
+    assert "no tap found" in cells(result, result.rows[1], brief=True)
+
+
 def test_a_missing_row_says_what_the_dataset_lacks():
     result = a_result()
     assert "no tap found (hardness)" in cells(result, result.rows[1])
@@ -56,7 +62,7 @@ def test_a_missing_row_says_what_the_dataset_lacks():
 
 @pytest.mark.parametrize("text_of", [rendered, markdown])
 @pytest.mark.parametrize(
-    "text", ["10 recordings of 2 materials", "recording", "100.0 [72.2, 100.0]", "r1: empty", "r2: clipped",
+    "text", ["10 recordings of 2 materials", "recording", "100.0 [72", "r1: empty", "r2: clipped",
              "waviness in 3 of 10: too short", "a 100%, b 50%"],
 )  # fmt: skip
 def test_table_and_notes_say(text_of, text):

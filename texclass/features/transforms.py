@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.signal import get_window
 
-from texclass import signals
+from texclass import filters
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.view import PhaseView, transform
 from texclass.recording import Samples
@@ -184,7 +184,7 @@ def high_passed(view: PhaseView, cutoff_hz: float) -> NDArray[np.float32]:
 def band_passed(view: PhaseView, low_hz: float, high_hz: float) -> Samples:
     """Return what of `unit` lies between two frequencies (zero phase), shape (n,)."""
     below_nyquist(view, high_hz)
-    return signals.bandpass(unit(view), (low_hz, high_hz), view.fs, order=2)
+    return filters.bandpass(unit(view), (low_hz, high_hz), view.fs, order=2)
 
 
 @transform

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from scipy import fft
 
 from texclass.features.contract import Phase, UndefinedFeatureError
 from texclass.features.view import PhaseView, TapSignal, TapView
@@ -14,6 +15,11 @@ from texclass.recording import Phases, Recording, Samples
 from texclass.signals import combine, remove_hand_motion
 
 Channels = Literal["combine", "each", "auto"]
+LONG = 5000
+"""Movements of more samples lose up to 1.6 % at their end, so that their length has no large prime factor.
+
+With one, every Fourier transform takes several times as long.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +61,10 @@ class Views:
         """Acceleration during the movement, without gravity and the path of the hand."""
         if self.phases.movement is None:
             raise UndefinedFeatureError("no movement found")
-        vibration = remove_hand_motion(combine(self._axes(*self.phases.movement)), self.recording.fs)
+        start, stop = self.phases.movement
+        if stop - start > LONG:
+            stop = start + fft.prev_fast_len(stop - start)
+        vibration = remove_hand_motion(combine(self._axes(start, stop)), self.recording.fs)
         return PhaseView(vibration, self.recording.fs)
 
     @cached_property

@@ -135,9 +135,9 @@ _KEYS: dict[str, dict[str, tuple[type, ...]]] = {
     "simulated": {**_COMMON, "recipe": _TABLE},
 }
 _REQUIRED: dict[str, tuple[str, ...]] = {
-    "files": ("title", "source", "licence", "folder", "fs_hz", "unit", "files", "phases"),
-    "rows": ("title", "source", "licence", "folder", "fs_hz", "unit", "files", "phases", "label_column"),
-    "simulated": ("title", "source", "licence", "recipe"),
+    "files": ("title", "folder", "fs_hz", "unit", "files", "phases"),
+    "rows": ("title", "folder", "fs_hz", "unit", "files", "phases", "label_column"),
+    "simulated": ("title", "recipe"),
 }
 _CHOICES = {"unit": (*ACCELERATION_UNITS, *SCALELESS_UNITS), "phases": ("detect", "movement", "tap")}
 _RECIPE: dict[str, tuple[type, ...]] = {
@@ -180,7 +180,8 @@ def parse_card(path: Path, content: Mapping[str, Any]) -> Card:
     for key, choices in _CHOICES.items():
         if key in content and content[key] not in choices:
             raise CardError(f"{path}: {key} is {content[key]!r}; the rule is one of {', '.join(choices)}")
-    values: dict[str, Any] = {**content, "notes": tuple(content.get("notes", ()))}
+    told = {"source": "", "licence": "not stated"}
+    values: dict[str, Any] = {**told, **content, "notes": tuple(content.get("notes", ()))}
     if format_ == "simulated":
         _check_keys(path, "recipe.", content["recipe"], _RECIPE, tuple(_RECIPE))
     else:

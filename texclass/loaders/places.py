@@ -46,8 +46,8 @@ def find_folder(folder: str, *, card_path: Path, source: str) -> Path:
             return candidate
     raise DataNotFoundError(
         f"{card_path.stem}: its recordings are not on this machine. Looked for "
-        f"{', '.join(map(str, candidates))}. Get them from {source} and put them there, or set "
-        "TEXCLASS_DATA to the folder that holds them"
+        f"{', '.join(map(str, candidates))}. Get them from {source or 'their owner'} and put them there, "
+        "or set TEXCLASS_DATA to the folder that holds them"
     )
 
 

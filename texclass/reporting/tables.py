@@ -1,5 +1,6 @@
 """The table of a benchmark, ours beside the published figures: on the terminal and as Markdown."""
 
+import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ CLASSIFIER_TITLES = {
     "euclidean": "Euclidean",
     "nearest_neighbour": "Nearest neighbour",
 }
-MOST_LISTED = 10
+MOST_LISTED = 4
 """Recordings, flags or features that a note lists one by one; the JSON holds all of them."""
 
 
@@ -44,11 +45,15 @@ def published(result: BenchmarkResult) -> tuple[str, ...]:
     return tuple(name for name in result.classifiers if any(name in row.published for row in result.rows))
 
 
-def cells(result: BenchmarkResult, row: RowResult) -> tuple[str, ...]:
-    """Return one row of the table as text, in the order of `header`; a missing row says what it lacks."""
-    ours = [_accuracy(row.accuracy.get(name)) for name in result.classifiers]
+def cells(result: BenchmarkResult, row: RowResult, *, brief: bool = False) -> tuple[str, ...]:
+    """Return one row of the table as text, in the order of `header`; a missing row says what it lacks.
+
+    Brief cells fit a terminal: whole per cents as interval, reasons without the features they hit.
+    """
+    ours = [_accuracy(row.accuracy.get(name), 0 if brief else 1) for name in result.classifiers]
     if not row.accuracy:
-        ours[0] = row.missing or ""
+        missing = row.missing or ""
+        ours[0] = re.sub(r" \(.*?\)", "", missing) if brief else missing
     theirs = [f"{row.published[n]:.0f}" if n in row.published else "-" for n in published(result)]
     ms = "" if row.ms_per_recording is None else f"{row.ms_per_recording:.3g}"
     paper = " / ".join(theirs) if row.published else ""
@@ -79,14 +84,20 @@ def benchmark_table(result: BenchmarkResult) -> "RenderableType":
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=headline(result), box=box.SIMPLE_HEAD, title_justify="left")
-    for i, title in enumerate(header(result)):
-        table.add_column(title, justify="left" if i == 0 else "right", ratio=3 if i == 0 else None)
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("Row", overflow="fold")
+    table.add_column("Dim", justify="right")
+    for name in result.classifiers:
+        table.add_column(title_of(name), justify="right", min_width=len("95.1 [93, 97]"))
+    table.add_column("Paper", justify="right", no_wrap=True)
+    table.add_column("ms", justify="right")
     best = result.best
     for row in result.rows:
         style = "bold" if best is not None and row is best[0] else "" if row.accuracy else "dim"
-        table.add_row(*(Text(cell) for cell in cells(result, row)), style=style)
-    return Group(table, *(Text(f"  {note}", style="dim") for note in (*notes(result), _cost_note())))
+        table.add_row(*(Text(cell) for cell in cells(result, row, brief=True)), style=style)
+    order = " / ".join(map(_short, published(result)))
+    above = Text(f"{headline(result)}; accuracy in % [95 % interval]; paper: {order}", style="bold")
+    return Group(above, table, *(Text(f"- {note}", style="dim") for note in (*notes(result), _cost_note())))
 
 
 def markdown(result: BenchmarkResult) -> str:
@@ -130,11 +141,11 @@ def _cost_note() -> str:
     return "ms: features of one recording, one thread, shared transforms counted once, without segmentation."
 
 
-def _accuracy(accuracy: Accuracy | None) -> str:
+def _accuracy(accuracy: Accuracy | None, digits: int) -> str:
     if accuracy is None:
         return ""
     low, high = accuracy.interval
-    return f"{100 * accuracy.mean:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
+    return f"{100 * accuracy.mean:.1f} [{100 * low:.{digits}f}, {100 * high:.{digits}f}]"
 
 
 def _short(classifier: str) -> str:

@@ -1,0 +1,157 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from texclass import __version__
+from texclass.cli import main
+
+TINY = """
+title = "Three simulated surfaces"
+format = "simulated"
+[recipe]
+n_surfaces = 3
+n_recordings = 4
+n_operators = 2
+duration_s = 4.0
+fs = 10000
+seed = 11
+"""
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path, cache):
+    """Run the command line in an empty folder; give exit code, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TEXCLASS_CACHE", str(cache))
+    (tmp_path / "tiny.toml").write_text(TINY)
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["texclass", *map(str, arguments)])
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        return (code, *capsys.readouterr())
+
+    return call
+
+
+def test_version_and_help_import_nothing_heavy():
+    heavy = ["numpy", "scipy", "pandas", "sklearn", "numba", "librosa", "matplotlib", "pyarrow"]
+    code = (
+        "import sys\nfrom texclass.cli import main\n"
+        "for sys.argv in (['texclass', '--help'], ['texclass', 'benchmark', '--help']):\n"
+        "    try:\n        main()\n    except SystemExit:\n        pass\n"
+        f"sys.exit(str([m for m in {heavy} if m in sys.modules] or ''))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0 or done.stderr.strip() == "", done.stderr
+    assert "benchmark" in done.stdout
+
+
+def test_version(run):
+    assert run("--version")[:2] == (0, f"texclass {__version__}\n")
+
+
+def test_benchmark_prints_the_table_and_writes_its_report(run, tmp_path):
+    code, out, _ = run(
+        "benchmark", "tiny.toml", "--folds", "4", "--jobs", "1", "--out", "here", "--json", "here/x.json"
+    )
+    assert code == 0
+    assert "Friction" in out
+    result = json.loads((tmp_path / "here" / "x.json").read_text())
+    assert {"dataset", "protocol", "rows", "versions", "seed", "input_hash"} <= set(result)
+    assert len(result["rows"]) == 17
+    for row in result["rows"]:
+        assert {"name", "n_features", "accuracy", "paper", "ms_per_recording", "missing"} <= set(row)
+        for accuracy in row["accuracy"].values():
+            assert 0 <= accuracy["low"] <= accuracy["mean"] <= accuracy["high"] <= 1
+    written = {path.suffix for path in (tmp_path / "here").iterdir()}
+    assert {".json", ".md", ".png"} <= written
+
+
+def test_benchmark_says_that_ten_folds_need_ten_recordings(run):
+    code, _, err = run("benchmark", "tiny.toml")
+    assert code == 1
+    assert "10" in err
+    assert "4" in err
+
+
+def test_extract_writes_a_table_and_reads_it_the_second_time(run, tmp_path):
+    code, out, _ = run("extract", "tiny.toml", "-o", "features.parquet", "--jobs", "1")
+    assert code == 0
+    assert "12 recordings" in out
+    first = (tmp_path / "features.parquet").read_bytes()
+    assert run("extract", "tiny.toml", "-o", "features.parquet", "--jobs", "1")[0] == 0
+    assert (tmp_path / "features.parquet").read_bytes() == first
+    frame = pd.read_parquet(tmp_path / "features.parquet")
+    assert frame["material"].nunique() == 3
+
+
+def test_inspect_draws_a_recording_and_says_what_it_found(run, tmp_path):
+    rng = np.random.default_rng(1)
+    np.savetxt(tmp_path / "oak.txt", rng.standard_normal(20_000))
+    code, out, _ = run("inspect", "oak.txt", "--fs", "10000", "--unit", "m/s^2")
+    assert code == 0
+    assert "movement only" in out
+    assert (tmp_path / "oak.inspect.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("inspect", "absent.txt", "--fs", "1000", "--unit", "g"), "absent.txt"),
+        (("inspect", "words.txt", "--fs", "1000", "--unit", "g"), "words.txt"),
+        (("inspect", "numbers.txt", "--unit", "g"), "--fs"),
+        (("inspect", "numbers.txt", "--fs", "-5", "--unit", "g"), "-5"),
+        (("benchmark", "no_such_dataset"), "no_such_dataset"),
+        (("benchmark", "empty_folder", "--fs", "1000", "--unit", "g"), "empty_folder"),
+        (("benchmark", "tiny.toml", "--pipeline", "no_such_pipeline"), "no_such_pipeline"),
+        (("extract", "tiny.toml", "-o", "x.parquet", "--features", "no_such_set"), "no_such_set"),
+    ],
+)
+def test_bad_input_ends_with_one_line_that_names_it(run, tmp_path, arguments, told):
+    (tmp_path / "words.txt").write_text("one\ntwo\nthree\n")
+    (tmp_path / "numbers.txt").write_text("1\n2\n3\n4\n")
+    (tmp_path / "empty_folder").mkdir()
+    code, _, err = run(*arguments)
+    assert code == 1
+    assert err.startswith("error: ")
+    assert told in err
+    assert "Traceback" not in err
+
+
+def test_one_bad_recording_stops_the_run_unless_it_may_be_skipped(run, tmp_path):
+    rng = np.random.default_rng(2)
+    for material in ("oak", "felt"):
+        folder = tmp_path / "recordings" / material
+        folder.mkdir(parents=True)
+        for k in range(3):
+            np.savetxt(folder / f"{material}_{k}.txt", rng.standard_normal(9_000))
+    (tmp_path / "recordings" / "oak" / "oak_1.txt").write_text("0.5\nnan\n0.25\n")
+    asked = ("extract", "recordings", "--fs", "10000", "--unit", "g", "-o", "x.parquet", "--jobs", "1")
+    code, _, err = run(*asked)
+    assert code == 1
+    assert "oak_1" in err
+    code, out, _ = run(*asked, "--skip-bad")
+    assert code == 0
+    assert "5 recordings" in out
+    assert "left out" in out
+    assert "oak_1" in out
+
+
+@pytest.mark.parametrize("command", [("datasets",), ("features",), ("features", "texclass")])
+def test_listings_name_what_is_shipped(run, command):
+    code, out, _ = run(*command)
+    assert code == 0
+    assert ("simulated69" if command == ("datasets",) else "waviness") in out
