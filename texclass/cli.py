@@ -157,9 +157,12 @@ def extract(
 
 @app.command()
 def inspect(
-    file: Annotated[Path, typer.Argument(help="One recording, in any supported format.")],
+    recording: Annotated[
+        str,
+        typer.Argument(help="A file in any supported format, or DATASET:RECORDING (simulated:wood-03-01)."),
+    ],
     out: Annotated[
-        Path | None, typer.Option(help="Picture to write; beside the working directory by default.")
+        Path | None, typer.Option(help="Picture to write; <recording>.inspect.png here by default.")
     ] = None,
     features: Annotated[
         str,
@@ -170,19 +173,19 @@ def inspect(
 ) -> None:
     """Draw one recording: signal, phases, taps, spectrogram and feature values."""
     from texclass.features import FeatureExtractor
-    from texclass.loaders import load_recording
+    from texclass.loaders import find_recording
     from texclass.phases import segment
     from texclass.reporting import draw_inspection
 
-    recording = load_recording(file, fs=fs, unit=unit)
-    phases = segment(recording)
-    declared = [recording.with_(phases=phases)]
+    found = find_recording(recording, fs=fs, unit=unit)
+    phases = segment(found)
+    declared = [found.with_(phases=phases)]
     extraction = FeatureExtractor(features).fit(declared).extract(declared)
     values = dict(zip(extraction.columns, extraction.values[0], strict=True))
-    path = out or Path(f"{file.stem}.inspect.png")
-    draw_inspection(recording, phases, values, path)
-    typer.echo(f"{phases.kind}: {len(phases.taps)} taps, movement {_seconds(phases.movement, recording.fs)}")
-    for note in (*recording.flags, *phases.notes):
+    path = out or Path(f"{Path(found.recording_id).name}.inspect.png")
+    draw_inspection(found, phases, values, path)
+    typer.echo(f"{phases.kind}: {len(phases.taps)} taps, movement {_seconds(phases.movement, found.fs)}")
+    for note in (*found.flags, *phases.notes):
         typer.echo(f"note: {note}")
     typer.echo(f"wrote {path}")
 

@@ -1,6 +1,7 @@
+import numpy as np
 import pytest
 
-from texclass.loaders import open_dataset
+from texclass.loaders import find_recording, open_dataset
 from texclass.loaders.places import cache_root, data_roots, digest_files, write_atomically
 from texclass.recording import RecordingError
 
@@ -61,3 +62,14 @@ def test_an_atomic_write_leaves_the_file_and_nothing_else(tmp_path):
     write_atomically(tmp_path / "below" / "file", b"content")
     assert [path.name for path in (tmp_path / "below").iterdir()] == ["file"]
     assert (tmp_path / "below" / "file").read_bytes() == b"content"
+
+
+def test_a_recording_is_found_by_dataset_and_id(tmp_path):
+    (tmp_path / "oak").mkdir()
+    np.savetxt(tmp_path / "oak" / "one.txt", np.sin(np.arange(50.0)))
+    found = find_recording(f"{tmp_path}:oak/one", fs=1000, unit="g")
+    assert found.material == "oak"
+    assert found.n_samples == 50
+    assert find_recording(tmp_path / "oak" / "one.txt", fs=1000, unit="g").n_samples == 50
+    with pytest.raises(RecordingError, match="oak/one"):
+        find_recording(f"{tmp_path}:oak/two", fs=1000, unit="g")

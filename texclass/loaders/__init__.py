@@ -2,7 +2,7 @@
 
 from texclass.loaders.cards import Card, CardError, read_card
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.loaders.open import open_dataset
+from texclass.loaders.open import find_recording, open_dataset
 from texclass.loaders.places import DataNotFoundError
 from texclass.loaders.single import load_recording
 
@@ -12,6 +12,7 @@ __all__ = [
     "DataNotFoundError",
     "Dataset",
     "Entry",
+    "find_recording",
     "load_recording",
     "open_dataset",
     "read_card",

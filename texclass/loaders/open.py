@@ -1,5 +1,6 @@
 """Open a dataset by the name of its card, by a card's path, or by a folder."""
 
+import difflib
 from pathlib import Path
 
 from texclass import shipped
@@ -9,8 +10,8 @@ from texclass.loaders.filesets import open_files
 from texclass.loaders.folder import open_folder
 from texclass.loaders.places import find_folder
 from texclass.loaders.rowsets import open_rows
-from texclass.loaders.single import agreed_rate
-from texclass.recording import RecordingError
+from texclass.loaders.single import agreed_rate, load_recording
+from texclass.recording import Recording, RecordingError
 
 
 def open_dataset(
@@ -58,6 +59,29 @@ def open_dataset(
         return open_simulated(card, skip_bad=skip_bad)
     root = find_folder(card.folder, card_path=card.path, source=card.source)
     return (open_rows if card.format == "rows" else open_files)(card, root, skip_bad=skip_bad)
+
+
+def find_recording(name: str | Path, *, fs: float | None = None, unit: str | None = None) -> Recording:
+    """Return one recording: a file, or "DATASET:RECORDING" for one of a dataset.
+
+    Raises
+    ------
+    RecordingError
+        If the dataset holds no recording of that id, or as `load_recording`.
+    FileNotFoundError, CardError
+        As `open_dataset`.
+    """
+    dataset_name, colon, recording_id = str(name).rpartition(":")
+    if not colon or Path(name).exists():
+        return load_recording(name, fs=fs, unit=unit)
+    dataset = open_dataset(dataset_name, fs=fs, unit=unit)
+    ids = [entry.recording_id for entry in dataset.entries]
+    if recording_id not in ids:
+        near = ", ".join(difflib.get_close_matches(recording_id, ids, n=3) or ids[:3])
+        raise RecordingError(
+            f"{dataset_name}: no recording is {recording_id!r}; the rule is an id like {near}"
+        )
+    return dataset[ids.index(recording_id)]
 
 
 def _check_agreement(card: Card, fs: float | None, unit: str | None) -> None:

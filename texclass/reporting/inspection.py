@@ -179,7 +179,8 @@ def _draw_table(axes: "Axes", values: Mapping[str, float] | None) -> None:
     if not values:
         axes.text(0.5, 0.5, "no feature values", transform=axes.transAxes, ha="center", color="0.4")
         return
-    shown = [(name, _number(value)) for name, value in list(values.items())[:_MAX_FEATURES]]
+    scalars_first = sorted(values, key=lambda name: "." in name)
+    shown = [(name, _number(values[name])) for name in scalars_first[:_MAX_FEATURES]]
     if len(values) > _MAX_FEATURES:
         shown[-1] = ("...", f"and {len(values) - _MAX_FEATURES + 1} more")
     n_rows = max(12, -(-len(shown) // 2)) if len(shown) > 20 else max(12, len(shown))
@@ -234,7 +235,8 @@ def _number(value: float) -> str:
 
 
 def _short(name: str, length: int) -> str:
-    return _plain(name if len(name) <= length else name[: length - 1] + "…")
+    """Cut a long name in its middle: the end tells the outputs of one feature apart."""
+    return _plain(name if len(name) <= length else f"{name[: length - 6]}…{name[-5:]}")
 
 
 def _plain(text: str) -> str:
