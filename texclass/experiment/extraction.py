@@ -3,6 +3,7 @@
 import hashlib
 import json
 import shutil
+import warnings
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict
@@ -139,7 +140,13 @@ def _compute_missing(
     report = progress or (lambda done, total, what: None)
     report(len(dataset) - len(missing), len(dataset), "features")
     bad: list[LeftOut] = []
-    with threadpool_limits(1), parallel_config(backend="loky", inner_max_num_threads=1):
+    with (
+        threadpool_limits(1),
+        parallel_config(backend="loky", inner_max_num_threads=1),
+        warnings.catch_warnings(),
+    ):
+        # joblib advises against stopping early; the first bad recording is meant to.
+        warnings.filterwarnings("ignore", message=".*tasks.*", category=UserWarning)
         tasks = (delayed(_compute)(dataset.load, entry, plan, part) for entry, part in missing)
         with closing(Parallel(n_jobs=n_jobs, return_as="generator")(tasks)) as outcomes:
             for n_done, outcome in enumerate(outcomes, start=1 + len(dataset) - len(missing)):

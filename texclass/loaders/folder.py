@@ -8,7 +8,7 @@ from texclass.loaders.cards import Card
 from texclass.loaders.columns import ReadOptions
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.filesets import open_files
-from texclass.loaders.single import UNIT_RULE, agreed_rate, axis_files
+from texclass.loaders.single import agreed_rate, axis_files, checked_unit
 from texclass.recording import RecordingError
 
 _SUFFIXES = "|".join(re.escape(suffix[1:]) for suffix in formats.SUFFIXES)
@@ -40,8 +40,7 @@ def open_folder(
     RecordingError
         If there is no recording, or `fs` or `unit` is missing.
     """
-    if unit is None:
-        raise RecordingError(f"{root}: unit is missing; the rule is {UNIT_RULE}, never guessed: give --unit")
+    unit = checked_unit(root, fs, unit)
     files = [path for path in sorted(root.glob("*/**/*")) if path.suffix.lower() in formats.SUFFIXES]
     if not files:
         raise RecordingError(

@@ -75,13 +75,31 @@ def load_recording(
         If a fact is missing or contradicted, or the file is not what it should be.
     """
     path = Path(path).expanduser()
-    if unit is None:
-        raise RecordingError(f"{path}: unit is missing; the rule is {UNIT_RULE}, never guessed: give --unit")
+    if not path.exists():
+        raise RecordingError(f"{path}: cannot be opened (no such file)")
+    unit = checked_unit(path, fs, unit)
     roles = ColumnRoles(_tuple(column), {name: _tuple(names) for name, names in (auxiliary or {}).items()})
     axes = axis_files(path)
     signals = read_signals(axes, roles, ReadOptions(delimiter, codes=unit == "counts"))
     recording_id = path.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0]
     return build_recording(signals, fs=fs, unit=unit, recording_id=recording_id, source=str(path))
+
+
+def checked_unit(where: Path, fs: float | None, unit: str | None) -> str:
+    """Check rate and unit that a user states for files without a card, before any is read; return the unit.
+
+    Raises
+    ------
+    RecordingError
+        If the unit is missing or unknown, or the rate is not above 0.
+    """
+    if unit is None:
+        raise RecordingError(f"{where}: unit is missing; the rule is {UNIT_RULE}, never guessed: give --unit")
+    if unit not in (*ACCELERATION_UNITS, *SCALELESS_UNITS):
+        raise RecordingError(f"{where}: unit is {unit!r}; the rule is {UNIT_RULE}")
+    if fs is not None and not (np.isfinite(fs) and fs > 0):
+        raise RecordingError(f"{where}: fs is {fs}; the rule is a sampling rate in Hz above 0")
+    return unit
 
 
 def without_axis(name: str) -> str:
