@@ -28,7 +28,7 @@ STATISTICS = {
     "level": "RMS, 40-350 Hz [m/s²]",
     "slope_db_octave": "spectral slope, 40-350 Hz [dB/octave]",
     "kurtosis": "kurtosis, 40-350 Hz [normal = 3]",
-    "modulation": "envelope modulation [std/mean of 50 ms RMS]",
+    "modulation": "envelope modulation [std/mean, 50 ms]",
 }
 
 

@@ -65,6 +65,14 @@ def test_undefined_values_are_nan_with_recording_feature_and_reason():
     assert (found.ms > 0).all()
 
 
+@pytest.mark.parametrize("unit", ["m/s^2", "counts"])
+def test_movement_without_gravity_in_it_is_left_as_it_is(unit):
+    acceleration = exploration().acceleration - [0.0, 0.0, 9.81 * (unit == "m/s^2")]
+    recording = exploration().with_(acceleration=acceleration, unit=unit)
+    value = FeatureExtractor(TOY).fit_transform([recording])[0, 0]
+    assert value == pytest.approx(rms_of(combine(recording.acceleration[400:])), rel=1e-12)
+
+
 def test_movement_is_the_combined_movement_without_the_hand():
     recording = exploration()
     value = FeatureExtractor(TOY).fit_transform([recording])[0, 0]

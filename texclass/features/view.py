@@ -19,7 +19,7 @@ class PhaseView:
     Attributes
     ----------
     samples : ndarray of shape (n,)
-        The movement's acceleration (gravity and the hand's path removed) or the friction voltage during it.
+        The movement's acceleration (without gravity and the hand's path) or the friction voltage during it.
     fs : float
         Sampling rate in Hz.
     """

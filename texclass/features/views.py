@@ -11,7 +11,7 @@ from scipy import fft
 from texclass.features.contract import Phase, UndefinedFeatureError
 from texclass.features.view import PhaseView, TapSignal, TapView
 from texclass.phases import segment
-from texclass.recording import Phases, Recording, Samples
+from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples
 from texclass.signals import combine, remove_hand_motion
 
 Channels = Literal["combine", "each", "auto"]
@@ -58,13 +58,21 @@ class Views:
 
     @cached_property
     def movement(self) -> PhaseView:
-        """Acceleration during the movement, without gravity and the path of the hand."""
+        """Acceleration during the movement: mean removed, and with gravity the path of the hand.
+
+        A sensor that feels gravity feels how the hand turns and moves it, too; one that does not (a
+        microphone, an accelerometer behind a high-pass) has nothing to remove: its low frequencies are the
+        surface's.
+        """
         if self.phases.movement is None:
             raise UndefinedFeatureError("no movement found")
         start, stop = self.phases.movement
         if stop - start > LONG:
             stop = start + fft.prev_fast_len(stop - start)
-        vibration = remove_hand_motion(combine(self._axes(start, stop)), self.recording.fs)
+        axes = self._axes(start, stop)
+        vibration = combine(axes)
+        if self.recording.unit == "m/s^2" and _holds_gravity(axes):
+            vibration = remove_hand_motion(vibration, self.recording.fs)
         return PhaseView(vibration, self.recording.fs)
 
     @cached_property
@@ -98,6 +106,11 @@ class Views:
             return 0.0
         axes = self._axes(0, n_quiet)
         return float(np.sqrt(np.sum(np.var(axes, axis=0))))
+
+
+def _holds_gravity(axes: Samples) -> bool:
+    """Whether the mean of the axes (m/s^2), taken together, is nearer to 1 g than to 0."""
+    return bool(np.linalg.norm(np.atleast_1d(axes.mean(axis=0))) > STANDARD_GRAVITY / 2)
 
 
 def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Views]:

@@ -56,7 +56,7 @@ def cells(result: BenchmarkResult, row: RowResult, *, brief: bool = False) -> tu
         ours[0] = re.sub(r" \(.*?\)", "", missing) if brief else missing
     theirs = [f"{row.published[n]:.0f}" if n in row.published else "-" for n in published(result)]
     ms = "" if row.ms_per_recording is None else f"{row.ms_per_recording:.3g}"
-    paper = " / ".join(theirs) if row.published else ""
+    paper = ("/" if brief else " / ").join(theirs) if row.published else ""
     return (row.name, str(row.n_features), *ours, paper, ms)
 
 
@@ -84,13 +84,13 @@ def benchmark_table(result: BenchmarkResult) -> "RenderableType":
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
     table.add_column("Row", overflow="fold")
     table.add_column("Dim", justify="right")
     for name in result.classifiers:
         table.add_column(title_of(name), justify="right", min_width=len("95.1 [93, 97]"))
     table.add_column("Paper", justify="right", no_wrap=True)
-    table.add_column("ms", justify="right")
+    table.add_column("ms", justify="right", no_wrap=True)
     best = result.best
     for row in result.rows:
         style = "bold" if best is not None and row is best[0] else "" if row.accuracy else "dim"
