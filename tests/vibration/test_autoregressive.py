@@ -1,0 +1,349 @@
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import linalg, signal
+
+from texclass.vibration.autoregressive import Autoregression, fit, from_autocorrelation, from_direct_form
+
+METHODS = ["autocorrelation", "burg", "modified_covariance"]
+POLES = np.array([0.95 * np.exp(0.5j), 0.9 * np.exp(1.5j), 0.8 * np.exp(2.6j)])
+LARGEST = np.nextafter(1.0, 0.0)
+
+
+def _noise(n, seed=0):
+    return np.random.default_rng(seed).standard_normal(n)
+
+
+def _process(n=100_000, gain=1.0, seed=0):
+    a = np.poly(np.concatenate([POLES, POLES.conj()])).real
+    return signal.lfilter([gain], a, _noise(n + 1000, seed))[1000:], a
+
+
+def _oversampled(n, times):
+    return signal.sosfilt(signal.butter(8, 1 / times, output="sos"), _noise(n))
+
+
+def _hard(n=4000):
+    t = np.arange(float(n))
+    return {
+        "zeros": np.zeros(n),
+        "constant": np.full(n, 3.0),
+        "impulse": np.eye(1, n)[0],
+        "late impulse": np.eye(1, n, n - 1)[0],
+        "sine": np.sin(0.3 * t),
+        "sine in little noise": np.sin(0.3 * t) + 1e-8 * _noise(n),
+        "oversampled 20": _oversampled(n, 20),
+        "oversampled 100": _oversampled(n, 100),
+        "windowed": np.hanning(n) * _oversampled(n, 20),
+        "offset": 1e6 + 1e-3 * _noise(n),
+        "square": np.sign(np.sin(0.05 * t)),
+        "tiny": 1e-160 * _noise(n),
+        "denormal": 1e-310 * _noise(n),
+        "huge": 1e150 * _noise(n),
+        "ramp": t,
+        "growing": 1.01**t,
+    }
+
+
+# The fits ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_recovers_a_known_process(method):
+    x, a = _process(gain=0.3)
+    model = fit(x, 6, method=method)
+    assert_allclose(model.direct_form(), a, atol=0.02)
+    assert_allclose(model.gain, 0.3, rtol=0.01)
+    found = model.poles()
+    for pole in POLES:
+        assert np.abs(found - pole).min() < 0.01
+
+
+@pytest.mark.parametrize("order", [1, 5, 18, 100])
+def test_autocorrelation_method_agrees_with_solve_toeplitz(order):
+    x, _ = _process(5000)
+    model = fit(x, order, method="autocorrelation")
+    r = np.correlate(x, x, "full")[x.size - 1 :][: order + 1] / x.size
+    a = linalg.solve_toeplitz(r[:-1], -r[1:])
+    assert_allclose(model.direct_form()[1:], a, atol=1e-10)
+    assert_allclose(model.gain**2, r[0] + r[1:] @ a, rtol=1e-9)
+
+
+def test_autocorrelation_method_survives_where_levinson_is_lost():
+    """A windowed oversampled signal: its k must still minimise the residual of the padded signal."""
+    x = _hard()["windowed"]
+    model = fit(x, 50, method="autocorrelation")
+    f = b = np.concatenate([np.zeros(50), x, np.zeros(50)])
+    for k in model.reflection:
+        f, b = f[1:], b[:-1]
+        assert_allclose(k, -(f @ b) * 2 / (f @ f + b @ b), atol=1e-6)
+        f, b = f + k * b, b + k * f
+    assert_allclose(model.gain, np.sqrt((f @ f + b @ b) / (2 * x.size)), rtol=1e-6)
+
+
+def test_burg_minimises_the_residual_of_each_order_and_sums_it_anew():
+    x = _hard()["sine in little noise"]
+    model = fit(x, 40)
+    f = b = x
+    for m, k in enumerate(model.reflection, 1):
+        f, b = f[1:], b[:-1]
+        assert_allclose(k, -(f @ b) * 2 / (f @ f + b @ b), atol=1e-4)
+        f, b = f + k * b, b + k * f
+        assert_allclose(model.residual[m], np.sqrt((f @ f + b @ b) / (2 * f.size)), rtol=1e-4)
+    assert_allclose(model.gain, 1e-8, rtol=0.3)
+
+
+def test_modified_covariance_has_no_bias_on_a_short_sinusoid():
+    x = np.cos(0.7 * np.arange(25) + 0.3) * 0.999 ** np.arange(25) + 1e-9 * _noise(25)
+    model = fit(x, 2, method="modified_covariance")
+    assert not model.fallback
+    assert_allclose(np.abs(np.angle(model.poles())), 0.7, atol=1e-3)
+    bias = np.abs(np.abs(np.angle(fit(x, 2).poles())) - 0.7).max()
+    assert bias > 3 * np.abs(np.abs(np.angle(model.poles())) - 0.7).max()
+
+
+def test_modified_covariance_solves_the_least_squares_problem():
+    x, p = _process(3000)[0], 12
+    model = fit(x, p, method="modified_covariance")
+    rows = np.lib.stride_tricks.sliding_window_view(x, p + 1)
+    rows = np.concatenate([rows[:, ::-1], rows])
+    a = np.linalg.lstsq(rows[:, 1:], -rows[:, 0])[0]
+    assert_allclose(model.direct_form()[1:], a, atol=1e-10)
+    assert_allclose(model.gain, np.sqrt(np.mean((rows[:, 0] + rows[:, 1:] @ a) ** 2)), rtol=1e-10)
+
+
+@pytest.mark.parametrize("x", [np.full(50, 2.0), 1.3 ** np.arange(30), _noise(6)])
+def test_modified_covariance_falls_back_on_burg_and_says_so(x):
+    model, expected = fit(x, 5, method="modified_covariance"), fit(x, 5)
+    assert model.fallback
+    assert not expected.fallback
+    assert_array_equal(model.reflection, expected.reflection)
+    assert_array_equal(model.gain, expected.gain)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", _hard())
+def test_hard_signals_give_stable_models(method, name):
+    for order in (1, 2, 18, 100):
+        model = fit(_hard()[name], order, method=method)
+        assert np.abs(model.reflection).max() < 1
+        assert np.isfinite(model.gain)
+        assert model.gain >= 0
+        assert np.all(np.diff(model.residual) <= 1e-3 * model.residual[:-1])
+
+
+@given(
+    st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=40),
+    st.integers(1, 60),
+    st.sampled_from(METHODS),
+)
+@settings(deadline=None, max_examples=200)
+def test_any_signal_gives_a_stable_model(x, order, method):
+    model = fit(x, order, method=method)
+    assert model.reflection.shape == (order,)
+    assert np.abs(model.reflection).max() < 1
+    assert 0 <= model.gain <= 1.001 * np.abs(x).max()
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("exponent", [-150, -20, 3, 150])
+def test_gain_is_proportional_and_reflection_invariant(method, exponent):
+    x = _process(2000)[0]
+    model, scaled = fit(x, 18, method=method), fit(x * 10.0**exponent, 18, method=method)
+    assert_allclose(scaled.reflection, model.reflection, atol=1e-12)
+    assert_allclose(scaled.gain, model.gain * 10.0**exponent, rtol=1e-12)
+    twice = fit(x * 2.0 ** (3 * exponent), 18, method=method)
+    assert_array_equal(twice.reflection, model.reflection)
+    assert_array_equal(twice.gain, model.gain * 2.0 ** (3 * exponent))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_stack_of_frames_equals_its_frames(method):
+    frames = np.stack([_process(500, seed=s)[0] for s in range(3)] + [np.zeros(500), np.ones(500)])
+    stack = fit(frames, 10, method=method)
+    assert stack.reflection.shape == (5, 10)
+    for row, frame in enumerate(frames):
+        single = fit(frame, 10, method=method)
+        assert_allclose(stack.reflection[row], single.reflection, atol=1e-13)
+        assert_allclose(stack.gain[row], single.gain, rtol=1e-12)
+        assert stack.clipped[row] == single.clipped
+        assert stack.fallback[row] == single.fallback
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_silence_is_order_zero_with_gain_zero(method):
+    model = fit(np.zeros(100), 10, method=method)
+    assert_array_equal(model.reflection, np.zeros(10))
+    assert model.gain == 0
+    assert not model.clipped
+    assert np.all(np.isneginf(model.log_spectrum_db([0.1, 1.0])))
+
+
+def test_a_constant_is_predicted_by_one_clipped_coefficient():
+    model = fit(np.full(100, 5.0), 10)
+    assert_array_equal(model.reflection, np.concatenate([[-LARGEST], np.zeros(9)]))
+    assert model.clipped
+    assert model.fitted_order == 1
+    assert_allclose(model.gain, 5 * 2.0**-53)
+    keeping = fit(np.full(100, 5.0), 10, variance="yule_walker")
+    assert_allclose(keeping.level, 5.0)
+    padded = fit(np.full(100, 5.0), 10, method="autocorrelation")
+    assert_allclose(padded.reflection[0], -99 / 100)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 10])
+def test_orders_beyond_the_signal_add_nothing_to_burg(n):
+    model = fit(_noise(n), 20)
+    assert model.fitted_order <= n - 1
+    assert_array_equal(model.reflection[n - 1 :], 0.0)
+    longer = fit(_noise(n), 20, method="autocorrelation")
+    assert np.abs(longer.reflection).max() < 1
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_yule_walker_variance_keeps_the_power(method):
+    x = _process(3000)[0]
+    model = fit(x, 18, method=method, variance="yule_walker")
+    assert_allclose(model.level, np.sqrt(np.mean(x**2)), rtol=1e-12)
+
+
+def test_types_strides_and_read_only_signals_are_fine():
+    x = (100 * _process(2000)[0]).astype(np.int16)
+    expected = fit(x.astype(float), 8).reflection
+    wide = np.repeat(x, 2)
+    frozen = x.astype(float)
+    frozen.setflags(write=False)
+    for same in (x, x.tolist(), wide[::2], x.astype(np.float32), frozen, x.astype(">i4")):
+        assert_array_equal(fit(same, 8).reflection, expected)
+
+
+@pytest.mark.parametrize(
+    ("x", "order"),
+    [
+        ([], 1),
+        ([1.0, np.nan], 1),
+        ([np.inf, 0], 1),
+        ([1.0], 0),
+        (np.ones((2, 2, 2)), 1),
+        ([1j, 2], 1),
+        (3.0, 1),
+    ],
+)
+def test_wrong_signals_are_named(x, order):
+    with pytest.raises(ValueError, match="the rule is"):
+        fit(x, order)
+    with pytest.raises(ValueError, match="the rule is"):
+        fit(np.ones(3), 1, method="magic")
+
+
+# What follows from a model ----------------------------------------------------------------------------------
+
+
+def test_from_autocorrelation_inverts_the_autocorrelation_of_a_model():
+    model = fit(_process()[0], 6)
+    impulse = signal.lfilter([1.0], model.direct_form(), np.eye(1, 4000)[0]) * model.gain
+    r = np.correlate(impulse, impulse, "full")[3999:][:7]
+    found = from_autocorrelation(r)
+    assert_allclose(found.reflection, model.reflection, atol=1e-9)
+    assert_allclose(found.gain, model.gain, rtol=1e-8)
+    assert_allclose(found.level, model.level, rtol=1e-8)
+
+
+def test_from_direct_form_undoes_direct_form_and_refuses_unstable_ones():
+    model = fit(_process()[0], 6)
+    assert_allclose(from_direct_form(model.direct_form(), 1.0).reflection, model.reflection, atol=1e-12)
+    with pytest.raises(ValueError, match="the rule is"):
+        from_direct_form([1.0, -2.1, 1.2], 1.0)
+
+
+def test_truncated_is_the_fit_of_the_lower_order():
+    x = _process(3000)[0]
+    for method in ("burg", "autocorrelation"):
+        low, high = fit(x, 4, method=method), fit(x, 30, method=method)
+        assert_allclose(high.truncated(4).reflection, low.reflection, atol=1e-14)
+        assert_allclose(high.truncated(4).gain, low.gain, rtol=1e-12)
+
+
+def test_direct_form_is_refused_where_it_describes_another_filter():
+    good = Autoregression(np.full(10, 0.9), 1.0)
+    assert_allclose(from_direct_form(good.direct_form(), 1.0).reflection, good.reflection, atol=1e-6)
+    with pytest.raises(ValueError, match="use the lattice"):
+        Autoregression(np.full(400, 0.9), 1.0).direct_form()
+    with pytest.raises(ValueError, match="use the lattice"):
+        fit(_oversampled(20_000, 20), 100).direct_form()
+
+
+@pytest.mark.parametrize("k", [np.full(400, 0.9), np.full(60, -0.99), np.array([-0.5, 1 - 1e-9, 0.3])])
+def test_poles_are_inside_and_give_the_log_spectrum(k):
+    model = Autoregression(k, 2.0)
+    poles = model.poles()
+    assert np.abs(poles).max() < 1
+    omega = np.linspace(0.05, np.pi, 50)
+    ln_a = np.log(np.abs(1 - poles * np.exp(-1j * omega)[:, np.newaxis])).sum(axis=1)
+    assert_allclose(model.log_spectrum_db(omega), 20 * np.log10(2) - 20 / np.log(10) * ln_a, atol=1e-5)
+
+
+@pytest.mark.parametrize("p", [1, 10, 60])
+def test_log_spectrum_agrees_with_sixty_digits(p):
+    k = np.tanh(3 * np.random.default_rng(p).standard_normal(p))
+    omega = np.array([0.0, 1e-6, 0.3, 1.0, np.pi / 2, 3.0, np.pi])
+    with mpmath.workdps(60):
+        expected = [_log_spectrum_mp(k, w) for w in omega]
+    assert_allclose(Autoregression(k, 1.0).log_spectrum_db(omega), expected, atol=1e-9)
+
+
+def _log_spectrum_mp(k, w):
+    delay = mpmath.expj(-mpmath.mpf(w))
+    f = b = mpmath.mpc(1)
+    for each in k:
+        f, b = f + mpmath.mpf(each) * delay * b, mpmath.mpf(each) * f + delay * b
+    return float(-20 * mpmath.log10(abs(f)))
+
+
+def test_log_spectrum_holds_next_to_a_pole_on_the_unit_circle():
+    for gap in (1e-3, 1e-9, 1e-12):
+        theta, radius = 0.3, 1 - gap
+        model = Autoregression([-2 * radius * np.cos(theta) / (1 + radius**2), radius**2], 1.0)
+        (peak,) = model.log_spectrum_db([theta])
+        assert_allclose(peak, -20 * np.log10(gap * abs(1 - radius * np.exp(-2j * theta))), atol=0.01)
+
+
+def test_cepstrum_is_that_of_the_log_spectrum():
+    for k in (fit(_process()[0], 18).reflection, np.full(400, 0.9) * 0.98 ** np.arange(400)):
+        model = Autoregression(k, 3.0)
+        omega = 2 * np.pi * np.fft.rfftfreq(16384)
+        expected = np.fft.irfft(model.log_spectrum_db(omega) / (20 / np.log(10)))[:30]
+        expected[1:] *= 2
+        assert_allclose(model.cepstrum(30), expected, atol=1e-10)
+    assert model.cepstrum(1).shape == (1,)
+
+
+def test_area_ratios_levels_and_prediction_gain_follow_from_k():
+    k, gain = np.array([[-0.9, 0.5, 1 - 1e-15], [0.0, 0.1, -0.2]]), np.array([2.0, 1e-160])
+    model = Autoregression(k, gain)
+    assert_allclose(np.tanh(model.log_area_ratios / 2), k, atol=1e-15)
+    assert_allclose(model.prediction_gain_db, -10 * np.log10((1 - k) * (1 + k)).sum(axis=1), rtol=1e-12)
+    assert_allclose(20 * np.log10(model.level / gain), model.prediction_gain_db, rtol=1e-12)
+    assert_allclose(model.log_gain, np.log(gain))
+    assert_allclose(Autoregression(np.full(1000, 0.9), 1.0).prediction_gain_db, -1e4 * np.log10(0.19))
+
+
+@pytest.mark.parametrize(
+    ("k", "gain"),
+    [([1.0], 1.0), ([np.nan], 1.0), ([0.5], -1.0), ([0.5], np.inf), ([0.5], [1.0, 2.0]), (0.5, 1.0)],
+)
+def test_an_unstable_or_misshapen_model_is_refused(k, gain):
+    with pytest.raises(ValueError, match="the rule is"):
+        Autoregression(np.asarray(k), np.asarray(gain))
+
+
+def test_a_model_cannot_be_changed():
+    k = np.array([0.5])
+    model = Autoregression(k, np.asarray(1.0))
+    k[0] = 2.0
+    assert model.reflection[0] == 0.5
+    with pytest.raises(ValueError, match="read-only"):
+        model.reflection[0] = 0.1

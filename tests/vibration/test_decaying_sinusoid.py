@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from texclass.vibration.decaying_sinusoid import TapModel, fit_okamura, fit_tap_model
+
+FS = 25_000.0
+RUBBER, WOOD, ALUMINIUM = TapModel(-116.7, 40, 18), TapModel(-1500, 600, 592), TapModel(-1e5, 1500, 1153)
+"""`okamura2001`, Table I, decay rates divided by 1000."""
+SPEEDS = np.array([0.05, 0.1, 0.2, 0.3])
+
+
+def _taps(model, noise=0.0, seed=0, n=None):
+    rng = np.random.default_rng(seed)
+    n = n or int(5 / model.decay_per_s * FS)
+    clean = [model.synthesize(v, n - 10 * i, FS) for i, v in enumerate(SPEEDS)]
+    level = noise * np.sqrt(np.mean(np.concatenate(clean) ** 2))
+    return [tap + level * rng.standard_normal(tap.size) for tap in clean]
+
+
+def _values(model):
+    return [model.amplitude_slope, model.decay_per_s, model.frequency_hz]
+
+
+def test_a_tap_is_the_printed_equation():
+    t = np.arange(300) / FS
+    printed = -1500 * 0.2 * np.exp(-600 * t) * np.sin(2 * np.pi * 592 * t)
+    assert_allclose(WOOD.synthesize(0.2, 300, FS), printed, atol=1e-11)
+    assert_allclose(WOOD.synthesize(-0.2, 300, FS), -printed, atol=1e-11)
+
+
+@pytest.mark.parametrize("truth", [RUBBER, WOOD, ALUMINIUM])
+def test_maximum_likelihood_recovers_noise_free_taps(truth):
+    assert_allclose(_values(fit_tap_model(_taps(truth), SPEEDS, FS)), _values(truth), rtol=1e-8)
+
+
+@pytest.mark.parametrize("truth", [RUBBER, WOOD, ALUMINIUM])
+def test_the_published_way_recovers_noise_free_taps_roughly(truth):
+    """The maximum of the spectrum lies near sqrt(w^2 - B^2)."""
+    found = fit_okamura(_taps(truth), SPEEDS, FS)
+    assert_allclose([found.amplitude_slope, found.decay_per_s], _values(truth)[:2], rtol=0.02)
+    w = np.sqrt(truth.frequency_hz**2 - (truth.decay_per_s / (2 * np.pi)) ** 2)
+    assert_allclose(found.frequency_hz, w, rtol=0.02)
+
+
+def test_maximum_likelihood_reaches_the_cramer_rao_bound_over_several_taps():
+    noise, p = 0.1, np.array(_values(WOOD), dtype=float)
+    clean = np.concatenate(_taps(WOOD))
+    steps = np.diag(1e-6 * np.abs(p))
+    sides = [[np.concatenate(_taps(TapModel(*q), n=208)) for q in (p + s, p - s)] for s in steps]
+    J = np.stack([(up - down) / (2 * s.sum()) for (up, down), s in zip(sides, steps, strict=True)], axis=1)
+    bound = noise * np.sqrt(np.mean(clean**2)) * np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
+    fits = [_values(fit_tap_model(_taps(WOOD, noise=noise, seed=s), SPEEDS, FS)) for s in range(80)]
+    assert np.all(np.sqrt(np.mean((np.array(fits) - p) ** 2, axis=0)) < 1.3 * bound)
+
+
+def test_one_tap_of_unit_velocity_is_enough():
+    assert_allclose(
+        _values(fit_tap_model([WOOD.synthesize(1.0, 200, FS)], [1.0], FS)), _values(WOOD), rtol=1e-8
+    )
+
+
+@pytest.mark.parametrize("fit", [fit_okamura, fit_tap_model])
+@pytest.mark.parametrize("gain", [1e-160, 1e150])
+def test_a_gain_changes_only_the_slope(fit, gain):
+    taps = _taps(WOOD)
+    unit, scaled = fit(taps, SPEEDS, FS), fit([gain * tap for tap in taps], SPEEDS, FS)
+    assert_allclose(scaled.amplitude_slope / gain, unit.amplitude_slope, rtol=1e-6)
+    assert_allclose(_values(scaled)[1:], _values(unit)[1:], rtol=1e-6)
+
+
+@pytest.mark.parametrize("fit", [fit_okamura, fit_tap_model])
+def test_the_unit_of_the_velocity_only_scales_the_slope(fit):
+    taps = _taps(WOOD, noise=0.05)
+    in_m, in_mm = fit(taps, SPEEDS, FS), fit(taps, 1000 * SPEEDS, FS)
+    assert_allclose(1000 * in_mm.amplitude_slope, in_m.amplitude_slope, rtol=1e-9)
+
+
+@pytest.mark.parametrize("fit", [fit_okamura, fit_tap_model])
+@pytest.mark.parametrize(
+    ("taps", "velocity"),
+    [
+        ([], []),
+        ([np.ones(9)], [1.0, 2.0]),
+        ([np.ones(9)], [0.0]),
+        ([[0, np.nan, 1, 0, 2]], [1.0]),
+        ([np.zeros(9)], [1.0]),
+    ],
+)
+def test_wrong_input_is_named(fit, taps, velocity):
+    with pytest.raises(ValueError, match="the rule is"):
+        fit(taps, velocity, FS)
+
+
+def test_a_growing_vibration_is_no_tap_to_the_published_way():
+    with pytest.raises(ValueError, match="decay"):
+        fit_okamura([WOOD.synthesize(1.0, 200, FS)[::-1]], [1.0], FS)
+
+
+@pytest.mark.parametrize("wrong", [(np.nan, 1, 1), (1, 0, 1), (1, 1, 0), (1, np.inf, 1)])
+def test_impossible_models_are_named(wrong):
+    with pytest.raises(ValueError, match="the rule is"):
+        TapModel(*wrong)

@@ -1,0 +1,247 @@
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import signal
+
+from texclass.vibration.autoregressive import Autoregression, fit
+from texclass.vibration.lattice import LatticeInverse, LatticeSynthesis, synthesize, whiten
+
+ORDERS = [1, 2, 3, 5, 18, 64, 250]
+DTYPES = [np.float64, np.float32]
+
+
+def _noise(n, seed=0):
+    return np.random.default_rng(seed).standard_normal(n)
+
+
+def _model(p, seed=0, gain=1.0):
+    rng = np.random.default_rng(seed)
+    return Autoregression(rng.uniform(-0.9, 0.9, p) * np.exp(-np.arange(p) / 10), np.asarray(gain))
+
+
+def _pieces(x, seed=1, n=25):
+    return np.split(x, np.sort(np.random.default_rng(seed).integers(0, x.size, n)))
+
+
+@pytest.mark.parametrize("p", [1, 2, 3, 8, 18])
+def test_synthesis_equals_the_direct_form_at_low_order(p):
+    model, e = _model(p, gain=0.3), _noise(3001)
+    expected = signal.lfilter([0.3], model.direct_form(), e)
+    assert_allclose(LatticeSynthesis(model).process(e), expected, atol=1e-11)
+
+
+@pytest.mark.parametrize("p", ORDERS)
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_inverse_filter_undoes_synthesis(p, dtype):
+    model, e = _model(p, gain=1e-5), _noise(5000)
+    y = LatticeSynthesis(model, dtype=dtype).process(e)
+    assert y.dtype == dtype
+    assert_allclose(LatticeInverse(model, dtype=dtype).process(y), e, atol=1e4 * np.finfo(dtype).eps)
+
+
+def test_inverse_filter_is_the_prediction_error_of_the_model():
+    x = signal.lfilter([1.0], [1.0, -1.5, 0.9], _noise(5000))
+    model = fit(x, 8)
+    expected = signal.lfilter(model.direct_form(), [model.gain], x)
+    assert_allclose(whiten(model, x), expected, atol=1e-10)
+    assert_allclose(np.std(whiten(model, x)), 1.0, atol=0.01)
+
+
+@pytest.mark.parametrize("p", ORDERS)
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("kind", [LatticeSynthesis, LatticeInverse])
+def test_pieces_equal_the_whole_bit_for_bit(p, dtype, kind):
+    def run(parts):
+        lattice = kind(_model(p), dtype=dtype)
+        out = [lattice.process(part) for part in parts[0]]
+        lattice.move_to(_model(p, seed=5, gain=7.0), 3000)
+        out += [lattice.process(part) for part in parts[1]]
+        return np.concatenate(out)
+
+    x = _noise(9000)
+    whole = run([[x[:3000]], [x[3000:]]])
+    assert_array_equal(run([_pieces(x[:3000]), _pieces(x[3000:], seed=2)]), whole)
+    assert_array_equal(run([[x[i : i + 1] for i in range(3000)], _pieces(x[3000:], seed=3)]), whole)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_parameters_of_each_sample_equal_constant_ones_when_they_are_constant(dtype):
+    model, e = _model(200), _noise(2000)
+    rows = np.broadcast_to(model.reflection, (2000, 200))
+    levels = np.full(2000, model.level)
+    varying = LatticeSynthesis(_model(200, seed=9), dtype=dtype).process_varying(e, rows, levels)
+    assert_array_equal(varying, LatticeSynthesis(model, dtype=dtype).process(e))
+    back = LatticeInverse(_model(200, seed=9), dtype=dtype).process_varying(varying, rows, levels)
+    assert_array_equal(back, LatticeInverse(model, dtype=dtype).process(varying))
+
+
+def test_parameters_that_jump_at_every_sample_are_undone_too():
+    rng, e = np.random.default_rng(3), _noise(1000)
+    k, level = rng.uniform(-0.95, 0.95, (1000, 12)), rng.uniform(0.1, 10.0, 1000)
+    y = LatticeSynthesis(_model(12)).process_varying(e, k, level)
+    assert_allclose(LatticeInverse(_model(12)).process_varying(y, k, level), e, atol=1e-9)
+
+
+@given(st.integers(0, 1000), st.sampled_from(DTYPES), st.sampled_from([0.5, 1e-3, 1e-9, 1e-15]))
+@settings(deadline=None, max_examples=40)
+def test_states_never_gain_energy_however_the_parameters_change(seed, dtype, gap):
+    rng = np.random.default_rng(seed)
+    lattice = LatticeSynthesis(_model(20), dtype=dtype).settle(rng)
+    for _ in range(20):
+        before = np.sum(lattice._b[:20].astype(np.float64) ** 2)
+        k = rng.choice([-1, 1], (50, 20)) * (1 - gap * rng.uniform(0.1, 1, (50, 20)))
+        lattice.process_varying(np.zeros(50), k, np.ones(50))
+        assert np.sum(lattice._b[:20].astype(np.float64) ** 2) <= before
+
+
+def test_level_is_exact_at_every_sample_while_parameters_glide():
+    """Orthogonal stages: states and excitation of unit variance stay so, as each output's response shows."""
+    p, n = 6, 40
+    out = np.empty((p + n, n))
+    for row in range(p + n):
+        lattice, e = LatticeSynthesis(_model(p)), np.zeros(n)
+        if row < p:
+            lattice._b[row] = 1.0
+        else:
+            e[row - p] = 1.0
+        lattice.move_to(_model(p, seed=4, gain=3.0), 30)
+        out[row] = lattice.process(e)
+    expected = [float(m.level) for m in (_model(p), _model(p, seed=4, gain=3.0))]
+    w = np.minimum(np.arange(1, n + 1) / 30, 1.0)
+    assert_allclose(np.sqrt((out**2).sum(axis=0)), expected[0] ** (1 - w) * expected[1] ** w, rtol=1e-12)
+
+
+@pytest.mark.parametrize("block", [1, 10, 100])
+def test_changing_parameters_per_sample_or_block_makes_no_click(block):
+    """Smooth excitation: every corner is the lattice's, none sharper than the fastest resonance swings."""
+
+    def resonance(hz):
+        return Autoregression([-np.cos(2 * np.pi * hz / 1e4), 0.998], np.asarray(0.05))
+
+    e = 0.05 * np.sin(2 * np.pi * 40 * np.arange(8000) / 1e4)
+    targets = [resonance(hz) for hz in np.linspace(60, 200, 4000 // block)]
+    lattice = LatticeSynthesis(targets[0])
+    steady = lattice.process(e[:4000])
+    moving = []
+    for i, target in enumerate(targets):
+        lattice.move_to(target, block)
+        moving.append(lattice.process(e[4000 + i * block : 4000 + (i + 1) * block]))
+    y = np.concatenate([steady, *moving])
+    ends = 4000 + block * np.arange(len(targets) + 1) - 1
+    log_levels = np.log([float(m.level) for m in (targets[0], *targets)])
+    level = np.exp(np.interp(np.arange(8000), ends, log_levels))
+    corner = np.abs(np.diff(y / level, 2))
+    fastest = (2 * np.pi * 200 / 1e4) ** 2 * np.abs(y / level).max()  # curvature of the fastest resonance
+    assert corner[500:].max() < 1.5 * fastest
+
+
+def test_settled_process_starts_at_its_level():
+    model = fit(signal.lfilter([1.0], [1.0, -1.99, 0.9999], _noise(20_000)), 2)
+    rng = np.random.default_rng(0)
+    starts = np.array([synthesize(model, 3, rng) for _ in range(4000)])
+    assert_allclose(starts.std(axis=0), model.level, rtol=0.04)
+
+
+def test_synthesis_has_the_spectrum_of_the_model():
+    model = _model(30, gain=0.01)
+    again = fit(synthesize(model, 300_000, np.random.default_rng(1)), 30)
+    omega = np.linspace(0, np.pi, 200)
+    assert_allclose(again.log_spectrum_db(omega), model.log_spectrum_db(omega), atol=1.0)
+
+
+HARD = {
+    "all 0.9": (np.full(400, 0.9), 1.0),
+    "all 0.9, order 1000": (np.full(1000, 0.9), 1.0),
+    "clipped": (np.array([-(1 - 2.0**-53)]), 5.0),
+    "two clipped": (np.array([-np.cos(0.3), 1 - 2.0**-53]), 5.0),
+    "oversampled": (
+        fit(signal.sosfilt(signal.butter(8, 1 / 20, output="sos"), _noise(30_000)), 400).reflection,
+        1.0,
+    ),
+    "radius 1-1e-12": (np.array([-np.cos(1.0), 1 - 2e-12]), 1e-30),
+}
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", HARD)
+def test_output_of_every_stable_model_is_bounded(name, dtype):
+    k, level = HARD[name]
+    lattice = LatticeSynthesis(Autoregression(k, np.asarray(0.0)), level=level, dtype=dtype)
+    y = lattice.settle(np.random.default_rng(0)).process(_noise(20_000))
+    assert np.abs(y).max() < 8 * level
+
+
+def test_float32_agrees_with_float64():
+    k, level = HARD["oversampled"]
+    model = Autoregression(k, np.asarray(0.0))
+    double, single = (LatticeSynthesis(model, level=level, dtype=d).process(_noise(20_000)) for d in DTYPES)
+    assert_allclose(single, double, atol=1e-2 * np.abs(double).max())
+
+
+def test_a_pole_at_radius_1_minus_1e_9_agrees_with_sixty_digits():
+    theta, n = mpmath.mpf("0.3"), 400
+    e = _noise(n)
+    with mpmath.workdps(60):
+        radius = 1 - mpmath.mpf(10) ** -9
+        a1, a2 = -2 * radius * mpmath.cos(theta), radius**2
+        k = [float(a1 / (1 + a2)), float(a2)]
+        a1 = mpmath.mpf(k[0]) * (1 + mpmath.mpf(k[1]))
+        y = [mpmath.mpf(0)] * 2
+        for each in e:
+            y.append(mpmath.mpf(each) - a1 * y[-1] - mpmath.mpf(k[1]) * y[-2])
+        expected = np.array([float(v) for v in y[2:]])
+    model = Autoregression(k, np.asarray(1.0))
+    found = LatticeSynthesis(model).process(e)
+    assert_allclose(found, expected, atol=1e-10 * np.abs(expected).max())
+    assert_allclose(LatticeInverse(model).process(expected), e, atol=1e-6)
+
+
+@pytest.mark.parametrize("gain", [0.0, 1e-160, 1e150])
+def test_gain_scales_the_sound(gain):
+    one, scaled = (LatticeSynthesis(_model(9, gain=g)).process(_noise(100)) for g in (1.0, gain))
+    assert_allclose(scaled, gain * one, rtol=1e-12)
+
+
+def test_a_model_of_lower_order_can_be_moved_to():
+    lattice, e = LatticeSynthesis(_model(9)), _noise(500)
+    lattice.move_to(_model(4), 1)
+    assert_allclose(lattice.process(e), LatticeSynthesis(_model(4)).process(e), atol=1e-12)
+
+
+def test_a_glide_under_way_is_left_where_it_stands():
+    e = _noise(300)
+    lattice = LatticeSynthesis(Autoregression([0.0], np.asarray(1.0)))
+    lattice.move_to(Autoregression([0.5], np.asarray(1.0)), 100)
+    lattice.process(e[:50])
+    lattice.move_to(Autoregression([0.25], np.asarray(1.0)), 10)
+    assert_allclose(lattice._k, 0.25)
+
+
+def test_wrong_input_is_named():
+    model = _model(3)
+    for call in (
+        lambda: LatticeSynthesis(Autoregression(np.zeros((2, 3)), np.ones(2))),
+        lambda: LatticeSynthesis(Autoregression(np.full(1000, 0.9), np.asarray(1.0))),
+        lambda: LatticeSynthesis(Autoregression(np.zeros(0), np.asarray(1.0))),
+        lambda: LatticeSynthesis(model, dtype=np.int32),
+        lambda: LatticeSynthesis(model, level=1e-160, dtype=np.float32),
+        lambda: LatticeInverse(model, level=0.0),
+        lambda: LatticeSynthesis(model).process([1.0, np.nan]),
+        lambda: LatticeSynthesis(model).process(np.ones((2, 2))),
+        lambda: LatticeSynthesis(model).move_to(_model(4), 10),
+        lambda: LatticeSynthesis(model).move_to(model, 0),
+        lambda: LatticeSynthesis(model).process_varying(np.ones(2), np.ones((2, 3)), np.ones(2)),
+    ):
+        with pytest.raises(ValueError, match="the rule"):
+            call()
+
+
+def test_reset_forgets_the_past_and_empty_pieces_change_nothing():
+    lattice, e = LatticeSynthesis(_model(5)), _noise(100)
+    first = lattice.process(e)
+    lattice.reset()
+    assert lattice.process([]).shape == (0,)
+    assert_array_equal(lattice.process(e), first)

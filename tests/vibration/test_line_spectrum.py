@@ -1,0 +1,310 @@
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import signal
+
+from texclass.vibration.line_spectrum import (
+    conditioning,
+    from_reflection,
+    interpolate,
+    log_spectrum,
+    to_reflection,
+)
+
+OMEGA = (np.arange(2048) + 0.5) * np.pi / 2048
+BELOW_ONE = float(np.nextafter(1.0, 0.0))
+
+
+def _random_k(p, size=0.5, seed=0):
+    return np.random.default_rng(seed).uniform(-size, size, p)
+
+
+def _step_up(k, one=1.0):
+    a = [one]
+    for k_m in k:
+        a = [x + one * float(k_m) * y for x, y in zip([*a, 0 * one], [0 * one, *a[::-1]], strict=True)]
+    return a
+
+
+def _at(a, z):
+    """A and its derivative at 1/z, by Horner."""
+    value, slope = 0 * z, 0 * z
+    for a_i in a[::-1]:
+        value, slope = value * z + a_i, slope * z + value
+    return value, slope
+
+
+def _rms_db(k, other):
+    return float(np.sqrt(np.mean((log_spectrum(k, OMEGA) - log_spectrum(other, OMEGA)) ** 2)))
+
+
+def _is_interlaced(lsf):
+    return bool(np.all(np.diff(lsf) > 0) and np.all(lsf > 0) and np.all(lsf < np.pi))
+
+
+def _burg(x, order):
+    x = np.ldexp(x, -np.frexp(np.abs(x).max())[1])
+    f, b, k = x[1:].copy(), x[:-1].copy(), np.zeros(order)
+    for m in range(order):
+        k[m] = np.clip(-2 * np.dot(f, b) / (np.dot(f, f) + np.dot(b, b)), -BELOW_ONE, BELOW_ONE)
+        f, b = (f + k[m] * b)[1:], (b + k[m] * f)[:-1]
+    return k
+
+
+def _hard_signals():
+    rng = np.random.default_rng(0)
+    noise, t = rng.standard_normal(4096), np.arange(4096)
+    low = np.fft.rfft(noise)
+    low[len(low) // 20 :] = 0
+    low = np.fft.irfft(low)
+    resonant = {
+        f"radius 1 - {d:g}": signal.lfilter([1], [1, -2 * (1 - d) * np.cos(0.7), (1 - d) ** 2], noise)
+        for d in (1e-2, 1e-4, 1e-6, 1e-9)
+    }
+    return resonant | {
+        "white": noise,
+        "sine + 1e-8 noise": np.sin(0.3 * t) + 1e-8 * noise,
+        "two sines + 1e-8 noise": np.sin(0.3 * t) + np.cos(2.9 * t) + 1e-8 * noise,
+        "low-passed by 20": low,
+        "low-passed by 20 + 1e-6 noise": low + 1e-6 * rng.standard_normal(4096),
+        "gain 1e-160": 1e-160 * low,
+        "gain 1e150": 1e150 * low,
+        "DC 1e6 + noise 1e-3": 1e6 + 1e-3 * noise,
+    }
+
+
+# The definition ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("p", range(1, 14))
+def test_frequencies_are_the_angles_of_the_roots_of_p_and_q(p):
+    k = _random_k(p, 0.8, seed=p)
+    a = np.append(_step_up(k), 0.0)
+    for which, sign in enumerate((1, -1)):
+        angles = np.sort(np.angle(np.roots(a + sign * a[::-1])))
+        inner = angles[(angles > 1e-5) & (angles < np.pi - 1e-5)]
+        assert_allclose(from_reflection(k)[which::2], inner, atol=1e-9)
+
+
+def test_the_model_of_order_1_has_its_frequency_where_the_cosine_is_minus_k():
+    for k in (-0.999, -0.5, 0.0, 0.3, 0.999):
+        assert_allclose(np.cos(from_reflection([k])), -k, atol=1e-15)
+        assert_allclose(to_reflection([np.arccos(-k)]), k, atol=1e-15)
+
+
+@pytest.mark.parametrize("p", [1, 2, 17, 18, 999, 1000])
+def test_white_noise_divides_the_half_circle_evenly(p):
+    lsf = from_reflection(np.zeros(p))
+    assert_allclose(lsf, np.arange(1, p + 1) * np.pi / (p + 1), rtol=1e-14)
+    assert_allclose(to_reflection(lsf), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("p", [5, 18, 63, 128])
+def test_frequencies_are_the_roots_in_60_digits(p):
+    k = _random_k(p, 0.3, seed=p)
+    lsf = from_reflection(k)
+    with mpmath.workdps(60):
+        a = [*_step_up(k, mpmath.mpf(1)), mpmath.mpf(0)]
+        for sign in (1, -1):
+            c = [x + sign * y for x, y in zip(a, a[::-1], strict=True)]
+            for theta in lsf[(1 - sign) // 2 :: 2]:
+                z = mpmath.expj(mpmath.mpf(float(theta)))
+                value, slope = _at(c, z)
+                assert abs(value / slope) < 4e-15 * theta  # Newton's step to the root
+
+
+def test_a_frequency_close_to_zero_keeps_its_relative_accuracy():
+    k = np.full(18, -0.9)
+    lsf = from_reflection(k)
+    with mpmath.workdps(80):
+        a = [*_step_up(k, mpmath.mpf(1)), mpmath.mpf(0)]
+        c = [x + y for x, y in zip(a, a[::-1], strict=True)]
+        first = mpmath.findroot(
+            lambda w: (_at(c, mpmath.expj(w))[0] * mpmath.expj(-w * 19 / 2)).real, float(lsf[0])
+        )
+        assert lsf[0] < 1e-11
+        assert abs(lsf[0] / first - 1) < 1e-14
+    assert_allclose(1 + to_reflection(lsf), 1 + k, rtol=1e-13)
+
+
+@given(st.integers(1, 40), st.integers(0, 1000))
+@settings(deadline=None, max_examples=40)
+def test_mirroring_the_spectrum_mirrors_the_frequencies(p, seed):
+    k = _random_k(p, 0.3, seed)
+    mirrored = k * (-1.0) ** np.arange(1, p + 1)
+    assert_allclose(from_reflection(mirrored), np.pi - from_reflection(k)[::-1], atol=1e-14)
+
+
+# There and back ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("p", "limit_db"), [(16, 1e-8), (128, 1e-8), (400, 1e-6), (1000, 1e-3)])
+def test_hard_signals_come_back_stable_interlaced_and_with_their_spectrum(p, limit_db):
+    k = np.stack([_burg(x, p) for x in _hard_signals().values()])
+    lsf = from_reflection(k)
+    back = to_reflection(lsf)
+    assert all(_is_interlaced(row) for row in lsf)
+    assert np.abs(back).max() < 1
+    assert max(map(_rms_db, k, back)) < limit_db
+
+
+@pytest.mark.parametrize("distance", [1e-3, 1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("p", [2, 33, 400])
+def test_a_resonance_of_any_sharpness_keeps_its_height_as_far_as_conditioning_says(distance, p):
+    radius = 1 - distance
+    k = np.append([-2 * radius * np.cos(0.7) / (1 + radius**2), radius**2], _random_k(p - 2, 0.05))
+    lsf = from_reflection(k)
+    known = float(conditioning(lsf))
+    i = np.argmin(np.diff(lsf))
+    at_peak = [(lsf[i] + lsf[i + 1]) / 2]
+    assert known < 1e-3
+    error = log_spectrum(to_reflection(lsf), at_peak) - log_spectrum(k, at_peak)
+    assert abs(error[0]) < 40 * 20 * np.log10(1 + known) + 1e-11
+    assert _rms_db(k, to_reflection(lsf)) < 1e-10
+
+
+@pytest.mark.parametrize("size", [0.9, 0.999999, BELOW_ONE])
+@pytest.mark.parametrize("p", [3, 18, 127, 1000])
+def test_extreme_coefficients_give_stable_models_of_the_same_spectrum(p, size):
+    signs = np.random.default_rng(p).choice([-1.0, 1.0], p)
+    k = size * np.stack([np.ones(p), -np.ones(p), (-1.0) ** np.arange(p), signs])
+    lsf = from_reflection(k)
+    back = to_reflection(lsf)
+    assert all(_is_interlaced(row) for row in lsf)
+    assert np.abs(back).max() < 1
+    assert np.abs(log_spectrum(back, OMEGA) - log_spectrum(k, OMEGA)).max() < 1e-5  # of thousands of dB
+
+
+def test_conditioning_tells_where_k_cannot_come_back():
+    fine, lost = np.full(128, 0.9), 0.9 * (-1.0) ** np.arange(128)
+    for k in (fine, lost, -fine):
+        lsf = from_reflection(k)
+        comes_back = np.abs(to_reflection(lsf) - k).max() < 1e-6
+        assert comes_back == (conditioning(lsf) < 0.1)
+    assert conditioning(from_reflection(fine)) < 1e-9
+
+
+@given(arrays(np.float64, st.integers(1, 60), elements=st.floats(-BELOW_ONE, BELOW_ONE)))
+@settings(deadline=None, max_examples=150)
+def test_any_reflection_coefficients_interlace_and_return_stable(k):
+    lsf = from_reflection(k)
+    back = to_reflection(lsf)
+    assert _is_interlaced(lsf)
+    assert np.abs(back).max() < 1
+    assert _rms_db(k, back) < 1e-5
+
+
+@given(arrays(np.float64, st.integers(1, 60), elements=st.floats(1e-12, 1)))
+@settings(deadline=None, max_examples=150)
+def test_any_increasing_sequence_is_a_stable_model(gaps):
+    lsf = np.cumsum(gaps) * (3.1 / gaps.sum())
+    if not _is_interlaced(lsf):
+        return
+    k = to_reflection(lsf)
+    assert np.abs(k).max() < 1
+    assert np.isfinite(log_spectrum(k, OMEGA)).all()
+
+
+@given(st.integers(1, 100), st.integers(0, 1000))
+@settings(deadline=None, max_examples=60)
+def test_frequencies_come_back_from_well_separated_ones(p, seed):
+    gaps = np.random.default_rng(seed).uniform(0.5, 1.5, p + 1)
+    lsf = np.cumsum(gaps)[:-1] * (np.pi / gaps.sum())
+    assert_allclose(from_reflection(to_reflection(lsf)), lsf, rtol=1e-12)
+
+
+@pytest.mark.parametrize("p", [1, 2, 7, 8])
+def test_stacks_of_any_layout_and_dtype_give_what_each_model_gives(p):
+    k = _random_k(24 * p).reshape(2, 3, 4, p).astype(np.float32)[:, ::2, ::-1]
+    k.setflags(write=False)
+    lsf = from_reflection(k)
+    assert lsf.shape == k.shape
+    assert lsf.dtype == np.float64
+    assert conditioning(lsf).shape == k.shape[:-1]
+    for i in np.ndindex(k.shape[:-1]):
+        assert_array_equal(lsf[i], from_reflection(k[i].astype(np.float64)))
+        assert_array_equal(to_reflection(lsf[..., :])[i], to_reflection(lsf[i]))
+    assert_allclose(to_reflection(lsf), k, atol=1e-13)
+
+
+def test_no_frames_give_no_frames():
+    assert from_reflection(np.zeros((0, 5))).shape == to_reflection(np.zeros((0, 5))).shape == (0, 5)
+
+
+# The spectrum -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("p", "size"), [(1, 0.99), (2, 0.999999), (40, 0.9), (128, 0.7), (128, 0.1)])
+def test_log_spectrum_agrees_with_60_digits(p, size):
+    k = _random_k(p, size, seed=p)
+    omega = np.array([0.0, 1e-3, 0.5, 1.7, 3.0, np.pi])
+    with mpmath.workdps(60):
+        a = _step_up(k, mpmath.mpf(1))
+        values = [abs(_at(a, mpmath.expj(-mpmath.mpf(w)))[0]) for w in omega.tolist()]
+        expected = [float(-20 * mpmath.log10(value)) for value in values]
+    assert_allclose(log_spectrum(k, omega), expected, rtol=0, atol=1e-9)
+
+
+# Between models ---------------------------------------------------------------------------------------------
+
+
+def test_interpolation_gives_the_models_themselves_at_its_ends():
+    a, b = from_reflection(_random_k(18)), from_reflection(_random_k(18, seed=1))
+    assert_array_equal(interpolate(a, b, 0.0), a)
+    assert_array_equal(interpolate(a, b, 1.0), b)
+
+
+@given(st.integers(1, 60), st.floats(0, 1), st.floats(0, 1), st.integers(0, 1000))
+@settings(deadline=None, max_examples=100)
+def test_interpolation_keeps_order_and_gap_for_every_weight(p, weight, share, seed):
+    min_gap = share * np.pi / (p + 1)
+    a, b = from_reflection(np.stack([_random_k(p, 0.99, seed), _random_k(p, 0.99, seed + 1)]))
+    between = interpolate(a, b, weight, min_gap=min_gap)
+    gaps = np.diff(between, prepend=0.0, append=np.pi)
+    assert _is_interlaced(between)
+    assert gaps.min() >= min_gap - 2e-15
+    assert np.abs(to_reflection(between)).max() < 1
+
+
+def test_interpolation_takes_a_weight_per_frame():
+    a, b = from_reflection(_random_k(6)), from_reflection(_random_k(6, seed=1))
+    weights = np.linspace(0, 1, 5)
+    path = interpolate(a, b, weights)
+    assert path.shape == (5, 6)
+    assert_array_equal(path[2], interpolate(a, b, 0.5))
+
+
+# What is refused --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("k", [[1.0], [0.5, -1.0], [np.nan, 0.0], [np.inf], [], 0.5])
+def test_coefficients_of_no_stable_model_are_refused(k):
+    with pytest.raises(ValueError, match="the rule is"):
+        from_reflection(k)
+    with pytest.raises(ValueError, match="the rule is"):
+        log_spectrum(k, [0.1])
+
+
+@pytest.mark.parametrize("lsf", [[0.0, 1.0], [1.0, np.pi], [1.0, 1.0], [2.0, 1.0], [np.nan], [], 0.5])
+def test_frequencies_of_no_model_are_refused(lsf):
+    for refusing in (to_reflection, conditioning, lambda x: interpolate(x, x, 0.5)):
+        with pytest.raises(ValueError, match="the rule is"):
+            refusing(lsf)
+
+
+@pytest.mark.parametrize(
+    ("b", "weight", "min_gap"),
+    [([1.0], 0.5, 0.0), ([1.0, 2.0], 1.5, 0.0), ([1.0, 2.0], np.nan, 0.0), ([1.0, 2.0], 0.5, 2.0)],
+)
+def test_interpolation_refuses_other_orders_weights_and_gaps(b, weight, min_gap):
+    with pytest.raises(ValueError, match="the rule is"):
+        interpolate([0.5, 1.0], b, weight, min_gap=min_gap)
+
+
+def test_log_spectrum_refuses_frequencies_that_are_not_a_list():
+    with pytest.raises(ValueError, match="the rule is"):
+        log_spectrum([0.5], [[0.1]])

@@ -1,0 +1,119 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from texclass.vibration.major_frequencies import (
+    MajorFrequencies,
+    at_speed,
+    beat_threshold_hz,
+    fit_major_frequencies,
+    interpolate,
+)
+
+FS = 10_000.0
+SLOW = MajorFrequencies([40.0, 120.0, 300.0], [1.0, 2.0, 0.5], [0.1, 0.2, 0.3])
+FAST = MajorFrequencies([40.0, 125.0, 600.0], [3.0, 1.0, 1.0], [0.1, 2.0, -3.0])
+
+
+def _noise(n=10_000, seed=0):
+    return np.random.default_rng(seed).standard_normal(n)
+
+
+def test_thresholds_are_those_of_table_3_2():
+    f = [10, 50, 51, 100, 150, 151, 250, 251, 500, 501, 1400]
+    assert_array_equal(beat_threshold_hz(f), [6, 6, 7, 7, 9, 9, 9, 15, 15, 80, 80])
+
+
+def test_lines_on_the_grid_come_back_with_amplitude_and_phase():
+    found = fit_major_frequencies(SLOW.synthesize(10_000, FS), FS, n_frequencies=3)
+    for name in ("frequency_hz", "amplitude", "phase"):
+        assert_allclose(getattr(found, name), getattr(SLOW, name), atol=1e-9)
+
+
+def test_synthesis_is_the_inverse_transform_of_the_chosen_lines():
+    x = _noise()
+    found = fit_major_frequencies(x, FS, n_frequencies=30)
+    spectrum = np.fft.rfft(x)
+    kept = np.zeros_like(spectrum)
+    bins = np.round(found.frequency_hz * x.size / FS).astype(int)
+    kept[bins] = spectrum[bins]
+    assert_allclose(found.synthesize(x.size, FS), np.fft.irfft(kept, x.size), atol=1e-10)
+
+
+@given(st.integers(0, 1000), st.integers(1, 30), st.integers(50, 3000))
+@settings(deadline=None, max_examples=50)
+def test_chosen_lines_keep_the_beat_threshold(seed, n_frequencies, n):
+    found = fit_major_frequencies(_noise(n, seed), FS, n_frequencies=n_frequencies)
+    f = found.frequency_hz
+    assert f.size <= n_frequencies
+    assert np.all(np.diff(f) >= beat_threshold_hz(f[:-1]))
+    assert np.all(f <= 1400)
+
+
+def test_the_stronger_of_two_beating_lines_stays():
+    x = MajorFrequencies([80.0, 84.0, 300.0], [1.0, 2.0, 0.1], [0.0, 0.0, 0.0]).synthesize(10_000, FS)
+    assert_allclose(fit_major_frequencies(x, FS, n_frequencies=2).frequency_hz, [84.0, 300.0])
+
+
+def test_frequencies_at_or_above_half_the_rate_are_left_out():
+    assert_allclose(
+        SLOW.synthesize(50, 400.0), MajorFrequencies([40.0, 120.0], [1, 2], [0.1, 0.2]).synthesize(50, 400.0)
+    )
+
+
+def test_peak_scales_the_synthesis():
+    assert_allclose(np.abs(SLOW.synthesize(999, FS, peak=0.25)).max(), 0.25)
+
+
+@pytest.mark.parametrize(("weight", "end"), [(0.0, SLOW), (1.0, FAST)])
+def test_interpolation_meets_both_ends(weight, end):
+    assert_allclose(interpolate(SLOW, FAST, weight).synthesize(500, FS), end.synthesize(500, FS), atol=1e-12)
+
+
+def test_amplitudes_are_interpolated_linearly_and_close_lines_become_one():
+    half = interpolate(SLOW, FAST, 0.5)
+    assert_allclose(half.frequency_hz, [40.0, 122.5, 300.0, 600.0])
+    assert_allclose(half.amplitude, [2.0, 1.5, 0.25, 0.5])
+
+
+def test_interpolation_has_no_jump_anywhere():
+    x = [interpolate(SLOW, FAST, w).synthesize(200, FS) for w in np.linspace(0, 1, 401)]
+    assert np.abs(np.diff(x, axis=0)).max() < 0.03
+
+
+def test_speeds_between_and_beyond_the_recordings():
+    models, speeds = [SLOW, FAST, SLOW], [40.0, 100.0, 400.0]
+    assert at_speed(models, speeds, 10.0) is SLOW
+    assert at_speed(models, speeds, 100.0) is FAST
+    assert at_speed(models, speeds, 999.0) is models[2]
+    assert_allclose(at_speed(models, speeds, 70.0).amplitude, interpolate(SLOW, FAST, 0.5).amplitude)
+
+
+def test_silence_and_constants_have_no_lines():
+    assert fit_major_frequencies(np.full(100, 9.81), FS).frequency_hz.size == 0
+    assert_array_equal(fit_major_frequencies(np.zeros(100), FS).synthesize(4, FS, peak=1.0), np.zeros(4))
+
+
+@pytest.mark.parametrize("gain", [1e-300, 1e-160, 1e150])
+def test_a_gain_changes_amplitudes_only(gain):
+    unit, scaled = fit_major_frequencies(_noise(), FS), fit_major_frequencies(gain * _noise(), FS)
+    assert_array_equal(scaled.frequency_hz, unit.frequency_hz)
+    assert_allclose(scaled.amplitude / gain, unit.amplitude, rtol=1e-9)
+
+
+def test_wrong_input_is_named():
+    for call in (
+        lambda: fit_major_frequencies([1.0, 2.0], FS),
+        lambda: fit_major_frequencies([1.0, np.nan, 2.0], FS),
+        lambda: fit_major_frequencies(_noise(), FS, n_frequencies=0),
+        lambda: fit_major_frequencies(_noise(), 0.0),
+        lambda: interpolate(SLOW, FAST, 1.1),
+        lambda: at_speed([SLOW, FAST], [2.0, 1.0], 1.5),
+        lambda: at_speed([SLOW], [1.0, 2.0], 1.5),
+        lambda: MajorFrequencies([1.0], [-1.0], [0.0]),
+        lambda: MajorFrequencies([1.0, 2.0], [1.0], [0.0]),
+    ):
+        with pytest.raises(ValueError, match="the rule is"):
+            call()

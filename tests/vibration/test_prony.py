@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import signal
+
+from texclass.vibration.prony import fit_prony, n_extrema, prony
+
+IMPULSE = np.eye(1, 200)[0]
+B, A = [1.0, 0.4, 0.2, 0.1], [1.0, -1.5, 0.8, -0.1]
+H = signal.lfilter(B, A, IMPULSE)
+
+
+def _noisy_decay(n=120, noise=0.1):
+    t = np.arange(n) / 10_000
+    x = np.exp(-60 * t) * np.sin(2 * np.pi * 300 * t)
+    return x + noise * x.std() * np.random.default_rng(0).standard_normal(n)
+
+
+def test_prony_recovers_the_filter_of_its_order():
+    found = prony(H, 3)
+    assert_allclose(found.a, A, atol=1e-10)
+    assert_allclose(found.b, B, atol=1e-10)
+    assert_allclose(found.synthesize(200), H, atol=1e-10)
+    assert found.is_stable
+
+
+def test_the_numerator_makes_the_first_samples_exact():
+    x = _noisy_decay()
+    assert_allclose(prony(x, 11).synthesize(12), x[:12], atol=1e-12)
+
+
+def test_the_denominator_solves_the_normal_equations_of_the_rest():
+    x, N = _noisy_decay(), 11
+    past = np.stack([x[N + 1 - k : x.size - k] for k in range(1, N + 1)], axis=1)
+    residual = x[N + 1 :] + past @ prony(x, N).a[1:]
+    assert_allclose(past.T @ residual, 0, atol=1e-10)
+
+
+def test_zero_padding_allows_orders_beyond_half_the_segment():
+    x = _noisy_decay(30)
+    found = prony(x, 29)
+    assert found.order == 29
+    assert found.error < 1e-3
+
+
+def test_the_order_grows_from_the_extrema_until_the_error_is_below_the_resolution():
+    x = _noisy_decay()
+    found = fit_prony(x, 0.05)
+    assert found.resolved
+    assert found.error < 0.05
+    assert found.order >= n_extrema(x)
+    tried = [prony(x, order) for order in range(n_extrema(x), found.order)]
+    assert all(fit.error >= 0.05 for fit in tried)
+    assert_allclose(found.error, np.mean(np.abs(found.synthesize(x.size) - x)), rtol=1e-9)
+
+
+def test_an_unreachable_resolution_returns_the_best_and_says_so():
+    x = _noisy_decay()
+    found = fit_prony(x, 1e-9, max_order=n_extrema(x) + 6)
+    assert not found.resolved
+    assert found.error == min(prony(x, n_extrema(x) + i).error for i in range(7))
+
+
+def test_an_unstable_fit_is_returned_and_called_unstable():
+    growing = np.cumprod(np.full(60, 1.05))
+    found = prony(growing, 1)
+    assert_allclose(found.pole_radius, 1.05, rtol=1e-9)
+    assert not found.is_stable
+
+
+@pytest.mark.parametrize("gain", [1e-160, 1e150])
+def test_a_gain_changes_only_the_numerator_and_the_error(gain):
+    x = _noisy_decay()
+    unit, scaled = fit_prony(x, 0.05), fit_prony(gain * x, 0.05 * gain)
+    assert_allclose(scaled.a, unit.a, rtol=1e-6)
+    assert_allclose(scaled.b / gain, unit.b, rtol=1e-6)
+    assert_allclose(scaled.error / gain, unit.error, rtol=1e-6)
+
+
+def test_extrema_are_counted_once_per_plateau_and_not_at_the_ends():
+    assert n_extrema([0, 1, 1, 0, -1, 2, 2, 2]) == 2
+    assert n_extrema(np.sin(2 * np.pi * np.arange(100) / 25 + 0.1)) == 8
+    assert n_extrema([3.0, 3.0]) == 0
+
+
+def test_silence_is_a_filter_of_zeros():
+    found = fit_prony(np.zeros(20), 0.1)
+    assert found.order == 1
+    assert_array_equal(found.synthesize(20), np.zeros(20))
+
+
+@pytest.mark.parametrize(
+    ("x", "resolution", "least"),
+    [
+        ([1.0], 0.1, None),
+        ([1, np.inf, 2], 0.1, None),
+        (H, 0.0, None),
+        (H, np.nan, None),
+        (H, 0.1, 0),
+        (H, 0.1, 900),
+    ],
+)
+def test_wrong_input_is_named(x, resolution, least):
+    with pytest.raises(ValueError, match="the rule is"):
+        fit_prony(x, resolution, least_order=least)

@@ -1,0 +1,152 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import signal
+
+from texclass.vibration.scores import (
+    BAND_EDGES_HZ,
+    band_energy_distance,
+    goodness_of_fit,
+    log_spectral_distance,
+    mean_absolute_difference,
+    rms_spectral_error,
+)
+
+FS = 10_000.0
+SOS = signal.butter(4, [80, 400], "bandpass", fs=FS, output="sos")
+ALL = [
+    rms_spectral_error,
+    goodness_of_fit,
+    mean_absolute_difference,
+    log_spectral_distance,
+    lambda a, b: band_energy_distance(a, b, FS),
+]
+
+
+def _texture(seed, n=20_000):
+    return signal.sosfilt(SOS, np.random.default_rng(seed).standard_normal(n))
+
+
+@pytest.mark.parametrize("score", ALL)
+def test_a_signal_compared_with_itself_is_perfect(score):
+    assert_allclose(score(_texture(0), _texture(0)), 1.0 if score is goodness_of_fit else 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("score", ALL)
+@pytest.mark.parametrize("gain", [1e-160, 1e150])
+def test_a_gain_of_both_changes_no_score_without_unit(score, gain):
+    a, b = _texture(0), 0.5 * _texture(1)
+    expected = score(a, b) * (gain if score is mean_absolute_difference else 1)
+    assert_allclose(score(gain * a, gain * b), expected, rtol=1e-9)
+
+
+def test_rms_spectral_error_is_the_printed_ratio_of_magnitudes():
+    a, b = _texture(0), _texture(1)
+    A, B = (np.abs(np.fft.fft(x[:2800])) for x in (a, b))
+    assert_allclose(rms_spectral_error(a, b), np.sqrt(np.mean((A - B) ** 2) / np.mean(A**2)), rtol=1e-12)
+    assert_allclose(rms_spectral_error(a, 0 * a), 1.0)
+    assert_allclose(rms_spectral_error(a, 3 * a), 2.0)
+
+
+def test_independent_realisations_of_one_process_differ_by_the_rayleigh_figure():
+    found = [rms_spectral_error(_texture(i), _texture(i + 500)) for i in range(0, 60, 2)]
+    assert_allclose(np.mean(found), np.sqrt(2 - np.pi / 2), rtol=0.05)
+
+
+def test_gfc_is_the_printed_sum_over_windows():
+    a, b = _texture(0, 1300), _texture(1, 1300)
+    expected = []
+    for start in (0, 250, 500, 750):
+        A, B = (
+            np.sqrt(signal.welch(x[start : start + 500], window="hamming", nperseg=50, detrend=False)[1])
+            for x in (a, b)
+        )
+        expected.append(np.sum(A * B) / np.sqrt(np.sum(A**2) * np.sum(B**2)))
+    assert_allclose(goodness_of_fit(a, b), np.mean(expected), rtol=1e-12)
+
+
+def test_gfc_ignores_gain_rewards_the_same_spectrum_and_stays_in_its_range():
+    a = _texture(0)
+    other = np.random.default_rng(1).standard_normal(a.size)
+    assert_allclose(goodness_of_fit(a, 1e-3 * a), 1.0)
+    assert goodness_of_fit(a, _texture(1)) > 0.9
+    assert 0 < goodness_of_fit(a, other) < 0.8
+
+
+def test_silent_windows_count_as_documented():
+    quiet, loud = np.zeros(500), _texture(0, 500)
+    assert goodness_of_fit(quiet, quiet) == 1.0
+    assert goodness_of_fit(quiet, loud) == 0.0
+
+
+def test_mean_absolute_difference_is_per_sample():
+    assert mean_absolute_difference([1, 2, 3], [2, 2, 1]) == 1.0
+
+
+@pytest.mark.parametrize("gain", [0.1, 2.0])
+def test_a_gain_is_its_decibels_in_both_logarithmic_distances(gain):
+    a = np.random.default_rng(0).standard_normal(20_000)
+    decibels = abs(20 * np.log10(gain))
+    assert_allclose(log_spectral_distance(a, gain * a), decibels, rtol=1e-9)
+    assert_allclose(band_energy_distance(a, gain * a, FS), decibels, rtol=1e-9)
+
+
+def test_silence_lies_at_the_floor_and_not_at_infinity():
+    a = np.random.default_rng(0).standard_normal(5000)
+    assert 100 < log_spectral_distance(a, 0 * a) <= 120
+    assert 90 < band_energy_distance(a, 0 * a, FS) <= 120
+
+
+def test_bands_are_nine_of_one_ratio():
+    assert BAND_EDGES_HZ.size == 10
+    assert_allclose(BAND_EDGES_HZ[1:] / BAND_EDGES_HZ[:-1], 50 ** (1 / 9))
+
+
+def test_band_energies_sum_to_the_power_in_the_range():
+    """A change of one band alone by 10 dB is 10 / sqrt(9) dB."""
+    t = np.arange(50_000) / FS
+    centres = np.sqrt(BAND_EDGES_HZ[1:] * BAND_EDGES_HZ[:-1])
+    tones = np.sin(2 * np.pi * centres[:, np.newaxis] * t)
+    louder = tones.copy()
+    louder[3] *= np.sqrt(10)
+    assert_allclose(band_energy_distance(tones.sum(axis=0), louder.sum(axis=0), FS), 10 / 3, rtol=1e-3)
+
+
+def test_what_lies_outside_the_felt_range_does_not_count():
+    t = np.arange(50_000) / FS
+    a = _texture(0, 50_000)
+    slow = a + 0.5 * np.sin(2 * np.pi * 3 * t) + 0.1 * np.sin(2 * np.pi * 4000 * t)
+    assert band_energy_distance(a, slow, FS) < 0.01
+
+
+def test_bands_above_half_the_rate_are_left_out():
+    a = np.random.default_rng(0).standard_normal(3000)
+    assert_allclose(band_energy_distance(a, 2 * a, 500.0), 20 * np.log10(2))
+    with pytest.raises(ValueError, match="one band at least"):
+        band_energy_distance(a, a, 50.0)
+
+
+@pytest.mark.parametrize("score", ALL)
+@pytest.mark.parametrize("wrong", [np.full(600, np.nan), np.ones((600, 2)), np.zeros(0)])
+def test_wrong_signals_are_named(score, wrong):
+    with pytest.raises(ValueError, match="the rule is"):
+        score(wrong, np.ones(600))
+    with pytest.raises(ValueError, match="the rule is"):
+        score(np.ones(600), wrong)
+
+
+@pytest.mark.parametrize("score", [rms_spectral_error, log_spectral_distance, ALL[-1]])
+def test_a_silent_recording_has_no_relative_score(score):
+    with pytest.raises(ValueError, match="the rule is a level"):
+        score(np.zeros(600), np.ones(600))
+
+
+def test_a_constant_has_no_vibration_to_compare_bands_with():
+    with pytest.raises(ValueError, match="apart from its mean"):
+        band_energy_distance(np.full(600, 9.81), np.ones(600), FS)
+
+
+@pytest.mark.parametrize("score", [goodness_of_fit, mean_absolute_difference])
+def test_lengths_must_agree_where_samples_or_windows_are_paired(score):
+    with pytest.raises(ValueError, match="one length"):
+        score(np.ones(600), np.ones(700))

@@ -1,0 +1,185 @@
+"""Inner loops of autoregressive models: each takes frames, each returns one result per frame.
+
+Sign convention of the whole package: A(z) = 1 + sum_i a_i z^-i, and a_m of order m is k_m.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from texclass.recording import Samples
+
+Indices = NDArray[np.int64]
+
+LARGEST = float(np.nextafter(1.0, 0.0))
+"""The largest |k| that is returned: the last number below 1."""
+EXHAUSTED = 4 * float(np.finfo(np.float64).eps)
+"""A residual below this part of the signal (RMS) is rounding noise: the recursion ends."""
+_BLOCK = 1024
+
+
+@njit(cache=True, error_model="numpy")
+def levinson(r: Samples) -> tuple[Samples, Samples, Samples, Indices]:
+    """Solve the Yule-Walker equations of each row of autocorrelations, lag 0 first and positive.
+
+    k_m = -(r_m + sum_i a_i r_{m-i}) / E_{m-1},    E_m = E_{m-1} (1 - k_m^2)
+
+    with r_0 = 1. Returns reflection coefficients (n, p), energies E_m (n, p + 1), by how much the rounding of
+    r is magnified in E, max_m |a|^2 / E_m (n,), and the orders solved (n,). Where some |k_m| is not below 1
+    the recursion ends before it: k = 0 from there, the magnification is infinite.
+    """
+    n_frames, p = r.shape[0], r.shape[1] - 1
+    k, energy, loss = np.zeros((n_frames, p)), np.ones((n_frames, p + 1)), np.ones(n_frames)
+    solved = np.full(n_frames, p)
+    a, previous = np.zeros(p + 1), np.zeros(p + 1)
+    for row in range(n_frames):
+        a[:] = 0.0
+        a[0] = 1.0
+        for m in range(1, p + 1):
+            numerator = 0.0
+            for i in range(m):
+                numerator += a[i] * r[row, m - i]
+            step = -numerator / energy[row, m - 1]
+            if not abs(step) < 1.0:
+                loss[row], solved[row], energy[row, m:] = np.inf, m - 1, energy[row, m - 1]
+                break
+            previous[: m + 1] = a[: m + 1]
+            norm = 0.0
+            for i in range(m + 1):
+                a[i] = previous[i] + step * previous[m - i]
+                norm += a[i] * a[i]
+            k[row, m - 1] = step
+            energy[row, m] = energy[row, m - 1] * (1.0 - step) * (1.0 + step)
+            loss[row] = max(loss[row], norm / energy[row, m])
+    return k, energy, loss, solved
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def _sums(f: Samples, b: Samples) -> tuple[float, float]:
+    """Return sum f b and sum f^2 + b^2."""
+    product, energy = 0.0, 0.0
+    for i in range(f.size):
+        product += f[i] * b[i]
+        energy += f[i] * f[i] + b[i] * b[i]
+    return product, energy
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _cross(f: Samples, b: Samples, k: float) -> None:
+    """Let both residuals pass one stage: f, b = f + k b, b + k f."""
+    for i in range(f.size):
+        forward = f[i]
+        f[i] = forward + k * b[i]
+        b[i] = b[i] + k * forward
+
+
+@njit(cache=True, error_model="numpy")
+def _stage(f: Samples, b: Samples, k: float) -> tuple[float, float]:
+    """Let the residuals pass one stage and return the `_sums` of the next one, block by block in the cache.
+
+    The next stage pairs f one sample later with b.
+    """
+    product, energy, start = 0.0, 0.0, 0
+    while start < f.size:
+        stop = min(start + _BLOCK, f.size)
+        _cross(f[start:stop], b[start:stop], k)
+        first = max(start, 1)
+        part, more = _sums(f[first:stop], b[first - 1 : stop - 1])
+        product, energy, start = product + part, energy + more, stop
+    return product, energy
+
+
+@njit(cache=True, error_model="numpy")
+def burg(x: Samples, order: int, padding: int) -> tuple[Samples, Samples, Indices]:
+    """Fit each row by Burg's method, the residual energy summed anew at each order.
+
+    k_m = -2 sum_t f[t] b[t-1] / sum_t (f[t]^2 + b[t-1]^2),    t = m ... n-1
+
+    With `order` zeros of `padding` at both ends nothing is lost there, and the same formula is the
+    autocorrelation method.
+
+    Returns reflection coefficients (rows, order), residual deviations (rows, order + 1), and the number of
+    orders fitted (rows,): |k| that reaches 1 is cut to `LARGEST` and ends the recursion, as does a residual
+    that is `EXHAUSTED` or has no sample left. Beyond it k = 0 and the deviation stays.
+    """
+    rows, n = x.shape[0], x.shape[1] + 2 * padding
+    k, deviation, fitted = np.zeros((rows, order)), np.zeros((rows, order + 1)), np.zeros(rows, np.int64)
+    for row in range(rows):
+        f = np.zeros(n)
+        f[padding : n - padding] = x[row]
+        b = f.copy()
+        deviation[row, :] = np.sqrt(_sums(f, b)[1] / (2 * x.shape[1]))
+        product, total = _sums(f[1:], b[:-1])
+        for m in range(1, min(order, n - 1) + 1):
+            count = x.shape[1] if padding else n - m
+            if total <= 2 * count * (EXHAUSTED * deviation[row, 0]) ** 2:
+                break
+            step = min(max(-2.0 * product / total, -LARGEST), LARGEST)
+            product, total = _stage(f[m:], b[: n - m], step)
+            left = total + f[m] ** 2 + b[n - m - 1] ** 2  # the next stage pairs all but these two
+            k[row, m - 1], fitted[row] = step, m
+            deviation[row, m:] = np.sqrt(left / (2 * count))
+            if abs(step) == LARGEST:
+                break
+    return k, deviation, fitted
+
+
+@njit(cache=True, error_model="numpy")
+def step_up(k: Samples) -> Samples:
+    """Return the coefficients 1, a_1 ... a_p of each row of reflection coefficients (n, p)."""
+    n, p = k.shape
+    a, previous = np.zeros((n, p + 1)), np.zeros(p + 1)
+    a[:, 0] = 1.0
+    for row in range(n):
+        for m in range(1, p + 1):
+            previous[: m + 1] = a[row, : m + 1]
+            for i in range(m + 1):
+                a[row, i] = previous[i] + k[row, m - 1] * previous[m - i]
+    return a
+
+
+@njit(cache=True, error_model="numpy")
+def step_down(a: Samples) -> Samples:
+    """Return the reflection coefficients (n, p) of each row 1, a_1 ... a_p.
+
+    Of an unstable row the recursion stops at the first |k| that is not below 1 and leaves 0 below it.
+    """
+    n, p = a.shape[0], a.shape[1] - 1
+    k, now, lower = np.zeros((n, p)), np.zeros(p + 1), np.zeros(p + 1)
+    for row in range(n):
+        now[:] = a[row]
+        for m in range(p, 0, -1):
+            step = now[m]
+            k[row, m - 1] = step
+            if not abs(step) < 1.0:
+                break
+            for i in range(m):
+                lower[i] = (now[i] - step * now[m - i]) / ((1.0 - step) * (1.0 + step))
+            now[:m] = lower[:m]
+    return k
+
+
+@njit(cache=True, error_model="numpy")
+def log_magnitudes(k: Samples, omega: Samples) -> Samples:
+    """Return ln |A_m(e^jw)| of the orders m = 0 ... p of one model (p,) as (p + 1, n_frequencies).
+
+    On the unit circle the ratio of backward to forward residual is e^jt, and stage m maps it by
+    tan(t/2) -> (1-k)/(1+k) tan(t/2), then a delay turns it by -w; |f| grows by |1 + k e^jt|. So::
+
+        |A_m(e^jw)| = | D(k_m) R D(k_m-1) R ... D(k_1) R (1, 0) |,    D(k) = diag(1+k, 1-k)
+
+    with R the rotation by -w/2: real, nothing cancels, and the length is taken out at each stage.
+    """
+    p = k.size
+    out = np.zeros((p + 1, omega.size))
+    for j in range(omega.size):
+        cosine, sine = np.cos(omega[j] / 2), np.sin(omega[j] / 2)
+        x, y, total = 1.0, 0.0, 0.0
+        for m in range(p):
+            u = (1.0 + k[m]) * (cosine * x + sine * y)
+            v = (1.0 - k[m]) * (cosine * y - sine * x)
+            length = np.sqrt(u * u + v * v)
+            x, y = u / length, v / length
+            total += np.log(length)
+            out[m + 1, j] = total
+    return out

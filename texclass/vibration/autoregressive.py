@@ -1,0 +1,244 @@
+"""Fits of autoregressive models (LPC), x[t] = -sum_i a_i x[t-i] + gain e[t], of orders 1 to 1000 and beyond.
+
+The fits end in reflection coefficients, never in the a_i: A(z) = 1 + sum_i a_i z^-i, a_m of order m is k_m.
+Each frame is first divided by a power of two: no gain under- or overflows, and k does not depend on it.
+"""
+
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike, NDArray
+from scipy import fft
+
+from texclass.recording import Samples
+from texclass.vibration import _recursions
+from texclass.vibration._autoregression import Autoregression, log_cosines, residual_of
+
+__all__ = ["Autoregression", "Method", "Variance", "fit", "from_autocorrelation", "from_direct_form"]
+
+Method = Literal["autocorrelation", "burg", "modified_covariance"]
+Variance = Literal["residual", "yule_walker"]
+
+LOSS = 1e8
+"""Levinson's recursion is replaced where it magnifies the rounding of the autocorrelation by more."""
+
+
+class _Fit(NamedTuple):
+    """One row per frame: k, residual deviations of orders 0 ... p, orders fitted, whether by Burg instead."""
+
+    k: Samples
+    deviation: Samples
+    fitted: NDArray[np.int64]
+    fallback: NDArray[np.bool_]
+
+
+def fit(
+    x: ArrayLike, order: int, *, method: Method = "burg", variance: Variance = "residual"
+) -> Autoregression:
+    """Fit an autoregressive model to a signal or to each of a stack of frames.
+
+    Parameters
+    ----------
+    x : array_like of shape (n,) or (n_frames, n)
+        Any unit and real dtype. No mean is removed and no window applied: both are the caller's.
+    order : int
+        p, at least 1; may reach or exceed n, see Notes.
+    method : {"burg", "autocorrelation", "modified_covariance"}
+        Burg's minimises the forward and backward residual order by order, always stable, no window needed.
+        The autocorrelation method solves the Yule-Walker equations of the biased autocorrelation: stable, the
+        fastest, its spectrum smeared by the ends of the signal. The modified covariance method minimises both
+        residuals over all coefficients at once: no bias on sinusoids; O(n p^2); it can be unstable or
+        undetermined (2 (n - p) <= p), and then Burg's result is returned and `fallback` says so.
+    variance : {"residual", "yule_walker"}
+        The gain is the RMS of the residual, or ``rms(x) * prod sqrt(1 - k^2)``, with which the model has the
+        power of the signal. They are the same number for the autocorrelation method.
+
+    Returns
+    -------
+    Autoregression
+        With leading shape () or (n_frames,).
+
+    Raises
+    ------
+    ValueError
+        If a sample is NaN or infinite, the signal empty or not one- or two-dimensional, the order below 1.
+
+    Notes
+    -----
+    - Zeros: k = 0, gain 0, whatever the method; `fitted_order` is 0 (p for modified covariance).
+    - A constant (Burg): k_1 = -(1 - 2^-53), `clipped`, k = 0 beyond, and a gain of 1.1e-16 of the constant
+      (1.5e-8 of it with "yule_walker"). Autocorrelation: k_1 = -(n-1)/n, the ends being steps to 0.
+    - Burg's recursion ends where the residual is rounding noise (below 9e-16 of the signal) or has no sample
+      left (order n and more); `fitted_order` says where, and k = 0 beyond. The autocorrelation method has no
+      such end.
+
+    Burg's residual energy is summed anew at each order: updated by (1 - k^2) it is lost to rounding in
+    sinusoids and oversampled signals. Levinson's recursion is checked: where it would magnify the rounding of
+    the autocorrelation by more than `LOSS`, the same k are computed on the zero-padded signal.
+
+    References
+    ----------
+    `oeztuerk2018`, eq. (3.1)-(3.7); Burg 1975; Marple 1987 for the modified covariance method.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> model = fit(np.sin(0.3 * np.arange(1000.0)), order=2, method="modified_covariance")
+    >>> model.reflection.shape, bool(abs(model.reflection).max() < 1)
+    ((2,), True)
+    """
+    if method not in get_args(Method) or variance not in get_args(Variance):
+        allowed = (*get_args(Method), *get_args(Variance))
+        raise ValueError(f"method is {method!r} and variance {variance!r}; the rule is one of {allowed}")
+    if order < 1:
+        raise ValueError(f"order is {order}; the rule is at least 1")
+    frames, exponent, lead = _scaled(x)
+    k, deviation, fitted, fallback = _FITS[method](frames, order)
+    if variance == "yule_walker":
+        deviation[:, 0] = np.sqrt(np.mean(frames**2, axis=1))
+        deviation[:, 1:] = deviation[:, :1] * np.exp(np.cumsum(log_cosines(k), axis=1))
+    deviation = np.ldexp(deviation, exponent)
+    clipped = np.abs(k).max(axis=1) == _recursions.LARGEST
+    shaped = [np.reshape(each, lead) for each in (deviation[:, -1], fitted, clipped, fallback)]
+    return Autoregression(
+        k.reshape(*lead, order), shaped[0], deviation.reshape(*lead, order + 1), *shaped[1:]
+    )
+
+
+def from_autocorrelation(r: ArrayLike) -> Autoregression:
+    """Return the model whose autocorrelation begins with r_0 ... r_p, by Levinson's and Durbin's recursion.
+
+    Parameters
+    ----------
+    r : array_like of shape (..., p + 1)
+        Lag 0 first, in the squared unit of the signal; r_0 = 0 only with all others 0.
+
+    Returns
+    -------
+    Autoregression
+        Where a |k| comes out at or above 1 (no positive definite sequence, or one lost to rounding) the
+        recursion ends before it, k = 0 from there, and `fitted_order` says where.
+
+    Raises
+    ------
+    ValueError
+        If a value is not finite, r_0 negative, or r_0 = 0 with others not 0.
+    """
+    lags = np.asarray(r, dtype=np.float64)
+    if lags.ndim < 1 or lags.shape[-1] < 1 or not np.all(np.isfinite(lags)):
+        raise ValueError(f"autocorrelation has shape {lags.shape}; the rule is (..., p + 1), all finite")
+    r0 = lags[..., :1]
+    if np.any(r0 < 0) or np.any((r0 == 0) & (lags != 0)):
+        raise ValueError(f"r_0 is {r0.min()}; the rule is r_0 > 0, or silence: all lags 0")
+    unit = np.where(r0 == 0, np.eye(1, lags.shape[-1]), lags / np.where(r0 == 0, 1.0, r0))
+    lead = lags.shape[:-1]
+    k, energy, _, fitted = _recursions.levinson(unit.reshape(-1, lags.shape[-1]))
+    deviation = np.sqrt(energy.reshape(lags.shape)) * np.sqrt(r0)
+    return Autoregression(k.reshape(*lead, -1), deviation[..., -1], deviation, fitted.reshape(lead))
+
+
+def from_direct_form(a: ArrayLike, gain: ArrayLike) -> Autoregression:
+    """Return the model of the coefficients 1, a_1 ... a_p, by the step-down recursion.
+
+    Parameters
+    ----------
+    a : array_like of shape (..., p + 1)
+        The first one is 1.
+    gain : array_like of shape (...)
+        Standard deviation of the innovation.
+
+    Returns
+    -------
+    Autoregression
+
+    Raises
+    ------
+    ValueError
+        If a_0 is not 1 or the model is not stable.
+    """
+    direct = np.asarray(a, dtype=np.float64)
+    if direct.ndim < 1 or direct.size == 0 or not np.all(direct[..., 0] == 1):
+        raise ValueError(f"coefficients have shape {direct.shape}; the rule is (..., p + 1), the first one 1")
+    k = _recursions.step_down(direct.reshape(-1, direct.shape[-1]))
+    return Autoregression(k.reshape(*direct.shape[:-1], -1), np.asarray(gain, dtype=np.float64))
+
+
+def autocorrelation(frames: Samples, n_lags: int) -> Samples:
+    """Return sum_t x[t] x[t+i] of each row for i = 0 ... n_lags, (rows, n_lags + 1), by FFT."""
+    size = fft.next_fast_len(frames.shape[-1] + n_lags, real=True)  # lags beyond n_lags may wrap around
+    spectrum = fft.rfft(frames, size, axis=-1)
+    power = spectrum.real**2 + spectrum.imag**2
+    return np.asarray(fft.irfft(power, size, axis=-1)[..., : n_lags + 1])
+
+
+def _burg(frames: Samples, order: int) -> _Fit:
+    k, deviation, fitted = _recursions.burg(frames, order, 0)
+    return _Fit(k, deviation, fitted, np.zeros(len(frames), dtype=np.bool_))
+
+
+def _autocorrelation(frames: Samples, order: int) -> _Fit:
+    r = autocorrelation(frames, order)
+    silent = ~frames.any(axis=1)
+    r[silent] = np.eye(1, order + 1)
+    k, energy, loss, fitted = _recursions.levinson(r / r[:, :1])
+    rms = np.where(silent, 0.0, np.sqrt(r[:, 0] / frames.shape[1]))
+    deviation = rms[:, np.newaxis] * np.sqrt(energy)
+    lost = loss > LOSS
+    if lost.any():
+        k[lost], deviation[lost], fitted[lost] = _recursions.burg(frames[lost], order, order)
+    fitted[silent] = 0
+    return _Fit(k, deviation, fitted, np.zeros(len(frames), dtype=np.bool_))
+
+
+def _modified_covariance(frames: Samples, order: int) -> _Fit:
+    k, gain = np.zeros((len(frames), order)), np.zeros(len(frames))
+    for row, x in enumerate(frames):
+        a, gain[row] = _both_ways(x, order)
+        k[row] = _recursions.step_down(a[np.newaxis])[0]
+        back = _recursions.step_up(k[row : row + 1])[0]
+        if not (np.all(np.abs(k[row]) < 1) and np.allclose(back, a, rtol=0, atol=1e-6 * np.abs(a).max())):
+            gain[row] = np.nan
+    unstable = np.isnan(gain)
+    k[unstable] = gain[unstable] = 0.0
+    deviation = residual_of(k, gain)
+    fitted = np.full(len(frames), order)
+    if unstable.any():
+        k[unstable], deviation[unstable], fitted[unstable], _ = _burg(frames[unstable], order)
+    return _Fit(k, deviation, fitted, unstable)
+
+
+def _both_ways(x: Samples, order: int) -> tuple[Samples, float]:
+    """Minimise |x[t] + sum_i a_i x[t-i]|^2 + |x[t-p] + sum_i a_i x[t-p+i]|^2 over t = p ... n-1.
+
+    Returns 1, a_1 ... a_p and the RMS of the residual, NaN where there are too few equations. A triangle
+    gathers the equations block by block (QR), which does not square their condition.
+    """
+    a = np.eye(1, order + 1)[0]
+    if 2 * (x.size - order) <= order:
+        return a, np.nan
+    windows, n_rows = sliding_window_view(x, order + 1), 4 * (order + 64)
+    triangle: Samples = np.zeros((0, order + 1))
+    for start in range(0, len(windows), n_rows):
+        block = windows[start : start + n_rows]
+        triangle = np.asarray(np.linalg.qr(np.concatenate([triangle, block, block[:, ::-1]]), mode="r"))
+    a[1:] = np.linalg.lstsq(triangle[:, 1:], -triangle[:, 0])[0]
+    return a, float(np.linalg.norm(triangle @ a) / np.sqrt(2 * len(windows)))
+
+
+_FITS = {"burg": _burg, "autocorrelation": _autocorrelation, "modified_covariance": _modified_covariance}
+
+
+def _scaled(x: ArrayLike) -> tuple[Samples, NDArray[np.int64], tuple[int, ...]]:
+    """Return the frames divided by 2^exponent, that exponent (n_frames, 1), and the leading shape."""
+    samples = np.asarray(x)
+    if samples.ndim not in (1, 2) or samples.shape[-1] == 0:
+        raise ValueError(f"signal has shape {samples.shape}; the rule is (n,) or (n_frames, n), n at least 1")
+    if np.iscomplexobj(samples):
+        raise ValueError(f"signal is {samples.dtype}; the rule is real samples")
+    frames = np.ascontiguousarray(np.atleast_2d(samples), dtype=np.float64)
+    if not np.all(np.isfinite(frames)):
+        at = np.argwhere(~np.isfinite(frames))[0]
+        raise ValueError(f"sample {at[-1]} is {frames[tuple(at)]}; the rule is finite samples")
+    _, exponent = np.frexp(np.abs(frames).max(axis=1, keepdims=True))
+    return np.ldexp(frames, -exponent), exponent, samples.shape[:-1]

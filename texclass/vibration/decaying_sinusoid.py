@@ -1,0 +1,255 @@
+"""Taps as decaying sinusoids, a(t) = A v exp(-B t) sin(w t): amplitude slope, decay rate and frequency."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import fft, optimize
+
+from texclass.recording import Samples
+from texclass.vibration.matrix_pencil import DecayingModes, fit_matrix_pencil, one_channel, to_unit_scale
+
+PEAK_FLOOR = 0.05
+"""Peaks below this part of the largest are left out of the envelope: there noise makes the peaks."""
+
+
+@dataclass(frozen=True)
+class TapModel:
+    """A tap at impact velocity v as a(t) = A v exp(-B t) sin(2 pi f t), t >= 0 from the impact.
+
+    Attributes
+    ----------
+    amplitude_slope : float
+        A, amplitude per impact velocity: (m/s^2) / (m/s) = 1/s for accelerations in m/s^2. Its sign is that
+        of the first half wave.
+    decay_per_s : float
+        B > 0, in 1/s.
+    frequency_hz : float
+        f > 0.
+
+    Notes
+    -----
+    `okamura2001`, eq. (1) and Table I. The printed decay rates of 40,000 to 1,500,000 1/s contradict its
+    Fig. 3, where vibrations last for milliseconds: read 40 to 1500 1/s. Frequencies are in Hz.
+    """
+
+    amplitude_slope: float
+    decay_per_s: float
+    frequency_hz: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.amplitude_slope) and 0 < self.decay_per_s < np.inf):
+            raise ValueError(f"{self}; the rule is a finite amplitude slope and a decay rate above 0")
+        if not 0 < self.frequency_hz < np.inf:
+            raise ValueError(f"{self}; the rule is a frequency above 0")
+
+    def modes(self, velocity: float) -> DecayingModes:
+        """Return the tap at one impact velocity as a decaying mode, to be filtered or mixed with others."""
+        amplitude = self.amplitude_slope * velocity
+        phase = -np.pi / 2 if amplitude >= 0 else np.pi / 2
+        f, B, A, phi = np.array([[self.frequency_hz], [self.decay_per_s], [abs(amplitude)], [phase]])
+        return DecayingModes(f, B, A, phi)
+
+    def synthesize(self, velocity: float, n_samples: int, fs: float) -> Samples:
+        """Return the tap at an impact velocity, shape (n_samples,), from the impact on, at any `fs` (Hz)."""
+        return self.modes(velocity).synthesize(n_samples, fs)
+
+
+def fit_okamura(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> TapModel:
+    """Fit the tap model as published: frequency from the spectrum, decay from the peaks, slope by regression.
+
+    - Frequency: maximum of the magnitude spectrum (interpolated) of each tap; the mean over taps. For a
+      complete decay it lies at sqrt(w^2 - B^2), below w.
+    - Decay: log |peak| = log E - B t by least squares over the positive and negative peaks of each tap, each
+      peak weighted with its height; the mean over taps.
+    - Amplitude slope: regression through the origin of the amplitudes on the velocities, as A v has no
+      offset. The amplitude of a tap is E sqrt(1 + (B/w)^2): exp(-B t) sin(w t) has its peaks where sin(w t)
+      is w / sqrt(w^2 + B^2).
+
+    Parameters
+    ----------
+    taps : sequence of array_like, each of shape (n_samples,)
+        From the impact on, without offset; lengths may differ. Any one unit.
+    velocity : array_like of shape (n_taps,)
+        Impact velocities, not all zero; ones, if they are unknown.
+    fs : float
+        Sampling rate in Hz.
+
+    Returns
+    -------
+    TapModel
+
+    Raises
+    ------
+    ValueError
+        For no tap, a tap with fewer than two peaks or with peaks that do not decay, other numbers of
+        velocities than of taps, velocities that are all zero, NaN or infinity.
+
+    References
+    ----------
+    `okamura2001`, section II-B.
+    """
+    scaled, v, exponent = _checked(taps, velocity)
+    each = np.array([_by_eye(x, fs, i) for i, x in enumerate(scaled)])
+    frequency_hz, B, _ = each.mean(axis=0)
+    E = each[:, 2] * np.sqrt(1 + (each[:, 1] / (2 * np.pi * each[:, 0])) ** 2)
+    u = v / np.max(np.abs(v))
+    A = float(u @ E / (u @ u))
+    return TapModel(_slope(A, v, exponent), float(B), float(frequency_hz))
+
+
+def fit_tap_model(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> TapModel:
+    """Fit the tap model to all taps at once by maximum likelihood (white Gaussian noise of one level).
+
+    Minimises sum_i |x_i - A v_i exp(-B t) sin(w t)|^2 over B and w, with A eliminated: for given B and w it
+    is the projection of the taps on the shape (variable projection). The search starts from `fit_okamura`,
+    where that succeeds, and from the matrix pencil of the tap of most energy; the best end counts.
+
+    Parameters
+    ----------
+    taps : sequence of array_like, each of shape (n_samples,)
+        From the impact on, without offset; lengths may differ, at least 4 samples each. Any one unit.
+    velocity : array_like of shape (n_taps,)
+        Impact velocities, not all zero; ones, if they are unknown.
+    fs : float
+        Sampling rate in Hz.
+
+    Returns
+    -------
+    TapModel
+        B lies between 1e-6 and 1e3 nepers over the longest tap, f between 0.01 periods in it and fs/2.
+
+    Raises
+    ------
+    ValueError
+        For no tap, taps that are all silent, other numbers of velocities than of taps, velocities that are
+        all zero, NaN or infinity.
+
+    References
+    ----------
+    Model of `okamura2001`, eq. (1). Golub, Pereyra, "Separable nonlinear least squares", 2003; Jacobian after
+    Kaufman.
+
+    Examples
+    --------
+    >>> truth = TapModel(-1500.0, 60.0, 592.0)
+    >>> v = [0.1, 0.3]
+    >>> found = fit_tap_model([truth.synthesize(u, 300, 25_000.0) for u in v], v, 25_000.0)
+    >>> round(found.amplitude_slope), round(found.decay_per_s, 6), round(found.frequency_hz, 6)
+    (-1500, 60.0, 592.0)
+    """
+    scaled, v, exponent = _checked(taps, velocity, at_least=4)
+    x = np.concatenate(scaled)
+    if not np.any(x):
+        raise ValueError("taps are all zero; the rule is at least one sample that is not")
+    n = np.concatenate([np.arange(tap.size) for tap in scaled])
+    weight = np.repeat(v / np.max(np.abs(v)), [tap.size for tap in scaled])
+    longest = int(n.max()) + 1
+    lower, upper = np.array([1e-6, 0.02 * np.pi]) / longest, np.array([1e3 / longest, np.pi])
+    ends = [
+        optimize.least_squares(
+            _residual,
+            np.clip(start, lower * 1.01, upper / 1.01),
+            _jacobian,
+            bounds=(lower, upper),
+            x_scale="jac",
+            xtol=1e-12,
+            ftol=1e-14,
+            gtol=1e-14,
+            args=(x, n, weight),
+        )
+        for start in _starts(scaled, v, fs)
+    ]
+    beta, omega = min(ends, key=lambda end: float(end.cost)).x
+    shape = _shape(beta, omega, n, weight)
+    A = float(x @ shape / (shape @ shape))
+    return TapModel(_slope(A, v, exponent), float(beta * fs), float(omega * fs / (2 * np.pi)))
+
+
+def _checked(
+    taps: Sequence[ArrayLike], velocity: ArrayLike, at_least: int = 1
+) -> tuple[list[Samples], Samples, int]:
+    """Return the taps in one common scale, the velocities and the exponent of the scale."""
+    v = one_channel(velocity, "velocity")
+    if v.size != len(taps) or not np.any(v):
+        raise ValueError(f"velocity is {v} for {len(taps)} taps; the rule is one for each, not all zero")
+    arrays = [one_channel(tap, f"tap {i}", at_least=at_least) for i, tap in enumerate(taps)]
+    unit, exponent = to_unit_scale(np.concatenate(arrays))
+    return np.split(unit, np.cumsum([tap.size for tap in arrays])[:-1]), v, exponent
+
+
+def _slope(amplitude: float, v: Samples, exponent: int) -> float:
+    """Return the amplitude at the largest velocity, in its own scale, per velocity; infinite if too large."""
+    with np.errstate(over="ignore", under="ignore"):
+        return float(np.ldexp(amplitude / np.max(np.abs(v)), exponent))
+
+
+def _by_eye(x: Samples, fs: float, i: int) -> tuple[float, float, float]:
+    """Return frequency (Hz), decay (1/s) and signed envelope at t = 0 of one tap."""
+    place, height = _peaks(x)
+    high = np.abs(height) >= PEAK_FLOOR * np.max(np.abs(height), initial=0.0)
+    if high.sum() < 2:
+        raise ValueError(f"tap {i} has {high.sum()} peaks; the rule is at least 2 to see a decay")
+    slope, level = np.polyfit(place[high] / fs, np.log(np.abs(height[high])), 1, w=np.abs(height[high]))
+    if not slope < 0:
+        raise ValueError(f"the peaks of tap {i} grow by {slope:g} 1/s; the rule is that they decay")
+    return _spectral_peak_hz(x, fs), -float(slope), float(np.sign(height[0]) * np.exp(level))
+
+
+def _peaks(x: Samples) -> tuple[Samples, Samples]:
+    """Return place (in samples) and height of the positive maxima and negative minima, by parabolas."""
+    before, here, after = x[:-2], x[1:-1], x[2:]
+    is_peak = (np.abs(here) > np.abs(before)) & (np.abs(here) >= np.abs(after)) & (here != 0)
+    left, top, right = before[is_peak], here[is_peak], after[is_peak]
+    shift = (left - right) / (2 * (left - 2 * top + right))
+    return np.flatnonzero(is_peak) + 1 + shift, top - (left - right) * shift / 4
+
+
+def _spectral_peak_hz(x: Samples, fs: float) -> float:
+    """Return the frequency of the largest magnitude: a grid 16 times finer than 1/duration, a parabola."""
+    n = fft.next_fast_len(16 * x.size, real=True)
+    magnitude = np.abs(fft.rfft(x, n))
+    k = int(np.argmax(magnitude[1:-1])) + 1
+    left, top, right = magnitude[k - 1 : k + 2]
+    curvature = left - 2 * top + right
+    shift = np.clip((left - right) / (2 * curvature), -0.5, 0.5) if curvature < 0 else 0.0
+    return float((k + shift) * fs / n)
+
+
+def _starts(taps: list[Samples], v: Samples, fs: float) -> list[Samples]:
+    """Return starting values (B, w) per sample: as published, spectrum, and modes of the strongest tap."""
+    strongest = max(taps, key=lambda tap: float(tap @ tap))
+    omega = 2 * np.pi * _spectral_peak_hz(strongest, 1.0)
+    starts = [np.array([1 / strongest.size, omega]), np.array([10 / strongest.size, omega])]
+    try:
+        eye = fit_okamura(taps, v, fs)
+        starts.append(np.array([eye.decay_per_s, 2 * np.pi * eye.frequency_hz]) / fs)
+    except ValueError:
+        pass  # no clear peaks: the other starts remain
+    for order in (2, None):
+        modes = fit_matrix_pencil(strongest, 1.0, order=order)
+        for f, B in zip(modes.frequency_hz[:2], modes.decay_per_s[:2], strict=True):
+            starts.append(np.array([B, 2 * np.pi * f]))
+    return starts
+
+
+def _shape(beta: float, omega: float, n: Samples, weight: Samples) -> Samples:
+    with np.errstate(under="ignore"):
+        return np.asarray(weight * np.exp(-beta * n) * np.sin(omega * n))
+
+
+def _residual(p: Samples, x: Samples, n: Samples, weight: Samples) -> Samples:
+    """Return (phi phi^T / phi^T phi - 1) x."""
+    phi = _shape(p[0], p[1], n, weight)
+    return np.asarray(phi * (phi @ x / (phi @ phi)) - x)
+
+
+def _jacobian(p: Samples, x: Samples, n: Samples, weight: Samples) -> Samples:
+    """Return A (1 - phi phi^T / phi^T phi) d phi, Kaufman's form."""
+    phi = _shape(p[0], p[1], n, weight)
+    with np.errstate(under="ignore"):
+        cosine = weight * np.exp(-p[0] * n) * np.cos(p[1] * n)
+    d_phi = np.stack([-n * phi, n * cosine], axis=1)
+    unit = phi / np.sqrt(phi @ phi)
+    return np.asarray((phi @ x / (phi @ phi)) * (d_phi - np.outer(unit, unit @ d_phi)))

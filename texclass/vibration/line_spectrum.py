@@ -1,0 +1,304 @@
+"""Line spectral frequencies of an AR model, to and from its reflection coefficients, at any order.
+
+Sign convention: A(z) = 1 + a_1 z^-1 + ... + a_p z^-p, and k_m is the last coefficient of the model of order
+m, so the model of order 1 is A = 1 + k_1 z^-1. With A~(z) = z^-p A(1/z), as in `abdulali2016` section 4.1,
+
+    P = A + z^-1 A~,    Q = A - z^-1 A~,    A = (P + Q) / 2.
+
+Apart from z = 1 and -1, the roots of P and Q lie on the unit circle and interlace; the angles of those in the
+upper half are the line spectral frequencies: the first, third, ... of P, the second, fourth, ... of Q.
+
+No polynomial is formed. P and Q are the characteristic polynomials of a product of two reflections, each of
+blocks [[-k_j, s_j], [s_j, k_j]], s_j^2 = 1 - k_j^2, one with the odd and one with the even j, where k_0 = 1
+and k_{p+1} = 1 for P, -1 for Q (Ammar, Gragg, Reichel, "On the eigenproblem for orthogonal matrices", 1986).
+A product of two reflections turns by twice the angle between their subspaces, so cos(theta/2) and
+sin(theta/2) are the singular values of bidiagonal matrices whose squared entries are products of two of
+
+    u_j = (1 + k_j)/2,    v_j = (1 - k_j)/2,
+
+which float64 holds to full relative accuracy. The way back is the inverse problem of the same two matrices.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from texclass.recording import Samples
+from texclass.vibration._half_angle import SMALLEST_ANGLE, paths_from_angles, squared_singular_values
+
+LARGEST_REFLECTION = float(np.nextafter(1.0, 0.0))
+"""Largest |k| that `to_reflection` returns."""
+
+
+def from_reflection(k: ArrayLike) -> Samples:
+    """Return the line spectral frequencies of the AR models with reflection coefficients `k`.
+
+    Parameters
+    ----------
+    k : array_like of shape (..., p)
+        Reflection coefficients, |k| < 1.
+
+    Returns
+    -------
+    ndarray of shape (..., p)
+        In rad per sample, strictly increasing, in (0, pi); even places belong to P, odd ones to Q.
+
+    Raises
+    ------
+    ValueError
+        If there is no coefficient, or one is not below 1 in size.
+
+    Notes
+    -----
+    The relative accuracy is about 1e-15 (3e-14 for the lowest of p = 400 with all k = -0.3), close to 0 too.
+    Roots of P and Q that lie closer than rounding come out in their order, one float64
+    apart or more, and `conditioning` tells. Frequencies below 1e-60 rad are returned as 1e-60.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from_reflection([0.0, 0.0, 0.0]) / np.pi
+    array([0.25, 0.5 , 0.75])
+    """
+    frames = _checked(k, "k", -1.0, 1.0)
+    lsf = np.empty_like(frames)
+    lsf[:, 0::2] = _upper_angles(frames, 1.0)
+    lsf[:, 1::2] = _upper_angles(frames, -1.0)
+    _separate(lsf)
+    return lsf.reshape(np.shape(k))
+
+
+def _upper_angles(k: Samples, last: float) -> Samples:
+    """Return the angles in (0, pi) of the roots of P (`last` = 1) or Q (`last` = -1), increasing."""
+    n = k.shape[1] + 1
+    ends = np.pad(k, ((0, 0), (1, 1)), constant_values=((0, 0), (1.0, last)))
+    u, v = (1 + ends) / 2, (1 - ends) / 2
+    sines = v[:, :-1] * v[:, 1:]
+    sines[:, 1::2] = (u[:, :-1] * u[:, 1:])[:, 1::2]
+    sines = sines[:, 1 : n if (n % 2 == 0) == (last > 0) else n - 1]
+    cosines = u[:, : n - 1] * v[:, 1:n] if last > 0 else v[:, 1 : n - 1] * u[:, 2:n]
+    s2, c2 = squared_singular_values(sines)[:, ::-1], squared_singular_values(cosines)
+    return np.asarray(2 * np.arctan2(np.sqrt(s2), np.sqrt(c2)))
+
+
+def _separate(lsf: Samples) -> None:
+    """Restore, in place, the strict order that rounding took from pairs closer than itself."""
+    np.maximum(lsf, SMALLEST_ANGLE, out=lsf)
+    ordered = np.all(np.diff(lsf) > 0, axis=1) & (lsf[:, -1] < np.pi)
+    for row in (lsf[i] for i in np.flatnonzero(~ordered)):
+        for i in range(1, row.size):
+            row[i] = max(row[i], np.nextafter(row[i - 1], 4.0))
+        upper = np.pi
+        for i in range(row.size - 1, -1, -1):
+            row[i] = upper = min(row[i], np.nextafter(upper, 0.0))
+
+
+def to_reflection(lsf: ArrayLike) -> Samples:
+    """Return the reflection coefficients of the AR models with line spectral frequencies `lsf`.
+
+    Parameters
+    ----------
+    lsf : array_like of shape (..., p)
+        In rad per sample, strictly increasing, in (0, pi).
+
+    Returns
+    -------
+    ndarray of shape (..., p)
+        |k| < 1, always: every strictly increasing sequence is a stable model.
+
+    Raises
+    ------
+    ValueError
+        If there is no frequency, or they are not in (0, pi) or not strictly increasing.
+
+    Notes
+    -----
+    What the rounding of the frequencies themselves does to k is told by `conditioning`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> k = [0.5, -0.25, 0.75]
+    >>> bool(np.allclose(to_reflection(from_reflection(k)), k, rtol=0, atol=1e-14))
+    True
+    """
+    frames = _checked_lsf(lsf)
+    p = frames.shape[1]
+    cosines, sines = (path[:, ::-1] for path in paths_from_angles(frames))
+    ratio = np.zeros((len(frames), p + 1))  # v_j / u_j, from k_0 = 1 on
+    # u_{j-1} v_j / (u_{j-1} u_j), and the same with v_{j-1}: every second j
+    ratio[:, p:0:-2] = cosines[:, p - 1 :: -2] / sines[:, p - 1 :: -2]
+    u, v = 1 / (1 + ratio), ratio / (1 + ratio)
+    # v_j = (u_{j-1} v_j) / u_{j-1}, u_j = (u_j v_{j+1}) / v_{j+1}: the others
+    j = np.arange(p - 1, 0, -2)
+    ratio[:, j] = (cosines[:, j - 1] / u[:, j - 1]) / (cosines[:, j] / v[:, j + 1])
+    k = (1 - ratio[:, 1:]) / (1 + ratio[:, 1:])
+    return np.asarray(np.clip(k, -LARGEST_REFLECTION, LARGEST_REFLECTION)).reshape(np.shape(lsf))
+
+
+def conditioning(lsf: ArrayLike) -> Samples:
+    """Return how much of the narrowest gap between line spectral frequencies is rounding.
+
+    Parameters
+    ----------
+    lsf : array_like of shape (..., p)
+        In rad per sample, strictly increasing, in (0, pi).
+
+    Returns
+    -------
+    ndarray of shape (...)
+        max_i ulp(lsf_i) / (lsf_i - lsf_{i-1}), the gap to pi counted. Writing the frequencies down leaves the
+        height of the sharpest resonance uncertain by 20 log10(1 + conditioning) dB; computing them adds some
+        ten times that. 1 or more means a pair that float64 cannot tell apart, or a frequency below 1e-60 rad:
+        away from that resonance the spectrum is right, but k is only one of the many models that share it.
+
+    Raises
+    ------
+    ValueError
+        As `to_reflection`.
+
+    Examples
+    --------
+    >>> bool(conditioning([0.5, 1.0, 1.5]) < 1e-15)
+    True
+    """
+    frames = _checked_lsf(lsf)
+    below_pi = np.pi - frames[:, -1:] + 1.2246467991473532e-16  # pi less its float64
+    gaps = np.concatenate([np.diff(frames), below_pi], axis=1)
+    ulps = np.spacing(np.concatenate([frames[:, 1:], frames[:, -1:]], axis=1))
+    at_zero = frames[:, 0] <= SMALLEST_ANGLE
+    return np.where(at_zero, 1.0, np.max(ulps / gaps, axis=1)).reshape(np.shape(lsf)[:-1])
+
+
+def interpolate(lsf_a: ArrayLike, lsf_b: ArrayLike, weight: ArrayLike, *, min_gap: float = 1e-12) -> Samples:
+    """Return the line spectral frequencies between two models: increasing, so stable, for every weight.
+
+    The frequencies are (1 - weight) lsf_a + weight lsf_b; where two come closer than `min_gap`, or one closer
+    than that to 0 or pi, they are moved apart.
+
+    Parameters
+    ----------
+    lsf_a, lsf_b : array_like of shape (..., p)
+        In rad per sample, strictly increasing, in (0, pi).
+    weight : array_like of shape (...)
+        0 gives `lsf_a`, 1 gives `lsf_b`; in [0, 1].
+    min_gap : float
+        In rad; at least 0, at most pi / (p + 1). The closer two frequencies, the sharper the resonance
+        between them.
+
+    Returns
+    -------
+    ndarray of shape (..., p)
+        Of the shape that the three inputs broadcast to.
+
+    Raises
+    ------
+    ValueError
+        As `to_reflection`, and for a weight or gap out of its range.
+
+    Examples
+    --------
+    >>> interpolate([0.5, 1.0], [1.5, 2.0], 0.25)
+    array([0.75, 1.25])
+    """
+    a = _checked_lsf(lsf_a).reshape(np.shape(lsf_a))
+    b = _checked_lsf(lsf_b).reshape(np.shape(lsf_b))
+    w = np.asarray(weight, dtype=np.float64)
+    p, q = np.shape(lsf_a)[-1], np.shape(lsf_b)[-1]
+    if p != q:
+        raise ValueError(f"orders are {p} and {q}; the rule is two models of one order")
+    if not np.all((w >= 0) & (w <= 1)):
+        raise ValueError(f"weight is {w[~((w >= 0) & (w <= 1))][0]}; the rule is 0 to 1")
+    if not 0 <= min_gap <= np.pi / (p + 1):
+        raise ValueError(f"min_gap is {min_gap}; the rule is 0 to pi / (p + 1) = {np.pi / (p + 1):g} rad")
+    w = w[..., np.newaxis]
+    mixed = np.asarray((1 - w) * a + w * b)
+    return _apart(mixed.reshape(-1, p), min_gap).reshape(mixed.shape)
+
+
+def _apart(frames: Samples, min_gap: float) -> Samples:
+    """Return increasing `frames`, moved up, then down, as far as the gap asks for."""
+    p = frames.shape[1]
+    # theta_i - i g must not decrease: the running maximum from below, then the running minimum from above
+    steps = min_gap * np.arange(1, p + 1)
+    room = frames - steps
+    apart = np.minimum(np.maximum.accumulate(np.maximum(room, 0.0), axis=1), np.pi - (p + 1) * min_gap)
+    frames = frames + (apart - room)  # exactly as it was where nothing moved
+    _separate(frames)
+    return frames
+
+
+def log_spectrum(k: ArrayLike, omega: ArrayLike) -> Samples:
+    """Return the power spectrum 1 / |A|^2 of the models at unit gain, in dB.
+
+    Parameters
+    ----------
+    k : array_like of shape (..., p)
+        Reflection coefficients, |k| < 1.
+    omega : array_like of shape (n_frequencies,)
+        In rad per sample.
+
+    Returns
+    -------
+    ndarray of shape (..., n_frequencies)
+        -20 log10 |A(e^{i omega})|.
+
+    Raises
+    ------
+    ValueError
+        As `from_reflection`, or if `omega` is not one-dimensional and finite.
+
+    Notes
+    -----
+    The lattice on the unit circle, written for P_m = f_m + z^-1 b_m and Q_m = f_m - z^-1 b_m, which are two
+    real numbers x, y up to a phase: each stage scales them by 1 + k and 1 - k and turns them by omega/2,
+    with |A_m|^2 = x^2 + y^2. Nothing cancels, whatever the order.
+
+    Examples
+    --------
+    >>> log_spectrum([-0.5], [0.0]).round(4)
+    array([6.0206])
+    """
+    frames = _checked(k, "k", -1.0, 1.0)
+    at = np.asarray(omega, dtype=np.float64)
+    if at.ndim != 1 or not np.all(np.isfinite(at)):
+        raise ValueError(f"omega has shape {at.shape}; the rule is (n_frequencies,), all finite")
+    spectrum = _lattice_log_spectrum(frames, np.cos(at / 2), np.sin(at / 2))
+    return np.asarray(spectrum).reshape(*np.shape(k)[:-1], at.size)
+
+
+@njit(cache=True, error_model="numpy")
+def _lattice_log_spectrum(frames, c, s):  # type: ignore[no-untyped-def]
+    out = np.zeros((frames.shape[0], c.size))
+    for row in range(frames.shape[0]):
+        x, y = c.copy(), s.copy()
+        for m in range(frames.shape[1]):
+            plus, minus = 1 + frames[row, m], 1 - frames[row, m]
+            for i in range(c.size):
+                a, b = plus * x[i], minus * y[i]
+                x[i], y[i] = a * c[i] - b * s[i], a * s[i] + b * c[i]
+            if m % 16 == 15 or m == frames.shape[1] - 1:  # (1 - |k|)^16 is above 1e-256
+                size = np.hypot(x, y)
+                x, y = x / size, y / size
+                out[row] -= 20 * np.log10(size)
+    return out
+
+
+def _checked(values: ArrayLike, name: str, low: float, high: float) -> Samples:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] == 0:
+        raise ValueError(f"{name} has shape {array.shape}; the rule is (..., p) with p at least 1")
+    wrong = ~((array > low) & (array < high))
+    if np.any(wrong):
+        raise ValueError(f"{name} holds {array[wrong][0]}; the rule is {low:g} < {name} < {high:g}")
+    return array.reshape(-1, array.shape[-1])
+
+
+def _checked_lsf(lsf: ArrayLike) -> Samples:
+    frames = _checked(lsf, "lsf", 0.0, np.pi)
+    steps = np.diff(frames)
+    if not np.all(steps > 0):
+        row, i = np.argwhere(~(steps > 0))[0]
+        pair = f"{frames[row, i]!r}, {frames[row, i + 1]!r}"
+        raise ValueError(f"lsf holds {pair} in this order; the rule is strictly increasing")
+    return frames
