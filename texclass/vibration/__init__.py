@@ -2,10 +2,11 @@
 
 from texclass.vibration import line_spectrum, scores
 from texclass.vibration.autoregressive import Autoregression, fit
+from texclass.vibration.decaying_modes import DecayingModes
 from texclass.vibration.decaying_sinusoid import TapModel, fit_okamura, fit_tap_model
 from texclass.vibration.lattice import LatticeInverse, LatticeSynthesis, synthesize, whiten
 from texclass.vibration.major_frequencies import MajorFrequencies, fit_major_frequencies
-from texclass.vibration.matrix_pencil import DecayingModes, fit_matrix_pencil
+from texclass.vibration.matrix_pencil import fit_matrix_pencil
 from texclass.vibration.order import OrderSelection, select_order
 from texclass.vibration.prony import PronyFilter, fit_prony
 

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 from scipy import fft, signal
 
 from texclass.recording import Samples
-from texclass.vibration.matrix_pencil import one_channel, to_unit_scale
+from texclass.vibration._input import one_channel, to_unit_scale
 
 FLOOR = 1e-12
 """Power below this part of the largest power of the recording counts as this part (-120 dB)."""
