@@ -18,10 +18,6 @@ def _axes(n, c=3, seed=0):
     return rng.standard_normal((n, c)).cumsum(axis=0) * 0.1 + np.arange(c) * 9.81
 
 
-def _sine(hz, n=20_000):
-    return np.sin(2 * np.pi * hz * np.arange(n) / FS)
-
-
 # DFT321 -----------------------------------------------------------------------------------------------------
 
 
