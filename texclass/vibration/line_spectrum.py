@@ -20,14 +20,11 @@ which float64 holds to full relative accuracy. The way back is the inverse probl
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from texclass.recording import Samples
+from texclass.vibration import _recursions
 from texclass.vibration._half_angle import SMALLEST_ANGLE, paths_from_angles, squared_singular_values
-
-LARGEST_REFLECTION = float(np.nextafter(1.0, 0.0))
-"""Largest |k| that `to_reflection` returns."""
 
 
 def from_reflection(k: ArrayLike) -> Samples:
@@ -133,7 +130,7 @@ def to_reflection(lsf: ArrayLike) -> Samples:
     j = np.arange(p - 1, 0, -2)
     ratio[:, j] = (cosines[:, j - 1] / u[:, j - 1]) / (cosines[:, j] / v[:, j + 1])
     k = (1 - ratio[:, 1:]) / (1 + ratio[:, 1:])
-    return np.asarray(np.clip(k, -LARGEST_REFLECTION, LARGEST_REFLECTION)).reshape(np.shape(lsf))
+    return np.asarray(np.clip(k, -_recursions.LARGEST, _recursions.LARGEST)).reshape(np.shape(lsf))
 
 
 def conditioning(lsf: ArrayLike) -> Samples:
@@ -250,9 +247,7 @@ def log_spectrum(k: ArrayLike, omega: ArrayLike) -> Samples:
 
     Notes
     -----
-    The lattice on the unit circle, written for P_m = f_m + z^-1 b_m and Q_m = f_m - z^-1 b_m, which are two
-    real numbers x, y up to a phase: each stage scales them by 1 + k and 1 - k and turns them by omega/2,
-    with |A_m|^2 = x^2 + y^2. Nothing cancels, whatever the order.
+    The lattice on the unit circle, one real rotation and scaling a stage: nothing cancels at any order.
 
     Examples
     --------
@@ -263,25 +258,9 @@ def log_spectrum(k: ArrayLike, omega: ArrayLike) -> Samples:
     at = np.asarray(omega, dtype=np.float64)
     if at.ndim != 1 or not np.all(np.isfinite(at)):
         raise ValueError(f"omega has shape {at.shape}; the rule is (n_frequencies,), all finite")
-    spectrum = _lattice_log_spectrum(frames, np.cos(at / 2), np.sin(at / 2))
-    return np.asarray(spectrum).reshape(*np.shape(k)[:-1], at.size)
-
-
-@njit(cache=True, error_model="numpy")
-def _lattice_log_spectrum(frames, c, s):  # type: ignore[no-untyped-def]
-    out = np.zeros((frames.shape[0], c.size))
-    for row in range(frames.shape[0]):
-        x, y = c.copy(), s.copy()
-        for m in range(frames.shape[1]):
-            plus, minus = 1 + frames[row, m], 1 - frames[row, m]
-            for i in range(c.size):
-                a, b = plus * x[i], minus * y[i]
-                x[i], y[i] = a * c[i] - b * s[i], a * s[i] + b * c[i]
-            if m % 16 == 15 or m == frames.shape[1] - 1:  # (1 - |k|)^16 is above 1e-256
-                size = np.hypot(x, y)
-                x, y = x / size, y / size
-                out[row] -= 20 * np.log10(size)
-    return out
+    ln_a = [_recursions.log_magnitudes(row, at)[-1] for row in frames]
+    spectrum = -20.0 / np.log(10.0) * np.array(ln_a)
+    return np.asarray(spectrum.reshape(*np.shape(k)[:-1], at.size))
 
 
 def _checked(values: ArrayLike, name: str, low: float, high: float) -> Samples:
