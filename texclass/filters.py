@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 from scipy import signal
 
 from texclass.recording import Samples
+from texclass.signals import all_finite
 
 
 def butterworth(
@@ -27,7 +28,7 @@ def butterworth(
     fs : float
         Sampling rate in Hz.
     order : int
-        Order of the filter (of each edge, for a band).
+        Order of the filter (of each edge, for a band), 1 or above.
 
     Returns
     -------
@@ -36,8 +37,11 @@ def butterworth(
     Raises
     ------
     ValueError
-        If a cut-off does not lie between 0 and fs/2, or the band's edges do not rise.
+        If a cut-off does not lie between 0 and fs/2, the band's edges do not rise, the order is below 1 or no
+        integer, or `fs` is not finite.
     """
+    if not (isinstance(order, (int, np.integer)) and order >= 1):
+        raise ValueError(f"order is {order!r}; the rule is an integer of at least 1")
     edges = np.atleast_1d(np.asarray(cutoff_hz, dtype=np.float64))
     _check_cutoffs(edges, fs, n_edges=2 if kind == "bandpass" else 1)
     band = edges if kind == "bandpass" else edges[0]
@@ -57,13 +61,18 @@ def zero_phase(sos: Samples, x: ArrayLike) -> Samples:
     Returns
     -------
     ndarray of the shape of `x`
+
+    Raises
+    ------
+    ValueError
+        If there is no sample, or one is NaN or infinite: it would spread over the whole signal.
     """
-    samples = np.asarray(x, dtype=np.float64)
+    samples = _at_least_one(all_finite(np.asarray(x, dtype=np.float64), "zero_phase"), "zero_phase")
     wished = 3 * (2 * len(sos) + 1)
     return np.asarray(signal.sosfiltfilt(sos, samples, axis=0, padlen=min(wished, len(samples) - 1)))
 
 
-def causal(sos: Samples, x: ArrayLike, state: Samples | None = None) -> tuple[Samples, Samples]:
+def causal(sos: Samples, x: ArrayLike, state: Samples | None = None) -> tuple[Samples, Samples | None]:
     """Filter forwards only, piece by piece: pieces give what the whole signal would.
 
     Parameters
@@ -71,7 +80,7 @@ def causal(sos: Samples, x: ArrayLike, state: Samples | None = None) -> tuple[Sa
     sos : ndarray of shape (n_sections, 6)
         From `butterworth`.
     x : array_like of shape (n_samples, ...)
-        The next piece.
+        The next piece; it may be empty.
     state : ndarray of shape (n_sections, 2, ...), optional
         What the previous call returned. Without it the filter is at rest on the value of the first sample, so
         a constant offset causes no transient.
@@ -79,10 +88,17 @@ def causal(sos: Samples, x: ArrayLike, state: Samples | None = None) -> tuple[Sa
     Returns
     -------
     filtered : ndarray of the shape of `x`
-    state : ndarray of shape (n_sections, 2, ...)
-        For the next piece.
+    state : ndarray of shape (n_sections, 2, ...), or None
+        For the next piece; None as long as all pieces were empty.
+
+    Raises
+    ------
+    ValueError
+        If a sample is NaN or infinite: it would stay in the state for ever.
     """
-    samples = np.asarray(x, dtype=np.float64)
+    samples = all_finite(np.asarray(x, dtype=np.float64), "causal")
+    if len(samples) == 0:
+        return samples.copy(), state
     if state is None:
         unit = signal.sosfilt_zi(sos).reshape(len(sos), 2, *(1,) * (samples.ndim - 1))
         state = unit * samples[0]
@@ -136,7 +152,8 @@ def highpass_fir(x: ArrayLike, cutoff_hz: float, fs: float, *, transition_hz: fl
     Raises
     ------
     ValueError
-        If the cut-off does not lie between 0 and fs/2 or the transition is not positive.
+        If the cut-off does not lie between 0 and fs/2, the transition is not positive, or the signal is not
+        one-dimensional, empty, or holds NaN or infinity.
 
     Examples
     --------
@@ -144,7 +161,9 @@ def highpass_fir(x: ArrayLike, cutoff_hz: float, fs: float, *, transition_hz: fl
     >>> bool(np.abs(highpass_fir(np.full(2000, 9.81), 100.0, 10_000.0)).max() < 1e-12)
     True
     """
-    samples = np.asarray(x, dtype=np.float64)
+    samples = _at_least_one(all_finite(np.asarray(x, dtype=np.float64), "highpass_fir"), "highpass_fir")
+    if samples.ndim != 1:
+        raise ValueError(f"highpass_fir got shape {samples.shape}; the rule is (n_samples,)")
     _check_cutoffs(np.array([cutoff_hz]), fs, n_edges=1)
     width = cutoff_hz if transition_hz is None else transition_hz
     if not width > 0:
@@ -158,11 +177,19 @@ def _check_cutoffs(edges: Samples, fs: float, n_edges: int) -> None:
     shown = " ... ".join(f"{edge:g}" for edge in edges)
     if edges.size != n_edges:
         raise ValueError(f"cut-off is {shown} Hz; the rule is {n_edges} frequency value(s) for this filter")
+    if not fs < np.inf:
+        raise ValueError(f"fs is {fs} Hz; the rule is a sampling rate in Hz above 0")
     if not (np.all(edges > 0) and np.all(edges < fs / 2) and np.all(np.diff(edges) > 0)):
         raise ValueError(
             f"cut-off is {shown} Hz at fs = {fs:g} Hz; "
             f"the rule is 0 < cut-off < fs/2 = {fs / 2:g} Hz, the edges of a band rising"
         )
+
+
+def _at_least_one(x: Samples, who: str) -> Samples:
+    if x.ndim == 0 or len(x) == 0:
+        raise ValueError(f"{who} got shape {x.shape}; the rule is at least one sample")
+    return x
 
 
 def _continued(x: Samples, half: int) -> Samples:

@@ -5,13 +5,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy import signal
+from scipy import optimize, signal
 
 from texclass.vibration.line_spectrum import (
     conditioning,
     from_reflection,
-    interpolate,
     log_spectrum,
+    spread,
     to_reflection,
 )
 
@@ -249,33 +249,31 @@ def test_log_spectrum_agrees_with_60_digits(p, size):
     assert_allclose(log_spectrum(k, omega), expected, rtol=0, atol=1e-9)
 
 
-# Between models ---------------------------------------------------------------------------------------------
+# The nearest frequencies of a stable model ------------------------------------------------------------------
 
 
-def test_interpolation_gives_the_models_themselves_at_its_ends():
-    a, b = from_reflection(_random_k(18)), from_reflection(_random_k(18, seed=1))
-    assert_array_equal(interpolate(a, b, 0.0), a)
-    assert_array_equal(interpolate(a, b, 1.0), b)
+def test_frequencies_that_keep_the_rule_stay_as_they_are():
+    lsf = from_reflection(_random_k(18))
+    assert_array_equal(spread(lsf), lsf)
+    assert_array_equal(spread(np.stack([lsf, lsf[::-1]]))[0], lsf)
 
 
-@given(st.integers(1, 60), st.floats(0, 1), st.floats(0, 1), st.integers(0, 1000))
-@settings(deadline=None, max_examples=100)
-def test_interpolation_keeps_order_and_gap_for_every_weight(p, weight, share, seed):
+@given(st.integers(1, 40), st.floats(0, 1), st.integers(0, 1000))
+@settings(deadline=None, max_examples=60)
+def test_any_numbers_become_increasing_frequencies_with_the_gap(p, share, seed):
     min_gap = share * np.pi / (p + 1)
-    a, b = from_reflection(np.stack([_random_k(p, 0.99, seed), _random_k(p, 0.99, seed + 1)]))
-    between = interpolate(a, b, weight, min_gap=min_gap)
-    gaps = np.diff(between, prepend=0.0, append=np.pi)
-    assert _is_interlaced(between)
-    assert gaps.min() >= min_gap - 2e-15
-    assert np.abs(to_reflection(between)).max() < 1
+    near = spread(np.random.default_rng(seed).normal(1.5, 2.0, p), min_gap)
+    assert _is_interlaced(near)
+    assert np.diff(near, prepend=0.0, append=np.pi).min() >= min_gap - 2e-15
+    assert np.abs(to_reflection(near)).max() < 1
 
 
-def test_interpolation_takes_a_weight_per_frame():
-    a, b = from_reflection(_random_k(6)), from_reflection(_random_k(6, seed=1))
-    weights = np.linspace(0, 1, 5)
-    path = interpolate(a, b, weights)
-    assert path.shape == (5, 6)
-    assert_array_equal(path[2], interpolate(a, b, 0.5))
+def test_spread_frequencies_are_the_nearest_in_least_squares():
+    """Against a general solver of the constrained problem."""
+    lsf, gap = np.random.default_rng(3).normal(1.5, 1.2, 7), 0.1
+    ends = {"type": "ineq", "fun": lambda x: np.diff(x, prepend=0.0, append=np.pi) - gap}
+    best = optimize.minimize(lambda x: np.sum((x - lsf) ** 2), np.linspace(0.3, 2.8, 7), constraints=ends)
+    assert_allclose(spread(lsf, gap), best.x, atol=1e-5)
 
 
 # What is refused --------------------------------------------------------------------------------------------
@@ -291,18 +289,15 @@ def test_coefficients_of_no_stable_model_are_refused(k):
 
 @pytest.mark.parametrize("lsf", [[0.0, 1.0], [1.0, np.pi], [1.0, 1.0], [2.0, 1.0], [np.nan], [], 0.5])
 def test_frequencies_of_no_model_are_refused(lsf):
-    for refusing in (to_reflection, conditioning, lambda x: interpolate(x, x, 0.5)):
+    for refusing in (to_reflection, conditioning):
         with pytest.raises(ValueError, match="the rule is"):
             refusing(lsf)
 
 
-@pytest.mark.parametrize(
-    ("b", "weight", "min_gap"),
-    [([1.0], 0.5, 0.0), ([1.0, 2.0], 1.5, 0.0), ([1.0, 2.0], np.nan, 0.0), ([1.0, 2.0], 0.5, 2.0)],
-)
-def test_interpolation_refuses_other_orders_weights_and_gaps(b, weight, min_gap):
+@pytest.mark.parametrize(("lsf", "min_gap"), [([1.0, np.nan], 0.0), ([], 0.0), ([1.0], 2.0), ([1.0], -0.1)])
+def test_what_no_gap_or_number_can_mend_is_refused(lsf, min_gap):
     with pytest.raises(ValueError, match="the rule is"):
-        interpolate([0.5, 1.0], b, weight, min_gap=min_gap)
+        spread(lsf, min_gap)
 
 
 def test_log_spectrum_refuses_frequencies_that_are_not_a_list():

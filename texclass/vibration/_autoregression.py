@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
 from texclass.vibration import _recursions
+from texclass.vibration._input import angular_frequencies
 
 DIRECT_FORM_ERROR = 1e-6
 """Largest change of a reflection coefficient that direct-form coefficients may bring."""
@@ -190,16 +191,9 @@ class Autoregression:
             -inf for silence.
         """
         k = self.reflection.reshape(self.gain.size, self.order)
-        ln_a = [_recursions.log_magnitudes(row, _frequencies(omega))[-1] for row in k]
+        ln_a = [_recursions.log_magnitudes(row, angular_frequencies(omega))[-1] for row in k]
         ln_h = self.log_gain.reshape(-1, 1) - np.reshape(ln_a, (len(k), -1))
         return np.asarray(20.0 / np.log(10.0) * ln_h.reshape(*self.gain.shape, -1))
-
-
-def _frequencies(omega: ArrayLike) -> Samples:
-    w = np.ascontiguousarray(omega, dtype=np.float64)
-    if w.ndim != 1 or not np.all(np.isfinite(w)):
-        raise ValueError(f"omega has shape {w.shape}; the rule is (n_frequencies,) finite radians per sample")
-    return w
 
 
 def log_cosines(k: Samples) -> Samples:

@@ -34,3 +34,11 @@ def positive(value: float, name: str) -> float:
     if not (np.isfinite(value) and value > 0):
         raise ValueError(f"{name} is {value}; the rule is finite and above 0")
     return value
+
+
+def angular_frequencies(omega: ArrayLike) -> Samples:
+    """Return `omega` (rad per sample) as float64 of shape (n_frequencies,), or say which rule it breaks."""
+    w = np.ascontiguousarray(omega, dtype=np.float64)
+    if w.ndim != 1 or not np.all(np.isfinite(w)):
+        raise ValueError(f"omega has shape {w.shape}; the rule is (n_frequencies,) finite radians per sample")
+    return w

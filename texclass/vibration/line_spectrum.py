@@ -21,10 +21,15 @@ which float64 holds to full relative accuracy. The way back is the inverse probl
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import optimize
 
 from texclass.recording import Samples
 from texclass.vibration import _recursions
 from texclass.vibration._half_angle import SMALLEST_ANGLE, paths_from_angles, squared_singular_values
+from texclass.vibration._input import angular_frequencies
+
+MIN_GAP = 1e-12
+"""Least gap between line spectral frequencies, in rad: far above rounding, far below any felt resonance's."""
 
 
 def from_reflection(k: ArrayLike) -> Samples:
@@ -167,18 +172,15 @@ def conditioning(lsf: ArrayLike) -> Samples:
     return np.where(at_zero, 1.0, np.max(ulps / gaps, axis=1)).reshape(np.shape(lsf)[:-1])
 
 
-def interpolate(lsf_a: ArrayLike, lsf_b: ArrayLike, weight: ArrayLike, *, min_gap: float = 1e-12) -> Samples:
-    """Return the line spectral frequencies between two models: increasing, so stable, for every weight.
+def spread(lsf: ArrayLike, min_gap: float = MIN_GAP) -> Samples:
+    """Return the line spectral frequencies nearest to any numbers: increasing, in (0, pi), a gap apart.
 
-    The frequencies are (1 - weight) lsf_a + weight lsf_b; where two come closer than `min_gap`, or one closer
-    than that to 0 or pi, they are moved apart.
+    minimise sum_i (theta_i - lsf_i)^2 with theta_{i+1} - theta_i >= min_gap, and as far from 0 and pi.
 
     Parameters
     ----------
-    lsf_a, lsf_b : array_like of shape (..., p)
-        In rad per sample, strictly increasing, in (0, pi).
-    weight : array_like of shape (...)
-        0 gives `lsf_a`, 1 gives `lsf_b`; in [0, 1].
+    lsf : array_like of shape (..., p)
+        Finite, in rad per sample; in any order, as a regression may give them.
     min_gap : float
         In rad; at least 0, at most pi / (p + 1). The closer two frequencies, the sharper the resonance
         between them.
@@ -186,43 +188,34 @@ def interpolate(lsf_a: ArrayLike, lsf_b: ArrayLike, weight: ArrayLike, *, min_ga
     Returns
     -------
     ndarray of shape (..., p)
-        Of the shape that the three inputs broadcast to.
+        Strictly increasing, so a stable model. Rows that keep the rule come back as they were.
 
     Raises
     ------
     ValueError
-        As `to_reflection`, and for a weight or gap out of its range.
+        If there is no frequency, one is not finite, or the gap is out of its range.
+
+    Notes
+    -----
+    With g the gap, theta_i - i g must not decrease and lie in [0, pi - (p + 1) g]: isotonic regression, then
+    clipping.
 
     Examples
     --------
-    >>> interpolate([0.5, 1.0], [1.5, 2.0], 0.25)
-    array([0.75, 1.25])
+    >>> spread([0.5, 1.5, 1.0, 2.0], 0.1).round(2)
+    array([0.5, 1.2, 1.3, 2. ])
     """
-    a = _checked_lsf(lsf_a).reshape(np.shape(lsf_a))
-    b = _checked_lsf(lsf_b).reshape(np.shape(lsf_b))
-    w = np.asarray(weight, dtype=np.float64)
-    p, q = np.shape(lsf_a)[-1], np.shape(lsf_b)[-1]
-    if p != q:
-        raise ValueError(f"orders are {p} and {q}; the rule is two models of one order")
-    if not np.all((w >= 0) & (w <= 1)):
-        raise ValueError(f"weight is {w[~((w >= 0) & (w <= 1))][0]}; the rule is 0 to 1")
+    frames = _checked(lsf, "lsf", -np.inf, np.inf).copy()
+    p = frames.shape[1]
     if not 0 <= min_gap <= np.pi / (p + 1):
         raise ValueError(f"min_gap is {min_gap}; the rule is 0 to pi / (p + 1) = {np.pi / (p + 1):g} rad")
-    w = w[..., np.newaxis]
-    mixed = np.asarray((1 - w) * a + w * b)
-    return _apart(mixed.reshape(-1, p), min_gap).reshape(mixed.shape)
-
-
-def _apart(frames: Samples, min_gap: float) -> Samples:
-    """Return increasing `frames`, moved up, then down, as far as the gap asks for."""
-    p = frames.shape[1]
-    # theta_i - i g must not decrease: the running maximum from below, then the running minimum from above
     steps = min_gap * np.arange(1, p + 1)
-    room = frames - steps
-    apart = np.minimum(np.maximum.accumulate(np.maximum(room, 0.0), axis=1), np.pi - (p + 1) * min_gap)
-    frames = frames + (apart - room)  # exactly as it was where nothing moved
+    gaps = np.diff(frames, axis=1, prepend=0.0, append=np.pi)
+    for row in (frames[i] for i in np.flatnonzero(np.any(gaps < min_gap, axis=1))):
+        rising = optimize.isotonic_regression(row - steps).x
+        row[:] = np.clip(rising, 0.0, np.pi - (p + 1) * min_gap) + steps
     _separate(frames)
-    return frames
+    return frames.reshape(np.shape(lsf))
 
 
 def log_spectrum(k: ArrayLike, omega: ArrayLike) -> Samples:
@@ -255,9 +248,7 @@ def log_spectrum(k: ArrayLike, omega: ArrayLike) -> Samples:
     array([6.0206])
     """
     frames = _checked(k, "k", -1.0, 1.0)
-    at = np.asarray(omega, dtype=np.float64)
-    if at.ndim != 1 or not np.all(np.isfinite(at)):
-        raise ValueError(f"omega has shape {at.shape}; the rule is (n_frequencies,), all finite")
+    at = angular_frequencies(omega)
     ln_a = [_recursions.log_magnitudes(row, at)[-1] for row in frames]
     spectrum = -20.0 / np.log(10.0) * np.array(ln_a)
     return np.asarray(spectrum.reshape(*np.shape(k)[:-1], at.size))

@@ -9,12 +9,11 @@ from scipy import fft
 
 from texclass.recording import Samples
 from texclass.vibration import _recursions
+from texclass.vibration._spectral_error import N_DFT, checked_dft, relative_error
 from texclass.vibration.autoregressive import Autoregression, fit
 
 Criterion = Literal["spectral_error", "aicc"]
 
-N_DFT = 2800
-"""Points of the DFT in `oeztuerk2018` eq. (3.11)."""
 LITTLE = 0.05
 """Part of the whole gain from order 0 to the best one that is not worth a higher order."""
 
@@ -119,7 +118,7 @@ def spectral_error(x: ArrayLike, model: Autoregression, *, n_dft: int = N_DFT) -
     Raises
     ------
     ValueError
-        If the leading shapes differ or the signal is empty.
+        If the leading shapes differ, the signal is empty or holds NaN or infinity, or `n_dft` is below 1.
 
     Notes
     -----
@@ -139,8 +138,10 @@ def spectral_error(x: ArrayLike, model: Autoregression, *, n_dft: int = N_DFT) -
         raise ValueError(
             f"signal {samples.shape} for models {model.gain.shape}; the rule is equal leading shapes"
         )
+    if not np.all(np.isfinite(samples)):
+        raise ValueError("the signal holds NaN or infinity; the rule is finite samples")
     rows = np.atleast_2d(samples), np.atleast_2d(model.reflection), np.atleast_2d(model.residual)
-    curves = [_spectral_error(*row, n_dft) for row in zip(*rows, strict=True)]
+    curves = [_spectral_error(*row, checked_dft(n_dft)) for row in zip(*rows, strict=True)]
     return np.reshape(curves, model.residual.shape)
 
 
@@ -183,5 +184,4 @@ def _spectral_error(x: Samples, k: Samples, residual: Samples, n_dft: int) -> Sa
     omega = 2 * np.pi * fft.rfftfreq(n_dft)
     ln_a = _recursions.log_magnitudes(np.ascontiguousarray(k), omega)
     modelled = (residual / peak * np.sqrt(length))[:, np.newaxis] * np.exp(-ln_a)
-    twice = np.where((omega == 0) | (omega == np.pi), 1.0, 2.0)  # bins 0 ... N-1 from the half spectrum
-    return np.asarray(np.sqrt(((modelled - measured) ** 2 @ twice) / (measured**2 @ twice)))
+    return relative_error(measured, modelled, n_dft)

@@ -6,6 +6,7 @@ from scipy import fft, signal
 
 from texclass.recording import Samples
 from texclass.vibration._input import one_channel, to_unit_scale
+from texclass.vibration._spectral_error import N_DFT, checked_dft, relative_error, root_mean_square
 
 FLOOR = 1e-12
 """Power below this part of the largest power of the recording counts as this part (-120 dB)."""
@@ -14,7 +15,7 @@ BAND_EDGES_HZ: Samples = np.geomspace(20.0, 1000.0, 10)
 BAND_EDGES_HZ.flags.writeable = False
 
 
-def rms_spectral_error(recorded: ArrayLike, synthesized: ArrayLike, *, n_fft: int = 2800) -> float:
+def rms_spectral_error(recorded: ArrayLike, synthesized: ArrayLike, *, n_fft: int = N_DFT) -> float:
     """Return the RMS difference of the magnitude spectra over the RMS of the recorded one.
 
     C = RMS(|DFT{a}| - |DFT{a_g}|) / RMS(|DFT{a}|), with transforms of `n_fft` points: longer signals are cut,
@@ -48,11 +49,10 @@ def rms_spectral_error(recorded: ArrayLike, synthesized: ArrayLike, *, n_fft: in
     ----------
     `oeztuerk2018`, eqs. (3.11) and (3.12).
     """
-    if n_fft < 1:
-        raise ValueError(f"n_fft is {n_fft}; the rule is at least 1")
     a, a_g = _in_one_scale(recorded, synthesized)
-    A, A_g = np.abs(fft.fft(a, n_fft)), np.abs(fft.fft(a_g, n_fft))
-    return _root_mean_square(A - A_g) / _not_silent(_root_mean_square(A), f"in its first {n_fft} samples")
+    A, A_g = (np.abs(fft.rfft(x, checked_dft(n_fft))) for x in (a, a_g))
+    _not_silent(float(A.max()), f"in its first {n_fft} samples")
+    return float(relative_error(A, A_g, n_fft))
 
 
 def goodness_of_fit(
@@ -156,7 +156,7 @@ def log_spectral_distance(
             f"n_segment is {n} for {a.size} and {a_g.size} samples; the rule is 4 to the shorter of them"
         )
     P, P_g = (signal.welch(s, window="hann", nperseg=n, detrend=False)[1] for s in (a, a_g))
-    return _root_mean_square(_decibel_difference(P, P_g, float(P.max())))
+    return float(root_mean_square(_decibel_difference(P, P_g, float(P.max()))))
 
 
 def band_energy_distance(recorded: ArrayLike, synthesized: ArrayLike, fs: float) -> float:
@@ -192,7 +192,7 @@ def band_energy_distance(recorded: ArrayLike, synthesized: ArrayLike, fs: float)
     E, total = _band_powers(a, fs, edges)
     _not_silent(total if total > FLOOR**2 else 0.0, "apart from its mean")
     E_g, _ = _band_powers(a_g, fs, edges)
-    return _root_mean_square(_decibel_difference(E, E_g, total))
+    return float(root_mean_square(_decibel_difference(E, E_g, total)))
 
 
 def _in_one_scale(recorded: ArrayLike, synthesized: ArrayLike, at_least: int = 1) -> tuple[Samples, Samples]:
@@ -209,15 +209,9 @@ def _same_length(a: Samples, b: Samples) -> None:
         raise ValueError(f"signals have {a.size} and {b.size} samples; the rule is one length for both")
 
 
-def _not_silent(level: float, where: str) -> float:
+def _not_silent(level: float, where: str) -> None:
     if level == 0:
         raise ValueError(f"the recorded signal is 0 {where}; the rule is a level to compare with")
-    return level
-
-
-def _root_mean_square(x: Samples) -> float:
-    largest = float(np.max(np.abs(x), initial=0.0))
-    return largest * float(np.sqrt(np.mean((x / largest) ** 2))) if largest > 0 else 0.0
 
 
 def _gfc(a_d: Samples, a_m: Samples, n_hamming: int) -> float:

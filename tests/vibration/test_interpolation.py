@@ -1,0 +1,184 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import signal
+
+from texclass.vibration.autoregressive import Autoregression, fit, from_direct_form
+from texclass.vibration.interpolation import ModelBlend, from_line_spectrum, interpolate
+from texclass.vibration.lattice import LatticeSynthesis
+from texclass.vibration.line_spectrum import from_reflection, to_reflection
+
+OMEGA = np.linspace(0.01, 3.13, 300)
+TONE = Autoregression([-np.cos(0.5), np.nextafter(1.0, 0.0)], 1e-12)
+
+
+def _model(seed, p=18, gain=1.0):
+    return Autoregression(np.random.default_rng(seed).uniform(-0.9, 0.9, p), gain)
+
+
+def _resonance(hz, gain, radius=0.98, fs=10_000.0):
+    pole = radius * np.exp(2j * np.pi * hz / fs)
+    slow = 0.9  # another pole keeps what the resonance leaves at high frequencies low
+    return from_direct_form(np.poly([pole, pole.conj(), slow, slow]).real, gain)
+
+
+@pytest.mark.parametrize(("weight", "end"), [(0, _model(1)), (1, _model(2, gain=7e-3))])
+def test_the_ends_of_the_path_are_the_models(weight, end):
+    between = interpolate(_model(1), _model(2, gain=7e-3), weight)
+    assert_allclose(between.log_spectrum_db(OMEGA), end.log_spectrum_db(OMEGA), atol=1e-9)
+    assert between.gain == end.gain
+
+
+def test_frequencies_and_log_gain_are_mixed_linearly():
+    a, b = _model(1, gain=1e-3), _model(2, gain=10.0)
+    weight = np.linspace(0, 1, 9)
+    between = interpolate(a, b, weight)
+    theta_a, theta_b = from_reflection(a.reflection), from_reflection(b.reflection)
+    theta = (1 - weight)[:, np.newaxis] * theta_a + weight[:, np.newaxis] * theta_b
+    assert_allclose(from_reflection(between.reflection), theta, rtol=0, atol=1e-12)
+    assert_allclose(between.log_gain, (1 - weight) * a.log_gain + weight * b.log_gain, atol=1e-12)
+
+
+def test_many_models_mix_as_their_weights_say():
+    models = [_model(seed, gain=10.0**seed) for seed in range(4)]
+    weights = np.random.default_rng(0).dirichlet(np.ones(4), size=(2, 3))
+    mixed = ModelBlend(models).at(weights)
+    assert mixed.reflection.shape == (2, 3, 18)
+    lsf = np.array([from_reflection(m.reflection) for m in models])
+    assert_allclose(from_reflection(mixed.reflection), weights @ lsf, atol=1e-12)
+    assert_allclose(np.log10(mixed.gain), weights @ np.arange(4), atol=1e-12)
+    assert_array_equal(ModelBlend(models).at(weights[1, 2]).reflection, mixed.reflection[1, 2])
+
+
+def test_two_models_are_a_blend_of_two_and_stacks_are_models():
+    a, b = _model(1), _model(2, gain=3.0)
+    stack = Autoregression(np.stack([a.reflection, b.reflection]), [1.0, 3.0])
+    assert_array_equal(ModelBlend(stack).at([0.75, 0.25]).reflection, interpolate(a, b, 0.25).reflection)
+
+
+@pytest.mark.parametrize("p", [1, 2, 50, 400])
+@pytest.mark.parametrize("gap", [1e-12, 1e-4, 5e-3])
+def test_gap_is_kept_and_every_model_on_the_path_is_stable(p, gap):
+    between = interpolate(_model(1, p), _model(2, p), np.linspace(0, 1, 5), min_gap=gap)
+    lsf = from_reflection(between.reflection)
+    assert np.diff(lsf, prepend=0.0, append=np.pi).min() >= gap - 1e-13
+    assert np.abs(between.reflection).max() < 1
+
+
+def test_a_tone_is_moved_in_frequency_not_cross_faded():
+    high = Autoregression([-np.cos(1.5), TONE.reflection[1]], 1e-12)
+    poles = interpolate(TONE, high, 0.5).poles()
+    assert_allclose(np.abs(np.angle(poles)), 1.0, atol=1e-9)
+
+
+def test_level_between_tones_is_kept_where_it_is_asked_for():
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(3000)
+    quiet, loud = (fit(a * np.sin(w * np.arange(3000)) + noise, 6) for a, w in ((1.0, 0.4), (4.0, 0.9)))
+    weight = np.linspace(0, 1, 5)
+    level = interpolate(quiet, loud, weight, loudness="level").level
+    assert_allclose(level, quiet.level * (loud.level / quiet.level) ** weight, rtol=1e-6)
+    assert interpolate(quiet, loud, 0.5).level < 0.01 * level[2]  # no resonance is left halfway
+
+
+@pytest.mark.parametrize("loudness", ["gain", "level"])
+def test_silence_takes_its_share_of_the_amplitude_and_has_no_spectrum(loudness):
+    loud, silent = _model(1, gain=2.0), fit(np.zeros(100), 18)
+    faded = interpolate(loud, silent, [0.25, 0.999, 1.0], loudness=loudness)
+    assert_allclose(faded.gain, [1.5, 0.002, 0.0])
+    assert_allclose(faded.reflection[:2], [loud.reflection] * 2, atol=1e-9)
+    assert ModelBlend([silent, silent]).at([0.3, 0.7]).gain == 0
+
+
+@pytest.mark.parametrize("gain", [2.0**-530, 2.0**500])
+def test_gain_of_both_is_the_gain_of_what_lies_between(gain):
+    a, b = _model(1), _model(2, gain=5.0)
+    scaled = [Autoregression(m.reflection, m.gain * gain) for m in (a, b)]
+    plain, loud = interpolate(a, b, 0.3), interpolate(*scaled, 0.3)
+    assert_array_equal(loud.reflection, plain.reflection)
+    assert_allclose(loud.gain, plain.gain * gain, rtol=1e-13)
+
+
+def test_weights_of_a_triangle_may_miss_their_rule_by_rounding():
+    models = [_model(seed) for seed in range(3)]
+    assert_allclose(
+        ModelBlend(models).at([-1e-16, 0.5, 0.5 + 1e-15]).reflection,
+        ModelBlend(models).at([0.0, 0.5, 0.5]).reflection,
+        atol=1e-12,
+    )
+
+
+def test_any_regression_gives_a_stable_model():
+    rng = np.random.default_rng(5)
+    lsf = from_reflection(_model(1).reflection) + rng.normal(0, 0.3, (20, 18))
+    model = from_line_spectrum(lsf, rng.normal(0, 5, 20))
+    assert np.abs(model.reflection).max() < 1
+    exact = from_line_spectrum(from_reflection(_model(1).reflection), np.log(3.0))
+    assert_allclose(exact.reflection, _model(1).reflection, atol=1e-10)
+    assert_allclose(exact.gain, 3.0)
+    assert from_line_spectrum([1.0], -np.inf).gain == 0
+
+
+def test_vibration_moves_over_the_path_without_clicks():
+    """Texture below 1 kHz that gains 40 dB and an octave in 0.2 s: nothing is heard above 3 kHz.
+
+    The same path in one step is the control: a click.
+    """
+    blend = ModelBlend([_resonance(200, 0.001), _resonance(400, 0.1)])
+    weights, n = np.linspace(0, 1, 41)[1:], 50
+
+    def sound(glide):
+        lattice = LatticeSynthesis(blend.at([1, 0])).settle(np.random.default_rng(0))
+        e = np.random.default_rng(1).standard_normal((42, 2000))
+        pieces = [lattice.process(e[0])]
+        for w, x in zip(weights if glide else [1.0], e[1:], strict=False):
+            lattice.move_to(blend.at([1 - w, w]), n if glide else 1)
+            pieces.append(lattice.process(x[:n]))
+        return np.concatenate([*pieces, lattice.process(e[-1])])
+
+    high = signal.butter(6, 3000, "highpass", fs=10_000.0, output="sos")
+
+    def largest_above(x, start, stop):
+        return np.abs(signal.sosfilt(high, x)[start:stop]).max()
+
+    smooth, step = sound(glide=True), sound(glide=False)
+    at_end = largest_above(smooth, -1500, None)
+    assert largest_above(smooth, 1950, 4100) < 1.3 * at_end
+    assert largest_above(step, 1990, 2050) > 10 * at_end
+
+
+@pytest.mark.parametrize("weight", [-0.01, 1.01, np.nan, [0.5, 2.0]])
+def test_extrapolation_is_refused(weight):
+    with pytest.raises(ValueError, match="the rule is 0 to 1"):
+        interpolate(_model(1), _model(2), weight)
+
+
+@pytest.mark.parametrize("weights", [[0.5, 0.6], [-0.5, 1.5], [np.nan, 1.0], [1.0], 1.0, [0.2, 0.3, 0.5]])
+def test_weights_of_no_mean_are_refused(weights):
+    with pytest.raises(ValueError, match="the rule is"):
+        ModelBlend([_model(1), _model(2)]).at(weights)
+
+
+@pytest.mark.parametrize(
+    "models",
+    [[], [_model(1), _model(2, 17)], [Autoregression([], 1.0)], [Autoregression([[0.5]], [1.0])], _model(1)],
+)
+def test_models_that_cannot_be_mixed_are_refused(models):
+    with pytest.raises(ValueError, match="the rule is"):
+        ModelBlend(models)
+
+
+def test_wrong_choices_are_named():
+    endless = Autoregression(np.full(1000, 0.9), 1.0)
+    with pytest.raises(ValueError, match="the rule is a finite one"):
+        ModelBlend([endless], loudness="level")
+    with pytest.raises(ValueError, match="the rule is one of"):
+        ModelBlend([_model(1)], loudness="rms")
+    with pytest.raises(ValueError, match="the rule is 0 to pi"):
+        interpolate(_model(1), _model(2), 0.5, min_gap=1.0)
+    with pytest.raises(ValueError, match="the rule is finite"):
+        from_line_spectrum([1.0], 1e4)
+
+
+def test_frequencies_are_those_the_models_have():
+    blend = ModelBlend([_model(1), _model(2)])
+    assert_allclose(to_reflection(blend.frequencies[1]), _model(2).reflection, atol=1e-10)

@@ -1,0 +1,352 @@
+"""What holds for every model of a vibration, tried on examples that hypothesis draws.
+
+The examples are the same in every run; with `TEXCLASS_EXAMPLES=2000` in the environment as many new ones are
+drawn.
+"""
+
+import os
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose, assert_array_equal
+
+from texclass.filters import butterworth, causal
+from texclass.vibration import (
+    Autoregression,
+    LatticeInverse,
+    LatticeSynthesis,
+    fit,
+    fit_major_frequencies,
+    fit_matrix_pencil,
+    fit_okamura,
+    fit_prony,
+    fit_tap_model,
+    select_order,
+)
+from texclass.vibration.interpolation import ModelBlend, from_line_spectrum, interpolate
+from texclass.vibration.line_spectrum import conditioning, from_reflection, log_spectrum, to_reflection
+
+DRAWN = int(os.environ.get("TEXCLASS_EXAMPLES", "0"))
+BELOW_ONE = float(np.nextafter(1.0, 0.0))
+OMEGA = np.linspace(0.02, 3.12, 200)
+EXPONENTS = st.integers(-530, 498)  # 2^-530 = 3e-160, 2^498 = 8e149
+GAINS = st.floats(-160, 150).map(lambda power: 10.0**power)
+SEEDS = st.integers(0, 2**32 - 1)
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+
+
+def examples(n):
+    return settings(max_examples=DRAWN or n, derandomize=not DRAWN, database=None, deadline=None)
+
+
+def _vectors(elements, least, most):
+    return st.integers(least, most).flatmap(lambda n: arrays(np.float64, n, elements=elements))
+
+
+NEXT_TO_ONE = st.sampled_from([1 - 1e-3, 1 - 1e-6, 1 - 1e-9, 1 - 1e-12, BELOW_ONE]).flatmap(
+    lambda size: st.sampled_from([-size, size])
+)
+ANY_K = st.floats(-BELOW_ONE, BELOW_ONE) | NEXT_TO_ONE
+
+
+@st.composite
+def reflections(draw, size=1.0, most=40):
+    """Reflection coefficients, some orders long enough for the wave front of the lattice."""
+    if size == 1.0 and draw(st.booleans()):
+        return draw(_vectors(ANY_K, 1, 12))
+    p = draw(st.integers(1, most) | st.sampled_from([192, 200]) if size == 1.0 else st.integers(1, most))
+    return np.random.default_rng(draw(SEEDS)).uniform(-size, size, p)
+
+
+@st.composite
+def textures(draw, n=400):
+    """Noise with a resonance and an offset: what a model is fitted to."""
+    rng = np.random.default_rng(draw(SEEDS))
+    k = np.array([draw(st.floats(-0.99, 0.99)), draw(st.floats(-0.9, 0.99))])
+    lattice = LatticeSynthesis(Autoregression(k, 1.0), level=1.0).settle(rng)
+    return lattice.process(rng.standard_normal(n)) + draw(st.sampled_from([0.0, 0.0, 3.0]))
+
+
+@st.composite
+def taps(draw):
+    rng = np.random.default_rng(draw(SEEDS))
+    t = np.arange(150) / 10_000.0
+    f, B = draw(st.floats(150, 900)), draw(st.floats(20, 150))
+    return np.exp(-B * t) * np.sin(2 * np.pi * f * t) + 0.01 * rng.standard_normal(t.size)
+
+
+@st.composite
+def blockings(draw, n=600):
+    """Pieces of a signal, empty ones among them, and where the parameters begin to move."""
+    cuts = draw(st.lists(st.integers(0, n), max_size=12))
+    return [slice(i, j) for i, j in zip([0, *sorted(cuts)], [*sorted(cuts), n], strict=True)]
+
+
+# |k| < 1: a stable filter -----------------------------------------------------------------------------------
+
+
+@given(reflections(), st.sampled_from([np.float64, np.float32]))
+@examples(100)
+def test_impulse_response_of_every_lattice_is_bounded_by_its_level(k, dtype):
+    """Its energy is the power of the process, the square of the level, less what is still to come."""
+    impulse = np.eye(1, 1000)[0]
+    h = LatticeSynthesis(Autoregression(k, 1.0), level=1.0, dtype=dtype).process(impulse).astype(np.float64)
+    energy = np.cumsum(h**2)
+    assert energy[-1] <= 1 + 1e-6
+    assert np.abs(h).max() <= 1 + 1e-6
+
+
+@given(reflections(size=0.95, most=12))
+@examples(60)
+def test_poles_lie_inside_the_unit_circle_and_are_those_of_the_direct_form(k):
+    model = Autoregression(k, 1.0)
+    poles = model.poles()
+    assert np.abs(poles).max() < 1
+    assert_allclose(np.prod(np.abs(poles)), np.abs(k[-1]), rtol=1e-9, atol=1e-15)
+    a, z = model.direct_form(), 1.1 * np.exp(1j * OMEGA[::20])
+    ours = np.prod(1 - poles / z[:, np.newaxis], axis=1)
+    assert_allclose(ours, np.polynomial.polynomial.polyval(1 / z, a), rtol=1e-9)
+
+
+@given(_vectors(FINITE, 1, 60), st.integers(1, 80), st.sampled_from(["burg", "autocorrelation"]))
+@examples(80)
+def test_fit_of_any_finite_signal_is_stable_and_its_gain_below_the_signal(x, order, method):
+    model = fit(x, order, method=method)
+    assert np.abs(model.reflection).max() < 1
+    assert 0 <= model.gain * (1 - 1e-12) <= np.abs(x).max()
+
+
+# Gain law ---------------------------------------------------------------------------------------------------
+
+
+def _parameters(model, names, level):
+    """The parameters that a gain leaves alone, and those it multiplies."""
+    return [np.asarray(getattr(model, name)) for name in names], np.asarray(getattr(model, level))
+
+
+FITS = {
+    "burg": lambda x, g: _parameters(fit(x, 8), ["reflection"], "residual"),
+    "autocorrelation": lambda x, g: _parameters(
+        fit(x, 8, method="autocorrelation", variance="yule_walker"), ["reflection"], "residual"
+    ),
+    "modified covariance": lambda x, g: _parameters(
+        fit(x, 8, method="modified_covariance"), ["reflection"], "gain"
+    ),
+    "order": lambda x, g: _parameters(select_order(x, 20).model, ["reflection"], "gain"),
+    "aicc": lambda x, g: _parameters(select_order(x, 20, criterion="aicc").model, ["reflection"], "gain"),
+    "major frequencies": lambda x, g: _parameters(
+        fit_major_frequencies(x, 1e4, n_frequencies=4), ["frequency_hz", "phase"], "amplitude"
+    ),
+}
+TAP_FITS = {
+    "pencil": lambda x, g: _parameters(
+        fit_matrix_pencil(x, 1e4, order=4), ["frequency_hz", "decay_per_s", "phase"], "amplitude"
+    ),
+    "prony": lambda x, g: _parameters(fit_prony(x, 0.02 * g, least_order=2), ["a", "resolved"], "b"),
+    "okamura": lambda x, g: _parameters(
+        fit_okamura([x], [2.0], 1e4), ["frequency_hz", "decay_per_s"], "amplitude_slope"
+    ),
+    "tap model": lambda x, g: _parameters(
+        fit_tap_model([x], [2.0], 1e4), ["frequency_hz", "decay_per_s"], "amplitude_slope"
+    ),
+}
+CASES = [pytest.param(textures(), one, 5, id=name) for name, one in FITS.items()]
+CASES += [pytest.param(taps(), one, 2, id=name) for name, one in TAP_FITS.items()]
+
+
+@pytest.mark.parametrize(("signals", "parameters", "n_examples"), CASES)
+def test_power_of_two_scales_every_model_exactly(signals, parameters, n_examples):
+    @given(signals, EXPONENTS)
+    @examples(n_examples)
+    def holds(x, drawn):
+        shape, level = parameters(x, 1.0)
+        for exponent in (-530, 498, drawn):
+            gain = 2.0**exponent
+            scaled_shape, scaled = parameters(gain * x, gain)
+            for plain, other in zip(shape, scaled_shape, strict=True):
+                assert_array_equal(other, plain)
+            assert_array_equal(scaled, gain * level)
+
+    holds()
+
+
+@pytest.mark.parametrize(("signals", "parameters", "n_examples"), CASES)
+def test_any_gain_scales_every_model_to_rounding(signals, parameters, n_examples):
+    @given(signals, GAINS)
+    @examples(n_examples)
+    def holds(x, gain):
+        (shape, level), (scaled_shape, scaled) = parameters(x, 1.0), parameters(gain * x, gain)
+        for plain, other in zip(shape, scaled_shape, strict=True):
+            assert_allclose(other, plain, rtol=1e-6, atol=1e-7)
+        assert_allclose(scaled / gain, level, rtol=1e-6, atol=1e-7)
+
+    holds()
+
+
+# Line spectral frequencies ----------------------------------------------------------------------------------
+
+
+@given(reflections())
+@examples(100)
+def test_line_spectral_frequencies_rise_inside_their_range_and_interlace(k):
+    lsf = from_reflection(k)
+    assert np.all(np.diff(lsf, prepend=0.0, append=np.pi) > 0)
+    A = np.abs(_sum_and_difference(k, lsf)) if k.size <= 8 and np.abs(k).max() < 0.999 else np.zeros((2, 1))
+    for i, row in enumerate(A):  # P vanishes at the even places, Q at the odd ones
+        assert row[i::2].max(initial=0.0) <= 1e-9
+
+
+def _sum_and_difference(k, omega):
+    """P and Q at e^jw, over |A|."""
+    z = np.exp(1j * omega)
+    a = np.ones(1)
+    for k_m in k:
+        a = np.append(a, 0.0) + k_m * np.append(0.0, a[::-1])
+    A = np.polynomial.polynomial.polyval(1 / z, a)
+    mirrored = z ** -(k.size + 1) * np.conj(A)
+    return np.stack([A + mirrored, A - mirrored]) / np.abs(A)
+
+
+@given(reflections())
+@examples(100)
+def test_reflection_coefficients_come_back_from_their_line_spectrum(k):
+    lsf = from_reflection(k)
+    back = to_reflection(lsf)
+    assert np.abs(back).max() < 1
+    if conditioning(lsf) < 1e-9:
+        assert_allclose(log_spectrum(back, OMEGA), log_spectrum(k, OMEGA), rtol=0, atol=1e-5)
+
+
+@given(reflections(size=0.5, most=30))
+@examples(60)
+def test_well_conditioned_coefficients_come_back_themselves(k):
+    assert_allclose(to_reflection(from_reflection(k)), k, rtol=0, atol=1e-11)
+
+
+# float32 and float64 ----------------------------------------------------------------------------------------
+
+
+@given(textures(), st.sampled_from(["burg", "autocorrelation", "modified_covariance"]), st.integers(1, 20))
+@examples(40)
+def test_fit_of_float32_samples_is_the_fit_of_the_same_numbers_in_float64(x, method, order):
+    narrow = x.astype(np.float32)
+    every_second = np.repeat(narrow, 2)[::2]
+    every_second.setflags(write=False)
+    ours, exact = (
+        fit(every_second, order, method=method),
+        fit(narrow.astype(np.float64), order, method=method),
+    )
+    assert_array_equal(ours.reflection, exact.reflection)
+    assert_array_equal(ours.residual, exact.residual)
+
+
+@given(reflections(size=0.9, most=30), SEEDS)
+@examples(60)
+def test_float32_synthesis_follows_float64(k, seed):
+    """Each rotation rounds by half a unit and none magnifies; a rounded k moves poles by as much."""
+    e = np.random.default_rng(seed).standard_normal(300).astype(np.float32)
+    y32, y64 = (LatticeSynthesis(Autoregression(k, 1.0), level=1.0, dtype=t).process(e) for t in "fd")
+    assert_allclose(y32, y64, rtol=0, atol=16 * np.finfo(np.float32).eps * np.sqrt(k.size * e.size) * k.size)
+
+
+# Streams ----------------------------------------------------------------------------------------------------
+
+
+@given(reflections(), blockings(), SEEDS, st.sampled_from([np.float64, np.float32]), st.integers(1, 900))
+@pytest.mark.parametrize("kind", [LatticeSynthesis, LatticeInverse])
+@examples(60)
+def test_lattice_gives_the_same_in_any_pieces(kind, k, pieces, seed, dtype, n_glide):
+    if kind is LatticeInverse:
+        k = 0.9 * k
+    rng = np.random.default_rng(seed)
+    x, other = rng.standard_normal(1200), Autoregression(rng.uniform(-0.9, 0.9, k.size), 1.0)
+
+    def run(halves):
+        lattice = kind(Autoregression(k, 1.0), level=1.0, dtype=dtype)
+        out = [lattice.process(x[:600][piece]) for piece in halves]
+        lattice.move_to(other, n_glide, level=7.0)
+        return np.concatenate(out + [lattice.process(x[600:][piece]) for piece in halves])
+
+    assert_array_equal(run(pieces), run([slice(0, 600)]))
+
+
+@given(blockings(), SEEDS, st.sampled_from([(600,), (600, 3)]), st.sampled_from(["lowpass", "highpass"]))
+@examples(40)
+def test_causal_filter_gives_the_same_in_any_pieces(pieces, seed, shape, kind):
+    sos, x = butterworth(kind, 300.0, 10_000.0), 5 + np.random.default_rng(seed).standard_normal(shape)
+    state, out = None, []
+    for piece in pieces:
+        filtered, state = causal(sos, x[piece], state)
+        out.append(filtered)
+    assert_array_equal(np.concatenate(out), causal(sos, x)[0])
+
+
+@given(reflections(size=0.9, most=24), reflections(size=0.9, most=24), SEEDS, st.integers(1, 500))
+@examples(60)
+def test_inverse_filter_undoes_synthesis_while_parameters_move(k, other, seed, n_glide):
+    e = np.random.default_rng(seed).standard_normal(400)
+    size = max(k.size, other.size)
+    start, end = (Autoregression(np.pad(each, (0, size - each.size)), 1.0) for each in (k, other))
+    y = e
+    for kind in (LatticeSynthesis, LatticeInverse):
+        lattice = kind(start, level=1e-3)
+        lattice.move_to(end, n_glide, level=1e3)
+        y = lattice.process(y)
+    bound = max(np.exp(np.arctanh(np.abs(m.reflection)).sum()) for m in (start, end))
+    assert_allclose(y, e, rtol=0, atol=1e-13 * bound * size)
+
+
+# Modes ------------------------------------------------------------------------------------------------------
+
+
+@given(_vectors(FINITE.filter(lambda v: abs(v) < 1e300), 4, 40), st.data())
+@examples(100)
+def test_poles_of_the_matrix_pencil_lie_inside_the_unit_circle(x, data):
+    """Of the sections as stored, in rational arithmetic: |a2| < 1 and |a1| < 1 + a2."""
+    order = data.draw(st.none() | st.integers(1, x.size // 2))
+    outside = data.draw(st.sampled_from(["reflect", "project"]))
+    modes = fit_matrix_pencil(x, 1e4, order=order, outside=outside)
+    for a1, a2 in modes.sections(1e4)[:, 4:].tolist():
+        assert abs(Fraction(a2)) < 1
+        assert abs(Fraction(a1)) < 1 + Fraction(a2)
+    assert np.all(np.isfinite(modes.synthesize(x.size, 1e4)))
+
+
+# Between models ---------------------------------------------------------------------------------------------
+
+
+@given(reflections(most=60), st.data())
+@examples(100)
+def test_every_weight_gives_a_stable_model_with_the_gap(a, data):
+    b = np.random.default_rng(data.draw(SEEDS)).uniform(-BELOW_ONE, BELOW_ONE, a.size)
+    gap = data.draw(st.floats(1e-12, 0.9)) * np.pi / (a.size + 1)
+    weight, gains = data.draw(st.floats(0, 1)), data.draw(st.tuples(GAINS, GAINS))
+    models = [Autoregression(k, gain) for k, gain in zip((a, b), gains, strict=True)]
+    between = interpolate(*models, weight, min_gap=gap)
+    assert np.abs(between.reflection).max() < 1
+    assert min(gains) * (1 - 1e-12) <= between.gain <= max(gains) * (1 + 1e-12)
+    lsf = from_reflection(between.reflection)
+    assert np.diff(lsf, prepend=0.0, append=np.pi).min() >= gap - 1e-9
+
+
+@given(st.integers(1, 30), st.integers(2, 5), SEEDS)
+@examples(60)
+def test_every_mean_of_many_models_is_stable(p, n_models, seed):
+    rng = np.random.default_rng(seed)
+    stack = Autoregression(rng.uniform(-BELOW_ONE, BELOW_ONE, (n_models, p)), rng.uniform(0, 2, n_models))
+    mixed = ModelBlend(stack).at(rng.dirichlet(np.full(n_models, 0.3), size=8))
+    assert np.abs(mixed.reflection).max() < 1
+    assert np.all(mixed.gain <= stack.gain.max() * (1 + 1e-12))
+
+
+@given(_vectors(st.floats(-1e6, 1e6), 1, 40), st.floats(1e-6, 0.9))
+@examples(80)
+def test_any_numbers_a_regression_gives_become_a_stable_model_with_the_gap(lsf, share):
+    gap = share * np.pi / (lsf.size + 1)
+    model = from_line_spectrum(lsf, 0.0, min_gap=gap)
+    assert np.abs(model.reflection).max() < 1
+    assert np.diff(from_reflection(model.reflection), prepend=0.0, append=np.pi).min() >= gap - 1e-9

@@ -1,0 +1,168 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal
+
+from texclass.recording import Samples
+from texclass.vibration.segmentation import Segmentation, segment_rising_peaks, vibration_band
+
+FS = 10_000.0
+
+
+def strokes(onsets: list[int], n: int, heights: list[float] | None = None) -> Samples:
+    """A mode of 200 Hz and 150 1/s, struck anew at each onset."""
+    excitation = np.zeros(n)
+    excitation[onsets] = 1.0 if heights is None else heights
+    t = np.arange(400) / FS
+    return np.asarray(np.convolve(excitation, np.exp(-150 * t) * np.sin(2 * np.pi * 200 * t))[:n])
+
+
+def as_written(x: Samples, d: float, alpha: float, beta: float) -> list[int]:
+    """The criterion peak by peak, with scipy's peaks."""
+    magnitude = np.abs(x)
+    peaks = signal.find_peaks(np.pad(magnitude, 1))[0] - 1
+    bounds, j = [0], 1
+    for before, here in pairwise(peaks):
+        rise = magnitude[here] - magnitude[before]
+        if rise > d and rise > alpha * np.exp(-beta * j) * magnitude[before]:
+            bounds.append(int(before + np.argmin(magnitude[before:here])))
+            j = 0
+        j += 1
+    return [*bounds, x.size]
+
+
+def test_segments_begin_where_the_tool_is_struck() -> None:
+    onsets = [0, 300, 650, 1000, 1390]
+    found = segment_rising_peaks(strokes(onsets, 1700), 0.1)
+    np.testing.assert_allclose(found.bounds, [*onsets, 1700], atol=3)
+
+
+@pytest.mark.parametrize(
+    ("d", "alpha", "beta"), [(0.0, 0.0, 0.0), (0.3, 1.0, 0.05), (0.1, 0.5, 0.5), (0.0, 1.0, 0.0)]
+)
+def test_bounds_are_those_of_the_criterion_as_written(d: float, alpha: float, beta: float) -> None:
+    x = signal.sosfilt(
+        signal.butter(2, (100, 400), "bandpass", fs=FS, output="sos"),
+        np.random.default_rng(0).standard_normal(20_000),
+    )
+    x /= x.std()
+    found = segment_rising_peaks(x, d, threshold=alpha, decay=beta)
+    assert found.bounds.tolist() == as_written(x, d, alpha, beta)
+
+
+def test_peaks_of_a_segment_fall_by_the_rule() -> None:
+    x = np.random.default_rng(1).standard_normal(5000)
+    found = segment_rising_peaks(x, 0.0, threshold=0.0)
+    for piece in found.pieces(x)[1:-1]:
+        magnitude = np.abs(piece)
+        heights = magnitude[signal.find_peaks(np.pad(magnitude, 1))[0] - 1]
+        assert np.all(np.diff(heights[1:]) <= 0)
+
+
+def test_a_rise_within_the_dead_band_begins_nothing() -> None:
+    x = strokes([0, 1000], 2000, [1.0, 0.5])
+    assert segment_rising_peaks(x, 0.1).n_segments == 2
+    assert segment_rising_peaks(x, 0.5).n_segments == 1
+
+
+def test_a_low_first_peak_stays_with_its_segment_until_the_threshold_has_decayed() -> None:
+    t = np.arange(200)
+    ring = np.where(t < 20, 0.6, np.exp(-0.01 * (t - 20))) * np.sin(np.pi * t / 20)  # 0.6, then 1, falling
+    x = np.tile(ring, 2)
+    with_threshold = segment_rising_peaks(x, 0.05)
+    without = segment_rising_peaks(x, 0.05, threshold=0.0)
+    assert with_threshold.n_segments < without.n_segments
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    st.lists(st.integers(-5, 5), min_size=1, max_size=60),
+    st.integers(-900, 900),
+    st.floats(0, 3),
+    st.floats(0, 2),
+)
+def test_segments_tile_the_signal_and_no_gain_moves_them(
+    values: list[int], exponent: int, d: float, alpha: float
+) -> None:
+    x = np.array(values, dtype=np.float64)
+    found = segment_rising_peaks(x, d, threshold=alpha)
+    np.testing.assert_array_equal(np.concatenate(found.pieces(x)), x)
+    assert np.all(np.diff(found.bounds) > 0)
+    d_scaled = float(np.ldexp(d, exponent))
+    if d == 0 or d_scaled >= np.finfo(float).tiny:
+        scaled = segment_rising_peaks(np.ldexp(x, exponent), d_scaled, threshold=alpha)
+        np.testing.assert_array_equal(scaled.bounds, found.bounds)
+        np.testing.assert_array_equal(scaled.n_peaks, found.n_peaks)
+
+
+@pytest.mark.parametrize("x", [np.zeros(50), np.array([3.0]), np.ones(7)])
+def test_a_signal_without_a_rise_is_one_segment(x: Samples) -> None:
+    found = segment_rising_peaks(x, 0.0)
+    assert isinstance(found, Segmentation)
+    assert found.bounds.tolist() == [0, x.size]
+
+
+@pytest.mark.parametrize(
+    ("x", "d", "alpha", "message"),
+    [
+        ([], 0.0, 1.0, "at least 1 samples"),
+        ([0.0, np.nan], 0.0, 1.0, "NaN or infinite"),
+        ([1.0, 2.0], -1.0, 1.0, "at least 0"),
+        ([1.0, 2.0], np.nan, 1.0, "at least 0"),
+        ([1.0, 2.0], 0.0, -1.0, "at least 0"),
+    ],
+)
+def test_bad_input_is_refused_by_name(x: list[float], d: float, alpha: float, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        segment_rising_peaks(x, d, threshold=alpha)
+
+
+def test_cut_off_meets_both_conditions_and_is_the_lowest_that_does() -> None:
+    f = np.arange(1000.0)
+    Y = 1 / (1 + ((f - 120) / 30) ** 2) + 0.3 * np.exp(-(((f - 500) / 20) ** 2))
+    band = vibration_band(f, Y, smoothing_hz=0.0)
+    share = np.cumsum(Y) / Y.sum()
+
+    def fits(i: int) -> bool:
+        return bool(share[i] > 0.75 and np.all(Y[i + 1 :] < 0.1 * Y.max()))
+
+    i = int(band.upper_hz)
+    assert fits(i)
+    assert not fits(i - 1)
+    assert band.major_hz == 120
+
+
+@pytest.mark.parametrize("gain", [1e-200, 1.0, 1e200])
+def test_band_does_not_depend_on_the_level(gain: float) -> None:
+    f = np.arange(0.0, 500.0, 0.5)
+    Y = np.random.default_rng(2).exponential(size=f.size) * np.exp(-f / 100)
+    assert vibration_band(f, gain * Y, smoothing_hz=10.0) == pytest.approx(
+        vibration_band(f, Y, smoothing_hz=10.0)
+    )
+
+
+def test_smoothing_lets_a_broad_hump_win_over_one_high_bin() -> None:
+    f = np.arange(500.0)
+    Y = np.exp(-(((f - 200) / 40) ** 2))
+    Y[20] = 2.0
+    assert vibration_band(f, Y, smoothing_hz=0.0).major_hz == 20
+    assert vibration_band(f, Y, smoothing_hz=10.0).major_hz == 200
+
+
+@pytest.mark.parametrize(
+    ("power", "options", "message"),
+    [
+        ([0.0, 0.0, 0.0], {}, "not all 0"),
+        ([1.0, -1.0, 0.0], {}, ">= 0"),
+        ([1.0, 1.0], {}, "one for each"),
+        ([1.0, np.inf, 0.0], {}, "NaN or infinite"),
+        ([1.0, 2.0, 0.0], {"share": 1.0}, r"\(0, 1\)"),
+        ([1.0, 2.0, 0.0], {"smoothing_hz": -1.0}, "at least 0"),
+    ],
+)
+def test_bad_spectra_are_refused_by_name(power: list[float], options: dict[str, float], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        vibration_band([0.0, 1.0, 2.0], power, **{"smoothing_hz": 0.0, **options})
