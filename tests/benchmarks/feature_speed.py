@@ -41,8 +41,8 @@ def example(seed: int = 0) -> tuple[Recording, Phases]:
     tap = np.concatenate([0.2 * np.sin(np.pi * t / t[-1]), 5 * np.exp(-60 * t) * np.sin(2 * np.pi * 300 * t)])
     acceleration = np.concatenate([1e-3 * rng.standard_normal(lead), stroke])
     taps = tuple(Tap(start, start + 1000, start + 2000) for start in range(0, lead, 2000))
-    for each in taps:
-        acceleration[each.start : each.end] += tap
+    for i, each in enumerate(taps):
+        acceleration[each.start : each.end] += (1 + 0.25 * i) * tap
     friction = 0.3 + 0.1 * rng.standard_normal(lead + n)
     phases = Phases(taps, (lead, lead + n))
     return Recording(acceleration, FS, "m/s^2", "speed", friction=friction, phases=phases), phases

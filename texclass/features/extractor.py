@@ -1,7 +1,7 @@
 """The feature extractor: recordings in, a table of features out, as a scikit-learn transformer."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -62,6 +62,12 @@ class Plan:
     def columns(self) -> tuple[str, ...]:
         """All column names in order."""
         return tuple(f"{prefix}{column}" for prefix, part in self.parts for column in part.column_names)
+
+    def restricted_to(self, columns: Iterable[str]) -> "Plan":
+        """Return the plan that computes only what these columns need, in the plan's order."""
+        wanted = set(columns)
+        kept = [(p, part, [c for c in part.column_names if f"{p}{c}" in wanted]) for p, part in self.parts]
+        return Plan(tuple((p, part.restricted_to(names)) for p, part, names in kept if names), self.channels)
 
     def compute(self, recording: Recording) -> Row:
         """Compute one recording, from segmentation to the last feature."""

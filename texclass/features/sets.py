@@ -234,10 +234,11 @@ def refuse_unknown(table: Any, known: frozenset[str], where: str) -> None:
 def code_hash(feature_set: FeatureSet) -> str:
     """Hex digest of the code that values depend on, so that an edited feature never meets a stale table."""
     package = Path(__file__).resolve().parent
-    files = {*package.glob("*.py"), *package.parent.glob("*.py")}
+    vibration = package.parent / "vibration"  # models whose parameters are features
+    files = {*package.glob("*.py"), *package.parent.glob("*.py"), *vibration.glob("*.py")}
     files |= {Path(inspect.getfile(member.feature.function)) for member in feature_set.members}
     digest = hashlib.sha256()
-    for file in sorted(files, key=lambda f: f.name):
+    for file in sorted(files, key=lambda f: (f.name, str(f))):
         digest.update(file.name.encode() + (file.read_bytes() if file.is_file() else b""))
     return digest.hexdigest()[:16]
 

@@ -72,6 +72,9 @@ class TapView:
 
 V = TypeVar("V", PhaseView, TapView)
 
+STOPWATCH = "stopwatch"
+"""Key of a view's memory; what stands there, (key, compute) -> result, is asked to time each transform."""
+
 
 def transform(function: Callable[Concatenate[V, P], R]) -> Callable[Concatenate[V, P], R]:
     """Remember the result of a transform of a view on the view, by the values of its (hashable) parameters.
@@ -86,7 +89,9 @@ def transform(function: Callable[Concatenate[V, P], R]) -> Callable[Concatenate[
         bound.apply_defaults()
         key = (function, *list(bound.arguments.values())[1:])
         if key not in view.memory:
-            view.memory[key] = function(view, *args, **kwargs)
+            timed = view.memory.get(STOPWATCH)
+            compute = functools.partial(function, view, *args, **kwargs)
+            view.memory[key] = compute() if timed is None else timed(key, compute)
         result: R = view.memory[key]
         return result
 

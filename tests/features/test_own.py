@@ -1,0 +1,111 @@
+"""Features that a user names."""
+
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from texclass.features import load_feature, registered
+from texclass.features.contract import UndefinedFeatureError
+from texclass.features.view import PhaseView
+
+SOURCE = '''
+import numpy as np
+import beside
+from texclass.features import Gain, UndefinedFeatureError, feature
+
+@feature(phase="movement", unit="1", reference="test", outputs=("low", "high"), gain=Gain(power=1))
+def ends(view, *, share=0.1):
+    """Lowest and highest."""
+    if view.n_samples < 3:
+        raise UndefinedFeatureError("too short")
+    return beside.ends(view.samples)
+
+@feature(phase="movement", unit="1", reference="test")
+def bare(view, share):
+    return share
+
+def plain(view):
+    return 1.0
+'''
+
+
+@pytest.fixture(autouse=True)
+def own_registry(monkeypatch):
+    monkeypatch.setattr("texclass.features.contract._REGISTRY", registered())
+    monkeypatch.setattr(sys, "path", list(sys.path))
+
+
+@pytest.fixture
+def file(tmp_path):
+    (tmp_path / "beside.py").write_text("def ends(x):\n    return [x.min(), x.max()]\n")
+    path = tmp_path / "mine.py"
+    path.write_text(SOURCE)
+    return path
+
+
+def test_a_feature_of_a_file_is_found_with_what_it_declares(file, monkeypatch):
+    monkeypatch.chdir(file.parent)
+    feature = load_feature("mine.py:ends")
+    assert feature.columns("ends", {}) == ("ends.low", "ends.high")
+    assert feature.function(PhaseView(np.arange(4.0), 1.0)) == [0.0, 3.0]
+    assert (feature.gain.power, feature.defaults) == (1, {"share": 0.1})
+
+
+def test_a_process_that_never_saw_the_file_gets_the_feature_by_its_path(file):
+    code = (
+        "import pickle, sys\nfeature = pickle.load(sys.stdin.buffer)\n"
+        "import numpy as np\nfrom texclass.features.view import PhaseView\n"
+        "print(feature.name, feature.function(PhaseView(np.arange(4.0), 1.0))[1])"
+    )
+    pickled = pickle.dumps(load_feature(f"{file}:ends"))
+    done = subprocess.run(
+        [sys.executable, "-c", code], input=pickled, capture_output=True, cwd="/", check=True
+    )
+    assert done.stdout.split() == [b"ends", b"3.0"]
+
+
+def test_an_edited_file_is_read_again_and_an_unchanged_one_is_not(file):
+    first, again = load_feature(f"{file}:ends"), load_feature(f"{file}:ends")
+    assert again.function is first.function
+    file.write_text(SOURCE.replace("beside.ends(view.samples)", "[0.0, 7.0]"))
+    assert load_feature(f"{file}:ends").function(PhaseView(np.arange(4.0), 1.0)) == [0.0, 7.0]
+
+
+def test_a_feature_of_an_installed_module_is_found():
+    assert load_feature("texclass.features.macroscopic:waviness").name == "waviness"
+
+
+def test_a_reason_of_its_own_stays_a_reason(file):
+    with pytest.raises(UndefinedFeatureError, match="too short"):
+        load_feature(f"{file}:ends").function(PhaseView(np.arange(2.0), 1.0))
+
+
+@pytest.mark.parametrize(
+    ("named", "message"),
+    [
+        ("mine.py", "the rule is module:function or path/to/file.py:function"),
+        ("mine.py:", "the rule is module:function"),
+        ("mine.py:plain", "plain is not decorated; the rule is a function under @feature"),
+        ("mine.py:np", "np is not a function of it"),
+        ("mine.py:absent", "absent is not a function of it"),
+        ("mine.py:bare", "parameter 'share' has no default"),
+        ("broken.py:x", r"broken.py cannot be imported \(SyntaxError"),
+        ("taken.py:waviness", "'waviness' is already defined in texclass.features.macroscopic"),
+        ("no_such_module:x", "no_such_module cannot be imported"),
+    ],
+)
+def test_what_is_no_feature_is_refused_in_one_line(file, monkeypatch, named, message):
+    monkeypatch.chdir(file.parent)
+    (file.parent / "broken.py").write_text("def x(:\n")
+    (file.parent / "taken.py").write_text(SOURCE.replace("def ends", "def waviness"))
+    with pytest.raises(ValueError, match=message) as refused:
+        load_feature(named)
+    assert "\n" not in str(refused.value)
+
+
+def test_an_absent_file_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"absent\.py"):
+        load_feature(f"{tmp_path}/absent.py:x")
