@@ -5,7 +5,8 @@ import json
 import pytest
 
 from texclass.experiment.benchmark import run_benchmark
-from texclass.experiment.definition import PipelineDefinition, RowDefinition, Selection, Use
+from texclass.experiment.definition import PipelineDefinition, RowDefinition, Selection
+from texclass.experiment.use import Use
 from texclass.recording import RecordingError
 
 CLASSIFIERS = {

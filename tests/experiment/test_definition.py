@@ -4,8 +4,9 @@ import pytest
 from sklearn.impute import SimpleImputer
 from sklearn.preprocessing import MinMaxScaler
 
-from texclass.experiment.definition import load_pipeline, resolve
+from texclass.experiment.definition import load_pipeline
 from texclass.experiment.selection import ForwardSelector
+from texclass.experiment.use import resolve
 from texclass.shipped import names
 
 START = 'features = "strese2015"\nseed = 1\n'

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from texclass.experiment.result import Accuracy, BenchmarkResult, Confusion, RowResult, Undefined
+from texclass.experiment.accuracy import Accuracy
+from texclass.experiment.result import BenchmarkResult, Confusion, RowResult, Undefined
 from texclass.experiment.table import Flag, LeftOut
 from texclass.reporting.figures import draw_confusion
 from texclass.reporting.report import write_report

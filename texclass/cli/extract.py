@@ -7,10 +7,13 @@ import typer
 
 from texclass.cli.app import app
 from texclass.cli.options import (
+    Backend,
+    BackendOption,
     DatasetArgument,
     FeatureSetName,
     FsOption,
     JobsOption,
+    SchedulerOption,
     SkipBadOption,
     UnitOption,
     open_recordings,
@@ -26,15 +29,17 @@ def extract(
     fs: FsOption = None,
     unit: UnitOption = None,
     jobs: JobsOption = -1,
+    backend: BackendOption = Backend.LOCAL,
+    scheduler: SchedulerOption = None,
     skip_bad: SkipBadOption = False,
 ) -> None:
     """Compute a feature table; a run that was killed goes on where it stopped."""
-    from texclass.experiment import extract_table
+    from texclass.experiment import extract_table, running_on
     from texclass.features import load_feature_set
 
     feature_set = load_feature_set(features)
     recordings = open_recordings(dataset, fs, unit, skip_bad)
-    with progress_bar() as progress:
+    with running_on(backend.value, scheduler), progress_bar() as progress:
         table = extract_table(
             recordings, feature_set, output, n_jobs=jobs, skip_bad=skip_bad, progress=progress
         )

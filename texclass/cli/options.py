@@ -17,7 +17,16 @@ class Protocol(StrEnum):
     RECORDING = "recording"
     OPERATOR = "operator"
     BLOCKS = "blocks"
+    FEW_SHOT = "few-shot"
+    RUN = "run"
     PAPER = "paper"
+
+
+class Backend(StrEnum):
+    """Where the work runs."""
+
+    LOCAL = "local"
+    DASK = "dask"
 
 
 def shipped(folder: Literal["feature_defs", "pipelines", "datasets"]) -> Callable[[str], list[str]]:
@@ -50,8 +59,27 @@ UnitOption = Annotated[
     typer.Option("--unit", help="Unit of the acceleration: m/s^2, g, mg, counts, V or arbitrary."),
 ]
 JobsOption = Annotated[int, typer.Option("--jobs", help="Processes; -1 uses every core.")]
+BackendOption = Annotated[
+    Backend, typer.Option("--backend", help="Run on processes of this machine, or on a Dask cluster.")
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Address of the Dask scheduler (tcp://host:8786); by default what Dask is configured for, "
+        "or a cluster on this machine."
+    ),
+]
 SkipBadOption = Annotated[
     bool, typer.Option("--skip-bad", help="Leave bad recordings out and list them, instead of stopping.")
+]
+
+TouchOption = Annotated[
+    float | None,
+    typer.Option("--touch", help="Classify single windows of so many seconds of movement, not recordings."),
+]
+TouchesOption = Annotated[
+    int | None,
+    typer.Option("--touches", help="At most so many windows of each recording, the first; all by default."),
 ]
 
 
@@ -60,6 +88,19 @@ def open_recordings(dataset: str, fs: float | None, unit: str | None, skip_bad: 
     from texclass.loaders import open_dataset
 
     return open_dataset(dataset, fs=fs, unit=unit, skip_bad=skip_bad)
+
+
+def cut_touches(
+    dataset: "Dataset", seconds: float | None, per_recording: int | None, jobs: int, progress: Any = None
+) -> "Dataset":
+    """Cut a dataset into touches if their length is given, else return it as it is."""
+    from texclass.experiment import touches
+
+    if seconds is None:
+        if per_recording is not None:
+            raise ValueError(f"--touches is {per_recording}, but there is no --touch; the rule is both")
+        return dataset
+    return touches(dataset, seconds, per_recording=per_recording, n_jobs=jobs, progress=progress)
 
 
 def console() -> Any:
@@ -76,7 +117,11 @@ def progress_bar() -> Iterator[Any]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    shown = Console(stderr=True)
+    if not shown.is_interactive:  # where nothing can be drawn, rich would leave an empty line
+        yield lambda done, total, what: None
+        return
+    with Progress(*columns, console=shown, transient=True) as bar:
         tasks: dict[str, Any] = {}
 
         def advance(done: int, total: int, what: str) -> None:

@@ -2,48 +2,29 @@
 
 import platform
 from collections import Counter
-from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-import pandas as pd
-from joblib import Parallel, delayed, parallel_config
 from sklearn.metrics import confusion_matrix
 
 from texclass import __version__
 from texclass.experiment.cost import CostMeter
-from texclass.experiment.definition import PipelineDefinition, RowDefinition
+from texclass.experiment.definition import PipelineDefinition
 from texclass.experiment.evaluate import Evaluation, evaluate
-from texclass.experiment.extraction import Progress, cached_table
-from texclass.experiment.protocols import Split, find_protocol
+from texclass.experiment.extraction import Progress
+from texclass.experiment.gain import choose_base, measure_gains
+from texclass.experiment.joined import cached_tables
+from texclass.experiment.protocols import Protocol, Split, find_protocol
 from texclass.experiment.result import BenchmarkResult, Confusion, RowResult, Undefined
-from texclass.experiment.table import FeatureTable
+from texclass.experiment.rows import Ready, ready
+from texclass.experiment.table import FeatureTable, metadata
+from texclass.experiment.windows import parents
+from texclass.experiment.workers import each
 from texclass.loaders.dataset import Dataset
 
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "pandas", "PyWavelets", "librosa", "joblib")
-
-
-@dataclass(frozen=True)
-class Ready:
-    """A row of the pipeline matched with what the dataset has.
-
-    Attributes
-    ----------
-    definition
-        The row.
-    columns
-        Its columns in the table; empty when the row cannot be computed.
-    n_features
-        Columns that reach the classifier, or would if the dataset lacked nothing.
-    missing
-        What the dataset lacks for it.
-    """
-
-    definition: RowDefinition
-    columns: tuple[str, ...]
-    n_features: int
-    missing: str | None = None
 
 
 def run_benchmark(
@@ -61,13 +42,13 @@ def run_benchmark(
     Parameters
     ----------
     dataset : Dataset
-        Labelled recordings.
+        Labelled recordings, or `touches` of them: windows go where their recording goes, and it votes.
     pipeline : PipelineDefinition
         See `load_pipeline`.
     protocol : str, optional
-        "recording", "operator", "blocks" or "paper"; the pipeline's own by default.
+        A name of `PROTOCOLS`; the pipeline's own by default.
     n_folds : int, optional
-        Folds of "recording" and "paper"; the pipeline's own by default.
+        Folds of "recording", "run" and "paper"; the pipeline's own by default.
     n_jobs : int
         Processes.
     skip_bad : bool
@@ -90,17 +71,23 @@ def run_benchmark(
     chosen = find_protocol(protocol or pipeline.protocol)
     folds = pipeline.folds if n_folds is None else n_folds
     # Before the features: a split that is impossible should not cost an extraction.
-    chosen.split(pd.DataFrame([vars(entry) for entry in dataset.entries]), folds, pipeline.seed)
-    needed = pipeline.feature_set.restricted_to(f for row in pipeline.rows for f in row.features)
-    table = cached_table(
-        dataset, needed, channels=pipeline.channels, n_jobs=n_jobs, skip_bad=skip_bad, progress=progress
+    chosen.split(metadata(dataset.entries), folds, pipeline.seed)
+    table = cached_tables(
+        dataset,
+        pipeline.needed,
+        channels=pipeline.channels,
+        n_jobs=n_jobs,
+        skip_bad=skip_bad,
+        progress=progress,
     )
     splits = chosen.split(table.frame, folds, pipeline.seed)
-    rows = tuple(_ready(row, pipeline, table) for row in pipeline.rows)
-    costs = _costs(rows, dataset, table, pipeline)
-    evaluations = _evaluate(
-        rows, table, splits, pipeline, nested=chosen.nested, n_jobs=n_jobs, progress=progress
-    )
+    rows = tuple(ready(row, pipeline.feature_set, table) for row in pipeline.rows)
+    meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
+    costs = _costs(rows, meter, pipeline)
+    evaluations = _evaluate(rows, table, splits, pipeline, chosen, n_jobs=n_jobs, progress=progress)
+    gains = None
+    if pipeline.additions and (base := choose_base(pipeline, rows, evaluations)) is not None:
+        gains = measure_gains(pipeline, table, base, chosen, folds, meter, n_jobs=n_jobs, progress=progress)
     results = tuple(
         _row_result(row, cost, evaluations.get(row.definition.name, {}))
         for row, cost in zip(rows, costs, strict=True)
@@ -113,6 +100,7 @@ def run_benchmark(
         classifiers=tuple(pipeline.classifiers),
         protocol=chosen.name,
         protocol_description=chosen.description,
+        unit=chosen.unit,
         n_folds=len(splits),
         rows=results,
         confusion=_confusion(evaluations, dataset.materials),
@@ -122,39 +110,11 @@ def run_benchmark(
         left_out=table.left_out,
         flags=table.flags,
         undefined=_undefined(table),
+        gains=gains,
     )
 
 
-def _ready(row: RowDefinition, pipeline: PipelineDefinition, table: FeatureTable) -> Ready:
-    """Match a row with the table; a feature that no recording has is missing."""
-    found = {name: table.matching(pipeline.feature_set.columns_of([name])) for name in row.features}
-    defined = {c for names in found.values() for c in names if table.frame[c].notna().any()}
-    by_reason: dict[str, list[str]] = {}
-    for name, columns in found.items():
-        if not defined.intersection(columns):
-            by_reason.setdefault(_reason_of(table, name), []).append(name)
-    missing = "; ".join(f"{reason} ({', '.join(names)})" for reason, names in by_reason.items()) or None
-    every = tuple(dict.fromkeys(c for names in found.values() for c in names))
-    usable = tuple(c for c in every if c in defined)
-    n_features = len(usable if row.skip_missing else every)
-    return Ready(
-        row,
-        usable if missing is None or row.skip_missing else (),
-        min(row.select.n, n_features) if row.select else n_features,
-        missing,
-    )
-
-
-def _reason_of(table: FeatureTable, name: str) -> str:
-    feature = name.split(".", 1)[0]
-    reasons = Counter(r.reason for r in table.reasons if r.feature.split("/", 1)[-1] in (name, feature))
-    return reasons.most_common(1)[0][0]
-
-
-def _costs(
-    rows: tuple[Ready, ...], dataset: Dataset, table: FeatureTable, pipeline: PipelineDefinition
-) -> list[float | None]:
-    meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
+def _costs(rows: tuple[Ready, ...], meter: CostMeter, pipeline: PipelineDefinition) -> list[float | None]:
     return [
         meter.milliseconds(pipeline.feature_set.restricted_to(row.definition.features))
         if row.columns
@@ -168,32 +128,34 @@ def _evaluate(
     table: FeatureTable,
     splits: tuple[Split, ...],
     pipeline: PipelineDefinition,
+    protocol: Protocol,
     *,
-    nested: bool,
     n_jobs: int,
     progress: Progress | None,
 ) -> dict[str, dict[str, Evaluation]]:
     """Evaluate every computable row with every classifier: row name -> classifier -> evaluation."""
     y = table.frame["material"].to_numpy(dtype=str)
+    clusters = protocol.clusters(table.frame)
     tasks = [(row, name) for row in rows if row.columns for name in pipeline.classifiers]
     calls = (
-        delayed(evaluate)(
+        partial(
+            evaluate,
             table.frame[list(row.columns)].to_numpy(dtype=np.float64),
             y,
             splits,
             pipeline.preparation(row.definition, name),
             pipeline.classifiers[name].make(),
-            nested=nested,
+            nested=protocol.nested,
+            clusters=clusters,
+            seed=pipeline.seed,
         )
         for row, name in tasks
     )
     evaluations: dict[str, dict[str, Evaluation]] = {}
-    with parallel_config(backend="loky", inner_max_num_threads=1):
-        outcomes = Parallel(n_jobs=n_jobs, return_as="generator")(calls)
-        for done, ((row, name), evaluation) in enumerate(zip(tasks, outcomes, strict=True), start=1):
-            evaluations.setdefault(row.definition.name, {})[name] = evaluation
-            if progress is not None:
-                progress(done, len(tasks), "rows")
+    for done, ((row, name), evaluation) in enumerate(zip(tasks, each(calls, n_jobs=n_jobs), strict=True), 1):
+        evaluations.setdefault(row.definition.name, {})[name] = evaluation
+        if progress is not None:
+            progress(done, len(tasks), "rows")
     return evaluations
 
 
@@ -232,7 +194,8 @@ def _facts(dataset: Dataset, table: FeatureTable) -> dict[str, Any]:
     return {
         "name": dataset.name,
         "title": dataset.title,
-        "n_recordings": len(frame),
+        "n_recordings": int(parents(frame).nunique()),
+        **({"n_windows": len(frame)} if "parent" in frame else {}),
         "n_materials": int(frame["material"].nunique()),
         "n_operators": int(frame["operator"].nunique()),
         "n_sessions": int(frame["session"].nunique()),

@@ -1,41 +1,27 @@
 """A pipeline TOML: features, scikit-learn steps, classifiers and table rows, checked before anything runs."""
 
 import hashlib
-import importlib
-import inspect
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from sklearn.base import BaseEstimator, is_classifier
 from sklearn.pipeline import Pipeline, make_pipeline
 
 from texclass.experiment.protocols import find_protocol
 from texclass.experiment.selection import ForwardSelector
+from texclass.experiment.use import Use, read_use
 from texclass.features.sets import FeatureSet, load_feature_set, refuse_unknown
 from texclass.features.views import Channels
 from texclass.shipped import locate, read
 
 SETTINGS = {"name", "description", "reference", "features", "channels", "seed"}
-PIPELINE_KEYS = frozenset(SETTINGS | {"protocol", "steps", "classifiers", "rows"})
+PIPELINE_KEYS = frozenset(SETTINGS | {"protocol", "steps", "classifiers", "rows", "additions", "gain"})
 ROW_KEYS = frozenset({"name", "features", "select", "published", "reference", "skip_missing"})
-ALLOWED = ("sklearn", "texclass")
-"""Packages whose classes a TOML may name; nothing else is ever imported."""
+ADDITION_KEYS = frozenset({"name", "features", "reference", "skip_missing"})
+GAIN_KEYS = frozenset({"base", "classifier", "repeats"})
 ALL = "all"
 """Stands for every feature of the set in a row."""
-
-
-@dataclass(frozen=True)
-class Use:
-    """One scikit-learn object of a TOML: the class it names and the arguments of its constructor."""
-
-    path: str
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-
-    def make(self) -> Any:
-        """Return a new, unfitted object."""
-        return resolve(self.path)(**self.parameters)
 
 
 @dataclass(frozen=True)
@@ -75,8 +61,31 @@ class RowDefinition:
 
 
 @dataclass(frozen=True)
+class GainSettings:
+    """How it is measured what each addition adds to a row.
+
+    Attributes
+    ----------
+    base
+        The row that is added to; None takes the most accurate one without features of any addition.
+    classifier
+        None takes the one that is most accurate there.
+    repeats
+        How many times folds are drawn (with seed, seed + 1, ...), where a protocol draws them.
+    """
+
+    base: str | None = None
+    classifier: str | None = None
+    repeats: int = 5
+
+
+@dataclass(frozen=True)
 class PipelineDefinition:
-    """Everything a benchmark does, apart from the dataset; see `load_pipeline`."""
+    """Everything a benchmark does, apart from the dataset; see `load_pipeline`.
+
+    `additions` are groups of features whose gain, added to a row, is measured; they are no rows of the table.
+    `apart` names features whose table is kept apart from that of the others: new ones, likely to change.
+    """
 
     name: str
     feature_set: FeatureSet
@@ -90,6 +99,22 @@ class PipelineDefinition:
     description: str = ""
     reference: str = ""
     hash: str = ""
+    additions: tuple[RowDefinition, ...] = ()
+    gain: GainSettings = GainSettings()
+    apart: tuple[str, ...] = ()
+
+    @property
+    def needed(self) -> tuple[FeatureSet, ...]:
+        """The parts of the feature set that rows and additions read: the set's own, then each of `apart`."""
+        names = {f for row in (*self.rows, *self.additions) for f in row.features}
+        own = self.feature_set.restricted_to(names.difference(self.apart))
+        return (own, *(self.feature_set.restricted_to([name]) for name in self.apart))
+
+    @property
+    def bases(self) -> tuple[RowDefinition, ...]:
+        """The rows that hold no column of any addition, so that each addition has something to add."""
+        added = set(self.feature_set.columns_of(f for group in self.additions for f in group.features))
+        return tuple(r for r in self.rows if added.isdisjoint(self.feature_set.columns_of(r.features)))
 
     def preparation(self, row: RowDefinition, classifier: str) -> Pipeline:
         """Return the unfitted steps before a classifier: the common ones, then the row's selection."""
@@ -119,20 +144,25 @@ def load_pipeline(name_or_path: str | Path) -> PipelineDefinition:
     _require(definition, ("features", "seed", "classifiers", "rows"), where)
     feature_set = load_feature_set(_beside(path, _typed(definition["features"], str, f"{where}: features")))
     classifiers = {
-        name: _use(table, f"{where}: classifiers.{name}", classifier=True)
+        name: read_use(table, f"{where}: classifiers.{name}", classifier=True)
         for name, table in definition["classifiers"].items()
     }
     rows = tuple(
         _row(table, feature_set, classifiers, f"{where}: rows {number}")
         for number, table in enumerate(definition["rows"], start=1)
     )
-    _refuse_repeated([row.name for row in rows], where)
+    additions = tuple(
+        _addition(table, feature_set, f"{where}: additions {number}")
+        for number, table in enumerate(definition.get("additions", []), start=1)
+    )
+    _refuse_repeated([row.name for row in rows], where, "rows")
+    _refuse_repeated([group.name for group in additions], where, "additions")
     protocol = definition.get("protocol", {})
     refuse_unknown(protocol, frozenset(("name", "folds")), f"{where}: protocol")
-    return PipelineDefinition(
+    pipeline = PipelineDefinition(
         name=str(definition.get("name", path.stem)),
         feature_set=feature_set,
-        steps=tuple(_use(s, f"{where}: steps {i}") for i, s in enumerate(definition.get("steps", []), 1)),
+        steps=tuple(read_use(s, f"{where}: steps {i}") for i, s in enumerate(definition.get("steps", []), 1)),
         classifiers=classifiers,
         rows=rows,
         seed=_at_least(0, definition["seed"], f"{where}: seed"),
@@ -142,47 +172,11 @@ def load_pipeline(name_or_path: str | Path) -> PipelineDefinition:
         description=str(definition.get("description", "")),
         reference=str(definition.get("reference", "")),
         hash=hashlib.sha256(path.read_bytes()).hexdigest()[:16],
+        additions=additions,
+        gain=_gain(definition.get("gain", {}), f"{where}: gain"),
     )
-
-
-def resolve(path: str) -> type[BaseEstimator]:
-    """Return the scikit-learn estimator class of a dotted path into sklearn or texclass.
-
-    Raises
-    ------
-    ValueError
-        If the path leads anywhere else, or to something that is not an estimator.
-    """
-    parts = path.split(".")
-    if parts[0] not in ALLOWED or len(parts) < 3 or not all(part.isidentifier() for part in parts):
-        raise ValueError(f"use = {path!r} is refused; the rule is a class of sklearn or texclass")
-    try:
-        found = getattr(importlib.import_module(".".join(parts[:-1])), parts[-1])
-    except (ImportError, AttributeError) as error:
-        raise ValueError(f"use = {path!r} does not exist ({error})") from None
-    own = inspect.isclass(found) and found.__module__.split(".")[0] in ALLOWED
-    if not own or not issubclass(found, BaseEstimator) or inspect.isabstract(found):
-        raise ValueError(f"use = {path!r} is refused; the rule is a scikit-learn estimator class")
-    return cast(type[BaseEstimator], found)
-
-
-def _use(table: Any, where: str, *, classifier: bool = False) -> Use:
-    if not isinstance(table, dict) or not isinstance(table.get("use"), str):
-        raise ValueError(f"{where}: the rule is a table with a key `use`")
-    parameters = {key: value for key, value in table.items() if key != "use"}
-    try:
-        kind = resolve(table["use"])
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
-    refuse_unknown(parameters, frozenset(inspect.signature(kind).parameters), where)
-    try:
-        made = kind(**parameters)
-        made._validate_params()
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{where}: {error}") from None
-    if is_classifier(made) is not classifier or not (classifier or hasattr(made, "transform")):
-        raise ValueError(f"{where}: {table['use']} is not a {'classifier' if classifier else 'transformer'}")
-    return Use(table["use"], parameters)
+    _check_gain(pipeline, where)
+    return pipeline
 
 
 def _row(table: Any, feature_set: FeatureSet, classifiers: Mapping[str, Use], where: str) -> RowDefinition:
@@ -190,11 +184,7 @@ def _row(table: Any, feature_set: FeatureSet, classifiers: Mapping[str, Use], wh
         raise ValueError(f"{where}: {table!r}; the rule is a table [[rows]]")
     refuse_unknown(table, ROW_KEYS, where)
     _require(table, ("name", "features"), where)
-    features = tuple(feature_set.columns) if table["features"] == ALL else tuple(table["features"])
-    try:
-        feature_set.columns_of(features)
-    except ValueError as error:
-        raise ValueError(f"{where} ({table['name']}): {error}") from None
+    features = _features(table, feature_set, where)
     published = table.get("published", {})
     refuse_unknown(published, frozenset(classifiers), f"{where}: published")
     for name, value in published.items():
@@ -208,6 +198,45 @@ def _row(table: Any, feature_set: FeatureSet, classifiers: Mapping[str, Use], wh
         str(table.get("reference", "")),
         _typed(table.get("skip_missing", False), bool, f"{where}: skip_missing"),
     )
+
+
+def _addition(table: Any, feature_set: FeatureSet, where: str) -> RowDefinition:
+    if not isinstance(table, dict):
+        raise ValueError(f"{where}: {table!r}; the rule is a table [[additions]]")
+    refuse_unknown(table, ADDITION_KEYS, where)
+    _require(table, ("name", "features"), where)
+    return RowDefinition(
+        _typed(table["name"], str, f"{where}: name"),
+        _features(table, feature_set, where),
+        reference=str(table.get("reference", "")),
+        skip_missing=_typed(table.get("skip_missing", False), bool, f"{where}: skip_missing"),
+    )
+
+
+def _features(table: Mapping[str, Any], feature_set: FeatureSet, where: str) -> tuple[str, ...]:
+    features = tuple(feature_set.columns) if table["features"] == ALL else tuple(table["features"])
+    try:
+        feature_set.columns_of(features)
+    except ValueError as error:
+        raise ValueError(f"{where} ({table['name']}): {error}") from None
+    return features
+
+
+def _gain(table: Any, where: str) -> GainSettings:
+    refuse_unknown(table, GAIN_KEYS, where)
+    named = {key: _typed(table[key], str, f"{where}.{key}") for key in ("base", "classifier") if key in table}
+    return GainSettings(**named, repeats=_at_least(1, table.get("repeats", 5), f"{where}.repeats"))
+
+
+def _check_gain(pipeline: PipelineDefinition, where: str) -> None:
+    rows, settings = [row.name for row in pipeline.bases], pipeline.gain
+    if pipeline.additions and not rows:
+        raise ValueError(f"{where}: every row has features of an addition; the rule is one row without any")
+    for key, known in (("base", rows), ("classifier", list(pipeline.classifiers))):
+        given = getattr(settings, key)
+        if given is not None and given not in known:
+            what = "a row without features of an addition" if key == "base" else "a classifier"
+            raise ValueError(f"{where}: gain.{key} is {given!r}; the rule is {what}: {', '.join(known)}")
 
 
 def _selection(table: Any, where: str) -> Selection:
@@ -248,6 +277,6 @@ def _require(given: Mapping[str, Any], keys: Iterable[str], where: str) -> None:
         raise ValueError(f"{where}: no key {missing[0]!r}; the rule is that it is given")
 
 
-def _refuse_repeated(names: list[str], where: str) -> None:
+def _refuse_repeated(names: list[str], where: str, what: str) -> None:
     if repeated := [name for name in names if names.count(name) > 1]:
-        raise ValueError(f"{where}: two rows are named {repeated[0]!r}; the rule is one row a name")
+        raise ValueError(f"{where}: two {what} are named {repeated[0]!r}; the rule is one a name")

@@ -12,8 +12,8 @@ from sklearn.dummy import DummyClassifier
 from sklearn.pipeline import Pipeline
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from texclass.experiment.accuracy import Accuracy, score
 from texclass.experiment.protocols import Split
-from texclass.experiment.result import Accuracy
 from texclass.recording import Samples
 
 Labels = NDArray[Any]
@@ -51,6 +51,8 @@ def evaluate(
     classifier: Any,
     *,
     nested: bool = True,
+    clusters: Labels | None = None,
+    seed: int = 0,
 ) -> Evaluation:
     """Fit on each fold's training recordings, predict its test recordings.
 
@@ -68,6 +70,10 @@ def evaluate(
         Unfitted.
     nested : bool
         False fits the preparation once on all recordings, test folds included: an optimistic accuracy.
+    clusters : ndarray of shape (n_recordings,), optional
+        Which recording or run each row of X is a part of; see `score`.
+    seed : int
+        Of the bootstrap over clusters.
     """
     with (
         warnings.catch_warnings(),
@@ -79,13 +85,12 @@ def evaluate(
         prepared = None if nested else clone(preparation).fit(X, y)
         folds = [_fold(X, y, split, prepared or preparation, classifier, nested=nested) for split in splits]
     truth = [y[test] for _, test in splits]
-    hits = [t == predicted for t, (predicted, _) in zip(truth, folds, strict=True)]
+    predicted = [p for p, _ in folds]
+    tested = None if clusters is None else [clusters[test] for _, test in splits]
     return Evaluation(
         np.concatenate(truth),
-        np.concatenate([predicted for predicted, _ in folds]),
-        Accuracy(
-            sum(int(h.sum()) for h in hits), sum(h.size for h in hits), tuple(float(h.mean()) for h in hits)
-        ),
+        np.concatenate(predicted),
+        score(truth, predicted, tested, seed=seed),
         np.mean([support for _, support in folds], axis=0),
     )
 

@@ -3,10 +3,10 @@
 import hashlib
 import json
 import shutil
-import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +14,19 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from joblib import Parallel, delayed, parallel_config
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from texclass import __version__
 from texclass.experiment.table import (
-    METADATA,
     FeatureTable,
     Flag,
     LeftOut,
+    metadata,
     read_table,
     write_atomically,
     write_table,
 )
+from texclass.experiment.windows import by_recording, parent_id
+from texclass.experiment.workers import each
 from texclass.features.extractor import Plan, Reason
 from texclass.features.sets import FeatureSet, code_hash
 from texclass.features.views import Channels, channels_apart
@@ -136,41 +136,41 @@ def _compute_missing(
 ) -> tuple[LeftOut, ...]:
     """Compute every recording that has no part yet; return the bad ones."""
     parts.mkdir(parents=True, exist_ok=True)
-    missing = [(e, _part(parts, i)) for i, e in enumerate(dataset.entries) if not _part(parts, i).is_file()]
+    every = [(entries, _part(parts, i)) for i, entries in enumerate(by_recording(dataset.entries))]
+    missing = [(entries, part) for entries, part in every if not part.is_file()]
     report = progress or (lambda done, total, what: None)
-    report(len(dataset) - len(missing), len(dataset), "features")
+    report(len(every) - len(missing), len(every), "features")
     bad: list[LeftOut] = []
-    with (
-        threadpool_limits(1),
-        parallel_config(backend="loky", inner_max_num_threads=1),
-        warnings.catch_warnings(),
-    ):
-        # joblib advises against stopping early; the first bad recording is meant to.
-        warnings.filterwarnings("ignore", message=".*tasks.*", category=UserWarning)
-        tasks = (delayed(_compute)(dataset.load, entry, plan, part) for entry, part in missing)
-        with closing(Parallel(n_jobs=n_jobs, return_as="generator")(tasks)) as outcomes:
-            for n_done, outcome in enumerate(outcomes, start=1 + len(dataset) - len(missing)):
-                if outcome is not None and not skip_bad:
-                    raise RecordingError(outcome.reason)
-                bad += [] if outcome is None else [outcome]
-                report(n_done, len(dataset), "features")
+    calls = (partial(_compute, dataset.load, entries, plan, part) for entries, part in missing)
+    with closing(each(calls, n_jobs=n_jobs)) as outcomes:
+        for n_done, outcome in enumerate(outcomes, start=1 + len(every) - len(missing)):
+            if outcome is not None and not skip_bad:
+                raise RecordingError(outcome.reason)
+            bad += [] if outcome is None else [outcome]
+            report(n_done, len(every), "features")
     return tuple(bad)
 
 
-def _compute(load: Callable[[Entry], Recording], entry: Entry, plan: Plan, part: Path) -> LeftOut | None:
-    """Compute one recording into its part; return why not if it is bad."""
+def _compute(
+    load: Callable[[Entry], Recording], entries: Sequence[Entry], plan: Plan, part: Path
+) -> LeftOut | None:
+    """Compute one recording, or its windows, into its part; return why not if it is bad."""
+    rows: list[dict[str, Any]] = []
     try:
-        recording = load(entry)
-        row = plan.compute(recording)
+        for entry in entries:
+            recording = load(entry)
+            row = plan.compute(recording)
+            rows.append(
+                {
+                    "values": row.values.tolist(),  # noqa: PD011  (no pandas object)
+                    "reasons": json.dumps(row.reasons),
+                    "flags": json.dumps(recording.flags),
+                    "ms": row.ms,
+                }
+            )
     except RecordingError as error:
-        return LeftOut(entry.recording_id, str(error))
-    fields = {
-        "values": [row.values.tolist()],  # noqa: PD011  (no pandas object)
-        "reasons": [json.dumps(row.reasons)],
-        "flags": [json.dumps(recording.flags)],
-        "ms": [row.ms],
-    }
-    write_atomically(pa.table(fields), part)
+        return LeftOut(parent_id(entries[0]), str(error))
+    write_atomically(pa.Table.from_pylist(rows), part)
     return None
 
 
@@ -180,23 +180,24 @@ def _part(parts: Path, index: int) -> Path:
 
 def _join(dataset: Dataset, plan: Plan, parts: Path, key: str, left_out: tuple[LeftOut, ...]) -> FeatureTable:
     """Join the parts in the dataset's order."""
-    found = [(e, _part(parts, i)) for i, e in enumerate(dataset.entries) if _part(parts, i).is_file()]
+    parted = ((entries, _part(parts, i)) for i, entries in enumerate(by_recording(dataset.entries)))
+    found = [(entries, part) for entries, part in parted if part.is_file()]
     if not found:
         raise RecordingError(f"{dataset.name}: no recording can be used; the first: {left_out[0].reason}")
-    rows = [pq.read_table(part).to_pylist()[0] for _, part in found]
-    ids = [entry.recording_id for entry, _ in found]
-    metadata = pd.DataFrame([[getattr(e, name) for name in METADATA] for e, _ in found], columns=METADATA)
-    text = [name for name in METADATA if name != "repetition"]
-    metadata = metadata.astype({**dict.fromkeys(text, "str"), "repetition": "Int64"})
+    rows = [row for _, part in found for row in pq.read_table(part).to_pylist()]
+    entries = [entry for group, _ in found for entry in group]
+    ids = [entry.recording_id for entry in entries]
+    whole = [parent_id(entry) for entry in entries]
+    flags = (Flag(i, flag) for i, row in zip(whole, rows, strict=True) for flag in json.loads(row["flags"]))
     values = pd.DataFrame(np.array([row["values"] for row in rows], dtype=np.float64), columns=plan.columns)
     return FeatureTable(
-        pd.concat([metadata, values], axis=1),
+        pd.concat([metadata(entries), values], axis=1),
         plan.columns,
         np.array([row["ms"] for row in rows]),
         tuple(
             Reason(i, *pair) for i, row in zip(ids, rows, strict=True) for pair in json.loads(row["reasons"])
         ),
-        tuple(Flag(i, flag) for i, row in zip(ids, rows, strict=True) for flag in json.loads(row["flags"])),
+        tuple(dict.fromkeys(flags)),
         left_out,
         key,
     )

@@ -1,15 +1,30 @@
 """Evaluation protocols: which recordings train and which test; windows of one recording are never parted."""
 
+import functools
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from sklearn.model_selection import LeaveOneGroupOut, StratifiedKFold
+from sklearn.model_selection import LeaveOneGroupOut, StratifiedGroupKFold, StratifiedKFold
+
+from texclass.experiment.windows import parents
 
 Indices = NDArray[np.intp]
 Split = tuple[Indices, Indices]
+Splitter = Callable[[pd.DataFrame, int, int], tuple[Split, ...]]
+N_SHOTS = 3
+"""Repetitions of each material that train under `few-shot`."""
+
+
+def runs(table: pd.DataFrame) -> "pd.Series[str]":
+    """Return the run (session) of each row; its recording, unless every row names a session."""
+    n_sessions = table["session"].nunique(dropna=True)
+    known = table["session"].notna().all() and n_sessions > 1
+    return table["session"].astype(str) if known else parents(table)
 
 
 @dataclass(frozen=True)
@@ -23,17 +38,47 @@ class Protocol:
     description
         One line for the report.
     split
-        (table, n_folds, seed) -> (train, test) row numbers for each fold.
+        (table, n_folds, seed) -> (train, test) row numbers for each fold. Rows may be windows of recordings.
     nested
         Whether scaling and selection are fitted inside each fold. Only `paper` is not.
+    drawn
+        Whether the seed draws the folds, so that another seed gives others.
+    unit
+        "recording" or "run": what is never parted, votes when it holds several rows, and is resampled for the
+        interval.
     """
 
     name: str
     description: str
-    split: Callable[[pd.DataFrame, int, int], tuple[Split, ...]]
+    split: Splitter
     nested: bool = True
+    drawn: bool = False
+    unit: Literal["recording", "run"] = "recording"
+
+    def clusters(self, table: pd.DataFrame) -> NDArray[np.str_]:
+        """Return which `unit` each row belongs to."""
+        return (runs if self.unit == "run" else parents)(table).to_numpy(dtype=str)
 
 
+def of_recordings(split: Splitter) -> Splitter:
+    """Let a split of recordings split their windows, too: each window goes where its recording goes."""
+
+    @functools.wraps(split)
+    def of_rows(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Split, ...]:
+        of_row, recording_ids = pd.factorize(parents(table))
+        if len(recording_ids) == len(table):
+            return split(table, n_folds, seed)
+        _, first = np.unique(of_row, return_index=True)
+        recordings = table.iloc[first].assign(recording_id=recording_ids).reset_index(drop=True)
+        return tuple(
+            (np.flatnonzero(np.isin(of_row, train)), np.flatnonzero(np.isin(of_row, test)))
+            for train, test in split(recordings, n_folds, seed)
+        )
+
+    return of_rows
+
+
+@of_recordings
 def stratified(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Split, ...]:
     """Split recordings into folds with equal shares of each material.
 
@@ -45,13 +90,40 @@ def stratified(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Split, ...
     counts = _counts(table)
     if counts.min() < n_folds:
         raise ValueError(
-            f"material {counts.idxmin()} has {counts.min()} recording{'s' if counts.min() > 1 else ''}; "
-            f"{n_folds} folds need at least {n_folds} of each"
+            f"material {counts.idxmin()} has {_number(counts.min(), 'recording')}; "
+            f"{n_folds} folds need at least {n_folds} of each{_possible(counts.min())}"
         )
     folds = StratifiedKFold(n_folds, shuffle=True, random_state=seed)
     return tuple(folds.split(table, table["material"]))
 
 
+def grouped_by_run(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Split, ...]:
+    """Split runs into folds with about equal shares of each material; no run both trains and tests.
+
+    Raises
+    ------
+    ValueError
+        If a material has fewer runs than there are folds, or a run's absence leaves a material untrained.
+    """
+    _counts(table)
+    run = runs(table)
+    n_runs = run.groupby(table["material"]).nunique()
+    if n_runs.min() < n_folds:
+        raise ValueError(
+            f"material {n_runs.idxmin()} has {_number(n_runs.min(), 'run')}; {n_folds} folds grouped by run "
+            f"need at least {n_folds} of each{_possible(n_runs.min())}"
+        )
+    folds = StratifiedGroupKFold(n_folds, shuffle=True, random_state=seed)
+    with warnings.catch_warnings():
+        # A material with fewer rows than folds: the rule above has been kept, in runs.
+        warnings.filterwarnings("ignore", message="The least populated class", category=UserWarning)
+        split = tuple(s for s in folds.split(table, table["material"], run) if s[1].size)
+    for number, (train, test) in enumerate(split, start=1):
+        _require_known(table, train, test, f"outside fold {number}")
+    return split
+
+
+@of_recordings
 def leave_operator_out(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Split, ...]:
     """Test on each operator in turn (each session, if the table names sessions and no operators).
 
@@ -68,6 +140,7 @@ def leave_operator_out(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Sp
     return split
 
 
+@of_recordings
 def first_half_trains(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Split, ...]:
     """Train on the first half of each material's repetitions, test on the second (the larger, if odd).
 
@@ -76,17 +149,21 @@ def first_half_trains(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Spl
     ValueError
         If repetitions are not numbered, or a material has only one recording.
     """
-    counts = _counts(table)
-    if table["repetition"].isna().any():
-        without = table.loc[table["repetition"].isna(), "recording_id"].iloc[0]
-        raise ValueError(
-            f"recording {without} has no repetition number; the protocol `blocks` needs it on each"
-        )
-    if counts.min() < 2:
-        raise ValueError(f"material {counts.idxmin()} has 1 recording; the protocol `blocks` needs 2 of each")
-    rank = table.groupby("material")["repetition"].rank(method="first").to_numpy()
-    half = table["material"].map(counts // 2).to_numpy()
+    rank, half = _in_order(table, "blocks", at_least=2)
     return ((np.flatnonzero(rank <= half), np.flatnonzero(rank > half)),)
+
+
+@of_recordings
+def first_few_train(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Split, ...]:
+    """Train on each material's first three repetitions, test on the second half of its repetitions.
+
+    Raises
+    ------
+    ValueError
+        If repetitions are not numbered, or a material has fewer than six: its first three would be tested.
+    """
+    rank, half = _in_order(table, "few-shot", at_least=2 * N_SHOTS)
+    return ((np.flatnonzero(rank <= N_SHOTS), np.flatnonzero(rank > half)),)
 
 
 PROTOCOLS = {
@@ -96,6 +173,7 @@ PROTOCOLS = {
             "recording",
             "stratified folds over recordings; scaling and selection fitted inside each fold",
             stratified,
+            drawn=True,
         ),
         Protocol(
             "operator",
@@ -108,11 +186,25 @@ PROTOCOLS = {
             first_half_trains,
         ),
         Protocol(
+            "few-shot",
+            f"first {N_SHOTS} repetitions of each material train, second half of its repetitions tests",
+            first_few_train,
+        ),
+        Protocol(
+            "run",
+            "stratified folds over runs (sessions; recordings, where none are named): no run both trains and "
+            "tests; scaling and selection fitted inside each fold",
+            grouped_by_run,
+            drawn=True,
+            unit="run",
+        ),
+        Protocol(
             "paper",
             "stratified folds as in `recording`, but scaling and selection are fitted once on ALL "
             "recordings, test folds included: optimistic, for comparison with the paper only",
             stratified,
             nested=False,
+            drawn=True,
         ),
     )
 }
@@ -129,6 +221,52 @@ def find_protocol(name: str) -> Protocol:
     if name not in PROTOCOLS:
         raise ValueError(f"no protocol is named {name!r}; the protocols are {', '.join(PROTOCOLS)}")
     return PROTOCOLS[name]
+
+
+def repeated(
+    protocol: Protocol, table: pd.DataFrame, n_folds: int, n_repeats: int, seed: int
+) -> tuple[tuple[Split, ...], ...]:
+    """Return the splits of repeated cross-validation: those of seed, seed + 1, ....
+
+    Raises
+    ------
+    ValueError
+        If there is no repeat, or several of a protocol that splits in one way only.
+    """
+    if n_repeats < 1 or (n_repeats > 1 and not protocol.drawn):
+        drawn = ", ".join(p.name for p in PROTOCOLS.values() if p.drawn)
+        raise ValueError(
+            f"{n_repeats} repeats of the protocol `{protocol.name}`; "
+            f"the rule is 1, or more of a protocol that draws its folds ({drawn})"
+        )
+    return tuple(protocol.split(table, n_folds, seed + r) for r in range(n_repeats))
+
+
+def _in_order(table: pd.DataFrame, protocol: str, at_least: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return each row's rank among the repetitions of its material, and half the number of these."""
+    counts = _counts(table)
+    if table["repetition"].isna().any():
+        without = table.loc[table["repetition"].isna(), "recording_id"].iloc[0]
+        raise ValueError(
+            f"recording {without} has no repetition number; the protocol `{protocol}` needs it on each"
+        )
+    if counts.min() < at_least:
+        raise ValueError(
+            f"material {counts.idxmin()} has {_number(counts.min(), 'recording')}; "
+            f"the protocol `{protocol}` needs {at_least} of each"
+        )
+    rank = table.groupby("material")["repetition"].rank(method="first").to_numpy(dtype=np.float64)
+    return rank, table["material"].map(counts // 2).to_numpy(dtype=np.intp)
+
+
+def _number(n: int, what: str) -> str:
+    return f"{n} {what}{'' if n == 1 else 's'}"
+
+
+def _possible(least: int) -> str:
+    return (
+        f"; 2 to {least} folds are possible" if least > 2 else "; 2 folds are possible" if least == 2 else ""
+    )
 
 
 def _counts(table: pd.DataFrame) -> "pd.Series[int]":

@@ -2,14 +2,15 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 from scipy.stats import spearmanr
 
+from texclass.experiment.accuracy import Accuracy
+from texclass.experiment.paired import Paired
 from texclass.experiment.table import Flag, LeftOut
 
 
@@ -19,46 +20,6 @@ class Undefined(NamedTuple):
     feature: str
     reason: str
     n_recordings: int
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """Share of correctly classified recordings, pooled over folds.
-
-    Attributes
-    ----------
-    n_hits, n_tested
-        Correct classifications out of all.
-    folds
-        Accuracy of each fold, for paired comparisons on the same folds.
-    """
-
-    n_hits: int
-    n_tested: int
-    folds: tuple[float, ...] = ()
-
-    @property
-    def mean(self) -> float:
-        """Accuracy as a fraction."""
-        return self.n_hits / self.n_tested
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Wilson 95 % confidence interval."""
-        return wilson_interval(self.n_hits, self.n_tested)
-
-
-def wilson_interval(n_hits: int, n_tested: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the Wilson score interval of a proportion.
-
-    (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n), with p = n_hits/n and z the normal quantile.
-    """
-    n, p, z = n_tested, n_hits / n_tested, float(ndtri(0.5 + confidence / 2))
-    centre = p + z**2 / (2 * n)
-    half = z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-    low, high = (centre - half) / (1 + z**2 / n), (centre + half) / (1 + z**2 / n)
-    # Rounding must not part an extreme proportion from its own limit.
-    return min(p, max(0.0, float(low))), max(p, min(1.0, float(high)))
 
 
 @dataclass(frozen=True)
@@ -93,6 +54,72 @@ class RowResult:
     reference: str = ""
 
 
+@dataclass(frozen=True)
+class RowSum:
+    """A row over all repeats: columns at the classifier, mean accuracy, milliseconds of its features."""
+
+    n_features: int
+    accuracy: float
+    ms_per_recording: float
+
+
+@dataclass(frozen=True)
+class GroupGain:
+    """What a group of features adds to a row.
+
+    Attributes
+    ----------
+    name, reference
+        As in the pipeline.
+    n_columns
+        Its columns.
+    joined
+        The row together with the group; None when the dataset lacks the group.
+    paired
+        The row with the group against the row without it.
+    p_corrected
+        The p-value corrected for the number of groups (Holm).
+    missing
+        What the dataset lacks for it; None if nothing.
+    """
+
+    name: str
+    n_columns: int
+    joined: RowSum | None = None
+    paired: Paired | None = None
+    p_corrected: float | None = None
+    missing: str | None = None
+    reference: str = ""
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What each group of features adds to one row, on the same splits.
+
+    Attributes
+    ----------
+    row, classifier, chosen
+        The row that is added to, who judges, and how both were chosen.
+    selects
+        Whether the row selects a fixed number of columns, so that a group competes for places.
+    without
+        The row without any group.
+    n_repeats, n_folds
+        The splits.
+    groups : tuple of GroupGain
+        In the pipeline's order.
+    """
+
+    row: str
+    classifier: str
+    chosen: str
+    selects: bool
+    without: RowSum
+    n_repeats: int
+    n_folds: int
+    groups: tuple[GroupGain, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Confusion:
     """Confusion matrix of one row and classifier.
@@ -120,7 +147,8 @@ class BenchmarkResult:
     Attributes
     ----------
     dataset
-        Facts: name, title, source, notes, numbers of recordings, materials, operators and sessions.
+        Facts: name, title, source, notes, numbers of recordings, materials, operators and sessions, and of
+        windows, if it is recordings that were cut into windows.
     pipeline, pipeline_hash, feature_set, classifiers
         What was evaluated.
     protocol, protocol_description, n_folds
@@ -131,8 +159,12 @@ class BenchmarkResult:
         Of the best row; None when no row could be computed.
     versions, seed, input_hash
         What is needed to do it again.
+    unit
+        What is never parted by the protocol; it votes where it holds several tests.
     left_out, flags, undefined
         Recordings not used, remarks of the loaders, features without a value.
+    gains : Gains or None
+        What each addition of the pipeline adds; None without additions or without a row to add to.
     """
 
     dataset: Mapping[str, Any]
@@ -151,12 +183,19 @@ class BenchmarkResult:
     left_out: tuple[LeftOut, ...] = ()
     flags: tuple[Flag, ...] = ()
     undefined: tuple[Undefined, ...] = ()
+    unit: Literal["recording", "run"] = "recording"
+    gains: Gains | None = None
 
     @property
     def best(self) -> tuple[RowResult, str] | None:
         """Row and classifier of the highest accuracy; the first of equals."""
         pairs = [(row, name) for row in self.rows for name in row.accuracy]
         return max(pairs, key=lambda pair: pair[0].accuracy[pair[1]].mean, default=None)
+
+    @property
+    def tested(self) -> str:
+        """What was classified: "recordings" or "windows"."""
+        return "windows" if "n_windows" in self.dataset else "recordings"
 
     def rank_agreement(self, classifier: str) -> float | None:
         """Spearman correlation of our accuracies with the published ones; None with fewer than three rows."""
@@ -178,10 +217,11 @@ class BenchmarkResult:
             "protocol": self.protocol,
             "protocol_description": self.protocol_description,
             "n_folds": self.n_folds,
-            "accuracy_unit": "fraction of recordings; low and high are the Wilson 95 % interval",
-            "rows": [_row(row) for row in self.rows],
+            "accuracy_unit": f"fraction of {self.tested}; low and high are the 95 % interval by `interval`",
+            "rows": [_row(row, self.unit) for row in self.rows],
             "rank_agreement": {name: self.rank_agreement(name) for name in self.classifiers},
             "confusion": _confusion(self.confusion),
+            "gains": None if self.gains is None else _gains(self.gains),
             "left_out": [list(item) for item in self.left_out],
             "flags": [list(item) for item in self.flags],
             "undefined": [item._asdict() for item in self.undefined],
@@ -195,19 +235,41 @@ class BenchmarkResult:
         return json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
 
 
-def _row(row: RowResult) -> dict[str, Any]:
+def _row(row: RowResult, unit: str) -> dict[str, Any]:
     return {
         "name": row.name,
         "n_features": row.n_features,
-        "accuracy": {
-            name: {"mean": a.mean, "low": a.interval[0], "high": a.interval[1], "folds": list(a.folds)}
-            for name, a in row.accuracy.items()
-        },
+        "accuracy": {name: _accuracy(a, unit) for name, a in row.accuracy.items()},
         "paper": {name: value / 100 for name, value in row.published.items()},
         "ms_per_recording": row.ms_per_recording,
         "missing": row.missing,
         "selected": {name: dict(columns) for name, columns in row.selected.items()},
         "reference": row.reference,
+    }
+
+
+def _gains(gains: Gains) -> dict[str, Any]:
+    found = asdict(gains)
+    for group in found["groups"]:
+        paired = group["paired"]
+        if paired is not None:
+            low, high = paired.pop("interval")
+            group["paired"] = {"low": low, "high": high, **paired}
+    return found
+
+
+def _accuracy(accuracy: Accuracy, unit: str) -> dict[str, Any]:
+    """Return an accuracy as JSON values; balanced is the mean itself, where materials are tested equally."""
+    low, high = accuracy.interval
+    voted = accuracy.voted
+    return {
+        "mean": accuracy.mean,
+        "low": low,
+        "high": high,
+        "interval": f"bootstrap over {unit}s" if accuracy.bounds else "Wilson",
+        "balanced": accuracy.mean if accuracy.balanced is None else accuracy.balanced,
+        "folds": list(accuracy.folds),
+        **({} if voted is None else {f"per_{unit}": _accuracy(voted, unit)}),
     }
 
 

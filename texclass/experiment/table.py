@@ -12,11 +12,13 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from texclass.experiment.windows import Window, parent_id
 from texclass.features.extractor import Reason
+from texclass.loaders.dataset import Entry
 from texclass.recording import Samples
 
 METADATA = ("recording_id", "material", "operator", "session", "repetition")
-"""Columns of every table, before the features."""
+"""Columns of every table, before the features; tables of windows add `parent`, the recording."""
 
 
 class LeftOut(NamedTuple):
@@ -43,8 +45,8 @@ class FeatureTable:
     Attributes
     ----------
     frame : DataFrame
-        One row a recording in the dataset's order: the columns of `METADATA`, then the features (NaN where
-        undefined).
+        One row a recording (or window) in the dataset's order: the columns of `METADATA`, then the features
+        (NaN where undefined).
     columns : tuple of str
         The feature columns.
     ms : ndarray of shape (n_recordings,)
@@ -85,6 +87,16 @@ class FeatureTable:
     def matching(self, base: Sequence[str]) -> tuple[str, ...]:
         """Return the columns named in `base`, under every channel prefix, in the order of `base`."""
         return tuple(c for b in base for c in self.columns if c == b or c.split("/", 1)[-1] == b)
+
+
+def metadata(entries: Sequence[Entry]) -> pd.DataFrame:
+    """Return what is known of recordings (or windows of them) before they are loaded, one row each."""
+    frame = pd.DataFrame([[getattr(e, name) for name in METADATA] for e in entries], columns=METADATA)
+    text = [name for name in METADATA if name != "repetition"]
+    frame = frame.astype({**dict.fromkeys(text, "str"), "repetition": "Int64"})
+    if any(isinstance(entry, Window) for entry in entries):
+        frame["parent"] = pd.Series([parent_id(entry) for entry in entries], dtype="str")
+    return frame
 
 
 def read_table(path: str | Path) -> FeatureTable:

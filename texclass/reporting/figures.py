@@ -1,11 +1,13 @@
 """Pictures of a benchmark: the table, ours beside published, and who is taken for whom."""
 
+from textwrap import shorten
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from texclass.experiment.result import BenchmarkResult, Confusion, RowResult
-from texclass.reporting.tables import cells, header, headline, title_of
+from texclass.reporting.tables import cells, header, headline
+from texclass.reporting.words import title_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,14 +31,16 @@ def draw_table(result: BenchmarkResult) -> "Figure":
     axes.set_axis_off()
     axes.text(0, -0.7, headline(result).replace("`", ""), fontsize=9, weight="bold", color=INK)
     best = result.best
+    room = int(edges[2 + len(result.classifiers)] - edges[2]) - 2
     for y, row in enumerate(rows):
         strong = y == 0 or (best is not None and result.rows[y - 1] is best[0])
         for x, text in enumerate(row):
             left = x == 0 or (lacking[y] and x == 2)
+            shown = shorten(text, room, placeholder=" ...") if left and x == 2 else text
             axes.text(
                 edges[x] if left else edges[x + 1] - 1,
                 y + 0.5,
-                text,
+                shown,
                 ha="left" if left else "right",
                 va="center",
                 fontsize=8,
@@ -53,7 +57,7 @@ def draw_ranking(result: BenchmarkResult) -> "Figure":
 
     shown = [row for row in result.rows if row.accuracy]
     n = len(result.classifiers)
-    size = (3.2 + 2.9 * n, 1.2 + INCHES_PER_ROW * max(len(shown), 1))
+    size = (3.2 + 2.9 * n, 1.2 + INCHES_PER_ROW * max(len(shown), 3))
     figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(1, n, sharey=True, squeeze=False)[0]
     for axes, classifier in zip(panels, result.classifiers, strict=True):
@@ -95,7 +99,7 @@ def draw_confusion(confusion: Confusion) -> "Figure":
     axes.set_xlabel("recognised as", fontsize=9)
     axes.set_ylabel("explored", fontsize=9)
     bar = figure.colorbar(image, ax=axes, shrink=0.6)
-    bar.set_label("share of the material's recordings", fontsize=9)
+    bar.set_label("share of the material's tests", fontsize=9)
     bar.ax.tick_params(labelsize=8)
     return figure
 

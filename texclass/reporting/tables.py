@@ -4,32 +4,26 @@ import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from texclass.experiment.result import Accuracy, BenchmarkResult, RowResult
+from texclass.experiment.accuracy import Accuracy
+from texclass.experiment.result import BenchmarkResult, RowResult
+from texclass.reporting.beside import beside_markdown, beside_table, beside_title
+from texclass.reporting.gains import gain_markdown, gain_table
+from texclass.reporting.words import line_of, title_of
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-CLASSIFIER_TITLES = {
-    "naive_bayes": "Naive Bayes",
-    "lda": "LDA",
-    "euclidean": "Euclidean",
-    "nearest_neighbour": "Nearest neighbour",
-}
 MOST_LISTED = 4
 """Recordings, flags or features that a note lists one by one; the JSON holds all of them."""
-
-
-def title_of(classifier: str) -> str:
-    """Return the printed name of a classifier."""
-    return CLASSIFIER_TITLES.get(classifier, classifier.replace("_", " ").capitalize())
 
 
 def headline(result: BenchmarkResult) -> str:
     """Return one line: dataset, protocol, pipeline."""
     facts = result.dataset
     folds = f", {result.n_folds} folds" if result.n_folds > 1 else ""
+    windows = f"{facts['n_windows']} windows of " if "n_windows" in facts else ""
     return (
-        f"{facts['name']}: {facts['n_recordings']} recordings of {facts['n_materials']} materials, "
+        f"{facts['name']}: {windows}{facts['n_recordings']} recordings of {facts['n_materials']} materials, "
         f"protocol `{result.protocol}`{folds}, pipeline `{result.pipeline}`"
     )
 
@@ -63,6 +57,11 @@ def cells(result: BenchmarkResult, row: RowResult, *, brief: bool = False) -> tu
 def notes(result: BenchmarkResult) -> Iterator[str]:
     """Yield what a reader of the table must know, one sentence a note."""
     yield f"Protocol `{result.protocol}`: {result.protocol_description}."
+    if any(accuracy.bounds for row in result.rows for accuracy in row.accuracy.values()):
+        yield (
+            f"Accuracy is the share of {result.tested}; its interval is a bootstrap over {result.unit}s, as "
+            f"those of one {result.unit} are no independent tests."
+        )
     for row in result.rows:
         if row.accuracy and row.missing:
             yield f"{row.name}: without features the dataset lacks: {row.missing}."
@@ -97,7 +96,10 @@ def benchmark_table(result: BenchmarkResult) -> "RenderableType":
         table.add_row(*(Text(cell) for cell in cells(result, row, brief=True)), style=style)
     order = " / ".join(map(_short, published(result)))
     above = Text(f"{headline(result)}; accuracy in % [95 % interval]; paper: {order}", style="bold")
-    return Group(above, table, *(Text(f"- {note}", style="dim") for note in (*notes(result), _cost_note())))
+    below = [Text(f"- {note}", style="dim") for note in (*notes(result), _cost_note())]
+    beside = [] if beside_title(result) is None else [Text(""), beside_table(result)]
+    gains = [] if result.gains is None else [Text(""), gain_table(result.gains, result.seed)]
+    return Group(above, table, *beside, *below, *gains)
 
 
 def markdown(result: BenchmarkResult) -> str:
@@ -105,11 +107,15 @@ def markdown(result: BenchmarkResult) -> str:
     lines = [
         f"# {headline(result)}",
         "",
-        _line(header(result)),
+        line_of(header(result)),
         "|---|" + "---:|" * (len(header(result)) - 1),
     ]
-    lines += [_line(cells(result, row)) for row in result.rows]
+    lines += [line_of(cells(result, row)) for row in result.rows]
+    if beside_title(result) is not None:
+        lines += ["", *beside_markdown(result)]
     lines += ["", "## Notes", "", *(f"- {note}" for note in (*notes(result), _cost_note()))]
+    if result.gains is not None:
+        lines += ["", *gain_markdown(result.gains, result.seed)]
     lines += ["", "## To compute it again", ""]
     lines += [
         f"- dataset `{result.dataset['name']}`, input hash `{result.input_hash}`",
@@ -122,7 +128,7 @@ def markdown(result: BenchmarkResult) -> str:
 
 def _problems(result: BenchmarkResult) -> Iterator[str]:
     """Yield recordings left out, flags and undefined features, each list cut to a readable length."""
-    n = result.dataset["n_recordings"]
+    n = result.dataset.get("n_windows", result.dataset["n_recordings"])
     partly = [u for u in result.undefined if u.n_recordings < n]
     for what, lines in (
         ("recordings left out", [str(item) for item in result.left_out]),
@@ -138,7 +144,10 @@ def _problems(result: BenchmarkResult) -> Iterator[str]:
 
 
 def _cost_note() -> str:
-    return "ms: features of one recording, one thread, shared transforms counted once, without segmentation."
+    return (
+        "ms: features of one recording (or window), one thread, shared transforms counted once, without "
+        "segmentation."
+    )
 
 
 def _accuracy(accuracy: Accuracy | None, digits: int) -> str:
@@ -150,7 +159,3 @@ def _accuracy(accuracy: Accuracy | None, digits: int) -> str:
 
 def _short(classifier: str) -> str:
     return {"naive_bayes": "NB", "lda": "LDA", "euclidean": "Eu"}.get(classifier, classifier)
-
-
-def _line(texts: tuple[str, ...]) -> str:
-    return "| " + " | ".join(text.replace("|", "\\|") for text in texts) + " |"

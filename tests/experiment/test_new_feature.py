@@ -1,0 +1,92 @@
+"""A new feature against a table: one that helps, one that repeats another, one that the set has."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from texclass.experiment.definition import PipelineDefinition, RowDefinition
+from texclass.experiment.new_feature import redundancy, study_feature, with_feature
+from texclass.experiment.table import FeatureTable
+from texclass.experiment.use import Use
+from texclass.features.contract import Feature, Gain
+
+STEPS = (
+    Use("sklearn.impute.SimpleImputer", {"strategy": "median", "keep_empty_features": True}),
+    Use("sklearn.preprocessing.MinMaxScaler"),
+)
+CLASSIFIERS = {"euclidean": Use("sklearn.neighbors.NearestCentroid")}
+ROWS = (RowDefinition("Chance", ("rarely",)), RowDefinition("Peaks", ("peaks",)))
+
+
+def loud(view):
+    return view.samples.std()
+
+
+LOUD = Feature("loud", loud, "movement", "g", "test", gain=Gain(power=1))
+
+
+@pytest.fixture
+def pipeline(feature_set):
+    return PipelineDefinition("toy", feature_set, STEPS, CLASSIFIERS, ROWS, 5, folds=4)
+
+
+@pytest.fixture
+def study(toy_dataset, pipeline):
+    return study_feature(toy_dataset(n_materials=4, n_repetitions=8), pipeline, LOUD)
+
+
+def test_the_table_stands_as_it_was_with_a_row_for_the_feature_alone(study):
+    names = [row.name for row in study.result.rows]
+    assert names == ["Chance", "Peaks", "New: loud"]
+    assert study.result.rows[-1].accuracy["euclidean"].mean > 0.9
+    assert study.result.gains.row == "Peaks"
+    assert [group.name for group in study.result.gains.groups] == ["loud"]
+
+
+def test_law_cost_and_repetition_are_measured(study):
+    assert study.law.holds
+    assert study.ms_alone > 0
+    assert 0 <= study.ms_added <= study.ms_alone * 1.5
+    (found,) = study.redundancy
+    assert found.nearest[0].column.startswith("peaks")
+    assert found.nearest[0].rank_correlation > 0.9
+    assert found.explained > 0.9
+    assert {a.input: a.answer for a in study.behaviour}["one NaN"] == "no reason"
+
+
+def test_json_holds_table_gains_and_feature(study):
+    found = json.loads(study.to_json())
+    assert {"rows", "gains", "new_feature"} <= set(found)
+    assert found["new_feature"]["gain_law"]["holds"] is True
+    assert found["new_feature"]["redundancy"][0]["nearest"][0]["rank_correlation"] > 0.9
+
+
+def test_a_name_that_the_set_has_is_refused(pipeline):
+    with pytest.raises(ValueError, match="'level' is in the feature set 'toy'; the rule is a new name"):
+        with_feature(pipeline, Feature("level", loud, "movement", "g", "test"))
+
+
+def test_the_hash_tells_the_pipeline_with_the_feature_from_the_one_without(pipeline):
+    assert with_feature(pipeline, LOUD).hash != pipeline.hash
+
+
+def test_a_phase_that_the_dataset_lacks_is_said(toy_dataset, pipeline):
+    tap = Feature("knuckle", lambda view: 1.0, "tap", "1", "test")
+    study = study_feature(toy_dataset(n_repetitions=8), pipeline, tap)
+    assert study.result.rows[-1].missing == "no tap found (knuckle)"
+    assert (study.law, study.redundancy, study.ms_added) == (None, (), None)
+    json.loads(study.to_json())
+
+
+def test_redundancy_tells_a_copy_from_noise():
+    rng = np.random.default_rng(0)
+    a, b, noise = rng.normal(size=(3, 200))
+    columns = {"a": a, "b": b, "copy": np.exp(a), "sum": a + b, "noise": noise, "same": np.ones(200)}
+    table = FeatureTable(pd.DataFrame(columns), tuple(columns), np.zeros(200))
+    found = {r.column: r for r in redundancy(table, ["copy", "sum", "noise", "same"])}
+    assert found["copy"].nearest[0] == ("a", pytest.approx(1.0))
+    assert found["sum"].explained == pytest.approx(1.0, abs=1e-3)
+    assert found["noise"].explained < 0.1
+    assert "same" not in found

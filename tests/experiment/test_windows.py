@@ -1,0 +1,160 @@
+"""Touches: windows of movements that stay with their recording, each file read once."""
+
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from texclass.experiment.benchmark import run_benchmark
+from texclass.experiment.definition import PipelineDefinition, RowDefinition
+from texclass.experiment.extraction import cached_table, extract_table
+from texclass.experiment.protocols import find_protocol
+from texclass.experiment.table import metadata
+from texclass.experiment.use import Use
+from texclass.experiment.windows import Window, touches
+from texclass.features.extractor import FeatureExtractor
+from texclass.loaders.dataset import Dataset, Entry
+from texclass.recording import Phases, Recording, RecordingError, Tap
+
+FS = 100.0
+TAPPED = Phases((Tap(5, 10, 20),), movement=(40, 205))
+
+
+def tapped(entry):
+    """Two seconds: a tap, then 1.65 s of movement; samples count themselves."""
+    n = np.arange(210.0)
+    return Recording(n, fs=FS, unit="V", recording_id=entry.recording_id, phases=TAPPED, friction=2 * n)
+
+
+@pytest.fixture
+def counting():
+    entries = tuple(Entry(f"m{m}_{r}", f"m{m}", "o", f"s{r}", r) for m in (0, 1) for r in (1, 2, 3))
+    return Dataset("counting", entries, tapped, "x")
+
+
+def test_windows_follow_each_other_within_the_movement(counting):
+    found = [w.acceleration for w in touches(counting, 0.5)]
+    assert len(found) == 6 * 3
+    np.testing.assert_array_equal(np.concatenate(found[:3]), np.arange(40.0, 190.0))
+
+
+def test_a_window_is_movement_only_with_all_signals_and_the_facts_of_its_recording(counting):
+    dataset = touches(counting, 0.5)
+    entry, window = dataset.entries[4], dataset[4]
+    assert (entry.recording_id, entry.parent.recording_id, entry.repetition) == ("m0_2#2", "m0_2", 2)
+    assert (entry.material, entry.operator, entry.session) == ("m0", "o", "s2")
+    assert window.phases == Phases(movement=(0, 50))
+    assert window.recording_id == "m0_2#2"
+    np.testing.assert_array_equal(window.friction, 2 * window.acceleration)
+
+
+def test_one_window_per_recording_is_the_first_seconds_of_movement(counting):
+    dataset = touches(counting, 1.2, per_recording=1)
+    assert len(dataset) == len(counting)
+    np.testing.assert_array_equal(dataset[0].acceleration, np.arange(40.0, 160.0))
+
+
+def test_a_step_below_the_length_makes_windows_overlap(counting):
+    starts = [entry.start for entry in touches(counting, 0.5, step=0.25, per_recording=4).entries[:4]]
+    assert starts == [40, 65, 90, 115]
+
+
+def test_what_is_too_short_or_bad_says_so_when_it_is_loaded(toy_dataset, feature_set, tmp_path):
+    bad = toy_dataset(bad=("m1_1",))
+    with pytest.raises(RecordingError, match="value 'x' in line 3"):
+        extract_table(touches(bad, 0.1), feature_set, tmp_path / "t.parquet")
+    table = extract_table(touches(bad, 0.1), feature_set, tmp_path / "t.parquet", skip_bad=True)
+    assert (table.n_recordings, [b.recording_id for b in table.left_out]) == (11 * 3, ["m1_1"])
+    with pytest.raises(RecordingError, match=r"m0_1: 0\.3 s of movement; the rule is at least 0\.4"):
+        extract_table(touches(toy_dataset(), 0.4), feature_set, tmp_path / "t.parquet")
+
+
+@pytest.mark.parametrize(
+    "given", [{"seconds": 0}, {"seconds": 1, "step": -1}, {"seconds": 1, "per_recording": 0}]
+)
+def test_lengths_are_above_0(counting, given):
+    with pytest.raises(ValueError, match="the rule is above 0"):
+        touches(counting, **given)
+
+
+def test_windows_of_windows_are_refused(counting):
+    with pytest.raises(ValueError, match="whole recordings"):
+        touches(touches(counting, 1), 0.5)
+
+
+def test_each_file_is_read_once_and_movements_are_remembered(toy_dataset, feature_set):
+    dataset = toy_dataset(1, 4)
+    cached_table(touches(dataset, 0.1), feature_set)
+    assert dataset.load.loaded == 2 * [
+        f"m0_{r}" for r in (1, 2, 3, 4)
+    ]  # once for movements, once for all windows
+    again = toy_dataset(1, 4)
+    table = cached_table(touches(again, 0.1), feature_set)
+    assert again.load.loaded == []
+    assert table.frame["parent"].tolist() == [f"m0_{r}" for r in (1, 2, 3, 4) for _ in range(3)]
+    cached_table(touches(again, 0.05), feature_set)  # another length is another table, with known movements
+    assert again.load.loaded == [f"m0_{r}" for r in (1, 2, 3, 4)]
+
+
+def test_extraction_gives_what_the_extractor_gives_for_each_window(toy_dataset, feature_set, tmp_path):
+    dataset = touches(toy_dataset(), 0.1)
+    table = extract_table(dataset, feature_set, tmp_path / "t.parquet")
+    direct = FeatureExtractor(feature_set).fit(dataset).extract(dataset)
+    np.testing.assert_array_equal(table.values, direct.values)
+    assert table.frame["recording_id"].tolist() == list(direct.recording_ids)
+    assert len(table.flags) == 3  # once a recording, not once a window
+
+
+def test_datasets_of_windows_travel_to_other_processes(counting):
+    dataset = touches(counting, 0.5)
+    np.testing.assert_array_equal(
+        pickle.loads(pickle.dumps(dataset))[7].acceleration, dataset[7].acceleration
+    )
+
+
+@pytest.mark.parametrize("name", ["recording", "operator", "blocks", "few-shot", "run", "paper"])
+def test_no_protocol_parts_the_windows_of_a_recording(toy_dataset, name):
+    table = metadata(touches(toy_dataset(3, 6), 0.1).entries)
+    shuffled = table.sample(frac=1, random_state=1, ignore_index=True)
+    for train, test in find_protocol(name).split(shuffled, 3, 0):
+        assert not set(shuffled["parent"][train]) & set(shuffled["parent"][test])
+        for rows in (train, test):  # all windows of a recording, or none
+            assert (shuffled.iloc[rows].groupby("parent").size() == 3).all()
+
+
+def test_windows_are_split_as_their_recordings_are(toy_dataset):
+    dataset = toy_dataset(3, 6)
+    whole, windows = metadata(dataset.entries), metadata(touches(dataset, 0.1).entries)
+    for name in ("recording", "blocks", "few-shot"):
+        split = find_protocol(name).split
+        for (_, test), (_, of_windows) in zip(split(whole, 3, 0), split(windows, 3, 0), strict=True):
+            assert set(whole["recording_id"][test]) == set(windows["parent"][of_windows])
+
+
+@pytest.fixture
+def result(toy_dataset, feature_set):
+    classifiers = {"euclidean": Use("sklearn.neighbors.NearestCentroid")}
+    rows = (RowDefinition("Level", ("level",)),)
+    pipeline = PipelineDefinition("toy", feature_set, (), classifiers, rows, seed=0, folds=3)
+    return run_benchmark(touches(toy_dataset(3, 6), 0.02), pipeline, protocol="run")
+
+
+def test_the_benchmark_of_windows_reports_them_their_interval_and_their_vote(result):
+    assert (result.dataset["n_windows"], result.dataset["n_recordings"]) == (3 * 6 * 15, 3 * 6)
+    accuracy = result.rows[0].accuracy["euclidean"]
+    assert accuracy.n_tested == 270
+    assert accuracy.bounds[0] < accuracy.mean < accuracy.bounds[1]
+    assert accuracy.voted.n_tested == 18
+    assert accuracy.voted.mean > accuracy.mean
+    told = result.to_dict()["rows"][0]["accuracy"]["euclidean"]
+    assert told["interval"] == "bootstrap over runs"
+    assert told["per_run"]["interval"] == "Wilson"
+    assert told["balanced"] == pytest.approx(accuracy.mean)
+
+
+def test_tables_of_whole_recordings_have_no_parent(toy_dataset):
+    entries = toy_dataset().entries
+    assert "parent" not in metadata(entries)
+    assert not any(isinstance(entry, Window) for entry in entries)
+    assert metadata(entries).dtypes["repetition"] == pd.Int64Dtype()

@@ -1,0 +1,217 @@
+"""What each group of features adds to a row of the table: with it and without it, on the same splits."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.pipeline import Pipeline
+
+from texclass.experiment.cost import CostMeter
+from texclass.experiment.definition import PipelineDefinition
+from texclass.experiment.evaluate import Evaluation, Labels, evaluate
+from texclass.experiment.extraction import Progress
+from texclass.experiment.paired import Paired, compare_once, compare_repeats, holm
+from texclass.experiment.protocols import Protocol, Split, repeated
+from texclass.experiment.result import Gains, GroupGain, RowSum
+from texclass.experiment.rows import Ready, ready
+from texclass.experiment.table import FeatureTable
+from texclass.experiment.use import Use
+from texclass.experiment.workers import each
+from texclass.recording import Samples
+
+Splits = tuple[Split, ...]
+Hits = list[NDArray[np.bool_]]
+"""Fold -> whether each of its test recordings was recognised."""
+
+
+@dataclass(frozen=True)
+class Base:
+    """The row that groups are added to, the classifier that judges, and how both were chosen."""
+
+    row: Ready
+    classifier: str
+    chosen: str
+
+
+def choose_base(
+    pipeline: PipelineDefinition, rows: Sequence[Ready], evaluations: Mapping[str, Mapping[str, Evaluation]]
+) -> Base | None:
+    """Return the row that is added to: the one the pipeline names, else the most accurate one.
+
+    Parameters
+    ----------
+    pipeline : PipelineDefinition
+        Says which rows hold no feature of any addition, and perhaps which of them and which classifier.
+    rows : sequence of Ready
+        Rows of the table.
+    evaluations : mapping
+        Row -> classifier -> evaluation.
+
+    Returns
+    -------
+    Base or None
+        None when no such row could be computed.
+    """
+    settings = pipeline.gain
+    free = {row.name for row in pipeline.bases}
+    candidates = {row.definition.name: row for row in rows if row.columns and row.definition.name in free}
+    if settings.base in candidates:
+        candidates = {settings.base: candidates[settings.base]}
+    judges = [settings.classifier] if settings.classifier else list(pipeline.classifiers)
+    pairs = [(name, judge) for name in candidates for judge in judges]
+    if not pairs:
+        return None
+    name, judge = max(pairs, key=lambda pair: evaluations[pair[0]][pair[1]].accuracy.mean)
+    named = settings.base == name
+    if named and settings.classifier:
+        chosen = "row and classifier named by the pipeline"
+    else:
+        what = "classifier of this row" if named else "row without features of any addition"
+        chosen = f"the most accurate {what}, found on these very recordings"
+    return Base(candidates[name], judge, chosen)
+
+
+def measure_gains(
+    pipeline: PipelineDefinition,
+    table: FeatureTable,
+    base: Base,
+    protocol: Protocol,
+    n_folds: int,
+    meter: CostMeter,
+    *,
+    n_jobs: int = 1,
+    progress: Progress | None = None,
+) -> Gains:
+    """Add every group of a pipeline to a row, one at a time, and compare on the same splits.
+
+    A row with sequential selection keeps its number of columns: the group competes for places.
+
+    Parameters
+    ----------
+    pipeline : PipelineDefinition
+        With `additions`.
+    table : FeatureTable
+        Features of rows and additions.
+    base : Base
+        See `choose_base`.
+    protocol : Protocol
+        Folds that it draws are drawn `pipeline.gain.repeats` times, with seed, seed + 1, ..., and compared by
+        `compare_repeats`; one set of splits is compared by `compare_once`.
+    n_folds : int
+        Where the protocol draws folds.
+    meter : CostMeter
+        Measures the features with and without each group.
+    n_jobs : int
+        Processes.
+    progress : callable, optional
+        Called with (done, total, "additions").
+    """
+    groups = [ready(group, pipeline.feature_set, table) for group in pipeline.additions]
+    rows = [base.row, *(_joined(base.row, group) for group in groups if group.columns)]
+    n_repeats = pipeline.gain.repeats if protocol.drawn else 1
+    repeats = repeated(protocol, table.frame, n_folds, n_repeats, pipeline.seed)
+    trials = [_Trial.of(row, base.classifier, pipeline, table) for row in rows]
+    hits = _hits(trials, repeats, nested=protocol.nested, n_jobs=n_jobs, progress=progress)
+    paired = [_compare(h, hits[0], repeats, protocol, table, pipeline.seed) for h in hits[1:]]
+    every = dict.fromkeys(name for row in rows for name in row.definition.features)
+    model = meter.model(pipeline.feature_set.restricted_to(every))
+    sums = [
+        RowSum(row.n_features, _mean(h), model.cost(row.columns)) for row, h in zip(rows, hits, strict=True)
+    ]
+    return Gains(
+        row=base.row.definition.name,
+        classifier=base.classifier,
+        chosen=base.chosen,
+        selects=base.row.definition.select is not None,
+        without=sums[0],
+        n_repeats=n_repeats,
+        n_folds=len(repeats[0]),
+        groups=_groups(groups, sums[1:], paired),
+    )
+
+
+def _groups(groups: list[Ready], sums: list[RowSum], paired: list[Paired]) -> tuple[GroupGain, ...]:
+    """Describe every group; those that the dataset has, in order, by what was measured."""
+    corrected = holm([p.p_value for p in paired]).tolist()
+    measured = iter(zip(sums, paired, corrected, strict=True))
+    described = []
+    for group in groups:
+        joined, comparison, p = next(measured) if group.columns else (None, None, None)
+        name, reference = group.definition.name, group.definition.reference
+        described.append(GroupGain(name, group.n_features, joined, comparison, p, group.missing, reference))
+    return tuple(described)
+
+
+def _compare(
+    hits: list[Hits],
+    without: list[Hits],
+    repeats: Sequence[Splits],
+    protocol: Protocol,
+    table: FeatureTable,
+    seed: int,
+) -> Paired:
+    if protocol.drawn:
+        ratio = float(np.mean([test.size / train.size for train, test in repeats[0]]))
+        return compare_repeats(hits, without, ratio)
+    cluster = protocol.clusters(table.frame)
+    return compare_once(hits, without, [cluster[test] for _, test in repeats[0]], seed, protocol.unit)
+
+
+def _mean(hits: list[Hits]) -> float:
+    return float(np.concatenate([fold for repeat in hits for fold in repeat]).mean())
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """What is evaluated on every repeat of the splits."""
+
+    X: Samples
+    y: Labels
+    preparation: Pipeline
+    classifier: Use
+
+    @classmethod
+    def of(cls, row: Ready, classifier: str, pipeline: PipelineDefinition, table: FeatureTable) -> "_Trial":
+        return cls(
+            table.frame[list(row.columns)].to_numpy(dtype=np.float64),
+            table.frame["material"].to_numpy(dtype=str),
+            pipeline.preparation(row.definition, classifier),
+            pipeline.classifiers[classifier],
+        )
+
+    def hits(self, splits: Splits, nested: bool) -> Hits:
+        found = evaluate(self.X, self.y, splits, self.preparation, self.classifier.make(), nested=nested)
+        ends = np.cumsum([test.size for _, test in splits])[:-1]
+        return np.split(found.truth == found.predicted, ends)
+
+
+def _hits(
+    trials: Sequence[_Trial],
+    repeats: Sequence[Splits],
+    *,
+    nested: bool,
+    n_jobs: int,
+    progress: Progress | None,
+) -> list[list[Hits]]:
+    """Evaluate: trial -> repeat -> fold -> hits."""
+    tasks = [partial(trial.hits, splits, nested) for trial in trials for splits in repeats]
+    found: list[Hits] = []
+    for hits in each(tasks, n_jobs=n_jobs):
+        found.append(hits)
+        if progress is not None:
+            progress(len(found), len(tasks), "additions")
+    return [found[i : i + len(repeats)] for i in range(0, len(found), len(repeats))]
+
+
+def _joined(base: Ready, group: Ready) -> Ready:
+    """Return the base row with the columns of a group behind its own, under the group's name."""
+    columns = (*base.columns, *group.columns)
+    select = base.definition.select
+    definition = replace(
+        base.definition,
+        name=group.definition.name,
+        features=(*base.definition.features, *group.definition.features),
+    )
+    return Ready(definition, columns, min(select.n, len(columns)) if select else len(columns))

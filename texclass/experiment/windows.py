@@ -1,0 +1,220 @@
+"""Touches: single windows of the movement of each recording, as a dataset of their own."""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+from typing import NamedTuple
+
+import pandas as pd
+
+import texclass
+from texclass.experiment.workers import each
+from texclass.loaders.dataset import Dataset, Entry
+from texclass.loaders.places import cache_root, write_atomically
+from texclass.phases import segment
+from texclass.recording import AUXILIARY_UNITS, Phases, Recording, RecordingError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Window(Entry):
+    """A stretch of a recording's movement; material, groups and repetition are the recording's.
+
+    Attributes
+    ----------
+    parent
+        The recording.
+    start, stop
+        Samples [start, stop) of the recording.
+    problem
+        Why there is nothing to cut; loading the window then raises RecordingError.
+    """
+
+    parent: Entry
+    start: int
+    stop: int
+    problem: str = ""
+
+
+class Movement(NamedTuple):
+    """Where a recording moves: samples [start, stop) at fs, or the problem that keeps it from being cut."""
+
+    start: int
+    stop: int
+    fs: float
+    problem: str = ""
+
+
+def touches(
+    dataset: Dataset,
+    seconds: float,
+    *,
+    per_recording: int | None = None,
+    step: float | None = None,
+    n_jobs: int = 1,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> Dataset:
+    """Return the windows of a dataset's movements as a dataset of single touches.
+
+    A touch holds movement only: no taps, and nothing of the recording around it. Recordings whose movement is
+    shorter than a touch are bad recordings of the new dataset: loading them raises RecordingError.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Whole recordings; each is loaded once to find its movement, which the cache folder remembers.
+    seconds : float
+        Length of a touch.
+    per_recording : int, optional
+        At most so many touches of each recording, the first ones; 1 gives its first `seconds` of movement.
+    step : float, optional
+        Seconds from the start of a touch to that of the next; by default they do not overlap.
+    n_jobs : int
+        Processes.
+    progress : callable, optional
+        Called with (done, total, "movements") while they are looked for.
+
+    Returns
+    -------
+    Dataset
+        Its entries are `Window`s in the order of the recordings, then of time. Loaded in this order, each
+        file is read once.
+
+    Raises
+    ------
+    ValueError
+        If a length or number is not above 0, or the dataset holds windows already.
+    """
+    for name, value in (("seconds", seconds), ("step", step), ("per_recording", per_recording)):
+        if value is not None and not 0 < value < float("inf"):
+            raise ValueError(f"{name} is {value!r}; the rule is above 0, and finite")
+    if any(isinstance(entry, Window) for entry in dataset.entries):
+        raise ValueError(f"{dataset.name} holds windows already; the rule is to cut whole recordings")
+    stride = seconds if step is None else step
+    found = zip(dataset.entries, _movements(dataset, n_jobs, progress), strict=True)
+    return Dataset(
+        name=f"{dataset.name}-touch{seconds:g}s{'' if per_recording is None else f'-first{per_recording}'}",
+        entries=tuple(w for e, m in found for w in _cut(e, m, seconds, stride, per_recording)),
+        load=WindowLoader(dataset.load),
+        input_hash=dataset.input_hash,
+        title=dataset.title,
+        licence=dataset.licence,
+        source=dataset.source,
+        notes=dataset.notes,
+        skip_bad=dataset.skip_bad,
+    )
+
+
+class WindowLoader:
+    """Loads windows; a `Dataset`'s `load`, picklable.
+
+    The last recording stays in memory, so that windows in order cost one reading of each file.
+    """
+
+    def __init__(self, load: Callable[[Entry], Recording]) -> None:
+        self.load = load
+        self._last: tuple[Entry, Recording] | None = None
+
+    def __call__(self, entry: Entry) -> Recording:
+        """Load one window.
+
+        Raises
+        ------
+        RecordingError
+            If its recording is bad, or its movement too short.
+        """
+        if not isinstance(entry, Window):
+            return self.load(entry)
+        if entry.problem:
+            raise RecordingError(entry.problem)
+        if self._last is None or self._last[0] != entry.parent:
+            self._last = (entry.parent, self.load(entry.parent))
+        return cut(self._last[1], entry.start, entry.stop, entry.recording_id)
+
+    def __reduce__(self) -> tuple[type["WindowLoader"], tuple[Callable[[Entry], Recording]]]:
+        return WindowLoader, (self.load,)
+
+
+def cut(recording: Recording, start: int, stop: int, recording_id: str) -> Recording:
+    """Return samples [start, stop) of every signal of a recording, all of it movement."""
+    signals = {name: getattr(recording, name) for name in ("acceleration", *AUXILIARY_UNITS)}
+    return recording.with_(
+        **{name: signal[start:stop] for name, signal in signals.items() if signal is not None},
+        recording_id=recording_id,
+        phases=Phases(movement=(0, stop - start)),
+    )
+
+
+def parent_id(entry: Entry) -> str:
+    """Return the recording an entry comes from: a window's parent, or the entry itself."""
+    return entry.parent.recording_id if isinstance(entry, Window) else entry.recording_id
+
+
+def by_recording(entries: Iterable[Entry]) -> Iterator[tuple[Entry, ...]]:
+    """Yield neighbouring entries of one recording together, so that whoever loads them reads it once."""
+    return (tuple(group) for _, group in groupby(entries, key=parent_id))
+
+
+def parents(table: pd.DataFrame) -> "pd.Series[str]":
+    """Return the recording of each row of a table: the one it is a window of, or the row itself."""
+    return table["parent" if "parent" in table else "recording_id"]
+
+
+def _cut(
+    entry: Entry, movement: Movement, seconds: float, step: float, per_recording: int | None
+) -> Iterator[Window]:
+    """Yield the windows of a recording, or one that says why there is none."""
+    start, stop, fs, problem = movement
+    n, hop = (max(1, round(s * fs)) for s in (seconds, step))
+    starts = range(start, stop - n + 1, hop)[:per_recording]
+    if not starts:
+        short = (
+            f"{entry.recording_id}: {(stop - start) / fs:.3g} s of movement; the rule is at least {seconds:g}"
+        )
+        yield Window(**vars(entry), parent=entry, start=0, stop=0, problem=problem or short)
+    for number, first in enumerate(starts, start=1):
+        facts = vars(entry) | {"recording_id": f"{entry.recording_id}#{number}"}
+        yield Window(**facts, parent=entry, start=first, stop=first + n)
+
+
+def _movements(
+    dataset: Dataset, n_jobs: int, progress: Callable[[int, int, str], None] | None
+) -> tuple[Movement, ...]:
+    """Return where each recording moves; found once for a dataset, then read from the cache folder."""
+    path = cache_root() / "movements" / f"{_key(dataset)}.json"
+    try:
+        return tuple(Movement(*row) for row in json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        pass
+    found: list[Movement] = []
+    calls = (partial(_movement, dataset.load, entry) for entry in dataset.entries)
+    for movement in each(calls, n_jobs=n_jobs):
+        found.append(movement)
+        if progress is not None:
+            progress(len(found), len(dataset), "movements")
+    if not any(movement.problem for movement in found):
+        write_atomically(path, json.dumps(found).encode())
+    return tuple(found)
+
+
+def _movement(load: Callable[[Entry], Recording], entry: Entry) -> Movement:
+    try:
+        recording = load(entry)
+        movement = segment(recording).movement
+    except RecordingError as error:
+        return Movement(0, 0, 1.0, str(error))
+    if movement is None:
+        return Movement(0, 0, recording.fs, f"{entry.recording_id}: no movement found; the rule is some")
+    return Movement(*movement, recording.fs)
+
+
+def _key(dataset: Dataset) -> str:
+    """Digest of the recordings and of the code that finds movements."""
+    ids = [(entry.recording_id, entry.paths) for entry in dataset.entries]
+    digest = hashlib.sha256(json.dumps([dataset.input_hash, ids]).encode())
+    for file in sorted(Path(texclass.__file__).parent.glob("*.py")):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]

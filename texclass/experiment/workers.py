@@ -1,0 +1,90 @@
+"""Where independent work runs: processes of this machine, or a Dask cluster."""
+
+import warnings
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing, contextmanager
+from contextvars import ContextVar
+from typing import Any, Literal, TypeVar
+
+from joblib import Parallel, delayed, parallel_config
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+R = TypeVar("R")
+Backend = Literal["local", "dask"]
+_cluster: ContextVar[Any] = ContextVar("cluster", default=None)
+
+
+@contextmanager
+def running_on(backend: Backend, scheduler: str | None = None) -> Iterator[None]:
+    """Run every `each` inside on this backend.
+
+    Parameters
+    ----------
+    backend : {"local", "dask"}
+        "local" starts processes here; "dask" hands the work to a cluster (extra `distributed`) whose workers
+        see the same files under the same paths.
+    scheduler : str, optional
+        Address of the Dask scheduler (tcp://host:8786). By default the one Dask is configured for
+        (DASK_SCHEDULER_ADDRESS), else a cluster of processes on this machine.
+
+    Raises
+    ------
+    ValueError
+        If `backend` is neither, or a scheduler is named for processes of this machine.
+    ModuleNotFoundError
+        If Dask is not installed.
+    OSError
+        If no scheduler answers.
+    """
+    if backend not in ("local", "dask") or (backend == "local" and scheduler):
+        raise ValueError(
+            f"backend is {backend!r} and scheduler {scheduler!r}; the rule is 'local' without, or 'dask'"
+        )
+    if backend == "local":
+        yield
+        return
+    with _client(scheduler) as client:
+        token = _cluster.set(client)
+        try:
+            yield
+        finally:
+            _cluster.reset(token)
+
+
+def each(calls: Iterable[Callable[[], R]], *, n_jobs: int = 1) -> Generator[R, None, None]:
+    """Yield the result of every call, in their order, as the results come.
+
+    A worker of a cluster that dies has its work done again elsewhere. Closing the generator stops the work.
+
+    Parameters
+    ----------
+    calls : iterable of callable
+        Partials of functions of module level; each uses one thread for linear algebra.
+    n_jobs : int
+        Processes of this machine, -1 for one a core; a cluster uses all its workers.
+    """
+    cluster = _cluster.get()
+    config: dict[str, Any] = {"backend": "loky", "inner_max_num_threads": 1}
+    if cluster is not None:
+        config, n_jobs = {"backend": "dask", "client": cluster}, -1
+    with parallel_config(**config), warnings.catch_warnings():
+        # joblib advises against stopping early; the first bad recording is meant to.
+        warnings.filterwarnings("ignore", message=".*tasks.*", category=UserWarning)
+        tasks = (delayed(_single_threaded)(call) for call in calls)
+        with closing(Parallel(n_jobs=n_jobs, return_as="generator")(tasks)) as outcomes:
+            yield from outcomes
+
+
+def _single_threaded(call: Callable[[], R]) -> R:
+    with threadpool_limits(1):
+        return call()
+
+
+def _client(scheduler: str | None) -> Any:
+    try:
+        from distributed import Client
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"backend 'dask' needs {error.name}, which is not installed; install texclass[distributed]"
+        ) from None
+    return Client(scheduler)  # type: ignore[no-untyped-call]
