@@ -87,6 +87,17 @@ def test_benchmark_says_that_ten_folds_need_ten_recordings(run):
     assert "4" in err
 
 
+def test_benchmark_of_touches_reports_windows_and_the_vote_of_each_run(run, tmp_path):
+    told = ("--touch", "0.5", "--touches", "2", "--protocol", "run", "--folds", "4", "--jobs", "1")
+    code, out, _ = run("benchmark", "tiny.toml", *told, "--out", "here", "--json", "x.json")
+    assert code == 0
+    assert "24 windows of 12 recordings" in out
+    result = json.loads((tmp_path / "x.json").read_text())
+    accuracy = next(row["accuracy"]["lda"] for row in result["rows"] if row["accuracy"])
+    assert accuracy["interval"] == "bootstrap over runs"
+    assert {"mean", "low", "high", "balanced"} <= set(accuracy["per_run"])
+
+
 def test_extract_writes_a_table_and_reads_it_the_second_time(run, tmp_path):
     code, out, _ = run("extract", "tiny.toml", "-o", "features.parquet", "--jobs", "1")
     assert code == 0
@@ -116,6 +127,8 @@ def test_inspect_draws_a_recording_and_says_what_it_found(run, tmp_path):
         (("inspect", "numbers.txt", "--fs", "-5", "--unit", "g"), "-5"),
         (("benchmark", "no_such_dataset"), "no_such_dataset"),
         (("benchmark", "empty_folder", "--fs", "1000", "--unit", "g"), "empty_folder"),
+        (("benchmark", "tiny.toml", "--touch", "-1"), "-1"),
+        (("benchmark", "tiny.toml", "--touches", "2"), "--touch"),
         (("benchmark", "tiny.toml", "--pipeline", "no_such_pipeline"), "no_such_pipeline"),
         (("extract", "tiny.toml", "-o", "x.parquet", "--features", "no_such_set"), "no_such_set"),
     ],

@@ -36,7 +36,7 @@ def dft321(acceleration: ArrayLike) -> Samples:
     Raises
     ------
     ValueError
-        If the array is not two-dimensional or holds no sample.
+        If the array is not two-dimensional, holds no sample, or NaN or infinity.
 
     Notes
     -----
@@ -70,8 +70,9 @@ def dft321(acceleration: ArrayLike) -> Samples:
     if axes.ndim != 2 or axes.size == 0:
         raise ValueError(f"dft321 got shape {axes.shape}; the rule is (n_samples, n_axes), none of them 0")
     n, n_axes = axes.shape
+    axes, exponent = _unit(all_finite(axes, "dft321"))  # no gain over- or underflows when squared
     if n_axes == 1:
-        return np.asarray(axes[:, 0] - axes[:, 0].mean())
+        return np.asarray(np.ldexp(axes[:, 0] - axes[:, 0].mean(), exponent))
     energy: Samples = np.zeros(n // 2 + 1)
     total = np.zeros(n // 2 + 1, dtype=np.complex128)
     for i, axis in enumerate(axes.T):
@@ -82,7 +83,7 @@ def dft321(acceleration: ArrayLike) -> Samples:
     magnitude = np.abs(total)
     vanishing = magnitude == 0
     total[vanishing], magnitude[vanishing] = 1.0, 1.0
-    return np.asarray(fft.irfft(total * (np.sqrt(energy) / magnitude), n))
+    return np.asarray(np.ldexp(fft.irfft(total * (np.sqrt(energy) / magnitude), n), exponent))
 
 
 def combine(acceleration: ArrayLike) -> Samples:
@@ -97,6 +98,11 @@ def combine(acceleration: ArrayLike) -> Samples:
     -------
     ndarray of shape (n_samples,)
         In the unit of the input, zero mean.
+
+    Raises
+    ------
+    ValueError
+        As `dft321`.
     """
     samples = np.asarray(acceleration, dtype=np.float64)
     return dft321(samples[:, np.newaxis] if samples.ndim == 1 else samples)
@@ -119,8 +125,15 @@ def remove_hand_motion(x: ArrayLike, fs: float) -> Samples:
     -------
     ndarray of shape (n_samples,)
         Zero mean up to what the cut window leaves at the ends.
+
+    Raises
+    ------
+    ValueError
+        As `moving_average`, or if `fs` is not finite and above 0.
     """
     samples = np.asarray(x, dtype=np.float64)
+    if not 0 < fs < np.inf:
+        raise ValueError(f"fs is {fs} Hz; the rule is a sampling rate in Hz above 0")
     return samples - moving_average(samples, max(2 * round(HAND_SPAN_S * fs / 2) + 1, 3))
 
 
@@ -144,7 +157,7 @@ def moving_average(x: ArrayLike, n: int) -> Samples:
     Raises
     ------
     ValueError
-        If `x` is not one-dimensional or empty, or `n` is below 1.
+        If `x` is not one-dimensional, empty, or holds NaN or infinity, or `n` is below 1.
 
     Notes
     -----
@@ -157,6 +170,7 @@ def moving_average(x: ArrayLike, n: int) -> Samples:
         raise ValueError(
             f"moving_average got shape {samples.shape} and n = {n}; the rule is (n_samples,), n >= 1"
         )
+    all_finite(samples, "moving_average")
     size = samples.size
     offset = np.median(samples[:: -(-size // 1000)])  # robust: an outlier must not cost precision
     n = min(n, 2 * size)
@@ -210,6 +224,38 @@ def frame(x: ArrayLike, length: int, hop: int) -> Samples:
 
 
 def rms(x: ArrayLike) -> float:
-    """Return the root mean square of all samples, in the unit of `x`."""
+    """Return the root mean square of all samples, in the unit of `x`, whatever their gain.
+
+    Raises
+    ------
+    ValueError
+        If there is no sample, or one is NaN or infinite.
+    """
     samples = np.asarray(x, dtype=np.float64).reshape(-1)
-    return float(np.sqrt(np.dot(samples, samples) / samples.size))
+    if samples.size == 0:
+        raise ValueError("rms got 0 samples; the rule is at least one")
+    unit, exponent = _unit(all_finite(samples, "rms"))
+    return float(np.ldexp(np.sqrt(np.dot(unit, unit) / unit.size), exponent))
+
+
+def all_finite(x: Samples, who: str) -> Samples:
+    """Return `x`, or refuse NaN and infinity: in a filter or a mean they would spread without a word.
+
+    Raises
+    ------
+    ValueError
+        Naming `who`, how many samples are not finite, and the place of the first.
+    """
+    if not np.isfinite(x).all():
+        bad = np.argwhere(~np.isfinite(x))
+        raise ValueError(
+            f"{who} got {len(bad)} samples that are NaN or infinite (first at {bad[0].tolist()}); "
+            "the rule is finite samples"
+        )
+    return x
+
+
+def _unit(x: Samples) -> tuple[Samples, int]:
+    """Return `x` times 2^-e, of largest magnitude in [0.5, 1), and e; exact at 1e-300 as at 1e300."""
+    exponent = int(np.frexp(np.max(np.abs(x)))[1])
+    return np.ldexp(x, -exponent), exponent

@@ -9,7 +9,8 @@ from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 from sklearn.tree import DecisionTreeClassifier
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from texclass.experiment.selection import ForwardSelector, _closed_form
+from texclass.experiment.closed_form import closed_form
+from texclass.experiment.selection import ForwardSelector
 
 CLASSIFIERS = [
     GaussianNB(),
@@ -31,7 +32,9 @@ def test_closed_form_predicts_what_the_classifier_predicts(classifier):
     X, y = classes(0)
     train, test = np.arange(len(y)) % 3 > 0, np.arange(len(y)) % 3 == 0
     columns = [4, 1, 7]
-    predicted = _closed_form(classifier, X[train], y[train], X[test])(columns[:2], np.array(columns[2:]))
+    predicted = closed_form(classifier, X[train], y[train], X[test]).predict(
+        columns[:2], np.array(columns[2:])
+    )
     expected = classifier.fit(X[train][:, columns], y[train]).predict(X[test][:, columns])
     np.testing.assert_array_equal(predicted[0], expected)
 

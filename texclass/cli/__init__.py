@@ -1,7 +1,7 @@
 """The command line: parse, call one function, print. Nothing heavy is imported before a command needs it."""
 
 # Importing a command's module puts the command into the program, in this order.
-from texclass.cli import benchmark, extract, inspect, listings  # noqa: F401
+from texclass.cli import benchmark, extract, inspect, listings, report, stability, tradeoff  # noqa: F401
 from texclass.cli.app import app, main
 
 __all__ = ["app", "main"]

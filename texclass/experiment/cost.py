@@ -1,17 +1,125 @@
-"""What features cost: milliseconds per recording, measured, with shared transforms counted once."""
+"""What features and classifiers cost: measured milliseconds per recording, shared transforms counted once."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import time
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import clone
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from texclass.features.contract import UndefinedFeatureError
 from texclass.features.extractor import Plan
-from texclass.features.sets import FeatureSet
-from texclass.features.views import Channels, channels_apart
+from texclass.features.sets import FeatureSet, Member
+from texclass.features.view import STOPWATCH
+from texclass.features.views import Channels, channels_apart, views_of
 from texclass.loaders.dataset import Dataset
 from texclass.phases import segment
-from texclass.recording import Recording
+from texclass.recording import Recording, Samples
+
+R = TypeVar("R")
+PRECISE = time.get_clock_info("thread_time").resolution < 1e-5
+clock = time.thread_time if PRECISE else time.perf_counter
+"""Seconds of this thread alone, where the system counts them finely: what else runs then matters little."""
+QUARTILE = 0.25
+"""Of several runs: what else runs can only make one slower."""
+
+
+@dataclass(frozen=True, eq=False)
+class CostModel:
+    """What any choice of columns costs on one machine, for one dataset.
+
+    A part is what is computed at most once a recording: the conditioning of a phase, a transform that
+    features share, or what a feature computes for itself. A column needs some of the parts, and
+
+        cost(S) = sum_p ms_p [some column of S needs p],
+
+    so the columns of one feature share all of its cost, and a transform is paid by whoever asks first.
+
+    Attributes
+    ----------
+    columns : tuple of str
+        Columns of the feature table.
+    features : tuple of str
+        The feature of each column.
+    parts : tuple of str
+        Names of the parts.
+    ms : ndarray of shape (n_parts,)
+        Milliseconds per recording.
+    needs : ndarray of bool, shape (n_columns, n_parts)
+        Which column needs which part.
+    segmentation_ms : float
+        Finding the phases: the same whatever is chosen, so not part of any cost.
+    """
+
+    columns: tuple[str, ...]
+    features: tuple[str, ...]
+    parts: tuple[str, ...]
+    ms: Samples
+    needs: NDArray[np.bool_]
+    segmentation_ms: float = 0.0
+
+    def cost(self, columns: Sequence[str]) -> float:
+        """Return the milliseconds that these columns cost together, 0.0 for none.
+
+        Raises
+        ------
+        ValueError
+            If a column is not in the model.
+        """
+        if unknown := [c for c in columns if c not in self._index]:
+            raise ValueError(f"column {unknown[0]!r} has no cost; the rule is a column of the cost model")
+        return self.of([self._index[c] for c in columns])
+
+    def marginal(self, column: str, selected: Sequence[str]) -> float:
+        """Return what `column` adds to the cost of `selected`; 0.0 when its feature is bought already."""
+        return self.cost([*selected, column]) - self.cost(selected)
+
+    def of(self, indices: Sequence[int] | NDArray[np.intp]) -> float:
+        """Return the cost of columns given by number."""
+        return float(self.ms[self.needs[np.asarray(indices, dtype=np.intp)].any(axis=0)].sum())
+
+    @property
+    def total(self) -> float:
+        """Cost of all columns."""
+        return self.cost(self.columns)
+
+    def shares(self) -> Mapping[str, float]:
+        """Return feature -> its share of the total cost; the shares add up to `total`.
+
+        A part's cost is split equally between the features that need it. That is the Shapley value: the mean
+        marginal cost of a feature over all orders in which features could be bought.
+        """
+        users = {f: self.needs[self.features.index(f)] for f in dict.fromkeys(self.features)}
+        n_users = np.sum(list(users.values()), axis=0)
+        return {f: float((self.ms[needs] / n_users[needs]).sum()) for f, needs in users.items()}
+
+    def alone(self) -> Mapping[str, float]:
+        """Return feature -> its cost when nothing else is computed."""
+        return {f: self.of([self.features.index(f)]) for f in dict.fromkeys(self.features)}
+
+    def last(self) -> Mapping[str, float]:
+        """Return feature -> what leaving it out of the full set would save."""
+        every = np.arange(len(self.columns))
+        names = np.array(self.features)
+        return {f: self.total - self.of(every[names != f]) for f in dict.fromkeys(self.features)}
+
+    def restricted_to(self, columns: Sequence[str]) -> "CostModel":
+        """Return the model of some of the columns, in the order given."""
+        chosen = [self._index[c] for c in columns]
+        features = tuple(self.features[i] for i in chosen)
+        return CostModel(
+            tuple(columns), features, self.parts, self.ms, self.needs[chosen], self.segmentation_ms
+        )
+
+    @cached_property
+    def _index(self) -> dict[str, int]:
+        return {column: i for i, column in enumerate(self.columns)}
 
 
 @dataclass(frozen=True)
@@ -24,18 +132,23 @@ class CostMeter:
         The recordings.
     channels
         Channels kept apart; see `FeatureExtractor`.
+    segmentation_ms
+        Mean time of finding the phases.
     """
 
     recordings: tuple[Recording, ...]
     channels: tuple[str, ...] = ()
+    segmentation_ms: float = 0.0
 
     @classmethod
     def on(cls, dataset: Dataset, usable: Sequence[str], channels: Channels, n: int = 3) -> "CostMeter":
         """Take up to `n` usable recordings spread over a dataset."""
         wanted = {usable[i] for i in np.linspace(0, len(usable) - 1, min(n, len(usable))).astype(int)}
         loaded = [dataset.load(entry) for entry in dataset.entries if entry.recording_id in wanted]
-        recordings = tuple(r.with_(phases=segment(r)) for r in loaded)
-        return cls(recordings, channels_apart(recordings[0], channels))
+        timed = [_timed(partial(segment, r)) for r in (loaded[0], *loaded)][1:]  # the first is warm-up
+        recordings = tuple(r.with_(phases=phases) for r, (phases, _) in zip(loaded, timed, strict=True))
+        apart = channels_apart(recordings[0], channels)
+        return cls(recordings, apart, float(np.mean([ms for _, ms in timed])))
 
     def milliseconds(self, feature_set: FeatureSet, n_repeats: int = 3) -> float:
         """Return the median over recordings of the best of a few runs; each run begins with fresh views.
@@ -46,3 +159,123 @@ class CostMeter:
         with threadpool_limits(1):
             best = [min(plan.compute(r).ms for _ in range(n_repeats)) for r in self.recordings]
         return float(np.median(best))
+
+    def measured(self, *plans: Plan, n_repeats: int = 5) -> tuple[float, ...]:
+        """Return what plans take: lower quartiles of a few runs, means over recordings.
+
+        They take turns, so that a machine that gets slower or faster meanwhile does so for all of them.
+        """
+        runs = np.empty((len(self.recordings), n_repeats, len(plans)))
+        with threadpool_limits(1):
+            for i, k, j in np.ndindex(runs.shape):
+                runs[i, k, j] = _timed(partial(plans[j].compute, self.recordings[i]))[1]
+        return tuple(map(float, np.quantile(runs, QUARTILE, axis=1).mean(axis=0)))
+
+    def model(self, feature_set: FeatureSet, n_repeats: int = 5) -> CostModel:
+        """Measure every part of a set, each feature by itself on fresh views.
+
+        A part's time is the lower quartile of the runs that computed it, and the mean over recordings. All
+        are then multiplied by what the full set takes over their sum: quartiles of parts do not add up.
+        """
+        plan = Plan.of(feature_set, self.channels)
+        members = [(prefix, member) for prefix, part in plan.parts for member in part.members]
+        by_recording: list[dict[Hashable, float]] = []
+        users: dict[Hashable, set[int]] = defaultdict(set)
+        with threadpool_limits(1):
+            for recording in self.recordings:
+                times: dict[Hashable, list[float]] = defaultdict(list)
+                for _ in range(1 + n_repeats):  # the first run warms up
+                    for i, (prefix, member) in enumerate(members):
+                        watch = self._watch(recording, prefix, member)
+                        for part, seconds in watch.seconds.items():
+                            times[part].append(1e3 * seconds)
+                            users[part].add(i)
+                by_recording.append({part: float(np.quantile(ms, QUARTILE)) for part, ms in times.items()})
+        ms = np.array([np.mean([found.get(part, 0.0) for found in by_recording]) for part in users])
+        ms *= self.measured(plan)[0] / ms.sum()
+        owner = [i for i, (_, member) in enumerate(members) for _ in member.columns]
+        return CostModel(
+            plan.columns,
+            tuple(f"{members[i][0]}{members[i][1].name}" for i in owner),
+            tuple(_named(part) for part in users),
+            ms,
+            np.array([[i in who for who in users.values()] for i in owner], dtype=bool).reshape(-1, len(ms)),
+            self.segmentation_ms,
+        )
+
+    def _watch(self, recording: Recording, prefix: str, member: Member) -> "_Stopwatch":
+        """Compute one feature on fresh views, timing the conditioning, each transform and the rest."""
+        watch, phase = _Stopwatch(), member.feature.phase
+        with suppress(UndefinedFeatureError):
+            views = views_of(recording, self.channels)[prefix]
+            view = watch((prefix, phase), lambda: views.of(phase))
+            view.memory[STOPWATCH] = lambda key, compute: watch((prefix, phase, key), compute)
+            watch((prefix, member.name, ""), lambda: member.values(views))
+        return watch
+
+
+@dataclass
+class _Stopwatch:
+    """Seconds that each of several nested computations took by itself, without those inside it."""
+
+    seconds: dict[Hashable, float] = field(default_factory=lambda: defaultdict(float))
+    _inside: list[float] = field(default_factory=lambda: [0.0])
+
+    def __call__(self, part: Hashable, compute: Callable[[], R]) -> R:
+        self._inside.append(0.0)
+        start = clock()
+        try:
+            return compute()
+        finally:
+            elapsed = clock() - start
+            self.seconds[part] += elapsed - self._inside.pop()
+            self._inside[-1] += elapsed
+
+
+@dataclass(frozen=True)
+class ClassifierCost:
+    """What a classifier costs.
+
+    Attributes
+    ----------
+    name
+        As given.
+    fit_ms
+        Fitting all recordings once.
+    predict_ms
+        One recording at a time, as a robot asks.
+    """
+
+    name: str
+    fit_ms: float
+    predict_ms: float
+
+
+def classifier_cost(
+    name: str, classifier: Any, X: Samples, y: NDArray[Any], n_repeats: int = 5
+) -> ClassifierCost:
+    """Measure a classifier on prepared features (finite), one thread; medians of a few runs."""
+    with threadpool_limits(1):
+        fits = [_timed(lambda: clone(classifier).fit(X, y)) for _ in range(n_repeats)]
+        fitted = fits[-1][0]
+        rows = X[np.linspace(0, len(X) - 1, 4 * n_repeats).astype(int)]
+        predictions = [_timed(partial(fitted.predict, row[None]))[1] for row in rows]
+    return ClassifierCost(name, float(np.median([ms for _, ms in fits])), float(np.median(predictions)))
+
+
+def _timed(call: Callable[[], R]) -> tuple[R, float]:
+    """Return a result and the milliseconds it took."""
+    start = clock()
+    result = call()
+    return result, 1e3 * (clock() - start)
+
+
+def _named(part: Any) -> str:
+    match part:
+        case (prefix, phase):
+            return f"{prefix}conditioning of the {phase}"
+        case (prefix, feature, ""):
+            return f"{prefix}{feature}"
+        case (prefix, _, (function, *parameters)):
+            return f"{prefix}{function.__name__}({', '.join(map(str, parameters))})"
+    raise AssertionError(part)

@@ -126,17 +126,20 @@ class Autoregression:
         Raises
         ------
         ValueError
-            If the way back from the rounded coefficients misses a k by more than `DIRECT_FORM_ERROR` or meets
-            a |k| of 1: such coefficients are another, maybe unstable, filter. Use the lattice there.
+            If the way back from the rounded coefficients misses a k by more than `DIRECT_FORM_ERROR`, or by
+            more than half of what |k| has left to 1: such coefficients are another, maybe unstable, filter.
+            Use the lattice there.
         """
         k = self.reflection.reshape(self.gain.size, self.order)
         a = _recursions.step_up(k)
-        error = np.abs(_recursions.step_down(a) - k).max(axis=1, initial=0.0)
-        if not np.all(error <= DIRECT_FORM_ERROR):
-            worst = int(np.argmax(np.where(np.isnan(error), np.inf, error)))
+        allowed = np.minimum(DIRECT_FORM_ERROR, (1 - np.abs(k)) / 2)
+        excess = (np.abs(_recursions.step_down(a) - k) / allowed).max(axis=1, initial=0.0)
+        if not np.all(excess <= 1):
+            worst = int(np.argmax(np.where(np.isnan(excess), np.inf, excess)))
             raise ValueError(
                 f"direct form of order {self.order} changes a reflection coefficient of frame {worst} by "
-                f"{error[worst]:.2g}; the rule is at most {DIRECT_FORM_ERROR:g}: use the lattice"
+                f"{excess[worst]:.2g} times what is allowed; the rule is at most {DIRECT_FORM_ERROR:g} and "
+                "half of what |k| has left to 1: use the lattice"
             )
         return np.asarray(a.reshape(*self.gain.shape, self.order + 1))
 

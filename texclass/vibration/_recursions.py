@@ -125,6 +125,16 @@ def burg(x: Samples, order: int, padding: int) -> tuple[Samples, Samples, Indice
 
 
 @njit(cache=True, error_model="numpy")
+def residual(x: Samples, k: Samples) -> float:
+    """Return the RMS of forward and backward residual that k (order,) leaves of x (n,), n above the order."""
+    f, b, n = x.copy(), x.copy(), x.size
+    for m in range(1, k.size + 1):
+        _cross(f[m:], b[: n - m], k[m - 1])
+    count = n - k.size
+    return float(np.sqrt(_sums(f[k.size :], b[:count])[1] / (2 * count)))
+
+
+@njit(cache=True, error_model="numpy")
 def step_up(k: Samples) -> Samples:
     """Return the coefficients 1, a_1 ... a_p of each row of reflection coefficients (n, p)."""
     n, p = k.shape

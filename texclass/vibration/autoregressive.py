@@ -48,8 +48,9 @@ def fit(
         Burg's minimises the forward and backward residual order by order, always stable, no window needed.
         The autocorrelation method solves the Yule-Walker equations of the biased autocorrelation: stable, the
         fastest, its spectrum smeared by the ends of the signal. The modified covariance method minimises both
-        residuals over all coefficients at once: no bias on sinusoids; O(n p^2); it can be unstable or
-        undetermined (2 (n - p) <= p), and then Burg's result is returned and `fallback` says so.
+        residuals over all coefficients at once: no bias on sinusoids; O(n p^2); it can be unstable,
+        undetermined (2 (n - p) <= p) or lost to rounding on the way from coefficients to k (a residual above
+        Burg's shows it), and then Burg's result is returned and `fallback` says so.
     variance : {"residual", "yule_walker"}
         The gain is the RMS of the residual, or ``rms(x) * prod sqrt(1 - k^2)``, with which the model has the
         power of the signal. They are the same number for the autocorrelation method.
@@ -193,18 +194,20 @@ def _autocorrelation(frames: Samples, order: int) -> _Fit:
 
 def _modified_covariance(frames: Samples, order: int) -> _Fit:
     k, gain = np.zeros((len(frames), order)), np.zeros(len(frames))
+    burg = _burg(frames, order)
     for row, x in enumerate(frames):
         a, gain[row] = _both_ways(x, order)
         k[row] = _recursions.step_down(a[np.newaxis])[0]
-        back = _recursions.step_up(k[row : row + 1])[0]
-        if not (np.all(np.abs(k[row]) < 1) and np.allclose(back, a, rtol=0, atol=1e-6 * np.abs(a).max())):
+        # the least residual of all can only exceed Burg's where k is lost on the way from the coefficients
+        loosest = 1.001 * burg.deviation[row, -1] + _recursions.EXHAUSTED * burg.deviation[row, 0]
+        if not (np.all(np.abs(k[row]) < 1) and _recursions.residual(x, k[row]) <= loosest):
             gain[row] = np.nan
     unstable = np.isnan(gain)
     k[unstable] = gain[unstable] = 0.0
     deviation = residual_of(k, gain)
     fitted = np.full(len(frames), order)
-    if unstable.any():
-        k[unstable], deviation[unstable], fitted[unstable], _ = _burg(frames[unstable], order)
+    for mine, theirs in ((k, burg.k), (deviation, burg.deviation), (fitted, burg.fitted)):
+        mine[unstable] = theirs[unstable]
     return _Fit(k, deviation, fitted, unstable)
 
 

@@ -142,8 +142,8 @@ def log_spectral_distance(
     Raises
     ------
     ValueError
-        If the recording is silent, a signal has fewer than `n_segment` (and than 4) samples, or holds NaN or
-        infinity.
+        If the recording is silent (or not, but only where the windows are 0), a signal has fewer than
+        `n_segment` (and than 4) samples, or holds NaN or infinity.
 
     References
     ----------
@@ -156,6 +156,11 @@ def log_spectral_distance(
             f"n_segment is {n} for {a.size} and {a_g.size} samples; the rule is 4 to the shorter of them"
         )
     P, P_g = (signal.welch(s, window="hann", nperseg=n, detrend=False)[1] for s in (a, a_g))
+    if not P.any():
+        raise ValueError(
+            "the recording has no power in any windowed segment; the rule is a signal that is not zero "
+            "inside one (Hann's window is 0 at its ends)"
+        )
     return float(root_mean_square(_decibel_difference(P, P_g, float(P.max()))))
 
 

@@ -1,0 +1,74 @@
+"""A small dataset on disk, its benchmark, and interpreters that only pretend to run a peer."""
+
+import stat
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from texclass.experiment import load_pipeline, run_benchmark
+from texclass.loaders import open_dataset
+
+FAKE = """#!{python}
+import json, sys, time
+from pathlib import Path
+import numpy as np
+task, peer, out = (Path(a) for a in sys.argv[4:7])
+layout = np.load(task / "layout.npz")
+def write(name, content):
+    (out / name).write_text(json.dumps(content))
+def fold(k, shift=0):
+    predicted = (layout["labels"][layout[f"test_{{k}}"]] + shift) % 3
+    ran = dict(fit_s=0.5, predict_s=0.001, predicted=predicted.tolist())
+    every = {{name: ran for name in {classifiers}}}
+    write(f"fold_{{k}}.json", dict(n_columns=7, feature_s=0.002, memory_mb=3.0, classifiers=every))
+write("started.json", dict(first_s=9.0, versions={{"fake": "1.0"}}))
+{body}
+"""
+BODIES = {
+    "perfect": "[fold(k) for k in range(4)]; write('done.json', {})",
+    "first fold wrong": "fold(0, 1); [fold(k) for k in range(1, 4)]; write('done.json', {})",
+    "slow": "fold(0); fold(1); time.sleep(60)",
+    "crash": "sys.exit('Killed by its own hand')",
+    "absent": "write('failed.json', dict(missing=True, message='needs aeon')); sys.exit(1)",
+}
+CLASSIFIERS = ("lda", "shrinkage_lda", "random_forest", "naive_bayes", "ridge", "extra_trees")
+
+
+@pytest.fixture
+def interpreter(tmp_path):
+    """Make an executable that behaves like an interpreter whose peers all do as told."""
+
+    def make(behaviour):
+        path = tmp_path / f"fake-{behaviour.replace(' ', '-')}"
+        path.write_text(FAKE.format(python=sys.executable, classifiers=CLASSIFIERS, body=BODIES[behaviour]))
+        path.chmod(path.stat().st_mode | stat.S_IXUSR)
+        return path
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def noises(tmp_path_factory):
+    """Three materials of coloured noise, four recordings each, all movement."""
+    root = tmp_path_factory.mktemp("noises")
+    rng = np.random.default_rng(3)
+    for i, material in enumerate(("felt", "oak", "tile")):
+        (root / material).mkdir()
+        for k in range(4):
+            smooth = np.convolve(rng.normal(size=3000), np.ones(1 + 4 * i), mode="same")
+            np.savetxt(root / material / f"{material}_{k}.txt", smooth)
+    return root
+
+
+@pytest.fixture(scope="session")
+def bench(noises, tmp_path_factory):
+    """Dataset, pipeline of two rows, and what the benchmark found."""
+    dataset = open_dataset(str(noises), fs=1000.0, unit="m/s^2")
+    pipeline = load_pipeline("strese2015")
+    names = ("Modified MFCC, Constant Mel Filter Bank", "Standard Roughness")
+    pipeline = replace(pipeline, rows=tuple(r for r in pipeline.rows if r.name in names), folds=4)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TEXCLASS_CACHE", str(tmp_path_factory.mktemp("cache")))
+        return dataset, pipeline, run_benchmark(dataset, pipeline)

@@ -1,0 +1,67 @@
+"""texclass benchmark --peers, with an interpreter that only pretends."""
+
+import json
+import sys
+
+import pytest
+
+from texclass.cli import main
+
+PIPELINE = """
+name = "small"
+features = "strese2015"
+seed = 1
+[protocol]
+folds = 4
+[classifiers.lda]
+use = "sklearn.discriminant_analysis.LinearDiscriminantAnalysis"
+[[rows]]
+name = "Cepstrum"
+features = ["mfcc_constant"]
+"""
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path, noises):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.toml").write_text(PIPELINE)
+
+    def call(*options):
+        given = ("benchmark", noises, "--fs", "1000", "--unit", "m/s^2", "--pipeline", "small.toml", *options)
+        monkeypatch.setattr(sys, "argv", ["texclass", *map(str, given)])
+        try:
+            main()
+        except SystemExit as stop:
+            return (stop.code or 0, *capsys.readouterr())
+        return (0, *capsys.readouterr())
+
+    return call
+
+
+def test_peers_are_run_printed_and_reported(run, interpreter, tmp_path):
+    code, out, err = run(
+        "--jobs", "1", "--out", "here", "--peers", "--peers-only", "quant, minirocket",
+        "--peers-python", interpreter("perfect"),
+    )  # fmt: skip
+    assert code == 0, err
+    assert "Best peer: QUANT" in out
+    assert "MiniRocket" in out
+    found = json.loads(next((tmp_path / "here").glob("*-peers.json")).read_text())
+    assert [c["name"] for c in found["contestants"]] == ["Cepstrum", "quant", "minirocket"]
+    assert found["contestants"][1]["accuracy"]["mean"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--peers", "--peers-only", "weka"), "weka"),
+        (("--peers", "--peers-signals", "raw"), "'raw'"),
+        (("--peers", "--peers-limit", "3"), "limit of 3"),
+        (("--peers", "--feature", "a:b"), "one of them"),
+    ],
+)
+def test_bad_options_end_with_one_line(run, options, told):
+    code, _, err = run(*options)
+    assert code == 1
+    assert err.startswith("error: ")
+    assert told in err

@@ -1,0 +1,126 @@
+import numpy as np
+import pytest
+from scipy.spatial.distance import cdist
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.gaussian_process.kernels import Matern
+from sklearn.utils.estimator_checks import check_estimator
+
+from texclass.experiment.kernel_discriminant import (
+    KernelDiscriminant,
+    correlation_ratio,
+    matern,
+    thinned,
+    view_of,
+)
+from texclass.recording import Samples
+
+
+def drifting(n_each: int, seed: int, n_classes: int = 6, n_columns: int = 30) -> tuple[Samples, Samples]:
+    """Classes that differ a little in every column, under a common variation ten times as large."""
+    means = np.random.default_rng(0).standard_normal((n_classes, n_columns))
+    common = np.random.default_rng(1).standard_normal((3, n_columns))
+    rng = np.random.default_rng(seed)
+    y = np.repeat(np.arange(n_classes), n_each)
+    spread = 10 * rng.standard_normal((y.size, 3)) @ common
+    return means[y] + spread + 0.5 * rng.standard_normal((y.size, n_columns)), y
+
+
+def test_it_keeps_the_rules_of_scikit_learn() -> None:
+    check_estimator(KernelDiscriminant(), on_skip=None)
+
+
+def test_kernel_is_the_matern_of_scikit_learn() -> None:
+    a, b = np.random.default_rng(0).standard_normal((2, 20, 4))
+    np.testing.assert_allclose(matern(a, b, 0.7), Matern(0.7, nu=1.5)(a, b), atol=1e-12)
+
+
+def test_coefficients_solve_kernel_ridge_regression() -> None:
+    X, y = drifting(10, 2)
+    model = KernelDiscriminant(ridge=0.2).fit(X, y)
+    K = sum(Matern(1.6, nu=1.5)(a) for a in model.prototypes_) / 2
+    Y = np.eye(6)[y] - 1 / 6
+    np.testing.assert_allclose((K + 0.2 * np.eye(60)) @ model.dual_, Y, atol=1e-8)
+
+
+def test_whitened_view_has_identity_within_classes_when_hardly_shrunk() -> None:
+    X, y = drifting(200, 3)
+    seen = view_of(X, y, 1e-6, relevance=0.0)(X)
+    within = sum(np.cov(seen[y == c].T, bias=True) for c in range(6)) / 6
+    np.testing.assert_allclose(within / np.trace(within) * 30, np.eye(30), atol=5e-3)
+
+
+def test_common_variation_costs_little_with_few_recordings() -> None:
+    train, test = drifting(4, 4), drifting(50, 5)
+    plain = KernelDiscriminant(shrinkage=1.0).fit(*train).score(*test)
+    whitened = KernelDiscriminant(shrinkage=0.05).fit(*train).score(*test)
+    assert whitened > plain + 0.2
+
+
+def test_a_boundary_that_no_line_can_draw_is_learnt() -> None:
+    rng = np.random.default_rng(6)
+    X = rng.standard_normal((400, 2))
+    y = np.hypot(*X.T) > 1.2
+    assert LinearDiscriminantAnalysis().fit(X, y).score(X, y) < 0.75
+    assert KernelDiscriminant().fit(X[:200], y[:200]).score(X[200:], y[200:]) > 0.93
+
+
+def test_scale_and_offset_of_a_column_do_not_matter_nor_does_a_constant_one() -> None:
+    (X, y), (new, _) = drifting(10, 7), drifting(10, 8)
+    scale = np.logspace(-6, 6, 30)
+    model = KernelDiscriminant().fit(X, y).decision_function(new)
+    scaled = KernelDiscriminant().fit(X * scale + 3, y).decision_function(new * scale + 3)
+    np.testing.assert_allclose(scaled, model, atol=1e-6)
+    constant = KernelDiscriminant(relevance=1.0).fit(np.column_stack([X, np.full(60, 7.0)]), y)
+    without = KernelDiscriminant(relevance=1.0).fit(X, y).predict(new)
+    assert (constant.predict(np.column_stack([new, np.full(60, 9.0)])) == without).mean() > 0.98
+
+
+def test_classes_count_alike_however_many_samples_they_have() -> None:
+    rng = np.random.default_rng(9)
+    X = np.concatenate([rng.standard_normal((500, 3)), rng.standard_normal((25, 3)) + 1.0])
+    y = np.repeat([0, 1], [500, 25])
+    new = np.concatenate([rng.standard_normal((500, 3)), rng.standard_normal((500, 3)) + 1.0])
+    found = KernelDiscriminant(ridge=1.0).fit(X, y).predict(new)
+    assert found[500:].mean() > 0.5
+
+
+def test_correlation_ratio_is_near_zero_for_noise_and_near_one_for_labels() -> None:
+    y = np.repeat(np.arange(10), 20)
+    noise = np.random.default_rng(10).standard_normal((200, 3))
+    ratio = correlation_ratio(np.column_stack([y, noise, np.ones(200)]), y)
+    assert ratio[0] == 1
+    assert (ratio[1:4] < 0.35).all()
+    assert ratio[4] == 0
+
+
+def test_probabilities_are_those_of_a_known_mixture() -> None:
+    rng = np.random.default_rng(11)
+    y = rng.integers(0, 2, 3000)
+    X = rng.standard_normal((3000, 1)) + 2.0 * y[:, None]
+    grid = np.linspace(-1, 3, 9)[:, None]
+    p = KernelDiscriminant(ridge=5.0).fit(X, y).predict_proba(grid)
+    np.testing.assert_allclose(p.sum(axis=1), 1)
+    np.testing.assert_allclose(p[:, 1], 1 / (1 + np.exp(-2 * (grid[:, 0] - 1))), atol=0.08)
+
+
+def test_thinning_keeps_the_classes_and_their_order() -> None:
+    labels = np.repeat([0, 1, 2], [100, 50, 4])
+    kept = thinned(labels, 60)
+    assert kept.size <= 60
+    assert set(labels[kept]) == {0, 1, 2}
+    assert (np.diff(kept) > 0).all()
+    assert thinned(labels, 154).size == 154
+
+
+def test_training_samples_in_one_place_do_no_harm() -> None:
+    X, y = np.zeros((6, 2)), np.array([0, 0, 0, 1, 1, 1])
+    assert np.isfinite(KernelDiscriminant().fit(X, y).predict_proba(X)).all()
+    assert cdist(*(KernelDiscriminant().fit(X, y).prototypes_[0],) * 2).max() == 0
+
+
+@pytest.mark.parametrize(
+    "parameters", [{"length": 0.0}, {"ridge": -1.0}, {"shrinkage": 0.0}, {"relevance": -1.0}]
+)
+def test_a_parameter_out_of_range_is_refused_by_name(parameters: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=f"'{next(iter(parameters))}' parameter"):
+        KernelDiscriminant(**parameters).fit(*drifting(3, 12))

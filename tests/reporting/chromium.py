@@ -1,0 +1,120 @@
+"""A headless Chromium, driven over two pipes: nothing but the standard library is needed."""
+
+import base64
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+FLAGS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--disable-dev-shm-usage", "--hide-scrollbars", "--remote-debugging-pipe",
+)  # fmt: skip
+
+SHIM = (
+    "import os, sys; os.dup2(int(sys.argv[1]), 3); os.dup2(int(sys.argv[2]), 4); "
+    "os.execv(sys.argv[3], sys.argv[3:])"
+)
+"""The browser reads commands from descriptor 3 and writes answers to 4."""
+
+
+class Browser:
+    """One page of a browser that has an empty profile of its own.
+
+    Parameters
+    ----------
+    command : str
+        The program.
+    profile : path
+        An empty folder.
+    """
+
+    def __init__(self, command: str, profile: Path):
+        read, self._out = os.pipe()
+        self._in, write = os.pipe()
+        shim = [sys.executable, "-I", "-S", "-c", SHIM, str(read), str(write), command]
+        self._process = subprocess.Popen(
+            [*shim, *FLAGS, f"--user-data-dir={profile}", "about:blank"],
+            pass_fds=(read, write), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        os.close(read)
+        os.close(write)
+        self._rest, self._n, self._session = b"", 0, ""
+        self.events: list[dict[str, Any]] = []
+        page = next(t for t in self.call("Target.getTargets")["targetInfos"] if t["type"] == "page")
+        attached = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)
+        self._session = attached["sessionId"]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+
+    def call(self, method: str, **params: Any) -> dict[str, Any]:
+        """Send a command, keep the events that come first, and return the answer."""
+        self._n += 1
+        message = {"id": self._n, "method": method, "params": params}
+        if self._session:
+            message["sessionId"] = self._session
+        os.write(self._out, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._receive()
+            if answer.get("id") == self._n:
+                if "error" in answer:
+                    raise RuntimeError(f"{method}: {answer['error']}")
+                return answer["result"]
+            self.events.append(answer)
+
+    def _receive(self) -> dict[str, Any]:
+        while b"\0" not in self._rest:
+            got = os.read(self._in, 1 << 16)
+            if not got:
+                raise RuntimeError("the browser ended")
+            self._rest += got
+        message, self._rest = self._rest.split(b"\0", 1)
+        return json.loads(message)
+
+    def open(self, path: Path, *, width: int = 1200, scheme: str = "light", media: str = "") -> None:
+        """Show a file and wait until it is loaded."""
+        self.call(
+            "Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False
+        )
+        features = [{"name": "prefers-color-scheme", "value": scheme}]
+        self.call("Emulation.setEmulatedMedia", media=media, features=features)
+        self.call("Page.navigate", url=path.as_uri())
+        while not any(event.get("method") == "Page.loadEventFired" for event in self.events):
+            self.events.append(self._receive())
+        self.events = [e for e in self.events if e.get("method") != "Page.loadEventFired"]
+
+    def run(self, expression: str) -> Any:
+        """Return the value of a JavaScript expression."""
+        found = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        if "exceptionDetails" in found:
+            raise RuntimeError(str(found["exceptionDetails"]))
+        return found["result"].get("value")
+
+    def press(self, key: str, code: int) -> None:
+        """Press a key: its name and its Windows code."""
+        for kind in ("keyDown", "keyUp"):
+            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code)
+
+    def picture(self, path: Path) -> None:
+        """Write the whole page as PNG."""
+        found = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=True)
+        path.write_bytes(base64.b64decode(found["data"]))
+
+    def pdf(self, path: Path) -> None:
+        """Write the page as it would be printed."""
+        found = self.call("Page.printToPDF", preferCSSPageSize=True)
+        path.write_bytes(base64.b64decode(found["data"]))
+
+    def close(self) -> None:
+        """End the browser."""
+        try:
+            self._session = ""
+            self.call("Browser.close")
+        except (RuntimeError, OSError):
+            self._process.kill()
+        self._process.wait(timeout=20)
+        os.close(self._in)
+        os.close(self._out)

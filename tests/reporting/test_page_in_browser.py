@@ -1,0 +1,158 @@
+"""The page in a headless Chromium: quiet, readable in both schemes, and usable by keyboard."""
+
+import shutil
+
+import pytest
+from chromium import Browser
+from page_results import write_all
+
+from texclass.reporting.page import write_page
+
+CHROMIUM = next(
+    (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))),
+    None,
+)
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on the PATH")
+
+CONTRASTS = """(() => {
+  const channels = (colour) => colour.match(/[\\d.]+/g).map(Number);
+  const luminance = (rgb) => rgb.slice(0, 3).map((v) => v / 255)
+    .map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  const behind = (element) => {
+    for (let e = element; e; e = e.parentElement) {
+      const found = channels(getComputedStyle(e).backgroundColor);
+      if (found.length === 3 || found[3] > 0) return found;
+    }
+    return null;  // a page without a colour of its own has no contrast to vouch for
+  };
+  document.querySelectorAll("details").forEach((d) => { d.open = true; });
+  const found = [];
+  const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let t; (t = texts.nextNode());) {
+    const element = t.parentElement, name = element.localName;
+    if (!t.textContent.trim() || ["script", "title"].includes(name)) continue;
+    const style = getComputedStyle(element);
+    const inside = element.classList.contains("inside");
+    const text = channels(element instanceof SVGElement ? style.fill : style.color);
+    const mark = inside && element.parentElement.querySelector(".mark");
+    const ground = mark ? channels(getComputedStyle(mark).fill) : behind(element);
+    const [high, low] = [luminance(text), luminance(ground)].sort((a, b) => b - a);
+    const kind = element.className.baseVal ?? element.className;
+    found.push([(high + 0.05) / (low + 0.05), `${name}.${kind}: ${t.textContent}`]);
+  }
+  return found.sort((a, b) => a[0] - b[0]);
+})()"""
+NAMED = """[...document.querySelectorAll("svg, img")].filter((picture) => {
+  if (picture.closest("[aria-hidden=true]")) return false;
+  const ids = (picture.getAttribute("aria-labelledby") ?? "").split(" ");
+  return !ids.every((id) => document.getElementById(id)?.textContent.trim());
+}).length"""
+FOCUSED = """(() => {
+  const e = document.activeElement, all = [...document.querySelectorAll("*")];
+  const mark = e.querySelector?.(".mark, .bar");
+  const ringed = mark && getComputedStyle(mark).strokeWidth === "4px";
+  const seen = getComputedStyle(e).outlineStyle !== "none" || ringed;
+  return [all.indexOf(e), e.localName, e.className.baseVal ?? e.className, Boolean(seen)];
+})()"""
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("page")
+    return write_page(write_all(folder), folder / "report.html")
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    assert CHROMIUM is not None
+    shown = Browser(CHROMIUM, tmp_path_factory.mktemp("profile"))
+    yield shown
+    shown.close()
+
+
+def test_the_page_is_silent_and_asks_for_nothing_outside(browser, path):
+    browser.events.clear()
+    browser.open(path)
+    browser.run("new Promise((done) => setTimeout(done, 200))")
+    assert browser.run("document.querySelectorAll('.point').length") > 20
+    said = {"Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"}
+    assert not [event for event in browser.events if event.get("method") in said]
+    urls = {
+        e["params"]["request"]["url"]
+        for e in browser.events
+        if e.get("method") == "Network.requestWillBeSent"
+    }
+    assert {url for url in urls if not url.startswith("data:")} == {path.as_uri()}
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_stands_out_from_what_is_behind_it(browser, path, scheme):
+    browser.open(path, scheme=scheme)
+    found = browser.run(CONTRASTS)
+    assert len(found) > 500
+    assert found[0][0] >= 4.5, found[:3]
+    ground = browser.run("getComputedStyle(document.body).backgroundColor")
+    assert (ground == "rgb(255, 255, 255)") == (scheme == "light")
+
+
+def test_every_picture_is_named_by_text_on_the_page(browser, path):
+    browser.open(path)
+    assert browser.run(NAMED) == 0
+
+
+def test_the_tab_key_goes_down_the_page_and_what_has_the_focus_is_seen(browser, path):
+    browser.open(path)
+    stops = []
+    for _ in range(200):
+        browser.press("Tab", 9)
+        stop = browser.run(FOCUSED)
+        if stops and stop[0] <= stops[-1][0]:
+            break
+        stops.append(stop)
+    assert [place for place, *_ in stops] == sorted(place for place, *_ in stops)
+    assert all(seen for *_, seen in stops), [stop for stop in stops if not stop[-1]]
+    assert stops[0][2] == "skip"
+    kinds = [name for _, name, *_ in stops]
+    assert kinds.count("g") == browser.run("document.querySelectorAll('svg.plot').length")
+    assert kinds.count("td") == browser.run("document.querySelectorAll('table.matrix').length")
+    assert kinds.count("summary") == browser.run("document.querySelectorAll('summary').length")
+
+
+def test_arrow_keys_move_through_the_matrix_and_say_what_is_there(browser, path):
+    browser.open(path)
+    browser.run("document.querySelector('table.matrix td').focus()")
+    browser.press("ArrowRight", 39)
+    label = "document.activeElement.getAttribute('aria-label')"
+    said = "document.activeElement.closest('figure').querySelector('.readout').textContent"
+    first = browser.run(label)
+    assert first.endswith("taken for material-01: 1 of 10 recordings (10 %)")
+    assert browser.run(said) == first
+    browser.press("ArrowDown", 40)
+    assert browser.run(label) == "material-01 recognised: 9 of 10 recordings (90 %)"
+    browser.press("End", 35)
+    browser.press("ArrowRight", 39)
+    assert browser.run("document.activeElement.cellIndex") == 3
+
+
+def test_arrow_keys_move_through_the_points_of_a_figure(browser, path):
+    browser.open(path)
+    browser.run("document.querySelector('svg.plot .point').focus()")
+    label = "document.activeElement.getAttribute('aria-label')"
+    first = browser.run(label)
+    browser.press("ArrowRight", 39)
+    assert browser.run(label) != first
+    browser.press("Home", 36)
+    assert browser.run(label) == first
+
+
+@pytest.mark.parametrize("width", [360, 768, 1400])
+def test_the_page_never_scrolls_sideways(browser, path, width):
+    browser.open(path, width=width)
+    assert browser.run("document.documentElement.scrollWidth") <= width
+
+
+def test_hostile_names_ran_nothing(browser, path):
+    browser.open(path)
+    assert browser.run("document.querySelectorAll('script').length") == 1
+    assert "alert" in browser.run("document.querySelector('table.matrix').textContent")

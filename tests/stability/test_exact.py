@@ -1,0 +1,88 @@
+"""The references agree with each other, and with well-kept libraries where those are exact."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import fft, signal
+
+from texclass import vibration
+from texclass.stability import exact, exact_models
+from texclass.stability.signals import plain
+from texclass.vibration import line_spectrum
+
+X = plain(300)
+K = np.random.default_rng(0).uniform(-0.8, 0.8, 8)
+
+
+def test_sums_are_exact():
+    assert exact.mean(np.array([1e300, 1.0, -1e300])) == pytest.approx(1 / 3, rel=1e-15)
+    assert exact.root(exact.mean_square(np.full(7, 1e-200))) == pytest.approx(1e-200, rel=1e-15)
+    assert_allclose(float(exact.variance(1e9 + np.array([-1.0, 1.0]))), 1.0, rtol=0)
+    assert_allclose(exact.moving_average(X, 1), X, rtol=0)
+    assert_allclose(exact.moving_average(X, 9)[4:-4], np.convolve(X, np.ones(9) / 9, "valid"), atol=1e-14)
+
+
+def test_fixed_point_and_80_bit_references_of_burg_agree():
+    if not exact.EXTENDED:
+        pytest.skip("no 80-bit floats here")
+    assert_allclose(exact.burg_energies(X, 40), exact._burg_wide(X.tobytes(), 40), rtol=1e-15)
+
+
+def test_both_references_of_the_autocorrelation_method_agree():
+    wide = exact._burg_wide(np.pad(exact._scaled(X), 18).tobytes(), 18)
+    assert_allclose(exact.autocorrelation_energies(X, 18), wide, rtol=1e-14)
+
+
+def test_the_optimum_is_what_its_own_coefficients_leave():
+    model = vibration.fit(X, 12)
+    energies = exact.lattice_energies(X, model.reflection)
+    assert_allclose(energies, exact.burg_energies(X, 12), rtol=1e-12)
+    assert_allclose(exact.direct_energy(X, model.direct_form()), energies[-1], rtol=1e-12)
+
+
+def test_step_up_and_step_down_undo_each_other():
+    pytest.importorskip("mpmath")
+    a = np.array([float(c) for c in exact_models.coefficients(K)])
+    assert_allclose(exact_models.step_down(a), K, rtol=1e-12)
+    assert exact_models.is_stable(a)
+    assert not exact_models.is_stable(np.array([1.0, 0.0, 1.0000001]))
+
+
+def test_model_references_agree_with_polynomials():
+    pytest.importorskip("mpmath")
+    a = np.array([float(c) for c in exact_models.coefficients(K)])
+    omega = np.array([0.1, 1.0, 3.0])
+    response = signal.freqz(1.0, a, worN=omega)[1]
+    assert_allclose(exact_models.log_spectrum_db(K, omega), 20 * np.log10(np.abs(response)), atol=1e-10)
+    impulse = np.eye(1, 50)[0]
+    assert_allclose(exact_models.all_pole_response(K, impulse), signal.lfilter([1.0], a, impulse), atol=1e-12)
+    spectrum = np.log(np.abs(1 / np.fft.fft(a, 8192)))
+    assert_allclose(exact_models.cepstrum(K, 10), 2 * np.fft.ifft(spectrum).real[1:10], atol=1e-12)
+
+
+def test_an_error_of_a_line_spectral_frequency_is_measured():
+    pytest.importorskip("mpmath")
+    lsf = line_spectrum.from_reflection(K)
+    assert exact_models.line_spectrum_error(K, lsf) < 1e-14
+    assert exact_models.line_spectrum_error(K, lsf * (1 + 1e-9)) == pytest.approx(1e-9, rel=1e-3)
+
+
+def test_filter_references_agree_with_scipy():
+    pytest.importorskip("mpmath")
+    sos = signal.butter(3, (0.1, 0.3), "bandpass", output="sos")
+    x = X[:80]
+    state = signal.sosfilt_zi(sos) * x[0]
+    assert_allclose(exact_models.causal(sos, x), signal.sosfilt(sos, x, zi=state)[0], atol=1e-12)
+    both_ways = signal.sosfiltfilt(sos, x, padlen=21)
+    assert_allclose(exact_models.zero_phase(sos, x, 21), both_ways, atol=1e-12)
+    f = np.array([0.02, 0.1, 0.3])
+    gain = np.abs(signal.sosfreqz(sos, 2 * np.pi * f)[1])
+    assert_allclose(exact_models.sections_gain(sos, f), gain, rtol=1e-10)
+    closed = exact_models.butterworth_gain("bandpass", (0.05, 0.15), 1.0, 3, f)
+    assert_allclose(closed, gain, rtol=1e-10)
+
+
+def test_80_bit_transforms_agree_with_60_digits():
+    pytest.importorskip("mpmath")
+    wide = fft.dct(X[:32].astype(np.longdouble), norm="ortho").astype(np.float64)
+    assert_allclose(wide, exact_models.dct(X[:32]), atol=1e-15)

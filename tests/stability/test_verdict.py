@@ -1,0 +1,182 @@
+"""The battery can fail: deliberately wrong subjects are found out."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from texclass.features.contract import UndefinedFeatureError
+from texclass.stability import rules
+from texclass.stability.signals import Case, plain
+from texclass.stability.verdict import Check, Documented, Mark, Subject, Unchecked, judge
+
+CASE = Case("some noise", "order", lambda: plain(64).copy(), order=2)
+REQUIRED = Case("plain", "plain", lambda: plain(64).copy(), order=2, required=True)
+
+
+def subject(run, checks=None):
+    def finite(x, case, result):
+        yield rules.finite("result", result)
+
+    return Subject("tried", "models", "texclass", lambda quick: [CASE], run, checks or finite)
+
+
+def mark_of(run, checks=None, case=CASE):
+    return judge(subject(run, checks), case).mark
+
+
+def test_a_right_result_is_exact():
+    assert mark_of(lambda x, case: x.sum()) is Mark.EXACT
+
+
+def test_nan_without_a_word_is_found():
+    cell = judge(subject(lambda x, case: np.nan), CASE)
+    assert cell.mark is Mark.SILENT
+    assert "finite result" in cell.reason
+
+
+def test_a_wrong_number_is_found_and_the_error_measured():
+    def checks(x, case, result):
+        yield rules.close("mean", result, x.mean(), 1e-12)
+
+    cell = judge(subject(lambda x, case: x.mean() * (1 + 1e-6), checks), CASE)
+    assert cell.mark is Mark.WRONG
+    assert cell.error == pytest.approx(1e-6, rel=1e-3)
+    assert cell.limit == 1e-12
+
+
+def test_writing_to_the_input_is_found():
+    def run(x, case):
+        x -= x.mean()
+        return x
+
+    cell = judge(subject(run), CASE)
+    assert cell.mark is Mark.WRONG
+    assert "written to" in cell.reason
+
+
+def test_an_unstable_predictor_is_found():
+    def run(x, case):
+        return np.array([1.0, -2.5, 1.2])
+
+    def checks(x, case, a):
+        yield from rules.predictor(x, case.order, "Burg", a=a)
+
+    assert mark_of(run, checks) is Mark.WRONG
+
+
+def test_a_predictor_that_leaves_more_than_the_optimum_is_found():
+    def checks(x, case, k):
+        yield from rules.predictor(x, case.order, "Burg", k=k)
+
+    assert mark_of(lambda x, case: np.array([0.1, 0.1]), checks) is Mark.WRONG
+
+
+def test_frequencies_out_of_order_are_found():
+    def checks(x, case, lsf):
+        yield from rules.line_spectrum(np.array([0.1, 0.2]), lsf, np.array([0.1, 0.2]))
+
+    assert mark_of(lambda x, case: np.array([2.0, 1.0]), checks) is Mark.WRONG
+
+
+def test_an_accident_is_a_crash_and_an_error_on_purpose_is_not():
+    def refuse(x, case):
+        raise ValueError(f"{x.size} samples; the rule is 100")
+
+    assert mark_of(lambda x, case: 1 / 0) is Mark.CRASH
+    assert mark_of(lambda x, case: {}[case.name]) is Mark.CRASH
+    assert mark_of(lambda x, case: x @ np.ones(3)) is Mark.CRASH  # NumPy's own ValueError, from within
+    assert mark_of(refuse) is Mark.REFUSED
+
+
+def test_an_error_that_says_nothing_is_a_crash():
+    def refuse(x, case):
+        raise ValueError("bad")
+
+    assert mark_of(refuse) is Mark.CRASH
+
+
+def test_a_reason_is_documented_but_nobody_may_refuse_an_ordinary_input():
+    def undefined(x, case):
+        raise UndefinedFeatureError("silence: all samples are 0")
+
+    assert mark_of(undefined) is Mark.DOCUMENTED
+    assert mark_of(undefined, case=REQUIRED) is Mark.WRONG
+
+
+def test_a_flag_explains_but_does_not_excuse_a_failed_check():
+    def flagged(x, case, result):
+        yield Documented("order not reached")
+
+    def flagged_and_wrong(x, case, result):
+        yield Documented("order not reached")
+        yield Check("energy above the optimum", 2.0, 1.0)
+
+    assert mark_of(lambda x, case: 0.0, flagged) is Mark.DOCUMENTED
+    assert mark_of(lambda x, case: 0.0, flagged_and_wrong) is Mark.WRONG
+
+
+def test_a_library_that_warns_of_its_nan_has_documented_it():
+    def run(x, case):
+        warnings.warn("input is constant, the result is undefined", stacklevel=1)
+        return np.nan
+
+    assert mark_of(run) is Mark.DOCUMENTED
+
+
+def test_a_floating_point_warning_is_a_finding_even_if_the_result_is_right():
+    def run(x, case):
+        np.log(np.zeros(1))
+        return 1.0
+
+    cell = judge(subject(run), CASE)
+    assert cell.mark is Mark.WARNED
+    assert "divide by zero" in cell.reason
+
+
+def test_a_reference_that_cannot_be_had_is_not_checked():
+    def checks(x, case, result):
+        yield Unchecked("not checked (mpmath not installed)")
+
+    assert mark_of(lambda x, case: 1.0, checks) is Mark.UNCHECKED
+
+
+def test_a_reason_holds_no_colours_and_no_folders():
+    def refuse(x, case):
+        raise ValueError("\x1b[1mdefined at /home/me/lib/audio.py, 3/4 of it\x1b[0m")
+
+    assert judge(subject(refuse), CASE).reason == "ValueError: defined at audio.py, 3/4 of it"
+
+
+def test_a_result_of_another_form_is_wrong():
+    def checks(x, case, result):
+        yield rules.finite("mean", result["mean"])
+
+    assert mark_of(lambda x, case: 1.0, checks) is Mark.WRONG
+
+
+def test_a_feature_without_a_reason_or_a_column_is_found():
+    usual = {"a": 1.0, "b": 2.0}
+
+    def holds(values, reasons=()):
+        found = rules.features(values, dict(reasons), usual, undefined_is="NaN")
+        return all(f.holds for f in found if isinstance(f, Check))
+
+    assert holds({"a": 1.0, "b": 3.0})
+    assert holds({"a": 1.0, "b": np.nan}, {"b": "silence"})
+    assert not holds({"a": 1.0, "b": np.nan})
+    assert not holds({"a": 1.0})
+    assert not holds({"a": 1.0, "b": 2.0, "c": 0.0})
+
+
+def test_a_gain_law_is_inferred_and_its_breach_found():
+    def outputs(g):
+        return {"rms": 3 * g, "level": 1 + 2 * np.log10(g), "shape": 0.5, "odd": g + g**2, "large": g > 0.1}
+
+    laws = rules.inferred_laws([outputs(g) for g in rules.LAW_GAINS])
+    assert set(laws) == {"rms", "level", "shape"}
+    assert laws["rms"] == pytest.approx((1.0, 0.0))
+    assert laws["level"] == pytest.approx((0.0, 2.0))
+    assert rules.under_gain(outputs(1e-100), outputs(1.0), laws, 1e-100, 1e-9).holds
+    lost = outputs(1e-100) | {"shape": 0.0}
+    assert not rules.under_gain(lost, outputs(1.0), laws, 1e-100, 1e-9).holds

@@ -1,0 +1,302 @@
+"""Selection that buys accuracy per millisecond: columns cost what their feature and its transforms cost."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, MetaEstimatorMixin, is_classifier
+from sklearn.feature_selection import SelectorMixin
+from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold
+from sklearn.naive_bayes import GaussianNB
+from sklearn.utils import Tags
+from sklearn.utils.multiclass import check_classification_targets
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from texclass.experiment.cost import CostModel
+from texclass.experiment.criterion import Criterion, Scoring
+from texclass.experiment.protocols import Split
+from texclass.recording import Samples
+
+FREE = 0.01
+"""Least cost that a move is taken to have, in units of the total: what is free is not infinitely good."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A subset of columns on the way of a selection.
+
+    Attributes
+    ----------
+    columns : tuple of int
+        Sorted.
+    cost : float
+        In the unit of the costs (ms).
+    score : float
+        Inner cross-validated score.
+    """
+
+    columns: tuple[int, ...]
+    cost: float
+    score: float
+
+
+def best_within(path: Iterable[Choice], max_cost: float) -> Choice | None:
+    """Return the best choice of a path that a budget affords, the cheapest of equals; None without one."""
+    affordable = [choice for choice in path if choice.cost <= max_cost]
+    return max(affordable, key=lambda choice: (choice.score, -choice.cost), default=None)
+
+
+def inner_splits(y: NDArray[Any], groups: NDArray[Any] | None, cv: int) -> list[Split]:
+    """Return up to `cv` stratified inner folds, not shuffled; samples of one group are never divided.
+
+    Raises
+    ------
+    ValueError
+        If a class has one sample (or one group) only.
+    """
+    classes, counts = np.unique(y, return_counts=True)
+    if groups is not None:
+        counts = np.array([np.unique(np.asarray(groups)[y == label]).size for label in classes])
+    n_folds = min(cv, int(counts.min()))
+    if n_folds < 2:
+        lonely, what = classes[counts.argmin()], "sample" if groups is None else "group"
+        raise ValueError(f"class {lonely} has 1 {what} to train on; selection needs at least 2 of each")
+    folds = StratifiedKFold(n_folds) if groups is None else StratifiedGroupKFold(n_folds)
+    return list(folds.split(np.zeros(len(y)), y, groups))
+
+
+class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type: ignore[misc]
+    """Sequential floating selection that buys score per cost.
+
+    Each step adds a column, or all that is left of a feature, whose gain / cost^thrift is largest; then
+    columns and features go whose loss does not lower the score. It ends when no step gains more
+    than `tolerance`, or none is affordable.
+
+    Parameters
+    ----------
+    estimator : classifier, optional
+        Whose inner cross-validated score decides; Gaussian naive Bayes by default.
+    costs : CostModel or array_like of shape (n_columns,), optional
+        What columns cost: with features and shared transforms, or each by itself; all the same by default.
+    max_cost : float, optional
+        Budget, in the unit of the costs.
+    max_features : int, optional
+        Largest number of columns.
+    thrift : float
+        0 looks at the gain only (plain sequential selection under a budget), 1 at the gain per cost.
+    floating : bool
+        Whether columns that no longer earn their cost are dropped.
+    tolerance : float
+        Smallest gain of the score that is worth a step.
+    scoring : {"accuracy", "log_likelihood"}
+        See `Criterion`.
+    cv : int
+        Inner stratified folds, not shuffled; reduced to the size of the smallest class.
+
+    Attributes
+    ----------
+    support_ : ndarray of bool, shape (n_columns,)
+        Which columns are selected.
+    path_ : tuple of Choice
+        Every subset on the way, in order; the last is `support_`.
+    cost_, score_ : float
+        Of the selection.
+    """
+
+    def __init__(
+        self,
+        estimator: Any = None,
+        *,
+        costs: CostModel | ArrayLike | None = None,
+        max_cost: float | None = None,
+        max_features: int | None = None,
+        thrift: float = 1.0,
+        floating: bool = True,
+        unit: Literal["column", "feature"] = "feature",
+        direction: Literal["forward", "backward", "both"] = "both",
+        tolerance: float = 0.0,
+        scoring: Scoring = "accuracy",
+        cv: int = 5,
+    ) -> None:
+        self.estimator = estimator
+        self.costs = costs
+        self.max_cost = max_cost
+        self.max_features = max_features
+        self.thrift = thrift
+        self.floating = floating
+        self.unit = unit
+        self.direction = direction
+        self.tolerance = tolerance
+        self.scoring = scoring
+        self.cv = cv
+
+    def fit(self, X: Samples, y: NDArray[Any], groups: NDArray[Any] | None = None) -> Self:
+        """Select columns.
+
+        Parameters
+        ----------
+        X : ndarray of shape (n_samples, n_columns)
+            Finite.
+        y : ndarray of shape (n_samples,)
+            Classes.
+        groups : ndarray of shape (n_samples,), optional
+            Samples of one group are never divided between the parts of an inner fold.
+
+        Raises
+        ------
+        ValueError
+            If a class has one sample only, the costs do not fit the columns, or nothing is affordable.
+        """
+        X, y = validate_data(self, X, y)
+        check_classification_targets(y)
+        labels = np.unique(y, return_inverse=True)[1]
+        judge = GaussianNB() if self.estimator is None else self.estimator
+        if not is_classifier(judge):
+            raise ValueError(f"estimator is {judge!r}; the rule is a classifier")
+        model = self._cost_model(X.shape[1])
+        splits = inner_splits(y, groups, self.cv)
+        self.path_ = self.explore(model, Criterion(judge, X, labels, splits, self.scoring))
+        chosen = self.within(np.inf)
+        if chosen is None:
+            least = min(model.of([i]) for i in range(X.shape[1]))
+            raise ValueError(f"max_cost is {self.max_cost}; the rule is at least {least:.3g}")
+        self.support_ = np.isin(np.arange(X.shape[1]), chosen.columns)
+        self.cost_, self.score_ = chosen.cost, chosen.score
+        return self
+
+    def explore(self, model: CostModel, criterion: Criterion) -> tuple[Choice, ...]:
+        """Return every subset on the way, judged by a criterion that several searches may share."""
+        search = _Search(self, model, criterion)
+        ways: list[Iterable[Choice]] = []
+        if self.direction != "backward":
+            # Each alone can be far from the best subset, the better of both cannot (Leskovec et al., 2007).
+            ways += [search.forward(thrift) for thrift in dict.fromkeys((0.0, self.thrift))]
+        if self.direction != "forward":
+            ways.append(search.backward())
+        return tuple(choice for way in ways for choice in way)
+
+    def within(self, max_cost: float) -> Choice | None:
+        """Return the best choice on the way that a smaller budget affords, the cheapest of equals."""
+        return best_within(self.path_, max_cost)
+
+    def _cost_model(self, n_columns: int) -> CostModel:
+        if isinstance(self.costs, CostModel):
+            model = self.costs
+        else:
+            each = np.ones(n_columns) if self.costs is None else np.asarray(self.costs, dtype=np.float64)
+            names = tuple(map(str, range(each.size)))
+            model = CostModel(names, names, names, each, np.eye(each.size, dtype=bool))
+        if len(model.columns) != n_columns or not (np.isfinite(model.ms) & (model.ms >= 0)).all():
+            raise ValueError(
+                f"costs are of {len(model.columns)} columns, X has {n_columns}; "
+                "the rule is a finite cost of at least 0 for each"
+            )
+        return model
+
+    def _get_support_mask(self) -> NDArray[np.bool_]:
+        check_is_fitted(self)
+        return self.support_
+
+    def _transform(self, X: Samples) -> Samples:
+        # In rows, as a pruned pipeline's columns lie: sums then come out the same to the last bit.
+        return np.ascontiguousarray(super()._transform(X))
+
+    def __sklearn_tags__(self) -> Tags:
+        tags = super().__sklearn_tags__()
+        tags.target_tags.required = True
+        return tags
+
+
+class _Search:
+    """One search; see `CostAwareSelector`."""
+
+    def __init__(self, settings: CostAwareSelector, model: CostModel, criterion: Criterion) -> None:
+        self.settings, self.model, self.criterion = settings, model, criterion
+        self.budget = np.inf if settings.max_cost is None else settings.max_cost
+        self.most = len(model.columns) if settings.max_features is None else settings.max_features
+        names = np.array(model.features)
+        self.features = [np.flatnonzero(names == f).tolist() for f in dict.fromkeys(model.features)]
+        self.least = max(FREE * model.total, np.finfo(np.float64).tiny)
+
+    def forward(self, thrift: float) -> Iterator[Choice]:
+        """Yield each better choice: add the move that is worth most, then drop what earns nothing."""
+        now = Choice((), 0.0, self.criterion.of(()))
+        while (better := self._add(now, thrift)) is not None:
+            now = better
+            yield now
+            while self.settings.floating and (lighter := self._drop(now)) is not None:
+                now = lighter
+                yield now
+
+    def backward(self) -> Iterator[Choice]:
+        """Yield the full set and what is left of it as the feature that earns least goes, to the last."""
+        now: Choice | None = self._choice(range(len(self.model.columns)))
+        while now is not None:
+            if now.cost <= self.budget and len(now.columns) <= self.most:
+                yield now
+            now = self._leave(now)
+
+    def _choice(self, columns: Iterable[int]) -> Choice:
+        chosen = tuple(sorted(columns))
+        return Choice(chosen, self.model.of(chosen), self.criterion.of(chosen))
+
+    def _add(self, now: Choice, thrift: float) -> Choice | None:
+        moves = [m for m in self._moves(now) if len(m) <= self.most and self.model.of(m) <= self.budget]
+        if not moves:
+            return None
+        scores = self._scores(now, moves)
+        gain = scores - now.score
+        price = np.array([max(self.model.of(m) - now.cost, self.least) for m in moves])
+        worth = np.where(gain > self.settings.tolerance, gain / price**thrift, -np.inf)
+        if not now.columns and (gain <= self.settings.tolerance).all():
+            worth = gain  # something has to be selected
+        best = int(worth.argmax())
+        if worth[best] == -np.inf:
+            return None
+        return Choice(tuple(sorted(moves[best])), self.model.of(moves[best]), float(scores[best]))
+
+    def _moves(self, now: Choice) -> list[list[int]]:
+        """Return every single column added, then all that is left of every feature (two columns or more)."""
+        have = set(now.columns)
+        single = [[*now.columns, i] for i in range(len(self.model.columns)) if i not in have]
+        left = [[i for i in feature if i not in have] for feature in self.features]
+        if self.settings.unit == "feature":
+            return [[*now.columns, *rest] for rest in left if rest]
+        return single + [[*now.columns, *rest] for rest in left if len(rest) > 1]
+
+    def _scores(self, now: Choice, moves: Sequence[list[int]]) -> Samples:
+        """Return the score of every move; single columns come first and are compared at once."""
+        n = len(now.columns)
+        single = [m[-1] for m in moves if len(m) == n + 1]
+        added = self.criterion.adding(now.columns, single) if single else np.empty(0)
+        more = iter(added)
+        return np.array([next(more) if len(m) == n + 1 else self.criterion.of(m) for m in moves])
+
+    def _without_each(self, now: Choice, *, columns: bool) -> list[Choice]:
+        """Return what is left when one feature (or one column) goes, unless nothing is."""
+        rest = [tuple(c for c in now.columns if c not in feature) for feature in self.features]
+        if columns:
+            rest += [now.columns[:i] + now.columns[i + 1 :] for i in range(len(now.columns))]
+        return [self._choice(r) for r in dict.fromkeys(rest) if 0 < len(r) < len(now.columns)]
+
+    def _drop(self, now: Choice) -> Choice | None:
+        """Return the best choice that is cheaper and no worse, or better and no dearer; None without one."""
+        lighter = self._without_each(now, columns=self.settings.unit == "column")
+        kept = [
+            c
+            for c in lighter
+            if (c.score, now.cost) > (now.score, c.cost) or (c.score >= now.score and c.cost < now.cost)
+        ]
+        return max(kept, key=lambda c: (now.cost - c.cost, c.score), default=None)
+
+    def _leave(self, now: Choice) -> Choice | None:
+        """Return the choice without the feature that loses least for what its going saves."""
+        lighter = self._without_each(now, columns=False)
+
+        def price(choice: Choice) -> float:
+            loss, saved = now.score - choice.score, max(now.cost - choice.cost, self.least)
+            return loss / saved**self.settings.thrift if loss > 0 else loss
+
+        return min(lighter, key=lambda c: (price(c), c.cost), default=None)

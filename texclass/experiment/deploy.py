@@ -1,0 +1,215 @@
+"""What is deployed: recordings in, materials out, computing only what the selected features need."""
+
+import copy
+import json
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.feature_selection import SelectorMixin
+from sklearn.impute import SimpleImputer
+from sklearn.pipeline import Pipeline
+from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
+
+from texclass import __version__
+from texclass.features.contract import find
+from texclass.features.extractor import FeatureExtractor, Plan
+from texclass.features.sets import FeatureSet, Member, code_hash
+from texclass.features.views import Channels
+from texclass.recording import Samples
+
+COLUMN_WISE: Mapping[type, tuple[str, ...]] = {
+    SimpleImputer: ("statistics_",),
+    StandardScaler: ("mean_", "var_", "scale_"),
+    MinMaxScaler: ("min_", "scale_", "data_min_", "data_max_", "data_range_"),
+    MaxAbsScaler: ("max_abs_", "scale_"),
+    RobustScaler: ("center_", "scale_"),
+}
+"""Steps that treat each column by itself, and their fitted attributes of shape (n_columns,)."""
+TRUSTED = ("texclass.experiment.", "numpy.dtype")
+"""Modules whose classes a saved recogniser may name beside what skops trusts; nothing else is ever loaded."""
+
+
+class Recogniser(Pipeline):  # type: ignore[misc]
+    """Recordings in, materials out: a `FeatureExtractor`, steps that prepare its columns, a classifier.
+
+    Parameters
+    ----------
+    steps : list of (name, estimator)
+        The first a `FeatureExtractor`. Nothing that `Pipeline` has is changed.
+
+    Examples
+    --------
+    >>> from sklearn.naive_bayes import GaussianNB
+    >>> from texclass.features import FeatureExtractor
+    >>> recogniser = Recogniser([("features", FeatureExtractor("texclass")), ("classifier", GaussianNB())])
+    """
+
+    @classmethod
+    def fitted_on(
+        cls, plan: Plan, values: Samples, materials: NDArray[Any], steps: Sequence[tuple[str, Any]]
+    ) -> Self:
+        """Fit the steps on features that are extracted already.
+
+        Parameters
+        ----------
+        plan : Plan
+            What was extracted.
+        values : ndarray of shape (n_recordings, n_columns)
+            The plan's columns; NaN where undefined.
+        materials : ndarray of shape (n_recordings,)
+            Labels.
+        steps : sequence of (name, estimator)
+            Unfitted, the classifier last.
+        """
+        learnt = Pipeline(list(steps)).fit(values, materials)
+        return cls([("features", _extractor(plan)), *learnt.steps])
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns that are computed."""
+        plan: Plan = self[0].plan_
+        return plan.columns
+
+    def prune(self) -> "Recogniser":
+        """Return a recogniser that computes only what its selected columns need: the same predictions.
+
+        Selectors go; imputers and scalers keep what belongs to the columns that are left. A step that mixes
+        columns (a PCA) needs all it was fitted on, and so keeps what stands before it.
+        """
+        steps = list(_flat(self.steps[1:-1]))
+        wanted: NDArray[np.intp] | None = None  # columns of a step's output that later steps need; None: all
+        pruned: list[tuple[str, Any]] = []
+        for name, step in reversed(steps):
+            if isinstance(step, SelectorMixin) and not _mixes_before(steps, step):
+                kept = np.flatnonzero(step.get_support())
+                wanted = kept if wanted is None else kept[wanted]
+            elif type(step) in COLUMN_WISE and not getattr(step, "add_indicator", False):
+                kept = _outputs(step)
+                wanted = kept if wanted is None else kept[wanted]
+                pruned.insert(0, (name, _sliced(step, wanted)))
+            else:
+                pruned.insert(0, (name, step))
+                wanted = None
+        plan: Plan = self[0].plan_
+        columns = plan.columns if wanted is None else [plan.columns[i] for i in wanted]
+        signal = {"fs": self[0].fs, "unit": self[0].unit}
+        extractor = _extractor(plan.restricted_to(columns), **signal)
+        return Recogniser([("features", extractor), *pruned, self.steps[-1]])
+
+    def save(self, path: str | Path) -> None:
+        """Write the fitted recogniser with skops, which holds data and names of classes, and no code."""
+        import skops.io
+
+        plan: Plan = self[0].plan_
+        document = {
+            "texclass": __version__,
+            "plan": json.dumps([[prefix, _described(part)] for prefix, part in plan.parts]),
+            "channels": list(plan.channels),
+            "signal": {"fs": self[0].fs, "unit": self[0].unit},
+            "steps": [list(step) for step in self.steps[1:]],
+        }
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        skops.io.dump(document, path)
+
+
+def load_recogniser(path: str | Path) -> Recogniser:
+    """Read a recogniser that `Recogniser.save` wrote; nothing but known classes is ever loaded.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the file is none of ours, names a class that is not trusted, or a feature that is not known here.
+
+    Warns
+    -----
+    UserWarning
+        If the code of the features is not the one it was trained with.
+    """
+    import skops.io
+
+    try:
+        types = skops.io.get_untrusted_types(file=path)
+        if foreign := [name for name in types if not name.startswith(TRUSTED)]:
+            raise ValueError(f"it names {foreign[0]}; the rule is classes of scikit-learn and texclass")
+        document = skops.io.load(path, trusted=types)
+        parts = [(prefix, _restored(stated)) for prefix, stated in json.loads(document["plan"])]
+        steps = [(name, step) for name, step in document["steps"]]
+    except FileNotFoundError:
+        raise
+    except Exception as error:
+        raise ValueError(f"{path}: not a recogniser of texclass ({error})") from error
+    extractor = _extractor(Plan(tuple(parts), tuple(document["channels"])), **document["signal"])
+    return Recogniser([("features", extractor), *steps])
+
+
+def _extractor(plan: Plan, fs: float | None = None, unit: str | None = None) -> FeatureExtractor:
+    """Return an extractor that is fitted: it has its plan."""
+    whole = tuple(member for _, part in plan.parts for member in part.members)
+    feature_set = plan.parts[0][1] if len(plan.parts) == 1 else FeatureSet(plan.parts[0][1].name, whole)
+    kept: Channels = "each" if plan.channels else "combine"
+    extractor = FeatureExtractor(feature_set, channels=kept, fs=fs, unit=unit)
+    extractor.feature_set_, extractor.plan_ = feature_set, plan
+    return extractor
+
+
+def _flat(steps: Sequence[tuple[str, Any]]) -> list[tuple[str, Any]]:
+    """Return the steps with pipelines inside them opened and what does nothing left out."""
+    flat: list[tuple[str, Any]] = []
+    for name, step in steps:
+        inside = _flat(step.steps) if isinstance(step, Pipeline) else [(name, step)]
+        flat += [(f"{name}-{n}" if step is not s else n, s) for n, s in inside]
+    return [(name, step) for name, step in flat if step not in (None, "passthrough")]
+
+
+def _mixes_before(steps: Sequence[tuple[str, Any]], selector: Any) -> bool:
+    """Whether a step before this selector mixes columns, so that the selector still has work to do."""
+    before = steps[: [step is selector for _, step in steps].index(True)]
+    return any(not isinstance(step, SelectorMixin) and type(step) not in COLUMN_WISE for _, step in before)
+
+
+def _outputs(step: Any) -> NDArray[np.intp]:
+    """Return which inputs a column-wise step passes on: an imputer leaves out columns without any value."""
+    if isinstance(step, SimpleImputer) and not step.keep_empty_features:
+        return np.flatnonzero(~np.isnan(step.statistics_))
+    return np.arange(step.n_features_in_)
+
+
+def _sliced(step: Any, columns: NDArray[np.intp]) -> Any:
+    """Return a fitted column-wise step for some of its columns."""
+    sliced = copy.deepcopy(step)
+    for name in COLUMN_WISE[type(step)]:
+        if getattr(step, name, None) is not None:
+            setattr(sliced, name, getattr(step, name)[columns])
+    sliced.n_features_in_ = len(columns)
+    if np.ndim(getattr(step, "n_samples_seen_", 0)) == 1:  # counted by column where some are NaN
+        sliced.n_samples_seen_ = step.n_samples_seen_[columns]
+    if hasattr(sliced, "feature_names_in_"):
+        sliced.feature_names_in_ = sliced.feature_names_in_[columns]
+    return sliced
+
+
+def _described(feature_set: FeatureSet) -> dict[str, Any]:
+    """Return a feature set as plain data: functions by their registered names."""
+    members = [[m.name, m.feature.name, dict(m.parameters), list(m.columns)] for m in feature_set.members]
+    return {"name": feature_set.name, "members": members, "code": code_hash(feature_set)}
+
+
+def _restored(stated: Mapping[str, Any]) -> FeatureSet:
+    members = []
+    for name, feature, parameters, columns in stated["members"]:
+        values = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()}
+        members.append(Member(name, find(feature), values, tuple(columns)))
+    feature_set = FeatureSet(stated["name"], tuple(members))
+    if code_hash(feature_set) != stated["code"]:
+        warnings.warn(
+            "the code of the features has changed since this recogniser was trained; train it again",
+            UserWarning,
+            stacklevel=3,
+        )
+    return feature_set

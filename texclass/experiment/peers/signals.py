@@ -1,0 +1,81 @@
+"""What peers are given: the movement signals that our features read, or every channel of the sensor."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from texclass.features.contract import UndefinedFeatureError
+from texclass.features.view import PhaseView, TapView
+from texclass.features.views import Channels, Views, channels_apart, views_of
+from texclass.phases import segment
+from texclass.recording import Phases, Recording, Samples
+
+Given = Literal["same", "each"]
+DESCRIPTIONS: dict[Given, str] = {
+    "same": "the very signals that our movement features read (axes of one accelerometer combined by DFT321, "
+    "other channels apart; mean removed, with gravity the path of the hand)",
+    "each": "every axis of accelerometer and gyroscope by itself, cut to the movement, mean removed",
+}
+
+
+def signal_reader(given: Given, first: Recording, channels: Channels) -> Callable[[Recording], Samples]:
+    """Return what turns a recording into the signals that peers are given.
+
+    Parameters
+    ----------
+    given : {"same", "each"}
+        See `DESCRIPTIONS`.
+    first : Recording
+        A recording of the dataset, which decides the channels.
+    channels : {"combine", "each", "auto"}
+        How the pipeline treats channels.
+
+    Returns
+    -------
+    callable
+        Recording -> ndarray of shape (n_channels, n_samples).
+
+    Raises
+    ------
+    ValueError
+        If `given` is neither.
+    """
+    if given not in DESCRIPTIONS:
+        raise ValueError(f"signals of peers are {given!r}; the rule is 'same' or 'each'")
+    return every_channel if given == "each" else partial(same_signals, apart=channels_apart(first, channels))
+
+
+def same_signals(recording: Recording, apart: tuple[str, ...]) -> Samples:
+    """Return the movement that our features read, one row a channel.
+
+    Where there is no movement, its place is taken by the taps, one after the other; without taps, by the
+    whole recording.
+    """
+    views = views_of(recording, apart)
+    kept = [view for prefix, view in views.items() if prefix or not apart]
+    return np.stack([_felt(view) for view in kept])
+
+
+def every_channel(recording: Recording) -> Samples:
+    """Return each axis without its mean during the movement, one row an axis."""
+    start, stop = segment(recording).movement or (0, recording.n_samples)
+    parts = (recording.acceleration, recording.turn_rate)
+    axes = np.column_stack([part[start:stop] for part in parts if part is not None])
+    return np.ascontiguousarray((axes - axes.mean(axis=0)).T)
+
+
+def _felt(view: Views) -> Samples:
+    for phase in ("movement", "tap"):
+        try:
+            found = view.of(phase)
+        except UndefinedFeatureError:
+            continue
+        match found:
+            case PhaseView():
+                return found.samples
+            case TapView():
+                return np.concatenate([part for tap in found.taps for part in (tap.hand, tap.impulse)])
+    whole = Phases(movement=(0, view.recording.n_samples))
+    return Views(view.recording, whole, view.channel).movement.samples

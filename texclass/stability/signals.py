@@ -1,0 +1,288 @@
+"""The battery: the inputs at which programs go wrong, by family, each with a name and a sampling rate."""
+
+import hashlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+SEED = 0
+N = 2048
+"""Samples of an input for a model, where its length is not what is tried."""
+LONG = 8192
+"""Samples of an input for a feature: most of them read frames of some tenths of a second."""
+ORDERS = (1, 2, 10, 18, 50, 100, 128, 256, 400, 1000)
+RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0, 8000.0, 10_000.0, 22_050.0, 44_100.0, 50_000.0)
+FAMILIES = (
+    "plain",
+    "silent",
+    "impulse",
+    "sine",
+    "poles",
+    "oversampled",
+    "gain",
+    "offset",
+    "clipped",
+    "dtype",
+    "layout",
+    "broken",
+    "length",
+    "rate",
+    "order",
+    "stream",
+)
+"""Columns of the report, in this order."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One input of the battery, with the order a model is asked for where it has one.
+
+    Attributes
+    ----------
+    name
+        Unique, but for the order.
+    family
+        One of `FAMILIES`.
+    signal
+        Gives the samples; of any real dtype and layout, so the caller must not write to them.
+    fs
+        Sampling rate in Hz.
+    order
+        Of the model; 0 where there is none.
+    required
+        Whether this is an ordinary input, which nobody may refuse.
+    gain
+        By how much the samples are those of `plain` times a number.
+    """
+
+    name: str
+    family: str
+    signal: Callable[[], NDArray[np.generic]]
+    fs: float = 10_000.0
+    order: int = 0
+    required: bool = False
+    gain: float = 1.0
+
+    def at_order(self, order: int) -> "Case":
+        """Return the case with an order, which enters its name."""
+        return replace(self, order=order, name=f"{self.name}, p = {order}")
+
+
+@cache
+def noise(n: int = N, seed: int = SEED) -> NDArray[np.float64]:
+    """Return white Gaussian noise of unit variance, read-only."""
+    return _frozen(np.random.default_rng([SEED, seed]).standard_normal(n))
+
+
+@cache
+def plain(n: int = N) -> NDArray[np.float64]:
+    """Return coloured noise, as surfaces give it: two broad resonances in a sloping spectrum, read-only."""
+    from scipy import signal
+
+    poles = np.array([0.95 * np.exp(0.2j), 0.9 * np.exp(0.7j), 0.5])
+    a = np.real(np.poly(np.concatenate([poles, poles[:2].conj()])))
+    return _frozen(signal.lfilter([1.0], a, np.random.default_rng([SEED, 1]).standard_normal(n + 200))[200:])
+
+
+def low_passed(factor: int, n: int = N) -> NDArray[np.float64]:
+    """Return noise without anything above 1/`factor` of the band: content oversampled by that factor."""
+    spectrum = np.fft.rfft(noise(n))
+    spectrum[spectrum.size // factor :] = 0
+    return np.asarray(np.fft.irfft(spectrum))
+
+
+def resonant(distance: float, n: int = N) -> NDArray[np.float64]:
+    """Return noise through a pair of poles at 0.7 rad, `distance` inside the unit circle."""
+    from scipy import signal
+
+    r = 1 - distance
+    return np.asarray(signal.lfilter([1.0], [1.0, -2 * r * np.cos(0.7), r * r], noise(n)))
+
+
+def _sines(n: int) -> dict[str, NDArray[np.float64]]:
+    t = np.arange(n)
+    sine = np.sin(0.3 * t)
+    return {
+        "pure sine": sine,
+        "sine at fs/4": np.tile([0.0, 1.0, 0.0, -1.0], n // 4),
+        "alternating": np.tile([1.0, -1.0], n // 2),
+        "sine + 1e-8 noise": sine + 1e-8 * noise(n),
+        "two sines + 1e-8 noise": sine + np.cos(2.9 * t) + 1e-8 * noise(n),
+    }
+
+
+def _values(n: int) -> dict[str, dict[str, NDArray[np.float64]]]:
+    square = np.sign(np.sin(0.05 * np.arange(n)) + 1e-9)
+    at = np.arange(n)
+    return {
+        "plain": {"plain": plain(n), "white": noise(n)},
+        "silent": {
+            "zeros": np.zeros(n),
+            "constant 1": np.ones(n),
+            "constant 0.1": np.full(n, 0.1),
+            "constant -1e6": np.full(n, -1e6),
+            "constant 1e-160": np.full(n, 1e-160),
+        },
+        "impulse": {f"impulse at {i}": np.where(at == i, 1.0, 0.0) for i in (0, n // 2, n - 1)},
+        "sine": _sines(n),
+        "poles": {f"pole radius 1 - 1e-{d}": resonant(10.0**-d, n) for d in range(3, 13)},
+        "oversampled": {
+            "low-passed by 20": low_passed(20, n),
+            "low-passed by 100": low_passed(100, n),
+            "low-passed by 20 + 1e-6 noise": low_passed(20, n) + 1e-6 * noise(n, 3),
+        },
+        "offset": {
+            "DC 1e6 + noise 1e-3": 1e6 + 1e-3 * noise(n),
+            "DC 1e3 + noise": 1e3 + plain(n),
+            "ramp": np.linspace(-1, 1, n),
+        },
+        "clipped": {
+            "full-scale square": 32767 * square,
+            "clipped noise": np.clip(plain(n), -1.0, 1.0),
+            "quantised to one step": np.round(0.2 * plain(n)),
+        },
+    }
+
+
+def _dtypes(n: int) -> dict[str, NDArray[np.generic]]:
+    x = plain(n) / np.abs(plain(n)).max()
+    square = np.sign(np.sin(0.05 * np.arange(n)) + 1e-9)
+    return {
+        "int8": np.round(127 * x).astype(np.int8),
+        "int16": np.round(32767 * x).astype(np.int16),
+        "int32": np.round(2**30 * x).astype(np.int32),
+        "float32": x.astype(np.float32),
+        "float16": x.astype(np.float16),
+        "big-endian float64": x.astype(">f8"),
+        "int8 square, -128 to 127": np.where(square > 0, 127, -128).astype(np.int8),
+        "int16 square, full scale": np.where(square > 0, 32767, -32768).astype(np.int16),
+        "bool": x > 0,
+    }
+
+
+def _layouts(n: int) -> dict[str, NDArray[np.generic]]:
+    every_third = np.zeros(3 * n)
+    every_third[::3] = plain(n)
+    column = np.asfortranarray(np.zeros((n, 3)))
+    column[:, 1] = plain(n)
+    return {
+        "every third sample": every_third[::3],
+        "backwards": plain(n)[::-1].copy()[::-1],
+        "column of a table": np.ascontiguousarray(column)[:, 1],
+        "read-only": plain(n),
+    }
+
+
+def _broken(n: int) -> dict[str, NDArray[np.float64]]:
+    # all within the first 200 samples: some subjects are given no more
+    def with_(value: float, where: slice) -> NDArray[np.float64]:
+        x = plain(n).copy()
+        x[where] = value
+        return x
+
+    return {
+        "one NaN": with_(np.nan, slice(150, 151)),
+        "NaN at the start": with_(np.nan, slice(0, 1)),
+        "gap of 100 NaN": with_(np.nan, slice(90, 190)),
+        "+inf": with_(np.inf, slice(150, 151)),
+        "-inf": with_(-np.inf, slice(20, 21)),
+        "all NaN": np.full(n, np.nan),
+    }
+
+
+GAINS = (1e-160, 1e-100, 1e-30, 1e-3, 1e3, 1e30, 1e100, 1e150)
+
+
+@cache
+def inputs(n: int = N) -> tuple[Case, ...]:
+    """Return every input of length `n`, a multiple of 4, without orders."""
+    cases = [
+        Case(name, family, _given(x), required=family == "plain")
+        for family, named in _values(n).items()
+        for name, x in named.items()
+    ]
+    cases += [Case(f"gain {g:g}", "gain", _given(g * plain(n)), gain=g) for g in GAINS]
+    required = ("float32", "big-endian float64")
+    cases += [Case(name, "dtype", _given(x), required=name in required) for name, x in _dtypes(n).items()]
+    cases += [Case(name, "layout", _given(x), required=True) for name, x in _layouts(n).items()]
+    return tuple(cases) + tuple(Case(name, "broken", _given(x)) for name, x in _broken(n).items())
+
+
+def in_families(*families: str, quick: bool = False, n: int = N) -> tuple[Case, ...]:
+    """Return the inputs of some families; a quick run takes every third of each, the first among them."""
+    chosen = [case for case in inputs(n) if case.family in families]
+    if not quick:
+        return tuple(chosen)
+    kept: list[Case] = []
+    for family in families:
+        kept += [case for case in chosen if case.family == family][::3]
+    return tuple(kept)
+
+
+VALUES = ("plain", "silent", "impulse", "sine", "poles", "oversampled", "gain", "offset", "clipped")
+FORMS = ("dtype", "layout", "broken")
+
+
+def lengths(quick: bool, longest: int = 600) -> tuple[Case, ...]:
+    """Return the first n samples of plain noise for every n from 0 to 600 (quick: some of them)."""
+    few = (0, 1, 2, 3, 8, 11, 32, 64, 129, 543, 544, 600)
+    chosen = [n for n in few if n <= longest] if quick else range(longest + 1)
+    return tuple(Case(f"{n} samples", "length", _given(plain()[:n])) for n in chosen)
+
+
+def rates(quick: bool, n: int = N) -> tuple[Case, ...]:
+    """Return plain noise declared at rates from 500 Hz to 50 kHz."""
+    chosen = RATES_HZ[:: 4 if quick else 1]
+    return tuple(Case(f"fs {fs:g} Hz", "rate", _given(plain(n)), fs=fs) for fs in chosen)
+
+
+def beyond(quick: bool) -> tuple[Case, ...]:
+    """Return signals hardly longer than the order, and shorter: order n - 1, n, n + 1, 2 n."""
+    cases = []
+    for p in (2, 18) if quick else ORDERS:
+        for n in sorted({p + 1, p, p - 1, (p + 1) // 2} - {0}):
+            cases.append(Case(f"{n} samples", "order", _given(noise()[:n])).at_order(p))
+    return tuple(cases)
+
+
+def samples_of(x: Any) -> NDArray[np.float64]:
+    """Return what a signal of any dtype and layout says, in float64 and contiguous."""
+    return np.ascontiguousarray(x, dtype=np.float64)
+
+
+def with_orders(cases: Iterable[Case], quick: bool, largest: int = 1000) -> tuple[Case, ...]:
+    """Return each case at each order up to `largest`; dtypes, layouts, lengths and broken ones at 10 alone.
+
+    A quick run takes orders 2 and 18, and 400 for plain signals.
+    """
+
+    def orders_of(case: Case) -> tuple[int, ...]:
+        if case.family in (*FORMS, "length"):
+            return (10,)
+        if quick:
+            return (2, 18, 400) if case.family == "plain" else (2, 18)
+        return ORDERS
+
+    return tuple(case.at_order(p) for case in cases for p in orders_of(case) if p <= largest)
+
+
+def battery_hash() -> str:
+    """Return the hex digest of every input: names, rates, dtypes and samples."""
+    digest = hashlib.sha256()
+    for case in (*inputs(), *inputs(LONG), *lengths(False), *rates(False), *beyond(False)):
+        x = case.signal()
+        digest.update(f"{case.name} {case.family} {case.fs} {case.order} {x.dtype}".encode() + x.tobytes())
+    return digest.hexdigest()[:16]
+
+
+def _given(x: NDArray[np.generic]) -> Callable[[], NDArray[np.generic]]:
+    return lambda: x
+
+
+def _frozen(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    x.flags.writeable = False
+    return x
