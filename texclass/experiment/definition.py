@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, cast, get_args
 
 from sklearn.pipeline import Pipeline, make_pipeline
 
@@ -255,9 +255,9 @@ def _beside(path: Path, features: str) -> str | Path:
 
 
 def _channels(value: Any, where: str) -> Channels:
-    if value not in ("combine", "each", "auto"):
-        raise ValueError(f"{where} is {value!r}; the rule is 'combine', 'each' or 'auto'")
-    return cast(Literal["combine", "each", "auto"], value)
+    if value not in get_args(Channels):
+        raise ValueError(f"{where} is {value!r}; the rule is one of {', '.join(get_args(Channels))}")
+    return cast(Channels, value)
 
 
 def _at_least(least: int, value: Any, where: str) -> int:

@@ -14,7 +14,9 @@ from texclass.phases import segment
 from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples
 from texclass.signals import combine, remove_hand_motion
 
-Channels = Literal["combine", "each", "auto"]
+Channels = Literal["combine", "each", "auto", "all"]
+TURN = ("turn_x", "turn_y", "turn_z")
+"""Names of the channels of a turn rate, after those of the acceleration."""
 LONG = 5000
 """Movements of more samples lose up to 1.6 % at their end, so that their length has no large prime factor.
 
@@ -33,7 +35,8 @@ class Views:
     phases : Phases
         Where its taps and its movement are.
     channel : int, optional
-        Column of the acceleration; None combines the columns by DFT321 [strese2015, section III].
+        Column of the acceleration, or, counted on, of the turn rate; None combines the columns of the
+        acceleration by DFT321 [strese2015, section III].
     """
 
     recording: Recording
@@ -97,7 +100,10 @@ class Views:
         return PhaseView(self.recording.friction[start:stop], self.recording.fs)
 
     def _axes(self, start: int, stop: int) -> Samples:
-        axes = self.recording.acceleration[start:stop]
+        axes, turn = self.recording.acceleration[start:stop], self.recording.turn_rate
+        n_axes = len(self.recording.channels)
+        if self.channel is not None and self.channel >= n_axes and turn is not None:
+            return turn[start:stop, self.channel - n_axes]
         return axes if self.channel is None or axes.ndim == 1 else axes[:, self.channel]
 
     def _noise(self, n_quiet: int) -> float:
@@ -129,9 +135,9 @@ def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Vi
         If the recording's channels are not the ones named.
     """
     phases = segment(recording)
-    if channels and tuple(channels) != recording.channels:
+    if channels and tuple(channels) not in (recording.channels, _with_turn_rate(recording)):
         raise ValueError(
-            f"{recording.source or recording.recording_id}: channels are {recording.channels}; "
+            f"{recording.source or recording.recording_id}: channels are {_with_turn_rate(recording)}; "
             f"the rule is {tuple(channels)}, as in the first recording"
         )
     combined = {"": Views(recording, phases)}
@@ -139,17 +145,24 @@ def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Vi
 
 
 def channels_apart(recording: Recording, channels: Channels) -> tuple[str, ...]:
-    """Return the channels to keep apart: all for "each", none for "combine".
+    """Return the channels to keep apart: every axis for "each", none for "combine".
 
-    "auto" combines the axes of one accelerometer (channels named among x, y and z) and keeps others apart.
+    "all" adds the axes of the turn rate, if there is one, to "each". "auto" combines the axes of one
+    accelerometer (channels named among x, y and z) and keeps others apart.
 
     Raises
     ------
     ValueError
-        If `channels` is none of the three.
+        If `channels` is none of the four.
     """
-    if channels not in ("combine", "each", "auto"):
-        raise ValueError(f"channels is {channels!r}; the rule is 'combine', 'each' or 'auto'")
+    if channels not in ("combine", "each", "auto", "all"):
+        raise ValueError(f"channels is {channels!r}; the rule is 'combine', 'each', 'auto' or 'all'")
+    if channels == "all":
+        return _with_turn_rate(recording)
     names = recording.channels
     one_sensor = len(names) == 1 or {name.lower()[-1] for name in names} <= set("xyz")
     return () if channels == "combine" or (channels == "auto" and one_sensor) else names
+
+
+def _with_turn_rate(recording: Recording) -> tuple[str, ...]:
+    return recording.channels + (() if recording.turn_rate is None else TURN)

@@ -1,0 +1,248 @@
+"""A kernel discriminant for many correlated features and few recordings: closed form, no tuning inside."""
+
+from numbers import Integral, Real
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.utils._param_validation import Interval
+from sklearn.utils.multiclass import check_classification_targets
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from texclass.recording import Samples
+
+Labels = NDArray[np.intp]
+BLOCK = 2048
+"""Rows of a kernel matrix computed at a time when predicting."""
+LEAST_RELEVANCE = 0.1
+"""Correlation ratio below which no column falls: classes may differ in spread alone."""
+
+
+class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
+    """Kernel ridge regression on class membership, on two views of the features.
+
+    Materials differ in many features a little, some of them nonlinearly, and most features vary together from
+    one stroke to the next. One view takes the features as they are; the other first removes that common
+    variation, as a linear discriminant does (within-class whitening, shrunk). The kernel is the mean of both.
+
+    Parameters
+    ----------
+    length : float
+        Length scale of the kernel, in root mean square distances of a sample from the mean.
+    ridge : float
+        Added to the diagonal of the kernel, whose elements reach 1; what part of a label may be noise.
+    shrinkage : float
+        Of the within-class covariance towards a multiple of the identity, above 0; 1 switches whitening off.
+    relevance : float
+        Columns are weighted by their correlation ratio (at least 0.1) to this power; 0: all alike.
+    max_samples : int
+        Of more training samples, every k-th of each class is kept: time grows with their cube.
+
+    Attributes
+    ----------
+    classes_ : ndarray of shape (n_classes,)
+        Labels.
+    views_ : tuple of View
+        The linear maps from features to the two views.
+    prototypes_ : tuple of ndarray of shape (n_kept, n_features)
+        Training samples in each view.
+    dual_ : ndarray of shape (n_kept, n_classes)
+        Coefficients alpha = (K + ridge W^-1)^-1 Y.
+
+    Notes
+    -----
+    Y_ik is 1 - 1/K for the sample's class and -1/K for the K - 1 others. W weights samples so that classes
+    count alike. The kernel is Matern 3/2, (1 + s) exp(-s) with s = sqrt(3) |x - x'| / length: smooth, with a
+    longer reach than a Gaussian. The decision is an estimate of P(class) - 1/K, so that decisions of several
+    windows of a recording may be averaged.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> X = np.random.default_rng(0).standard_normal((60, 5)) + np.repeat([[0.0], [2.0]], 30, axis=0)
+    >>> y = np.repeat(["felt", "glass"], 30)
+    >>> KernelDiscriminant().fit(X, y).predict([[0.0] * 5, [2.0] * 5]).tolist()
+    ['felt', 'glass']
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "length": [Interval(Real, 0, None, closed="neither")],
+        "ridge": [Interval(Real, 0, None, closed="neither")],
+        "shrinkage": [Interval(Real, 0, 1, closed="right")],
+        "relevance": [Interval(Real, 0, None, closed="left")],
+        "max_samples": [Interval(Integral, 2, None, closed="left")],
+    }
+
+    def __init__(
+        self,
+        *,
+        length: float = 1.6,
+        ridge: float = 0.04,
+        shrinkage: float = 0.5,
+        relevance: float = 0.5,
+        max_samples: int = 10_000,
+    ) -> None:
+        self.length = length
+        self.ridge = ridge
+        self.shrinkage = shrinkage
+        self.relevance = relevance
+        self.max_samples = max_samples
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Learn views, prototypes and coefficients.
+
+        Parameters
+        ----------
+        X : array_like of shape (n_samples, n_features)
+            Finite features; their scales do not matter.
+        y : array_like of shape (n_samples,)
+            Labels of at least two classes.
+
+        Raises
+        ------
+        ValueError
+            If a parameter is out of its range or there is one class only.
+        """
+        self._validate_params()
+        rows, given = validate_data(self, X, y, dtype=np.float64)
+        check_classification_targets(given)
+        self.classes_, labels = np.unique(given, return_inverse=True)
+        n_classes = self.classes_.size
+        if n_classes < 2:
+            raise ValueError("y holds 1 class; the rule is at least 2")
+        kept = thinned(labels, self.max_samples)
+        rows, labels = rows[kept], labels[kept]
+        self.views_ = tuple(view_of(rows, labels, part, self.relevance) for part in self._shrinkages())
+        self.prototypes_ = tuple(view(rows) for view in self.views_)
+        K = self._kernel(self.prototypes_)
+        weight = (labels.size / n_classes / np.bincount(labels))[labels]
+        K.flat[:: labels.size + 1] += self.ridge / weight
+        Y = np.eye(n_classes)[labels] - 1 / n_classes
+        self.dual_ = linalg.solve(K, Y, assume_a="pos", overwrite_a=True)
+        return self
+
+    def decision_function(self, X: ArrayLike) -> Samples:
+        """Return estimates of P(class) - 1/n_classes, shape (n_samples, n_classes).
+
+        Of two classes, only that of the second, shape (n_samples,), as scikit-learn has it.
+        """
+        scores = self._scores(X)
+        return scores[:, 1] if scores.shape[1] == 2 else scores
+
+    def predict(self, X: ArrayLike) -> NDArray[Any]:
+        """Return the class with the largest decision, shape (n_samples,)."""
+        winner = self._scores(X).argmax(axis=1)
+        return np.asarray(self.classes_[winner])
+
+    def predict_proba(self, X: ArrayLike) -> Samples:
+        """Return the decisions as probabilities, shape (n_samples, n_classes): below 0 is 0, the sum is 1."""
+        scores = self._scores(X)
+        p = np.maximum(scores + 1 / scores.shape[1], 1e-6)
+        return np.asarray(p / p.sum(axis=1, keepdims=True))
+
+    def _scores(self, X: ArrayLike) -> Samples:
+        check_is_fitted(self)
+        rows = validate_data(self, X, dtype=np.float64, reset=False)
+        blocks = (rows[k : k + BLOCK] for k in range(0, len(rows), BLOCK))
+        return np.concatenate([self._kernel([v(b) for v in self.views_]) @ self.dual_ for b in blocks])
+
+    def _kernel(self, rows: Any) -> Samples:
+        pairs = zip(rows, self.prototypes_, strict=True)
+        return np.asarray(sum(matern(a, b, self.length) for a, b in pairs) / len(self.views_))
+
+    def _shrinkages(self) -> tuple[float, ...]:
+        return (1.0,) if self.shrinkage == 1 else (1.0, self.shrinkage)
+
+
+class View:
+    """A linear map of features: standardise, then multiply.
+
+    Attributes
+    ----------
+    mean, scale : ndarray of shape (n_features,)
+        Of the training samples; `scale` is infinite where a column is constant.
+    weights : ndarray of shape (n_features, n_features), or (n_features,) when diagonal
+        The root mean square length of a training sample is 1 after it.
+    """
+
+    def __init__(self, mean: Samples, scale: Samples, weights: Samples) -> None:
+        self.mean, self.scale, self.weights = mean, scale, weights
+
+    def __call__(self, X: Samples) -> Samples:
+        """Return the samples in this view, shape (n_samples, n_features)."""
+        Z = (X - self.mean) / self.scale
+        return np.asarray(Z * self.weights if self.weights.ndim == 1 else Z @ self.weights)
+
+
+def view_of(X: Samples, labels: Labels, shrinkage: float, relevance: float) -> View:
+    """Return the view with S = (1 - shrinkage) S_w + shrinkage tr(S_w)/p I whitened; shrinkage 1: none.
+
+    S_w is the within-class covariance of the standardised samples. The whitened columns are the directions
+    S^(-1/2), so each still belongs to one feature, and is weighted by its correlation ratio.
+    """
+    mean, deviation = X.mean(axis=0), X.std(axis=0)
+    scale = np.where(deviation > 1e-12 * np.abs(mean), deviation, np.inf)
+    Z = (X - mean) / scale
+    if shrinkage == 1:
+        weights = _weights(Z, labels, relevance)
+        seen = Z * weights
+    else:
+        root = _inverse_root(_within(Z, labels), shrinkage)
+        weights = root * _weights(Z @ root, labels, relevance)
+        seen = Z @ weights
+    size = np.sqrt(np.mean(np.einsum("ij,ij->i", seen, seen)))
+    return View(mean, scale, weights / (size or 1.0))
+
+
+def correlation_ratio(Z: Samples, labels: Labels) -> Samples:
+    """Return eta = sqrt(1 - within/total variance) of each column, shape (n_features,); 0 for a constant.
+
+    The variances are unbiased, so that a column of pure noise gets about 0 even with few samples a class.
+    """
+    n, n_classes = len(Z), int(labels.max()) + 1
+    within = _residual(Z, labels).var(axis=0) * n / max(1, n - n_classes)
+    total = Z.var(axis=0) * n / max(1, n - 1)
+    ratio = np.divide(within, total, out=np.ones_like(total), where=total > 0)
+    return np.asarray(np.sqrt(np.clip(1 - ratio, 0, 1)))
+
+
+def matern(a: Samples, b: Samples, length: float) -> Samples:
+    """Return (1 + s) exp(-s), s = sqrt(3) |a_i - b_j| / length, shape (n_a, n_b)."""
+    s = a @ (-2 * b.T)
+    s += np.einsum("ij,ij->i", a, a)[:, None]
+    s += np.einsum("ij,ij->i", b, b)
+    np.maximum(s, 0, out=s)
+    s *= 3 / length**2
+    np.sqrt(s, out=s)
+    k = np.exp(-s)
+    s += 1
+    return np.asarray(np.multiply(k, s, out=k))
+
+
+def thinned(labels: Labels, max_samples: int) -> Labels:
+    """Return indices of at most about `max_samples` samples: every k-th of each class, in order."""
+    step = -(-labels.size // max_samples)
+    return np.sort(np.concatenate([np.flatnonzero(labels == c)[::step] for c in np.unique(labels)]))
+
+
+def _weights(Z: Samples, labels: Labels, relevance: float) -> Samples:
+    return np.asarray(np.maximum(correlation_ratio(Z, labels), LEAST_RELEVANCE) ** relevance)
+
+
+def _inverse_root(S: Samples, shrinkage: float) -> Samples:
+    level = np.trace(S) / len(S)
+    values, vectors = linalg.eigh((1 - shrinkage) * S + shrinkage * (level or 1.0) * np.eye(len(S)))
+    return np.asarray(vectors / np.sqrt(np.maximum(values, 1e-12 * (level or 1.0))) @ vectors.T)
+
+
+def _within(Z: Samples, labels: Labels) -> Samples:
+    residual = _residual(Z, labels)
+    return np.asarray(residual.T @ residual / len(Z))
+
+
+def _residual(Z: Samples, labels: Labels) -> Samples:
+    one_hot = np.eye(int(labels.max()) + 1)[labels]
+    means = one_hot.T @ Z / one_hot.sum(axis=0)[:, None]
+    return np.asarray(Z - means[labels])

@@ -1,0 +1,171 @@
+"""Levels of the vibration in frequency bands: evenly spaced ones up to fs/2, fractions of octaves below.
+
+All of them are sums over one periodogram, so that a set of many bands costs one Fourier transform.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from texclass.features.contract import Gain, UndefinedFeatureError, feature
+from texclass.features.transforms import level, require, unit32
+from texclass.features.view import PhaseView, transform
+from texclass.recording import Samples
+
+TAPER = 0.1
+"""Share of the movement that fades in, and as much that fades out: the rest counts in full."""
+FLOOR = 1e-10
+"""Least power of a band, relative to the mean power: below it, single precision says nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Periodogram:
+    """Running sum of a periodogram over its bins, so that any band is one difference.
+
+    Attributes
+    ----------
+    running : ndarray of shape (n_bins + 1,)
+        running[k] is the power density (1/Hz) of bins 0 ... k-1, summed.
+    step_hz : float
+        Distance of two bins.
+    """
+
+    running: Samples
+    step_hz: float
+
+    def density(self, edges_hz: Samples) -> Samples:
+        """Return the mean power density (1/Hz) between neighbouring edges, shape (n_edges - 1,).
+
+        An edge inside a bin takes its share of it.
+        """
+        edges = np.minimum(edges_hz / self.step_hz, self.running.size - 1)
+        below = np.minimum(edges.astype(np.intp), self.running.size - 2)
+        sums = self.running[below] + (edges - below) * (self.running[below + 1] - self.running[below])
+        floor = FLOOR * self.running[-1] / (self.running.size - 1)
+        return np.asarray(np.maximum(np.diff(sums) / np.diff(edges), floor))
+
+
+def periodogram(x: NDArray[np.float32], fs: float) -> Periodogram:
+    """Return the periodogram of the difference d_t = x_(t+1) - x_t, its ends tapered by a cosine.
+
+    Vibrations fall by 60 dB and more from the lowest frequencies to the highest; the difference levels that,
+    so that the strong ones do not leak over the weak ones, and nearly all samples count in full: what a short
+    touch needs. `density` is that of d; see `recoloured`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        If all differences are 0.
+    """
+    d = np.diff(x)
+    n_taper = max(1, round(TAPER * d.size))
+    fade = (0.5 - 0.5 * np.cos(np.pi * (np.arange(n_taper) + 0.5) / n_taper)).astype(np.float32)
+    d[:n_taper] *= fade
+    d[-n_taper:] *= fade[::-1]
+    n_fft = fft.next_fast_len(d.size, real=True)
+    spectrum = fft.rfft(d, n_fft)
+    running = np.zeros(spectrum.size + 1)
+    np.cumsum(spectrum.real**2 + spectrum.imag**2, out=running[1:], dtype=np.float64)
+    if not running[-1] > 0:
+        raise UndefinedFeatureError("silence: no sample differs from the one before")
+    weight = d.size - 2 * n_taper + 2 * float(fade @ fade)
+    running *= 2 / (fs * weight)
+    return Periodogram(running, fs / n_fft)
+
+
+@transform
+def whole_periodogram(view: PhaseView) -> Periodogram:
+    """Return the `periodogram` of the whole movement."""
+    require(view, 32, "a periodogram")
+    return periodogram(unit32(view), view.fs)
+
+
+def recoloured(density: Samples, edges_hz: Samples, fs: float) -> Samples:
+    """Return the density of x from that of its difference, shape as given.
+
+    |D(f)|^2 = 4 sin^2(pi f / fs) |X(f)|^2, taken at the middle of each band.
+    """
+    middle = (edges_hz[:-1] + edges_hz[1:]) / 2
+    return np.asarray(density / (4 * np.sin(np.pi * middle / fs) ** 2))
+
+
+def _even(*, n_bands: int) -> tuple[str, ...]:
+    return tuple(f"b{i}" for i in range(1, n_bands + 1))
+
+
+@feature(
+    phase="movement",
+    unit="log10((m/s^2)^2/Hz)",
+    reference="texclass; log power spectrum in bands of equal width",
+    outputs=_even,
+    gain=Gain(shift=2),
+    depends_on=("rate",),
+)
+def band_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
+    """Power density in bands of equal width from 0 to fs/2; b1 is the lowest.
+
+    Band i reaches from (i-1) fs/(2 n_bands) to i fs/(2 n_bands). Resonances of a tool or a finger are as wide
+    at high frequencies as at low ones; fractions of octaves would merge them.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    n_bands : int
+        Number of bands.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        For silence, or fewer samples than four a band.
+    """
+    require(view, max(32, 4 * n_bands), f"{n_bands} bands")
+    return _levels(view, np.linspace(0, view.fs / 2, n_bands + 1))
+
+
+def _fractions(*, octaves: tuple[int, int], per_octave: int) -> tuple[str, ...]:
+    first, last = octaves
+    return tuple(
+        f"o{first + i // per_octave}.{i % per_octave + 1}" for i in range((last - first) * per_octave)
+    )
+
+
+@feature(
+    phase="movement",
+    unit="log10((m/s^2)^2/Hz)",
+    reference="texclass; log power spectrum in fractions of octaves",
+    outputs=_fractions,
+    gain=Gain(shift=2),
+    depends_on=("rate",),
+)
+def octave_level(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octave: int = 3) -> Samples:
+    """Power density in fractions of octaves, counted downwards from fs/2; o2.1 begins at fs/2 / 2^2.
+
+    Octave k reaches from fs/2 / 2^k down to fs/2 / 2^(k+1): what `band_level` is too coarse for. Of a short
+    touch, the deep octaves have no value; a set may hold them as a member of their own.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    octaves : tuple of int
+        First octave, and the one after the last.
+    per_octave : int
+        Bands in an octave, equal on a logarithmic axis.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        For silence, or a movement that holds fewer than 1.5 periods of the lowest frequency.
+    """
+    n_bands = (octaves[1] - octaves[0]) * per_octave
+    edges = view.fs / 2 * 2.0 ** -(octaves[0] + np.arange(n_bands, -1, -1) / per_octave)
+    require(view, max(32, int(np.ceil(1.5 * view.fs / edges[0]))), f"1.5 periods of {edges[0]:.3g} Hz")
+    return _levels(view, edges)[::-1]
+
+
+def _levels(view: PhaseView, edges_hz: Samples) -> Samples:
+    found = whole_periodogram(view).density(edges_hz)
+    return np.asarray(np.log10(recoloured(found, edges_hz, view.fs)) + 2 * np.log10(level(view)))
