@@ -23,6 +23,7 @@ from texclass.cli.options import (
     open_recordings,
     progress_bar,
     shipped,
+    write_json,
 )
 from texclass.cli.peer_options import (
     PeersLimitOption,
@@ -97,9 +98,7 @@ def benchmark(
     console().print(benchmark_table(result))
     if study:
         console().print("", feature_card(study))
-    if json_file is not None:
-        json_file.parent.mkdir(parents=True, exist_ok=True)
-        json_file.write_text((study or result).to_json(), encoding="utf-8")
+    write_json(json_file, (study or result).to_json())
     for path in write_feature_report(study, out) if study else write_report(result, out):
         typer.echo(f"wrote {path}")
     if settings is not None:

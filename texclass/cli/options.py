@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from texclass.loaders import Dataset
 
 
@@ -101,6 +103,13 @@ def cut_touches(
             raise ValueError(f"--touches is {per_recording}, but there is no --touch; the rule is both")
         return dataset
     return touches(dataset, seconds, per_recording=per_recording, n_jobs=jobs, progress=progress)
+
+
+def write_json(path: "Path | None", text: str) -> None:
+    """Write a result as JSON where --json asked for it, if it did."""
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
 
 
 def console() -> Any:

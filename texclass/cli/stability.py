@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from texclass.cli.app import app
-from texclass.cli.options import console, progress_bar
+from texclass.cli.options import console, progress_bar, write_json
 
 
 class Part(StrEnum):
@@ -43,9 +43,7 @@ def stability(
         typer.echo(line)
     for reason in result.left_out:
         typer.echo(f"left out: {reason}")
-    if json_file is not None:
-        json_file.parent.mkdir(parents=True, exist_ok=True)
-        json_file.write_text(result.to_json(), encoding="utf-8")
+    write_json(json_file, result.to_json())
     for path in write_stability_report(result, out):
         typer.echo(f"wrote {path}")
     typer.echo(f"texclass: {len(result.wrong)} of {len(result.ours)} cells wrong")

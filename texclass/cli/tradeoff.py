@@ -16,6 +16,7 @@ from texclass.cli.options import (
     console,
     open_recordings,
     progress_bar,
+    write_json,
 )
 
 
@@ -67,8 +68,6 @@ def tradeoff(
             model_file=out / f"{stem_of(facts)}.skops",
         )
     console().print(tradeoff_table(result))
-    if json_file is not None:
-        json_file.parent.mkdir(parents=True, exist_ok=True)
-        json_file.write_text(result.to_json(), encoding="utf-8")
+    write_json(json_file, result.to_json())
     for path in (*write_tradeoff(result, out), Path(result.chosen.file)):
         typer.echo(f"wrote {path}")

@@ -1,17 +1,15 @@
 """The benchmark: dataset and pipeline in, the table out."""
 
-import platform
 from collections import Counter
 from functools import partial
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 from sklearn.metrics import confusion_matrix
 
-from texclass import __version__
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.definition import PipelineDefinition
+from texclass.experiment.environment import versions
 from texclass.experiment.evaluate import Evaluation, evaluate
 from texclass.experiment.extraction import Progress
 from texclass.experiment.gain import choose_base, measure_gains
@@ -104,7 +102,7 @@ def run_benchmark(
         n_folds=len(splits),
         rows=results,
         confusion=_confusion(evaluations, dataset.materials),
-        versions=_versions(),
+        versions=versions(*LIBRARIES),
         seed=pipeline.seed,
         input_hash=dataset.input_hash,
         left_out=table.left_out,
@@ -215,8 +213,3 @@ def _undefined(table: FeatureTable) -> tuple[Undefined, ...]:
         Undefined(feature, reasons.most_common(1)[0][0], reasons.total())
         for feature, reasons in by_feature.items()
     )
-
-
-def _versions() -> dict[str, str]:
-    libraries = {name: version(name) for name in LIBRARIES}
-    return {"texclass": __version__, "python": platform.python_version(), **libraries}

@@ -3,7 +3,6 @@
 import platform
 from collections.abc import Sequence
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +10,10 @@ import numpy as np
 from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 
-from texclass import __version__
 from texclass.experiment.choice import NO_LIMITS, Limits, budgets_within, check, choose, deployed
 from texclass.experiment.cost import ClassifierCost, CostMeter, CostModel, classifier_cost
 from texclass.experiment.curves import Study, order_curve, sensor_curves, touch_curve, training_curves
+from texclass.experiment.environment import versions
 from texclass.experiment.extraction import Progress
 from texclass.experiment.front import (
     Data,
@@ -142,7 +141,7 @@ def run_tradeoff(
         fewest=fewest,
         curves=_curves(study, table, limits) if with_curves else (),
         chosen=replace(chosen, measured_ms=measured, file=str(model_file or "")),
-        versions=_versions(),
+        versions={**versions(*LIBRARIES), "machine": platform.machine()},
         seed=seed,
         input_hash=dataset.input_hash,
         notes=(*(f"left out: {item}" for item in table.left_out[:4]), *dataset.notes),
@@ -223,8 +222,3 @@ def _facts(dataset: Dataset, table: FeatureTable, limits: Limits) -> dict[str, A
         "materials": list(limits.materials),
         "max_seconds": limits.max_seconds,
     }
-
-
-def _versions() -> dict[str, str]:
-    machine = {"python": platform.python_version(), "machine": platform.machine()}
-    return {"texclass": __version__, **machine, **{name: version(name) for name in LIBRARIES}}
