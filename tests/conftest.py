@@ -5,6 +5,10 @@ from pathlib import Path
 
 import pytest
 
+# As many workers as cores, each of one thread: set before BLAS is loaded, inherited by what tests start.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
 
 @pytest.fixture(autouse=True, scope="session")
 def _own_cache(tmp_path_factory):

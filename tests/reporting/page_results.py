@@ -12,6 +12,7 @@ from texclass.experiment.paired import Paired
 from texclass.experiment.peers import Contestant, Cost, PeerComparison
 from texclass.experiment.result import BenchmarkResult, Confusion, Gains, GroupGain, RowResult, RowSum
 from texclass.experiment.tradeoff_result import Chosen, Curve, Estimate, FeatureCost, FrontPoint, Tradeoff
+from texclass.stability import Cell, Mark, StabilityResult
 
 HOSTILE = '<script>alert("x")</script>'
 AGAIN: dict[str, Any] = {"versions": {"texclass": "1", "numpy": "2"}, "seed": 7, "input_hash": "abc"}
@@ -110,15 +111,27 @@ def invariance() -> dict[str, Any]:
     }  # fmt: skip
 
 
+def stability() -> StabilityResult:
+    """Ours right on every input, and a public library that is not."""
+    about = ("models", "fit", "plain", "noise")
+    cells = (
+        Cell("texclass", *about, Mark.EXACT, 1e-12, 1e-9),
+        Cell("texclass", "features", HOSTILE, "silent", "zeros", Mark.DOCUMENTED, reason="silence"),
+        Cell("librosa", *about, Mark.WRONG, 1.0, 1e-9, reason=HOSTILE),
+        Cell("librosa", *about, Mark.EXACT, 1e-12, 1e-9),
+    )
+    return StabilityResult(cells, True, {"texclass": "1"}, "cafe", 1.0, left_out=("tsfel: not installed",))
+
+
 def write_all(folder: Path) -> list[Path]:
     """Write one result of every kind."""
     documents = {
         "benchmark": benchmark().to_dict(), "feature": feature(), "tradeoff": tradeoff().to_dict(),
-        "peers": peers().to_dict(), "invariance": invariance(),
+        "peers": peers().to_dict(), "invariance": invariance(), "stability": stability().to_dict(),
     }  # fmt: skip
     for name, document in documents.items():
         (folder / f"{name}.json").write_text(json.dumps(document))
     return [folder / f"{name}.json" for name in documents]
 
 
-__all__ = ["HOSTILE", "benchmark", "feature", "invariance", "peers", "tradeoff", "write_all"]
+__all__ = ["HOSTILE", "benchmark", "feature", "invariance", "peers", "stability", "tradeoff", "write_all"]

@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from page_results import HOSTILE, benchmark, feature, invariance, peers, tradeoff, write_all
+from page_results import HOSTILE, benchmark, feature, invariance, peers, stability, tradeoff, write_all
 
 from texclass.cli import main
 from texclass.reporting.page import read_result, render_page, write_page
@@ -171,11 +171,31 @@ def test_the_knee_the_peers_the_gain_and_the_ratio_are_named(tmp_path):
     assert "The same median for related work: 0.5." in text_of(invariance(), tmp_path)
 
 
+def test_the_heat_map_of_the_extremes_says_each_cell_in_words(tmp_path):
+    page = text_of(stability().to_dict(), tmp_path)
+    assert "<strong>0</strong>" in page
+    assert "of 2 pairs of subject and input are wrong in texclass" in page
+    assert "by the same rule: 1 of 2." in page
+    (row,) = re.findall(r'<th scope="row">librosa: fit</th>(.*?)</tr>', page)
+    assert '<td class="e3" title="librosa: fit, plain: 1 WRONG, 1 exact of 2">' in row
+    assert '<span class="hidden">1 WRONG, 1 exact of 2</span>' in row
+    assert "Tsfel: not installed." in page
+
+
+def test_a_mark_that_does_not_exist_is_refused(tmp_path):
+    document = stability().to_dict()
+    document["tallies"][0]["marks"]["fine"] = 1
+    with pytest.raises(ValueError, match=r"tallies\[0\]\.marks has 'fine'; the rule is one of"):
+        text_of(document, tmp_path)
+
+
 def test_the_same_results_give_the_same_page(page, tmp_path):
     assert render_page([read_result(path) for path in write_all(tmp_path)]) == page
 
 
-@pytest.mark.parametrize("path", sorted(REPORTS.glob("*-*-*.json")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", [REPORTS / "stability.json", *sorted(REPORTS.glob("*-*-*.json"))], ids=lambda path: path.stem
+)
 def test_committed_benchmarks_become_pages(path):
     Outline(render_page([read_result(path)]))
 

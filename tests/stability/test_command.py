@@ -5,6 +5,7 @@ from typer.testing import CliRunner
 
 from texclass.cli import app
 from texclass.reporting.stability import stability_markdown, stability_table, wrong_lines
+from texclass.reporting.stability_figure import draw_stability
 from texclass.stability import Cell, Mark, StabilityResult
 
 
@@ -41,7 +42,9 @@ def test_exit_code_is_1_if_one_of_ours_is_wrong(cells, code, monkeypatch, tmp_pa
     options = ["--quick", "--out", str(tmp_path / "out"), "--json", str(tmp_path / "there" / "r.json")]
     done = CliRunner().invoke(app, ["stability", *options])
     assert done.exit_code == code
-    assert (tmp_path / "out" / "stability.md").is_file()
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {
+        f"stability.{kind}" for kind in ("md", "json", "png")
+    }
     found = json.loads((tmp_path / "there" / "r.json").read_text(encoding="utf-8"))
     assert found["battery"] == "abc"
     assert found == json.loads((tmp_path / "out" / "stability.json").read_text(encoding="utf-8"))
@@ -65,6 +68,12 @@ def test_every_row_of_every_table_has_as_many_cells_as_its_header():
     assert len(tables) >= 5
     for lines in tables:
         assert len({line.replace("\\|", "").count("|") for line in lines}) == 1
+
+
+def test_the_picture_counts_what_is_wrong_and_names_every_subject():
+    (axes,) = draw_stability(result(*RIGHT, *WRONG, *THEIRS)).axes
+    assert [text.get_text() for text in axes.texts] == ["1", "2"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["fit", "hardness", "librosa: lpc"]
 
 
 def test_nothing_wrong_is_said_so():

@@ -13,7 +13,7 @@ def report(
     results: Annotated[
         list[Path],
         typer.Argument(
-            help="JSON files that benchmark, tradeoff or the study of invariance wrote; any number."
+            help="JSON files that benchmark, tradeoff, stability or the study of invariance wrote."
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="The page.")] = Path("report.html"),

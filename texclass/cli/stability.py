@@ -26,7 +26,7 @@ def stability(
         bool, typer.Option("--quick", help="A small part of the battery, in half a minute.")
     ] = False,
     only: Annotated[Part | None, typer.Option(help="One part alone.")] = None,
-    out: Annotated[Path, typer.Option(help="Folder for stability.md and stability.json.")] = Path("reports"),
+    out: Annotated[Path, typer.Option(help="Folder for stability.md, .json and .png.")] = Path("reports"),
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the result as JSON here.")] = None,
 ) -> None:
     """Try hard inputs on every model, filter, transform and feature, and on public libraries installed here.

@@ -1,9 +1,11 @@
 """A table beside the accuracies: balanced over materials, and by vote of a recording's (or run's) windows."""
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from texclass.experiment.accuracy import Accuracy
 from texclass.experiment.result import BenchmarkResult
+from texclass.reporting.terminal import Fitting, table_of
 from texclass.reporting.words import line_of, title_of
 
 if TYPE_CHECKING:
@@ -23,20 +25,20 @@ def beside_title(result: BenchmarkResult) -> str | None:
 
 def beside_table(result: BenchmarkResult) -> "RenderableType":
     """Return the table for a terminal."""
-    from rich import box
     from rich.console import Group
-    from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
-    table.add_column("Row", overflow="fold")
-    for name in result.classifiers:
-        table.add_column(title_of(name), justify="right")
-    best = result.best
-    for row_name, *texts in _rows(result, brief=True):
-        style = "bold" if best is not None and row_name == best[0].name else ""
-        table.add_row(*map(Text, (row_name, *texts)), style=style)
-    return Group(Text(beside_title(result) or "", style="bold"), table)
+    return Group(
+        Text(beside_title(result) or "", style="bold"),
+        Fitting(tuple(partial(_table, result, brief=brief) for brief in (False, True))),
+    )
+
+
+def _table(result: BenchmarkResult, *, brief: bool) -> "RenderableType":
+    rows = _rows(result, brief=brief)
+    best = result.best and result.best[0].name
+    styles = ["bold" if name == best else "" for name, *_ in rows]
+    return table_of(("Row", *map(title_of, result.classifiers)), rows, styles)
 
 
 def beside_markdown(result: BenchmarkResult) -> list[str]:

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 from texclass.experiment.new_feature import FeatureStudy, Redundancy
 from texclass.features.contract import Gain
 from texclass.features.examination import EXACT, Behaviour, GainLaw
+from texclass.reporting.cells import accuracy_cell
 from texclass.reporting.gains import gain_cells, verdict
 from texclass.reporting.report import stem_of, write_report
-from texclass.reporting.tables import cells, header, headline
-from texclass.reporting.words import line_of
+from texclass.reporting.tables import headline
+from texclass.reporting.words import line_of, title_of
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -23,9 +24,8 @@ def facts(study: FeatureStudy) -> Iterator[tuple[str, str]]:
     feature, result = study.feature, study.result
     row = result.rows[-1]
     yield "Feature", f"{feature.name}: {feature.summary} Phase {feature.phase}, unit {feature.unit}."
-    titles, texts = header(result), cells(result, row)
-    ours = zip(titles[2:-2], texts[2:-2], strict=True)
-    yield "Alone", row.missing or ", ".join(f"{title.split(' %')[0]} {text}" for title, text in ours)
+    alone = (f"{title_of(name)} {accuracy_cell(row.accuracy.get(name))}" for name in result.classifiers)
+    yield "Alone", row.missing or ", ".join(alone)
     gains = result.gains
     if gains is not None:
         (group,) = gains.groups

@@ -1,12 +1,14 @@
 """Pictures of a benchmark: the table, ours beside published, and who is taken for whom."""
 
-from textwrap import shorten
+from textwrap import fill, shorten
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from texclass.experiment.result import BenchmarkResult, Confusion, RowResult
-from texclass.reporting.tables import cells, header, headline
+from texclass.reporting.cells import cells, header
+from texclass.reporting.tables import headline
 from texclass.reporting.words import title_of
 
 if TYPE_CHECKING:
@@ -15,21 +17,27 @@ if TYPE_CHECKING:
 
 INK, OURS, PAPER, FAINT = "#222222", "#1f5f99", "#c2571a", "#dddddd"
 INCHES_PER_ROW = 0.27
+CHARACTERS_PER_INCH = 12
+"""Of a title."""
+FEW = 8
+"""Rows of which the ranking also writes the values."""
 
 
 def draw_table(result: BenchmarkResult) -> "Figure":
     """Draw the table as text."""
     from matplotlib.figure import Figure
 
-    rows = [header(result), *(cells(result, row) for row in result.rows)]
+    rows = [header(result).texts, *(cells(result, row).texts for row in result.rows)]
     lacking = [False, *(not row.accuracy for row in result.rows)]
     widths = _widths(rows, lacking)
+    title = headline(result).replace("`", "")
+    widths[0] += max(0.0, 1.05 * len(title) - sum(widths))
     edges = np.concatenate([[0.0], np.cumsum(widths)])
     figure = Figure(figsize=(0.078 * edges[-1] + 0.4, INCHES_PER_ROW * (len(rows) + 2)), layout="constrained")
     axes = figure.add_subplot()
     axes.set(xlim=(0, edges[-1]), ylim=(len(rows), -1.2))
     axes.set_axis_off()
-    axes.text(0, -0.7, headline(result).replace("`", ""), fontsize=9, weight="bold", color=INK)
+    axes.text(0, -0.7, title, fontsize=9, weight="bold", color=INK)
     best = result.best
     room = int(edges[2 + len(result.classifiers)] - edges[2]) - 2
     for y, row in enumerate(rows):
@@ -57,17 +65,27 @@ def draw_ranking(result: BenchmarkResult) -> "Figure":
 
     shown = [row for row in result.rows if row.accuracy]
     n = len(result.classifiers)
-    size = (3.2 + 2.9 * n, 1.2 + INCHES_PER_ROW * max(len(shown), 3))
-    figure = Figure(figsize=size, layout="constrained")
-    panels = figure.subplots(1, n, sharey=True, squeeze=False)[0]
+    width = 3.2 + 2.9 * n
+    title = fill(headline(result).replace("`", ""), int(CHARACTERS_PER_INCH * width))
+    height = 1.35 + INCHES_PER_ROW * (max(len(shown), 1) + title.count("\n"))
+    figure = Figure(figsize=(width, height), layout="constrained")
+    panels = figure.subplots(1, n, sharex=True, sharey=True, squeeze=False)[0]
+    chance = 100 / result.dataset["n_materials"]
+    low = _low_end(shown, chance)
     for axes, classifier in zip(panels, result.classifiers, strict=True):
-        _rank_panel(axes, shown, classifier, 100 / result.dataset["n_materials"])
+        _rank_panel(axes, shown, classifier)
+        if chance >= low:
+            axes.axvline(chance, color="#888888", linewidth=0.8, linestyle=":", label="chance")
         agreement = result.rank_agreement(classifier)
         spearman = "" if agreement is None else f"  (Spearman {agreement:.2f})"
         axes.set_title(f"{title_of(classifier)}{spearman}", fontsize=9)
+        axes.set_xlabel(
+            "accuracy (%)" if chance >= low else f"accuracy (%); chance: {chance:.2g}", fontsize=9
+        )
+    panels[0].set_xlim(low - (100 - low) / 50, 100 + (100 - low) / 50)
     panels[0].set_yticks(range(len(shown)), [row.name for row in shown], fontsize=8)
     panels[0].set_ylim(max(len(shown), 1) - 0.5, -0.5)
-    figure.suptitle(headline(result).replace("`", ""), fontsize=9, x=0.01, ha="left", weight="bold")
+    figure.suptitle(title, fontsize=9, x=0.01, ha="left", weight="bold")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower right", ncols=3, fontsize=8, frameon=False)
     return figure
@@ -104,25 +122,45 @@ def draw_confusion(confusion: Confusion) -> "Figure":
     return figure
 
 
-def _rank_panel(axes: "Axes", rows: list[RowResult], classifier: str, chance: float) -> None:
+def _low_end(rows: list[RowResult], chance: float) -> float:
+    """Return where the axis begins: the ten below all that is drawn, or 0 where that is near to chance."""
+    drawn = [100 * accuracy.interval[0] for row in rows for accuracy in row.accuracy.values()]
+    drawn += [theirs for row in rows for theirs in row.published.values()]
+    low = min(90.0, 10 * np.floor(min(drawn, default=0.0) / 10))
+    return 0.0 if low <= max(30.0, chance) else float(low)
+
+
+def _rank_panel(axes: "Axes", rows: list[RowResult], classifier: str) -> None:
     y = np.arange(len(rows))
     mean = np.array([100 * row.accuracy[classifier].mean for row in rows])
     interval = 100 * np.array([row.accuracy[classifier].interval for row in rows]).reshape(-1, 2)
     axes.errorbar(
-        mean, y, xerr=(mean - interval[:, 0], interval[:, 1] - mean), fmt="o", color=OURS, markersize=4,
-        linewidth=1.2, label="ours, 95 % interval",
+        mean, y, xerr=(mean - interval[:, 0], interval[:, 1] - mean), fmt="o", color=OURS, markersize=4.5,
+        linewidth=1.4, label="ours, 95 % interval",
     )  # fmt: skip
     theirs = [(row.published[classifier], i) for i, row in enumerate(rows) if classifier in row.published]
     if theirs:
         axes.plot(
             *zip(*theirs, strict=True), "D", color=PAPER, markersize=4, fillstyle="none", label="published"
         )
-    axes.axvline(chance, color="#888888", linewidth=0.8, linestyle=":", label="chance")
-    axes.set(xlim=(-2, 102))
-    axes.set_xlabel("accuracy (%)", fontsize=9)
-    axes.tick_params(labelsize=8)
+    if len(rows) <= FEW:
+        _write_values(axes, mean)
+    axes.spines[["left", "right", "top"]].set_visible(False)
+    axes.spines["bottom"].set_color("#888888")
+    axes.tick_params(labelsize=8, color="#888888")
+    axes.tick_params(axis="y", length=0)
     axes.grid(axis="both", color=FAINT, linewidth=0.5)
     axes.set_axisbelow(True)
+
+
+def _write_values(axes: "Axes", values: NDArray[np.float64]) -> None:
+    """Write each value beside its panel, the largest strong."""
+    for y, value in enumerate(values):
+        weight = "bold" if value == values.max() else "normal"
+        axes.text(
+            1.02, y, f"{value:.1f}", transform=axes.get_yaxis_transform(), va="center", fontsize=8, color=INK,
+            weight=weight,
+        )  # fmt: skip
 
 
 def _widths(rows: list[tuple[str, ...]], lacking: list[bool]) -> list[float]:

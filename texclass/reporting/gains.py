@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from texclass.experiment.result import Gains, GroupGain
+from texclass.reporting.terminal import name_cell, table_of
 from texclass.reporting.words import line_of, title_of
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ LEVEL = 0.05
 LONGEST = 40
 """Characters of a group's name in the picture."""
 TITLE = "What each group adds"
+TITLES = ("With", "Dim", "%", "Points [95 %]", "+/-", "p", "Holm", "ms")
+"""Of the columns in a terminal."""
 HEADER = ("With", "Dim", "%", "Points [95 %]", "Folds +/-", "p", "p, Holm", "ms")
 
 
@@ -80,18 +83,16 @@ def verdict(gains: Gains) -> str:
 
 def gain_table(gains: Gains, seed: int) -> "RenderableType":
     """Return the gains for a terminal, with their notes below."""
-    from rich import box
     from rich.console import Group
-    from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
-    table.add_column(HEADER[0], overflow="fold")
-    for title in HEADER[1:]:
-        table.add_column(title, justify="right")
-    known = [True, *(group.joined is not None for group in gains.groups)]
-    for cells, has_value in zip(gain_rows(gains), known, strict=True):
-        table.add_row(*map(Text, cells), style="" if has_value else "dim")
+    rows: list[tuple[str, ...]] = []
+    for (name, *texts), group in zip(gain_rows(gains), (None, *gains.groups), strict=True):
+        lacking = group is not None and group.joined is None
+        missing = group.missing if lacking and group is not None else None
+        rows.append((name_cell(name, missing), *([""] * len(texts) if lacking else texts)))
+    styles = ["", *("dim" if group.joined is None else "" for group in gains.groups)]
+    table = table_of(TITLES, rows, styles)
     notes = [Text(f"- {note}", style="dim") for note in gain_notes(gains, seed)]
     return Group(Text(TITLE, style="bold"), table, *notes)
 

@@ -1,25 +1,28 @@
 """A comparison with peers: as a table on the terminal, as Markdown, and as accuracy against milliseconds."""
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from texclass.experiment.peers.result import Contestant, PeerComparison
 from texclass.reporting.figures import FAINT, OURS, PAPER
 from texclass.reporting.report import save_figure
+from texclass.reporting.terminal import Fitting, accuracy_column, name_cell, table_of
 from texclass.reporting.words import line_of, title_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from rich.console import RenderableType
+    from rich.text import Text
 
 HEADER = (
     "Tool", "Classifier", "Dim", "% [95 %]", "Balanced %", "Ours ahead by [95 %]", "p", "Features ms",
     "Fit s", "Total s", "MB", "First call s",
 )  # fmt: skip
-BRIEF = (0, 1, 3, 5, 7, 8, 10)
-"""Columns that fit a terminal."""
+TITLES = ("Tool", "Classifier", "%", "Ours ahead by\n[95 %]", "Features\nms", "Fit\ns", "Total\ns", "MB")
+"""Of the columns in a terminal; a narrow one has the first five."""
 N_TEXT = 2
 """Columns of text, at the left."""
 COST_NOTE = (
@@ -101,20 +104,28 @@ def verdict(comparison: PeerComparison) -> str:
 
 def peer_table(comparison: PeerComparison) -> "RenderableType":
     """Return the comparison for a terminal, with its notes below."""
-    from rich import box
     from rich.console import Group
-    from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
-    for i in BRIEF:
-        table.add_column(HEADER[i], justify="left" if i < N_TEXT else "right", overflow="fold")
-    for contestant in comparison.contestants:
-        found = peer_cells(contestant)
-        style = "bold" if contestant.ours else "" if contestant.accuracy else "dim"
-        table.add_row(*(Text(found[i]) for i in BRIEF), style=style)
-    above = Text(peer_headline(comparison), style="bold")
+    above = Text(f"{peer_headline(comparison)}; accuracy in %, its 95 % interval beside it", style="bold")
+    table = Fitting(tuple(partial(_table, comparison, n_columns) for n_columns in (len(TITLES), 5)))
     return Group(above, table, *(Text(f"- {note}", style="dim") for note in peer_notes(comparison)))
+
+
+def _table(comparison: PeerComparison, n_columns: int) -> "RenderableType":
+    contestants = comparison.contestants
+    rows: list[tuple[str | Text, ...]] = []
+    for contestant, accuracy in zip(
+        contestants, accuracy_column([c.accuracy for c in contestants]), strict=True
+    ):
+        found = dict(zip(HEADER, peer_cells(contestant), strict=True))
+        ran = contestant.accuracy is not None
+        numbers = [found[title] if ran else "" for title in (HEADER[5], *HEADER[7:11])]
+        name = name_cell(found["Tool"], None if ran else _why(contestant))
+        row: tuple[str | Text, ...] = (name, found["Classifier"], accuracy, *numbers)
+        rows.append(row[:n_columns])
+    styles = ["bold" if c.ours else "" if c.accuracy else "dim" for c in contestants]
+    return table_of(TITLES[:n_columns], rows, styles, n_text=N_TEXT)
 
 
 def peer_markdown(comparison: PeerComparison) -> str:

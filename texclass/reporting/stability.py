@@ -5,6 +5,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from texclass.reporting.report import save_figure
+from texclass.reporting.stability_figure import draw_stability
 from texclass.stability.result import StabilityResult
 from texclass.stability.signals import FAMILIES
 from texclass.stability.verdict import BAD, Cell, Mark
@@ -75,13 +77,15 @@ def wrong_lines(result: StabilityResult) -> list[str]:
 
 
 def write_stability_report(result: StabilityResult, folder: str | Path) -> tuple[Path, ...]:
-    """Write `stability.md` and `stability.json` into a folder (made if needed) and return both paths."""
+    """Write `stability.md`, `.json` and `.png` into a folder (made if needed) and return the paths."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     texts = {"stability.md": stability_markdown(result), "stability.json": result.to_json()}
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
-    return tuple(folder / name for name in texts)
+    picture = folder / "stability.png"
+    save_figure(draw_stability(result), picture)
+    return (*(folder / name for name in texts), picture)
 
 
 def stability_markdown(result: StabilityResult) -> str:

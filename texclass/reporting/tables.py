@@ -1,14 +1,16 @@
 """The table of a benchmark, ours beside the published figures: on the terminal and as Markdown."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
-from texclass.experiment.accuracy import Accuracy
-from texclass.experiment.result import BenchmarkResult, RowResult
+from texclass.experiment.result import BenchmarkResult
 from texclass.reporting.beside import beside_markdown, beside_table, beside_title
+from texclass.reporting.cells import cells, header, paper_cell, paper_order, published
 from texclass.reporting.gains import gain_markdown, gain_table
-from texclass.reporting.words import line_of, title_of
+from texclass.reporting.terminal import Fitting, accuracy_column, ms_column, name_cell, table_of
+from texclass.reporting.words import line_of, short_title_of, title_of
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -26,32 +28,6 @@ def headline(result: BenchmarkResult) -> str:
         f"{facts['name']}: {windows}{facts['n_recordings']} recordings of {facts['n_materials']} materials, "
         f"protocol `{result.protocol}`{folds}, pipeline `{result.pipeline}`"
     )
-
-
-def header(result: BenchmarkResult) -> tuple[str, ...]:
-    """Return the column titles of the table."""
-    ours = tuple(f"{title_of(name)} % [95 %]" for name in result.classifiers)
-    return ("Row", "Dim", *ours, f"Paper % ({' / '.join(map(_short, published(result)))})", "ms")
-
-
-def published(result: BenchmarkResult) -> tuple[str, ...]:
-    """Return the classifiers of which some row has a published figure."""
-    return tuple(name for name in result.classifiers if any(name in row.published for row in result.rows))
-
-
-def cells(result: BenchmarkResult, row: RowResult, *, brief: bool = False) -> tuple[str, ...]:
-    """Return one row of the table as text, in the order of `header`; a missing row says what it lacks.
-
-    Brief cells fit a terminal: whole per cents as interval, reasons without the features they hit.
-    """
-    ours = [_accuracy(row.accuracy.get(name), 0 if brief else 1) for name in result.classifiers]
-    if not row.accuracy:
-        missing = row.missing or ""
-        ours[0] = re.sub(r" \(.*?\)", "", missing) if brief else missing
-    theirs = [f"{row.published[n]:.0f}" if n in row.published else "-" for n in published(result)]
-    ms = "" if row.ms_per_recording is None else f"{row.ms_per_recording:.3g}"
-    paper = ("/" if brief else " / ").join(theirs) if row.published else ""
-    return (row.name, str(row.n_features), *ours, paper, ms)
 
 
 def notes(result: BenchmarkResult) -> Iterator[str]:
@@ -77,40 +53,48 @@ def notes(result: BenchmarkResult) -> Iterator[str]:
 
 
 def benchmark_table(result: BenchmarkResult) -> "RenderableType":
-    """Return the table for a terminal, with its notes below."""
-    from rich import box
+    """Return the table for a terminal, with its notes below; a narrow one goes without intervals."""
     from rich.console import Group
-    from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
-    table.add_column("Row", overflow="fold")
-    table.add_column("Dim", justify="right")
-    for name in result.classifiers:
-        table.add_column(title_of(name), justify="right", min_width=len("95.1 [93, 97]"))
-    table.add_column("Paper", justify="right", no_wrap=True)
-    table.add_column("ms", justify="right", no_wrap=True)
-    best = result.best
-    for row in result.rows:
-        style = "bold" if best is not None and row is best[0] else "" if row.accuracy else "dim"
-        table.add_row(*(Text(cell) for cell in cells(result, row, brief=True)), style=style)
-    order = " / ".join(map(_short, published(result)))
-    above = Text(f"{headline(result)}; accuracy in % [95 % interval]; paper: {order}", style="bold")
+    paper = f"; paper: {paper_order(result)}" if published(result) else ""
+    above = Text(f"{headline(result)}; accuracy in %, its 95 % interval beside it{paper}", style="bold")
+    ways = [
+        partial(_row_table, result, title, intervals=shown)
+        for shown in (True, False)
+        for title in (title_of, short_title_of)
+    ]
     below = [Text(f"- {note}", style="dim") for note in (*notes(result), _cost_note())]
     beside = [] if beside_title(result) is None else [Text(""), beside_table(result)]
     gains = [] if result.gains is None else [Text(""), gain_table(result.gains, result.seed)]
-    return Group(above, table, *beside, *below, *gains)
+    return Group(above, Fitting(tuple(ways)), *beside, *below, *gains)
+
+
+def _row_table(result: BenchmarkResult, title: Callable[[str], str], *, intervals: bool) -> "RenderableType":
+    """Return the rows for a terminal."""
+    # In brief: what a row lacks, without the features that this concerns.
+    lacks = [re.sub(r" \(.*?\)", "", "" if row.accuracy else row.missing or "") for row in result.rows]
+    names = [name_cell(row.name, missing) for row, missing in zip(result.rows, lacks, strict=True)]
+    ours = [
+        accuracy_column([row.accuracy.get(name) for row in result.rows], intervals=intervals)
+        for name in result.classifiers
+    ]
+    times = ms_column([row.ms_per_recording for row in result.rows])
+    rows = [
+        (name, str(row.n_features), *values, *paper_cell(result, row, "/"), ms)
+        for name, row, *values, ms in zip(names, result.rows, *ours, times, strict=True)
+    ]
+    best = result.best and result.best[0]
+    styles = ["bold" if row is best else "" if row.accuracy else "dim" for row in result.rows]
+    paper = ["Paper"] * bool(published(result))
+    return table_of(("Row", "Dim", *map(title, result.classifiers), *paper, "ms"), rows, styles)
 
 
 def markdown(result: BenchmarkResult) -> str:
     """Return the table as Markdown, with everything that is needed to compute it again."""
-    lines = [
-        f"# {headline(result)}",
-        "",
-        line_of(header(result)),
-        "|---|" + "---:|" * (len(header(result)) - 1),
-    ]
-    lines += [line_of(cells(result, row)) for row in result.rows]
+    titles = header(result).texts
+    lines = [f"# {headline(result)}", "", line_of(titles), "|---|" + "---:|" * (len(titles) - 1)]
+    lines += [line_of(cells(result, row).texts) for row in result.rows]
     if beside_title(result) is not None:
         lines += ["", *beside_markdown(result)]
     lines += ["", "## Notes", "", *(f"- {note}" for note in (*notes(result), _cost_note()))]
@@ -148,14 +132,3 @@ def _cost_note() -> str:
         "ms: features of one recording (or window), one thread, shared transforms counted once, without "
         "segmentation."
     )
-
-
-def _accuracy(accuracy: Accuracy | None, digits: int) -> str:
-    if accuracy is None:
-        return ""
-    low, high = accuracy.interval
-    return f"{100 * accuracy.mean:.1f} [{100 * low:.{digits}f}, {100 * high:.{digits}f}]"
-
-
-def _short(classifier: str) -> str:
-    return {"naive_bayes": "NB", "lda": "LDA", "euclidean": "Eu"}.get(classifier, classifier)

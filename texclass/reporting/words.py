@@ -14,6 +14,11 @@ def title_of(classifier: str) -> str:
     return CLASSIFIER_TITLES.get(classifier, classifier.replace("_", " ").capitalize())
 
 
+def short_title_of(classifier: str) -> str:
+    """Return the abbreviation of a classifier; its title if it has none."""
+    return {"naive_bayes": "NB", "euclidean": "Eu"}.get(classifier, title_of(classifier))
+
+
 def line_of(texts: tuple[str, ...]) -> str:
     """Return one row of a Markdown table."""
     return "| " + " | ".join(text.replace("|", "\\|") for text in texts) + " |"

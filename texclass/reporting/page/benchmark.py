@@ -104,7 +104,8 @@ def brief(data: dict[str, Any], best: Best) -> str:
 
 def benchmark_blocks(data: dict[str, Any], best: Best | None) -> Iterator[Block]:
     """Yield the blocks of a benchmark."""
-    yield Heading("Every row beside the paper's")
+    has_paper = any(row.get("paper") for row in data["rows"])
+    yield Heading("Every row beside the paper's" if has_paper else "Every row")
     yield row_table(data, best)
     beside = beside_table(data)
     if beside is not None:

@@ -1,4 +1,4 @@
-"""What a section of the page is made of: tables, figures, a confusion matrix, facts and notes."""
+"""What a section of the page is made of: tables, figures, a confusion matrix, a heat map, facts and notes."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -133,6 +133,35 @@ class Matrix:
 
 
 @dataclass(frozen=True)
+class Shade:
+    """A cell of a heat map: its class (colour), what it shows, and what that means in words."""
+
+    look: str = ""
+    sign: str = ""
+    says: str = ""
+
+
+@dataclass(frozen=True)
+class Heat:
+    """A heat map, which is a table: one row a name, one shade a column.
+
+    Attributes
+    ----------
+    caption
+        What it shows, and what its signs mean.
+    columns : tuple of (str, str)
+        Title, and what it stands for.
+    rows : tuple of (str, tuple of Shade)
+        Name, and one shade for each column.
+    """
+
+    caption: str
+    columns: tuple[tuple[str, str], ...]
+    rows: tuple[tuple[str, tuple[Shade, ...]], ...]
+    kind: str = "heat"
+
+
+@dataclass(frozen=True)
 class Notes:
     """What a reader must know, one sentence a note."""
 
@@ -157,7 +186,7 @@ class Folded:
     kind: str = "folded"
 
 
-Block = Table | Figure | Panels | Matrix | Notes | Heading | Folded
+Block = Table | Figure | Panels | Matrix | Heat | Notes | Heading | Folded
 
 
 @dataclass(frozen=True)

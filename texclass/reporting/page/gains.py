@@ -23,7 +23,7 @@ def gain_blocks(gains: dict[str, Any]) -> Iterator[Block]:
     yield Notes(
         (
             f"{added}: {percent(gains['without']['accuracy'])} % without any group, on the same splits.",
-            f"{gains['n_repeats']} x {gains['n_folds']} folds. Interval and p: {', '.join(tests) or 'none'}; "
+            f"{_folds(gains)}Interval and p: {', '.join(tests) or 'none'}; "
             "Holm: corrected for the number of groups.",
         )
     )
@@ -58,6 +58,13 @@ def gain_figure(gains: dict[str, Any], measured: list[dict[str, Any]]) -> Figure
         (("ours", "disc", "significant, 95 % interval"), ("ours open", "disc", "not significant")),
         gutter=True,
     )
+
+
+def _folds(gains: dict[str, Any]) -> str:
+    if gains["n_folds"] <= 1:
+        return ""
+    repeats = f"{gains['n_repeats']} x " if gains["n_repeats"] > 1 else ""
+    return f"{repeats}{gains['n_folds']} folds. "
 
 
 def gain_table(gains: dict[str, Any]) -> Table:

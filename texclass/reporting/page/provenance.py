@@ -48,7 +48,7 @@ def again_table(results: Sequence[Result]) -> Table:
 
 def _hash(data: dict[str, Any]) -> str:
     """Return the input hash, cut where the description of the dataset has all of it."""
-    found = str(data.get("input_hash", ""))
+    found = str(data.get("input_hash") or data.get("battery", ""))
     return f"{found[:12]}\N{HORIZONTAL ELLIPSIS}" if "dataset" in data and len(found) > 12 else found
 
 

@@ -8,8 +8,7 @@ from typing import Any
 from texclass.reporting.page.shapes import SHAPES, kind_of
 
 WRITERS = (
-    "JSON written by `texclass benchmark` (also with --peers or --feature), `texclass tradeoff` or the "
-    "study of invariance"
+    "JSON of texclass benchmark (also --peers, --feature), tradeoff, stability or the study of invariance"
 )
 
 
@@ -22,7 +21,7 @@ class Result:
     file
         Name of the file it was read from.
     kind
-        "benchmark", "feature", "tradeoff", "peers" or "invariance".
+        "benchmark", "feature", "tradeoff", "peers", "invariance" or "stability".
     data
         What the file holds.
     """

@@ -2,7 +2,9 @@
 
 import base64
 import hashlib
+from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -15,6 +17,7 @@ from texclass.reporting.page.invariance import invariance_section
 from texclass.reporting.page.peers import peers_section
 from texclass.reporting.page.provenance import again_table, dataset_facts, version_table
 from texclass.reporting.page.read import Result, read_result
+from texclass.reporting.page.stability import stability_section
 from texclass.reporting.page.svg import SHAPES
 from texclass.reporting.page.tradeoff import tradeoff_section
 
@@ -27,6 +30,7 @@ SECTIONS: dict[str, Callable[[dict[str, Any]], Section]] = {
     "tradeoff": tradeoff_section,
     "peers": peers_section,
     "invariance": invariance_section,
+    "stability": stability_section,
 }
 TITLE = "Surfaces from what a tool felt"
 
@@ -48,7 +52,7 @@ def render_page(results: Sequence[Result], title: str = "") -> str:
     """
     if not results:
         raise ValueError("0 results; the rule is at least 1")
-    sections = [SECTIONS[result.kind](result.data) for result in results]
+    sections = _told_apart([SECTIONS[result.kind](result.data) for result in results], results)
     script, style = (_text(name).strip() for name in ("page.js", "page.css"))
     return _environment().get_template("page.html").render(
         title=title or _title(results),
@@ -87,6 +91,18 @@ def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "")
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_text(page, encoding="utf-8")
     return output
+
+
+def _told_apart(sections: Sequence[Section], results: Sequence[Result]) -> list[Section]:
+    """Return the sections; those of equal titles have the name of their pipeline, or of their file, added."""
+    counts = Counter(section.title for section in sections)
+    told = []
+    for section, result in zip(sections, results, strict=True):
+        pipeline = result.data.get("pipeline", result.file)
+        name = pipeline["name"] if isinstance(pipeline, dict) else pipeline
+        title = f"{section.title}: {name}" if counts[section.title] > 1 else section.title
+        told.append(replace(section, title=title))
+    return told
 
 
 def _title(results: Sequence[Result]) -> str:

@@ -65,9 +65,10 @@ def row_table(data: dict[str, Any], best: Best | None) -> Table:
         )
         for row, ms in zip(data["rows"], times, strict=True)
     ]
+    theirs = ", and the published one" if published else ""
     caption = (
-        f"Accuracy over {tested(data)} in % with its 95 % interval, and the published one; ms: features of "
-        f"one {tested(data)[:-1]}, one thread. The best row is bold."
+        f"Accuracy over {tested(data)} in % with its 95 % interval{theirs}; ms: features of one "
+        f"{tested(data)[:-1]}, one thread. The best row is bold."
     )
     return Table(caption, ((*first, Head("ms", rows=2)), tuple(second)), tuple(rows))
 

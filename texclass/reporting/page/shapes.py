@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
+from texclass.stability.verdict import Mark
+
 Rule = Callable[[Any, str], None]
 """Raises a ValueError that names the place and the rule."""
 
@@ -184,6 +186,16 @@ _CONTESTANT = fields(
 )  # fmt: skip
 
 
+_WRONG = fields(library=text, subject=text, family=text, mark=text, reason=text, cells_=count)
+
+
+def _marks(value: Any, where: str) -> None:
+    mapped(count)(value, where)
+    known = {mark.value for mark in Mark}
+    if strange := value.keys() - known:
+        raise ValueError(f"{where} has {_shown(min(strange))}; the rule is one of {', '.join(sorted(known))}")
+
+
 def _few(value: Any, where: str) -> None:
     listed(anything, least=2)(value, where)
     count(value[0], f"{where}[0]")
@@ -224,6 +236,13 @@ SHAPES: dict[str, Rule] = {
         ),
         versions_=mapped(text), seed_=count, input_hash_=text,
     ),
+    "stability": fields(
+        tallies=listed(
+            fields(library=text, group=text, subject=text, family=text, cells=count, marks=_marks), least=1
+        ),
+        ours_wrong=listed(_WRONG), theirs_wrong=listed(_WRONG), quick=anything, left_out=listed(text),
+        battery=text, versions=mapped(text), seed=count,
+    ),
 }  # fmt: skip
 """Kind of result -> its rule; other keys are let pass."""
 
@@ -238,6 +257,7 @@ def kind_of(document: Any) -> str | None:
         "feature": "new_feature" in document,
         "peers": "contestants" in document,
         "tradeoff": {"front", "costs"} <= document.keys(),
+        "stability": {"tallies", "battery"} <= document.keys(),
         "invariance": bool(of_features) and "ratio" in rows[0] if rows else False,
         "benchmark": {"rows", "pipeline", "protocol"} <= document.keys(),
     }
