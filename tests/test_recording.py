@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from texclass.recording import STANDARD_GRAVITY, Phases, Recording, RecordingError, Tap
+from texclass.recording import STANDARD_GRAVITY, Phases, Recording, RecordingError, Tap, read_only
 
 SIGNAL = np.sin(np.arange(100.0))
 
@@ -96,3 +96,14 @@ def test_a_tap_is_in_order_of_time(indices):
 )
 def test_phases_say_what_there_is(phases, kind):
     assert phases.kind == kind
+
+
+def test_an_array_that_nobody_can_write_to_is_kept_without_a_copy():
+    own = read_only(SIGNAL.copy().reshape(-1, 2))
+    made = recording(acceleration=own)
+    assert made.acceleration is own
+    assert made.with_(material="wood").acceleration is own
+    assert not own.base.flags.writeable
+    view = SIGNAL.copy()[:50]
+    view.flags.writeable = False  # what it is a view of can still be written to
+    assert recording(acceleration=view).acceleration is not view

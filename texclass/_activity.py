@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from texclass.filters import butterworth, causal
+from texclass._filtered import BLOCK, Filtered, block_mean
+from texclass.filters import butterworth
 from texclass.recording import Recording, Samples
 
 TRACK_RATE_HZ = 10_000.0
@@ -39,7 +40,7 @@ class Track:
         The same in the band in which soft contacts ring; equal to `ratio` where that band is not to be had.
     strokes : ndarray of shape (n_bins,)
         The greater of both where all bands together stand out a little, so that it is not the hand's unrest.
-    vibration : ndarray of shape (n, n_channels)
+    vibration : Filtered
         Acceleration above the hand's own motion, `step` samples of the recording a row.
     noise : float
         Mean square vibration in the quietest stretch, summed over channels.
@@ -54,7 +55,7 @@ class Track:
     ratio: Samples
     soft: Samples
     strokes: Samples
-    vibration: Samples
+    vibration: Filtered
     noise: float
     steady: bool
     step: int
@@ -79,37 +80,40 @@ def track(recording: Recording, *, hand_hz: float, bin_s: float, quiet_s: float)
     """Remove gravity, tremor and the hand's motion, and compare what is left with the noise."""
     axes = recording.acceleration.reshape(recording.n_samples, -1)
     step = max(1, int(recording.fs // TRACK_RATE_HZ))
-    rows, rate = block_mean(axes, step), recording.fs / step
-    bin_size = max(1, round(bin_s * rate))
-    n_quiet = max(1, min(round(quiet_s * rate / bin_size), len(rows) // (16 * bin_size)))
-    vibration = _filtered(rows, butterworth("highpass", min(hand_hz, 0.2 * rate), rate), rate)
-    level = _power(vibration, bin_size)
+    rate = recording.fs / step
+    n_rows, bin_size = -(-len(axes) // step), max(1, round(bin_s * rate))
+    n_quiet = max(1, min(round(quiet_s * rate / bin_size), n_rows // (16 * bin_size)))
+    sos = butterworth("highpass", min(hand_hz, 0.2 * rate), rate)
+    vibration = Filtered(axes, (step,), sos, _n_rest(rate), BLOCK // bin_size * bin_size)
+    level = vibration.power(bin_size)
     noise, steady = _quietest(level, n_quiet)
     noise = max(noise, _rounding(axes), _DEAD * float(level.max()))
-    ratio = level / noise if noise > 0 else np.zeros_like(level)
+    ratio = np.divide(level, noise, out=level) if noise > 0 else np.zeros_like(level)
     in_soft_band = strokes = ratio
     if rate > 6 * SOFT_BAND_HZ[1] and noise > 0:
-        soft = _soft_level(rows, rate, bin_size)
+        soft = _soft_level(axes, step, rate, bin_size)
         quiet = _quietest(soft, n_quiet)[0]
-        in_soft_band = soft / max(SOFT_MARGIN * quiet, SOFT_SHARE * noise, _DEAD * float(soft.max()))
+        soft /= max(SOFT_MARGIN * quiet, SOFT_SHARE * noise, _DEAD * float(soft.max()))
         felt = smooth(ratio, max(1, round(0.02 * rate / bin_size))) > UNREST
-        strokes = np.where(felt, np.maximum(ratio, 0.5 * in_soft_band), ratio)
+        in_soft_band, strokes = soft, ratio.copy()
+        np.maximum(ratio, 0.5 * soft, out=strokes, where=felt)
     return Track(ratio, in_soft_band, strokes, vibration, noise, steady, step, bin_size, recording.fs)
-
-
-def block_mean(x: Samples, size: int) -> Samples:
-    """Mean of blocks of `size` rows; an incomplete last block is averaged over what it holds."""
-    if size == 1:
-        return x
-    whole = len(x) // size * size
-    blocks = x[:whole].reshape(-1, size, *x.shape[1:]).mean(axis=1)
-    rest = x[whole:]
-    return np.concatenate([blocks, rest.mean(axis=0)[np.newaxis]]) if len(rest) else blocks
 
 
 def smooth(level: Samples, n: int) -> Samples:
     """Centred mean over `n` bins, the ends repeated; not below zero (rounding)."""
-    return np.asarray(np.maximum(ndimage.uniform_filter1d(level, n, mode="nearest"), 0.0))
+    mean = _running_mean(level, n)
+    return np.asarray(np.maximum(mean, 0.0, out=mean))
+
+
+def _running_mean(level: Samples, n: int) -> Samples:
+    """Centred mean over `n` bins, the ends repeated; in blocks, for scipy buffers all that it is given."""
+    mean = np.empty_like(level)
+    for k in range(0, len(level), BLOCK):
+        first = max(0, k - n)
+        near = ndimage.uniform_filter1d(level[first : k + BLOCK + n], n, mode="nearest")
+        mean[k : k + BLOCK] = near[k - first : k - first + BLOCK]
+    return mean
 
 
 def sustained_span(
@@ -144,33 +148,28 @@ def _outermost(active: NDArray[np.bool_], start: int, gap: int) -> int:
     return start + int(where[breaks[0]] if len(breaks) else where[-1])
 
 
-def _soft_level(rows: Samples, rate: float, bin_size: int) -> Samples:
+def _soft_level(axes: Samples, step: int, rate: float, bin_size: int) -> Samples:
     """Level in the soft band, from rows averaged down, looked up at the centres of the bins."""
     inner = max(1, bin_size // 2)
-    slow = _filtered(
-        block_mean(rows, inner), butterworth("bandpass", SOFT_BAND_HZ, rate / inner, order=2), rate / inner
-    )
-    power = np.einsum("ij,ij->i", slow, slow)
-    n_bins = -(-len(rows) // bin_size)
-    centres = (np.arange(n_bins) * bin_size + bin_size // 2) // inner
-    return smooth(power, max(1, bin_size // inner))[np.minimum(centres, len(power) - 1)]
+    sos = butterworth("bandpass", SOFT_BAND_HZ, rate / inner, order=2)
+    power = Filtered(axes, (step, inner), sos, _n_rest(rate / inner)).power(1)
+    power = smooth(power, max(1, bin_size // inner))
+    soft = np.empty(-(-len(axes) // (step * bin_size)))
+    for k in range(0, len(soft), BLOCK):  # all centres at once would take the memory of a level
+        centres = (np.arange(k, min(k + BLOCK, len(soft))) * bin_size + bin_size // 2) // inner
+        soft[k : k + BLOCK] = power[np.minimum(centres, len(power) - 1)]
+    return soft
 
 
-def _filtered(rows: Samples, sos: Samples, rate: float) -> Samples:
-    """Filter forwards, so that nothing rings before an impact; at rest on the mean of the first 20 ms."""
-    at_rest = rows - rows[: max(1, round(0.02 * rate))].mean(axis=0)
-    return causal(sos, at_rest, np.zeros((len(sos), 2, rows.shape[1])))[0]
-
-
-def _power(vibration: Samples, size: int) -> Samples:
-    """Mean square in bins of `size` rows, summed over channels."""
-    return block_mean(np.einsum("ij,ij->i", vibration, vibration), size)
+def _n_rest(rate: float) -> int:
+    """Rows of the first 20 ms."""
+    return max(1, round(0.02 * rate))
 
 
 def _quietest(level: Samples, n: int) -> tuple[float, bool]:
     """Level of the quietest stretch of `n` bins, and whether its fifths are alike."""
     n = min(n, len(level))
-    means = ndimage.uniform_filter1d(level, n, mode="nearest")[n // 2 : len(level) - (n - 1) // 2]
+    means = _running_mean(level, n)[n // 2 : len(level) - (n - 1) // 2]
     stretch = level[int(np.argmin(means)) :][:n]
     fifths = [float(part.mean()) for part in np.array_split(stretch, min(5, n))]
     return float(stretch.mean()), max(fifths) <= ALIKE * min(fifths)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, signal
 
-from texclass._activity import Track, block_mean
+from texclass._activity import Track
+from texclass._filtered import block_mean
 from texclass.recording import Recording, Samples, Tap
 
 SMOOTHING_S = 0.003
@@ -38,7 +39,7 @@ def find_strikes(
     its echo or a rebound).
     """
     level = found.impulses(SMOOTHING_S)[first:last]
-    padded = 10.0 * np.log10(np.maximum([1.0, *level, 1.0], 1.0))
+    padded = 10.0 * np.log10(np.maximum(np.pad(level, 1), 1.0))
     peaks, _ = signal.find_peaks(
         padded, height=10.0 * np.log10(ratio), prominence=10.0, distance=found.n_bins(spacing_s)
     )
@@ -75,7 +76,7 @@ def impact_sample(found: Track, strike: Strike) -> int:
     """Return the sample at which the vibration leaves the noise, near the bin of the impact."""
     margin = found.n_bins(SMOOTHING_S)
     start = max(0, strike.impact - margin) * found.bin_size
-    near = found.vibration[start : (strike.impact + 2 * margin) * found.bin_size]
+    near = found.vibration.between(start, (strike.impact + 2 * margin) * found.bin_size)
     power = np.einsum("ij,ij->i", near, near)
     least = max(CLEAR * found.noise, 1e-3 * float(power.max()))
     if power.max() < 2.0 * least:
@@ -170,9 +171,8 @@ def _at_rest(part: Samples, whole: Samples) -> tuple[bool, Samples]:
 
 
 def _power_db(found: Track, peak: int) -> float:
-    near = found.vibration[
-        max(0, peak - found.n_bins(0.01)) * found.bin_size : (peak + found.n_bins(0.01)) * found.bin_size
-    ]
+    margin = found.n_bins(0.01)
+    near = found.vibration.between((peak - margin) * found.bin_size, (peak + margin) * found.bin_size)
     return 10.0 * float(np.log10(max(np.einsum("ij,ij->i", near, near).max(), 1e-300)))
 
 

@@ -196,8 +196,7 @@ def _remarks(movement: tuple[int, int]) -> tuple[str, ...]:
 
 def _at_rest(recording: Recording, found: Track) -> bool:
     """Whether a signal of steady level is noise: small for an acceleration, white in a unit without scale."""
-    power = float(np.mean(np.einsum("ij,ij->i", found.vibration, found.vibration)))
+    power = found.vibration.correlation(0)
     if recording.unit == "m/s^2":
         return power < _AT_REST_M_S2**2
-    neighbours = float(np.mean(np.einsum("ij,ij->i", found.vibration[1:], found.vibration[:-1])))
-    return len(found.vibration) < 2 or abs(neighbours) <= 0.25 * power
+    return abs(found.vibration.correlation(1)) <= 0.25 * power

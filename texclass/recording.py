@@ -22,6 +22,9 @@ AUXILIARY_UNITS = {
 }
 """The auxiliary signals a recording may carry, and the unit each is kept in."""
 
+_BLOCK = 1 << 20
+"""Samples looked at at a time: a mask of a long recording would take an eighth of its memory."""
+
 
 class RecordingError(ValueError):
     """A recording cannot be used; the message names the file, the value and the rule."""
@@ -148,9 +151,9 @@ class Recording:
             raise RecordingError(
                 f"{where}: acceleration has shape {acceleration.shape}; the rule is (n,) or (n, channels)"
             )
-        if self.unit in ACCELERATION_UNITS:
-            acceleration = _frozen(acceleration * ACCELERATION_UNITS[self.unit], "acceleration", where)
-        elif self.unit not in SCALELESS_UNITS:
+        if self.unit in ACCELERATION_UNITS and (factor := ACCELERATION_UNITS[self.unit]) != 1.0:
+            acceleration = _frozen(read_only(acceleration * factor), "acceleration", where)
+        elif self.unit not in (*ACCELERATION_UNITS, *SCALELESS_UNITS):
             known = ", ".join((*ACCELERATION_UNITS, *SCALELESS_UNITS))
             raise RecordingError(f"{where}: unit is {self.unit!r}; the rule is one of {known}")
         object.__setattr__(self, "fs", fs)
@@ -205,18 +208,35 @@ def _sampling_rate(fs: Any, where: str) -> float:
     return value
 
 
+def read_only(array: Samples) -> Samples:
+    """Return an array that nobody else holds, closed to writing: a `Recording` keeps it without a copy."""
+    whole: object = array
+    while isinstance(whole, np.ndarray):
+        whole.flags.writeable = False
+        whole = whole.base
+    return array
+
+
+def _is_read_only(array: NDArray[np.float64]) -> bool:
+    """Whether neither an array nor what it is a view of can be written to."""
+    whole: object = array
+    while isinstance(whole, np.ndarray) and not whole.flags.writeable:
+        whole = whole.base
+    return whole is None
+
+
 def _frozen(signal: ArrayLike, name: str, where: str) -> Samples:
     try:
-        array = np.array(signal, dtype=np.float64)
+        array = np.asarray(signal, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise RecordingError(f"{where}: {name} holds something that is not a number ({error})") from error
     if array.size == 0:
         raise RecordingError(f"{where}: {name} is empty; the rule is at least one sample")
-    if not np.isfinite(array).all():
+    rows = np.atleast_1d(array)
+    if not all(np.isfinite(rows[k : k + _BLOCK]).all() for k in range(0, len(rows), _BLOCK)):
         n_bad, first = int((~np.isfinite(array)).sum()), np.argwhere(~np.isfinite(array))[0].tolist()
         raise RecordingError(
             f"{where}: {name} holds {n_bad} values that are NaN or infinite (first at {first}); "
             "the rule is finite samples"
         )
-    array.flags.writeable = False
-    return array
+    return array if array.flags.c_contiguous and _is_read_only(array) else read_only(np.array(array))

@@ -1,5 +1,10 @@
 """Extraction to disk: nothing lost by a kill, nothing computed twice, bad recordings named."""
 
+import signal
+import subprocess
+import sys
+import time
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -46,6 +51,52 @@ def test_a_killed_run_continues_where_it_stopped(toy_dataset, feature_set, tmp_p
     assert sorted(done + rest) == sorted(entry.recording_id for entry in resumed.entries)
     whole = extract_table(toy_dataset(), feature_set, tmp_path / "other.parquet")
     pd.testing.assert_frame_equal(table.frame, whole.frame)
+
+
+JOB = """
+import os, time
+import numpy as np
+from texclass.experiment.extraction import extract_table
+from texclass.features import load_feature_set
+from texclass.loaders.dataset import Dataset, Entry
+from texclass.recording import Phases, Recording
+
+def load(entry):
+    with open("log", "a") as file:
+        file.write(entry.recording_id + "\\n")
+    time.sleep(0.02)
+    signal = np.random.default_rng(entry.repetition).normal(size=300)
+    return Recording(signal, 1000.0, "g", entry.recording_id, phases=Phases(movement=(0, 300)))
+
+def run(path):
+    entries = tuple(Entry(f"m_{i}", "m", repetition=i) for i in range(40))
+    features = load_feature_set("strese2015").restricted_to(["variance"])
+    return extract_table(Dataset("toy", entries, load, "hash"), features, path)
+"""
+
+
+def test_after_kill_9_nothing_is_lost_and_nothing_computed_twice(tmp_path, monkeypatch):
+    (tmp_path / "job.py").write_text(JOB)
+    (tmp_path / "log").touch()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    process = subprocess.Popen([sys.executable, "-c", "import job; job.run('t.parquet')"])
+    while len((tmp_path / "log").read_text().split()) < 10 and process.poll() is None:
+        time.sleep(0.005)
+    process.kill()
+    assert process.wait() == -signal.SIGKILL
+    kept = {part: part.stat().st_mtime_ns for part in tmp_path.glob("t.parquet.parts/*/0*.parquet")}
+    started = (tmp_path / "log").read_text().split()
+    assert len(started) - 1 <= len(kept) <= len(started) < 40  # one may have been under way
+
+    import job
+
+    (tmp_path / "log").write_text("")
+    table = job.run("t.parquet")
+    again = (tmp_path / "log").read_text().split()
+    assert len(again) == 40 - len(kept)
+    assert not {f"m_{int(part.stem)}" for part in kept} & set(again)
+    pd.testing.assert_frame_equal(table.frame, job.run("whole.parquet").frame)
 
 
 def test_a_complete_table_is_only_read(toy_dataset, feature_set):

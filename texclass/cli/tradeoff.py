@@ -7,11 +7,14 @@ import typer
 
 from texclass.cli.app import app
 from texclass.cli.options import (
+    Backend,
+    BackendOption,
     DatasetArgument,
     FeatureSetName,
     FsOption,
     JobsOption,
     Protocol,
+    SchedulerOption,
     UnitOption,
     console,
     open_recordings,
@@ -42,6 +45,8 @@ def tradeoff(
     fs: FsOption = None,
     unit: UnitOption = None,
     jobs: JobsOption = -1,
+    backend: BackendOption = Backend.LOCAL,
+    scheduler: SchedulerOption = None,
     out: Annotated[
         Path, typer.Option(help="Folder for the report (Markdown, JSON, PNG) and the pipeline (skops).")
     ] = Path("reports"),
@@ -50,13 +55,14 @@ def tradeoff(
     """Measure what accuracy costs on a dataset; save the pipeline at the budget, or at the knee."""
     from texclass.experiment.choice import Limits
     from texclass.experiment.tradeoff import run_tradeoff
+    from texclass.experiment.workers import running_on
     from texclass.features import load_feature_set
     from texclass.reporting.tradeoff import stem_of, tradeoff_table, write_tradeoff
 
     scene = tuple(name.strip() for name in (materials or "").split(",") if name.strip())
     recordings = open_recordings(dataset, fs, unit, skip_bad=True)
     facts = {"name": recordings.name, "materials": scene, "max_seconds": max_seconds}
-    with progress_bar() as progress:
+    with running_on(backend.value, scheduler), progress_bar() as progress:
         result = run_tradeoff(
             recordings,
             load_feature_set(features),

@@ -1,7 +1,6 @@
 """Selection that buys accuracy per millisecond: columns cost what their feature and its transforms cost."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -15,37 +14,10 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from texclass.experiment.cost import CostModel
+from texclass.experiment.cost_search import Choice, Search, Unit, best_within
 from texclass.experiment.criterion import Criterion, Scoring
 from texclass.experiment.protocols import Split
 from texclass.recording import Samples
-
-FREE = 0.01
-"""Least cost that a move is taken to have, in units of the total: what is free is not infinitely good."""
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A subset of columns on the way of a selection.
-
-    Attributes
-    ----------
-    columns : tuple of int
-        Sorted.
-    cost : float
-        In the unit of the costs (ms).
-    score : float
-        Inner cross-validated score.
-    """
-
-    columns: tuple[int, ...]
-    cost: float
-    score: float
-
-
-def best_within(path: Iterable[Choice], max_cost: float) -> Choice | None:
-    """Return the best choice of a path that a budget affords, the cheapest of equals; None without one."""
-    affordable = [choice for choice in path if choice.cost <= max_cost]
-    return max(affordable, key=lambda choice: (choice.score, -choice.cost), default=None)
 
 
 def inner_splits(y: NDArray[Any], groups: NDArray[Any] | None, cv: int) -> list[Split]:
@@ -114,7 +86,7 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
         max_features: int | None = None,
         thrift: float = 1.0,
         floating: bool = True,
-        unit: Literal["column", "feature"] = "feature",
+        unit: Unit = "feature",
         direction: Literal["forward", "backward", "both"] = "both",
         tolerance: float = 0.0,
         scoring: Scoring = "accuracy",
@@ -168,13 +140,17 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
 
     def explore(self, model: CostModel, criterion: Criterion) -> tuple[Choice, ...]:
         """Return every subset on the way, judged by a criterion that several searches may share."""
-        search = _Search(self, model, criterion)
+        budget = np.inf if self.max_cost is None else self.max_cost
+        most = len(model.columns) if self.max_features is None else self.max_features
+        search = Search(
+            model, criterion, budget, most, floating=self.floating, unit=self.unit, tolerance=self.tolerance
+        )
         ways: list[Iterable[Choice]] = []
         if self.direction != "backward":
             # Each alone can be far from the best subset, the better of both cannot (Leskovec et al., 2007).
             ways += [search.forward(thrift) for thrift in dict.fromkeys((0.0, self.thrift))]
         if self.direction != "forward":
-            ways.append(search.backward())
+            ways.append(search.backward(self.thrift))
         return tuple(choice for way in ways for choice in way)
 
     def within(self, max_cost: float) -> Choice | None:
@@ -207,96 +183,3 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
         tags = super().__sklearn_tags__()
         tags.target_tags.required = True
         return tags
-
-
-class _Search:
-    """One search; see `CostAwareSelector`."""
-
-    def __init__(self, settings: CostAwareSelector, model: CostModel, criterion: Criterion) -> None:
-        self.settings, self.model, self.criterion = settings, model, criterion
-        self.budget = np.inf if settings.max_cost is None else settings.max_cost
-        self.most = len(model.columns) if settings.max_features is None else settings.max_features
-        names = np.array(model.features)
-        self.features = [np.flatnonzero(names == f).tolist() for f in dict.fromkeys(model.features)]
-        self.least = max(FREE * model.total, np.finfo(np.float64).tiny)
-
-    def forward(self, thrift: float) -> Iterator[Choice]:
-        """Yield each better choice: add the move that is worth most, then drop what earns nothing."""
-        now = Choice((), 0.0, self.criterion.of(()))
-        while (better := self._add(now, thrift)) is not None:
-            now = better
-            yield now
-            while self.settings.floating and (lighter := self._drop(now)) is not None:
-                now = lighter
-                yield now
-
-    def backward(self) -> Iterator[Choice]:
-        """Yield the full set and what is left of it as the feature that earns least goes, to the last."""
-        now: Choice | None = self._choice(range(len(self.model.columns)))
-        while now is not None:
-            if now.cost <= self.budget and len(now.columns) <= self.most:
-                yield now
-            now = self._leave(now)
-
-    def _choice(self, columns: Iterable[int]) -> Choice:
-        chosen = tuple(sorted(columns))
-        return Choice(chosen, self.model.of(chosen), self.criterion.of(chosen))
-
-    def _add(self, now: Choice, thrift: float) -> Choice | None:
-        moves = [m for m in self._moves(now) if len(m) <= self.most and self.model.of(m) <= self.budget]
-        if not moves:
-            return None
-        scores = self._scores(now, moves)
-        gain = scores - now.score
-        price = np.array([max(self.model.of(m) - now.cost, self.least) for m in moves])
-        worth = np.where(gain > self.settings.tolerance, gain / price**thrift, -np.inf)
-        if not now.columns and (gain <= self.settings.tolerance).all():
-            worth = gain  # something has to be selected
-        best = int(worth.argmax())
-        if worth[best] == -np.inf:
-            return None
-        return Choice(tuple(sorted(moves[best])), self.model.of(moves[best]), float(scores[best]))
-
-    def _moves(self, now: Choice) -> list[list[int]]:
-        """Return every single column added, then all that is left of every feature (two columns or more)."""
-        have = set(now.columns)
-        single = [[*now.columns, i] for i in range(len(self.model.columns)) if i not in have]
-        left = [[i for i in feature if i not in have] for feature in self.features]
-        if self.settings.unit == "feature":
-            return [[*now.columns, *rest] for rest in left if rest]
-        return single + [[*now.columns, *rest] for rest in left if len(rest) > 1]
-
-    def _scores(self, now: Choice, moves: Sequence[list[int]]) -> Samples:
-        """Return the score of every move; single columns come first and are compared at once."""
-        n = len(now.columns)
-        single = [m[-1] for m in moves if len(m) == n + 1]
-        added = self.criterion.adding(now.columns, single) if single else np.empty(0)
-        more = iter(added)
-        return np.array([next(more) if len(m) == n + 1 else self.criterion.of(m) for m in moves])
-
-    def _without_each(self, now: Choice, *, columns: bool) -> list[Choice]:
-        """Return what is left when one feature (or one column) goes, unless nothing is."""
-        rest = [tuple(c for c in now.columns if c not in feature) for feature in self.features]
-        if columns:
-            rest += [now.columns[:i] + now.columns[i + 1 :] for i in range(len(now.columns))]
-        return [self._choice(r) for r in dict.fromkeys(rest) if 0 < len(r) < len(now.columns)]
-
-    def _drop(self, now: Choice) -> Choice | None:
-        """Return the best choice that is cheaper and no worse, or better and no dearer; None without one."""
-        lighter = self._without_each(now, columns=self.settings.unit == "column")
-        kept = [
-            c
-            for c in lighter
-            if (c.score, now.cost) > (now.score, c.cost) or (c.score >= now.score and c.cost < now.cost)
-        ]
-        return max(kept, key=lambda c: (now.cost - c.cost, c.score), default=None)
-
-    def _leave(self, now: Choice) -> Choice | None:
-        """Return the choice without the feature that loses least for what its going saves."""
-        lighter = self._without_each(now, columns=False)
-
-        def price(choice: Choice) -> float:
-            loss, saved = now.score - choice.score, max(now.cost - choice.cost, self.least)
-            return loss / saved**self.settings.thrift if loss > 0 else loss
-
-        return min(lighter, key=lambda c: (price(c), c.cost), default=None)

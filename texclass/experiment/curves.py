@@ -12,7 +12,7 @@ from sklearn.neighbors import NearestCentroid
 from texclass import vibration
 from texclass.experiment.degrade import degraded, full_scale_of
 from texclass.experiment.extraction import Progress, cached_table
-from texclass.experiment.front import Data, accuracy_of, discriminant
+from texclass.experiment.front import Data, Labels, accuracy_of, discriminant
 from texclass.experiment.protocols import Protocol, Split, repeated
 from texclass.experiment.table import FeatureTable
 from texclass.experiment.tradeoff_result import Curve, Estimate, estimate
@@ -106,32 +106,26 @@ def training_curves(study: Study, table: FeatureTable) -> tuple[Curve, ...]:
     data, splits = study.data(table), study.splits(table.frame)
     most = min(int(np.unique(data.y[train], return_counts=True)[1].min()) for train, _ in splits)
     numbers = sorted({n for n in TRAINING if n < most} | {most})
+    curves = []
+    for series, classifier, used in (
+        # Discriminants need a spread within classes, which one recording of each does not have.
+        (LINEAR, discriminant(), [n for n in numbers if n > 1]),
+        ("nearest class mean", NearestCentroid(), numbers),
+    ):
+        points = []
+        for n in used:
+            accuracy = fold_accuracies(data, splits, classifier, partial(_thinned, data.y, n, study.seed))
+            points.append((float(n), str(n), accuracy))
+        if points:
+            curves.append(_curve("training recordings per material", "", points, series, ""))
+    return tuple(curves)
 
-    def thinned(n: int) -> Callable[[Split], Split]:
-        def thin(split: Split) -> Split:
-            rng = np.random.default_rng([study.seed, n, int(split[1][0])])
-            order = rng.permutation(split[0])
-            rank = pd.Series(data.y[order]).groupby(data.y[order]).cumcount().to_numpy()
-            return np.sort(order[rank < n]), split[1]
 
-        return thin
-
-    return tuple(
-        Curve(
-            "training recordings per material",
-            "",
-            tuple(map(float, used)),
-            tuple(fold_accuracies(data, splits, classifier, thinned(n)) for n in used),
-            tuple(map(str, used)),
-            series,
-        )
-        for series, classifier, used in (
-            # Discriminants need a spread within classes, which one recording of each does not have.
-            (LINEAR, discriminant(), [n for n in numbers if n > 1]),
-            ("nearest class mean", NearestCentroid(), numbers),
-        )
-        if used
-    )
+def _thinned(y: Labels, n: int, seed: int, split: Split) -> Split:
+    """Return a split with `n` training recordings of each class, drawn at random."""
+    order = np.random.default_rng([seed, n, int(split[1][0])]).permutation(split[0])
+    rank = pd.Series(y[order]).groupby(y[order]).cumcount().to_numpy()
+    return np.sort(order[rank < n]), split[1]
 
 
 def touch_curve(study: Study, whole: FeatureTable) -> Curve | None:

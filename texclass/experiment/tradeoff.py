@@ -2,7 +2,7 @@
 
 import platform
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +15,10 @@ from texclass.experiment.cost import ClassifierCost, CostMeter, CostModel, class
 from texclass.experiment.curves import Study, order_curve, sensor_curves, touch_curve, training_curves
 from texclass.experiment.environment import versions
 from texclass.experiment.extraction import Progress
-from texclass.experiment.front import (
-    Data,
-    discriminant,
-    nested_fewest,
-    nested_front,
-    preparation,
-)
+from texclass.experiment.front import Data, discriminant, nested_fewest, nested_front, preparation
 from texclass.experiment.protocols import find_protocol
 from texclass.experiment.table import FeatureTable
-from texclass.experiment.tradeoff_result import (
-    Curve,
-    Estimate,
-    FeatureCost,
-    Tradeoff,
-)
+from texclass.experiment.tradeoff_result import Chosen, Curve, Estimate, FeatureCost, Tradeoff
 from texclass.experiment.windows import touches
 from texclass.features.extractor import Plan
 from texclass.features.sets import FeatureSet
@@ -100,71 +89,104 @@ def run_tradeoff(
     """
     check(limits)
     dataset = _of_materials(dataset, limits.materials)
-    felt = dataset
-    if limits.max_seconds is not None:
-        felt = touches(dataset, limits.max_seconds, per_recording=1, n_jobs=n_jobs, progress=progress)
     study = Study(
         dataset, feature_set, channels, find_protocol(protocol), n_folds, n_repeats, seed, n_jobs, progress
     )
-    table = study.table(felt)
-    meter = CostMeter.on(felt, table.frame["recording_id"].tolist(), channels)
-    costs = meter.model(feature_set)
-    data, usable = study.data(table), [c for c in table.columns if table.frame[c].notna().any()]
-    usable_costs, splits = costs.restricted_to(usable), study.splits(table.frame)
-    budgets = budgets_within(usable_costs, limits)
+    offer = Offer.of(study, _felt(study, limits))
     front, full = nested_front(
-        data, splits, usable_costs, budgets,
+        offer.data, study.splits(offer.table.frame), offer.costs, budgets_within(offer.costs, limits),
         max_features=limits.max_features, n_jobs=n_jobs, progress=progress,
     )  # fmt: skip
-    fewest: tuple[tuple[int, Estimate], ...] = ()
-    if limits.materials:
-        most = min(MOST_COLUMNS, limits.max_features or MOST_COLUMNS, len(usable))
-        fewest = nested_fewest(data, splits, most, n_jobs=n_jobs)
-    chosen = choose(limits, front, fewest, data, usable_costs)
-    plan = Plan.of(feature_set, meter.channels)
-    recogniser = deployed(plan.restricted_to(usable), data, usable, chosen.columns)
-    if model_file is not None:
-        recogniser.save(model_file)
-    measured = _in_ms(meter, recogniser[0].plan_, plan, costs)
+    fewest = _fewest(study, offer, limits)
+    chosen = choose(limits, front, fewest, offer.data, offer.costs)
     return Tradeoff(
-        dataset=_facts(dataset, table, limits),
-        features=feature_set.name,
-        protocol=f"{protocol}, {n_repeats if study.protocol.drawn else 1} x {n_folds} folds",
-        costs=_feature_costs(usable_costs),
-        parts=_shared_parts(usable_costs),
-        segmentation_ms=costs.segmentation_ms,
-        total_ms=usable_costs.total,
-        model_check=check_model(meter, plan, costs, seed),
-        classifiers=_classifier_costs(data),
+        **_facts(study, offer, limits),
+        **_prices(offer, seed),
         full=full,
         front=front,
         fewest=fewest,
-        curves=_curves(study, table, limits) if with_curves else (),
-        chosen=replace(chosen, measured_ms=measured, file=str(model_file or "")),
-        versions={**versions(*LIBRARIES), "machine": platform.machine()},
-        seed=seed,
-        input_hash=dataset.input_hash,
-        notes=(*(f"left out: {item}" for item in table.left_out[:4]), *dataset.notes),
+        curves=_curves(study, offer.table, limits) if with_curves else (),
+        chosen=_made(chosen, offer, model_file),
     )
 
 
-def check_model(
-    meter: CostMeter, plan: Plan, costs: CostModel, seed: int, n: int = N_CHECKED
-) -> tuple[tuple[float, float], ...]:
+@dataclass(frozen=True, eq=False)
+class Offer:
+    """What can be bought, and for how much.
+
+    Attributes
+    ----------
+    table
+        Features of the recordings as they are felt.
+    columns
+        Those that some recording has.
+    data
+        The same as X, with labels and groups.
+    meter
+        Measures costs.
+    plan, whole
+        What computes all columns, and their costs.
+    costs
+        Those of `columns`.
+    """
+
+    table: FeatureTable
+    columns: tuple[str, ...]
+    data: Data
+    meter: CostMeter
+    plan: Plan
+    whole: CostModel
+    costs: CostModel
+
+    @classmethod
+    def of(cls, study: Study, felt: Dataset) -> "Offer":
+        """Compute the features of a dataset, and measure what they cost."""
+        table = study.table(felt)
+        columns = tuple(c for c in table.columns if table.frame[c].notna().any())
+        meter = CostMeter.on(felt, table.frame["recording_id"].tolist(), study.channels)
+        plan, whole = Plan.of(study.feature_set, meter.channels), meter.model(study.feature_set)
+        return cls(table, columns, study.data(table), meter, plan, whole, whole.restricted_to(columns))
+
+    def in_ms(self, part: Plan) -> float:
+        """Return what a part takes over what the whole takes at the same time, in ms of the cost model."""
+        some, every = self.meter.measured(part, self.plan)
+        return some / every * self.whole.total
+
+
+def _felt(study: Study, limits: Limits) -> Dataset:
+    """Return the recordings, or the first touch of each where its seconds are limited."""
+    if limits.max_seconds is None:
+        return study.dataset
+    return touches(
+        study.dataset, limits.max_seconds, per_recording=1, n_jobs=study.n_jobs, progress=study.progress
+    )
+
+
+def _fewest(study: Study, offer: Offer, limits: Limits) -> tuple[tuple[int, Estimate], ...]:
+    """Return the accuracy of the best 1, 2, ... columns for a scene's materials; nothing without a scene."""
+    if not limits.materials:
+        return ()
+    most = min(MOST_COLUMNS, limits.max_features or MOST_COLUMNS, len(offer.columns))
+    return nested_fewest(offer.data, study.splits(offer.table.frame), most, n_jobs=study.n_jobs)
+
+
+def _made(chosen: Chosen, offer: Offer, file: str | Path | None) -> Chosen:
+    """Fit the chosen pipeline, measure it, and save it where that is asked for."""
+    recogniser = deployed(offer.plan.restricted_to(offer.columns), offer.data, offer.columns, chosen.columns)
+    if file is not None:
+        recogniser.save(file)
+    return replace(chosen, measured_ms=offer.in_ms(recogniser[0].plan_), file=str(file or ""))
+
+
+def check_model(offer: Offer, seed: int, n: int = N_CHECKED) -> tuple[tuple[float, float], ...]:
     """Return (predicted, measured) ms of random subsets of the features."""
-    rng = np.random.default_rng(seed)
+    rng, costs = np.random.default_rng(seed), offer.whole
     names, pairs = np.array(list(dict.fromkeys(costs.features))), []
     for size in rng.integers(1, len(names) + 1, size=n):
         some = set(rng.choice(names, size, replace=False))
         columns = [c for c, f in zip(costs.columns, costs.features, strict=True) if f in some]
-        pairs.append((costs.cost(columns), _in_ms(meter, plan.restricted_to(columns), plan, costs)))
+        pairs.append((costs.cost(columns), offer.in_ms(offer.plan.restricted_to(columns))))
     return tuple(pairs)
-
-
-def _in_ms(meter: CostMeter, part: Plan, whole: Plan, costs: CostModel) -> float:
-    """Return what a part takes over what the whole takes at the same time, in ms of the cost model."""
-    some, every = meter.measured(part, whole)
-    return some / every * costs.total
 
 
 def _of_materials(dataset: Dataset, materials: Sequence[str]) -> Dataset:
@@ -178,6 +200,18 @@ def _of_materials(dataset: Dataset, materials: Sequence[str]) -> Dataset:
     if len(set(materials)) < 2:
         raise ValueError(f"materials are {', '.join(materials)}; the rule is at least two to tell apart")
     return replace(dataset, entries=tuple(e for e in dataset.entries if e.material in materials))
+
+
+def _prices(offer: Offer, seed: int) -> dict[str, Any]:
+    """Return the fields of a `Tradeoff` that say what things cost."""
+    return {
+        "costs": _feature_costs(offer.costs),
+        "parts": _shared_parts(offer.costs),
+        "segmentation_ms": offer.whole.segmentation_ms,
+        "total_ms": offer.costs.total,
+        "model_check": check_model(offer, seed),
+        "classifiers": _classifier_costs(offer.data),
+    }
 
 
 def _feature_costs(costs: CostModel) -> tuple[FeatureCost, ...]:
@@ -213,7 +247,22 @@ def _curves(study: Study, table: FeatureTable, limits: Limits) -> tuple[Curve, .
     return tuple(curve for curve in found if curve is not None)
 
 
-def _facts(dataset: Dataset, table: FeatureTable, limits: Limits) -> dict[str, Any]:
+def _facts(study: Study, offer: Offer, limits: Limits) -> dict[str, Any]:
+    """Return the fields of a `Tradeoff` that say what was studied, and how to do it again."""
+    protocol, dataset = study.protocol, study.dataset
+    n_repeats = study.n_repeats if protocol.drawn else 1
+    return {
+        "dataset": _described(dataset, offer.table, limits),
+        "features": study.feature_set.name,
+        "protocol": f"{protocol.name}, {n_repeats} x {study.n_folds} folds",
+        "versions": {**versions(*LIBRARIES), "machine": platform.machine()},
+        "seed": study.seed,
+        "input_hash": dataset.input_hash,
+        "notes": (*(f"left out: {item}" for item in offer.table.left_out[:4]), *dataset.notes),
+    }
+
+
+def _described(dataset: Dataset, table: FeatureTable, limits: Limits) -> dict[str, Any]:
     return {
         "name": dataset.name,
         "title": dataset.title,

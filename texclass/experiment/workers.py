@@ -1,5 +1,6 @@
 """Where independent work runs: processes of this machine, or a Dask cluster."""
 
+import functools
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
@@ -7,7 +8,7 @@ from contextvars import ContextVar
 from typing import Any, Literal, TypeVar
 
 from joblib import Parallel, delayed, parallel_config
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 R = TypeVar("R")
 Backend = Literal["local", "dask"]
@@ -76,8 +77,14 @@ def each(calls: Iterable[Callable[[], R]], *, n_jobs: int = 1) -> Generator[R, N
 
 
 def _single_threaded(call: Callable[[], R]) -> R:
-    with threadpool_limits(1):
+    with _libraries().limit(limits=1):
         return call()
+
+
+@functools.cache
+def _libraries() -> Any:
+    """Return the libraries with threads of their own; looking for them takes as long as a short recording."""
+    return ThreadpoolController()
 
 
 def _client(scheduler: str | None) -> Any:

@@ -90,7 +90,8 @@ def _inside(file: h5py.File, name: str, path: Path) -> Any:
     if dataset.external or dataset.is_virtual:
         raise RecordingError(f"{path}: {name} is kept in another file; the rule is one file")
     check_size(dataset.size, path)
-    return dataset[()]
+    # h5py converts piece by piece: stored floats of 4 bytes never stand in memory beside those of 8.
+    return dataset.astype(np.float64)[()] if dataset.dtype.kind in "iuf" else dataset[()]
 
 
 def _scalar(rate: Any) -> float | None:

@@ -43,7 +43,7 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Columns:
         raise RecordingError(
             f"{path}: holds {len(samples)} of {frames} frames that its header announces; the rule is all"
         )
-    codes = np.right_shift(samples, 32 - bits) if bits else samples
+    codes = np.right_shift(samples, 32 - bits, out=samples) if bits else samples
     return Columns({UNNAMED: as_samples(codes, UNNAMED, path)}, fs)
 
 

@@ -10,6 +10,10 @@ CLIPPED_RUN = 3
 """Samples in a row at the extreme value that count as clipped."""
 CLIPPED_SHARE = 1e-3
 """Share of clipped samples from which a recording is flagged."""
+MOST_LEVELS = 10_000_000
+"""Samples in which the quantisation step is looked for."""
+BLOCK = 1 << 20
+"""Samples searched for runs at a time."""
 
 
 def check_acceleration(acceleration: Samples, channels: Sequence[str], where: str) -> tuple[str, ...]:
@@ -29,7 +33,7 @@ def check_acceleration(acceleration: Samples, channels: Sequence[str], where: st
             f"{where}: acceleration is {columns[0].tolist()} throughout; the rule is a channel that varies"
         )
     dead = [f"constant: channel {name}" for name, is_dead in zip(channels, constant, strict=True) if is_dead]
-    share = max(clipped_share(column) for column in columns[:, ~constant].T)
+    share = max(clipped_share(columns[:, i]) for i in np.flatnonzero(~constant))
     clipped = [f"clipped: {100 * share:.1f} % of the samples at full scale"] if share >= CLIPPED_SHARE else []
     return (*dead, *clipped)
 
@@ -53,18 +57,21 @@ def clipped_share(signal: Samples) -> float:
     runs = [run for extreme in (signal.min(), signal.max()) for run in _runs_at(signal, extreme)]
     if not runs:
         return 0.0
-    levels = np.unique(signal)
-    step = float(np.diff(levels).min())
+    levels = np.unique(signal[:MOST_LEVELS])
+    step = float(np.diff(levels).min()) if len(levels) > 1 else 0.0
     clipped = sum(last - first for first, last in runs if _jump(signal, first, last) > 2 * step)
     return clipped / len(signal)
 
 
 def _runs_at(signal: Samples, extreme: float) -> list[tuple[int, int]]:
     """Return half-open ranges of at least `CLIPPED_RUN` samples that equal `extreme`."""
-    at_extreme = np.concatenate(([False], signal == extreme, [False]))
-    edges = np.flatnonzero(at_extreme[1:] != at_extreme[:-1]).reshape(-1, 2)
-    long = edges[edges[:, 1] - edges[:, 0] >= CLIPPED_RUN]
-    return [(int(first), int(last)) for first, last in long]
+    starts = range(0, len(signal), BLOCK)
+    where = np.concatenate([k + np.flatnonzero(signal[k : k + BLOCK] == extreme) for k in starts])
+    ends = np.flatnonzero(np.diff(where, append=np.inf) > 1)
+    last = where[ends] + 1
+    first = where[np.concatenate(([0], ends[:-1] + 1))]
+    long = last - first >= CLIPPED_RUN
+    return list(zip(first[long].tolist(), last[long].tolist(), strict=True))
 
 
 def _jump(signal: Samples, first: int, last: int) -> float:

@@ -9,8 +9,9 @@ import numpy as np
 
 from texclass.recording import RecordingError, Samples
 
-MAX_VALUES = 100_000_000
-"""A file that announces more values than this in one recording is refused before they are read (0.8 GB)."""
+MAX_VALUES = 1_000_000_000
+"""A file that announces more values than this in one recording is refused before they are read (8 GB): three
+axes of 3 hours at 10 kHz are a third of it."""
 UNNAMED = "acceleration"
 """Name of the only column of a format that does not name its columns."""
 CONVENTIONAL = ((UNNAMED,), ("x", "y", "z"), ("ax", "ay", "az"), ("acc_x", "acc_y", "acc_z"))

@@ -153,7 +153,9 @@ def conditioned(recording: Recording, card: Card) -> Recording:
 
     The resting level of a channel is its median.
     """
-    acceleration = recording.acceleration * card.scale
+    acceleration = recording.acceleration
+    if card.scale != 1.0:
+        acceleration = acceleration * card.scale
     if card.remove_resting_level:
         acceleration = acceleration - np.median(acceleration, axis=0)
     return recording.with_(acceleration=acceleration, phases=declared_phases(card, acceleration))

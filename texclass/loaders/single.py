@@ -19,6 +19,7 @@ from texclass.recording import (
     Recording,
     RecordingError,
     Samples,
+    read_only,
 )
 
 AXIS = re.compile(r"_(?P<axis>[XYZxyz])(?=[_.])")
@@ -159,7 +160,7 @@ def read_signals(
             f"{where}: its axes have rates {[part.fs for part in parts.values()]}; the rule is one"
         )
     n = min(lengths.values())
-    acceleration = np.column_stack([part.fields[UNNAMED][:n] for part in parts.values()])
+    acceleration = read_only(np.column_stack([part.fields[UNNAMED][:n] for part in parts.values()]))
     return Signals({**first.fields, UNNAMED: acceleration}, tuple(parts), first.fs)
 
 
@@ -201,7 +202,7 @@ def _read_file(path: Path, roles: ColumnRoles, options: ReadOptions) -> Signals:
     wanted = tuple(dict.fromkeys((*chosen, *roles.all)))
     columns = formats.read(path, wanted, options)
     groups = {UNNAMED: chosen, **roles.auxiliary}
-    fields = {field: _stack([columns.named[name] for name in names]) for field, names in groups.items()}
+    fields = {f: read_only(_stack([columns.named[name] for name in names])) for f, names in groups.items()}
     return Signals(fields, chosen if len(chosen) > 1 else (), columns.fs)
 
 
