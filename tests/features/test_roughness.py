@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import pywt
 from scipy import fft
+from scipy.stats import spearmanr
 
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.roughness import (
@@ -77,3 +78,31 @@ def test_printed_sum_grows_with_length_and_the_mean_does_not() -> None:
     grown = spectral_roughness_as_printed(long) - spectral_roughness_as_printed(short)
     assert grown == pytest.approx(np.log10(1150 / 250), abs=0.01)
     assert spectral_roughness(long) == pytest.approx(spectral_roughness(short), abs=0.01)
+
+
+def test_corrected_spectral_roughness_is_the_mean_over_all_pairs_of_a_short_movement() -> None:
+    x = noise(3000, 2)
+    magnitude = [np.abs(fft.dct(x[s : s + 1000], norm="ortho")) for s in range(0, 2001, 20)]
+    expected = np.log10(np.mean(np.diff(magnitude, axis=0) ** 2))
+    assert spectral_roughness(PhaseView(x, 2000.0)) == pytest.approx(expected, abs=1e-6)
+
+
+def test_pairs_spread_over_a_long_movement_rank_surfaces_as_all_pairs_do() -> None:
+    values = []
+    for i in range(12):
+        strokes = 1 + 0.5 * np.sin(np.arange(40_000) / (400 + 30 * i))
+        coloured = np.convolve(noise(40_000, i), np.ones(1 + i // 2), "same") * strokes
+        view = PhaseView(coloured, 2000.0)
+        values.append((spectral_roughness(view), spectral_roughness(view, n_pairs=10_000)))
+    some, every = np.transpose(values)
+    assert spearmanr(some, every).statistic > 0.99
+    np.testing.assert_allclose(some, every, atol=0.05)
+
+
+def test_what_lies_above_the_band_does_not_count() -> None:
+    t = np.arange(30_000) / FS
+    felt = np.sin(2 * np.pi * 300 * t) + 0.1 * noise(t.size)
+    heard = felt + np.sin(2 * np.pi * 3000 * t)
+    assert spectral_roughness(PhaseView(heard, FS)) == pytest.approx(
+        spectral_roughness(PhaseView(felt, FS)), abs=0.01
+    )

@@ -15,6 +15,7 @@ from texclass.features import (
     related_spectra,
     roughness,
     segments,
+    shape,
     taps,
 )
 from texclass.features.contract import Feature, Gain, UndefinedFeatureError, feature, find, registered
@@ -47,5 +48,6 @@ __all__ = [
     "related_spectra",
     "roughness",
     "segments",
+    "shape",
     "taps",
 ]

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
 from texclass.features.contract import UndefinedFeatureError, feature
-from texclass.features.transforms import require, spectrum, unit
+from texclass.features.filtered import banded
 from texclass.features.view import PhaseView, transform
 from texclass.recording import Samples
 from texclass.vibration import autoregressive, line_spectrum
@@ -33,14 +32,6 @@ SILENT = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class Banded:
-    """What of `unit` lies below a frequency: `samples` of shape (n,), at a rate of `fs` Hz."""
-
-    samples: Samples
-    fs: float
-
-
-@dataclass(frozen=True, eq=False)
 class MeanModel:
     """The average model of a movement, of unit gain, and the rate in Hz that it runs at."""
 
@@ -50,19 +41,6 @@ class MeanModel:
 
 def _numbered(letter: str, n: int) -> tuple[str, ...]:
     return tuple(f"{letter}{i}" for i in range(1, n + 1))
-
-
-@transform
-def banded(view: PhaseView, band_hz: float) -> Banded:
-    """Return the movement at a rate of 2 `band_hz` (its own, if lower), the spectrum cut off there."""
-    require(view, 64, "a model")
-    if view.fs <= 2 * band_hz:
-        return Banded(unit(view), view.fs)
-    x = spectrum(view)
-    n_fft = 2 * (x.size - 1)
-    n = 2 * int(band_hz * n_fft / view.fs)
-    slow = fft.irfft(x[: n // 2 + 1], n)[: view.n_samples * n // n_fft]
-    return Banded(np.asarray(slow * (n / n_fft), dtype=np.float64), view.fs * n / n_fft)
 
 
 @transform
@@ -227,8 +205,9 @@ def prediction_gain(
     """
     if wrong := [p for p in orders if not 1 <= p <= order]:
         raise UndefinedFeatureError(f"prediction gain of order {wrong[0]}; the rule is 1 ... {order}")
-    model = mean_model(view, order, frame_s, band_hz).model
-    return np.array([model.truncated(p).prediction_gain_db for p in orders])
+    k = mean_model(view, order, frame_s, band_hz).model.reflection
+    gain = -10 * np.cumsum(np.log10((1 - k) * (1 + k)))  # of orders 1, 2, ...
+    return np.asarray(gain[np.array(orders) - 1])
 
 
 @feature(

@@ -3,6 +3,7 @@
 All of them are sums over one periodogram, so that a set of many bands costs one Fourier transform.
 """
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from texclass.features.contract import Gain, UndefinedFeatureError, feature
+from texclass.features.divided import divisible, named_pieces
 from texclass.features.transforms import level, require, unit32
 from texclass.features.view import PhaseView, transform
 from texclass.recording import Samples
@@ -61,7 +63,7 @@ def periodogram(x: NDArray[np.float32], fs: float) -> Periodogram:
     """
     d = np.diff(x)
     n_taper = max(1, round(TAPER * d.size))
-    fade = (0.5 - 0.5 * np.cos(np.pi * (np.arange(n_taper) + 0.5) / n_taper)).astype(np.float32)
+    fade = _fade(n_taper)
     d[:n_taper] *= fade
     d[-n_taper:] *= fade[::-1]
     n_fft = fft.next_fast_len(d.size, real=True)
@@ -73,6 +75,13 @@ def periodogram(x: NDArray[np.float32], fs: float) -> Periodogram:
     weight = d.size - 2 * n_taper + 2 * float(fade @ fade)
     running *= 2 / (fs * weight)
     return Periodogram(running, fs / n_fft)
+
+
+@functools.lru_cache(maxsize=8)
+def _fade(n: int) -> NDArray[np.float32]:
+    fade = (0.5 - 0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n)).astype(np.float32)
+    fade.flags.writeable = False
+    return fade
 
 
 @transform
@@ -99,10 +108,11 @@ def _even(*, n_bands: int) -> tuple[str, ...]:
     phase="movement",
     unit="log10((m/s^2)^2/Hz)",
     reference="texclass; log power spectrum in bands of equal width",
-    outputs=_even,
+    outputs=named_pieces(_even),
     gain=Gain(shift=2),
     depends_on=("rate",),
 )
+@divisible
 def band_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
     """Power density in bands of equal width from 0 to fs/2; b1 is the lowest.
 
@@ -115,6 +125,8 @@ def band_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
         Movement.
     n_bands : int
         Number of bands.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `divisible`.
 
     Raises
     ------
@@ -136,10 +148,11 @@ def _fractions(*, octaves: tuple[int, int], per_octave: int) -> tuple[str, ...]:
     phase="movement",
     unit="log10((m/s^2)^2/Hz)",
     reference="texclass; log power spectrum in fractions of octaves",
-    outputs=_fractions,
+    outputs=named_pieces(_fractions),
     gain=Gain(shift=2),
     depends_on=("rate",),
 )
+@divisible
 def octave_level(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octave: int = 3) -> Samples:
     """Power density in fractions of octaves, counted downwards from fs/2; o2.1 begins at fs/2 / 2^2.
 
@@ -154,6 +167,8 @@ def octave_level(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octa
         First octave, and the one after the last.
     per_octave : int
         Bands in an octave, equal on a logarithmic axis.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `divisible`.
 
     Raises
     ------

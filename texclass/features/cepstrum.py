@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from texclass.features.contract import UndefinedFeatureError, feature
-from texclass.features.transforms import power_frames
+from texclass.features.frames import power_frames
 from texclass.features.view import PhaseView, transform
 from texclass.recording import Samples
 

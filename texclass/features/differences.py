@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from texclass.features.contract import Gain, feature
+from texclass.features.divided import divisible, named_pieces
 from texclass.features.transforms import level, log10_of, require, unit32
 from texclass.features.view import PhaseView, transform
 from texclass.recording import Samples
@@ -40,7 +41,8 @@ def _names(*, lags: tuple[int, ...], steps: tuple[int, ...]) -> tuple[str, ...]:
     return tuple(f"lag{lag}.step{step}" for lag in lags for step in steps)
 
 
-@feature(phase="movement", unit="1", reference=REFERENCE, outputs=_names, depends_on=("rate",))
+@feature(phase="movement", unit="1", reference=REFERENCE, outputs=named_pieces(_names), depends_on=("rate",))
+@divisible
 def slope_agreement(
     view: PhaseView, *, lags: tuple[int, ...] = (1, 2, 4, 8, 16, 32), steps: tuple[int, ...] = (1, 2, 3)
 ) -> Samples:
@@ -57,6 +59,8 @@ def slope_agreement(
         Spans of the slopes, in samples.
     steps : tuple of int
         Distances of the two slopes, in lags.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `divisible`.
 
     Raises
     ------
@@ -67,7 +71,8 @@ def slope_agreement(
     return np.array([agreement(rising(view, lag), step * lag) for lag in lags for step in steps])
 
 
-@feature(phase="movement", unit="1", reference=REFERENCE, outputs=_names, depends_on=("rate",))
+@feature(phase="movement", unit="1", reference=REFERENCE, outputs=named_pieces(_names), depends_on=("rate",))
+@divisible
 def curvature_agreement(
     view: PhaseView, *, lags: tuple[int, ...] = (1, 2, 4, 8, 16, 32), steps: tuple[int, ...] = (1, 2, 3)
 ) -> Samples:
@@ -83,6 +88,8 @@ def curvature_agreement(
         Half the spans of the curvatures, in samples.
     steps : tuple of int
         Distances of the two curvatures, in lags.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `divisible`.
 
     Raises
     ------
@@ -101,10 +108,11 @@ def _lags(*, lags: tuple[int, ...]) -> tuple[str, ...]:
     phase="movement",
     unit="log10(m/s^2)",
     reference="texclass; first-order structure function",
-    outputs=_lags,
+    outputs=named_pieces(_lags),
     gain=Gain(shift=1),
     depends_on=("rate",),
 )
+@divisible
 def slope_level(view: PhaseView, *, lags: tuple[int, ...] = (1, 2, 4, 8, 16, 32)) -> Samples:
     """Mean magnitude of the change over several spans of time, log10 mean |x_(t+lag) - x_t|.
 
@@ -117,6 +125,8 @@ def slope_level(view: PhaseView, *, lags: tuple[int, ...] = (1, 2, 4, 8, 16, 32)
         Movement.
     lags : tuple of int
         Spans, in samples.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `divisible`.
 
     Raises
     ------
@@ -125,5 +135,9 @@ def slope_level(view: PhaseView, *, lags: tuple[int, ...] = (1, 2, 4, 8, 16, 32)
     """
     require(view, 2 * max(lags), "slopes of that span")
     x = unit32(view)
-    means = [float(np.abs(x[lag:] - x[:-lag]).mean(dtype=np.float64)) for lag in lags]
+    means = [_mean_size(x[lag:] - x[:-lag]) for lag in lags]
     return np.asarray([log10_of(m, "the mean change") for m in means] + np.log10(level(view)))
+
+
+def _mean_size(d: NDArray[np.float32]) -> float:
+    return float(np.abs(d, out=d).sum()) / d.size  # numpy adds in pairs: single precision is enough

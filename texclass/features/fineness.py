@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from texclass.features.contract import UndefinedFeatureError, feature
-from texclass.features.transforms import long_frames, require, unit32
+from texclass.features.frames import spectral_moments
+from texclass.features.transforms import require, unit32
 from texclass.features.view import PhaseView
 from texclass.recording import Samples
 
@@ -80,10 +81,8 @@ def fineness(view: PhaseView) -> float:
     UndefinedFeatureError
         For silence or fewer than 64 samples.
     """
-    frames = long_frames(view)
-    total = frames.power.sum(axis=1, dtype=np.float64)
-    heard = total > 0
-    return float(np.mean(frames.power[heard] @ frames.frequency / total[heard]))
+    centroid, _ = spectral_moments(view)
+    return float(centroid.mean())
 
 
 @feature(phase="movement", unit="Hz", reference="strese2015, eq. 2, corrected")
@@ -97,10 +96,5 @@ def fineness_spread(view: PhaseView) -> float:
     UndefinedFeatureError
         For silence or fewer than 64 samples.
     """
-    frames = long_frames(view)
-    total = frames.power.sum(axis=1, dtype=np.float64)
-    heard = total > 0
-    share = frames.power[heard] / total[heard, np.newaxis]
-    centroid = share @ frames.frequency
-    variance = np.sum(share * (frames.frequency - centroid[:, np.newaxis]) ** 2, axis=1)
-    return float(np.sqrt(variance).mean())
+    _, deviation = spectral_moments(view)
+    return float(deviation.mean())

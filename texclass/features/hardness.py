@@ -80,7 +80,8 @@ def impulse_peaks(magnitude: Samples, spacing: int, prominence: float) -> NDArra
     if largest == 0:
         raise UndefinedFeatureError("silence: the tap has no impulse")
     padded = np.concatenate([[0.0], magnitude, [0.0]])
-    peaks, _ = find_peaks(padded, distance=max(1, spacing), prominence=prominence * largest)
+    least = prominence * largest  # nothing lower is so prominent, nor takes the place of what is higher
+    peaks, _ = find_peaks(padded, height=least, distance=max(1, spacing), prominence=least)
     highest = peaks[np.argsort(-padded[peaks], kind="stable")[:3]]
     return np.asarray(np.sort(highest) - 1)
 

@@ -7,18 +7,11 @@ from scipy import fft
 
 from texclass import signals
 from texclass.features.contract import Gain, UndefinedFeatureError, feature
-from texclass.features.transforms import (
-    Slow,
-    autocorrelation,
-    level,
-    log10_of,
-    low_passed,
-    n_of,
-    require,
-    unit,
-    unit32,
-)
+from texclass.features.filtered import Slow, banded, low_passed
+from texclass.features.frames import spread
+from texclass.features.transforms import autocorrelation, level, log10_of, n_of, require, unit
 from texclass.features.view import PhaseView
+from texclass.recording import Samples
 
 
 @feature(
@@ -52,7 +45,7 @@ def waviness_as_printed(
     UndefinedFeatureError
         For silence, fewer than two frames, fs/2 not above the cut-off, or frames of one and the same level.
     """
-    return _waviness(view, cutoff_hz, frame, average)
+    return _waviness(view, low_passed(view, cutoff_hz), frame, average)
 
 
 @feature(
@@ -82,12 +75,12 @@ def waviness(
     UndefinedFeatureError
         As `waviness_as_printed`.
     """
-    return _waviness(view, cutoff_hz, n_of(view, frame_s), max(1, round(average_s / frame_s)))
+    slow = low_passed(view, cutoff_hz, shared=True)
+    return _waviness(view, slow, n_of(view, frame_s), max(1, round(average_s / frame_s)))
 
 
-def _waviness(view: PhaseView, cutoff_hz: float, frame: int, average: int) -> float:
+def _waviness(view: PhaseView, slow: Slow, frame: int, average: int) -> float:
     require(view, 2 * frame, f"two frames of {frame} samples")
-    slow = low_passed(view, cutoff_hz)
     edges = np.arange(0, view.n_samples - frame + 1, frame) // slow.factor
     x = np.abs(slow.samples[: (view.n_samples // frame) * frame // slow.factor])
     m = np.add.reduceat(x, edges) / np.diff(edges, append=x.size)
@@ -155,7 +148,7 @@ def spikiness(
     UndefinedFeatureError
         For silence, or fs/2 not above the cut-off.
     """
-    excess, sigma = _excess(low_passed(view, cutoff_hz), n_of(view, average_s))
+    excess, sigma = _excess(low_passed(view, cutoff_hz, shared=True), n_of(view, average_s))
     return log10_of(excess + floor * sigma, "the low-passed movement") + float(np.log10(level(view)))
 
 
@@ -192,51 +185,66 @@ def regularity_as_printed(view: PhaseView) -> float:
 
 
 @feature(phase="movement", unit="1", reference="strese2015, eq. 7, corrected")
-def regularity(view: PhaseView, *, frame_s: float = 0.5) -> float:
+def regularity(
+    view: PhaseView, *, frame_s: float = 0.5, n_frames: int = 64, band_hz: float = 1000.0
+) -> float:
     """Typical height of the rises of the autocorrelation: near 0 for noise, near 1 for a periodic signal.
 
-    The autocorrelation r of each frame is taken to half the frame, without bias, with r_0 = 1. Each of its
-    rises, from a minimum to the next maximum, has a height h; the answer is the mean over frames of
-    sum h^2 / (2 sum h). The printed mean slope grows with the length (frames of fixed length do not) and with
-    frequency: it puts white noise above a grating felt at 30 Hz.
+    The autocorrelation r of each frame of what lies below `band_hz` is taken to half the frame, without bias,
+    with r_0 = 1. Each of its rises, from a minimum to the next maximum, has a height h; the answer is the
+    mean over frames of sum h^2 / (2 sum h). The printed mean slope grows with the length (frames of fixed
+    length do not) and with frequency: it puts white noise above a grating felt at 30 Hz.
 
     Parameters
     ----------
     view : PhaseView
         Movement.
     frame_s : float
-        Length of the half-overlapping frames, in s; a shorter movement is one frame.
+        Length of the frames, in s; a shorter movement is one frame.
+    n_frames : int
+        How many frames at most, evenly spread over the movement; those of a shorter one overlap by half.
+    band_hz : float
+        Upper end of the band, in Hz; fs/2 if that is lower.
 
     Raises
     ------
     UndefinedFeatureError
-        For silence, fewer than 32 samples, or an autocorrelation without any rise.
+        For silence, fewer than 64 samples, frames of fewer than 32 below `band_hz`, or an autocorrelation
+        without any rise.
     """
-    length = min(n_of(view, frame_s), view.n_samples)
+    slow = banded(view, band_hz)
+    length = min(max(1, round(frame_s * slow.fs)), slow.samples.size)
     if length < 32:
         raise UndefinedFeatureError(f"{length} samples in a frame; the rule is at least 32")
-    frames = sliding_window_view(unit32(view), length)[:: length // 2]
-    frames = frames - frames.mean(axis=1, keepdims=True)
-    heights = [_typical_rise(r) for r in _autocorrelations(frames[np.ptp(frames, axis=1) > 0])]
-    found = [h for h in heights if h > 0]
-    if not found:
+    frames = sliding_window_view(slow.samples.astype(np.float32), length)
+    frames = frames[spread(slow.samples.size - length, length // 2, n_frames)]
+    frames -= frames.mean(axis=1, keepdims=True)
+    heights = _typical_rises(_autocorrelations(frames[np.ptp(frames, axis=1) > 0]))
+    if not heights.any():
         raise UndefinedFeatureError("the autocorrelation has no rise; the rule is at least one")
-    return float(np.mean(found))
+    return float(np.mean(heights[heights > 0]))
 
 
 def _autocorrelations(frames: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Unbiased autocorrelation of each frame up to half its length, r_0 = 1."""
+    """Unbiased autocorrelation of each frame up to half its length, r_0 = 1, at twice the rate.
+
+    Zeros for half the length keep lags up to there apart from those that wrap around. Twice the rate, since
+    near half a rate the extrema of a curve lie between its samples.
+    """
     length = frames.shape[1]
-    n_fft = fft.next_fast_len(2 * length, real=True)
+    n_fft = 2 * fft.next_fast_len(-(-3 * length // 4), real=True)
     spectra = fft.rfft(frames, n_fft)
-    r = fft.irfft(spectra.real**2 + spectra.imag**2, n_fft)[:, : length // 2]
-    unbiased = length / (length - np.arange(length // 2, dtype=np.float32))
+    r = fft.irfft(spectra.real**2 + spectra.imag**2, 2 * n_fft)[:, : 2 * (length // 2)]
+    unbiased = length / (length - np.arange(r.shape[1], dtype=np.float32) / 2)
     return np.asarray(r / r[:, :1] * unbiased)
 
 
-def _typical_rise(r: NDArray[np.float32]) -> float:
-    slope = np.diff(r)
-    turn = np.flatnonzero(np.diff(slope > 0)) + 1
-    height = np.maximum(np.diff(r[turn]), 0) if turn.size > 1 else np.zeros(1)
-    total = float(height.sum())
-    return float(height @ height) / (2 * total) if total > 0 else 0.0
+def _typical_rises(r: NDArray[np.float32]) -> Samples:
+    """Return sum h^2 / (2 sum h) over the rises of each row, 0 for a row without any."""
+    up = np.diff(r, axis=1) > 0
+    turn = np.flatnonzero(up[:, 1:] != up[:, :-1])
+    row = turn // (r.shape[1] - 2)
+    height = np.diff(r[:, 1:-1].reshape(-1)[turn].astype(np.float64))
+    height[(height < 0) | (row[1:] != row[:-1])] = 0
+    total, square = (np.bincount(row[1:], h, len(r)) for h in (height, height**2))
+    return np.divide(square, 2 * total, out=np.zeros(len(r)), where=total > 0)

@@ -12,6 +12,7 @@ from scipy.signal import get_window
 
 from texclass.features.bands import FLOOR, Periodogram, periodogram
 from texclass.features.contract import UndefinedFeatureError, feature
+from texclass.features.divided import divisible, named_pieces
 from texclass.features.transforms import BLOCK, require, unit32
 from texclass.features.view import PhaseView, transform
 from texclass.recording import Samples
@@ -60,9 +61,10 @@ def _course_names(*, n_parts: int, octaves: tuple[int, int]) -> tuple[str, ...]:
     phase="movement",
     unit="log10(1)",
     reference="texclass; cosine transform over time of log band levels",
-    outputs=_course_names,
+    outputs=named_pieces(_course_names),
     depends_on=("rate",),
 )
+@divisible
 def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] = (0, 4)) -> Samples:
     """How the level of each octave runs from the first to the last part of a movement.
 
@@ -79,6 +81,8 @@ def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] =
         Number of equal parts: 6, or 3 or 2 of several sixths each.
     octaves : tuple of int
         First octave, and the one after the last; octave k reaches from fs/2 / 2^k down to fs/2 / 2^(k+1).
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `divisible`.
 
     Raises
     ------
@@ -104,9 +108,10 @@ def _octave_names(**_: object) -> tuple[str, ...]:
     phase="movement",
     unit="log10(1)",
     reference="texclass; deviation over frames of log band levels",
-    outputs=_octave_names,
+    outputs=named_pieces(_octave_names),
     depends_on=("rate",),
 )
+@divisible
 def level_fluctuation(view: PhaseView) -> Samples:
     """How much the log10 power of each octave from fs/2 down deviates from frame to frame.
 
@@ -117,6 +122,8 @@ def level_fluctuation(view: PhaseView) -> Samples:
     ----------
     view : PhaseView
         Movement.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `divisible`.
 
     Raises
     ------
@@ -130,9 +137,10 @@ def level_fluctuation(view: PhaseView) -> Samples:
     phase="movement",
     unit="1",
     reference="texclass; autocorrelation of log band levels",
-    outputs=_octave_names,
+    outputs=named_pieces(_octave_names),
     depends_on=("rate",),
 )
+@divisible
 def level_persistence(view: PhaseView) -> Samples:
     """Correlation of the log10 power of each octave with that a frame, 64 samples, later.
 
@@ -140,6 +148,8 @@ def level_persistence(view: PhaseView) -> Samples:
     ----------
     view : PhaseView
         Movement.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `divisible`.
 
     Raises
     ------

@@ -4,7 +4,8 @@ import numpy as np
 from scipy.linalg import LinAlgError, solve_toeplitz
 
 from texclass.features.contract import Gain, UndefinedFeatureError, feature
-from texclass.features.transforms import details, level, require, unit
+from texclass.features.filtered import details
+from texclass.features.transforms import level, require, unit
 from texclass.features.view import PhaseView
 from texclass.recording import Samples
 

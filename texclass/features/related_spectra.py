@@ -8,7 +8,8 @@ from scipy.signal import find_peaks
 
 from texclass import signals
 from texclass.features.contract import Gain, UndefinedFeatureError, feature
-from texclass.features.transforms import level, mean_spectrum, power_frames
+from texclass.features.frames import power_frames
+from texclass.features.transforms import level, mean_spectrum
 from texclass.features.view import PhaseView
 from texclass.recording import Samples
 

@@ -3,19 +3,17 @@
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from texclass.features.contract import Gain, feature
-from texclass.features.transforms import (
-    band_passed,
-    detail_band,
-    level,
-    log10_of,
-    n_of,
-    require,
-    spectral_changes,
-)
-from texclass.features.view import PhaseView
+from texclass.features.contract import Gain, UndefinedFeatureError, feature
+from texclass.features.filtered import band_passed, banded, detail_band
+from texclass.features.frames import magnitudes, mean_square, spectral_changes, spread
+from texclass.features.transforms import level, log10_of, require
+from texclass.features.view import PhaseView, transform
+
+PERIOD = 3
+"""Samples in a period of the upper end of the fine band: a rate that holds the magnitudes of both."""
 
 
 @feature(
@@ -65,7 +63,8 @@ def temporal_roughness(
     """Difference of a fine and a coarse band, TR = log10 mean|d|, both given in Hz.
 
     As `temporal_roughness_as_printed`, with two octaves inside the band of the sensor in place of wavelet
-    levels: at 10 kHz the printed d_1 lies at 2.5 ... 5 kHz, where an LIS344 feels nothing.
+    levels: at 10 kHz the printed d_1 lies at 2.5 ... 5 kHz, where an LIS344 feels nothing. Both are kept at
+    `PERIOD` samples per period of the upper end, whatever the rate of the sensor.
 
     Parameters
     ----------
@@ -79,9 +78,8 @@ def temporal_roughness(
     UndefinedFeatureError
         For silence, fewer than 64 samples, no energy in a band, or fs/2 not above the fine band.
     """
-    require(view, 64, "band-passes")
-    fine, coarse = np.abs(band_passed(view, *fine_hz)), np.abs(band_passed(view, *coarse_hz))
-    return _difference(fine, coarse) + float(np.log10(level(view)))
+    fine, coarse = (magnitude(view, band, PERIOD * fine_hz[1]) for band in (fine_hz, coarse_hz))
+    return _difference(fine, coarse.copy()) + float(np.log10(level(view)))
 
 
 @feature(phase="movement", unit="log10(1)", reference="strese2015, section IV-C, corrected")
@@ -107,9 +105,18 @@ def roughness_ratio(
     UndefinedFeatureError
         As `temporal_roughness`.
     """
+    fine, coarse = (
+        float(magnitude(view, band, PERIOD * fine_hz[1]).mean(dtype=np.float64))
+        for band in (fine_hz, coarse_hz)
+    )
+    return log10_of(fine, "the fine band") - log10_of(coarse, "the coarse band")
+
+
+@transform
+def magnitude(view: PhaseView, band_hz: tuple[float, float], rate_hz: float) -> NDArray[np.float32]:
+    """Return the magnitude of the movement in a band, at `rate_hz`."""
     require(view, 64, "band-passes")
-    fine, coarse = np.abs(band_passed(view, *fine_hz)).mean(), np.abs(band_passed(view, *coarse_hz)).mean()
-    return log10_of(float(fine), "the fine band") - log10_of(float(coarse), "the coarse band")
+    return np.asarray(np.abs(band_passed(view, *band_hz, rate_hz)))
 
 
 def _difference(d1: NDArray[Any], d5: NDArray[Any]) -> float:
@@ -156,11 +163,24 @@ def spectral_roughness_as_printed(view: PhaseView, *, length: int = 5000, shift:
     reference="strese2015, eq. 4, corrected",
     gain=Gain(shift=2),
 )
-def spectral_roughness(view: PhaseView, *, frame_s: float = 0.5, shift_s: float = 0.01) -> float:
-    """Change of the magnitude spectrum from frame to frame: in seconds, and averaged over frames.
+def spectral_roughness(
+    view: PhaseView,
+    *,
+    frame_s: float = 0.5,
+    shift_s: float = 0.01,
+    n_pairs: int = 128,
+    band_hz: float = 1000.0,
+) -> float:
+    """Change of the magnitude spectrum from frame to frame: in seconds, and averaged over pairs of frames.
 
     SR = log10 mean_k D_k^2; see `spectral_roughness_as_printed`. The orthonormal DCT and the mean over bins
-    make the value of a band-limited signal independent of the sampling rate.
+    of what lies below `band_hz` make the value independent of the sampling rate.
+
+    Neighbouring pairs share 98 % of their samples, so the mean is taken over pairs spread evenly over the
+    movement, a fiftieth of the work for a long one: its rank correlation with the mean over all pairs of the
+    full band is 0.9998 on `simulated69` and 0.998 on `biotac20`, at the same separation of surfaces.
+    Half-overlapping frames in place of such pairs would be another feature (0.82 on `biotac20`, half the
+    separation): what changes within 10 ms is the texture, within 250 ms the hand as well.
 
     Parameters
     ----------
@@ -168,11 +188,23 @@ def spectral_roughness(view: PhaseView, *, frame_s: float = 0.5, shift_s: float 
         Movement.
     frame_s, shift_s : float
         Of the frames, in s.
+    n_pairs : int
+        How many pairs at most; a movement of 1.8 s has 128.
+    band_hz : float
+        Upper end of the band, in Hz; fs/2 if that is lower.
 
     Raises
     ------
     UndefinedFeatureError
         As `spectral_roughness_as_printed`.
     """
-    change = float(spectral_changes(view, n_of(view, frame_s), n_of(view, shift_s)).mean())
+    slow = banded(view, band_hz)
+    length, shift = (max(1, round(seconds * slow.fs)) for seconds in (frame_s, shift_s))
+    last = slow.samples.size - length - shift
+    if last < 0:
+        raise UndefinedFeatureError(
+            f"{slow.samples.size / slow.fs:.3g} s; the rule is frames of {frame_s:g} s, {shift_s:g} s apart"
+        )
+    frames, first = sliding_window_view(slow.samples.astype(np.float32), length), spread(last, shift, n_pairs)
+    change = float(mean_square(magnitudes(frames[first]) - magnitudes(frames[first + shift])).mean())
     return log10_of(change, "the change of the spectrum") + 2 * float(np.log10(level(view)))

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from texclass.features.contract import Feature, Phase, UndefinedFeatureError, find
+from texclass.features.parts import outcomes
 from texclass.features.views import Views
 from texclass.recording import Samples
 from texclass.shipped import locate, read
@@ -181,12 +182,11 @@ class FeatureSet:
         """
         values: list[Samples] = []
         reasons: list[tuple[str, str]] = []
-        for member in self.members:
-            try:
-                values.append(member.values(views))
-            except UndefinedFeatureError as undefined:
-                values.append(np.full(len(member.columns), np.nan))
-                reasons.append((member.name, str(undefined)))
+        for member, result in zip(self.members, outcomes(self.members, views), strict=True):
+            if isinstance(result, str):
+                reasons.append((member.name, result))
+                result = np.full(len(member.columns), np.nan)  # noqa: PLW2901
+            values.append(result)
         return np.concatenate(values) if values else np.empty(0), tuple(reasons)
 
 

@@ -113,8 +113,8 @@ def tap_decay_rate(view: TapView) -> float:
         span = np.flatnonzero((left <= 0.9) & (left >= 0.05))
         if span.size < 3:
             raise UndefinedFeatureError(f"the tap decays within {span.size} samples; the rule is at least 3")
-        slope = np.polynomial.Polynomial.fit(span / view.fs, np.log(left[span]), 1).convert().coef[1]
-        return float(-slope / 2)
+        t = (span - span.mean()) / view.fs
+        return -float(t @ np.log(left[span])) / (2 * float(t @ t))
 
     return float(np.median(per_tap(view, rate_of)))
 

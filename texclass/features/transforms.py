@@ -1,48 +1,30 @@
 """Transforms of a movement that several features share; each is computed once per view.
 
+What is needed of all of them stands here, with transforms of the whole movement; `frames` has those of its
+frames, `filtered` has filtered copies.
+
 All of them work on `unit`, the samples divided by their largest magnitude, so that no gain overflows or
 underflows in between; a feature puts `level` back as its declared gain law says.
 """
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
-import pywt
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy import fft
-from scipy.signal import get_window
 
-from texclass import filters
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.view import PhaseView, transform
 from texclass.recording import Samples
 
-LONG_FRAME_S = 0.4096
-"""Frame of `long_frames`, in s: 4096 samples at the 10 kHz of strese2015."""
 FINEST = 20
 """Largest factor by which a low-passed movement is decimated."""
 BAND_HZ = 2100.0
 """End of `mean_spectrum` in Hz: half as much again as the band of the sensor."""
+INTERLEAVED = 4
+"""Transforms that `low_spectrum` does at once: lanes of single precision in the narrowest vector unit."""
+WIDE_HZ = 6000.0
+"""Sampling rate from which on a fourth of it holds all that corrected features read from the spectrum."""
 BLOCK = 128
 """Frames transformed at a time, so that a block stays in the cache."""
-
-
-@dataclass(frozen=True, eq=False)
-class PowerFrames:
-    """Power spectra of the windowed frames of a movement.
-
-    Attributes
-    ----------
-    power : ndarray of shape (n_frames, n_bins)
-        One-sided power density of each frame of `unit`, in 1/Hz, single precision.
-    frequency : ndarray of shape (n_bins,)
-        In Hz.
-    """
-
-    power: NDArray[np.float32]
-    frequency: Samples
 
 
 def magnitude_of(samples: Samples) -> float:
@@ -111,11 +93,50 @@ def unit32(view: PhaseView) -> NDArray[np.float32]:
     return unit(view).astype(np.float32)
 
 
+def padded_length(view: PhaseView) -> int:
+    """Return the length of `spectrum`: a fast multiple of `FINEST` that holds all samples of `unit`."""
+    return FINEST * int(fft.next_fast_len(-(-unit(view).size // FINEST)))
+
+
 @transform
 def spectrum(view: PhaseView) -> NDArray[np.complex64]:
-    """Return the discrete Fourier transform of `unit32`, zero-padded to a fast multiple of `FINEST`."""
-    n_fft = FINEST * fft.next_fast_len(-(-view.n_samples // FINEST))
-    return np.asarray(fft.rfft(unit32(view), n_fft))
+    """Return the discrete Fourier transform of `unit32`, zero-padded to `padded_length`."""
+    return np.asarray(fft.rfft(unit32(view), padded_length(view)))
+
+
+@transform
+def low_spectrum(view: PhaseView) -> NDArray[np.complex64]:
+    """Return the bins 0 ... N/4 of `spectrum` (up to fs/4) to its precision, in 60 % of the time.
+
+    With Y_p the transform of every fourth sample from p on, of period N/4 = M, and Z_p = exp(-2 pi i k p / N)
+    Y_p, the sums are X_k = Z_0 + Z_1 + Z_2 + Z_3 and X_(M-k) = conj(Z_0 + i Z_1 - Z_2 - i Z_3): four short
+    transforms at once fill the vector unit of a processor, which one long one does not, and the bins above
+    fs/4 are never made.
+    """
+    n_fft, n_low = padded_length(view), padded_length(view) // INTERLEAVED
+    samples = np.zeros((n_low, INTERLEAVED), dtype=np.float32)
+    samples.reshape(-1)[: view.n_samples] = unit32(view)
+    Y: NDArray[np.complex64] = fft.rfft(samples, axis=0)
+    w = _turns(len(Y), n_fft)
+    square = w * w
+    Z0, Z1, Z2, Z3 = Y[:, 0], Y[:, 1] * w, Y[:, 2] * square, Y[:, 3] * (square * w)
+    X = np.empty(n_low + 1, dtype=np.complex64)
+    X[: len(Y)] = (Z0 + Z2) + (Z1 + Z3)
+    X[n_low + 1 - len(Y) :] = np.conj((Z0 - Z2) + 1j * (Z1 - Z3))[::-1]
+    return X
+
+
+def _turns(n: int, n_fft: int) -> NDArray[np.complex64]:
+    """Return exp(-2 pi i k / n_fft) for k = 0 ... n-1, as products of coarse and fine turns."""
+    fine = int(np.ceil(np.sqrt(n)))
+    angle = -2j * np.pi / n_fft * np.arange(fine)
+    return np.outer(np.exp(fine * angle), np.exp(angle)).astype(np.complex64).reshape(-1)[:n]
+
+
+def first_bins(view: PhaseView, n_bins: int) -> NDArray[np.complex64]:
+    """Return the bins 0 ... n_bins-1 of the spectrum, of `low_spectrum` if that suffices for all features."""
+    enough = view.fs >= WIDE_HZ and n_bins <= padded_length(view) // INTERLEAVED + 1
+    return (low_spectrum(view) if enough else spectrum(view))[:n_bins]
 
 
 @transform
@@ -140,132 +161,6 @@ def mean_spectrum(view: PhaseView) -> tuple[Samples, Samples]:
     return frequency, np.asarray(power * (2 / (view.fs * view.n_samples)))
 
 
-@dataclass(frozen=True, eq=False)
-class Slow:
-    """A low-passed movement at a rate that holds it: `samples` of shape (n // factor,) at `fs` / `factor`."""
-
-    samples: Samples
-    factor: int
-
-
-@transform
-def low_passed(view: PhaseView, cutoff_hz: float) -> Slow:
-    """Return `unit` without what lies above `cutoff_hz`, kept at a rate of 10 cut-offs or more.
-
-    The spectrum is multiplied by the response of a second-order Butterworth low-pass run forwards and
-    backwards, 1 / (1 + (f/cutoff)^4), and only its occupied part is transformed back.
-    """
-    x, rate = spectrum(view), below_nyquist(view, cutoff_hz) * 10
-    factor = next((k for k in (FINEST, 10, 5, 4, 2) if view.fs / k >= rate), 1)
-    n_slow = 2 * (x.size - 1) // factor
-    f = np.arange(n_slow // 2 + 1) * (view.fs / (2 * (x.size - 1)))
-    f *= f / cutoff_hz**2
-    slow = fft.irfft(x[: f.size] / (1 + f * f), n_slow)
-    return Slow(np.asarray(slow[: -(-view.n_samples // factor)] / factor, dtype=np.float64), factor)
-
-
-@transform
-def high_passed(view: PhaseView, cutoff_hz: float) -> NDArray[np.float32]:
-    """Return `unit` after a linear-phase high-pass of half amplitude at `cutoff_hz`, single precision.
-
-    The amplitude rises as a raised cosine from half the cut-off to one and a half, as that of a windowed FIR
-    filter does, and is applied to `spectrum`, which is there already.
-    """
-    x = spectrum(view).copy()
-    step = view.fs / (2 * (x.size - 1))
-    first, last = (int(part * below_nyquist(view, cutoff_hz) / step) for part in (0.5, 1.5))
-    rising = (np.arange(first, min(last, x.size)) * step / cutoff_hz - 0.5) * np.pi
-    x[:first] = 0
-    x[first:last] *= ((1 - np.cos(rising)) / 2).astype(np.float32)
-    return np.asarray(fft.irfft(x, overwrite_x=True)[: view.n_samples])
-
-
-@transform
-def band_passed(view: PhaseView, low_hz: float, high_hz: float) -> Samples:
-    """Return what of `unit` lies between two frequencies (zero phase), shape (n,)."""
-    below_nyquist(view, high_hz)
-    return filters.bandpass(unit(view), (low_hz, high_hz), view.fs, order=2)
-
-
-@transform
-def details(view: PhaseView, cutoff_hz: float, wavelet: str, depth: int) -> tuple[NDArray[np.float32], ...]:
-    """Return the wavelet details d_1 ... d_depth of the high-passed movement (index 0 is d_1).
-
-    Raises
-    ------
-    UndefinedFeatureError
-        If the movement is shorter than (filter length - 1) 2^depth samples: 544 for coif3 at depth 5.
-    """
-    taps = int(pywt.Wavelet(wavelet).dec_len)
-    require(view, (taps - 1) * 2**depth, f"{wavelet}, level {depth}")
-    coefficients = pywt.wavedec(high_passed(view, cutoff_hz), wavelet, level=depth)
-    return tuple(coefficients[:0:-1])
-
-
-@transform
-def detail_band(view: PhaseView, cutoff_hz: float, wavelet: str, depth: int, j: int) -> NDArray[np.float32]:
-    """Return detail j (1 = finest) rebuilt to the length of the movement, shape (n,), in single precision."""
-    levels = details(view, cutoff_hz, wavelet, depth)
-    band = pywt.idwt(None, levels[j - 1], wavelet)
-    for finer in levels[j - 2 :: -1] if j > 1 else ():
-        band = pywt.idwt(band[: finer.size], None, wavelet)
-    return np.asarray(band[: view.n_samples])
-
-
-@transform
-def power_frames(
-    view: PhaseView, frame_s: float, hop_s: float, window: str, high_hz: float = np.inf
-) -> PowerFrames:
-    """Return the power spectra of windowed frames, zero-padded to a power of two, up to `high_hz`.
-
-    Raises
-    ------
-    UndefinedFeatureError
-        If a frame would hold fewer than 8 samples, the movement is shorter than one, or only the bin
-        at 0 Hz lies below `high_hz`.
-    """
-    length = n_of(view, frame_s)
-    if length < 8:
-        raise UndefinedFeatureError(
-            f"fs is {view.fs:g} Hz; the rule is at least 8 samples in a frame of {frame_s:g} s"
-        )
-    require(view, length, f"one frame of {frame_s:g} s")
-    w = get_window(window, length).astype(np.float32)
-    n_fft = 1 << (length - 1).bit_length()
-    frames = sliding_window_view(unit32(view), length)[:: n_of(view, hop_s)]
-    frequency = np.linspace(0, view.fs / 2, n_fft // 2 + 1)
-    n_bins = int(np.searchsorted(frequency, high_hz, side="right"))
-    if n_bins < 2:
-        raise UndefinedFeatureError(
-            f"bins lie every {frequency[1]:g} Hz; the rule is one up to {high_hz:g} Hz"
-        )
-    power = np.empty((len(frames), n_bins), dtype=np.float32)
-    block = np.zeros((BLOCK, n_fft), dtype=np.float32)
-    for k in range(0, len(frames), BLOCK):
-        n = min(BLOCK, len(frames) - k)
-        np.multiply(frames[k : k + n], w, out=block[:n, :length])
-        spectra = fft.rfft(block[:n])[:, :n_bins]
-        power[k : k + BLOCK] = spectra.real**2 + spectra.imag**2
-    power *= np.float32(2 / (view.fs * float(w @ w)))
-    power[:, 0] /= 2
-    power[:, n_fft // 2 :] /= 2
-    return PowerFrames(power, frequency[:n_bins])
-
-
-@transform
-def long_frames(view: PhaseView) -> PowerFrames:
-    """Return the power spectra of half-overlapping Hann frames of `LONG_FRAME_S`, at most the movement.
-
-    Raises
-    ------
-    UndefinedFeatureError
-        If the movement holds fewer than 64 samples.
-    """
-    require(view, 64, "a spectrum")
-    frame_s = min(LONG_FRAME_S, view.n_samples / view.fs)
-    return power_frames(view, frame_s, frame_s / 2, "hann")
-
-
 @transform
 def autocorrelation(view: PhaseView) -> NDArray[np.float32]:
     """Return r_k = sum_n x_n x_(n+k) of `unit` for k = 0 ... n-1, shape (n,), to about 1e-7 of r_0.
@@ -286,31 +181,6 @@ def autocorrelation(view: PhaseView) -> NDArray[np.float32]:
     r = fft.irfft(cross, n_fft, axis=1)
     r[:-1, :length] += r[1:, n_fft - length :]  # lags before those of the next distance
     return np.asarray(r[:, :length].reshape(-1)[:n])
-
-
-@transform
-def spectral_changes(view: PhaseView, length: int, shift: int) -> Samples:
-    """Return the mean over bins of D_k^2 for every frame k, shape (n_differences,).
-
-    D_k = |X_k| - |X_(k+1)| with X_k the orthonormal DCT-II of frame k of `length` samples, frames `shift`
-    apart [strese2015, eq. 4]. Blocks of float32: neighbouring magnitudes differ by far more than 1e-7 of
-    them, and half the memory traffic is half the time.
-
-    Raises
-    ------
-    UndefinedFeatureError
-        If the movement does not hold two frames.
-    """
-    require(view, length + shift, f"two frames of {length} samples, {shift} apart")
-    frames = sliding_window_view(unit32(view), length)[::shift]
-    return np.concatenate([_changes(frames[k : k + 65]) for k in range(0, len(frames) - 1, 64)])
-
-
-def _changes(frames: NDArray[np.float32]) -> NDArray[Any]:
-    magnitude: NDArray[np.float32] = fft.dct(frames, axis=1, norm="ortho")
-    np.abs(magnitude, out=magnitude)
-    change = magnitude[1:] - magnitude[:-1]
-    return np.asarray(np.einsum("kj,kj->k", change, change).astype(np.float64) / change.shape[1])
 
 
 def log10_of(value: float, what: str) -> float:

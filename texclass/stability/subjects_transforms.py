@@ -9,7 +9,7 @@ from scipy import fft
 from scipy.signal import get_window
 
 from texclass import signals
-from texclass.features import transforms
+from texclass.features import filtered, frames, transforms
 from texclass.features.view import PhaseView
 from texclass.recording import Samples
 from texclass.stability import exact, rules
@@ -31,13 +31,14 @@ def subjects() -> list[Subject]:
         _subject("rms", _long_too, lambda x, case: signals.rms(x), _rms_checks),
         _subject("frame", _signals, lambda x, case: signals.frame(x, 64, 16), _frame_checks),
         _shared("spectrum", transforms.spectrum, _right_spectrum),
+        _shared("low_spectrum", transforms.low_spectrum, _right_low_spectrum),
         _shared("autocorrelation", transforms.autocorrelation, _right_autocorrelation),
-        _shared("spectral_changes (DCT)", lambda v: transforms.spectral_changes(v, 256, 64), _right_changes),
+        _shared("spectral_changes (DCT)", lambda v: frames.spectral_changes(v, 256, 64), _right_changes),
         _shared("power_frames", _power, _right_power),
         _shared("mean_spectrum", lambda v: transforms.mean_spectrum(v)[1], _right_mean_spectrum),
-        _shared("high_passed", lambda v: transforms.high_passed(v, _cutoff(v)), None),
-        _shared("low_passed", lambda v: transforms.low_passed(v, _cutoff(v)).samples, None),
-        _shared("band_passed", lambda v: transforms.band_passed(v, _cutoff(v), 2 * _cutoff(v)), None),
+        _shared("high_passed", lambda v: filtered.high_passed(v, _cutoff(v)), None),
+        _shared("low_passed", lambda v: filtered.low_passed(v, _cutoff(v)).samples, None),
+        _shared("band_passed", lambda v: filtered.band_passed(v, _cutoff(v), 2 * _cutoff(v), v.fs), None),
         _shared("details", _details, None),
     ]
 
@@ -169,16 +170,21 @@ def _cutoff(view: PhaseView) -> float:
 
 
 def _details(view: PhaseView) -> Samples:
-    return np.concatenate(transforms.details(view, _cutoff(view), "coif3", 3))
+    return np.concatenate(filtered.details(view, _cutoff(view), "coif3", 3))
 
 
 def _power(view: PhaseView) -> Samples:
-    return np.asarray(transforms.power_frames(view, 128 / view.fs, 64 / view.fs, "hann").power)
+    return np.asarray(frames.power_frames(view, 128 / view.fs, 64 / view.fs, "hann").power)
 
 
 def _right_spectrum(x: Any, case: Case) -> Any:
     n = transforms.FINEST * fft.next_fast_len(-(-x.size // transforms.FINEST))
     return fft.rfft(x, n)
+
+
+def _right_low_spectrum(x: Any, case: Case) -> Any:
+    spectrum = _right_spectrum(x, case)
+    return spectrum[: (spectrum.size + 1) // 2]
 
 
 def _right_autocorrelation(x: Any, case: Case) -> Any:

@@ -1,0 +1,170 @@
+"""A classifier of recordings described in pieces: it learns from all of them and lets them vote."""
+
+from collections.abc import Callable
+from numbers import Integral, Real
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, ClassifierMixin, MetaEstimatorMixin, clone
+from sklearn.utils._param_validation import HasMethods, Interval
+from sklearn.utils.metaestimators import available_if
+from sklearn.utils.multiclass import check_classification_targets
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from texclass.experiment.kernel_discriminant import KernelDiscriminant
+from texclass.recording import Samples
+
+
+class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type: ignore[misc]
+    """Classify each piece of a recording, then average the decisions.
+
+    With few recordings, pieces are many more samples to learn from, and how they differ shows what to expect
+    of the next recording; a piece at which a finger lifts off or slips is outvoted. One more voter sees the
+    pieces side by side: what a stroke is like at its beginning, later, and at its end.
+
+    Parameters
+    ----------
+    estimator : classifier, optional
+        Classifies one piece; `KernelDiscriminant` by default. Its `decision_function` is averaged, or its
+        `predict_proba` where it has no other.
+    n_pieces : int
+        Pieces of a recording.
+    whole_weight : float
+        Weight of the voter that sees them side by side, against 1 of all pieces together.
+
+    Attributes
+    ----------
+    classes_ : ndarray of shape (n_classes,)
+        Labels.
+    estimator_ : classifier
+        Fitted on pieces.
+    whole_ : classifier or None
+        Fitted on pieces side by side; None without weight, or where no recording has several pieces.
+
+    Notes
+    -----
+    The n_pieces values of one feature stand side by side, as features with a parameter `n_pieces` give them:
+    X[:, j n_pieces + i] is feature j of piece i. Features are compared between pieces, so what scales columns
+    one by one should stand inside `estimator`. Where all pieces of a recording are the same (it was too short
+    to be divided), they count as one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rng = np.random.default_rng(0)
+    >>> X = rng.standard_normal((60, 8)) + np.repeat([[0.0], [2.0]], 30, axis=0)
+    >>> y = np.repeat(["felt", "glass"], 30)
+    >>> VoteOfPieces(n_pieces=4).fit(X, y).predict([[0.0] * 8, [2.0] * 8]).tolist()
+    ['felt', 'glass']
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "estimator": [HasMethods(["fit", "predict"]), None],
+        "n_pieces": [Interval(Integral, 1, None, closed="left")],
+        "whole_weight": [Interval(Real, 0, None, closed="left")],
+    }
+
+    def __init__(self, estimator: Any = None, *, n_pieces: int = 1, whole_weight: float = 0.5) -> None:
+        self.estimator = estimator
+        self.n_pieces = n_pieces
+        self.whole_weight = whole_weight
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Learn from all pieces of all recordings.
+
+        Parameters
+        ----------
+        X : array_like of shape (n_recordings, n_features * n_pieces)
+            Finite features, the pieces of each side by side.
+        y : array_like of shape (n_recordings,)
+            Labels of at least two classes.
+
+        Raises
+        ------
+        ValueError
+            If the number of columns is not a multiple of `n_pieces`, or as `estimator` does.
+        """
+        self._validate_params()
+        rows, labels = validate_data(self, X, y, dtype=np.float64)
+        check_classification_targets(labels)
+        self.classes_ = np.unique(labels)
+        if len(self.classes_) < 2:
+            raise ValueError("y holds 1 class; the rule is at least 2")
+        pieces, owner = divided(rows, self.n_pieces)
+        self.estimator_ = self._unfitted().fit(pieces, labels[owner])
+        several = self.whole_weight > 0 and len(pieces) > len(rows)
+        self.whole_ = self._unfitted().fit(rows, labels) if several else None
+        return self
+
+    def decision_function(self, X: ArrayLike) -> Samples:
+        """Return the mean decision of the pieces, shape (n_recordings, n_classes).
+
+        Of two classes, only that of the second, shape (n_recordings,), as scikit-learn has it.
+        """
+        return self._mean(X, decisions_of)
+
+    def predict(self, X: ArrayLike) -> NDArray[Any]:
+        """Return the class with the largest mean decision, shape (n_recordings,)."""
+        decisions = self.decision_function(X)
+        winner = decisions.argmax(axis=1) if decisions.ndim == 2 else (decisions > 0).astype(np.intp)
+        return np.asarray(self.classes_[winner])
+
+    @available_if(lambda self: hasattr(self._unfitted(), "predict_proba"))  # type: ignore[untyped-decorator]
+    def predict_proba(self, X: ArrayLike) -> Samples:
+        """Return the mean probabilities of the voters, shape (n_recordings, n_classes)."""
+        return self._mean(X, lambda classifier, rows: np.asarray(classifier.predict_proba(rows)))
+
+    def _mean(self, X: ArrayLike, decide: Callable[[Any, Samples], Samples]) -> Samples:
+        """Return the mean over the pieces of each recording, and over them and the whole."""
+        check_is_fitted(self)
+        rows = validate_data(self, X, dtype=np.float64, reset=False)
+        pieces, owner = divided(rows, self.n_pieces)
+        decisions = decide(self.estimator_, pieces)
+        counts = np.bincount(owner).reshape(-1, *[1] * (decisions.ndim - 1))
+        mean = np.add.reduceat(decisions, np.flatnonzero(np.diff(owner, prepend=-1)), axis=0) / counts
+        if self.whole_ is None:
+            return np.asarray(mean)
+        return np.asarray((mean + self.whole_weight * decide(self.whole_, rows)) / (1 + self.whole_weight))
+
+    def _unfitted(self) -> Any:
+        return KernelDiscriminant() if self.estimator is None else clone(self.estimator)
+
+
+def decisions_of(classifier: Any, rows: Samples) -> Samples:
+    """Return a classifier's decisions, or its probabilities where it has no other; of two classes, one."""
+    if hasattr(classifier, "decision_function"):
+        return np.asarray(classifier.decision_function(rows))
+    p = np.asarray(classifier.predict_proba(rows))
+    return p[:, 1] - 0.5 if p.shape[1] == 2 else p
+
+
+def divided(X: Samples, n_pieces: int) -> tuple[Samples, NDArray[np.intp]]:
+    """Return the pieces of recordings as rows, and the recording that each belongs to.
+
+    Parameters
+    ----------
+    X : ndarray of shape (n_recordings, n_features * n_pieces)
+        The pieces of each feature side by side.
+    n_pieces : int
+        Pieces of a recording.
+
+    Returns
+    -------
+    ndarray of shape (n_rows, n_features)
+        n_pieces rows a recording; one where its pieces are all the same.
+    ndarray of shape (n_rows,)
+        Row of X, ascending.
+    """
+    n, n_columns = X.shape
+    if n_columns % n_pieces:
+        raise ValueError(
+            f"X has {n_columns} columns; the rule is a multiple of n_pieces = {n_pieces}: "
+            "features computed of so many pieces, and all pieces of each"
+        )
+    pieces = X.reshape(n, -1, n_pieces)
+    same = (pieces == pieces[:, :, :1]).all(axis=(1, 2))
+    kept = np.ones((n, n_pieces), dtype=bool)
+    kept[same, 1:] = False
+    owner, piece = np.nonzero(kept)
+    return pieces[owner, :, piece], owner

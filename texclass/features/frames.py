@@ -1,0 +1,141 @@
+"""Spectra of the frames of a movement, shared by features and computed once per view."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy import fft
+from scipy.signal import get_window
+
+from texclass.features.contract import UndefinedFeatureError
+from texclass.features.transforms import BLOCK, n_of, require, unit32
+from texclass.features.view import PhaseView, transform
+from texclass.recording import Samples
+
+LONG_FRAME_S = 0.4096
+"""Frame of `long_frames`, in s: 4096 samples at the 10 kHz of strese2015."""
+BLOCK_SAMPLES = 1 << 16
+"""Samples transformed at a time: 256 kB, so that a block of long frames stays in the cache, too."""
+
+
+@dataclass(frozen=True, eq=False)
+class PowerFrames:
+    """Power spectra of the windowed frames of a movement.
+
+    Attributes
+    ----------
+    power : ndarray of shape (n_frames, n_bins)
+        One-sided power density of each frame of `unit`, in 1/Hz, single precision.
+    frequency : ndarray of shape (n_bins,)
+        In Hz.
+    """
+
+    power: NDArray[np.float32]
+    frequency: Samples
+
+
+@transform
+def power_frames(
+    view: PhaseView, frame_s: float, hop_s: float, window: str, high_hz: float = np.inf
+) -> PowerFrames:
+    """Return the power spectra of windowed frames, zero-padded to a power of two, up to `high_hz`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        If a frame would hold fewer than 8 samples, the movement is shorter than one, or only the bin
+        at 0 Hz lies below `high_hz`.
+    """
+    length = n_of(view, frame_s)
+    if length < 8:
+        raise UndefinedFeatureError(
+            f"fs is {view.fs:g} Hz; the rule is at least 8 samples in a frame of {frame_s:g} s"
+        )
+    require(view, length, f"one frame of {frame_s:g} s")
+    w = get_window(window, length).astype(np.float32)
+    n_fft = 1 << (length - 1).bit_length()
+    frames = sliding_window_view(unit32(view), length)[:: n_of(view, hop_s)]
+    frequency = np.linspace(0, view.fs / 2, n_fft // 2 + 1)
+    n_bins = int(np.searchsorted(frequency, high_hz, side="right"))
+    if n_bins < 2:
+        raise UndefinedFeatureError(
+            f"bins lie every {frequency[1]:g} Hz; the rule is one up to {high_hz:g} Hz"
+        )
+    power = np.empty((len(frames), n_bins), dtype=np.float32)
+    block = np.zeros((min(BLOCK, max(1, BLOCK_SAMPLES // n_fft)), n_fft), dtype=np.float32)
+    for k in range(0, len(frames), len(block)):
+        n = min(len(block), len(frames) - k)
+        np.multiply(frames[k : k + n], w, out=block[:n, :length])
+        spectra = fft.rfft(block[:n])[:, :n_bins]
+        power[k : k + n] = spectra.real**2 + spectra.imag**2
+    power *= np.float32(2 / (view.fs * float(w @ w)))
+    power[:, 0] /= 2
+    power[:, n_fft // 2 :] /= 2
+    return PowerFrames(power, frequency[:n_bins])
+
+
+@transform
+def long_frames(view: PhaseView) -> PowerFrames:
+    """Return the power spectra of half-overlapping Hann frames of `LONG_FRAME_S`, at most the movement.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        If the movement holds fewer than 64 samples.
+    """
+    require(view, 64, "a spectrum")
+    frame_s = min(LONG_FRAME_S, view.n_samples / view.fs)
+    return power_frames(view, frame_s, frame_s / 2, "hann")
+
+
+@transform
+def spectral_moments(view: PhaseView) -> tuple[Samples, Samples]:
+    """Return centroid and deviation (Hz) of the power spectrum of each of the `long_frames` that has energy.
+
+    SC = sum f P / sum P and sqrt(sum (f - SC)^2 P / sum P), shape (n_frames,) each: the sums over f and f^2
+    are those around the middle of the band, so that little is lost where they are subtracted.
+    """
+    frames = long_frames(view)
+    middle = frames.frequency[-1] / 2
+    f = frames.frequency - middle
+    total, first, second = (frames.power.astype(np.float64) @ np.stack([f**0, f, f**2], axis=1)).T
+    heard = total > 0
+    centroid, square = first[heard] / total[heard], second[heard] / total[heard]
+    return centroid + middle, np.sqrt(np.maximum(square - centroid**2, 0))
+
+
+@transform
+def spectral_changes(view: PhaseView, length: int, shift: int) -> Samples:
+    """Return the mean over bins of D_k^2 for every frame k, shape (n_differences,).
+
+    D_k = |X_k| - |X_(k+1)| with X_k the orthonormal DCT-II of frame k of `length` samples, frames `shift`
+    apart [strese2015, eq. 4]. Blocks of float32: neighbouring magnitudes differ by far more than 1e-7 of
+    them, and half the memory traffic is half the time.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        If the movement does not hold two frames.
+    """
+    require(view, length + shift, f"two frames of {length} samples, {shift} apart")
+    frames = sliding_window_view(unit32(view), length)[::shift]
+    blocks = (magnitudes(frames[k : k + 65]) for k in range(0, len(frames) - 1, 64))
+    return np.concatenate([mean_square(block[1:] - block[:-1]) for block in blocks])
+
+
+def magnitudes(frames: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return |X_k|, X_k the orthonormal DCT-II of each frame, shape as given."""
+    magnitude: NDArray[np.float32] = fft.dct(frames, axis=1, norm="ortho")
+    return np.abs(magnitude, out=magnitude)
+
+
+def mean_square(change: NDArray[np.float32]) -> Samples:
+    """Return the mean over bins of D_k^2 for each row."""
+    return np.asarray(np.einsum("kj,kj->k", change, change).astype(np.float64) / change.shape[1])
+
+
+def spread(last: int, step: int, n_most: int) -> NDArray[np.intp]:
+    """Return up to `n_most` starts of frames from 0 to `last`, evenly spread and `step` apart at least."""
+    n = min(n_most, last // step + 1)
+    return np.arange(n) * last // max(1, n - 1)
