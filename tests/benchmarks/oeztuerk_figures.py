@@ -16,19 +16,19 @@ import numpy as np
 import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy import fft, special
+from scipy import fft
 from threadpoolctl import threadpool_limits
 
 from texclass import __version__
 from texclass.loaders import open_dataset
 from texclass.recording import Samples
-from texclass.vibration import fit, scores, select_order, synthesize
-from texclass.vibration.order import LITTLE, N_DFT, spectral_error
+from texclass.textures.oeztuerk2018.orders import AT_MOST, LARGEST, floor, order_curves
+from texclass.vibration import fit, scores, synthesize
+from texclass.vibration.order import LITTLE, N_DFT
 
 ROOT = Path(__file__).parents[2]
 SEED = 20180
-LARGEST, PAPER, SMALL = 1000, 400, 10
-AT_MOST = 0.4
+PAPER, SMALL = 400, 10
 HIGH = 200
 SHOWN_ORDERS = (1, 2, 5, 10, 20, 50, 100, 200, 400, 700, 1000)
 N_SOUNDS = 20
@@ -54,34 +54,18 @@ def excerpts() -> tuple[dict[str, Samples], float, str]:
 
 def study(x: Samples, rng: np.random.Generator) -> dict[str, object]:
     """Errors of the orders 0 ... 1000 on one recording, on its other half, and of sounds of the model."""
-    little = select_order(x, LARGEST)
-    met = select_order(x, LARGEST, at_most=AT_MOST)
+    curves = order_curves(x, largest=LARGEST)
     model = fit(x, LARGEST)
-    first, second = np.array_split(x, 2)
-    both_ways = [spectral_error(b, fit(a, LARGEST)) for a, b in ((first, second), (second, first))]
     sounds = {m: _errors_of_sounds(x, m, model, rng) for m in SHOWN_ORDERS}
     return {
-        "curve": little.values,
-        "other half": np.mean(both_ways, axis=0),
-        "floor": floor(x.size // N_DFT),
-        "floor of the other half": floor(x.size // 2 // N_DFT),
-        "orders": {
-            "AICc": select_order(x, LARGEST, criterion="aicc").order,
-            "little": little.order,
-            "at most": met.order if met.met else None,
-        },
+        "curve": curves.curve,
+        "other half": curves.other_half,
+        "floor": curves.floor,
+        "floor of the other half": curves.floor_of_half,
+        "orders": {"AICc": curves.aicc, "little": curves.little, "at most": curves.at_most},
         "sounds": {m: pair[0] for m, pair in sounds.items()},
         "with phases": {m: pair[1] for m, pair in sounds.items()},
     }
-
-
-def floor(n_segments: int) -> float:
-    """Error that the true model keeps: |X|, the RMS over M segments of a Gaussian process, is not its mean.
-
-    E |X| / |G| = Gamma(M + 1/2) / (Gamma(M) sqrt(M)), so C^2 = 2 - 2 E |X| / |G|.
-    """
-    mean = special.poch(n_segments, 0.5) / np.sqrt(n_segments)
-    return float(np.sqrt(2 - 2 * mean))
 
 
 def _errors_of_sounds(x: Samples, m: int, model, rng: np.random.Generator) -> tuple[float, float]:

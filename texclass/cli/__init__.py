@@ -1,7 +1,16 @@
 """The command line: parse, call one function, print. Nothing heavy is imported before a command needs it."""
 
 # Importing a command's module puts the command into the program, in this order.
-from texclass.cli import benchmark, extract, inspect, listings, report, stability, tradeoff  # noqa: F401
+from texclass.cli import (  # noqa: F401
+    benchmark,
+    extract,
+    inspect,
+    listings,
+    report,
+    reproduce,
+    stability,
+    tradeoff,
+)
 from texclass.cli.app import app, main
 
 __all__ = ["app", "main"]

@@ -1,0 +1,16 @@
+"""A short scan of the simulated rubber mat and its texture, shared by the tests."""
+
+import numpy as np
+import pytest
+
+from texclass.textures.guruswamy2011 import FittedScan, fit_texture
+from texclass.textures.guruswamy2011.simulated import OBJECTS, lay_out, simulate_scan
+
+RUBBER = OBJECTS[2]
+
+
+@pytest.fixture(scope="session")
+def rubber_fit() -> FittedScan:
+    rng = np.random.default_rng(3)
+    section = lay_out(RUBBER, 80.0, rng)
+    return fit_texture(simulate_scan(RUBBER, section, rng), RUBBER.law)

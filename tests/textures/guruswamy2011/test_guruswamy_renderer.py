@@ -1,0 +1,206 @@
+import re
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from texclass.textures.contract import Renderer
+from texclass.textures.guruswamy2011 import Amplitude, LevelLaw, SpatialTexture, _kernels
+from texclass.textures.guruswamy2011.renderer import LARGEST_OUTPUT, N_RINGING, PLAY_MM, SILENT
+from texclass.vibration.decaying_modes import DecayingModes
+
+FS = 500.0
+LAW = LevelLaw(k_v=20.0, k_c=0.5, a_0=0.3)
+RING = DecayingModes(*np.array([[60.0], [30.0], [2.0], [-1.0]]))
+
+
+def surface(places=(10.0, 20.0, 35.0), length=50.0, **changes) -> SpatialTexture:
+    n = len(places)
+    texture = SpatialTexture(
+        "three ridges", FS, length, places, np.arange(n), *(np.full(n, v[0]) for v in (
+            RING.frequency_hz, RING.decay_per_s, RING.amplitude, RING.phase)),
+        scaling=Amplitude(LAW, 20.0, 0.5), peak=2.0, direction=[1.0, 0.0],
+    )  # fmt: skip
+    return replace(texture, **changes)
+
+
+def stroke(speed, n, start=0.0, force=0.5):
+    x = start + speed * np.arange(n) / FS
+    zero = np.zeros(n)
+    return np.column_stack([np.full(n, speed), zero]), np.full(n, force), np.column_stack([x, zero])
+
+
+def struck(texture, at, n, factor):
+    out = np.zeros(n)
+    for k in at:
+        out[k:] += factor * RING.synthesize(n - k, FS)
+    return out
+
+
+@pytest.mark.parametrize("speed", [20.0, 55.0, 130.0])
+def test_output_is_the_sum_of_equation_5(speed):
+    texture = surface()
+    v, f, x = stroke(speed, 1000)
+    passed = [
+        int(np.argmax(x[:, 0] >= place + 50.0 * turn))
+        for turn in range(6)
+        for place in texture.position_mm
+        if place + 50.0 * turn <= x[-1, 0]
+    ]
+    expected = struck(texture, passed, 1000, texture.scaling.factor(speed, 0.5))
+    assert np.abs(texture.renderer().process(v, f, x) - expected).max() < 5 * SILENT * texture.peak
+
+
+@pytest.mark.parametrize("speed", [5.0, 20.0, 400.0])
+@pytest.mark.parametrize("force", [0.01, 0.5, 9.0])
+@pytest.mark.parametrize("compensated", [True, False])
+def test_kernel_scales_as_the_law_says(speed, force, compensated):
+    scaling = Amplitude(LAW, 20.0, 0.5, compensated)
+    law = np.array([20.0, 0.5, 0.3, 20.0, 0.5, compensated, 4.0])
+    assert _kernels.factor(speed, force, law) == pytest.approx(float(scaling.factor(speed, force)))
+
+
+def test_features_are_fixed_in_space_and_decay_in_time():
+    texture = surface()
+    slow, fast = (texture.renderer().process(*stroke(v, int(18 / v * FS))) for v in (20.0, 60.0))
+    begin = [int(np.argmax(np.abs(y) > 0)) for y in (slow, fast)]
+    assert begin == [250, 84]
+    ratio = slow[begin[0] : begin[0] + 60] / fast[begin[1] : begin[1] + 60]
+    assert np.ptp(ratio) < 1e-6 * abs(ratio[0])
+
+
+def test_any_blocking_gives_the_same_samples():
+    rng = np.random.default_rng(0)
+    v = 80 * np.cumsum(rng.standard_normal((600, 2)), axis=0) / 10
+    f = rng.uniform(-0.2, 1, 600)
+    x = np.cumsum(v, axis=0) / FS
+    for course in ("line", "travelled"):
+        for position in (x, None):
+            texture = surface(course=course)
+            whole = texture.renderer().process(v, f, position)
+            renderer = texture.renderer()
+            cuts = [0, 1, 2, 3, 50, 51, 300, 300, 600]
+            parts = [
+                renderer.process(v[a:b], f[a:b], None if position is None else x[a:b])
+                for a, b in pairwise(cuts)
+            ]
+            assert np.array_equal(np.concatenate(parts), whole)
+            assert np.any(whole)
+
+
+def test_a_return_stroke_meets_the_features_again_in_reverse_order():
+    texture = surface()
+    v, f, x = stroke(50.0, 400)
+    path = np.concatenate([x, x[::-1]])
+    y = texture.renderer().process(np.concatenate([v, -v]), np.concatenate([f, f]), path)
+    there = [int(np.argmax(path[:, 0] >= place)) for place in (10.0, 20.0, 35.0)]
+    back = [400 + int(np.argmax(path[400:, 0] + PLAY_MM < place)) for place in (35.0, 20.0, 10.0)]
+    expected = struck(texture, there + back, 800, texture.scaling.factor(50.0, 0.5))
+    assert np.abs(y - expected).max() < 7 * SILENT * texture.peak
+
+
+def test_a_tip_that_trembles_on_a_feature_does_not_strike_it_again():
+    texture = surface()
+    x = np.concatenate([np.linspace(9, 10.0, 50), 10 + 0.04 * np.sin(np.arange(500))])
+    path = np.column_stack([x, np.zeros(x.size)])
+    y = texture.renderer().process(np.gradient(path, axis=0) * FS, np.full(x.size, 0.5), path)
+    assert np.abs(y).max() > 0.5
+    assert np.abs(y[-200:]).max() == 0
+
+
+def test_grooves_are_silent_along_themselves_and_grains_are_not():
+    v, f, x = stroke(100.0, 500)
+    across = v[:, ::-1], f, x[:, ::-1]
+    assert not np.any(surface().renderer().process(*across))
+    grains = surface(course="travelled")
+    assert np.array_equal(grains.renderer().process(*across), grains.renderer().process(v, f, x))
+
+
+def test_without_contact_nothing_is_struck_and_what_rings_rings_on():
+    texture = surface()
+    v, f, x = stroke(50.0, 400)
+    assert not np.any(texture.renderer().process(v, 0 * f, x))
+    lifted = np.where(x[:, 0] > 10.5, 0.0, 0.5)
+    y, held = (texture.renderer().process(v, force, x) for force in (lifted, f))
+    second = int(np.argmax(x[:, 0] >= 20))
+    assert np.array_equal(y[:second], held[:second])
+    assert np.abs(y[-50:]).max() == 0
+
+
+def test_a_jump_of_speed_and_force_makes_no_click():
+    texture = surface()
+    v, f, x = stroke(50.0, 150)
+    f[110:] = 20.0
+    v[110:] *= 30
+    y = texture.renderer().process(v, f, x)
+    plain = texture.renderer().process(*stroke(50.0, 150))
+    assert np.array_equal(y, plain)  # no feature is passed after the jump
+
+
+def test_decayed_filters_leave_the_pool():
+    renderer = surface().renderer()
+    renderer.process(*stroke(50.0, 450))
+    assert renderer.n_ringing <= 2
+    renderer.process(np.zeros((400, 2)), np.full(400, 0.5), np.tile([[44.9, 0.0]], (400, 1)))
+    assert renderer.n_ringing == 0
+
+
+def test_output_stays_bounded_and_finite_whatever_the_path():
+    places = np.arange(0.0, 50.0, 0.05)
+    texture = surface(tuple(places))
+    rng = np.random.default_rng(4)
+    renderer = texture.renderer()
+    for _ in range(30):
+        v = 10.0 ** rng.uniform(0, 6) * rng.standard_normal((100, 2))
+        y = renderer.process(v, 50 * rng.standard_normal(100), 1e3 * rng.standard_normal((100, 2)))
+        assert np.all(np.isfinite(y))
+        assert np.abs(y).max() <= LARGEST_OUTPUT * texture.peak
+        assert renderer.n_ringing <= N_RINGING
+
+
+def test_far_from_the_origin_the_surface_repeats():
+    texture = surface()
+    here = texture.renderer().process(*stroke(50.0, 400))
+    for turn in (-1000, 1000):
+        there = texture.renderer().process(*stroke(50.0, 400, start=50.0 * turn))
+        assert np.abs(there - here).max() < 1e-9
+
+
+def test_reset_brings_back_the_first_sample():
+    renderer = surface().renderer()
+    assert isinstance(renderer, Renderer)
+    path = stroke(50.0, 400)
+    first = renderer.process(*path)
+    renderer.reset()
+    assert np.array_equal(renderer.process(*path), first)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e10])
+def test_broken_input_is_refused_and_changes_nothing(bad):
+    texture = surface()
+    v, f, x = stroke(50.0, 200)
+    renderer = texture.renderer()
+    renderer.process(v[:100], f[:100], x[:100])
+    for which in range(3):
+        broken = [v[100:].copy(), f[100:].copy(), x[100:].copy()]
+        broken[which][3] = bad
+        with pytest.raises(ValueError, match="the rule is less"):
+            renderer.process(*broken)
+    assert np.array_equal(
+        renderer.process(v[100:], f[100:], x[100:]), texture.renderer().process(v, f, x)[100:]
+    )
+    with pytest.raises(ValueError, match=re.escape("the rule is (n, 2), (n,), (n, 2)")):
+        renderer.process(v, f[:-1], x)
+
+
+def test_input_of_any_real_kind_and_layout_is_fine():
+    texture = surface()
+    v, f, x = stroke(50.0, 200)
+    expected = texture.renderer().process(v, f, x)
+    frozen = [np.asfortranarray(a) for a in (v, f, x)]
+    for a in frozen:
+        a.setflags(write=False)
+    assert np.array_equal(texture.renderer().process(*frozen), expected)
+    assert np.abs(texture.renderer().process(v.astype(np.float32), f.tolist(), x) - expected).max() < 1e-6
+    assert texture.renderer().process(v[:0], f[:0]).shape == (0,)

@@ -1,0 +1,130 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from texclass.textures.contract import Texture
+from texclass.textures.guruswamy2011 import SinusoidTexture, SpatialTexture, fit_texture
+from texclass.textures.guruswamy2011.renderer import SILENT
+from texclass.textures.scan import Scan
+
+
+def test_a_fitted_texture_keeps_the_contract(rubber_fit):
+    texture = rubber_fit.texture
+    assert isinstance(texture, Texture)
+    assert texture.family == "guruswamy2011"
+    assert texture.operations > 0
+
+
+def test_rendered_along_the_scan_it_is_the_scan(rubber_fit):
+    scan, texture = rubber_fit.scan, rubber_fit.texture
+    y = texture.renderer().process(scan.velocity, scan.force, scan.position)
+    total = rubber_fit.responses.sum(len(scan), scan.fs)
+    factor = texture.scaling.factor(scan.speed, scan.force)
+    assert np.mean(np.abs(y - factor * total)) < 0.03 * np.mean(np.abs(y))
+    assert np.mean(np.abs(total - rubber_fit.profile.samples)) < 0.153
+
+
+def test_rendered_level_obeys_equation_2_at_other_speeds(rubber_fit):
+    texture = rubber_fit.texture
+    n = 6000
+    for speed, force in ((40.0, 0.443), (85.0, 0.443), (60.0, 1.5)):
+        v = np.tile([[speed, 0.0]], (n, 1))
+        y = texture.renderer().process(v, np.full(n, force))
+        rms = np.sqrt(np.mean(y**2)) / np.sqrt(np.mean(rubber_fit.profile.samples**2))
+        expected = texture.scaling.law.rms(speed, force) / texture.scaling.law.rms(
+            texture.scaling.speed, texture.scaling.force
+        )
+        assert rms == pytest.approx(expected, rel=0.15)
+
+
+def test_it_survives_json(rubber_fit):
+    texture = rubber_fit.texture
+    parameters = json.loads(json.dumps(texture.parameters()))
+    again = SpatialTexture.restore(parameters, texture.arrays())
+    scan = rubber_fit.scan
+    path = scan.velocity, scan.force, scan.position
+    assert np.array_equal(again.renderer().process(*path), texture.renderer().process(*path))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("fs", "500"),
+        ("fs", -1.0),
+        ("course", "sideways"),
+        ("length_mm", 1.0),
+        ("scaling", {}),
+        ("peak", True),
+        ("length_mm", 1e-300),
+        ("origin_mm", 1e300),
+        ("peak", 1e300),
+    ],
+)
+def test_broken_parameters_are_refused(rubber_fit, name, value):
+    texture = rubber_fit.texture
+    with pytest.raises(ValueError, match="the rule is"):
+        SpatialTexture.restore({**texture.parameters(), name: value}, texture.arrays())
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("decay_per_s", lambda a: -a),
+        ("frequency_hz", lambda a: a + 1e4),
+        ("feature", lambda a: a + 0.5),
+        ("feature", lambda a: a + 1e6),
+        ("position_mm", lambda a: a[::-1]),
+        ("amplitude", lambda a: a[:-1]),
+        ("amplitude", lambda a: 1e300 * a),
+        ("phase", lambda a: a * np.nan),
+        ("direction", lambda a: 2 * a),
+    ],
+)
+def test_broken_arrays_are_refused(rubber_fit, name, change):
+    texture = rubber_fit.texture
+    arrays = dict(texture.arrays())
+    with pytest.raises(ValueError, match="the rule is"):
+        SpatialTexture.restore(texture.parameters(), {**arrays, name: change(arrays[name])})
+    with pytest.raises(ValueError, match="exactly"):
+        SpatialTexture.restore(texture.parameters(), {k: v for k, v in arrays.items() if k != name})
+
+
+def test_baseline_is_one_sinusoid_a_feature_and_fits_worse(rubber_fit):
+    baseline = fit_texture(rubber_fit.scan, rubber_fit.texture.scaling.law, method="sinusoid")
+    assert isinstance(baseline.texture, SinusoidTexture)
+    assert baseline.texture.family == "guruswamy2011-sinusoid"
+    assert np.array_equal(baseline.texture.feature, np.arange(baseline.texture.n_features))
+    n, x = len(rubber_fit.scan), rubber_fit.profile.samples
+    errors = [np.mean(np.abs(each.responses.sum(n, 500.0) - x)) for each in (baseline, rubber_fit)]
+    assert errors[0] > 2 * errors[1]
+
+
+def test_operations_count_the_modes_that_ring(rubber_fit):
+    texture = rubber_fit.texture
+    modes = {"frequency_hz": [20.0], "decay_per_s": [10.0], "amplitude": [texture.peak], "phase": [0.0]}
+    one = replace(texture, position_mm=[0.0], feature=[0], **modes)
+    share = np.log(1 / SILENT) / 10.0 * texture.scaling.speed / texture.length_mm
+    assert one.operations == pytest.approx(30 + 10 * share)
+
+
+@pytest.mark.parametrize(("speed", "level"), [(0.0, 1.0), (20.0, 0.01)])
+def test_a_scan_that_rests_or_is_silent_is_refused(speed, level):
+    noise = level * np.random.default_rng(0).standard_normal(500)
+    with pytest.raises(ValueError, match="the rule is"):
+        fit_texture(Scan.along_line(noise, speed, 0.5, 500.0, "nothing"))
+
+
+def test_features_lie_along_the_stroke_wherever_it_began():
+    t = np.arange(1000) / 500
+    a = 5 * np.exp(-20 * (t % 0.2)) * np.sin(2 * np.pi * 40 * (t % 0.2))
+    path = np.column_stack([-3.0 * t, 4.0 * t])
+    velocity = np.tile([[-3.0, 4.0]], (1000, 1))
+    scan = Scan(a, path + np.array([40.0, -7.0]), velocity, np.full(1000, 0.5), 500.0)
+    fitted = fit_texture(scan)
+    texture = fitted.texture
+    assert texture.direction == pytest.approx([-0.6, 0.8])
+    assert texture.n_features == pytest.approx(10, abs=1)
+    rendered = texture.renderer().process(velocity, scan.force, scan.position)
+    assert np.mean(np.abs(rendered - fitted.responses.sum(1000, 500.0))) < 0.02

@@ -1,0 +1,230 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import signal
+
+from texclass.textures import Renderer, Texture
+from texclass.textures.oeztuerk2018 import FrequencyTexture, LpcTexture, fit_frequencies, fit_lpc
+from texclass.textures.oeztuerk2018.frequencies import follow_lines
+from texclass.textures.oeztuerk2018.speeds import PEAK_FACTOR, STILL
+from texclass.textures.oeztuerk2018.study import click
+from texclass.vibration import MajorFrequencies, fit, interpolation
+from texclass.vibration.major_frequencies import at_speed
+
+FS = 10_000.0
+SPEEDS = [50.0, 100.0, 200.0]
+
+
+def _recording(v, seed=0, n=8000):
+    rng = np.random.default_rng((seed, round(v)))
+    sos = signal.butter(2, [v, 3 * v], btype="band", fs=FS, output="sos")
+    return v * signal.sosfilt(sos, rng.standard_normal(n))
+
+
+RECORDINGS = [_recording(v) for v in SPEEDS]
+TEXTURES = {
+    "lpc": fit_lpc(RECORDINGS, SPEEDS, FS, order=40, name="felt"),
+    "frequencies": fit_frequencies(RECORDINGS, SPEEDS, FS, name="felt"),
+}
+
+
+@pytest.fixture(params=sorted(TEXTURES))
+def texture(request):
+    return TEXTURES[request.param]
+
+
+def _path(n=4000, seed=0):
+    rng = np.random.default_rng(seed)
+    knots = rng.uniform(-250, 250, (6, 2))
+    t = np.linspace(0, 5, n)
+    velocity = np.column_stack([np.interp(t, np.arange(6), k) for k in knots.T])
+    return velocity, np.where(np.sin(3 * t) > -0.8, 1.0, 0.0)
+
+
+def test_both_are_textures_with_renderers(texture):
+    assert isinstance(texture, Texture)
+    assert isinstance(texture.renderer(), Renderer)
+    assert texture.operations > 0
+
+
+def test_any_blocking_gives_the_same_samples(texture):
+    velocity, force = _path()
+    whole = texture.renderer(seed=3).process(velocity, force)
+    for size in (1, 7, 1000):
+        renderer = texture.renderer(seed=3)
+        cuts = range(0, force.size, size)
+        pieces = [renderer.process(velocity[i : i + size], force[i : i + size]) for i in cuts]
+        assert_array_equal(np.concatenate(pieces), whole)
+    assert renderer.process(np.zeros((0, 2)), []).size == 0
+
+
+def test_reset_starts_again(texture):
+    velocity, force = _path(500)
+    renderer = texture.renderer(seed=1)
+    first = renderer.process(velocity, force)
+    renderer.reset()
+    assert_array_equal(renderer.process(velocity, force), first)
+
+
+def test_output_is_finite_and_bounded_over_random_paths(texture):
+    renderer = texture.renderer(seed=0)
+    for seed in range(30):
+        y = renderer.process(*_path(1000, seed))
+        assert np.all(np.abs(y) <= PEAK_FACTOR * texture.peak)
+
+
+def test_speed_jumps_cause_no_click(texture):
+    assert click(texture, 0) < 1.3
+
+
+def test_without_contact_or_motion_it_falls_silent(texture):
+    renderer = texture.renderer()
+    moving = np.tile([100.0, 0.0], (3000, 1))
+    assert np.abs(renderer.process(moving, np.ones(3000))[1000:]).max() > 0.1 * texture.peak
+    assert np.abs(renderer.process(moving, np.zeros(3000))[2000:]).max() < 1e-6 * texture.peak
+    assert np.abs(renderer.process(0 * moving, np.ones(3000))[2000:]).max() < 1e-6 * texture.peak
+
+
+def test_below_the_slowest_speed_it_fades_in_proportion(texture):
+    v = STILL * SPEEDS[0] / 2
+    n = 20_000
+    loud, half = (
+        texture.renderer(seed=2).process(np.tile([u, 0.0], (n, 1)), np.ones(n))[2000:] for u in (SPEEDS[0], v)
+    )
+    assert_allclose(half, loud / 2, atol=1e-6 * texture.peak)
+
+
+@pytest.mark.parametrize("speed", [50.0, 75.0, 160.0])
+def test_rendered_spectrum_is_that_of_the_model_at_the_speed(speed):
+    texture = TEXTURES["lpc"]
+    n = 100_000
+    y = texture.renderer(seed=0).process(np.tile([0.0, speed], (n, 1)), np.ones(n))[2000:]
+    f, power = signal.welch(y, FS, nperseg=512)
+    band = (f > 60) & (f < 500)
+    expected = texture.at(speed).log_spectrum_db(2 * np.pi * f[band] / FS) + 10 * np.log10(2 / FS)
+    assert np.sqrt(np.mean((10 * np.log10(power[band]) - expected) ** 2)) < 1.0
+    assert_allclose(y.std(), texture.at(speed).level, rtol=0.1)
+
+
+def test_lpc_at_a_recorded_speed_is_the_fit_and_between_the_interpolation():
+    texture = TEXTURES["lpc"]
+    slow, middle = (fit(x - x.mean(), 40) for x in RECORDINGS[:2])
+    assert_allclose(texture.at(50.0).level, slow.level, rtol=1e-9)
+    assert_allclose(
+        texture.at(75.0).reflection, interpolation.interpolate(slow, middle, 0.5).reflection, atol=1e-9
+    )
+    assert_allclose(texture.at(20.0).reflection, texture.at(50.0).reflection)
+    assert_allclose(texture.at(900.0).reflection, texture.at(200.0).reflection)
+
+
+@pytest.mark.parametrize("speed", [50.0, 60.0, 100.0, 170.0, 200.0, 300.0])
+def test_tracks_between_speeds_are_the_interpolated_frequencies(speed):
+    texture = TEXTURES["frequencies"]
+    expected = at_speed(texture.models, texture.speeds, speed)
+    place = np.interp(speed, texture.speeds, [0, 1, 2])
+    i = min(int(place), 1)
+    f, A = ((1 - place + i) * table[i] + (place - i) * table[i + 1] for table in texture.tracks[:2])
+    order = np.argsort(f[A > 0])
+    assert_allclose(f[A > 0][order], expected.frequency_hz)
+    assert_allclose(A[A > 0][order], expected.amplitude)
+
+
+def test_oscillators_render_the_lines_of_a_constant_speed():
+    texture = TEXTURES["frequencies"]
+    n = 20_000
+    y = texture.renderer().process(np.tile([50.0, 0.0], (n, 1)), np.ones(n))
+    assert_allclose(y[3000:], texture.at(50.0).synthesize(n, FS)[3000:], atol=1e-6 * texture.peak)
+
+
+def test_a_line_that_pairs_glides_and_one_that_does_not_fades():
+    slow = MajorFrequencies([100.0, 300.0], [1.0, 2.0], [0.0, 0.0])
+    fast = MajorFrequencies([104.0, 600.0], [3.0, 4.0], [0.0, 0.0])
+    tracks = follow_lines([slow, fast])
+    assert_array_equal(tracks.frequency_hz, [[100, 300, 600], [104, 300, 600]])
+    assert_array_equal(tracks.amplitude, [[1, 2, 0], [3, 0, 4]])
+
+
+def test_lines_are_scaled_to_the_peak_of_their_recording():
+    for scale, measure in (("peak", lambda x: np.abs(x).max()), ("rms", np.std)):
+        texture = fit_frequencies(RECORDINGS, SPEEDS, FS, scale=scale)
+        for x, model in zip(RECORDINGS, texture.models, strict=True):
+            assert_allclose(measure(model.synthesize(x.size, FS)), measure(x - x.mean()), rtol=1e-9)
+
+
+def test_what_is_written_down_is_restored(texture):
+    again = type(texture).restore(texture.parameters(), texture.arrays())
+    velocity, force = _path(500)
+    assert_array_equal(
+        again.renderer(seed=5).process(velocity, force), texture.renderer(seed=5).process(velocity, force)
+    )
+    assert again.name == "felt"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "arrays"),
+    [
+        ({"fs": "fast"}, {}),
+        ({"fs": -1.0}, {}),
+        ({"peak": None}, {}),
+        ({"name": 3}, {}),
+        ({"extra": 1}, {}),
+        ({}, {"speeds": np.array([2.0, 1.0, 3.0])}),
+        ({}, {"speeds": np.array(["a", "b", "c"])}),
+        ({}, {"extra": np.zeros(1)}),
+    ],
+)
+def test_broken_files_are_refused(texture, parameters, arrays):
+    with pytest.raises(ValueError, match="rule is"):
+        type(texture).restore({**texture.parameters(), **parameters}, {**texture.arrays(), **arrays})
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "value"),
+    [
+        (LpcTexture, "reflection", np.ones((3, 4))),
+        (LpcTexture, "reflection", np.zeros(3)),
+        (LpcTexture, "gain", np.full(3, np.nan)),
+        (LpcTexture, "reflection", np.full((3, 400), 0.99)),
+        (FrequencyTexture, "amplitude", np.full(TEXTURES["frequencies"].arrays()["amplitude"].shape, 1e308)),
+        (FrequencyTexture, "n_lines", np.array([1.0, 1.5, 2.0])),
+        (FrequencyTexture, "amplitude", np.zeros(2)),
+    ],
+)
+def test_broken_arrays_are_refused(kind, name, value):
+    texture = next(t for t in TEXTURES.values() if isinstance(t, kind))
+    with pytest.raises(ValueError, match="rule"):
+        kind.restore(texture.parameters(), {**texture.arrays(), name: value})
+
+
+@pytest.mark.parametrize("fit_texture", [fit_lpc, fit_frequencies])
+@pytest.mark.parametrize(
+    ("signals", "speeds"),
+    [
+        (RECORDINGS[:1], [50.0]),
+        (RECORDINGS[:2], [50.0]),
+        (RECORDINGS[:2], [50.0, 50.0]),
+        (RECORDINGS[:2], [0.0, 50.0]),
+        ([RECORDINGS[0], np.ones(100)], [50.0, 60.0]),
+        ([RECORDINGS[0], [np.nan] * 100], [50.0, 60.0]),
+    ],
+)
+def test_bad_recordings_are_refused(fit_texture, signals, speeds):
+    with pytest.raises(ValueError, match="rule is"):
+        fit_texture(signals, speeds, FS)
+
+
+def test_bad_paths_are_refused_and_leave_the_state(texture):
+    renderer = texture.renderer()
+    for velocity, force in (([[1.0, np.nan]], [1.0]), ([[1.0, 2.0]], [np.inf]), ([1.0, 2.0], [1.0])):
+        with pytest.raises(ValueError, match="rule is"):
+            renderer.process(velocity, force)
+    velocity, force = _path(100)
+    assert_array_equal(renderer.process(velocity, force), texture.renderer().process(velocity, force))
+
+
+def test_read_only_float32_paths_of_any_stride_are_taken(texture):
+    velocity, force = _path(200)
+    narrow = np.asfortranarray(velocity.astype(np.float32))
+    narrow.setflags(write=False)
+    same = texture.renderer().process(narrow.astype(np.float64), force)
+    assert_array_equal(texture.renderer().process(narrow, force), same)

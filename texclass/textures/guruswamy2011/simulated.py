@@ -1,0 +1,186 @@
+"""Scans of five simulated objects whose truth is what `guruswamy2011` published of the real ones.
+
+Feature density, major frequency, speed, force and k_c are Table I's and section III's; k_v and a_0 those of
+section V-B for the rubber mat and SP80 and of that size for the others. What no table tells (decay rates, the
+modes above the major one, how much features differ) is ours.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from texclass.recording import Samples
+from texclass.textures.guruswamy2011.level import LevelLaw
+from texclass.textures.scan import Scan
+
+FS = 500.0
+"""Rate of the sensor, Hz."""
+BIT = 0.153
+"""One bit of the sensor, m/s^2."""
+RANGE = 128 * BIT
+"""Of the sensor, m/s^2: 2 g in 8 bits."""
+
+
+@dataclass(frozen=True)
+class SimulatedObject:
+    """A surface with features at places, each of which makes the tool ring.
+
+    Attributes
+    ----------
+    name : str
+    pattern : str
+        "regular" or "stochastic", as published.
+    density_per_mm : float
+        Features per mm of path.
+    spread : float
+        Standard deviation of the distance of neighbours, relative to its mean.
+    modes : tuple of (float, float, float)
+        Frequency (Hz), decay rate (1/s) and amplitude of each mode of the ring; the first is f_major's.
+    law : LevelLaw
+    speed, force : float
+        Of the published scan, mm/s and N.
+    undulation_per_mm : float
+        Spatial frequency at which the features change sign; 0: signs are drawn.
+    phase : float
+        Of the first mode at the onset, rad (0: a sine); the others are sines.
+    """
+
+    name: str
+    pattern: str
+    density_per_mm: float
+    spread: float
+    modes: tuple[tuple[float, float, float], ...]
+    law: LevelLaw
+    speed: float
+    force: float
+    undulation_per_mm: float = 0.0
+    phase: float = np.pi / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A section of a surface: the features that every scan of it meets.
+
+    Attributes
+    ----------
+    position_mm : ndarray of shape (n_features,)
+    mark : ndarray of shape (n_features, n_modes)
+        Signed height of each mode at each feature.
+    length_mm : float
+    """
+
+    position_mm: Samples
+    mark: Samples
+    length_mm: float
+
+
+OBJECTS = (
+    SimulatedObject("Jewel-case", "regular", 1.548, 0.05, ((69.5, 30.0, 1.0), (235.0, 150.0, 1.8)),
+                    LevelLaw(19.0, 1.0, 0.35), 8.2, 0.874, phase=0.35 * np.pi),
+    SimulatedObject("Tire tread", "regular", 0.317, 0.05, ((20.6, 24.0, 1.0), (112.0, 150.0, 2.9)),
+                    LevelLaw(19.0, 0.526, 0.40), 20.7, 0.511),
+    SimulatedObject("Rubber mat", "regular", 0.316, 0.05, ((17.8, 24.0, 1.0), (57.0, 180.0, 3.6)),
+                    LevelLaw(18.5, 0.117, 0.435), 21.4, 0.443),
+    SimulatedObject("SP 120 grit", "stochastic", 1.325, 0.3, ((0.0, 100.0, 1.0), (250.0, 200.0, 1.5)),
+                    LevelLaw(19.0, 1.0, 0.30), 23.3, 0.636, undulation_per_mm=12.6 / 23.3),
+    SimulatedObject("SP 80 grit", "stochastic", 1.011, 0.3, ((42.3, 30.6, 1.0), (163.0, 212.0, 3.8)),
+                    LevelLaw(19.4, 1.0, 0.287), 19.9, 0.353, phase=0.39 * np.pi),
+)  # fmt: skip
+"""The objects of Table I."""
+
+
+def lay_out(thing: SimulatedObject, length_mm: float, rng: np.random.Generator) -> Section:
+    """Draw a section of a surface, length_mm (above 0) long.
+
+    Distances of neighbours are drawn from a gamma distribution, so that none is negative; heights spread by
+    a fifth; signs are drawn, or follow the undulation.
+    """
+    n = int(np.ceil(1.5 * length_mm * thing.density_per_mm)) + 10
+    shape = thing.spread**-2
+    place = np.cumsum(rng.gamma(shape, 1 / (shape * thing.density_per_mm), n))
+    place = place[place < length_mm]
+    height = np.exp(0.2 * rng.standard_normal(place.size))
+    if thing.undulation_per_mm:
+        phase = 2 * np.pi * thing.undulation_per_mm * place + rng.uniform(0, 2 * np.pi)
+        sign = np.where(np.cos(phase) >= 0, 1.0, -1.0)
+    else:
+        sign = rng.choice([-1.0, 1.0], place.size)
+    share = np.exp(0.2 * rng.standard_normal((place.size, len(thing.modes))))
+    return Section(place, (sign * height)[:, np.newaxis] * share, length_mm)
+
+
+def simulate_scan(
+    thing: SimulatedObject,
+    section: Section,
+    rng: np.random.Generator,
+    *,
+    speed: float | None = None,
+    force: float | None = None,
+    fs: float = FS,
+    repeatability: float = 0.01,
+    quantised: bool = True,
+) -> Scan:
+    """Stroke a section once, from end to end.
+
+    Speed and force of the hand wander by a tenth. The vibration is scaled so that its RMS obeys the object's
+    law at every speed and force, but for a factor that spreads by `repeatability` from scan to scan. Then
+    drift, noise of a third of a bit and the 8 bits of the sensor.
+
+    Parameters
+    ----------
+    thing : SimulatedObject
+    section : Section
+        Of it, from `lay_out`.
+    rng : numpy.random.Generator
+        Of the hand and the sensor.
+    speed, force : float, optional
+        Means, mm/s and N, above 0; those of the object by default.
+    fs : float
+        Hz.
+    repeatability : float
+        Standard deviation of the logarithm of that factor. Nothing is published; 0.01 by default.
+    quantised : bool
+        Whether sensor and drift take part.
+
+    Returns
+    -------
+    Scan
+    """
+    v_0, f_0 = thing.speed if speed is None else speed, thing.force if force is None else force
+    n = int(section.length_mm / v_0 * fs)
+    t = np.arange(n) / fs
+    v, f = v_0 * _wandering(t, rng), f_0 * _wandering(t, rng)
+    x = np.concatenate([[0.0], np.cumsum((v[:-1] + v[1:]) / 2)]) / fs
+    u = _ringing(thing, section, t, x, fs)
+    level = thing.law.rms(v, f)
+    u *= level * np.sqrt(np.mean(level**2) / np.mean((level * u) ** 2))
+    u *= np.exp(repeatability * rng.standard_normal())
+    if quantised:
+        drift = 0.05 * np.sin(2 * np.pi * (0.04 * t + rng.uniform()))
+        noisy = u + drift + BIT / 3 * rng.standard_normal(n)
+        u = np.clip(np.round(noisy / BIT) * BIT, -RANGE, RANGE - BIT)
+    zero = np.zeros(n)
+    return Scan(u, np.column_stack([x, zero]), np.column_stack([v, zero]), f, fs, thing.name)
+
+
+def _wandering(t: Samples, rng: np.random.Generator) -> Samples:
+    """Return a factor about 1 that moves slowly, as a hand does."""
+    course = np.zeros_like(t)
+    for f in (0.17, 0.41, 0.93):
+        course += np.sin(2 * np.pi * (f * t + rng.uniform()))
+    return np.asarray(1 + 0.1 * course / np.sqrt(1.5))
+
+
+def _ringing(thing: SimulatedObject, section: Section, t: Samples, x: Samples, fs: float) -> Samples:
+    """Return sum_k m_k h(t - t_k), evaluated at the times between the samples at which features are met."""
+    met = np.interp(section.position_mm, x, t)
+    met, mark = met[section.position_mm <= x[-1]], section.mark[section.position_mm <= x[-1]]
+    u = np.zeros(t.size + 1)
+    phases = (thing.phase, *(0.0,) * (len(thing.modes) - 1))
+    for (f, B, amplitude), phi, m in zip(thing.modes, phases, mark.T, strict=True):
+        first = np.ceil(met * fs).astype(np.int64)
+        at = first[:, np.newaxis] + np.arange(int(np.ceil(9.0 / B * fs)) + 1)
+        since = at / fs - met[:, np.newaxis]
+        h = amplitude * m[:, np.newaxis] * np.exp(-B * since) * np.sin(2 * np.pi * f * since + phi)
+        u += np.bincount(np.minimum(at, t.size).ravel(), h.ravel(), t.size + 1)
+    return u[:-1]
