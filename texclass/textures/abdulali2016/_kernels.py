@@ -13,15 +13,6 @@ SHRINK = 1 - 2 * float(np.finfo(np.float64).eps)
 
 
 @njit(cache=True, error_model="numpy")
-def finite(velocity: Samples, force: Samples) -> bool:
-    """Return whether a path holds neither NaN nor infinity: a tenth of NumPy's time for one sample."""
-    total = 0.0
-    for t in range(len(force)):
-        total += 0.0 * velocity[t, 0] + 0.0 * velocity[t, 1] + 0.0 * force[t]
-    return total == 0.0
-
-
-@njit(cache=True, error_model="numpy")
 def follow(velocity: Samples, force: Samples, share: float, state: Samples, out: Samples) -> None:
     """Let the state (v_x, v_y, f) approach each input by a share of the difference; its course into `out`."""
     for t in range(len(force)):

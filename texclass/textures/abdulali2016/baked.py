@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
+from texclass.textures.abdulali2016 import _checks
 from texclass.textures.abdulali2016 import _kernels as kernels
-from texclass.textures.abdulali2016 import _stored
 from texclass.textures.abdulali2016.frame import LIMIT, Frame
 from texclass.textures.abdulali2016.preprocessing import MOTION_HZ
-from texclass.textures.abdulali2016.rendering import Model, Noise, checked_path
+from texclass.textures.abdulali2016.rendering import Model, Noise
+from texclass.textures.path import checked_path
+from texclass.textures.stored import check_all_names, numbers
 
 ANISOTROPIC, ISOTROPIC = (17, 17, 8), (24, 10)
 """Nodes over v_x, v_y, f_n, and over |v|, f_n."""
@@ -52,7 +54,7 @@ class BakedTexture:
     grid: Samples
 
     def __post_init__(self) -> None:
-        _stored.check_common(self)
+        _checks.check_common(self)
         grid = np.array(self.grid, dtype=np.float64, order="C")
         if grid.ndim != self.frame.n_inputs + 1 or min(grid.shape) < 2 or not np.isfinite(grid).all():
             raise ValueError(
@@ -91,9 +93,9 @@ class BakedTexture:
     @classmethod
     def restore(cls, parameters: Mapping[str, Any], arrays: Mapping[str, NDArray[np.float64]]) -> Self:
         """Return the texture of what `parameters` and `arrays` returned; ValueError if it is none."""
-        _stored.check_names(cls.family, parameters, arrays, ({"name", "fs", "frame"}, {"grid"}))
+        check_all_names(cls.family, parameters, arrays, ({"name", "fs", "frame"}, {"grid"}))
         frame = Frame.restore(parameters["frame"])
-        return cls(parameters["name"], parameters["fs"], frame, _stored.numbers(arrays, "grid"))
+        return cls(parameters["name"], parameters["fs"], frame, numbers(arrays, "grid"))
 
 
 def bake(texture: Model, name: str, nodes: tuple[int, ...] | None = None) -> BakedTexture:

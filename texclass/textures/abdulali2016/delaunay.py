@@ -9,11 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import spatial
 
 from texclass.recording import Samples
-from texclass.textures.abdulali2016 import _stored
+from texclass.textures.abdulali2016 import _checks
 from texclass.textures.abdulali2016.frame import Frame
 from texclass.textures.abdulali2016.loudness import Loudness, level_of
 from texclass.textures.abdulali2016.rendering import BUFFER, BufferedRenderer
 from texclass.textures.abdulali2016.texture import LATTICE_OPERATIONS
+from texclass.textures.stored import check_all_names, numbers
 from texclass.vibration import line_spectrum
 
 
@@ -50,8 +51,8 @@ class DelaunayTexture:
     _tree: spatial.KDTree = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        _stored.check_common(self)
-        _stored.check_loudness(self)
+        _checks.check_common(self)
+        _checks.check_loudness(self)
         u, outputs = (np.array(x, dtype=np.float64) for x in (self.u, self.outputs))
         if u.ndim != 2 or u.shape[1] != self.frame.n_inputs or outputs.ndim != 2 or len(u) != len(outputs):
             raise ValueError(
@@ -71,7 +72,7 @@ class DelaunayTexture:
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
             object.__setattr__(self, key, value)
-        _stored.check_gap(self)
+        _checks.check_gap(self)
 
     @property
     def order(self) -> int:
@@ -124,11 +125,11 @@ class DelaunayTexture:
     def restore(cls, parameters: Mapping[str, Any], arrays: Mapping[str, NDArray[np.float64]]) -> Self:
         """Return the texture of what `parameters` and `arrays` returned; ValueError if it is none."""
         names = {"name", "fs", "frame", "loudness", "growth", "buffer", "glide"}, {"u", "outputs"}
-        _stored.check_names(cls.family, parameters, arrays, names)
+        check_all_names(cls.family, parameters, arrays, names)
         rest = {key: parameters[key] for key in ("name", "fs", "loudness", "growth", "buffer", "glide")}
         return cls(
             frame=Frame.restore(parameters["frame"]),
-            u=_stored.numbers(arrays, "u"),
-            outputs=_stored.numbers(arrays, "outputs"),
+            u=numbers(arrays, "u"),
+            outputs=numbers(arrays, "outputs"),
             **rest,
         )

@@ -9,6 +9,7 @@ from texclass.recording import Samples
 from texclass.textures.abdulali2016 import _kernels as kernels
 from texclass.textures.abdulali2016.frame import LIMIT, Frame
 from texclass.textures.abdulali2016.preprocessing import MOTION_HZ
+from texclass.textures.path import checked_path
 
 BUFFER = 16
 """Samples between two readings of the map; `abdulali2016`, section 4.2."""
@@ -111,14 +112,3 @@ class Noise:
         n = min(n, NOISE - self._at)
         self._at += n
         return n, self._drawn[self._at - n : self._at]
-
-
-def checked_path(velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples]:
-    """Return a path as float64 arrays (n, 2) and (n,), or say which rule it breaks."""
-    v = np.ascontiguousarray(velocity, dtype=np.float64)
-    f = np.ascontiguousarray(force, dtype=np.float64)
-    if v.ndim != 2 or v.shape[1] != 2 or f.shape != v.shape[:1]:
-        raise ValueError(f"velocity has shape {v.shape} and force {f.shape}; the rule is (n, 2) and (n,)")
-    if not kernels.finite(v, f):
-        raise ValueError("velocity or force holds NaN or infinity; the rule is finite values")
-    return v, f

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
-from texclass.textures.abdulali2016 import _stored
+from texclass.textures.abdulali2016 import _checks
 from texclass.textures.abdulali2016.frame import Frame
 from texclass.textures.abdulali2016.loudness import Loudness, level_of
 from texclass.textures.abdulali2016.network import RadialNetwork
 from texclass.textures.abdulali2016.rendering import BUFFER, BufferedRenderer
+from texclass.textures.stored import check_all_names, numbers
 from texclass.vibration import line_spectrum
 
 LATTICE_OPERATIONS = 12
@@ -59,15 +60,15 @@ class NetworkTexture:
     glide: bool = True
 
     def __post_init__(self) -> None:
-        _stored.check_common(self)
-        _stored.check_loudness(self)
+        _checks.check_common(self)
+        _checks.check_loudness(self)
         n_inputs, n_outputs = self.network.centres.shape[1], self.network.weights.shape[1]
         if n_inputs != self.frame.n_inputs or n_outputs < 2:
             raise ValueError(
                 f"network has {n_inputs} inputs and {n_outputs} outputs; "
                 f"the rule is {self.frame.n_inputs}, at least 2"
             )
-        _stored.check_gap(self)
+        _checks.check_gap(self)
 
     @property
     def order(self) -> int:
@@ -123,7 +124,7 @@ class NetworkTexture:
             {"name", "fs", "frame", "loudness", "growth", "buffer", "glide"},
             {"centres", "weights", "polynomial"},
         )
-        _stored.check_names(cls.family, parameters, arrays, names)
-        network = RadialNetwork(**{key: _stored.numbers(arrays, key) for key in names[1]})
+        check_all_names(cls.family, parameters, arrays, names)
+        network = RadialNetwork(**{key: numbers(arrays, key) for key in names[1]})
         rest = {key: parameters[key] for key in ("name", "fs", "loudness", "growth", "buffer", "glide")}
         return cls(frame=Frame.restore(parameters["frame"]), network=network, **rest)

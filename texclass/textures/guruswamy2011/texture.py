@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from texclass.recording import Samples
 from texclass.textures.guruswamy2011.level import Amplitude, LevelLaw
 from texclass.textures.guruswamy2011.renderer import SILENT, SpatialRenderer
+from texclass.textures.stored import check_all_names, check_names, is_number
 
 Course = Literal["line", "travelled"]
 _RANGES = (("fs", 1e-3, 1e9), ("length_mm", 1e-6, 1e9), ("origin_mm", -1e9, 1e9), ("peak", 1e-100, 1e100))
@@ -166,8 +167,7 @@ class SpatialTexture:
             If something is missing, superfluous, of the wrong kind or shape, or breaks a rule of the texture.
         """
         names = {"position_mm", "feature", *_MODES, "direction"}
-        _same_names(parameters, {*_SCALARS, "scaling"}, "parameters")
-        _same_names(arrays, names, "arrays")
+        check_all_names(cls.family, parameters, arrays, ({*_SCALARS, "scaling"}, names))
         for name, kind in _SCALARS.items():
             _of_kind(name, parameters[name], kind)
         scaling = _restored_scaling(parameters["scaling"])
@@ -191,8 +191,8 @@ class SinusoidTexture(SpatialTexture):
 def _restored_scaling(given: Any) -> Amplitude:
     if not isinstance(given, Mapping) or not isinstance(given.get("law"), Mapping):
         raise ValueError("scaling is no table with a law; the rule is what `parameters` returned")
-    _same_names(given, {"law", "speed", "force", "compensated", "limit"}, "scaling")
-    _same_names(given["law"], {"k_v", "k_c", "a_0"}, "law")
+    check_names("guruswamy2011", "scaling", given, {"law", "speed", "force", "compensated", "limit"})
+    check_names("guruswamy2011", "law", given["law"], {"k_v", "k_c", "a_0"})
     for table, names in ((given, ("speed", "force", "limit")), (given["law"], ("k_v", "k_c", "a_0"))):
         for name in names:
             _of_kind(name, table[name], float)
@@ -202,12 +202,6 @@ def _restored_scaling(given: Any) -> Amplitude:
     return Amplitude(law, compensated=given["compensated"], **rest)
 
 
-def _same_names(given: Mapping[str, Any], names: set[str], what: str) -> None:
-    if set(given) != names:
-        raise ValueError(f"{what} are {sorted(map(str, given))}; the rule is exactly {sorted(names)}")
-
-
 def _of_kind(name: str, value: Any, kind: type) -> None:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (is_number if kind is float else isinstance(value, kind)):
+    if not (is_number(value) if kind is float else isinstance(value, kind)):
         raise ValueError(f"{name} is {value!r}; the rule is a value of type {kind.__name__}")

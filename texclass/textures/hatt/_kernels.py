@@ -145,12 +145,3 @@ def _move(place, hop, k, c, nu, glide):  # type: ignore[no-untyped-def]
         c[m] = np.sqrt((1.0 - between) * (1.0 + between)) * SHRINK
     for m in range(nu.size):
         nu[m] = (1.0 - w) * nu0[m] + w * nu1[m]
-
-
-@njit(cache=True, error_model="numpy")
-def all_finite(v, f):  # type: ignore[no-untyped-def]
-    """Return whether a path holds neither NaN nor infinity."""
-    for t in range(f.size):  # noqa: SIM110
-        if not (np.isfinite(v[t, 0]) and np.isfinite(v[t, 1]) and np.isfinite(f[t])):
-            return False
-    return True

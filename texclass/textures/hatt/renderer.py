@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from texclass.recording import Samples
 from texclass.textures.hatt import _kernels as kernels
 from texclass.textures.hatt.mesh import Mesh
+from texclass.textures.path import checked_path
 
 NOISE = 1024
 """Random numbers drawn at a time."""
@@ -65,7 +66,7 @@ class HattRenderer:
 
     def process(self, velocity: ArrayLike, force: ArrayLike, position: ArrayLike | None = None) -> Samples:
         """Return the vibration for the next samples, m/s^2; the position is not used."""
-        v, f = _path(velocity, force)
+        v, f = checked_path(velocity, force)
         out = np.empty(f.size)
         start = 0
         while start < f.size:
@@ -96,13 +97,3 @@ class HattRenderer:
         if self._felt is None:
             k0[:] = k1
         self._felt = speed, force
-
-
-def _path(velocity: ArrayLike, force: ArrayLike) -> tuple[Samples, Samples]:
-    v = np.ascontiguousarray(velocity, dtype=np.float64)
-    f = np.ascontiguousarray(force, dtype=np.float64)
-    if f.ndim != 1 or v.shape != (f.size, 2):
-        raise ValueError(f"velocity has shape {v.shape}, force {f.shape}; the rule is (n, 2) and (n,)")
-    if not kernels.all_finite(v, f):
-        raise ValueError("the path holds NaN or infinity; the rule is finite velocities and forces")
-    return v, f

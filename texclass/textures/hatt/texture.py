@@ -12,6 +12,7 @@ from texclass.recording import Samples
 from texclass.textures.hatt import _kernels as kernels
 from texclass.textures.hatt.mesh import Mesh, triangulate
 from texclass.textures.hatt.renderer import HattRenderer
+from texclass.textures.stored import check_all_names
 from texclass.vibration import line_spectrum
 
 HOP_S = 0.01
@@ -243,9 +244,7 @@ class HattTexture:
     def restore(cls, parameters: Mapping[str, Any], arrays: Mapping[str, NDArray[np.float64]]) -> Self:
         """Return the texture that was written down; a ValueError says what is wrong with it."""
         names = {"speed", "force", "triangles", "ar_lsf", "ma_lsf", "variance", "gain"}
-        if set(parameters) != {"name", "fs", "mu"} or set(arrays) != names:
-            found = sorted([*parameters, *arrays])
-            raise ValueError(f"hatt: holds {found}; the rule is {sorted({'name', 'fs', 'mu'} | names)}")
+        check_all_names(cls.family, parameters, arrays, ({"name", "fs", "mu"}, names))
         mesh = Mesh(arrays["speed"], arrays["force"], arrays["triangles"])
         models = {name: arrays[name] for name in ("ar_lsf", "ma_lsf", "variance", "gain")}
         fs, mu = float(parameters["fs"]), float(parameters["mu"])

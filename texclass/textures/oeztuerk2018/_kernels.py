@@ -3,22 +3,12 @@
 import numpy as np
 from numba import njit
 
-from texclass.recording import Samples
 from texclass.vibration._lattice_kernels import turn
 from texclass.vibration._recursions import LARGEST
 
 PLACE, LOUDNESS, COUNT, N_STATES = 0, 1, 2, 3
 UNKNOWN = -1.0
 """Place before the first sample, which takes its own at once."""
-
-
-@njit(cache=True, error_model="numpy")
-def all_finite(velocity: Samples, force: Samples) -> bool:
-    """Whether a path can be followed."""
-    for t in range(force.size):
-        if not (np.isfinite(velocity[t, 0]) and np.isfinite(velocity[t, 1]) and np.isfinite(force[t])):
-            return False
-    return True
 
 
 @njit(inline="always", error_model="numpy")

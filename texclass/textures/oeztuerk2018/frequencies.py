@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
 from texclass.textures.oeztuerk2018 import _kernels as kernels
-from texclass.textures.oeztuerk2018._path import checked_path
-from texclass.textures.oeztuerk2018._stored import array, check_names, number, text
 from texclass.textures.oeztuerk2018.speeds import (
     GLIDE_S,
     PEAK_FACTOR,
@@ -19,6 +17,8 @@ from texclass.textures.oeztuerk2018.speeds import (
     place_of,
     rising_speeds,
 )
+from texclass.textures.path import checked_path
+from texclass.textures.stored import check_all_names, number, numbers, text
 from texclass.vibration import MajorFrequencies, fit_major_frequencies
 from texclass.vibration._input import positive
 from texclass.vibration.major_frequencies import _pairs as pairs_closer_than_beats
@@ -124,15 +124,15 @@ class FrequencyTexture:
         """Return the texture that was written down; a ValueError says what is wrong with it."""
         lines = ("frequency_hz", "amplitude", "phase")
         names = {"name", "fs", "peak"}, {"speeds", "n_lines", *lines}
-        check_names(parameters, arrays, expected=names, family=cls.family)
-        n, columns = array(arrays, "n_lines", 1), [array(arrays, line, 1) for line in lines]
+        check_all_names(cls.family, parameters, arrays, names)
+        n, columns = numbers(arrays, "n_lines", 1), [numbers(arrays, line, 1) for line in lines]
         sizes = [column.size for column in columns]
         if np.any(n < 0) or np.any(n % 1 != 0) or any(size != n.sum() for size in sizes):
             raise ValueError(f"n_lines is {n} for {sizes} values; the rule is whole numbers, as many in sum")
         ends = np.cumsum(n.astype(int))[:-1]
         models = zip(*(np.split(column, ends) for column in columns), strict=True)
         return cls(
-            array(arrays, "speeds", 1),
+            numbers(arrays, "speeds", 1),
             tuple(MajorFrequencies(*one) for one in models),
             number(parameters, "peak"),
             number(parameters, "fs"),

@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
 from texclass.textures.oeztuerk2018 import _kernels as kernels
-from texclass.textures.oeztuerk2018._path import checked_path
-from texclass.textures.oeztuerk2018._stored import array, check_names, number, text
 from texclass.textures.oeztuerk2018.speeds import (
     GLIDE_S,
     PEAK_FACTOR,
@@ -20,6 +18,8 @@ from texclass.textures.oeztuerk2018.speeds import (
     place_of,
     rising_speeds,
 )
+from texclass.textures.path import checked_path
+from texclass.textures.stored import check_all_names, number, numbers, text
 from texclass.vibration import Autoregression, ModelBlend, fit, synthesize
 from texclass.vibration._input import positive
 from texclass.vibration.interpolation import Loudness
@@ -130,12 +130,17 @@ class LpcTexture:
     def restore(cls, parameters: Mapping[str, Any], arrays: Mapping[str, NDArray[np.float64]]) -> Self:
         """Return the texture that was written down; a ValueError says what is wrong with it."""
         names = {"name", "fs", "peak", "loudness"}, {"speeds", "reflection", "gain"}
-        check_names(parameters, arrays, expected=names, family=cls.family)
-        models = Autoregression(array(arrays, "reflection", 2), array(arrays, "gain", 1))
+        check_all_names(cls.family, parameters, arrays, names)
+        models = Autoregression(numbers(arrays, "reflection", 2), numbers(arrays, "gain", 1))
         p = parameters
         loudness: Any = text(p, "loudness")
         return cls(
-            array(arrays, "speeds", 1), models, number(p, "peak"), number(p, "fs"), text(p, "name"), loudness
+            numbers(arrays, "speeds", 1),
+            models,
+            number(p, "peak"),
+            number(p, "fs"),
+            text(p, "name"),
+            loudness,
         )
 
     def _at_places(self, place: Samples) -> Autoregression:

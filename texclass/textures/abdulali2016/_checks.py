@@ -1,23 +1,21 @@
 """What is checked before a texture is made, from a file or otherwise."""
 
-from collections.abc import Mapping
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from texclass.recording import Samples
 from texclass.textures.abdulali2016.loudness import STEEPEST, Loudness
+from texclass.textures.stored import is_number
 
 
 def check_common(texture: Any) -> None:
     """Raise the ValueError that says which of name, fs, buffer and glide breaks a rule."""
     if not isinstance(texture.name, str):
         raise ValueError(f"name is {texture.name!r}; the rule is text")
-    if not _is_number(texture.fs) or not (np.isfinite(texture.fs) and texture.fs > 0):
+    if not is_number(texture.fs) or not (np.isfinite(texture.fs) and texture.fs > 0):
         raise ValueError(f"fs is {texture.fs!r}; the rule is above 0 Hz")
     buffer = getattr(texture, "buffer", 1)
-    if not _is_number(buffer) or buffer != int(buffer) or buffer < 1:
+    if not is_number(buffer) or buffer != int(buffer) or buffer < 1:
         raise ValueError(f"buffer is {buffer!r}; the rule is an integer of at least 1")
     if not isinstance(getattr(texture, "glide", True), bool):
         raise ValueError(f"glide is {texture.glide!r}; the rule is true or false")
@@ -35,32 +33,8 @@ def check_loudness(texture: Any) -> None:
     if texture.loudness not in get_args(Loudness):
         raise ValueError(f"loudness is {texture.loudness!r}; the rule is one of {get_args(Loudness)}")
     growth = texture.growth
-    if not isinstance(growth, list | tuple) or len(growth) != 2 or not all(map(_is_number, growth)):
+    if not isinstance(growth, list | tuple) or len(growth) != 2 or not all(map(is_number, growth)):
         raise ValueError(f"growth is {growth!r:.80}; the rule is two numbers")
     if not (np.all(np.isfinite(growth)) and min(growth) >= 0 and max(growth) <= STEEPEST):
         raise ValueError(f"growth is {growth}; the rule is 0 to {STEEPEST}")
     object.__setattr__(texture, "growth", tuple(map(float, growth)))
-
-
-def check_names(
-    family: str,
-    parameters: Mapping[str, Any],
-    arrays: Mapping[str, NDArray[Any]],
-    names: tuple[set[str], set[str]],
-) -> None:
-    """Raise the ValueError that says what is missing or superfluous."""
-    for what, found, rule in (("parameters", parameters, names[0]), ("arrays", arrays, names[1])):
-        if set(found) != rule:
-            raise ValueError(f"{family}: {what} are {sorted(map(str, found))}; the rule is {sorted(rule)}")
-
-
-def numbers(arrays: Mapping[str, NDArray[Any]], name: str) -> Samples:
-    """Return an array of finite real numbers, or raise the ValueError that names it."""
-    array = np.asarray(arrays[name])
-    if array.dtype.kind not in "fiu" or not np.all(np.isfinite(array)):
-        raise ValueError(f"{name} has dtype {array.dtype}; the rule is finite real numbers")
-    return array.astype(np.float64)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
