@@ -3,11 +3,13 @@
 # Importing a command's module puts the command into the program, in this order.
 from texclass.cli import (  # noqa: F401
     benchmark,
+    convert,
     extract,
     inspect,
     listings,
     report,
     reproduce,
+    scene,
     stability,
     tradeoff,
 )

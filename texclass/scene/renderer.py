@@ -1,0 +1,228 @@
+"""A scene being felt: several contacts at once, one sample per call, no click whatever changes."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from texclass.recording import Samples
+from texclass.scene import _kernels as kernels
+from texclass.scene.models import LEAST_POWER, GridModel, renewal
+from texclass.scene.planned import PlannedScene
+
+GLIDE_S = 0.01
+"""Time constant with which a contact follows the speed and force of the hand."""
+FADE_S = 0.02
+"""Duration of the crossfade where a contact begins, ends, or meets another model."""
+STILL = 0.25
+"""Below this part of the slowest speed of a model it fades linearly to silence at rest."""
+PEAK_FACTOR = 3.0
+"""No rendered sample exceeds this times the largest recorded one (sqrt(2) of it within a crossfade)."""
+
+
+class SceneRenderer:
+    """Plays a planned scene, sample by sample.
+
+    Every contact is a finger or a tool of its own: it touches one surface at a time, or none, and has its own
+    noise, so that the others do not change what it feels.
+
+    Parameters
+    ----------
+    scene : PlannedScene
+    n_contacts : int, optional
+        The scene's by default.
+    seed : int
+        Of the noise.
+
+    Attributes
+    ----------
+    fs : float
+        Hz.
+    motion : ndarray of shape (n_contacts, 3)
+        To be written before `step_all`: speed x and y (mm/s) and force (N) of each contact.
+    out : ndarray of shape (n_contacts,)
+        What `step_all` fills.
+
+    Notes
+    -----
+    Everything is allocated here: `step` allocates nothing but the number it returns, `step_all` nothing.
+    Compilation is done here too, not in the first sample. The kernels know the arrays by their addresses:
+    a renderer cannot be copied.
+
+    Examples
+    --------
+    >>> from texclass.scene import SceneRenderer, plan_scene, read_scene
+    >>> renderer = SceneRenderer(plan_scene(read_scene("example")).scene)  # doctest: +SKIP
+    >>> renderer.touch(0, "wood")  # doctest: +SKIP
+    >>> renderer.step(0, 80.0, 0.0, 1.0)  # doctest: +SKIP
+    """
+
+    def __init__(self, scene: PlannedScene, *, n_contacts: int | None = None, seed: int = 0) -> None:
+        n = scene.contacts if n_contacts is None else n_contacts
+        if n < 1:
+            raise ValueError(f"n_contacts is {n}; the rule is at least 1")
+        self.fs, self.n_contacts, self._seed = scene.fs, n, seed
+        self._models: Mapping[str, int] = dict(scene.assigned)
+        self._bank, self._index = _laid_out(scene.models)
+        self._facts = np.empty(kernels.N_FACTS)
+        self._facts[kernels.GLIDE] = -np.expm1(-1 / (GLIDE_S * self.fs))
+        self._facts[kernels.HOP] = renewal(self.fs)
+        self._facts[kernels.FADE] = max(2, round(FADE_S * self.fs))
+        self._facts[kernels.STILL] = STILL
+        self._facts[kernels.RADIANS] = 2 * np.pi / self.fs
+        self._facts[kernels.OUTPUT] = scene.largest_output
+        columns = max((model.rows.shape[-1] for model in scene.models), default=0)
+        self._state = np.zeros((n, kernels.VOICES + 6 * (columns + 1)))
+        self._numbers = np.zeros((n, kernels.N_NUMBERS), dtype=np.int64)
+        self._noise = np.zeros(n, dtype=np.uint64)
+        self._same = np.zeros((0, 0), dtype=np.int64)
+        self.motion, self.out = np.zeros((n, 3)), np.zeros(n)
+        self._arrays = self._bank, self._index, self._facts, self._state, self._numbers, self._noise
+        self._table = kernels.table_of(*self._arrays, self.motion, self.out)
+        self._address = int(self._table.ctypes.data)
+        self.reset()
+        self._warm()
+
+    @property
+    def n_bytes(self) -> int:
+        """Of all that it holds."""
+        return sum(array.nbytes for array in self._arrays)
+
+    def reset(self) -> None:
+        """Lift all contacts, with the random numbers of the first sample."""
+        self._state[:] = 0.0
+        self._numbers[:] = 0
+        self._numbers[:, [kernels.MODEL, kernels.OTHER, kernels.WANTED]] = kernels.NONE
+        seeds = np.random.SeedSequence(self._seed).generate_state(self.n_contacts, np.uint64)
+        self._noise[:] = seeds
+
+    def touch(self, contact: int, surface: str | None) -> None:
+        """Let a contact begin on a surface, pass to another one, or end (None), from the next sample on."""
+        self._numbers[self._checked(contact), kernels.WANTED] = self._model(surface)
+
+    def step(self, contact: int, speed_x: float, speed_y: float, force: float) -> float:
+        """Return the next sample of one contact, in the unit of the recordings.
+
+        Parameters
+        ----------
+        contact : int
+            0 ... n_contacts - 1.
+        speed_x, speed_y : float
+            Tangential, mm/s.
+        force : float
+            Normal, N; 0 or less fades out.
+
+        Raises
+        ------
+        ValueError
+            For NaN or infinity; the state stays as it was.
+        """
+        if not 0 <= contact < self.n_contacts:
+            self._checked(contact)
+        x: float = kernels.step_one(self._address, contact, float(speed_x), float(speed_y), float(force))
+        if x != x:  # noqa: PLR0124  NaN, and nothing is cheaper to ask
+            raise ValueError(f"speed and force are {(speed_x, speed_y, force)}; the rule is finite numbers")
+        return x
+
+    def step_all(self) -> Samples:
+        """Return `out`, filled with the next sample of every contact, whose speeds and force are in `motion`.
+
+        What `step` returns for each of them, in one call that allocates nothing at all.
+
+        Raises
+        ------
+        ValueError
+            If `motion` holds NaN or infinity: that contact stays as it was.
+        """
+        if not kernels.step_all(self._address):
+            raise ValueError(f"motion is {self.motion.tolist()}; the rule is finite numbers")
+        return self.out
+
+    def process(
+        self,
+        velocity: ArrayLike,
+        force: ArrayLike,
+        surfaces: Sequence[Sequence[str | None]] | None = None,
+        *,
+        out: Samples | None = None,
+    ) -> Samples:
+        """Return the next samples of all contacts: bit for bit what single steps return, however it is cut.
+
+        Parameters
+        ----------
+        velocity : array_like of shape (n_contacts, n, 2)
+            mm/s.
+        force : array_like of shape (n_contacts, n)
+            N.
+        surfaces : sequence of shape (n_contacts, n), optional
+            What each contact touches at each sample; by default what `touch` said last.
+        out : ndarray of shape (n_contacts, n), optional
+            Filled and returned; a new one by default.
+
+        Raises
+        ------
+        ValueError
+            For wrong shapes, unknown surfaces, NaN or infinity.
+        """
+        v, f = np.asarray(velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
+        if f.ndim != 2 or len(f) != self.n_contacts or v.shape != (*f.shape, 2):
+            raise ValueError(
+                f"velocity has shape {v.shape}, force {f.shape}; the rule is ({self.n_contacts}, n, 2) "
+                f"and ({self.n_contacts}, n)"
+            )
+        if not (np.isfinite(v).all() and np.isfinite(f).all()):
+            raise ValueError("velocity or force holds NaN or infinity; the rule is finite numbers")
+        found = np.empty(f.shape) if out is None else out
+        kernels.play(self._address, v, f, self._wanted(surfaces, f.shape), found)
+        return found
+
+    def _wanted(
+        self, surfaces: Sequence[Sequence[str | None]] | None, shape: tuple[int, ...]
+    ) -> NDArray[np.int64]:
+        if surfaces is None:
+            return self._same
+        named = {name for row in surfaces for name in row}
+        model = {name: self._model(name) for name in named}
+        wanted = np.array([[model[name] for name in row] for row in surfaces], dtype=np.int64)
+        if wanted.shape != shape:
+            raise ValueError(f"surfaces have shape {wanted.shape}; the rule is {shape}, as the force")
+        return wanted
+
+    def _model(self, surface: str | None) -> int:
+        if surface is None:
+            return kernels.NONE
+        if surface not in self._models:
+            raise ValueError(f"surface is {surface!r}; the rule is one of {', '.join(self._models)}")
+        return self._models[surface]
+
+    def _checked(self, contact: int) -> int:
+        if not 0 <= contact < self.n_contacts:
+            raise ValueError(f"contact is {contact}; the rule is 0 ... {self.n_contacts - 1}")
+        return contact
+
+    def __reduce__(self) -> str:
+        raise TypeError("a renderer holds addresses; the rule is to make another one of the same scene")
+
+    def _warm(self) -> None:
+        """Compile, or load what was compiled, before the first sample is due."""
+        self.step(0, 0.0, 0.0, 0.0)
+        self.step_all()
+        self.process(np.zeros((self.n_contacts, 1, 2)), np.zeros((self.n_contacts, 1)))
+        self.reset()
+
+
+def _laid_out(models: Sequence[GridModel]) -> tuple[Samples, NDArray[np.int64]]:
+    """Return all models in one array, and where their parts begin."""
+    index, parts, at = np.zeros((len(models), kernels.N_INDEX), dtype=np.int64), [], 0
+    for row, model in zip(index, models, strict=True):
+        row[: kernels.AT_SPEEDS] = model.n_lines, model.order, *model.n_nodes
+        course = np.concatenate([model.frequency_hz, model.per_mm])
+        limit = np.array([PEAK_FACTOR * model.peak])
+        places = kernels.AT_SPEEDS, kernels.AT_FORCES, kernels.AT_ROWS, kernels.AT_POWER, kernels.AT_COURSE
+        ln_power = np.log(np.maximum(model.power, LEAST_POWER))
+        arrays = (model.speeds, model.forces, model.rows, ln_power, course, limit)
+        for where, array in zip((*places, kernels.AT_LIMIT), arrays, strict=True):
+            row[where] = at
+            parts.append(array.ravel())
+            at += array.size
+    return np.concatenate(parts) if parts else np.zeros(1), index
