@@ -7,11 +7,14 @@ from texclass.cli import (  # noqa: F401
     extract,
     inspect,
     listings,
+    model,
+    predict,
     report,
     reproduce,
     scene,
     stability,
     tradeoff,
+    train,
 )
 from texclass.cli.app import app, main
 

@@ -71,6 +71,9 @@ class Card:
         Auxiliary signal -> names its file may have, with {group} in place of groups.
     delimiter
         Of CSV files.
+    topic
+        Of bags: a topic's name, or a pattern of names with the named groups of `GROUPS`; every topic that
+        matches is then a recording.
     phases
         What every recording holds: to "detect", "movement" only, one "tap".
     remove_resting_level
@@ -98,6 +101,7 @@ class Card:
     channels: ColumnRoles = field(default_factory=ColumnRoles)
     companions: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     delimiter: str | None = None
+    topic: str | None = None
     phases: DeclaredPhases = "detect"
     remove_resting_level: bool = False
     trim: bool = False
@@ -105,8 +109,12 @@ class Card:
 
     @property
     def facts(self) -> str:
-        """Everything that changes a recording, as text for a digest; titles and notes do not."""
-        told = ("name", "path", "title", "source", "licence", "notes")
+        """Everything that changes a recording, as text for a digest; titles and notes do not.
+
+        A key that cards got later counts where it is set: the digests of the others stay what they were.
+        """
+        told: tuple[str, ...] = ("name", "path", "title", "source", "licence", "notes")
+        told += () if self.topic else ("topic",)
         return repr([(name, value) for name, value in vars(self).items() if name not in told])
 
 
@@ -129,6 +137,7 @@ _KEYS: dict[str, dict[str, tuple[type, ...]]] = {
         "channels": _TABLE,
         "companions": _TABLE,
         "delimiter": _TEXT,
+        "topic": _TEXT,
         "trim": _FLAG,
     },
     "rows": {**_READ, "label_column": _TEXT},
@@ -198,7 +207,8 @@ def _reading(path: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     if content["format"] == "rows":
         return values
     labels = _labels(path, content["labels"]) if "labels" in content else None
-    told = _groups(path, files) | set(labels.columns if labels else ())
+    told = _groups(path, "files", files) | set(labels.columns if labels else ())
+    told |= _groups(path, "topic", (content["topic"],)) if "topic" in content else set()
     if "material" not in told:
         raise CardError(f"{path}: files and labels do not tell the material; the rule is (?P<material>...)")
     companions = content.get("companions", {})
@@ -211,15 +221,15 @@ def _reading(path: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _groups(path: Path, patterns: tuple[str, ...]) -> set[str]:
+def _groups(path: Path, key: str, patterns: tuple[str, ...]) -> set[str]:
     told: set[str] = set()
     for pattern in patterns:
         try:
             groups = set(re.compile(pattern).groupindex)
         except re.error as error:
-            raise CardError(f"{path}: files holds {pattern!r}, not a regular expression ({error})") from error
+            raise CardError(f"{path}: {key} holds {pattern!r}, not a regular expression ({error})") from error
         if unknown := groups - set(GROUPS):
-            raise CardError(f"{path}: files names groups {sorted(unknown)}; the rule is {', '.join(GROUPS)}")
+            raise CardError(f"{path}: {key} names groups {sorted(unknown)}; the rule is {', '.join(GROUPS)}")
         told |= groups
     return told
 

@@ -28,10 +28,13 @@ class Columns:
         As stored, in the order asked for.
     fs : float or None
         Sampling rate in Hz if the file states it.
+    flags : tuple of str
+        What a user should know of how they were read.
     """
 
     named: Mapping[str, Samples]
     fs: float | None = None
+    flags: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -44,10 +47,16 @@ class ReadOptions:
         Of a CSV file; by default a comma, and a tab in a TSV file.
     codes : bool
         Keep the integer codes of integer audio; else full scale is 1.
+    topic : str, optional
+        Of a bag; by default the only one that carries an acceleration.
+    fs : float, optional
+        Rate in Hz at which a bag is wanted; by default the one that its stamps say.
     """
 
     delimiter: str | None = None
     codes: bool = False
+    topic: str | None = None
+    fs: float | None = None
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ class Entry:
         Groups, as far as they are known.
     paths
         The file(s) it comes from, relative to the dataset's root; empty for simulated recordings.
+    topic
+        Of a bag that holds several recordings.
     """
 
     recording_id: str
@@ -28,6 +30,7 @@ class Entry:
     session: str | None = None
     repetition: int | None = None
     paths: tuple[str, ...] = ()
+    topic: str | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from texclass.loaders import bags_of_datasets, formats
 from texclass.loaders.cards import Card, CardError, LabelTable
 from texclass.loaders.columns import UNNAMED, ColumnRoles, ReadOptions
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.places import digest_files
-from texclass.loaders.single import Signals, build_recording, read_signals
+from texclass.loaders.single import Signals, agreed_unit, build_recording, read_signals
 from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
 
 Groups = dict[str, str]
@@ -43,7 +44,10 @@ class FileLoader:
         """
         card = self.card
         axes, companions = self._parts(entry)
-        options = ReadOptions(card.delimiter, codes=card.unit == "counts")
+        topic = entry.topic or card.topic
+        options = ReadOptions(card.delimiter, codes=card.unit == "counts", topic=topic, fs=card.fs_hz)
+        for path in axes.values():
+            agreed_unit(path, options, card.unit)
         signals = read_signals(axes, card.channels, options, trim=card.trim)
         signals, flags = self._with_companions(signals, companions, options)
         recording = build_recording(
@@ -101,10 +105,18 @@ def open_files(card: Card, root: Path, *, skip_bad: bool = False) -> Dataset:
         If the table of labels lacks a column or a recording.
     """
     table = _read_labels(card, root, card.labels) if card.labels else {}
-    entries = [_entry(card, root, names, groups, table) for names, groups in _find(card, root)]
+    left_out: list[str] = []
+    entries = [
+        _entry(card, root, names, groups, table, topic)
+        for names, groups in _find(card, root)
+        for topic, groups in bags_of_datasets.by_topic(
+            card, root / names[0], groups, left_out, skip_bad=skip_bad
+        )
+    ]
     check_ids(entries, root)
     absent = set(table) - {entry.recording_id for entry in entries}
     digested = [name for entry in entries for name in entry.paths]
+    digested += bags_of_datasets.inside_folders(root, digested)
     digested += [card.labels.file] if card.labels else []
     return Dataset(
         name=card.name,
@@ -117,6 +129,7 @@ def open_files(card: Card, root: Path, *, skip_bad: bool = False) -> Dataset:
         notes=(
             *card.notes,
             *(f"{name} is in the table of labels, but has no file" for name in sorted(absent)),
+            *left_out,
         ),
         skip_bad=skip_bad,
     )
@@ -215,10 +228,12 @@ def _find(card: Card, root: Path) -> Iterator[tuple[tuple[str, ...], Groups]]:
     """Yield the files of each recording (one, or one per axis, and companions) and what their names tell."""
     joined: dict[str, tuple[list[str], Groups]] = {}
     files = {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()}
+    files -= bags_of_datasets.not_recordings(files)
     for name in sorted(files, key=_natural):
         if (matched := match_name(card.files, name)) is not None:
             groups, shared = matched
-            groups.setdefault("recording", shared.rpartition(".")[0])
+            shortened = shared.removesuffix(f"/{formats.BAG_FOLDER}")
+            groups.setdefault("recording", shortened if shortened != shared else shared.rpartition(".")[0])
             joined.setdefault(shared, ([], groups))[0].append(name)
     for names, groups in joined.values():
         present = (
@@ -233,7 +248,12 @@ def _natural(name: str) -> list[tuple[int, str]]:
 
 
 def _entry(
-    card: Card, root: Path, names: tuple[str, ...], groups: Groups, table: Mapping[str, Groups]
+    card: Card,
+    root: Path,
+    names: tuple[str, ...],
+    groups: Groups,
+    table: Mapping[str, Groups],
+    topic: str | None,
 ) -> Entry:
     recording_id = groups["recording"]
     if card.labels and recording_id not in table:
@@ -249,6 +269,7 @@ def _entry(
         session=told.get("session"),
         repetition=int(repetition) if repetition is not None else None,
         paths=names,
+        topic=topic,
     )
 
 

@@ -4,19 +4,21 @@ import re
 from pathlib import Path
 
 from texclass.loaders import formats
+from texclass.loaders.bags_of_datasets import not_recordings
 from texclass.loaders.cards import Card
 from texclass.loaders.columns import ReadOptions
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.filesets import open_files
-from texclass.loaders.single import agreed_rate, axis_files, checked_unit
+from texclass.loaders.single import agreed_rate, agreed_unit, axis_files, checked_unit
 from texclass.recording import RecordingError
 
-_SUFFIXES = "|".join(re.escape(suffix[1:]) for suffix in formats.SUFFIXES)
+_SUFFIXES = "|".join(re.escape(suffix[1:]) for suffix in (*formats.SUFFIXES, *formats.BAG_SUFFIXES))
 PATTERNS = (
     rf"(?P<material>[^/]+)/(?:.+/)?[^/]+_(?P<axis>[XYZxyz])(?:_[^/]*)?\.(?i:{_SUFFIXES})",
     rf"(?P<material>[^/]+)/.+\.(?i:{_SUFFIXES})",
+    rf"(?P<material>[^/]+)/.+/{re.escape(formats.BAG_FOLDER)}",
 )
-"""How the files of such a folder are named; the first one is one file per axis."""
+"""How the files of such a folder are named; first, one file per axis; last, a folder of rosbag2."""
 
 
 def open_folder(
@@ -31,7 +33,7 @@ def open_folder(
     fs : float, optional
         Sampling rate in Hz; needed unless the files state it. All recordings must share it.
     unit : str, optional
-        Of the acceleration; needed.
+        Of the acceleration; needed unless the files are bags whose messages state it.
     skip_bad : bool
         See `Dataset`.
 
@@ -40,12 +42,15 @@ def open_folder(
     RecordingError
         If there is no recording, or `fs` or `unit` is missing.
     """
-    unit = checked_unit(root, fs, unit)
-    files = [path for path in sorted(root.glob("*/**/*")) if path.suffix.lower() in formats.SUFFIXES]
+    candidates = [path for path in sorted(root.glob("*/**/*")) if _is_recording(path)]
+    within = not_recordings(map(str, candidates))
+    files = [path for path in candidates if str(path) not in within]
+    first = files[0] if files else root
+    unit = checked_unit(root, fs, agreed_unit(first, ReadOptions(), unit))
     if not files:
         raise RecordingError(
             f"{root}: holds no recording; the rule is one subfolder per material with files of "
-            f"{', '.join(formats.SUFFIXES)}"
+            f"{', '.join((*formats.SUFFIXES, *formats.BAG_SUFFIXES))}"
         )
     card = Card(
         name=root.resolve().name,
@@ -69,11 +74,15 @@ def _stated_rate(files: list[Path], unit: str) -> float | None:
     return formats.read(first, formats.names(first, options)[:1], options).fs
 
 
+def _is_recording(path: Path) -> bool:
+    return path.suffix.lower() in formats.SUFFIXES or formats.is_bag(path)
+
+
 def _ignored(root: Path) -> tuple[str, ...]:
     """Say how many files are not recordings, so that nobody misses them unawares."""
     others = [
         path
         for path in root.rglob("*")
-        if path.is_file() and not path.name.startswith(".") and path.suffix.lower() not in formats.SUFFIXES
+        if path.is_file() and not path.name.startswith(".") and not _is_recording(path)
     ]
     return (f"{len(others)} files of other kinds are ignored",) if others else ()

@@ -10,7 +10,7 @@ from texclass.loaders.filesets import open_files
 from texclass.loaders.folder import open_folder
 from texclass.loaders.places import find_folder
 from texclass.loaders.rowsets import open_rows
-from texclass.loaders.single import agreed_rate, load_recording
+from texclass.loaders.single import agreed_rate, is_bag_name, load_recording
 from texclass.recording import Recording, RecordingError
 
 
@@ -62,7 +62,7 @@ def open_dataset(
 
 
 def find_recording(name: str | Path, *, fs: float | None = None, unit: str | None = None) -> Recording:
-    """Return one recording: a file, or "DATASET:RECORDING" for one of a dataset.
+    """Return one recording: a file, "bag:FILE?topic=/name", or "DATASET:RECORDING" for one of a dataset.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def find_recording(name: str | Path, *, fs: float | None = None, unit: str | Non
         As `open_dataset`.
     """
     dataset_name, colon, recording_id = str(name).rpartition(":")
-    if not colon or Path(name).exists():
+    if not colon or Path(name).exists() or is_bag_name(name):
         return load_recording(name, fs=fs, unit=unit)
     dataset = open_dataset(dataset_name, fs=fs, unit=unit)
     ids = [entry.recording_id for entry in dataset.entries]

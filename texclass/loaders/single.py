@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,16 +24,19 @@ from texclass.recording import (
 
 AXIS = re.compile(r"_(?P<axis>[XYZxyz])(?=[_.])")
 """The part of a file's name that says which axis it holds: `<name>_X.txt`, `<name>_X_train1.txt`."""
+BAG = "bag:"
+"""Before the path of a bag whose topic is named, too: bag:FILE?topic=/name."""
 UNIT_RULE = f"one of {', '.join((*ACCELERATION_UNITS, *SCALELESS_UNITS))}"
 
 
 @dataclass(frozen=True)
 class Signals:
-    """The signals of one recording, and the sampling rate (Hz) if the files state it."""
+    """The signals of one recording, the sampling rate (Hz) if the files state it, and what is to be known."""
 
     fields: Mapping[str, Samples]
     channels: tuple[str, ...]
     fs: float | None
+    flags: tuple[str, ...] = ()
 
 
 def load_recording(
@@ -44,19 +47,21 @@ def load_recording(
     column: str | Sequence[str] | None = None,
     auxiliary: Mapping[str, str | Sequence[str]] | None = None,
     delimiter: str | None = None,
+    topic: str | None = None,
 ) -> Recording:
     """Load one recording from a file.
 
     Parameters
     ----------
     path : str or Path
-        Text (one value per line), CSV, TSV, Parquet, WAV, FLAC, MATLAB 5 or 7.3, NPZ or HDF5, by suffix. If
-        its name says `_X`, `_Y` or `_Z` and files of the other axes are beside it, they form one recording.
+        Text (one value per line), CSV, TSV, Parquet, WAV, FLAC, MATLAB 5 or 7.3, NPZ, HDF5, or a bag of ROS
+        (.bag, .mcap, .db3, a folder of rosbag2, also as "bag:FILE?topic=/name"), by suffix. If its name says
+        `_X`, `_Y` or `_Z` and files of the other axes are beside it, they form one recording.
     fs : float, optional
-        Sampling rate in Hz; needed unless the file states it.
+        Sampling rate in Hz; needed unless the file states it. The stamps of a bag must agree.
     unit : str, optional
-        Unit of the acceleration: "m/s^2", "g", "mg", "counts", "V" or "arbitrary". Needed: no format
-        states it. Integer audio keeps its codes when this is "counts"; else full scale is 1.
+        Unit of the acceleration: "m/s^2", "g", "mg", "counts", "V" or "arbitrary". Needed unless the type of
+        a bag's messages states it. Integer audio keeps its codes when this is "counts"; else full scale is 1.
     column : str or sequence of str, optional
         Column(s) or array of the acceleration; by default the conventional names (x, y, z; ax, ay, az;
         acceleration) or the only column.
@@ -64,6 +69,8 @@ def load_recording(
         Signals beside the acceleration: field of `Recording` -> column(s), in the unit the field is kept in.
     delimiter : str, optional
         Of a CSV file; a comma by default.
+    topic : str, optional
+        Of a bag; by default the only one that carries an acceleration.
 
     Returns
     -------
@@ -75,15 +82,57 @@ def load_recording(
     RecordingError
         If a fact is missing or contradicted, or the file is not what it should be.
     """
-    path = Path(path).expanduser()
-    if not path.exists():
-        raise RecordingError(f"{path}: cannot be opened (no such file)")
-    unit = checked_unit(path, fs, unit)
+    path, asked = located(path)
+    options = ReadOptions(delimiter, topic=topic or asked, fs=fs)
+    unit = checked_unit(path, fs, agreed_unit(path, options, unit))
     roles = ColumnRoles(_tuple(column), {name: _tuple(names) for name, names in (auxiliary or {}).items()})
     axes = axis_files(path)
-    signals = read_signals(axes, roles, ReadOptions(delimiter, codes=unit == "counts"))
-    recording_id = path.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0]
+    signals = read_signals(axes, roles, replace(options, codes=unit == "counts"))
+    named = path.parent if path.name == formats.BAG_FOLDER else path
+    recording_id = named.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0]
     return build_recording(signals, fs=fs, unit=unit, recording_id=recording_id, source=str(path))
+
+
+def located(name: str | Path) -> tuple[Path, str | None]:
+    """Return the file that a name means, and the topic if it names one ("bag:FILE?topic=/name").
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file.
+    """
+    topic = None
+    path = Path(name).expanduser()
+    if is_bag_name(name):
+        rest, _, query = str(name).removeprefix(BAG).partition("?")
+        path, topic = Path(rest).expanduser(), query.removeprefix("topic=") or None
+        if query and not query.startswith("topic="):
+            raise RecordingError(f"{name}: asks for {query!r}; the rule is bag:FILE?topic=/name")
+    if not path.exists():
+        raise RecordingError(f"{path}: cannot be opened (no such file)")
+    return path / formats.BAG_FOLDER if (path / formats.BAG_FOLDER).is_file() else path, topic
+
+
+def is_bag_name(name: str | Path) -> bool:
+    """Whether a name is of the form "bag:FILE" and not a file itself."""
+    return str(name).startswith(BAG) and not Path(name).exists()
+
+
+def agreed_unit(path: Path, options: ReadOptions, given: str | None) -> str | None:
+    """Return the unit that a file states, or else the given one.
+
+    Raises
+    ------
+    RecordingError
+        If they contradict each other.
+    """
+    stated = formats.stated_unit(path, options)
+    if stated is not None and given not in (None, stated):
+        raise RecordingError(
+            f"{path}: unit is {stated!r} by the type of its messages, {given!r} was given; the rule is one "
+            "unit (for a driver that sends another, `scale` in a card)"
+        )
+    return stated if stated is not None else given
 
 
 def checked_unit(where: Path, fs: float | None, unit: str | None) -> str:
@@ -150,7 +199,7 @@ def read_signals(
     if len(parts) == 1:
         axis = next(iter(parts))
         is_one_axis = axis and first.fields[UNNAMED].ndim == 1
-        return Signals(first.fields, (axis,) if is_one_axis else first.channels, first.fs)
+        return replace(first, channels=(axis,) if is_one_axis else first.channels)
     where = str(next(iter(axes.values())))
     lengths = {axis: len(part.fields[UNNAMED]) for axis, part in parts.items()}
     if len(set(lengths.values())) > 1 and not trim:
@@ -177,7 +226,8 @@ def build_recording(
     facts |= {**signals.fields, "channels": signals.channels, "unit": unit, "source": source}
     recording = Recording(fs=agreed_rate(signals.fs, fs, source), **facts)
     found = check_acceleration(recording.acceleration, recording.channels, source)
-    return recording.with_(flags=(*flags, *found)) if flags or found else recording
+    flags = (*flags, *signals.flags, *found)
+    return recording.with_(flags=flags) if flags else recording
 
 
 def agreed_rate(stated: float | None, given: float | None, where: str) -> float:
@@ -203,7 +253,7 @@ def _read_file(path: Path, roles: ColumnRoles, options: ReadOptions) -> Signals:
     columns = formats.read(path, wanted, options)
     groups = {UNNAMED: chosen, **roles.auxiliary}
     fields = {f: read_only(_stack([columns.named[name] for name in names])) for f, names in groups.items()}
-    return Signals(fields, chosen if len(chosen) > 1 else (), columns.fs)
+    return Signals(fields, chosen if len(chosen) > 1 else (), columns.fs, columns.flags)
 
 
 def _stack(columns: Sequence[Samples]) -> Samples:

@@ -1,0 +1,90 @@
+"""Real bags of known content, written with the `rosbags` library."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rosbags import rosbag1, rosbag2
+from rosbags.typesys import Stores, get_typestore
+
+START_NS = 1_700_000_000_000_000_000
+IMU = "sensor_msgs/msg/Imu"
+ARRAY = "std_msgs/msg/Float64MultiArray"
+KINDS = ("bag", "mcap", "db3")
+
+
+@dataclass
+class Topic:
+    """Messages of one topic: stamps (None: no header), values (n, columns) or a list of blocks, receipts."""
+
+    type_name: str
+    values: object
+    stamps_ns: np.ndarray | None
+    received_ns: np.ndarray | None = None
+    frame: str = "imu_link"
+
+
+def regular(n: int, fs: float, start_ns: int = START_NS) -> np.ndarray:
+    """Return n stamps in nanoseconds at fs Hz."""
+    return start_ns + np.rint(np.arange(n) * 1e9 / fs).astype(np.int64)
+
+
+def write_bag(folder: Path, kind: str, topics: dict[str, Topic], *, compression: str = "", name: str = "run"):
+    """Write a bag and return the path of its file; a rosbag2 stands in a folder with its metadata."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if kind == "bag":
+        path = folder / f"{name}.bag"
+        writer = rosbag1.Writer(path)
+        if compression:
+            writer.set_compression(rosbag1.Writer.CompressionFormat[compression.upper()])
+        store = get_typestore(Stores.ROS1_NOETIC)
+    else:
+        path = folder / name / f"{name}.{kind}"
+        plugin = rosbag2.StoragePlugin.MCAP if kind == "mcap" else rosbag2.StoragePlugin.SQLITE3
+        writer = rosbag2.Writer(folder / name, version=9, storage_plugin=plugin)
+        if compression:
+            mode = rosbag2.CompressionMode[compression.upper()]
+            writer.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
+        store = get_typestore(Stores.ROS2_HUMBLE)
+    with writer:
+        _write(writer, store, topics, ros1=kind == "bag")
+    return path
+
+
+def _write(writer, store, topics, *, ros1):
+    lines = []
+    for topic, told in topics.items():
+        connection = writer.add_connection(topic, told.type_name, typestore=store)
+        received = told.received_ns if told.received_ns is not None else told.stamps_ns + 200_000
+        for i, (at, value) in enumerate(zip(received, told.values, strict=True)):
+            stamp = None if told.stamps_ns is None else int(told.stamps_ns[i])
+            lines.append((int(at), connection, message(store, told, stamp, value, ros1=ros1)))
+    serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
+    for at, connection, content in sorted(lines, key=lambda line: line[0]):
+        writer.write(connection, at, serialize(content, connection.msgtype))
+
+
+def message(store, told: Topic, stamp: int | None, value, *, ros1: bool):
+    """Return one message of the types that carry signals; an Imu's values are ax, ay, az, wx, wy, wz."""
+    types = store.types
+    vector = types["geometry_msgs/msg/Vector3"]
+    if told.type_name == ARRAY:
+        return _array(types, np.asarray(value, float))
+    time = types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9)
+    make_header = types["std_msgs/msg/Header"]
+    header = make_header(7, time, told.frame) if ros1 else make_header(time, told.frame)
+    if told.type_name == IMU:
+        none, rotation = np.zeros(9), types["geometry_msgs/msg/Quaternion"](0, 0, 0, 1)
+        a, w = vector(*value[:3]), vector(*value[3:6])
+        return types[IMU](header, rotation, none, w, none, a, none)
+    inner = told.type_name.rpartition("/")[2].removesuffix("Stamped")
+    body = types[f"geometry_msgs/msg/{inner}"](vector(*value[:3]), vector(*value[3:6]))
+    return types[told.type_name](header, body)
+
+
+def _array(types, value):
+    dimension = types["std_msgs/msg/MultiArrayDimension"]
+    sizes = zip(("samples", "channels"), value.shape, strict=True) if value.ndim == 2 else ()
+    dims = [dimension(label, size, value.size) for label, size in sizes]
+    layout = types["std_msgs/msg/MultiArrayLayout"](dims, 0)
+    return types[ARRAY](layout, value.ravel())

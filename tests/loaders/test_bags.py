@@ -1,0 +1,250 @@
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="the extra `robot` is not installed")
+pytest.importorskip("mcap", reason="the extra `robot` is not installed")
+
+from bag_writer import ARRAY, IMU, KINDS, START_NS, Topic, regular, write_bag
+
+from texclass.loaders import find_recording, load_recording, open_dataset
+from texclass.recording import RecordingError
+
+FS = 200.0
+N = 300
+
+
+@pytest.fixture(scope="module")
+def values():
+    """Acceleration and turn rate of shape (300, 6)."""
+    return np.random.default_rng(0).normal(size=(N, 6))
+
+
+def _imu(values, fs=FS, **changes):
+    return Topic(IMU, values, regular(len(values), fs), **changes)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("frame", ["", "imu", "base_link"])
+def test_an_imu_comes_back_as_it_was_written(tmp_path, values, kind, frame):
+    path = write_bag(tmp_path, kind, {"/imu": _imu(values, frame=frame)})
+    recording = load_recording(path, auxiliary={"turn_rate": ["wx", "wy", "wz"]})
+    np.testing.assert_array_equal(recording.acceleration, values[:, :3])
+    np.testing.assert_array_equal(recording.turn_rate, values[:, 3:])
+    assert (recording.fs, recording.unit, recording.recording_id) == (FS, "m/s^2", "run")
+    assert recording.flags == ("rate: 200 Hz by the header stamps",)
+
+
+@pytest.mark.parametrize(
+    ("kind", "compression"),
+    [
+        ("bag", "bz2"),
+        ("bag", "lz4"),
+        ("mcap", "storage"),
+        ("mcap", "file"),
+        ("db3", "message"),
+        ("db3", "file"),
+    ],
+)
+def test_compressed_bags_and_folders_are_read(tmp_path, values, kind, compression):
+    path = write_bag(tmp_path, kind, {"/imu": _imu(values)}, compression=compression)
+    recording = load_recording(path if kind == "bag" else path.parent)
+    np.testing.assert_array_equal(recording.acceleration, values[:, :3])
+    assert recording.recording_id == "run"
+
+
+def test_a_split_bag_is_one_recording(tmp_path, values):
+    half = N // 2
+    stamps = regular(N, FS)
+    for i, part in enumerate((slice(half), slice(half, N))):
+        topic = Topic(IMU, values[part], stamps[part])
+        write_bag(tmp_path / str(i), "mcap", {"/imu": topic}).rename(tmp_path / f"run_{i}.mcap")
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:")
+    np.testing.assert_array_equal(load_recording(tmp_path).acceleration, values[:, :3])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("per_message", [1, 10])
+def test_arrays_are_samples_or_blocks_of_samples(tmp_path, values, kind, per_message):
+    blocks = values.reshape(-1, per_message, 6)
+    received = regular(len(blocks), FS)
+    path = write_bag(tmp_path, kind, {"/raw": Topic(ARRAY, blocks, None, received)})
+    recording = load_recording(path, unit="g", column=["c1", "c2", "c3"])
+    np.testing.assert_allclose(recording.acceleration, values[:, :3] * 9.80665)
+    assert recording.fs == FS * per_message
+    assert recording.flags == (f"rate: {FS * per_message:g} Hz by the times of receipt",)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_speed_and_force_of_other_topics_are_put_at_the_samples(tmp_path, values, kind):
+    slow = regular(60, 40.0)
+    ramp = np.zeros((60, 6))
+    ramp[:, 0] = np.arange(60) / 40
+    topics = {
+        "/imu": _imu(values),
+        "/twist": Topic("geometry_msgs/msg/TwistStamped", ramp, slow),
+        "/wrench": Topic("geometry_msgs/msg/WrenchStamped", -ramp, slow),
+    }
+    path = write_bag(tmp_path, kind, topics)
+    auxiliary = {"speed": "/twist/speed", "normal_force": "/wrench/force"}
+    recording = load_recording(path, auxiliary=auxiliary)
+    expected = np.minimum(np.arange(N) / FS, 59 / 40)
+    np.testing.assert_allclose(recording.speed, 1000 * expected, atol=1e-3)
+    np.testing.assert_allclose(recording.normal_force, expected, atol=1e-6)
+
+
+def test_the_topic_is_chosen_by_name_and_asked_for_where_several_fit(tmp_path, values):
+    topics = {
+        "/left/imu": _imu(values),
+        "/right/imu": _imu(-values),
+        "/odd": Topic(ARRAY, values, None, regular(N, 9)),
+    }
+    path = write_bag(tmp_path, "mcap", topics)
+    with pytest.raises(RecordingError, match="'/left/imu', '/right/imu' can be the acceleration"):
+        load_recording(path)
+    for recording in (
+        find_recording(f"bag:{path}?topic=/right/imu"),
+        load_recording(path, topic="right/imu"),
+    ):
+        np.testing.assert_array_equal(recording.acceleration, -values[:, :3])
+    with pytest.raises(RecordingError, match="topic '/x' is not there; its topics are '/left/imu'"):
+        load_recording(path, topic="/x")
+
+
+@pytest.mark.parametrize("name", ["bag:{}?top=/imu", "bag:{}?/imu"])
+def test_a_query_that_is_no_topic_is_refused(tmp_path, values, name):
+    path = write_bag(tmp_path, "bag", {"/imu": _imu(values)})
+    with pytest.raises(RecordingError, match=r"the rule is bag:FILE\?topic="):
+        find_recording(name.format(path))
+
+
+def test_rate_and_unit_may_not_be_contradicted(tmp_path, values):
+    path = write_bag(tmp_path, "bag", {"/imu": _imu(values)})
+    assert load_recording(path, fs=200, unit="m/s^2").fs == 200
+    with pytest.raises(RecordingError, match="fs is 200 Hz by its stamps, 250 Hz was given"):
+        load_recording(path, fs=250)
+    with pytest.raises(RecordingError, match=r"unit is 'm/s\^2' by the type of its messages, 'g' was given"):
+        load_recording(path, unit="g")
+
+
+def test_a_rate_that_is_near_is_resampled_and_says_so(tmp_path):
+    t = np.arange(2020) / 202
+    path = write_bag(tmp_path, "mcap", {"/imu": _imu(np.tile(np.sin(2 * np.pi * 7 * t)[:, None], 6), 202.0)})
+    recording = load_recording(path, fs=200)
+    expected = np.sin(2 * np.pi * 7 * np.arange(2000) / 200)
+    np.testing.assert_allclose(recording.acceleration[50:-50, 0], expected[50:-50], atol=5e-3)
+    assert recording.flags == ("rate: 202 Hz by the header stamps, resampled (band-limited) to 200 Hz",)
+
+
+def test_stamps_of_headers_count_and_times_of_receipt_where_there_are_none(tmp_path, values):
+    late = regular(N, FS) + np.random.default_rng(1).integers(0, 30_000_000, N)
+    by_header = write_bag(tmp_path / "a", "db3", {"/imu": Topic(IMU, values, regular(N, FS), np.sort(late))})
+    assert load_recording(by_header).flags == ("rate: 200 Hz by the header stamps",)
+    without = write_bag(tmp_path / "b", "db3", {"/imu": Topic(IMU, values, np.zeros(N, int), regular(N, FS))})
+    recording = load_recording(without)
+    assert recording.flags == ("stamps: none in the headers", "rate: 200 Hz by the times of receipt")
+    np.testing.assert_array_equal(recording.acceleration, values[:, :3])
+
+
+def test_a_driver_that_sends_g_is_noticed(tmp_path, values):
+    still = 0.01 * values + [0, 0, 1, 0, 0, 0]
+    path = write_bag(tmp_path, "bag", {"/imu": _imu(still)})
+    assert "does the driver send g?" in load_recording(path).flags[-1]
+
+
+def test_a_folder_of_bags_is_a_dataset(tmp_path, values):
+    for material in ("steel", "wood"):
+        for name, kind in zip("abc", KINDS, strict=True):
+            write_bag(tmp_path / material, kind, {"/imu": _imu(values)}, name=name)
+    dataset = open_dataset(tmp_path)
+    ids = [f"{material}/{name}" for material in ("steel", "wood") for name in "abc"]
+    assert [entry.recording_id for entry in dataset.entries] == ids
+    assert [recording.material for recording in dataset] == ["steel"] * 3 + ["wood"] * 3
+    assert {(recording.fs, recording.unit) for recording in dataset} == {(FS, "m/s^2")}
+    before = dataset.input_hash
+    (tmp_path / "metadata.yaml").write_text("somebody else's")
+    (tmp_path / "steel/metadata.yaml").write_text("somebody else's")
+    write_bag(tmp_path, "mcap", {"/imu": _imu(-values)}, name="new").replace(tmp_path / "wood/b/b.mcap")
+    assert open_dataset(tmp_path).input_hash != before
+
+
+CARD = """
+title = "Robot"
+format = "files"
+folder = "bags"
+fs_hz = 200
+unit = "m/s^2"
+phases = "movement"
+"""
+
+
+def _card(tmp_path, monkeypatch, more):
+    monkeypatch.setenv("TEXCLASS_DATA", str(tmp_path))
+    (tmp_path / "robot.toml").write_text(CARD + more)
+    return tmp_path / "robot.toml"
+
+
+def test_the_topic_can_be_the_label(tmp_path, values, monkeypatch):
+    for kind in KINDS:
+        topics = {"/wood/imu": _imu(values), "/steel/imu": _imu(-values), "/steel/rpm": _imu(values)}
+        write_bag(tmp_path / "bags", kind, topics, name=f"r{kind}")
+    files = r"""files = ['.*\.bag', '.*/metadata\.yaml']
+topic = '/(?P<material>[a-z]+)/imu'
+"""
+    dataset = open_dataset(_card(tmp_path, monkeypatch, files))
+    assert [(e.recording_id, e.material, e.topic) for e in dataset.entries[:2]] == [
+        ("rbag/steel/imu", "steel", "/steel/imu"),
+        ("rbag/wood/imu", "wood", "/wood/imu"),
+    ]
+    assert len(dataset) == 6
+    for recording in dataset:
+        sign = 1 if recording.material == "wood" else -1
+        np.testing.assert_array_equal(recording.acceleration, sign * values[:, :3])
+
+
+def test_a_table_can_be_the_label_and_a_plain_topic_the_choice(tmp_path, values, monkeypatch):
+    topics = {"/imu": _imu(values), "/spare": _imu(-values)}
+    write_bag(tmp_path / "bags", "mcap", topics, name="one")
+    write_bag(tmp_path / "bags", "bag", topics, name="two")
+    (tmp_path / "bags/labels.csv").write_text("bag,surface\none,wood\ntwo,steel\n")
+    more = r"""files = ['(?P<recording>\w+)\.bag', '(?P<recording>\w+)/metadata\.yaml']
+topic = "/imu"
+[labels]
+file = "labels.csv"
+recording = "bag"
+material = "surface"
+"""
+    dataset = open_dataset(_card(tmp_path, monkeypatch, more))
+    assert {entry.recording_id: entry.material for entry in dataset.entries} == {
+        "one": "wood",
+        "two": "steel",
+    }
+    for recording in dataset:
+        np.testing.assert_array_equal(recording.acceleration, values[:, :3])
+
+
+def test_features_are_extracted_from_bags(tmp_path, monkeypatch):
+    from typer.testing import CliRunner
+
+    from texclass.cli import app
+
+    rng = np.random.default_rng(0)
+    for material in ("wood", "steel"):
+        write_bag(tmp_path / "bags" / material, "mcap", {"/imu": _imu(rng.normal(size=(2000, 6)), 1000.0)})
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["extract", "bags", "-o", "table.parquet", "--jobs", "1"])
+    assert done.exit_code == 0, done.output
+    assert "wrote table.parquet: 2 recordings" in done.output
+
+
+def test_a_bag_without_a_known_type_says_what_is_there(tmp_path, values):
+    path = write_bag(
+        tmp_path, "bag", {"/twist": Topic("geometry_msgs/msg/TwistStamped", values, regular(N, FS))}
+    )
+    with pytest.raises(RecordingError, match=r"topics are '/twist \(geometry_msgs/msg/TwistStamped\)'"):
+        load_recording(path)
+
+
+def test_stamps_before_and_after_the_epoch_of_the_bag_are_fine(tmp_path, values):
+    path = write_bag(tmp_path, "bag", {"/imu": Topic(IMU, values, regular(N, FS, 5 * 10**9), regular(N, FS))})
+    assert START_NS > 5 * 10**9
+    assert load_recording(path).fs == FS

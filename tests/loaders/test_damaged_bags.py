@@ -1,0 +1,207 @@
+"""Whatever is in a bag file, reading ends in a recording or in one clear error."""
+
+import bz2
+import contextlib
+import io
+import sqlite3
+import struct
+import tracemalloc
+
+import lz4.frame
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+pytest.importorskip("rosbags", reason="the extra `robot` is not installed")
+pytest.importorskip("mcap", reason="the extra `robot` is not installed")
+
+import zstandard
+from bag_writer import IMU, KINDS, Topic, message, regular, write_bag
+from mcap.writer import CompressionType, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from texclass.loaders import load_recording
+from texclass.loaders.bag_expansion import MOST_EXPANSION, Budget
+from texclass.loaders.ros_messages import (
+    TYPES,
+    MessageError,
+    column_values,
+    decode_multi_array,
+    decode_stamped,
+)
+from texclass.recording import RecordingError
+
+N = 40
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Bytes of a small bag of every kind, and a folder to put damaged ones."""
+    folder = tmp_path_factory.mktemp("bags")
+    topic = {"/imu": Topic(IMU, np.random.default_rng(0).normal(size=(N, 6)), regular(N, 100))}
+    bags = {kind: write_bag(folder, kind, topic, name=kind).read_bytes() for kind in KINDS}
+    bags["bz2"] = write_bag(folder, "bag", topic, name="z", compression="bz2").read_bytes()
+    return folder, bags
+
+
+def _attempt(folder, kind, data):
+    """Read bytes as a bag: a recording, or a RecordingError that names the file; nothing else."""
+    path = folder / f"damaged.{'bag' if kind == 'bz2' else kind}"
+    path.write_bytes(data)
+    try:
+        return load_recording(path)
+    except RecordingError as error:
+        said = str(error)
+    assert str(path) in said
+    assert "\n" not in said
+    return None
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.3, 0.7, 0.99])
+def test_a_truncated_bag_is_an_error(whole, kind, share):
+    folder, bags = whole
+    assert _attempt(folder, kind, bags[kind][: int(share * len(bags[kind]))]) is None
+    assert _attempt(folder, kind, bags[kind]) is not None
+
+
+@settings(max_examples=250, deadline=None)
+@given(data=st.data())
+def test_damaged_bytes_never_crash(whole, data):
+    folder, bags = whole
+    kind = data.draw(st.sampled_from(sorted(bags)))
+    damaged = bytearray(bags[kind])
+    for _ in range(data.draw(st.integers(1, 8))):
+        at = data.draw(st.integers(0, len(damaged) - 1))
+        piece = data.draw(st.binary(min_size=1, max_size=8) | st.just(b"\xff" * 8))
+        damaged[at : at + len(piece)] = piece
+    _attempt(folder, kind, bytes(damaged[: data.draw(st.just(len(damaged)) | st.integers(0, len(damaged)))]))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(max_size=400), st.booleans())
+def test_any_bytes_are_a_message_or_an_error(raw, ros1):
+    for decode in (
+        lambda: decode_stamped(TYPES[IMU], [raw], ros1=ros1),
+        lambda: decode_multi_array(raw, ros1=ros1),
+    ):
+        with contextlib.suppress(MessageError):
+            decode()
+
+
+@pytest.mark.parametrize("store", [Stores.ROS1_NOETIC, Stores.ROS2_HUMBLE])
+@pytest.mark.parametrize("name", sorted(TYPES))
+def test_messages_are_decoded_as_rosbags_encodes_them(store, name):
+    ros1 = store is Stores.ROS1_NOETIC
+    types = get_typestore(store)
+    rng = np.random.default_rng(1)
+    told = [Topic(name, None, None, frame="x" * length) for length in (0, 1, 2, 3, 4, 5, 9, 9)]
+    values = rng.normal(size=(len(told), 6))
+    serialize = types.serialize_ros1 if ros1 else types.serialize_cdr
+    raws = [
+        bytes(serialize(message(types, topic, 10**18 + i, value, ros1=ros1), name))
+        for i, (topic, value) in enumerate(zip(told, values, strict=True))
+    ]
+    stamps, numbers = decode_stamped(TYPES[name], raws, ros1=ros1)
+    np.testing.assert_array_equal(stamps, 10**18 + np.arange(len(told)))
+    first = [column for column, where in TYPES[name].columns.items() if len(where) == 1]
+    decoded = np.column_stack([column_values(TYPES[name], numbers, column) for column in first])
+    np.testing.assert_array_equal(decoded, values[:, : len(first)])
+
+
+@pytest.mark.parametrize("how", ["bz2", "lz4", "zstd"])
+def test_a_bomb_is_refused_before_it_fills_the_memory(how):
+    zeros = bytes(1 << 27)
+    packed = {"bz2": bz2.compress, "lz4": lz4.frame.compress, "zstd": zstandard.compress}[how](zeros)
+    del zeros
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="expands to more than"):
+        Budget(len(packed)).expand(packed, how)
+    assert tracemalloc.get_traced_memory()[1] < 5 * (1 << 26)
+    tracemalloc.stop()
+
+
+def test_many_chunks_may_not_expand_to_more_than_their_share():
+    packed = zstandard.compress(bytes(1 << 24))
+    budget = Budget(len(packed))
+    for _ in range(4):
+        budget.expand(packed, "zstd", 1 << 24)
+    with pytest.raises(ValueError, match=f"{MOST_EXPANSION} times"):
+        budget.expand(packed, "zstd", 1 << 24)
+
+
+def _mcap(path, messages, encoding="cdr", name=IMU):
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE)
+        writer.start(profile="ros2", library="test")
+        schema = writer.register_schema(name=name, encoding="ros2msg", data=b"")
+        channel = writer.register_channel(topic="/imu", message_encoding=encoding, schema_id=schema)
+        for i, data in enumerate(messages):
+            writer.add_message(channel, log_time=i * 10**7, publish_time=0, data=data)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"", "the rule is plain CDR"),
+        (b"\x00\x01\x00\x00" + bytes(4), "the rule is a whole header"),
+        (b"\x00\x01\x00\x00" + bytes(8) + b"\xff" * 4, "a message has 16 bytes; the rule is"),
+        (b"\x00\x03\x00\x00" + bytes(400), "the rule is plain CDR"),
+    ],
+)
+def test_a_message_that_is_not_what_its_type_says_is_named(tmp_path, data, said):
+    with pytest.raises(RecordingError, match=said):
+        load_recording(_mcap(tmp_path / "x.mcap", [data] * 3))
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_a_bag_of_fewer_than_two_messages_is_refused(tmp_path, n):
+    data = b"\x00\x01\x00\x00" + bytes(320)
+    with pytest.raises(RecordingError, match=rf"/imu: holds {n} messages|no topic|topics are none"):
+        load_recording(_mcap(tmp_path / "x.mcap", [data] * n))
+
+
+def test_a_database_with_other_tables_or_a_view_for_a_table_is_refused(tmp_path):
+    for i, view in enumerate(("CREATE TABLE messages(x)", "CREATE VIEW messages AS SELECT 1 AS id")):
+        path = tmp_path / f"{i}.db3"
+        with sqlite3.connect(path) as database:
+            database.execute(view)
+            database.execute("CREATE TABLE topics(id, name, type)" if i else "CREATE TABLE other(x)")
+        database.close()
+        with pytest.raises(RecordingError, match="it has no tables of messages and topics"):
+            load_recording(path)
+
+
+def test_a_generated_column_cannot_fill_the_memory(tmp_path):
+    path = tmp_path / "x.db3"
+    with sqlite3.connect(path) as database:
+        database.execute("CREATE TABLE topics(id INTEGER, name TEXT, type TEXT)")
+        database.execute(
+            "CREATE TABLE messages(id INTEGER, topic_id INTEGER, timestamp INTEGER, "
+            "data BLOB GENERATED ALWAYS AS (zeroblob(900000000)))"
+        )
+        database.execute(f"INSERT INTO topics VALUES (1, '/imu', '{IMU}')")
+        database.executemany(
+            "INSERT INTO messages(id, topic_id, timestamp) VALUES (?, 1, ?)", [(1, 1), (2, 2)]
+        )
+    database.close()
+    with pytest.raises(RecordingError, match="not a readable bag"):
+        load_recording(path)
+
+
+def test_a_rosbag_that_announces_more_than_it_holds_is_refused(tmp_path):
+    def field(name, value):
+        content = name + b"=" + value
+        return struct.pack("<I", len(content)) + content
+
+    head = field(b"op", b"\x03") + field(b"index_pos", struct.pack("<Q", 40))
+    head += field(b"conn_count", b"\xff" * 4) + field(b"chunk_count", b"\xff" * 4)
+    file = io.BytesIO()
+    file.write(b"#ROSBAG V2.0\n" + struct.pack("<I", len(head)) + head + b"\xff\xff\xff\x7f")
+    path = tmp_path / "x.bag"
+    path.write_bytes(file.getvalue())
+    with pytest.raises(RecordingError, match="not a readable bag"):
+        load_recording(path)

@@ -1,0 +1,228 @@
+"""Time stamps of messages -> which sample of a uniform signal each one is, and what was wrong on the way.
+
+Stamps jump when a clock is set, repeat when a message is sent twice, arrive out of order, late and in bursts,
+and miss what was lost. Everything that is found is said in words.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from texclass.recording import RecordingError, Samples
+
+Stamps = NDArray[np.int64]
+
+MOST_LATE = 3
+"""A message that at most so many others overtook is out of order; else the clock jumped."""
+CLOCK_JUMP_S = 0.5
+"""A step of the stamps that is so much longer than the step of the times of receipt is the clock's."""
+LEVEL_WINDOW = 32
+"""Messages on either side of a gap that tell whether something is missing or was only late."""
+MOST_LOST = 10
+"""Samples missing in a row that are interpolated; a longer gap divides the recording."""
+MOST_LOST_S = 0.01
+"""The same in seconds; what is more counts."""
+SHOWN_JITTER = 0.01
+"""Deviation from evenly spaced stamps, in periods (root mean square), from which it is reported."""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Where messages stand on a uniform grid.
+
+    Attributes
+    ----------
+    messages : ndarray of shape (n,)
+        Which of the messages are used, in the order of their stamps.
+    index : ndarray of shape (n,)
+        Number of the sample each one is; strictly increasing from 0, numbers missing where messages are lost.
+    offset : ndarray of shape (n,)
+        Stamp minus the instant of that sample, in periods.
+    start_s : float
+        Stamp of the first one, in seconds.
+    rate : float
+        Messages per second.
+    jitter : float
+        Root mean square of `offset`.
+    resolution : float
+        Of the stamps, in periods: all are multiples of it.
+    flags : tuple of str
+        What was wrong.
+    """
+
+    messages: NDArray[np.intp]
+    index: NDArray[np.int64]
+    offset: Samples
+    start_s: float
+    rate: float
+    jitter: float
+    resolution: float
+    flags: tuple[str, ...]
+
+
+def place(stamps_ns: Stamps, received_ns: Stamps, repeats: NDArray[np.bool_], where: str) -> Sampling:
+    """Find the rate of messages and which sample each one is.
+
+    Parameters
+    ----------
+    stamps_ns : ndarray of shape (n,)
+        Time stamps, nanoseconds.
+    received_ns : ndarray of shape (n,)
+        When each message was received, nanoseconds; the order of the messages.
+    repeats : ndarray of shape (n,)
+        Whether a message holds the same values as the one before.
+    where : str
+        For messages of errors.
+
+    Returns
+    -------
+    sampling : Sampling
+
+    Raises
+    ------
+    RecordingError
+        If fewer than two different instants are left.
+    """
+    kept, t, flags = _in_order(stamps_ns, received_ns, repeats)
+    period = _period(t, where)
+    lost = _lost_before(t, period)
+    first, last, cut = _longest_stretch(lost, max(MOST_LOST, int(MOST_LOST_S / period)), period)
+    kept, t, lost = kept[first:last], t[first:last], np.append(0, lost[first + 1 : last])
+    index = np.arange(len(t)) + np.cumsum(lost)
+    if len(t) < 2 or t[-1] <= t[0]:
+        raise RecordingError(f"{where}: all its stamps are {stamps_ns[0]} ns; the rule is two instants")
+    if index[-1] >= 2 * len(t) + MOST_LOST:
+        raise RecordingError(
+            f"{where}: {lost.sum()} of {index[-1] + 1} messages are missing; the rule is half"
+        )
+    gaps = f"gaps: {{}} messages missing in {np.count_nonzero(lost)} gaps, interpolated"
+    said = (*flags, _said(int(lost.sum()), gaps), cut)
+    return _fitted(kept, t, index, stamps_ns[kept], tuple(filter(None, said)))
+
+
+def _fitted(
+    kept: NDArray[np.intp], t: Samples, index: NDArray[np.int64], stamps_ns: Stamps, flags: tuple[str, ...]
+) -> Sampling:
+    """Fit t = T i + t0 by least squares; what is left over is the jitter."""
+    centred = index - index.mean()
+    period, level = np.polyfit(centred, t, 1)
+    offset = (t - level) / period - centred
+    return Sampling(
+        messages=kept,
+        index=index,
+        offset=offset,
+        start_s=float(stamps_ns[0]) / 1e9,
+        rate=float(1 / period),
+        jitter=float(np.sqrt(np.mean(offset**2))),
+        resolution=float(np.gcd.reduce(np.diff(stamps_ns))) / 1e9 / float(period),
+        flags=flags,
+    )
+
+
+def _in_order(
+    stamps_ns: Stamps, received_ns: Stamps, repeats: NDArray[np.bool_]
+) -> tuple[NDArray[np.intp], Samples, tuple[str, ...]]:
+    """Return which messages are used, their stamps in seconds, rising, and what had to be done."""
+    kept, n_dropped = _without_duplicates(stamps_ns, repeats)
+    t, jumps = _bridged(_seconds(stamps_ns[kept]), _seconds(received_ns[kept]))
+    order = np.argsort(t, kind="stable")
+    n_moved = int(np.count_nonzero(np.diff(t) < 0))
+    dropped = "duplicates: {} messages repeat stamp and values of the one before, dropped"
+    moved = "out of order: {} messages, put in the order of their stamps"
+    return kept[order], t[order], (_said(n_dropped, dropped), jumps, _said(n_moved, moved))
+
+
+def _seconds(stamps_ns: Stamps) -> Samples:
+    """Return nanoseconds as seconds after the first; differences of hostile stamps may exceed 64 bits."""
+    return (stamps_ns.astype(np.longdouble) - np.longdouble(stamps_ns[0])).astype(np.float64) / 1e9
+
+
+def _said(n: int, words: str) -> str:
+    return words.format(n) if n else ""
+
+
+def _without_duplicates(stamps: Stamps, repeats: NDArray[np.bool_]) -> tuple[NDArray[np.intp], int]:
+    """Return which messages are no repetition of the one before; equal stamps alone are a burst."""
+    again = np.zeros(len(stamps), bool)
+    again[1:] = (np.diff(stamps) == 0) & repeats[1:]
+    return np.flatnonzero(~again), int(again.sum())
+
+
+def _bridged(t: Samples, received: Samples) -> tuple[Samples, str]:
+    """Replace the steps at which the clock of the stamps was set by those of the times of receipt."""
+    if len(t) < 3:
+        return t, ""
+    step, real = np.diff(t), np.diff(received)
+    typical = float(np.median(step))
+    later = np.full(len(step), -np.inf)  # the largest of the next: does it pass the one before the step?
+    for k in range(1, MOST_LATE + 1):
+        later[:-k] = np.maximum(later[:-k], t[1 + k :])
+    back = (step < 0) & (later <= t[:-1])
+    back[-1] = False  # nothing follows that could tell
+    forward = (step > CLOCK_JUMP_S) & (step - real > CLOCK_JUMP_S)
+    jumped = back | forward
+    if not jumped.any():
+        return t, ""
+    largest = float(step[jumped][np.argmax(np.abs(step[jumped]))])
+    step[jumped] = np.maximum(real[jumped], max(typical, 0.0))
+    told = (
+        f"clock jumps: {np.count_nonzero(jumped)} (largest {largest:+.3g} s), bridged by the times of receipt"
+    )
+    return np.concatenate(([t[0]], t[0] + np.cumsum(step))), told
+
+
+def _period(t: Samples, where: str) -> float:
+    """Return the usual step; of messages that come in bursts, the mean one."""
+    step = np.diff(t)
+    if not len(step) or not t[-1] > t[0] or not np.isfinite(t[-1]):
+        raise RecordingError(f"{where}: {len(t)} messages at one instant; the rule is at least two instants")
+    typical, mean = float(np.median(step)), float(t[-1] - t[0]) / len(step)
+    if typical > 0.2 * mean or (typical > 0 and _is_gap(step, typical, mean)):
+        return usual_step(step)
+    return mean
+
+
+def usual_step(step: Samples) -> float:
+    """Return the mean of the steps near their median: of 2 and 3 ms, where stamps are whole ones, 2.5."""
+    typical = float(np.median(step))
+    near = step[np.abs(step - typical) <= 0.6 * typical]
+    return float(near.mean()) if len(near) else typical
+
+
+def _is_gap(step: Samples, typical: float, mean: float) -> bool:
+    """Whether the mean step is long because of a few long gaps, not because messages come in bursts."""
+    return bool(np.count_nonzero(step > mean) < 0.01 * len(step) and np.percentile(step, 10) > 0.5 * typical)
+
+
+def _lost_before(t: Samples, period: float) -> NDArray[np.int64]:
+    """Return how many messages are missing before each one.
+
+    After a loss all messages are later than counted; a message that was held up is late alone, for those
+    after it catch up. Lateness is l[i] = t[i] - i T, and what counts is its smallest value on either side.
+    """
+    lost = np.zeros(len(t), np.int64)
+    at = np.flatnonzero(np.diff(t) > 1.5 * period) + 1
+    if not len(at):
+        return lost
+    late = np.append(t - period * np.arange(len(t)), np.inf)
+    before = np.maximum(np.concatenate(([0], at[:-1])), at - LEVEL_WINDOW)
+    after = np.minimum(np.concatenate((at[1:], [len(t)])), at + LEVEL_WINDOW)
+    level_before = np.minimum.reduceat(late, np.column_stack((before, at)).ravel())[::2]
+    level_after = np.minimum.reduceat(late, np.column_stack((at, after)).ravel())[::2]
+    lost[at] = np.clip(np.rint((level_after - level_before) / period), 0, 2**40).astype(np.int64)
+    return lost
+
+
+def _longest_stretch(lost: NDArray[np.int64], most: int, period: float) -> tuple[int, int, str]:
+    """Return the longest half-open range of messages without a gap of more than `most` samples."""
+    cuts = np.concatenate(([0], np.flatnonzero(lost[1:] > most) + 1, [len(lost)]))
+    if len(cuts) == 2:
+        return 0, len(lost), ""
+    longest = int(np.argmax(np.diff(cuts)))
+    first, last = int(cuts[longest]), int(cuts[longest + 1])
+    told = (
+        f"divided: {len(cuts) - 2} gaps of up to {lost[cuts[1:-1]].max() * period:.3g} s; only the longest "
+        f"stretch between them is used, {last - first} of {len(lost)} messages"
+    )
+    return first, last, told
