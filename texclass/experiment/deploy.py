@@ -15,6 +15,7 @@ from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
 
 from texclass import __version__
+from texclass.experiment.trusted import load_trusted, read_bounded
 from texclass.features.contract import find
 from texclass.features.extractor import FeatureExtractor, Plan
 from texclass.features.sets import FeatureSet, Member, code_hash
@@ -29,8 +30,6 @@ COLUMN_WISE: Mapping[type, tuple[str, ...]] = {
     RobustScaler: ("center_", "scale_"),
 }
 """Steps that treat each column by itself, and their fitted attributes of shape (n_columns,)."""
-TRUSTED = ("texclass.experiment.", "numpy.dtype")
-"""Modules whose classes a saved recogniser may name beside what skops trusts; nothing else is ever loaded."""
 
 
 class Recogniser(Pipeline):  # type: ignore[misc]
@@ -104,16 +103,28 @@ class Recogniser(Pipeline):  # type: ignore[misc]
         """Write the fitted recogniser with skops, which holds data and names of classes, and no code."""
         import skops.io
 
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        skops.io.dump(self.document(), path)
+
+    def document(self) -> dict[str, Any]:
+        """Return the fitted recogniser as what skops writes: plain data and scikit-learn objects."""
         plan: Plan = self[0].plan_
-        document = {
+        return {
             "texclass": __version__,
             "plan": json.dumps([[prefix, _described(part)] for prefix, part in plan.parts]),
             "channels": list(plan.channels),
             "signal": {"fs": self[0].fs, "unit": self[0].unit},
             "steps": [list(step) for step in self.steps[1:]],
         }
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        skops.io.dump(document, path)
+
+    @classmethod
+    def of_document(cls, document: Mapping[str, Any]) -> tuple[Self, bool]:
+        """Return the recogniser of a `document`, and whether the code of its features is still the same."""
+        stated = json.loads(document["plan"])
+        parts = tuple((str(prefix), _restored(part)) for prefix, part in stated)
+        same = all(code_hash(one) == part["code"] for (_, one), (_, part) in zip(parts, stated, strict=True))
+        extractor = _extractor(Plan(parts, tuple(document["channels"])), **document["signal"])
+        return cls([("features", extractor), *((name, step) for name, step in document["steps"])]), same
 
 
 def load_recogniser(path: str | Path) -> Recogniser:
@@ -131,21 +142,19 @@ def load_recogniser(path: str | Path) -> Recogniser:
     UserWarning
         If the code of the features is not the one it was trained with.
     """
-    import skops.io
-
     try:
-        types = skops.io.get_untrusted_types(file=path)
-        if foreign := [name for name in types if not name.startswith(TRUSTED)]:
-            raise ValueError(f"it names {foreign[0]}; the rule is classes of scikit-learn and texclass")
-        document = skops.io.load(path, trusted=types)
-        parts = [(prefix, _restored(stated)) for prefix, stated in json.loads(document["plan"])]
-        steps = [(name, step) for name, step in document["steps"]]
+        recogniser, same = Recogniser.of_document(load_trusted(read_bounded(path)))
     except FileNotFoundError:
         raise
     except Exception as error:
         raise ValueError(f"{path}: not a recogniser of texclass ({error})") from error
-    extractor = _extractor(Plan(tuple(parts), tuple(document["channels"])), **document["signal"])
-    return Recogniser([("features", extractor), *steps])
+    if not same:
+        warnings.warn(
+            "the code of the features has changed since this recogniser was trained; train it again",
+            UserWarning,
+            stacklevel=2,
+        )
+    return recogniser
 
 
 def _extractor(plan: Plan, fs: float | None = None, unit: str | None = None) -> FeatureExtractor:
@@ -205,11 +214,4 @@ def _restored(stated: Mapping[str, Any]) -> FeatureSet:
     for name, feature, parameters, columns in stated["members"]:
         values = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()}
         members.append(Member(name, find(feature), values, tuple(columns)))
-    feature_set = FeatureSet(stated["name"], tuple(members))
-    if code_hash(feature_set) != stated["code"]:
-        warnings.warn(
-            "the code of the features has changed since this recogniser was trained; train it again",
-            UserWarning,
-            stacklevel=3,
-        )
-    return feature_set
+    return FeatureSet(stated["name"], tuple(members))

@@ -1,0 +1,22 @@
+"""A model that is trained once."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from toy_surfaces import pipeline, surfaces
+
+from texclass.recognition import TrainingSettings, train
+
+
+@pytest.fixture(scope="session")
+def kernel_model(_own_cache):
+    return train(surfaces(), pipeline(), TrainingSettings("Spectrum", "kernel"))
+
+
+@pytest.fixture(scope="session")
+def linear_model(_own_cache):
+    return train(surfaces(), pipeline(), TrainingSettings("Spectrum", "lda"))

@@ -1,0 +1,249 @@
+"""Model files: whole, unchanged and of known classes, or refused in one line; old ones keep loading."""
+
+import io
+import json
+import pickle
+import struct
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import skops.io
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from sklearn.ensemble import RandomForestClassifier
+from skops.io._protocol import PROTOCOL
+from toy_surfaces import SURFACES, pipeline, recording, surfaces
+
+from texclass.experiment.trusted import TRUSTED, UntrustedFileError, check_archive, load_trusted
+from texclass.experiment.use import Use
+from texclass.recognition import ModelFileError, TrainingSettings, load_model, read_manifest_of, train
+from texclass.recognition.files import read_model_file, write_model_file
+from texclass.recognition.manifest import SCHEMA, read_manifest
+
+DATA = Path(__file__).parent / "data"
+
+
+@pytest.fixture(scope="module")
+def file(linear_model, tmp_path_factory):
+    path = tmp_path_factory.mktemp("models") / "surface.skops"
+    linear_model.save(path)
+    return path
+
+
+def rewritten(file, change, *, sign=True):
+    """Return the path of a model file whose members went through `change`, its digest made right again."""
+    from texclass.recognition.files import _digest
+
+    with zipfile.ZipFile(file) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    members = change(members)
+    if sign:
+        stated = json.loads(members.pop("manifest.json"))
+        stated.pop("digest", None)
+        stated["digest"] = _digest(stated, members)
+        members["manifest.json"] = json.dumps(stated).encode()
+    path = file.with_name("changed.skops")
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return path
+
+
+def edited(name, old, new):
+    def change(members):
+        assert old in members[name]
+        return {**members, name: members[name].replace(old, new, 1)}
+
+    return change
+
+
+def test_the_manifest_is_read_without_making_any_object(file, linear_model, monkeypatch):
+    monkeypatch.setattr(skops.io, "loads", None)
+    assert read_manifest_of(file) == linear_model.manifest
+
+
+def test_a_model_of_an_older_minor_version_keeps_loading(recwarn):
+    model = load_model(DATA / "surface-1.0.skops")
+    expected = json.loads((DATA / "surface-1.0.json").read_text(encoding="utf-8"))
+    assert model.manifest.schema == (1, 0) < SCHEMA
+    assert model.manifest.shortest_s is None
+    for said in expected:
+        answer = model.answer(recording(said["surface"], said["seed"]))
+        assert answer.surface == said["surface"]
+        assert answer.probability == pytest.approx(said["probability"], abs=1e-3)
+        assert answer.unknown == said["unknown"]
+    assert not recwarn.list
+
+
+def test_truncated_files_are_refused(file, tmp_path):
+    data = file.read_bytes()
+    cut = tmp_path / "cut.skops"
+    for n in (0, 10, len(data) // 2, len(data) - 1):
+        cut.write_bytes(data[:n])
+        with pytest.raises(ModelFileError, match=r"cut\.skops: it is truncated or no archive"):
+            load_model(cut)
+
+
+def test_a_missing_file_is_said_to_be_missing(tmp_path):
+    with pytest.raises(FileNotFoundError, match="none"):
+        load_model(tmp_path / "none.skops")
+
+
+def test_changed_facts_and_changed_arrays_are_noticed(file):
+    for change in (
+        edited("manifest.json", b"cork", b"corn"),
+        lambda members: {**members, "9999999.npy": next(v for k, v in members.items() if k.endswith(".npy"))},
+    ):
+        with pytest.raises(ModelFileError, match="it was changed since it was written"):
+            load_model(rewritten(file, change, sign=False))
+
+
+def test_newer_files_are_told_from_broken_ones(file):
+    major, minor = SCHEMA
+    for newer in ((major, minor + 1), (major + 1, 0)):
+        path = rewritten(file, lambda m, newer=newer: with_fact(m, schema=list(newer)))
+        with pytest.raises(ModelFileError, match=r"newer than 1\.\d+: update texclass"):
+            load_model(path)
+    with pytest.raises(ModelFileError, match=r"0\.9; the rule is 1\.x"):
+        load_model(rewritten(file, lambda m: with_fact(m, schema=[0, 9])))
+
+
+def with_fact(members, **facts):
+    stated = json.loads(members["manifest.json"]) | facts
+    return {**members, "manifest.json": json.dumps(stated).encode()}
+
+
+def test_a_manifest_that_lacks_a_fact_is_refused():
+    for text in (b"{", b"[]", b'{"schema": "1.0"}', b'{"schema": [1, 0]}', b"[" * 100_000, b"\xff"):
+        with pytest.raises(ValueError, match="its manifest"):
+            read_manifest(text)
+
+
+def test_foreign_classes_are_refused_by_name(file):
+    schema = edited("schema.json", b"LinearDiscriminantAnalysis", b"Popen")
+    with pytest.raises(ModelFileError, match=r"it names sklearn\.discriminant_analysis\.Popen; the rule is"):
+        load_model(rewritten(file, schema))
+
+
+@pytest.mark.parametrize(
+    "name", ["texclass.experiment.deploy.Recogniser", "texclass.cli.app.main", "os.system"]
+)
+def test_no_module_is_trusted_as_a_whole(name):
+    assert name not in TRUSTED
+    module, _, inner = name.rpartition(".")
+    node = {"__class__": inner, "__module__": module, "__loader__": "FunctionNode", "__id__": 1}
+    schema = {**node, "protocol": PROTOCOL, "_skops_version": skops.__version__}
+    with pytest.raises(UntrustedFileError, match=f"it names {name}"):
+        load_trusted(archive_of({"schema.json": json.dumps(schema)}))
+
+
+def test_pickles_are_never_read(tmp_path):
+    class Bomb:
+        def __reduce__(self):
+            return (pytest.fail, ("a pickle was read",))
+
+    (tmp_path / "p.skops").write_bytes(pickle.dumps(Bomb()))
+    with pytest.raises(ModelFileError, match="no archive"):
+        load_model(tmp_path / "p.skops")
+    array = io.BytesIO()
+    np.save(array, np.array([Bomb()], dtype=object), allow_pickle=True)
+    with pytest.raises(UntrustedFileError, match="the rule is numbers"):
+        check_archive(archive_of({"schema.json": b"{}", "1.npy": array.getvalue()}))
+
+
+def archive_of(members, compression=zipfile.ZIP_STORED):
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", compression) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return buffer.getvalue()
+
+
+def test_bombs_are_refused():
+    packed = archive_of({"schema.json": b" " * 10**7}, zipfile.ZIP_DEFLATED)
+    with pytest.raises(UntrustedFileError, match=r"schema\.json is compressed"):
+        check_archive(packed)
+    with pytest.raises(UntrustedFileError, match="16777217 bytes; the rule is at most"):
+        check_archive(archive_of({"schema.json": b" " * ((1 << 24) + 1)}))
+    array = io.BytesIO()
+    np.lib.format.write_array_header_1_0(array, {"descr": "<f8", "fortran_order": False, "shape": (10**12,)})
+    with pytest.raises(UntrustedFileError, match=r"announces \(1000000000000,\) of float64, 0 bytes follow"):
+        check_archive(archive_of({"schema.json": b"{}", "1.npy": array.getvalue()}))
+
+
+def test_members_that_overlap_are_refused():
+    data = bytearray(archive_of({"schema.json": b"{}", "1.npy": b"x" * 200}))
+    first = data.index(b"PK\x01\x02")  # the directory says that the second member has more than the file
+    second = data.index(b"PK\x01\x02", first + 1)
+    data[second + 20 : second + 28] = struct.pack("<II", 10**6, 10**6)
+    with pytest.raises(UntrustedFileError, match="overlap"):
+        check_archive(bytes(data))
+
+
+def test_other_members_are_refused(file):
+    path = rewritten(file, lambda m: {**m, "../evil.py": b"import os"})
+    with pytest.raises(
+        ModelFileError, match=r"it holds '\.\./evil\.py'; the rule is descriptions and arrays"
+    ):
+        load_model(path)
+
+
+def test_parts_that_do_not_fit_each_other_are_refused(linear_model, tmp_path, file):
+    document, manifest = read_model_file(file)
+    for key, value, message in (
+        ("calibration", {"beta": 1.0}, "lapse"),
+        ("ranges", {name: np.zeros(2) for name in ("low", "median", "high")}, "features"),
+        ("probe", {"values": np.zeros(13), "probabilities": np.full(4, 0.25)}, "other answers than when"),
+        ("novelty", {**document["novelty"], "kind": "guess"}, "kind is 'guess'"),
+    ):
+        write_model_file(tmp_path / "odd.skops", {**document, key: value}, manifest)
+        with pytest.raises(ModelFileError, match=rf"odd\.skops: not a model of texclass \(.*{message}"):
+            load_model(tmp_path / "odd.skops")
+
+
+def test_features_that_give_other_values_are_told(file, monkeypatch):
+    monkeypatch.setattr("texclass.experiment.deploy.code_hash", lambda feature_set: "other")
+    load_model(file)  # other code, the same values: nothing to tell
+    monkeypatch.setattr("texclass.recognition.probe.GOLDEN", 0.6)
+    with pytest.warns(UserWarning, match=r"features give other values than when it was trained \(mfcc\.c"):
+        load_model(file)
+
+
+def test_a_classifier_that_cannot_be_loaded_safely_is_not_trained():
+    forest = {
+        "forest": Use("sklearn.ensemble.RandomForestClassifier", {"n_estimators": 5, "random_state": 0})
+    }
+    with pytest.raises(ValueError, match=r"holds sklearn\.tree\._tree\.Tree; the rule is"):
+        train(surfaces(), pipeline(classifiers=forest), TrainingSettings("Spectrum"))
+    both = pipeline(classifiers={**forest, **pipeline().classifiers})
+    assert not isinstance(
+        train(surfaces(), both, TrainingSettings("Spectrum")).recogniser[-1], RandomForestClassifier
+    )
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(place=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
+def test_a_flipped_bit_is_refused_or_changes_nothing(file, linear_model, place, bit):
+    data = bytearray(file.read_bytes())
+    data[int(place * len(data))] ^= 1 << bit
+    damaged = file.with_name("damaged.skops")
+    damaged.write_bytes(data)
+    try:
+        manifest = read_manifest_of(damaged)
+    except ModelFileError:
+        return
+    assert manifest == linear_model.manifest
+
+
+@settings(max_examples=200, deadline=None)
+@given(data=st.binary(max_size=300))
+def test_any_bytes_end_in_one_clear_error(data):
+    with pytest.raises(UntrustedFileError):
+        load_trusted(data)
+
+
+def test_every_surface_is_still_known(file):
+    model = load_model(file)
+    assert model.materials == tuple(sorted(SURFACES))

@@ -1,0 +1,60 @@
+"""Temperatures are recovered, calibration errors are what their definition says."""
+
+import numpy as np
+import pytest
+from scipy.special import softmax
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.naive_bayes import GaussianNB
+from sklearn.neighbors import KNeighborsClassifier
+
+from texclass.recognition import Calibration, expected_calibration_error, fit_calibration
+from texclass.recognition.calibration import class_scores
+
+RNG = np.random.default_rng(1)
+
+
+@pytest.mark.parametrize("beta", [0.05, 1.0, 20.0])
+def test_the_temperature_that_made_the_labels_is_recovered(beta):
+    scores = RNG.normal(size=(20_000, 4)) / beta
+    cumulated = softmax(beta * scores, axis=1).cumsum(axis=1)
+    labels = (RNG.random((20_000, 1)) > cumulated).sum(axis=1)
+    found = fit_calibration(scores, labels)
+    assert found.beta == pytest.approx(beta, rel=0.05)
+    p = found(scores)
+    assert expected_calibration_error(p.max(axis=1), p.argmax(axis=1) == labels) < 0.02
+
+
+def test_no_number_of_right_answers_makes_certain():
+    scores = np.eye(3)[np.arange(30) % 3]
+    p = fit_calibration(scores, np.arange(30) % 3)(scores)
+    np.testing.assert_allclose(p.sum(axis=1), 1)
+    assert 0.95 < p.max() <= 1 - 2 / 3 / 32 + 1e-12
+
+
+def test_calibration_keeps_the_order():
+    scores = RNG.normal(size=(50, 5))
+    np.testing.assert_array_equal(np.argsort(Calibration(3.0, 0.1)(scores)), np.argsort(scores))
+
+
+def test_the_error_follows_its_definition():
+    confidence, hits = (
+        np.array([0.95, 0.95, 0.95, 0.95, 0.55, 0.55]),
+        np.array([1, 1, 1, 0, 0, 0], dtype=bool),
+    )
+    assert expected_calibration_error(confidence, hits, 10) == pytest.approx((4 * 0.2 + 2 * 0.55) / 6)
+    assert expected_calibration_error([0.5, 0.5], [True, False]) == 0
+    assert expected_calibration_error([1.0], [True]) == 0
+    equal = expected_calibration_error([0.9, 0.8, 0.7, 0.6], [1, 1, 0, 0], 2, equal_counts=True)
+    assert equal == pytest.approx((2 * 0.15 + 2 * 0.65) / 4)
+    with pytest.raises(ValueError, match="the rule is one of each"):
+        expected_calibration_error([], [])
+
+
+@pytest.mark.parametrize("n_classes", [2, 3])
+@pytest.mark.parametrize("classifier", [LinearDiscriminantAnalysis(), GaussianNB(), KNeighborsClassifier(3)])
+def test_the_largest_score_is_the_answer(classifier, n_classes):
+    y = np.arange(60) % n_classes
+    X = RNG.normal(size=(60, 3)) + y[:, None]
+    scores = class_scores(classifier.fit(X, y), X)
+    assert scores.shape == (60, n_classes)
+    np.testing.assert_array_equal(scores.argmax(axis=1), classifier.predict(X))

@@ -1,0 +1,172 @@
+"""texclass train, predict and model, as a user calls them."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+import soundfile
+from toy_surfaces import FS, STRANGER, SURFACES, signal
+
+from texclass.cli import main
+
+PIPELINE = """
+features = "few_features.toml"
+seed = 1
+[[steps]]
+use = "sklearn.impute.SimpleImputer"
+strategy = "median"
+keep_empty_features = true
+[[steps]]
+use = "sklearn.preprocessing.StandardScaler"
+[classifiers.lda]
+use = "sklearn.discriminant_analysis.LinearDiscriminantAnalysis"
+solver = "lsqr"
+shrinkage = 0.1
+[[rows]]
+name = "Spectrum"
+features = ["mfcc"]
+[[rows]]
+name = "Roughness"
+features = ["temporal_roughness"]
+"""
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    """A folder of recordings in codes, with a level, and a card that says so."""
+    folder = tmp_path_factory.mktemp("work")
+    (folder / "few.toml").write_text(PIPELINE)
+    (folder / "few_features.toml").write_text("[features.mfcc]\n[features.temporal_roughness]\n")
+    for surface, hum_hz in (*SURFACES.items(), ("stranger", STRANGER)):
+        place = folder / ("plates" if surface in SURFACES else "") / surface
+        place.mkdir(parents=True)
+        for seed in range(8):
+            codes = 2000 * signal(hum_hz, [*map(ord, surface), seed]) + 900
+            name = place / f"{surface}_{seed}.wav"
+            soundfile.write(name, codes.clip(-32768, 32767).astype(np.int16), round(FS), subtype="PCM_16")
+    (folder / "plates.toml").write_text(
+        'title = "Plates"\nsource = "a test"\nlicence = "MIT"\nformat = "files"\nfolder = "plates"\n'
+        'fs_hz = 4000\nunit = "counts"\nphases = "movement"\nremove_resting_level = true\n'
+        "files = '(?P<material>\\w+)/(?P<recording>\\w+_(?P<repetition>\\d+))\\.wav'\n"
+    )
+    return folder
+
+
+@pytest.fixture
+def run(work, monkeypatch, capsys):
+    """Run the command line beside the recordings; give exit code, standard output, standard error."""
+    monkeypatch.chdir(work)
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["texclass", *map(str, arguments)])
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        return (code, *capsys.readouterr())
+
+    return call
+
+
+@pytest.fixture
+def trained(run, work):
+    if not (work / "surface.skops").exists():
+        code, out, err = run(
+            "train",
+            "plates.toml",
+            "-o",
+            "surface.skops",
+            "--pipeline",
+            "few.toml",
+            "--row",
+            "Spectrum",
+            "--jobs",
+            1,
+        )
+        assert (code, err) == (0, "")
+        assert "wrote surface.skops" in out
+        assert "few: Spectrum with lda" in out
+    return work / "surface.skops"
+
+
+def test_files_are_read_as_the_training_files_were(run, trained):
+    files = [f"plates/{surface}/{surface}_3.wav" for surface in SURFACES]
+    code, out, err = run("predict", trained.name, *files, "--json")
+    answers = [json.loads(line) for line in out.splitlines()]
+    assert (code, err) == (0, "")
+    assert [answer["surface"] for answer in answers] == list(SURFACES)
+    for answer, file in zip(answers, files, strict=True):
+        assert answer["file"] == file
+        assert set(answer) >= {"surface", "probability", "runner_up", "unknown", "reasons"}
+        assert answer["probability"] > 0.9
+    # The same recordings through the card: the same answers.
+    code, out, _ = run("predict", trained.name, *(f"plates.toml:{s}_3" for s in SURFACES), "--json")
+    by_card = [json.loads(line) for line in out.splitlines()]
+    assert [a["probability"] for a in by_card] == [a["probability"] for a in answers]
+
+
+def test_a_stranger_is_called_unknown(run, trained):
+    code, out, _ = run("predict", trained.name, "stranger/stranger_1.wav", "plates/oak/oak_1.wav")
+    assert code == 0
+    assert "unknown (nearest:" in " ".join(out.split())
+    assert "unlike every" in out
+
+
+def test_bad_files_are_named_and_the_others_answered(run, trained, work):
+    (work / "empty.wav").write_bytes(b"")
+    files = ["empty.wav", "none.wav", "plates/oak/oak_2.wav"]
+    code, out, err = run("predict", trained.name, *files)
+    assert code == 1
+    assert "oak" in out
+    assert "error: empty.wav: " in err
+    assert "error: none.wav: " in err
+    code, out, _ = run("predict", trained.name, *files, "--json", "--skip-bad")
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert code == 0
+    assert ["error" in line for line in lines] == [True, True, False]
+
+
+def test_a_wrong_rate_is_told_and_never_trusted(run, trained, work):
+    samples, _ = soundfile.read(work / "plates/oak/oak_1.wav", dtype="int16")
+    soundfile.write(work / "fast.wav", samples, 8000)
+    _, out, _ = run("predict", trained.name, "fast.wav", "--json")
+    answer = json.loads(out)
+    assert answer["unknown"] is True
+    assert "wrong rate: 8000 Hz, trained at 4000 Hz" in answer["reasons"]
+
+
+def test_what_is_inside_is_shown(run, trained):
+    code, out, _ = run("model", trained.name, "--json")
+    facts = json.loads(out)
+    assert code == 0
+    assert facts["materials"] == sorted(SURFACES)
+    assert facts["input"]["unit"] == "counts"
+    assert facts["input"]["remove_resting_level"] is True
+    assert {"scikit-learn", "skops", "texclass"} <= set(facts["versions"])
+    _, out, _ = run("model", trained.name)
+    for word in ("cork, felt, oak, slate", "mfcc", "Accuracy", "false alarms", "ms features", "scikit-learn"):
+        assert word in " ".join(out.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("model", "none.skops"), "No such file"),
+        (("model", "few.toml"), "few.toml: it is truncated or no archive"),
+        (("predict", "few.toml", "x.wav"), "few.toml: it is truncated or no archive"),
+        (("train", "plates.toml", "-o", "m.skops", "--pipeline", "few.toml", "--row", "x"), "no row 'x'"),
+        (("train", "plates.toml", "-o", "m.skops", "--pipeline", "nothing"), "nothing: no TOML"),
+        (
+            ("train", "plates.toml", "-o", "m.skops", "--pipeline", "few.toml", "--false-alarms", "0.001"),
+            "32 recordings are held out; the rule is at least 999",
+        ),
+    ],
+)
+def test_bad_input_ends_in_one_line(run, work, arguments, message):
+    code, _, err = run(*arguments)
+    assert code == 1
+    assert err.startswith("error: ")
+    assert message in err
+    assert len(err.splitlines()) == 1

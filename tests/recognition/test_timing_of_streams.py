@@ -1,0 +1,119 @@
+import numpy as np
+import pytest
+
+from texclass.recognition.timing import Timing
+from texclass.recording import RecordingError
+
+FS = 100.0
+STEP = 10_000_000
+START = 1_700_000_000_000_000_000
+
+
+def _messages(n, k=1):
+    """Return stamps and samples that count up, so that what is bridged by straight lines is known."""
+    return START + np.arange(n) * STEP, np.arange(n * k, dtype=float).reshape(n, k, 1)
+
+
+def _run(timing, stamps, samples, sent=None, size=13):
+    sent = stamps if sent is None else sent
+    parts = range(0, len(stamps), size)
+    return [
+        block
+        for i in parts
+        for block in timing.push(stamps[i : i + size], sent[i : i + size], samples[i : i + size])
+    ]
+
+
+def _flags(blocks):
+    return [flag for block in blocks for flag in block.flags]
+
+
+def _signal(blocks):
+    return np.concatenate([block.samples for block in blocks])[:, 0]
+
+
+@pytest.mark.parametrize("k", [1, 5])
+@pytest.mark.parametrize("size", [1, 13, 500])
+def test_a_regular_stream_is_passed_on(k, size):
+    stamps, samples = _messages(300, k)
+    blocks = _run(Timing(FS * k, "m/s^2"), stamps, samples, size=size)
+    np.testing.assert_array_equal(_signal(blocks), np.arange(300 * k))
+    assert _flags(blocks) == []
+    assert {(block.fs, block.unit, block.lost) for block in blocks} == {(FS * k, "m/s^2", 0)}
+    assert blocks[0].t_s == pytest.approx(START / 1e9 - (k - 1) / (FS * k), abs=1e-6)
+
+
+def test_an_unstated_rate_is_measured_and_nothing_lost_meanwhile():
+    stamps, samples = _messages(300)
+    jitter = np.random.default_rng(0).integers(-100_000, 100_000, 300)
+    timing = Timing(None, "g")
+    np.testing.assert_array_equal(_signal(_run(timing, stamps + jitter, samples)), np.arange(300))
+    assert timing.fs == FS
+
+
+def test_a_short_gap_is_bridged():
+    stamps, samples = _messages(300)
+    kept = np.delete(np.arange(300), [50, 51, 52, 200])
+    timing = Timing(FS, "g")
+    blocks = _run(timing, stamps[kept], samples[kept])
+    np.testing.assert_allclose(_signal(blocks), np.arange(300))
+    assert sorted(_flags(blocks)) == ["gaps: 1 samples interpolated", "gaps: 3 samples interpolated"]
+    assert timing.n_lost == 4
+
+
+def test_a_long_gap_is_told_to_who_must_start_anew():
+    stamps, samples = _messages(300)
+    kept = np.r_[0:100, 140:300]
+    timing = Timing(FS, "g")
+    blocks = _run(timing, stamps[kept], samples[kept])
+    (after,) = [block for block in blocks if block.lost]
+    assert after.lost == timing.n_lost == 40
+    assert after.samples[0, 0] == 140
+    assert after.t_s == pytest.approx(START / 1e9 + 1.4, abs=1e-6)
+    assert _flags(blocks) == ["lost: 40 samples"]
+
+
+def test_duplicates_late_and_broken_messages_are_left_out():
+    stamps, samples = _messages(100)
+    samples[70] = np.nan
+    order = [*range(20), 19, *range(20, 41), 42, 41, *range(43, 100)]
+    blocks = _run(Timing(FS, "g"), stamps[order], samples[order])
+    np.testing.assert_allclose(_signal(blocks), np.arange(100))  # 41 and 70 were bridged
+    assert [flag for flag in _flags(blocks) if "left out" in flag] == [
+        "duplicates: 1 messages left out",
+        "out of order: 1 messages left out",
+        "not finite: 1 messages left out",
+    ]
+
+
+@pytest.mark.parametrize("jump_s", [-3600, -0.2, 5, 86400])
+def test_a_clock_that_is_set_is_survived(jump_s):
+    stamps, samples = _messages(200)
+    moved = stamps + np.where(np.arange(200) >= 120, int(jump_s * 1e9), 0)
+    blocks = _run(Timing(FS, "g"), moved, samples, sent=stamps)
+    np.testing.assert_array_equal(_signal(blocks), np.arange(200))
+    assert _flags(blocks) == [f"clock jumps: 1 (largest {abs(jump_s + 0.01):.3g} s)"]
+    assert not any(block.lost for block in blocks)
+
+
+def test_a_wrong_rate_is_said_once():
+    stamps, samples = _messages(2000)
+    flags = _flags(_run(Timing(FS * 1.1, "g"), stamps, samples))
+    assert [flag for flag in flags if flag.startswith("rate")] == [
+        "rate: 100 Hz by the stamps, 110 Hz is assumed"
+    ]
+
+
+def test_messages_of_another_size_are_refused():
+    timing = Timing(FS, "g")
+    stamps, samples = _messages(10)
+    timing.push(stamps, stamps, samples)
+    with pytest.raises(RecordingError, match="the rule is one size"):
+        timing.push(stamps, stamps, np.zeros((10, 1, 2)))
+
+
+def test_hostile_stamps_cost_no_memory():
+    rng = np.random.default_rng(3)
+    stamps = rng.integers(-(2**62), 2**62, 500)
+    blocks = _run(Timing(FS, "g"), stamps, rng.normal(size=(500, 1, 1)), sent=rng.permutation(stamps))
+    assert sum(len(block.samples) for block in blocks) < 500 * 12

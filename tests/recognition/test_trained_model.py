@@ -1,0 +1,157 @@
+"""A trained model answers, knows what it does not know, and says why."""
+
+import numpy as np
+import pytest
+from toy_surfaces import FS, SURFACES, pipeline, recording, surfaces
+
+from texclass.experiment.choice import Limits
+from texclass.recognition import TrainingSettings, joined, load_model, train
+from texclass.recognition.reasons import Ranges
+from texclass.recording import Phases, Recording
+
+MODELS = ("kernel_model", "linear_model")
+
+
+@pytest.fixture(params=MODELS)
+def model(request):
+    return request.getfixturevalue(request.param)
+
+
+def test_known_surfaces_are_named_and_strangers_are_unknown(model):
+    answers = [model.answer(recording(surface, seed)) for surface in SURFACES for seed in range(100, 110)]
+    truth = [surface for surface in SURFACES for _ in range(10)]
+    assert np.mean([a.surface == t for a, t in zip(answers, truth, strict=True)]) >= 0.95
+    assert np.mean([a.unknown for a in answers]) <= 0.2
+    assert np.mean([model.answer(recording("stranger", seed)).unknown for seed in range(10)]) >= 0.8
+
+
+def test_an_answer_is_a_distribution_over_all_surfaces(model):
+    answer = model.answer(recording("oak", 77))
+    assert set(answer.probabilities) == set(SURFACES)
+    assert sum(answer.probabilities.values()) == pytest.approx(1)
+    best, second = sorted(answer.probabilities, key=answer.probabilities.get, reverse=True)[:2]
+    assert (answer.surface, answer.runner_up) == (best, second)
+    assert answer.probability == answer.probabilities[best] < 1
+
+
+def test_values_give_the_answer_of_their_recording(model):
+    given = recording("felt", 50)
+    values = model.plan.compute(given).values
+    assert model.answer_values(values, recording_id=given.recording_id) == model.answer(given)
+    with pytest.raises(ValueError, match=r"values have shape \(3,\); the rule is one of each of 13 columns"):
+        model.answer_values([1, 2, 3])
+
+
+def test_saved_and_loaded_it_says_the_same(model, tmp_path, recwarn):
+    model.save(tmp_path / "models" / "surface.skops")
+    loaded = load_model(tmp_path / "models" / "surface.skops")
+    for surface in (*SURFACES, "stranger"):
+        assert loaded.answer(recording(surface, 5)) == model.answer(recording(surface, 5))
+    assert loaded.manifest == model.manifest
+    assert not recwarn.list
+
+
+def test_only_the_features_of_the_row_are_computed(model):
+    assert model.manifest.features == ("mfcc",)
+    assert set(model.columns) == {f"mfcc.c{i}" for i in range(1, 14)}
+
+
+@pytest.mark.parametrize(
+    ("change", "reason", "unknown"),
+    [
+        ({"fs": 2 * FS}, "wrong rate: 8000 Hz, trained at 4000 Hz", True),
+        ({"unit": "V"}, "wrong unit: V, trained with m/s^2", True),
+        ({"flags": ("clipped: 3.1 % of the samples at full scale",)}, "clipped: 3.1 %", False),
+        ({"phases": Phases(movement=(0, 200))}, "too short: 0.05 s of movement, trained on 0.5 s", None),
+    ],
+)
+def test_what_is_unlike_training_is_told(linear_model, change, reason, unknown):
+    answer = linear_model.answer(recording("oak", 3).with_(**change))
+    assert any(said.startswith(reason) for said in answer.reasons), answer.reasons
+    assert unknown is None or answer.unknown is unknown
+
+
+def test_without_any_feature_nothing_is_known(linear_model):
+    answer = linear_model.answer(recording("oak", 3).with_(phases=Phases()))
+    assert answer.unknown
+    assert "no feature has a value" in answer.reasons
+    assert "undefined: mfcc (no movement found)" in answer.reasons
+
+
+def test_values_far_outside_training_are_named(linear_model):
+    values = linear_model.ranges.median.copy()
+    values[4] = linear_model.ranges.high[4] + 100
+    said = linear_model.answer_values(values).reasons[-1]
+    assert said.startswith(f"outside the range of training: {linear_model.columns[4]} (")
+
+
+def test_ranges_measure_in_widths_and_leave_undefined_columns_alone():
+    ranges = Ranges.of(np.array([[0.0, np.nan, 5.0], [2.0, np.nan, 5.0], [1.0, np.nan, 5.0]]))
+    np.testing.assert_allclose(ranges.far(np.array([4.0, 1.0, 5.0])), [1, 0, 0])
+    np.testing.assert_allclose(ranges.far(np.array([-1.0, np.nan, np.nan])), [0.5, 0, 0])
+    assert ranges.far(np.array([1.0, 0.0, 5.1]))[2] > 1
+
+
+def test_touches_are_joined_by_their_mean(kernel_model):
+    answers = [kernel_model.answer(recording("oak", seed)) for seed in (1, 2, 3)]
+    whole = joined(answers, "oak")
+    for material in SURFACES:
+        mean = np.mean([answer.probabilities[material] for answer in answers])
+        assert whole.probabilities[material] == pytest.approx(mean)
+    assert (whole.surface, whole.recording_id) == ("oak", "oak")
+
+
+def test_a_model_of_touches_cuts_longer_recordings():
+    model = train(surfaces(), pipeline(), TrainingSettings("Spectrum", "lda", touch_s=0.25))
+    assert model.manifest.touch_s == 0.25
+    assert model.manifest.trained_on["n_windows"] == 2 * model.manifest.trained_on["n_recordings"]
+    given = recording("cork", 99)
+    assert [touch.n_samples for touch in model.cut(given)] == [1000, 1000]
+    assert model.answer_touches(given).surface == "cork"
+    short = given.with_(acceleration=given.acceleration[:400], phases=Phases(movement=(0, 400)))
+    assert any(said.startswith("too short: 0.1 s") for said in model.answer_touches(short).reasons)
+
+
+def test_the_best_candidate_is_chosen_and_its_luck_taken_out():
+    model = train(surfaces(), pipeline())
+    facts = model.manifest.accuracy
+    assert facts["n_candidates"] == 4
+    assert facts["low"] <= facts["mean"] <= facts["high"]
+    assert "choice" in facts["how"]
+
+
+def test_a_budget_buys_no_more_than_it_says(kernel_model):
+    limited = train(surfaces(), pipeline(), TrainingSettings(limits=Limits(max_features=2)))
+    assert len(limited.columns) <= 2
+    with pytest.raises(ValueError, match=r"max_ms is 1e-06; the rule is at least"):
+        train(surfaces(), pipeline(), TrainingSettings(limits=Limits(max_ms=1e-6)))
+
+
+def test_bad_recordings_are_left_out_and_named():
+    model = train(surfaces(bad=("oak-3",)), pipeline(), TrainingSettings("Spectrum", "lda"), skip_bad=True)
+    assert [item.recording_id for item in model.left_out] == ["oak-3"]
+    assert model.manifest.trained_on["left_out"] == ["oak-3"]
+    with pytest.raises(ValueError, match="oak-3: is empty"):
+        train(surfaces(bad=("oak-3",)), pipeline(), TrainingSettings("Spectrum", "lda"))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (TrainingSettings("Colour"), r"no row 'Colour'; the rule is one of Roughness, Spectrum"),
+        (TrainingSettings(classifier="svm"), r"no classifier 'svm'; the rule is one of lda, kernel"),
+        (TrainingSettings(protocol="paper"), r"'paper'; the rule is one whose test recordings stay unseen"),
+        (TrainingSettings("Spectrum", "lda", false_alarms=0.001), r"40 recordings are held out; .* 999"),
+        (TrainingSettings("Spectrum", "lda", false_alarms=1.5), r"false_alarms is 1.5; the rule is above 0"),
+    ],
+)
+def test_what_cannot_be_trained_is_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        train(surfaces(), pipeline(), settings)
+
+
+def test_a_recording_of_nan_free_noise_at_another_length_is_answered(linear_model):
+    answer = linear_model.answer(
+        Recording(np.random.default_rng(0).normal(size=900), fs=FS, unit="m/s^2", recording_id="short")
+    )
+    assert answer.recording_id == "short"

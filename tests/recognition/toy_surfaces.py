@@ -1,0 +1,73 @@
+"""Four surfaces that are filtered noise, and a pipeline of few features: what tests of recognition train."""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from texclass.experiment.definition import PipelineDefinition, RowDefinition
+from texclass.experiment.use import Use
+from texclass.features import load_feature_set
+from texclass.loaders.dataset import Dataset, Entry
+from texclass.recording import Phases, Recording, RecordingError
+
+FS, N = 4000.0, 2000
+SURFACES = {"cork": 60.0, "felt": 200.0, "oak": 450.0, "slate": 800.0}
+"""Surface -> frequency (Hz) at which it hums."""
+STRANGER = 1250.0
+
+
+def signal(hum_hz, seed, n=N):
+    """Return noise through a resonance, its frequency a little different each time, and noise as it is."""
+    rng = np.random.default_rng(seed)
+    angle = 2 * np.pi * hum_hz * (1 + 0.03 * rng.standard_normal()) / FS
+    hum = lfilter([1], [1, -2 * 0.95 * np.cos(angle), 0.95**2], rng.standard_normal(n))
+    return hum / hum.std() + 0.2 * rng.standard_normal(n)
+
+
+def recording(surface, seed, **facts):
+    given = {"fs": FS, "unit": "m/s^2", "recording_id": f"{surface}-{seed}", "material": surface}
+    samples = signal(SURFACES.get(surface, STRANGER), [*map(ord, surface), seed])
+    return Recording(samples, phases=Phases(movement=(0, len(samples))), **given | facts)
+
+
+class Loader:
+    """Makes a recording of an entry; the named ones are bad."""
+
+    def __init__(self, bad=()):
+        self.bad = bad
+
+    def __call__(self, entry):
+        if entry.recording_id in self.bad:
+            raise RecordingError(
+                f"{entry.recording_id}: is empty (0 bytes); the rule is at least two samples"
+            )
+        return recording(entry.material, entry.repetition)
+
+
+def surfaces(n_repetitions=10, *, bad=(), names=tuple(SURFACES)):
+    entries = tuple(Entry(f"{m}-{r}", m, repetition=r) for m in names for r in range(1, n_repetitions + 1))
+    return Dataset("toy", entries, Loader(bad), f"toy{n_repetitions}{bad}{names}")
+
+
+def pipeline(**changes):
+    features = load_feature_set("texclass").restricted_to(["mfcc", "fineness", "temporal_roughness"])
+    facts = {
+        "name": "few",
+        "feature_set": features,
+        "steps": (
+            Use("sklearn.impute.SimpleImputer", {"strategy": "median", "keep_empty_features": True}),
+            Use("sklearn.preprocessing.StandardScaler"),
+        ),
+        "classifiers": {
+            "lda": Use(
+                "sklearn.discriminant_analysis.LinearDiscriminantAnalysis",
+                {"solver": "lsqr", "shrinkage": 0.1},
+            ),
+            "kernel": Use("texclass.experiment.kernel_discriminant.KernelDiscriminant"),
+        },
+        "rows": (
+            RowDefinition("Roughness", ("fineness", "temporal_roughness")),
+            RowDefinition("Spectrum", ("mfcc",)),
+        ),
+        "seed": 0,
+    }
+    return PipelineDefinition(**facts | changes)

@@ -1,0 +1,164 @@
+"""Skops archives that a stranger may have written: known classes by name, bounded memory, never a pickle."""
+
+import io
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from zipfile import ZIP_STORED, BadZipFile, ZipFile, ZipInfo
+
+import numpy as np
+
+TRUSTED = frozenset(
+    {
+        "numpy.dtype",
+        "texclass.experiment.cost.CostModel",
+        "texclass.experiment.cost_search.Choice",
+        "texclass.experiment.cost_selection.CostAwareSelector",
+        "texclass.experiment.kernel_discriminant.KernelDiscriminant",
+        "texclass.experiment.kernel_discriminant.View",
+        "texclass.experiment.selection.ForwardSelector",
+        "texclass.experiment.vote_of_pieces.VoteOfPieces",
+    }
+)
+"""Classes that a file may name beside those that skops trusts by name (scikit-learn's estimators, arrays)."""
+MOST_BYTES = 1 << 30
+"""Largest file that is read."""
+MOST_SCHEMA_BYTES = 1 << 24
+"""Largest description of objects in it; those of real pipelines take well under a tenth."""
+SCHEMA, ARRAY = "schema.json", re.compile(r"\d+\.npy")
+
+
+class UntrustedFileError(ValueError):
+    """A file is not what we write: it is refused before any object is made of it."""
+
+
+def load_trusted(data: bytes, *, beside: frozenset[str] = frozenset()) -> Any:
+    """Return the object in a skops archive that names trusted classes only.
+
+    Parameters
+    ----------
+    data : bytes
+        The file.
+    beside : frozenset of str
+        Members it may hold beside those of skops.
+
+    Raises
+    ------
+    UntrustedFileError
+        If it is no whole archive of ours, or names a class that is not trusted; the message says which.
+    """
+    import skops.io
+
+    check_archive(data, beside)
+    try:
+        refuse_foreign(skops.io.get_untrusted_types(data=data))
+        return skops.io.loads(data, trusted=sorted(TRUSTED))
+    except UntrustedFileError:
+        raise
+    except Exception as error:  # whatever a made-up description of objects leads to, RecursionError included
+        raise UntrustedFileError(f"it cannot be read ({type(error).__name__}: {error})") from error
+
+
+def refuse_foreign(names: list[str]) -> None:
+    """Refuse classes that are not trusted.
+
+    Raises
+    ------
+    UntrustedFileError
+        Naming them.
+    """
+    if foreign := sorted(set(names) - TRUSTED):
+        raise UntrustedFileError(
+            f"it names {', '.join(foreign[:3])}; the rule is classes of scikit-learn and texclass that are "
+            "known to be safe"
+        )
+
+
+def foreign_in(data: bytes) -> list[str]:
+    """Return the classes that an archive names and nobody could load again, sorted."""
+    import skops.io
+
+    return sorted(set(skops.io.get_untrusted_types(data=data)) - TRUSTED)
+
+
+def read_bounded(path: str | Path) -> bytes:
+    """Return the bytes of a file.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    UntrustedFileError
+        If it is larger than any model.
+    """
+    with Path(path).open("rb") as file:
+        data = file.read(MOST_BYTES + 1)
+    if len(data) > MOST_BYTES:
+        raise UntrustedFileError(f"it is larger than {MOST_BYTES >> 20} MiB; the rule is at most that")
+    return data
+
+
+def check_archive(data: bytes, beside: frozenset[str] = frozenset()) -> None:
+    """Check that an archive is whole, holds what skops writes, and unpacks to no more than itself.
+
+    Raises
+    ------
+    UntrustedFileError
+        If not. Members are stored, not compressed, so that there is nothing to unpack.
+    """
+    try:
+        with ZipFile(io.BytesIO(data)) as archive:
+            members = archive.infolist()
+            for problem in _problems(members, len(data), beside):
+                raise UntrustedFileError(problem)
+            if (broken := archive.testzip()) is not None:
+                raise UntrustedFileError(f"{broken} is damaged; the rule is an untouched file")
+            for member in members:
+                if ARRAY.fullmatch(member.filename):
+                    _check_array(archive.read(member), member.filename)
+    except UntrustedFileError:
+        raise
+    except BadZipFile as error:
+        raise UntrustedFileError(f"it is truncated or no archive at all ({error})") from error
+    except Exception as error:
+        raise UntrustedFileError(f"it cannot be read ({type(error).__name__}: {error})") from error
+
+
+def members_of(data: bytes) -> Mapping[str, bytes]:
+    """Return the members of a checked archive by name, sorted."""
+    with ZipFile(io.BytesIO(data)) as archive:
+        return {name: archive.read(name) for name in sorted(archive.namelist())}
+
+
+def _problems(members: list[ZipInfo], n_bytes: int, beside: frozenset[str]) -> Iterator[str]:
+    names = [member.filename for member in members]
+    if len(set(names)) < len(names):
+        yield "two members bear one name; the rule is one each"
+    if SCHEMA not in names:
+        yield f"it holds no {SCHEMA}; the rule is a skops archive"
+    for member in members:
+        if member.filename not in (SCHEMA, *beside) and not ARRAY.fullmatch(member.filename):
+            yield f"it holds {member.filename[:60]!r}; the rule is descriptions and arrays"
+        if member.compress_type != ZIP_STORED or member.compress_size != member.file_size:
+            yield f"{member.filename} is compressed; the rule is stored members, which unpack to no more"
+        if not ARRAY.fullmatch(member.filename) and member.file_size > MOST_SCHEMA_BYTES:
+            yield f"{member.filename} has {member.file_size} bytes; the rule is at most {MOST_SCHEMA_BYTES}"
+    if sum(member.file_size for member in members) > n_bytes:
+        yield "its members overlap; the rule is members side by side"
+
+
+def _check_array(content: bytes, name: str) -> None:
+    """Refuse an array that announces another size than it has, or objects."""
+    buffer = io.BytesIO(content)
+    version = np.lib.format.read_magic(buffer)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(buffer)
+    size = dtype.itemsize
+    for length in shape:
+        size *= length  # a Python integer: a product that does not overflow
+    if dtype.hasobject or size != len(content) - buffer.tell():
+        raise UntrustedFileError(
+            f"{name} announces {shape} of {dtype}, {len(content) - buffer.tell()} bytes follow; "
+            "the rule is numbers, all of them"
+        )

@@ -1,0 +1,109 @@
+"""Probabilities that mean what they say: temperature scaling of held-out decisions."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize_scalar
+from scipy.special import log_softmax, softmax
+
+from texclass.recording import Samples
+
+Labels = NDArray[np.intp]
+LOG_BOUNDS = (-8.0, 8.0)
+"""Of log(beta): decisions span some 1e-3 (a kernel) to 1e3 (naive Bayes over many columns)."""
+N_BINS = 15
+"""Bins of equal width over the confidence, as Guo et al. (2017) have them."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Decisions -> probabilities: p = (1 - lapse) softmax(beta s) + lapse / K.
+
+    Attributes
+    ----------
+    beta
+        Inverse temperature.
+    lapse
+        What no number of right answers rules out: 1 / (n + 2) after n of them (Laplace's rule of succession).
+
+    References
+    ----------
+    Guo, Pleiss, Sun, Weinberger: On calibration of modern neural networks, ICML 2017.
+    """
+
+    beta: float
+    lapse: float
+
+    def __call__(self, scores: Samples) -> Samples:
+        """Return probabilities of decisions, both of shape (n, n_classes)."""
+        p = softmax(self.beta * scores, axis=1)
+        return np.asarray((1 - self.lapse) * p + self.lapse / scores.shape[1])
+
+
+def fit_calibration(scores: Samples, labels: Labels) -> Calibration:
+    """Return the temperature under which held-out labels are likeliest.
+
+    Parameters
+    ----------
+    scores : ndarray of shape (n, n_classes)
+        Decisions of a classifier on recordings it was not trained on.
+    labels : ndarray of int, shape (n,)
+        Which column is right.
+    """
+    n, n_classes = scores.shape
+    lapse, chosen = 1 / (n + 2), np.arange(n)
+
+    def loss(log_beta: float) -> float:
+        p = np.exp(log_softmax(np.exp(log_beta) * scores, axis=1)[chosen, labels])
+        return -float(np.mean(np.log((1 - lapse) * p + lapse / n_classes)))
+
+    # Where every answer was right the loss falls for ever: the largest beta that still changes it will do.
+    found = minimize_scalar(loss, bounds=LOG_BOUNDS, method="bounded", options={"xatol": 1e-4})
+    return Calibration(float(np.exp(found.x)), lapse)
+
+
+def expected_calibration_error(
+    confidence: ArrayLike, hits: ArrayLike, n_bins: int = N_BINS, *, equal_counts: bool = False
+) -> float:
+    """Return sum_b n_b/n |mean hit rate of bin b - mean confidence of bin b|.
+
+    Parameters
+    ----------
+    confidence : array_like of shape (n,)
+        Probability of the answer.
+    hits : array_like of bool, shape (n,)
+        Whether it was right.
+    n_bins : int
+        Bins.
+    equal_counts : bool
+        Bins hold equally many answers instead of spanning equal widths of [0, 1].
+
+    Raises
+    ------
+    ValueError
+        If there is no answer, or the lengths differ.
+    """
+    p, right = np.asarray(confidence, dtype=np.float64), np.asarray(hits, dtype=np.float64)
+    if p.size == 0 or p.shape != right.shape:
+        raise ValueError(
+            f"confidence has shape {p.shape}, hits {right.shape}; the rule is one of each, n > 0"
+        )
+    place = p.argsort(kind="stable").argsort(kind="stable") / p.size if equal_counts else p
+    bins = np.minimum((place * n_bins).astype(int), n_bins - 1)
+    gaps = np.bincount(bins, weights=right - p, minlength=n_bins)
+    return float(np.abs(gaps).sum() / p.size)
+
+
+def class_scores(classifier: Any, rows: Samples) -> Samples:
+    """Return the decisions of a classifier, one column a class, shape (n, n_classes).
+
+    Its `decision_function`; the logarithm of `predict_proba` where it has no other; else 1 for its answer.
+    """
+    if hasattr(classifier, "decision_function"):
+        found = np.asarray(classifier.decision_function(rows), dtype=np.float64)
+        return found if found.ndim == 2 else np.column_stack([-found, found])
+    if hasattr(classifier, "predict_proba"):
+        return np.asarray(np.log(np.maximum(classifier.predict_proba(rows), 1e-12)))
+    return np.asarray(np.asarray(classifier.predict(rows))[:, None] == classifier.classes_, dtype=np.float64)

@@ -1,0 +1,128 @@
+"""Candidates compared on the same held-out recordings, and the best of them trained on everything."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from texclass.experiment.accuracy import Accuracy
+from texclass.experiment.deploy import Recogniser
+from texclass.experiment.evaluate import EXPECTED
+from texclass.experiment.extraction import Progress
+from texclass.experiment.front import EXPECTED as EXPECTED_OF_SELECTION
+from texclass.experiment.protocols import Protocol, Split, runs
+from texclass.experiment.table import FeatureTable
+from texclass.experiment.windows import parents
+from texclass.experiment.workers import each
+from texclass.features.extractor import Plan
+from texclass.recognition.candidates import Candidate
+from texclass.recognition.files import unsafe_classes
+from texclass.recognition.held_out import HeldOut, accuracy_of_choice, hold_out
+from texclass.recording import Samples
+
+N_FOLDS = 5
+"""Folds of a protocol that draws them; fewer where a material has fewer recordings (or runs)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What was chosen.
+
+    Attributes
+    ----------
+    candidate, recogniser
+        Unfitted, and trained on everything.
+    held_out
+        What it said of recordings it had not seen.
+    accuracy
+        To be expected of the best of so many candidates.
+    n_candidates
+        How many.
+    """
+
+    candidate: Candidate
+    recogniser: Recogniser
+    held_out: HeldOut
+    accuracy: Accuracy
+    n_candidates: int
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """The recordings, and how they are held out."""
+
+    table: FeatureTable
+    protocol: Protocol
+    splits: tuple[Split, ...]
+    seed: int
+
+    @property
+    def y(self) -> Any:
+        """Materials, shape (n,)."""
+        return self.table.frame["material"].to_numpy(dtype=str)
+
+    def values(self, plan: Plan) -> Samples:
+        """Return the columns of a plan, shape (n, n_columns)."""
+        return self.table.frame[list(plan.columns)].to_numpy(dtype=np.float64)
+
+    def choose(self, candidates: Sequence[Candidate], n_jobs: int, progress: Progress | None) -> Choice:
+        """Return the best candidate that can be saved."""
+        calls = (partial(_held_out, c, self.values(c.plan), self.y, self.splits) for c in candidates)
+        found = []
+        for held_out in each(calls, n_jobs=n_jobs if len(candidates) > 1 else 1):
+            found.append(held_out)
+            if progress is not None:
+                progress(len(found), len(candidates), "candidates")
+        clusters = self.protocol.clusters(self.table.frame)[found[0].rows]
+        left = list(zip(candidates, found, strict=True))
+        while left:
+            hits, ms = np.array([h.hits for _, h in left]), [c.ms for c, _ in left]
+            best, accuracy = accuracy_of_choice(hits, ms, clusters, self.seed)
+            candidate, held_out = left[best]
+            recogniser = self.fitted(candidate)
+            if not (unsafe := unsafe_classes(recogniser)):
+                return Choice(candidate, recogniser, held_out, accuracy, len(left))
+            left = [pair for pair in left if pair[0].classifier_name != candidate.classifier_name]
+        raise ValueError(
+            f"{candidate} holds {unsafe[0]}; the rule is a classifier whose file can be loaded safely"
+        )
+
+    def fitted(self, candidate: Candidate) -> Recogniser:
+        """Return a candidate trained on everything, pruned."""
+        with _quiet():
+            whole = Recogniser.fitted_on(candidate.plan, self.values(candidate.plan), self.y, candidate.steps)
+        return whole.prune()
+
+
+def splits_of(protocol: Protocol, table: pd.DataFrame, seed: int) -> tuple[Split, ...]:
+    """Return how a protocol holds the rows of a table out.
+
+    Raises
+    ------
+    ValueError
+        If it cannot, or lets test recordings be seen.
+    """
+    if not protocol.nested:
+        raise ValueError(f"protocol is {protocol.name!r}; the rule is one whose test recordings stay unseen")
+    unit = runs(table) if protocol.unit == "run" else parents(table)
+    fewest = int(unit.groupby(table["material"]).nunique().min())
+    return protocol.split(table, max(2, min(N_FOLDS, fewest)), seed)
+
+
+def _held_out(candidate: Candidate, X: Samples, y: Any, splits: tuple[Split, ...]) -> HeldOut:
+    with _quiet():
+        return hold_out(candidate, X, y, splits)
+
+
+class _quiet(warnings.catch_warnings):  # noqa: N801  (a context manager)
+    """Silence what scikit-learn says of redundant and constant columns."""
+
+    def __enter__(self) -> Any:
+        entered = super().__enter__()
+        for message in (*EXPECTED, *EXPECTED_OF_SELECTION):
+            warnings.filterwarnings("ignore", message=message)
+        return entered

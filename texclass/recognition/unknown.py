@@ -1,0 +1,176 @@
+"""Surfaces that were never trained: a score of strangeness, a threshold with a chosen false-alarm rate."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from texclass.experiment.kernel_discriminant import KernelDiscriminant
+from texclass.experiment.vote_of_pieces import VoteOfPieces
+from texclass.recording import Samples
+
+Labels = NDArray[np.intp]
+Kind = Literal["decision", "distance"]
+SHRINKAGE = 0.1
+"""Of the within-class covariance in `Nearness`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nearness:
+    """Distance to the nearest class mean in the discriminant's view.
+
+    Features are standardised and whitened by their within-class covariance, then seen in the subspace that
+    the class means span: directions in which known surfaces differ. Others hold what varies from stroke to
+    stroke, and hide a stranger (AUROC 0.96 instead of 0.99 on `biotac20`).
+
+    Attributes
+    ----------
+    mean : ndarray of shape (n_features,)
+        Of the training samples.
+    view : ndarray of shape (n_features, n_directions)
+        Standardises, whitens and projects.
+    means : ndarray of shape (n_classes, n_directions)
+        Class means in the view.
+    """
+
+    mean: Samples
+    view: Samples
+    means: Samples
+
+    def __call__(self, rows: Samples) -> Samples:
+        """Return the squared distance of rows (n, n_features) to the nearest mean, shape (n,)."""
+        seen = (rows - self.mean) @ self.view
+        return np.asarray(((seen[:, None] - self.means) ** 2).sum(axis=2).min(axis=1))
+
+
+def fit_nearness(X: Samples, labels: Labels, shrinkage: float = SHRINKAGE) -> Nearness:
+    """Learn the discriminant's view of prepared features (n, n_features) and labels 0 ... K - 1 (n,).
+
+    With S = (1 - shrinkage) S_w + shrinkage tr(S_w)/p I, the view is S^(-1/2) followed by the directions that
+    the whitened class means span.
+    """
+    mean, deviation = X.mean(axis=0), X.std(axis=0)
+    inverse = np.divide(1.0, deviation, out=np.zeros_like(deviation), where=deviation > 1e-12 * np.abs(mean))
+    Z = (X - mean) * inverse
+    counts = np.bincount(labels)
+    means = np.eye(len(counts))[labels].T @ Z / counts[:, None]
+    within = Z - means[labels]
+    S = within.T @ within / max(1, len(Z) - len(counts))
+    values, vectors = linalg.eigh(S)
+    level = np.trace(S) / len(S) or 1.0
+    root = vectors / np.sqrt((1 - shrinkage) * np.maximum(values, 0) + shrinkage * level)
+    M = means @ root
+    _, sizes, directions = linalg.svd(M - M.mean(axis=0), full_matrices=False)
+    kept = directions[: len(counts) - 1][sizes[: len(counts) - 1] > 1e-9 * (sizes[0] or 1.0)].T
+    return Nearness(mean, inverse[:, None] * (root @ kept), M @ kept)
+
+
+def kind_for(classifier: Any) -> Kind:
+    """Return which score suits a classifier.
+
+    The decision of a kernel discriminant estimates membership and falls to nothing away from all training
+    samples, so the largest of them is the better score. Those of a linear or probabilistic classifier only
+    compare classes with each other.
+    """
+    return "decision" if isinstance(classifier, KernelDiscriminant | VoteOfPieces) else "distance"
+
+
+def strangeness(kind: Kind, decisions: Samples, prepared: Samples, nearness: Nearness | None) -> Samples:
+    """Return how strange recordings are, shape (n,): minus the largest decision, or the distance."""
+    if kind == "decision" or nearness is None:
+        return np.asarray(-decisions.max(axis=1))
+    return nearness(prepared)
+
+
+def check_false_alarms(false_alarms: float, n_held_out: int) -> None:
+    """Check that so many held-out recordings can give such a rate.
+
+    Raises
+    ------
+    ValueError
+        If not.
+    """
+    if not 0 < false_alarms < 1:
+        raise ValueError(f"false_alarms is {false_alarms!r}; the rule is above 0 and below 1")
+    least = int(np.ceil(1 / false_alarms - 1e-9)) - 1
+    if n_held_out < least:
+        raise ValueError(
+            f"false_alarms is {false_alarms:g}, {n_held_out} recordings are held out; "
+            f"the rule is at least {least} of them"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Novelty:
+    """When a recording is of no known surface.
+
+    Attributes
+    ----------
+    kind
+        Which score; see `strangeness`.
+    held_out : ndarray of shape (n,)
+        Scores of training recordings by recognisers that had not seen them, ascending.
+    false_alarms
+        Share of recordings of known surfaces that may be called unknown.
+    nearness
+        For the kind "distance".
+    """
+
+    kind: Kind
+    held_out: Samples
+    false_alarms: float
+    nearness: Nearness | None = None
+
+    def __post_init__(self) -> None:
+        check_false_alarms(self.false_alarms, len(self.held_out))
+
+    def p_value(self, scores: Samples) -> Samples:
+        """Return the conformal p-value of "this surface is known", shape (n,).
+
+        p = (1 + #{held-out scores >= score}) / (n + 1): uniform for recordings exchangeable with those held
+        out, so p <= a happens to a share a of them at most (up to the larger training set).
+
+        References
+        ----------
+        Vovk, Gammerman, Shafer: Algorithmic learning in a random world, 2005, chapter 2.
+        """
+        at_least = len(self.held_out) - np.searchsorted(self.held_out, scores, side="left")
+        return np.asarray((1 + at_least) / (len(self.held_out) + 1))
+
+    def is_unknown(self, scores: Samples) -> NDArray[np.bool_]:
+        """Return whether recordings are of no known surface, shape (n,)."""
+        return np.asarray(self.p_value(scores) <= self.false_alarms)
+
+    @property
+    def threshold(self) -> float:
+        """Scores above it are called unknown."""
+        n = len(self.held_out)
+        n_above = int(np.floor(self.false_alarms * (n + 1) + 1e-9)) - 1  # held-out scores that may be larger
+        return float(self.held_out[n - 1 - n_above])
+
+    def document(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        near = {} if self.nearness is None else dict(vars(self.nearness))
+        return {
+            "kind": self.kind, "held_out": self.held_out, "false_alarms": self.false_alarms, "nearness": near,
+        }  # fmt: skip
+
+    @classmethod
+    def of_document(cls, stated: Mapping[str, Any]) -> "Novelty":
+        """Return what `document` described.
+
+        Raises
+        ------
+        ValueError
+            If it is not such a description.
+        """
+        if stated["kind"] not in ("decision", "distance"):
+            raise ValueError(f"kind is {stated['kind']!r}; the rule is 'decision' or 'distance'")
+        near = {name: np.asarray(array, dtype=np.float64) for name, array in stated["nearness"].items()}
+        held_out = np.sort(np.asarray(stated["held_out"], dtype=np.float64))
+        return cls(
+            stated["kind"], held_out, float(stated["false_alarms"]), Nearness(**near) if near else None
+        )
