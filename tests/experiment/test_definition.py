@@ -7,7 +7,7 @@ from sklearn.preprocessing import MinMaxScaler
 from texclass.experiment.definition import load_pipeline
 from texclass.experiment.selection import ForwardSelector
 from texclass.experiment.use import resolve
-from texclass.shipped import names
+from texclass.shipped import locate, names
 
 START = 'features = "strese2015"\nseed = 1\n'
 CLASSIFIER = '[classifiers.naive_bayes]\nuse = "sklearn.naive_bayes.GaussianNB"\n'
@@ -131,3 +131,15 @@ def test_every_use_makes_a_new_object():
     use = load_pipeline("strese2015").classifiers["lda"]
     assert use.make() is not use.make()
     assert use.make().get_params() == use.make().get_params()
+
+
+def test_a_row_may_name_its_classifiers(tmp_path):
+    assert {row.judged_by(["a", "b"]) for row in load_pipeline("strese2015").rows} == {("a", "b")}
+    pipeline = load_pipeline("texclass")
+    selected = [row for row in pipeline.rows if row.select]
+    assert selected
+    assert all("kernel" not in row.judged_by(pipeline.classifiers) for row in selected)
+    shipped = locate("pipelines", "texclass").read_text()
+    (tmp_path / "mine.toml").write_text(shipped.replace('"nearest_neighbour"]', '"nobody"]'))
+    with pytest.raises(ValueError, match=r"classifiers names 'nobody'; the rule is of naive_bayes"):
+        load_pipeline(tmp_path / "mine.toml")

@@ -134,7 +134,9 @@ def _evaluate(
     """Evaluate every computable row with every classifier: row name -> classifier -> evaluation."""
     y = table.frame["material"].to_numpy(dtype=str)
     clusters = protocol.clusters(table.frame)
-    tasks = [(row, name) for row in rows if row.columns for name in pipeline.classifiers]
+    tasks = [
+        (row, name) for row in rows if row.columns for name in row.definition.judged_by(pipeline.classifiers)
+    ]
     calls = (
         partial(
             evaluate,

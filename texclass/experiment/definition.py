@@ -17,7 +17,7 @@ from texclass.shipped import locate, read
 
 SETTINGS = {"name", "description", "reference", "features", "channels", "seed"}
 PIPELINE_KEYS = frozenset(SETTINGS | {"protocol", "steps", "classifiers", "rows", "additions", "gain"})
-ROW_KEYS = frozenset({"name", "features", "select", "published", "reference", "skip_missing"})
+ROW_KEYS = frozenset({"name", "features", "select", "published", "reference", "skip_missing", "classifiers"})
 ADDITION_KEYS = frozenset({"name", "features", "reference", "skip_missing"})
 GAIN_KEYS = frozenset({"base", "classifier", "repeats"})
 ALL = "all"
@@ -50,6 +50,8 @@ class RowDefinition:
         Where the published figures or the features come from.
     skip_missing
         Whether a dataset that lacks some of the features is evaluated with the others.
+    classifiers
+        Which of the pipeline's classifiers evaluate it; all of them by default.
     """
 
     name: str
@@ -58,6 +60,11 @@ class RowDefinition:
     published: Mapping[str, float] = field(default_factory=dict)
     reference: str = ""
     skip_missing: bool = False
+    classifiers: tuple[str, ...] = ()
+
+    def judged_by(self, classifiers: Iterable[str]) -> tuple[str, ...]:
+        """Return those of a pipeline's classifiers that evaluate this row."""
+        return self.classifiers or tuple(classifiers)
 
 
 @dataclass(frozen=True)
@@ -190,6 +197,11 @@ def _row(table: Any, feature_set: FeatureSet, classifiers: Mapping[str, Use], wh
     for name, value in published.items():
         if not isinstance(value, int | float) or not 0 <= value <= 100:
             raise ValueError(f"{where}: published.{name} is {value!r}; the rule is per cent, 0 to 100")
+    judges = _typed(table.get("classifiers", []), list, f"{where}: classifiers")
+    if unknown := [judge for judge in judges if judge not in classifiers]:
+        raise ValueError(
+            f"{where}: classifiers names {unknown[0]!r}; the rule is of {', '.join(classifiers)}"
+        )
     return RowDefinition(
         _typed(table["name"], str, f"{where}: name"),
         features,
@@ -197,6 +209,7 @@ def _row(table: Any, feature_set: FeatureSet, classifiers: Mapping[str, Use], wh
         published,
         str(table.get("reference", "")),
         _typed(table.get("skip_missing", False), bool, f"{where}: skip_missing"),
+        tuple(judges),
     )
 
 

@@ -10,11 +10,8 @@ from texclass.experiment.choice import Limits
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.definition import PipelineDefinition
 from texclass.experiment.front import cost_aware, discriminant, preparation
-from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.rows import ready
 from texclass.experiment.table import FeatureTable
-from texclass.experiment.use import Use, resolve
-from texclass.experiment.vote_of_pieces import VoteOfPieces
 from texclass.features.extractor import Plan
 
 BUDGET = "budget"
@@ -120,13 +117,8 @@ def _of_row(
     return [
         Candidate(name, c, plan, pipeline.preparation(definition, c), use.make(), ms)
         for c, use in pipeline.classifiers.items()
-        if classifier == c or (classifier is None and not (definition.select and weighs_columns(use)))
+        if classifier == c or (classifier is None and c in definition.judged_by(pipeline.classifiers))
     ]
-
-
-def weighs_columns(use: Use) -> bool:
-    """Whether a classifier weighs columns itself, so that selecting some for it first is hardly worth it."""
-    return issubclass(resolve(use.path), KernelDiscriminant | VoteOfPieces)
 
 
 def _selected(

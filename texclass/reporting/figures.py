@@ -131,9 +131,10 @@ def _low_end(rows: list[RowResult], chance: float) -> float:
 
 
 def _rank_panel(axes: "Axes", rows: list[RowResult], classifier: str) -> None:
-    y = np.arange(len(rows))
-    mean = np.array([100 * row.accuracy[classifier].mean for row in rows])
-    interval = 100 * np.array([row.accuracy[classifier].interval for row in rows]).reshape(-1, 2)
+    judged = [(i, row.accuracy[classifier]) for i, row in enumerate(rows) if classifier in row.accuracy]
+    y = np.array([i for i, _ in judged])
+    mean = np.array([100 * found.mean for _, found in judged])
+    interval = 100 * np.array([found.interval for _, found in judged]).reshape(-1, 2)
     axes.errorbar(
         mean, y, xerr=(mean - interval[:, 0], interval[:, 1] - mean), fmt="o", color=OURS, markersize=4.5,
         linewidth=1.4, label="ours, 95 % interval",
@@ -144,7 +145,7 @@ def _rank_panel(axes: "Axes", rows: list[RowResult], classifier: str) -> None:
             *zip(*theirs, strict=True), "D", color=PAPER, markersize=4, fillstyle="none", label="published"
         )
     if len(rows) <= FEW:
-        _write_values(axes, mean)
+        _write_values(axes, y, mean)
     axes.spines[["left", "right", "top"]].set_visible(False)
     axes.spines["bottom"].set_color("#888888")
     axes.tick_params(labelsize=8, color="#888888")
@@ -153,9 +154,9 @@ def _rank_panel(axes: "Axes", rows: list[RowResult], classifier: str) -> None:
     axes.set_axisbelow(True)
 
 
-def _write_values(axes: "Axes", values: NDArray[np.float64]) -> None:
+def _write_values(axes: "Axes", places: NDArray[np.intp], values: NDArray[np.float64]) -> None:
     """Write each value beside its panel, the largest strong."""
-    for y, value in enumerate(values):
+    for y, value in zip(places, values, strict=True):
         weight = "bold" if value == values.max() else "normal"
         axes.text(
             1.02, y, f"{value:.1f}", transform=axes.get_yaxis_transform(), va="center", fontsize=8, color=INK,
