@@ -62,9 +62,11 @@ def test_a_bad_line_is_named(text, said):
 
 
 def test_float32_that_is_not_finite_is_named():
-    data = np.array([1, 2, np.inf], "<f4").tobytes()
-    with pytest.raises(RecordingError, match="sample 2 is"):
-        list(RawSource(io.BytesIO(data), fs=FS, unit="g"))
+    signalling = bytes.fromhex("0000817f")
+    for last in (np.float32(np.inf).tobytes(), np.float32(np.nan).tobytes(), signalling):
+        data = np.array([1, 2], "<f4").tobytes() + last
+        with pytest.raises(RecordingError, match="sample 2 is"):
+            list(RawSource(io.BytesIO(data), fs=FS, unit="g"))
 
 
 @settings(max_examples=200, deadline=None)

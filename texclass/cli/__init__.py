@@ -13,6 +13,7 @@ from texclass.cli import (  # noqa: F401
     reproduce,
     scene,
     stability,
+    stream,
     tradeoff,
     train,
 )

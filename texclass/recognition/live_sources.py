@@ -184,7 +184,8 @@ class RawSource:
         """Leave the input to who opened it."""
 
     def _samples(self, data: bytes, done: int) -> Samples:
-        samples = np.frombuffer(data, "<f4").astype(np.float64).reshape(-1, self._n_channels)
+        with np.errstate(invalid="ignore"):  # a signalling NaN warns; it is refused below
+            samples = np.frombuffer(data, "<f4").astype(np.float64).reshape(-1, self._n_channels)
         if not (good := np.isfinite(samples).all(axis=1)).all():
             at = done + int(np.argmin(good))
             raise RecordingError(

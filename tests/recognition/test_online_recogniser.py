@@ -1,0 +1,242 @@
+"""What the online recogniser claims: one answer for any blocking, the batch answer, events as they happen."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from scipy import signal as scipy_signal
+from toy_surfaces import FS, SURFACES, signal
+
+from texclass.filters import butterworth
+from texclass.recognition.online import (
+    ContactRules,
+    Event,
+    OnlineRecogniser,
+    OnlineSettings,
+    WindowAnswer,
+)
+from texclass.recognition.online.lean import LeanModel
+from texclass.recognition.online.level import Level
+from texclass.recognition.online.ring import Ring
+from texclass.recording import Phases, Recording
+
+REST = 0.001
+TAPS = (2000, 4400)
+FIRST, SECOND = (7000, 14_000), (18_000, 25_000)
+SETTINGS = OnlineSettings(window_s=0.5, hop_s=0.125)
+
+
+def felt():
+    """Rest with two taps, cork, rest, slate, rest."""
+    rng = np.random.default_rng(7)
+    x = REST * rng.standard_normal(29_000)
+    for at in TAPS:
+        t = np.arange(400) / FS
+        x[at : at + 400] += np.exp(-60 * t) * np.sin(2 * np.pi * 300 * t + 1)
+    for (start, stop), surface in ((FIRST, "cork"), (SECOND, "slate")):
+        x[start:stop] += signal(SURFACES[surface], 5, stop - start)
+    return x
+
+
+@pytest.fixture(scope="module")
+def stream():
+    return felt()
+
+
+def listen(model, x, n, settings=SETTINGS, **facts):
+    live, found = OnlineRecogniser(model, settings=settings, **facts), []
+    for k in range(0, len(x), n):
+        found += live.push(x[k : k + n])
+    return [*found, *live.finish()]
+
+
+def windows(found):
+    return [update for update in found if isinstance(update, WindowAnswer)]
+
+
+def exactly(update):
+    if isinstance(update, Event):
+        return update
+    verdict = update.verdict
+    return update.start, update.stop, update.known, update.onset, update.answer, verdict
+
+
+def test_every_blocking_gives_the_same_updates_bit_by_bit(linear_model, stream):
+    told = [[exactly(u) for u in listen(linear_model, stream, n)] for n in (1, 7, 250, 4096, len(stream))]
+    assert all(one == told[0] for one in told[1:])
+    assert sum(not isinstance(u, Event) for u in told[0]) > 10
+
+
+@pytest.mark.parametrize("name", ["linear_model", "kernel_model"])
+def test_each_window_has_the_answer_of_the_model_for_these_samples(name, stream, request):
+    model = request.getfixturevalue(name)
+    for window in windows(listen(model, stream, 100)):
+        piece = stream[window.start : window.stop]
+        batch = model.answer(Recording(piece, FS, "m/s^2", "batch", phases=Phases(movement=(0, len(piece)))))
+        assert batch.surface == window.answer.surface
+        assert batch.unknown == window.answer.unknown
+        assert dict(batch.probabilities) == pytest.approx(dict(window.answer.probabilities), abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["linear_model", "kernel_model"])
+def test_the_lean_model_judges_as_the_model(name, request):
+    model = request.getfixturevalue(name)
+    X = np.random.default_rng(1).standard_normal((20, len(model.columns)))
+    X[3, 2] = np.nan
+    lean = LeanModel.of(model)
+    assert lean._steps is not None
+    for one, other in zip(lean.judge(X), model.judge(X), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-15)
+
+
+def test_contacts_taps_and_lift_offs_are_found_as_they_happen(linear_model, stream):
+    events = [u for u in listen(linear_model, stream, 64) if isinstance(u, Event)]
+    assert [e.kind for e in events if e.kind != "stroke"] == [
+        "tap", "tap", "contact", "lift-off", "contact", "lift-off",
+    ]  # fmt: skip
+    by_kind = {kind: [e for e in events if e.kind == kind] for kind in ("tap", "contact", "lift-off")}
+    rules = ContactRules()
+    for event, at in zip(by_kind["tap"], TAPS, strict=True):
+        assert abs(event.sample - at) <= 0.002 * FS
+        assert event.known - event.end <= (rules.gap_s + 0.01) * FS
+    for event, (start, _) in zip(by_kind["contact"], (FIRST, SECOND), strict=True):
+        assert abs(event.sample - start) <= 0.015 * FS
+        assert event.known - event.sample <= (rules.share * rules.window_s + 0.02) * FS
+    for event, (_, stop) in zip(by_kind["lift-off"], (FIRST, SECOND), strict=True):
+        assert 0 <= event.sample - stop <= 0.07 * FS  # the high-pass rings down by 60 dB
+        assert event.known - event.sample <= (rules.pause_s + 0.02) * FS
+
+
+def test_windows_end_at_onset_plus_window_plus_hops_and_stay_inside_the_contact(linear_model, stream):
+    found = listen(linear_model, stream, 64)
+    onsets = [u.sample for u in found if isinstance(u, Event) and u.kind == "contact"]
+    for window in windows(found):
+        assert window.onset in onsets
+        assert (window.start - window.onset) % round(0.125 * FS) == 0
+        assert window.stop - window.start == round(0.5 * FS)
+        assert any(
+            start - 64 <= window.start and window.stop <= stop + 240 for start, stop in (FIRST, SECOND)
+        )
+
+
+def test_a_lift_off_forgets_the_surface_before(linear_model, stream):
+    found = windows(listen(linear_model, stream, 64))
+    last = {w.onset: w for w in found}
+    assert [w.verdict.surface for w in last.values()] == ["cork", "slate"]
+    second = [w for w in found if w.onset > FIRST[1]]
+    assert second[0].verdict.n_windows == 1
+    assert second[0].verdict.surface == "slate"
+
+
+def test_memory_does_not_grow(linear_model, stream):
+    live = OnlineRecogniser(linear_model, settings=SETTINGS)
+    live.push(stream)
+    before = live.n_bytes
+    for _ in range(3):
+        live.push(stream)
+    assert live.n_bytes == before
+    assert len(live._due) < 8
+
+
+def test_no_window_reaches_over_a_break_and_the_contact_goes_on(linear_model, stream):
+    live, cut = OnlineRecogniser(linear_model, settings=SETTINGS), 10_000
+    found = [*live.push(stream[:cut]), *live.interrupt(100), *live.push(stream[cut + 100 :])]
+    kinds = [u.kind for u in found if isinstance(u, Event)]
+    assert kinds.count("break") == 1
+    assert kinds.count("contact") == 2
+    told = windows(found)
+    assert not any(w.start < cut + 100 and w.stop > cut for w in told)
+    assert any(w.start >= cut + 100 and w.onset < cut for w in told)
+
+
+def test_a_break_longer_than_a_pause_is_a_lift_off(linear_model, stream):
+    live = OnlineRecogniser(linear_model, settings=SETTINGS)
+    live.push(stream[:10_000])
+    kinds = [event.kind for event in live.interrupt(round(0.6 * FS))]
+    assert kinds == ["break", "lift-off"]
+    assert live.verdict is None
+
+
+def test_a_stream_that_begins_in_movement_is_taken_as_one(linear_model):
+    x = signal(SURFACES["oak"], 3, 6000)
+    assumed = OnlineSettings(window_s=0.25, assume_contact=True)
+    for settings in (OnlineSettings(window_s=0.25), assumed):
+        found = windows(listen(linear_model, x, 100, settings))
+        assert found[0].start == 0
+        assert found[-1].verdict.surface == "oak"
+    first = windows(listen(linear_model, x, 100, assumed))[0]
+    assert first.known <= 1000 + 20  # a window, and at most a bin
+
+
+def test_a_contact_that_began_the_stream_ends_where_the_signal_drops(linear_model):
+    x = np.concatenate(
+        [signal(SURFACES["oak"], 3, 6000), 1e-4 * np.random.default_rng(0).standard_normal(6000)]
+    )
+    found = listen(linear_model, x, 100, OnlineSettings(window_s=0.25, assume_contact=True))
+    lifted = [u for u in found if isinstance(u, Event) and u.kind == "lift-off"]
+    assert len(lifted) == 1
+    assert abs(lifted[0].sample - 6000) < 0.05 * FS
+
+
+def test_physical_units_are_converted_and_a_scaleless_one_is_unknown(linear_model, stream):
+    in_g = windows(listen(linear_model, stream / 9.80665, 250, unit="g"))
+    in_si = windows(listen(linear_model, stream, 250))
+    assert [w.answer.surface for w in in_g] == [w.answer.surface for w in in_si]
+    counts = windows(listen(linear_model, stream, 250, unit="counts"))
+    assert counts
+    assert all(w.answer.unknown and "wrong unit" in w.answer.reasons[0] for w in counts)
+
+
+def test_stopping_when_sure_computes_no_more(linear_model, stream):
+    stopping = OnlineSettings(window_s=0.5, hop_s=0.125, stop_when_sure=True)
+    found = windows(listen(linear_model, stream, 250, stopping))
+    assert all(w.verdict.sure for w in {w.onset: w for w in found}.values())
+    assert len(found) < len(windows(listen(linear_model, stream, 250)))
+
+
+def test_a_contact_shorter_than_a_window_is_answered_when_it_is_over(linear_model, stream):
+    long = OnlineSettings(window_s=2.5, hop_s=0.5)
+    found = windows(listen(linear_model, stream, 250, long))
+    assert [w.verdict.surface for w in found] == ["cork", "slate"]
+    assert all(abs(w.stop - stop) < 0.07 * FS for w, (_, stop) in zip(found, (FIRST, SECOND), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("samples", "message"),
+    [
+        (np.zeros((3, 2, 2)), "shape"),
+        (np.array([1.0, np.nan]), "finite"),
+        (np.zeros((5, 2)), "columns; the rule is 1"),
+    ],
+)
+def test_bad_samples_are_refused(linear_model, samples, message):
+    live = OnlineRecogniser(linear_model)
+    live.push(np.zeros(10))
+    with pytest.raises(ValueError, match=message):
+        live.push(samples)
+
+
+def test_the_level_is_that_of_a_causal_filter():
+    x = np.random.default_rng(3).standard_normal((2000, 3)) + np.array([0, 0, 9.81])
+    level, size = Level(1e4, 3, 1.0), 50
+    bins = [b for k in range(0, 2000, 100) for b in level.push(x[k : k + 100])]
+    sos = butterworth("highpass", 60.0, 1e4)
+    rest = scipy_signal.sosfilt_zi(sos)[:, :, None] * x[0]
+    y = scipy_signal.sosfilt(sos, x, axis=0, zi=rest)[0]
+    expected = (y**2).sum(axis=1).reshape(-1, size).mean(axis=1)
+    np.testing.assert_allclose([b.power for b in bins], expected, rtol=1e-12)
+
+
+def test_the_ring_gives_any_stretch_of_the_last_rows():
+    rng = np.random.default_rng(0)
+    ring, rows = Ring(50, 2), rng.standard_normal((1000, 2))
+    done = 0
+    while done < 900:
+        n = int(rng.integers(0, 51))
+        ring.push(rows[done : done + n])
+        done += n
+        start = int(rng.integers(ring.start, ring.stop + 1))
+        assert_array_equal(ring.view(start, ring.stop), rows[start : ring.stop])
+    ring.skip(10)
+    assert ring.start == ring.stop == done + 10
+    with pytest.raises(ValueError, match="the rule is from"):
+        ring.view(done, done + 5)

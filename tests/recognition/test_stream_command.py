@@ -1,0 +1,139 @@
+"""`texclass stream`, run as a user runs it."""
+
+import io
+import json
+import sys
+
+import numpy as np
+import pytest
+from rich.console import Console
+from toy_surfaces import FS, SURFACES, signal
+
+from texclass.cli import main
+from texclass.cli.stream_view import Picture
+from texclass.recognition.live_sources import RecordingSource
+from texclass.recognition.online import OnlineSettings, Session
+
+
+@pytest.fixture(scope="module")
+def model_file(linear_model, tmp_path_factory):
+    path = tmp_path_factory.mktemp("models") / "toy.skops"
+    linear_model.save(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def samples():
+    rng = np.random.default_rng(7)
+    x = 0.001 * rng.standard_normal(12_000)
+    x[4000:10_000] += signal(SURFACES["oak"], 3, 6000)
+    return x
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, model_file, samples):
+    """Stream samples through standard input; give exit code, output, errors."""
+
+    def call(*arguments, x=samples, text=None):
+        written = text or "\n".join(map(repr, x.tolist()))
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(written.encode())))
+        monkeypatch.setattr(sys, "argv", ["texclass", "stream", str(model_file), *map(str, arguments)])
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        return (code, *capsys.readouterr())
+
+    return call
+
+
+def test_json_lines_hold_events_answers_and_the_final_answer(run):
+    code, out, err = run("--rate", FS, "--unit", "m/s^2", "--window", 0.5, "--json")
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert (code, err) == (0, "")
+    assert [one["kind"] for one in lines if one["type"] == "event"] == ["contact"]
+    answers = [one for one in lines if one["type"] == "answer"]
+    assert answers[0]["start_s"] == pytest.approx(1.0, abs=0.01)
+    assert answers[0]["stop_s"] - answers[0]["start_s"] == pytest.approx(0.5)
+    final = lines[-1]
+    assert final["type"] == "final"
+    assert final["surface"] == "oak"
+    assert final["probability"] == answers[-1]["probability"]
+
+
+def test_lines_say_contact_and_surface(run):
+    code, out, _ = run("--rate", FS, "--unit", "m/s^2", "--evidence", "majority")
+    assert code == 0
+    assert "contact" in out
+    assert "final: oak" in out
+
+
+def test_another_rate_is_resampled_when_asked(run):
+    up = np.repeat(signal(SURFACES["oak"], 3, 6000), 2)  # twice the rate
+    options = ("--rate", 2 * FS, "--unit", "m/s^2", "--window", 0.5, "--in-contact")
+    code, out, err = run(*options, "--resample", x=up)
+    assert code == 0
+    assert "resampled" in err
+    assert "final: oak" in out
+    _, out, err = run(*options, x=up)
+    assert "--resample converts" in err
+    assert "unknown surface" in out
+
+
+def test_nothing_felt_ends_with_its_own_exit_code(run):
+    code, out, err = run("--rate", FS, "--unit", "m/s^2", "--at-rest", x=np.zeros(4000))
+    assert (code, out) == (3, "")
+    assert "no answer" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text", "message"),
+    [
+        ((), "1\n", "fs is missing"),
+        (("--rate", "4000", "--unit", "m/s^2"), "1\nabc\n", "line 2 is 'abc'"),
+        (("--rate", "4000", "--unit", "m/s^2", "--evidence", "mean"), "1\n2\n", "majority"),
+        (("--source", "nothing.wav", "--rate", "4000"), "", "nothing.wav"),
+        (("--rate", "4000", "--unit", "m/s^2", "--hop", "-1"), "1\n", "hop_s"),
+    ],
+)
+def test_a_bad_input_ends_in_one_line(run, arguments, text, message):
+    code, _, err = run(*arguments, text=text or "\n")
+    assert code == 1
+    assert err.startswith("error: ")
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_control_c_ends_with_the_answer_so_far(run, monkeypatch, tmp_path, samples):
+    whole = RecordingSource.__iter__
+
+    def interrupted(self):
+        for number, block in enumerate(whole(self)):
+            if number == 90:
+                raise KeyboardInterrupt
+            yield block
+
+    monkeypatch.setattr(RecordingSource, "__iter__", interrupted)
+    np.savetxt(tmp_path / "oak.txt", samples)
+    code, out, err = run("--source", tmp_path / "oak.txt", "--rate", FS, "--window", 0.5)
+    assert (code, err) == (0, "")
+    assert "final: oak" in out
+
+
+def test_the_picture_shows_phase_level_surfaces_and_latency(linear_model, samples):
+    from texclass.recognition.blocks import Block
+
+    session = Session(linear_model, settings=OnlineSettings(window_s=0.5))
+    console = Console(file=io.StringIO(), force_terminal=True, width=100)
+    shown = Picture(session, "toy", console)
+    with shown:
+        for k in range(0, 9000, 100):
+            flags = ("gaps: 3 samples interpolated",) if k == 5000 else ()
+            block = Block(k / FS, samples[k : k + 100, None], FS, "m/s^2", 0, flags)
+            shown.show(session.take(block), block)
+        text = Console(width=100, file=io.StringIO())
+        text.print(shown.picture())
+    drawn = text.file.getvalue()
+    for part in ("toy", "moving", "dB over rest", "oak", "%", "ms each", "gaps: 3 samples"):
+        assert part in drawn

@@ -1,0 +1,135 @@
+"""texclass stream: a model and a live source in, surfaces out as they are felt."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from texclass.cli.app import app
+
+NO_ANSWER = 3
+"""Exit code of a stream in which nothing was felt long enough for an answer."""
+
+
+@app.command()
+def stream(
+    model: Annotated[Path, typer.Argument(help="A model file that `texclass train` wrote.")],
+    source: Annotated[
+        str,
+        typer.Option(
+            help="- (standard input: text, a sample a line), FILE or DATASET:RECORDING, "
+            "bag:FILE?topic=/NAME, ros2:/TOPIC."
+        ),
+    ] = "-",
+    rate: Annotated[
+        float | None,
+        typer.Option("--rate", "--fs", help="Sampling rate of the source in Hz, where it does not state it."),
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option("--unit", help="Of the source; that of the training files by default.")
+    ] = None,
+    resample: Annotated[
+        bool, typer.Option("--resample", help="Convert another rate to the model's, band-limited.")
+    ] = False,
+    window: Annotated[
+        float | None, typer.Option(help="Seconds of one answer; as trained by default.")
+    ] = None,
+    hop: Annotated[
+        float | None, typer.Option(help="Seconds from answer to answer; half a window by default.")
+    ] = None,
+    evidence: Annotated[
+        str, typer.Option(help="How answers of one contact are put together: sequential or majority.")
+    ] = "sequential",
+    confidence: Annotated[float, typer.Option(help="Probability from which on a verdict is sure.")] = 0.95,
+    stop_when_sure: Annotated[
+        bool, typer.Option("--stop-when-sure", help="Compute no more of a contact whose verdict is sure.")
+    ] = False,
+    forget: Annotated[
+        float | None,
+        typer.Option(help="Seconds after which evidence fades, for tools that slide on to other surfaces."),
+    ] = None,
+    in_contact: Annotated[
+        bool | None,
+        typer.Option(
+            "--in-contact/--at-rest",
+            help="The stream begins in a movement, or at rest; found out by default.",
+        ),
+    ] = None,
+    channels: Annotated[
+        int | None,
+        typer.Option(help="Standard input is little-endian float32 of so many channels, not text."),
+    ] = None,
+    paced: Annotated[bool, typer.Option("--paced", help="Play a file at its own speed.")] = False,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="One JSON object a line: answers, events, notices, the final answer."),
+    ] = False,
+) -> None:
+    """Say which surface is felt while it is felt; Ctrl-C ends it."""
+    from texclass.cli.stream_view import view_of
+    from texclass.recognition import load_model
+    from texclass.recognition.online import OnlineSettings, Session
+
+    kind: Any = evidence
+    settings = OnlineSettings(
+        window_s=window,
+        hop_s=hop,
+        evidence=kind,
+        confidence=confidence,
+        forget_s=forget or float("inf"),
+        stop_when_sure=stop_when_sure,
+        assume_contact=in_contact,
+    )
+    trained = load_model(model)
+    blocks, raw = _opened(trained, source, rate, unit, resample, paced, channels)
+    session = Session(trained, raw=raw, settings=settings)
+    shown = view_of(session, source, as_json)
+    code = _listen(session, blocks, shown)
+    if code:
+        raise typer.Exit(code)
+
+
+def _listen(session: Any, blocks: Any, shown: Any) -> int:
+    """Run until the source ends, nobody reads any more, or Ctrl-C."""
+    try:
+        with shown:
+            try:
+                for block in blocks:
+                    shown.show(session.take(block), block)
+            except KeyboardInterrupt:
+                pass
+            finally:
+                blocks.close()
+            return 0 if shown.end(session.live.finish() if session.live else ()) else NO_ANSWER
+    except BrokenPipeError:
+        import os
+        import sys
+
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _opened(
+    trained: Any,
+    source: str,
+    rate: float | None,
+    unit: str | None,
+    resample: bool,
+    paced: bool,
+    channels: int | None,
+) -> tuple[Any, bool]:
+    """Return the source, and whether its samples are as in the training files, not yet conditioned."""
+    from texclass.recognition.live_sources import RecordingSource, open_source
+    from texclass.recognition.online.files import with_turn_rate
+    from texclass.recognition.resampling import Resampled
+    from texclass.recognition.source import Source, find_like
+
+    like = Source.of_dict(trained.manifest.input)
+    live = source == "-" or source.startswith(("ros2:", "bag:"))
+    if live:
+        stated = unit or (like.unit if source == "-" else None)
+        blocks: Any = open_source(source, fs=rate, unit=stated, paced=paced, raw_channels=channels)
+    else:
+        recording = find_like(like, source, fs=rate, unit=unit)
+        blocks = RecordingSource(with_turn_rate(recording, trained), paced=paced)
+    return (Resampled(blocks, trained.manifest.fs) if resample else blocks), live

@@ -1,0 +1,265 @@
+"""What `texclass stream` shows: a live picture in a terminal, lines elsewhere, JSON for machines."""
+
+import json
+import time
+from collections import deque
+from collections.abc import Iterable
+from typing import Any, Self
+
+import typer
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from texclass.recognition.blocks import Block
+from texclass.recognition.online import Event, Notice, Session, Update, Verdict, WindowAnswer
+
+REFRESH_S = 0.1
+N_SHOWN = 5
+BAR = 30
+LEVEL_DB = 60.0
+"""Full length of the level's bar."""
+
+
+class View:
+    """Follows a session; what is the same for all ways to show it.
+
+    Parameters
+    ----------
+    session : Session
+        What is followed.
+    source : str
+        Its name.
+    """
+
+    def __init__(self, session: Session, source: str) -> None:
+        self.session, self.source = session, source
+        self.heard: WindowAnswer | None = None
+        self.final: tuple[Verdict, float, float] | None = None
+        """The last verdict, and from when to when it was felt (s)."""
+        self.n_answers = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Nothing is open."""
+
+    def show(self, found: Iterable[Update | Notice], block: Block | None = None) -> None:
+        """Take in what a block has told."""
+        for update in found:
+            if isinstance(update, WindowAnswer):
+                self.n_answers += 1
+                self.heard = update
+                self.final = (update.verdict, self.seconds(update.onset), self.seconds(update.stop))
+                self.answered(update)
+            elif isinstance(update, Event):
+                self.happened(update)
+            else:
+                self.noticed(update)
+
+    def end(self, found: Iterable[Update | Notice]) -> bool:
+        """Take in the last of it, say the final answer, and return whether there is one."""
+        self.show(found)
+        self.ended()
+        if self.final is None:
+            typer.echo("no answer: nothing was felt for long enough", err=True)
+        return self.final is not None
+
+    def seconds(self, sample: int) -> float:
+        """Return when a sample was, in seconds since the start of the stream."""
+        live = self.session.live
+        return sample / live.fs if live else 0.0
+
+    def answered(self, update: WindowAnswer) -> None:
+        """Show an answer."""
+
+    def happened(self, event: Event) -> None:
+        """Show an event."""
+
+    def noticed(self, notice: Notice) -> None:
+        """Show what is wrong."""
+
+    def ended(self) -> None:
+        """Show the final answer."""
+
+
+class JsonLines(View):
+    """A JSON object a line; `type` is answer, event, notice or final."""
+
+    def answered(self, update: WindowAnswer) -> None:
+        """Print an answer: its window, what it says alone, and the verdict of the contact."""
+        answer = update.answer
+        self._print(
+            "answer",
+            t_s=self.seconds(update.known),
+            start_s=self.seconds(update.start),
+            stop_s=self.seconds(update.stop),
+            onset_s=self.seconds(update.onset),
+            **update.verdict.to_dict(),
+            reasons=list(answer.reasons),
+            window={k: v for k, v in answer.to_dict().items() if k not in ("recording", "reasons")},
+            ms=round(update.ms, 3),
+        )
+
+    def happened(self, event: Event) -> None:
+        """Print an event: when it was, and when it was known."""
+        self._print(
+            "event", t_s=self.seconds(event.known), kind=event.kind, at_s=self.seconds(event.sample),
+            what=event.what,
+        )  # fmt: skip
+
+    def noticed(self, notice: Notice) -> None:
+        """Print what is wrong."""
+        self._print("notice", t_s=notice.t_s, what=notice.what)
+
+    def ended(self) -> None:
+        """Print the final answer."""
+        if self.final is not None:
+            verdict, start, stop = self.final
+            self._print("final", onset_s=start, stop_s=stop, n_lost=self.session.n_lost, **verdict.to_dict())
+
+    def _print(self, type_: str, /, **facts: Any) -> None:
+        rounded = {k: round(v, 6) if isinstance(v, float) else v for k, v in facts.items()}
+        print(json.dumps({"type": type_, **rounded}), flush=True)
+
+
+class Lines(View):
+    """Lines for where nothing can be drawn: events, notices, and each verdict that differs."""
+
+    _said: tuple[object, ...] = ()
+
+    def answered(self, update: WindowAnswer) -> None:
+        """Print a verdict when its surface changes, or when it becomes sure."""
+        verdict = update.verdict
+        if (now := (update.onset, verdict.surface, verdict.sure, verdict.unknown)) != self._said:
+            self._said = now
+            typer.echo(f"{self.seconds(update.known):9.3f} s  {told(verdict)}")
+
+    def happened(self, event: Event) -> None:
+        """Print an event."""
+        what = f" ({event.what})" if event.what else ""
+        typer.echo(f"{self.seconds(event.sample):9.3f} s  {event.kind}{what}")
+
+    def noticed(self, notice: Notice) -> None:
+        """Print what is wrong, on standard error."""
+        typer.echo(f"notice: {notice.what}", err=True)
+
+    def ended(self) -> None:
+        """Print the final answer."""
+        if self.final is not None:
+            verdict, start, stop = self.final
+            typer.echo(f"final: {told(verdict)}, felt from {start:.3f} s to {stop:.3f} s")
+
+
+class Picture(View):
+    """A picture in the terminal, drawn anew ten times a second at most."""
+
+    def __init__(self, session: Session, source: str, console: Console) -> None:
+        super().__init__(session, source)
+        self._live = Live(console=console, auto_refresh=False)
+        self._notices = deque[str](maxlen=3)
+        self._events = deque[str](maxlen=3)
+        self._drawn, self._behind_s, self._ms = 0.0, 0.0, deque[float](maxlen=100)
+        self._started: tuple[float, float] | None = None
+
+    def __enter__(self) -> Self:
+        """Begin to draw."""
+        self._live.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Leave the last picture."""
+        self._live.stop()
+
+    def show(self, found: Iterable[Update | Notice], block: Block | None = None) -> None:
+        """Take in what a block has told, and draw if it is time."""
+        super().show(found, block)
+        now = time.monotonic()
+        if now - self._drawn >= REFRESH_S:
+            self._drawn = now
+            self._live.update(self.picture(), refresh=True)
+
+    def answered(self, update: WindowAnswer) -> None:
+        """Remember what an answer took."""
+        self._ms.append(update.ms)
+
+    def happened(self, event: Event) -> None:
+        """Remember an event; a lift-off ends what is shown of the contact."""
+        self._events.append(f"{self.seconds(event.sample):.3f} s {event.kind}")
+        if event.kind == "lift-off":
+            self.heard = None
+
+    def noticed(self, notice: Notice) -> None:
+        """Remember what is wrong."""
+        self._notices.append(notice.what)
+
+    def ended(self) -> None:
+        """Draw the last picture and say the final answer."""
+        self._live.update(self.picture(), refresh=True)
+        self._live.stop()
+        if self.final is not None:
+            verdict, start, stop = self.final
+            self._live.console.print(
+                f"final: {told(verdict)}, felt from {start:.3f} s to {stop:.3f} s", highlight=False
+            )
+
+    def picture(self) -> Group:
+        """Return what is drawn now."""
+        live = self.session.live
+        level, above = live.level if live else (0.0, 0.0)
+        at_s, phase = (self.seconds(live.n_samples), live.phase) if live else (0.0, "waiting")
+        unit = live.unit if live else ""
+        head = Text.assemble(
+            (f"{self.source}  ", "dim"), f"{at_s:8.2f} s  ", (f"{phase:<9}", PHASE_STYLE.get(phase, "")),
+            "  level ", (bar(above / LEVEL_DB, 20) if above else "", "cyan"), f" {level:.3g} {unit}",
+            f" ({above:+.0f} dB over rest)" if above else "",
+        )  # fmt: skip
+        lines: list[Any] = [head, *([self._surfaces()] if self.heard else [Text("nothing felt yet", "dim")])]
+        typical = sorted(self._ms)[len(self._ms) // 2] if self._ms else 0.0
+        foot = f"{self.n_answers} answers, {typical:.2f} ms each, lost {self.session.n_lost}"
+        lines.append(Text("; ".join([foot, *self._events]), "dim"))
+        lines += [Text(f"notice: {what}", "yellow") for what in self._notices]
+        return Group(*lines)
+
+    def _surfaces(self) -> Table:
+        heard = self.heard
+        assert heard is not None
+        verdict = heard.verdict
+        best = sorted(verdict.probabilities.items(), key=lambda pair: -pair[1])[:N_SHOWN]
+        table = Table.grid(padding=(0, 1))
+        for i, (surface, p) in enumerate(best):
+            style = "bold green" if i == 0 and verdict.sure else "bold" if i == 0 else ""
+            mark = "unknown?" if i == 0 and verdict.unknown else "sure" if i == 0 and verdict.sure else ""
+            table.add_row(Text(surface, style), Text(bar(p, BAR), "green"), f"{100 * p:5.1f} %", mark)
+        for reason in heard.answer.reasons[:2]:
+            table.add_row(Text(reason, "yellow"))
+        return table
+
+
+PHASE_STYLE = {"moving": "bold green", "touched": "bold", "pause": "yellow"}
+
+
+def view_of(session: Session, source: str, as_json: bool) -> View:
+    """Return the way to show a session: JSON if asked for, a picture in a terminal, else lines."""
+    if as_json:
+        return JsonLines(session, source)
+    console = Console()
+    return Picture(session, source, console) if console.is_terminal else Lines(session, source)
+
+
+def told(verdict: Verdict) -> str:
+    """Return a verdict in words."""
+    unknown = "unknown surface, most like " if verdict.unknown else ""
+    sure = ", sure" if verdict.sure else f" (or {verdict.runner_up})"
+    return (
+        f"{unknown}{verdict.surface}, {100 * verdict.probability:.1f} %{sure}, "
+        f"after {verdict.felt_s:.2f} s, {verdict.n_windows} windows"
+    )
+
+
+def bar(share: float, length: int) -> str:
+    """Return a bar of `length` characters, filled to a share of it."""
+    n = round(min(max(share, 0.0), 1.0) * length)
+    return "█" * n + "·" * (length - n)

@@ -1,0 +1,103 @@
+"""Which stretches of a stream are answered, and the recordings they are."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from texclass._filtered import block_mean
+from texclass._taps import HAND_RATE_HZ, Hand
+from texclass.features.views import TURN
+from texclass.recognition.model import Model
+from texclass.recording import ACCELERATION_UNITS, Phases, Recording, Samples, Tap
+
+
+@dataclass(frozen=True, eq=False)
+class Tapped:
+    """What was felt before a movement: a stretch of samples with its taps, counted from its start."""
+
+    samples: Samples
+    taps: tuple[Tap, ...]
+
+
+class Shape:
+    """How samples of a stream become recordings that a model answers.
+
+    Parameters
+    ----------
+    model : Model
+        Says which channels are kept apart, and whether files lost their resting level.
+    n_columns : int
+        Columns of the stream: axes of the acceleration, then, where the model has it, of the turn rate.
+    fs : float
+        Sampling rate of the stream in Hz.
+    unit : str
+        Of its acceleration.
+    raw : bool
+        Whether samples are as in the files the model was trained on, so that the scale of these applies.
+
+    Raises
+    ------
+    ValueError
+        If the model needs other columns.
+    """
+
+    def __init__(self, model: Model, n_columns: int, fs: float, unit: str, raw: bool = True) -> None:
+        apart = model.plan.channels
+        has_turn = set(TURN) <= set(apart)
+        if apart and n_columns != len(apart):
+            raise ValueError(
+                f"the stream has {n_columns} columns; the rule is {len(apart)}, {', '.join(apart)}, "
+                "as the model was trained"
+            )
+        self.n_axes = n_columns - len(TURN) * has_turn
+        physical = unit in ACCELERATION_UNITS
+        self.fs, self.unit = fs, "m/s^2" if physical else unit
+        scale = float(model.manifest.input.get("scale", 1.0)) if raw else 1.0
+        self._factor = (ACCELERATION_UNITS[unit] if physical else 1.0) * scale
+        self._channels = apart[: self.n_axes]
+        self._level = bool(model.manifest.input.get("remove_resting_level", False))
+
+    def conditioned(self, rows: Samples) -> Samples:
+        """Return samples (n, n_columns) in the unit that recordings keep, scaled as the files were."""
+        if self._factor == 1.0:
+            return rows
+        return np.column_stack([rows[:, : self.n_axes] * self._factor, rows[:, self.n_axes :]])
+
+    def window(self, samples: Samples, start: int, tapped: Tapped | None = None) -> Recording:
+        """Return samples (n, n_columns), all movement, as a recording, after what was tapped before."""
+        name, movement = f"window at {start / self.fs:.3f} s", self._at_rest_removed(samples)
+        if tapped is None:
+            return self._recording(movement, Phases(movement=(0, len(movement))), name)
+        n = len(tapped.samples)
+        whole = np.concatenate([self._at_rest_removed(tapped.samples), movement])
+        return self._recording(whole, Phases(tapped.taps, (n, len(whole))), name)
+
+    def tap(self, tapped: Tapped, start: int) -> Recording:
+        """Return taps alone as a recording."""
+        samples = self._at_rest_removed(tapped.samples)
+        return self._recording(samples, Phases(tapped.taps), f"tap at {start / self.fs:.3f} s")
+
+    def hand(self, rows: Samples) -> Hand:
+        """Follow the hand through samples (n, n_columns)."""
+        step = max(1, round(self.fs / HAND_RATE_HZ))
+        return Hand(block_mean(rows[:, : self.n_axes], step), self.fs / step, step)
+
+    def _at_rest_removed(self, samples: Samples) -> Samples:
+        """Remove what files of the training data had lost too: the resting level, by its median."""
+        if not self._level:
+            return samples
+        levelled = samples.copy()
+        levelled[:, : self.n_axes] -= np.median(samples[:, : self.n_axes], axis=0)
+        return levelled
+
+    def _recording(self, samples: Samples, phases: Phases, name: str) -> Recording:
+        axes, turn = samples[:, : self.n_axes], samples[:, self.n_axes :]
+        return Recording(
+            axes[:, 0] if self.n_axes == 1 else axes,
+            self.fs,
+            self.unit,
+            name,
+            turn_rate=turn if turn.shape[1] else None,
+            channels=self._channels,
+            phases=phases,
+        )
