@@ -113,3 +113,11 @@ def test_the_hash_changes_with_content_names_and_facts_only(folder, axes, write)
     second = open_dataset(folder, fs=FS, unit="g").input_hash
     (folder / "wood" / "r1.csv").rename(folder / "wood" / "r7.csv")
     assert len({first, second, open_dataset(folder, fs=FS, unit="g").input_hash}) == 3
+
+
+def test_a_folder_named_from_here_is_found_from_elsewhere(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    dataset = open_dataset("mine", fs=FS, unit="g")
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert dataset[0].material == "steel"

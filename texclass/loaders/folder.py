@@ -64,7 +64,8 @@ def open_folder(
         files=PATTERNS,
         notes=_ignored(root),
     )
-    return open_files(card, root, skip_bad=skip_bad)
+    # Absolute: a process that works elsewhere, such as one kept from an earlier call, finds the files too.
+    return open_files(card, root.absolute(), skip_bad=skip_bad)
 
 
 def _stated_rate(files: list[Path], unit: str) -> float | None:

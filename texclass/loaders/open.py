@@ -57,7 +57,7 @@ def open_dataset(
         from texclass.loaders.simulated import open_simulated
 
         return open_simulated(card, skip_bad=skip_bad)
-    root = find_folder(card.folder, card_path=card.path, source=card.source)
+    root = find_folder(card.folder, card_path=card.path, source=card.source).absolute()
     return (open_rows if card.format == "rows" else open_files)(card, root, skip_bad=skip_bad)
 
 
