@@ -57,6 +57,12 @@ def benchmark(
     touch: TouchOption = None,
     touches: TouchesOption = None,
     folds: Annotated[int | None, typer.Option(help="Number of folds; the pipeline's own by default.")] = None,
+    choose: Annotated[
+        bool,
+        typer.Option(
+            "--choose", help="Also choose row and classifier inside each training part, unseen by tests."
+        ),
+    ] = False,
     peers: PeersOption = False,
     peers_python: PeersPythonOption = None,
     peers_only: PeersOnlyOption = None,
@@ -88,6 +94,7 @@ def benchmark(
     asked: dict[str, Any] = {
         "protocol": protocol.value if protocol else None,
         "n_folds": folds,
+        "choose": choose,
         "n_jobs": jobs,
         "skip_bad": skip_bad,
     }

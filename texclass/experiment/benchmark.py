@@ -14,6 +14,7 @@ from texclass.experiment.evaluate import Evaluation, evaluate
 from texclass.experiment.extraction import Progress
 from texclass.experiment.gain import choose_base, measure_gains
 from texclass.experiment.joined import cached_tables
+from texclass.experiment.nested_choice import choose_inside, inner_splits
 from texclass.experiment.protocols import Protocol, Split, find_protocol
 from texclass.experiment.result import BenchmarkResult, Confusion, RowResult, Undefined
 from texclass.experiment.rows import Ready, ready
@@ -31,6 +32,7 @@ def run_benchmark(
     *,
     protocol: str | None = None,
     n_folds: int | None = None,
+    choose: bool = False,
     n_jobs: int = 1,
     skip_bad: bool = False,
     progress: Progress | None = None,
@@ -47,6 +49,8 @@ def run_benchmark(
         A name of `PROTOCOLS`; the pipeline's own by default.
     n_folds : int, optional
         Folds of "recording", "run" and "paper"; the pipeline's own by default.
+    choose : bool
+        Also choose a row and a classifier inside each training part, see `choose_inside`.
     n_jobs : int
         Processes.
     skip_bad : bool
@@ -69,7 +73,10 @@ def run_benchmark(
     chosen = find_protocol(protocol or pipeline.protocol)
     folds = pipeline.folds if n_folds is None else n_folds
     # Before the features: a split that is impossible should not cost an extraction.
-    chosen.split(metadata(dataset.entries), folds, pipeline.seed)
+    facts = metadata(dataset.entries)
+    splits = chosen.split(facts, folds, pipeline.seed)
+    if choose:
+        inner_splits(chosen, facts, splits, pipeline.seed)
     table = cached_tables(
         dataset,
         pipeline.needed,
@@ -86,6 +93,11 @@ def run_benchmark(
     gains = None
     if pipeline.additions and (base := choose_base(pipeline, rows, evaluations)) is not None:
         gains = measure_gains(pipeline, table, base, chosen, folds, meter, n_jobs=n_jobs, progress=progress)
+    choice = None
+    if choose:
+        choice = choose_inside(
+            rows, table, splits, pipeline, chosen, evaluations, n_jobs=n_jobs, progress=progress
+        )
     results = tuple(
         _row_result(row, cost, evaluations.get(row.definition.name, {}))
         for row, cost in zip(rows, costs, strict=True)
@@ -109,6 +121,7 @@ def run_benchmark(
         flags=table.flags,
         undefined=_undefined(table),
         gains=gains,
+        choice=choice,
     )
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from texclass.experiment.accuracy import Accuracy
+from texclass.experiment.nested_choice import NestedChoice
 from texclass.experiment.paired import Paired
 from texclass.experiment.table import Flag, LeftOut
 
@@ -165,6 +166,8 @@ class BenchmarkResult:
         Recordings not used, remarks of the loaders, features without a value.
     gains : Gains or None
         What each addition of the pipeline adds; None without additions or without a row to add to.
+    choice : NestedChoice or None
+        What choosing a row and a classifier inside each training part gives; None if that was not asked.
     """
 
     dataset: Mapping[str, Any]
@@ -185,6 +188,7 @@ class BenchmarkResult:
     undefined: tuple[Undefined, ...] = ()
     unit: Literal["recording", "run"] = "recording"
     gains: Gains | None = None
+    choice: NestedChoice | None = None
 
     @property
     def best(self) -> tuple[RowResult, str] | None:
@@ -222,6 +226,7 @@ class BenchmarkResult:
             "rank_agreement": {name: self.rank_agreement(name) for name in self.classifiers},
             "confusion": _confusion(self.confusion),
             "gains": None if self.gains is None else _gains(self.gains),
+            "choice": None if self.choice is None else _choice(self.choice, self.unit),
             "left_out": [list(item) for item in self.left_out],
             "flags": [list(item) for item in self.flags],
             "undefined": [item._asdict() for item in self.undefined],
@@ -270,6 +275,14 @@ def _accuracy(accuracy: Accuracy, unit: str) -> dict[str, Any]:
         "balanced": accuracy.mean if accuracy.balanced is None else accuracy.balanced,
         "folds": list(accuracy.folds),
         **({} if voted is None else {f"per_{unit}": _accuracy(voted, unit)}),
+    }
+
+
+def _choice(choice: NestedChoice, unit: str) -> dict[str, Any]:
+    return {
+        "accuracy": _accuracy(choice.accuracy, unit),
+        "chosen": [list(pair) for pair in choice.chosen],
+        "protocol": choice.protocol,
     }
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
+from texclass.experiment.nested_choice import NestedChoice
 from texclass.experiment.result import BenchmarkResult
 from texclass.reporting.beside import beside_markdown, beside_table, beside_title
 from texclass.reporting.cells import cells, header, paper_cell, paper_order, published
@@ -48,6 +49,8 @@ def notes(result: BenchmarkResult) -> Iterator[str]:
         chosen = sorted(columns.items(), key=lambda item: -item[1])
         listed = ", ".join(f"{column} {share:.0%}" for column, share in chosen)
         yield f"Best row: {best[0].name}, {title_of(best[1])}. Selected, by share of folds: {listed}."
+    if result.choice is not None:
+        yield _chosen(result.choice)
     yield from _problems(result)
     yield from result.dataset.get("notes", ())
 
@@ -108,6 +111,23 @@ def markdown(result: BenchmarkResult) -> str:
         "- versions: " + ", ".join(f"{name} {version}" for name, version in result.versions.items()),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _chosen(choice: NestedChoice) -> str:
+    """Return what choosing inside the training parts gave, in a sentence."""
+    low, high = choice.accuracy.interval
+    balanced = choice.accuracy.balanced
+    told = "" if balanced is None else f", balanced {100 * balanced:.1f} %"
+    picked = "; ".join(
+        f"{row}, {title_of(name)}"
+        + (f" in {n} of {len(choice.chosen)} folds" if len(choice.chosen) > 1 else "")
+        for (row, name), n in choice.favourites
+    )
+    return (
+        f"Row and classifier chosen inside each training part (by `{choice.protocol}`), where tests have no "
+        f"say: {100 * choice.accuracy.mean:.1f} % [{100 * low:.1f}, {100 * high:.1f}]{told}; "
+        f"chosen: {picked}."
+    )
 
 
 def _problems(result: BenchmarkResult) -> Iterator[str]:

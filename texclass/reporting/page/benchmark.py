@@ -1,5 +1,6 @@
 """A benchmark on the page: the table beside the paper's, every row as a picture, the confusion matrix."""
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
@@ -135,6 +136,8 @@ def notes(data: dict[str, Any]) -> Iterator[str]:
         chosen = sorted(columns.items(), key=lambda item: -item[1])
         listed = ", ".join(f"{column} {share:.0%}" for column, share in chosen)
         yield f"Columns that {best.row['name']} selects, by share of folds: {listed}."
+    if choice := data.get("choice"):
+        yield _choice(choice)
     for row in data["rows"]:
         if row["accuracy"] and row["missing"]:
             yield f"{row['name']}: without features the dataset lacks: {row['missing']}."
@@ -149,3 +152,14 @@ def notes(data: dict[str, Any]) -> Iterator[str]:
         if lines:
             more = f"; and {len(lines) - MOST_LISTED} more, in the JSON" if len(lines) > MOST_LISTED else ""
             yield sentence(f"{what}, {len(lines)}: {'; '.join(lines[:MOST_LISTED])}{more}")
+
+
+def _choice(choice: dict[str, Any]) -> str:
+    """Return what choosing inside the training parts gave, in a sentence."""
+    mean, low, high = (digits(round(100 * choice["accuracy"][k], 1)) for k in ("mean", "low", "high"))
+    folds = Counter(f"{row}, {title_of(name)}" for row, name in choice["chosen"]).most_common()
+    listed = "; ".join(f"{what} ({n} of {len(choice['chosen'])} folds)" for what, n in folds)
+    return (
+        f"Row and classifier chosen inside each training part, where tests have no say: {mean} % "
+        f"[{low}, {high}]; chosen: {listed}."
+    )

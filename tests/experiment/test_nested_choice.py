@@ -1,0 +1,110 @@
+"""Choosing inside training parts: the tests have no say, and the accuracy is that of what was chosen."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from texclass.experiment.benchmark import run_benchmark
+from texclass.experiment.definition import PipelineDefinition, RowDefinition
+from texclass.experiment.nested_choice import choose_inside, inner_splits
+from texclass.experiment.protocols import find_protocol
+from texclass.experiment.rows import ready
+from texclass.experiment.table import FeatureTable
+from texclass.experiment.use import Use
+
+CLASSIFIERS = {"euclidean": Use("sklearn.neighbors.NearestCentroid")}
+STEPS = (Use("sklearn.preprocessing.MinMaxScaler"),)
+
+
+def table_of(n_materials, n_repetitions, **columns):
+    n = n_materials * n_repetitions
+    frame = {
+        "recording_id": [f"r{i}" for i in range(n)],
+        "material": np.repeat([f"m{k}" for k in range(n_materials)], n_repetitions),
+        "operator": None,
+        "session": None,
+        "repetition": np.tile(np.arange(1, n_repetitions + 1), n_materials),
+    }
+    return pd.DataFrame(frame | columns)
+
+
+@pytest.fixture
+def pipeline(feature_set):
+    rows = (RowDefinition("Peaks", ("peaks",)), RowDefinition("Level", ("level",)))
+    return PipelineDefinition("toy", feature_set, STEPS, CLASSIFIERS, rows, seed=0, folds=4)
+
+
+def test_the_row_that_fits_the_tests_by_chance_is_not_chosen(pipeline):
+    """`level` tells materials apart in training; `peaks` only in the tests, where `level` is noise."""
+    rng, later = np.random.default_rng(0), np.tile(np.arange(20) >= 10, 4)
+    truth, noise = np.repeat(np.arange(4.0), 20) + rng.normal(0, 0.05, 80), rng.uniform(0, 3, (2, 80))
+    level, *peaks = (column for row in ("level", "peaks") for column in _columns(pipeline, row))
+    values = {level: np.where(later, noise[0], truth)}
+    values |= {peak: np.where(later, truth, noise[1]) for peak in peaks}
+    frame = pd.concat([table_of(4, 20), pd.DataFrame(values)], axis=1)
+    table = FeatureTable(frame, tuple(values), np.zeros(80))
+    protocol = find_protocol("blocks")
+    splits = protocol.split(table.frame, 0, 0)
+    rows = [ready(row, pipeline.feature_set, table) for row in pipeline.rows]
+    evaluations = _evaluations(rows, table, splits, pipeline)
+    choice = choose_inside(rows, table, splits, pipeline, protocol, evaluations)
+    assert choice.chosen == (("Level", "euclidean"),)
+    assert choice.protocol == "blocks"
+    assert choice.accuracy.mean == evaluations["Level"]["euclidean"].accuracy.mean
+
+
+def test_each_fold_counts_with_what_it_chose(toy_dataset, pipeline):
+    result = run_benchmark(toy_dataset(), pipeline, choose=True)
+    rows = {row.name: row.accuracy for row in result.rows}
+    expected = [rows[row][name].folds[k] for k, (row, name) in enumerate(result.choice.chosen)]
+    assert list(result.choice.accuracy.folds) == expected
+    assert len(expected) == 4
+    assert sum(n for _, n in result.choice.favourites) == 4
+    assert run_benchmark(toy_dataset(), pipeline).choice is None
+
+
+@pytest.mark.parametrize(
+    ("protocol", "n_repetitions", "inner"),
+    [("recording", 6, "recording"), ("blocks", 6, "blocks"), ("few-shot", 8, "recording")],
+)
+def test_training_parts_are_split_as_the_whole_where_possible(protocol, n_repetitions, inner):
+    frame = table_of(3, n_repetitions)
+    ((train, _), *_) = find_protocol(protocol).split(frame, 3, 0)
+    ((name, splits),) = inner_splits(find_protocol(protocol), frame, [(train, None)], 0)
+    assert name == inner
+    assert all(max(*a, *b) < len(train) for a, b in splits)
+
+
+def test_of_two_operators_one_is_left_and_recordings_are_split():
+    frame = table_of(3, 6).assign(operator=np.tile(["a", "a", "a", "b", "b", "b"], 3))
+    ((train, _), *_) = find_protocol("operator").split(frame, 0, 0)
+    assert inner_splits(find_protocol("operator"), frame, [(train, None)], 0)[0][0] == "recording"
+
+
+def test_the_papers_protocol_is_refused_and_a_part_of_single_recordings_too(toy_dataset, pipeline):
+    with pytest.raises(ValueError, match="'paper'; the rule is one whose test recordings stay unseen"):
+        run_benchmark(toy_dataset(), pipeline, protocol="paper", choose=True)
+    with pytest.raises(ValueError, match="cannot be split again"):
+        inner_splits(find_protocol("recording"), table_of(3, 1), [(np.arange(3), None)], 0)
+
+
+def _columns(pipeline, feature):
+    return pipeline.feature_set.restricted_to([feature]).column_names
+
+
+def _evaluations(rows, table, splits, pipeline):
+    from texclass.experiment.evaluate import evaluate
+
+    y = table.frame["material"].to_numpy(dtype=str)
+    return {
+        row.definition.name: {
+            "euclidean": evaluate(
+                table.frame[list(row.columns)].to_numpy(),
+                y,
+                splits,
+                pipeline.preparation(row.definition, "euclidean"),
+                CLASSIFIERS["euclidean"].make(),
+            )
+        }
+        for row in rows
+    }

@@ -1,0 +1,179 @@
+"""Choose a row and a classifier inside each training part: what the best of a table is really worth."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from texclass.experiment.accuracy import Accuracy, score
+from texclass.experiment.definition import PipelineDefinition
+from texclass.experiment.evaluate import Evaluation, Labels, evaluate
+from texclass.experiment.extraction import Progress
+from texclass.experiment.protocols import Protocol, Split, find_protocol, runs
+from texclass.experiment.rows import Ready
+from texclass.experiment.table import FeatureTable
+from texclass.experiment.windows import parents
+from texclass.experiment.workers import each
+
+N_INNER_FOLDS = 5
+"""Folds of a training part, of a protocol that draws them; fewer where a material has fewer recordings."""
+
+
+@dataclass(frozen=True)
+class NestedChoice:
+    """What choosing by cross-validation on the training part alone gives.
+
+    Attributes
+    ----------
+    accuracy
+        Of the chosen rows and classifiers on the test parts, which had no say in the choice.
+    chosen : tuple of (str, str)
+        Row and classifier, fold by fold.
+    protocol
+        How training parts were split to choose.
+    """
+
+    accuracy: Accuracy
+    chosen: tuple[tuple[str, str], ...]
+    protocol: str
+
+    @property
+    def favourites(self) -> list[tuple[tuple[str, str], int]]:
+        """Row and classifier with the number of folds that chose them, the commonest first."""
+        return Counter(self.chosen).most_common()
+
+
+def choose_inside(
+    rows: Sequence[Ready],
+    table: FeatureTable,
+    splits: Sequence[Split],
+    pipeline: PipelineDefinition,
+    protocol: Protocol,
+    evaluations: Mapping[str, Mapping[str, Evaluation]],
+    *,
+    n_jobs: int = 1,
+    progress: Progress | None = None,
+) -> NestedChoice | None:
+    """Choose for each fold the row and classifier that do best within its training part.
+
+    Parameters
+    ----------
+    rows, table, splits, pipeline, protocol
+        What the benchmark evaluated.
+    evaluations
+        Row -> classifier -> predictions of the test parts, fold after fold.
+    n_jobs : int
+        Processes.
+    progress : callable, optional
+        Called with (done, total, what).
+
+    Returns
+    -------
+    NestedChoice or None
+        None where no row could be computed. Of equals, the first in the pipeline's order is chosen.
+
+    Raises
+    ------
+    ValueError
+        As `inner_splits`.
+    """
+    pairs = [(row, name) for row in rows for name in evaluations.get(row.definition.name, ())]
+    if not pairs:
+        return None
+    inner = inner_splits(protocol, table.frame, splits, pipeline.seed)
+    y = table.frame["material"].to_numpy(dtype=str)
+    calls = (
+        partial(_hits, row, name, table, y, pipeline, train, found)
+        for (train, _), (_, found) in zip(splits, inner, strict=True)
+        for row, name in pairs
+    )
+    hits = []
+    for n_hits in each(calls, n_jobs=n_jobs):
+        hits.append(n_hits)
+        if progress is not None:
+            progress(len(hits), len(pairs) * len(splits), "choices")
+    best = np.reshape(hits, (len(splits), len(pairs))).argmax(axis=1)
+    chosen = tuple((pairs[k][0].definition.name, pairs[k][1]) for k in best)
+    return NestedChoice(
+        _scored(chosen, y, splits, protocol.clusters(table.frame), evaluations, pipeline.seed),
+        chosen,
+        ", ".join(dict.fromkeys(name for name, _ in inner)),
+    )
+
+
+def inner_splits(
+    protocol: Protocol, table: pd.DataFrame, splits: Sequence[Split], seed: int
+) -> list[tuple[str, tuple[Split, ...]]]:
+    """Return how each training part is split to choose within it, with the name of that protocol.
+
+    As the whole is, where that is possible; else into stratified folds over recordings (three repetitions are
+    too few for `few-shot` again, and one operator alone cannot be left out).
+
+    Raises
+    ------
+    ValueError
+        If the protocol lets preparation see the test parts, or a training part cannot be split.
+    """
+    if not protocol.nested:
+        raise ValueError(
+            f"rows are to be chosen inside folds of protocol {protocol.name!r}; "
+            "the rule is one whose test recordings stay unseen"
+        )
+    return [_split_again(protocol, table.iloc[train].reset_index(drop=True), seed) for train, _ in splits]
+
+
+def _split_again(protocol: Protocol, part: pd.DataFrame, seed: int) -> tuple[str, tuple[Split, ...]]:
+    failed: ValueError | None = None
+    for tried in dict.fromkeys((protocol.name, "recording")):
+        way = find_protocol(tried)
+        unit = runs(part) if way.unit == "run" else parents(part)
+        fewest = int(unit.groupby(part["material"]).nunique().min())
+        try:
+            return tried, way.split(part, max(2, min(N_INNER_FOLDS, fewest)), seed)
+        except ValueError as error:
+            failed = error
+    raise ValueError(f"a training part cannot be split again to choose within it: {failed}") from failed
+
+
+def _hits(
+    row: Ready,
+    name: str,
+    table: FeatureTable,
+    y: Labels,
+    pipeline: PipelineDefinition,
+    train: Any,
+    splits: tuple[Split, ...],
+) -> int:
+    X = table.frame[list(row.columns)].to_numpy(dtype=np.float64)
+    preparation = pipeline.preparation(row.definition, name)
+    return evaluate(
+        X[train], y[train], splits, preparation, pipeline.classifiers[name].make()
+    ).accuracy.n_hits
+
+
+def _scored(
+    chosen: Sequence[tuple[str, str]],
+    y: Labels,
+    splits: Sequence[Split],
+    clusters: Labels,
+    evaluations: Mapping[str, Mapping[str, Evaluation]],
+    seed: int,
+) -> Accuracy:
+    predicted = [evaluations[row][name].predicted for row, name in chosen]
+    return score(
+        [y[test] for _, test in splits],
+        list(_of_folds(predicted, [len(test) for _, test in splits])),
+        [clusters[test] for _, test in splits],
+        seed=seed,
+    )
+
+
+def _of_folds(predicted: Sequence[Labels], sizes: Sequence[int]) -> Iterator[Labels]:
+    """Yield the k-th fold of the k-th array of predictions."""
+    ends = np.cumsum(sizes)
+    for found, size, end in zip(predicted, sizes, ends, strict=True):
+        yield found[end - size : end]
