@@ -1,17 +1,23 @@
 """Every command and snippet of the pages for users is run, in the order of the page."""
 
+import json
 import re
 import sys
+from glob import glob
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from texclass.cli import main
+from texclass.features import load_feature
+from texclass.features.contract import registered
+from texclass.features.view import PhaseView
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted((ROOT / "docs").glob("*.md"))
-BLOCK = re.compile(r"```(sh|python|toml)\n(.*?)```", re.S)
+BLOCK = re.compile(r"```(sh|python|toml)(?: (\S+))?\n(.*?)```", re.S)
+"""Kind, file that the reader is to save it as (or none), text."""
 
 
 def surface_recording(frequency_hz: float, seed: int) -> np.ndarray:
@@ -36,7 +42,8 @@ def folder(tmp_path, monkeypatch):
 
 
 def run(command: str, monkeypatch) -> None:
-    monkeypatch.setattr(sys, "argv", command.split())
+    words = (sorted(glob(word)) if "*" in word else [word] for word in command.split())
+    monkeypatch.setattr(sys, "argv", [name for names in words for name in names])
     with pytest.raises(SystemExit) as ended:
         main()
     assert not ended.value.code, command
@@ -44,16 +51,32 @@ def run(command: str, monkeypatch) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_every_command_and_snippet_of_a_page_works(page, folder, monkeypatch):
+    monkeypatch.setattr("texclass.features.contract._REGISTRY", registered())
     names: dict = {}
-    for kind, text in BLOCK.findall(page.read_text(encoding="utf-8")):
-        if kind == "python":
+    for kind, file, text in BLOCK.findall(page.read_text(encoding="utf-8")):
+        if file:
+            (folder / file).write_text(text)
+        elif kind == "python":
             exec(text, names)
-        elif kind == "toml":
-            name = re.search(r'^name = "(.+)"', text, re.M).group(1)
-            (folder / f"{name}.toml").write_text(text)
         else:
             for command in text.strip().splitlines():
                 run(command, monkeypatch)
+
+
+def test_the_new_feature_is_right_and_its_study_is_complete(folder, monkeypatch, capsys):
+    page = (ROOT / "docs" / "new-feature.md").read_text(encoding="utf-8")
+    blocks = BLOCK.findall(page)
+    (folder / "crest.py").write_text(blocks[0][2])
+    monkeypatch.setattr("texclass.features.contract._REGISTRY", registered())
+    run(f"{blocks[1][2].strip()} --json found.json", monkeypatch)
+    found = json.loads((folder / "found.json").read_text())
+    assert found["rows"][-1]["name"] == "New: crest"
+    assert found["gains"]["groups"][0]["paired"]["test"].startswith("corrected resampled t-test")
+    assert found["new_feature"]["gain_law"]["holds"]
+    assert all(answer["kept"] for answer in found["new_feature"]["behaviour"])
+    assert "17 of 17 answered as the contract asks" in capsys.readouterr().out
+    view = PhaseView(np.sin(np.arange(10_000.0)), 1000.0)
+    assert load_feature("crest.py:crest").function(view) == pytest.approx(np.sqrt(2), rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -65,14 +65,21 @@ def test_each_fold_counts_with_what_it_chose(toy_dataset, pipeline):
 
 @pytest.mark.parametrize(
     ("protocol", "n_repetitions", "inner"),
-    [("recording", 6, "recording"), ("blocks", 6, "blocks"), ("few-shot", 8, "recording")],
+    [
+        ("recording", 6, "recording"),
+        ("blocks", 8, "blocks"),
+        ("blocks", 6, "recording"),
+        ("few-shot", 8, "recording"),
+    ],
 )
 def test_training_parts_are_split_as_the_whole_where_possible(protocol, n_repetitions, inner):
     frame = table_of(3, n_repetitions)
     ((train, _), *_) = find_protocol(protocol).split(frame, 3, 0)
     ((name, splits),) = inner_splits(find_protocol(protocol), frame, [(train, None)], 0)
     assert name == inner
-    assert all(max(*a, *b) < len(train) for a, b in splits)
+    for inner_train, inner_test in splits:
+        assert sorted([*inner_train, *inner_test]) == list(range(len(train)))
+        assert frame["material"].iloc[train[inner_train]].value_counts().min() >= 2
 
 
 def test_of_two_operators_one_is_left_and_recordings_are_split():
@@ -85,7 +92,7 @@ def test_the_papers_protocol_is_refused_and_a_part_of_single_recordings_too(toy_
     with pytest.raises(ValueError, match="'paper'; the rule is one whose test recordings stay unseen"):
         run_benchmark(toy_dataset(), pipeline, protocol="paper", choose=True)
     with pytest.raises(ValueError, match="cannot be split again"):
-        inner_splits(find_protocol("recording"), table_of(3, 1), [(np.arange(3), None)], 0)
+        inner_splits(find_protocol("recording"), table_of(3, 2), [(np.arange(6), None)], 0)
 
 
 def _columns(pipeline, feature):

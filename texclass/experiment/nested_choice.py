@@ -21,6 +21,8 @@ from texclass.experiment.workers import each
 
 N_INNER_FOLDS = 5
 """Folds of a training part, of a protocol that draws them; fewer where a material has fewer recordings."""
+LEAST_TRAINED = 2
+"""Recordings of each material that must be left to train on: spread cannot be learnt from one."""
 
 
 @dataclass(frozen=True)
@@ -127,16 +129,26 @@ def inner_splits(
 
 
 def _split_again(protocol: Protocol, part: pd.DataFrame, seed: int) -> tuple[str, tuple[Split, ...]]:
-    failed: ValueError | None = None
+    problem: ValueError | None = None
     for tried in dict.fromkeys((protocol.name, "recording")):
         way = find_protocol(tried)
         unit = runs(part) if way.unit == "run" else parents(part)
-        fewest = int(unit.groupby(part["material"]).nunique().min())
         try:
-            return tried, way.split(part, max(2, min(N_INNER_FOLDS, fewest)), seed)
+            found = way.split(part, max(2, min(N_INNER_FOLDS, _fewest(part, unit))), seed)
+            fewest = min(_fewest(part.iloc[train], unit.iloc[train]) for train, _ in found)
+            if fewest < LEAST_TRAINED:
+                raise ValueError(
+                    f"{fewest} {way.unit} of a material would train; the rule is at least {LEAST_TRAINED}"
+                )
+            return tried, found
         except ValueError as error:
-            failed = error
-    raise ValueError(f"a training part cannot be split again to choose within it: {failed}") from failed
+            problem = error
+    raise ValueError(f"a training part cannot be split again to choose within it: {problem}") from problem
+
+
+def _fewest(part: pd.DataFrame, unit: "pd.Series[str]") -> int:
+    """Return the number of recordings (or runs) of the material that has fewest."""
+    return int(unit.groupby(part["material"]).nunique().min())
 
 
 def _hits(
