@@ -4,6 +4,7 @@
 from texclass.cli import (  # noqa: F401
     benchmark,
     convert,
+    export,
     extract,
     inspect,
     listings,

@@ -1,0 +1,344 @@
+"""Models as ONNX: the answers of scikit-learn in double precision, or no file."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import onnx
+import pytest
+from onnx import numpy_helper
+from sklearn.decomposition import PCA
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis, QuadraticDiscriminantAnalysis
+from sklearn.ensemble import RandomForestClassifier
+from sklearn.feature_selection import SelectKBest
+from sklearn.impute import SimpleImputer
+from sklearn.linear_model import LogisticRegression
+from sklearn.naive_bayes import GaussianNB
+from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
+from sklearn.svm import SVC
+from toy_models import model_of, plan_of, rows_of
+from toy_surfaces import STRANGER, SURFACES, recording
+
+from texclass.experiment.definition import load_pipeline
+from texclass.experiment.front import cost_aware, discriminant
+from texclass.experiment.kernel_discriminant import KernelDiscriminant
+from texclass.experiment.vote_of_pieces import VoteOfPieces
+from texclass.recognition.onnx_export import OnnxExportError, ParityError, check_parity, export_onnx
+from texclass.recognition.onnx_export.answers import build
+from texclass.recognition.onnx_export.facts import single_precision
+from texclass.recognition.onnx_export.parity import rows_for, run
+from texclass.recognition.onnx_export.reference import judge
+from texclass.recognition.onnx_export.remembered import remembered
+from texclass.shipped import names
+
+PIECES = ("band_level",)
+"""A feature whose columns come in fours in the set `multiscale`."""
+
+
+def filled():
+    return SimpleImputer(strategy="median", keep_empty_features=True)
+
+
+def lda(**settings):
+    return LinearDiscriminantAnalysis(solver="lsqr", shrinkage=0.1, **settings)
+
+
+def shipped_combinations():
+    """Return every (steps, classifier) that a shipped pipeline names, once each."""
+    found = {}
+    for pipeline in map(load_pipeline, sorted(names("pipelines"))):
+        for name, use in pipeline.classifiers.items():
+            found.setdefault(f"{pipeline.steps} {use}", (f"{pipeline.name}-{name}", pipeline.steps, use))
+    return list(found.values())
+
+
+def columns_of(model, X):
+    """Return the columns that a pruned model still computes."""
+    return X[:, [plan_of().columns.index(column) for column in model.columns]]
+
+
+COMBINATIONS = shipped_combinations()
+N_COLUMNS = len(plan_of().columns)
+
+
+def assert_same_answers(model, graph, X):
+    """Compare row by row with `Model.judge`, which the export's own check is not needed for."""
+    got = run(graph, X)
+    p, p_known = model.judge(X)
+    np.testing.assert_allclose(got["probabilities"], p, rtol=0, atol=1e-12)
+    assert got["label"].tolist() == np.array(model.materials)[p.argmax(axis=1)].tolist()
+    np.testing.assert_array_equal(got["p_known"], p_known)
+    np.testing.assert_array_equal(got["unknown"], p_known <= model.novelty.false_alarms)
+
+
+@pytest.mark.parametrize("n_classes", [2, 5])
+@pytest.mark.parametrize(("steps", "use"), [c[1:] for c in COMBINATIONS], ids=[c[0] for c in COMBINATIONS])
+def test_whatever_shipped_pipelines_name_answers_as_scikit_learn_does(steps, use, n_classes):
+    plan = plan_of(PIECES, "multiscale") if "Vote" in use.path else plan_of()
+    model = model_of([step.make() for step in steps], use.make(), n_classes=n_classes, plan=plan)
+    graph = build(model)
+    X = rows_of(len(model.columns), n_classes, seed=7)[0]
+    assert_same_answers(model, graph.SerializeToString(), X)
+    parity = check_parity(model, graph.SerializeToString())
+    assert parity.difference < 1e-12
+    assert parity.n_answered == parity.n_materials == n_classes
+    assert 0 < parity.n_unknown < sum(parity.rows.values())
+    assert single_precision(graph) == ()
+
+
+def test_the_shipped_classifiers_are_all_there():
+    kinds = {use.path.rpartition(".")[2] for _, _, use in COMBINATIONS}
+    assert kinds == {
+        "GaussianNB", "KNeighborsClassifier", "KernelDiscriminant", "LinearDiscriminantAnalysis",
+        "NearestCentroid", "VoteOfPieces",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("steps", "classifier"),
+    [
+        ([filled(), RobustScaler(), PCA(5)], lda()),
+        ([filled(), MaxAbsScaler(), PCA(8), SelectKBest(k=3)], GaussianNB()),
+        ([filled(), StandardScaler(), cost_aware(np.ones(N_COLUMNS), max_features=3)], discriminant()),
+        ([filled(), PCA(6), cost_aware(np.ones(6), max_features=3)], discriminant()),
+        ([make_pipeline(filled(), MinMaxScaler(clip=True)), "passthrough"], NearestCentroid()),
+        ([SimpleImputer(strategy="mean"), StandardScaler()], KNeighborsClassifier(5)),
+        ([filled(), StandardScaler()], LogisticRegression()),
+        ([filled()], KernelDiscriminant(shrinkage=1.0, relevance=0.0)),
+        ([filled()], make_pipeline(StandardScaler(), KernelDiscriminant())),
+        ([filled(), StandardScaler()], NearestCentroid(shrink_threshold=0.5)),
+    ],
+    ids=lambda part: type(part).__name__ if not isinstance(part, list) else "-".join(map(_short, part)),
+)
+def test_steps_and_classifiers_of_pipelines_of_ones_own(steps, classifier):
+    model = model_of(steps, classifier)
+    graph = build(model).SerializeToString()
+    assert_same_answers(model, graph, columns_of(model, rows_of(N_COLUMNS, 4, seed=7)[0]))
+    assert check_parity(model, graph).n_ties == 0
+
+
+def _short(step):
+    return step if isinstance(step, str) else type(step).__name__
+
+
+@pytest.mark.parametrize("estimator", [None, GaussianNB(), make_pipeline(StandardScaler(), lda())])
+@pytest.mark.parametrize("n_classes", [2, 3])
+def test_votes_of_any_voter_count_as_they_do_in_scikit_learn(estimator, n_classes):
+    plan = plan_of(PIECES, "multiscale")
+    model = model_of(
+        [filled()], VoteOfPieces(estimator, n_pieces=4, whole_weight=0.3), plan=plan, n_classes=n_classes
+    )
+    graph = build(model).SerializeToString()
+    X = rows_of(len(plan.columns), n_classes, seed=7)[0]
+    X[::3] = np.repeat(X[::3, ::4], 4, axis=1)  # pieces all the same: one vote
+    assert_same_answers(model, graph, X)
+    check_parity(model, graph)
+
+
+@pytest.mark.parametrize("keep", [True, False])
+@pytest.mark.filterwarnings("ignore:Skipping features without any observed values")
+def test_columns_without_any_value_in_training_are_left_out_or_filled(keep):
+    X, _ = rows_of(N_COLUMNS, 4)
+    X[:, 3] = np.nan
+    imputer = SimpleImputer(strategy="median", keep_empty_features=keep)
+    for steps in ([imputer, StandardScaler()], [imputer, PCA(4)]):
+        model = model_of(steps, lda(), X=X)
+        graph = build(model).SerializeToString()
+        assert check_parity(model, graph).n_ties == 0
+        assert_same_answers(model, graph, columns_of(model, rows_of(N_COLUMNS, 4, seed=7)[0]))
+
+
+@pytest.mark.parametrize("changed", ["kernel", "lda"])
+def test_a_graph_with_any_constant_changed_a_little_is_refused(changed):
+    classifier = {"kernel": KernelDiscriminant(), "lda": lda()}[changed]
+    model = model_of([filled(), StandardScaler()], classifier, n_classes=3)
+    graph = build(model)
+    n_changed = 0
+    for i, constant in enumerate(graph.graph.initializer):
+        values = numpy_helper.to_array(constant)
+        if values.dtype != np.float64 or np.isnan(values).all():
+            continue
+        tampered = onnx.ModelProto.FromString(graph.SerializeToString())
+        tampered.graph.initializer[i].CopyFrom(numpy_helper.from_array(1.01 * values + 0.01, constant.name))
+        with pytest.raises(ParityError, match=r"ONNX differs from scikit-learn in \d+ of \d+ rows"):
+            check_parity(model, tampered.SerializeToString())
+        n_changed += 1
+    assert n_changed >= 10
+
+
+def test_one_weight_changed_by_a_millionth_is_refused():
+    model = model_of([filled(), StandardScaler()], lda())
+    graph = build(model)
+    weights = next(c for c in graph.graph.initializer if list(c.dims) == [len(model.columns), 4])
+    values = numpy_helper.to_array(weights).copy()
+    values[0, 0] *= 1 + 1e-6
+    weights.CopyFrom(numpy_helper.from_array(values, weights.name))
+    with pytest.raises(ParityError, match="ONNX differs from scikit-learn in"):
+        check_parity(model, graph.SerializeToString())
+
+
+def test_swapped_labels_are_refused():
+    model = model_of([filled(), StandardScaler()], lda())
+    graph = build(model)
+    labels = next(c for c in graph.graph.initializer if c.string_data and list(c.dims) == [4])
+    labels.string_data[:2] = [labels.string_data[1], labels.string_data[0]]
+    with pytest.raises(ParityError, match=r"has label (cork|felt) in ONNX, (cork|felt) in scikit-learn"):
+        check_parity(model, graph.SerializeToString())
+
+
+@pytest.mark.parametrize("classifier", [RandomForestClassifier(7, random_state=0), SVC()])
+def test_what_onnxruntime_computes_in_single_precision_is_told_and_refused(classifier):
+    model = model_of([filled(), StandardScaler()], classifier)
+    graph = build(model)
+    assert single_precision(graph)
+    with pytest.raises(ParityError, match=r"has (probability|label) .* in ONNX"):
+        check_parity(model, graph.SerializeToString())
+
+
+@pytest.mark.parametrize("n_classes", [2, 4])
+@pytest.mark.parametrize("classifier", [KernelDiscriminant(), lda(), NearestCentroid()])
+@pytest.mark.parametrize("scaler", ["passthrough", StandardScaler(), MinMaxScaler()])
+def test_a_single_column_loses_no_digits(scaler, classifier, n_classes):
+    """Once refused: onnxruntime fuses a scalar scale and a matrix product, and keeps the scale as float32."""
+    plan = plan_of().restricted_to(plan_of().columns[:1])
+    model = model_of([filled(), scaler], classifier, n_classes=n_classes, plan=plan)
+    assert check_parity(model, build(model).SerializeToString()).difference < 1e-12
+
+
+def test_equally_far_neighbours_of_two_materials_are_a_tie_and_no_difference():
+    X, y = rows_of(N_COLUMNS, 4, undefined=0.0)
+    X[::2] = np.nan  # of all materials, filled with the same medians
+    model = model_of([filled(), MinMaxScaler()], KNeighborsClassifier(1), X=X)
+    assert judge(model, X).tied.tolist() == (np.arange(len(X)) % 2 == 0).tolist()
+    graph = build(model)
+    assert check_parity(model, graph.SerializeToString()).difference == pytest.approx(0, abs=1e-12)
+    own = run(graph.SerializeToString(), X[1::2])["label"]
+    assert own.tolist() == y[1::2].tolist()
+
+
+@pytest.mark.parametrize(
+    ("classifier", "message"),
+    [
+        (
+            QuadraticDiscriminantAnalysis(reg_param=0.5),
+            r"QuadraticDiscriminantAnalysis has no export to ONNX \(",
+        ),
+        (NearestCentroid(metric="manhattan"), r"NearestCentroid as it is set has answers alone; the rule is"),
+    ],
+)
+def test_a_classifier_without_an_export_is_named(classifier, message, tmp_path):
+    model = model_of([filled(), PCA(3)], classifier)
+    with pytest.raises(OnnxExportError, match=rf"surfaces\.onnx: not written: sklearn\..*{message}"):
+        export_onnx(model, tmp_path / "surfaces.onnx")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_imputer_that_adds_columns_is_refused():
+    model = model_of([SimpleImputer(strategy="median", add_indicator=True)], lda())
+    with pytest.raises(OnnxExportError, match="add_indicator = True"):
+        build(model)
+
+
+def test_rows_that_nothing_can_be_said_of_have_no_label():
+    model = model_of([filled(), StandardScaler()], KernelDiscriminant())
+    bare = model_of([StandardScaler()], lda(), undefined=0.0)
+    rows = rows_of(len(model.columns), 4, undefined=0.0)[0][:3]
+    for one, value in ((model, np.inf), (model, -np.inf), (bare, np.nan)):
+        graph = build(one).SerializeToString()
+        check_parity(one, graph)
+        X = rows.copy()
+        X[1, 2] = value
+        with pytest.raises(ValueError, match="undefined"):
+            one.judge(X)
+        got = run(graph, X)
+        assert got["label"][1] == ""
+        assert got["unknown"][1]
+        assert np.isnan(got["probabilities"][1]).all()
+        assert np.isnan(got["p_known"][1])
+        assert_same_answers(one, graph, X[[0, 2]])
+
+
+def test_a_row_without_any_value_is_unknown_as_a_recording_is():
+    X = np.random.default_rng(0).standard_normal((48, N_COLUMNS))  # surfaces all alike
+    model = model_of([filled(), StandardScaler()], lda(), X=X)
+    typical = np.full((1, len(model.columns)), np.nan)
+    assert model.judge(typical)[1] > model.novelty.false_alarms
+    assert run(build(model).SerializeToString(), typical)["unknown"].all()
+
+
+def test_the_file_says_what_a_program_needs_to_check_itself(tmp_path):
+    model = model_of([filled(), StandardScaler()], KernelDiscriminant())
+    exported = export_onnx(model, tmp_path / "deep" / "surfaces.onnx")
+    file = onnx.load(exported.path)
+    said = {fact.key.removeprefix("texclass."): fact.value for fact in file.metadata_props}
+    assert json.loads(said["columns"]) == list(model.columns)
+    assert json.loads(said["materials"]) == list(model.materials)
+    assert (float(said["fs_hz"]), said["unit"]) == (4000.0, "m/s^2")
+    assert (float(said["touch_s"]), float(said["shortest_s"])) == (0.5, 0.4)
+    assert json.loads(said["ranges"])["low"] == model.ranges.low.tolist()
+    assert float(said["false_alarms"]) == model.novelty.false_alarms
+    assert json.loads(said["parity"])["difference"] == exported.parity.difference
+    assert json.loads(said["parity"])["n_ties"] == exported.parity.n_ties == 0
+    assert "NaN where a feature is undefined" in file.doc_string
+    assert [entry.name for entry in file.graph.input] == ["features"]
+    checks = json.loads(said["self_check"])
+    assert len({check["label"] for check in checks}) >= 3
+    assert {check["unknown"] for check in checks} == {True, False}
+    X = np.array([[np.nan if v is None else v for v in check["features"]] for check in checks])
+    got = run(exported.path.read_bytes(), X)
+    assert got["label"].tolist() == [check["label"] for check in checks]
+    assert got["unknown"].tolist() == [check["unknown"] for check in checks]
+    np.testing.assert_allclose(got["probabilities"], [check["probabilities"] for check in checks], atol=1e-12)
+
+
+def test_features_and_graph_answer_recordings_as_the_model_does(kernel_model, linear_model, tmp_path):
+    for model in (kernel_model, linear_model):
+        graph = export_onnx(model, tmp_path / "surfaces.onnx").path.read_bytes()
+        unknown = 0
+        for surface in (*SURFACES, "stranger"):
+            felt = recording(surface, 77)
+            answer = model.answer(felt)
+            got = run(graph, model.plan.compute(felt).values[None])
+            assert got["label"][0] == answer.surface
+            assert got["unknown"][0] == answer.unknown
+            assert got["p_known"][0] == answer.p_known
+            said = dict(zip(model.materials, got["probabilities"][0], strict=True))
+            assert said == pytest.approx(answer.probabilities, abs=1e-12)
+            unknown += answer.unknown
+        assert STRANGER not in SURFACES.values()
+        assert 0 < unknown < len(SURFACES)
+
+
+def test_rows_of_the_check_lie_on_both_sides_of_boundaries(linear_model):
+    rows = rows_for(linear_model)
+    near = rows.X[rows.kind == "boundary"]
+    assert len(near) == 512
+    pairs = near.reshape(8, 64, -1)
+    p, p_known = linear_model.judge(near)
+    said = np.stack([p.argmax(axis=1), p_known <= linear_model.novelty.false_alarms]).reshape(2, 8, 64)
+    for side in range(0, 8, 2):
+        apart = (said[:, side] != said[:, side + 1]).any(axis=0)
+        assert apart.mean() > 0.9
+    span = np.abs(pairs[0] - pairs[1]).max(axis=1) / np.abs(pairs[6] - pairs[7]).max(axis=1)
+    assert (span < 1e-5).all()
+
+
+def test_models_remember_rows_that_are_answered_right(kernel_model, linear_model):
+    for model in (kernel_model, linear_model):
+        known = remembered(model)
+        p, p_known = model.judge(known)
+        assert set(p.argmax(axis=1)) == set(range(len(SURFACES)))
+        assert (p_known > model.novelty.false_alarms).mean() > 0.4
+
+
+def test_importing_the_export_imports_no_part_of_onnx():
+    code = (
+        "import sys, texclass.cli, texclass.recognition.onnx_export; "
+        "print([name for name in ('onnx', 'onnxruntime', 'skl2onnx') if name in sys.modules])"
+    )
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout.strip() == b"[]"
+    )

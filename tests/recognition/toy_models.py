@@ -1,0 +1,60 @@
+"""Models of made-up features: any steps, any classifier, any number of surfaces, trained in milliseconds."""
+
+import numpy as np
+
+from texclass.experiment.deploy import Recogniser
+from texclass.features import load_feature_set
+from texclass.features.extractor import Plan
+from texclass.recognition import Calibration, Model, Novelty
+from texclass.recognition.calibration import class_scores
+from texclass.recognition.manifest import Manifest
+from texclass.recognition.reasons import Ranges
+from texclass.recognition.unknown import fit_nearness, kind_for, strangeness
+
+NAMES = ("cork", "felt", "oak", "slate", "tin", "wool")
+
+
+def rows_of(n_columns, n_classes, n_each=12, *, seed=0, undefined=0.05):
+    """Return features (n, n_columns) in very different units, some undefined, and materials."""
+    rng = np.random.default_rng(seed)
+    units = 10.0 ** np.random.default_rng(1).uniform(-4, 4, n_columns)
+    means = np.random.default_rng(2).standard_normal((len(NAMES), n_columns))
+    labels = np.repeat(np.arange(n_classes), n_each)
+    X = (means[labels] + 0.6 * rng.standard_normal((len(labels), n_columns)) + 3) * units
+    X[rng.random(X.shape) < undefined] = np.nan
+    return X, np.array(NAMES)[labels]
+
+
+def plan_of(features=("mfcc",), feature_set="texclass"):
+    return Plan.of(load_feature_set(feature_set).restricted_to(list(features)))
+
+
+def model_of(steps, classifier, *, n_classes=4, plan=None, undefined=0.05, X=None, false_alarms=0.05):
+    """Return a model; its held-out recordings are drawn anew."""
+    plan = plan_of() if plan is None else plan
+    drawn, y = rows_of(len(plan.columns), n_classes, undefined=undefined)
+    X = drawn if X is None else X
+    named = [(f"step{i}", step) for i, step in enumerate(steps)]
+    recogniser = Recogniser.fitted_on(plan, X, y, [*named, ("classifier", classifier)]).prune()
+    fresh = rows_of(X.shape[1], n_classes, seed=3, undefined=undefined)[0]
+    fresh = fresh[:, [plan.columns.index(c) for c in recogniser.columns]]
+    X = X[:, [plan.columns.index(c) for c in recogniser.columns]]
+    prepared, held_out = X, fresh
+    for _, step in recogniser.steps[1:-1]:
+        prepared, held_out = step.transform(prepared), step.transform(held_out)
+    kind = kind_for(recogniser[-1])
+    near = fit_nearness(prepared, np.unique(y, return_inverse=True)[1]) if kind == "distance" else None
+    strange = strangeness(kind, class_scores(recogniser[-1], held_out), held_out, near)
+    novelty = Novelty(kind, np.sort(strange), false_alarms, near)
+    return Model(recogniser, Calibration(0.7, 0.02), novelty, Ranges.of(X), manifest_of(y, false_alarms))
+
+
+def manifest_of(y, false_alarms):
+    return Manifest(
+        materials=tuple(np.unique(y).tolist()),
+        pipeline={"name": "toy", "row": "r", "classifier": "c", "hash": ""},
+        features=("mfcc",), phases=("movement",), fs=4000.0, unit="m/s^2",
+        input={"fs": 4000.0, "unit": "m/s^2"}, trained_on={"name": "toy"},
+        accuracy={}, calibration={}, unknown={"false_alarms": false_alarms}, cost={}, touch_s=0.5,
+        versions={"texclass": "0"}, shortest_s=0.4,
+    )  # fmt: skip
