@@ -98,6 +98,15 @@ def test_phases_say_what_there_is(phases, kind):
     assert phases.kind == kind
 
 
+def test_a_copy_with_the_values_it_has_is_the_recording_itself():
+    made = recording(material="wood", phases=Phases(movement=(0, 9)))
+    assert made.with_(phases=made.phases, material="wood") is made
+    assert made.with_(material="cork").material == "cork"
+    assert made.material == "wood"
+    with pytest.raises(TypeError, match="n_samples"):
+        made.with_(n_samples=made.n_samples)
+
+
 def test_an_array_that_nobody_can_write_to_is_kept_without_a_copy():
     own = read_only(SIGNAL.copy().reshape(-1, 2))
     made = recording(acceleration=own)

@@ -175,8 +175,10 @@ class Recording:
         return self.n_samples / self.fs
 
     def with_(self, **changes: Any) -> "Recording":
-        """Return a copy with some fields replaced."""
-        return replace(self, **changes)
+        """Return a copy with some fields replaced; this recording if it has these values already."""
+        facts = vars(self)
+        unchanged = all(name in facts and facts[name] is value for name, value in changes.items())
+        return self if unchanged else replace(self, **changes)
 
     def _channel_names(self, where: str) -> tuple[str, ...]:
         n_channels = 1 if self.acceleration.ndim == 1 else self.acceleration.shape[1]

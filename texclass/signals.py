@@ -70,20 +70,24 @@ def dft321(acceleration: ArrayLike) -> Samples:
     if axes.ndim != 2 or axes.size == 0:
         raise ValueError(f"dft321 got shape {axes.shape}; the rule is (n_samples, n_axes), none of them 0")
     n, n_axes = axes.shape
-    axes, exponent = _unit(all_finite(axes, "dft321"))  # no gain over- or underflows when squared
+    rows, exponent = _unit(all_finite(axes, "dft321"))  # no gain over- or underflows when squared
+    rows = np.ascontiguousarray(rows.T)
+    rows -= rows.mean(axis=1, keepdims=True)
     if n_axes == 1:
-        return np.asarray(np.ldexp(axes[:, 0] - axes[:, 0].mean(), exponent))
+        return np.asarray(np.ldexp(rows[0], exponent))
+    spectra = fft.rfft(rows)
+    del rows  # of a long signal, a third of all the memory
     energy: Samples = np.zeros(n // 2 + 1)
     total = np.zeros(n // 2 + 1, dtype=np.complex128)
-    for i, axis in enumerate(axes.T):
-        spectrum = fft.rfft(axis - axis.mean())
+    for i, spectrum in enumerate(spectra):
         energy += spectrum.real**2 + spectrum.imag**2
         total += (1 + (n_axes - 1 - i) * AXIS_PREFERENCE) * spectrum
     energy[0] = 0.0
     magnitude = np.abs(total)
     vanishing = magnitude == 0
     total[vanishing], magnitude[vanishing] = 1.0, 1.0
-    return np.asarray(np.ldexp(fft.irfft(total * (np.sqrt(energy) / magnitude), n), exponent))
+    total *= np.sqrt(energy) / magnitude
+    return np.asarray(np.ldexp(fft.irfft(total, n), exponent))
 
 
 def combine(acceleration: ArrayLike) -> Samples:
@@ -172,19 +176,17 @@ def moving_average(x: ArrayLike, n: int) -> Samples:
         )
     all_finite(samples, "moving_average")
     size = samples.size
-    offset = np.median(samples[:: -(-size // 1000)])  # robust: an outlier must not cost precision
+    some = np.sort(samples[:: -(-size // 1000)])
+    offset = some[(some.size - 1) // 2] / 2 + some[some.size // 2] / 2  # median: no outlier costs precision
     n = min(n, 2 * size)
-    n_blocks = (size + n - 1) // n + 1
-    blocks = np.zeros((n_blocks, n))
+    n_blocks = -(-size // n)
+    blocks = np.zeros((n_blocks + 1, n))
     blocks.reshape(-1)[n // 2 : n // 2 + size] = samples - offset
-    head = np.cumsum(blocks, axis=1).reshape(-1)
-    tail = np.cumsum(blocks[:, ::-1], axis=1)[:, ::-1].reshape(-1)
-    total = tail[:size] + head[n - 1 : n - 1 + size]
-    aligned = np.arange(size) % n == 0  # the window is one whole block: both parts are all of it
-    total[aligned] = tail[:size][aligned]
-    first = np.arange(size) - n // 2
-    held = np.minimum(first + n, size) - np.maximum(first, 0)
-    return np.asarray(total / held + offset)
+    sums = np.cumsum(blocks[:-1, ::-1], axis=1)[:, ::-1]  # from each sample to the end of its block
+    sums[:, 1:] += np.cumsum(blocks[1:, :-1], axis=1)  # and from the start of the next to n samples later
+    stop = np.arange(n - n // 2, n - n // 2 + size, dtype=np.float64)
+    held = np.minimum(stop, size) - np.maximum(stop - n, 0)
+    return np.asarray(sums.reshape(-1)[:size] / held + offset)
 
 
 def frame(x: ArrayLike, length: int, hop: int) -> Samples:

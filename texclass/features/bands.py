@@ -4,6 +4,7 @@ All of them are sums over one periodogram, so that a set of many bands costs one
 """
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from texclass.features.contract import Gain, UndefinedFeatureError, feature
 from texclass.features.divided import divisible, named_pieces
 from texclass.features.transforms import level, require, unit32
 from texclass.features.view import PhaseView, transform
-from texclass.recording import Samples
+from texclass.recording import Samples, read_only
 
 TAPER = 0.1
 """Share of the movement that fades in, and as much that fades out: the rest counts in full."""
@@ -46,7 +47,7 @@ class Periodogram:
         below = np.minimum(edges.astype(np.intp), self.running.size - 2)
         sums = self.running[below] + (edges - below) * (self.running[below + 1] - self.running[below])
         floor = FLOOR * self.running[-1] / (self.running.size - 1)
-        return np.asarray(np.maximum(np.diff(sums) / np.diff(edges), floor))
+        return np.asarray(np.maximum((sums[1:] - sums[:-1]) / (edges[1:] - edges[:-1]), floor))
 
 
 def periodogram(x: NDArray[np.float32], fs: float) -> Periodogram:
@@ -54,14 +55,14 @@ def periodogram(x: NDArray[np.float32], fs: float) -> Periodogram:
 
     Vibrations fall by 60 dB and more from the lowest frequencies to the highest; the difference levels that,
     so that the strong ones do not leak over the weak ones, and nearly all samples count in full: what a short
-    touch needs. `density` is that of d; see `recoloured`.
+    touch needs. `density` is that of d; see `Bands`.
 
     Raises
     ------
     UndefinedFeatureError
         If all differences are 0.
     """
-    d = np.diff(x)
+    d = x[1:] - x[:-1]
     n_taper = max(1, round(TAPER * d.size))
     fade = _fade(n_taper)
     d[:n_taper] *= fade
@@ -91,13 +92,40 @@ def whole_periodogram(view: PhaseView) -> Periodogram:
     return periodogram(unit32(view), view.fs)
 
 
-def recoloured(density: Samples, edges_hz: Samples, fs: float) -> Samples:
-    """Return the density of x from that of its difference, shape as given.
+@dataclass(frozen=True, eq=False)
+class Bands:
+    """Neighbouring bands of a signal; made once for each division and sampling rate.
 
-    |D(f)|^2 = 4 sin^2(pi f / fs) |X(f)|^2, taken at the middle of each band.
+    Attributes
+    ----------
+    edges_hz : ndarray of shape (n_bands + 1,)
+        Rising.
+    tilt : ndarray of shape (n_bands,)
+        Power of a difference to that of its signal, |D(f)|^2 / |X(f)|^2 = 4 sin^2(pi f / fs), at the middle
+        of each band.
     """
-    middle = (edges_hz[:-1] + edges_hz[1:]) / 2
-    return np.asarray(density / (4 * np.sin(np.pi * middle / fs) ** 2))
+
+    edges_hz: Samples
+    tilt: Samples
+
+    @classmethod
+    def between(cls, edges_hz: Samples, fs: float) -> "Bands":
+        """Return the bands between edges, of a signal of sampling rate `fs`."""
+        middle = (edges_hz[:-1] + edges_hz[1:]) / 2
+        return cls(read_only(edges_hz), read_only(4 * np.sin(np.pi * middle / fs) ** 2))
+
+
+@functools.lru_cache(maxsize=32)
+def even_bands(fs: float, n_bands: int) -> Bands:
+    """Return bands of equal width from 0 to fs/2."""
+    return Bands.between(np.linspace(0, fs / 2, n_bands + 1), fs)
+
+
+@functools.lru_cache(maxsize=32)
+def octave_bands(fs: float, first: int, stop: int, per_octave: int) -> Bands:
+    """Return fractions of the octaves `first` ... stop - 1, counted downwards from fs/2; the lowest first."""
+    n_bands = (stop - first) * per_octave
+    return Bands.between(fs / 2 * 2.0 ** -(first + np.arange(n_bands, -1, -1) / per_octave), fs)
 
 
 def _even(*, n_bands: int) -> tuple[str, ...]:
@@ -134,7 +162,7 @@ def band_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
         For silence, or fewer samples than four a band.
     """
     require(view, max(32, 4 * n_bands), f"{n_bands} bands")
-    return _levels(view, np.linspace(0, view.fs / 2, n_bands + 1))
+    return _levels(view, even_bands(view.fs, n_bands))
 
 
 def _fractions(*, octaves: tuple[int, int], per_octave: int) -> tuple[str, ...]:
@@ -175,12 +203,12 @@ def octave_level(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octa
     UndefinedFeatureError
         For silence, or a movement that holds fewer than 1.5 periods of the lowest frequency.
     """
-    n_bands = (octaves[1] - octaves[0]) * per_octave
-    edges = view.fs / 2 * 2.0 ** -(octaves[0] + np.arange(n_bands, -1, -1) / per_octave)
-    require(view, max(32, int(np.ceil(1.5 * view.fs / edges[0]))), f"1.5 periods of {edges[0]:.3g} Hz")
-    return _levels(view, edges)[::-1]
+    bands = octave_bands(view.fs, *octaves, per_octave)
+    lowest = bands.edges_hz[0]
+    require(view, max(32, math.ceil(1.5 * view.fs / lowest)), f"1.5 periods of {lowest:.3g} Hz")
+    return _levels(view, bands)[::-1]
 
 
-def _levels(view: PhaseView, edges_hz: Samples) -> Samples:
-    found = whole_periodogram(view).density(edges_hz)
-    return np.asarray(np.log10(recoloured(found, edges_hz, view.fs)) + 2 * np.log10(level(view)))
+def _levels(view: PhaseView, bands: Bands) -> Samples:
+    density = whole_periodogram(view).density(bands.edges_hz) / bands.tilt
+    return np.asarray(np.log10(density) + 2 * np.log10(level(view)))

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -58,7 +58,7 @@ class Plan:
         felt, friction = feature_set.reading("tap", "movement"), feature_set.reading("friction")
         return cls((*((f"{name}/", felt) for name in channels), ("", friction)), channels)
 
-    @property
+    @cached_property
     def columns(self) -> tuple[str, ...]:
         """All column names in order."""
         return tuple(f"{prefix}{column}" for prefix, part in self.parts for column in part.column_names)

@@ -1,5 +1,6 @@
 """Spectra of the frames of a movement, shared by features and computed once per view."""
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,7 +54,7 @@ def power_frames(
             f"fs is {view.fs:g} Hz; the rule is at least 8 samples in a frame of {frame_s:g} s"
         )
     require(view, length, f"one frame of {frame_s:g} s")
-    w = get_window(window, length).astype(np.float32)
+    w = window_of(window, length)
     n_fft = 1 << (length - 1).bit_length()
     frames = sliding_window_view(unit32(view), length)[:: n_of(view, hop_s)]
     frequency = np.linspace(0, view.fs / 2, n_fft // 2 + 1)
@@ -73,6 +74,14 @@ def power_frames(
     power[:, 0] /= 2
     power[:, n_fft // 2 :] /= 2
     return PowerFrames(power, frequency[:n_bins])
+
+
+@functools.lru_cache(maxsize=32)
+def window_of(name: str, length: int) -> NDArray[np.float32]:
+    """Return a window by scipy's name, periodic, shape (length,); made once for each length."""
+    window: NDArray[np.float32] = get_window(name, length).astype(np.float32)
+    window.flags.writeable = False
+    return window
 
 
 @transform

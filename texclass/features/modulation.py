@@ -8,11 +8,11 @@ next.
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from scipy.signal import get_window
 
 from texclass.features.bands import FLOOR, Periodogram, periodogram
 from texclass.features.contract import UndefinedFeatureError, feature
 from texclass.features.divided import divisible, named_pieces
+from texclass.features.frames import window_of
 from texclass.features.transforms import BLOCK, require, unit32
 from texclass.features.view import PhaseView, transform
 from texclass.recording import Samples
@@ -39,7 +39,7 @@ def octave_frames(view: PhaseView) -> Samples:
     In arbitrary units, floored far below the mean.
     """
     require(view, 8 * FRAME, f"8 frames of {FRAME} samples")
-    window = get_window("hann", FRAME).astype(np.float32)
+    window = window_of("hann", FRAME)
     frames = unit32(view)[: view.n_samples // FRAME * FRAME].reshape(-1, FRAME)
     power = np.concatenate([_octaves(frames[k : k + BLOCK] * window) for k in range(0, len(frames), BLOCK)])
     if not power.any():

@@ -59,7 +59,9 @@ def parts_of(movement: tuple[int, int] | None) -> tuple[tuple[int, int], ...]:
     if movement is None:
         return ()
     start, stop = movement
-    n_parts = max(1, -(-(stop - start) // LONGEST))
+    if stop - start <= LONGEST:
+        return (movement,)
+    n_parts = -(-(stop - start) // LONGEST)
     return tuple(pairwise(np.linspace(start, stop, n_parts + 1).astype(int).tolist()))
 
 

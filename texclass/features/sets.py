@@ -3,6 +3,8 @@
 import hashlib
 import inspect
 import json
+import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -18,6 +20,10 @@ from texclass.features.views import Views
 from texclass.recording import Samples
 from texclass.shipped import locate, read
 
+MOST_COUNTED = 1 << 16
+"""Largest product of the whole-number overrides (orders, pieces, bands) of one feature."""
+SAMPLES = frozenset({"length", "shift", "average", "frame", "spacing"})
+"""Overrides that count samples, and no columns."""
 SET_KEYS = frozenset({"name", "reference", "description", "features"})
 
 
@@ -81,7 +87,11 @@ class Member:
             )
         if not np.isfinite(given).all():
             raise UndefinedFeatureError(f"not a finite number ({given[~np.isfinite(given)][0]})")
-        return given[[self.all_columns.index(column) for column in self.columns]]
+        return given[self._kept]
+
+    @cached_property
+    def _kept(self) -> list[int]:
+        return [self.all_columns.index(column) for column in self.columns]
 
 
 @dataclass(frozen=True)
@@ -207,6 +217,10 @@ def load_feature_set(name_or_path: str | Path) -> FeatureSet:
     if not isinstance(tables, dict) or not tables:
         raise ValueError(f"{where}: no [features.<name>] table; the rule is at least one feature")
     members = tuple(_member(name, table, where) for name, table in tables.items())
+    columns = [column for member in members for column in member.columns]
+    if len(set(columns)) < len(columns):
+        twice = next(column for column, times in Counter(columns).items() if times > 1)
+        raise ValueError(f"{where}: two columns are named {twice!r:.80}; the rule is one a name")
     return FeatureSet(
         str(definition.get("name", locate("feature_defs", name_or_path).stem)),
         members,
@@ -254,7 +268,15 @@ def _member(name: str, table: Any, where: str) -> Member:
     refuse_unknown(overrides, frozenset(feature.defaults), f"{where}: features.{name}")
     for key, value in overrides.items():
         _check_kind(value, feature.defaults[key], f"{where}: features.{name}.{key}")
-    return Member(name, feature, overrides)
+    if math.prod(_largest(value) for key, value in overrides.items() if key not in SAMPLES) > MOST_COUNTED:
+        raise ValueError(
+            f"{where}: features.{name} is {overrides!r:.80}; "
+            f"the rule is whole numbers whose product is at most {MOST_COUNTED}"
+        )
+    try:
+        return Member(name, feature, overrides)
+    except Exception as error:  # names of columns are made of parameters whose values nobody has checked
+        raise ValueError(f"{where}: features.{name}: its columns cannot be named ({error})") from error
 
 
 def _check_kind(value: Any, default: Any, where: str) -> None:
@@ -264,6 +286,13 @@ def _check_kind(value: Any, default: Any, where: str) -> None:
             if not isinstance(value, kind) or (kind is numbers and isinstance(value, bool)):
                 raise ValueError(f"{where} is {value!r}; the rule is the kind of its default, {default!r}")
             return
+
+
+def _largest(value: Any) -> int:
+    """Return the size of the largest whole number in an override, 1 if it holds none."""
+    if isinstance(value, tuple):
+        return max(map(_largest, value), default=1)
+    return max(1, abs(value)) if isinstance(value, int) else 1
 
 
 def _hashable(value: Any) -> Any:

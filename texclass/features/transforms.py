@@ -7,6 +7,8 @@ All of them work on `unit`, the samples divided by their largest magnitude, so t
 underflows in between; a feature puts `level` back as its declared gain law says.
 """
 
+import functools
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
@@ -126,11 +128,14 @@ def low_spectrum(view: PhaseView) -> NDArray[np.complex64]:
     return X
 
 
+@functools.lru_cache(maxsize=2)
 def _turns(n: int, n_fft: int) -> NDArray[np.complex64]:
     """Return exp(-2 pi i k / n_fft) for k = 0 ... n-1, as products of coarse and fine turns."""
     fine = int(np.ceil(np.sqrt(n)))
     angle = -2j * np.pi / n_fft * np.arange(fine)
-    return np.outer(np.exp(fine * angle), np.exp(angle)).astype(np.complex64).reshape(-1)[:n]
+    turns = np.outer(np.exp(fine * angle), np.exp(angle)).astype(np.complex64).reshape(-1)[:n]
+    turns.flags.writeable = False
+    return turns
 
 
 def first_bins(view: PhaseView, n_bins: int) -> NDArray[np.complex64]:

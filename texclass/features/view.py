@@ -82,17 +82,22 @@ def transform(function: Callable[Concatenate[V, P], R]) -> Callable[Concatenate[
     Whoever receives a remembered array must not write to it.
     """
     signature = inspect.signature(function)
+    defaults: tuple[Any, ...] = tuple(p.default for p in signature.parameters.values())[1:]
 
     @functools.wraps(function)
     def remembered(view: V, /, *args: P.args, **kwargs: P.kwargs) -> R:
-        bound: inspect.BoundArguments = signature.bind(view, *args, **kwargs)
-        bound.apply_defaults()
-        key = (function, *list(bound.arguments.values())[1:])
-        if key not in view.memory:
-            timed = view.memory.get(STOPWATCH)
+        if kwargs:
+            bound: inspect.BoundArguments = signature.bind(view, *args, **kwargs)
+            bound.apply_defaults()
+            key = (function, *list(bound.arguments.values())[1:])
+        else:  # the same key, without the time that binding takes
+            key = (function, *args, *defaults[len(args) :])
+        memory = view.memory
+        if key not in memory:
+            timed = memory.get(STOPWATCH)
             compute = functools.partial(function, view, *args, **kwargs)
-            view.memory[key] = compute() if timed is None else timed(key, compute)
-        result: R = view.memory[key]
+            memory[key] = compute() if timed is None else timed(key, compute)
+        result: R = memory[key]
         return result
 
     return remembered

@@ -1,5 +1,6 @@
 """From a recording to what features read: one view per phase, made when the first feature asks for it."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -116,7 +117,8 @@ class Views:
 
 def _holds_gravity(axes: Samples) -> bool:
     """Whether the mean of the axes (m/s^2), taken together, is nearer to 1 g than to 0."""
-    return bool(np.linalg.norm(np.atleast_1d(axes.mean(axis=0))) > STANDARD_GRAVITY / 2)
+    mean = np.ones(len(axes)) @ axes / len(axes)  # numpy's mean of short rows takes ten times as long
+    return math.hypot(*np.atleast_1d(mean)) > STANDARD_GRAVITY / 2
 
 
 def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Views]:

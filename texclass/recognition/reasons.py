@@ -74,6 +74,8 @@ def undefined(reasons: Sequence[tuple[str, str]]) -> tuple[str, ...]:
 
 def outside(values: Samples, columns: Sequence[str], ranges: Ranges) -> tuple[str, ...]:
     """Return which features have values far from all that were seen in training, the farthest first."""
+    if not ((values < ranges.low) | (values > ranges.high)).any():
+        return ()
     far = ranges.far(values)
     order = [int(i) for i in np.argsort(-far, kind="stable") if far[i] > MARGIN]
     if not order:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 import numpy as np
-from scipy.special import softmax
 
 from texclass.recognition.answer import Answer
 from texclass.recording import Samples
@@ -114,7 +113,8 @@ class Sequential:
         self._sum = self._g * self._sum + np.log(np.maximum(p, 1e-12))
         self._sum -= self._sum.max()
         self._n, self._worth = self._g * self._n + 1, self._g * self._worth + weight
-        return np.asarray(softmax(self._worth / self._n * self._sum))
+        together = np.exp(self._worth / self._n * self._sum)  # the largest is 1: nothing overflows
+        return np.asarray(together / together.sum())
 
 
 class Evidence:
