@@ -65,8 +65,20 @@ def test_a_number_of_pieces_below_one_is_refused(n_pieces) -> None:
 
 def test_the_shipped_set_of_quarters_holds_every_feature_of_the_set_it_divides() -> None:
     quarters = load_feature_set("multiscale")
-    whole = load_feature_set("texclass").restricted_to(m.name for m in quarters.members)
-    assert [m.name for m in quarters.members] == [m.name for m in whole.members]
-    assert quarters.column_names == tuple(f"{c}.piece{i}" for c in whole.column_names for i in (1, 2, 3, 4))
-    for a, b in zip(whole.members, quarters.members, strict=True):
+    names = {m.name for m in load_feature_set("texclass").members}
+    own = {m.name for m in quarters.members} - names
+    assert {m.feature.function.__module__.rsplit(".", 1)[-1] for m in quarters.members if m.name in own} == {
+        "excess"
+    }
+    shared = quarters.restricted_to(m.name for m in quarters.members if m.name in names)
+    whole = load_feature_set("texclass").restricted_to(m.name for m in shared.members)
+    assert [m.name for m in shared.members] == [m.name for m in whole.members]
+    assert shared.column_names == tuple(f"{c}.piece{i}" for c in whole.column_names for i in (1, 2, 3, 4))
+    for a, b in zip(whole.members, shared.members, strict=True):
         assert dict(b.parameters) == {**a.parameters, "n_pieces": 4}
+
+
+def test_every_member_of_the_shipped_set_of_quarters_is_divided_into_four() -> None:
+    quarters = load_feature_set("multiscale")
+    assert {dict(m.parameters)["n_pieces"] for m in quarters.members} == {4}
+    assert all(name.endswith((".piece1", ".piece2", ".piece3", ".piece4")) for name in quarters.column_names)

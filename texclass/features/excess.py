@@ -1,0 +1,221 @@
+"""Levels above the line of the vibration: what is left of a spectrum without its height and its tilt.
+
+A sensor that warms up, another grip or more force raise or tilt all levels together: one change, which a
+distance between recordings counts once in every column. Here the tilt is a column, height is left to
+`vibration_level`, and the others say where a surface stands out from both.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from texclass.features.bands import band_level, octave_level
+from texclass.features.contract import feature
+from texclass.features.differences import slope_level
+from texclass.features.divided import divisible, named_pieces
+from texclass.features.shape import curvature_level
+from texclass.features.view import PhaseView, transform
+from texclass.recording import Samples
+
+REFERENCE = "texclass; residuals of a straight line in log level over log frequency"
+LINE_LAGS = (1, 2, 4, 8, 16, 32)
+"""Spans in samples of the slopes whose levels the line is drawn through."""
+
+
+class Line(NamedTuple):
+    """Log10 magnitude over octaves: `height` at the middle of `LINE_LAGS`, rising by `tilt` an octave."""
+
+    height: float
+    tilt: float
+
+    def at(self, octaves: Samples) -> Samples:
+        """Return the line at frequencies given in octaves from fs/2 (negative below it), shape as given."""
+        return np.asarray(self.height + self.tilt * (octaves - octaves_of(LINE_LAGS).mean()))
+
+
+def octaves_of(lags: tuple[int, ...]) -> Samples:
+    """Return where differences over spans of samples look, fs/(2 lag), in octaves from fs/2."""
+    return -np.log2(lags)
+
+
+@transform
+def line(view: PhaseView) -> Line:
+    """Return the least-squares line through the `slope_level` of `LINE_LAGS`.
+
+    Mean magnitudes follow how much a signal changes most of the time, so that single strong events and a
+    strong tone move the line less than they would move one through a spectrum.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        As `slope_level`.
+    """
+    octaves = octaves_of(LINE_LAGS)
+    away = octaves - octaves.mean()
+    levels = _slopes(view, LINE_LAGS)
+    return Line(float(levels.mean()), float(away @ levels / (away @ away)))
+
+
+@transform
+def _slopes(view: PhaseView, lags: tuple[int, ...]) -> Samples:
+    return slope_level(view, lags=lags)
+
+
+@feature(
+    phase="movement",
+    unit="log10(1) per octave",
+    reference=REFERENCE,
+    outputs=named_pieces(lambda: ("tilt",)),
+    depends_on=("rate",),
+)
+@divisible
+def level_tilt(view: PhaseView) -> Samples:
+    """By how much the mean magnitude of changes rises from one octave to the next higher; see `line`.
+
+    With L_l the `slope_level` over lag l and u_l = -log2 l: sum (u_l - mean u) L_l / sum (u_l - mean u)^2. It
+    is 0 for white noise and -0.15 = -log10(2)/2 for a random walk.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `divisible`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        As `slope_level`.
+    """
+    return np.array([line(view).tilt])
+
+
+def _even(*, n_bands: int) -> tuple[str, ...]:
+    return tuple(f"b{i}" for i in range(1, n_bands + 1))
+
+
+@feature(
+    phase="movement",
+    unit="log10(1)",
+    reference=REFERENCE,
+    outputs=named_pieces(_even),
+    depends_on=("rate",),
+)
+@divisible
+def band_excess(view: PhaseView, *, n_bands: int = 24) -> Samples:
+    """`band_level` minus twice (power of a magnitude) the `line` at the middle of each band.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    n_bands : int
+        Number of bands of equal width from 0 to fs/2.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `divisible`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        As `band_level` and `slope_level`.
+    """
+    middle = np.log2((np.arange(n_bands) + 0.5) / n_bands)
+    return np.asarray(band_level(view, n_bands=n_bands) - 2 * line(view).at(middle))
+
+
+def _fractions(*, octaves: tuple[int, int], per_octave: int) -> tuple[str, ...]:
+    first, last = octaves
+    return tuple(f"o{k}.{i}" for k in range(first, last) for i in range(1, per_octave + 1))
+
+
+@feature(
+    phase="movement",
+    unit="log10(1)",
+    reference=REFERENCE,
+    outputs=named_pieces(_fractions),
+    depends_on=("rate",),
+)
+@divisible
+def octave_excess(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octave: int = 3) -> Samples:
+    """`octave_level` minus twice the `line` at the middle of each fraction of an octave.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    octaves : tuple of int
+        First octave, and the one after the last, counted downwards from fs/2.
+    per_octave : int
+        Bands in an octave.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `divisible`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        As `octave_level` and `slope_level`.
+    """
+    n_bands = (octaves[1] - octaves[0]) * per_octave
+    middle = -octaves[0] - (np.arange(n_bands) + 0.5) / per_octave
+    levels = octave_level(view, octaves=octaves, per_octave=per_octave)
+    return np.asarray(levels - 2 * line(view).at(middle))
+
+
+def _lags(*, lags: tuple[int, ...]) -> tuple[str, ...]:
+    return tuple(f"lag{lag}" for lag in lags)
+
+
+@feature(
+    phase="movement",
+    unit="log10(1)",
+    reference=REFERENCE,
+    outputs=named_pieces(_lags),
+    depends_on=("rate",),
+)
+@divisible
+def slope_excess(view: PhaseView, *, lags: tuple[int, ...] = LINE_LAGS) -> Samples:
+    """`slope_level` minus the `line` at fs/(2 lag): where the changes bend away from a straight line.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    lags : tuple of int
+        Spans, in samples.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `divisible`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        As `slope_level`.
+    """
+    return np.asarray(_slopes(view, lags) - line(view).at(octaves_of(lags)))
+
+
+@feature(
+    phase="movement",
+    unit="log10(1)",
+    reference=REFERENCE,
+    outputs=named_pieces(_lags),
+    depends_on=("rate",),
+)
+@divisible
+def curvature_excess(view: PhaseView, *, lags: tuple[int, ...] = LINE_LAGS) -> Samples:
+    """`curvature_level` minus the `line` at fs/(2 lag), where a second difference lets most through.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    lags : tuple of int
+        Half the spans of the curvatures, in samples.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `divisible`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        As `curvature_level` and `slope_level`.
+    """
+    return np.asarray(curvature_level(view, lags=lags) - line(view).at(octaves_of(lags)))
