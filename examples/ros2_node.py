@@ -2,8 +2,8 @@
 
     ros2 run is not needed: python ros2_node.py --ros-args -p model:=surface.skops -p topic:=/imu/data
 
-It was NOT run with ROS where it was written: there is no ROS there, and a test checks only its syntax and the
-names it uses of texclass. What it uses of ROS is a part of rclpy that has been the same since ROS 2 Foxy.
+It was NOT run with ROS where it was written: there is no ROS there, and a test runs it with modules that
+stand for ROS. What it uses of ROS is a part of rclpy that has been the same since ROS 2 Foxy.
 Without ROS, texclass hears and answers ROS 2 topics itself: `texclass.recognition.robot`.
 """
 
@@ -18,21 +18,25 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 
 from texclass.recognition import load_model
+from texclass.recognition.needs import Needs
+from texclass.recognition.online import Notice, OnlineSettings, Session, WindowAnswer
 from texclass.recognition.timing import Timing
-from texclass.recording import Recording
 
 
 class SurfaceNode(Node):
-    """Hears an Imu, publishes an answer for every window of so many seconds."""
+    """Hears an Imu, publishes what every window of a contact adds to what is known of it."""
 
     def __init__(self):
         super().__init__("surface")
-        self.model = load_model(self.declare_parameter("model", "surface.skops").value)
-        self.window_s = self.declare_parameter("window_s", 1.0).value
+        model = load_model(self.declare_parameter("model", "surface.skops").value)
+        window_s = self.declare_parameter("window_s", 0.0).value  # 0: as trained
         topic = self.declare_parameter("topic", "/imu/data").value
-        fs = self.declare_parameter("fs", 0.0).value
+        fs = self.declare_parameter("fs", 0.0).value  # 0: measured
+        self.needs = Needs.of(model)
+        if "friction" in self.needs.beside:
+            raise ValueError(f"{topic}: an Imu has {self.needs.lacks('friction')}")
         self.timing = Timing(fs or None, "m/s^2")
-        self.window = []
+        self.session = Session(model, settings=OnlineSettings(window_s=window_s or None))
         self.text = self.create_publisher(String, "~/surface", 10)
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_subscription(Imu, topic, self.hear, qos_profile_sensor_data)
@@ -41,19 +45,20 @@ class SurfaceNode(Node):
         """Take one message; answer when a window is full."""
         stamp = np.array([message.header.stamp.sec * 10**9 + message.header.stamp.nanosec])
         now = np.array([self.get_clock().now().nanoseconds])
-        a = message.linear_acceleration
-        for block in self.timing.push(stamp, now, np.array([[[a.x, a.y, a.z]]])):
-            for flag in block.flags:
-                self.get_logger().warning(flag)
-            self.window = [] if block.lost else self.window
-            self.window.extend(block.samples)
-            if len(self.window) >= self.window_s * block.fs:
-                self.answer(np.array(self.window), block.fs, message.header.stamp)
-                self.window = []
+        vectors = [message.linear_acceleration]
+        if "turn_rate" in self.needs.beside:
+            vectors.append(message.angular_velocity)
+        row = [number for v in vectors for number in (v.x, v.y, v.z)]
+        for block in self.timing.push(stamp, now, np.array([[row]])):
+            for update in self.session.take(block):
+                if isinstance(update, Notice):
+                    self.get_logger().warning(update.what)
+                elif isinstance(update, WindowAnswer):
+                    self.answer(update, message.header.stamp)
 
-    def answer(self, samples, fs, stamp):
-        """Publish which surface a window is of, as JSON and as diagnostics."""
-        answer = self.model.answer(Recording(samples, fs, "m/s^2", "window")).to_dict()
+    def answer(self, update, stamp):
+        """Publish which surface a contact is with, as JSON and as diagnostics."""
+        answer = {**update.verdict.to_dict(), "reasons": list(update.answer.reasons)}
         self.text.publish(String(data=json.dumps(answer)))
         status = DiagnosticStatus(
             level=DiagnosticStatus.WARN if answer["unknown"] else DiagnosticStatus.OK,

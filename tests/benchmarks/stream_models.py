@@ -5,6 +5,7 @@ from dataclasses import replace
 from texclass.experiment import touches
 from texclass.experiment.choice import Limits
 from texclass.experiment.definition import PipelineDefinition, RowDefinition, load_pipeline
+from texclass.experiment.windows import by_recording
 from texclass.loaders import Dataset, open_dataset
 from texclass.recognition import Model, TrainingSettings, train
 
@@ -17,8 +18,10 @@ PRUNED_TOUCH_S = 0.5
 PRUNED_COLUMNS = 16
 BIOTAC_TOUCH_S = 0.25
 TRAINED_REPETITIONS = 20
-BIOTAC_STEP_S = 0.5
-"""From one training window to the next: all of a recording, in half of its windows."""
+BIOTAC_STEP_S = 0.125
+"""From one window to the next: that of the stream."""
+BIOTAC_OPENING, BIOTAC_EVERY = 6, 4
+"""The first windows of a slide all train, as its beginning is unlike the rest; then every fourth."""
 
 
 def several_scales(features: tuple[str, ...] = SEVERAL_SCALES) -> PipelineDefinition:
@@ -53,9 +56,15 @@ def _pruned(pipeline: PipelineDefinition) -> Model:
 
 def biotac_model() -> Model:
     """Return a model of a quarter of a second of `biotac20`, of repetitions 1 to 20 only."""
-    windows = touches(
-        biotac_recordings(range(1, TRAINED_REPETITIONS + 1)), BIOTAC_TOUCH_S, step=BIOTAC_STEP_S
-    )
+    cut = touches(biotac_recordings(range(1, TRAINED_REPETITIONS + 1)), BIOTAC_TOUCH_S, step=BIOTAC_STEP_S)
+    kept = [
+        window
+        for windows in by_recording(cut.entries)
+        for i, window in enumerate(windows)
+        # Other places in each repetition: a stream has its windows at all of them.
+        if i < BIOTAC_OPENING or (i + (window.repetition or 0)) % BIOTAC_EVERY == 0
+    ]
+    windows = replace(cut, entries=tuple(kept))
     model = train(windows, several_scales(), TrainingSettings(classifier="kernel"))
     return replace(model, manifest=replace(model.manifest, touch_s=BIOTAC_TOUCH_S))
 

@@ -13,6 +13,7 @@ from texclass.experiment.table import FeatureTable
 from texclass.experiment.use import Use
 
 CLASSIFIERS = {"euclidean": Use("sklearn.neighbors.NearestCentroid")}
+WIDENING = {"Level": ("level",), "Both": ("level", "peaks")}
 STEPS = (Use("sklearn.preprocessing.MinMaxScaler"),)
 
 
@@ -61,6 +62,14 @@ def test_each_fold_counts_with_what_it_chose(toy_dataset, pipeline):
     assert len(expected) == 4
     assert sum(n for _, n in result.choice.favourites) == 4
     assert run_benchmark(toy_dataset(), pipeline).choice is None
+
+
+def test_of_rows_that_do_equally_well_the_widest_is_chosen(toy_dataset, feature_set):
+    rows = tuple(RowDefinition(name, columns) for name, columns in WIDENING.items())
+    pipeline = PipelineDefinition("toy", feature_set, STEPS, CLASSIFIERS, rows, seed=0, folds=4)
+    result = run_benchmark(toy_dataset(), pipeline, choose=True)
+    assert [row.accuracy["euclidean"].mean for row in result.rows] == [1.0, 1.0]
+    assert set(result.choice.chosen) == {("Both", "euclidean")}
 
 
 @pytest.mark.parametrize(

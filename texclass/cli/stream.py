@@ -18,7 +18,8 @@ def stream(
         str,
         typer.Option(
             help="- (standard input: text, a sample a line), FILE or DATASET:RECORDING, "
-            "bag:FILE?topic=/NAME, ros2:/TOPIC."
+            "bag:FILE?topic=/NAME, ros2:/TOPIC. Columns: axes of the acceleration, then, where the model "
+            "needs them, 3 of the turn rate (rad/s), 1 of the friction."
         ),
     ] = "-",
     rate: Annotated[
@@ -119,17 +120,17 @@ def _opened(
     channels: int | None,
 ) -> tuple[Any, bool]:
     """Return the source, and whether its samples are as in the training files, not yet conditioned."""
-    from texclass.recognition.live_sources import RecordingSource, open_source
-    from texclass.recognition.online.files import with_turn_rate
-    from texclass.recognition.resampling import Resampled
-    from texclass.recognition.source import Source, find_like
+    from texclass.recognition.live_sources import is_live, open_source
 
-    like = Source.of_dict(trained.manifest.input)
-    live = source == "-" or source.startswith(("ros2:", "bag:"))
-    if live:
-        stated = unit or (like.unit if source == "-" else None)
-        blocks: Any = open_source(source, fs=rate, unit=stated, paced=paced, raw_channels=channels)
-    else:
-        recording = find_like(like, source, fs=rate, unit=unit)
-        blocks = RecordingSource(with_turn_rate(recording, trained), paced=paced)
-    return (Resampled(blocks, trained.manifest.fs) if resample else blocks), live
+    if source == "-":
+        unit = unit or str(trained.manifest.input["unit"])
+    blocks = open_source(
+        source,
+        fs=rate,
+        unit=unit,
+        rate=trained.manifest.fs if resample else None,
+        paced=paced,
+        raw_channels=channels,
+        model=trained,
+    )
+    return blocks, is_live(source)

@@ -45,7 +45,8 @@ def train(
     protocol: Annotated[
         Protocol | None,
         typer.Option(
-            help="How recordings are held out; the pipeline's own by default. `blocks` expects drift."
+            help="How recordings are held out; by default as the pipeline says, or, from 20 numbered "
+            "repetitions of each surface on, the later ones (`blocks`): a sensor may drift."
         ),
     ] = None,
     false_alarms: Annotated[

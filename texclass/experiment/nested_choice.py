@@ -76,7 +76,8 @@ def choose_inside(
     Returns
     -------
     NestedChoice or None
-        None where no row could be computed. Of equals, the first in the pipeline's order is chosen.
+        None where no row could be computed. Of rows that do equally well within a training part, as few
+        recordings often leave them, the one that reads the most columns is chosen; of such, the first.
 
     Raises
     ------
@@ -98,7 +99,9 @@ def choose_inside(
         hits.append(n_hits)
         if progress is not None:
             progress(len(hits), len(pairs) * len(splits), "choices")
-    best = np.reshape(hits, (len(splits), len(pairs))).argmax(axis=1)
+    # Less than one recording, so that it only parts equals.
+    wider = np.array([row.n_features for row, _ in pairs]) / (1 + sum(row.n_features for row, _ in pairs))
+    best = (np.reshape(hits, (len(splits), len(pairs))) + wider).argmax(axis=1)
     chosen = tuple((pairs[k][0].definition.name, pairs[k][1]) for k in best)
     return NestedChoice(
         _scored(chosen, y, splits, protocol.clusters(table.frame), evaluations, pipeline.seed),

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
@@ -185,10 +186,8 @@ def _movements(
 ) -> tuple[Movement, ...]:
     """Return where each recording moves; found once for a dataset, then read from the cache folder."""
     path = cache_root() / "movements" / f"{_key(dataset)}.json"
-    try:
-        return tuple(Movement(*row) for row in json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError):
-        pass
+    with suppress(OSError, ValueError):  # not there, or damaged: it is found again
+        return read_movements(path, len(dataset))
     found: list[Movement] = []
     calls = (partial(_movement, dataset.load, entry) for entry in dataset.entries)
     for movement in each(calls, n_jobs=n_jobs):
@@ -198,6 +197,30 @@ def _movements(
     if not any(movement.problem for movement in found):
         write_atomically(path, json.dumps(found).encode())
     return tuple(found)
+
+
+def read_movements(path: Path, n: int) -> tuple[Movement, ...]:
+    """Read the remembered movements of n recordings.
+
+    Raises
+    ------
+    ValueError
+        If the file holds anything else; the message names it.
+    OSError
+        If it cannot be read.
+    """
+    try:
+        found = tuple(Movement(*row) for row in json.loads(path.read_text(encoding="utf-8")))
+    except (ValueError, TypeError, RecursionError) as error:
+        raise ValueError(f"{path}: holds no movements ({error}); the rule is a list of them") from error
+    if len(found) != n or not all(_is_movement(one) for one in found):
+        raise ValueError(f"{path}: holds {len(found)} movements; the rule is {n}, each start <= stop at fs")
+    return found
+
+
+def _is_movement(one: Movement) -> bool:
+    whole = type(one.start) is int and type(one.stop) is int and isinstance(one.problem, str)
+    return whole and 0 <= one.start <= one.stop and type(one.fs) is float and 0 < one.fs < float("inf")
 
 
 def _movement(load: Callable[[Entry], Recording], entry: Entry) -> Movement:

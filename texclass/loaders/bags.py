@@ -16,11 +16,14 @@ from texclass.loaders.columns import Columns, ReadOptions, check_size, listed, r
 from texclass.loaders.ros_messages import (
     MULTI_ARRAY,
     READABLE,
+    TURN_RATE,
     TYPES,
     MessageError,
     column_values,
     decode_multi_array,
     decode_stamped,
+    lacking,
+    not_measured,
 )
 from texclass.loaders.stamps import place
 from texclass.loaders.uniform import at_uniform_rate
@@ -77,15 +80,16 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Columns:
     Raises
     ------
     RecordingError
-        If a column is missing, a message damaged, or the stamps contradict the given rate.
+        If a column is missing or not measured, a message damaged, or the stamps contradict the given rate.
     """
     topics = bag_topics(path)
     chosen = choose_topic(topics, options.topic, path)
     where = f"{path}?topic={chosen.topic}"
     own = tuple(name for name in wanted if not name.startswith("/"))
-    stamps, received, samples, present = _signals(path, chosen, where)
+    stamps, received, samples, present = _signals(path, chosen, where, own)
     require(own, present, path)
     samples = _finite(samples[:, :, [present.index(name) for name in own]], where)
+    _check_turning(samples, own, where)
     by_header = stamps is not None and bool(np.any(stamps != 0))
     order = np.argsort(received, kind="stable")
     samples, received = samples[order], received[order]
@@ -162,14 +166,23 @@ def _finite(samples: Samples, where: str) -> Samples:
     return samples
 
 
+def _check_turning(samples: Samples, own: tuple[str, ...], where: str) -> None:
+    """Check that a turn rate is not 0 throughout: no sensor is so quiet, but one that has no gyroscope."""
+    turn = [own.index(name) for name in TURN_RATE if name in own]
+    if turn and not samples[:, :, turn].any():
+        raise RecordingError(
+            f"{where}: the turn rate is 0 in each of its messages; the rule is a sensor that measures it"
+        )
+
+
 def _signals(
-    path: Path, chosen: Connection, where: str
+    path: Path, chosen: Connection, where: str, wanted: tuple[str, ...]
 ) -> tuple[Stamps | None, Stamps, Samples, tuple[str, ...]]:
     """Return stamps (None without headers), times of receipt, samples (n, k, columns), and the columns."""
     received: list[int] = []
     parts: list[tuple[Stamps | None, Samples]] = []
     for batch in _batches(path, chosen, where, received):
-        parts.append(_decoded(batch, chosen, where))
+        parts.append(_decoded(batch, chosen, where, wanted))
         check_size(len(received) * parts[-1][1][0].size, path)
     if len(received) < 2:
         raise RecordingError(f"{where}: holds {len(received)} messages; the rule is at least 2")
@@ -199,7 +212,9 @@ def _batches(path: Path, chosen: Connection, where: str, received: list[int]) ->
         yield batch
 
 
-def _decoded(batch: Sequence[bytes], chosen: Connection, where: str) -> tuple[Stamps | None, Samples]:
+def _decoded(
+    batch: Sequence[bytes], chosen: Connection, where: str, wanted: tuple[str, ...]
+) -> tuple[Stamps | None, Samples]:
     """Return stamps (None without headers) and samples of shape (n, k, columns)."""
     try:
         if chosen.type_name == MULTI_ARRAY:
@@ -208,6 +223,8 @@ def _decoded(batch: Sequence[bytes], chosen: Connection, where: str) -> tuple[St
         stamps, numbers = decode_stamped(type_, batch, ros1=chosen.ros1)
     except MessageError as error:
         raise RecordingError(f"{where}: {error}") from error
+    if absent := lacking(type_, numbers, set(wanted) & set(type_.columns)):
+        raise RecordingError(f"{where}: {not_measured(absent)}")
     columns = [column_values(type_, numbers, column) for column in type_.columns]
     return stamps, np.column_stack(columns)[:, None, :]
 
@@ -223,7 +240,7 @@ def _other(path: Path, topics: Mapping[str, Connection], name: str, t: Samples) 
     topic, _, column = name.rpartition("/")
     if topic not in topics or column not in getattr(TYPES.get(topics[topic].type_name), "columns", ()):
         raise RecordingError(f"{path}: column {name!r} is not there; the rule is /topic/column of a bag")
-    stamps, _, samples, present = _signals(path, topics[topic], f"{path}?topic={topic}")
+    stamps, _, samples, present = _signals(path, topics[topic], f"{path}?topic={topic}", (column,))
     if stamps is None or not stamps.any():
         raise RecordingError(f"{path}: {topic} has no stamps in its headers; the rule is those of one clock")
     order = np.argsort(stamps, kind="stable")

@@ -5,7 +5,7 @@ size. ROS 1 packs the same fields without gaps, and its header has a running num
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -43,6 +43,8 @@ class MessageType:
         Of the acceleration.
     factors
         Column -> factor to the unit `Recording` keeps it in, where that is not 1.
+    disclaimers
+        Column -> position of the number (the first of a covariance) that is -1 where the sender lacks it.
     """
 
     name: str
@@ -51,6 +53,7 @@ class MessageType:
     acceleration: tuple[str, ...] = ()
     unit: str | None = None
     factors: dict[str, float] | None = None
+    disclaimers: dict[str, int] | None = None
 
 
 def _axes(first: int, *names: str) -> dict[str, tuple[int, ...]]:
@@ -58,6 +61,8 @@ def _axes(first: int, *names: str) -> dict[str, tuple[int, ...]]:
 
 
 _ACCELERATION = ("ax", "ay", "az")
+TURN_RATE = ("wx", "wy", "wz")
+"""Columns of a turn rate, rad/s."""
 TYPES = {
     type_.name: type_
     for type_ in (
@@ -65,15 +70,16 @@ TYPES = {
         MessageType(
             "sensor_msgs/msg/Imu",
             37,
-            _axes(25, *_ACCELERATION) | _axes(13, "wx", "wy", "wz"),
+            _axes(25, *_ACCELERATION) | _axes(13, *TURN_RATE),
             _ACCELERATION,
             "m/s^2",
+            disclaimers=dict.fromkeys(_ACCELERATION, 28) | dict.fromkeys(TURN_RATE, 16),
         ),
         MessageType("geometry_msgs/msg/AccelStamped", 6, _axes(0, *_ACCELERATION), _ACCELERATION, "m/s^2"),
         MessageType(
             "geometry_msgs/msg/TwistStamped",
             6,
-            _axes(0, "vx", "vy", "vz") | {"speed": (0, 1, 2)} | _axes(3, "wx", "wy", "wz"),
+            _axes(0, "vx", "vy", "vz") | {"speed": (0, 1, 2)} | _axes(3, *TURN_RATE),
             factors={"speed": 1000.0},
         ),
         MessageType(
@@ -109,6 +115,39 @@ def column_values(type_: MessageType, numbers: Samples, column: str) -> Samples:
         for other in where[1:]:
             values = np.hypot(values, numbers[:, other])
         return values * (type_.factors or {}).get(column, 1.0)
+
+
+def lacking(type_: MessageType, numbers: Samples, columns: Collection[str]) -> tuple[str, ...]:
+    """Return those of some columns that the sender of messages does not measure, by what it says.
+
+    A covariance that begins with -1 says so [sensor_msgs/Imu]. Some drivers put it beside real numbers, whose
+    covariance they do not know: only with zeros (or NaN) in every message is it taken at its word.
+
+    Parameters
+    ----------
+    type_ : MessageType
+        What the messages are.
+    numbers : ndarray of shape (n, n_numbers)
+        Of `decode_stamped`.
+    columns : collection of str
+        Of `type_.columns`.
+    """
+    found = []
+    for column in columns:
+        at = (type_.disclaimers or {}).get(column)
+        if at is not None and np.all(numbers[:, at] == -1):
+            values = numbers[:, type_.columns[column][0]]
+            if np.all((values == 0) | np.isnan(values)):
+                found.append(column)
+    return tuple(sorted(found))
+
+
+def not_measured(columns: Sequence[str]) -> str:
+    """Return the words for columns that are `lacking`."""
+    return (
+        f"its messages say that {', '.join(columns)} are not measured (a covariance that begins with -1); "
+        "the rule is a sensor that measures them"
+    )
 
 
 def decode_stamped(type_: MessageType, raws: Sequence[bytes], *, ros1: bool) -> tuple[Stamps, Samples]:

@@ -6,6 +6,9 @@ from typing import Protocol
 
 from texclass.recording import Samples
 
+BLOCK_S = 0.025
+"""Seconds of a block, by default."""
+
 
 @dataclass(frozen=True, eq=False)
 class Block:
@@ -45,3 +48,16 @@ class BlockSource(Protocol):
     def close(self) -> None:
         """Let go of files and connections."""
         ...
+
+
+def block_size(block_s: float, fs: float) -> int:
+    """Return the samples of a block of so many seconds at fs Hz, at least one.
+
+    Raises
+    ------
+    ValueError
+        If it has no length.
+    """
+    if not block_s > 0:
+        raise ValueError(f"block_s is {block_s}; the rule is above 0")
+    return max(1, round(block_s * fs))

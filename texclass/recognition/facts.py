@@ -32,6 +32,8 @@ def manifest_of(
     calibration: Calibration,
     novelty: Novelty,
     touch_s: float | None,
+    *,
+    stretch: float,
 ) -> Manifest:
     """Return the manifest of a model that was trained on the recordings of a study."""
     return Manifest(
@@ -45,7 +47,7 @@ def manifest_of(
         calibration=_calibration(calibration, chosen.held_out),
         unknown={
             "score": novelty.kind, "false_alarms": novelty.false_alarms, "threshold": novelty.threshold,
-            "n": len(novelty.held_out),
+            "n": len(novelty.held_out), "stretch": stretch,
         },
         touch_s=touch_s,
         versions=versions(*LIBRARIES),
@@ -66,7 +68,8 @@ def _accuracy(chosen: Choice, study: Study) -> dict[str, Any]:
     low, high = chosen.accuracy.interval
     return {
         "mean": chosen.accuracy.mean, "low": low, "high": high, "n_tested": chosen.accuracy.n_tested,
-        "protocol": study.protocol.name, "n_folds": len(study.splits), "n_candidates": chosen.n_candidates,
+        "protocol": study.held.protocol.name, "why": study.held.why, "n_folds": len(study.splits),
+        "n_candidates": chosen.n_candidates,
         "how": "held-out recordings" + (", the choice among candidates included" * (chosen.n_candidates > 1)),
     }  # fmt: skip
 

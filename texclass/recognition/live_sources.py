@@ -2,22 +2,21 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-import numpy as np
-
 from texclass.loaders import find_recording
 from texclass.loaders.single import checked_unit
-from texclass.recognition.blocks import Block, BlockSource
+from texclass.recognition.blocks import BLOCK_S, Block, BlockSource, block_size
+from texclass.recognition.model import Model
+from texclass.recognition.needs import ACCELERATION_ONLY, Needs
 from texclass.recognition.resampling import Resampled
-from texclass.recording import Recording, RecordingError, Samples
+from texclass.recognition.source import Source, find_like
+from texclass.recognition.standard_input import LineSource, RawSource
+from texclass.recording import Recording, RecordingError
 
 ROS2 = "ros2:"
-BLOCK_S = 0.025
-LONGEST_LINE = 1 << 16
-MOST_CHANNELS = 1024
 
 
 class RecordingSource:
@@ -31,16 +30,30 @@ class RecordingSource:
         Seconds a block.
     paced : bool
         Wait until each block would have been recorded; else as fast as they are taken.
+    needs : Needs
+        Signals beside the acceleration that are yielded, too.
+
+    Raises
+    ------
+    RecordingError
+        If the recording lacks one of these.
     """
 
-    def __init__(self, recording: Recording, *, block_s: float = BLOCK_S, paced: bool = False) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        *,
+        block_s: float = BLOCK_S,
+        paced: bool = False,
+        needs: Needs = ACCELERATION_ONLY,
+    ) -> None:
         self.recording, self.paced = recording, paced
-        self._n = _block_size(block_s, recording.fs)
+        self._n = block_size(block_s, recording.fs)
+        self._signal = needs.columns_of(recording)
 
     def __iter__(self) -> Iterator[Block]:
         """Yield the blocks of the recording."""
-        recording = self.recording
-        signal = recording.acceleration.reshape(recording.n_samples, -1)
+        recording, signal = self.recording, self._signal
         start = time.monotonic()
         for first in range(0, len(signal), self._n):
             samples = signal[first : first + self._n]
@@ -53,147 +66,6 @@ class RecordingSource:
         """Nothing is open."""
 
 
-class LineSource:
-    """Text, one sample a line, channels divided by commas or blanks.
-
-    Parameters
-    ----------
-    file : BinaryIO
-        Where it is read from.
-    fs : float
-        Sampling rate in Hz.
-    unit : str
-        Of the numbers.
-    block_s : float
-        Seconds a block.
-    name : str
-        For messages.
-    """
-
-    def __init__(
-        self, file: BinaryIO, *, fs: float, unit: str, block_s: float = BLOCK_S, name: str = "standard input"
-    ) -> None:
-        self._file, self._fs, self._unit, self._name = file, fs, unit, name
-        self._n = _block_size(block_s, fs)
-
-    def __iter__(self) -> Iterator[Block]:
-        """Yield blocks until the input ends.
-
-        Raises
-        ------
-        RecordingError
-            If a line is not what it should be; the message names the line.
-        """
-        rows: list[list[float]] = []
-        done = 0
-        for row in self._rows():
-            rows.append(row)
-            if len(rows) == self._n:
-                yield Block(done / self._fs, np.array(rows), self._fs, self._unit)
-                done, rows = done + len(rows), []
-        if rows:
-            yield Block(done / self._fs, np.array(rows), self._fs, self._unit)
-
-    def close(self) -> None:
-        """Leave the input to who opened it."""
-
-    def _rows(self) -> Iterator[list[float]]:
-        width, number = None, 0
-        while line := self._file.readline(LONGEST_LINE):
-            number += 1
-            if not line.strip():
-                continue
-            row = self._numbers(line, number)
-            width = width or len(row)
-            if len(row) != width or width > MOST_CHANNELS:
-                rule = min(width, MOST_CHANNELS)
-                raise RecordingError(
-                    f"{self._name}: line {number} holds {len(row)} numbers; the rule is {rule}"
-                )
-            yield row
-
-    def _numbers(self, line: bytes, number: int) -> list[float]:
-        try:
-            row = [float(word) for word in line.replace(b",", b" ").split()]
-        except ValueError:
-            row = [float("nan")]
-        if not np.isfinite(row).all():
-            shown = line[:40].decode("utf-8", "replace").strip()
-            raise RecordingError(f"{self._name}: line {number} is {shown!r}; the rule is finite numbers")
-        return row
-
-
-class RawSource:
-    """Binary samples: little-endian float32, the channels of a sample side by side.
-
-    Parameters
-    ----------
-    file : BinaryIO
-        Where it is read from.
-    fs : float
-        Sampling rate in Hz.
-    unit : str
-        Of the numbers.
-    n_channels : int
-        Channels.
-    block_s : float
-        Seconds a block, at most: what is there is passed on.
-    name : str
-        For messages.
-    """
-
-    def __init__(
-        self,
-        file: BinaryIO,
-        *,
-        fs: float,
-        unit: str,
-        n_channels: int = 1,
-        block_s: float = BLOCK_S,
-        name: str = "standard input",
-    ) -> None:
-        if not 1 <= n_channels <= MOST_CHANNELS:
-            raise ValueError(f"n_channels is {n_channels}; the rule is 1 to {MOST_CHANNELS}")
-        self._file, self._fs, self._unit, self._name = file, fs, unit, name
-        self._n_channels, self._n = n_channels, _block_size(block_s, fs)
-
-    def __iter__(self) -> Iterator[Block]:
-        """Yield blocks until the input ends.
-
-        Raises
-        ------
-        RecordingError
-            If a sample is not finite.
-        """
-        read: Callable[[int], bytes] = getattr(self._file, "read1", self._file.read)
-        size = 4 * self._n_channels
-        done, left = 0, b""
-        while piece := read(self._n * size - len(left)):
-            left += piece
-            n = len(left) // size
-            samples = self._samples(left[: n * size], done)
-            left = left[n * size :]
-            if n:
-                yield Block(done / self._fs, samples, self._fs, self._unit)
-            done += n
-        if left:
-            cut = f"{self._name}: ends within a sample, {len(left)} bytes left out"
-            yield Block(done / self._fs, np.empty((0, self._n_channels)), self._fs, self._unit, 0, (cut,))
-
-    def close(self) -> None:
-        """Leave the input to who opened it."""
-
-    def _samples(self, data: bytes, done: int) -> Samples:
-        with np.errstate(invalid="ignore"):  # a signalling NaN warns; it is refused below
-            samples = np.frombuffer(data, "<f4").astype(np.float64).reshape(-1, self._n_channels)
-        if not (good := np.isfinite(samples).all(axis=1)).all():
-            at = done + int(np.argmin(good))
-            raise RecordingError(
-                f"{self._name}: sample {at} is {samples[at - done]}; the rule is finite numbers"
-            )
-        return samples
-
-
 def open_source(
     spec: str,
     *,
@@ -204,6 +76,7 @@ def open_source(
     paced: bool = False,
     raw_channels: int | None = None,
     file: BinaryIO | None = None,
+    model: Model | None = None,
 ) -> BlockSource:
     """Return the source of a name.
 
@@ -225,6 +98,9 @@ def open_source(
         Standard input is float32 of so many channels, not text.
     file : BinaryIO, optional
         In place of standard input.
+    model : Model, optional
+        Whose columns are wanted: with turn rate or friction beside the acceleration if it needs them. Files
+        and bags are then read and conditioned as those it was trained on; what `is_live` is as it comes.
 
     Returns
     -------
@@ -233,48 +109,54 @@ def open_source(
     Raises
     ------
     RecordingError
-        If a fact is missing or contradicted, or the file is bad.
+        If a fact is missing or contradicted, the file is bad, or the source has not what the model needs.
     """
-    source = _opened(spec, fs, unit, block_s, paced, raw_channels, file)
+    needs = ACCELERATION_ONLY if model is None else Needs.of(model)
+    source: BlockSource
+    if spec == "-":
+        source = _standard_input(fs, unit, block_s, raw_channels, file or sys.stdin.buffer, needs)
+    elif spec.startswith(ROS2):
+        source = _topic(spec.removeprefix(ROS2), fs, unit, needs)
+    else:
+        found = (
+            find_recording(spec, fs=fs, unit=unit)
+            if model is None
+            else find_like(Source.of_dict(model.manifest.input), spec, fs=fs, unit=unit)
+        )
+        source = RecordingSource(found, block_s=block_s, paced=paced, needs=needs)
     return source if rate is None else Resampled(source, rate)
 
 
-def _opened(
-    spec: str,
+def is_live(spec: str) -> bool:
+    """Whether the samples of a source are as they come, not yet conditioned as a model's training files."""
+    return spec == "-" or spec.startswith(ROS2)
+
+
+def _standard_input(
     fs: float | None,
     unit: str | None,
     block_s: float,
-    paced: bool,
     raw_channels: int | None,
-    file: BinaryIO | None,
+    file: BinaryIO,
+    needs: Needs,
 ) -> BlockSource:
-    if spec == "-":
-        stated = checked_unit(Path("standard input"), fs, unit)
-        if fs is None:
-            raise RecordingError(
-                "standard input: fs is missing; the rule is a rate in Hz, never guessed: give --fs"
-            )
-        stream = file or sys.stdin.buffer
-        if raw_channels is None:
-            return LineSource(stream, fs=fs, unit=stated, block_s=block_s)
-        return RawSource(stream, fs=fs, unit=stated, n_channels=raw_channels, block_s=block_s)
-    if spec.startswith(ROS2):
-        return _topic(spec.removeprefix(ROS2), fs, unit)
-    recording = find_recording(spec, fs=fs, unit=unit)
-    return RecordingSource(recording, block_s=block_s, paced=paced)
+    stated = checked_unit(Path("standard input"), fs, unit)
+    if fs is None:
+        raise RecordingError(
+            "standard input: fs is missing; the rule is a rate in Hz, never guessed: give --fs"
+        )
+    if raw_channels is None:
+        return LineSource(file, fs=fs, unit=stated, block_s=block_s)
+    source = RawSource(file, fs=fs, unit=stated, n_channels=raw_channels, block_s=block_s)
+    needs.n_axes(raw_channels)
+    return source
 
 
-def _topic(topic: str, fs: float | None, unit: str | None) -> BlockSource:
+def _topic(topic: str, fs: float | None, unit: str | None, needs: Needs) -> BlockSource:
     try:
         from texclass.recognition.robot.live import TopicSource
     except ImportError as error:
         raise RecordingError(
             f"{ROS2}{topic}: needs the extra `robot` ({error}): pip install texclass[robot]"
         ) from error
-    return TopicSource(topic, fs=fs, unit=unit)
-
-
-def _block_size(block_s: float, fs: float) -> int:
-    if not block_s > 0:
-        raise ValueError(f"block_s is {block_s}; the rule is above 0")
-    return max(1, round(block_s * fs))
+    return TopicSource(topic, fs=fs, unit=unit, needs=needs)

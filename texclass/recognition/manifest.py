@@ -1,15 +1,18 @@
 """What a model file says of itself: written as JSON beside the arrays, readable without them."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-SCHEMA = (1, 1)
+SCHEMA = (1, 2)
 """Major and minor version of the format. A minor step adds fields that a reader can do without.
 
 1.0: the first. 1.1: `shortest_s`, and answers to a probe that tell whether code or libraries have changed.
+1.2: `axes` and `topic` of the input, and why recordings are held out as they are.
 """
+LARGEST = 1e12
+"""Of a rate in Hz, or a duration in seconds."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +38,11 @@ class Manifest:
     trained_on
         name, hash and number of recordings (and windows) of the dataset.
     accuracy
-        mean, low, high (95 %), n_tested, protocol, how: of held-out recordings, the choice included.
+        mean, low, high (95 %), n_tested, protocol, why it, how: of held-out recordings, the choice included.
     calibration
         method, beta, lapse, expected calibration error on held-out recordings, n_bins.
     unknown
-        score, false_alarms, threshold, n of held-out recordings.
+        score, false_alarms, threshold, n of held-out recordings, stretch (of distances, by drift).
     cost
         features_ms and classifier_ms per recording, on the machine that trained it.
     touch_s
@@ -83,7 +86,7 @@ def read_manifest(text: bytes | str) -> Manifest:
     try:
         stated = json.loads(text)
         major, minor = (int(number) for number in stated["schema"])
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise ValueError(f"its manifest cannot be read ({type(error).__name__}: {error})") from error
     if (major, minor) > SCHEMA:
         raise ValueError(f"its format is {major}.{minor}, newer than {_dotted(SCHEMA)}: update texclass")
@@ -94,9 +97,37 @@ def read_manifest(text: bytes | str) -> Manifest:
         raise ValueError(f"its manifest holds {min(unknown)!r}; the rule is known facts")
     try:
         facts = {name: _kept(stated[name]) for name in stated if name in known}
-        return Manifest(**facts | {"schema": (major, minor), "fs": float(facts["fs"])})
-    except (TypeError, KeyError, ValueError) as error:
+        found = Manifest(**facts | {"schema": (major, minor), "fs": float(facts["fs"])})
+    except (TypeError, KeyError, ValueError, OverflowError) as error:
         raise ValueError(f"its manifest lacks a fact ({error}); the rule is all of them") from error
+    if odd := [name for name, holds in _KINDS.items() if not holds(getattr(found, name))]:
+        raise ValueError(
+            f"its manifest holds {getattr(found, odd[0])!r:.80} as {odd[0]}; the rule is its kind"
+        )
+    return found
+
+
+def _are_texts(value: Any) -> bool:
+    return isinstance(value, tuple) and all(isinstance(one, str) for one in value)
+
+
+def _is_positive(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= LARGEST
+
+
+def _is_map(value: Any) -> bool:
+    return isinstance(value, dict)
+
+
+_KINDS: Mapping[str, Callable[[Any], bool]] = {
+    **dict.fromkeys(("materials", "features", "phases"), _are_texts),
+    **dict.fromkeys(("pipeline", "input", "trained_on", "accuracy", "calibration", "unknown"), _is_map),
+    **dict.fromkeys(("cost", "versions"), _is_map),
+    **dict.fromkeys(("touch_s", "shortest_s"), lambda value: value is None or _is_positive(value)),
+    "fs": _is_positive,
+    "unit": lambda value: isinstance(value, str),
+}
+"""Field -> whether a value is of its kind."""
 
 
 def _kept(value: Any) -> Any:

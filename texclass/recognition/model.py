@@ -238,8 +238,9 @@ def load_model(path: str | Path) -> Model:
     """
     document, manifest = read_model_file(path)
     try:
-        model, same_code = _model_of(document, manifest)
-        changed = None if same_code else _changed_values(model, document)
+        with np.errstate(all="ignore"):  # of damaged numbers, whose answers are then others
+            model, same_code = _model_of(document, manifest)
+            changed = None if same_code else _changed_values(model, document)
     except Exception as error:  # its parts are known classes, but may not fit each other
         raise ModelFileError(f"{path}: not a model of texclass ({error})") from error
     if changed is not None:

@@ -1,17 +1,30 @@
 """How files become recordings like those a model was trained on."""
 
 import json
+import re
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
 from texclass.loaders import find_recording, formats
 from texclass.loaders.cards import Card, DeclaredPhases
-from texclass.loaders.columns import ColumnRoles, ReadOptions
+from texclass.loaders.columns import ColumnRoles, ReadOptions, choose_acceleration
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.filesets import conditioned
-from texclass.loaders.single import axis_files, build_recording, checked_unit, read_signals, without_axis
+from texclass.loaders.ros_messages import TURN_RATE
+from texclass.loaders.single import (
+    Signals,
+    agreed_unit,
+    axis_files,
+    build_recording,
+    checked_unit,
+    is_bag_name,
+    located,
+    read_signals,
+    without_axis,
+)
+from texclass.loaders.uniform import NEAR_RATE
 from texclass.recording import Recording
 
 
@@ -27,8 +40,13 @@ class Source:
         Of the acceleration in the files.
     scale, phases, remove_resting_level, delimiter
         As in `Card`.
+        The scale belongs to the unit: a file in another one is not scaled.
     acceleration, auxiliary
         Columns; see `ColumnRoles`.
+    axes
+        Names of the channels of the recordings; empty in models of before 1.2.
+    topic
+        Of bags, where these hold several.
     """
 
     fs: float
@@ -39,16 +57,20 @@ class Source:
     delimiter: str | None = None
     acceleration: tuple[str, ...] = ()
     auxiliary: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    axes: tuple[str, ...] = ()
+    topic: str | None = None
 
     @classmethod
     def of(cls, dataset: Dataset, like: Recording) -> "Source":
         """Return the source of a dataset, one of whose recordings is `like`."""
         card = _card_of(dataset.load)
         if card is None or card.format == "simulated":
-            return cls(like.fs, like.unit)
+            return cls(like.fs, like.unit, axes=like.channels)
+        is_pattern = card.topic is not None and re.compile(card.topic).groupindex
         return cls(
             like.fs, card.unit, card.scale, card.phases, card.remove_resting_level, card.delimiter,
-            card.channels.acceleration, card.channels.auxiliary,
+            card.channels.acceleration, card.channels.auxiliary, like.channels,
+            None if is_pattern else card.topic,
         )  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
@@ -60,34 +82,71 @@ class Source:
     def of_dict(cls, stated: Mapping[str, Any]) -> "Source":
         """Return what `to_dict` described."""
         auxiliary = {name: tuple(columns) for name, columns in stated.get("auxiliary", {}).items()}
-        facts = {**stated, "acceleration": tuple(stated.get("acceleration", ())), "auxiliary": auxiliary}
-        return cls(**facts)
+        names = {name: tuple(stated.get(name, ())) for name in ("acceleration", "axes")}
+        return cls(**{**stated, **names, "auxiliary": auxiliary})
 
-    def load(self, path: Path, *, fs: float | None = None, unit: str | None = None) -> Recording:
-        """Load a file: what it states of its rate counts, then `fs`, then the rate trained at.
+    def load(self, name: str | Path, *, fs: float | None = None, unit: str | None = None) -> Recording:
+        """Load a file: what it states of rate and unit counts, then what is given, then that of training.
+
+        A bag whose columns have other names than the training files is read by its own: acceleration and turn
+        rate of its messages, or the channels of an array, in the order of the training files.
 
         Raises
         ------
         RecordingError
-            If the file is bad, or contradicts `fs`.
+            If the file is bad, or contradicts `fs` or `unit`.
         """
-        stated = checked_unit(path, fs, unit or self.unit)
+        path, asked = located(name) if _is_bag(name) else (Path(name).expanduser(), None)
+        options = ReadOptions(self.delimiter, topic=asked or self._topic_of(path), fs=fs)
+        stated = checked_unit(path, fs, agreed_unit(path, options, unit) or self.unit)
         axes = axis_files(path)
-        roles = ColumnRoles(self.acceleration, self.auxiliary)
-        signals = read_signals(axes, roles, ReadOptions(self.delimiter, codes=stated == "counts"))
-        name = path.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0]
+        signals = self._read(axes, replace(options, codes=stated == "counts"))
+        named = path.parent if path.name == formats.BAG_FOLDER else path
         recording = build_recording(
             signals,
             fs=fs or (self.fs if signals.fs is None else None),
             unit=stated,
-            recording_id=name,
+            recording_id=named.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0],
             source=str(path),
         )
-        return conditioned(recording, cast(Card, self))
+        return conditioned(recording, cast(Card, self if stated == self.unit else replace(self, scale=1.0)))
+
+    def _read(self, axes: Mapping[str, Path], options: ReadOptions) -> Signals:
+        path, roles = next(iter(axes.values())), ColumnRoles(self.acceleration, self.auxiliary)
+        if not formats.is_bag(path):
+            return read_signals(axes, roles, options)
+        roles = self._roles_in(path, options)
+        signals = read_signals(axes, roles, options)
+        if options.fs is None and 0 < abs(float(signals.fs or 0) / self.fs - 1) <= NEAR_RATE:
+            signals = read_signals(axes, roles, replace(options, fs=self.fs))
+        if len(signals.channels) == len(self.axes):
+            signals = replace(signals, channels=self.axes)
+        return signals
+
+    def _roles_in(self, path: Path, options: ReadOptions) -> ColumnRoles:
+        """Return which columns of a bag are what: as in the training files if it has those, else its own."""
+        present = formats.names(path, options)
+        own = [name for name in present if not name.startswith("/")]
+        auxiliary = {field: names for field, names in self.auxiliary.items() if set(names) <= set(present)}
+        if "turn_rate" in self.auxiliary and set(TURN_RATE) <= set(own):
+            auxiliary.setdefault("turn_rate", TURN_RATE)
+        if self.acceleration and set(self.acceleration) <= set(own):
+            return ColumnRoles(self.acceleration, auxiliary)
+        n_axes, n_turn = len(self.axes), len(TURN_RATE) * ("turn_rate" in self.auxiliary)
+        if own == [f"c{i + 1}" for i in range(n_axes + n_turn)]:  # an array: its channels have no names
+            turn = {"turn_rate": tuple(own[n_axes:])} if n_turn else {}
+            return ColumnRoles(tuple(own[:n_axes]), auxiliary | turn)
+        return ColumnRoles(choose_acceleration(own, path), auxiliary)
+
+    def _topic_of(self, path: Path) -> str | None:
+        """Return the topic of the training files, if a bag has it."""
+        if self.topic is None or not formats.is_bag(path):
+            return None
+        return self.topic if self.topic in formats.topics(path) else None
 
 
 def find_like(source: Source, name: str, *, fs: float | None = None, unit: str | None = None) -> Recording:
-    """Return a file, read as the training files were, or "DATASET:RECORDING" as its card has it.
+    """Return a file or bag, read as the training files were, or "DATASET:RECORDING" as its card has it.
 
     Raises
     ------
@@ -95,9 +154,17 @@ def find_like(source: Source, name: str, *, fs: float | None = None, unit: str |
         As `find_recording`.
     """
     path = Path(name).expanduser()
-    if path.suffix.lower() in formats.SUFFIXES and (path.exists() or ":" not in name):
-        return source.load(path, fs=fs, unit=unit)
+    is_file = path.suffix.lower() in formats.SUFFIXES and (path.exists() or ":" not in name)
+    if is_file or _is_bag(name):
+        return source.load(name, fs=fs, unit=unit)
     return find_recording(name, fs=fs, unit=unit)
+
+
+def _is_bag(name: str | Path) -> bool:
+    """Whether a name is of a bag: "bag:FILE", a file, or a folder of rosbag2."""
+    path = Path(name).expanduser()
+    is_there = (path.exists() or ":" not in str(name)) and formats.is_bag(path)
+    return is_bag_name(name) or is_there or (path / formats.BAG_FOLDER).is_file()
 
 
 def _card_of(load: Any) -> Card | None:

@@ -14,7 +14,7 @@ from texclass.experiment.deploy import Recogniser
 from texclass.experiment.evaluate import EXPECTED
 from texclass.experiment.extraction import Progress
 from texclass.experiment.front import EXPECTED as EXPECTED_OF_SELECTION
-from texclass.experiment.protocols import Protocol, Split, runs
+from texclass.experiment.protocols import Protocol, Split, find_protocol, runs
 from texclass.experiment.table import FeatureTable
 from texclass.experiment.windows import parents
 from texclass.experiment.workers import each
@@ -22,6 +22,7 @@ from texclass.features.extractor import Plan
 from texclass.recognition.candidates import Candidate
 from texclass.recognition.files import unsafe_classes
 from texclass.recognition.held_out import HeldOut, accuracy_of_choice, hold_out
+from texclass.recognition.holding_out import AT_RANDOM, HoldingOut
 from texclass.recording import Samples
 
 N_FOLDS = 5
@@ -56,7 +57,7 @@ class Study:
     """The recordings, and how they are held out."""
 
     table: FeatureTable
-    protocol: Protocol
+    held: HoldingOut
     splits: tuple[Split, ...]
     seed: int
 
@@ -77,7 +78,7 @@ class Study:
             found.append(held_out)
             if progress is not None:
                 progress(len(found), len(candidates), "candidates")
-        clusters = self.protocol.clusters(self.table.frame)[found[0].rows]
+        clusters = self.held.protocol.clusters(self.table.frame)[found[0].rows]
         left = list(zip(candidates, found, strict=True))
         while left:
             hits, ms = np.array([h.hits for _, h in left]), [c.ms for c, _ in left]
@@ -90,6 +91,26 @@ class Study:
         raise ValueError(
             f"{candidate} holds {unsafe[0]}; the rule is a classifier whose file can be loaded safely"
         )
+
+    def distances(self, chosen: Choice) -> tuple[Samples, float]:
+        """Return how far held-out recordings lie, shape (n,), and the factor that drift has put on it.
+
+        Distances shrink with every recording that trains: those of blocks in time, for which a half trains,
+        tell of the smaller half and of drift in one. Folds at random tell of neither. Their distances are
+        stretched by what later recordings are farther, in the median, than as many drawn at random. On twelve
+        pairs of `biotac20`, at 5 %, 3.3 % of later known recordings were then called unknown, and 85 % of
+        strangers (by blocks: 0.3 % and 59 %; by folds: 8.4 % and 94 %).
+        """
+        later = chosen.held_out.strange
+        if not self.held.is_in_time:
+            return later, 1.0
+        at_random, frame = find_protocol(AT_RANDOM), self.table.frame
+        halves = self._strange(chosen, at_random.split(frame, 2, self.seed))
+        stretch = max(1.0, float(np.median(later) / max(np.median(halves), 1e-300)))
+        return stretch * self._strange(chosen, splits_of(at_random, frame, self.seed)), stretch
+
+    def _strange(self, chosen: Choice, splits: tuple[Split, ...]) -> Samples:
+        return _held_out(chosen.candidate, self.values(chosen.candidate.plan), self.y, splits).strange
 
     def fitted(self, candidate: Candidate) -> Recogniser:
         """Return a candidate trained on everything, pruned."""

@@ -1,24 +1,21 @@
 """Dataset and pipeline in, a trained model out; what is chosen is chosen by cross-validation alone."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from texclass.experiment.choice import NO_LIMITS, Limits, check
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.definition import PipelineDefinition
-from texclass.experiment.deploy import Recogniser
 from texclass.experiment.extraction import Progress
 from texclass.experiment.joined import cached_tables
-from texclass.experiment.protocols import find_protocol
 from texclass.experiment.table import metadata
 from texclass.experiment.windows import touches
 from texclass.loaders.dataset import Dataset
 from texclass.recognition.calibration import fit_calibration
 from texclass.recognition.candidates import candidates_of
 from texclass.recognition.facts import manifest_of
-from texclass.recognition.held_out import HeldOut
+from texclass.recognition.holding_out import holding_out
 from texclass.recognition.model import Model
 from texclass.recognition.reasons import Ranges
 from texclass.recognition.study import Choice, Study, splits_of
@@ -41,8 +38,8 @@ class TrainingSettings:
     touch_s
         Seconds of movement of one answer; whole recordings where None.
     protocol
-        How recordings are held out; the pipeline's own where None. `blocks` calibrates and sets the threshold
-        on later repetitions than it trains on, as a sensor that drifts asks for.
+        How recordings are held out; see `holding_out` where None. `blocks` chooses, calibrates and sets the
+        threshold on later repetitions than it trains on, as a sensor that drifts asks for.
     false_alarms
         Share of known surfaces that may be called unknown.
     """
@@ -93,9 +90,10 @@ def train(
     """
     check(settings.limits)
     felt = _felt(dataset, settings, n_jobs, progress)
-    protocol = find_protocol(settings.protocol or pipeline.protocol)
+    known = metadata(felt.entries)
+    held = holding_out(settings.protocol, pipeline.protocol, known, settings.false_alarms)
     # Before the features: what is impossible should not cost an extraction.
-    splits = splits_of(protocol, metadata(felt.entries), pipeline.seed)
+    splits = splits_of(held.protocol, known, pipeline.seed)
     check_false_alarms(settings.false_alarms, sum(len(test) for _, test in splits))
     table = cached_tables(
         felt, pipeline.needed, channels=pipeline.channels, n_jobs=n_jobs, skip_bad=skip_bad, progress=progress
@@ -104,7 +102,7 @@ def train(
     candidates = candidates_of(
         pipeline, table, meter, settings.limits, row=settings.row, classifier=settings.classifier
     )
-    study = Study(table, protocol, splits_of(protocol, table.frame, pipeline.seed), pipeline.seed)
+    study = Study(table, held, splits_of(held.protocol, table.frame, pipeline.seed), pipeline.seed)
     chosen = study.choose(candidates, n_jobs, progress)
     return _made(chosen, study, felt, pipeline, settings, meter)
 
@@ -120,8 +118,10 @@ def _made(
     recogniser, held_out = chosen.recogniser, chosen.held_out
     X = study.values(recogniser[0].plan_)
     calibration = fit_calibration(held_out.decisions, held_out.labels)
-    novelty = _novelty(recogniser, X, study.y, held_out, settings.false_alarms)
-    manifest = manifest_of(chosen, study, felt, pipeline, meter, calibration, novelty, settings.touch_s)
+    novelty, stretch = _novelty(chosen, X, study, settings.false_alarms)
+    manifest = manifest_of(
+        chosen, study, felt, pipeline, meter, calibration, novelty, settings.touch_s, stretch=stretch
+    )
     return Model(recogniser, calibration, novelty, Ranges.of(X), manifest, study.table.left_out)
 
 
@@ -135,10 +135,15 @@ def _felt(dataset: Dataset, settings: TrainingSettings, n_jobs: int, progress: P
     return touches(dataset, settings.touch_s, n_jobs=n_jobs, progress=progress)
 
 
-def _novelty(recogniser: Recogniser, X: Samples, y: Any, held_out: HeldOut, false_alarms: float) -> Novelty:
+def _novelty(chosen: Choice, X: Samples, study: Study, false_alarms: float) -> tuple[Novelty, float]:
+    """Return when a surface is unknown, and the factor by which drift has stretched distances."""
+    recogniser = chosen.recogniser
     kind = kind_for(recogniser[-1])
+    if kind == "decision":
+        return Novelty(kind, np.sort(chosen.held_out.strange), false_alarms, None), 1.0
     prepared = X
     for _, step in recogniser.steps[1:-1]:
         prepared = step.transform(prepared)
-    near = fit_nearness(prepared, np.unique(y, return_inverse=True)[1]) if kind == "distance" else None
-    return Novelty(kind, np.sort(held_out.strange), false_alarms, near)
+    near = fit_nearness(prepared, np.unique(study.y, return_inverse=True)[1])
+    far, stretch = study.distances(chosen)
+    return Novelty(kind, np.sort(far), false_alarms, near), stretch

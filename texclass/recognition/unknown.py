@@ -85,6 +85,19 @@ def strangeness(kind: Kind, decisions: Samples, prepared: Samples, nearness: Nea
     return nearness(prepared)
 
 
+def least_held_out(false_alarms: float) -> int:
+    """Return how many held-out recordings it takes for such a rate of false alarms.
+
+    Raises
+    ------
+    ValueError
+        If it is no rate.
+    """
+    if not 0 < false_alarms < 1:
+        raise ValueError(f"false_alarms is {false_alarms!r}; the rule is above 0 and below 1")
+    return int(np.ceil(1 / false_alarms - 1e-9)) - 1
+
+
 def check_false_alarms(false_alarms: float, n_held_out: int) -> None:
     """Check that so many held-out recordings can give such a rate.
 
@@ -93,10 +106,7 @@ def check_false_alarms(false_alarms: float, n_held_out: int) -> None:
     ValueError
         If not.
     """
-    if not 0 < false_alarms < 1:
-        raise ValueError(f"false_alarms is {false_alarms!r}; the rule is above 0 and below 1")
-    least = int(np.ceil(1 / false_alarms - 1e-9)) - 1
-    if n_held_out < least:
+    if n_held_out < (least := least_held_out(false_alarms)):
         raise ValueError(
             f"false_alarms is {false_alarms:g}, {n_held_out} recordings are held out; "
             f"the rule is at least {least} of them"

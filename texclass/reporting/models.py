@@ -72,8 +72,9 @@ def _facts(m: "Manifest", n_columns: int) -> list[tuple[str, str]]:
         (
             "Accuracy",
             f"{100 * a['mean']:.1f} % ({100 * a['low']:.1f} to {100 * a['high']:.1f}) of {a['n_tested']} "
-            f"{a['how']}; protocol {a['protocol']}, {a['n_folds']} folds",
+            f"{a['how']}",
         ),
+        ("Held out", _held_out(m)),
         (
             "Probabilities",
             f"{c['method']} scaling, beta {c['beta']:.3g}; expected calibration error "
@@ -88,6 +89,14 @@ def _facts(m: "Manifest", n_columns: int) -> list[tuple[str, str]]:
         ("Versions", ", ".join(f"{name} {version}" for name, version in m.versions.items())),
         ("Format", ".".join(map(str, m.schema))),
     ]
+
+
+def _held_out(m: "Manifest") -> str:
+    a, stretch = m.accuracy, m.unknown.get("stretch", 1.0)
+    folds = f"{a['n_folds']} fold{'s' * (a['n_folds'] > 1)}"
+    why = f" ({a['why']})" if "why" in a else ""  # models of before 1.2 do not say
+    drift = f"; drift makes distances {stretch:.2g} times as large" if stretch > 1 else ""
+    return f"protocol {a['protocol']}, {folds}{why}{drift}"
 
 
 def _felt(m: "Manifest") -> str:

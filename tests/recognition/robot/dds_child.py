@@ -1,4 +1,4 @@
-"""The other process of the tests of DDS: publishes an Imu whose x counts samples, or answers."""
+"""The other process of the tests of DDS: publishes an Imu whose x counts samples, a file, or answers."""
 
 import importlib.util
 import socket
@@ -7,6 +7,8 @@ import sys
 import time
 import types
 from collections.abc import Callable
+
+import numpy as np
 
 # Without the index of the package above, which imports all of scikit-learn: the child is there in a moment.
 package = types.ModuleType("texclass.recognition")
@@ -22,6 +24,17 @@ def publish_imu(topic: str, fs: float, seconds: float, first: int) -> None:
     while not publisher.n_subscribers:
         time.sleep(0.005)
     paced(fs, seconds, lambda i, stamp: publisher.publish(stamp, (first + i, 0.5, 9.81)))
+    sys.stdin.readline()
+    publisher.close()
+
+
+def publish_rows(topic: str, fs: float, path: str) -> None:
+    """Publish the rows of a .npy file, acceleration and turn rate, as soon as there is a subscriber."""
+    rows = np.load(path)
+    publisher = ImuPublisher(topic)
+    while not publisher.n_subscribers:
+        time.sleep(0.005)
+    paced(fs, len(rows) / fs, lambda i, stamp: publisher.publish(stamp, rows[i, :3], rows[i, 3:]))
     sys.stdin.readline()
     publisher.close()
 
@@ -58,6 +71,8 @@ def publish_answers(topic: str, diagnostics: str) -> None:
 if __name__ == "__main__":
     if sys.argv[1] == "imu":
         publish_imu(sys.argv[2], float(sys.argv[3]), float(sys.argv[4]), int(sys.argv[5]))
+    elif sys.argv[1] == "rows":
+        publish_rows(sys.argv[2], float(sys.argv[3]), sys.argv[4])
     elif sys.argv[1] == "udp":
         send_datagrams(int(sys.argv[2]), float(sys.argv[3]), float(sys.argv[4]))
     else:

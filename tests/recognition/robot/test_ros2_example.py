@@ -1,40 +1,85 @@
-"""The example for people who have ROS cannot run here: its syntax and the names it uses are checked."""
+"""The example for people who have ROS runs here with modules that stand for ROS."""
 
-import ast
-import importlib
+import importlib.util
+import json
+import sys
 from pathlib import Path
 
 import pytest
+import ros_stand_in
+from turning_surfaces import FS, N, recording, turning_model, values
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "ros2_node.py"
+START_S = 1_700_000_000
 
 
 @pytest.fixture(scope="module")
-def tree():
-    return ast.parse(EXAMPLE.read_text(encoding="utf-8"))
+def model():
+    return turning_model()
 
 
-def test_it_says_that_it_was_not_run_with_ros(tree):
-    assert "NOT run with ROS" in ast.get_docstring(tree)
+@pytest.fixture
+def example(monkeypatch):
+    for name, module in ros_stand_in.modules().items():
+        monkeypatch.setitem(sys.modules, name, module)
+    spec = importlib.util.spec_from_file_location("ros2_node", EXAMPLE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
-def test_what_it_imports_of_texclass_exists(tree):
-    imported = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-    ours = [(node.module, name.name) for node in imported for name in node.names if "texclass" in node.module]
-    assert len(ours) == 3
-    for module, name in ours:
-        assert hasattr(importlib.import_module(module), name)
+@pytest.fixture
+def node(example, model, monkeypatch, tmp_path):
+    model.save(tmp_path / "m.skops")
+    given = {"model": str(tmp_path / "m.skops"), "topic": "/drive/imu", "fs": FS}
+    monkeypatch.setattr(ros_stand_in.Node, "given", given)
+    return example.SurfaceNode()
 
 
-def test_what_it_does_with_messages_is_what_timing_takes():
-    import numpy as np
+def _play(node, rows, hear):
+    for i, row in enumerate(rows.tolist()):
+        at = round(i * 1e9 / FS)
+        node.now_ns = START_S * 10**9 + at
+        stamp = ros_stand_in.Stamp(START_S, at) if at < 10**9 else ros_stand_in.Stamp(START_S + 1, at - 10**9)
+        hear(
+            ros_stand_in.Imu(
+                header=ros_stand_in.Header(stamp),
+                linear_acceleration=ros_stand_in.Vector3(*row[:3]),
+                angular_velocity=ros_stand_in.Vector3(*row[3:]),
+            )
+        )
 
-    from texclass.recognition.timing import Timing
 
-    timing = Timing(100.0, "m/s^2")
-    blocks = [
-        b
-        for i in range(5)
-        for b in timing.push(np.array([i * 10**7]), np.array([i * 10**7]), np.ones((1, 1, 3)))
-    ]
-    assert [block.samples.shape for block in blocks] == [(1, 3)] * 5
+def test_it_says_that_it_was_not_run_with_ros(example):
+    assert "NOT run with ROS" in example.__doc__
+
+
+def test_it_subscribes_as_sensors_are_published(node):
+    ((kind, topic, _, quality),) = node.subscriptions
+    assert (kind, topic) == (ros_stand_in.Imu, "/drive/imu")
+    assert quality == ros_stand_in.modules()["rclpy.qos"].qos_profile_sensor_data
+    assert set(node.publishers) == {"~/surface", "/diagnostics"}
+
+
+@pytest.mark.parametrize("terrain", ["gravel", "sand"])
+def test_it_publishes_the_answer_of_the_model(node, model, terrain):
+    ((_, _, hear, _),) = node.subscriptions
+    _play(node, values(terrain, 90), hear)
+    (said,) = [json.loads(message.data) for message in node.publishers["~/surface"].sent]
+    asked = model.answer(recording(terrain, 90))
+    assert said["surface"] == asked.surface == terrain
+    assert said["felt_s"] == pytest.approx(N / FS)
+    (array,) = node.publishers["/diagnostics"].sent
+    (status,) = array.status
+    unknown = said["unknown"]
+    assert (status.level, status.message) == ((b"\1", "unknown surface") if unknown else (b"\0", terrain))
+    assert array.header.stamp.sec == START_S + 1
+    assert not node.warned
+
+
+def test_it_warns_of_what_is_wrong_with_the_stream(node):
+    ((_, _, hear, _),) = node.subscriptions
+    rows = values("sand", 90)
+    rows[100] = float("nan")
+    _play(node, rows, hear)
+    assert any("not finite" in told for told in node.warned)

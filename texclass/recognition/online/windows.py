@@ -8,6 +8,7 @@ from texclass._filtered import block_mean
 from texclass._taps import HAND_RATE_HZ, Hand
 from texclass.features.views import TURN
 from texclass.recognition.model import Model
+from texclass.recognition.needs import FRICTION, Needs
 from texclass.recording import ACCELERATION_UNITS, Phases, Recording, Samples, Tap
 
 
@@ -27,13 +28,15 @@ class Shape:
     model : Model
         Says which channels are kept apart, and whether files lost their resting level.
     n_columns : int
-        Columns of the stream: axes of the acceleration, then, where the model has it, of the turn rate.
+        Columns of the stream: axes of the acceleration, then, where the model has them, of the turn rate, and
+        the friction.
     fs : float
         Sampling rate of the stream in Hz.
     unit : str
         Of its acceleration.
     raw : bool
-        Whether samples are as in the files the model was trained on, so that the scale of these applies.
+        Whether samples are as in the files the model was trained on, so that the scale of these applies, if
+        they are in their unit.
 
     Raises
     ------
@@ -42,20 +45,17 @@ class Shape:
     """
 
     def __init__(self, model: Model, n_columns: int, fs: float, unit: str, raw: bool = True) -> None:
-        apart = model.plan.channels
-        has_turn = set(TURN) <= set(apart)
-        if apart and n_columns != len(apart):
-            raise ValueError(
-                f"the stream has {n_columns} columns; the rule is {len(apart)}, {', '.join(apart)}, "
-                "as the model was trained"
-            )
-        self.n_axes = n_columns - len(TURN) * has_turn
+        needs = Needs.of(model)
+        self.n_axes = needs.n_axes(n_columns)
+        self._n_turn = len(TURN) * ("turn_rate" in needs.beside)
+        self._has_friction = FRICTION in needs.beside
         physical = unit in ACCELERATION_UNITS
         self.fs, self.unit = fs, "m/s^2" if physical else unit
-        scale = float(model.manifest.input.get("scale", 1.0)) if raw else 1.0
+        source = model.manifest.input
+        scale = float(source.get("scale", 1.0)) if raw and unit == source.get("unit", unit) else 1.0
         self._factor = (ACCELERATION_UNITS[unit] if physical else 1.0) * scale
-        self._channels = apart[: self.n_axes]
-        self._level = bool(model.manifest.input.get("remove_resting_level", False))
+        self._channels = needs.axes if model.plan.channels else ()
+        self._level = bool(source.get("remove_resting_level", False))
 
     def conditioned(self, rows: Samples) -> Samples:
         """Return samples (n, n_columns) in the unit that recordings keep, scaled as the files were."""
@@ -91,13 +91,14 @@ class Shape:
         return levelled
 
     def _recording(self, samples: Samples, phases: Phases, name: str) -> Recording:
-        axes, turn = samples[:, : self.n_axes], samples[:, self.n_axes :]
+        axes, turn = samples[:, : self.n_axes], samples[:, self.n_axes : self.n_axes + self._n_turn]
         return Recording(
             axes[:, 0] if self.n_axes == 1 else axes,
             self.fs,
             self.unit,
             name,
-            turn_rate=turn if turn.shape[1] else None,
+            turn_rate=turn if self._n_turn else None,
+            friction=samples[:, -1] if self._has_friction else None,
             channels=self._channels,
             phases=phases,
         )

@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from texclass.loaders.ros_messages import MULTI_ARRAY, TURN_RATE, TYPES
 from texclass.recognition.blocks import Block
+from texclass.recognition.needs import ACCELERATION_ONLY, Needs
 from texclass.recognition.robot.endpoints import Reliability
 from texclass.recognition.robot.messages import SIGNALS
 from texclass.recognition.robot.subscriber import Received, Subscriber, discover
@@ -15,10 +17,12 @@ from texclass.recording import RecordingError
 
 SILENT_S = 1.0
 """After so many seconds without a message an empty block says so."""
+UNTURNED_S = 1.0
+"""After so many seconds of a turn rate of exactly 0 a block says so."""
 
 
 class TopicSource:
-    """The acceleration of a ROS 2 topic, block by block as it arrives.
+    """The acceleration of a ROS 2 topic, and the turn rate where it is needed, block by block as it arrives.
 
     Parameters
     ----------
@@ -38,11 +42,14 @@ class TopicSource:
         How long to wait for a first publisher.
     end_s : float, optional
         End after so many seconds without a message; by default go on for ever.
+    needs : Needs
+        Columns that a model needs. An array of numbers is taken to have them in their order.
 
     Raises
     ------
     RecordingError
-        If nobody publishes there, a type that cannot be read, or the unit is missing or contradicted.
+        If nobody publishes there, a type that cannot be read or lacks what is needed, or the unit is missing
+        or contradicted.
     """
 
     def __init__(
@@ -56,6 +63,7 @@ class TopicSource:
         domain: int | None = None,
         wait_s: float = 10.0,
         end_s: float | None = None,
+        needs: Needs = ACCELERATION_ONLY,
     ) -> None:
         if type_name is None or reliability is None:
             offered = discover(topic, domain=domain, timeout_s=wait_s)
@@ -68,7 +76,10 @@ class TopicSource:
             raise RecordingError(
                 f"ros2:{topic}: carries {type_name!r}; the rule is one of {', '.join(SIGNALS)}"
             )
-        self.subscriber = Subscriber(topic, type_name, reliability=reliability, domain=domain)
+        columns = _columns(topic, type_name, needs)
+        self.subscriber = Subscriber(
+            topic, type_name, reliability=reliability, domain=domain, columns=columns
+        )
         stated = self.subscriber.unit
         if stated != "arbitrary" and unit not in (None, stated):
             self.close()
@@ -80,6 +91,8 @@ class TopicSource:
         self._end = (0.0, np.empty((0, 3)))
         self._pending: list[str] = []
         self._n_lost = 0
+        self._turn = [columns.index(name) for name in TURN_RATE if name in columns]
+        self._unturned_s = 0.0
 
     def __iter__(self) -> Iterator[Block]:
         """Yield blocks as messages arrive; an empty one that says so after a second of silence."""
@@ -105,8 +118,18 @@ class TopicSource:
             self._n_lost = n_lost
         for block in self.timing.push(received.stamps_ns, received.sent_ns, received.samples):
             self._end = (block.t_s + len(block.samples) / block.fs, block.samples[:0])
+            self._watch_turning(block)
             yield replace(block, flags=(*self._pending, *block.flags))
             self._pending.clear()
+
+    def _watch_turning(self, block: Block) -> None:
+        """Say once that a turn rate has been 0 from the start on: a gyroscope is never so quiet for long."""
+        if self._turn and not block.samples[:, self._turn].any():
+            self._unturned_s += len(block.samples) / block.fs
+            if self._unturned_s < UNTURNED_S:
+                return
+            self._pending.append(f"turn rate: 0 for the first {UNTURNED_S:g} s, does the sensor measure it?")
+        self._turn = []
 
     def _silence(self, silent_s: float) -> Block:
         told = f"silent: nothing for {silent_s:.1f} s, {self.subscriber.whereabouts()}"
@@ -116,3 +139,15 @@ class TopicSource:
     def close(self) -> None:
         """Leave the domain."""
         self.subscriber.close()
+
+
+def _columns(topic: str, type_name: str, needs: Needs) -> tuple[str, ...]:
+    """Return the columns of a type of messages that are needed."""
+    if type_name == MULTI_ARRAY:
+        return ()
+    type_ = TYPES[type_name]
+    turn = TURN_RATE if "turn_rate" in needs.beside else ()
+    for name in needs.beside:
+        if name != "turn_rate" or not set(turn) <= set(type_.columns):
+            raise RecordingError(f"ros2:{topic}: {type_name} has {needs.lacks(name)}")
+    return (*type_.acceleration, *turn)

@@ -21,10 +21,12 @@ from texclass.loaders.ros_messages import (
     column_values,
     decode_multi_array,
     decode_stamped,
+    lacking,
+    not_measured,
 )
 from texclass.recognition.robot.endpoints import DEPTH, AsBytes, Reliability, participant, quality
 from texclass.recognition.robot.messages import SIGNALS, dds_topic, ros_type
-from texclass.recording import Samples
+from texclass.recording import RecordingError, Samples
 
 MOST_AT_ONCE = 4096
 """Messages taken at a time."""
@@ -176,6 +178,11 @@ class Subscriber:
         -------
         received : Received or None
             None if nothing arrived in time.
+
+        Raises
+        ------
+        RecordingError
+            If the messages say that a column is not measured.
         """
         messages = self._reader.take(MOST_AT_ONCE)
         if not messages:
@@ -185,7 +192,10 @@ class Subscriber:
         if not valid:
             return None
         sent = [message.sample_info.source_timestamp for message in valid]
-        return _decoded([message.data for message in valid], sent, self.type_name, self.columns)
+        try:
+            return _decoded([message.data for message in valid], sent, self.type_name, self.columns)
+        except RecordingError as error:
+            raise RecordingError(f"ros2:{self.topic}: {error}") from error
 
     def wait_for_publisher(self, timeout_s: float) -> bool:
         """Wait until somebody publishes; return whether somebody does."""
@@ -245,6 +255,8 @@ def _samples(
             raise MessageError(f"{type_name}: blocks differ in size; the rule is one")
         return None, np.stack(blocks)
     stamps, numbers = decode_stamped(TYPES[type_name], raws, ros1=False)
+    if absent := lacking(TYPES[type_name], numbers, columns):
+        raise RecordingError(not_measured(absent))
     chosen = [column_values(TYPES[type_name], numbers, column) for column in columns]
     return stamps, np.stack(chosen, axis=-1)[:, None, :] if chosen else numbers[:, None, :0]
 

@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from texclass.reporting.words import line_of
+from texclass.reporting.reproductions._oeztuerk2018_predictions import ABSENT, predictions, table
 from texclass.textures.oeztuerk2018.intervals import speed_intervals
-from texclass.textures.oeztuerk2018.prediction import Prediction, mean_scores
 from texclass.textures.oeztuerk2018.speeds import PEAK_FACTOR
-from texclass.textures.oeztuerk2018.study import N_PATHS, N_SEEDS, N_SURFACES, SPEEDS_MM_S, TABLE_3_1, Study
+from texclass.textures.oeztuerk2018.study import N_PATHS, N_SEEDS, TABLE_3_1, Study
 from texclass.vibration.major_frequencies import BEAT_THRESHOLDS_HZ
 
 KEY = "oeztuerk2018"
@@ -22,7 +21,6 @@ TABLE_6_1 = {
     "steel wool": (0.4, "0-4, 4-8, 8-12, > 12 cm/s"),
 }
 FIGURE_5_2 = {"coarse foam": 9.4, "granite tile": 10.2, "fine foam": 10.7, "oak": 11.8, "steel wool": 14.0}
-ABSENT = "Skipped: the recordings are not on this machine (`TEXCLASS_DATA`)."
 
 
 def markdown(result: Study, numbers: dict[str, Any]) -> str:
@@ -106,7 +104,7 @@ Frequencies leave all between their lines empty: their log spectral distance has
 level: what is mixed beside the line spectra (the thesis: the gain). "All other speeds" has three recordings
 instead of two. Nothing can be expected to be nearer than "own LPC" and "other half".
 
-{_predictions(result, numbers["fabric_seconds"])}
+{predictions(result, numbers["fabric_seconds"])}
 
 ![Predicted spectra](oeztuerk2018-predicted.png)
 
@@ -129,10 +127,6 @@ oeztuerk2018`.
 """
 
 
-def _table(head: Sequence[str], *rows: Sequence[str]) -> str:
-    return "\n".join(line_of(tuple(row)) for row in [head, ["---"] * len(head), *rows])
-
-
 def _agree(yes: bool) -> str:
     return "so it is" if yes else "it does not"
 
@@ -153,7 +147,7 @@ def _orders(result: Study) -> str:
     return f"""\
 Median error, eq. (3.11) on magnitudes, over {len(curves)} recordings of `lmt_excerpts`:
 
-{_table(["order", *map(str, shown)], *rows)}
+{table(["order", *map(str, shown)], *rows)}
 
 Published: little is won beyond order 400 (oak, steel wool, fine foam at 5 cm/s). Here order 400 has
 {share:.0f} % of what order 1000 wins on the same recording; on its other half nothing is won beyond small
@@ -172,7 +166,7 @@ def _thresholds() -> str:
         for band, persons, limit in zip(BANDS, TABLE_3_1, BEAT_THRESHOLDS_HZ, strict=True)
     ]
     head = ["Hz", *(f"person {i}" for i in ("I", "II", "III", "IV", "V")), "Table 3.2, used (Hz)"]
-    return _table(head, *rows)
+    return table(head, *rows)
 
 
 def _beats(result: Study) -> str:
@@ -199,7 +193,7 @@ def _intervals(result: Study) -> str:
         f"found in simulated speeds, {N_SEEDS} draws",
         "their mean, cm/s",
     ]
-    return _table(head, *rows)
+    return table(head, *rows)
 
 
 def _table_6_1() -> str:
@@ -214,7 +208,7 @@ def _table_6_1() -> str:
         for material, (mu, published) in TABLE_6_1.items()
     ]
     head = ["Tables 5.1 and 6.1", "friction", "intervals, published", "`speed_intervals`", ""]
-    return _table(head, *rows)
+    return table(head, *rows)
 
 
 def _same(yes: bool) -> str:
@@ -243,7 +237,7 @@ def _counts(result: Study) -> str:
 Ours: goodness of fit of the amplitude spectrum (20 Hz wide, 1 s of `lmt_excerpts`) with n frequencies; other
 surfaces, no subjects.
 
-{_table(["recording", *(f"n = {n}" for n in (2, 6, 12, 20, 30)), "n for 0.8", "n for 0.9"], *rows)}
+{table(["recording", *(f"n = {n}" for n in (2, 6, 12, 20, 30)), "n for 0.8", "n for 0.9"], *rows)}
 
 A fit of 0.8 needs a median of {np.median(fair):.0f} frequencies, which is near the published number, but 0.8
 is our choice. By 0.9 ("a good match", `abdulali2016`) 30 frequencies are too few for {too_few} of {len(fair)}
@@ -256,63 +250,10 @@ def _number(n: int | None) -> str:
     return "> 30" if n is None else str(n)
 
 
-def _predictions(result: Study, seconds: Sequence[float]) -> str:
-    speeds = ", ".join(f"{v:g}" for v in SPEEDS_MM_S)
-    simulated = (
-        f"### {N_SURFACES} simulated surfaces at {speeds} mm/s\n\n{_scores(result.simulated)}\n\n"
-        + _verdict(result.simulated, "simulated surfaces")
-    )
-    if not result.real:
-        return f"{simulated}\n\n### fabric_speeds\n\n{ABSENT}"
-    lasting = ", ".join(f"{s:.1f}" for s in seconds)
-    ratio = " : ".join(f"{seconds[0] / s:.1f}" for s in seconds)
-    parts = [
-        f"{name}: {_verdict([p for p in result.real if p.speed == v], 'fabrics')}"
-        for name, v in (("v2", 2.0), ("v3", 3.0))
-    ]
-    return f"""\
-{simulated}
-
-### fabric_speeds: four fabrics, real
-
-{_scores(result.real)}
-
-{parts[0]}
-
-{parts[1]}
-
-The speeds are not known; 1, 2, 3, 4 stand for them. The recordings last {lasting} s in the median. If each is
-one stroke over a swatch of one size, the speeds are to each other as {ratio}, and what stands at 2 and 3
-here lies elsewhere between the ends."""
-
-
-def _scores(predictions: Sequence[Prediction]) -> str:
-    rows = [
-        [way, f"{s.log_spectral_db:.2f}", f"{s.band_db:.2f}", f"{s.gfc:.3f}", f"{s.level_db:.2f}"]
-        for way, s in mean_scores(predictions).items()
-    ]
-    head = ["way", "log spectral (dB)", "nine bands (dB)", "goodness of fit", "level off by (dB)"]
-    return _table(head, *rows)
-
-
-def _verdict(predictions: Sequence[Prediction], what: str) -> str:
-    mean = mean_scores(predictions)
-    by_gain, by_level, nearest = (mean[way] for way in ("LPC, log gain", "LPC, log level", "nearest speed"))
-    wins = sum(
-        p.scores["LPC, log gain"].log_spectral_db < p.scores["nearest speed"].log_spectral_db
-        for p in predictions
-    )
-    return f"""\
-LPC between speeds (log gain, as the thesis) is nearer to the recording than the recording of the nearest
-speed in {wins} of {len(predictions)} cases ({what}; log spectral distance {by_gain.log_spectral_db:.2f}
-against {nearest.log_spectral_db:.2f} dB). The log level mixed instead of the log gain brings the error of the
-level from {by_gain.level_db:.2f} to {by_level.level_db:.2f} dB."""
-
-
 def _rendering(result: Study) -> str:
     rows = [
         [r.family, "yes" if r.finite else "no", f"{r.largest:.2f}", f"{r.click:.2f}", f"{r.microseconds:.2f}"]
         for r in result.rendering
     ]
     head = ["texture", "finite and bounded", "largest / recorded peak", "steps", "microseconds per sample"]
-    return _table(head, *rows)
+    return table(head, *rows)

@@ -1,0 +1,290 @@
+"""A model that was trained on more than accelerations hears the rest on a stream, or says what is missing."""
+
+import io
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toy_surfaces import pipeline
+from turning_surfaces import FS, TERRAINS, N, terrains, turning_model, values
+
+from texclass.cli import main
+from texclass.experiment.definition import RowDefinition
+from texclass.features import load_feature_set
+from texclass.loaders import load_recording, open_dataset
+from texclass.loaders.dataset import Dataset
+from texclass.recognition import TrainingSettings, load_model, train
+from texclass.recognition.live_sources import is_live, open_source
+from texclass.recognition.needs import Needs
+from texclass.recognition.online import Session
+from texclass.recognition.online.windows import Shape
+from texclass.recognition.predict import predict
+from texclass.recognition.source import Source, find_like
+from texclass.recording import RecordingError
+
+IMU_CARD = """
+title = "Terrains"
+format = "files"
+folder = "bags"
+fs_hz = 200
+unit = "m/s^2"
+scale = 2.0
+phases = "movement"
+remove_resting_level = true
+topic = "/imu"
+files = '(?P<recording>\\w+)/metadata\\.yaml'
+[labels]
+file = "labels.csv"
+recording = "bag"
+material = "terrain"
+repetition = "run"
+[channels]
+acceleration = ["ax", "ay", "az"]
+turn_rate = ["wx", "wy", "wz"]
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Bags with an Imu and a topic that nobody asks for, labelled by a table; a model trained on them."""
+    pytest.importorskip("rosbags", reason="the extra `robot` is not installed")
+    from bag_writer import IMU, Topic, regular, write_bag
+
+    root = tmp_path_factory.mktemp("terrains")
+    labels = ["bag,terrain,run"]
+    for terrain in TERRAINS:
+        for run in range(1, 7):
+            name = f"{terrain}{run}"
+            topics = {
+                "/imu": Topic(IMU, values(terrain, run), regular(N, FS)),
+                "/spare": Topic(IMU, np.ones((20, 6)), regular(20, FS)),
+            }
+            write_bag(root / "bags", "mcap", topics, name=name)
+            labels.append(f"{name},{terrain},{run}")
+    (root / "bags/labels.csv").write_text("\n".join(labels))
+    (root / "terrains.toml").write_text(IMU_CARD)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TEXCLASS_DATA", str(root))
+        turning_model(open_dataset(root / "terrains.toml")).save(root / "terrains.skops")
+    return root
+
+
+@pytest.fixture(scope="module")
+def model():
+    return turning_model()
+
+
+@pytest.fixture
+def run(folder, monkeypatch, capsys):
+    def call(*arguments, text=""):
+        monkeypatch.chdir(folder)
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
+        monkeypatch.setattr(sys, "argv", ["texclass", *map(str, arguments)])
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        return (code, *capsys.readouterr())
+
+    return call
+
+
+def _answers(out):
+    return [one for one in map(json.loads, out.splitlines()) if one.get("type") == "answer"]
+
+
+def test_a_stream_of_a_bag_gives_the_answers_of_predict(run, folder):
+    from bag_writer import IMU, Topic, regular, write_bag
+
+    for terrain in TERRAINS:
+        both = values(terrain, 50)
+        bag = write_bag(folder, "mcap", {"/imu": Topic(IMU, both, regular(N, FS))}, name=f"new_{terrain}")
+        name = f"bag:{bag}?topic=/imu"
+        code, out, err = run("predict", "terrains.skops", name, "--json")
+        assert (code, err) == (0, "")
+        (asked,) = map(json.loads, out.splitlines())
+        assert asked["surface"] == terrain
+        assert asked["probability"] > 0.9
+        code, out, err = run("stream", "terrains.skops", "--source", name, "--json")
+        assert code == 0
+        assert [a["probability"] for a in _answers(out)] == [pytest.approx(asked["probability"])]
+        assert json.loads(out.splitlines()[-1])["surface"] == terrain
+        # The same samples as text, not yet scaled.
+        text = "\n".join(",".join(map(repr, row)) for row in both.tolist())
+        code, out, _ = run("stream", "terrains.skops", "--rate", 200, "--json", text=text)
+        assert [a["probability"] for a in _answers(out)] == [pytest.approx(asked["probability"])]
+
+
+def test_a_bag_is_conditioned_as_the_bags_of_training_were(folder):
+    model = load_model(folder / "terrains.skops")
+    bag = folder / "bags/sand2"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TEXCLASS_DATA", str(folder))
+        (by_card,) = predict(model, [f"{folder}/terrains.toml:sand2"])
+    for name in (bag, bag / "sand2.mcap", f"bag:{bag}", f"bag:{bag / 'sand2.mcap'}?topic=/imu"):
+        (by_file,) = predict(model, [str(name)])  # of two topics, that of the card
+        assert by_file.problem == ""
+        assert by_file.answer.probabilities == pytest.approx(by_card.answer.probabilities)
+
+
+def test_a_bag_stands_for_files_whose_columns_have_other_names(model, tmp_path):
+    pytest.importorskip("rosbags", reason="the extra `robot` is not installed")
+    from bag_writer import ARRAY, IMU, Topic, regular, write_bag
+
+    csv = Source(
+        FS, "m/s^2", 2.0, acceleration=("a1", "a2", "a3"), auxiliary={"turn_rate": ("g1", "g2", "g3")}
+    )
+    csv = Source.of_dict({**csv.to_dict(), "axes": ["a1", "a2", "a3"]})
+    both = values("sand", 3)
+    imu = write_bag(tmp_path, "mcap", {"/imu": Topic(IMU, both, regular(N, FS))}, name="imu")
+    numbers = Topic(ARRAY, list(both.reshape(40, 10, 6)), None, regular(40, FS / 10))
+    array = write_bag(tmp_path, "mcap", {"/imu": numbers}, name="array")
+    for bag in (imu, array):
+        found = find_like(csv, str(bag))
+        assert found.channels == ("a1", "a2", "a3")
+        np.testing.assert_array_equal(found.acceleration, 2 * both[:, :3])
+        np.testing.assert_array_equal(found.turn_rate, both[:, 3:])
+    in_g = Source(FS, "g", 2.0)
+    np.testing.assert_array_equal(find_like(in_g, str(imu)).acceleration, both[:, :3])
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ("disclaimed", r"say that wx, wy, wz are not measured \(a covariance that begins with -1\)"),
+        ("zero", "the turn rate is 0 in each of its messages"),
+        ("type", "no turn rate; the rule is ax, ay, az, turn_x, turn_y, turn_z"),
+    ],
+)
+def test_a_bag_without_turn_rates_is_refused_before_the_stream_begins(
+    model, tmp_path, monkeypatch, change, told
+):
+    pytest.importorskip("rosbags", reason="the extra `robot` is not installed")
+    import bag_writer
+
+    both = values("sand", 3)
+    both[:, 3:] = 0
+    if change == "disclaimed":
+        monkeypatch.setattr(bag_writer, "message", _disclaiming(bag_writer.message))
+    kind = bag_writer.IMU if change != "type" else "geometry_msgs/msg/AccelStamped"
+    bag = bag_writer.write_bag(
+        tmp_path, "mcap", {"/imu": bag_writer.Topic(kind, both, bag_writer.regular(N, FS))}
+    )
+    model = replace(model, manifest=replace(model.manifest, input=_of_imu()))
+    with pytest.raises(RecordingError, match=told):
+        open_source(f"bag:{bag}", model=model)
+
+
+def _of_imu():
+    roles = {"turn_rate": ("wx", "wy", "wz")}
+    return Source(FS, "m/s^2", acceleration=("ax", "ay", "az"), auxiliary=roles).to_dict()
+
+
+def _disclaiming(make):
+    """Let an Imu say, as its definition asks for, that it does not measure what it does not measure."""
+
+    def message(store, told, stamp, value, *, ros1):
+        made = make(store, told, stamp, value, ros1=ros1)
+        made.angular_velocity_covariance[0] = -1
+        return made
+
+    return message
+
+
+def test_a_disclaimer_beside_real_numbers_is_not_believed(tmp_path, monkeypatch):
+    pytest.importorskip("rosbags", reason="the extra `robot` is not installed")
+    import bag_writer
+
+    monkeypatch.setattr(bag_writer, "message", _disclaiming(bag_writer.message))
+    both = values("sand", 3)
+    bag = bag_writer.write_bag(
+        tmp_path, "mcap", {"/i": bag_writer.Topic(bag_writer.IMU, both, bag_writer.regular(N, FS))}
+    )
+    found = load_recording(bag, auxiliary={"turn_rate": ("wx", "wy", "wz")})
+    np.testing.assert_array_equal(found.turn_rate, both[:, 3:])
+
+
+@pytest.mark.parametrize("n_columns", [3, 5, 7])
+def test_text_of_other_columns_is_refused_by_name(model, n_columns):
+    text = io.BytesIO("\n".join([" ".join(["1"] * n_columns)] * 50).encode())
+    session = Session(model)
+    with pytest.raises(
+        ValueError, match=f"has {n_columns} columns; the rule is 6, ax, ay, az, turn_x, turn_y"
+    ):
+        list(session.run(open_source("-", fs=FS, unit="m/s^2", file=text, model=model)))
+    with pytest.raises(ValueError, match=f"has {n_columns} columns; the rule is 6"):
+        open_source("-", fs=FS, unit="m/s^2", file=io.BytesIO(b""), raw_channels=n_columns, model=model)
+
+
+# Friction: a last column.
+
+
+def rubbed():
+    """Return the terrains with a friction that alone tells them apart; they do not turn."""
+    level = {"gravel": 0.2, "grass": 1.0, "sand": 3.0}
+    turning = terrains()
+
+    def load(entry):
+        whole = turning.load(entry)
+        noise = np.random.default_rng(entry.repetition).standard_normal(N)
+        return whole.with_(turn_rate=None, friction=level[entry.material] * (1 + 0.05 * noise))
+
+    return Dataset("rubbed", turning.entries, load, "rubbed")
+
+
+@pytest.fixture(scope="module")
+def rubbing_model():
+    friction = load_feature_set("texclass").restricted_to(["friction", "prediction_gain"])
+    rows = (RowDefinition("Friction", ("friction", "prediction_gain")),)
+    return train(
+        rubbed(),
+        pipeline(feature_set=friction, rows=rows),
+        TrainingSettings("Friction", "lda", false_alarms=0.2),
+    )
+
+
+def test_friction_is_the_last_column_of_a_stream(rubbing_model):
+    model = rubbing_model
+    assert Needs.of(model).names == ("ax", "ay", "az", "friction")
+    for index in (0, 8, 16):
+        recording = rubbed()[index]
+        both = np.column_stack([recording.acceleration, recording.friction])
+        shape = Shape(model, 4, FS, "m/s^2")
+        window = shape.window(both, 0)
+        np.testing.assert_array_equal(window.friction, recording.friction)
+        np.testing.assert_array_equal(window.acceleration, recording.acceleration)
+        asked = model.answer(recording)
+        assert asked.surface == recording.material
+        assert model.answer(window).probabilities == asked.probabilities
+        text = io.BytesIO("\n".join(" ".join(map(repr, row)) for row in both.tolist()).encode())
+        session = Session(model)
+        for _ in session.run(open_source("-", fs=FS, unit="m/s^2", file=text, model=model)):
+            pass
+        session.live.finish()
+        assert session.live.verdict.surface == recording.material
+
+
+def test_a_stream_without_friction_is_refused_before_it_begins(rubbing_model, tmp_path):
+    told = "no friction, needed by friction; the rule is ax, ay, az, friction, .* --row of acceleration only"
+    np.savetxt(tmp_path / "r.csv", values("sand", 1)[:, :3], delimiter=",", header="ax,ay,az", comments="")
+    with pytest.raises(RecordingError, match=told):
+        open_source(str(tmp_path / "r.csv"), fs=FS, model=rubbing_model)
+    pytest.importorskip("cyclonedds", reason="the extra `robot` is not installed")
+    from texclass.recognition.robot.live import TopicSource
+
+    with pytest.raises(RecordingError, match=f"ros2:/imu: sensor_msgs/msg/Imu has {told}"):
+        TopicSource(
+            "/imu",
+            type_name="sensor_msgs/msg/Imu",
+            reliability="reliable",
+            needs=Needs.of(rubbing_model),
+        )
+    with pytest.raises(ValueError, match="has 3 columns; the rule is 4, ax, ay, az, friction"):
+        Shape(rubbing_model, 3, FS, "m/s^2")
+
+
+def test_what_is_live_is_not_conditioned_yet():
+    assert [is_live(name) for name in ("-", "ros2:/imu", "bag:a.mcap", "a.wav")] == [True, True, False, False]
