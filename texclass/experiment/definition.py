@@ -8,6 +8,7 @@ from typing import Any, cast, get_args
 
 from sklearn.pipeline import Pipeline, make_pipeline
 
+from texclass.experiment.kinds import at_least, refuse_repeated, require, texts, typed
 from texclass.experiment.protocols import find_protocol
 from texclass.experiment.selection import ForwardSelector
 from texclass.experiment.use import Use, read_use
@@ -148,8 +149,12 @@ def load_pipeline(name_or_path: str | Path) -> PipelineDefinition:
     path = locate("pipelines", name_or_path)
     where = path.name
     refuse_unknown(definition, PIPELINE_KEYS, where)
-    _require(definition, ("features", "seed", "classifiers", "rows"), where)
-    feature_set = load_feature_set(_beside(path, _typed(definition["features"], str, f"{where}: features")))
+    require(definition, ("features", "seed", "classifiers", "rows"), where)
+    for key, kind in (("classifiers", dict), ("rows", list), ("additions", list), ("steps", list)):
+        typed(definition.get(key, kind()), kind, f"{where}: {key}")
+    if not definition["rows"] or not definition["classifiers"]:
+        raise ValueError(f"{where}: no row or no classifier; the rule is one of each at least")
+    feature_set = _feature_set(path, typed(definition["features"], str, f"{where}: features"))
     classifiers = {
         name: read_use(table, f"{where}: classifiers.{name}", classifier=True)
         for name, table in definition["classifiers"].items()
@@ -162,8 +167,8 @@ def load_pipeline(name_or_path: str | Path) -> PipelineDefinition:
         _addition(table, feature_set, f"{where}: additions {number}")
         for number, table in enumerate(definition.get("additions", []), start=1)
     )
-    _refuse_repeated([row.name for row in rows], where, "rows")
-    _refuse_repeated([group.name for group in additions], where, "additions")
+    refuse_repeated([row.name for row in rows], where, "rows")
+    refuse_repeated([group.name for group in additions], where, "additions")
     protocol = definition.get("protocol", {})
     refuse_unknown(protocol, frozenset(("name", "folds")), f"{where}: protocol")
     pipeline = PipelineDefinition(
@@ -172,10 +177,10 @@ def load_pipeline(name_or_path: str | Path) -> PipelineDefinition:
         steps=tuple(read_use(s, f"{where}: steps {i}") for i, s in enumerate(definition.get("steps", []), 1)),
         classifiers=classifiers,
         rows=rows,
-        seed=_at_least(0, definition["seed"], f"{where}: seed"),
+        seed=at_least(0, definition["seed"], f"{where}: seed"),
         channels=_channels(definition.get("channels", "combine"), f"{where}: channels"),
-        protocol=find_protocol(protocol.get("name", "recording")).name,
-        folds=_at_least(2, protocol.get("folds", 10), f"{where}: protocol.folds"),
+        protocol=_protocol(protocol.get("name", "recording"), f"{where}: protocol.name"),
+        folds=at_least(2, protocol.get("folds", 10), f"{where}: protocol.folds"),
         description=str(definition.get("description", "")),
         reference=str(definition.get("reference", "")),
         hash=hashlib.sha256(path.read_bytes()).hexdigest()[:16],
@@ -190,26 +195,26 @@ def _row(table: Any, feature_set: FeatureSet, classifiers: Mapping[str, Use], wh
     if not isinstance(table, dict):
         raise ValueError(f"{where}: {table!r}; the rule is a table [[rows]]")
     refuse_unknown(table, ROW_KEYS, where)
-    _require(table, ("name", "features"), where)
+    require(table, ("name", "features"), where)
     features = _features(table, feature_set, where)
     published = table.get("published", {})
     refuse_unknown(published, frozenset(classifiers), f"{where}: published")
     for name, value in published.items():
         if not isinstance(value, int | float) or not 0 <= value <= 100:
             raise ValueError(f"{where}: published.{name} is {value!r}; the rule is per cent, 0 to 100")
-    judges = _typed(table.get("classifiers", []), list, f"{where}: classifiers")
+    judges = texts(table.get("classifiers", []), f"{where}: classifiers")
     if unknown := [judge for judge in judges if judge not in classifiers]:
         raise ValueError(
             f"{where}: classifiers names {unknown[0]!r}; the rule is of {', '.join(classifiers)}"
         )
     return RowDefinition(
-        _typed(table["name"], str, f"{where}: name"),
+        typed(table["name"], str, f"{where}: name"),
         features,
         _selection(table["select"], where) if "select" in table else None,
         published,
         str(table.get("reference", "")),
-        _typed(table.get("skip_missing", False), bool, f"{where}: skip_missing"),
-        tuple(judges),
+        typed(table.get("skip_missing", False), bool, f"{where}: skip_missing"),
+        judges,
     )
 
 
@@ -217,17 +222,18 @@ def _addition(table: Any, feature_set: FeatureSet, where: str) -> RowDefinition:
     if not isinstance(table, dict):
         raise ValueError(f"{where}: {table!r}; the rule is a table [[additions]]")
     refuse_unknown(table, ADDITION_KEYS, where)
-    _require(table, ("name", "features"), where)
+    require(table, ("name", "features"), where)
     return RowDefinition(
-        _typed(table["name"], str, f"{where}: name"),
+        typed(table["name"], str, f"{where}: name"),
         _features(table, feature_set, where),
         reference=str(table.get("reference", "")),
-        skip_missing=_typed(table.get("skip_missing", False), bool, f"{where}: skip_missing"),
+        skip_missing=typed(table.get("skip_missing", False), bool, f"{where}: skip_missing"),
     )
 
 
 def _features(table: Mapping[str, Any], feature_set: FeatureSet, where: str) -> tuple[str, ...]:
-    features = tuple(feature_set.columns) if table["features"] == ALL else tuple(table["features"])
+    given = table["features"]
+    features = tuple(feature_set.columns) if given == ALL else texts(given, f"{where}: features")
     try:
         feature_set.columns_of(features)
     except ValueError as error:
@@ -237,8 +243,8 @@ def _features(table: Mapping[str, Any], feature_set: FeatureSet, where: str) -> 
 
 def _gain(table: Any, where: str) -> GainSettings:
     refuse_unknown(table, GAIN_KEYS, where)
-    named = {key: _typed(table[key], str, f"{where}.{key}") for key in ("base", "classifier") if key in table}
-    return GainSettings(**named, repeats=_at_least(1, table.get("repeats", 5), f"{where}.repeats"))
+    named = {key: typed(table[key], str, f"{where}.{key}") for key in ("base", "classifier") if key in table}
+    return GainSettings(**named, repeats=at_least(1, table.get("repeats", 5), f"{where}.repeats"))
 
 
 def _check_gain(pipeline: PipelineDefinition, where: str) -> None:
@@ -257,39 +263,29 @@ def _selection(table: Any, where: str) -> Selection:
     if not isinstance(table, dict):
         raise ValueError(f"{where} is {table!r}; the rule is a table with n and, optionally, folds")
     refuse_unknown(table, frozenset(("n", "folds")), where)
-    _require(table, ("n",), where)
-    folds = _at_least(2, table.get("folds", Selection.folds), f"{where}.folds")
-    return Selection(_at_least(1, table["n"], f"{where}.n"), folds)
+    require(table, ("n",), where)
+    folds = at_least(2, table.get("folds", Selection.folds), f"{where}.folds")
+    return Selection(at_least(1, table["n"], f"{where}.n"), folds)
 
 
-def _beside(path: Path, features: str) -> str | Path:
+def _feature_set(path: Path, features: str) -> FeatureSet:
     beside = path.parent / features
-    return beside if features.endswith(".toml") and beside.is_file() else features
+    try:
+        return load_feature_set(beside if features.endswith(".toml") and beside.is_file() else features)
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"{path.name}: features: {error}") from None
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path.name}: features: {error}") from error
+
+
+def _protocol(name: Any, where: str) -> str:
+    try:
+        return find_protocol(typed(name, str, where)).name
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
 
 
 def _channels(value: Any, where: str) -> Channels:
     if value not in get_args(Channels):
         raise ValueError(f"{where} is {value!r}; the rule is one of {', '.join(get_args(Channels))}")
     return cast(Channels, value)
-
-
-def _at_least(least: int, value: Any, where: str) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise ValueError(f"{where} is {value!r}; the rule is a whole number of at least {least}")
-    return value
-
-
-def _typed(value: Any, kind: type, where: str) -> Any:
-    if not isinstance(value, kind):
-        raise ValueError(f"{where} is {value!r}; the rule is a {kind.__name__}")
-    return value
-
-
-def _require(given: Mapping[str, Any], keys: Iterable[str], where: str) -> None:
-    if missing := [key for key in keys if key not in given]:
-        raise ValueError(f"{where}: no key {missing[0]!r}; the rule is that it is given")
-
-
-def _refuse_repeated(names: list[str], where: str, what: str) -> None:
-    if repeated := [name for name in names if names.count(name) > 1]:
-        raise ValueError(f"{where}: two {what} are named {repeated[0]!r}; the rule is one a name")

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from texclass import __version__
 from texclass.experiment.table import (
@@ -21,6 +20,7 @@ from texclass.experiment.table import (
     Flag,
     LeftOut,
     metadata,
+    read_part,
     read_table,
     write_atomically,
     write_table,
@@ -184,19 +184,17 @@ def _join(dataset: Dataset, plan: Plan, parts: Path, key: str, left_out: tuple[L
     found = [(entries, part) for entries, part in parted if part.is_file()]
     if not found:
         raise RecordingError(f"{dataset.name}: no recording can be used; the first: {left_out[0].reason}")
-    rows = [row for _, part in found for row in pq.read_table(part).to_pylist()]
+    rows = [row for _, part in found for row in read_part(part, len(plan.columns))]
     entries = [entry for group, _ in found for entry in group]
     ids = [entry.recording_id for entry in entries]
     whole = [parent_id(entry) for entry in entries]
-    flags = (Flag(i, flag) for i, row in zip(whole, rows, strict=True) for flag in json.loads(row["flags"]))
-    values = pd.DataFrame(np.array([row["values"] for row in rows], dtype=np.float64), columns=plan.columns)
+    flags = (Flag(i, flag) for i, row in zip(whole, rows, strict=True) for flag in row.flags)
+    values = pd.DataFrame(np.array([row.values for row in rows]), columns=plan.columns)  # noqa: PD011
     return FeatureTable(
         pd.concat([metadata(entries), values], axis=1),
         plan.columns,
-        np.array([row["ms"] for row in rows]),
-        tuple(
-            Reason(i, *pair) for i, row in zip(ids, rows, strict=True) for pair in json.loads(row["reasons"])
-        ),
+        np.array([row.ms for row in rows]),
+        tuple(Reason(i, *pair) for i, row in zip(ids, rows, strict=True) for pair in row.reasons),
         tuple(dict.fromkeys(flags)),
         left_out,
         key,

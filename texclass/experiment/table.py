@@ -2,10 +2,10 @@
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -107,22 +107,68 @@ def read_table(path: str | Path) -> FeatureTable:
     FileNotFoundError
         If there is no such file.
     ValueError
-        If the file is not a feature table.
+        If the file is not a whole feature table; the message names it.
     """
     try:
-        arrow = pq.read_table(path)
-        facts = json.loads((arrow.schema.metadata or {})[b"texclass"])
-    except (pa.ArrowInvalid, KeyError) as error:
+        arrow = pq.read_table(path, use_threads=False)
+        return _checked(arrow, json.loads((arrow.schema.metadata or {})[b"texclass"]))
+    except FileNotFoundError:
+        raise
+    except Exception as error:  # damaged bytes make pyarrow and pandas raise almost anything
         raise ValueError(f"{path}: not a feature table of texclass ({error})") from error
-    return FeatureTable(
+
+
+def _checked(arrow: pa.Table, facts: Mapping[str, Any]) -> FeatureTable:
+    """Return the table that the columns and facts of a file make, if they fit each other."""
+    columns, ms = tuple(facts["columns"]), np.array(facts["ms"], dtype=np.float64)
+    lacking = [name for name in (*METADATA, *columns) if arrow.schema.names.count(name) != 1]
+    if lacking or ms.shape != (arrow.num_rows,) or not isinstance(facts["key"], str):
+        raise ValueError(f"{lacking or ms.shape}; the rule is each column once, as many times as rows")
+    table = FeatureTable(
         arrow.to_pandas(),
-        tuple(facts["columns"]),
-        np.array(facts["ms"]),
+        columns,
+        ms,
         tuple(Reason(*r) for r in facts["reasons"]),
         tuple(Flag(*f) for f in facts["flags"]),
         tuple(LeftOut(*b) for b in facts["left_out"]),
         facts["key"],
     )
+    np.asarray(table.values, dtype=np.float64)  # or raises: a column holds no numbers
+    return table
+
+
+class PartRow(NamedTuple):
+    """What is kept of a recording (or window) until all are done: values (n_columns,), (feature, reason)."""
+
+    values: Samples
+    reasons: tuple[tuple[str, str], ...]
+    flags: tuple[str, ...]
+    ms: float
+
+
+def read_part(path: Path, n_columns: int) -> list[PartRow]:
+    """Read the rows of one finished recording.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged; the message names it.
+    """
+    try:
+        found = [
+            PartRow(
+                np.array(row["values"], dtype=np.float64),
+                tuple((str(name), str(reason)) for name, reason in json.loads(row["reasons"])),
+                tuple(str(flag) for flag in json.loads(row["flags"])),
+                float(row["ms"]),
+            )
+            for row in pq.read_table(path, use_threads=False).to_pylist()
+        ]
+        if any(np.shape(row[0]) != (n_columns,) or not np.isfinite(row.ms) for row in found):
+            raise ValueError(f"the rule is {n_columns} values a row")
+    except Exception as error:  # damaged bytes make pyarrow raise almost anything
+        raise ValueError(f"{path}: is damaged ({error}); delete it, and it is computed again") from error
+    return found
 
 
 def write_table(table: FeatureTable, path: Path) -> None:

@@ -4,6 +4,7 @@ A scalar named `fs` (in HDF5 also an attribute of the file) states the sampling 
 opened: an NPZ member that needs unpickling and an HDF5 dataset that is kept outside the file are refused.
 """
 
+import warnings
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ from typing import Any
 import h5py
 import numpy as np
 
-from texclass.loaders.columns import Columns, ReadOptions, as_samples, check_size, require
+from texclass.loaders.columns import Columns, ReadOptions, as_samples, check_held, require
 from texclass.recording import RecordingError
 
 RATE = "fs"
+CHECKSUM = 4
+"""Bytes of a checksum of HDF5; where a chunk has no more, the library (2.0 and before) ends the process."""
 
 
 def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
@@ -59,8 +62,9 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Columns:
 def _read_npz(path: Path, wanted: tuple[str, ...]) -> tuple[dict[str, Any], float | None]:
     with zipfile.ZipFile(path) as archive:
         for name in {*wanted, RATE} & {member.removesuffix(".npy") for member in archive.namelist()}:
-            check_size(archive.getinfo(f"{name}.npy").file_size // 8, path)
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            check_held(archive.getinfo(f"{name}.npy").file_size // 8, path)
+    with warnings.catch_warnings(), path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        warnings.simplefilter("ignore", UserWarning)  # of headers that Python 2 wrote
         rate = archive[RATE] if RATE in archive.files else None
         return {name: archive[name] for name in wanted}, _scalar(rate)
 
@@ -89,7 +93,9 @@ def _inside(file: h5py.File, name: str, path: Path) -> Any:
     dataset = file[name]
     if dataset.external or dataset.is_virtual:
         raise RecordingError(f"{path}: {name} is kept in another file; the rule is one file")
-    check_size(dataset.size, path)
+    check_held(dataset.size, path)
+    if dataset.fletcher32 and dataset.id.chunk_iter(lambda chunk: chunk.size <= CHECKSUM or None):
+        raise RecordingError(f"{path}: {name} has a chunk without data; the rule is more than its checksum")
     # h5py converts piece by piece: stored floats of 4 bytes never stand in memory beside those of 8.
     return dataset.astype(np.float64)[()] if dataset.dtype.kind in "iuf" else dataset[()]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from texclass.loaders.columns import UNNAMED, Columns, ReadOptions, as_samples, check_size
+from texclass.loaders.columns import UNNAMED, Columns, ReadOptions, as_samples, check_held
 from texclass.recording import RecordingError
 
 CODE_BITS = {"PCM_S8": 8, "PCM_U8": 8, "PCM_16": 16, "PCM_24": 24, "PCM_32": 32}
@@ -33,11 +33,11 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Columns:
     _check_whole(path)
     try:
         with soundfile.SoundFile(path) as file:
-            check_size(file.frames * file.channels, path)
+            check_held(file.frames * file.channels, path)
             bits = CODE_BITS.get(file.subtype) if options.codes else None
             samples = file.read(dtype="int32" if bits else "float64")
             frames, fs = file.frames, float(file.samplerate)
-    except (soundfile.SoundFileError, RuntimeError) as error:
+    except (soundfile.SoundFileError, RuntimeError, MemoryError) as error:
         raise RecordingError(f"{path}: not readable as audio ({error})") from error
     if len(samples) < frames:
         raise RecordingError(

@@ -13,6 +13,8 @@ from texclass.recording import ACCELERATION_UNITS, AUXILIARY_UNITS, SCALELESS_UN
 
 GROUPS = ("recording", "material", "operator", "session", "repetition", "axis")
 """What a pattern of file names, and (but for the axis) a table of labels, can tell."""
+MOST_LARGE = 1e100
+"""Rates and factors beyond it are no measurement's."""
 DeclaredPhases = Literal["detect", "movement", "tap"]
 
 
@@ -183,7 +185,7 @@ def parse_card(path: Path, content: Mapping[str, Any]) -> Card:
         Naming the file, the key and the rule.
     """
     format_ = content.get("format")
-    if format_ not in _KEYS:
+    if not isinstance(format_, str) or format_ not in _KEYS:
         raise CardError(f"{path}: format is {format_!r}; the rule is one of {', '.join(_KEYS)}")
     _check_keys(path, "", content, _KEYS[format_], _REQUIRED[format_])
     for key, choices in _CHOICES.items():
@@ -200,13 +202,19 @@ def parse_card(path: Path, content: Mapping[str, Any]) -> Card:
 
 def _reading(path: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keys that say how files are read, checked and in the types of `Card`."""
-    if not content["fs_hz"] > 0:
-        raise CardError(f"{path}: fs_hz is {content['fs_hz']}; the rule is a rate in Hz above 0")
+    for key, rule in (("fs_hz", "a rate in Hz above 0"), ("scale", "a finite factor other than 0")):
+        value = content.get(key, 1.0)
+        if not abs(value) <= MOST_LARGE or value == 0 or (key == "fs_hz" and value < 0):
+            raise CardError(f"{path}: {key} is {value!r:.40}; the rule is {rule}")
     files = _texts(content["files"])
     values: dict[str, Any] = {"files": files, "fs_hz": float(content["fs_hz"])}
     if content["format"] == "rows":
         return values
     labels = _labels(path, content["labels"]) if "labels" in content else None
+    if "delimiter" in content and (len(content["delimiter"]) != 1 or content["delimiter"] in '"\r\n'):
+        raise CardError(
+            f"{path}: delimiter is {content['delimiter']!r:.40}; the rule is one character, no quote"
+        )
     told = _groups(path, "files", files) | set(labels.columns if labels else ())
     told |= _groups(path, "topic", (content["topic"],)) if "topic" in content else set()
     if "material" not in told:
@@ -226,8 +234,9 @@ def _groups(path: Path, key: str, patterns: tuple[str, ...]) -> set[str]:
     for pattern in patterns:
         try:
             groups = set(re.compile(pattern).groupindex)
-        except re.error as error:
-            raise CardError(f"{path}: {key} holds {pattern!r}, not a regular expression ({error})") from error
+        except (re.error, OverflowError, RecursionError) as error:
+            told_of = f"{path}: {key} holds {pattern!r:.200}, not a regular expression ({error})"
+            raise CardError(told_of) from error
         if unknown := groups - set(GROUPS):
             raise CardError(f"{path}: {key} names groups {sorted(unknown)}; the rule is {', '.join(GROUPS)}")
         told |= groups

@@ -12,6 +12,8 @@ from texclass.recording import RecordingError, Samples
 MAX_VALUES = 1_000_000_000
 """A file that announces more values than this in one recording is refused before they are read (8 GB): three
 axes of 3 hours at 10 kHz are a third of it."""
+MOST_EXPANSION = 1000
+"""A file that announces more than so many times its bytes (and more than 64 MB) is refused, too."""
 UNNAMED = "acceleration"
 """Name of the only column of a format that does not name its columns."""
 CONVENTIONAL = ((UNNAMED,), ("x", "y", "z"), ("ax", "ay", "az"), ("acc_x", "acc_y", "acc_z"))
@@ -123,6 +125,15 @@ def check_size(n_values: int, path: Path) -> None:
         )
 
 
+def check_held(n_values: int, path: Path) -> None:
+    """Refuse a file that announces more values than `MAX_VALUES`, or than its bytes can hold."""
+    check_size(n_values, path)
+    if 8 * n_values > max(1 << 26, MOST_EXPANSION * (size := path.stat().st_size)):
+        raise RecordingError(
+            f"{path}: announces {n_values} values in {size} bytes; the rule is at most {MOST_EXPANSION} times"
+        )
+
+
 def as_samples(array: Any, name: str, path: Path) -> Samples:
     """Return a stored array as samples of shape (n,) or (n, c): real numbers, time along the first axis.
 
@@ -137,7 +148,8 @@ def as_samples(array: Any, name: str, path: Path) -> Samples:
     if array.dtype.kind not in "iuf":
         raise RecordingError(f"{path}: {name} holds {array.dtype}; the rule is real numbers")
     check_size(array.size, path)
-    samples = np.atleast_1d(np.squeeze(array)).astype(np.float64, copy=False)
+    with np.errstate(over="ignore", invalid="ignore"):  # of wider floats: infinite, and refused as such
+        samples = np.atleast_1d(np.squeeze(array)).astype(np.float64, copy=False)
     if samples.ndim > 2:
         raise RecordingError(f"{path}: {name} has shape {array.shape}; the rule is (n,) or (n, channels)")
     return samples.T if samples.ndim == 2 and samples.shape[0] < samples.shape[1] else samples

@@ -283,6 +283,8 @@ def _read_labels(card: Card, root: Path, labels: LabelTable) -> dict[str, Groups
     columns = set(rows[0]) if rows else set()
     if absent := set(labels.columns.values()) - columns:
         raise CardError(f"{path}: lacks the columns {sorted(absent)}; the rule is those named in [labels]")
+    if short := next((i for i, row in enumerate(rows, 1) if None in row.values() or None in row), 0):
+        raise CardError(f"{path}: row {short} has other cells than the header; the rule is one a column")
     return {
         row[labels.columns["recording"]]: {group: row[name] for group, name in labels.columns.items()}
         for row in rows

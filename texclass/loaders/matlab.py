@@ -1,5 +1,8 @@
 """MATLAB files: version 5 by scipy, version 7.3 (HDF5 inside) by h5py."""
 
+import contextlib
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +10,8 @@ import h5py
 from scipy import io as scipy_io
 
 from texclass.loaders import arrays
-from texclass.loaders.columns import Columns, ReadOptions, as_samples, check_size, require
+from texclass.loaders.columns import Columns, ReadOptions, as_samples, check_held, require
+from texclass.loaders.matlab_tags import check_tags
 from texclass.recording import RecordingError
 
 NUMERIC = ("double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
@@ -40,22 +44,27 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Columns:
     shapes = _shapes(path)
     require(wanted, tuple(shapes), path)
     for name in wanted:
-        check_size(shapes[name], path)
+        check_held(shapes[name], path)
     rate = (arrays.RATE,) if shapes.get(arrays.RATE) == 1 else ()
     try:
-        stored: dict[str, Any] = scipy_io.loadmat(str(path), variable_names=[*wanted, *rate])
+        with _strictly():
+            if scipy_io.matlab.matfile_version(str(path))[0] == 1:
+                check_tags(path, {*wanted, *rate})
+            stored: dict[str, Any] = scipy_io.loadmat(str(path), variable_names=[*wanted, *rate])
         columns = {name: as_samples(stored[name], name, path) for name in wanted}
+        fs = float(stored[arrays.RATE].item()) if rate else None
     except RecordingError:
         raise
     except Exception as error:  # damaged headers make scipy raise almost anything
         raise _unreadable(path, error) from error
-    return Columns(columns, float(stored[arrays.RATE].item()) if rate else None)
+    return Columns(columns, fs)
 
 
 def _shapes(path: Path) -> dict[str, int]:
     """Return name -> number of values of every numeric variable, without reading the values."""
     try:
-        described = scipy_io.whosmat(str(path))
+        with _strictly():
+            described = scipy_io.whosmat(str(path))
     except Exception as error:  # damaged headers make scipy raise almost anything
         raise _unreadable(path, error) from error
     sizes = {}
@@ -65,6 +74,16 @@ def _shapes(path: Path) -> dict[str, int]:
             for length in shape:
                 sizes[name] *= int(length)
     return sizes
+
+
+@contextlib.contextmanager
+def _strictly() -> Iterator[None]:
+    """Turn what scipy warns of (guessed byte orders, overflows) into errors, but for repeated names."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        warnings.simplefilter("error", RuntimeWarning)
+        warnings.simplefilter("ignore", scipy_io.matlab.MatReadWarning)
+        yield
 
 
 def _unreadable(path: Path, error: Exception) -> RecordingError:

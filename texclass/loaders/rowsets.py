@@ -115,7 +115,7 @@ def _read_table(path: Path, modified_ns: int, label_column: str) -> tuple[tuple[
         values = table.to_numpy(dtype=np.float64)
     except KeyError as error:
         raise RecordingError(f"{path}: lacks the column {label_column!r} of the labels") from error
-    except (ValueError, OSError) as error:
+    except (ValueError, TypeError, OverflowError, OSError) as error:
         raise RecordingError(f"{path}: is not a table of numbers and labels ({error})") from error
     values.flags.writeable = False
     return labels, values

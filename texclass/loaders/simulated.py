@@ -22,6 +22,10 @@ SIGNALS = ("acceleration", *AUXILIARY_UNITS)
 FACTS = ("fs", "unit", "recording_id", "material", "operator", "session", "repetition", "source")
 MIN_FREE_BYTES = 5_000_000_000
 """Nothing is remembered when the disk has less space than this."""
+MOST = 1000
+"""Surfaces, recordings of each, and operators of a recipe."""
+LONGEST = 1e9
+"""Samples of one recording."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +62,11 @@ def open_simulated(card: Card, *, skip_bad: bool = False) -> Dataset:
     Raises
     ------
     CardError
-        If the recipe breaks a rule of `Recipe`.
+        If the recipe breaks a rule of `Recipe`, or asks for more than a machine can hold.
     """
     try:
         recipe = Recipe(**card.recipe)  # type: ignore[arg-type]
+        check(recipe)
         entries = recipe.entries()
     except (TypeError, ValueError) as error:
         raise CardError(f"{card.path}: recipe: {error}") from error
@@ -78,6 +83,20 @@ def open_simulated(card: Card, *, skip_bad: bool = False) -> Dataset:
         notes=card.notes,
         skip_bad=skip_bad,
     )
+
+
+def check(recipe: Recipe) -> None:
+    """Raise ValueError if a recipe asks for more recordings or samples than a machine can hold.
+
+    It is not for `Recipe` to ask, whose code is part of the fingerprint of what it makes.
+    """
+    for name in ("n_surfaces", "n_recordings", "n_operators"):
+        if (value := getattr(recipe, name)) > MOST:
+            raise ValueError(f"{name} is {value!r:.40}; the rule is 1 to {MOST}")
+    told = f"seed {recipe.seed!r:.40}, {recipe.duration_s!r:.40} s at {recipe.fs!r:.40} Hz"
+    in_range = recipe.seed >= 0 and 0 < recipe.duration_s < LONGEST and 0 < recipe.fs < LONGEST
+    if not in_range or recipe.duration_s * recipe.fs > LONGEST:
+        raise ValueError(f"{told}; the rule is 0 or more, above 0, and at most {LONGEST:g} samples")
 
 
 @functools.lru_cache(maxsize=4)

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.csv as arrow_csv
 from pyarrow import parquet
 
-from texclass.loaders.columns import Columns, ReadOptions, as_samples, check_size, require
+from texclass.loaders.columns import Columns, ReadOptions, as_samples, check_held, check_size, require
 from texclass.recording import RecordingError
 
 
@@ -20,11 +20,16 @@ def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
         If the first line is not text.
     """
     if path.suffix.lower() == ".parquet":
-        return tuple(_parquet(path).schema_arrow.names)
+        try:
+            return tuple(_parquet(path).schema_arrow.names)
+        except RecordingError:
+            raise
+        except Exception as error:  # damaged bytes make pyarrow raise almost anything
+            raise _unreadable(path, error) from error
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             header = next(csv.reader(file, delimiter=_delimiter(path, options)), [])
-    except (UnicodeDecodeError, csv.Error) as error:
+    except (ValueError, TypeError, csv.Error) as error:
         raise RecordingError(f"{path}: line 1 is not a header of column names ({error})") from error
     return tuple(name.strip() for name in header)
 
@@ -52,31 +57,34 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Columns:
                 include_columns=wanted, column_types=dict.fromkeys(wanted, pa.float64()), null_values=[]
             ),
         )
-    except pa.ArrowInvalid as error:
+    except (pa.ArrowException, ValueError, TypeError, KeyError) as error:
         raise RecordingError(f"{path}: {error}; the rule is a number in every cell") from error
     return Columns({name: table[name].to_numpy() for name in wanted})
 
 
 def _read_parquet(path: Path, wanted: tuple[str, ...]) -> Columns:
     file = _parquet(path)
-    check_size(file.metadata.num_rows * len(wanted), path)
+    check_held(file.metadata.num_rows * len(wanted), path)
     try:
         table = file.read(columns=list(wanted), use_threads=False)
-    except (pa.ArrowException, OSError) as error:
-        raise RecordingError(f"{path}: not a readable Parquet file ({error})") from error
-    for name in wanted:
-        if table[name].null_count:
-            raise RecordingError(
-                f"{path}: {name} lacks {table[name].null_count} values; the rule is a number in every cell"
-            )
-    return Columns({name: as_samples(table[name].to_numpy(), name, path) for name in wanted})
+        lacking = {name: n for name in wanted if (n := table[name].null_count)}
+        stored = {name: table[name].to_numpy() for name in wanted if not lacking}
+    except Exception as error:  # damaged bytes make pyarrow raise almost anything
+        raise _unreadable(path, error) from error
+    for name, n in lacking.items():
+        raise RecordingError(f"{path}: {name} lacks {n} values; the rule is a number in every cell")
+    return Columns({name: as_samples(stored[name], name, path) for name in wanted})
 
 
 def _parquet(path: Path) -> parquet.ParquetFile:
     try:
         return parquet.ParquetFile(path)
-    except (pa.ArrowException, OSError) as error:
-        raise RecordingError(f"{path}: not a readable Parquet file ({error})") from error
+    except Exception as error:  # damaged bytes make pyarrow raise almost anything
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: Exception) -> RecordingError:
+    return RecordingError(f"{path}: not a readable Parquet file ({error})")
 
 
 def _delimiter(path: Path, options: ReadOptions) -> str:

@@ -127,4 +127,5 @@ def _on_grid(samples: Samples, sampling: Sampling, *, at_stamps: bool) -> Sample
     grid = np.arange(index[-1] + 1, dtype=np.float64)
     if len(position) < 2:
         return flat
-    return np.asarray(PchipInterpolator(position, flat, axis=0)(np.clip(grid, position[0], position[-1])))
+    with np.errstate(all="ignore"):  # of damaged numbers: what becomes infinite is refused as such
+        return np.asarray(PchipInterpolator(position, flat, axis=0)(np.clip(grid, position[0], position[-1])))

@@ -1,5 +1,7 @@
 """A TOML table read strictly: every message names file, key, value and rule."""
 
+import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -71,16 +73,22 @@ class Table:
 
     def file(self, key: str) -> Path:
         """Return an existing file; its path is relative to the TOML."""
-        path = self.folder / Path(self.text(key)).expanduser()
-        if not path.is_file():
-            raise ValueError(f"{self.where}: {key} is {self.values[key]!r}; the rule is an existing file")
+        path = self.folder / os.path.expanduser(self.text(key))  # no error where there is no such user
+        if not os.path.isfile(path):  # no error where a name is too long for one
+            raise ValueError(
+                f"{self.where}: {key} is {self.values[key]!r:.200}; the rule is an existing file"
+            )
         return path
 
 
 def is_number(value: Any, whole: bool = False) -> bool:
     """Return whether a value is a finite number, a whole one if asked for."""
-    kinds = (int,) if whole else (int, float)
-    return isinstance(value, kinds) and not isinstance(value, bool) and bool(np.isfinite(value))
+    if not isinstance(value, int if whole else int | float) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer beyond every float
+        return False
 
 
 def _bounds(above: float, at_least: float, at_most: float) -> str:

@@ -1,12 +1,12 @@
 """A scene's TOML: surfaces, device, what is expected of the hand, tolerance and budget; strictly checked."""
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 from texclass.recording import ACCELERATION_UNITS, SCALELESS_UNITS
 from texclass.scene.checked import Table, is_number
+from texclass.shipped import read_toml
 
 Score = Literal["log_spectral_db", "band_db", "gfc"]
 Over = Literal["worst", "mean"]
@@ -176,11 +176,7 @@ def read_scene(name_or_path: str | Path) -> SceneDefinition:
         If there is no such file.
     """
     path = locate_scene(name_or_path)
-    try:
-        given = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not valid TOML ({error})") from error
-    top = Table(given, str(path), path.parent)
+    top = Table(read_toml(path), str(path), path.parent)
     top.keys("device", "expected", "tolerance", "budget", "surfaces", optional=("name", "seed"))
     surfaces = top.table("surfaces")
     if not surfaces.values:
@@ -213,7 +209,10 @@ def _expected(table: Table) -> Expected:
 
         table.keys("path")
         path = read_path(table.file("path"))
-        return Expected(path.speed_range(), path.force_range(), table.file("path"))
+        try:
+            return Expected(path.speed_range(), path.force_range(), table.file("path"))
+        except ValueError as error:
+            raise ValueError(f"{table.where}: path: {error}") from error
     table.keys("speeds_mm_s", "forces_n")
     ranges = [table.pair(key, equal=True) for key in ("speeds_mm_s", "forces_n")]
     for key, (low, _) in zip(("speeds_mm_s", "forces_n"), ranges, strict=True):

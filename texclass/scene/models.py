@@ -98,7 +98,11 @@ class GridModel:
         k, a = self.rows[..., : self.order], self.rows[..., self.order :]
         if np.abs(k).max(initial=0.0) >= 1:
             raise ValueError(f"a reflection coefficient is {np.abs(k).max()}; the rule is below 1 in size")
-        if a.min(initial=0.0) < 0 or (a**2).sum(axis=-1).max(initial=0.0) > 2 * (1 + 1e-9):
+        if (
+            a.min(initial=0.0) < 0
+            or a.max(initial=0.0) > 2
+            or (a**2).sum(axis=-1).max(initial=0.0) > 2 * (1 + 1e-9)
+        ):
             raise ValueError("amplitudes of lines; the rule is at least 0, their squares 2 at most in sum")
 
     @classmethod

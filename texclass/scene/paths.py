@@ -37,7 +37,8 @@ class HandPath:
     @property
     def speed_mm_s(self) -> Samples:
         """Magnitude of the velocity, shape (n,)."""
-        return np.asarray(np.hypot(*np.gradient(self.position_mm, self.time_s, axis=0).T))
+        with np.errstate(all="ignore"):  # of places and times that no hand reaches
+            return np.asarray(np.hypot(*np.gradient(self.position_mm, self.time_s, axis=0).T))
 
     def speed_range(self) -> tuple[float, float]:
         """Return what the speeds in contact lie between: their 5th and 95th percentile, mm/s."""
@@ -49,6 +50,8 @@ class HandPath:
 
     def _range(self, values: Samples, what: str) -> tuple[float, float]:
         touching = (self.force_n > 0) & (self.speed_mm_s > 0)
+        if not np.isfinite(self.speed_mm_s).all():
+            raise ValueError(f"the path is faster than numbers; the rule for its {what} is finite speeds")
         if not touching.any():
             raise ValueError(f"the path never moves under force; the rule for its {what} is that it does")
         low, high = np.quantile(values[touching], _QUANTILES)
@@ -83,7 +86,7 @@ def read_path(file: str | Path) -> HandPath:
                 f"columns are {', '.join(map(str, table.columns))}; the rule is {', '.join(COLUMNS)}"
             )
         t, x, y, force = (table[name].to_numpy(dtype=np.float64) for name in COLUMNS[:4])
-    except (ValueError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+    except (ValueError, TypeError, OverflowError) as error:  # pandas has its own kinds of ValueError
         raise ValueError(f"{file}: {error}") from error
     numbers = np.column_stack([t, x, y, force])
     if len(t) < 2 or not np.isfinite(numbers).all() or np.any(np.diff(t) <= 0):

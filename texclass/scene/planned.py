@@ -12,6 +12,7 @@ from texclass.recording import Samples
 from texclass.scene.models import GridModel, total_bytes
 
 MOST_MODELS = 10_000
+MOST_CONTACTS = 1000
 _NAMES = {"name", "fs", "unit", "band_hz", "largest_output", "contacts", "surfaces", "models"}
 _PARTS = ("speeds", "forces", "rows", "power", "frequency_hz", "per_mm")
 
@@ -60,10 +61,10 @@ class PlannedScene:
             raise ValueError(
                 f"band is {self.band_hz} Hz, fs {self.fs} Hz; the rule is 0 <= low < high <= fs/2"
             )
-        if not (np.isfinite(self.largest_output) and self.largest_output > 0) or self.contacts < 1:
-            raise ValueError(
-                f"largest output is {self.largest_output}, contacts {self.contacts}; the rule is above 0"
-            )
+        if not (np.isfinite(self.largest_output) and self.largest_output > 0):
+            raise ValueError(f"largest output is {self.largest_output}; the rule is above 0")
+        if not 1 <= self.contacts <= MOST_CONTACTS:
+            raise ValueError(f"contacts are {self.contacts!r:.40}; the rule is 1 to {MOST_CONTACTS}")
         if not self.assigned or any(not 0 <= i < len(self.models) for i in self.assigned.values()):
             raise ValueError(
                 f"surfaces have models {list(self.assigned.values())} of {len(self.models)}; "

@@ -104,14 +104,16 @@ def read_outcome(out: Path, *, expired: bool, time_limit_s: float) -> Outcome:
     if expired:
         return Outcome("out of time", *facts, message=f"stopped after {time_limit_s:g} s")
     if failed is not None:
-        return Outcome("not installed" if failed["missing"] else "failed", *facts, message=failed["message"])
+        status: Status = "not installed" if failed.get("missing") else "failed"
+        return Outcome(status, *facts, message=str(failed.get("message", "")))
     lines = (out / "stderr.txt").read_text(encoding="utf-8", errors="replace").strip().splitlines()
     return Outcome("failed", *facts, message=lines[-1] if lines else "ended without a word (out of memory?)")
 
 
 def _read(path: Path) -> dict[str, Any] | None:
+    """Return what a worker wrote; None if it wrote nothing, or nothing whole."""
     try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError, RecursionError):
         return None
-    return found
+    return found if isinstance(found, dict) else None

@@ -1,6 +1,7 @@
 """Read a result that a command wrote, and refuse what is none."""
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,9 @@ from texclass.reporting.page.shapes import SHAPES, kind_of
 WRITERS = (
     "JSON of texclass benchmark (also --peers, --feature), tradeoff, stability or the study of invariance"
 )
+
+LONGEST_INTEGER = 300
+"""Characters; a longer number has no logarithm and no place in a figure."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +52,9 @@ def read_result(path: str | Path) -> Result:
     """
     path = Path(path)
     try:
-        document = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number)
+        document = json.loads(
+            path.read_text(encoding="utf-8"), parse_constant=_no_number, parse_float=_finite, parse_int=_whole
+        )
     except (UnicodeDecodeError, RecursionError) as error:
         raise ValueError(f"{path}: {error}; the rule is {WRITERS}") from error
     except ValueError as error:
@@ -65,4 +71,13 @@ def read_result(path: str | Path) -> Result:
 
 
 def _no_number(constant: str) -> float:
-    raise ValueError(f"{constant} is no JSON number")
+    raise ValueError(f"{constant:.40} is no JSON number")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    return value if math.isfinite(value) else _no_number(text)
+
+
+def _whole(text: str) -> int | float:
+    return int(text) if len(text) < LONGEST_INTEGER else _finite(text)

@@ -48,11 +48,11 @@ def render_page(results: Sequence[Result], title: str = "") -> str:
     Raises
     ------
     ValueError
-        If there are no results.
+        If there are no results, or one holds what no figure can show.
     """
     if not results:
         raise ValueError("0 results; the rule is at least 1")
-    sections = _told_apart([SECTIONS[result.kind](result.data) for result in results], results)
+    sections = _told_apart([_section(result) for result in results], results)
     script, style = (_text(name).strip() for name in ("page.js", "page.css"))
     return _environment().get_template("page.html").render(
         title=title or _title(results),
@@ -91,6 +91,15 @@ def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "")
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_text(page, encoding="utf-8")
     return output
+
+
+def _section(result: Result) -> Section:
+    try:
+        return SECTIONS[result.kind](result.data)
+    except (ValueError, TypeError, LookupError, ArithmeticError) as error:  # numbers that fit no figure
+        raise ValueError(
+            f"{result.file}: cannot be shown ({error}); the rule is what its command wrote"
+        ) from error
 
 
 def _told_apart(sections: Sequence[Section], results: Sequence[Result]) -> list[Section]:

@@ -54,7 +54,7 @@ def around(values: Iterable[float], *, log: bool = False, zero: bool = False) ->
         return Scale(low / 1.25, max(high, low) * 1.25, log=True)
     low, high = (min(low, 0.0), max(high, 0.0)) if zero else (low, high)
     room = 0.05 * (high - low) or 1.0
-    return Scale(low - room * (low != 0 or not zero), high + room * (high != 0 or not zero))
+    return Scale(low - room * (low != 0 or not zero), high + room * (high != 0 or low == 0 or not zero))
 
 
 def _round_step(step: float) -> float:

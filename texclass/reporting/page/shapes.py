@@ -7,12 +7,14 @@ from texclass.stability.verdict import Mark
 
 Rule = Callable[[Any, str], None]
 """Raises a ValueError that names the place and the rule."""
+LARGEST = 1e100
+"""Size of a number that a figure can show."""
 
 
 def number(value: Any, where: str) -> None:
     """Accept a number."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{where} is {_shown(value)}; the rule is a number")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
+        raise ValueError(f"{where} is {_shown(value)}; the rule is a number of at most {LARGEST:g}")
 
 
 def fraction(value: Any, where: str) -> None:
@@ -24,7 +26,7 @@ def fraction(value: Any, where: str) -> None:
 
 def count(value: Any, where: str) -> None:
     """Accept a whole number from 0."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= LARGEST:
         raise ValueError(f"{where} is {_shown(value)}; the rule is a whole number from 0")
 
 

@@ -177,7 +177,8 @@ def load_taps(path: str | Path) -> TapLibrary:
 def restore(file: TextureFile, where: object) -> Stored:
     """Return the texture or tap library of what a file holds; `where` names it in messages."""
     try:
-        found = family_class(file.family).restore(file.parameters, file.arrays)
+        with np.errstate(all="ignore"):  # of numbers that no surface has: the family's own rules judge them
+            found = family_class(file.family).restore(file.parameters, file.arrays)
     except (ValueError, *_UNFIT) as error:
         reason = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
         raise ValueError(f"{where}: makes no {file.family!r:.80}: {reason}") from error

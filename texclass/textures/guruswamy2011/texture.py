@@ -141,8 +141,9 @@ class SpatialTexture:
     @property
     def operations(self) -> float:
         """Multiplications and additions per sample at the scan's speed: ten for each mode that rings."""
-        loud = np.maximum(self.amplitude / (SILENT * self.peak), 1.0)
-        ring_s = float(np.sum(np.log(loud) / self.decay_per_s))
+        with np.errstate(over="ignore"):  # of modes that ring for ever, or drown all others
+            loud = np.maximum(self.amplitude / (SILENT * self.peak), 1.0)
+            ring_s = float(np.sum(np.log(loud) / self.decay_per_s))
         return 30.0 + 10.0 * ring_s * self.scaling.speed / self.length_mm
 
     def renderer(self, *, seed: int = 0) -> SpatialRenderer:

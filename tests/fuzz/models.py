@@ -1,0 +1,207 @@
+"""Trained models, their manifests, bare recognisers; feature tables and their parts; what caches hold."""
+
+import json
+import os
+import random
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from fuzz.contract import Target
+from fuzz.mutate import Tree, archives, either, json_of, members_of, of_bytes, of_tree, trees
+from fuzz.recordings import valid, written
+from texclass.experiment.deploy import load_recogniser
+from texclass.experiment.extraction import read_part
+from texclass.experiment.peers.launch import read_outcome
+from texclass.experiment.table import FeatureTable, LeftOut, read_table, write_table
+from texclass.experiment.windows import read_movements
+from texclass.features.extractor import Reason
+from texclass.loaders.simulated import recall, remember
+from texclass.recognition import load_model
+from texclass.recognition.files import _digest
+from texclass.recognition.manifest import Manifest, read_manifest
+from texclass.recording import Recording
+
+MODEL = Path(__file__).parents[1] / "recognition" / "data" / "surface-1.0.skops"
+_JSON = trees(json.loads, json_of)
+
+
+def _models() -> list[bytes]:
+    return [MODEL.read_bytes()]
+
+
+def _sealed(rng: random.Random, members: dict[str, bytes]) -> dict[str, bytes]:
+    """Change what a model file says, or holds, and make its digest right again."""
+    name = rng.choice(["schema.json", "schema.json", "manifest.json", *sorted(members)])
+    members[name] = _changed_member(rng, name, members[name])
+    if "manifest.json" in members:
+        stated = json.loads(members.pop("manifest.json"))
+        stated.pop("digest", None)
+        stated["digest"] = _digest(stated, members)
+        members["manifest.json"] = json_of(stated)
+    return members
+
+
+def _changed_member(rng: random.Random, name: str, data: bytes) -> bytes:
+    if name.endswith(".npy"):
+        return data[:128] + of_bytes(rng, data[128:])[: len(data) - 128].ljust(len(data) - 128, b"\1")
+    tree = json.loads(data)
+    if rng.random() < 0.2:
+        inner = list(_inner_json(tree))
+        if inner:
+            place, key = rng.choice(inner)
+            place[key] = json.dumps(json_of(of_tree(rng, json.loads(json.loads(place[key])))).decode())
+            return json_of(tree)
+    return json_of(of_tree(rng, tree))
+
+
+def _inner_json(tree: Tree) -> list[tuple[dict[str, object], str]]:
+    """Return where a description holds JSON within JSON: the plan of features."""
+    found = []
+    for inner in tree.values() if isinstance(tree, dict) else tree if isinstance(tree, list) else ():
+        found += _inner_json(inner)
+    if isinstance(tree, dict) and isinstance(tree.get("content"), str) and '[[\\"' in tree["content"]:
+        found.append((tree, "content"))
+    return found
+
+
+def _recognisers() -> list[bytes]:
+    import skops.io
+
+    from texclass.experiment.trusted import load_trusted
+
+    document = load_trusted(MODEL.read_bytes(), beside=frozenset({"manifest.json"}))
+    return [skops.io.dumps(document["recogniser"])]
+
+
+def _manifest(data: bytes) -> Manifest:
+    found = read_manifest(data)
+    assert np.isfinite(found.fs)
+    assert isinstance(found.materials, tuple)
+    return found
+
+
+def _manifests() -> list[bytes]:
+    return [members_of(MODEL.read_bytes())["manifest.json"]]
+
+
+def _tables() -> list[bytes]:
+    frame = pd.DataFrame({"recording_id": ["a", "b"], "material": ["oak", "felt"], "operator": [None, "o"],
+                          "session": [None, None], "repetition": pd.array([1, None], dtype="Int64"),
+                          "mfcc.c1": [1.0, np.nan]})  # fmt: skip
+    table = FeatureTable(frame, ("mfcc.c1",), np.array([1.0, 2.0]), (Reason("b", "mfcc", "short"),), (),
+                         (LeftOut("c", "bad"),), "key")  # fmt: skip
+    return [written("a.parquet", lambda p: write_table(table, p))]
+
+
+def _table(path: Path) -> object:
+    table = read_table(path)
+    values = table.values  # noqa: PD011
+    assert values.shape == (table.n_recordings, table.n_columns)
+    assert table.ms.shape == (table.n_recordings,)
+    return table
+
+
+def _table_facts(rng: random.Random, data: bytes) -> bytes:
+    """Change the JSON within a table, or what pandas noted."""
+    try:
+        arrow = pq.read_table(pa.BufferReader(data))
+        stored = dict(arrow.schema.metadata or {})
+        key = rng.choice(sorted(stored))
+        stored[key] = json_of(of_tree(rng, json.loads(stored[key])))
+        if rng.random() < 0.3:
+            column = rng.randrange(arrow.num_columns)
+            arrow = arrow.set_column(column, arrow.schema.names[column], pa.array([["x"], None]))
+        sink = pa.BufferOutputStream()
+        pq.write_table(arrow.replace_schema_metadata(stored), sink)
+        return sink.getvalue().to_pybytes()
+    except Exception:
+        return of_bytes(rng, data)
+
+
+def _parts() -> list[bytes]:
+    rows = [{"values": [1.0, 2.0], "reasons": '[["mfcc", "short"]]', "flags": '["clipped"]', "ms": 2.0}]
+    return [written("a.parquet", lambda p: pq.write_table(pa.Table.from_pylist(rows), p))]
+
+
+def _part(path: Path) -> object:
+    rows = read_part(path, 2)
+    assert all(row[0].shape == (2,) and np.isfinite(row.ms) for row in rows)
+    return rows
+
+
+def _part_rows(rng: random.Random, data: bytes) -> bytes:
+    row = {"values": [1.0, 2.0], "reasons": [["mfcc", "short"]], "flags": ["clipped"], "ms": 2.0}
+    row |= {name: json_of(of_tree(rng, row[name])).decode() for name in ("reasons", "flags")}
+    try:
+        changed = of_tree(rng, row)
+        sink = pa.BufferOutputStream()
+        pq.write_table(pa.Table.from_pylist([changed] * rng.choice((1, 2))), sink)
+        return sink.getvalue().to_pybytes()
+    except Exception:
+        return of_bytes(rng, data)
+
+
+def _movements(path: Path) -> object:
+    found = read_movements(path, 2)
+    assert len(found) == 2
+    assert all(0 <= m.start <= m.stop and m.fs > 0 for m in found)
+    return found
+
+
+def _remembered() -> list[bytes]:
+    signal = Recording(np.arange(24.0).reshape(8, 3), 100.0, "g", "r", material="oak", flags=("a",))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.npz"
+        remember(path, signal)
+        return [path.read_bytes()] if path.is_file() else []
+
+
+def _recall(path: Path) -> object:
+    found = recall(path)
+    return found and valid(found)
+
+
+def _facts(rng: random.Random, members: dict[str, bytes]) -> dict[str, bytes]:
+    name = rng.choice(sorted(members))
+    members[name] = members[name][:128] + of_bytes(rng, members[name][128:])
+    return members
+
+
+def _outcome(path: Path) -> object:
+    """What a worker of a peer wrote: the same bytes stand for each of its files in turn."""
+    names = ("started.json", "fold_0.json", "failed.json")
+    try:
+        for name in names:
+            os.link(path, path.with_name(name))
+            path.with_name("stderr.txt").touch()
+            read_outcome(path.parent, expired=False, time_limit_s=1.0)
+            path.with_name(name).unlink()
+    finally:
+        for name in (*names, "stderr.txt"):
+            path.with_name(name).unlink(missing_ok=True)
+    return None
+
+
+def _outcomes() -> list[bytes]:
+    return [
+        b'{"first_s": 1.0, "versions": {"aeon": "1"}, "missing": false, "message": "x", "predicted": [0]}'
+    ]
+
+
+_SEALED = archives(_sealed, deflate=False)
+TARGETS = (
+    Target("model", _models, load_model, _SEALED, "fuzzed.skops", (UserWarning,)),
+    Target("recogniser", _recognisers, load_recogniser, _SEALED, "recogniser.skops", (UserWarning,)),
+    Target("manifest", _manifests, _manifest, _JSON, ""),
+    Target("feature table", _tables, _table, either(_table_facts, of_bytes), "table.parquet"),
+    Target("part of an extraction", _parts, _part, either(_part_rows, of_bytes), "part.parquet"),
+    Target("cached movements", lambda: [b"[[0, 10, 1000.0, \"\"], [3, 9, 1000.0, \"\"]]"], _movements, _JSON,
+           "movements.json"),
+    Target("cached recording", _remembered, _recall, archives(_facts, deflate=False), "r.npz"),
+    Target("outcome of a peer", _outcomes, _outcome, _JSON, "outcome.json"),
+)  # fmt: skip

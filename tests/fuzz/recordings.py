@@ -1,0 +1,227 @@
+"""Files of recordings but for bags: text, tables, audio, MATLAB, arrays; and samples on standard input."""
+
+import io
+import random
+import struct
+import tempfile
+import wave
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+import scipy.io
+import soundfile
+
+from fuzz.contract import Target
+from fuzz.mutate import archives, either, of_bytes, of_text
+from texclass.loaders import load_recording
+from texclass.loaders.cards import Card, LabelTable
+from texclass.loaders.filesets import _read_labels
+from texclass.loaders.rowsets import _read_table
+from texclass.recognition.live_sources import LineSource, RawSource
+from texclass.recording import Recording
+
+FS = 1000.0
+N = 12
+
+
+def axes() -> np.ndarray:
+    """Known samples of shape (12, 3)."""
+    return np.random.default_rng(0).integers(-2000, 2000, (N, 3)).astype(float)
+
+
+def written(name: str, write: Callable[[Path], Any]) -> bytes:
+    """Return the bytes that a function writes into a file of a name."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        write(path)
+        return path.read_bytes()
+
+
+def valid(recording: Recording) -> Recording:
+    """Check what every recording promises."""
+    a = recording.acceleration
+    assert len(a) >= 2
+    assert np.isfinite(a).all()
+    assert np.isfinite(recording.fs)
+    assert recording.fs > 0
+    assert len(recording.channels) == (1 if a.ndim == 1 else a.shape[1])
+    return recording
+
+
+def _read(path: Path) -> Recording:
+    return valid(load_recording(path, unit="counts"))
+
+
+def _read_at_rate(path: Path) -> Recording:
+    return valid(load_recording(path, unit="m/s^2", fs=FS))
+
+
+def _texts() -> list[bytes]:
+    return [b"".join(f"{x:.3g}\n".encode() for x in axes()[:, 0]), b"1\n\n-2.5e3\r\n 7\n"]
+
+
+def _csvs() -> list[bytes]:
+    frame = pd.DataFrame(axes(), columns=["x", "y", "z"])
+    return [
+        frame.to_csv(index=False).encode(),
+        b'\xef\xbb\xbf"ax","ay","az",t\n1,2,3,0\n4,5,6,1\n',
+        b"a\n1\n2\n",
+    ]
+
+
+def _tsvs() -> list[bytes]:
+    return [pd.DataFrame(axes(), columns=["x", "y", "z"]).to_csv(index=False, sep="\t").encode()]
+
+
+def _parquets() -> list[bytes]:
+    frame = pd.DataFrame(axes()[:4], columns=["x", "y", "z"])
+    kinds = [{"compression": None}, {"compression": "snappy", "use_dictionary": False}]
+    found = [written("a.parquet", lambda path, k=k: frame.to_parquet(path, **k)) for k in kinds]
+    odd = pd.DataFrame({"acceleration": [[1.0], [2.0, 3.0]]})
+    return [*found, written("a.parquet", odd.to_parquet)]
+
+
+def _wavs() -> list[bytes]:
+    codes = axes()[:, :1].astype(np.int16)
+    found = [written("a.wav", lambda p, k=k: soundfile.write(p, codes, 1000, subtype=k))
+             for k in ("PCM_16", "PCM_24", "FLOAT", "IMA_ADPCM", "ULAW")]  # fmt: skip
+    others = [
+        written("a.wav", lambda p, k=k: soundfile.write(p, codes, 1000, format=k))
+        for k in ("W64", "AIFF", "RF64")
+    ]
+    buffer = io.BytesIO()
+    with wave.open(buffer, "wb") as file:
+        file.setparams((3, 1, 8000, 0, "NONE", ""))
+        file.writeframes(bytes(range(48)))
+    return [*found, *others, buffer.getvalue()]
+
+
+def _flacs() -> list[bytes]:
+    return [written("a.flac", lambda p: soundfile.write(p, axes().astype(np.int16), 1000))]
+
+
+def _mat5s() -> list[bytes]:
+    stored = {"acceleration": axes()[:4], "fs": FS, "who": "me", "more": {"a": np.arange(2)}}
+    return [
+        written("a.mat", lambda p: scipy.io.savemat(p, stored)),
+        written("a.mat", lambda p: scipy.io.savemat(p, stored, do_compression=True)),
+        written("a.mat", lambda p: scipy.io.savemat(p, {"x": axes()[:4, 0]}, format="4")),
+    ]
+
+
+def _hdf5(path: Path, *, matlab: bool = False, **how: Any) -> None:
+    with h5py.File(
+        path, "w", libver=how.pop("libver", "earliest"), userblock_size=512 if matlab else 0
+    ) as file:
+        data = file.create_dataset("acceleration", data=axes()[:6].astype(np.float32), **how)
+        if matlab:
+            data.attrs["MATLAB_class"] = np.bytes_("double")
+            file["fs"] = FS
+        else:
+            file.attrs["fs"] = FS
+
+
+def _hdf5s() -> list[bytes]:
+    return [
+        written("a.h5", _hdf5),
+        written("a.h5", lambda p: _hdf5(p, libver="latest")),
+        written("a.h5", lambda p: _hdf5(p, chunks=(3, 3), compression="gzip", shuffle=True, fletcher32=True)),
+    ]
+
+
+def _mat73s() -> list[bytes]:
+    return [written("a.mat", lambda p: _hdf5(p, matlab=True))]
+
+
+def _npzs() -> list[bytes]:
+    return [
+        written("a.npz", lambda p: np.savez(p, acceleration=axes()[:4], fs=FS)),
+        written("a.npz", lambda p: np.savez_compressed(p, x=axes()[:, 0].astype(np.float32))),
+    ]
+
+
+_TYPES = ("<f8", ">f8", "<f2", "<f16", "<c16", "|O", "<i8", "|b1", "<U5", "<M8[ns]", "|V8")
+_SHAPES = ((4, 3), (), (0,), (10**6, 10**6), (2**62, 8), (-1,), (12, 1, 1), (3, 2, 2), (10**9,))
+
+
+def _npy_change(rng: random.Random, members: dict[str, bytes]) -> dict[str, bytes]:
+    name = rng.choice(sorted(members))
+    data = members[name]
+    match rng.randrange(4):
+        case 0:
+            head = {"descr": rng.choice(_TYPES),
+                    "fortran_order": rng.random() < 0.5,
+                    "shape": rng.choice(_SHAPES)}  # fmt: skip
+            text = repr(head).ljust(117).encode() + b"\n"
+            members[name] = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + data[128:]
+        case 1:
+            members[rng.choice(("fs.npy", "x.npy", "", "a/b.npy", "acceleration.NPY", "../x.npy"))] = data
+        case _:
+            members[name] = of_bytes(rng, data)
+    return members
+
+
+def _rows(path: Path) -> object:
+    labels, values = _read_table.__wrapped__(path, 0, "label")
+    assert len(labels) == len(values)
+    assert values.dtype == np.float64
+    return values
+
+
+def _row_tables() -> list[bytes]:
+    return [b"label,0,1,2\noak,1,2,3\nfelt,4,5,6.5\noak,7,8,9\n"]
+
+
+_LABELS = LabelTable("labels.csv", {"recording": "id", "material": "what", "repetition": "run"})
+_CARD = Card("c", Path("c.toml"), "c", "", "", "files", labels=_LABELS)
+
+
+def _labels(path: Path) -> object:
+    found = _read_labels(_CARD, path.parent, _LABELS)
+    assert all(isinstance(value, str) for row in found.values() for value in (*row, *row.values()))
+    assert all(isinstance(key, str) for key in found)
+    return found
+
+
+def _label_tables() -> list[bytes]:
+    return [b"id,what,run\nr1,oak,1\nr2,felt,2\n", b'\xef\xbb\xbfid,what,run,note\n"a,b",oak,1,"x\ny"\n']
+
+
+def _lines(data: bytes) -> object:
+    blocks = list(LineSource(io.BytesIO(data), fs=FS, unit="g", block_s=0.002))
+    assert all(np.isfinite(block.samples).all() and block.samples.ndim == 2 for block in blocks)
+    return blocks
+
+
+def _raw(data: bytes) -> object:
+    return [list(RawSource(io.BytesIO(data), fs=FS, unit="g", n_channels=n, block_s=0.004)) for n in (1, 3)]
+
+
+def _line_seeds() -> list[bytes]:
+    return [b"1 2 3\n4 5 6\n7,8,9\n\n1e3 2 -3\n", b"0.5\n1.5\n-2\n"]
+
+
+def _raw_seeds() -> list[bytes]:
+    return [np.arange(12, dtype="<f4").tobytes(), np.linspace(-1, 1, 7, dtype="<f4").tobytes()]
+
+
+TARGETS = (
+    Target("text", _texts, _read_at_rate, of_text, "fuzzed.txt"),
+    Target("csv", _csvs, _read_at_rate, of_text, "fuzzed.csv"),
+    Target("tsv", _tsvs, _read_at_rate, of_text, "fuzzed.tsv"),
+    Target("parquet", _parquets, _read_at_rate, of_bytes, "fuzzed.parquet"),
+    Target("wav", _wavs, _read, of_bytes, "fuzzed.wav"),
+    Target("flac", _flacs, _read, of_bytes, "fuzzed.flac"),
+    Target("matlab 4 and 5", _mat5s, _read_at_rate, of_bytes, "fuzzed.mat"),
+    Target("matlab 7.3", _mat73s, _read_at_rate, of_bytes, "fuzzed73.mat"),
+    Target("npz", _npzs, _read_at_rate, archives(_npy_change, deflate=True), "fuzzed.npz"),
+    Target("hdf5", _hdf5s, _read, of_bytes, "fuzzed.h5"),
+    Target("table of rows", _row_tables, _rows, of_text, "rows.csv"),
+    Target("table of labels", _label_tables, _labels, of_text, "labels.csv"),
+    Target("lines of standard input", _line_seeds, _lines, either(of_text, of_bytes), ""),
+    Target("float32 of standard input", _raw_seeds, _raw, of_bytes, ""),
+)

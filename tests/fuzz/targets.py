@@ -1,0 +1,80 @@
+"""Every reader that is fuzzed: its name, its module, and how many of a million inputs it gets."""
+
+import importlib
+
+from fuzz.contract import Target
+
+SHARES: dict[str, dict[str, int]] = {
+    "recordings": {
+        "text": 25_000,
+        "csv": 25_000,
+        "tsv": 6_000,
+        "parquet": 25_000,
+        "wav": 40_000,
+        "flac": 30_000,
+        "matlab 4 and 5": 25_000,
+        "matlab 7.3": 6_000,
+        "npz": 20_000,
+        "hdf5": 15_000,
+        "table of rows": 8_000,
+        "table of labels": 60_000,
+        "lines of standard input": 120_000,
+        "float32 of standard input": 100_000,
+    },
+    "bags": {
+        "rosbag1": 40_000,
+        "rosbag2 mcap": 20_000,
+        "rosbag2 sqlite3": 12_000,
+        "rosbag2 compressed as a whole": 5_000,
+        "ros messages": 150_000,
+        "ros messages on the wire": 60_000,
+    },
+    "definitions": {
+        "dataset card": 15_000,
+        "feature set": 12_000,
+        "pipeline": 8_000,
+        "scene": 15_000,
+        "path of a hand": 6_000,
+    },
+    "exchange": {
+        "texture": 20_000,
+        "planned scene": 10_000,
+        "taps": 8_000,
+        "HaTT XML": 40_000,
+        "rendered WAV": 40_000,
+    },
+    "models": {
+        "model": 1_500,
+        "recogniser": 2_000,
+        "manifest": 50_000,
+        "feature table": 5_000,
+        "part of an extraction": 6_000,
+        "cached movements": 40_000,
+        "cached recording": 10_000,
+        "outcome of a peer": 10_000,
+    },
+    "results": {
+        "result for the page": 15_000,
+    },
+}
+"""Module -> name -> parts; those that read a file in C, or many files, are slower and get fewer."""
+
+
+def parts_of() -> dict[str, int]:
+    """Return the parts of every reader."""
+    return {name: parts for named in SHARES.values() for name, parts in named.items()}
+
+
+def target_of(name: str) -> Target:
+    """Return a reader; its module is imported only now.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name.
+    """
+    module = next((module for module, named in SHARES.items() if name in named), None)
+    if module is None:
+        raise ValueError(f"no reader is named {name!r}; the rule is one of {', '.join(parts_of())}")
+    found: dict[str, Target] = {one.name: one for one in importlib.import_module(f"fuzz.{module}").TARGETS}
+    return found[name]

@@ -1,0 +1,134 @@
+"""One process that feeds one reader: `python -m fuzz.worker NAME N SEED FOLDER ENGINE`, from the driver.
+
+A crash, a hang or too much memory ends this process and nothing else; the input is in the shared memory.
+"""
+
+import json
+import random
+import resource
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+from fuzz.state import Shared
+
+MOST_BYTES = 1 << 16
+HEADROOM = 2 << 30
+"""Bytes of address space beyond what the valid inputs take."""
+GUIDED = ("texclass", "mcap", "rosbags", "skops", "zipfile", "tomllib")
+"""Packages whose branches guide atheris."""
+
+
+def main() -> None:
+    name, engine, folder = sys.argv[1], sys.argv[5], Path(sys.argv[4])
+    n, seed = int(sys.argv[2]), int(sys.argv[3])
+    place = folder / "inputs"
+    place.mkdir(exist_ok=True)
+    run = _guided if engine == "atheris" else _blind
+    run(name, n, seed, folder, place)
+
+
+class Feeder:
+    """Judges inputs and keeps what broke a promise: of each finding one input, and how often it came."""
+
+    def __init__(self, name: str, folder: Path, place: Path) -> None:
+        import tempfile
+
+        from fuzz.contract import WATCH, judge
+        from fuzz.targets import target_of
+
+        warnings.simplefilter("ignore")
+        tempfile.tempdir = str(place)
+        self.target, self.place, self.folder = target_of(name), place, folder
+        self.seeds = self.target.seeds()
+        self._judge = judge
+        self.shared = Shared(folder / "shared")
+        self.counts = self.shared.read()
+        found = folder / "findings.json"
+        self.findings: dict[str, int] = json.loads(found.read_text()) if found.exists() else {}
+        for data in self.seeds:
+            verdict = judge(self.target, data, place)
+            if verdict.kind not in ("accepted", "refused"):
+                print(f"{name}: a seed is {verdict}", file=sys.stderr)
+        WATCH.install(place)
+        taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (taken + HEADROOM, taken + HEADROOM))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 30, 1 << 30))
+
+    def feed(self, data: bytes) -> None:
+        counts = self.counts
+        self.shared.put(data, counts)
+        verdict = self._judge(self.target, data, self.place)
+        counts.inputs += 1
+        counts.accepted += verdict.kind == "accepted"
+        counts.refused += verdict.kind == "refused"
+        if verdict.broken:
+            counts.broken += 1
+            self._keep(f"{verdict.kind}: {verdict.detail}", data)
+        if verdict.seconds > counts.slowest_s:
+            counts.slowest_s, counts.slowest_bytes = verdict.seconds, len(data)
+        counts.peak_mb = max(counts.peak_mb, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+        self.shared.write(counts)
+
+    def _keep(self, what: str, data: bytes) -> None:
+        if what not in self.findings:
+            (self.folder / f"finding{len(self.findings)}.bin").write_bytes(data)
+        self.findings[what] = self.findings.get(what, 0) + 1
+        (self.folder / "findings.json").write_text(json.dumps(self.findings))
+
+
+def _blind(name: str, n: int, seed: int, folder: Path, place: Path) -> None:
+    """Spoil seeds, and what came of them before, at random."""
+    feeder, rng = Feeder(name, folder, place), random.Random(seed)
+    pool = list(feeder.seeds)
+    for _ in range(n):
+        data = feeder.target.mutate(rng, rng.choice(pool))[:MOST_BYTES]
+        before = feeder.counts.accepted
+        feeder.feed(data)
+        if feeder.counts.accepted > before and rng.random() < 0.02:
+            pool.append(data)
+            del pool[len(feeder.seeds) + 200 :]
+
+
+def _guided(name: str, n: int, seed: int, folder: Path, place: Path) -> None:
+    """Let atheris choose: inputs that reach new branches are spoilt further."""
+    import atheris
+
+    from fuzz.mutate import of_bytes
+
+    with atheris.instrument_imports(include=list(GUIDED)):
+        from fuzz.targets import target_of
+
+        target_of(name)
+    feeder = Feeder(name, folder, place)
+    corpus = folder / "corpus"
+    corpus.mkdir(exist_ok=True)
+    for i, data in enumerate(feeder.seeds):
+        (corpus / f"seed{i}").write_bytes(data)
+
+    def spoil(data: bytes, most: int, number: int) -> bytes:
+        rng = random.Random(number)
+        if rng.random() < 0.4:  # near a whole input there is more to read than far from all
+            data = rng.choice(feeder.seeds)
+        if rng.random() < 0.3:
+            spoilt: bytes = atheris.Mutate(data, most)
+            return spoilt
+        try:
+            return feeder.target.mutate(rng, data)[:most]
+        except Exception:  # atheris waits for ever on a mutator that raises
+            return of_bytes(rng, data)[:most]
+
+    def feed(data: bytes) -> None:
+        feeder.feed(data)
+
+    options: list[Any] = [
+        sys.argv[0], f"-runs={n}", f"-seed={seed}", f"-max_len={MOST_BYTES}", "-rss_limit_mb=0",
+        "-timeout=1000", "-verbosity=0", f"-artifact_prefix={folder}/", str(corpus),
+    ]  # fmt: skip
+    atheris.Setup(options, feed, custom_mutator=spoil)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()

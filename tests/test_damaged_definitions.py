@@ -1,0 +1,193 @@
+"""Definitions, manifests and results that once escaped as another error than the one that is documented."""
+
+import json
+
+import pytest
+from fuzz.contract import judge
+from fuzz.mutate import json_of
+from fuzz.targets import target_of
+
+LONG = "9" * 5000
+
+
+def _refused(name, data, tmp_path):
+    verdict = judge(target_of(name), data, tmp_path)
+    assert verdict.kind == "refused", (verdict.kind, verdict.detail)
+
+
+def _changed(name, old, new, tmp_path):
+    whole = target_of(name).seeds()
+    data = next(seed for seed in whole if old.encode() in seed)
+    _refused(name, data.replace(old.encode(), new.encode(), 1), tmp_path)
+
+
+@pytest.mark.parametrize("name", ["dataset card", "feature set", "pipeline", "scene"])
+@pytest.mark.parametrize(
+    "text",
+    [f"a = {'[' * 3000}", f"a = {LONG}", f"{'a.' * 32_000}b = 1", "#" * 1_100_000],
+    ids=["nested", "long integer", "deep key", "large"],
+)
+def test_toml_that_only_costs_time_or_depth_is_refused(name, text, tmp_path):
+    whole = target_of(name).seeds()[0] if text.startswith("#") else b""
+    _refused(name, whole + text.encode(), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('format = "files"', "format = []"),
+        ("fs_hz = 1000", "fs_hz = inf"),
+        ("fs_hz = 1000", f"fs_hz = 1{'0' * 400}"),
+        ("scale = 0.5", "scale = nan"),
+        ("scale = 0.5", "scale = 0"),
+        ('delimiter = ";"', 'delimiter = ""'),
+        ('delimiter = ";"', 'delimiter = "ab"'),
+        ("[0-9]+", "a{99999999999}"),
+        ("[0-9]+", f"{'(' * 3000}{')' * 3000}"),
+        ("n_surfaces = 2", "n_surfaces = 1000000000000"),
+        ("duration_s = 1.0", "duration_s = 1e300"),
+        ("fs = 1000", f"fs = 1{'0' * 400}"),
+    ],
+)
+def test_a_card_with_a_value_that_nothing_can_be_is_refused(old, new, tmp_path):
+    _changed("dataset card", old, new, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("[features.again]", "[features.band_level]\nn_pieces = 1000000000\n[features.again]"),
+        ("[features.again]", "[features.octave_level]\noctaves = [2, 2147483648]\n[features.again]"),
+        ("[features.again]", '[features.octave_level]\noctaves = ["a", "b"]\n[features.again]'),
+        ("[1, 2]", "[1, 1]"),
+    ],
+)
+def test_a_set_whose_columns_cannot_be_named_is_refused(old, new, tmp_path):
+    _changed("feature set", old, new, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('features = "strese2015"', 'features = "no_such_set"'),
+        ('name = "recording"', 'name = ["recording"]'),
+        ('name = "recording"', 'name = "no_such_protocol"'),
+        ('steps = [{use = "sklearn.preprocessing.StandardScaler"}]', "steps = 5"),
+        ('features = ["fineness", "temporal_roughness"]', "features = 5"),
+        ('features = ["fineness", "temporal_roughness"]', 'features = [["fineness"]]'),
+        ("published = {lda = 80.5}", "published = {lda = 80.5}\nclassifiers = [[]]"),
+        ("sklearn.preprocessing.StandardScaler", "sklearn.tests.test_base.MyEstimator"),
+        ("[classifiers]\nlda =", "classifiers = [5] #"),
+    ],
+)
+def test_a_pipeline_with_something_of_another_kind_is_refused(old, new, tmp_path):
+    _changed("pipeline", old, new, tmp_path)
+
+
+def test_test_modules_of_libraries_are_not_imported(tmp_path, monkeypatch):
+    from texclass.experiment import use
+
+    monkeypatch.setattr(use.importlib, "import_module", lambda name: pytest.fail(f"imported {name}"))
+    with pytest.raises(ValueError, match="is refused"):
+        use.resolve("sklearn.tests.test_base.MyEstimator")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("seed = 3", f"seed = 1{'0' * 400}"),
+        ("rate_hz = 1000", f"rate_hz = 1{'0' * 400}"),
+        ("[20.0, 450.0]", f"[20, 1{'0' * 400}]"),
+        ('simulated = "abdulali2016/S1"', 'texture = "~nobody-of-this-name/x.texture"'),
+        ('simulated = "abdulali2016/S1"', f'texture = "{LONG}"'),
+    ],
+)
+def test_a_scene_with_a_number_beyond_floats_or_a_stranger_s_home_is_refused(old, new, tmp_path):
+    _changed("scene", old, new, tmp_path)
+
+
+def test_a_path_faster_than_numbers_is_refused_without_a_warning(tmp_path):
+    _changed("path of a hand", "0.1,1,0", "5e-324,1e300,0", tmp_path)
+
+
+def test_the_scene_of_a_path_that_never_touches_is_named(tmp_path):
+    (tmp_path / "p.csv").write_text("time,x,y,force,surface\n0,0,0,0,a\n1,1,0,0,a\n")
+    data = target_of("scene").seeds()[0].decode()
+    ranges = "speeds_mm_s = [40.0, 160.0]\nforces_n = [0.5, 2.0]"
+    assert ranges in data
+    _refused("scene", data.replace(ranges, 'path = "p.csv"').encode(), tmp_path)
+
+
+def test_a_path_of_a_hand_with_a_number_beyond_floats_is_refused(tmp_path):
+    _changed("path of a hand", "0,0,0,0.5,a", f"0,{'9' * 400},0,0.5,a", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("schema", [float("inf"), 1]),
+        ("fs", 10**400),
+        ("fs", float("nan")),
+        ("fs", -1.0),
+        ("materials", "oak"),
+        ("materials", [1, None]),
+        ("input", []),
+        ("touch_s", "long"),
+        ("shortest_s", float("inf")),
+        ("unit", None),
+    ],
+)
+def test_a_manifest_with_a_fact_of_another_kind_is_refused(name, value, tmp_path):
+    stated = json.loads(target_of("manifest").seeds()[0]) | {name: value}
+    _refused("manifest", json_of(stated), tmp_path)
+
+
+@pytest.mark.parametrize("number", ["1e999", f"1{'0' * 400}", "1e308", "-1e999"])
+def test_a_result_with_a_number_that_no_figure_shows_is_refused(number, tmp_path):
+    _changed("result for the page", '"ms_per_recording": 3.5', f'"ms_per_recording": {number}', tmp_path)
+
+
+def test_an_axis_of_nothing_but_zeros_has_a_length():
+    from texclass.reporting.page.scales import around
+
+    assert around([0.0, 0.0], zero=True).ticks[0] == 0.0
+    assert around([0.0, 0.0], zero=True)(0.0) == 0.0
+
+
+def test_a_section_that_cannot_be_drawn_names_its_file(monkeypatch):
+    from texclass.reporting.page import Result, render, render_page
+
+    monkeypatch.setitem(render.SECTIONS, "benchmark", lambda data: dict(data)["rows"])
+    with pytest.raises(ValueError, match=r"odd\.json: cannot be shown"):
+        render_page([Result("odd.json", "benchmark", {})])
+
+
+@pytest.mark.parametrize("text", [b"[", b"\xff", b"[]", b"[" * 5000, b"{}"])
+def test_what_a_peer_left_half_written_is_no_outcome(text, tmp_path):
+    from texclass.experiment.peers.launch import read_outcome
+
+    for name in ("started.json", "fold_0.json", "failed.json", "stderr.txt"):
+        (tmp_path / name).write_bytes(text)
+    found = read_outcome(tmp_path, expired=False, time_limit_s=1.0)
+    assert found.status == "failed"
+
+
+@pytest.mark.parametrize(
+    "text", ["5", "[5]", "[[0, 1]]", '[["a", 1, 1.0]]', "[[2, 1, 9.0]]", "[" * 5000, "[]"]
+)
+def test_damaged_movements_are_found_again(text, tmp_path, monkeypatch):
+    from texclass.experiment import windows
+    from texclass.loaders import Dataset, Entry
+    from texclass.recording import Phases, Recording
+
+    def load(entry):
+        return Recording(range(100), 100.0, "g", entry.recording_id, phases=Phases(movement=(10, 90)))
+
+    monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path))
+    dataset = Dataset("d", (Entry("a", "oak"),), load, "hash")
+    whole = windows.touches(dataset, 0.5)
+    (file,) = (tmp_path / "movements").iterdir()
+    file.write_text(text)
+    assert [window.start for window in windows.touches(dataset, 0.5).entries] == [
+        w.start for w in whole.entries
+    ]
