@@ -100,12 +100,20 @@ def test_numbers_of_an_unknown_type_do_not_end_the_process(kind, byte_order, com
         load_recording(path, fs=100.0, unit="g")
 
 
-def _write_mat(path, kind, order, compressed):
+def test_an_array_without_a_name_is_no_variable(tmp_path):
+    """Scipy reads it as what MATLAB keeps for itself, and a type that is none ends the process."""
+    path = tmp_path / "r.mat"
+    _write_mat(path, 0, "<", compressed=False, name=b"")
+    with pytest.raises(RecordingError, match=r"r\.mat"):
+        load_recording(path, fs=100.0, unit="g")
+
+
+def _write_mat(path, kind, order, compressed, name=b"x"):
     def element(number, data):
         return struct.pack(f"{order}2I", number, len(data)) + data + bytes(-len(data) % 8)
 
     flags = element(6, struct.pack(f"{order}2I", 6, 0)) + element(5, struct.pack(f"{order}2i", 4, 1))
-    matrix = element(14, flags + element(1, b"x") + element(kind, struct.pack(f"{order}4d", 1, 2, 4, 3)))
+    matrix = element(14, flags + element(1, name) + element(kind, struct.pack(f"{order}4d", 1, 2, 4, 3)))
     version = struct.pack(f"{order}H", 0x0100) + (b"IM" if order == "<" else b"MI")
     packed = struct.pack(f"{order}2I", 15, len(zlib.compress(matrix))) + zlib.compress(matrix)
     path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + version + (packed if compressed else matrix))

@@ -3,6 +3,7 @@
 A crash, a hang or too much memory ends this process and nothing else; the input is in the shared memory.
 """
 
+import importlib
 import json
 import random
 import resource
@@ -11,6 +12,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import texclass
 from fuzz.state import Shared
 
 MOST_BYTES = 1 << 16
@@ -97,6 +99,8 @@ def _guided(name: str, n: int, seed: int, folder: Path, place: Path) -> None:
 
     from fuzz.mutate import of_bytes
 
+    for module in _compiled():
+        importlib.import_module(module)
     with atheris.instrument_imports(include=list(GUIDED)):
         from fuzz.targets import target_of
 
@@ -128,6 +132,13 @@ def _guided(name: str, n: int, seed: int, folder: Path, place: Path) -> None:
     ]  # fmt: skip
     atheris.Setup(options, feed, custom_mutator=spoil)
     atheris.Fuzz()
+
+
+def _compiled() -> list[str]:
+    """Return the modules whose functions numba compiles, which it cannot once atheris traces them."""
+    root = Path(texclass.__file__).parent
+    found = (file for file in sorted(root.rglob("*.py")) if "@njit" in file.read_text(encoding="utf-8"))
+    return [".".join(("texclass", *file.relative_to(root).with_suffix("").parts)) for file in found]
 
 
 if __name__ == "__main__":

@@ -69,7 +69,8 @@ def _shapes(path: Path) -> dict[str, int]:
         raise _unreadable(path, error) from error
     sizes = {}
     for name, shape, matlab_class in described:
-        if matlab_class in NUMERIC:
+        # What scipy names itself (an array without a name is its "function workspace") is no recording.
+        if matlab_class in NUMERIC and not name.startswith("__"):
             sizes[name] = 1
             for length in shape:
                 sizes[name] *= int(length)

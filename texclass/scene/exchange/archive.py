@@ -21,7 +21,15 @@ _DIRECTORY_BYTES = 64 << 10
 _NAME = re.compile(r"(arrays/)?[A-Za-z][A-Za-z0-9_-]{0,63}\.(json|npy)")
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _END = struct.Struct("<4s4H2LH")
-_FAULTS = (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, struct.error, OverflowError)
+_FAULTS = (
+    zipfile.BadZipFile,
+    NotImplementedError,
+    RuntimeError,
+    EOFError,
+    struct.error,
+    OverflowError,
+    UnicodeError,
+)
 
 
 def pack(members: Mapping[str, bytes]) -> bytes:
