@@ -187,6 +187,28 @@ def test_a_feature_table_whose_facts_do_not_fit_it_is_refused(changes, tmp_path)
         read_table(path)
 
 
+def test_columns_that_pandas_is_told_to_rename_are_refused(tmp_path):
+    path = tmp_path / "t.parquet"
+    path.write_bytes(target_of("feature table").seeds()[0])
+    arrow = pq.read_table(path)
+    facts = json.loads(arrow.schema.metadata[b"pandas"])
+    facts["columns"][3] |= {"name": "mfcc.c1", "field_name": "session"}
+    facts["columns"][3]["pandas_type"] = "unicode"
+    renamed = json.dumps(facts).replace('"name": "session"', '"name": "mfcc.c1"')
+    pq.write_table(arrow.replace_schema_metadata({**arrow.schema.metadata, b"pandas": renamed}), path)
+    with pytest.raises(ValueError, match=r"t\.parquet: .*the rule is those of the schema"):
+        read_table(path)
+
+
+def test_a_member_whose_name_is_no_text_is_refused_by_name(tmp_path):
+    archive = bytearray(target_of("taps").seeds()[0])
+    at = archive.index(b"PK\x03\x04")
+    archive[at + 30] = 0xFF
+    archive[at + 6 : at + 8] = (0x800).to_bytes(2, "little")  # says that it is UTF-8
+    _, detail = _kind("taps", bytes(archive), tmp_path)
+    assert _kind("taps", bytes(archive), tmp_path)[0] == "refused", detail
+
+
 def test_a_parquet_file_cut_in_its_data_is_no_feature_table(tmp_path):
     data = target_of("feature table").seeds()[0]
     for at in range(4, len(data) // 2, 97):

@@ -124,8 +124,11 @@ def _checked(arrow: pa.Table, facts: Mapping[str, Any]) -> FeatureTable:
     lacking = [name for name in (*METADATA, *columns) if arrow.schema.names.count(name) != 1]
     if lacking or ms.shape != (arrow.num_rows,) or not isinstance(facts["key"], str):
         raise ValueError(f"{lacking or ms.shape}; the rule is each column once, as many times as rows")
+    frame = arrow.to_pandas()
+    if list(frame.columns) != arrow.schema.names:
+        raise ValueError(f"columns {list(frame.columns)!r:.80}; the rule is those of the schema")
     table = FeatureTable(
-        arrow.to_pandas(),
+        frame,
         columns,
         ms,
         tuple(Reason(*r) for r in facts["reasons"]),
