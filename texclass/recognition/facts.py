@@ -66,11 +66,12 @@ def _trained_on(felt: Dataset, table: FeatureTable) -> dict[str, Any]:
 
 def _accuracy(chosen: Choice, study: Study) -> dict[str, Any]:
     low, high = chosen.accuracy.interval
+    tested = "touches" if "parent" in study.table.frame else "recordings"
     return {
         "mean": chosen.accuracy.mean, "low": low, "high": high, "n_tested": chosen.accuracy.n_tested,
         "protocol": study.held.protocol.name, "why": study.held.why, "n_folds": len(study.splits),
         "n_candidates": chosen.n_candidates,
-        "how": "held-out recordings" + (", the choice among candidates included" * (chosen.n_candidates > 1)),
+        "how": f"held-out {tested}" + ", the choice among candidates included" * (chosen.n_candidates > 1),
     }  # fmt: skip
 
 
