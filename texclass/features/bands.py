@@ -128,7 +128,8 @@ def octave_bands(fs: float, first: int, stop: int, per_octave: int) -> Bands:
     return Bands.between(fs / 2 * 2.0 ** -(first + np.arange(n_bands, -1, -1) / per_octave), fs)
 
 
-def _even(*, n_bands: int) -> tuple[str, ...]:
+def even_names(*, n_bands: int) -> tuple[str, ...]:
+    """Return the names of bands of equal width."""
     return tuple(f"b{i}" for i in range(1, n_bands + 1))
 
 
@@ -136,7 +137,7 @@ def _even(*, n_bands: int) -> tuple[str, ...]:
     phase="movement",
     unit="log10((m/s^2)^2/Hz)",
     reference="texclass; log power spectrum in bands of equal width",
-    outputs=named_pieces(_even),
+    outputs=named_pieces(even_names),
     gain=Gain(shift=2),
     depends_on=("rate",),
 )
@@ -165,7 +166,8 @@ def band_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
     return _levels(view, even_bands(view.fs, n_bands))
 
 
-def _fractions(*, octaves: tuple[int, int], per_octave: int) -> tuple[str, ...]:
+def fraction_names(*, octaves: tuple[int, int], per_octave: int) -> tuple[str, ...]:
+    """Return the names of fractions of octaves."""
     first, last = octaves
     return tuple(
         f"o{first + i // per_octave}.{i % per_octave + 1}" for i in range((last - first) * per_octave)
@@ -176,7 +178,7 @@ def _fractions(*, octaves: tuple[int, int], per_octave: int) -> tuple[str, ...]:
     phase="movement",
     unit="log10((m/s^2)^2/Hz)",
     reference="texclass; log power spectrum in fractions of octaves",
-    outputs=named_pieces(_fractions),
+    outputs=named_pieces(fraction_names),
     gain=Gain(shift=2),
     depends_on=("rate",),
 )

@@ -100,7 +100,8 @@ def curvature_agreement(
     return np.array([agreement(convex(view, lag), step * lag) for lag in lags for step in steps])
 
 
-def _lags(*, lags: tuple[int, ...]) -> tuple[str, ...]:
+def lag_names(*, lags: tuple[int, ...]) -> tuple[str, ...]:
+    """Return a name for each lag."""
     return tuple(f"lag{lag}" for lag in lags)
 
 
@@ -108,7 +109,7 @@ def _lags(*, lags: tuple[int, ...]) -> tuple[str, ...]:
     phase="movement",
     unit="log10(m/s^2)",
     reference="texclass; first-order structure function",
-    outputs=named_pieces(_lags),
+    outputs=named_pieces(lag_names),
     gain=Gain(shift=1),
     depends_on=("rate",),
 )

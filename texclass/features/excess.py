@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from texclass.features.bands import band_level, octave_level
+from texclass.features.bands import band_level, even_names, fraction_names, octave_level
 from texclass.features.contract import feature
-from texclass.features.differences import slope_level
+from texclass.features.differences import lag_names, slope_level
 from texclass.features.divided import divisible, named_pieces
 from texclass.features.shape import curvature_level
 from texclass.features.view import PhaseView, transform
@@ -90,15 +90,11 @@ def level_tilt(view: PhaseView) -> Samples:
     return np.array([line(view).tilt])
 
 
-def _even(*, n_bands: int) -> tuple[str, ...]:
-    return tuple(f"b{i}" for i in range(1, n_bands + 1))
-
-
 @feature(
     phase="movement",
     unit="log10(1)",
     reference=REFERENCE,
-    outputs=named_pieces(_even),
+    outputs=named_pieces(even_names),
     depends_on=("rate",),
 )
 @divisible
@@ -123,16 +119,11 @@ def band_excess(view: PhaseView, *, n_bands: int = 24) -> Samples:
     return np.asarray(band_level(view, n_bands=n_bands) - 2 * line(view).at(middle))
 
 
-def _fractions(*, octaves: tuple[int, int], per_octave: int) -> tuple[str, ...]:
-    first, last = octaves
-    return tuple(f"o{k}.{i}" for k in range(first, last) for i in range(1, per_octave + 1))
-
-
 @feature(
     phase="movement",
     unit="log10(1)",
     reference=REFERENCE,
-    outputs=named_pieces(_fractions),
+    outputs=named_pieces(fraction_names),
     depends_on=("rate",),
 )
 @divisible
@@ -161,15 +152,11 @@ def octave_excess(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_oct
     return np.asarray(levels - 2 * line(view).at(middle))
 
 
-def _lags(*, lags: tuple[int, ...]) -> tuple[str, ...]:
-    return tuple(f"lag{lag}" for lag in lags)
-
-
 @feature(
     phase="movement",
     unit="log10(1)",
     reference=REFERENCE,
-    outputs=named_pieces(_lags),
+    outputs=named_pieces(lag_names),
     depends_on=("rate",),
 )
 @divisible
@@ -197,7 +184,7 @@ def slope_excess(view: PhaseView, *, lags: tuple[int, ...] = LINE_LAGS) -> Sampl
     phase="movement",
     unit="log10(1)",
     reference=REFERENCE,
-    outputs=named_pieces(_lags),
+    outputs=named_pieces(lag_names),
     depends_on=("rate",),
 )
 @divisible

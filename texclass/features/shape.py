@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from texclass.features.contract import Gain, UndefinedFeatureError, feature
+from texclass.features.differences import lag_names
 from texclass.features.divided import divisible, named_pieces
 from texclass.features.transforms import level, require, unit32
 from texclass.features.view import PhaseView, transform
@@ -72,10 +73,6 @@ def _shapes() -> tuple[str, ...]:
 
 def _shapes_of_lags(*, lags: tuple[int, ...]) -> tuple[str, ...]:
     return tuple(f"lag{lag}.{shape}" for lag in lags for shape in SHAPES)
-
-
-def _lags(*, lags: tuple[int, ...]) -> tuple[str, ...]:
-    return tuple(f"lag{lag}" for lag in lags)
 
 
 def _one() -> tuple[str, ...]:
@@ -142,7 +139,7 @@ def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = (1, 2, 4, 8, 16,
     phase="movement",
     unit="log10(m/s^2)",
     reference=REFERENCE,
-    outputs=named_pieces(_lags),
+    outputs=named_pieces(lag_names),
     gain=Gain(shift=1),
     depends_on=("rate",),
 )
