@@ -11,6 +11,8 @@ import pytest
 from page_results import HOSTILE, benchmark, feature, invariance, peers, stability, tradeoff, write_all
 
 from texclass.cli import main
+from texclass.experiment.accuracy import Accuracy
+from texclass.experiment.nested_choice import NestedChoice
 from texclass.reporting.page import read_result, render_page, write_page
 from texclass.reporting.page.scales import Scale, around
 
@@ -134,6 +136,18 @@ def test_the_key_message_is_the_best_accuracy_beside_the_published_one(tmp_path)
     )
     assert "by All with LDA (95 % interval). Protocol: leave one operator out, 2 folds." in page
     assert "+4.0 points [−3.4, +8.5] against the 86 % published" in page
+
+
+def test_what_was_chosen_inside_the_training_parts_is_told(tmp_path):
+    choice = NestedChoice(Accuracy(70, 100), (("All", "lda"), ("All", "lda")), "operator")
+    page = text_of(benchmark(choice=choice).to_dict(), tmp_path)
+    assert "chosen inside each training part" in page.lower()
+    assert "where tests have no say: 70 % [60.4, 78.1]." in page
+    assert "All, LDA (2 of 2 folds)" in page
+    broken = benchmark(choice=choice).to_dict()
+    broken["choice"]["chosen"] = [["All"]]
+    with pytest.raises(ValueError, match=r"choice\.chosen\[0\] has 1 members"):
+        text_of(broken, tmp_path)
 
 
 def test_without_a_published_figure_of_the_best_row_the_best_published_row_is_compared(tmp_path):

@@ -10,6 +10,7 @@ import pytest
 from rich.console import Console
 
 from texclass.experiment.accuracy import Accuracy
+from texclass.experiment.nested_choice import NestedChoice
 from texclass.experiment.result import BenchmarkResult, Confusion, RowResult, Undefined
 from texclass.experiment.table import Flag, LeftOut
 from texclass.reporting.cells import cells, header
@@ -144,3 +145,10 @@ def test_every_material_is_named_in_a_large_confusion_matrix():
     boxes = [label.get_window_extent() for label in axes.get_yticklabels()]
     assert [label.get_text() for label in axes.get_yticklabels()] == list(names)
     assert all(not upper.overlaps(lower) for upper, lower in pairwise(boxes))
+
+
+def test_what_was_chosen_inside_the_training_parts_is_a_note():
+    chosen = (("All", "lda"), ("Roughness", "lda"), ("All", "lda"))
+    text = markdown(a_result(choice=NestedChoice(Accuracy(7, 10), chosen, "blocks")))
+    assert "chosen inside each training part (by `blocks`)" in text
+    assert "70.0 % [39.7, 89.2]; chosen: All, LDA in 2 of 3 folds; Roughness, LDA in 1 of 3 folds." in text

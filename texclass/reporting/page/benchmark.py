@@ -51,6 +51,10 @@ def message(data: dict[str, Any], best: Best) -> str:
         if n_pairs > 1
         else ""
     )
+    if choice := data.get("choice"):
+        chosen += (
+            f" Chosen inside each training part, where tests have no say: {_figure(choice['accuracy'])}."
+        )
     return (
         f"of the {tested(data)} recognised among {data['dataset']['n_materials']} materials, by "
         f"{best.row['name']} with {title_of(best.classifier)} (95 % interval). Protocol: "
@@ -156,10 +160,14 @@ def notes(data: dict[str, Any]) -> Iterator[str]:
 
 def _choice(choice: dict[str, Any]) -> str:
     """Return what choosing inside the training parts gave, in a sentence."""
-    mean, low, high = (digits(round(100 * choice["accuracy"][k], 1)) for k in ("mean", "low", "high"))
     folds = Counter(f"{row}, {title_of(name)}" for row, name in choice["chosen"]).most_common()
     listed = "; ".join(f"{what} ({n} of {len(choice['chosen'])} folds)" for what, n in folds)
     return (
-        f"Row and classifier chosen inside each training part, where tests have no say: {mean} % "
-        f"[{low}, {high}]; chosen: {listed}."
+        f"Row and classifier chosen inside each training part (by {protocol(choice['protocol'])}): "
+        f"{_figure(choice['accuracy'])}; chosen: {listed}."
     )
+
+
+def _figure(accuracy: dict[str, Any]) -> str:
+    mean, low, high = (digits(round(100 * accuracy[key], 1)) for key in ("mean", "low", "high"))
+    return f"{mean} % [{low}, {high}]"

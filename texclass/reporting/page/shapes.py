@@ -104,6 +104,13 @@ def square(value: Any, where: str) -> None:
         raise ValueError(f"{where}.counts has sides of {sorted(sizes)}; the rule is {n}, one a material")
 
 
+def pair(value: Any, where: str) -> None:
+    """Accept a row and a classifier."""
+    listed(text, least=2)(value, where)
+    if len(value) > 2:
+        raise ValueError(f"{where} has {len(value)} members; the rule is a row and a classifier")
+
+
 def _shown(value: Any) -> str:
     shown = repr(value)
     return shown if len(shown) <= 40 else f"{shown[:37]}..."
@@ -137,6 +144,7 @@ _GAINS = fields(
         )
     ),
 )  # fmt: skip
+_CHOICE = fields(accuracy=accuracy, chosen=listed(pair, least=1), protocol=text)
 _BENCHMARK = {
     "dataset": DATASET,
     "pipeline": fields(name=text, hash=text, features=text),
@@ -154,6 +162,7 @@ _BENCHMARK = {
     "rank_agreement_": mapped(optional(number)),
     "confusion": optional(square),
     "gains_": optional(_GAINS),
+    "choice_": optional(_CHOICE),
     "left_out_": listed(listed(text)),
     "flags_": listed(listed(text)),
     "undefined_": listed(fields(feature=text, reason=text, n_recordings=count)),
