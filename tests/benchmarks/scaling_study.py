@@ -4,8 +4,8 @@ Run it by hand from the project's root, on a machine that does nothing else: `py
 tests/benchmarks/scaling_study.py`. It writes reports/scaling.json, .md and .png. `--only cores` (numbers,
 cores, length, kill) measures one part again and keeps the others. Everything goes the real way: WAV files of
 a card are opened, loaded, segmented, computed, written to Parquet and joined. One thread a process. Runs that
-are compared take turns and the best of each counts, because what else runs can only make one slower; with one
-process it is CPU time that is compared.
+are compared take turns; of cores the best of each counts, because what else runs can only make one slower, of
+numbers of recordings, whose runs differ in length, the median. With one process it is CPU time.
 """
 
 # ruff: noqa: E402  (the number of threads is set before numpy reads it)
@@ -141,16 +141,19 @@ def numbers(n_rounds: int, largest: int) -> dict[str, object]:
 
 
 def linearity(found: dict[str, object]) -> dict[str, object]:
-    """Return the line through best times, the deviations from it, and the exponent with its interval.
+    """Return the line through median times, the deviations from it, and the exponent with its interval.
+
+    Medians, not the best: a run of a second may catch a fast moment of the machine, a run of a minute cannot,
+    so that the best times bend upwards by themselves.
 
     The exponent p of t ~ n^p is fitted in each round from 500 recordings on, where what a run costs once is
     small; its 95 % interval is Student's over rounds.
     """
     n, t = np.array(found["sizes"], dtype=float), np.array(found["seconds"], dtype=float)
-    best = t.min(axis=1)
+    usual = np.median(t, axis=1)
     # Relative errors count: the smallest run as much as the largest.
     slope, once = np.linalg.lstsq(
-        np.stack([n, np.ones_like(n)], 1) / best[:, None], np.ones_like(n), rcond=None
+        np.stack([n, np.ones_like(n)], 1) / usual[:, None], np.ones_like(n), rcond=None
     )[0]
     large = n >= min(500, n[-1] / 2)
     each = np.array([np.polyfit(np.log(n[large]), np.log(column), 1)[0] for column in t[large].T])
@@ -161,8 +164,8 @@ def linearity(found: dict[str, object]) -> dict[str, object]:
     return {
         "ms_per_recording": 1e3 * slope,
         "ms_once": 1e3 * once,
-        "deviation": (best / (slope * n + once) - 1).tolist(),
-        "exponent": float(np.polyfit(np.log(n[large]), np.log(best[large]), 1)[0]),
+        "deviation": (usual / (slope * n + once) - 1).tolist(),
+        "exponent": float(np.polyfit(np.log(n[large]), np.log(usual[large]), 1)[0]),
         "exponent_half_width": float(half),
         "drift": float(trend[0]),
         "drift_half_width": float(1.96 * spread),
