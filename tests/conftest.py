@@ -1,6 +1,7 @@
 """Fixtures that tests of several folders share."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -27,3 +28,20 @@ def data_root(monkeypatch):
         pytest.skip(f"no real recordings at {root} (set TEXCLASS_DATA)")
     monkeypatch.setenv("TEXCLASS_DATA", str(root))
     return root
+
+
+@pytest.fixture
+def command(monkeypatch, capsys):
+    """Run the command line; give exit code, standard output, standard error."""
+    from texclass.cli import main
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["texclass", *map(str, arguments)])
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        return (code, *capsys.readouterr())
+
+    return call

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 from texclass import __version__
-from texclass.cli import main
 
 TINY = """
 title = "Three simulated surfaces"
@@ -28,22 +27,12 @@ def cache(tmp_path_factory):
 
 
 @pytest.fixture
-def run(monkeypatch, capsys, tmp_path, cache):
+def run(command, monkeypatch, tmp_path, cache):
     """Run the command line in an empty folder; give exit code, standard output, standard error."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TEXCLASS_CACHE", str(cache))
     (tmp_path / "tiny.toml").write_text(TINY)
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["texclass", *map(str, arguments)])
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        return (code, *capsys.readouterr())
-
-    return call
+    return command
 
 
 def test_version_and_help_import_nothing_heavy():
@@ -163,8 +152,8 @@ def test_one_bad_recording_stops_the_run_unless_it_may_be_skipped(run, tmp_path)
     assert "oak_1" in out
 
 
-@pytest.mark.parametrize("command", [("datasets",), ("features",), ("features", "texclass")])
-def test_listings_name_what_is_shipped(run, command):
-    code, out, _ = run(*command)
+@pytest.mark.parametrize("words", [("datasets",), ("features",), ("features", "texclass")])
+def test_listings_name_what_is_shipped(run, words):
+    code, out, _ = run(*words)
     assert code == 0
-    assert ("simulated69" if command == ("datasets",) else "waviness") in out
+    assert ("simulated69" if words == ("datasets",) else "waviness") in out

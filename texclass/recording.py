@@ -1,12 +1,13 @@
 """A recording: what one exploration of one surface recorded, and where its phases are."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Samples = NDArray[np.float64]
+A = TypeVar("A", bound=NDArray[Any])
 
 STANDARD_GRAVITY = 9.80665
 ACCELERATION_UNITS: dict[str, float] = {"m/s^2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY / 1000}
@@ -210,7 +211,7 @@ def _sampling_rate(fs: Any, where: str) -> float:
     return value
 
 
-def read_only(array: Samples) -> Samples:
+def read_only(array: A) -> A:
     """Return an array that nobody else holds, closed to writing: a `Recording` keeps it without a copy."""
     whole: object = array
     while isinstance(whole, np.ndarray):

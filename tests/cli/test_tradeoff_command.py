@@ -1,13 +1,11 @@
 """texclass tradeoff: every option reaches the study, and bad input ends in one line."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
 import soundfile
 
-from texclass.cli import main
 from texclass.experiment.deploy import load_recogniser
 from texclass.loaders import open_dataset
 
@@ -35,20 +33,14 @@ def plates(tmp_path_factory):
 
 
 @pytest.fixture
-def tradeoff(plates, monkeypatch, capsys):
+def tradeoff(command, plates, monkeypatch):
     """Run the command beside the recordings; give exit code, standard output, standard error."""
     monkeypatch.chdir(plates)
     monkeypatch.setenv("TEXCLASS_CACHE", str(plates / "cache"))
     common = ("--unit", "arbitrary", "--features", "few.toml", "--no-curves", "--jobs", "1")
 
     def call(*options, dataset="plates"):
-        monkeypatch.setattr(sys, "argv", ["texclass", "tradeoff", dataset, *common, *map(str, options)])
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        return (code, *capsys.readouterr())
+        return command("tradeoff", dataset, *common, *options)
 
     return call
 

@@ -10,7 +10,6 @@ import pytest
 from toy_surfaces import pipeline
 from turning_surfaces import FS, TERRAINS, N, terrains, turning_model, values
 
-from texclass.cli import main
 from texclass.experiment.definition import RowDefinition
 from texclass.features import load_feature_set
 from texclass.loaders import load_recording, open_dataset
@@ -77,17 +76,11 @@ def model():
 
 
 @pytest.fixture
-def run(folder, monkeypatch, capsys):
+def run(command, folder, monkeypatch):
     def call(*arguments, text=""):
         monkeypatch.chdir(folder)
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
-        monkeypatch.setattr(sys, "argv", ["texclass", *map(str, arguments)])
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        return (code, *capsys.readouterr())
+        return command(*arguments)
 
     return call
 

@@ -10,7 +10,6 @@ import pytest
 from onnx import numpy_helper
 from toy_surfaces import FS, STRANGER, SURFACES, signal
 
-from texclass.cli import main
 from texclass.recognition import load_model
 from texclass.recognition.onnx_export import export
 from texclass.recognition.source import Source, find_like
@@ -25,29 +24,13 @@ def folder(linear_model, tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.fixture
-def run(monkeypatch, capsys):
-    """Run the command line; give exit code, standard output, standard error."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["texclass", *arguments])
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        return (code, *capsys.readouterr())
-
-    return call
-
-
-def test_the_exported_file_answers_files_as_predict_does(run, folder):
-    code, out, err = run("export", "surfaces.skops", "-o", "surfaces.onnx")
+def test_the_exported_file_answers_files_as_predict_does(command, folder):
+    code, out, err = command("export", "surfaces.skops", "-o", "surfaces.onnx")
     assert code == 0, err
     assert "no label differs" in out
     assert "wrote surfaces.onnx" in out
     files = [f"{surface}.txt" for surface in (*SURFACES, "stranger")]
-    code, out, err = run("predict", "surfaces.skops", *files, "--fs", str(FS), "--json")
+    code, out, err = command("predict", "surfaces.skops", *files, "--fs", str(FS), "--json")
     assert code == 0, err
     answers = [json.loads(line) for line in out.splitlines()]
     session = onnxruntime.InferenceSession("surfaces.onnx", providers=["CPUExecutionProvider"])
@@ -68,7 +51,7 @@ def _segmented(recording):
     return recording.with_(phases=segment(recording))
 
 
-def test_a_graph_that_differs_is_refused_and_nothing_is_left(run, folder, monkeypatch):
+def test_a_graph_that_differs_is_refused_and_nothing_is_left(command, folder, monkeypatch):
     def tampered(model):
         graph = export_build(model)
         weights = max(graph.graph.initializer, key=lambda c: len(c.raw_data))
@@ -79,7 +62,7 @@ def test_a_graph_that_differs_is_refused_and_nothing_is_left(run, folder, monkey
     export_build = export.build
     monkeypatch.setattr(export, "build", tampered)
     before = set(folder.iterdir())
-    code, out, err = run("export", "surfaces.skops", "-o", "surfaces.onnx")
+    code, out, err = command("export", "surfaces.skops", "-o", "surfaces.onnx")
     assert code == 1
     assert err.startswith("error: surfaces.onnx: not written: ONNX differs from scikit-learn in")
     assert "the rule is the same label and verdict" in err
@@ -88,14 +71,14 @@ def test_a_graph_that_differs_is_refused_and_nothing_is_left(run, folder, monkey
 
 
 @pytest.mark.parametrize("missing", ["onnx", "onnxruntime", "skl2onnx"])
-def test_a_missing_extra_is_told_how_to_install(run, folder, monkeypatch, missing):
+def test_a_missing_extra_is_told_how_to_install(command, folder, monkeypatch, missing):
     monkeypatch.setitem(sys.modules, missing, None)
-    code, _, err = run("export", "surfaces.skops", "-o", "surfaces.onnx")
+    code, _, err = command("export", "surfaces.skops", "-o", "surfaces.onnx")
     assert code == 1
     assert f"needs {missing}, which is not installed: pip install 'texclass[onnx]'" in err
     assert not (folder / "surfaces.onnx").exists()
 
 
-def test_the_file_is_a_valid_onnx_model(run, folder):
-    run("export", "surfaces.skops", "-o", "surfaces.onnx")
+def test_the_file_is_a_valid_onnx_model(command, folder):
+    command("export", "surfaces.skops", "-o", "surfaces.onnx")
     onnx.checker.check_model("surfaces.onnx", full_check=True)

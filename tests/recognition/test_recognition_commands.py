@@ -1,14 +1,11 @@
 """texclass train, predict and model, as a user calls them."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
 import soundfile
 from toy_surfaces import FS, STRANGER, SURFACES, signal
-
-from texclass.cli import main
 
 PIPELINE = """
 features = "few_features.toml"
@@ -54,20 +51,10 @@ def work(tmp_path_factory):
 
 
 @pytest.fixture
-def run(work, monkeypatch, capsys):
+def run(command, work, monkeypatch):
     """Run the command line beside the recordings; give exit code, standard output, standard error."""
     monkeypatch.chdir(work)
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["texclass", *map(str, arguments)])
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        return (code, *capsys.readouterr())
-
-    return call
+    return command
 
 
 @pytest.fixture

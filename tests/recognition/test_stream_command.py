@@ -9,7 +9,6 @@ import pytest
 from rich.console import Console
 from toy_surfaces import FS, SURFACES, signal
 
-from texclass.cli import main
 from texclass.cli.stream_view import Picture
 from texclass.recognition.live_sources import RecordingSource
 from texclass.recognition.online import OnlineSettings, Session
@@ -31,19 +30,13 @@ def samples():
 
 
 @pytest.fixture
-def run(monkeypatch, capsys, model_file, samples):
+def run(command, monkeypatch, model_file, samples):
     """Stream samples through standard input; give exit code, output, errors."""
 
     def call(*arguments, x=samples, text=None):
         written = text or "\n".join(map(repr, x.tolist()))
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(written.encode())))
-        monkeypatch.setattr(sys, "argv", ["texclass", "stream", str(model_file), *map(str, arguments)])
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        return (code, *capsys.readouterr())
+        return command("stream", model_file, *arguments)
 
     return call
 

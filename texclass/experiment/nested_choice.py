@@ -13,14 +13,12 @@ from texclass.experiment.accuracy import Accuracy, score
 from texclass.experiment.definition import PipelineDefinition
 from texclass.experiment.evaluate import Evaluation, Labels, evaluate
 from texclass.experiment.extraction import Progress
-from texclass.experiment.protocols import Protocol, Split, find_protocol, runs
+from texclass.experiment.protocols import Protocol, Split, find_protocol
 from texclass.experiment.rows import Ready
 from texclass.experiment.table import FeatureTable
-from texclass.experiment.windows import parents
+from texclass.experiment.unseen import fewest, require_unseen, splits_of
 from texclass.experiment.workers import each
 
-N_INNER_FOLDS = 5
-"""Folds of a training part, of a protocol that draws them; fewer where a material has fewer recordings."""
 LEAST_TRAINED = 2
 """Recordings of each material that must be left to train on: spread cannot be learnt from one."""
 
@@ -123,11 +121,7 @@ def inner_splits(
     ValueError
         If the protocol lets preparation see the test parts, or a training part cannot be split.
     """
-    if not protocol.nested:
-        raise ValueError(
-            f"rows are to be chosen inside folds of protocol {protocol.name!r}; "
-            "the rule is one whose test recordings stay unseen"
-        )
+    require_unseen(protocol)
     return [_split_again(protocol, table.iloc[train].reset_index(drop=True), seed) for train, _ in splits]
 
 
@@ -135,23 +129,17 @@ def _split_again(protocol: Protocol, part: pd.DataFrame, seed: int) -> tuple[str
     problem: ValueError | None = None
     for tried in dict.fromkeys((protocol.name, "recording")):
         way = find_protocol(tried)
-        unit = runs(part) if way.unit == "run" else parents(part)
         try:
-            found = way.split(part, max(2, min(N_INNER_FOLDS, _fewest(part, unit))), seed)
-            fewest = min(_fewest(part.iloc[train], unit.iloc[train]) for train, _ in found)
-            if fewest < LEAST_TRAINED:
+            found = splits_of(way, part, seed)
+            least = min(fewest(way, part.iloc[train]) for train, _ in found)
+            if least < LEAST_TRAINED:
                 raise ValueError(
-                    f"{fewest} {way.unit} of a material would train; the rule is at least {LEAST_TRAINED}"
+                    f"{least} {way.unit} of a material would train; the rule is at least {LEAST_TRAINED}"
                 )
             return tried, found
         except ValueError as error:
             problem = error
     raise ValueError(f"a training part cannot be split again to choose within it: {problem}") from problem
-
-
-def _fewest(part: pd.DataFrame, unit: "pd.Series[str]") -> int:
-    """Return the number of recordings (or runs) of the material that has fewest."""
-    return int(unit.groupby(part["material"]).nunique().min())
 
 
 def _hits(

@@ -80,9 +80,7 @@ def periodogram(x: NDArray[np.float32], fs: float) -> Periodogram:
 
 @functools.lru_cache(maxsize=8)
 def _fade(n: int) -> NDArray[np.float32]:
-    fade = (0.5 - 0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n)).astype(np.float32)
-    fade.flags.writeable = False
-    return fade
+    return read_only((0.5 - 0.5 * np.cos(np.pi * (np.arange(n) + 0.5) / n)).astype(np.float32))
 
 
 @transform

@@ -11,7 +11,7 @@ from scipy import fft
 from texclass.features.contract import UndefinedFeatureError, feature
 from texclass.features.frames import power_frames
 from texclass.features.view import PhaseView, transform
-from texclass.recording import Samples
+from texclass.recording import Samples, read_only
 
 ALL = tuple(range(1, 14))
 FLOOR = 1e-12
@@ -78,9 +78,7 @@ def mel_filters(bank: Bank, n_bins: int, step_hz: float) -> NDArray[np.float32]:
             f"mel filter {i + 1} ({edges[i]:.0f} ... {edges[i + 2]:.0f} Hz) holds no bin of the spectrum "
             f"(every {f[1]:.0f} Hz); the rule is at least one"
         )
-    decaying = np.asarray(weights * np.exp(-f / bank.decay_hz)[:, np.newaxis], dtype=np.float32)
-    decaying.flags.writeable = False
-    return decaying
+    return read_only(np.asarray(weights * np.exp(-f / bank.decay_hz)[:, np.newaxis], dtype=np.float32))
 
 
 @transform

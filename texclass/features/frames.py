@@ -12,7 +12,7 @@ from scipy.signal import get_window
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.transforms import BLOCK, n_of, require, unit32
 from texclass.features.view import PhaseView, transform
-from texclass.recording import Samples
+from texclass.recording import Samples, read_only
 
 LONG_FRAME_S = 0.4096
 """Frame of `long_frames`, in s: 4096 samples at the 10 kHz of strese2015."""
@@ -80,8 +80,7 @@ def power_frames(
 def window_of(name: str, length: int) -> NDArray[np.float32]:
     """Return a window by scipy's name, periodic, shape (length,); made once for each length."""
     window: NDArray[np.float32] = get_window(name, length).astype(np.float32)
-    window.flags.writeable = False
-    return window
+    return read_only(window)
 
 
 @transform

@@ -15,7 +15,7 @@ from scipy import fft
 
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.view import PhaseView, transform
-from texclass.recording import Samples
+from texclass.recording import Samples, read_only
 
 FINEST = 20
 """Largest factor by which a low-passed movement is decimated."""
@@ -133,9 +133,7 @@ def _turns(n: int, n_fft: int) -> NDArray[np.complex64]:
     """Return exp(-2 pi i k / n_fft) for k = 0 ... n-1, as products of coarse and fine turns."""
     fine = int(np.ceil(np.sqrt(n)))
     angle = -2j * np.pi / n_fft * np.arange(fine)
-    turns = np.outer(np.exp(fine * angle), np.exp(angle)).astype(np.complex64).reshape(-1)[:n]
-    turns.flags.writeable = False
-    return turns
+    return read_only(np.outer(np.exp(fine * angle), np.exp(angle)).astype(np.complex64).reshape(-1)[:n])
 
 
 def first_bins(view: PhaseView, n_bins: int) -> NDArray[np.complex64]:

@@ -39,11 +39,15 @@ def write_model_file(path: str | Path, document: Mapping[str, Any], manifest: Ma
     buffer = io.BytesIO(data)
     with ZipFile(buffer, "a") as archive:
         archive.writestr(MANIFEST, json.dumps(stated, sort_keys=True, indent=1))
-    target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = target.with_name(f".{target.name}.{os.getpid()}")
-    unfinished.write_bytes(buffer.getvalue())
-    unfinished.replace(target)
+    write_whole(Path(path), buffer.getvalue())
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file: complete, or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    unfinished.write_bytes(data)
+    unfinished.replace(path)
 
 
 def read_manifest_of(path: str | Path) -> Manifest:

@@ -7,16 +7,15 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from texclass.experiment.accuracy import Accuracy
 from texclass.experiment.deploy import Recogniser
 from texclass.experiment.evaluate import EXPECTED
 from texclass.experiment.extraction import Progress
 from texclass.experiment.front import EXPECTED as EXPECTED_OF_SELECTION
-from texclass.experiment.protocols import Protocol, Split, find_protocol, runs
+from texclass.experiment.protocols import Split, find_protocol
 from texclass.experiment.table import FeatureTable
-from texclass.experiment.windows import parents
+from texclass.experiment.unseen import splits_of
 from texclass.experiment.workers import each
 from texclass.features.extractor import Plan
 from texclass.recognition.candidates import Candidate
@@ -24,9 +23,6 @@ from texclass.recognition.files import unsafe_classes
 from texclass.recognition.held_out import HeldOut, accuracy_of_choice, hold_out
 from texclass.recognition.holding_out import AT_RANDOM, HoldingOut
 from texclass.recording import Samples
-
-N_FOLDS = 5
-"""Folds of a protocol that draws them; fewer where a material has fewer recordings (or runs)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,21 +113,6 @@ class Study:
         with _quiet():
             whole = Recogniser.fitted_on(candidate.plan, self.values(candidate.plan), self.y, candidate.steps)
         return whole.prune()
-
-
-def splits_of(protocol: Protocol, table: pd.DataFrame, seed: int) -> tuple[Split, ...]:
-    """Return how a protocol holds the rows of a table out.
-
-    Raises
-    ------
-    ValueError
-        If it cannot, or lets test recordings be seen.
-    """
-    if not protocol.nested:
-        raise ValueError(f"protocol is {protocol.name!r}; the rule is one whose test recordings stay unseen")
-    unit = runs(table) if protocol.unit == "run" else parents(table)
-    fewest = int(unit.groupby(table["material"]).nunique().min())
-    return protocol.split(table, max(2, min(N_FOLDS, fewest)), seed)
 
 
 def _held_out(candidate: Candidate, X: Samples, y: Any, splits: tuple[Split, ...]) -> HeldOut:

@@ -10,6 +10,7 @@ from texclass.experiment.definition import PipelineDefinition
 from texclass.experiment.extraction import Progress
 from texclass.experiment.joined import cached_tables
 from texclass.experiment.table import metadata
+from texclass.experiment.unseen import splits_of
 from texclass.experiment.windows import touches
 from texclass.loaders.dataset import Dataset
 from texclass.recognition.calibration import fit_calibration
@@ -18,7 +19,7 @@ from texclass.recognition.facts import manifest_of
 from texclass.recognition.holding_out import holding_out
 from texclass.recognition.model import Model
 from texclass.recognition.reasons import Ranges
-from texclass.recognition.study import Choice, Study, splits_of
+from texclass.recognition.study import Choice, Study
 from texclass.recognition.unknown import Novelty, check_false_alarms, fit_nearness, kind_for
 from texclass.recording import Samples
 

@@ -1,11 +1,8 @@
 """texclass benchmark --peers, with an interpreter that only pretends."""
 
 import json
-import sys
 
 import pytest
-
-from texclass.cli import main
 
 PIPELINE = """
 name = "small"
@@ -22,18 +19,13 @@ features = ["mfcc_constant"]
 
 
 @pytest.fixture
-def run(monkeypatch, capsys, tmp_path, noises):
+def run(command, monkeypatch, tmp_path, noises):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "small.toml").write_text(PIPELINE)
 
     def call(*options):
-        given = ("benchmark", noises, "--fs", "1000", "--unit", "m/s^2", "--pipeline", "small.toml", *options)
-        monkeypatch.setattr(sys, "argv", ["texclass", *map(str, given)])
-        try:
-            main()
-        except SystemExit as stop:
-            return (stop.code or 0, *capsys.readouterr())
-        return (0, *capsys.readouterr())
+        facts = ("--fs", "1000", "--unit", "m/s^2", "--pipeline", "small.toml")
+        return command("benchmark", noises, *facts, *options)
 
     return call
 

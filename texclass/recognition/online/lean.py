@@ -11,7 +11,6 @@ from sklearn.impute import SimpleImputer
 from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
-from texclass.recognition.calibration import Calibration
 from texclass.recognition.model import Model
 from texclass.recognition.unknown import strangeness
 from texclass.recording import Samples
@@ -42,7 +41,7 @@ class LeanModel(Model):
             raise ValueError("features are undefined; the rule is a pipeline with a step that fills them")
         decisions, novelty = self._steps[-1](prepared), self.novelty
         strange = strangeness(novelty.kind, decisions, prepared, novelty.nearness)
-        return _calibrated(decisions, self.calibration), novelty.p_value(strange)
+        return self.calibration(decisions), novelty.p_value(strange)
 
     @cached_property
     def _steps(self) -> tuple[Step, ...] | None:
@@ -50,12 +49,6 @@ class LeanModel(Model):
         found = [_plain(step) for _, step in self.recogniser.steps[1:-1]]
         found.append(_decide(self.recogniser.steps[-1][1]))
         return None if None in found else tuple(step for step in found if step is not None)
-
-
-def _calibrated(decisions: Samples, by: Calibration) -> Samples:
-    p = by.beta * decisions
-    p = np.exp(p - p.max(axis=1, keepdims=True))
-    return np.asarray((1 - by.lapse) * (p / p.sum(axis=1, keepdims=True)) + by.lapse / p.shape[1])
 
 
 def _plain(step: Any) -> Step | None:

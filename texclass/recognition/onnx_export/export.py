@@ -1,10 +1,10 @@
 """A trained model in, an ONNX file out: checked against scikit-learn before it is written."""
 
-import os
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
+from texclass.recognition.files import write_whole
 from texclass.recognition.model import Model
 from texclass.recognition.onnx_export.answers import build
 from texclass.recognition.onnx_export.facts import facts_of, single_precision
@@ -65,7 +65,7 @@ def export_onnx(model: Model, path: str | Path) -> Exported:
     for name, value in facts_of(model, parity, single).items():
         graph.metadata_props.add(key=name, value=value)
     graph.producer_name, graph.producer_version = "texclass", model.manifest.versions.get("texclass", "")
-    _write(Path(path), graph.SerializeToString())
+    write_whole(Path(path), graph.SerializeToString())
     return Exported(Path(path), parity, single)
 
 
@@ -78,10 +78,3 @@ def _require() -> None:
                 f"exporting to ONNX needs {error.name}, which is not installed: pip install 'texclass[onnx]'",
                 name=error.name,
             ) from error
-
-
-def _write(target: Path, data: bytes) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = target.with_name(f".{target.name}.{os.getpid()}")
-    unfinished.write_bytes(data)
-    unfinished.replace(target)
