@@ -164,7 +164,7 @@ def test_a_section_that_cannot_be_drawn_names_its_file(monkeypatch):
 
 @pytest.mark.parametrize("text", [b"[", b"\xff", b"[]", b"[" * 5000, b"{}"])
 def test_what_a_peer_left_half_written_is_no_outcome(text, tmp_path):
-    from texclass.experiment.peers.launch import read_outcome
+    from texclass.peers.launch import read_outcome
 
     for name in ("started.json", "fold_0.json", "failed.json", "stderr.txt"):
         (tmp_path / name).write_bytes(text)

@@ -1,15 +1,11 @@
 """Find the TOML definitions shipped with texclass, and let a user's own file stand in for any of them."""
 
-import re
-import tomllib
 from pathlib import Path
 from typing import Any, Literal
 
+from texclass.validation import read_toml
+
 Kind = Literal["feature_defs", "pipelines", "datasets"]
-LARGEST_TOML = 1 << 20
-"""Bytes; the shipped definitions have a hundredth."""
-_DEEP = re.compile(rb"""(?:[\w"'-]++[ \t]*+\.[ \t]*+){32}""")
-"""Keys of so many parts cost the parser the square of their number."""
 
 
 def folder(kind: Kind) -> Path:
@@ -54,26 +50,3 @@ def read(kind: Kind, name_or_path: str | Path) -> dict[str, Any]:
         If it is not valid TOML; the message names the file and the place.
     """
     return read_toml(locate(kind, name_or_path))
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file that may be damaged or hostile.
-
-    Raises
-    ------
-    OSError
-        If it cannot be read.
-    ValueError
-        If it is not valid TOML, longer than `LARGEST_TOML` or nested deeper than any definition; the message
-        names the file and the place.
-    """
-    with path.open("rb") as file:
-        data = file.read(LARGEST_TOML + 1)
-    if len(data) > LARGEST_TOML or _DEEP.search(data):
-        raise ValueError(
-            f"{path}: not valid TOML (the rule is {LARGEST_TOML} bytes, keys of 32 parts at most)"
-        )
-    try:
-        return tomllib.loads(data.decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: not valid TOML ({error})") from error

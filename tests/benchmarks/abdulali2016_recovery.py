@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from texclass.experiment.environment import versions
+from texclass.provenance import versions
 from texclass.textures.abdulali2016 import bake, model_scan, simulate_scan
 from texclass.textures.abdulali2016.simulated import SURFACES
 from texclass.textures.abdulali2016.study import FS, study_bound, study_held_out

@@ -26,10 +26,10 @@ from sklearn.base import clone
 from texclass.experiment import touches
 from texclass.experiment.accuracy import wilson_interval
 from texclass.experiment.definition import PipelineDefinition, load_pipeline
-from texclass.experiment.environment import versions
 from texclass.experiment.joined import cached_tables
 from texclass.experiment.protocols import find_protocol, runs
 from texclass.loaders import open_dataset
+from texclass.provenance import versions
 from texclass.recognition import Answer, expected_calibration_error, fit_calibration
 from texclass.recognition.calibration import class_scores
 from texclass.recognition.online import Evidence

@@ -17,10 +17,10 @@ from threadpoolctl import threadpool_limits
 
 from texclass.experiment import load_pipeline, touches
 from texclass.experiment.accuracy import cluster_interval
-from texclass.experiment.environment import versions
 from texclass.experiment.joined import cached_tables
 from texclass.experiment.windows import parents
 from texclass.loaders import open_dataset
+from texclass.provenance import versions
 from texclass.recognition import TrainingSettings, expected_calibration_error, train
 from texclass.recognition.calibration import N_BINS
 

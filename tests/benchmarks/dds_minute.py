@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from texclass.experiment.environment import versions
+from texclass.provenance import versions
 from texclass.recognition.robot.live import TopicSource
 
 ROOT = Path(__file__).resolve().parents[2]

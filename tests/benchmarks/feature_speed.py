@@ -30,9 +30,9 @@ import pywt
 import scipy
 
 from texclass import __version__
-from texclass.experiment.peers.launch import ENVIRONMENT, HERE
 from texclass.features import FeatureSet, load_feature_set
 from texclass.features.views import Views
+from texclass.peers.launch import ENVIRONMENT, HERE
 from texclass.recording import Phases, Recording, Samples, Tap
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
-from texclass.experiment.environment import versions
+from texclass.provenance import versions
 from texclass.textures.guruswamy2011 import SpatialTexture, fit_texture
 from texclass.textures.guruswamy2011.renderer import N_RINGING
 from texclass.textures.guruswamy2011.simulated import OBJECTS, lay_out, simulate_scan

@@ -35,11 +35,11 @@ import soundfile
 from scaling_report import as_markdown, draw
 
 from texclass.experiment import extract_table
-from texclass.experiment.environment import versions
 from texclass.features import load_feature_set
 from texclass.features.extractor import Plan
 from texclass.loaders import open_dataset
 from texclass.phases import segment
+from texclass.provenance import versions
 
 R = TypeVar("R")
 FS, SEED = 10_000, 2015

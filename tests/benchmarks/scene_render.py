@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from texclass.experiment.environment import versions
+from texclass.provenance import versions
 from texclass.scene import GridModel, PlannedScene, ScenePlan, SceneRenderer, plan_scene, read_scene
 from texclass.scene.budget import Timing, run_steps, without_garbage_collection
 from texclass.scene.renderer import PEAK_FACTOR

@@ -28,8 +28,8 @@ from stream_equality import equality
 from stream_models import PRUNED_TOUCH_S, biotac_model, pruned_model, spectrum_model
 from stream_report import markdown
 
-from texclass.experiment.environment import versions
 from texclass.loaders import open_dataset
+from texclass.provenance import versions
 from texclass.recognition import Model, load_model
 from texclass.recognition.online import OnlineRecogniser, OnlineSettings, WindowAnswer
 from texclass.recording import Samples

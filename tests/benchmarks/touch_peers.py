@@ -14,10 +14,10 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from texclass.experiment import load_pipeline, run_benchmark
-from texclass.experiment.peers import PeerComparison, PeerSettings, compare_with_peers
 from texclass.experiment.windows import touches
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
+from texclass.peers import PeerComparison, PeerSettings, compare_with_peers
 
 ROOT = Path(__file__).resolve().parents[2]
 SECONDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)

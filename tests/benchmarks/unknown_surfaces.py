@@ -20,10 +20,10 @@ from sklearn.metrics import roc_auc_score
 from threadpoolctl import threadpool_limits
 
 from texclass.experiment import find_protocol, load_pipeline
-from texclass.experiment.environment import versions
 from texclass.experiment.joined import cached_tables
 from texclass.experiment.rows import ready
 from texclass.loaders import open_dataset
+from texclass.provenance import versions
 from texclass.recognition.calibration import class_scores
 from texclass.recognition.unknown import Novelty, fit_nearness
 

@@ -11,8 +11,7 @@ import numpy as np
 from fuzz.contract import Target
 from fuzz.mutate import archives, either, of_bytes, of_text, of_tree
 from fuzz.recordings import written
-from texclass.scene import GridModel, PlannedScene
-from texclass.scene.exchange import (
+from texclass.exchange import (
     describe,
     load_taps,
     load_texture,
@@ -22,7 +21,8 @@ from texclass.scene.exchange import (
     write_hatt,
     write_wav,
 )
-from texclass.scene.exchange.description import encode, parse_json
+from texclass.exchange.description import encode, parse_json
+from texclass.scene import GridModel, PlannedScene
 from texclass.scene.planned import load_scene
 from texclass.textures.hatt import HattTexture, Mesh
 from texclass.textures.okamura2001 import TapLibrary
@@ -47,7 +47,7 @@ def _planned() -> PlannedScene:
 
 def _families() -> list[bytes]:
     """Return a texture of every family that is stroked: those that the tests of families make."""
-    folder = str(Path(__file__).parents[1] / "scene" / "exchange")
+    folder = str(Path(__file__).parents[1] / "exchange")
     if folder not in sys.path:
         sys.path.insert(0, folder)
     from test_families import MADE
@@ -95,7 +95,7 @@ def _changed_array(rng: random.Random, data: bytes) -> bytes:
 
 
 def _with_shape(data: bytes, shape: tuple[int, ...]) -> bytes:
-    from texclass.scene.exchange.npy import _header
+    from texclass.exchange.npy import _header
 
     body = data[10 + int.from_bytes(data[8:10], "little") :]
     return _header(shape) + body[: 8 * int(np.prod(shape, dtype=object))]

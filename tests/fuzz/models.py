@@ -14,17 +14,17 @@ import pyarrow.parquet as pq
 from fuzz.contract import Target
 from fuzz.mutate import Tree, archives, either, json_of, members_of, of_bytes, of_tree, trees
 from fuzz.recordings import valid, written
-from texclass.experiment.deploy import load_recogniser
 from texclass.experiment.extraction import read_part
-from texclass.experiment.peers.launch import read_outcome
 from texclass.experiment.table import FeatureTable, LeftOut, read_table, write_table
 from texclass.experiment.windows import read_movements
 from texclass.features.extractor import Reason
 from texclass.loaders.simulated import recall, remember
+from texclass.peers.launch import read_outcome
 from texclass.recognition import load_model
 from texclass.recognition.files import _digest
 from texclass.recognition.manifest import Manifest, read_manifest
 from texclass.recording import Recording
+from texclass.tradeoff.deploy import load_recogniser
 
 MODEL = Path(__file__).parents[1] / "recognition" / "data" / "surface-1.0.skops"
 _JSON = trees(json.loads, json_of)

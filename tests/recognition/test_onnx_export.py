@@ -23,7 +23,6 @@ from toy_models import model_of, plan_of, rows_of
 from toy_surfaces import STRANGER, SURFACES, recording
 
 from texclass.experiment.definition import load_pipeline
-from texclass.experiment.front import cost_aware, discriminant
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.vote_of_pieces import VoteOfPieces
 from texclass.recognition.onnx_export import OnnxExportError, ParityError, check_parity, export_onnx
@@ -33,6 +32,7 @@ from texclass.recognition.onnx_export.parity import rows_for, run
 from texclass.recognition.onnx_export.reference import judge
 from texclass.recognition.onnx_export.remembered import remembered
 from texclass.shipped import names
+from texclass.tradeoff.front import cost_aware, discriminant
 
 PIECES = ("band_level",)
 """A feature whose columns come in fours in the set `multiscale`."""

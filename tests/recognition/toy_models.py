@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from texclass.experiment.deploy import Recogniser
 from texclass.features import load_feature_set
 from texclass.features.extractor import Plan
 from texclass.recognition import Calibration, Model, Novelty
@@ -10,6 +9,7 @@ from texclass.recognition.calibration import class_scores
 from texclass.recognition.manifest import Manifest
 from texclass.recognition.reasons import Ranges
 from texclass.recognition.unknown import fit_nearness, kind_for, strangeness
+from texclass.tradeoff.deploy import Recogniser
 
 NAMES = ("cork", "felt", "oak", "slate", "tin", "wool")
 

@@ -9,10 +9,10 @@ import numpy as np
 from texclass.experiment.accuracy import Accuracy
 from texclass.experiment.cost import ClassifierCost
 from texclass.experiment.paired import Paired
-from texclass.experiment.peers import Contestant, Cost, PeerComparison
 from texclass.experiment.result import BenchmarkResult, Confusion, Gains, GroupGain, RowResult, RowSum
-from texclass.experiment.tradeoff_result import Chosen, Curve, Estimate, FeatureCost, FrontPoint, Tradeoff
+from texclass.peers import Contestant, Cost, PeerComparison
 from texclass.stability import Cell, Mark, StabilityResult
+from texclass.tradeoff.tradeoff_result import Chosen, Curve, Estimate, FeatureCost, FrontPoint, Tradeoff
 
 HOSTILE = '<script>alert("x")</script>'
 AGAIN: dict[str, Any] = {"versions": {"texclass": "1", "numpy": "2"}, "seed": 7, "input_hash": "abc"}

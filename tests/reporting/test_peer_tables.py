@@ -8,7 +8,7 @@ from rich.console import Console
 
 from texclass.experiment.accuracy import Accuracy
 from texclass.experiment.paired import Paired
-from texclass.experiment.peers import Contestant, Cost, PeerComparison
+from texclass.peers import Contestant, Cost, PeerComparison
 from texclass.reporting.peers import (
     HEADER,
     draw_peers,

@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from texclass.cli import app
+from texclass.exchange import read_wav
 from texclass.scene import candidates, sources
-from texclass.scene.exchange import read_wav
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from texclass.exchange import save_texture
 from texclass.scene import (
     GridModel,
     PlannedScene,
@@ -17,7 +18,6 @@ from texclass.scene import (
     sources,
     sweep_of,
 )
-from texclass.scene.exchange import save_texture
 from texclass.textures.hatt import HattTexture
 
 

@@ -19,7 +19,7 @@ def convert(
     order: Annotated[int, typer.Option(help="To XML: largest order of the models.", min=1, max=100)] = 20,
 ) -> None:
     """Convert a texture between our format and Penn HaTT XML."""
-    from texclass.scene.exchange import (
+    from texclass.exchange import (
         load_texture,
         read_hatt,
         read_texture_file,
@@ -50,7 +50,7 @@ def texture(
     from rich.table import Table
     from rich.text import Text
 
-    from texclass.scene.exchange import describe
+    from texclass.exchange import describe
 
     found = describe(file)
     shown = Table(box=None, show_header=False, title=Text(str(file)), title_justify="left")

@@ -8,8 +8,8 @@ import typer
 from texclass.cli.options import console, progress_bar
 
 if TYPE_CHECKING:
-    from texclass.experiment.peers import PeerSettings
     from texclass.loaders import Dataset
+    from texclass.peers import PeerSettings
 
 PeersOption = Annotated[
     bool,
@@ -44,7 +44,7 @@ PeersSignalsOption = Annotated[
 
 def peer_settings(python: Path | None, only: str | None, seconds: float, signals: str) -> "PeerSettings":
     """Return the settings that the options ask for."""
-    from texclass.experiment.peers import PeerSettings
+    from texclass.peers import PeerSettings
 
     asked: dict[str, Any] = {"time_limit_s": seconds, "signals": signals}
     if python is not None:
@@ -57,7 +57,7 @@ def peer_settings(python: Path | None, only: str | None, seconds: float, signals
 
 def limited(dataset: "Dataset", limit: int | None) -> "Dataset":
     """Return the dataset, or whole materials of it up to a limit of recordings."""
-    from texclass.experiment.peers import whole_materials
+    from texclass.peers import whole_materials
 
     return dataset if limit is None else whole_materials(dataset, limit)
 
@@ -66,7 +66,7 @@ def run_peers(
     dataset: "Dataset", definition: Any, result: Any, settings: "PeerSettings", out: Path, **options: Any
 ) -> None:
     """Compare with peers; print the comparison and write its report."""
-    from texclass.experiment.peers import compare_with_peers
+    from texclass.peers import compare_with_peers
     from texclass.reporting import peer_table, write_peer_report
 
     with progress_bar() as progress:

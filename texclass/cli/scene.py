@@ -67,9 +67,9 @@ def render(
     seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
 ) -> None:
     """Play a path over a scene to WAV, one sample a call, and say how long the samples took."""
+    from texclass.exchange import write_wav
     from texclass.reporting.scene import played_lines
     from texclass.scene import load_scene, plan_scene, play_path, read_path, read_scene, sweep_of
-    from texclass.scene.exchange import write_wav
 
     planned = (
         load_scene(definition)

@@ -54,10 +54,10 @@ def tradeoff(
 ) -> None:
     """Measure what accuracy costs on a dataset; save the pipeline at the budget, or at the knee."""
     from texclass.experiment.choice import Limits
-    from texclass.experiment.tradeoff import run_tradeoff
     from texclass.experiment.workers import running_on
     from texclass.features import load_feature_set
     from texclass.reporting.tradeoff import stem_of, tradeoff_table, write_tradeoff
+    from texclass.tradeoff.trade import run_tradeoff
 
     scene = tuple(name.strip() for name in (materials or "").split(",") if name.strip())
     recordings = open_recordings(dataset, fs, unit, skip_bad=True)

@@ -9,7 +9,6 @@ from sklearn.metrics import confusion_matrix
 
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.definition import PipelineDefinition
-from texclass.experiment.environment import versions
 from texclass.experiment.evaluate import Evaluation, evaluate
 from texclass.experiment.extraction import Progress
 from texclass.experiment.gain import choose_base, measure_gains
@@ -22,6 +21,7 @@ from texclass.experiment.table import FeatureTable, metadata
 from texclass.experiment.windows import parents
 from texclass.experiment.workers import each
 from texclass.loaders.dataset import Dataset
+from texclass.provenance import versions
 
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "pandas", "PyWavelets", "librosa", "joblib")
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from texclass.experiment.cost import CostModel
-from texclass.experiment.cost_selection import CostAwareSelector
-from texclass.experiment.deploy import Recogniser
-from texclass.experiment.front import Data, budgets_of, cost_aware, discriminant, fewest_path, preparation
-from texclass.experiment.tradeoff_result import KNEE_LOSS, Chosen, Estimate, FrontPoint, knee
 from texclass.features.extractor import Plan
+from texclass.tradeoff.cost_selection import CostAwareSelector
+from texclass.tradeoff.deploy import Recogniser
+from texclass.tradeoff.front import Data, budgets_of, cost_aware, discriminant, fewest_path, preparation
+from texclass.tradeoff.tradeoff_result import KNEE_LOSS, Chosen, Estimate, FrontPoint, knee
 
 
 @dataclass(frozen=True)

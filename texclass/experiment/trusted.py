@@ -13,8 +13,8 @@ TRUSTED = frozenset(
     {
         "numpy.dtype",
         "texclass.experiment.cost.CostModel",
-        "texclass.experiment.cost_search.Choice",
-        "texclass.experiment.cost_selection.CostAwareSelector",
+        "texclass.tradeoff.cost_search.Choice",
+        "texclass.tradeoff.cost_selection.CostAwareSelector",
         "texclass.experiment.kernel_discriminant.KernelDiscriminant",
         "texclass.experiment.kernel_discriminant.View",
         "texclass.experiment.selection.ForwardSelector",

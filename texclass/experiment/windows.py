@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import pandas as pd
 
-import texclass
 from texclass.experiment.workers import each
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.places import cache_root, write_atomically
 from texclass.phases import segment
+from texclass.provenance import code_hash
 from texclass.recording import AUXILIARY_UNITS, Phases, Recording, RecordingError
 
 
@@ -237,7 +237,5 @@ def _movement(load: Callable[[Entry], Recording], entry: Entry) -> Movement:
 def _key(dataset: Dataset) -> str:
     """Digest of the recordings and of the code that finds movements."""
     ids = [(entry.recording_id, entry.paths) for entry in dataset.entries]
-    digest = hashlib.sha256(json.dumps([dataset.input_hash, ids]).encode())
-    for file in sorted(Path(texclass.__file__).parent.glob("*.py")):
-        digest.update(file.read_bytes())
-    return digest.hexdigest()[:16]
+    code = code_hash("recording", "signals", "filters", "phases")
+    return hashlib.sha256(json.dumps([dataset.input_hash, ids, code]).encode()).hexdigest()[:16]

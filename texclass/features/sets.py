@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from texclass import provenance
 from texclass.features.contract import Feature, Phase, UndefinedFeatureError, find
 from texclass.features.parts import outcomes
 from texclass.features.views import Views
@@ -247,14 +248,10 @@ def refuse_unknown(table: Any, known: frozenset[str], where: str) -> None:
 
 def code_hash(feature_set: FeatureSet) -> str:
     """Hex digest of the code that values depend on, so that an edited feature never meets a stale table."""
-    package = Path(__file__).resolve().parent
-    vibration = package.parent / "vibration"  # models whose parameters are features
-    files = {*package.glob("*.py"), *package.parent.glob("*.py"), *vibration.glob("*.py")}
-    files |= {Path(inspect.getfile(member.feature.function)) for member in feature_set.members}
-    digest = hashlib.sha256()
-    for file in sorted(files, key=lambda f: (f.name, str(f))):
-        digest.update(file.name.encode() + (file.read_bytes() if file.is_file() else b""))
-    return digest.hexdigest()[:16]
+    own = {Path(inspect.getfile(member.feature.function)) for member in feature_set.members}
+    return provenance.code_hash(
+        "recording", "signals", "filters", "phases", "features", "vibration", files=own
+    )
 
 
 def _member(name: str, table: Any, where: str) -> Member:

@@ -9,10 +9,10 @@ from sklearn.pipeline import Pipeline
 from texclass.experiment.choice import Limits
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.definition import PipelineDefinition
-from texclass.experiment.front import cost_aware, discriminant, preparation
 from texclass.experiment.rows import ready
 from texclass.experiment.table import FeatureTable
 from texclass.features.extractor import Plan
+from texclass.tradeoff.front import cost_aware, discriminant, preparation
 
 BUDGET = "budget"
 """Name of the row whose columns are selected under a budget."""

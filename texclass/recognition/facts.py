@@ -7,11 +7,10 @@ import numpy as np
 
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.definition import PipelineDefinition
-from texclass.experiment.deploy import Recogniser
-from texclass.experiment.environment import versions
 from texclass.experiment.table import FeatureTable
 from texclass.experiment.windows import parents
 from texclass.loaders.dataset import Dataset
+from texclass.provenance import versions
 from texclass.recognition.calibration import Calibration, expected_calibration_error
 from texclass.recognition.held_out import HeldOut
 from texclass.recognition.manifest import Manifest
@@ -19,6 +18,7 @@ from texclass.recognition.source import Source
 from texclass.recognition.study import Choice, Study
 from texclass.recognition.unknown import Novelty
 from texclass.recording import Recording, RecordingError, Samples
+from texclass.tradeoff.deploy import Recogniser
 
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa")
 

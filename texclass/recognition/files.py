@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
 
-from texclass.experiment.deploy import Recogniser
 from texclass.experiment.trusted import check_archive, foreign_in, load_trusted, members_of, read_bounded
 from texclass.recognition.manifest import Manifest, read_manifest
+from texclass.tradeoff.deploy import Recogniser
 
 MANIFEST = "manifest.json"
 BESIDE = frozenset({MANIFEST})

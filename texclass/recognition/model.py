@@ -11,7 +11,6 @@ import numpy as np
 from sklearn import config_context
 from sklearn.pipeline import Pipeline
 
-from texclass.experiment.deploy import Recogniser
 from texclass.experiment.table import LeftOut
 from texclass.experiment.windows import cut
 from texclass.features.extractor import Plan
@@ -26,6 +25,7 @@ from texclass.recognition.source import Source
 from texclass.recognition.threads import single_threaded
 from texclass.recognition.unknown import Novelty, strangeness
 from texclass.recording import Recording, Samples
+from texclass.tradeoff.deploy import Recogniser
 
 SAME_ANSWER = 1e-6
 """Difference of a probability that rounding on another machine explains."""

@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 
 from texclass.experiment.accuracy import Accuracy
-from texclass.experiment.deploy import Recogniser
 from texclass.experiment.evaluate import EXPECTED
 from texclass.experiment.extraction import Progress
-from texclass.experiment.front import EXPECTED as EXPECTED_OF_SELECTION
 from texclass.experiment.protocols import Split, find_protocol
 from texclass.experiment.table import FeatureTable
 from texclass.experiment.unseen import splits_of
@@ -23,6 +21,8 @@ from texclass.recognition.files import unsafe_classes
 from texclass.recognition.held_out import HeldOut, accuracy_of_choice, hold_out
 from texclass.recognition.holding_out import AT_RANDOM, HoldingOut
 from texclass.recording import Samples
+from texclass.tradeoff.deploy import Recogniser
+from texclass.tradeoff.front import EXPECTED as EXPECTED_OF_SELECTION
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from texclass.experiment.peers.result import Contestant, PeerComparison
+from texclass.peers.result import Contestant, PeerComparison
 from texclass.reporting.figures import FAINT, OURS, PAPER
 from texclass.reporting.report import save_figure
 from texclass.reporting.terminal import Fitting, accuracy_column, name_cell, table_of

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from texclass.experiment.tradeoff_result import KNEE_LOSS, Estimate, Tradeoff
 from texclass.reporting.tradeoff_figures import draw_costs, draw_curves, draw_front
+from texclass.tradeoff.tradeoff_result import KNEE_LOSS, Estimate, Tradeoff
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

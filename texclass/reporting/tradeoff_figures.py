@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from texclass.experiment.tradeoff_result import Curve, Estimate, Tradeoff
 from texclass.reporting.figures import FAINT, INK, OURS, PAPER
+from texclass.tradeoff.tradeoff_result import Curve, Estimate, Tradeoff
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

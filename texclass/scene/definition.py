@@ -6,7 +6,7 @@ from typing import Any, Literal, get_args
 
 from texclass.recording import ACCELERATION_UNITS, SCALELESS_UNITS
 from texclass.scene.checked import Table, is_number
-from texclass.shipped import read_toml
+from texclass.validation import read_toml
 
 Score = Literal["log_spectral_db", "band_db", "gfc"]
 Over = Literal["worst", "mean"]

@@ -89,7 +89,7 @@ class PlannedScene:
 
     def save(self, path: str | Path) -> Path:
         """Write the scene as one `.texture` file."""
-        from texclass.scene.exchange import save_texture
+        from texclass.exchange import save_texture
 
         return save_texture(self, path, unit=self.unit)
 
@@ -141,11 +141,11 @@ def load_scene(path: str | Path) -> PlannedScene:
     Raises
     ------
     ValueError
-        As `texclass.scene.exchange.read_texture_file`, or if the file holds no scene.
+        As `texclass.exchange.read_texture_file`, or if the file holds no scene.
     OSError
         If it cannot be read.
     """
-    from texclass.scene.exchange import read_texture_file, restore
+    from texclass.exchange import read_texture_file, restore
 
     found = restore(read_texture_file(path), path)
     if not isinstance(found, PlannedScene):

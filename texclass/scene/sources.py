@@ -79,7 +79,7 @@ def _between(places: list[float]) -> list[float]:
 
 
 def _texture(path: Path, scene: SceneDefinition) -> Felt:
-    from texclass.scene.exchange import load_texture, read_hatt, read_texture_file
+    from texclass.exchange import load_texture, read_hatt, read_texture_file
 
     is_hatt = path.suffix.lower() == ".xml"
     texture = read_hatt(path) if is_hatt else load_texture(path)

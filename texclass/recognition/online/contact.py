@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from texclass.phases import _AT_REST_M_S2
+from texclass.phases.segmentation import AT_REST_M_S2
 from texclass.recognition.online.level import Bin
 
 Kind = Literal["contact", "stroke", "tap", "lift-off", "break"]
@@ -206,7 +206,7 @@ class Contact:
 
     def _is_rest(self, mean: float) -> bool:
         steady = max(b.power for b in self._opening) <= 10 * mean
-        small = self.unit == "m/s^2" and mean < _AT_REST_M_S2**2
+        small = self.unit == "m/s^2" and mean < AT_REST_M_S2**2
         white = abs(self._correlation(self._opening[0].start, self._opening[-1].stop)) <= _WHITE
         return mean == 0 or (steady and (small or white))
 

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import signal
 
-from texclass._activity import LEAST_SAMPLES
 from texclass.filters import butterworth
+from texclass.phases.activity import LEAST_SAMPLES
 from texclass.recognition.online._kernels import filter_sections
 from texclass.recognition.online.ring import Ring
 from texclass.recording import Samples

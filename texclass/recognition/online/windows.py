@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from texclass._filtered import block_mean
-from texclass._taps import HAND_RATE_HZ, Hand
 from texclass.features.views import TURN
+from texclass.phases.filtered import block_mean
+from texclass.phases.impulses import HAND_RATE_HZ, Hand
 from texclass.recognition.model import Model
 from texclass.recognition.needs import FRICTION, Needs
 from texclass.recording import ACCELERATION_UNITS, Phases, Recording, Samples, Tap

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from texclass.experiment.environment import versions
 from texclass.loaders import DataNotFoundError, open_dataset
+from texclass.provenance import versions
 from texclass.recording import Samples
 from texclass.reporting.reproductions import _abdulali2016_figures as figures
 from texclass.reporting.reproductions._abdulali2016_text import KEY, Study, markdown

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from texclass.experiment.environment import versions
 from texclass.loaders import DataNotFoundError, open_dataset
+from texclass.provenance import versions
 from texclass.recording import Recording, Samples
 from texclass.reporting.reproductions import _guruswamy2011_figures as figures
 from texclass.reporting.reproductions._guruswamy2011_result import Study

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from texclass.experiment.environment import versions
 from texclass.loaders import DataNotFoundError, open_dataset
+from texclass.provenance import versions
 from texclass.recording import Samples
 from texclass.reporting.reproductions import _oeztuerk2018_figures as figures
 from texclass.reporting.reproductions._oeztuerk2018_text import KEY, markdown

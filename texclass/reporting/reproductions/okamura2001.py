@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from texclass.experiment.environment import versions
 from texclass.loaders import DataNotFoundError, open_dataset
+from texclass.provenance import versions
 from texclass.recording import Samples
 from texclass.reporting.reproductions import _okamura2001_figures as figures
 from texclass.reporting.reproductions._okamura2001_text import KEY, markdown

@@ -1,0 +1,110 @@
+import numpy as np
+import pytest
+import soundfile
+from numpy.testing import assert_allclose, assert_array_equal
+
+from texclass.exchange import read_wav, write_wav
+
+RNG = np.random.default_rng(0)
+
+
+@pytest.mark.parametrize("shape", [(500,), (500, 2)])
+def test_float_keeps_32_bits_in_physical_units(tmp_path, shape):
+    x = 30 * RNG.standard_normal(shape)
+    found = read_wav(write_wav(tmp_path / "a.wav", x, 1000.0))
+    assert_array_equal(found.samples, x.astype(np.float32))
+    assert (found.fs, found.unit, found.peak) == (1000.0, "m/s^2", np.abs(x).max())
+
+
+def test_16_bit_is_within_half_a_code_of_the_peak(tmp_path):
+    x = 30 * RNG.standard_normal(2000)
+    found = read_wav(write_wav(tmp_path / "a.wav", x, 2000.0, unit="g", encoding="pcm16"))
+    assert np.abs(found.samples - x).max() <= found.peak / 65534 * (1 + 1e-9)
+    assert np.abs(found.samples).max() == pytest.approx(np.abs(x).max(), rel=1e-12)
+    assert (found.unit, found.fs) == ("g", 2000.0)
+    assert np.abs(soundfile.read(tmp_path / "a.wav", dtype="int16")[0]).max() == 32767
+
+
+def test_a_fractional_rate_comes_back(tmp_path):
+    found = read_wav(write_wav(tmp_path / "a.wav", [0.5, -0.5], 3333.3))
+    assert found.fs == 3333.3
+    assert soundfile.info(tmp_path / "a.wav").samplerate == 3333
+
+
+@pytest.mark.parametrize("encoding", ["float32", "pcm16"])
+def test_silence_stays_silence(tmp_path, encoding):
+    found = read_wav(write_wav(tmp_path / "a.wav", np.zeros(10), 1000.0, encoding=encoding))
+    assert not found.samples.any()
+    assert found.peak == 0
+
+
+def test_any_program_reads_the_comment(tmp_path):
+    write_wav(tmp_path / "a.wav", [1.0, -3.0], 1000.0, encoding="pcm16")
+    with soundfile.SoundFile(tmp_path / "a.wav") as file:
+        assert '"unit": "m/s^2", "peak": 3.0' in file.comment
+
+
+def test_a_wav_without_our_comment_is_arbitrary_at_full_scale_1(tmp_path):
+    soundfile.write(tmp_path / "a.wav", np.array([0.5, -0.25]), 1000, subtype="PCM_16")
+    found = read_wav(tmp_path / "a.wav")
+    assert_allclose(found.samples, [0.5, -0.25])
+    assert (found.unit, found.peak) == ("arbitrary", 0.5)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"samples": [1.0, np.nan]}, "finite"),
+        ({"samples": []}, "n >= 1"),
+        ({"samples": np.ones((2, 2, 2))}, "shape"),
+        ({"samples": [1e300]}, "32-bit"),
+        ({"fs": 0.0}, "fs is"),
+        ({"fs": np.nan}, "fs is"),
+        ({"unit": "stone"}, "stone"),
+        ({"encoding": "mp3"}, "mp3"),
+        ({"path": "a.flac"}, ".wav"),
+    ],
+)
+def test_what_a_wav_cannot_hold_is_refused(tmp_path, change, match):
+    given = {"path": "a.wav", "samples": [1.0], "fs": 1000.0, "unit": "m/s^2", "encoding": "float32"} | change
+    path = tmp_path / given.pop("path")
+    with pytest.raises(ValueError, match=match):
+        write_wav(path, **given)
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("comment", "match"),
+    [
+        ('{"texclass": 1}', "keys"),
+        ('{"texclass": 1, "unit": "stone", "peak": 1.0, "fs": 1000.0}', "known unit"),
+        ('{"texclass": 1, "unit": "g", "peak": -1.0, "fs": 1000.0}', "peak"),
+        ('{"texclass": 1, "unit": "g", "peak": "1", "fs": 1000.0}', "peak"),
+        ('{"texclass": 1, "unit": "g", "peak": NaN, "fs": 1000.0}', "NaN"),
+        ('{"texclass": 1, "unit": "g", "peak": 1.0, "fs": 44100.0}', "header"),
+        ('{"texclass": ' + "[" * 40 + "]" * 40 + "}", "nested"),
+        ('{"texclass": 1', "JSON"),
+    ],
+)
+def test_a_comment_that_breaks_a_rule_is_refused(tmp_path, comment, match):
+    path = tmp_path / "a.wav"
+    with soundfile.SoundFile(path, "w", 1000, 1, "PCM_16") as file:
+        file.comment = comment
+        file.write(np.ones(10))
+    with pytest.raises(ValueError, match=match) as error:
+        read_wav(path)
+    assert str(path) in str(error.value)
+
+
+def test_truncated_and_foreign_files_are_refused(tmp_path):
+    path = write_wav(tmp_path / "a.wav", np.ones(100), 1000.0)
+    data = path.read_bytes()
+    for n in (0, 11, 40, 100, len(data) - 1):
+        path.write_bytes(data[:n])
+        with pytest.raises(ValueError, match="the rule is"):
+            read_wav(path)
+    soundfile.write(tmp_path / "b.wav", np.ones(9), 1000, subtype="PCM_24")
+    with pytest.raises(ValueError, match="PCM_24"):
+        read_wav(tmp_path / "b.wav")
+    with pytest.raises(ValueError, match="regular file"):
+        read_wav(tmp_path)

@@ -1,0 +1,99 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from texclass.exchange import describe, family_class, load_texture, save_texture
+from texclass.exchange.families import FAMILIES
+from texclass.textures import Texture
+from texclass.textures.abdulali2016 import DelaunayTexture, Frame, NetworkTexture, RadialNetwork, bake
+from texclass.textures.guruswamy2011 import Amplitude, LevelLaw, SinusoidTexture, SpatialTexture
+from texclass.textures.oeztuerk2018 import FrequencyTexture, LpcTexture
+from texclass.vibration import Autoregression
+from texclass.vibration.line_spectrum import from_reflection
+from texclass.vibration.major_frequencies import MajorFrequencies
+
+LSF = from_reflection([-0.8, 0.5, 0.1])
+FRAME = Frame(True, (80.0, 1.0), (40.0, 0.5), 160.0, 2.0, 4.0, 0.05, 5.0, 20.0)
+POLYNOMIAL = np.vstack([np.append(LSF, 0.4), np.append(0.05 * LSF, 0.1), np.append(0.02 * LSF, 0.1)])
+
+
+def network():
+    return NetworkTexture(
+        "slate", 1000.0, FRAME, RadialNetwork(np.zeros((1, 2)), np.zeros((1, 4)), POLYNOMIAL)
+    )
+
+
+def delaunay():
+    u = np.array([[-2.0, -2.0], [2.0, -2.0], [-2.0, 2.0], [2.0, 2.0]])
+    outputs = np.append(LSF, 0.5) * np.array([[0.9], [0.95], [1.0], [1.05]])
+    return DelaunayTexture("slate", 1000.0, FRAME, u, outputs)
+
+
+def lpc():
+    models = Autoregression([[-0.8, 0.5, 0.1], [-0.5, 0.6, 0.2]], [0.2, 0.5])
+    return LpcTexture([50.0, 150.0], models, 3.0, 2000.0, "slate")
+
+
+def frequencies():
+    models = [
+        MajorFrequencies([90.0, 210.0], [1.0, 0.5], [0.1, 0.2]),
+        MajorFrequencies([100.0], [2.0], [0.3]),
+    ]
+    return FrequencyTexture([50.0, 150.0], models, 3.0, 2000.0, "slate")
+
+
+def spatial(kind):
+    modes = [90.0, 240.0, 130.0], [60.0, 90.0, 75.0], [1.0, 0.4, 0.8], [0.0, 0.3, -0.2]
+    return kind(
+        "slate", 1000.0, 30.0, [1.0, 12.0], [0.0, 0.0, 1.0], *modes,
+        Amplitude(LevelLaw(3.0, 0.2, 0.1), 60.0, 1.0), 2.0, [1.0, 0.0],
+    )  # fmt: skip
+
+
+MADE = {
+    "abdulali2016": network,
+    "abdulali2016-baked": lambda: bake(network(), "slate", (5, 4)),
+    "abdulali2016-delaunay": delaunay,
+    "guruswamy2011": lambda: spatial(SpatialTexture),
+    "guruswamy2011-sinusoid": lambda: spatial(SinusoidTexture),
+    "oeztuerk2018-frequencies": frequencies,
+    "oeztuerk2018-lpc": lpc,
+}
+
+
+def test_every_family_is_tried():
+    assert set(FAMILIES) == {*MADE, "hatt", "okamura2001", "scene"}  # these three elsewhere
+    assert all(family_class(family).family == family for family in FAMILIES)
+
+
+@pytest.mark.parametrize("family", MADE)
+def test_every_family_renders_the_same_samples_again(family, tmp_path):
+    texture = MADE[family]()
+    assert texture.family == family
+    assert isinstance(texture, Texture)
+    path = save_texture(texture, tmp_path / "slate.texture")
+    found = load_texture(path)
+    v = np.column_stack([60 + 60 * np.sin(np.arange(400) / 60), np.zeros(400)])
+    f = 1 + np.cos(np.arange(400) / 80)
+    expected = texture.renderer(seed=1).process(v, f)
+    assert expected.any()
+    assert_array_equal(found.renderer(seed=1).process(v, f), expected)
+    shown = describe(path)
+    assert (shown["family"], shown["name"], shown["fs"]) == (family, "slate", texture.fs)
+    assert shown["bytes"] == path.stat().st_size
+    assert shown["operations per sample"] == texture.operations
+
+
+@pytest.mark.parametrize("family", MADE)
+@pytest.mark.parametrize("value", [None, [], {}, "1", -1, pytest.param(10**400, id="huge"), True])
+def test_every_family_meets_odd_parameters_with_a_value_error(family, value, forge, tmp_path):
+    path = save_texture(MADE[family](), tmp_path / "slate.texture")
+    for key in MADE[family]().parameters():
+        description = {f"parameters/{key}": [value] if value is None else value}
+        try:
+            load_texture(forge(path, description))
+            said = str(path)  # some parameters may be just this
+        except ValueError as error:
+            said = str(error)
+        assert str(path) in said
+        save_texture(MADE[family](), path)

@@ -1,0 +1,223 @@
+import re
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from texclass.exchange import read_hatt, write_hatt, xml_tree
+from texclass.vibration import Autoregression
+from texclass.vibration.line_spectrum import from_reflection
+
+K = {1: [-0.6, 0.4, -0.1], 2: [-0.5, 0.3, 0.2], 3: [0.1, 0.2, -0.3], 4: [0.0, -0.2, 0.5]}
+MA = [0.3, -0.2]
+PLACES = {1: (0.0, 0.0), 2: (120.0, 0.0), 3: (0.0, 4.0), 4: (120.0, 4.0)}
+
+
+def _values(values, form):
+    return "".join(f"<value>{value:{form}}</value>" for value in values)
+
+
+def _part(name, k):
+    model = Autoregression(k, np.array(1.0))
+    lsf = from_reflection(k) if len(k) else []
+    return (
+        f"<{name}coeff>{_values(model.direct_form(), '.20f')}</{name}coeff>"
+        f"<{name}lsf>{_values(lsf, '.6f')}</{name}lsf>"
+    )
+
+
+def _model(number):
+    speed, force = PLACES[number]
+    return (
+        f"<model><modNum>{number}</modNum>{_part('AR', K[number])}{_part('MA', MA)}"
+        f"<var>{0.01 * number:f}</var><gain>{1 + number:f}</gain>"
+        f"<speedMod>{speed:f}</speedMod><forceMod>{force:f}</forceMod></model>"
+    )
+
+
+def _array(tag, values):
+    return f'<{tag} type="array">{_values(values, "")}</{tag}>'
+
+
+def document(order=(1, 2, 3, 4)):
+    """Return a file in the layout of the published ones, numbers rounded as there."""
+    speeds, forces = zip(*PLACES.values(), strict=True)
+    return "\n".join(
+        [
+            '<?xml version="1.0" encoding="utf-8"?>',
+            '<modelSet texture="0"><material>Slate</material><AccelUnits>m/s^2</AccelUnits>',
+            "<SpeedUnits>mm/s</SpeedUnits><ForceUnits>N</ForceUnits><SampleRate>1000</SampleRate>",
+            "<mu>0.310000</mu><htmlPicture>slate.bmp</htmlPicture><renderPicture>slate.bmp</renderPicture>",
+            "<numMod>4</numMod><numTri>2</numTri><maxSpeed>120.0</maxSpeed><maxForce>4.0</maxForce>",
+            _array("speedList", speeds),
+            _array("forceList", forces),
+            _array("tri", [1, 2, 3]),
+            _array("tri", [2, 4, 3]),
+            "<DTpicture>tri.bmp</DTpicture><numARCoeff>3</numARCoeff><numMACoeff>2</numMACoeff>",
+            *(_model(number) for number in order),
+            "</modelSet>",
+        ]
+    )
+
+
+@pytest.fixture
+def write(tmp_path):
+    def to_file(text):
+        path = tmp_path / "Models_Slate.xml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return to_file
+
+
+def refused(path, match):
+    with pytest.raises(ValueError, match=match) as error:
+        read_hatt(path)
+    assert str(path) in str(error.value)
+    assert len(str(error.value)) < 1000
+
+
+@pytest.mark.parametrize("order", [(1, 2, 3, 4), (4, 2, 1, 3)])
+def test_the_published_layout_is_read(write, order):
+    texture = read_hatt(write(document(order)))
+    assert (texture.name, texture.fs, texture.mu) == ("Slate", 1000.0, 0.31)
+    assert_array_equal(texture.mesh.triangles, [[0, 1, 2], [1, 3, 2]])
+    assert_array_equal(texture.mesh.speed, [0, 120, 0, 120])
+    assert_array_equal(texture.mesh.force, [0, 0, 4, 4])
+    assert_allclose(texture.variance, [0.01, 0.02, 0.03, 0.04])
+    assert_allclose(texture.gain, [2, 3, 4, 5])
+
+
+def test_rounded_line_spectra_are_sharpened_by_the_coefficients(write):
+    texture = read_hatt(write(document()))
+    assert_allclose(texture.ar_lsf, [from_reflection(K[i]) for i in (1, 2, 3, 4)], atol=1e-12)
+    assert_allclose(texture.ma_lsf, [from_reflection(MA)] * 4, atol=1e-12)
+
+
+@pytest.mark.parametrize("left", ["AR", "MA"])
+def test_line_spectra_alone_and_coefficients_alone_are_enough(write, left):
+    expected = read_hatt(write(document()))
+    for tag, tolerance in ((f"{left}coeff", 1e-6), (f"{left}lsf", 1e-12)):
+        found = read_hatt(write(re.sub(f"<{tag}>.*?</{tag}>", "", document())))
+        assert_allclose(found.ar_lsf, expected.ar_lsf, atol=tolerance)
+        assert_allclose(found.ma_lsf, expected.ma_lsf, atol=tolerance)
+
+
+def test_without_an_ma_part_no_gain_is_taken(write):
+    text = document().replace("<numMACoeff>2</numMACoeff>", "")
+    texture = read_hatt(write(re.sub("<MA.*?</MAlsf>", "", text)))
+    assert texture.ma_order == 0
+    assert_array_equal(texture.gain, 1.0)
+
+
+def test_round_trip_is_exact(slate, tmp_path):
+    found = read_hatt(write_hatt(slate, tmp_path / "slate.xml"))
+    assert found.parameters() == slate.parameters()
+    for name, array in slate.arrays().items():
+        assert_array_equal(found.arrays()[name], array, err_msg=name)
+
+
+def test_what_is_written_has_the_published_elements(write, slate, tmp_path):
+    tags = [
+        set(re.findall(r"<(\w+)", text))
+        for text in (document(), write_hatt(slate, tmp_path / "s.xml").read_text())
+    ]
+    assert tags[0] <= tags[1]
+    assert tags[1] - tags[0] == {"htmlLinuxPicture", "LinuxDTpicture"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ("<numMod>4<", "<numMod>5<", "speedList"),
+        ("<numMod>4<", "<numMod>99999999999<", "count"),
+        ("<numMod>4<", "<numMod>1.5<", "count"),
+        ("<numMod>4<", "<numMod><", "finite number"),
+        ("<numMod>4</numMod>", "", "no <numMod>"),
+        ("<numTri>2<", "<numTri>3<", "numTri 3"),
+        ("<numARCoeff>3<", "<numARCoeff>4<", "ARlsf"),
+        ("<numARCoeff>3<", "<numARCoeff>0<", "orders"),
+        ("<numMACoeff>2<", "<numMACoeff>1<", "MAlsf"),
+        ("<SampleRate>1000<", "<SampleRate>0<", "above 0 Hz"),
+        ("<SampleRate>1000<", "<SampleRate>nan<", "finite number"),
+        ("<AccelUnits>m/s^2<", "<AccelUnits>g<", "AccelUnits"),
+        ("<SpeedUnits>mm/s<", "<SpeedUnits>m/s<", "SpeedUnits"),
+        ("<mu>0.310000<", "<mu>-1<", "mu is"),
+        ("<var>0.010000<", "<var>nan<", "finite number"),
+        ("<var>0.010000<", "<var>-1<", "variance"),
+        ("<gain>2.000000<", "<gain>1e999<", "finite number"),
+        ("<gain>2.000000</gain>", "", "no <gain>"),
+        ("<gain>2.000000</gain>", "<gain>2</gain><gain>2</gain>", "2 <gain>"),
+        ("<value>1</value><value>2</value>", "<value>1</value><value>9</value>", "node 8 of 4"),
+        ("<value>1</value><value>2</value>", "<value>0</value><value>2</value>", "node -1"),
+        ("<value>1</value><value>2</value>", "<value>1</value><value>1</value>", "no area"),
+        ("<value>1</value><value>2</value>", "<value>1</value>", "values"),
+        ("<speedMod>120.000000<", "<speedMod>77.0<", "speedList"),
+        ("<material>Slate<", "<material>Sl&#x7f;ate<", "printable"),
+        ("<modNum>1</modNum>", "<modNum>1<b><c/></b></modNum><var>1</var>", "2 <var>"),
+        ("modelSet", "set", "modelSet"),
+        ("</modelSet>", "", "well formed"),
+        ("Slate", "&slate;", "well formed"),
+        ("Slate", "\u0000", "well formed"),
+    ],
+)
+def test_files_that_break_a_rule_are_refused(write, old, new, match):
+    assert old in document()
+    refused(write(document().replace(old, new)), match)
+
+
+def test_unstable_coefficients_are_refused(write):
+    text = document()
+    a = re.search("<ARcoeff>(.*?)</ARcoeff>", text)[1]
+    unstable = text.replace(a, _values([1, -2.5, 0.1, 0.3], ".20f"), 1)
+    refused(write(unstable), "model '1': AR: a reflection coefficient")
+    refused(write(text.replace(a, _values([2, 0, 0, 0], ".20f"), 1)), "model '1': AR: coefficients")
+
+
+def test_unordered_line_spectra_are_refused(write):
+    text = re.sub("<ARcoeff>.*?</ARcoeff>", "", document())
+    lsf = re.search("<ARlsf>(.*?)</ARlsf>", text)[1]
+    refused(write(text.replace(lsf, _values([2.0, 1.0, 0.5], ".6f"), 1)), "stable")
+
+
+def test_line_spectra_and_coefficients_of_two_models_are_refused(write):
+    text = document()
+    lsf = re.search("<ARlsf>(.*?)</ARlsf>", text)[1]
+    refused(write(text.replace(lsf, _values([0.5, 1.0, 2.0], ".6f"), 1)), "rad apart")
+
+
+LAUGHS = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 10))
+
+
+@pytest.mark.parametrize(
+    "doctype",
+    [
+        f'<!DOCTYPE modelSet [<!ENTITY l0 "ha">{LAUGHS}]>',
+        '<!DOCTYPE modelSet [<!ENTITY l9 SYSTEM "file:///etc/passwd">]>',
+        '<!DOCTYPE modelSet SYSTEM "http://localhost:1/evil.dtd">',
+        '<!DOCTYPE modelSet [<!ENTITY % p SYSTEM "file:///etc/passwd"> %p;]>',
+    ],
+)
+def test_entities_and_document_types_are_refused(write, doctype):
+    text = document().replace("Slate", "&l9;")
+    refused(write(text.replace("<modelSet", f"{doctype}<modelSet", 1)), "no document type")
+
+
+def test_limits_of_size_depth_elements_and_text(write, monkeypatch):
+    refused(write("<modelSet>" + "<a>" * 50), "levels")
+    refused(write("<modelSet>" + "x" * 10_000), "characters")
+    monkeypatch.setattr(xml_tree, "MOST_ELEMENTS", 1000)
+    refused(write("<modelSet>" + "<a/>" * 2000), "elements")
+    monkeypatch.setattr(xml_tree, "LARGEST_FILE", 1000)
+    refused(write(document()), "at most 1000")
+
+
+def test_other_encodings_are_refused(tmp_path):
+    path = tmp_path / "a.xml"
+    path.write_bytes(document().replace("utf-8", "iso-8859-1").replace("Slate", "Größe").encode("latin-1"))
+    refused(path, "well formed")
+
+
+def test_other_endings_are_refused(slate, tmp_path):
+    with pytest.raises(ValueError, match=r"'\.xml'"):
+        write_hatt(slate, tmp_path / "slate.txt")

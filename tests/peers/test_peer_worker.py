@@ -1,0 +1,153 @@
+"""What the other interpreter runs: files, extractors, measuring."""
+
+import json
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from texclass import peers
+from texclass.peers.launch import run_worker
+from texclass.peers.peer_worker.classifiers import CLASSIFIERS
+from texclass.peers.peer_worker.extractor import PerRecording, common_length, equal_lengths
+from texclass.peers.peer_worker.files import read_task, write_task
+from texclass.peers.peer_worker.measure import PeakMemory, timed
+from texclass.peers.peer_worker.registry import PEERS
+from texclass.peers.peer_worker.rockets import CountScaler
+
+SPLITS = (
+    (np.arange(0, 18), np.arange(18, 24)),
+    (np.arange(6, 24), np.arange(0, 6)),
+)
+
+
+@pytest.fixture
+def signals():
+    rng = np.random.default_rng(0)
+    return [
+        np.stack([np.convolve(rng.normal(size=600 + i), np.ones(1 + 5 * (i % 2)), mode="same")] * 2)
+        for i in range(24)
+    ]
+
+
+@pytest.fixture
+def task(tmp_path, signals):
+    write_task(tmp_path / "task", iter(signals), np.arange(24) % 2, SPLITS, 1000.0, 5)
+    return tmp_path / "task"
+
+
+def test_what_is_written_is_read(task, signals):
+    found = read_task(task)
+    assert (found.fs, found.seed, len(found.signals)) == (1000.0, 5, 24)
+    for one, other in zip(found.signals, signals, strict=True):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(found.of(np.array([7, 3]))[1], signals[3])
+    np.testing.assert_array_equal(found.signals[2:4][0], signals[2])
+    for (train, test), (a, b) in zip(found.splits, SPLITS, strict=True):
+        np.testing.assert_array_equal(train, a)
+        np.testing.assert_array_equal(test, b)
+
+
+def test_worker_files_import_nothing_of_texclass():
+    folder = Path(peers.__file__).parent / "peer_worker"
+    for file in folder.glob("*.py"):
+        lines = file.read_text(encoding="utf-8").splitlines()
+        assert not [line for line in lines if line.strip().startswith(("import texclass", "from texclass"))]
+    code = (
+        f"import sys; sys.path.append({str(folder.parent)!r}); import peer_worker.run; "
+        "sys.exit('texclass' in sys.modules or 'librosa' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_equal_lengths_crop_the_middle_and_pad_with_zeros():
+    long, short = np.arange(9.0)[None], np.ones((1, 3))
+    found = equal_lengths([long, short], 5)
+    assert found[0, 0].tolist() == [2, 3, 4, 5, 6]
+    assert found[1, 0].tolist() == [1, 1, 1, 0, 0]
+    assert common_length([long, short, short]) == 3
+
+
+def test_channels_are_described_apart_and_what_is_not_finite_takes_the_training_median():
+    extractor = PerRecording(lambda x, fs: np.array([x.sum(), np.inf if x[0] > 2 else fs]), 10.0)
+    table = extractor.transform([np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([[1.0, 1.0], [2.0, 2.0]])])
+    np.testing.assert_array_equal(table, [[3, 10, 7, np.nan], [2, 10, 4, 10]])
+    assert np.isfinite(extractor.scaler().fit(table).transform(table)).all()
+
+
+def test_count_scaler_standardises_roots_and_leaves_zeros():
+    rng = np.random.default_rng(1)
+    counts = rng.integers(1, 50, size=(200, 3)).astype(float)
+    counts[:, 2] = 0
+    counts[:20, 2] = 4
+    scaled = CountScaler().fit(counts).transform(counts)
+    assert np.abs(scaled[:, :2].mean(axis=0)).max() < 1e-5
+    np.testing.assert_allclose(scaled[:, :2].std(axis=0, ddof=1), 1, rtol=1e-6)
+    assert not scaled[20:, 2].any()
+
+
+def test_every_classifier_of_every_peer_exists():
+    assert {name for peer in PEERS.values() for name in peer.classifiers} <= set(CLASSIFIERS)
+
+
+def test_peak_memory_sees_an_array_that_came_and_went():
+    memory = PeakMemory()
+    grown = np.ones(40 * 2**17)
+    assert grown.sum() > 0
+    del grown
+    assert 35 < memory.megabytes < 120
+
+
+def test_timed_counts_this_process():
+    with timed() as clock:
+        np.linalg.svd(np.random.default_rng(0).normal(size=(200, 200)))
+    assert 0 < clock.seconds < 20
+
+
+def test_mfcc_tells_two_noises_apart_in_an_interpreter_of_its_own(task, tmp_path):
+    outcome = run_worker(Path(sys.executable), task, "mfcc", tmp_path / "out", 120.0)
+    assert (outcome.status, len(outcome.folds)) == ("done", 2)
+    assert {"librosa", "numpy", "scikit-learn"} <= set(outcome.versions)
+    assert set(outcome.folds[0]["classifiers"]) == set(PEERS["mfcc"].classifiers)
+    assert outcome.folds[0]["n_columns"] == 26
+    for fold, (_, test) in zip(outcome.folds, SPLITS, strict=True):
+        assert fold["classifiers"]["shrinkage_lda"]["predicted"] == (test % 2).tolist()
+
+
+@pytest.mark.skipif(find_spec("aeon") is None, reason="aeon is not installed (extra `peers`)")
+def test_minirocket_tells_two_noises_apart(task, tmp_path):
+    outcome = run_worker(Path(sys.executable), task, "minirocket", tmp_path / "out", 300.0)
+    assert outcome.status == "done", outcome.message
+    assert outcome.folds[0]["classifiers"]["ridge"]["predicted"] == (SPLITS[0][1] % 2).tolist()
+
+
+@pytest.mark.skipif(find_spec("pycatch22") is not None, reason="pycatch22 is installed")
+def test_a_peer_that_is_not_there_is_reported_as_not_installed(task, tmp_path):
+    outcome = run_worker(Path(sys.executable), task, "catch22", tmp_path / "out", 60.0)
+    assert (outcome.status, outcome.message, outcome.folds) == ("not installed", "needs pycatch22", ())
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "status", "n_folds", "message"),
+    [
+        ("perfect", "done", 4, ""),
+        ("slow", "out of time", 2, "stopped after 3 s"),
+        ("crash", "failed", 0, "Killed by its own hand"),
+        ("absent", "not installed", 0, "needs aeon"),
+    ],
+)
+def test_an_outcome_says_how_it_ended(interpreter, tmp_path, behaviour, status, n_folds, message):
+    four = tuple((np.arange(0, 18), np.arange(18, 24)) for _ in range(4))
+    write_task(tmp_path / "t", iter(np.zeros((24, 1, 9))), np.arange(24) % 3, four, 1.0, 0)
+    outcome = run_worker(interpreter(behaviour), tmp_path / "t", "mfcc", tmp_path / "out", 3.0)
+    assert (outcome.status, len(outcome.folds), outcome.message) == (status, n_folds, message)
+    if n_folds:
+        assert json.loads((tmp_path / "out" / "fold_0.json").read_text())["n_columns"] == 7
+
+
+def test_no_such_interpreter_is_a_bad_input(tmp_path):
+    with pytest.raises(ValueError, match=r"nowhere/python.*the rule is a Python interpreter"):
+        run_worker(Path("nowhere/python"), tmp_path, "mfcc", tmp_path / "out", 1.0)

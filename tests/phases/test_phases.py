@@ -1,0 +1,225 @@
+"""Phases on signals made here, whose truth is known sample by sample."""
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from texclass.phases.segmentation import Segmenter, segment
+from texclass.recording import Phases, Recording, Tap
+
+FS = 10_000.0
+DATA = Path(os.environ.get("TEXCLASS_DATA", Path(__file__).parents[3] / "shared" / "data"))
+
+
+def _recording(x, fs=FS, unit="m/s^2"):
+    return Recording(acceleration=x, fs=fs, unit=unit, recording_id="made")
+
+
+def _freehand(
+    *,
+    taps=(0.6, 1.1, 1.7),
+    strengths=(20.0, 60.0, 40.0),
+    move=(2.5, 6.0),
+    fs=FS,
+    noise=0.02,
+    n_axes=3,
+    duration=6.0,
+    seed=0,
+):
+    """Gravity, tremor, taps after half a sine of the hand, strokes that pause at their turning points."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(duration * fs)) / fs
+    x = 0.05 * np.sin(2 * np.pi * 9 * t)
+    for at, strength in zip(taps, strengths, strict=False):
+        after, before = np.maximum(t - at, 0.0), np.clip((at - t) / 0.08, 0.0, 1.0)
+        x += strength * (t >= at) * np.exp(-after / 0.006) * (np.sin(2 * np.pi * 250 * after) + 0.4)
+        x -= 0.02 * strength * np.sin(np.pi * before)
+    if move:
+        rough = signal.sosfilt(
+            signal.butter(2, min(800, 0.4 * fs), fs=fs, output="sos"), rng.standard_normal(t.size)
+        )
+        x += (
+            2.0
+            * rough
+            * np.sqrt(np.abs(np.sin(2 * np.pi * (t - move[0]) / 1.5)))
+            * ((t >= move[0]) & (t < move[1]))
+        )
+    axes = np.outer(x, [0.3, -0.5, 0.81]) + noise * rng.standard_normal((t.size, 3)) + [2.0, 0.0, 9.6]
+    return _recording(axes if n_axes == 3 else axes[:, 2], fs)
+
+
+def _check_impacts(phases, taps, fs=FS, within_s=0.003):
+    assert len(phases.taps) == len(taps)
+    assert all(abs(tap.impact / fs - at) <= within_s for tap, at in zip(phases.taps, taps, strict=True))
+
+
+@pytest.mark.parametrize("n_axes", [1, 3])
+@pytest.mark.parametrize("fs", [1000.0, 2200.0, 5000.0, 10_000.0, 20_000.0, 50_000.0])
+def test_taps_and_movement_are_found_at_any_rate(fs, n_axes):
+    phases = segment(_freehand(fs=fs, n_axes=n_axes))
+    assert phases.kind == "taps and movement"
+    _check_impacts(phases, (0.6, 1.1, 1.7), fs)
+    assert abs(phases.onset / fs - 2.5) < 0.1
+    assert phases.movement == (phases.onset, round(6.0 * fs))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_taps_of_different_strength_are_found(seed):
+    phases = segment(_freehand(strengths=(8.0, 60.0, 25.0), seed=seed))
+    _check_impacts(phases, (0.6, 1.1, 1.7))
+
+
+def test_tap_starts_with_the_hand_and_ends_before_the_next():
+    phases = segment(_freehand())
+    for tap, at in zip(phases.taps, (0.6, 1.1, 1.7), strict=True):
+        assert 0.03 < at - tap.start / FS < 0.12
+        assert 0.01 < tap.end / FS - at < 0.08
+    assert all(a.end <= b.start for a, b in zip(phases.taps, phases.taps[1:], strict=False))
+
+
+def test_taps_in_quick_succession_stay_apart():
+    at = (0.6, 0.75, 0.9, 1.05)
+    phases = segment(_freehand(taps=at, strengths=(30.0,) * 4, move=None, duration=2.0))
+    _check_impacts(phases, at)
+    assert all(a.end <= b.impact for a, b in zip(phases.taps, phases.taps[1:], strict=False))
+
+
+def test_taps_only():
+    phases = segment(_freehand(move=None, duration=3.0))
+    assert phases.kind == "taps only"
+    _check_impacts(phases, (0.6, 1.1, 1.7))
+
+
+def test_movement_only_after_a_quiet_start():
+    phases = segment(_freehand(taps=()))
+    assert phases.kind == "movement only"
+    assert abs(phases.onset / FS - 2.5) < 0.05
+
+
+def test_movement_without_any_quiet_is_all_movement_and_says_so():
+    rng = np.random.default_rng(1)
+    level = 1.0 + 0.6 * np.sin(2 * np.pi * 1.7 * np.arange(20_000) / FS)
+    phases = segment(_recording(level * signal.lfilter([1.0], [1, -0.9], rng.standard_normal(20_000))))
+    assert phases.movement == (0, 20_000)
+    assert phases.onset is None
+    assert phases.notes
+
+
+@pytest.mark.parametrize("unit", ["m/s^2", "counts"])
+def test_sensor_noise_alone_is_neither(unit):
+    noise = 0.02 * np.random.default_rng(2).standard_normal((30_000, 3))
+    phases = segment(_recording(noise + 9.81, unit=unit))
+    assert phases.kind == "nothing"
+    assert "neither" in phases.notes[0]
+
+
+@pytest.mark.parametrize("n", [1, 2, 100, 5000, 30_000])
+def test_constant_is_nothing(n):
+    assert segment(_recording(np.full(n, 9.81))).kind == "nothing"
+
+
+def test_declared_phases_are_returned_untouched():
+    declared = Phases(taps=(Tap(1, 2, 3),))
+    recording = Recording(np.zeros(10), FS, "m/s^2", "declared", phases=declared)
+    assert segment(recording) is declared
+
+
+def test_gain_and_unit_of_a_signal_do_not_move_its_phases():
+    recording = _freehand()
+    scaled = _recording(1e4 * recording.acceleration, unit="counts")
+    assert segment(scaled).movement == segment(recording).movement
+    assert [t.impact for t in segment(scaled).taps] == [t.impact for t in segment(recording).taps]
+
+
+def test_clipping_moves_no_tap():
+    recording = _freehand()
+    clipped = _recording(np.clip(recording.acceleration, -12.0, 12.0))
+    _check_impacts(segment(clipped), (0.6, 1.1, 1.7))
+
+
+def test_coarse_rounding_does_not_pass_for_movement():
+    recording = _freehand(noise=1e-4)
+    rounded = _recording(0.05 * np.round(recording.acceleration / 0.05))
+    phases = segment(rounded)
+    _check_impacts(phases, (0.6, 1.1, 1.7))
+    assert abs(phases.onset / FS - 2.5) < 0.05
+
+
+def test_pauses_at_turning_points_stay_inside_the_movement():
+    recording = _freehand(move=(2.5, 5.0))
+    x = recording.acceleration.copy()
+    rest = recording.acceleration[:2000]
+    x[35_000:37_000] = rest
+    first, last = segment(_recording(x)).movement
+    assert first < 26_000
+    assert last > 48_000
+
+
+def test_short_recording_that_starts_at_rest_is_one_tap():
+    t = np.arange(202) / 2000.0
+    x = 290 + np.round(200 * np.where(t > 0.006, np.exp(-(t - 0.006) / 0.02) * np.sin(900 * (t - 0.006)), 0))
+    phases = segment(_recording(x, 2000.0, "counts"))
+    assert phases.kind == "taps only"
+    assert abs(phases.taps[0].impact - 12) <= 2
+
+
+def test_parameters_take_effect():
+    assert not Segmenter(tap_ratio=1e9)(_freehand()).taps
+
+
+@pytest.mark.parametrize("n", [3, 10, 299, 3001])
+def test_white_vibration_of_any_length_gives_valid_phases(n):
+    phases = segment(_recording(np.random.default_rng(n).standard_normal(n)))
+    assert phases.movement is None or 0 <= phases.movement[0] < phases.movement[1] <= n
+    assert all(tap.end <= n for tap in phases.taps)
+
+
+def test_cost_is_linear():
+    def seconds(duration):
+        recording = _freehand(duration=duration, move=(2.5, duration))
+        start = time.process_time()
+        segment(recording)
+        return time.process_time() - start
+
+    segment(_freehand())
+    assert min(seconds(24.0) for _ in range(3)) < 10 * max(min(seconds(6.0) for _ in range(3)), 0.005)
+
+
+# Real recordings --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def data():
+    if not DATA.is_dir():
+        pytest.skip(f"real recordings are not at {DATA}; set TEXCLASS_DATA")
+    return DATA
+
+
+def test_real_strokes_are_movement_only(data):
+    for path in sorted((data / "stylus6").glob("*.csv")):
+        x = np.loadtxt(path, delimiter=",", skiprows=1)[:, 0]
+        phases = segment(_recording(x, 1000.0))
+        assert phases.kind == "movement only", path.name
+        assert phases.movement[1] - phases.movement[0] > 0.95 * x.size, path.name
+
+
+def test_real_excerpt_of_a_movement_is_movement_only(data):
+    x = np.loadtxt(data / "lmt_excerpts" / "G1EpoxyRasterPlate_Movement_X_test1.txt")
+    phases = segment(_recording(x, unit="arbitrary"))
+    assert phases.kind == "movement only"
+    assert phases.movement[1] - phases.movement[0] > 0.9 * x.size
+
+
+@pytest.mark.parametrize("fs", [1000.0, 2000.0, 5000.0])
+def test_real_taps_are_taps(data, fs):
+    rows = [
+        np.genfromtxt(data / "taps5" / f"data_chan{c}.csv", delimiter=",", skip_header=1)
+        for c in (1, 2, 3, 4)
+    ]
+    taps = np.nan_to_num(np.stack(rows, axis=-1)[:, :202])
+    kinds = [segment(_recording(tap, fs, "counts")).kind for tap in taps]
+    assert np.mean([kind == "taps only" for kind in kinds]) >= 0.9  # the others start within the contact

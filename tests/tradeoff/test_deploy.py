@@ -1,0 +1,158 @@
+"""A pruned recogniser computes only what it needs, and says the same to the last bit."""
+
+import numpy as np
+import pytest
+from sklearn.decomposition import PCA
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.ensemble import RandomForestClassifier
+from sklearn.feature_selection import SelectKBest, VarianceThreshold
+from sklearn.impute import SimpleImputer
+from sklearn.naive_bayes import GaussianNB
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
+
+from texclass.experiment.selection import ForwardSelector
+from texclass.features import FeatureExtractor, load_feature_set
+from texclass.recording import Phases, Recording
+from texclass.tradeoff.cost_selection import CostAwareSelector
+from texclass.tradeoff.deploy import Recogniser, load_recogniser
+
+RNG = np.random.default_rng(0)
+SET = load_feature_set("texclass").restricted_to(["waviness", "fineness", "mfcc", "hardness", "friction"])
+
+
+def recordings():
+    """Noise through filters that differ from material to material; no taps, so hardness is undefined."""
+    made = []
+    for material in range(3):
+        for repetition in range(6):
+            noise = RNG.normal(size=4000)
+            signal = np.convolve(noise, np.ones(1 + 3 * material), "same") + 0.1 * RNG.normal(size=4000)
+            friction = RNG.normal(size=4000) + material
+            made.append(
+                Recording(
+                    signal, fs=4000.0, unit="g", recording_id=f"{material}-{repetition}",
+                    material=f"m{material}", friction=friction, phases=Phases(movement=(0, 4000)),
+                )
+            )  # fmt: skip
+    return made, np.array([r.material for r in made])
+
+
+X, Y = recordings()
+KEEP = SimpleImputer(strategy="median", keep_empty_features=True)
+STEPS = {
+    "forward": [KEEP, MinMaxScaler(), ForwardSelector(GaussianNB(), n_features_to_select=3), GaussianNB()],
+    "cost-aware": [
+        KEEP, StandardScaler(),
+        CostAwareSelector(LinearDiscriminantAnalysis(), unit="column", max_features=2),
+        LinearDiscriminantAnalysis(),
+    ],
+    "scaler after": [KEEP, SelectKBest(k=4), RobustScaler(), LinearDiscriminantAnalysis()],
+    "two selectors": [KEEP, MaxAbsScaler(), VarianceThreshold(1e-6), SelectKBest(k=2), GaussianNB()],
+    "empty columns dropped": [SimpleImputer(), StandardScaler(), SelectKBest(k=3), GaussianNB()],
+    "nested": [make_pipeline(KEEP, StandardScaler()), "passthrough", SelectKBest(k=3), GaussianNB()],
+    "mixed": [SimpleImputer(), PCA(3, random_state=0), SelectKBest(k=2), GaussianNB()],
+    "forest": [KEEP, SelectKBest(k=3), RandomForestClassifier(5, random_state=0)],
+}  # fmt: skip
+
+
+def fitted(steps):
+    names = [f"step{i}" for i in range(len(steps))]
+    extractor = ("features", FeatureExtractor(SET))
+    return Recogniser([extractor, *zip(names, steps, strict=True)]).fit(X, Y)
+
+
+@pytest.mark.filterwarnings(
+    "ignore:Features.*are constant", "ignore:invalid value", "ignore:Skipping features"
+)
+@pytest.mark.parametrize("steps", STEPS.values(), ids=STEPS)
+def test_pruned_predictions_are_the_same_to_the_last_bit(steps):
+    recogniser = fitted(steps)
+    pruned = recogniser.prune()
+    np.testing.assert_array_equal(pruned.predict(X), recogniser.predict(X))
+    np.testing.assert_array_equal(pruned.predict_proba(X), recogniser.predict_proba(X))
+    np.testing.assert_array_equal(pruned.predict_proba(X[3:4]), recogniser.predict_proba(X[3:4]))
+
+
+def test_pruned_computes_only_what_is_selected():
+    recogniser = fitted(STEPS["forward"])
+    support = recogniser[3].get_support()
+    assert recogniser.prune().columns == tuple(np.array(recogniser.columns)[support])
+    assert [type(step) for _, step in recogniser.prune().steps[1:]] == [
+        SimpleImputer,
+        MinMaxScaler,
+        GaussianNB,
+    ]
+    assert recogniser.prune().prune().columns == recogniser.prune().columns
+
+
+@pytest.mark.filterwarnings("ignore:Skipping features")
+def test_what_a_mixing_step_needs_is_kept():
+    assert "hardness" not in fitted(STEPS["mixed"]).prune().columns
+    assert len(fitted(STEPS["mixed"]).prune().columns) == 16
+
+
+def test_channels_are_pruned_one_by_one():
+    stereo = [
+        r.with_(acceleration=np.column_stack([r.acceleration, r.acceleration[::-1]]), channels=("a", "b"))
+        for r in X
+    ]
+    steps = [("impute", KEEP), ("select", SelectKBest(k=3)), ("classify", GaussianNB())]
+    recogniser = Recogniser([("features", FeatureExtractor(SET, channels="each")), *steps])
+    with pytest.warns(UserWarning, match="constant"), np.errstate(invalid="ignore", divide="ignore"):
+        recogniser.fit(stereo, Y)
+    pruned = recogniser.prune()
+    assert len(pruned.columns) == 3
+    np.testing.assert_array_equal(pruned.predict_proba(stereo), recogniser.predict_proba(stereo))
+
+
+def test_fitting_on_a_table_is_fitting_on_recordings():
+    whole = fitted(STEPS["cost-aware"])
+    values = whole[0].transform(X)
+    steps = [("impute", KEEP), ("scale", StandardScaler()), ("classify", LinearDiscriminantAnalysis())]
+    from_table = Recogniser.fitted_on(whole[0].plan_, values, Y, steps)
+    from_recordings = Recogniser([("features", FeatureExtractor(SET)), *steps]).fit(X, Y)
+    np.testing.assert_array_equal(from_table.predict_proba(X), from_recordings.predict_proba(X))
+
+
+@pytest.mark.parametrize("pruned", [False, True])
+def test_saved_and_loaded_it_says_the_same(tmp_path, pruned):
+    recogniser = fitted(STEPS["cost-aware"])
+    recogniser = recogniser.prune() if pruned else recogniser
+    recogniser.save(tmp_path / "models" / "r.skops")
+    loaded = load_recogniser(tmp_path / "models" / "r.skops")
+    np.testing.assert_array_equal(loaded.predict_proba(X), recogniser.predict_proba(X))
+    assert loaded.columns == recogniser.columns
+    assert load_recogniser(tmp_path / "models" / "r.skops").prune().columns == recogniser.prune().columns
+
+
+def test_arrays_of_signals_keep_their_rate_and_unit(tmp_path):
+    signals = np.array([r.acceleration for r in X])
+    steps = [("impute", KEEP), ("select", SelectKBest(k=2)), ("classify", GaussianNB())]
+    few = SET.restricted_to(["waviness", "mfcc"])
+    recogniser = Recogniser([("features", FeatureExtractor(few, fs=4000.0, unit="g")), *steps]).fit(
+        signals, Y
+    )
+    recogniser.prune().save(tmp_path / "r.skops")
+    loaded = load_recogniser(tmp_path / "r.skops")
+    np.testing.assert_array_equal(loaded.predict(signals), recogniser.predict(signals))
+
+
+def test_other_files_are_refused(tmp_path):
+    import skops.io
+
+    with pytest.raises(FileNotFoundError):
+        load_recogniser(tmp_path / "none.skops")
+    (tmp_path / "text.skops").write_text("no")
+    with pytest.raises(ValueError, match=r"text\.skops: not a recogniser of texclass"):
+        load_recogniser(tmp_path / "text.skops")
+    skops.io.dump({"f": np.testing.assert_array_equal}, tmp_path / "foreign.skops")
+    with pytest.raises(ValueError, match="the rule is classes of scikit-learn and texclass"):
+        load_recogniser(tmp_path / "foreign.skops")
+
+
+def test_changed_code_is_told(tmp_path, monkeypatch):
+    fitted(STEPS["cost-aware"]).save(tmp_path / "r.skops")
+    monkeypatch.setattr("texclass.tradeoff.deploy.code_hash", lambda feature_set: "other")
+    with pytest.warns(UserWarning, match="train it again"):
+        load_recogniser(tmp_path / "r.skops")

@@ -1,0 +1,110 @@
+"""texclass tradeoff: every option reaches the study, and bad input ends in one line."""
+
+import json
+
+import numpy as np
+import pytest
+import soundfile
+
+from texclass.loaders import open_dataset
+from texclass.tradeoff.deploy import load_recogniser
+
+FEW = """
+name = "few"
+reference = "a test"
+[features.variance]
+[features.spikiness]
+[features.mean_magnitude]
+"""
+
+
+@pytest.fixture(scope="module")
+def plates(tmp_path_factory):
+    """Three materials that differ in level, six recordings of 0.6 s at 2 kHz each."""
+    folder = tmp_path_factory.mktemp("work")
+    for m, name in enumerate(("cork", "felt", "oak")):
+        (folder / "plates" / name).mkdir(parents=True)
+        for i in range(6):
+            white = np.random.default_rng([m, i]).normal(size=1203)  # alone, it would be taken for rest
+            noise = 0.02 * 3**m * np.convolve(white, np.ones(4), "valid")
+            soundfile.write(folder / "plates" / name / f"{name}_{i}.wav", noise.clip(-0.99, 0.99), 2000)
+    (folder / "few.toml").write_text(FEW)
+    return folder
+
+
+@pytest.fixture
+def tradeoff(command, plates, monkeypatch):
+    """Run the command beside the recordings; give exit code, standard output, standard error."""
+    monkeypatch.chdir(plates)
+    monkeypatch.setenv("TEXCLASS_CACHE", str(plates / "cache"))
+    common = ("--unit", "arbitrary", "--features", "few.toml", "--no-curves", "--jobs", "1")
+
+    def call(*options, dataset="plates"):
+        return command("tradeoff", dataset, *common, *options)
+
+    return call
+
+
+def test_without_limits_the_knee_is_saved_for_use(tradeoff, plates):
+    code, out, err = tradeoff("--out", "knee")
+    assert (code, err) == (0, "")
+    written = json.loads((plates / "knee" / "plates-tradeoff.json").read_text())
+    assert written["chosen"]["why"].startswith("knee")
+    assert written["dataset"]["n_materials"] == 3
+    recogniser = load_recogniser(plates / "knee" / "plates-tradeoff.skops")
+    assert list(recogniser.columns) == written["chosen"]["columns"]
+    recordings = open_dataset("plates", unit="arbitrary")
+    truth = [entry.material for entry in recordings.entries]
+    assert np.mean(recogniser.predict(list(recordings)) == truth) > 0.9
+    for suffix in ("json", "md", "skops"):
+        assert f"wrote knee/plates-tradeoff.{suffix}" in out
+
+
+def test_every_limit_is_kept_and_named_in_what_is_written(tradeoff, plates):
+    code, out, err = tradeoff(
+        "--max-ms", 1000, "--max-seconds", 0.25, "--max-features", 2, "--materials", "cork, oak",
+        "--protocol", "recording", "--backend", "local", "--out", "here", "--json", "there/x.json",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    stem = "plates-2-materials-0.25s-tradeoff"
+    assert {f"{stem}.json", f"{stem}.md", f"{stem}.skops"} <= {f.name for f in (plates / "here").iterdir()}
+    written = json.loads((plates / "there" / "x.json").read_text())
+    assert written == json.loads((plates / "here" / f"{stem}.json").read_text())
+    assert written["dataset"]["materials"] == ["cork", "oak"]
+    assert written["dataset"]["max_seconds"] == 0.25
+    assert written["dataset"]["n_recordings"] == 12
+    assert len(written["fewest"]) == 2
+    assert 1 <= len(written["chosen"]["columns"]) <= 2
+    assert written["chosen"]["predicted_ms"] <= 1000
+    assert written["curves"] == []
+    assert f"wrote here/{stem}.md" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--max-ms", 0), "max_ms is 0.0; the rule is above 0"),
+        (("--max-ms", "nan"), "max_ms is nan; the rule is above 0"),
+        (("--max-ms", 1e-9), "max_ms is 1e-09; the rule is at least"),
+        (("--max-features", 0), "max_features is 0; the rule is above 0"),
+        (("--max-seconds", -1), "seconds is -1.0; the rule is above 0"),
+        (("--max-seconds", 9), "no recording can be used"),
+        (("--materials", "cork,silk"), "no material 'silk'; its materials are cork, felt, oak"),
+        (("--materials", "cork"), "the rule is at least two to tell apart"),
+        (("--protocol", "operator"), "operator"),
+        (("--scheduler", "tcp://nowhere:8786"), "the rule is 'local' without"),
+        (("--features", "none.toml"), "none.toml"),
+    ],
+)
+def test_bad_input_ends_in_one_line_that_names_value_and_rule(tradeoff, options, told):
+    code, out, err = tradeoff(*options, "--out", "bad")
+    assert (code, out) == (1, "")
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert told in err
+
+
+def test_a_dataset_that_is_not_there_is_named(tradeoff):
+    code, _, err = tradeoff(dataset="plaits")
+    assert code == 1
+    assert "plaits" in err

@@ -1,0 +1,53 @@
+"""What a result was computed with: versions of libraries, and a hash of the code that values depend on."""
+
+import hashlib
+import platform
+from collections.abc import Iterable
+from importlib.metadata import version
+from pathlib import Path
+
+from texclass import __version__
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def versions(*libraries: str) -> dict[str, str]:
+    """Return the versions of texclass, Python and these installed distributions."""
+    return {
+        "texclass": __version__,
+        "python": platform.python_version(),
+        **{name: version(name) for name in libraries},
+    }
+
+
+def code_hash(*places: str, files: Iterable[Path] = ()) -> str:
+    """Return a digest of code, so that what was computed by other code is never taken for today's.
+
+    Parameters
+    ----------
+    *places : str
+        Rooms ("phases": every module in it) and modules at the top ("signals") of texclass.
+    files : iterable of Path, optional
+        More source files; one that is absent counts by its name.
+
+    Returns
+    -------
+    str
+        16 hexadecimal digits.
+
+    Raises
+    ------
+    ValueError
+        If a place does not exist: a moved room must not drop out of a digest unnoticed.
+    """
+    found = set(files)
+    for place in places:
+        room = _PACKAGE / place
+        modules = set(room.rglob("*.py")) if room.is_dir() else {room.with_suffix(".py")}
+        if not modules or not all(module.is_file() for module in modules):
+            raise ValueError(f"texclass holds no {place!r}; the rule is a room or a module of it")
+        found |= modules
+    digest = hashlib.sha256()
+    for file in sorted(found, key=lambda f: (f.name, str(f))):
+        digest.update(file.name.encode() + (file.read_bytes() if file.is_file() else b""))
+    return digest.hexdigest()[:16]

@@ -1,0 +1,1 @@
+"""What accuracy costs: time, features, seconds of touch, bits; the recogniser at a budget."""

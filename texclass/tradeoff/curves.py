@@ -1,0 +1,225 @@
+"""Accuracy against what costs: seconds of touch, training recordings, rate, bits, order of the model."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from sklearn.neighbors import NearestCentroid
+
+from texclass import vibration
+from texclass.experiment.extraction import Progress, cached_table
+from texclass.experiment.protocols import Protocol, Split, repeated
+from texclass.experiment.table import FeatureTable
+from texclass.experiment.windows import touches
+from texclass.experiment.workers import each
+from texclass.features.contract import UndefinedFeatureError
+from texclass.features.sets import FeatureSet
+from texclass.features.views import Channels, views_of
+from texclass.loaders.dataset import Dataset, Entry
+from texclass.recording import RecordingError, Samples
+from texclass.tradeoff.degrade import degraded, full_scale_of
+from texclass.tradeoff.front import Data, Labels, accuracy_of, discriminant
+from texclass.tradeoff.tradeoff_result import Curve, Estimate, estimate
+
+SECONDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
+TRAINING = (1, 2, 3, 5, 8)
+RATES_HZ = (500.0, 1000.0, 2000.0, 5000.0)
+BITS = (4, 6, 8, 12)
+ORDERS = (2, 4, 8, 16, 32, 64)
+MOST = 150
+"""Recordings from which the curves of rate, bits and order are computed, at most; each is extracted anew."""
+LINEAR = "linear discriminants"
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What all curves share.
+
+    Attributes
+    ----------
+    dataset
+        Recordings.
+    feature_set, channels
+        What is computed.
+    protocol, n_folds, n_repeats, seed
+        How recordings are split.
+    n_jobs
+        Processes.
+    progress
+        Called with (done, total, what), or None.
+    """
+
+    dataset: Dataset
+    feature_set: FeatureSet
+    channels: Channels
+    protocol: Protocol
+    n_folds: int
+    n_repeats: int
+    seed: int
+    n_jobs: int = 1
+    progress: Progress | None = None
+
+    def table(self, dataset: Dataset) -> FeatureTable:
+        """Return the features of a dataset, bad recordings left out."""
+        return cached_table(
+            dataset,
+            self.feature_set,
+            channels=self.channels,
+            n_jobs=self.n_jobs,
+            skip_bad=True,
+            progress=self.progress,
+        )
+
+    def splits(self, frame: pd.DataFrame) -> tuple[Split, ...]:
+        """Return all folds of all repeats, fewer folds where a material has few recordings."""
+        n_folds = min(self.n_folds, int(frame["material"].value_counts().min()))
+        n_repeats = self.n_repeats if self.protocol.drawn else 1
+        drawn = repeated(self.protocol, frame, n_folds, n_repeats, self.seed)
+        return tuple(split for repeat in drawn for split in repeat)
+
+    def data(self, table: FeatureTable) -> Data:
+        """Return the columns that some recording has, with labels and groups."""
+        columns = [c for c in table.columns if table.frame[c].notna().any()]
+        y = table.frame["material"].to_numpy(dtype=str)
+        return Data(table.frame[columns].to_numpy(np.float64), y, self.protocol.clusters(table.frame))
+
+
+def fold_accuracies(
+    data: Data, splits: Iterable[Split], classifier: Any, thin: Callable[[Split], Split] | None = None
+) -> Estimate:
+    """Cross-validate a classifier on all columns; `thin` may take recordings out of a training part."""
+    folds, sizes = [], []
+    for split in splits:
+        used = split if thin is None else thin(split)
+        A, B = data.prepared(used)
+        folds.append(accuracy_of(classifier, A, data.y[used[0]], B, data.y[used[1]]))
+        sizes.append((len(split[1]), len(split[0])))
+    n_test, n_train = np.mean(sizes, axis=0)
+    return estimate(folds, n_test, n_train)
+
+
+def training_curves(study: Study, table: FeatureTable) -> tuple[Curve, ...]:
+    """Accuracy against the number of training recordings of each material, by two classifiers."""
+    data, splits = study.data(table), study.splits(table.frame)
+    most = min(int(np.unique(data.y[train], return_counts=True)[1].min()) for train, _ in splits)
+    numbers = sorted({n for n in TRAINING if n < most} | {most})
+    curves = []
+    for series, classifier, used in (
+        # Discriminants need a spread within classes, which one recording of each does not have.
+        (LINEAR, discriminant(), [n for n in numbers if n > 1]),
+        ("nearest class mean", NearestCentroid(), numbers),
+    ):
+        points = []
+        for n in used:
+            accuracy = fold_accuracies(data, splits, classifier, partial(_thinned, data.y, n, study.seed))
+            points.append((float(n), str(n), accuracy))
+        if points:
+            curves.append(_curve("training recordings per material", "", points, series, ""))
+    return tuple(curves)
+
+
+def _thinned(y: Labels, n: int, seed: int, split: Split) -> Split:
+    """Return a split with `n` training recordings of each class, drawn at random."""
+    order = np.random.default_rng([seed, n, int(split[1][0])]).permutation(split[0])
+    rank = pd.Series(y[order]).groupby(y[order]).cumcount().to_numpy()
+    return np.sort(order[rank < n]), split[1]
+
+
+def touch_curve(study: Study, whole: FeatureTable) -> Curve | None:
+    """Accuracy against seconds of touch: the first window of every recording's movement, then all of it."""
+    points: list[tuple[float, str, Estimate]] = []
+    for seconds in SECONDS:
+        try:
+            found = study.table(touches(study.dataset, seconds, per_recording=1, n_jobs=study.n_jobs))
+            points.append((seconds, f"{seconds:g}", _all_of(study, found, len(whole.frame))))
+        except (RecordingError, ValueError):
+            break
+    if not points:
+        return None
+    longest = 2 * points[-1][0]
+    points.append(
+        (longest, "whole", fold_accuracies(study.data(whole), study.splits(whole.frame), discriminant()))
+    )
+    return _curve(
+        "touch", "s", points, LINEAR, "the first stretch of each movement; whole: with taps, if any"
+    )
+
+
+def _all_of(study: Study, table: FeatureTable, n: int) -> Estimate:
+    """Evaluate touches, unless a tenth of the recordings is too short for them."""
+    if len(table.frame) < 0.9 * n:
+        raise ValueError(f"{len(table.frame)} of {n} recordings are long enough; the rule is nine in ten")
+    return fold_accuracies(study.data(table), study.splits(table.frame), discriminant())
+
+
+def sensor_curves(study: Study) -> tuple[Curve, ...]:
+    """Accuracy against sampling rate and against bit depth, trained and tested alike."""
+    few = replace(study, dataset=_fewer(study.dataset))
+    own = few.dataset[0].fs
+    scale = full_scale_of(few.dataset)
+    rates = [fs for fs in RATES_HZ if fs <= own / 1.5]
+    at_rate = {fs: degraded(few.dataset, fs=fs) for fs in rates} | {own: few.dataset}
+    at_bits = {float(bits): degraded(few.dataset, bits=bits, full_scale=scale) for bits in BITS}
+    note = "" if len(few.dataset) == len(study.dataset) else f"from {len(few.dataset)} of the recordings"
+    curves = []
+    for name, unit, variants in (("sampling rate", "Hz", at_rate), ("bit depth", "bits", at_bits)):
+        points = []
+        for x, dataset in variants.items():
+            table = few.table(dataset)
+            accuracy = fold_accuracies(few.data(table), few.splits(table.frame), discriminant())
+            points.append((x, f"{x:g}", accuracy))
+        curves.append(_curve(name, unit, points, LINEAR, note))
+    return tuple(curves)
+
+
+def order_curve(study: Study) -> Curve | None:
+    """Accuracy of a movement model alone, against its order: Burg's reflection coefficients and the gain.
+
+    A model of order p is the first p coefficients of one of a higher order, so each movement is fitted once.
+    """
+    dataset = _fewer(study.dataset)
+    found = list(each((partial(_model, dataset.load, e) for e in dataset.entries), n_jobs=study.n_jobs))
+    kept = [i for i, row in enumerate(found) if row is not None]
+    if len(kept) < 0.9 * len(found):
+        return None
+    models = np.array([found[i] for i in kept])
+    frame = pd.DataFrame([vars(dataset.entries[i]) for i in kept])
+    splits, y = study.splits(frame), frame["material"].to_numpy(dtype=str)
+    clusters = study.protocol.clusters(frame)
+    points = [
+        (float(p), str(p), fold_accuracies(Data(models[:, : p + 1], y, clusters), splits, discriminant()))
+        for p in ORDERS
+    ]
+    note = "" if len(dataset) == len(study.dataset) else f"from {len(dataset)} of the recordings"
+    return _curve("order of the movement model", "", points, "AR coefficients alone", note)
+
+
+def _model(load: Callable[[Entry], Any], entry: Entry) -> Samples | None:
+    """Return log gain and arctanh of the reflection coefficients of a movement, or None without one."""
+    try:
+        movement = views_of(load(entry))[""].movement
+    except (RecordingError, UndefinedFeatureError):
+        return None
+    model = vibration.fit(movement.samples, ORDERS[-1])
+    log_gain = np.log(np.maximum(model.gain, np.finfo(np.float64).tiny))
+    return np.concatenate([[log_gain], np.arctanh(model.reflection)])
+
+
+def _fewer(dataset: Dataset) -> Dataset:
+    """Return at most `MOST` recordings, as many of each material as there is room for, at least four."""
+    per_material = max(4, MOST // max(len(dataset.materials), 1))
+    materials = pd.Series([e.material for e in dataset.entries])
+    rank = materials.groupby(materials).cumcount()
+    return replace(
+        dataset, entries=tuple(e for e, r in zip(dataset.entries, rank, strict=True) if r < per_material)
+    )
+
+
+def _curve(
+    name: str, unit: str, points: Sequence[tuple[float, str, Estimate]], series: str, note: str
+) -> Curve:
+    x, labels, accuracy = zip(*points, strict=True)
+    return Curve(name, unit, x, accuracy, labels, series, note)
