@@ -1,7 +1,7 @@
 """Held-out speed, force and direction on every simulated surface, and the bound of the output.
 
 Run `python tests/benchmarks/abdulali2016_recovery.py` from the project's root (some minutes). Writes
-`reports/abdulali2016-recovery.{md,json}`.
+`reports/papers/abdulali2016-recovery.{md,json}`.
 """
 
 import argparse
@@ -59,7 +59,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--paths", type=int, default=1000)
-    parser.add_argument("--out", type=Path, default=Path(__file__).parents[2] / "reports")
+    parser.add_argument("--out", type=Path, default=Path(__file__).parents[2] / "reports" / "papers")
     asked = parser.parse_args()
     with threadpool_limits(1):
         runs = {s.name: [study_held_out(s, seed) for seed in range(asked.seeds)] for s in SURFACES}

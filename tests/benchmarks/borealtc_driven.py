@@ -1,4 +1,4 @@
-"""Which terrain a robot drives on, against the seconds it has driven: reports/borealtc-driven.{md,json,png}.
+"""Which terrain a robot drives on, against the seconds it has driven: reports/studies/borealtc-driven.{md,json,png}.
 
 Run it by hand from the project's root: `python tests/benchmarks/borealtc_driven.py [--draws N]`. Pipeline
 `coarse` with its kernel discriminant, windows of 5 s, one each second, folds grouped by run as protocol
@@ -182,7 +182,7 @@ def main() -> None:
     """Compute and write the report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=3)
-    parser.add_argument("--out", type=Path, default=ROOT / "reports")
+    parser.add_argument("--out", type=Path, default=ROOT / "reports" / "studies")
     asked = parser.parse_args()
     pipeline, dataset = load_pipeline("coarse"), open_dataset("borealtc")
     windows = touches(dataset, WINDOW_S, step=HOP_S)

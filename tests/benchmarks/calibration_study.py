@@ -1,7 +1,7 @@
 """Do probabilities mean what they say: expected calibration error on recordings that no model has seen.
 
 Run `python tests/benchmarks/calibration_study.py` from the project's root (some minutes). Writes
-`reports/calibration.md` and `.json`.
+`reports/studies/calibration.md` and `.json`.
 """
 
 import argparse
@@ -26,7 +26,7 @@ from texclass.recognition.calibration import N_BINS
 
 SEED = 6
 N_DRAWS = 1000
-REPORTS = Path(__file__).parents[2] / "reports"
+REPORTS = Path(__file__).parents[2] / "reports" / "studies"
 AIM = 0.05
 
 

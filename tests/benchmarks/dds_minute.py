@@ -1,6 +1,6 @@
 """A minute of ROS 2 messages between two processes over loopback, at 1 and 10 kHz: what is lost, how late.
 
-Run `python tests/benchmarks/dds_minute.py` from the project's root (four minutes). Writes `reports/dds.md`
+Run `python tests/benchmarks/dds_minute.py` from the project's root (four minutes). Writes `reports/studies/dds.md`
 and `.json`. The reference is a bare UDP socket with datagrams of the same size, sent by the same process in
 the same run.
 """
@@ -153,7 +153,7 @@ def main() -> None:
     """Measure, print and write the report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--out", type=Path, default=ROOT / "reports")
+    parser.add_argument("--out", type=Path, default=ROOT / "reports" / "studies")
     options = parser.parse_args()
     os.environ["CYCLONEDDS_URI"] = LOOPBACK
     rows, load = [], [os.getloadavg()[0]]

@@ -1,6 +1,6 @@
 """How far features change with speed and force on one surface, against how far apart surfaces are.
 
-Run `python tests/benchmarks/invariance_study.py`; it writes `reports/invariance.{md,json,png}`: strese2015,
+Run `python tests/benchmarks/invariance_study.py`; it writes `reports/studies/invariance.{md,json,png}`: strese2015,
 Figs. 8-10 and 12, for every feature of both sets, ours and the related work's, on controlled runs of
 simulated surfaces (a plate that turns faster and faster, a force that rises, taps that hit harder).
 """
@@ -246,7 +246,7 @@ def report(table: pd.DataFrame) -> list[str]:
 def main() -> None:
     """Run the study and write its report."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=ROOT / "reports")
+    parser.add_argument("--out", type=Path, default=ROOT / "reports" / "studies")
     out: Path = parser.parse_args().out
     surfaces = surface_catalogue(N_SURFACES, SEED)
     printed, first = study("strese2015", surfaces)

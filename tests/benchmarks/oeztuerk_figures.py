@@ -2,7 +2,7 @@
 
 Run `python tests/benchmarks/oeztuerk_figures.py` from the project's root (half a minute). The recordings of
 the card `lmt_excerpts` are looked for under `$TEXCLASS_DATA` (else `../shared/data`). Writes
-`reports/order_error.{md,json,png}` and `reports/synthesized_spectra.png`.
+`reports/studies/order_error.{md,json,png}` and `reports/studies/synthesized_spectra.png`.
 """
 
 import argparse
@@ -290,7 +290,7 @@ def document(results: dict[str, dict], digest: str) -> dict[str, object]:
 def main() -> None:
     """Run the study and write its reports."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=ROOT / "reports")
+    parser.add_argument("--out", type=Path, default=ROOT / "reports" / "studies")
     out = parser.parse_args().out
     signals, fs, digest = excerpts()
     with threadpool_limits(1):

@@ -1,7 +1,7 @@
 """How well phases are found: taps (precision, recall, F1) and overlap of movement, on simulated recordings.
 
 Run `python tests/benchmarks/phases_study.py` from the project's root (a few minutes), or
-`pytest -m benchmark`. Writes `reports/phases.md`, `.json` and `.png`. The seeds are not
+`pytest -m benchmark`. Writes `reports/studies/phases.md`, `.json` and `.png`. The seeds are not
 those the method was developed on.
 """
 
@@ -28,7 +28,7 @@ RATES_HZ = (1000.0, 2200.0, 5000.0, 10_000.0, 20_000.0, 50_000.0)
 SNRS_DB = (None, 20.0, 10.0, 5.0)
 MATCH_S = 0.010
 N_OPERATORS = 5
-REPORTS = Path(__file__).parents[2] / "reports"
+REPORTS = Path(__file__).parents[2] / "reports" / "studies"
 
 
 def matched(true: Phases, found: Phases, fs: float) -> int:

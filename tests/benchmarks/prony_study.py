@@ -1,7 +1,7 @@
 """How stable and how exact fits of decaying modes are: matrix pencil against Prony's method as published.
 
 Run `python tests/benchmarks/prony_study.py` from the project's root (some minutes), or `pytest -m benchmark`.
-Writes `reports/prony.md`, `.json` and `.png`.
+Writes `reports/studies/prony.md`, `.json` and `.png`.
 """
 
 import argparse
@@ -33,7 +33,7 @@ ONE = DecayingModes(np.array([100.0]), np.array([60.0]), np.array([1.0]), np.arr
 N_ACCURACY = 400
 SNRS_DB = (0, 5, 10, 15, 20, 30, 40, 60)
 AIM_RATIO, AIM_BIAS = 1.5, 1.0
-REPORTS = Path(__file__).parents[2] / "reports"
+REPORTS = Path(__file__).parents[2] / "reports" / "studies"
 
 
 def segment(rng: np.random.Generator) -> tuple[Samples, Samples, int]:

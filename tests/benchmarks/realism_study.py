@@ -1,6 +1,6 @@
 """Is the simulation like the real thing: level, slope, kurtosis and envelope modulation of the movement.
 
-Run `python tests/benchmarks/realism_study.py`; it writes `reports/realism.{md,json,png}`. The real recordings
+Run `python tests/benchmarks/realism_study.py`; it writes `reports/studies/realism.{md,json,png}`. The real recordings
 are looked for under `$TEXCLASS_DATA` (else `../shared/data`).
 """
 
@@ -112,7 +112,7 @@ def main() -> None:
     os.environ.setdefault("TEXCLASS_DATA", str(ROOT.parent / "shared" / "data"))
     datasets = [open_dataset(name) for name in ("simulated", "lmt_excerpts", "stylus6")]
     values = table(datasets)
-    out = ROOT / "reports"
+    out = ROOT / "reports" / "studies"
     draw(values, out / "realism.png")
     lines = verdicts(values)
     medians = values.groupby("dataset", sort=False)[list(STATISTICS)].median()

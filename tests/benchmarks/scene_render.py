@@ -1,7 +1,7 @@
 """A scene of 20 surfaces: what planning saves, how long a sample takes, and whether the output is bounded.
 
 Run it by hand from the project's root, best on a quiet machine: `python
-tests/benchmarks/scene_render.py`. It writes reports/scene.json and .md. `--paced` adds a run that waits for
+tests/benchmarks/scene_render.py`. It writes reports/studies/scene.json and .md. `--paced` adds a run that waits for
 each millisecond, as a haptic loop does.
 One thread. "Quiet": each sample counts with the least of five runs of the same path, which leaves out what
 else the machine did; "one run": the clock as it was. Python's call and the clock are within both; the garbage
@@ -131,7 +131,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--paced", action="store_true", help="also wait for each millisecond (2 minutes)")
-    parser.add_argument("--out", type=Path, default=Path("reports"))
+    parser.add_argument("--out", type=Path, default=Path("reports/studies"))
     given = parser.parse_args()
     definition = read_scene(SCENE)
     plan = plan_scene(definition)

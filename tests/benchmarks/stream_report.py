@@ -1,4 +1,4 @@
-"""reports/stream.md from reports/stream.json."""
+"""reports/studies/stream.md from reports/studies/stream.json."""
 
 from typing import Any
 

@@ -2,7 +2,7 @@
 
 Run it by hand from the project's root: `python tests/benchmarks/stream_speed.py [--part NAME]
 [--models DIR]`. Each part (speed, memory, equality-simulated, equality-biotac20, accuracy) writes its section
-of reports/stream.json; reports/stream.md is then written from all of them. One thread. `--models` keeps
+of reports/studies/stream.json; reports/studies/stream.md is then written from all of them. One thread. `--models` keeps
 trained models in a folder. Times are those of single pushes, the same blocks pushed several times and the
 least taken of each, for the machine may be shared; beside them stands what one `np.fft.rfft` of 250,000
 samples took in the same run (2.6 ms on this machine when nothing else runs).
@@ -153,7 +153,7 @@ def main() -> None:
     parser.add_argument("--part", action="append", choices=list(parts))
     parser.add_argument("--models", type=Path)
     parser.add_argument("--every", type=int, default=1, help="take every n-th recording only")
-    parser.add_argument("--out", type=Path, default=ROOT / "reports")
+    parser.add_argument("--out", type=Path, default=ROOT / "reports" / "studies")
     asked = parser.parse_args()
     path = asked.out / "stream.json"
     result = json.loads(path.read_text()) if path.is_file() else {}

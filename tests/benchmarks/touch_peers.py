@@ -1,7 +1,7 @@
 """Accuracy against seconds of touch, ours and public libraries on the same windows and folds.
 
 Run it by hand from the project's root: `python tests/benchmarks/touch_peers.py --peers-python PATH`, with
-the interpreter of an environment that has the extra `peers`. It writes reports/touch_peers_<dataset>.json,
+the interpreter of an environment that has the extra `peers`. It writes reports/studies/touch_peers_<dataset>.json,
 .md and .png. Training windows and test windows are the first few of each recording; recordings are split as
 the protocol says, so no recording is on both sides. Intervals count recordings, not windows.
 """
@@ -135,7 +135,7 @@ def main() -> None:
     parser.add_argument("--peers", default=",".join(PEERS))
     parser.add_argument("--peers-seconds", type=float, default=900.0)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=ROOT / "reports")
+    parser.add_argument("--out", type=Path, default=ROOT / "reports" / "studies")
     options = parser.parse_args()
     dataset, found = open_dataset(options.dataset), []
     name = f"touch_peers_{options.dataset}"

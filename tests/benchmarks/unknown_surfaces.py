@@ -1,7 +1,7 @@
 """Are surfaces that were never trained told apart from known ones: pairs of materials left out of `biotac20`.
 
 Run `python tests/benchmarks/unknown_surfaces.py --pairs 40` from the project's root (about half a minute a
-pair; all 190 by default). Writes `reports/unknown_surfaces.md` and `.json`.
+pair; all 190 by default). Writes `reports/studies/unknown_surfaces.md` and `.json`.
 """
 
 import argparse
@@ -31,7 +31,7 @@ SEED = 6
 FALSE_ALARMS = 0.05
 PIPELINE, ROW, CLASSIFIER = "multiscale", "All", "vote"
 AIM_AUROC, AIM_FLAGGED = 0.95, 0.80
-REPORTS = Path(__file__).parents[2] / "reports"
+REPORTS = Path(__file__).parents[2] / "reports" / "studies"
 SCORES = {
     "decision": "minus the largest decision of the classifier (kept)",
     "margin": "minus the gap between the two largest decisions",

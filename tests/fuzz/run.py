@@ -1,4 +1,4 @@
-"""Feed every reader with inputs and write reports/fuzzing.{json,md}.
+"""Feed every reader with inputs and write reports/studies/fuzzing.{json,md}.
 
     python tests/fuzz/run.py [--inputs 1000000] [--targets text,csv] [--engine atheris|own]
 
@@ -45,7 +45,7 @@ def main() -> None:
     parser.add_argument("--targets", default="", help="names, divided by commas; all by default")
     parser.add_argument("--engine", choices=["atheris", "own"], default=None)
     parser.add_argument("--state", type=Path, default=Path("/dev/shm/texclass-fuzz"))
-    parser.add_argument("--output", type=Path, default=Path("reports/fuzzing"))
+    parser.add_argument("--output", type=Path, default=Path("reports/studies/fuzzing"))
     options = parser.parse_args()
     there = importlib.util.find_spec("atheris") is not None
     engine = options.engine or ("atheris" if there else "own")
