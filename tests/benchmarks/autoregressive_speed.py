@@ -1,8 +1,8 @@
 """What autoregressive fits and lattices cost beside librosa and scipy, and what each makes of hard signals.
 
 Run it by hand from the project's root: `python tests/benchmarks/autoregressive_speed.py`. It writes
-reports/studies/autoregressive.json and .md. One thread; CPU time of that thread; all candidates take turns within
-each round, and medians over rounds are compared.
+reports/studies/autoregressive.json and .md. One thread; CPU time of that thread; all candidates take turns
+within each round, and medians over rounds are compared.
 """
 
 # ruff: noqa: E402  (the number of threads is set before numpy reads it)
@@ -215,7 +215,9 @@ def main() -> None:
     """Measure, print and write the report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parents[2] / "reports" / "studies")
+    parser.add_argument(
+        "--out", type=Path, default=Path(__file__).resolve().parents[2] / "reports" / "studies"
+    )
     options = parser.parse_args()
     result = {
         "fit_ms": fits(options.rounds),

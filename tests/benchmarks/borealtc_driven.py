@@ -1,4 +1,4 @@
-"""Which terrain a robot drives on, against the seconds it has driven: reports/studies/borealtc-driven.{md,json,png}.
+"""Which terrain a robot drives on, against the seconds it has driven (`reports/studies/borealtc-driven`).
 
 Run it by hand from the project's root: `python tests/benchmarks/borealtc_driven.py [--draws N]`. Pipeline
 `coarse` with its kernel discriminant, windows of 5 s, one each second, folds grouped by run as protocol

@@ -1,8 +1,8 @@
 """A minute of ROS 2 messages between two processes over loopback, at 1 and 10 kHz: what is lost, how late.
 
-Run `python tests/benchmarks/dds_minute.py` from the project's root (four minutes). Writes `reports/studies/dds.md`
-and `.json`. The reference is a bare UDP socket with datagrams of the same size, sent by the same process in
-the same run.
+Run `python tests/benchmarks/dds_minute.py` from the project's root (four minutes). Writes
+`reports/studies/dds.md` and `.json`. The reference is a bare UDP socket with datagrams of the same size,
+sent by the same process in the same run.
 """
 
 import argparse

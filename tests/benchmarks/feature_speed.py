@@ -1,10 +1,11 @@
 """What feature sets cost: ratio to one `np.fft.rfft` of the same recording, ms per feature, and peers.
 
 Run it by hand from the project's root: `python tests/benchmarks/feature_speed.py [--peers-python PATH]`. It
-writes reports/studies/feature_speed.json and .md. One thread; CPU time of that thread; the reference, the sets and
-the peers take turns within each round, and medians over rounds are compared, so that a loaded machine slows
-all alike. The recording has one axis and its phases are given, so nothing but features is timed; peers are
-given the samples that features read. `--peers-python`: an interpreter that has TSFEL, pycatch22 and aeon.
+writes reports/studies/feature_speed.json and .md. One thread; CPU time of that thread; the reference, the
+sets and the peers take turns within each round, and medians over rounds are compared, so that a loaded
+machine slows all alike. The recording has one axis and its phases are given, so nothing but features is
+timed; peers are given the samples that features read. `--peers-python`: an interpreter that has TSFEL,
+pycatch22 and aeon.
 """
 
 # ruff: noqa: E402  (the number of threads is set before numpy reads it)
@@ -264,7 +265,9 @@ def main() -> None:
     )
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--peers-python", type=Path)
-    parser.add_argument("--knee", type=Path, default=ROOT / "reports" / "tables" / "simulated69-tradeoff.json")
+    parser.add_argument(
+        "--knee", type=Path, default=ROOT / "reports" / "tables" / "simulated69-tradeoff.json"
+    )
     parser.add_argument("--out", type=Path, default=ROOT / "reports" / "studies")
     options = parser.parse_args()
     result = measure(options)

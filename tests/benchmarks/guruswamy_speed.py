@@ -1,9 +1,9 @@
 """What a rendered sample of `guruswamy2011` costs: blocks of one sample, many features, the worst case.
 
 Run it by hand from the project's root: `python tests/benchmarks/guruswamy_speed.py`. It writes
-reports/studies/guruswamy_speed.json and .md. One thread. Times are those of single calls, wall clock: what a loaded
-machine adds shows in the highest ones. The reference, one call of `scipy.signal.sosfilt` with 8 sections and
-their state on one sample, takes turns with the renderers.
+reports/studies/guruswamy_speed.json and .md. One thread. Times are those of single calls, wall clock: what a
+loaded machine adds shows in the highest ones. The reference, one call of `scipy.signal.sosfilt` with 8
+sections and their state on one sample, takes turns with the renderers.
 """
 
 # ruff: noqa: E402  (the number of threads is set before numpy reads it)
@@ -124,7 +124,9 @@ def main() -> None:
         "operations": {t.name: t.operations for t in textures}, "input_hash": digest.hexdigest(),
         "versions": versions("numpy", "scipy", "numba"),
     }  # fmt: skip
-    (ROOT / "reports/studies/guruswamy_speed.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    (ROOT / "reports/studies/guruswamy_speed.json").write_text(
+        json.dumps(result, indent=1) + "\n", encoding="utf-8"
+    )
     (ROOT / "reports/studies/guruswamy_speed.md").write_text(report(result), encoding="utf-8")
     print(report(result))
 

@@ -1,8 +1,8 @@
 """How far features change with speed and force on one surface, against how far apart surfaces are.
 
-Run `python tests/benchmarks/invariance_study.py`; it writes `reports/studies/invariance.{md,json,png}`: strese2015,
-Figs. 8-10 and 12, for every feature of both sets, ours and the related work's, on controlled runs of
-simulated surfaces (a plate that turns faster and faster, a force that rises, taps that hit harder).
+Run `python tests/benchmarks/invariance_study.py`; it writes `reports/studies/invariance.{md,json,png}`:
+strese2015, Figs. 8-10 and 12, for every feature of both sets, ours and the related work's, on controlled
+runs of simulated surfaces (a plate that turns faster and faster, a force that rises, taps that hit harder).
 """
 
 import argparse

@@ -1,8 +1,8 @@
 """Line spectral frequencies there and back: accuracy on twelve hard signals, time against `np.roots`.
 
 Run it by hand from the project's root: `python tests/benchmarks/line_spectrum_speed.py`. It writes
-reports/studies/line_spectrum.json and .md. One thread; CPU time of that thread; the three ways take turns within each
-round and medians over rounds are compared, so that a loaded machine slows all alike.
+reports/studies/line_spectrum.json and .md. One thread; CPU time of that thread; the three ways take turns
+within each round and medians over rounds are compared, so that a loaded machine slows all alike.
 """
 
 # ruff: noqa: E402  (the number of threads is set before numpy reads it)
@@ -197,7 +197,9 @@ def main() -> None:
     """Measure, print and write the report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parents[2] / "reports" / "studies")
+    parser.add_argument(
+        "--out", type=Path, default=Path(__file__).resolve().parents[2] / "reports" / "studies"
+    )
     options = parser.parse_args()
     result = {
         "accuracy": accuracy(),

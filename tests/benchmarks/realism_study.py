@@ -1,7 +1,7 @@
 """Is the simulation like the real thing: level, slope, kurtosis and envelope modulation of the movement.
 
-Run `python tests/benchmarks/realism_study.py`; it writes `reports/studies/realism.{md,json,png}`. The real recordings
-are looked for under `$TEXCLASS_DATA` (else `../shared/data`).
+Run `python tests/benchmarks/realism_study.py`; it writes `reports/studies/realism.{md,json,png}`. The real
+recordings are looked for under `$TEXCLASS_DATA` (else `../shared/data`).
 """
 
 import json

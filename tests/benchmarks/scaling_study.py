@@ -1,11 +1,12 @@
 """How extraction scales: with the number of recordings, cores, the length of a recording; and after kill -9.
 
 Run it by hand from the project's root, on a machine that does nothing else: `python
-tests/benchmarks/scaling_study.py`. It writes reports/studies/scaling.json, .md and .png. `--only cores` (numbers,
-cores, length, kill) measures one part again and keeps the others. Everything goes the real way: WAV files of
-a card are opened, loaded, segmented, computed, written to Parquet and joined. One thread a process. Runs that
-are compared take turns; of cores the best of each counts, because what else runs can only make one slower, of
-numbers of recordings, whose runs differ in length, the median. With one process it is CPU time.
+tests/benchmarks/scaling_study.py`. It writes reports/studies/scaling.json, .md and .png. `--only cores`
+(numbers, cores, length, kill) measures one part again and keeps the others. Everything goes the real way:
+WAV files of a card are opened, loaded, segmented, computed, written to Parquet and joined. One thread a
+process. Runs that are compared take turns; of cores the best of each counts, because what else runs can only
+make one slower, of numbers of recordings, whose runs differ in length, the median. With one process it is
+CPU time.
 """
 
 # ruff: noqa: E402  (the number of threads is set before numpy reads it)
@@ -284,7 +285,9 @@ def main() -> None:
     parser.add_argument("--largest", type=int, default=NUMBERS[-1])
     parser.add_argument("--longest", type=float, default=LENGTHS_S[-1])
     parser.add_argument("--only", choices=("numbers", "cores", "length", "kill"), action="append")
-    parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parents[2] / "reports" / "studies")
+    parser.add_argument(
+        "--out", type=Path, default=Path(__file__).resolve().parents[2] / "reports" / "studies"
+    )
     parser.add_argument("--child", nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--child-output", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()

@@ -1,8 +1,8 @@
 """A scene of 20 surfaces: what planning saves, how long a sample takes, and whether the output is bounded.
 
 Run it by hand from the project's root, best on a quiet machine: `python
-tests/benchmarks/scene_render.py`. It writes reports/studies/scene.json and .md. `--paced` adds a run that waits for
-each millisecond, as a haptic loop does.
+tests/benchmarks/scene_render.py`. It writes reports/studies/scene.json and .md. `--paced` adds a run that
+waits for each millisecond, as a haptic loop does.
 One thread. "Quiet": each sample counts with the least of five runs of the same path, which leaves out what
 else the machine did; "one run": the clock as it was. Python's call and the clock are within both; the garbage
 collector is frozen and off, as in a haptic loop.

@@ -2,10 +2,10 @@
 
 Run it by hand from the project's root: `python tests/benchmarks/stream_speed.py [--part NAME]
 [--models DIR]`. Each part (speed, memory, equality-simulated, equality-biotac20, accuracy) writes its section
-of reports/studies/stream.json; reports/studies/stream.md is then written from all of them. One thread. `--models` keeps
-trained models in a folder. Times are those of single pushes, the same blocks pushed several times and the
-least taken of each, for the machine may be shared; beside them stands what one `np.fft.rfft` of 250,000
-samples took in the same run (2.6 ms on this machine when nothing else runs).
+of reports/studies/stream.json; reports/studies/stream.md is then written from all of them. One thread.
+`--models` keeps trained models in a folder. Times are those of single pushes, the same blocks pushed several
+times and the least taken of each, for the machine may be shared; beside them stands what one `np.fft.rfft`
+of 250,000 samples took in the same run (2.6 ms on this machine when nothing else runs).
 """
 
 # ruff: noqa: E402  (the number of threads is set before numpy reads it)

@@ -1,9 +1,10 @@
 """Accuracy against seconds of touch, ours and public libraries on the same windows and folds.
 
 Run it by hand from the project's root: `python tests/benchmarks/touch_peers.py --peers-python PATH`, with
-the interpreter of an environment that has the extra `peers`. It writes reports/studies/touch_peers_<dataset>.json,
-.md and .png. Training windows and test windows are the first few of each recording; recordings are split as
-the protocol says, so no recording is on both sides. Intervals count recordings, not windows.
+the interpreter of an environment that has the extra `peers`. It writes
+reports/studies/touch_peers_<dataset>.json, .md and .png. Training windows and test windows are the first few
+of each recording; recordings are split as the protocol says, so no recording is on both sides. Intervals
+count recordings, not windows.
 """
 
 import argparse
