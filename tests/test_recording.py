@@ -116,3 +116,17 @@ def test_an_array_that_nobody_can_write_to_is_kept_without_a_copy():
     view = SIGNAL.copy()[:50]
     view.flags.writeable = False  # what it is a view of can still be written to
     assert recording(acceleration=view).acceleration is not view
+
+
+def test_samples_and_a_rate_are_enough():
+    bare = Recording(SIGNAL, fs=1000.0)
+    assert (bare.unit, bare.recording_id, bare.channels) == ("arbitrary", "recording", ("c1",))
+
+
+def test_a_recording_tells_itself_in_a_line_and_as_a_table():
+    oak = recording(recording_id="oak_1", material="<oak>", friction=SIGNAL)
+    assert repr(oak) == "<Recording 'oak_1' of <oak>: 0.1 s at 1000 Hz, 1 axis in m/s^2>"
+    table = oak._repr_html_()
+    assert "<td>&lt;oak&gt;</td>" in table
+    assert "<th>other signals</th><td>friction</td>" in table
+    assert "operator" not in table

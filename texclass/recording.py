@@ -1,6 +1,7 @@
 """A recording: what one exploration of one surface recorded, and where its phases are."""
 
 from dataclasses import dataclass, field, replace
+from html import escape
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -98,9 +99,10 @@ class Recording:
         Acceleration of the tool in `unit` (kept in m/s^2 if the unit is physical).
     fs : float
         Sampling rate in Hz of every signal of the recording. Never guessed.
-    unit : str
-        "m/s^2", "g" or "mg" (converted to m/s^2), or "counts", "V", "arbitrary" (kept as they are).
-    recording_id : str
+    unit : str, default "arbitrary"
+        "m/s^2", "g" or "mg" (converted to m/s^2), or "counts", "V", "arbitrary" (kept as they are). Of a
+        physical unit, gravity and the path of the hand are known and removed before features of a movement.
+    recording_id : str, default "recording"
         Unique within its dataset.
     material, operator, session : str, optional
         What was explored, by whom, on which occasion.
@@ -128,8 +130,8 @@ class Recording:
 
     acceleration: Samples
     fs: float
-    unit: str
-    recording_id: str
+    unit: str = "arbitrary"
+    recording_id: str = "recording"
     material: str | None = None
     operator: str | None = None
     session: str | None = None
@@ -174,6 +176,37 @@ class Recording:
     def duration_s(self) -> float:
         """Duration in seconds."""
         return self.n_samples / self.fs
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """What it is, in words: identity, length, rate, unit, channels and other signals that there are."""
+        beside = ", ".join(name for name in AUXILIARY_UNITS if getattr(self, name) is not None)
+        told = {
+            "recording": self.recording_id,
+            "material": self.material,
+            "operator": self.operator,
+            "session": self.session,
+            "duration": f"{self.duration_s:.3g} s, {self.n_samples} samples at {self.fs:g} Hz",
+            "acceleration": f"{', '.join(self.channels)} in {self.unit}",
+            "other signals": beside,
+            "phases": None if self.phases is None else self.phases.kind,
+            "flags": "; ".join(self.flags),
+        }
+        return {name: fact for name, fact in told.items() if fact}
+
+    def __repr__(self) -> str:
+        """Return one line."""
+        of = f" of {self.material}" if self.material else ""
+        n = len(self.channels)
+        return (
+            f"<Recording {self.recording_id!r}{of}: {self.duration_s:.3g} s at {self.fs:g} Hz, "
+            f"{n} {'axis' if n == 1 else 'axes'} in {self.unit}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return a table for notebooks."""
+        rows = (f"<tr><th>{name}</th><td>{escape(fact)}</td></tr>" for name, fact in self.facts.items())
+        return f"<table>{''.join(rows)}</table>"
 
     def with_(self, **changes: Any) -> "Recording":
         """Return a copy with some fields replaced; this recording if it has these values already."""
