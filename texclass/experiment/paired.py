@@ -89,7 +89,7 @@ def corrected_resampled_t(
     --------
     >>> interval, p = corrected_resampled_t([0.02, 0.0, 0.04, 0.02], 1 / 3)
     >>> round(p, 3)
-    0.183
+    0.207
     """
     d = np.asarray(differences, dtype=np.float64)
     if d.size < 2:
