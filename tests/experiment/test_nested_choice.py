@@ -109,7 +109,7 @@ def _columns(pipeline, feature):
 
 
 def _evaluations(rows, table, splits, pipeline):
-    from texclass.experiment.evaluate import evaluate
+    from texclass.experiment.folds import evaluate
 
     y = table.frame["material"].to_numpy(dtype=str)
     return {

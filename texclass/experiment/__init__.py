@@ -3,8 +3,8 @@
 from texclass.experiment.accuracy import Accuracy, cluster_interval, wilson_interval
 from texclass.experiment.benchmark import run_benchmark
 from texclass.experiment.definition import PipelineDefinition, load_pipeline
-from texclass.experiment.evaluate import Evaluation, evaluate
 from texclass.experiment.extraction import cached_table, extract_table
+from texclass.experiment.folds import Evaluation, evaluate
 from texclass.experiment.new_feature import FeatureStudy, study_feature
 from texclass.experiment.protocols import PROTOCOLS, Protocol, find_protocol, repeated
 from texclass.experiment.result import BenchmarkResult, Confusion, RowResult

@@ -9,8 +9,8 @@ from sklearn.metrics import confusion_matrix
 
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.definition import PipelineDefinition
-from texclass.experiment.evaluate import Evaluation, evaluate
 from texclass.experiment.extraction import Progress
+from texclass.experiment.folds import Evaluation, evaluate
 from texclass.experiment.gain import choose_base, measure_gains
 from texclass.experiment.joined import cached_tables
 from texclass.experiment.nested_choice import choose_inside, inner_splits
@@ -198,7 +198,10 @@ def _confusion(evaluations: dict[str, dict[str, Evaluation]], materials: tuple[s
     row, name = max(pairs, key=lambda pair: evaluations[pair[0]][pair[1]].accuracy.mean)
     best = evaluations[row][name]
     return Confusion(
-        row, name, materials, confusion_matrix(best.truth, best.predicted, labels=list(materials))
+        row,
+        name,
+        materials,
+        confusion_matrix(np.concatenate(best.truth), np.concatenate(best.predicted), labels=list(materials)),
     )
 
 

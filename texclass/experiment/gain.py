@@ -10,8 +10,8 @@ from sklearn.pipeline import Pipeline
 
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.definition import PipelineDefinition
-from texclass.experiment.evaluate import Evaluation, Labels, evaluate
 from texclass.experiment.extraction import Progress
+from texclass.experiment.folds import Evaluation, Labels, evaluate
 from texclass.experiment.paired import Paired, compare_once, compare_repeats, holm
 from texclass.experiment.protocols import Protocol, Split, repeated
 from texclass.experiment.result import Gains, GroupGain, RowSum
@@ -183,8 +183,7 @@ class _Trial:
 
     def hits(self, splits: Splits, nested: bool) -> Hits:
         found = evaluate(self.X, self.y, splits, self.preparation, self.classifier.make(), nested=nested)
-        ends = np.cumsum([test.size for _, test in splits])[:-1]
-        return np.split(found.truth == found.predicted, ends)
+        return list(found.hits)
 
 
 def _hits(

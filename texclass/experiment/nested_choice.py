@@ -1,7 +1,7 @@
 """Choose a row and a classifier inside each training part: what the best of a table is really worth."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -11,8 +11,8 @@ import pandas as pd
 
 from texclass.experiment.accuracy import Accuracy, score
 from texclass.experiment.definition import PipelineDefinition
-from texclass.experiment.evaluate import Evaluation, Labels, evaluate
 from texclass.experiment.extraction import Progress
+from texclass.experiment.folds import Evaluation, Labels, evaluate
 from texclass.experiment.protocols import Protocol, Split, find_protocol
 from texclass.experiment.rows import Ready
 from texclass.experiment.table import FeatureTable
@@ -166,17 +166,9 @@ def _scored(
     evaluations: Mapping[str, Mapping[str, Evaluation]],
     seed: int,
 ) -> Accuracy:
-    predicted = [evaluations[row][name].predicted for row, name in chosen]
     return score(
         [y[test] for _, test in splits],
-        list(_of_folds(predicted, [len(test) for _, test in splits])),
+        [evaluations[row][name].predicted[k] for k, (row, name) in enumerate(chosen)],
         [clusters[test] for _, test in splits],
         seed=seed,
     )
-
-
-def _of_folds(predicted: Sequence[Labels], sizes: Sequence[int]) -> Iterator[Labels]:
-    """Yield the k-th fold of the k-th array of predictions."""
-    ends = np.cumsum(sizes)
-    for found, size, end in zip(predicted, sizes, ends, strict=True):
-        yield found[end - size : end]

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
 from numpy.typing import NDArray
-from sklearn.base import clone
-from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.pipeline import Pipeline
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from texclass.experiment.definition import PipelineDefinition
-from texclass.experiment.evaluate import evaluate
+from texclass.experiment.folds import evaluate
 from texclass.experiment.protocols import Split
 from texclass.experiment.rows import Ready
 from texclass.experiment.table import FeatureTable
@@ -116,11 +115,10 @@ def _measure(job: _Job) -> Measured:
                 plan.compute(first)
         memory = PeakMemory()
         feature_s = float(np.mean([_seconds(plan, job.dataset, entry) for entry in job.entries]))
-        fit_s, predict_s = np.mean([_fit_and_predict(job, split) for split in job.splits], axis=0)
-        evaluation = evaluate(job.X, job.y, job.splits, job.preparation, job.classifier, nested=job.nested)
-    ends = np.cumsum([test.size for _, test in job.splits])[:-1]
-    predicted = tuple(np.split(evaluation.predicted, ends))
-    return Measured(predicted, feature_s, float(fit_s), float(predict_s), warming.seconds, memory.megabytes)
+        found = evaluate(job.X, job.y, job.splits, job.preparation, job.classifier, nested=job.nested)
+    return Measured(
+        found.predicted, feature_s, found.fit_s, found.predict_s, warming.seconds, memory.megabytes
+    )
 
 
 def _seconds(plan: Plan, dataset: Dataset, entry: Entry) -> float:
@@ -130,13 +128,3 @@ def _seconds(plan: Plan, dataset: Dataset, entry: Entry) -> float:
     with timed() as clock:
         plan.compute(known)
     return clock.seconds
-
-
-def _fit_and_predict(job: _Job, split: Split) -> tuple[float, float]:
-    train, test = split
-    recogniser = make_pipeline(clone(job.preparation), job.classifier)
-    with timed() as fitting:
-        recogniser.fit(job.X[train], job.y[train])
-    with timed() as predicting:
-        recogniser.predict(job.X[test])
-    return fitting.seconds, predicting.seconds / len(test)

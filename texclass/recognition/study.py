@@ -1,6 +1,5 @@
 """Candidates compared on the same held-out recordings, and the best of them trained on everything."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -9,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from texclass.experiment.accuracy import Accuracy
-from texclass.experiment.evaluate import EXPECTED
 from texclass.experiment.extraction import Progress
+from texclass.experiment.folds import without_remarks
 from texclass.experiment.protocols import Split, find_protocol
 from texclass.experiment.table import FeatureTable
 from texclass.experiment.unseen import splits_of
@@ -22,7 +21,6 @@ from texclass.recognition.held_out import HeldOut, accuracy_of_choice, hold_out
 from texclass.recognition.holding_out import AT_RANDOM, HoldingOut
 from texclass.recording import Samples
 from texclass.tradeoff.deploy import Recogniser
-from texclass.tradeoff.front import EXPECTED as EXPECTED_OF_SELECTION
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,21 +108,11 @@ class Study:
 
     def fitted(self, candidate: Candidate) -> Recogniser:
         """Return a candidate trained on everything, pruned."""
-        with _quiet():
+        with without_remarks():
             whole = Recogniser.fitted_on(candidate.plan, self.values(candidate.plan), self.y, candidate.steps)
         return whole.prune()
 
 
 def _held_out(candidate: Candidate, X: Samples, y: Any, splits: tuple[Split, ...]) -> HeldOut:
-    with _quiet():
+    with without_remarks():
         return hold_out(candidate, X, y, splits)
-
-
-class _quiet(warnings.catch_warnings):  # noqa: N801  (a context manager)
-    """Silence what scikit-learn says of redundant and constant columns."""
-
-    def __enter__(self) -> Any:
-        entered = super().__enter__()
-        for message in (*EXPECTED, *EXPECTED_OF_SELECTION):
-            warnings.filterwarnings("ignore", message=message)
-        return entered

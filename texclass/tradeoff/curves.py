@@ -1,6 +1,6 @@
 """Accuracy against what costs: seconds of touch, training recordings, rate, bits, order of the model."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -11,6 +11,7 @@ from sklearn.neighbors import NearestCentroid
 
 from texclass import vibration
 from texclass.experiment.extraction import Progress, cached_table
+from texclass.experiment.folds import evaluate
 from texclass.experiment.protocols import Protocol, Split, repeated
 from texclass.experiment.table import FeatureTable
 from texclass.experiment.windows import touches
@@ -21,7 +22,7 @@ from texclass.features.views import Channels, views_of
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import RecordingError, Samples
 from texclass.tradeoff.degrade import degraded, full_scale_of
-from texclass.tradeoff.front import Data, Labels, accuracy_of, discriminant
+from texclass.tradeoff.front import Data, Labels, discriminant, preparation
 from texclass.tradeoff.tradeoff_result import Curve, Estimate, estimate
 
 SECONDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
@@ -87,18 +88,13 @@ class Study:
         return Data(table.frame[columns].to_numpy(np.float64), y, self.protocol.clusters(table.frame))
 
 
-def fold_accuracies(
-    data: Data, splits: Iterable[Split], classifier: Any, thin: Callable[[Split], Split] | None = None
+def cross_validated(
+    data: Data, splits: Sequence[Split], classifier: Any, used: Sequence[Split] | None = None
 ) -> Estimate:
-    """Cross-validate a classifier on all columns; `thin` may take recordings out of a training part."""
-    folds, sizes = [], []
-    for split in splits:
-        used = split if thin is None else thin(split)
-        A, B = data.prepared(used)
-        folds.append(accuracy_of(classifier, A, data.y[used[0]], B, data.y[used[1]]))
-        sizes.append((len(split[1]), len(split[0])))
-    n_test, n_train = np.mean(sizes, axis=0)
-    return estimate(folds, n_test, n_train)
+    """Cross-validate a classifier on all columns; `used` are splits that train on fewer recordings."""
+    found = evaluate(data.X, data.y, used or splits, preparation(), classifier)
+    n_train, n_test = np.mean([[len(part) for part in split] for split in splits], axis=0)
+    return estimate(found.accuracy.folds, n_test, n_train)
 
 
 def training_curves(study: Study, table: FeatureTable) -> tuple[Curve, ...]:
@@ -114,7 +110,9 @@ def training_curves(study: Study, table: FeatureTable) -> tuple[Curve, ...]:
     ):
         points = []
         for n in used:
-            accuracy = fold_accuracies(data, splits, classifier, partial(_thinned, data.y, n, study.seed))
+            accuracy = cross_validated(
+                data, splits, classifier, [_thinned(data.y, n, study.seed, split) for split in splits]
+            )
             points.append((float(n), str(n), accuracy))
         if points:
             curves.append(_curve("training recordings per material", "", points, series, ""))
@@ -141,7 +139,7 @@ def touch_curve(study: Study, whole: FeatureTable) -> Curve | None:
         return None
     longest = 2 * points[-1][0]
     points.append(
-        (longest, "whole", fold_accuracies(study.data(whole), study.splits(whole.frame), discriminant()))
+        (longest, "whole", cross_validated(study.data(whole), study.splits(whole.frame), discriminant()))
     )
     return _curve(
         "touch", "s", points, LINEAR, "the first stretch of each movement; whole: with taps, if any"
@@ -152,7 +150,7 @@ def _all_of(study: Study, table: FeatureTable, n: int) -> Estimate:
     """Evaluate touches, unless a tenth of the recordings is too short for them."""
     if len(table.frame) < 0.9 * n:
         raise ValueError(f"{len(table.frame)} of {n} recordings are long enough; the rule is nine in ten")
-    return fold_accuracies(study.data(table), study.splits(table.frame), discriminant())
+    return cross_validated(study.data(table), study.splits(table.frame), discriminant())
 
 
 def sensor_curves(study: Study) -> tuple[Curve, ...]:
@@ -169,7 +167,7 @@ def sensor_curves(study: Study) -> tuple[Curve, ...]:
         points = []
         for x, dataset in variants.items():
             table = few.table(dataset)
-            accuracy = fold_accuracies(few.data(table), few.splits(table.frame), discriminant())
+            accuracy = cross_validated(few.data(table), few.splits(table.frame), discriminant())
             points.append((x, f"{x:g}", accuracy))
         curves.append(_curve(name, unit, points, LINEAR, note))
     return tuple(curves)
@@ -190,7 +188,7 @@ def order_curve(study: Study) -> Curve | None:
     splits, y = study.splits(frame), frame["material"].to_numpy(dtype=str)
     clusters = study.protocol.clusters(frame)
     points = [
-        (float(p), str(p), fold_accuracies(Data(models[:, : p + 1], y, clusters), splits, discriminant()))
+        (float(p), str(p), cross_validated(Data(models[:, : p + 1], y, clusters), splits, discriminant()))
         for p in ORDERS
     ]
     note = "" if len(dataset) == len(study.dataset) else f"from {len(dataset)} of the recordings"

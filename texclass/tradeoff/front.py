@@ -1,6 +1,5 @@
 """Accuracy against cost, honestly: features are chosen inside each training fold, for every budget."""
 
-import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -8,13 +7,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import clone
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.impute import SimpleImputer
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from texclass.experiment.cost import CostModel
+from texclass.experiment.folds import Fold, over_folds
 from texclass.experiment.protocols import Split
 from texclass.experiment.workers import each
 from texclass.recording import Samples
@@ -27,14 +26,6 @@ Labels = NDArray[Any]
 FRACTIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)
 """Budgets of a front, in costs of the full set."""
 INNER_FOLDS = 5
-EXPECTED = (
-    "Only one sample available",
-    ".*at least 1 zero standard deviation",
-    "invalid value encountered in divide",
-)
-"""What scikit-learn warns of where a class has one training recording, or a column is the same throughout
-each class: linear discriminants of the former, `NearestCentroid` of spreads that only its shrinkage uses.
-What becomes of such data shows in the accuracy."""
 
 
 def preparation() -> Pipeline:
@@ -60,23 +51,6 @@ class Data:
     X: Samples
     y: Labels
     groups: Labels
-
-    def prepared(self, split: Split) -> tuple[Samples, Samples]:
-        """Return training and test columns, prepared on the training part."""
-        train, test = split
-        prepare = preparation().fit(self.X[train])
-        return prepare.transform(self.X[train]), prepare.transform(self.X[test])
-
-
-def accuracy_of(classifier: Any, train: Samples, y: Labels, test: Samples, truth: Labels) -> float:
-    """Return the accuracy on the test part; of no column, that of always naming the commonest class."""
-    if train.shape[1] == 0:
-        names, counts = np.unique(y, return_counts=True)
-        return float((truth == names[counts.argmax()]).mean())
-    with warnings.catch_warnings():
-        for message in EXPECTED:
-            warnings.filterwarnings("ignore", message)
-        return float((clone(classifier).fit(train, y).predict(test) == truth).mean())
 
 
 def budgets_of(costs: CostModel) -> tuple[float, ...]:
@@ -114,8 +88,10 @@ def nested_front(
     progress : callable, optional
         Called with (done, total, "selections").
     """
-    work = (partial(_fold, data, split, costs, tuple(budgets), max_features) for split in splits)
-    folds = list(_counted(each(work, n_jobs=n_jobs), len(splits), "selections", progress))
+    at_budgets = partial(_at_budgets, data.groups, costs, tuple(budgets), max_features)
+    work = (partial(over_folds, at_budgets, data.X, data.y, [split], preparation()) for split in splits)
+    counted = _counted(each(work, n_jobs=n_jobs), len(splits), "selections", progress)
+    folds = [fold for found in counted for fold in found]
     table = np.array([fold for fold, _ in folds])  # (n_splits, n_budgets, 5)
     sizes = [np.mean([len(part) for part in parts]) for parts in zip(*splits, strict=True)]
     n_train, n_test = map(float, sizes)
@@ -137,36 +113,30 @@ def nested_fewest(
     data: Data, splits: Sequence[Split], most: int, *, n_jobs: int = 1
 ) -> tuple[tuple[int, Estimate], ...]:
     """Return the accuracy of the best 1, 2, ... `most` columns, chosen inside each training fold."""
-    rows = np.array(list(each((partial(_few, data, split, most) for split in splits), n_jobs=n_jobs)))
+    few = partial(_few, data.groups, most)
+    work = (partial(over_folds, few, data.X, data.y, [split], preparation()) for split in splits)
+    rows = np.concatenate(list(each(work, n_jobs=n_jobs)))
     n_train, n_test = (float(np.mean([len(part) for part in parts])) for parts in zip(*splits, strict=True))
     return tuple((n, estimate(rows[:, n - 1], n_test, n_train)) for n in range(1, most + 1))
 
 
-def _fold(
-    data: Data, split: Split, costs: CostModel, budgets: tuple[float, ...], max_features: int | None
+def _at_budgets(
+    groups: Labels, costs: CostModel, budgets: tuple[float, ...], max_features: int | None, fold: Fold
 ) -> tuple[list[list[float]], float]:
     """Return (accuracy, ms, features, columns, plain accuracy) of each budget; the full set's accuracy."""
-    A, B = data.prepared(split)
-    y, truth = data.y[split[0]], data.y[split[1]]
-    labels, inner = np.unique(y, return_inverse=True)[1], inner_splits(y, data.groups[split[0]], INNER_FOLDS)
-    criterion = Criterion(discriminant(), A, labels, inner, "log_likelihood")
-
+    y = fold.labels
+    labels, inner = np.unique(y, return_inverse=True)[1], inner_splits(y, groups[fold.train], INNER_FOLDS)
+    criterion = Criterion(discriminant(), fold.learnt, labels, inner, "log_likelihood")
     blind = cost_aware(costs, max_features=max_features, thrift=0.0, floating=False, direction="forward")
     plain = blind.explore(costs, criterion)
-
-    def tested(columns: Sequence[int]) -> float:
-        chosen = list(columns)
-        return accuracy_of(discriminant(), A[:, chosen], y, B[:, chosen], truth)
-
     rows = []
     for budget in budgets:
         columns = _bought(costs, criterion, budget, max_features)
         few = best_within(plain, budget)
+        accuracies = [fold.accuracy(discriminant(), list(c)) for c in (columns, few.columns if few else ())]
         n_features = len({costs.features[i] for i in columns})
-        rows.append(
-            [tested(columns), costs.of(columns), n_features, len(columns), tested(few.columns if few else ())]
-        )
-    return rows, tested(range(A.shape[1]))
+        rows.append([accuracies[0], costs.of(columns), n_features, len(columns), accuracies[1]])
+    return rows, fold.accuracy(discriminant())
 
 
 def _bought(
@@ -180,12 +150,10 @@ def _bought(
     return choice.columns if choice else ()
 
 
-def _few(data: Data, split: Split, most: int) -> list[float]:
+def _few(groups: Labels, most: int, fold: Fold) -> list[float]:
     """Return the accuracy of the best 1 ... `most` columns of one fold."""
-    A, B = data.prepared(split)
-    y, truth = data.y[split[0]], data.y[split[1]]
-    path = fewest_path(A, y, data.groups[split[0]], most)
-    return [accuracy_of(discriminant(), A[:, c], y, B[:, c], truth) for c in path]
+    path = fewest_path(fold.learnt, fold.labels, groups[fold.train], most)
+    return [fold.accuracy(discriminant(), columns) for columns in path]
 
 
 def fewest_path(X: Samples, y: Labels, groups: Labels, most: int) -> list[list[int]]:

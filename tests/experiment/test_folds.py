@@ -12,7 +12,7 @@ from sklearn.neighbors import NearestCentroid
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import MinMaxScaler
 
-from texclass.experiment.evaluate import evaluate
+from texclass.experiment.folds import evaluate
 from texclass.experiment.selection import ForwardSelector
 
 Y = np.repeat(["a", "b", "c", "d"], 15)
