@@ -9,12 +9,16 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import freqz, lfilter
 
 from texclass.textures import Renderer, Texture
-from texclass.textures.hatt import HattTexture
-from texclass.textures.hatt.texture import LIMIT
+from texclass.textures.hatt import HattTexture, Mesh, triangulate
+from texclass.textures.hatt.arma_texture import LIMIT
 from texclass.vibration import Autoregression
 from texclass.vibration.line_spectrum import to_reflection
 
-FS = 1000.0
+SQUARE = {
+    "speed": [0.0, 100.0, 0.0, 100.0],
+    "force": [0.0, 0.0, 4.0, 4.0],
+    "triangles": [[0, 1, 2], [1, 3, 2]],
+}
 
 
 def _lsf(rng, n, p):
@@ -22,12 +26,12 @@ def _lsf(rng, n, p):
     return np.cumsum(gaps, axis=1)[:, :-1] / gaps.sum(axis=1, keepdims=True) * np.pi
 
 
-def make(q=6, p=8, n=7, seed=0):
-    rng = np.random.default_rng(seed)
+def make(q=6, p=8, n=7):
+    rng = np.random.default_rng(0)
     speed, force = rng.uniform(40, 200, n), rng.uniform(0.5, 3, n)
     variance, gain = rng.uniform(0.01, 0.1, n), rng.uniform(0.5, 3, n)
     return HattTexture.from_models(
-        speed, force, _lsf(rng, n, p), variance, FS, ma_lsf=_lsf(rng, n, q), gain=gain, name="slate", mu=0.3
+        speed, force, _lsf(rng, n, p), variance, 1000.0, ma_lsf=_lsf(rng, n, q), gain=gain, name="slate"
     )
 
 
@@ -35,9 +39,7 @@ def arma(texture, speed, force):
     """Return A, C and the factor of unit noise, mixed as the toolkit mixes them."""
     nodes, w = texture.mesh.weights(speed, force)
     direct = [
-        Autoregression(to_reflection(w @ lsf[nodes]), np.array(1.0)).direct_form()
-        if lsf.shape[1]
-        else np.ones(1)
+        Autoregression(to_reflection(w @ lsf[nodes]), 1.0).direct_form() if lsf.shape[1] else np.ones(1)
         for lsf in (texture.ar_lsf, texture.ma_lsf)
     ]
     return *direct, (w @ texture.gain[nodes]) * np.sqrt(w @ texture.variance[nodes])
@@ -50,63 +52,86 @@ def stroke(n, speed, force):
 TEXTURE = make()
 
 
-def test_it_is_a_texture():
-    assert isinstance(TEXTURE, Texture)
-    assert isinstance(TEXTURE.renderer(), Renderer)
-    assert TEXTURE.operations > 6 * 8
+def test_weights_inside_reproduce_linear_functions_and_outside_the_nearest_point_of_an_edge():
+    rng = np.random.default_rng(0)
+    mesh, _ = triangulate(rng.uniform(10, 200, 9), rng.uniform(0.2, 3, 9))
+    at = rng.uniform([0, 0], mesh.largest, (50, 2))
+    nodes, weights = mesh.weights(*at.T)
+    assert weights.min() >= 0
+    assert_allclose(weights.sum(axis=1), 1, atol=1e-12)
+    for axis, expected in zip((mesh.speed, mesh.force), at.T, strict=True):
+        assert_allclose((weights * axis[nodes]).sum(axis=1), expected, atol=1e-9)
+    square = Mesh(**SQUARE)
+    for outside, nearest in (((300, 2), (100, 2)), ((50, 9), (50, 4)), ((300, 9), (100, 4))):
+        nodes, weights = square.weights(*outside)
+        assert_allclose(weights @ np.column_stack([square.speed, square.force])[nodes], nearest, atol=1e-12)
+
+
+def test_triangulation_fills_the_rectangle_and_keeps_the_given_models_first():
+    rng = np.random.default_rng(1)
+    speed, force = rng.uniform(10, 200, 12), rng.uniform(0.2, 3, 12)
+    mesh, source = triangulate(speed, force)
+    assert_allclose(mesh.speed[:12], speed)
+    assert source[:12].tolist() == list(range(12))
+    areas = np.abs(np.linalg.det(np.diff(mesh.points[mesh.triangles], axis=1))) / 2
+    assert areas.sum() == pytest.approx(1, abs=1e-9)
+    assert len(mesh.triangles) >= 16  # where the toolkit begins its search
+    away = np.hypot(speed / speed.max() - mesh.points[-1, 0], force / force.max() - mesh.points[-1, 1])
+    assert source[-1] == away.argmin()
+    alone, source = triangulate([80.0], [1.5])
+    assert (alone.largest, source.any()) == ((80.0, 1.5), False)
+
+
+def test_broken_meshes_are_refused_with_the_rule():
+    for change, rule in (
+        ({"speed": [0.0, np.nan, 0.0, 100.0]}, "finite"),
+        ({"force": [0.0, 0.0, -4.0, 4.0]}, ">= 0"),
+        ({"force": [0.0, 0.0]}, "shape"),
+        ({"triangles": [[0, 1, 4]]}, "node 4 of 4"),
+        ({"triangles": [[0, 1, 1]]}, "no area"),
+        ({"triangles": [[0, 1, 1.5]]}, "node 1.5"),
+        ({"triangles": np.zeros((0, 3))}, "n in 1"),
+    ):
+        with pytest.raises(ValueError, match=rule):
+            Mesh(**(SQUARE | change))
+    for speed, force in (([0.0], [1.0]), ([1.0], [0.0]), ([np.inf], [1.0]), ([], [])):
+        with pytest.raises(ValueError, match="largest above 0"):
+            triangulate(speed, force)
 
 
 @pytest.mark.parametrize(("p", "q"), [(8, 6), (7, 0), (4, 9), (1, 1)])
-def test_constant_stroke_is_the_arma_process_after_the_first_glide(p, q):
+def test_constant_stroke_is_the_arma_process_that_fades_in_over_the_first_glide(p, q):
     texture = make(q, p)
+    hop = texture.hop
     A, C, factor = arma(texture, 97.0, 1.3)
     y = texture.renderer(seed=3).process(*stroke(3000, 97.0, 1.3))
-    e = np.random.default_rng(3).standard_normal(3072)[:3000]
-    expected = lfilter(factor * C, A, e)
-    assert_allclose(y[texture.hop :], expected[texture.hop :], atol=1e-10 * np.abs(expected).max())
+    expected = lfilter(factor * C, A, np.random.default_rng(3).standard_normal(3000))
+    assert_allclose(y[hop:], expected[hop:], atol=1e-10 * np.abs(expected).max())
+    assert_allclose(y[:hop], np.arange(1, hop + 1) / hop * expected[:hop], atol=1e-12)
 
 
-def test_first_contact_fades_in_without_a_click():
-    A, C, factor = arma(TEXTURE, 97.0, 1.3)
-    hop = TEXTURE.hop
-    y = TEXTURE.renderer(seed=3).process(*stroke(hop, 97.0, 1.3))
-    steady = lfilter(factor * C, A, np.random.default_rng(3).standard_normal(1024)[:hop])
-    assert_allclose(y, np.arange(1, hop + 1) / hop * steady, atol=1e-12)
-
-
-def test_taps_hold_the_rms_of_the_process():
+def test_the_lattice_is_that_of_the_mixed_line_spectra_and_its_taps_hold_the_rms():
+    nodes, w = TEXTURE.mesh.weights(120.0, 2.0)
     A, C, factor = arma(TEXTURE, 120.0, 2.0)
     _, h = freqz(C, A, worN=1 << 15, whole=True)
-    _, taps = TEXTURE.at(120.0, 2.0)
+    k, taps = TEXTURE.at(120.0, 2.0)
+    assert_allclose(k, to_reflection(w @ TEXTURE.ar_lsf[nodes]), atol=1e-14)
     assert np.linalg.norm(taps) == pytest.approx(factor * np.sqrt(np.mean(np.abs(h) ** 2)), rel=1e-9)
-
-
-def test_reflection_is_that_of_the_mixed_line_spectra():
-    nodes, w = TEXTURE.mesh.weights(60.0, 0.8)
-    k, _ = TEXTURE.at(60.0, 0.8)
-    assert_array_equal(k, to_reflection(w @ TEXTURE.ar_lsf[nodes]))
 
 
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(cuts=st.lists(st.integers(0, 1500), max_size=6))
-def test_any_pieces_are_the_same_samples(cuts):
+def test_any_pieces_are_the_same_samples_and_reset_starts_anew(cuts):
     v = np.column_stack([90 + 80 * np.sin(np.arange(1500) / 70), 20 * np.cos(np.arange(1500) / 50)])
     f = 1.5 + 2 * np.sin(np.arange(1500) / 90)
-    edges = [0, *sorted(cuts), 1500]
     renderer = TEXTURE.renderer(seed=1)
-    pieces = [renderer.process(v[a:b], f[a:b]) for a, b in pairwise(edges)]
-    assert_array_equal(np.concatenate(pieces), TEXTURE.renderer(seed=1).process(v, f))
-
-
-def test_single_samples_are_the_same_samples_and_reset_starts_anew():
-    v, f = stroke(60, 80.0, 1.0)
-    v[25:] *= 1.5
-    renderer = TEXTURE.renderer(seed=2)
     whole = renderer.process(v, f)
     renderer.reset()
-    assert_array_equal(
-        np.concatenate([renderer.process(v[i : i + 1], f[i : i + 1]) for i in range(60)]), whole
-    )
+    pieces = [renderer.process(v[a:b], f[a:b]) for a, b in pairwise([0, *sorted(cuts), 1500])]
+    assert_array_equal(np.concatenate(pieces), whole)
+    renderer.reset()
+    single = [renderer.process(v[i : i + 1], f[i : i + 1]) for i in range(60)]
+    assert_array_equal(np.concatenate(single), whole[:60])
 
 
 @pytest.mark.parametrize(("speed", "force"), [(0.0, 1.0), (80.0, 0.0), (80.0, -1.0), (0.0, 0.0)])
@@ -124,53 +149,42 @@ def test_random_paths_stay_finite_and_within_the_bound():
     bound = LIMIT * TEXTURE.levels.max()
     for seed in range(20):
         v, f = rng.uniform(-500, 500, (400, 2)), rng.uniform(-1, 9, 400)
-        y = TEXTURE.renderer(seed=seed).process(v, f)
-        assert np.all(np.abs(y) <= bound)
+        assert np.all(np.abs(TEXTURE.renderer(seed=seed).process(v, f)) <= bound)
 
 
-def test_what_is_written_down_is_restored():
+def test_it_is_a_texture_and_survives_being_written_down():
+    assert isinstance(TEXTURE, Texture)
+    assert isinstance(TEXTURE.renderer(), Renderer)
+    assert TEXTURE.operations > 6 * 8
     again = HattTexture.restore(TEXTURE.parameters(), TEXTURE.arrays())
     assert again.parameters() == TEXTURE.parameters()
     for name, array in TEXTURE.arrays().items():
         assert_array_equal(again.arrays()[name], array)
         assert array.dtype == np.float64
-
-
-@pytest.mark.parametrize(
-    ("change", "rule"),
-    [
-        ({"fs": 0.0}, "above 0 Hz"),
-        ({"mu": -1.0}, "mu is"),
-        ({"variance": np.ones(3)}, "one a node"),
-        ({"gain": np.full(TEXTURE.gain.size, -1.0)}, "gain of a node"),
-        ({"ar_lsf": TEXTURE.ar_lsf[:, ::-1]}, "stable"),
-        ({"ma_lsf": TEXTURE.ma_lsf * np.nan}, "stable"),
-        ({"ar_lsf": TEXTURE.ar_lsf[:, :0]}, "orders"),
-        ({"ar_lsf": TEXTURE.ar_lsf + 1}, "stable"),
-    ],
-)
-def test_broken_textures_are_refused_with_the_rule(change, rule):
-    with pytest.raises(ValueError, match=rule):
-        replace(TEXTURE, **change)
-
-
-def test_more_work_than_a_file_may_ask_for_is_refused(monkeypatch):
-    monkeypatch.setattr("texclass.textures.hatt.texture.MOST_WORK", 100)
-    with pytest.raises(ValueError, match=r"p\^2"):
-        replace(TEXTURE)
-
-
-def test_restoring_names_what_is_missing_or_superfluous():
     with pytest.raises(ValueError, match="the rule is"):
         HattTexture.restore({"name": "x", "fs": 1000.0}, TEXTURE.arrays())
 
 
-@pytest.mark.parametrize(("v", "f"), [(np.ones((3, 2)), np.ones(2)), (np.ones(3), np.ones(3))])
-def test_wrong_paths_are_refused(v, f):
-    with pytest.raises(ValueError, match="the rule is"):
-        TEXTURE.renderer().process(v, f)
+def test_broken_textures_are_refused_with_the_rule(monkeypatch):
+    for change, rule in (
+        ({"fs": 0.0}, "above 0 Hz"),
+        ({"mu": -1.0}, "mu is"),
+        ({"variance": np.ones(3)}, "one a node"),
+        ({"gain": np.full(TEXTURE.gain.size, -1.0)}, "gain of a node"),
+        ({"variance": np.full(TEXTURE.gain.size, 1e308), "gain": np.full(TEXTURE.gain.size, 1e300)}, "RMS"),
+        ({"ar_lsf": TEXTURE.ar_lsf[:, ::-1]}, "stable"),
+        ({"ma_lsf": TEXTURE.ma_lsf * np.nan}, "stable"),
+        ({"ar_lsf": TEXTURE.ar_lsf[:, :0]}, "orders"),
+        ({"ar_lsf": TEXTURE.ar_lsf + 1}, "stable"),
+    ):
+        with pytest.raises(ValueError, match=rule):
+            replace(TEXTURE, **change)
+    monkeypatch.setattr("texclass.textures.hatt.arma_texture.MOST_WORK", 100)
+    with pytest.raises(ValueError, match=r"p\^2"):
+        replace(TEXTURE)
 
 
-def test_nan_in_a_path_is_refused():
-    with pytest.raises(ValueError, match="NaN"):
-        TEXTURE.renderer().process(*stroke(5, np.nan, 1.0))
+def test_wrong_paths_are_refused():
+    for v, f in ((np.ones((3, 2)), np.ones(2)), (np.ones(3), np.ones(3)), stroke(5, np.nan, 1.0)):
+        with pytest.raises(ValueError, match="the rule is"):
+            TEXTURE.renderer().process(v, f)

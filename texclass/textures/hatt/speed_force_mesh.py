@@ -1,20 +1,19 @@
-"""A triangulation of the plane of speed and force, and the weights of its nodes at a point of the plane."""
+"""A triangulation of the plane of speed and force, and the weights of its nodes at points of the plane."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import Delaunay
 
 from texclass.recording import Samples
-from texclass.textures.hatt import _kernels as kernels
 
 N_BORDER = 6
 """Nodes that `triangulate` puts on each side of the rectangle from rest to the largest speed and force."""
-
 MOST_TRIANGLES = 20_000
-"""All are looked at for each aim of a renderer."""
+"""All are looked at for each point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,14 +40,25 @@ class Mesh:
     triangles: NDArray[np.integer | np.floating]
 
     def __post_init__(self) -> None:
-        nodes = [np.array(each, dtype=np.float64) for each in (self.speed, self.force)]
-        for name, axis in zip(("speed", "force"), nodes, strict=True):
-            if axis.ndim != 1 or axis.shape != nodes[0].shape or not np.all(np.isfinite(axis) & (axis >= 0)):
-                raise ValueError(f"{name} of the nodes, shape {axis.shape}; the rule is (n,), finite, >= 0")
-        corners = _corners(self.triangles, nodes[0].size)
-        for name, array in (("speed", nodes[0]), ("force", nodes[1]), ("triangles", corners)):
+        for name in ("speed", "force", "triangles"):
+            array = np.array(getattr(self, name), dtype=np.float64)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+        n = self.speed.size
+        for name, axis in (("speed", self.speed), ("force", self.force)):
+            if axis.shape != (n,) or not np.all(np.isfinite(axis) & (axis >= 0)):
+                raise ValueError(f"{name} of the nodes, shape {axis.shape}; the rule is (n,), finite, >= 0")
+        found = self.triangles
+        if found.ndim != 2 or found.shape[1] != 3 or not 0 < len(found) <= MOST_TRIANGLES:
+            raise ValueError(
+                f"triangles have shape {found.shape}; the rule is (n, 3), n in 1 ... {MOST_TRIANGLES}"
+            )
+        wrong = ~((found >= 0) & (found < n) & (found == np.floor(found)))
+        if wrong.any():
+            raise ValueError(f"a corner is node {found[wrong][0]:g} of {n}; the rule is one of them")
+        corners = found.astype(np.int64)
+        corners.setflags(write=False)
+        object.__setattr__(self, "triangles", corners)
         flat = np.flatnonzero(~(np.abs(_doubled_areas(self.points[corners])) > 1e-12))
         if flat.size:
             raise ValueError(f"triangle {flat[0]} {corners[flat[0]].tolist()} has no area; the rule is one")
@@ -56,22 +66,33 @@ class Mesh:
     @cached_property
     def points(self) -> Samples:
         """Nodes (n_nodes, 2) as shares of the largest speed and the largest force."""
-        return np.column_stack([self.speed / self.largest[0], self.force / self.largest[1]])
+        return np.column_stack([self.speed, self.force]) / self.largest
 
     @cached_property
     def largest(self) -> tuple[float, float]:
         """Largest speed (mm/s) and force (N) of a node; 1 where all are 0."""
         return float(self.speed.max(initial=0.0)) or 1.0, float(self.force.max(initial=0.0)) or 1.0
 
-    def weights(self, speed: float, force: float) -> tuple[NDArray[np.int64], Samples]:
-        """Return three nodes and their weights, at least 0 and 1 in sum: the barycentric coordinates.
+    def weights(self, speed: ArrayLike, force: ArrayLike) -> tuple[NDArray[np.int64], Samples]:
+        """Return three nodes and their barycentric coordinates (at least 0, 1 in sum) at each point.
 
         Outside all triangles they are those of the nearest point of an edge, in the plane of `points`.
+
+        Parameters
+        ----------
+        speed, force : array_like of shape (...)
+            mm/s and N.
+
+        Returns
+        -------
+        nodes : ndarray of int, shape (..., 3)
+        weights : ndarray of shape (..., 3)
         """
-        nodes, weights = np.zeros(3, dtype=np.int64), np.zeros(3)
-        x, y = speed / self.largest[0], force / self.largest[1]
-        kernels.locate(x, y, self.points, self.triangles, nodes, weights)
-        return nodes, weights
+        at = np.stack([np.ravel(speed), np.ravel(force)], axis=1) / self.largest
+        nodes, weights = np.zeros((len(at), 3), dtype=np.int64), np.zeros((len(at), 3))
+        _locate(at, self.points, self.triangles, nodes, weights)
+        shape = (*np.shape(speed), 3)
+        return nodes.reshape(shape), weights.reshape(shape)
 
 
 def triangulate(speed: ArrayLike, force: ArrayLike) -> tuple[Mesh, NDArray[np.int64]]:
@@ -115,19 +136,31 @@ def triangulate(speed: ArrayLike, force: ArrayLike) -> tuple[Mesh, NDArray[np.in
     return Mesh(nodes[:, 0], nodes[:, 1], triangles[sound].astype(np.int64)), source
 
 
-def _corners(triangles: ArrayLike, n_nodes: int) -> NDArray[np.int64]:
-    found = np.asarray(triangles)
-    if found.ndim != 2 or found.shape[1:] != (3,) or not 0 < len(found) <= MOST_TRIANGLES:
-        raise ValueError(
-            f"triangles have shape {found.shape}; the rule is (n, 3), n in 1 ... {MOST_TRIANGLES}"
-        )
-    wrong = ~((found >= 0) & (found < n_nodes) & (found == np.floor(found)))
-    if wrong.any():
-        raise ValueError(f"a corner is node {found[wrong][0]:g} of {n_nodes}; the rule is one of them")
-    return found.astype(np.int64)
-
-
 def _doubled_areas(corners: Samples) -> Samples:
     """Return twice the signed area of triangles (n, 3, 2)."""
-    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    return np.asarray(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    return np.asarray(np.linalg.det(np.diff(corners, axis=1)))
+
+
+@njit(cache=True, error_model="numpy")
+def _locate(at, points, triangles, nodes, weights):  # type: ignore[no-untyped-def]
+    """Write the nodes and weights at each place: inside a triangle, or on the nearest edge."""
+    for i in range(len(at)):
+        (x, y), nearest = at[i], np.inf
+        for a, b, c in triangles:
+            (ax, ay), (bx, by), (cx, cy) = points[a], points[b], points[c]
+            area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+            wb = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
+            wc = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
+            if wb >= 0.0 and wc >= 0.0 and wb + wc <= 1.0:
+                nodes[i] = a, b, c
+                weights[i] = max(1.0 - wb - wc, 0.0), wb, wc
+                break
+            for first, second in ((a, b), (b, c), (c, a)):
+                (px, py), (qx, qy) = points[first], points[second]
+                dx, dy = qx - px, qy - py
+                w = min(max(((x - px) * dx + (y - py) * dy) / (dx * dx + dy * dy), 0.0), 1.0)
+                distance = (x - px - w * dx) ** 2 + (y - py - w * dy) ** 2
+                if distance < nearest:
+                    nearest = distance
+                    nodes[i] = first, second, first
+                    weights[i] = 1.0 - w, w, 0.0

@@ -1,4 +1,13 @@
-"""The texture: an ARMA model of the vibration at each node of a mesh of speeds and forces."""
+"""A texture of ARMA models, one at each node of a mesh of speeds and forces, and how it is rendered.
+
+With white noise e of unit variance the states b_m of the normalised lattice of A are uncorrelated and of unit
+variance, b_m = prod_{j > m} c_j Ã_m / A e, where Ã_m(z) = z^-m A_m(1/z). Expanding the MA part in them,
+
+    C(z) = sum_m nu_m prod_{j > m} c_j Ã_m(z),    C / A e = sum_m nu_m b_m,
+
+gives a filter (Gray and Markel, "Digital lattice and ladder filter synthesis", 1973) whose states stay
+bounded and whose output has the RMS |nu| at every sample, even while k and nu move.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,14 +15,16 @@ from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
-from texclass.textures.hatt import _kernels as kernels
-from texclass.textures.hatt.mesh import Mesh, triangulate
-from texclass.textures.hatt.renderer import HattRenderer
+from texclass.textures.gliding import GlidingRenderer
+from texclass.textures.hatt.speed_force_mesh import Mesh, triangulate
 from texclass.textures.stored import check_all_names
 from texclass.vibration import line_spectrum
+from texclass.vibration._half_angle import paths_from_angles
+from texclass.vibration._recursions import LARGEST
 
 HOP_S = 0.01
 """The parameters aim anew at the model of the present speed and force so often, as in the toolkit."""
@@ -81,42 +92,33 @@ class HattTexture:
             array = np.array(getattr(self, name), dtype=np.float64)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+            rank = 2 if name.endswith("lsf") else 1
+            if array.ndim != rank or len(array) != self.mesh.speed.size:
+                rule = f"{self.mesh.speed.size} rows, one a node"
+                raise ValueError(f"{name} has shape {array.shape}; the rule is {rule}")
         if not (np.isfinite(self.fs) and self.fs > 0):
             raise ValueError(f"fs is {self.fs}; the rule is above 0 Hz")
-        if not (np.isfinite(self.mu) and self.mu >= 0):
-            raise ValueError(f"mu is {self.mu}; the rule is finite, >= 0")
-        self._check_shapes()
-        for name in ("ar_lsf", "ma_lsf"):
-            self._check_frequencies(name)
-        for name in ("variance", "gain"):
-            values = getattr(self, name)
-            wrong = ~(np.isfinite(values) & (values >= 0))
-            if wrong.any():
-                raise ValueError(f"{name} of a node is {values[wrong][0]}; the rule is finite, >= 0")
-        if not np.all(np.isfinite(self.levels)):
-            raise ValueError("the RMS of a node exceeds a float; the rule is a finite one")
-
-    def _check_shapes(self) -> None:
-        n = self.mesh.speed.size
-        shapes = {name: getattr(self, name).shape for name in ("ar_lsf", "ma_lsf", "variance", "gain")}
-        for name, rank in (("ar_lsf", 2), ("ma_lsf", 2), ("variance", 1), ("gain", 1)):
-            if len(shapes[name]) != rank or shapes[name][0] != n:
-                raise ValueError(f"{name} has shape {shapes[name]}; the rule is {n} rows, one a node")
-        p, q = shapes["ar_lsf"][1], shapes["ma_lsf"][1]
+        n, p, q = self.gain.size, self.order, self.ma_order
         if not (1 <= p <= LARGEST_ORDER and q <= LARGEST_ORDER):
             raise ValueError(f"orders are {p} (AR) and {q} (MA); the rule is 1 ... and 0 ... {LARGEST_ORDER}")
         if n * (p**2 + q**2) > MOST_WORK:
             raise ValueError(f"{n} nodes of orders {p} and {q}; the rule is n (p^2 + q^2) <= {MOST_WORK}")
-
-    def _check_frequencies(self, name: str) -> None:
-        lsf = getattr(self, name)
-        gaps = np.diff(lsf, axis=1, prepend=0.0, append=np.pi) if lsf.shape[1] else np.ones((1, 1))
-        if not np.all(gaps >= line_spectrum.MIN_GAP):  # of NaN neither
-            node, i = np.argwhere(~(gaps >= line_spectrum.MIN_GAP))[0]
-            raise ValueError(
-                f"{name} of node {node} has a gap of {gaps[node, i]:.3g} at place {i}; the rule is rising in "
-                f"(0, pi), gaps of at least {line_spectrum.MIN_GAP:g} rad: a stable model"
-            )
+        for name, values in (("mu", self.mu), ("variance", self.variance), ("gain", self.gain)):
+            wrong = ~(np.isfinite(values) & (np.asarray(values) >= 0))
+            if wrong.any():
+                where = "mu" if name == "mu" else f"{name} of a node"
+                raise ValueError(f"{where} is {np.asarray(values)[wrong][0]}; the rule is finite, >= 0")
+        for name in ("ar_lsf", "ma_lsf")[: 2 if q else 1]:
+            gaps = np.diff(getattr(self, name), axis=1, prepend=0.0, append=np.pi)
+            narrow = np.argwhere(~(gaps >= line_spectrum.MIN_GAP))  # NaN too
+            if narrow.size:
+                node, i = narrow[0]
+                raise ValueError(
+                    f"{name} of node {node} has a gap of {gaps[node, i]:.3g} at place {i}; the rule is "
+                    f"rising in (0, pi), gaps of at least {line_spectrum.MIN_GAP:g} rad: a stable model"
+                )
+        if not np.all(np.isfinite(self.levels)):
+            raise ValueError("the RMS of a node exceeds a float; the rule is a finite one")
 
     @classmethod
     def from_models(
@@ -185,14 +187,14 @@ class HattTexture:
     def operations(self) -> float:
         """Multiplications and additions per sample: lattice, ladder, the glide, and each aim by its hop."""
         p, q = max(self.order, self.ma_order), self.ma_order
-        aim = 4.0 * (self.order**2 + q**2) + 3.0 * q**2
-        return 6.0 * p + 2.0 * (q + 1) + 5.0 * p + 2.0 * (q + 1) + aim / self.hop
+        return 11.0 * p + 4.0 * (q + 1) + (4.0 * self.order**2 + 7.0 * q**2) / self.hop
 
     @cached_property
     def levels(self) -> Samples:
         """RMS of the vibration at each node, m/s^2, shape (n_nodes,)."""
-        rows = [self._lattice(np.array([i, i, i]), np.array([1.0, 0.0, 0.0])) for i in range(len(self.gain))]
-        return np.array([np.linalg.norm(nu) for _, nu in rows])
+        with np.errstate(over="ignore", invalid="ignore"):
+            level = self.gain * np.sqrt(self.variance)
+            return np.asarray(np.linalg.norm(_filters(self.ar_lsf, self.ma_lsf, level)[1], axis=1))
 
     def at(self, speed: float, force: float) -> tuple[Samples, Samples]:
         """Return the lattice at a speed (mm/s) and force (N).
@@ -204,24 +206,32 @@ class HattTexture:
         taps : ndarray of shape (q + 1,)
             nu_m in m/s^2; their norm is the RMS. Zeros at rest and without contact.
         """
-        k, nu = self._lattice(*self.mesh.weights(abs(speed), max(force, 0.0)))
-        return k, nu if speed != 0 and force > 0 else np.zeros_like(nu)
+        k, taps = self._read(np.array([[speed, 0.0]]), np.array([force]))
+        return k[0], taps[0]
 
-    def _lattice(self, nodes: NDArray[np.int64], weights: Samples) -> tuple[Samples, Samples]:
-        k, nu = np.zeros(max(self.order, self.ma_order)), np.zeros(self.ma_order + 1)
-        models = self.ar_lsf, self.ma_lsf, self.variance, self.gain
-        kernels.model(nodes, weights, *models, k, nu)
-        return k, nu
+    def _read(self, velocity: Samples, force: Samples) -> tuple[Samples, Samples]:
+        """Return reflection coefficients (n, max(p, q)) and taps (n, q + 1) at velocities and forces."""
+        speed = np.hypot(velocity[:, 0], velocity[:, 1])
+        nodes, weights = self.mesh.weights(speed, np.maximum(force, 0.0))
 
-    def renderer(self, *, seed: int = 0) -> HattRenderer:
-        """Return a renderer at rest; the seed is that of the noise."""
-        return HattRenderer(
-            self.mesh,
-            (self.ar_lsf, self.ma_lsf, self.variance, self.gain),
-            self.fs,
+        def mixed(values: Samples) -> Samples:
+            return np.asarray(np.einsum("ni,ni...->n...", weights, values[nodes]))
+
+        level = np.where((speed > 0) & (force > 0), mixed(self.gain) * np.sqrt(mixed(self.variance)), 0.0)
+        k, taps = _filters(mixed(self.ar_lsf), mixed(self.ma_lsf), level)
+        return k, taps
+
+    def renderer(self, *, seed: int = 0) -> GlidingRenderer:
+        """Return a renderer at rest, silent there and without contact; the seed is that of the noise."""
+        return GlidingRenderer(
+            self._read,
+            fs=self.fs,
+            order=max(self.order, self.ma_order),
+            n_taps=self.ma_order + 1,
             hop=self.hop,
             limit=LIMIT * float(self.levels.max()),
             seed=seed,
+            running=False,
         )
 
     def parameters(self) -> Mapping[str, Any]:
@@ -249,3 +259,51 @@ class HattTexture:
         models = {name: arrays[name] for name in ("ar_lsf", "ma_lsf", "variance", "gain")}
         fs, mu = float(parameters["fs"]), float(parameters["mu"])
         return cls(mesh, **models, fs=fs, name=str(parameters["name"]), mu=mu)
+
+
+@njit(cache=True, error_model="numpy")
+def _filters(ar_lsf, ma_lsf, level):  # type: ignore[no-untyped-def]
+    """Return k (n, max(p, q)) and nu (n, q + 1) of line spectra (n, p), (n, q) and noise of a level (n,)."""
+    n, p, q = level.size, ar_lsf.shape[1], ma_lsf.shape[1]
+    k, nu = np.zeros((n, max(p, q))), np.zeros((n, q + 1))
+    k[:, :p] = _reflection(ar_lsf)
+    numerator = _reflection(ma_lsf) if q else ma_lsf
+    for row in range(n):
+        A, rest = _polynomials(k[row], q), _polynomials(numerator[row], q)[q]
+        log_c = 0.5 * (np.log1p(k[row, q:]) + np.log1p(-k[row, q:])).sum()
+        for m in range(q, -1, -1):
+            value = rest[m]
+            for i in range(m + 1):
+                rest[i] -= value * A[m, m - i]
+            nu[row, m] = level[row] * value * np.exp(-log_c)
+            if m > 0:
+                log_c += 0.5 * (np.log1p(k[row, m - 1]) + np.log1p(-k[row, m - 1]))
+    return k, nu
+
+
+@njit(cache=True, error_model="numpy")
+def _polynomials(k, q):  # type: ignore[no-untyped-def]
+    """Return A_0 ... A_q of the reflection coefficients k, one a row: a_i + k_m a_{m-i}."""
+    A = np.zeros((q + 1, q + 1))
+    A[0, 0] = 1.0
+    for m in range(1, q + 1):
+        for i in range(m + 1):
+            A[m, i] = A[m - 1, i] + k[m - 1] * A[m - 1, m - i]
+    return A
+
+
+@njit(cache=True, error_model="numpy")
+def _reflection(lsf):  # type: ignore[no-untyped-def]
+    """Return what `line_spectrum.to_reflection` does, in a tenth of its time for one row."""
+    p = lsf.shape[1]
+    cosines, sines = paths_from_angles(lsf)
+    k = np.empty(lsf.shape)
+    for row in range(len(lsf)):
+        ratio = np.zeros(p + 1)
+        for j in range(p, 0, -2):
+            ratio[j] = cosines[row, p - j] / sines[row, p - j]
+        for j in range(p - 1, 0, -2):
+            u, v = 1 / (1 + ratio[j - 1]), ratio[j + 1] / (1 + ratio[j + 1])
+            ratio[j] = (cosines[row, p - j] / u) / (cosines[row, p - j - 1] / v)
+        k[row] = np.minimum(np.maximum((1 - ratio[1:]) / (1 + ratio[1:]), -LARGEST), LARGEST)
+    return k
