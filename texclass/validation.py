@@ -11,7 +11,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, RootModel, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 M = TypeVar("M", bound=BaseModel)
@@ -21,6 +22,26 @@ _DEEP = re.compile(rb"""(?:[\w"'-]++[ \t]*+\.[ \t]*+){32}""")
 """Keys of so many parts cost the parser the square of their number."""
 _SHOWN = 60
 """Characters of a wrong value that a message shows."""
+_WORDS = {
+    "bool_type": "true or false",
+    "dict_type": "a table",
+    "finite_number": "a finite number",
+    "float_type": "a number",
+    "greater_than": "a number above {gt}",
+    "greater_than_equal": "a number of at least {ge}",
+    "int_from_float": "a whole number",
+    "int_type": "a whole number",
+    "less_than": "a number below {lt}",
+    "less_than_equal": "a number of at most {le}",
+    "list_type": "a list",
+    "string_too_long": "text of at most {max_length} characters",
+    "string_too_short": "text of at least {min_length} characters",
+    "string_type": "text",
+    "too_long": "at most {max_length} of them",
+    "too_short": "at least {min_length} of them",
+    "tuple_type": "a list",
+}
+"""Kind of a fault -> rule, where pydantic's own words are those of a programmer."""
 
 
 class Written(BaseModel):
@@ -75,7 +96,7 @@ def checked(model: type[M], content: Any, where: object) -> M:
     """
     if not isinstance(content, Mapping):
         raise ValueError(
-            f"{where}: {_short(content)}; the rule is a table of {', '.join(model.model_fields)}"
+            f"{where}: {_short(content)}; the rule is a table of {', '.join(_keys([*_models_in(model)]))}"
         )
     try:
         # Under the rules for JSON a list is good for a tuple, and all else stays strict.
@@ -87,36 +108,96 @@ def checked(model: type[M], content: Any, where: object) -> M:
 
 
 def _told(error: ErrorDetails, model: type[BaseModel]) -> str:
-    key = ".".join(str(part + 1 if isinstance(part, int) else part) for part in error["loc"])
+    """Return one fault in words: the key as people write it, the value, the rule."""
+    kind, place, context = error["type"], error["loc"], error.get("ctx", {})
+    key, field, tables = _found(model, place)
+    if kind == "extra_forbidden" or place[-1:] == ("[key]",):
+        known = _quoted(context["expected"]) if kind == "literal_error" else [*_keys(tables)]
+        near = difflib.get_close_matches(key.rpartition(".")[2], known, n=1)
+        beside = f"{key.rpartition('.')[0]}." if "." in key else ""
+        rule = f"did you mean {beside}{near[0]}?" if near else f"the rule is one of {', '.join(known)}"
+        return f"unknown key {key}; {rule}"
+    if kind.startswith("union_tag"):
+        key = ".".join(filter(None, [key, *_quoted(context["discriminator"])]))
+    if kind in ("missing", "union_tag_not_found"):
+        return f"lacks the key {key}; the rule is that it is given"
+    if kind == "union_tag_invalid":
+        return (
+            f"{key} is {context['tag']!r}; the rule is one of {', '.join(_quoted(context['expected_tags']))}"
+        )
+    if kind in ("value_error", "json_invalid"):
+        said = str(context["error"])
+        return f"{key}: {said}" if key else said
+    rule = (field.description if field else None) or _rule(error, tables)
+    return f"{key} is {_short(error['input'])}; the rule is {rule}" if key else f"the rule is {rule}"
+
+
+def _rule(error: ErrorDetails, tables: list[type[BaseModel]]) -> str:
+    """Return what pydantic asks for in plain words."""
+    context = error.get("ctx", {})
     match error["type"]:
-        case "extra_forbidden":
-            known = list(_keys_beside(model, error["loc"]))
-            near = difflib.get_close_matches(str(error["loc"][-1]), known, n=1)
-            rule = f"did you mean {near[0]}?" if near else f"the rule is one of {', '.join(known)}"
-            return f"unknown key {key}; {rule}"
-        case "missing":
-            return f"lacks the key {key}; the rule is that it is given"
-        case "value_error" if not key:
-            return str(error["ctx"]["error"])
-        case "value_error":
-            return f"{key}: {error['ctx']['error']}"
-    return f"{key} is {_short(error['input'])}; the rule is {error['msg'].removeprefix('Input should be ')}"
+        case "model_type":
+            return f"a table of {', '.join(_keys(tables))}"
+        case "literal_error" | "enum":
+            return f"one of {', '.join(_quoted(context['expected']))}"
+        case "string_pattern_mismatch":
+            return f"text like {context['pattern']}"
+    return _WORDS.get(error["type"], error["msg"].removeprefix("Input should be ")).format_map(context)
 
 
-def _keys_beside(model: type[BaseModel], place: tuple[int | str, ...]) -> Iterator[str]:
-    """Yield the keys that a table may hold, found by following the place of an unknown one."""
-    for part in place[:-1]:
-        field = model.model_fields.get(str(part))
-        if field is not None:
-            model = next(_models_in(field.annotation), model)
-    yield from model.model_fields
+def _found(
+    model: type[BaseModel], place: tuple[int | str, ...]
+) -> tuple[str, FieldInfo | None, list[type[BaseModel]]]:
+    """Follow the place of a fault through nested tables.
+
+    Returns
+    -------
+    key : str
+        As people write it: "rows.2.name", lists counted from 1.
+    field : FieldInfo or None
+        The last field on the way.
+    tables : list of type
+        Models that may stand at the place; for a key that none of them knows, the models it is missing in.
+    """
+    shown: list[str] = []
+    field: FieldInfo | None = None
+    tables = list(_models_in(model))
+    for part in place:
+        tagged = [table for table in tables if len(tables) > 1 and _has_tag(table, part)]
+        if tagged:  # of the kinds of a table, the one that its tag names; people do not write it
+            tables = tagged
+            continue
+        holder = next((table for table in tables if part in table.model_fields), None)
+        if holder is not None:
+            field = holder.model_fields[str(part)]
+            tables = list(_models_in(field.annotation))
+        if part != "[key]":
+            shown.append(str(part + 1 if isinstance(part, int) else part))
+    return ".".join(shown), field, tables
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+    """Yield the models in a type, those inside a `RootModel` in its place."""
+    if isinstance(annotation, type) and issubclass(annotation, RootModel):
+        yield from _models_in(annotation.model_fields["root"].annotation)
+    elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
-    for argument in get_args(annotation):
-        yield from _models_in(argument)
+    else:
+        for argument in get_args(annotation):
+            yield from _models_in(argument)
+
+
+def _has_tag(table: type[BaseModel], tag: int | str) -> bool:
+    return any(tag in get_args(field.annotation) for field in table.model_fields.values())
+
+
+def _keys(tables: list[type[BaseModel]]) -> dict[str, None]:
+    return dict.fromkeys(key for table in tables for key in table.model_fields)
+
+
+def _quoted(listed: str) -> list[str]:
+    """Return the values in what pydantic lists as "'a', 'b' or 'c'"."""
+    return re.findall(r"'([^']*)'", listed)
 
 
 def _short(value: Any) -> str:

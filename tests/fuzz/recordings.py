@@ -18,7 +18,7 @@ import soundfile
 from fuzz.contract import Target
 from fuzz.mutate import archives, either, of_bytes, of_text
 from texclass.loaders import load_recording
-from texclass.loaders.cards import Card, LabelTable
+from texclass.loaders.cards import FileReading, LabelTable
 from texclass.loaders.filesets import _read_labels
 from texclass.loaders.rowsets import _read_table
 from texclass.recognition.live_sources import LineSource, RawSource
@@ -176,12 +176,12 @@ def _row_tables() -> list[bytes]:
     return [b"label,0,1,2\noak,1,2,3\nfelt,4,5,6.5\noak,7,8,9\n"]
 
 
-_LABELS = LabelTable("labels.csv", {"recording": "id", "material": "what", "repetition": "run"})
-_CARD = Card("c", Path("c.toml"), "c", "", "", "files", labels=_LABELS)
+_LABELS = LabelTable(file="labels.csv", recording="id", material="what", repetition="run")
+_READING = FileReading(fs_hz=FS, unit="g", files=(".*",), labels=_LABELS)
 
 
 def _labels(path: Path) -> object:
-    found = _read_labels(_CARD, path.parent, _LABELS)
+    found = _read_labels(_READING, path.parent)
     assert all(isinstance(value, str) for row in found.values() for value in (*row, *row.values()))
     assert all(isinstance(key, str) for key in found)
     return found

@@ -42,57 +42,73 @@ def test_a_valid_card_says_what_it_says(tmp_path):
     read = card(tmp_path, FILES | {"channels": channels, "notes": ["n"], "scale": 2})
     assert (read.name, read.fs_hz, read.unit, read.notes, read.scale) == ("mine", 1000.0, "g", ("n",), 2)
     assert read.files == (FILES["files"],)
-    assert read.channels.acceleration == ("a", "b")
-    assert read.channels.auxiliary == {"friction": ("f",)}
+    assert read.channels == {"acceleration": ("a", "b"), "friction": ("f",)}
 
 
-@pytest.mark.parametrize("key", sorted(set(FILES) - {"format", "source", "licence"}))
-def test_a_missing_key_is_named(tmp_path, key):
-    with pytest.raises(CardError, match=rf"mine\.toml: key {key} is missing"):
-        card(tmp_path, {k: v for k, v in FILES.items() if k != key})
+def refused(tmp_path, content):
+    with pytest.raises(CardError) as caught:
+        card(tmp_path, content)
+    return str(caught.value).removeprefix(f"{tmp_path}/")
 
 
-@pytest.mark.parametrize("key", sorted(RECIPE))
-def test_a_missing_number_of_a_recipe_is_named(tmp_path, key):
-    recipe = {k: v for k, v in RECIPE.items() if k != key}
-    with pytest.raises(CardError, match=rf"key recipe\.{key} is missing"):
-        card(tmp_path, SIMULATED | {"recipe": recipe})
+def test_a_missing_key_is_named(tmp_path):
+    for key in set(FILES) - {"source", "licence"}:
+        said = refused(tmp_path, {k: v for k, v in FILES.items() if k != key})
+        assert said == f"mine.toml: lacks the key {key}; the rule is that it is given"
+    for key in RECIPE:
+        said = refused(tmp_path, SIMULATED | {"recipe": {k: v for k, v in RECIPE.items() if k != key}})
+        assert said == f"mine.toml: lacks the key recipe.{key}; the rule is that it is given"
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("wrong", "said"),
     [
-        ({"fs": 3}, "unknown key fs; "),
-        ({"unti": "g"}, r"unknown key unti; did you mean unit\?"),
+        ({"fs": 3}, "unknown key fs; the rule is one of fs_hz, unit, files, "),
+        ({"unti": "g"}, "unknown key unti; did you mean unit?"),
+        ({"label_column": "plate"}, "unknown key label_column; "),
         ({"format": "magic"}, "format is 'magic'; the rule is one of files, rows, simulated"),
-        ({"unit": "m"}, r"unit is 'm'; the rule is one of m/s\^2"),
+        ({"unit": "m"}, "unit is 'm'; the rule is one of m/s^2, g, mg, counts, V, arbitrary"),
         ({"phases": "all"}, "phases is 'all'; the rule is one of detect, movement, tap"),
         ({"fs_hz": 0}, "fs_hz is 0; the rule is a rate in Hz above 0"),
-        ({"fs_hz": "10k"}, "fs_hz is '10k'; the rule is int or float"),
-        ({"fs_hz": True}, "fs_hz is True; the rule is int or float"),
-        ({"remove_resting_level": 1}, "remove_resting_level is 1; the rule is bool"),
-        ({"notes": [1]}, r"notes is \[1\]; the rule is list of str"),
-        ({"files": []}, r"files is \[\]; the rule is str or list of str"),
-        ({"files": "(?P<material>"}, "not a regular expression"),
-        ({"files": "(?P<colour>.*)"}, r"files names groups \['colour'\]"),
-        ({"files": r".*\.txt"}, "do not tell the material"),
-        ({"channels": {"smell": "s"}}, r"unknown key channels\.smell"),
+        ({"fs_hz": "10k"}, "fs_hz is '10k'; the rule is a rate in Hz above 0"),
+        ({"fs_hz": True}, "fs_hz is True; the rule is a rate in Hz above 0"),
+        ({"scale": 0}, "scale is 0; the rule is a finite factor other than 0"),
+        ({"remove_resting_level": 1}, "remove_resting_level is 1; the rule is true or false"),
+        ({"notes": [1]}, "notes.1 is 1; the rule is text"),
+        ({"files": []}, "files is []; the rule is text or a list of text"),
+        ({"files": "(?P<material>"}, "files holds '(?P<material>', not a regular expression"),
+        ({"files": "(?P<colour>.*)"}, "files names groups ['colour']; the rule is recording, material, "),
+        ({"files": r".*\.txt"}, "files and labels do not tell the material; the rule is (?P<material>...)"),
+        ({"delimiter": "ab"}, "delimiter is 'ab'; the rule is one character, no quote"),
+        ({"channels": {"smell": "s"}}, "unknown key channels.smell; the rule is one of acceleration, fric"),
         (
             {"companions": {"frictoin": "f"}},
-            r"unknown key companions\.frictoin; did you mean companions\.friction",
+            "unknown key companions.frictoin; did you mean companions.friction?",
         ),
-        ({"labels": {"file": "l.csv"}}, r"key labels\.recording is missing"),
-        ({"labels": {"file": "l.csv", "recording": "r", "axis": "a"}}, r"unknown key labels\.axis"),
+        ({"labels": {"file": "l.csv"}}, "lacks the key labels.recording; "),
+        (
+            {"labels": {"file": "l", "recording": "r", "axis": "a"}},
+            "unknown key labels.axis; the rule is one",
+        ),
     ],
 )
-def test_a_broken_rule_is_named_with_file_key_and_value(tmp_path, wrong, message):
-    with pytest.raises(CardError, match=rf"mine\.toml: .*{message}"):
-        card(tmp_path, FILES | wrong)
+def test_a_broken_rule_is_named_with_file_key_and_value(tmp_path, wrong, said):
+    assert refused(tmp_path, FILES | wrong).startswith(f"mine.toml: {said}")
 
 
-def test_half_a_surface_is_refused(tmp_path):
-    with pytest.raises(CardError, match=r"recipe\.n_surfaces is 2\.5; the rule is int"):
-        card(tmp_path, SIMULATED | {"recipe": RECIPE | {"n_surfaces": 2.5}})
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"n_surfaces": 2.5}, "recipe.n_surfaces is 2.5; the rule is a whole number"),
+        ({"n_operators": 0}, "recipe.n_operators is 0; the rule is a number of at least 1"),
+        (
+            {"duration_s": 1e300},
+            "recipe: duration_s is 1e+300 at 10000 Hz; the rule is at most 1e+09 samples",
+        ),
+    ],
+)
+def test_an_impossible_recipe_is_refused(tmp_path, wrong, said):
+    assert refused(tmp_path, SIMULATED | {"recipe": RECIPE | wrong}) == f"mine.toml: {said}"
 
 
 def test_a_card_that_is_not_toml_is_a_card_error(tmp_path):

@@ -5,7 +5,6 @@ from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
 from texclass.loaders import formats
-from texclass.loaders.cards import Card
 from texclass.recording import RecordingError
 
 Groups = dict[str, str]
@@ -39,14 +38,14 @@ def inside_folders(root: Path, names: Iterable[str]) -> list[str]:
 
 
 def by_topic(
-    card: Card, path: Path, groups: Groups, left_out: list[str], *, skip_bad: bool
+    topic: str | None, path: Path, groups: Groups, left_out: list[str], *, skip_bad: bool
 ) -> list[tuple[str | None, Groups]]:
-    """Return (topic, what names tell) of every recording in a file: one, or one per topic the card matches.
+    """Return (topic, what names tell) of every recording in a file: one, or one per topic that matches.
 
     Parameters
     ----------
-    card : Card
-        Its `topic` is a pattern if it has named groups, else a name.
+    topic : str or None
+        Of a card: a pattern if it has named groups, else a name.
     path : Path
         The file.
     groups : dict
@@ -61,10 +60,10 @@ def by_topic(
     RecordingError
         If a bag cannot be read, or no topic of it matches.
     """
-    if not (card.topic and re.compile(card.topic).groupindex and formats.is_bag(path)):
+    if not (topic and re.compile(topic).groupindex and formats.is_bag(path)):
         return [(None, groups)]
     try:
-        return _matching(card.topic, path, groups)
+        return _matching(topic, path, groups)
     except RecordingError as error:
         if not skip_bad:
             raise

@@ -1,72 +1,178 @@
-"""Dataset cards: what a TOML file says of a dataset, checked key by key."""
+"""Dataset cards: what a TOML file says of a dataset, one model for each format of datasets."""
 
-import difflib
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from annotated_types import Predicate
+from pydantic import BeforeValidator, Field, PrivateAttr, RootModel, model_validator
 
 from texclass import shipped
-from texclass.loaders.columns import ColumnRoles
 from texclass.recording import ACCELERATION_UNITS, AUXILIARY_UNITS, SCALELESS_UNITS
+from texclass.simulate.recipe import Recipe
+from texclass.validation import Written, checked, read_toml
 
 GROUPS = ("recording", "material", "operator", "session", "repetition", "axis")
 """What a pattern of file names, and (but for the axis) a table of labels, can tell."""
 MOST_LARGE = 1e100
 """Rates and factors beyond it are no measurement's."""
 DeclaredPhases = Literal["detect", "movement", "tap"]
+if TYPE_CHECKING:
+    Unit = str
+    Signal = str
+    Role = str
+else:  # what recordings may hold is written down there alone
+    Unit = Literal[*ACCELERATION_UNITS, *SCALELESS_UNITS]
+    Signal = Literal[*AUXILIARY_UNITS]
+    Role = Literal["acceleration", *AUXILIARY_UNITS]
+Texts = Annotated[
+    tuple[str, ...],
+    BeforeValidator(
+        lambda given: (
+            (given,) if isinstance(given, str) else tuple(given) if isinstance(given, list) else given
+        )
+    ),
+    Field(min_length=1, description="text or a list of text"),
+]
 
 
 class CardError(ValueError):
     """A dataset card breaks a rule; the message names the file, the key and the rule."""
 
 
-@dataclass(frozen=True)
-class LabelTable:
+class Card(Written):
+    """What every card says; each format has a class of its own.
+
+    Attributes
+    ----------
+    title, source, licence
+        What it is, where to get it, on which terms.
+    notes
+        What a report must say: quirks, assumptions.
+    """
+
+    title: str
+    source: str = ""
+    licence: str = "not stated"
+    notes: tuple[str, ...] = ()
+    _path: Path = PrivateAttr(default=Path())
+
+    @property
+    def path(self) -> Path:
+        """File of the card."""
+        return self._path
+
+    @property
+    def name(self) -> str:
+        """Name of the card."""
+        return self._path.stem
+
+
+class Reading(Written):
+    """How the values of files become recordings.
+
+    Attributes
+    ----------
+    fs_hz
+        Sampling rate in Hz; the one a file states must agree.
+    unit
+        Of the acceleration.
+    files
+        Which files there are.
+    scale
+        Factor from what is stored to `unit`.
+    phases
+        What every recording holds: to "detect", "movement" only, one "tap".
+    remove_resting_level
+        Subtract each channel's median.
+    """
+
+    fs_hz: float = Field(gt=0, le=MOST_LARGE, description="a rate in Hz above 0")
+    unit: Unit
+    files: Texts
+    scale: Annotated[float, Predicate(bool)] = Field(
+        default=1.0, ge=-MOST_LARGE, le=MOST_LARGE, description="a finite factor other than 0"
+    )
+    phases: DeclaredPhases = "detect"
+    remove_resting_level: bool = False
+
+    @property
+    def facts(self) -> str:
+        """Everything that changes a recording, as text for a digest; titles and notes do not.
+
+        Results name the digest, so the text stays what it was: it tells the keys of every format, and one
+        that cards got later only where it is set.
+        """
+        told: dict[str, Any] = _UNSAID | {key: value for key, value in self}
+        auxiliary = dict(told["channels"])
+        acceleration = auxiliary.pop("acceleration", ())
+        roles = f"ColumnRoles(acceleration={acceleration}, auxiliary={auxiliary})"
+        keys = [key for key in _UNSAID if key != "topic" or told["topic"]]
+        parts = (f"({key!r}, {roles if key == 'channels' else repr(told[key])})" for key in keys)
+        return f"[{', '.join(parts)}]"
+
+
+_UNSAID = {
+    **{
+        "format": "files",
+        "folder": "",
+        "fs_hz": 0.0,
+        "unit": "",
+        "scale": 1.0,
+        "files": (),
+        "label_column": "",
+    },
+    **{
+        "labels": None,
+        "channels": {},
+        "companions": {},
+        "delimiter": None,
+        "topic": None,
+        "phases": "detect",
+    },
+    **{"remove_resting_level": False, "trim": False, "recipe": {}},
+}
+"""What `Reading.facts` tells of a key that a format has not."""
+
+
+class LabelTable(Written):
     """A CSV beside the recordings, one row per recording.
 
     Attributes
     ----------
     file
         Relative to the dataset's folder.
-    columns
-        Of `GROUPS`, which one is in which column; "recording" is the id by which rows are found.
+    recording
+        Column of the ids by which rows are found.
+    material, operator, session, repetition
+        Columns of what the names of files do not tell.
     """
 
     file: str
-    columns: Mapping[str, str]
+    recording: str
+    material: str | None = None
+    operator: str | None = None
+    session: str | None = None
+    repetition: str | None = None
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """Of `GROUPS`, which one is in which column."""
+        return {group: column for group, column in self if group != "file" and column is not None}
+
+    def __repr__(self) -> str:
+        return f"LabelTable(file={self.file!r}, columns={self.columns})"
 
 
-@dataclass(frozen=True)
-class Card:
-    """What is known of a dataset; the keys of the TOML file have the same names.
+class FileReading(Reading):
+    """How files become recordings if one is a file, or a file per axis, whose name tells what it is.
 
     Attributes
     ----------
-    name, path
-        Name and file of the card.
-    title, source, licence
-        What it is, where to get it, on which terms.
-    format
-        "files" (a recording is a file, or a file per axis), "rows" (a recording is a row of a CSV, one
-        file per channel), "simulated" (made by a recipe).
-    notes
-        What a report must say: quirks, assumptions.
-    folder
-        Folder under the data root.
-    fs_hz
-        Sampling rate in Hz; the one a file states must agree.
-    unit
-        Of the acceleration.
-    scale
-        Factor from what is stored to `unit`.
     files
-        "files": patterns of the relative file names, with the named groups of `GROUPS`. "rows": file names.
-    label_column
-        "rows": the column with the material.
+        Patterns of relative file names, with the named groups of `GROUPS`.
     labels
-        "files": table with labels and groups that the names do not tell.
+        Table with labels and groups that the names do not tell.
     channels
         Which columns are acceleration and auxiliary signals.
     companions
@@ -76,88 +182,80 @@ class Card:
     topic
         Of bags: a topic's name, or a pattern of names with the named groups of `GROUPS`; every topic that
         matches is then a recording.
-    phases
-        What every recording holds: to "detect", "movement" only, one "tap".
-    remove_resting_level
-        Subtract each channel's median.
     trim
         Cut signals of different lengths to the shortest.
-    recipe
-        "simulated": arguments of `texclass.simulate.recipe.Recipe`.
     """
 
-    name: str
-    path: Path
-    title: str
-    source: str
-    licence: str
-    format: Literal["files", "rows", "simulated"]
-    notes: tuple[str, ...] = ()
-    folder: str = ""
-    fs_hz: float = 0.0
-    unit: str = ""
-    scale: float = 1.0
-    files: tuple[str, ...] = ()
-    label_column: str = ""
     labels: LabelTable | None = None
-    channels: ColumnRoles = field(default_factory=ColumnRoles)
-    companions: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    delimiter: str | None = None
+    channels: dict[Role, Texts] = Field(default_factory=dict)
+    companions: dict[Signal, Texts] = Field(default_factory=dict)
+    delimiter: str | None = Field(default=None, pattern=r'^[^"\r\n]$', description="one character, no quote")
     topic: str | None = None
-    phases: DeclaredPhases = "detect"
-    remove_resting_level: bool = False
     trim: bool = False
-    recipe: Mapping[str, float] = field(default_factory=dict)
 
-    @property
-    def facts(self) -> str:
-        """Everything that changes a recording, as text for a digest; titles and notes do not.
-
-        A key that cards got later counts where it is set: the digests of the others stay what they were.
-        """
-        told: tuple[str, ...] = ("name", "path", "title", "source", "licence", "notes")
-        told += () if self.topic else ("topic",)
-        return repr([(name, value) for name, value in vars(self).items() if name not in told])
+    @model_validator(mode="after")
+    def _material_is_told(self) -> "FileReading":
+        told = _groups("files", self.files) | set(self.labels.columns if self.labels else ())
+        if self.topic is not None:
+            told |= _groups("topic", (self.topic,))
+        if "material" not in told:
+            raise ValueError("files and labels do not tell the material; the rule is (?P<material>...)")
+        return self
 
 
-_TEXT, _NUMBER, _FLAG, _TEXTS, _TABLE = (str,), (int, float), (bool,), (str, list), (dict,)
-_COMMON = {"title": _TEXT, "source": _TEXT, "licence": _TEXT, "format": _TEXT, "notes": (list,)}
-_READ = {
-    **_COMMON,
-    "folder": _TEXT,
-    "fs_hz": _NUMBER,
-    "unit": _TEXT,
-    "files": _TEXTS,
-    "scale": _NUMBER,
-    "phases": _TEXT,
-    "remove_resting_level": _FLAG,
-}
-_KEYS: dict[str, dict[str, tuple[type, ...]]] = {
-    "files": {
-        **_READ,
-        "labels": _TABLE,
-        "channels": _TABLE,
-        "companions": _TABLE,
-        "delimiter": _TEXT,
-        "topic": _TEXT,
-        "trim": _FLAG,
-    },
-    "rows": {**_READ, "label_column": _TEXT},
-    "simulated": {**_COMMON, "recipe": _TABLE},
-}
-_REQUIRED: dict[str, tuple[str, ...]] = {
-    "files": ("title", "folder", "fs_hz", "unit", "files", "phases"),
-    "rows": ("title", "folder", "fs_hz", "unit", "files", "phases", "label_column"),
-    "simulated": ("title", "recipe"),
-}
-_CHOICES = {"unit": (*ACCELERATION_UNITS, *SCALELESS_UNITS), "phases": ("detect", "movement", "tap")}
-_RECIPE: dict[str, tuple[type, ...]] = {
-    **dict.fromkeys(("n_surfaces", "n_recordings", "n_operators", "seed"), (int,)),
-    **dict.fromkeys(("duration_s", "fs"), _NUMBER),
-}
+def _groups(key: str, patterns: tuple[str, ...]) -> set[str]:
+    """Return what the groups of patterns tell; raise ValueError for one that is no pattern or has others."""
+    told: set[str] = set()
+    for pattern in patterns:
+        try:
+            told |= set(re.compile(pattern).groupindex)
+        except (re.error, OverflowError, RecursionError) as error:
+            raise ValueError(f"{key} holds {pattern!r:.200}, not a regular expression ({error})") from error
+    if unknown := told - set(GROUPS):
+        raise ValueError(f"{key} names groups {sorted(unknown)}; the rule is {', '.join(GROUPS)}")
+    return told
 
 
-def read_card(name_or_path: str | Path) -> Card:
+class FileCard(Card, FileReading):
+    """A card of recordings that are files; `folder` stands under the data root."""
+
+    format: Literal["files"]
+    folder: str
+    phases: DeclaredPhases
+
+
+class RowCard(Card, Reading):
+    """A card of recordings that are rows of CSV files, one file (of `files`) per channel.
+
+    Attributes
+    ----------
+    folder
+        Folder under the data root.
+    label_column
+        The column with the material.
+    """
+
+    format: Literal["rows"]
+    folder: str
+    phases: DeclaredPhases
+    label_column: str
+
+
+class SimulatedCard(Card):
+    """A card of recordings that a recipe makes."""
+
+    format: Literal["simulated"]
+    recipe: Recipe
+
+
+AnyCard = FileCard | RowCard | SimulatedCard
+
+
+class _Content(RootModel[Annotated[AnyCard, Field(discriminator="format")]]):
+    """What a file of a card may hold."""
+
+
+def read_card(name_or_path: str | Path) -> AnyCard:
     """Read a shipped card by name, or a user's own TOML file.
 
     Raises
@@ -169,116 +267,8 @@ def read_card(name_or_path: str | Path) -> Card:
     """
     path = shipped.locate("datasets", name_or_path)
     try:
-        return parse_card(path, shipped.read("datasets", name_or_path))
-    except CardError:
-        raise
+        card = checked(_Content, read_toml(path), path).root
     except ValueError as error:
         raise CardError(str(error)) from error
-
-
-def parse_card(path: Path, content: Mapping[str, Any]) -> Card:
-    """Check the content of a card and return it.
-
-    Raises
-    ------
-    CardError
-        Naming the file, the key and the rule.
-    """
-    format_ = content.get("format")
-    if not isinstance(format_, str) or format_ not in _KEYS:
-        raise CardError(f"{path}: format is {format_!r}; the rule is one of {', '.join(_KEYS)}")
-    _check_keys(path, "", content, _KEYS[format_], _REQUIRED[format_])
-    for key, choices in _CHOICES.items():
-        if key in content and content[key] not in choices:
-            raise CardError(f"{path}: {key} is {content[key]!r}; the rule is one of {', '.join(choices)}")
-    told = {"source": "", "licence": "not stated"}
-    values: dict[str, Any] = {**told, **content, "notes": tuple(content.get("notes", ()))}
-    if format_ == "simulated":
-        _check_keys(path, "recipe.", content["recipe"], _RECIPE, tuple(_RECIPE))
-    else:
-        values |= _reading(path, content)
-    return Card(name=path.stem, path=path, **values)
-
-
-def _reading(path: Path, content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keys that say how files are read, checked and in the types of `Card`."""
-    for key, rule in (("fs_hz", "a rate in Hz above 0"), ("scale", "a finite factor other than 0")):
-        value = content.get(key, 1.0)
-        if not abs(value) <= MOST_LARGE or value == 0 or (key == "fs_hz" and value < 0):
-            raise CardError(f"{path}: {key} is {value!r:.40}; the rule is {rule}")
-    files = _texts(content["files"])
-    values: dict[str, Any] = {"files": files, "fs_hz": float(content["fs_hz"])}
-    if content["format"] == "rows":
-        return values
-    labels = _labels(path, content["labels"]) if "labels" in content else None
-    if "delimiter" in content and (len(content["delimiter"]) != 1 or content["delimiter"] in '"\r\n'):
-        raise CardError(
-            f"{path}: delimiter is {content['delimiter']!r:.40}; the rule is one character, no quote"
-        )
-    told = _groups(path, "files", files) | set(labels.columns if labels else ())
-    told |= _groups(path, "topic", (content["topic"],)) if "topic" in content else set()
-    if "material" not in told:
-        raise CardError(f"{path}: files and labels do not tell the material; the rule is (?P<material>...)")
-    companions = content.get("companions", {})
-    _check_keys(path, "companions.", companions, dict.fromkeys(AUXILIARY_UNITS, _TEXTS), ())
-    return {
-        **values,
-        "labels": labels,
-        "channels": _channels(path, content),
-        "companions": {signal: _texts(names) for signal, names in companions.items()},
-    }
-
-
-def _groups(path: Path, key: str, patterns: tuple[str, ...]) -> set[str]:
-    told: set[str] = set()
-    for pattern in patterns:
-        try:
-            groups = set(re.compile(pattern).groupindex)
-        except (re.error, OverflowError, RecursionError) as error:
-            told_of = f"{path}: {key} holds {pattern!r:.200}, not a regular expression ({error})"
-            raise CardError(told_of) from error
-        if unknown := groups - set(GROUPS):
-            raise CardError(f"{path}: {key} names groups {sorted(unknown)}; the rule is {', '.join(GROUPS)}")
-        told |= groups
-    return told
-
-
-def _labels(path: Path, table: Mapping[str, Any]) -> LabelTable:
-    columns = tuple(group for group in GROUPS if group != "axis")
-    _check_keys(path, "labels.", table, dict.fromkeys(("file", *columns), _TEXT), ("file", "recording"))
-    return LabelTable(table["file"], {key: name for key, name in table.items() if key != "file"})
-
-
-def _channels(path: Path, content: Mapping[str, Any]) -> ColumnRoles:
-    table = content.get("channels", {})
-    _check_keys(path, "channels.", table, dict.fromkeys(("acceleration", *AUXILIARY_UNITS), _TEXTS), ())
-    roles = {key: _texts(names) for key, names in table.items()}
-    return ColumnRoles(roles.pop("acceleration", ()), roles)
-
-
-def _texts(value: str | list[str]) -> tuple[str, ...]:
-    return (value,) if isinstance(value, str) else tuple(value)
-
-
-def _check_keys(
-    path: Path,
-    prefix: str,
-    table: Mapping[str, Any],
-    known: Mapping[str, tuple[type, ...]],
-    required: tuple[str, ...],
-) -> None:
-    for key, value in table.items():
-        if key not in known:
-            near = difflib.get_close_matches(key, known, n=1)
-            hint = (
-                f"; did you mean {prefix}{near[0]}?" if near else f"; the rule is one of {', '.join(known)}"
-            )
-            raise CardError(f"{path}: unknown key {prefix}{key}{hint}")
-        types = known[key]
-        is_wrong = not isinstance(value, types) or (isinstance(value, bool) and bool not in types)
-        if is_wrong or (isinstance(value, list) and not (value and all(isinstance(v, str) for v in value))):
-            expected = " or ".join("list of str" if kind is list else kind.__name__ for kind in types)
-            raise CardError(f"{path}: {prefix}{key} is {value!r}; the rule is {expected}")
-    for key in required:
-        if key not in table:
-            raise CardError(f"{path}: key {prefix}{key} is missing")
+    card._path = path
+    return card

@@ -1,7 +1,7 @@
 """What a file holds, before anything is known of its meaning: named columns and, perhaps, a sampling rate."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -59,27 +59,6 @@ class ReadOptions:
     codes: bool = False
     topic: str | None = None
     fs: float | None = None
-
-
-@dataclass(frozen=True)
-class ColumnRoles:
-    """Which columns play which part in a recording.
-
-    Attributes
-    ----------
-    acceleration : tuple of str
-        In the order of the axes; empty: the conventional names, or the only column.
-    auxiliary : mapping of str to tuple of str
-        Field of `Recording` -> its column(s).
-    """
-
-    acceleration: tuple[str, ...] = ()
-    auxiliary: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-
-    @property
-    def all(self) -> tuple[str, ...]:
-        """Every column that is named."""
-        return (*self.acceleration, *(name for names in self.auxiliary.values() for name in names))
 
 
 def choose_acceleration(names: Sequence[str], path: Path) -> tuple[str, ...]:

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from texclass.loaders import bags_of_datasets, formats
-from texclass.loaders.cards import Card, CardError, LabelTable
-from texclass.loaders.columns import UNNAMED, ColumnRoles, ReadOptions
+from texclass.loaders.cards import CardError, DeclaredPhases, FileReading
+from texclass.loaders.columns import UNNAMED, ReadOptions
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.places import digest_files
 from texclass.loaders.single import Signals, agreed_unit, build_recording, read_signals
@@ -21,17 +21,17 @@ Groups = dict[str, str]
 
 @dataclass(frozen=True)
 class FileLoader:
-    """Loads the recordings of a card of files; a `Dataset`'s `load`, picklable.
+    """Loads recordings that are files; a `Dataset`'s `load`, picklable.
 
     Parameters
     ----------
-    card : Card
-        How to read the files.
+    reading : FileReading
+        How the files become recordings.
     root : Path
         Folder to which the entries' paths are relative.
     """
 
-    card: Card
+    reading: FileReading
     root: Path
 
     def __call__(self, entry: Entry) -> Recording:
@@ -42,18 +42,18 @@ class FileLoader:
         RecordingError
             If it is bad; the message names file, value and rule.
         """
-        card = self.card
+        told = self.reading
         axes, companions = self._parts(entry)
-        topic = entry.topic or card.topic
-        options = ReadOptions(card.delimiter, codes=card.unit == "counts", topic=topic, fs=card.fs_hz)
+        topic = entry.topic or told.topic
+        options = ReadOptions(told.delimiter, codes=told.unit == "counts", topic=topic, fs=told.fs_hz)
         for path in axes.values():
-            agreed_unit(path, options, card.unit)
-        signals = read_signals(axes, card.channels, options, trim=card.trim)
+            agreed_unit(path, options, told.unit)
+        signals = read_signals(axes, told.channels, options, trim=told.trim)
         signals, flags = self._with_companions(signals, companions, options)
         recording = build_recording(
             signals,
-            fs=card.fs_hz,
-            unit=card.unit,
+            fs=told.fs_hz,
+            unit=told.unit,
             source=str(self.root / entry.paths[0]),
             flags=flags,
             recording_id=entry.recording_id,
@@ -62,16 +62,16 @@ class FileLoader:
             session=entry.session,
             repetition=entry.repetition,
         )
-        return conditioned(recording, card)
+        return conditioned(recording, told.scale, told.phases, remove_resting_level=told.remove_resting_level)
 
     def _parts(self, entry: Entry) -> tuple[dict[str, Path], dict[str, Path]]:
         """Return axis -> file, and auxiliary signal -> file."""
         axes, companions = {}, {}
         for name in entry.paths:
-            if (matched := match_name(self.card.files, name)) is not None:
+            if (matched := match_name(self.reading.files, name)) is not None:
                 groups, _ = matched
                 axes[groups.get("axis", "").lower()] = self.root / name
-                for signal, candidates in companion_names(self.card, groups).items():
+                for signal, candidates in companion_names(self.reading, groups).items():
                     for companion in set(candidates) & set(entry.paths):
                         companions[signal] = self.root / companion
         return axes, companions
@@ -82,20 +82,31 @@ class FileLoader:
         """Add the signals that have files of their own; say which are absent or were cut."""
         fields = dict(signals.fields)
         flags = [
-            f"absent: no file with the {name}" for name in self.card.companions if name not in companions
+            f"absent: no file with the {name}" for name in self.reading.companions if name not in companions
         ]
         for name, path in companions.items():
-            fields[name] = read_signals({"": path}, ColumnRoles(), options).fields[UNNAMED]
+            fields[name] = read_signals({"": path}, {}, options).fields[UNNAMED]
         lengths = {name: len(signal) for name, signal in fields.items()}
-        if self.card.trim and len(set(lengths.values())) > 1:
+        if self.reading.trim and len(set(lengths.values())) > 1:
             shortest = min(lengths.values())
             fields = {name: signal[:shortest] for name, signal in fields.items()}
             flags.append(f"trimmed: {lengths} samples cut to {shortest}")
         return replace(signals, fields=fields), tuple(flags)
 
 
-def open_files(card: Card, root: Path, *, skip_bad: bool = False) -> Dataset:
-    """Return the dataset of a card of files; only names and the table of labels are read.
+def open_files(
+    reading: FileReading, root: Path, *, notes: tuple[str, ...] = (), skip_bad: bool = False, **about: str
+) -> Dataset:
+    """Return a dataset of files; only names and the table of labels are read.
+
+    Parameters
+    ----------
+    reading : FileReading
+        How the files become recordings.
+    root : Path
+        Folder of the files.
+    notes, skip_bad, **about
+        Of the `Dataset`.
 
     Raises
     ------
@@ -104,34 +115,31 @@ def open_files(card: Card, root: Path, *, skip_bad: bool = False) -> Dataset:
     CardError
         If the table of labels lacks a column or a recording.
     """
-    table = _read_labels(card, root, card.labels) if card.labels else {}
+    table = _read_labels(reading, root)
     left_out: list[str] = []
     entries = [
-        _entry(card, root, names, groups, table, topic)
-        for names, groups in _find(card, root)
+        _entry(reading, root, names, groups, table, topic)
+        for names, groups in _find(reading, root)
         for topic, groups in bags_of_datasets.by_topic(
-            card, root / names[0], groups, left_out, skip_bad=skip_bad
+            reading.topic, root / names[0], groups, left_out, skip_bad=skip_bad
         )
     ]
     check_ids(entries, root)
     absent = set(table) - {entry.recording_id for entry in entries}
     digested = [name for entry in entries for name in entry.paths]
     digested += bags_of_datasets.inside_folders(root, digested)
-    digested += [card.labels.file] if card.labels else []
+    digested += [reading.labels.file] if reading.labels else []
     return Dataset(
-        name=card.name,
         entries=tuple(entries),
-        load=FileLoader(card, root),
-        input_hash=digest_files(root, digested, card.facts),
-        title=card.title,
-        licence=card.licence,
-        source=card.source,
+        load=FileLoader(reading, root),
+        input_hash=digest_files(root, digested, reading.facts),
         notes=(
-            *card.notes,
+            *notes,
             *(f"{name} is in the table of labels, but has no file" for name in sorted(absent)),
             *left_out,
         ),
         skip_bad=skip_bad,
+        **about,
     )
 
 
@@ -150,34 +158,36 @@ def match_name(patterns: Sequence[str], name: str) -> tuple[Groups, str] | None:
     return None
 
 
-def companion_names(card: Card, groups: Groups) -> dict[str, tuple[str, ...]]:
+def companion_names(reading: FileReading, groups: Groups) -> dict[str, tuple[str, ...]]:
     """Return auxiliary signal -> relative names its file may have, the groups filled in."""
     return {
         signal: tuple(
             re.sub(r"\{(\w+)\}", lambda match: groups.get(match[1], match[0]), template)
             for template in templates
         )
-        for signal, templates in card.companions.items()
+        for signal, templates in reading.companions.items()
     }
 
 
-def conditioned(recording: Recording, card: Card) -> Recording:
-    """Return a recording scaled, without its resting level and with its phases, as the card declares them.
+def conditioned(
+    recording: Recording, scale: float, phases: DeclaredPhases, *, remove_resting_level: bool
+) -> Recording:
+    """Return a recording scaled, without its resting level and with its phases, as a card declares them.
 
     The resting level of a channel is its median.
     """
     acceleration = recording.acceleration
-    if card.scale != 1.0:
-        acceleration = acceleration * card.scale
-    if card.remove_resting_level:
+    if scale != 1.0:
+        acceleration = acceleration * scale
+    if remove_resting_level:
         acceleration = acceleration - np.median(acceleration, axis=0)
-    return recording.with_(acceleration=acceleration, phases=declared_phases(card, acceleration))
+    return recording.with_(acceleration=acceleration, phases=_declared_phases(phases, acceleration))
 
 
-def declared_phases(card: Card, acceleration: Samples) -> Phases | None:
+def _declared_phases(phases: DeclaredPhases, acceleration: Samples) -> Phases | None:
     """Return the phases a card declares for each of its recordings; None leaves them to be detected."""
     n = len(acceleration)
-    match card.phases:
+    match phases:
         case "movement":
             return Phases(movement=(0, n), notes=("the card declares the whole recording as movement",))
         case "tap":
@@ -224,20 +234,20 @@ def check_ids(entries: Sequence[Entry], root: Path) -> None:
             )
 
 
-def _find(card: Card, root: Path) -> Iterator[tuple[tuple[str, ...], Groups]]:
+def _find(reading: FileReading, root: Path) -> Iterator[tuple[tuple[str, ...], Groups]]:
     """Yield the files of each recording (one, or one per axis, and companions) and what their names tell."""
     joined: dict[str, tuple[list[str], Groups]] = {}
     files = {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()}
     files -= bags_of_datasets.not_recordings(files)
     for name in sorted(files, key=_natural):
-        if (matched := match_name(card.files, name)) is not None:
+        if (matched := match_name(reading.files, name)) is not None:
             groups, shared = matched
             shortened = shared.removesuffix(f"/{formats.BAG_FOLDER}")
             groups.setdefault("recording", shortened if shortened != shared else shared.rpartition(".")[0])
             joined.setdefault(shared, ([], groups))[0].append(name)
     for names, groups in joined.values():
         present = (
-            [name for name in names_ if name in files] for names_ in companion_names(card, groups).values()
+            [name for name in names_ if name in files] for names_ in companion_names(reading, groups).values()
         )
         yield (*names, *(found[0] for found in present if found)), groups
 
@@ -248,7 +258,7 @@ def _natural(name: str) -> list[tuple[int, str]]:
 
 
 def _entry(
-    card: Card,
+    reading: FileReading,
     root: Path,
     names: tuple[str, ...],
     groups: Groups,
@@ -256,8 +266,10 @@ def _entry(
     topic: str | None,
 ) -> Entry:
     recording_id = groups["recording"]
-    if card.labels and recording_id not in table:
-        raise CardError(f"{root / card.labels.file}: has no row for {recording_id!r}; the rule is one each")
+    if reading.labels and recording_id not in table:
+        raise CardError(
+            f"{root / reading.labels.file}: has no row for {recording_id!r}; the rule is one each"
+        )
     told = groups | table.get(recording_id, {})
     repetition = told.get("repetition")
     if repetition is not None and not repetition.isdecimal():
@@ -273,11 +285,13 @@ def _entry(
     )
 
 
-def _read_labels(card: Card, root: Path, labels: LabelTable) -> dict[str, Groups]:
+def _read_labels(reading: FileReading, root: Path) -> dict[str, Groups]:
+    if (labels := reading.labels) is None:
+        return {}
     path = root / labels.file
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file, delimiter=card.delimiter or ","))
+            rows = list(csv.DictReader(file, delimiter=reading.delimiter or ","))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise CardError(f"{path}: the table of labels cannot be read ({error})") from error
     columns = set(rows[0]) if rows else set()

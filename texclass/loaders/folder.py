@@ -5,7 +5,7 @@ from pathlib import Path
 
 from texclass.loaders import formats
 from texclass.loaders.bags_of_datasets import not_recordings
-from texclass.loaders.cards import Card
+from texclass.loaders.cards import FileReading
 from texclass.loaders.columns import ReadOptions
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.filesets import open_files
@@ -52,20 +52,18 @@ def open_folder(
             f"{root}: holds no recording; the rule is one subfolder per material with files of "
             f"{', '.join((*formats.SUFFIXES, *formats.BAG_SUFFIXES))}"
         )
-    card = Card(
-        name=root.resolve().name,
-        path=root,
-        title=f"Recordings in {root}",
-        source=str(root),
-        licence="not stated",
-        format="files",
-        fs_hz=agreed_rate(_stated_rate(files, unit) if fs is None else None, fs, str(root)),
-        unit=unit,
-        files=PATTERNS,
+    rate = agreed_rate(_stated_rate(files, unit) if fs is None else None, fs, str(root))
+    return open_files(
+        FileReading(fs_hz=rate, unit=unit, files=PATTERNS),
+        # A process that works elsewhere, such as one kept from an earlier call, finds the files too.
+        root.absolute(),
         notes=_ignored(root),
+        skip_bad=skip_bad,
+        name=root.resolve().name,
+        title=f"Recordings in {root}",
+        licence="not stated",
+        source=str(root),
     )
-    # Absolute: a process that works elsewhere, such as one kept from an earlier call, finds the files too.
-    return open_files(card, root.absolute(), skip_bad=skip_bad)
 
 
 def _stated_rate(files: list[Path], unit: str) -> float | None:

@@ -2,9 +2,10 @@
 
 import difflib
 from pathlib import Path
+from typing import Any
 
 from texclass import shipped
-from texclass.loaders.cards import Card, read_card
+from texclass.loaders.cards import AnyCard, RowCard, SimulatedCard, read_card
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.filesets import open_files
 from texclass.loaders.folder import open_folder
@@ -53,12 +54,16 @@ def open_dataset(
         return open_folder(path, fs=fs, unit=unit, skip_bad=skip_bad)
     card = read_card(name_or_path)
     _check_agreement(card, fs, unit)
-    if card.format == "simulated":
+    about: dict[str, Any] = {"name": card.name, "title": card.title, "licence": card.licence}
+    about |= {"source": card.source, "notes": card.notes, "skip_bad": skip_bad}
+    if isinstance(card, SimulatedCard):
         from texclass.loaders.simulated import open_simulated
 
-        return open_simulated(card, skip_bad=skip_bad)
+        return open_simulated(card.recipe, **about)
     root = find_folder(card.folder, card_path=card.path, source=card.source).absolute()
-    return (open_rows if card.format == "rows" else open_files)(card, root, skip_bad=skip_bad)
+    if isinstance(card, RowCard):
+        return open_rows(card, root, **about)
+    return open_files(card, root, **about)
 
 
 def find_recording(name: str | Path, *, fs: float | None = None, unit: str | None = None) -> Recording:
@@ -84,8 +89,8 @@ def find_recording(name: str | Path, *, fs: float | None = None, unit: str | Non
     return dataset[ids.index(recording_id)]
 
 
-def _check_agreement(card: Card, fs: float | None, unit: str | None) -> None:
-    agreed_rate(card.fs_hz or card.recipe["fs"], fs, str(card.path))
-    stated = card.unit or "m/s^2"
+def _check_agreement(card: AnyCard, fs: float | None, unit: str | None) -> None:
+    rate, stated = (card.recipe.fs, "m/s^2") if isinstance(card, SimulatedCard) else (card.fs_hz, card.unit)
+    agreed_rate(rate, fs, str(card.path))
     if unit not in (None, stated):
         raise RecordingError(f"{card.path}: unit is {stated!r}, {unit!r} was given; the rule is one unit")

@@ -4,10 +4,11 @@ import functools
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from texclass.loaders.cards import Card
+from texclass.loaders.cards import RowCard
 from texclass.loaders.columns import UNNAMED
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.filesets import check_ids, conditioned
@@ -22,7 +23,7 @@ class RowLoader:
 
     Parameters
     ----------
-    card : Card
+    reading : RowCard
         Which files hold the channels.
     root : Path
         Folder of the files.
@@ -30,7 +31,7 @@ class RowLoader:
         Recording id -> row.
     """
 
-    card: Card
+    reading: RowCard
     root: Path
     rows: dict[str, int]
 
@@ -42,7 +43,7 @@ class RowLoader:
         RecordingError
             If it is bad; the message names file, value and rule.
         """
-        card, row = self.card, self.rows[entry.recording_id]
+        card, row = self.reading, self.rows[entry.recording_id]
         source = f"{self.root / card.files[0]} row {row + 1}"
         samples = np.column_stack([table[row] for table in _tables(card, self.root)[1]])
         channels = tuple(f"c{i + 1}" for i in range(len(card.files)))
@@ -55,11 +56,11 @@ class RowLoader:
             material=entry.material,
             repetition=entry.repetition,
         )
-        return conditioned(recording, card)
+        return conditioned(recording, card.scale, card.phases, remove_resting_level=card.remove_resting_level)
 
 
-def open_rows(card: Card, root: Path, *, skip_bad: bool = False) -> Dataset:
-    """Return the dataset of a card of rows.
+def open_rows(card: RowCard, root: Path, **about: Any) -> Dataset:
+    """Return the dataset of a card of rows; `about` is what else a `Dataset` holds.
 
     Raises
     ------
@@ -74,19 +75,14 @@ def open_rows(card: Card, root: Path, *, skip_bad: bool = False) -> Dataset:
         entries.append(Entry(f"{label}_{seen[label]:02d}", label, repetition=seen[label], paths=card.files))
     check_ids(entries, root)
     return Dataset(
-        name=card.name,
         entries=tuple(entries),
         load=RowLoader(card, root, {entry.recording_id: row for row, entry in enumerate(entries)}),
         input_hash=digest_files(root, card.files, card.facts),
-        title=card.title,
-        licence=card.licence,
-        source=card.source,
-        notes=card.notes,
-        skip_bad=skip_bad,
+        **about,
     )
 
 
-def _tables(card: Card, root: Path) -> tuple[tuple[str, ...], list[Samples]]:
+def _tables(card: RowCard, root: Path) -> tuple[tuple[str, ...], list[Samples]]:
     """Return the labels, and one array of shape (n_recordings, n_samples) per channel."""
     parts = []
     for name in card.files:

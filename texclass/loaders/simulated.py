@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from texclass.loaders.cards import Card, CardError
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.places import cache_root, write_atomically
 from texclass.recording import AUXILIARY_UNITS, Recording, Samples
@@ -22,10 +21,6 @@ SIGNALS = ("acceleration", *AUXILIARY_UNITS)
 FACTS = ("fs", "unit", "recording_id", "material", "operator", "session", "repetition", "source")
 MIN_FREE_BYTES = 5_000_000_000
 """Nothing is remembered when the disk has less space than this."""
-MOST = 1000
-"""Surfaces, recordings of each, and operators of a recipe."""
-LONGEST = 1e9
-"""Samples of one recording."""
 
 
 @dataclass(frozen=True)
@@ -56,47 +51,18 @@ class SimulatedLoader:
         return recording
 
 
-def open_simulated(card: Card, *, skip_bad: bool = False) -> Dataset:
-    """Return the dataset of a card with a recipe; nothing is made yet.
-
-    Raises
-    ------
-    CardError
-        If the recipe breaks a rule of `Recipe`, or asks for more than a machine can hold.
-    """
-    try:
-        recipe = Recipe(**card.recipe)  # type: ignore[arg-type]
-        check(recipe)
-        entries = recipe.entries()
-    except (TypeError, ValueError) as error:
-        raise CardError(f"{card.path}: recipe: {error}") from error
+def open_simulated(recipe: Recipe, **about: Any) -> Dataset:
+    """Return the dataset of a recipe; nothing is made yet. `about` is what else a `Dataset` holds."""
     input_hash = recipe.fingerprint()
     made_by = hashlib.sha256(f"{input_hash} numpy {np.__version__}".encode()).hexdigest()[:16]
     return Dataset(
-        name=card.name,
-        entries=tuple(Entry(id_, surface, operator, repetition=k) for id_, surface, operator, k in entries),
+        entries=tuple(
+            Entry(id_, surface, operator, repetition=k) for id_, surface, operator, k in recipe.entries()
+        ),
         load=SimulatedLoader(recipe, cache_root() / "simulated" / made_by),
         input_hash=input_hash,
-        title=card.title,
-        licence=card.licence,
-        source=card.source,
-        notes=card.notes,
-        skip_bad=skip_bad,
+        **about,
     )
-
-
-def check(recipe: Recipe) -> None:
-    """Raise ValueError if a recipe asks for more recordings or samples than a machine can hold.
-
-    It is not for `Recipe` to ask, whose code is part of the fingerprint of what it makes.
-    """
-    for name in ("n_surfaces", "n_recordings", "n_operators"):
-        if (value := getattr(recipe, name)) > MOST:
-            raise ValueError(f"{name} is {value!r:.40}; the rule is 1 to {MOST}")
-    told = f"seed {recipe.seed!r:.40}, {recipe.duration_s!r:.40} s at {recipe.fs!r:.40} Hz"
-    in_range = recipe.seed >= 0 and 0 < recipe.duration_s < LONGEST and 0 < recipe.fs < LONGEST
-    if not in_range or recipe.duration_s * recipe.fs > LONGEST:
-        raise ValueError(f"{told}; the rule is 0 or more, above 0, and at most {LONGEST:g} samples")
 
 
 @functools.lru_cache(maxsize=4)

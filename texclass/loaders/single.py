@@ -11,7 +11,7 @@ import numpy as np
 
 from texclass.loaders import formats
 from texclass.loaders.checks import check_acceleration
-from texclass.loaders.columns import UNNAMED, ColumnRoles, ReadOptions, choose_acceleration
+from texclass.loaders.columns import UNNAMED, ReadOptions, choose_acceleration
 from texclass.recording import (
     ACCELERATION_UNITS,
     AUXILIARY_UNITS,
@@ -85,7 +85,7 @@ def load_recording(
     path, asked = located(path)
     options = ReadOptions(delimiter, topic=topic or asked, fs=fs)
     unit = checked_unit(path, fs, agreed_unit(path, options, unit))
-    roles = ColumnRoles(_tuple(column), {name: _tuple(names) for name, names in (auxiliary or {}).items()})
+    roles = {UNNAMED: _tuple(column), **{name: _tuple(names) for name, names in (auxiliary or {}).items()}}
     axes = axis_files(path)
     signals = read_signals(axes, roles, replace(options, codes=unit == "counts"))
     named = path.parent if path.name == formats.BAG_FOLDER else path
@@ -170,7 +170,7 @@ def axis_files(path: Path) -> dict[str, Path]:
 
 
 def read_signals(
-    axes: Mapping[str, Path], roles: ColumnRoles, options: ReadOptions, *, trim: bool = False
+    axes: Mapping[str, Path], roles: Mapping[str, Sequence[str]], options: ReadOptions, *, trim: bool = False
 ) -> Signals:
     """Read a recording's signals from one file, or join one file per axis.
 
@@ -178,8 +178,9 @@ def read_signals(
     ----------
     axes : mapping of str to Path
         Axis -> file; the axis is "" when one file holds all.
-    roles : ColumnRoles
-        Which columns are what; auxiliary ones are read from the first file.
+    roles : mapping of str to sequence of str
+        "acceleration" or an auxiliary field of `Recording` -> its column(s), in the order of the axes. By
+        default the acceleration is in the columns of conventional names, or in the only one.
     options : ReadOptions
         How to read.
     trim : bool
@@ -190,7 +191,7 @@ def read_signals(
     RecordingError
         If a file is bad, or the axes differ in length or rate.
     """
-    if unknown := set(roles.auxiliary) - set(AUXILIARY_UNITS):
+    if unknown := set(roles) - {UNNAMED, *AUXILIARY_UNITS}:
         raise RecordingError(
             f"signals {sorted(unknown)} are unknown; the rule is one of {', '.join(AUXILIARY_UNITS)}"
         )
@@ -247,11 +248,11 @@ def agreed_rate(stated: float | None, given: float | None, where: str) -> float:
     return stated if stated is not None else given  # type: ignore[return-value]
 
 
-def _read_file(path: Path, roles: ColumnRoles, options: ReadOptions) -> Signals:
-    chosen = roles.acceleration or choose_acceleration(formats.names(path, options), path)
-    wanted = tuple(dict.fromkeys((*chosen, *roles.all)))
+def _read_file(path: Path, roles: Mapping[str, Sequence[str]], options: ReadOptions) -> Signals:
+    chosen = tuple(roles.get(UNNAMED, ())) or choose_acceleration(formats.names(path, options), path)
+    groups = {UNNAMED: chosen, **{field: names for field, names in roles.items() if field != UNNAMED}}
+    wanted = tuple(dict.fromkeys(name for names in groups.values() for name in names))
     columns = formats.read(path, wanted, options)
-    groups = {UNNAMED: chosen, **roles.auxiliary}
     fields = {f: read_only(_stack([columns.named[name] for name in names])) for f, names in groups.items()}
     return Signals(fields, chosen if len(chosen) > 1 else (), columns.fs, columns.flags)
 

@@ -5,11 +5,11 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from texclass.loaders import find_recording, formats
-from texclass.loaders.cards import Card, DeclaredPhases
-from texclass.loaders.columns import ColumnRoles, ReadOptions, choose_acceleration
+from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
+from texclass.loaders.columns import ReadOptions, choose_acceleration
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.filesets import conditioned
 from texclass.loaders.ros_messages import TURN_RATE
@@ -39,10 +39,10 @@ class Source:
     unit
         Of the acceleration in the files.
     scale, phases, remove_resting_level, delimiter
-        As in `Card`.
+        As in a dataset card.
         The scale belongs to the unit: a file in another one is not scaled.
     acceleration, auxiliary
-        Columns; see `ColumnRoles`.
+        Columns of the acceleration, and of each signal beside it.
     axes
         Names of the channels of the recordings; empty in models of before 1.2.
     topic
@@ -63,15 +63,21 @@ class Source:
     @classmethod
     def of(cls, dataset: Dataset, like: Recording) -> "Source":
         """Return the source of a dataset, one of whose recordings is `like`."""
-        card = _card_of(dataset.load)
-        if card is None or card.format == "simulated":
+        told = _reading_of(dataset.load)
+        if told is None:
             return cls(like.fs, like.unit, axes=like.channels)
-        is_pattern = card.topic is not None and re.compile(card.topic).groupindex
-        return cls(
-            like.fs, card.unit, card.scale, card.phases, card.remove_resting_level, card.delimiter,
-            card.channels.acceleration, card.channels.auxiliary, like.channels,
-            None if is_pattern else card.topic,
-        )  # fmt: skip
+        read = cls(like.fs, told.unit, told.scale, told.phases, told.remove_resting_level, axes=like.channels)
+        if not isinstance(told, FileReading):
+            return read
+        is_pattern = told.topic is not None and re.compile(told.topic).groupindex
+        auxiliary = {name: columns for name, columns in told.channels.items() if name != "acceleration"}
+        return replace(
+            read,
+            delimiter=told.delimiter,
+            acceleration=told.channels.get("acceleration", ()),
+            auxiliary=auxiliary,
+            topic=None if is_pattern else told.topic,
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data, as JSON gives it back."""
@@ -109,10 +115,11 @@ class Source:
             recording_id=named.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0],
             source=str(path),
         )
-        return conditioned(recording, cast(Card, self if stated == self.unit else replace(self, scale=1.0)))
+        scale = self.scale if stated == self.unit else 1.0
+        return conditioned(recording, scale, self.phases, remove_resting_level=self.remove_resting_level)
 
     def _read(self, axes: Mapping[str, Path], options: ReadOptions) -> Signals:
-        path, roles = next(iter(axes.values())), ColumnRoles(self.acceleration, self.auxiliary)
+        path, roles = next(iter(axes.values())), {"acceleration": self.acceleration, **self.auxiliary}
         if not formats.is_bag(path):
             return read_signals(axes, roles, options)
         roles = self._roles_in(path, options)
@@ -123,7 +130,7 @@ class Source:
             signals = replace(signals, channels=self.axes)
         return signals
 
-    def _roles_in(self, path: Path, options: ReadOptions) -> ColumnRoles:
+    def _roles_in(self, path: Path, options: ReadOptions) -> dict[str, tuple[str, ...]]:
         """Return which columns of a bag are what: as in the training files if it has those, else its own."""
         present = formats.names(path, options)
         own = [name for name in present if not name.startswith("/")]
@@ -131,12 +138,12 @@ class Source:
         if "turn_rate" in self.auxiliary and set(TURN_RATE) <= set(own):
             auxiliary.setdefault("turn_rate", TURN_RATE)
         if self.acceleration and set(self.acceleration) <= set(own):
-            return ColumnRoles(self.acceleration, auxiliary)
+            return {"acceleration": self.acceleration, **auxiliary}
         n_axes, n_turn = len(self.axes), len(TURN_RATE) * ("turn_rate" in self.auxiliary)
         if own == [f"c{i + 1}" for i in range(n_axes + n_turn)]:  # an array: its channels have no names
             turn = {"turn_rate": tuple(own[n_axes:])} if n_turn else {}
-            return ColumnRoles(tuple(own[:n_axes]), auxiliary | turn)
-        return ColumnRoles(choose_acceleration(own, path), auxiliary)
+            return {"acceleration": tuple(own[:n_axes]), **auxiliary, **turn}
+        return {"acceleration": choose_acceleration(own, path), **auxiliary}
 
     def _topic_of(self, path: Path) -> str | None:
         """Return the topic of the training files, if a bag has it."""
@@ -167,9 +174,9 @@ def _is_bag(name: str | Path) -> bool:
     return is_bag_name(name) or is_there or (path / formats.BAG_FOLDER).is_file()
 
 
-def _card_of(load: Any) -> Card | None:
-    """Return the card of a loader, or of the loader it wraps."""
-    return next((found for inner in _inside(load) if (found := getattr(inner, "card", None))), None)
+def _reading_of(load: Any) -> Reading | None:
+    """Return how a loader, or the loader it wraps, reads files."""
+    return next((found for inner in _inside(load) if (found := getattr(inner, "reading", None))), None)
 
 
 def _inside(load: Any) -> Iterator[Any]:

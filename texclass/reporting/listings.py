@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 from texclass import shipped
 from texclass.features.contract import Feature, Gain, registered
 from texclass.features.sets import load_feature_set
-from texclass.loaders import Card, read_card
+from texclass.loaders import read_card
+from texclass.loaders.cards import AnyCard, SimulatedCard
 from texclass.loaders.places import DataNotFoundError, find_folder
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ def dataset_table() -> "Table":
     cards = [read_card(name) for name in shipped.names("datasets")]
     return _table(
         ("dataset", "what it is", "rate", "here"),
-        ((card.path.stem, card.title, _rate(card), _presence(card)) for card in cards),
+        ((card.name, card.title, _rate(card), _presence(card)) for card in cards),
     )
 
 
@@ -58,13 +59,12 @@ def _table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> "Table":
     return table
 
 
-def _rate(card: Card) -> str:
-    fs = card.fs_hz or card.recipe["fs"]
-    return f"{fs:g} Hz"
+def _rate(card: AnyCard) -> str:
+    return f"{card.recipe.fs if isinstance(card, SimulatedCard) else card.fs_hz:g} Hz"
 
 
-def _presence(card: Card) -> str:
-    if card.format == "simulated":
+def _presence(card: AnyCard) -> str:
+    if isinstance(card, SimulatedCard):
         return "always"
     try:
         find_folder(card.folder, card_path=card.path, source=card.source)

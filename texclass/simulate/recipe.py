@@ -2,28 +2,32 @@
 
 import functools
 import hashlib
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
+
+from pydantic import Field, model_validator
 
 from texclass.recording import Recording
 from texclass.simulate.catalogue import surface_catalogue
-from texclass.simulate.freehand import record_freehand
 from texclass.simulate.operators import Operator, operator_catalogue
 from texclass.simulate.surfaces import Surface
+from texclass.validation import Written
+
+LONGEST = 1e9
+"""Samples of one recording."""
 
 SimulatedEntry = tuple[str, str, str, int]
 """Recording id, name of the surface, name of the operator, repetition (from 1)."""
 
 
-@dataclass(frozen=True)
-class Recipe:
+class Recipe(Written):
     """A simulated dataset: surfaces x recordings, the operators taking turns.
 
     Parameters
     ----------
     n_surfaces, n_recordings, n_operators : int
-        Surfaces, recordings of each surface, operators. Recording r of a surface is made by operator
-        (r - 1) mod n_operators.
+        Surfaces, recordings of each surface, operators; 1 to 1000 each. Recording r of a surface is made by
+        operator (r - 1) mod n_operators.
     duration_s : float
         Duration of each recording.
     fs : float
@@ -34,20 +38,22 @@ class Recipe:
     Raises
     ------
     ValueError
-        If a count is not positive.
+        If a number breaks its rule, or a recording has more samples than a machine can hold.
     """
 
-    n_surfaces: int
-    n_recordings: int
-    n_operators: int
-    duration_s: float
-    fs: float = 10_000.0
-    seed: int = 2015
+    n_surfaces: int = Field(ge=1, le=1000)
+    n_recordings: int = Field(ge=1, le=1000)
+    n_operators: int = Field(ge=1, le=1000)
+    duration_s: float = Field(gt=0)
+    fs: float = Field(gt=0)
+    seed: int = Field(ge=0)
 
-    def __post_init__(self) -> None:
-        for name in ("n_surfaces", "n_recordings", "n_operators"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} is {getattr(self, name)}; the rule is at least 1")
+    @model_validator(mode="after")
+    def _fits_a_machine(self) -> Self:
+        if self.duration_s * self.fs > LONGEST:
+            told = f"duration_s is {self.duration_s:g} at {self.fs:g} Hz"
+            raise ValueError(f"{told}; the rule is at most {LONGEST:g} samples")
+        return self
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
@@ -87,6 +93,8 @@ class Recipe:
                 f"no recording (surface {surface_index}, repetition {repetition}); the rule is surface "
                 f"0..{self.n_surfaces - 1}, repetition 1..{self.n_recordings}"
             )
+        from texclass.simulate.freehand import record_freehand  # numba: not to say what a dataset holds
+
         operator_index = self._operator_index(repetition)
         return record_freehand(
             self.surfaces[surface_index],
@@ -122,10 +130,3 @@ def _surfaces(n: int, seed: int) -> tuple[Surface, ...]:
 @functools.lru_cache(maxsize=8)
 def _operators(n: int, seed: int) -> tuple[Operator, ...]:
     return operator_catalogue(n, seed)
-
-
-PRESETS = {
-    "simulated": Recipe(n_surfaces=24, n_recordings=10, n_operators=5, duration_s=6.0),
-    "simulated69": Recipe(n_surfaces=69, n_recordings=10, n_operators=5, duration_s=25.0),
-}
-"""The embedded default dataset, and the size of the database of `strese2015`."""

@@ -1,0 +1,96 @@
+"""What people write is taken as the model says, or refused with file, key, value and rule."""
+
+from typing import Annotated, Literal
+
+import pytest
+from pydantic import Field, RootModel, field_validator
+
+from texclass.validation import Written, checked, read_toml
+
+
+class Nail(Written):
+    kind: Literal["nail"]
+    length_mm: float = Field(gt=0, description="a length in mm above 0")
+
+
+class Screw(Written):
+    kind: Literal["screw"]
+    turns: int = Field(ge=1, le=9)
+
+
+class Box(Written):
+    name: str
+    sizes: tuple[float, ...] = ()
+    parts: tuple[Annotated[Nail | Screw, Field(discriminator="kind")], ...] = ()
+    spare: dict[str, Screw] = Field(default_factory=dict)
+    marks: dict[Literal["left", "right"], bool] = Field(default_factory=dict)
+
+    @field_validator("name")
+    @classmethod
+    def _is_short(cls, name: str) -> str:
+        if len(name) > 4:
+            raise ValueError(f"{name!r} is long; the rule is at most 4 letters")
+        return name
+
+
+class AnyPart(RootModel[Annotated[Nail | Screw, Field(discriminator="kind")]]):
+    pass
+
+
+def test_lists_stand_for_tuples_and_whole_numbers_for_others():
+    box = checked(Box, {"name": "b", "sizes": [1, 2.5], "parts": [{"kind": "nail", "length_mm": 3}]}, "f")
+    assert box.sizes == (1.0, 2.5)
+    assert box.parts == (Nail(kind="nail", length_mm=3.0),)
+    assert checked(AnyPart, {"kind": "screw", "turns": 2}, "f").root.turns == 2
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"name": 5}, "name is 5; the rule is text"),
+        ({"name": "boxes"}, "name: 'boxes' is long; the rule is at most 4 letters"),
+        ({"sizes": [1, "x"]}, "sizes.2 is 'x'; the rule is a number"),
+        ({"sizes": [float("nan")]}, "sizes.1 is nan; the rule is a finite number"),
+        ({"sizes": 3}, "sizes is 3; the rule is a list"),
+        ({"size": 3}, "unknown key size; did you mean sizes?"),
+        ({"colour": 3}, "unknown key colour; the rule is one of name, sizes, parts, spare, marks"),
+        ({"parts": [{}]}, "lacks the key parts.1.kind; the rule is that it is given"),
+        ({"parts": [{"kind": "nut"}]}, "parts.1.kind is 'nut'; the rule is one of nail, screw"),
+        ({"parts": [{"kind": "nail", "length": 1, "length_mm": 1}]}, "unknown key parts.1.length; did you"),
+        ({"parts": [{"kind": "nail", "length_mm": -1}]}, "parts.1.length_mm is -1; the rule is a length"),
+        ({"parts": [{"kind": "screw"}]}, "lacks the key parts.1.turns; "),
+        ({"spare": {"a": {"kind": "screw", "turns": 0}}}, "spare.a.turns is 0; the rule is a number of"),
+        ({"spare": {"a": 1}}, "spare.a is 1; the rule is a table of kind, turns"),
+        ({"marks": {"lefft": True}}, "unknown key marks.lefft; did you mean marks.left?"),
+        ({"marks": {"left": 1}}, "marks.left is 1; the rule is true or false"),
+    ],
+)
+def test_a_fault_is_told_with_file_key_value_and_rule(wrong, said):
+    with pytest.raises(ValueError) as caught:  # noqa: PT011
+        checked(Box, {"name": "b"} | wrong, "box.toml")
+    assert str(caught.value).startswith(f"box.toml: {said}")
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_no_table_is_refused_and_further_faults_are_counted():
+    with pytest.raises(ValueError, match=r"^f: \[1\]; the rule is a table of kind, length_mm, turns$"):
+        checked(AnyPart, [1], "f")
+    with pytest.raises(ValueError, match=r"\(and 1 more\)$"):
+        checked(Box, {"sizes": 3}, "f")
+
+
+def test_numbers_that_no_float_holds_and_tables_too_deep_are_refused():
+    deep: dict[str, object] = {}
+    for _ in range(500):
+        deep = {"name": deep}
+    for content in ({"name": "b", "sizes": [10**400]}, deep, {"name": "\ud800"}):
+        with pytest.raises(ValueError, match=r"^f: "):
+            checked(Box, content, "f")
+
+
+@pytest.mark.parametrize("content", [b"title = ", b"\xff\xfe", b"#" * 1_100_000, b"a." * 40 + b"b = 1"])
+def test_a_file_that_is_not_toml_is_named(tmp_path, content):
+    own = tmp_path / "broken.toml"
+    own.write_bytes(content)
+    with pytest.raises(ValueError, match=r"broken\.toml: not valid TOML"):
+        read_toml(own)
