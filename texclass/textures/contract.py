@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
@@ -44,16 +43,37 @@ class Renderer(Protocol):
 
 
 @runtime_checkable
-class Texture(Protocol):
-    """A surface that can be rendered at any speed and force.
+class Stored(Protocol):
+    """What files can hold: textures, tap libraries, planned scenes. `storage.StoredFields` gives the methods.
 
     Attributes
     ----------
     family : str
-        Which of the ways; the name under which exchange files know it.
+        Which kind; the name under which files know it.
     """
 
     family: ClassVar[str]
+
+    def parameters(self) -> Mapping[str, Any]:
+        """Return what is not an array, as JSON knows it."""
+
+    def arrays(self) -> Mapping[str, NDArray[Any]]:
+        """Return the arrays by name."""
+
+    @classmethod
+    def restore(cls, parameters: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Self:
+        """Return the object of what `parameters` and `arrays` returned.
+
+        Raises
+        ------
+        ValueError
+            If something is missing, superfluous, of the wrong kind or shape, or breaks a rule of the object.
+        """
+
+
+@runtime_checkable
+class Texture(Stored, Protocol):
+    """A surface that can be rendered at any speed and force."""
 
     @property
     def name(self) -> str:
@@ -69,19 +89,3 @@ class Texture(Protocol):
 
     def renderer(self, *, seed: int = 0) -> Renderer:
         """Return a renderer at rest at the texture's rate; the seed is that of its noise, if it has any."""
-
-    def parameters(self) -> Mapping[str, Any]:
-        """Return what is not an array, as JSON knows it."""
-
-    def arrays(self) -> Mapping[str, NDArray[np.float64]]:
-        """Return the arrays that make up the texture, by name."""
-
-    @classmethod
-    def restore(cls, parameters: Mapping[str, Any], arrays: Mapping[str, NDArray[np.float64]]) -> Self:
-        """Return the texture of what `parameters` and `arrays` returned.
-
-        Raises
-        ------
-        ValueError
-            If something is missing, superfluous, of the wrong kind or shape, or breaks a rule of the texture.
-        """
