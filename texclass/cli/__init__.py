@@ -1,7 +1,7 @@
 """The command line: parse, call one function, print. Nothing heavy is imported before a command needs it."""
 
 # Importing a command's module puts the command into the program, in this order.
-from texclass.cli import (  # noqa: F401
+from texclass.cli import (
     benchmark,
     convert,
     export,

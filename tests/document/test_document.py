@@ -1,0 +1,154 @@
+"""One document, told on a terminal, in Markdown and on a page."""
+
+import re
+from xml.etree import ElementTree
+
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from texclass.document import (
+    Document,
+    Figure,
+    Finding,
+    Folded,
+    Heading,
+    Heat,
+    Shade,
+    Table,
+    render_markdown,
+    render_page,
+    render_terminal,
+    write_document,
+)
+from texclass.document.figure_style import OTHER, OURS, PAPER, row_axes
+from texclass.document.svg import inline_svg
+
+HOSTILE = '<script>alert("$x$")</script> & $y'
+TWO_LEVELS = [("Row", ""), ("Columns", ""), ("LDA", "% [95 %]"), ("LDA", "Paper %"), ("ms", "")]
+
+
+def draw(width):
+    figure, axes = row_axes(width, ["All", HOSTILE], "accuracy, %")
+    for y, (ours, theirs) in enumerate([(90, 86), (50, 60)]):
+        axes.plot(theirs, y, "D", color=OTHER, markerfacecolor=PAPER)
+        axes.plot(ours, y, "o", color=OURS, gid=f"{HOSTILE}: ours {ours} %")
+    return figure
+
+
+def a_table():
+    rows = [
+        ["All", 12, "90.0 [82.6, 94.5]", "86", 1.5],
+        [HOSTILE, 2, "100.0 [72.2, 100.0]", "", 12345.6],
+        ["Friction | taps", 1, None, None, None],
+    ]
+    frame = pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples(TWO_LEVELS))
+    return Table(frame, "Best is bold.", strong=[0], instead={2: "not computed: no taps"}, n_kept=3)
+
+
+def a_document():
+    heat = Heat(
+        "confusion",
+        "Confusion matrix",
+        "1 of 10 is taken for another.",
+        {"oak": "", HOSTILE: "hard"},
+        {"oak": (Shade("d5", "9", "oak recognised: 9 of 9"), Shade())},
+        {"d1 d5": "right"},
+    )
+    blocks = [
+        Heading("Every row"),
+        a_table(),
+        Figure("ranking", "Every row", "The best is All.", draw, a_table()),
+        heat,
+        "A text of `code`.",
+        ["first note", HOSTILE],
+        {"What": "a fact"},
+        Folded("Behind", [a_table()]),
+    ]
+    return Document(
+        "toy, folds",
+        blocks,
+        "Pipeline p",
+        Finding("90.0", "%", "[82.6, 94.5]", "of recordings."),
+        ("toy", {"Licence": "MIT", "Input hash": "abc"}),
+        {"Pipeline": "p", "Seed": "7"},
+        {"numpy": "2"},
+    )
+
+
+def on_terminal(width):
+    console = Console(width=width)
+    with console.capture() as capture:
+        console.print(render_terminal(a_document()))
+    return capture.get()
+
+
+def test_every_way_tells_the_same():
+    page, text = render_page([a_document()]), render_markdown(a_document(), "toy")
+    for told in (on_terminal(120), text, page):
+        assert "toy, folds" in told
+        assert "90.0" in told
+        for said in ("of recordings.", "Every row", "Best is bold.", "not computed: no taps", "first note",
+                     "The best is All.", "1 of 10 is taken for another.", "a fact"):  # fmt: skip
+            assert said in told
+    assert "![Every row](toy-ranking.png)" in text
+    assert "- Seed: 7" in text
+    assert "<code>code</code>" in page
+
+
+@pytest.mark.parametrize("width", [40, 70, 80, 120])
+def test_a_terminal_of_any_width_breaks_no_number(width):
+    lines = on_terminal(width).splitlines()
+    row = next(line for line in lines if line.startswith("All"))
+    assert "90.0" in row
+    assert ("83–94" in row) == (width > 40)
+    assert ("1.5" in row) == (width > 40)
+    assert max(map(len, lines)) <= width
+
+
+def test_rows_of_markdown_have_as_many_cells_as_the_header():
+    text = render_markdown(Document("toy", [a_table()])).replace("\\|", "")
+    assert {line.count("|") for line in text.splitlines() if line.startswith("|")} == {6}
+    assert "| **All** | **12** | **90.0** [82.6, 94.5] | **86** | **1.5** |" in text
+
+
+def test_columns_of_two_levels_are_titled_in_two_lines():
+    head = re.findall("<thead>(.*?)</thead>", render_page([Document("toy", [a_table()])]), re.S)[0]
+    assert head.count("<tr>") == 2
+    assert 'colspan="2" class="group">LDA' in head
+    assert 'data-column="3" class="num">Paper %' in head
+
+
+def test_a_picture_holds_text_the_colours_of_the_page_and_words_for_who_does_not_see_it():
+    block = Figure("ranking", "Every row", "The best is All.", draw)
+    for width, kind in ((9.2, "wide"), (4.4, "narrow")):
+        svg = inline_svg(block, width, "s1-2")
+        root = ElementTree.fromstring(svg)
+        assert root.get("class") == f"plot {kind}"
+        assert HOSTILE in [text.text for text in root.iter("text")]
+        assert "var(--ours)" in svg
+        assert not re.search("#[0-9a-f]{6}", svg.replace("#000000", ""))
+        assert [point.get("aria-label") for point in root.iter() if point.get("class") == "point"] == [
+            f"{HOSTILE}: ours {value} %" for value in (90, 50)
+        ]
+        ids = [element.get("id") for element in root.iter() if element.get("id")]
+        assert len(ids) == len(set(ids))
+        assert all(name.startswith(f"s1-2-{kind}-") for name in ids)
+        assert {element.get("href")[1:] for element in root.iter() if element.get("href")} <= set(ids)
+
+
+def test_pictures_stand_beside_the_markdown_and_repeat_byte_for_byte(tmp_path):
+    first, second = (write_document(a_document(), tmp_path / name, "toy") for name in ("a", "b"))
+    assert [path.name for path in first] == ["toy.md", "toy-ranking.png", "toy-confusion.png"]
+    assert all(p.read_bytes() == q.read_bytes() for p, q in zip(first, second, strict=True))
+    (alone,) = write_document(a_document(), tmp_path / "c", "toy", pictures=False)
+    assert "![" not in alone.read_text(encoding="utf-8")
+
+
+def test_what_results_share_stands_once_on_their_page():
+    page = render_page([a_document(), a_document()])
+    assert page.count("<dt>Licence</dt>") == 1
+    assert page.count("<td>7</td>") == 2
+    assert page.count('<th scope="row">numpy</th>') == 1
+    with pytest.raises(ValueError, match="0 results"):
+        render_page([])

@@ -1,0 +1,116 @@
+"""A document as Markdown, with its pictures as files beside it."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from texclass.document.blocks import Block, Document, Figure, Folded, Heading, Heat, Table
+from texclass.document.figure_style import WIDTH, draw_heat, save_figure
+from texclass.document.wording import split_interval, texts_of, titles_of
+
+
+def write_document(
+    document: Document, folder: str | Path, stem: str, *, pictures: bool = True
+) -> tuple[Path, ...]:
+    """Write a document into a folder.
+
+    Parameters
+    ----------
+    document : Document
+        What is written.
+    folder : str or path
+        Made if it does not exist.
+    stem : str
+        Begins the names: `stem.md`, and `stem-NAME.png` for each figure.
+    pictures : bool
+        Whether figures are drawn; else their sentences stand in the text.
+
+    Returns
+    -------
+    tuple of Path
+        The files.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    text = folder / f"{stem}.md"
+    text.write_text(render_markdown(document, stem if pictures else None), encoding="utf-8")
+    drawn = []
+    for block in document.blocks if pictures else ():
+        if isinstance(block, Figure | Heat):
+            drawn.append(folder / f"{stem}-{block.name}.png")
+            figure = draw_heat(block) if isinstance(block, Heat) else block.draw(WIDTH)
+            save_figure(figure, drawn[-1], title=f"{document.title}: {block.title}")
+    return (text, *drawn)
+
+
+def render_markdown(document: Document, stem: str | None = None) -> str:
+    """Return a document as Markdown.
+
+    Parameters
+    ----------
+    document : Document
+        What is told.
+    stem : str, optional
+        Begins the names of its pictures, as in `write_document`; without it only their sentences are told.
+    """
+    lines = [f"# {document.title}", ""]
+    if document.subtitle:
+        lines += [document.subtitle, ""]
+    if found := document.finding:
+        value = " ".join(filter(None, (found.value, found.unit)))
+        lines += [" ".join(filter(None, (f"**{value}**", found.interval, found.sentence, found.beside))), ""]
+    for block in document.blocks:
+        lines += [*_block(block, stem), ""]
+    if document.again:
+        lines += ["## To compute it again", "", *_list(document.again)]
+        if document.versions:
+            lines.append("- Versions: " + ", ".join(f"{n} {v}" for n, v in document.versions.items()))
+        lines.append("")
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def _block(block: Block, stem: str | None, level: str = "##") -> Iterator[str]:
+    match block:
+        case Heading():
+            yield f"{level} {block}"
+        case str():
+            yield block
+        case Table():
+            yield from _table(block)
+        case Figure() | Heat():
+            if stem is not None:
+                yield from (f"![{block.title}]({stem}-{block.name}.png)", "")
+            yield f"{block.title}: {block.says}"
+        case Folded():
+            yield f"### {block.title}"
+            for inner in block.blocks:
+                yield from ("", *_block(inner, stem, "####"))
+        case Mapping():
+            yield from _list(block)
+        case _:
+            yield from (f"- {note}" for note in block)
+
+
+def _list(facts: Mapping[str, str]) -> Iterator[str]:
+    return (f"- {name}: {value}" for name, value in facts.items())
+
+
+def _table(table: Table) -> Iterator[str]:
+    yield _line(titles_of(table.frame))
+    n_columns = table.frame.shape[1]
+    yield "|" + "---|" * table.n_words + "---:|" * (n_columns - table.n_words)
+    for i, row in enumerate(texts_of(table.frame)):
+        if i in table.instead:
+            yield _line([row[0], table.instead[i], *[""] * (n_columns - 2)])
+        else:
+            yield _line([_strong(text) for text in row] if i in table.strong else row)
+    if table.caption:
+        yield from ("", table.caption)
+
+
+def _strong(text: str) -> str:
+    number, interval = split_interval(text)
+    return " ".join(filter(None, (f"**{number}**" if number else "", interval)))
+
+
+def _line(texts: list[str]) -> str:
+    return "| " + " | ".join(text.replace("|", "\\|").replace("\n", " ") for text in texts) + " |"

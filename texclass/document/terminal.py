@@ -1,0 +1,135 @@
+"""A document on a terminal: tables fit its width, words wrap between words, numbers never do."""
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from rich import box
+from rich.console import Console, ConsoleOptions, Group, RenderableType
+from rich.measure import Measurement
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from texclass.document.blocks import Block, Document, Figure, Folded, Heading, Heat, Table
+from texclass.document.wording import split_interval, texts_of, titles_of
+
+LEAST_NAME, LEAST_WORDS = 18, 10
+"""Characters that names, and other columns of words, keep at least, or their longest text if that is less."""
+
+
+def print_document(document: Document) -> None:
+    """Print a document on standard output."""
+    Console().print(render_terminal(document))
+
+
+def render_terminal(document: Document) -> Group:
+    """Return a document for a console; a figure is its sentence there, and what is folded is left out."""
+    parts: list[RenderableType] = [Text(document.title, style="bold")]
+    if document.subtitle:
+        parts.append(Text(document.subtitle))
+    if found := document.finding:
+        value = " ".join(filter(None, (found.value, found.unit)))
+        rest = " ".join(filter(None, (found.interval, found.sentence, found.beside)))
+        parts.append(Text.assemble((value, "bold"), f" {rest}"))
+    shown = [part for block in document.blocks for part in _block(block)]
+    return Group(*parts, *([Text("")] if shown and len(parts) > 1 else []), *shown)
+
+
+def _block(block: Block) -> Iterator[RenderableType]:
+    match block:
+        case Heading():
+            yield from (Text(""), Text(block, style="bold"))
+        case str():
+            yield Text(block)
+        case Table():
+            yield _Fitting(block)
+            if block.caption:
+                yield Text(block.caption, style="dim")
+        case Figure() | Heat():
+            yield Text(f"- {block.title}: {block.says}", style="dim")
+        case Folded():
+            return
+        case Mapping():
+            facts = RichTable(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
+            facts.add_column(no_wrap=True, style="bold")
+            facts.add_column(overflow="fold")
+            for name, value in block.items():
+                facts.add_row(Text(name), Text(value))
+            yield facts
+        case _:
+            yield from (Text(f"- {note}", style="dim") for note in block)
+
+
+@dataclass(frozen=True)
+class _Fitting:
+    """The widest of several ways to draw a table that a terminal has room for; the last if there is none."""
+
+    table: Table
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
+        n_columns = self.table.n_kept or self.table.frame.shape[1]
+        narrow = partial(_drawn, self.table, intervals=False, break_titles=True)
+        ways: list[Callable[[], RichTable]] = [
+            partial(_drawn, self.table),
+            partial(_drawn, self.table, break_titles=True),
+            narrow,
+        ]
+        unlimited = options.update(max_width=1000)
+        for way in ways:
+            made = way()
+            if Measurement.get(console, unlimited, made).minimum <= options.max_width:
+                yield made
+                return
+        yield narrow(n_columns=n_columns)
+
+
+def _drawn(
+    table: Table, *, intervals: bool = True, break_titles: bool = False, n_columns: int | None = None
+) -> RichTable:
+    drawn = RichTable(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
+    cells: list[list[Any]] = []
+    titles = titles_of(table.frame, "\n")[:n_columns]
+    rows = [row[:n_columns] for row in texts_of(table.frame)]
+    for i, why in table.instead.items():
+        rows[i] = [f"{rows[i][0]}\n  {why}", *[""] * (len(titles) - 1)]
+    for i, title in enumerate(titles):
+        column = [row[i] for row in rows]
+        broken = title.replace(" ", "\n") if break_titles else title
+        if i < table.n_words:
+            longest = _width((title, *column))
+            drawn.add_column(title, min_width=min(LEAST_WORDS if i else LEAST_NAME, longest))
+            cells.append([Text(text) for text in column])
+        else:
+            numbers = _numbers(column, intervals)
+            width = max(
+                len(line) for text in (broken, *map(str, numbers)) for line in text.splitlines() or [""]
+            )
+            drawn.add_column(broken, justify="right", no_wrap=True, min_width=width)
+            cells.append(numbers)
+    for i, row in enumerate(zip(*cells, strict=True)):
+        style = "bold" if i in table.strong else "dim" if i in table.instead else ""
+        drawn.add_row(*row, style=style)
+    return drawn
+
+
+def _width(texts: Iterable[str]) -> int:
+    return max(len(line) for text in texts for line in text.split("\n"))
+
+
+def _numbers(column: list[str], intervals: bool) -> list[Text]:
+    """Return numbers, each with its interval faint beside it, their points in line."""
+    parted = [split_interval(text) for text in column]
+    beside = [_brief(found) if intervals else "" for _, found in parted]
+    width = max(map(len, beside), default=0)
+    return [
+        Text.assemble(number, (f" {found:>{width}}" if width and number else "", "not bold dim"))
+        for (number, _), found in zip(parted, beside, strict=True)
+    ]
+
+
+def _brief(interval: str) -> str:
+    """Return an interval without sign in whole numbers: [82.6, 94.5] is 83–95."""
+    ends = re.fullmatch(r"\[(\d+\.\d), (\d+\.\d)\]", interval)
+    return "{:.0f}–{:.0f}".format(*map(float, ends.groups())) if ends else interval
