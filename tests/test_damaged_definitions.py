@@ -85,11 +85,11 @@ def test_a_pipeline_with_something_of_another_kind_is_refused(old, new, tmp_path
 
 
 def test_test_modules_of_libraries_are_not_imported(tmp_path, monkeypatch):
-    from texclass.experiment import use
+    from texclass.experiment import pipeline
 
-    monkeypatch.setattr(use.importlib, "import_module", lambda name: pytest.fail(f"imported {name}"))
+    monkeypatch.setattr(pipeline.importlib, "import_module", lambda name: pytest.fail(f"imported {name}"))
     with pytest.raises(ValueError, match="is refused"):
-        use.resolve("sklearn.tests.test_base.MyEstimator")
+        pipeline.resolve("sklearn.tests.test_base.MyEstimator")
 
 
 @pytest.mark.parametrize(

@@ -25,8 +25,8 @@ from sklearn.base import clone
 
 from texclass.experiment import touches
 from texclass.experiment.accuracy import wilson_interval
-from texclass.experiment.definition import PipelineDefinition, load_pipeline
 from texclass.experiment.joined import cached_tables
+from texclass.experiment.pipeline import PipelineDefinition, load_pipeline
 from texclass.experiment.protocols import find_protocol, runs
 from texclass.loaders import open_dataset
 from texclass.provenance import versions

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from texclass.experiment import touches
 from texclass.experiment.choice import Limits
-from texclass.experiment.definition import PipelineDefinition, RowDefinition, load_pipeline
+from texclass.experiment.pipeline import PipelineDefinition, RowDefinition, load_pipeline
 from texclass.experiment.windows import by_recording
 from texclass.loaders import Dataset, open_dataset
 from texclass.recognition import Model, TrainingSettings, train
@@ -27,12 +27,9 @@ BIOTAC_OPENING, BIOTAC_EVERY = 6, 4
 def several_scales(features: tuple[str, ...] = SEVERAL_SCALES) -> PipelineDefinition:
     """Return the pipeline `texclass` with one row, of features that a short touch has."""
     shipped = load_pipeline("texclass")
-    return replace(
-        shipped,
-        feature_set=shipped.feature_set.restricted_to(features),
-        rows=(RowDefinition("Several time scales", features),),
-        additions=(),
-    )
+    row = RowDefinition(name="Several time scales", features=features)
+    kept = shipped.features.restricted_to(features)
+    return shipped.model_copy(update={"features": kept, "rows": (row,), "additions": ()})
 
 
 def pruned_model() -> Model:

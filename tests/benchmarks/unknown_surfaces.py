@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 
 from texclass.experiment import find_protocol, load_pipeline
 from texclass.experiment.joined import cached_tables
-from texclass.experiment.rows import ready
+from texclass.experiment.pipeline import MatchedRow
 from texclass.loaders import open_dataset
 from texclass.provenance import versions
 from texclass.recognition.calibration import class_scores
@@ -67,7 +67,7 @@ def main() -> None:
     dataset, pipeline = open_dataset("biotac20"), load_pipeline(PIPELINE)
     table = cached_tables(dataset, pipeline.needed, channels=pipeline.channels)
     row = next(r for r in pipeline.rows if r.name == ROW)
-    columns = list(ready(row, pipeline.feature_set, table).columns)
+    columns = list(MatchedRow.of(row, pipeline.features, table).columns)
     material = Material(table.frame[columns].to_numpy(), table.frame)
     pairs = list(itertools.combinations(dataset.materials, 2))
     drawn = np.random.default_rng(SEED).permutation(len(pairs))[: options.pairs]

@@ -3,37 +3,29 @@
 import json
 
 import pytest
+from toy_noises import row
 
 from texclass.experiment.benchmark import run_benchmark
-from texclass.experiment.definition import PipelineDefinition, RowDefinition, Selection
-from texclass.experiment.use import Use
+from texclass.experiment.pipeline import Selection
 from texclass.recording import RecordingError
 
-CLASSIFIERS = {
-    "naive_bayes": Use("sklearn.naive_bayes.GaussianNB"),
-    "euclidean": Use("sklearn.neighbors.NearestCentroid"),
-}
-STEPS = (
-    Use("sklearn.impute.SimpleImputer", {"strategy": "median", "keep_empty_features": True}),
-    Use("sklearn.preprocessing.MinMaxScaler"),
-)
 ROWS = (
-    RowDefinition("Level", ("level",), published={"naive_bayes": 90}),
-    RowDefinition("Taps", ("knock", "level"), published={"naive_bayes": 10}),
-    RowDefinition("Whatever there is", ("knock", "level"), skip_missing=True),
-    RowDefinition("Selected", ("level", "peaks"), Selection(2, 2), published={"naive_bayes": 95}),
-    RowDefinition("Chance", ("rarely",), published={"naive_bayes": 20}),
+    row("Level", "level", published={"naive_bayes": 90}),
+    row("Taps", "knock", "level", published={"naive_bayes": 10}),
+    row("Whatever there is", "knock", "level", skip_missing=True),
+    row("Selected", "level", "peaks", select=Selection(n=2, folds=2), published={"naive_bayes": 95}),
+    row("Chance", "rarely", published={"naive_bayes": 20}),
 )
 
 
 @pytest.fixture
-def pipeline(feature_set):
-    return PipelineDefinition("toy", feature_set, STEPS, CLASSIFIERS, ROWS, seed=0, folds=4)
+def several(pipeline):
+    return pipeline(*ROWS)
 
 
 @pytest.fixture
-def result(toy_dataset, pipeline):
-    return run_benchmark(toy_dataset(), pipeline)
+def result(toy_dataset, several):
+    return run_benchmark(toy_dataset(), several)
 
 
 def test_json_has_the_keys_that_were_promised(result):
@@ -41,10 +33,10 @@ def test_json_has_the_keys_that_were_promised(result):
     assert found["dataset"]["n_recordings"] == 12
     assert {"dataset", "protocol", "rows", "versions", "seed", "input_hash"} <= set(found)
     assert {"texclass", "numpy", "scikit-learn"} <= set(found["versions"])
-    for row in found["rows"]:
+    for line in found["rows"]:
         keys = {"name", "n_features", "accuracy", "paper", "ms_per_recording", "missing"}
-        assert keys <= set(row)
-        for accuracy in row["accuracy"].values():
+        assert keys <= set(line)
+        for accuracy in line["accuracy"].values():
             assert 0 <= accuracy["low"] <= accuracy["mean"] <= accuracy["high"] <= 1
     assert found["rows"][0]["paper"] == {"naive_bayes": 0.9}
 
@@ -76,8 +68,8 @@ def test_undefined_values_are_summed_up_by_feature(result):
     assert 0 < found["rarely"].n_recordings < 12
 
 
-def test_processes_and_a_warm_cache_change_nothing_but_milliseconds(result, toy_dataset, pipeline):
-    again = run_benchmark(toy_dataset(), pipeline)
+def test_processes_and_a_warm_cache_change_nothing_but_milliseconds(result, toy_dataset, several):
+    again = run_benchmark(toy_dataset(), several)
     assert _without_ms(again) == _without_ms(result)
 
 
@@ -87,24 +79,24 @@ def _without_ms(result):
 
 
 @pytest.mark.parametrize("protocol", ["operator", "blocks", "paper"])
-def test_other_protocols_are_named_in_the_result(toy_dataset, pipeline, protocol):
-    result = run_benchmark(toy_dataset(n_repetitions=6), pipeline, protocol=protocol)
+def test_other_protocols_are_named_in_the_result(toy_dataset, several, protocol):
+    result = run_benchmark(toy_dataset(n_repetitions=6), several, protocol=protocol)
     assert result.protocol == protocol
     assert result.rows[0].accuracy["euclidean"].mean > 0.9
 
 
-def test_an_impossible_protocol_is_refused_before_anything_is_loaded(toy_dataset, pipeline):
+def test_an_impossible_protocol_is_refused_before_anything_is_loaded(toy_dataset, several):
     dataset = toy_dataset()
     with pytest.raises(ValueError, match="material m0 has 4 recordings; 10 folds need at least 10 of each"):
-        run_benchmark(dataset, pipeline, n_folds=10)
+        run_benchmark(dataset, several, n_folds=10)
     assert dataset.load.loaded == []
 
 
-def test_bad_recordings_stop_the_run_or_are_listed(toy_dataset, pipeline):
+def test_bad_recordings_stop_the_run_or_are_listed(toy_dataset, several):
     dataset = toy_dataset(n_repetitions=5, bad=("m1_3",))
     with pytest.raises(RecordingError, match="m1_3"):
-        run_benchmark(dataset, pipeline)
-    result = run_benchmark(dataset, pipeline, skip_bad=True)
+        run_benchmark(dataset, several)
+    result = run_benchmark(dataset, several, skip_bad=True)
     assert [bad.recording_id for bad in result.left_out] == ["m1_3"]
     assert result.dataset["n_recordings"] == 14
 

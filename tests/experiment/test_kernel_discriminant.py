@@ -118,9 +118,15 @@ def test_training_samples_in_one_place_do_no_harm() -> None:
     assert cdist(*(KernelDiscriminant().fit(X, y).prototypes_[0],) * 2).max() == 0
 
 
-@pytest.mark.parametrize(
-    "parameters", [{"length": 0.0}, {"ridge": -1.0}, {"shrinkage": 0.0}, {"relevance": -1.0}]
-)
-def test_a_parameter_out_of_range_is_refused_by_name(parameters: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=f"'{next(iter(parameters))}' parameter"):
-        KernelDiscriminant(**parameters).fit(*drifting(3, 12))
+def test_a_parameter_out_of_range_is_refused_by_name() -> None:
+    for name, wrong in (
+        ("length", 0.0),
+        ("ridge", -1.0),
+        ("shrinkage", 0.0),
+        ("relevance", -1.0),
+        ("max_samples", 1),
+    ):
+        with pytest.raises(ValueError, match=f"{name} == {wrong}, must be"):
+            KernelDiscriminant(**{name: wrong}).fit(*drifting(3, 12))
+    with pytest.raises(TypeError, match="ridge must be an instance of"):
+        KernelDiscriminant(ridge="much").fit(*drifting(3, 12))

@@ -3,18 +3,15 @@
 import numpy as np
 import pandas as pd
 import pytest
+from toy_noises import CLASSIFIERS, STEPS, row
 
 from texclass.experiment.benchmark import run_benchmark
-from texclass.experiment.definition import PipelineDefinition, RowDefinition
 from texclass.experiment.nested_choice import choose_inside, inner_splits
+from texclass.experiment.pipeline import MatchedRow
 from texclass.experiment.protocols import find_protocol
-from texclass.experiment.rows import ready
 from texclass.experiment.table import FeatureTable
-from texclass.experiment.use import Use
 
-CLASSIFIERS = {"euclidean": Use("sklearn.neighbors.NearestCentroid")}
-WIDENING = {"Level": ("level",), "Both": ("level", "peaks")}
-STEPS = (Use("sklearn.preprocessing.MinMaxScaler"),)
+EUCLIDEAN = {"euclidean": CLASSIFIERS["euclidean"]}
 
 
 def table_of(n_materials, n_repetitions, **columns):
@@ -30,44 +27,43 @@ def table_of(n_materials, n_repetitions, **columns):
 
 
 @pytest.fixture
-def pipeline(feature_set):
-    rows = (RowDefinition("Peaks", ("peaks",)), RowDefinition("Level", ("level",)))
-    return PipelineDefinition("toy", feature_set, STEPS, CLASSIFIERS, rows, seed=0, folds=4)
+def two(pipeline):
+    return pipeline(row("Peaks", "peaks"), row("Level", "level"), classifiers=EUCLIDEAN, steps=STEPS[1:])
 
 
-def test_the_row_that_fits_the_tests_by_chance_is_not_chosen(pipeline):
+def test_the_row_that_fits_the_tests_by_chance_is_not_chosen(two):
     """`level` tells materials apart in training; `peaks` only in the tests, where `level` is noise."""
     rng, later = np.random.default_rng(0), np.tile(np.arange(20) >= 10, 4)
     truth, noise = np.repeat(np.arange(4.0), 20) + rng.normal(0, 0.05, 80), rng.uniform(0, 3, (2, 80))
-    level, *peaks = (column for row in ("level", "peaks") for column in _columns(pipeline, row))
+    level, *peaks = (column for name in ("level", "peaks") for column in _columns(two, name))
     values = {level: np.where(later, noise[0], truth)}
     values |= {peak: np.where(later, truth, noise[1]) for peak in peaks}
     frame = pd.concat([table_of(4, 20), pd.DataFrame(values)], axis=1)
     table = FeatureTable(frame, tuple(values), np.zeros(80))
     protocol = find_protocol("blocks")
     splits = protocol.split(table.frame, 0, 0)
-    rows = [ready(row, pipeline.feature_set, table) for row in pipeline.rows]
-    evaluations = _evaluations(rows, table, splits, pipeline)
-    choice = choose_inside(rows, table, splits, pipeline, protocol, evaluations)
+    rows = [MatchedRow.of(definition, two.features, table) for definition in two.rows]
+    evaluations = _evaluations(rows, table, splits, two)
+    choice = choose_inside(rows, table, splits, two, protocol, evaluations)
     assert choice.chosen == (("Level", "euclidean"),)
     assert choice.protocol == "blocks"
     assert choice.accuracy.mean == evaluations["Level"]["euclidean"].accuracy.mean
 
 
-def test_each_fold_counts_with_what_it_chose(toy_dataset, pipeline):
-    result = run_benchmark(toy_dataset(), pipeline, choose=True)
+def test_each_fold_counts_with_what_it_chose(toy_dataset, two):
+    result = run_benchmark(toy_dataset(), two, choose=True)
     rows = {row.name: row.accuracy for row in result.rows}
     expected = [rows[row][name].folds[k] for k, (row, name) in enumerate(result.choice.chosen)]
     assert list(result.choice.accuracy.folds) == expected
     assert len(expected) == 4
     assert sum(n for _, n in result.choice.favourites) == 4
-    assert run_benchmark(toy_dataset(), pipeline).choice is None
+    assert run_benchmark(toy_dataset(), two).choice is None
 
 
-def test_of_rows_that_do_equally_well_the_widest_is_chosen(toy_dataset, feature_set):
-    rows = tuple(RowDefinition(name, columns) for name, columns in WIDENING.items())
-    pipeline = PipelineDefinition("toy", feature_set, STEPS, CLASSIFIERS, rows, seed=0, folds=4)
-    result = run_benchmark(toy_dataset(), pipeline, choose=True)
+def test_of_rows_that_do_equally_well_the_widest_is_chosen(toy_dataset, pipeline):
+    rows = (row("Level", "level"), row("Both", "level", "peaks"))
+    widening = pipeline(*rows, classifiers=EUCLIDEAN, steps=STEPS[1:])
+    result = run_benchmark(toy_dataset(), widening, choose=True)
     assert [row.accuracy["euclidean"].mean for row in result.rows] == [1.0, 1.0]
     assert set(result.choice.chosen) == {("Both", "euclidean")}
 
@@ -97,15 +93,15 @@ def test_of_two_operators_one_is_left_and_recordings_are_split():
     assert inner_splits(find_protocol("operator"), frame, [(train, None)], 0)[0][0] == "recording"
 
 
-def test_the_papers_protocol_is_refused_and_a_part_of_single_recordings_too(toy_dataset, pipeline):
+def test_the_papers_protocol_is_refused_and_a_part_of_single_recordings_too(toy_dataset, two):
     with pytest.raises(ValueError, match="'paper'; the rule is one whose test recordings stay unseen"):
-        run_benchmark(toy_dataset(), pipeline, protocol="paper", choose=True)
+        run_benchmark(toy_dataset(), two, protocol="paper", choose=True)
     with pytest.raises(ValueError, match="cannot be split again"):
         inner_splits(find_protocol("recording"), table_of(3, 2), [(np.arange(6), None)], 0)
 
 
 def _columns(pipeline, feature):
-    return pipeline.feature_set.restricted_to([feature]).column_names
+    return pipeline.features.restricted_to([feature]).column_names
 
 
 def _evaluations(rows, table, splits, pipeline):

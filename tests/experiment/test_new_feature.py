@@ -5,19 +5,11 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from toy_noises import CLASSIFIERS, row
 
-from texclass.experiment.definition import PipelineDefinition, RowDefinition
-from texclass.experiment.new_feature import redundancy, study_feature, with_feature
+from texclass.experiment.new_feature import redundancy, study_feature
 from texclass.experiment.table import FeatureTable
-from texclass.experiment.use import Use
 from texclass.features.contract import Feature, Gain
-
-STEPS = (
-    Use("sklearn.impute.SimpleImputer", {"strategy": "median", "keep_empty_features": True}),
-    Use("sklearn.preprocessing.MinMaxScaler"),
-)
-CLASSIFIERS = {"euclidean": Use("sklearn.neighbors.NearestCentroid")}
-ROWS = (RowDefinition("Chance", ("rarely",)), RowDefinition("Peaks", ("peaks",)))
 
 
 def loud(view):
@@ -28,13 +20,14 @@ LOUD = Feature("loud", loud, "movement", "g", "test", gain=Gain(power=1))
 
 
 @pytest.fixture
-def pipeline(feature_set):
-    return PipelineDefinition("toy", feature_set, STEPS, CLASSIFIERS, ROWS, 5, folds=4)
+def few(pipeline):
+    euclidean = {"euclidean": CLASSIFIERS["euclidean"]}
+    return pipeline(row("Chance", "rarely"), row("Peaks", "peaks"), classifiers=euclidean, seed=5)
 
 
 @pytest.fixture
-def study(toy_dataset, pipeline):
-    return study_feature(toy_dataset(n_materials=4, n_repetitions=8), pipeline, LOUD)
+def study(toy_dataset, few):
+    return study_feature(toy_dataset(n_materials=4, n_repetitions=8), few, LOUD)
 
 
 def test_the_table_stands_as_it_was_with_a_row_for_the_feature_alone(study):
@@ -63,18 +56,18 @@ def test_json_holds_table_gains_and_feature(study):
     assert found["new_feature"]["redundancy"][0]["nearest"][0]["rank_correlation"] > 0.9
 
 
-def test_a_name_that_the_set_has_is_refused(pipeline):
+def test_a_name_that_the_set_has_is_refused(few):
     with pytest.raises(ValueError, match="'level' is in the feature set 'toy'; the rule is a new name"):
-        with_feature(pipeline, Feature("level", loud, "movement", "g", "test"))
+        few.with_feature(Feature("level", loud, "movement", "g", "test"))
 
 
-def test_the_hash_tells_the_pipeline_with_the_feature_from_the_one_without(pipeline):
-    assert with_feature(pipeline, LOUD).hash != pipeline.hash
+def test_the_hash_tells_the_pipeline_with_the_feature_from_the_one_without(few):
+    assert few.with_feature(LOUD).hash != few.hash
 
 
-def test_a_phase_that_the_dataset_lacks_is_said(toy_dataset, pipeline):
+def test_a_phase_that_the_dataset_lacks_is_said(toy_dataset, few):
     tap = Feature("knuckle", lambda view: 1.0, "tap", "1", "test")
-    study = study_feature(toy_dataset(n_repetitions=8), pipeline, tap)
+    study = study_feature(toy_dataset(n_repetitions=8), few, tap)
     assert study.result.rows[-1].missing == "no tap found (knuckle)"
     assert (study.law, study.redundancy, study.ms_added) == (None, (), None)
     json.loads(study.to_json())

@@ -69,5 +69,9 @@ def test_any_classifier_may_judge_the_pieces(estimator, n_classes) -> None:
 
 def test_columns_that_are_no_multiple_of_the_pieces_are_refused() -> None:
     X, y = recordings(5, 8)
+    with pytest.raises(ValueError, match="n_pieces == 0"):
+        VoteOfPieces(n_pieces=0).fit(X, y)
+    with pytest.raises(TypeError, match="does not seem to be a scikit-learn estimator"):
+        VoteOfPieces(3).fit(X, y)
     with pytest.raises(ValueError, match="19 columns; the rule is a multiple of n_pieces = 4"):
         VoteOfPieces(n_pieces=4).fit(X[:, 1:], y)

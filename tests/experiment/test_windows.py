@@ -5,13 +5,13 @@ import pickle
 import numpy as np
 import pandas as pd
 import pytest
+from toy_noises import CLASSIFIERS, row
 
 from texclass.experiment.benchmark import run_benchmark
-from texclass.experiment.definition import PipelineDefinition, RowDefinition
 from texclass.experiment.extraction import cached_table, extract_table
+from texclass.experiment.pipeline import FoldSettings
 from texclass.experiment.protocols import find_protocol
 from texclass.experiment.table import metadata
-from texclass.experiment.use import Use
 from texclass.experiment.windows import Window, touches
 from texclass.features.extractor import FeatureExtractor
 from texclass.loaders.dataset import Dataset, Entry
@@ -133,11 +133,10 @@ def test_windows_are_split_as_their_recordings_are(toy_dataset):
 
 
 @pytest.fixture
-def result(toy_dataset, feature_set):
-    classifiers = {"euclidean": Use("sklearn.neighbors.NearestCentroid")}
-    rows = (RowDefinition("Level", ("level",)),)
-    pipeline = PipelineDefinition("toy", feature_set, (), classifiers, rows, seed=0, folds=3)
-    return run_benchmark(touches(toy_dataset(3, 6), 0.02), pipeline, protocol="run")
+def result(toy_dataset, pipeline):
+    euclidean = {"euclidean": CLASSIFIERS["euclidean"]}
+    few = pipeline(row("Level", "level"), classifiers=euclidean, steps=(), protocol=FoldSettings(folds=3))
+    return run_benchmark(touches(toy_dataset(3, 6), 0.02), few, protocol="run")
 
 
 def test_the_benchmark_of_windows_reports_them_their_interval_and_their_vote(result):

@@ -2,12 +2,12 @@
 
 import stat
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from texclass.experiment import load_pipeline, run_benchmark
+from texclass.experiment.pipeline import FoldSettings
 from texclass.loaders import open_dataset
 
 FAKE = """#!{python}
@@ -68,7 +68,8 @@ def bench(noises, tmp_path_factory):
     dataset = open_dataset(str(noises), fs=1000.0, unit="m/s^2")
     pipeline = load_pipeline("strese2015")
     names = ("Modified MFCC, Constant Mel Filter Bank", "Standard Roughness")
-    pipeline = replace(pipeline, rows=tuple(r for r in pipeline.rows if r.name in names), folds=4)
+    rows = tuple(r for r in pipeline.rows if r.name in names)
+    pipeline = pipeline.model_copy(update={"rows": rows, "protocol": FoldSettings(folds=4)})
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TEXCLASS_CACHE", str(tmp_path_factory.mktemp("cache")))
         return dataset, pipeline, run_benchmark(dataset, pipeline)

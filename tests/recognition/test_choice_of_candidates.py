@@ -88,7 +88,7 @@ def test_strangeness_is_larger_for_what_is_farther():
 
 
 def test_columns_are_not_selected_for_a_kernel_unless_asked_for():
-    from texclass.experiment.definition import RowDefinition, Selection
+    from texclass.experiment.pipeline import RowDefinition, Selection
 
-    few = pipeline(rows=(RowDefinition("Selected", ("mfcc",), Selection(1, 2)),))
+    few = pipeline(rows=(RowDefinition(name="Selected", features=("mfcc",), select=Selection(n=1, folds=2)),))
     assert train(surfaces(), few).manifest.pipeline["classifier"] == "lda"

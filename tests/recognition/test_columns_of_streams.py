@@ -10,7 +10,7 @@ import pytest
 from toy_surfaces import pipeline
 from turning_surfaces import FS, TERRAINS, N, terrains, turning_model, values
 
-from texclass.experiment.definition import RowDefinition
+from texclass.experiment.pipeline import RowDefinition
 from texclass.features import load_feature_set
 from texclass.loaders import load_recording, open_dataset
 from texclass.loaders.dataset import Dataset
@@ -231,10 +231,10 @@ def rubbed():
 @pytest.fixture(scope="module")
 def rubbing_model():
     friction = load_feature_set("texclass").restricted_to(["friction", "prediction_gain"])
-    rows = (RowDefinition("Friction", ("friction", "prediction_gain")),)
+    rows = (RowDefinition(name="Friction", features=("friction", "prediction_gain")),)
     return train(
         rubbed(),
-        pipeline(feature_set=friction, rows=rows),
+        pipeline(features=friction, rows=rows),
         TrainingSettings("Friction", "lda", false_alarms=0.2),
     )
 

@@ -16,8 +16,8 @@ from sklearn.ensemble import RandomForestClassifier
 from skops.io._protocol import PROTOCOL
 from toy_surfaces import SURFACES, pipeline, recording, surfaces
 
+from texclass.experiment.pipeline import Use
 from texclass.experiment.trusted import TRUSTED, UntrustedFileError, check_archive, load_trusted
-from texclass.experiment.use import Use
 from texclass.recognition import ModelFileError, TrainingSettings, load_model, read_manifest_of, train
 from texclass.recognition.files import read_model_file, write_model_file
 from texclass.recognition.manifest import SCHEMA, read_manifest
@@ -212,9 +212,7 @@ def test_features_that_give_other_values_are_told(file, monkeypatch):
 
 
 def test_a_classifier_that_cannot_be_loaded_safely_is_not_trained():
-    forest = {
-        "forest": Use("sklearn.ensemble.RandomForestClassifier", {"n_estimators": 5, "random_state": 0})
-    }
+    forest = {"forest": Use(use="sklearn.ensemble.RandomForestClassifier", n_estimators=5, random_state=0)}
     with pytest.raises(ValueError, match=r"holds sklearn\.tree\._tree\.Tree; the rule is"):
         train(surfaces(), pipeline(classifiers=forest), TrainingSettings("Spectrum"))
     both = pipeline(classifiers={**forest, **pipeline().classifiers})

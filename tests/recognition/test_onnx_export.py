@@ -22,8 +22,8 @@ from sklearn.svm import SVC
 from toy_models import model_of, plan_of, rows_of
 from toy_surfaces import STRANGER, SURFACES, recording
 
-from texclass.experiment.definition import load_pipeline
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
+from texclass.experiment.pipeline import load_pipeline
 from texclass.experiment.vote_of_pieces import VoteOfPieces
 from texclass.recognition.onnx_export import OnnxExportError, ParityError, check_parity, export_onnx
 from texclass.recognition.onnx_export.answers import build

@@ -3,8 +3,7 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from texclass.experiment.definition import PipelineDefinition, RowDefinition
-from texclass.experiment.use import Use
+from texclass.experiment.pipeline import PipelineDefinition, RowDefinition, Use
 from texclass.features import load_feature_set
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import Phases, Recording, RecordingError
@@ -52,21 +51,20 @@ def pipeline(**changes):
     features = load_feature_set("texclass").restricted_to(["mfcc", "fineness", "temporal_roughness"])
     facts = {
         "name": "few",
-        "feature_set": features,
+        "features": features,
         "steps": (
-            Use("sklearn.impute.SimpleImputer", {"strategy": "median", "keep_empty_features": True}),
-            Use("sklearn.preprocessing.StandardScaler"),
+            Use(use="sklearn.impute.SimpleImputer", strategy="median", keep_empty_features=True),
+            Use(use="sklearn.preprocessing.StandardScaler"),
         ),
         "classifiers": {
             "lda": Use(
-                "sklearn.discriminant_analysis.LinearDiscriminantAnalysis",
-                {"solver": "lsqr", "shrinkage": 0.1},
+                use="sklearn.discriminant_analysis.LinearDiscriminantAnalysis", solver="lsqr", shrinkage=0.1
             ),
-            "kernel": Use("texclass.experiment.kernel_discriminant.KernelDiscriminant"),
+            "kernel": Use(use="texclass.experiment.kernel_discriminant.KernelDiscriminant"),
         },
         "rows": (
-            RowDefinition("Roughness", ("fineness", "temporal_roughness")),
-            RowDefinition("Spectrum", ("mfcc",)),
+            RowDefinition(name="Roughness", features=("fineness", "temporal_roughness")),
+            RowDefinition(name="Spectrum", features=("mfcc",)),
         ),
         "seed": 0,
     }

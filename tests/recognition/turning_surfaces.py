@@ -4,7 +4,7 @@ import numpy as np
 from scipy.signal import lfilter
 from toy_surfaces import pipeline
 
-from texclass.experiment.definition import RowDefinition
+from texclass.experiment.pipeline import RowDefinition
 from texclass.features import load_feature_set
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recognition import TrainingSettings, train
@@ -46,5 +46,7 @@ def terrains():
 
 def turning_model(dataset=None):
     bands = load_feature_set("coarse").restricted_to(["band_level"])
-    made = pipeline(channels="all", feature_set=bands, rows=(RowDefinition("Bands", ("band_level",)),))
+    made = pipeline(
+        channels="all", features=bands, rows=(RowDefinition(name="Bands", features=("band_level",)),)
+    )
     return train(dataset or terrains(), made, TrainingSettings("Bands", "lda", false_alarms=0.2))

@@ -2,10 +2,10 @@
 
 from texclass.experiment.accuracy import Accuracy, cluster_interval, wilson_interval
 from texclass.experiment.benchmark import run_benchmark
-from texclass.experiment.definition import PipelineDefinition, load_pipeline
 from texclass.experiment.extraction import cached_table, extract_table
 from texclass.experiment.folds import Evaluation, evaluate
 from texclass.experiment.new_feature import FeatureStudy, study_feature
+from texclass.experiment.pipeline import PipelineDefinition, load_pipeline
 from texclass.experiment.protocols import PROTOCOLS, Protocol, find_protocol, repeated
 from texclass.experiment.result import BenchmarkResult, Confusion, RowResult
 from texclass.experiment.selection import ForwardSelector

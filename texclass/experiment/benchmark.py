@@ -8,15 +8,14 @@ import numpy as np
 from sklearn.metrics import confusion_matrix
 
 from texclass.experiment.cost import CostMeter
-from texclass.experiment.definition import PipelineDefinition
 from texclass.experiment.extraction import Progress
 from texclass.experiment.folds import Evaluation, evaluate
 from texclass.experiment.gain import choose_base, measure_gains
 from texclass.experiment.joined import cached_tables
 from texclass.experiment.nested_choice import choose_inside, inner_splits
+from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Protocol, Split, find_protocol
 from texclass.experiment.result import BenchmarkResult, Confusion, RowResult, Undefined
-from texclass.experiment.rows import Ready, ready
 from texclass.experiment.table import FeatureTable, metadata
 from texclass.experiment.windows import parents
 from texclass.experiment.workers import each
@@ -70,8 +69,8 @@ def run_benchmark(
     ValueError
         If the protocol cannot split the dataset; the message names value and rule.
     """
-    chosen = find_protocol(protocol or pipeline.protocol)
-    folds = pipeline.folds if n_folds is None else n_folds
+    chosen = find_protocol(protocol or pipeline.protocol.name)
+    folds = pipeline.protocol.folds if n_folds is None else n_folds
     # Before the features: a split that is impossible should not cost an extraction.
     facts = metadata(dataset.entries)
     splits = chosen.split(facts, folds, pipeline.seed)
@@ -86,7 +85,7 @@ def run_benchmark(
         progress=progress,
     )
     splits = chosen.split(table.frame, folds, pipeline.seed)
-    rows = tuple(ready(row, pipeline.feature_set, table) for row in pipeline.rows)
+    rows = tuple(MatchedRow.of(row, pipeline.features, table) for row in pipeline.rows)
     meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
     costs = _costs(rows, meter, pipeline)
     evaluations = _evaluate(rows, table, splits, pipeline, chosen, n_jobs=n_jobs, progress=progress)
@@ -106,7 +105,7 @@ def run_benchmark(
         dataset=_facts(dataset, table),
         pipeline=pipeline.name,
         pipeline_hash=pipeline.hash,
-        feature_set=pipeline.feature_set.name,
+        feature_set=pipeline.features.name,
         classifiers=tuple(pipeline.classifiers),
         protocol=chosen.name,
         protocol_description=chosen.description,
@@ -125,17 +124,17 @@ def run_benchmark(
     )
 
 
-def _costs(rows: tuple[Ready, ...], meter: CostMeter, pipeline: PipelineDefinition) -> list[float | None]:
+def _costs(
+    rows: tuple[MatchedRow, ...], meter: CostMeter, pipeline: PipelineDefinition
+) -> list[float | None]:
     return [
-        meter.milliseconds(pipeline.feature_set.restricted_to(row.definition.features))
-        if row.columns
-        else None
+        meter.milliseconds(pipeline.features.restricted_to(row.definition.features)) if row.columns else None
         for row in rows
     ]
 
 
 def _evaluate(
-    rows: tuple[Ready, ...],
+    rows: tuple[MatchedRow, ...],
     table: FeatureTable,
     splits: tuple[Split, ...],
     pipeline: PipelineDefinition,
@@ -172,7 +171,7 @@ def _evaluate(
     return evaluations
 
 
-def _row_result(row: Ready, cost: float | None, evaluations: dict[str, Evaluation]) -> RowResult:
+def _row_result(row: MatchedRow, cost: float | None, evaluations: dict[str, Evaluation]) -> RowResult:
     selected = {
         name: {c: float(share) for c, share in zip(row.columns, e.support, strict=True) if share > 0}
         for name, e in evaluations.items()

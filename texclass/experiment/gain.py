@@ -1,7 +1,7 @@
 """What each group of features adds to a row of the table: with it and without it, on the same splits."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -9,15 +9,13 @@ from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 
 from texclass.experiment.cost import CostMeter
-from texclass.experiment.definition import PipelineDefinition
 from texclass.experiment.extraction import Progress
 from texclass.experiment.folds import Evaluation, Labels, evaluate
 from texclass.experiment.paired import Paired, compare_once, compare_repeats, holm
+from texclass.experiment.pipeline import MatchedRow, PipelineDefinition, Use
 from texclass.experiment.protocols import Protocol, Split, repeated
 from texclass.experiment.result import Gains, GroupGain, RowSum
-from texclass.experiment.rows import Ready, ready
 from texclass.experiment.table import FeatureTable
-from texclass.experiment.use import Use
 from texclass.experiment.workers import each
 from texclass.recording import Samples
 
@@ -30,13 +28,15 @@ Hits = list[NDArray[np.bool_]]
 class Base:
     """The row that groups are added to, the classifier that judges, and how both were chosen."""
 
-    row: Ready
+    row: MatchedRow
     classifier: str
     chosen: str
 
 
 def choose_base(
-    pipeline: PipelineDefinition, rows: Sequence[Ready], evaluations: Mapping[str, Mapping[str, Evaluation]]
+    pipeline: PipelineDefinition,
+    rows: Sequence[MatchedRow],
+    evaluations: Mapping[str, Mapping[str, Evaluation]],
 ) -> Base | None:
     """Return the row that is added to: the one the pipeline names, else the most accurate one.
 
@@ -44,7 +44,7 @@ def choose_base(
     ----------
     pipeline : PipelineDefinition
         Says which rows hold no feature of any addition, and perhaps which of them and which classifier.
-    rows : sequence of Ready
+    rows : sequence of MatchedRow
         Rows of the table.
     evaluations : mapping
         Row -> classifier -> evaluation.
@@ -108,7 +108,7 @@ def measure_gains(
     progress : callable, optional
         Called with (done, total, "additions").
     """
-    groups = [ready(group, pipeline.feature_set, table) for group in pipeline.additions]
+    groups = [MatchedRow.of(group, pipeline.features, table) for group in pipeline.additions]
     rows = [base.row, *(_joined(base.row, group) for group in groups if group.columns)]
     n_repeats = pipeline.gain.repeats if protocol.drawn else 1
     repeats = repeated(protocol, table.frame, n_folds, n_repeats, pipeline.seed)
@@ -116,7 +116,7 @@ def measure_gains(
     hits = _hits(trials, repeats, nested=protocol.nested, n_jobs=n_jobs, progress=progress)
     paired = [_compare(h, hits[0], repeats, protocol, table, pipeline.seed) for h in hits[1:]]
     every = dict.fromkeys(name for row in rows for name in row.definition.features)
-    model = meter.model(pipeline.feature_set.restricted_to(every))
+    model = meter.model(pipeline.features.restricted_to(every))
     sums = [
         RowSum(row.n_features, _mean(h), model.cost(row.columns)) for row, h in zip(rows, hits, strict=True)
     ]
@@ -132,7 +132,7 @@ def measure_gains(
     )
 
 
-def _groups(groups: list[Ready], sums: list[RowSum], paired: list[Paired]) -> tuple[GroupGain, ...]:
+def _groups(groups: list[MatchedRow], sums: list[RowSum], paired: list[Paired]) -> tuple[GroupGain, ...]:
     """Describe every group; those that the dataset has, in order, by what was measured."""
     corrected = holm([p.p_value for p in paired]).tolist()
     measured = iter(zip(sums, paired, corrected, strict=True))
@@ -173,7 +173,9 @@ class _Trial:
     classifier: Use
 
     @classmethod
-    def of(cls, row: Ready, classifier: str, pipeline: PipelineDefinition, table: FeatureTable) -> "_Trial":
+    def of(
+        cls, row: MatchedRow, classifier: str, pipeline: PipelineDefinition, table: FeatureTable
+    ) -> "_Trial":
         return cls(
             table.frame[list(row.columns)].to_numpy(dtype=np.float64),
             table.frame["material"].to_numpy(dtype=str),
@@ -204,13 +206,10 @@ def _hits(
     return [found[i : i + len(repeats)] for i in range(0, len(found), len(repeats))]
 
 
-def _joined(base: Ready, group: Ready) -> Ready:
+def _joined(base: MatchedRow, group: MatchedRow) -> MatchedRow:
     """Return the base row with the columns of a group behind its own, under the group's name."""
     columns = (*base.columns, *group.columns)
     select = base.definition.select
-    definition = replace(
-        base.definition,
-        name=group.definition.name,
-        features=(*base.definition.features, *group.definition.features),
-    )
-    return Ready(definition, columns, min(select.n, len(columns)) if select else len(columns))
+    features = (*base.definition.features, *group.definition.features)
+    definition = base.definition.model_copy(update={"name": group.definition.name, "features": features})
+    return MatchedRow(definition, columns, min(select.n, len(columns)) if select else len(columns))

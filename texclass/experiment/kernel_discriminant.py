@@ -1,13 +1,13 @@
 """A kernel discriminant for many correlated features and few recordings: closed form, no tuning inside."""
 
 from numbers import Integral, Real
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 from sklearn.base import BaseEstimator, ClassifierMixin
-from sklearn.utils._param_validation import Interval
+from sklearn.utils import check_scalar
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
@@ -67,14 +67,6 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     ['felt', 'glass']
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        "length": [Interval(Real, 0, None, closed="neither")],
-        "ridge": [Interval(Real, 0, None, closed="neither")],
-        "shrinkage": [Interval(Real, 0, 1, closed="right")],
-        "relevance": [Interval(Real, 0, None, closed="left")],
-        "max_samples": [Interval(Integral, 2, None, closed="left")],
-    }
-
     def __init__(
         self,
         *,
@@ -102,10 +94,14 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
         Raises
         ------
-        ValueError
-            If a parameter is out of its range or there is one class only.
+        TypeError, ValueError
+            If a parameter is of another kind or out of its range, or there is one class only.
         """
-        self._validate_params()
+        for name in ("length", "ridge"):
+            check_scalar(getattr(self, name), name, Real, min_val=0, include_boundaries="neither")
+        check_scalar(self.shrinkage, "shrinkage", Real, min_val=0, max_val=1, include_boundaries="right")
+        check_scalar(self.relevance, "relevance", Real, min_val=0)
+        check_scalar(self.max_samples, "max_samples", Integral, min_val=2)
         rows, given = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(given)
         self.classes_, labels = np.unique(given, return_inverse=True)

@@ -10,11 +10,10 @@ import numpy as np
 import pandas as pd
 
 from texclass.experiment.accuracy import Accuracy, score
-from texclass.experiment.definition import PipelineDefinition
 from texclass.experiment.extraction import Progress
 from texclass.experiment.folds import Evaluation, Labels, evaluate
+from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Protocol, Split, find_protocol
-from texclass.experiment.rows import Ready
 from texclass.experiment.table import FeatureTable
 from texclass.experiment.unseen import fewest, require_unseen, splits_of
 from texclass.experiment.workers import each
@@ -48,7 +47,7 @@ class NestedChoice:
 
 
 def choose_inside(
-    rows: Sequence[Ready],
+    rows: Sequence[MatchedRow],
     table: FeatureTable,
     splits: Sequence[Split],
     pipeline: PipelineDefinition,
@@ -143,7 +142,7 @@ def _split_again(protocol: Protocol, part: pd.DataFrame, seed: int) -> tuple[str
 
 
 def _hits(
-    row: Ready,
+    row: MatchedRow,
     name: str,
     table: FeatureTable,
     y: Labels,

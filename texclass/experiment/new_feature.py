@@ -1,11 +1,8 @@
 """A new feature against the table: alone, added to the best row, its cost, its contract, what it repeats."""
 
-import hashlib
-import inspect
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,13 +16,12 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from texclass.experiment.benchmark import run_benchmark
 from texclass.experiment.cost import CostMeter
-from texclass.experiment.definition import PipelineDefinition, RowDefinition
 from texclass.experiment.joined import cached_tables
+from texclass.experiment.pipeline import PipelineDefinition
 from texclass.experiment.result import BenchmarkResult
 from texclass.experiment.table import FeatureTable
 from texclass.features.contract import Feature, UndefinedFeatureError
 from texclass.features.examination import Behaviour, GainLaw, View, behaviour, gain_law
-from texclass.features.sets import FeatureSet, Member
 from texclass.features.views import views_of
 from texclass.loaders.dataset import Dataset
 from texclass.recording import Samples
@@ -140,13 +136,13 @@ def study_feature(
     ValueError
         As `run_benchmark`; and if the pipeline's feature set has the feature already, or the feature fails.
     """
-    extended = with_feature(pipeline, feature)
+    extended = pipeline.with_feature(feature)
     result = run_benchmark(dataset, extended, **options)
     kept = {key: options[key] for key in ("n_jobs", "skip_bad") if key in options}
     # Computed a moment ago: this only reads the cache.
     table = cached_tables(dataset, extended.needed, channels=pipeline.channels, **kept)
     meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
-    alone = extended.feature_set.restricted_to([feature.name])
+    alone = extended.features.restricted_to([feature.name])
     new = table.matching(alone.column_names)
     return FeatureStudy(
         feature,
@@ -155,33 +151,6 @@ def study_feature(
         gain_law(feature, _views(meter, feature)),
         behaviour(feature),
         redundancy(table, new),
-    )
-
-
-def with_feature(pipeline: PipelineDefinition, feature: Feature) -> PipelineDefinition:
-    """Return a pipeline with one more row, the feature alone, and the feature as its only addition.
-
-    Raises
-    ------
-    ValueError
-        If the feature set has a feature or column of that name.
-    """
-    known = pipeline.feature_set
-    if feature.name in known.columns or feature.name in known.column_names:
-        raise ValueError(
-            f"feature {feature.name!r} is in the feature set {known.name!r}; the rule is a new name"
-        )
-    members = (*known.members, Member(feature.name, feature))
-    row = RowDefinition(f"New: {feature.name}", (feature.name,), reference=feature.reference)
-    code = hashlib.sha256(Path(inspect.getfile(feature.function)).read_bytes()).hexdigest()[:8]
-    return replace(
-        pipeline,
-        name=f"{pipeline.name}+{feature.name}",
-        feature_set=FeatureSet(known.name, members, known.reference, known.description),
-        rows=(*pipeline.rows, row),
-        additions=(replace(row, name=feature.name),),
-        apart=(feature.name,),
-        hash=f"{pipeline.hash}+{code}",
     )
 
 

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 from numbers import Integral, Real
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, ClassifierMixin, MetaEstimatorMixin, clone
-from sklearn.utils._param_validation import HasMethods, Interval
+from sklearn.utils import check_scalar
 from sklearn.utils.metaestimators import available_if
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
@@ -59,12 +59,6 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
     ['felt', 'glass']
     """
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        "estimator": [HasMethods(["fit", "predict"]), None],
-        "n_pieces": [Interval(Integral, 1, None, closed="left")],
-        "whole_weight": [Interval(Real, 0, None, closed="left")],
-    }
-
     def __init__(self, estimator: Any = None, *, n_pieces: int = 1, whole_weight: float = 0.5) -> None:
         self.estimator = estimator
         self.n_pieces = n_pieces
@@ -85,7 +79,8 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
         ValueError
             If the number of columns is not a multiple of `n_pieces`, or as `estimator` does.
         """
-        self._validate_params()
+        check_scalar(self.n_pieces, "n_pieces", Integral, min_val=1)
+        check_scalar(self.whole_weight, "whole_weight", Real, min_val=0)
         rows, labels = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(labels)
         self.classes_ = np.unique(labels)

@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from texclass.experiment.definition import PipelineDefinition
 from texclass.experiment.extraction import Progress
 from texclass.experiment.joined import cached_tables
+from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Protocol, find_protocol
 from texclass.experiment.result import BenchmarkResult
-from texclass.experiment.rows import ready
 from texclass.experiment.table import FeatureTable
 from texclass.loaders.dataset import Dataset
 from texclass.peers.bench import Bench
@@ -98,7 +97,9 @@ def compare_with_peers(
     options = {"channels": pipeline.channels, "n_jobs": n_jobs, "skip_bad": skip_bad}
     table = cached_tables(dataset, pipeline.needed, **options)
     protocol = find_protocol(result.protocol)
-    folds = protocol.split(table.frame, pipeline.folds if n_folds is None else n_folds, pipeline.seed)
+    folds = protocol.split(
+        table.frame, pipeline.protocol.folds if n_folds is None else n_folds, pipeline.seed
+    )
     bench = Bench(dataset, pipeline, table, protocol, folds)
     report = progress or (lambda done, total, what: None)
     total = len(settings.names) + 1
@@ -166,7 +167,7 @@ def _candidates(
     judge = max(widest.accuracy, key=lambda name: widest.accuracy[name].mean)
     pairs = dict.fromkeys(((result.best[0].name, result.best[1]), (widest.name, judge)))
     return [
-        Candidate(ready(definitions[row], pipeline.feature_set, table), classifier)
+        Candidate(MatchedRow.of(definitions[row], pipeline.features, table), classifier)
         for row, classifier in pairs
     ]
 

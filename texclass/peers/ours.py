@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from texclass.experiment.definition import PipelineDefinition
 from texclass.experiment.folds import evaluate
+from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Split
-from texclass.experiment.rows import Ready
 from texclass.experiment.table import FeatureTable
 from texclass.features.extractor import Plan
 from texclass.features.views import channels_apart
@@ -29,7 +28,7 @@ N_TIMED = 100
 class Candidate:
     """A row of our table with a classifier."""
 
-    row: Ready
+    row: MatchedRow
     classifier: str
 
 
@@ -106,7 +105,7 @@ class _Job:
 
 
 def _measure(job: _Job) -> Measured:
-    features = job.pipeline.feature_set.restricted_to(job.candidate.row.definition.features)
+    features = job.pipeline.features.restricted_to(job.candidate.row.definition.features)
     first = job.dataset.load(job.entries[0])
     plan = Plan.of(features, channels_apart(first, job.pipeline.channels))
     with threadpool_limits(1):

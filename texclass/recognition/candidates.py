@@ -8,8 +8,7 @@ from sklearn.pipeline import Pipeline
 
 from texclass.experiment.choice import Limits
 from texclass.experiment.cost import CostMeter
-from texclass.experiment.definition import PipelineDefinition
-from texclass.experiment.rows import ready
+from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.table import FeatureTable
 from texclass.features.extractor import Plan
 from texclass.tradeoff.front import cost_aware, discriminant, preparation
@@ -107,13 +106,13 @@ def _of_row(
     classifier: str | None,
 ) -> list[Candidate]:
     definition = next(r for r in pipeline.rows if r.name == name)
-    matched = ready(definition, pipeline.feature_set, table)
+    matched = MatchedRow.of(definition, pipeline.features, table)
     if not matched.columns or matched.n_features > (limits.max_features or len(table.columns)):
         return []
-    ms = meter.milliseconds(pipeline.feature_set.restricted_to(definition.features))
+    ms = meter.milliseconds(pipeline.features.restricted_to(definition.features))
     if limits.max_ms is not None and ms > limits.max_ms:
         return []
-    plan = Plan.of(pipeline.feature_set, meter.channels).restricted_to(matched.columns)
+    plan = Plan.of(pipeline.features, meter.channels).restricted_to(matched.columns)
     return [
         Candidate(name, c, plan, pipeline.preparation(definition, c), use.make(), ms)
         for c, use in pipeline.classifiers.items()
@@ -125,9 +124,9 @@ def _selected(
     pipeline: PipelineDefinition, table: FeatureTable, meter: CostMeter, limits: Limits
 ) -> Candidate:
     """Return the selection under the budget: the tradeoff's, chosen anew inside each fold."""
-    whole = Plan.of(pipeline.feature_set, meter.channels)
+    whole = Plan.of(pipeline.features, meter.channels)
     plan = whole.restricted_to(c for c in table.columns if table.frame[c].notna().any())
-    columns, costs = plan.columns, meter.model(pipeline.feature_set).restricted_to(plan.columns)
+    columns, costs = plan.columns, meter.model(pipeline.features).restricted_to(plan.columns)
     cheapest = min(costs.of([i]) for i in range(len(columns)))
     if limits.max_ms is not None and limits.max_ms < cheapest:
         raise ValueError(
@@ -144,5 +143,5 @@ def _check_named(given: str | None, known: Sequence[str], what: str, where: str)
 
 
 def _missing(pipeline: PipelineDefinition, table: FeatureTable, row: str | None) -> str:
-    lacking = (ready(r, pipeline.feature_set, table) for r in pipeline.rows if row in (None, r.name))
+    lacking = (MatchedRow.of(r, pipeline.features, table) for r in pipeline.rows if row in (None, r.name))
     return next((f"{m.definition.name}: {m.missing}" for m in lacking if m.missing), "no row is affordable")

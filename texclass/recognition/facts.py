@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from texclass.experiment.cost import CostMeter
-from texclass.experiment.definition import PipelineDefinition
+from texclass.experiment.pipeline import PipelineDefinition
 from texclass.experiment.table import FeatureTable
 from texclass.experiment.windows import parents
 from texclass.loaders.dataset import Dataset
@@ -40,7 +40,7 @@ def manifest_of(
         materials=tuple(np.unique(study.y).tolist()),
         pipeline={
             "name": pipeline.name, "row": chosen.candidate.row, "hash": pipeline.hash,
-            "classifier": chosen.candidate.classifier_name, "feature_set": pipeline.feature_set.name,
+            "classifier": chosen.candidate.classifier_name, "feature_set": pipeline.features.name,
         },
         trained_on=_trained_on(felt, study.table),
         accuracy=_accuracy(chosen, study),

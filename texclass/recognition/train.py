@@ -6,9 +6,9 @@ import numpy as np
 
 from texclass.experiment.choice import NO_LIMITS, Limits, check
 from texclass.experiment.cost import CostMeter
-from texclass.experiment.definition import PipelineDefinition
 from texclass.experiment.extraction import Progress
 from texclass.experiment.joined import cached_tables
+from texclass.experiment.pipeline import PipelineDefinition
 from texclass.experiment.table import metadata
 from texclass.experiment.unseen import splits_of
 from texclass.experiment.windows import touches
@@ -92,7 +92,7 @@ def train(
     check(settings.limits)
     felt = _felt(dataset, settings, n_jobs, progress)
     known = metadata(felt.entries)
-    held = holding_out(settings.protocol, pipeline.protocol, known, settings.false_alarms)
+    held = holding_out(settings.protocol, pipeline.protocol.name, known, settings.false_alarms)
     # Before the features: what is impossible should not cost an extraction.
     splits = splits_of(held.protocol, known, pipeline.seed)
     check_false_alarms(settings.false_alarms, sum(len(test) for _, test in splits))

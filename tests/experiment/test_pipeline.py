@@ -1,0 +1,183 @@
+"""Pipeline TOMLs: only sklearn and texclass classes, and no key that does nothing."""
+
+import pytest
+from sklearn.impute import SimpleImputer
+from sklearn.preprocessing import MinMaxScaler
+
+from texclass.experiment.pipeline import AdditionSettings, load_pipeline, resolve
+from texclass.experiment.selection import ForwardSelector
+from texclass.shipped import names
+
+START = 'features = "strese2015"\nseed = 1\n'
+CLASSIFIER = '[classifiers.naive_bayes]\nuse = "sklearn.naive_bayes.GaussianNB"\n'
+ROW = '[[rows]]\nname = "F"\nfeatures = ["friction"]\n'
+KERNEL = '[classifiers.k]\nuse = "texclass.experiment.kernel_discriminant.KernelDiscriminant"\n'
+MORE = f"""{START}{CLASSIFIER}{ROW}[[rows]]
+name = "W"
+features = ["waviness"]
+[[additions]]
+name = "more"
+features = ["waviness", "mfcc_constant.c2"]
+"""
+
+
+def write(folder, text):
+    path = folder / "mine.toml"
+    path.write_text(text)
+    return path
+
+
+def test_shipped_pipelines_load():
+    for name in names("pipelines"):
+        assert load_pipeline(name).name == name
+
+
+def test_the_rows_of_table_one_stand_in_order_with_their_dimensions_and_figures():
+    pipeline = load_pipeline("strese2015")
+    published = [row for row in pipeline.rows if row.published]
+    widths = [
+        row.select.n if row.select else len(pipeline.features.columns_of(row.features)) for row in published
+    ]
+    assert widths == [3, 2, 2, 5, 1, 13, 13, 30, 125, 1, 1, 10, 3, 5, 12, 13]
+    columns = {name: [row.published[name] for row in published] for name in pipeline.classifiers}
+    assert columns == {
+        "naive_bayes": [48, 25, 14, 67, 10, 88, 89, 39, 70, 15, 11, 5, 20, 14, 91, 95],
+        "lda": [38, 31, 11, 60, 8, 87, 88, 30, 62, 8, 10, 4, 10, 12, 87, 92],
+        "euclidean": [32, 22, 10, 47, 7, 74, 71, 26, 15, 8, 10, 4, 7, 6, 70, 83],
+    }
+
+
+def test_preparation_imputes_then_scales_then_selects_with_the_rows_classifier():
+    pipeline = load_pipeline("strese2015")
+    combined = next(row for row in pipeline.rows if row.select)
+    imputer, scaler, selector = (step for _, step in pipeline.preparation(combined, "lda").steps)
+    assert isinstance(imputer, SimpleImputer)
+    assert isinstance(scaler, MinMaxScaler)
+    assert isinstance(selector, ForwardSelector)
+    assert type(selector.estimator).__name__ == "LinearDiscriminantAnalysis"
+
+
+def test_a_pipeline_finds_a_feature_set_beside_it(tmp_path):
+    (tmp_path / "own.toml").write_text("[features.friction]")
+    pipeline = load_pipeline(write(tmp_path, 'features = "own.toml"\nseed = 1\n' + CLASSIFIER + ROW))
+    assert pipeline.features.column_names == ("friction",)
+
+
+REFUSED = (
+    "os.system", "subprocess.Popen", "builtins.eval", "sklearn", "sklearn.os.system",
+    "sklearn.utils.os.system",
+    "sklearn.datasets.fetch_openml", "sklearn.base.BaseEstimator.__init__", "sklearn.utils.fixes.np.load",
+    "sklearnevil.tree.Tree", "texclass.experiment.pipeline.importlib", "texclass.recording.Recording",
+    "..sklearn.naive_bayes.GaussianNB", "sklearn.naive_bayes.Nothing", "sklearn.nothing.GaussianNB",
+    "sklearn.tests.test_base.MyEstimator", "trap.sub.Class", "",
+)  # fmt: skip
+
+
+def test_use_names_estimators_of_sklearn_and_texclass_only(tmp_path, monkeypatch):
+    (tmp_path / "trap.py").write_text("raise SystemExit('imported')")
+    monkeypatch.syspath_prepend(tmp_path)
+    for path in REFUSED:
+        with pytest.raises(ValueError, match=r"use = .*(refused|does not exist)"):
+            resolve(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            START + CLASSIFIER + ROW + "[other]\n",
+            r"mine\.toml: unknown key other; the rule is one of features, ",
+        ),
+        ('features = "strese2015"\n' + CLASSIFIER + ROW, "lacks the key seed"),
+        (START.replace("strese2015", "none") + CLASSIFIER + ROW, r"mine\.toml: features: none: no TOML file"),
+        (START + CLASSIFIER + ROW.replace("friction", "smell"), "rows: F: features: .*'smell' is neither"),
+        (START + CLASSIFIER + ROW + "colour = 1\n", r"unknown key rows\.1\.colour"),
+        (START + CLASSIFIER + ROW + "published = { svm = 3 }\n", "rows: F: published names 'svm'"),
+        (
+            START + CLASSIFIER + ROW + "published = { naive_bayes = 300 }\n",
+            "published.naive_bayes is 300; .* 100",
+        ),
+        (
+            START + CLASSIFIER + ROW + "classifiers = ['nobody']\n",
+            "classifiers names 'nobody'; .* of naive_bayes",
+        ),
+        (START + CLASSIFIER + ROW + "select = { n = 0 }\n", r"rows\.1\.select\.n is 0; the rule is"),
+        (START + CLASSIFIER + ROW + "select = 3\n", r"rows\.1\.select is 3; the rule is"),
+        (START + CLASSIFIER + ROW + ROW, "two are named 'F'"),
+        (START + CLASSIFIER, "lacks the key rows"),
+        (START + CLASSIFIER + "rows = []\n", r"classifiers\.naive_bayes: unknown key 'rows'"),
+        ("rows = []\n" + START + CLASSIFIER, r"rows is \[\]; the rule is"),
+        (START + ROW + "[classifiers]\n", r"classifiers is \{\}; the rule is"),
+        (
+            START + CLASSIFIER + "var_smoothin = 1\n" + ROW,
+            "naive_bayes: unknown key 'var_smoothin'; .*: var_smoothing",
+        ),
+        (START + CLASSIFIER + "var_smoothing = 'x'\n" + ROW, "naive_bayes: The 'var_smoothing' parameter"),
+        (
+            START + '[[steps]]\nuse = "sklearn.feature_selection.SelectFromModel"\n' + CLASSIFIER + ROW,
+            r"steps\.1: .*missing 1 required",
+        ),
+        (
+            START + KERNEL + "ridge = -1\n" + ROW,
+            r"classifiers\.k: ridge == -1",
+        ),
+        (
+            START + CLASSIFIER.replace("GaussianNB", "X") + ROW,
+            r"classifiers\.naive_bayes: use = .* does not exist",
+        ),
+        (START + CLASSIFIER.replace("sklearn.naive_bayes.GaussianNB", "os.system") + ROW, "is refused"),
+        (
+            START + '[classifiers.a]\nuse = "sklearn.preprocessing.MinMaxScaler"\n' + ROW,
+            r"classifiers\.a: sklearn\.preprocessing\.MinMaxScaler is not a classifier",
+        ),
+        (
+            START + '[[steps]]\nuse = "sklearn.naive_bayes.GaussianNB"\n' + CLASSIFIER + ROW,
+            r"steps\.1: sklearn.naive_bayes.GaussianNB is not a transformer",
+        ),
+        (START + "channels = 'some'\n" + CLASSIFIER + ROW, "channels is 'some'; the rule is .*combine"),
+        (
+            START + "[protocol]\nname = 'luck'\n" + CLASSIFIER + ROW,
+            r"protocol\.name: no protocol is named 'luck'",
+        ),
+        (START + "[protocol]\nfolds = 1\n" + CLASSIFIER + ROW, r"protocol\.folds is 1"),
+        (MORE + "select = { n = 2 }\n", "additions: more: select is of rows"),
+        (MORE.replace("mfcc_constant.c2", "smell"), "additions: more: features: .*'smell' is neither"),
+        (MORE + "[gain]\nbase = 'W'\n", "gain.base is 'W'; .* without features of an addition: F"),
+        (
+            MORE + "[gain]\nclassifier = 'svm'\n",
+            "gain.classifier is 'svm'; the rule is a classifier: naive_bayes",
+        ),
+        (MORE + "[gain]\nrepeats = 0\n", r"gain\.repeats is 0; the rule is"),
+        (MORE + "[gain]\nluck = 1\n", r"unknown key gain\.luck"),
+        (MORE.replace('"friction"', '"waviness"'), "every row has features of an addition"),
+        (MORE + MORE[MORE.index("[[additions]]") :], "additions: two are named 'more'"),
+    ],
+)
+def test_a_wrong_pipeline_is_refused_with_place_and_rule(tmp_path, text, message):
+    with pytest.raises(ValueError, match=message):
+        load_pipeline(write(tmp_path, text))
+
+
+def test_additions_are_read(tmp_path):
+    facts = 'reference = "mine"\nskip_missing = true\n[gain]\nbase = "F"\nrepeats = 3\n'
+    pipeline = load_pipeline(write(tmp_path, MORE + facts))
+    (group,) = pipeline.additions
+    assert (group.name, group.reference, group.skip_missing) == ("more", "mine", True)
+    assert pipeline.gain == AdditionSettings(base="F", repeats=3)
+    assert set(pipeline.needed[0].columns) == {"friction", "waviness", "mfcc_constant"}
+
+
+def test_every_use_makes_a_new_object():
+    use = load_pipeline("strese2015").classifiers["lda"]
+    assert use.make() is not use.make()
+    assert use.make().get_params() == use.make().get_params()
+
+
+def test_a_row_may_name_its_classifiers_and_all_features(tmp_path):
+    assert {row.judged_by(["a", "b"]) for row in load_pipeline("strese2015").rows} == {("a", "b")}
+    pipeline = load_pipeline("texclass")
+    selected = [row for row in pipeline.rows if row.select]
+    assert selected
+    assert all("kernel" not in row.judged_by(pipeline.classifiers) for row in selected)
+    everything = load_pipeline(write(tmp_path, START + CLASSIFIER + ROW.replace('["friction"]', '"all"')))
+    assert everything.rows[0].features == tuple(everything.features.columns)

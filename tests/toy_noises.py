@@ -1,0 +1,110 @@
+"""A toy dataset, feature set and pipeline: noise whose level names the material."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from texclass.experiment.pipeline import FoldSettings, PipelineDefinition, RowDefinition, Use
+from texclass.features.contract import Feature, UndefinedFeatureError
+from texclass.features.sets import FeatureSet, Member
+from texclass.loaders.dataset import Dataset, Entry
+from texclass.recording import Phases, Recording, RecordingError
+
+FS = 1000.0
+
+
+@dataclass
+class ToyLoader:
+    """Noise whose level and offset name the material; counts what it loads."""
+
+    bad: tuple[str, ...] = ()
+    killed_at: str = ""
+    loaded: list[str] = field(default_factory=list)
+
+    def __call__(self, entry: Entry) -> Recording:
+        if entry.recording_id == self.killed_at:
+            raise KeyboardInterrupt
+        if entry.recording_id in self.bad:
+            raise RecordingError(f"{entry.recording_id}.txt: value 'x' in line 3; the rule is numbers")
+        self.loaded.append(entry.recording_id)
+        rng = np.random.default_rng([int(entry.material[1:]), entry.repetition])
+        signal = (1 + int(entry.material[1:])) * rng.normal(size=300)
+        return Recording(
+            signal, fs=FS, unit="g", recording_id=entry.recording_id, phases=Phases(movement=(0, 300)),
+            flags=("clipped",) if entry.repetition == 1 else (),
+        )  # fmt: skip
+
+
+def level(view):
+    return np.log(view.samples.std())
+
+
+def peaks(view):
+    return np.sort(np.abs(view.samples))[-2:]
+
+
+def hardness_of_taps(view):
+    return 1.0
+
+
+def rarely(view):
+    if view.samples[0] > 0:
+        raise UndefinedFeatureError("starts above 0")
+    return 0.0
+
+
+STEPS = (
+    Use(use="sklearn.impute.SimpleImputer", strategy="median", keep_empty_features=True),
+    Use(use="sklearn.preprocessing.MinMaxScaler"),
+)
+CLASSIFIERS = {
+    "naive_bayes": Use(use="sklearn.naive_bayes.GaussianNB"),
+    "euclidean": Use(use="sklearn.neighbors.NearestCentroid"),
+}
+
+
+def row(name, *features, **facts):
+    return RowDefinition(name=name, features=features, **facts)
+
+
+@pytest.fixture
+def pipeline(feature_set):
+    """Make a pipeline of some rows, in four folds."""
+
+    def make(*rows, **changes):
+        facts = {"features": feature_set, "steps": STEPS, "classifiers": CLASSIFIERS, "rows": rows, "seed": 0}
+        return PipelineDefinition(**{"name": "toy", "protocol": FoldSettings(folds=4), **facts, **changes})
+
+    return make
+
+
+@pytest.fixture
+def feature_set():
+    return FeatureSet(
+        "toy",
+        (
+            Member("level", Feature("level", level, "movement", "1", "test")),
+            Member("peaks", Feature("peaks", peaks, "movement", "1", "test", ("second", "first"))),
+            Member("knock", Feature("knock", hardness_of_taps, "tap", "1", "test")),
+            Member("rarely", Feature("rarely", rarely, "movement", "1", "test")),
+        ),
+    )
+
+
+@pytest.fixture
+def toy_dataset():
+    def make(n_materials=3, n_repetitions=4, *, input_hash="toy", operators=2, **loader):
+        entries = tuple(
+            Entry(f"m{m}_{r}", f"m{m}", operator=f"o{r % operators}" if operators else None, repetition=r)
+            for m in range(n_materials)
+            for r in range(1, n_repetitions + 1)
+        )
+        return Dataset("toy", entries, ToyLoader(**loader), input_hash)
+
+    return make
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path / "cache"))
