@@ -3,7 +3,7 @@
 import hashlib
 import platform
 from collections.abc import Iterable
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from texclass import __version__
@@ -12,12 +12,14 @@ _PACKAGE = Path(__file__).resolve().parent
 
 
 def versions(*libraries: str) -> dict[str, str]:
-    """Return the versions of texclass, Python and these installed distributions."""
-    return {
-        "texclass": __version__,
-        "python": platform.python_version(),
-        **{name: version(name) for name in libraries},
-    }
+    """Return the versions of texclass, Python and these distributions; "not installed" if one is absent."""
+    found = {"texclass": __version__, "python": platform.python_version()}
+    for name in libraries:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
 
 
 def code_hash(*places: str, files: Iterable[Path] = ()) -> str:

@@ -1,36 +1,32 @@
 """A crash or a hang of what is tried is a cell, not the end."""
 
-import os
 import textwrap
 from collections import Counter
 
 import pytest
 
 from texclass.stability import supervise
-from texclass.stability.verdict import Mark
+from texclass.stability.judging import Mark
 
 SUBJECTS = """
     import os
     import time
 
-    from texclass.stability.signals import Case, noise
-    from texclass.stability.verdict import Check, Subject
+    from texclass.stability.inputs import Case, noise
+    from texclass.stability.judging import Check, Subject
 
 
     def _case(name):
         return Case(name, "plain", noise)
 
 
-    def _run(x, case):
+    def _attempt(x, case):
         print("noise on standard output")
         if case.name == "dies":
             os._exit(3)
         if case.name == "hangs":
             time.sleep(600)
-        return x.sum()
-
-
-    def _checks(x, case, result):
+        yield x.sum()
         yield Check("a number", 0.0, 0.0)
 
 
@@ -38,8 +34,9 @@ SUBJECTS = """
         names = ("fine", "hangs", "fine again")
         stubborn = [_case("dies")] * 5
         return [
-            Subject("mixed", "models", "texclass", lambda quick: map(_case, names), _run, _checks),
-            Subject("stubborn", "models", "texclass", lambda quick: stubborn, _run, _checks),
+            Subject("mixed", "models", "texclass", lambda quick: map(_case, names), _attempt),
+            Subject("elsewhere", "filters", "texclass", lambda quick: map(_case, names), _attempt),
+            Subject("stubborn", "models", "texclass", lambda quick: stubborn, _attempt),
         ]
 """
 
@@ -49,10 +46,11 @@ def found(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tried")
     (folder / "deliberate.py").write_text(textwrap.dedent(SUBJECTS), encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")]))
+        patch.syspath_prepend(folder)
         left_out, seen = [], []
         cells = supervise(
             "deliberate:subjects",
+            "models",
             quick=True,
             cell_s=2.0,
             progress=lambda *at: seen.append(at),
@@ -63,20 +61,20 @@ def found(tmp_path_factory):
 
 def test_every_cell_has_its_mark(found):
     cells, _, _ = found
-    marks = {cell.case: cell.mark for cell in cells if cell.subject == "mixed"}
+    marks = {cell["case"]: cell["mark"] for cell in cells if cell["subject"] == "mixed"}
     assert marks == {
         "fine": Mark.EXACT,
         "hangs": Mark.HANG,
         "fine again": Mark.EXACT,
     }
-    reasons = {cell.case: cell.reason for cell in cells if cell.mark is not Mark.EXACT}
+    reasons = {cell["case"]: cell["reason"] for cell in cells if cell["mark"] is not Mark.EXACT}
     assert "no answer within 2 s" in reasons["hangs"]
 
 
 def test_a_subject_that_keeps_crashing_is_given_up_and_that_is_said(found):
     cells, left_out, _ = found
-    assert Counter(cell.mark for cell in cells if cell.subject == "stubborn") == {Mark.CRASH: 3}
-    assert all("ended with 3" in cell.reason for cell in cells if cell.subject == "stubborn")
+    assert Counter(cell["mark"] for cell in cells if cell["subject"] == "stubborn") == {Mark.CRASH: 3}
+    assert all("ended with 3" in cell["reason"] for cell in cells if cell["subject"] == "stubborn")
     assert left_out == ["texclass stubborn: given up after 3 crashes or hangs"]
 
 
@@ -88,4 +86,4 @@ def test_progress_is_told(found):
 
 def test_what_cannot_be_imported_is_named():
     with pytest.raises(ValueError, match="no_such_module"):
-        supervise("no_such_module:subjects", quick=True)
+        supervise("no_such_module:subjects", "models", quick=True)

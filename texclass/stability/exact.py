@@ -1,7 +1,7 @@
 """References: 60-digit arithmetic (mpmath) where feasible, integers and fixed point, else 80-bit floats.
 
-Nothing here shares code with what it judges. Without mpmath the references that need it are not available,
-and their checks are reported as not made.
+Nothing here shares code with what it judges. Without mpmath the references that need it raise
+`NoReferenceError`, and their checks are reported as not made.
 """
 
 from fractions import Fraction
@@ -13,33 +13,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from texclass.recording import Samples
+from texclass.stability.judging import NoReferenceError
 
 DIGITS = 60
 BITS = 256
 """Binary digits behind the point of fixed-point references (77 decimal ones)."""
 LARGEST_ORDER = 128
 """Orders up to this one are fitted in fixed point; beyond, in 80-bit floats."""
-MISSING = "not checked (mpmath not installed)"
 Wide = NDArray[np.longdouble]
 EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Whether `numpy.longdouble` has 64 bits of mantissa here."""
 
 
-@cache
-def available() -> bool:
-    """Whether mpmath is installed."""
+def multiprecision() -> Any:
+    """Return mpmath's context, set to `DIGITS`, or to more where a caller asked for more.
+
+    Raises
+    ------
+    NoReferenceError
+        If mpmath is not installed.
+    """
     try:
-        import mpmath  # noqa: F401
+        import mpmath
     except ImportError:
-        return False
-    return True
-
-
-def mp_context() -> Any:
-    """Return mpmath's context, set to `DIGITS`."""
-    import mpmath
-
-    mpmath.mp.dps = DIGITS
+        raise NoReferenceError("not checked (mpmath not installed)") from None
+    mpmath.mp.dps = max(mpmath.mp.dps, DIGITS)
     return mpmath.mp
 
 

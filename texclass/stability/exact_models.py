@@ -6,15 +6,12 @@ from typing import Any
 import numpy as np
 
 from texclass.recording import Samples
-from texclass.stability.exact import DIGITS, mp_context
+from texclass.stability.exact import DIGITS, multiprecision
 
 
 def coefficients(k: Samples) -> list[Any]:
     """Return 1, a_1 ... a_p of reflection coefficients, in the digits mpmath works with."""
-    import mpmath
-
-    mp = mpmath.mp  # the digits may have been raised by the caller
-    mp.dps = max(mp.dps, DIGITS)
+    mp = multiprecision()
     a = [mp.mpf(1)]
     for k_m in k:
         step = mp.mpf(float(k_m))
@@ -35,7 +32,7 @@ def step_down(a: Samples) -> Samples:
 @lru_cache(maxsize=1024)
 def _step_down(coefficients: bytes) -> Samples:
     a = np.frombuffer(coefficients)
-    mp = mp_context()
+    mp = multiprecision()
     with mp.workdps(DIGITS + a.size // 2):
         now, k = [mp.mpf(float(v)) for v in a], np.full(a.size - 1, np.nan)
         for m in range(a.size - 1, 0, -1):
@@ -50,7 +47,7 @@ def _step_down(coefficients: bytes) -> Samples:
 
 def log_spectrum_db(k: Samples, omega: Samples) -> Samples:
     """Return -20 log10 |A(e^jw)| of reflection coefficients."""
-    mp = mp_context()
+    mp = multiprecision()
     steps, out = [mp.mpf(float(v)) for v in k], []
     for w in omega:
         turn = mp.expj(-mp.mpf(float(w)))
@@ -64,7 +61,7 @@ def log_spectrum_db(k: Samples, omega: Samples) -> Samples:
 
 def line_spectrum_error(k: Samples, lsf: Samples) -> float:
     """Return the largest relative distance of a frequency from its root of P or Q (Newton's step)."""
-    mp = mp_context()
+    mp = multiprecision()
     with mp.workdps(DIGITS + 20 * k.size):  # roots that crowd at 1 or -1 cancel one another
         a, errors = coefficients(k), []
         for i, w in enumerate(lsf):
@@ -80,7 +77,7 @@ def line_spectrum_error(k: Samples, lsf: Samples) -> float:
 
 def cepstrum(k: Samples, n: int) -> Samples:
     """Return c_1 ... c_{n-1} of ln |1/A| as cosine coefficients, by the recursion on the coefficients."""
-    mp = mp_context()
+    mp = multiprecision()
     a, c = coefficients(k), [mp.mpf(0)]
     for i in range(1, n):
         known = mp.fsum(j * c[j] * a[i - j] for j in range(max(1, i - len(a) + 1), i))
@@ -90,11 +87,16 @@ def cepstrum(k: Samples, n: int) -> Samples:
 
 def all_pole_response(k: Samples, excitation: Samples) -> Samples:
     """Return the excitation through 1/A of reflection coefficients, at rest before, by the lattice."""
-    mp = mp_context()
-    steps = [mp.mpf(float(v)) for v in k]
+    return _all_pole_response(k.tobytes(), excitation.tobytes())
+
+
+@lru_cache(maxsize=4096)
+def _all_pole_response(reflection: bytes, excitation: bytes) -> Samples:
+    mp = multiprecision()
+    steps = [mp.mpf(v) for v in np.frombuffer(reflection).tolist()]
     b, out = [mp.mpf(0)] * (len(steps) + 1), []
-    for e in excitation:
-        f = mp.mpf(float(e))
+    for e in np.frombuffer(excitation).tolist():
+        f = mp.mpf(e)
         for m in range(len(steps) - 1, -1, -1):
             f -= steps[m] * b[m]
             b[m + 1] = b[m] + steps[m] * f
@@ -103,12 +105,12 @@ def all_pole_response(k: Samples, excitation: Samples) -> Samples:
     return np.array([float(v) for v in out])
 
 
-# Filters and transforms -------------------------------------------------------------------------------------
+# Filters -------------------------------------------------------------------------------------
 
 
 def _through(sos: Samples, x: list[Any], *, settled: bool) -> list[Any]:
     """Return the signal through second-order sections, at rest or settled on its first sample."""
-    mp = mp_context()
+    mp = multiprecision()
     level = x[0] if settled else mp.mpf(0)
     for section in sos:
         b0, b1, b2, _, a1, a2 = (mp.mpf(float(v)) for v in section)
@@ -126,13 +128,13 @@ def _through(sos: Samples, x: list[Any], *, settled: bool) -> list[Any]:
 
 def causal(sos: Samples, x: Samples) -> Samples:
     """Return `x` through second-order sections that are settled on its first sample."""
-    mp = mp_context()
+    mp = multiprecision()
     return np.array([float(v) for v in _through(sos, [mp.mpf(float(v)) for v in x], settled=True)])
 
 
 def zero_phase(sos: Samples, x: Samples, padding: int) -> Samples:
     """Return `x` forwards and backwards through second-order sections, continued by point reflection."""
-    mp = mp_context()
+    mp = multiprecision()
     s = [mp.mpf(float(v)) for v in x]
     before = [2 * s[0] - v for v in s[padding:0:-1]]
     after = [2 * s[-1] - v for v in s[-2 : -padding - 2 : -1]]
@@ -141,20 +143,9 @@ def zero_phase(sos: Samples, x: Samples, padding: int) -> Samples:
     return np.array([float(v) for v in both[padding : padding + len(s)]])
 
 
-def dct(x: Samples) -> Samples:
-    """Return the orthonormal DCT-II."""
-    mp = mp_context()
-    n = x.size
-    values = [mp.mpf(float(v)) for v in x]
-    cosines = [mp.cos(mp.pi * i / (2 * n)) for i in range(4 * n)]
-    out = [mp.fdot(values, (cosines[(2 * i + 1) * k % (4 * n)] for i in range(n))) for k in range(n)]
-    scale = [mp.sqrt(mp.mpf(1 if k == 0 else 2) / n) for k in range(n)]
-    return np.array([float(s * v) for s, v in zip(scale, out, strict=True)])
-
-
 def butterworth_gain(kind: str, edges_hz: tuple[float, ...], fs: float, order: int, f_hz: Samples) -> Samples:
     """Return the magnitude of the bilinear Butterworth filter: 1 / sqrt(1 + w^(2 order)) of the warped w."""
-    mp = mp_context()
+    mp = multiprecision()
 
     def warped(f: float) -> Any:
         return mp.tan(mp.pi * mp.mpf(float(f)) / mp.mpf(float(fs)))
@@ -175,7 +166,7 @@ def butterworth_gain(kind: str, edges_hz: tuple[float, ...], fs: float, order: i
 
 def sections_gain(sos: Samples, f: Samples) -> Samples:
     """Return the magnitude of the response of second-order sections at f (cycles per sample)."""
-    mp = mp_context()
+    mp = multiprecision()
     out = []
     for cycles in f:
         z, gain = mp.expj(-2 * mp.pi * mp.mpf(float(cycles))), mp.mpf(1)

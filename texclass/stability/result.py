@@ -3,22 +3,27 @@
 import json
 import math
 import platform
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from collections import Counter
+from dataclasses import dataclass
 from typing import Any
 
-from texclass.stability.signals import SEED
-from texclass.stability.verdict import BAD, Cell, Mark
+import pandas as pd
+
+from texclass.stability.inputs import SEED
+from texclass.stability.judging import BAD, Mark
+
+OURS = "texclass"
+FAULTY = (*BAD, Mark.WARNED)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StabilityResult:
     """What the battery found.
 
     Attributes
     ----------
-    cells
-        One for each subject and input.
+    cells : DataFrame
+        One line for each subject and input, with the columns that `texclass.stability.judge` returns.
     quick
         Whether it was the short battery.
     versions
@@ -33,7 +38,7 @@ class StabilityResult:
         Libraries that were not tried, and subjects that were given up, each with the reason.
     """
 
-    cells: tuple[Cell, ...]
+    cells: pd.DataFrame
     quick: bool
     versions: dict[str, str]
     battery: str
@@ -42,26 +47,19 @@ class StabilityResult:
     left_out: tuple[str, ...] = ()
 
     @property
-    def ours(self) -> tuple[Cell, ...]:
+    def ours(self) -> pd.DataFrame:
         """Cells of texclass."""
-        return tuple(cell for cell in self.cells if cell.library == "texclass")
+        return self.cells[self.cells["library"] == OURS]
 
     @property
-    def wrong(self) -> tuple[Cell, ...]:
+    def wrong(self) -> pd.DataFrame:
         """Our cells that are wrong: a wrong number, a crash, a hang."""
-        return tuple(cell for cell in self.ours if cell.mark in BAD)
+        return self.ours[self.ours["mark"].isin(BAD)]
 
     def to_dict(self) -> dict[str, Any]:
         """Return versions, tallies by subject and family, and every cell that is a finding, for JSON."""
-        tallies: dict[tuple[str, ...], dict[str, Any]] = {}
-        for cell in self.cells:
-            key = cell.library, cell.group, cell.subject, cell.family
-            tally = tallies.setdefault(key, {"cells": 0, "worst_over_limit": 0.0, "marks": {}})
-            tally["cells"] += 1
-            tally["marks"][cell.mark.value] = tally["marks"].get(cell.mark.value, 0) + 1
-            if cell.error is not None and cell.limit and cell.mark not in BAD:
-                tally["worst_over_limit"] = max(tally["worst_over_limit"], cell.error / cell.limit)
-        names = ("library", "group", "subject", "family")
+        theirs = self.cells[self.cells["library"] != OURS]
+        refused = (Mark.DOCUMENTED, Mark.REFUSED, Mark.UNCHECKED)
         return {
             "versions": self.versions,
             "machine": platform.platform(),
@@ -70,10 +68,18 @@ class StabilityResult:
             "quick": self.quick,
             "seconds": round(self.seconds, 1),
             "left_out": list(self.left_out),
-            "tallies": [dict(zip(names, key, strict=True)) | tally for key, tally in tallies.items()],
-            "ours_wrong": [_finite(asdict(c)) for c in self.ours if c.mark in (*BAD, Mark.WARNED)],
-            "theirs_wrong": _theirs(c for c in self.cells if c.library != "texclass"),
-            "reasons": _reasons(self.cells),
+            "tallies": _tallies(self.cells),
+            "ours_wrong": [_finite(cell) for cell in _records(self.ours[self.ours["mark"].isin(FAULTY)])],
+            "theirs_wrong": [
+                key
+                | {"cases": "; ".join(cells["case"]), "reason": cells["reason"].iloc[0], "cells": len(cells)}
+                for key, cells in _by(theirs[theirs["mark"].isin(FAULTY)], "mark")
+            ],
+            "reasons": [
+                key | {"cells": len(cells), "first": cells["case"].iloc[0], "reason": cells["reason"].iloc[0]}
+                for key, cells in _by(self.cells[self.cells["mark"].isin(refused)], "mark")
+            ],
+            "nearest": _nearest(self.ours),
         }
 
     def to_json(self) -> str:
@@ -81,28 +87,44 @@ class StabilityResult:
         return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _reasons(cells: Iterable[Cell]) -> list[dict[str, Any]]:
-    """Return what is documented, refused or unchecked: how often and one reason, by subject and family."""
-    marks = (Mark.DOCUMENTED, Mark.REFUSED, Mark.UNCHECKED)
-    found: dict[tuple[str, ...], dict[str, Any]] = {}
-    for cell in cells:
-        if cell.mark in marks:
-            key = cell.library, cell.subject, cell.family, cell.mark.value
-            found.setdefault(key, {"cells": 0, "first": cell.case, "reason": cell.reason})["cells"] += 1
-    names = ("library", "subject", "family", "mark")
-    return [dict(zip(names, key, strict=True)) | rest for key, rest in found.items()]
+def _records(cells: pd.DataFrame) -> list[dict[str, Any]]:
+    return cells.astype(object).where(cells.notna(), None).to_dict("records")  # type: ignore[return-value]
 
 
-def _theirs(cells: Iterable[Cell]) -> list[dict[str, Any]]:
-    """Return what is wrong with public libraries: inputs and one reason by subject, family and kind."""
-    found: dict[tuple[str, ...], dict[str, Any]] = {}
-    for cell in cells:
-        if cell.mark in (*BAD, Mark.WARNED):
-            key = cell.library, cell.subject, cell.family, cell.mark.value
-            found.setdefault(key, {"cases": [], "reason": cell.reason})["cases"].append(cell.case)
-    names = ("library", "subject", "family", "mark")
-    rows = [dict(zip(names, key, strict=True)) | rest for key, rest in found.items()]
-    return [row | {"cells": len(row["cases"]), "cases": "; ".join(row["cases"])} for row in rows]
+def _by(cells: pd.DataFrame, last: str) -> list[tuple[dict[str, Any], pd.DataFrame]]:
+    """Return the cells of each subject and family by another column, in the order of their first."""
+    names = ["library", "subject", "family", last]
+    return [
+        (dict(zip(names, map(str, key), strict=True)), group)
+        for key, group in cells.groupby(names, sort=False)
+    ]
+
+
+def _tallies(cells: pd.DataFrame) -> list[dict[str, Any]]:
+    names = ["library", "group", "subject", "family"]
+    found = []
+    for key, group in cells.groupby(names, sort=False):
+        tally = {
+            "cells": len(group),
+            "worst_over_limit": float(_over_limit(group).max()),
+            "marks": dict(Counter(map(str, group["mark"]))),
+        }
+        found.append(dict(zip(names, key, strict=True)) | tally)
+    return found
+
+
+def _nearest(cells: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the right cell of each subject that comes nearest to its limit."""
+    near = cells.assign(over=_over_limit(cells)).query("over > 0 or error == 0 and limit > 0")
+    first = near.loc[near.groupby("subject", sort=False)["over"].idxmax()]
+    return _records(first[["subject", "what", "error", "limit", "case"]])
+
+
+def _over_limit(cells: pd.DataFrame) -> pd.Series:
+    """Return error over limit of what is right and was measured, 0 elsewhere."""
+    limit = cells["limit"].astype(float)
+    share = cells["error"].astype(float) / limit.where(limit > 0)
+    return share.where(~cells["mark"].isin(BAD)).fillna(0.0)
 
 
 def _finite(cell: dict[str, Any]) -> dict[str, Any]:

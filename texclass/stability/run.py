@@ -1,24 +1,22 @@
-"""Run the battery: one process a library, with a time limit for every cell, and gather the cells."""
+"""Run the battery: subjects in processes of their own, with a time limit for every cell."""
 
-import importlib.util
-import json
+import importlib
+import multiprocessing
 import os
-import platform
-import queue
-import subprocess
-import sys
 import tempfile
-import threading
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from importlib import metadata
-from typing import IO, Any, Literal
+from multiprocessing.connection import Connection
+from typing import Any, Literal
 
-from texclass._version import __version__
-from texclass.stability import signals
+import pandas as pd
+
+from texclass.provenance import versions
+from texclass.stability.inputs import battery_hash
+from texclass.stability.judging import Mark, Subject, judge
 from texclass.stability.result import StabilityResult
-from texclass.stability.verdict import Cell, Mark
 
 Group = Literal["models", "filters", "transforms", "features", "peers"]
 CELL_S = 180.0
@@ -28,33 +26,27 @@ START_S = 600.0
 STREAM_S = 900.0
 GIVE_UP = 3
 """Crashes and hangs of one subject after which the rest of its cells is left out."""
-OURS: dict[str, tuple[str, ...]] = {
-    "models": ("subjects_fits", "subjects_autoregression", "subjects_modes"),
-    "filters": ("subjects_filters",),
-    "transforms": ("subjects_transforms",),
-    "features": ("subjects_features",),
+OURS = {
+    "models": "autoregression:SUBJECTS modes:SUBJECTS",
+    "filters": "signals:SUBJECTS",
+    "transforms": "signals:SUBJECTS",
+    "features": "features:subjects",
 }
-LIBRARIES = {
-    "librosa": "librosa",
-    "scipy": "scipy",
-    "spectrum": "spectrum",
-    "statsmodels": "statsmodels",
-    "pysptk": "pysptk",
-    "tsfel": "tsfel",
-    "tsfresh": "tsfresh",
-    "pycatch22": "pycatch22",
-}
-"""Public libraries that are tried where they are installed, and their packages."""
-CORE = ("librosa", "scipy")
-"""Those that come with texclass: a quick run tries no others, whose import alone takes seconds."""
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+"""Where the subjects of each group stand."""
+LIBRARIES = ("numpy", "pandas", "numba", "mpmath")
 Progress = Callable[[int, int, str], None]
 
 
 def run_stability(
-    *, quick: bool = False, only: Group | None = None, jobs: int = 2, progress: Progress | None = None
+    *,
+    quick: bool = False,
+    only: Group | None = None,
+    peers: Mapping[str, str] | None = None,
+    left_out: Sequence[str] = (),
+    jobs: int = 2,
+    progress: Progress | None = None,
 ) -> StabilityResult:
-    """Try ours and every public library that is installed.
+    """Try ours, and the public libraries that are handed over.
 
     Parameters
     ----------
@@ -62,65 +54,57 @@ def run_stability(
         A small part of the battery.
     only : {"models", "filters", "transforms", "features", "peers"}, optional
         One group alone.
+    peers : mapping of str to str, optional
+        Of each public library to be tried the place of its subjects, "module:function".
+    left_out : sequence of str
+        Which public libraries are not tried, and why.
     jobs : int
         Processes at a time, of one thread each.
     progress : callable, optional
         Called with (done, total, what), from several threads.
-
-    Returns
-    -------
-    StabilityResult
     """
     start = time.monotonic()
-    tasks = [_tasks_of(ms) for group, ms in OURS.items() if only in (None, group)]
-    left_out: list[str] = []
+    ours = [group for group in OURS if only in (None, group)]
+    tasks = [
+        (" ".join(f"texclass.stability.subjects_{where}" for where in OURS[group].split()), group)
+        for group in ours
+    ]
     if only in (None, "peers"):
-        tasks += _peer_tasks(quick, left_out)
+        tasks += [(place, "peers") for place in (peers or {}).values()]
+    given_up = list(left_out) if only in (None, "peers") else []
 
-    def cells_of(task: str) -> list[Cell]:
-        return supervise(task, quick=quick, progress=progress, left_out=left_out)
+    def cells_of(task: tuple[str, str]) -> list[dict[str, Any]]:
+        return supervise(*task, quick=quick, progress=progress, left_out=given_up)
 
     with ThreadPoolExecutor(max_workers=jobs) as pool:
-        cells = tuple(cell for found in pool.map(cells_of, tasks) for cell in found)
-    seconds = time.monotonic() - start
+        cells = [cell for found in pool.map(cells_of, tasks) for cell in found]
     return StabilityResult(
-        cells, quick, _versions(), signals.battery_hash(), seconds, left_out=tuple(left_out)
+        pd.DataFrame(cells),
+        quick,
+        versions(*LIBRARIES, *(peers or {})),
+        battery_hash(),
+        time.monotonic() - start,
+        left_out=tuple(given_up),
     )
 
 
-def _tasks_of(modules: tuple[str, ...]) -> str:
-    return " ".join(f"texclass.stability.{module}:subjects" for module in modules)
-
-
-def _peer_tasks(quick: bool, left_out: list[str]) -> list[str]:
-    """Return a task for each library that is tried, and say which are not."""
-    installed = [name for name, package in LIBRARIES.items() if importlib.util.find_spec(package)]
-    left_out += [f"{name}: not installed" for name in LIBRARIES if name not in installed]
-    if not quick:
-        return [_peer_task(name) for name in installed]
-    left_out += [f"{name}: not in a quick run" for name in installed if name not in CORE]
-    return [" ".join(_peer_task(name) for name in CORE)]
-
-
-def _peer_task(library: str) -> str:
-    module = "features" if library in ("tsfel", "tsfresh", "pycatch22") else "models"
-    return f"texclass.stability.peers_{module}:{library}"
-
-
 def supervise(
-    subjects: str,
+    places: str,
+    group: str,
     *,
     quick: bool,
     cell_s: float = CELL_S,
     progress: Progress | None = None,
     left_out: list[str] | None = None,
-) -> list[Cell]:
+) -> list[dict[str, Any]]:
     """Judge subjects in a process of their own, and start it anew when it dies.
 
     Parameters
     ----------
-    subjects : str
-        "module:function", where the function returns them; several of these with blanks between.
+    places : str
+        "module:name" of a list of subjects, or of a function that returns one; several with blanks between.
+    group : str
+        Only the subjects of this group are tried.
     quick : bool
         As in `run_stability`.
     cell_s : float
@@ -128,91 +112,93 @@ def supervise(
     progress, left_out
         As in `run_stability`; `left_out` receives a line for each subject that was given up.
     """
-    cells: list[Cell] = []
-    failures: dict[str, int] = {}
+    cells: list[dict[str, Any]] = []
+    failures: Counter[str] = Counter()
     done: int | None = 0
     while done is not None:
         given_up = [name for name, times in failures.items() if times >= GIVE_UP]
-        task = {"subjects": subjects, "quick": quick, "done": done, "given_up": given_up}
-        done, failed = _one_process(task, cell_s, cells, progress)
-        if failed is not None:
-            cells.append(failed)
-            failures[failed.subject] = failures.get(failed.subject, 0) + 1
-            if failures[failed.subject] == GIVE_UP and left_out is not None:
-                left_out.append(
-                    f"{failed.library} {failed.subject}: given up after {GIVE_UP} crashes or hangs"
-                )
+        done, died = _one_process((places, group, quick, done, given_up), cell_s, cells, progress)
+        if died is not None:
+            cells.append(died)
+            failures[died["subject"]] += 1
+            if failures[died["subject"]] == GIVE_UP and left_out is not None:
+                about = f"{died['library']} {died['subject']}"
+                left_out.append(f"{about}: given up after {GIVE_UP} crashes or hangs")
     return cells
 
 
 def _one_process(
-    task: dict[str, Any], cell_s: float, cells: list[Cell], progress: Progress | None
-) -> tuple[int | None, Cell | None]:
+    task: tuple[Any, ...], cell_s: float, cells: list[dict[str, Any]], progress: Progress | None
+) -> tuple[int | None, dict[str, Any] | None]:
     """Read the cells of one process; return where to go on (None: all done) and the cell it died in."""
-    environment = os.environ | {name: "1" for name in THREADS}
-    command = [sys.executable, "-m", "texclass.stability.worker", json.dumps(task)]
-    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment)
-        assert process.stdout is not None
-        lines = _lines_of(process.stdout)
-        begun: dict[str, Any] | None = None
-        limit = START_S
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe(duplex=False)
+    with tempfile.NamedTemporaryFile("r", encoding="utf-8", errors="replace") as said:
+        process = context.Process(target=_work, args=(task, there, said.name), daemon=True)
+        process.start()
+        there.close()
+        number, begun, limit = -1, None, START_S
         try:
-            while (line := lines.get(timeout=limit)) is not None:
-                message = json.loads(line)
-                if "end" in message:
+            while here.poll(limit):
+                message = here.recv()
+                if message is None:
                     return None, None
-                if "begin" in message:
-                    first = begun is None or begun["subject"] != message["subject"]
-                    limit = max(START_S if first else cell_s, STREAM_S * (message["family"] == "stream"))
-                    begun = message
-                    if progress:
-                        what = f"{message['library']} {message['group']}"
-                        progress(message["begin"] + 1, message["of"], what)
-                else:
-                    cells.append(Cell(**{**message["cell"], "mark": Mark(message["cell"]["mark"])}))
-        except queue.Empty:
-            if begun is None:
-                raise ValueError(f"{task['subjects']} did not start within {limit:g} s") from None
-            return begun["begin"] + 1, _died(begun, Mark.HANG, f"no answer within {limit:g} s")
+                if "mark" in message:
+                    cells.append(message)
+                    continue
+                first = begun is None or begun["subject"] != message["about"]["subject"]
+                number, begun = message["number"], message["about"]
+                limit = max(START_S if first else cell_s, STREAM_S * (begun["family"] == "stream"))
+                if progress:
+                    progress(number + 1, message["of"], f"{begun['library']} {begun['group']}")
+            mark, reason = Mark.HANG, f"no answer within {limit:g} s"
+        except EOFError:
+            process.join()
+            last = said.read().strip().splitlines()
+            mark = Mark.CRASH
+            reason = f"the process ended with {process.exitcode}: {last[-1] if last else 'no message'}"
         finally:
             process.kill()
-            process.wait()
-            process.stdout.close()
-        errors.seek(0)
-        said = errors.read().strip().splitlines()
-        reason = f"the process ended with {process.returncode}: {said[-1] if said else 'no message'}"
-        if begun is None:
-            raise ValueError(f"{task['subjects']}: {reason}; the rule is that it can be imported")
-        return begun["begin"] + 1, _died(begun, Mark.CRASH, reason)
+            process.join()
+            here.close()
+    if begun is None:
+        raise ValueError(f"{task[0]}: {reason}; the rule is that it can be imported")
+    unmeasured = {"error": None, "limit": None, "what": "", "seconds": 0.0}
+    return number + 1, begun | {"mark": mark, "reason": reason} | unmeasured
 
 
-def _lines_of(stream: IO[str]) -> "queue.Queue[str | None]":
-    """Return a queue of the lines, which a thread fills; None at the end."""
-    lines: queue.Queue[str | None] = queue.Queue()
+def _work(task: tuple[Any, ...], out: Connection, said: str) -> None:
+    """Judge all cells of a group from number `done` on, but for those of subjects that were given up.
 
-    def read() -> None:
-        try:
-            for line in stream:
-                lines.put(line)
-        except ValueError:  # closed while reading: the process was killed
-            pass
-        lines.put(None)
+    Before each cell its number and name are sent, so that whoever reads knows what did not come back. What a
+    library prints goes to the file `said`.
+    """
+    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-    threading.Thread(target=read, daemon=True).start()
-    return lines
+    places, group, quick, done, given_up = task
+    printed = os.open(said, os.O_WRONLY | os.O_APPEND)
+    os.dup2(printed, 1)
+    os.dup2(printed, 2)
+    with threadpool_limits(1):
+        subjects = [subject for place in places.split() for subject in _subjects_at(place)]
+        pairs = [(s, case) for s in subjects if s.group == group for case in s.cases(quick)]
+        for number, (subject, case) in enumerate(pairs):
+            if number < done or subject.name in given_up:
+                continue
+            about = {
+                "library": subject.library,
+                "group": subject.group,
+                "subject": subject.name,
+                "family": case.family,
+                "case": case.name,
+            }
+            out.send({"number": number, "of": len(pairs), "about": about})
+            out.send(judge(subject, case))
+    out.send(None)
 
 
-def _died(begun: dict[str, Any], mark: Mark, reason: str) -> Cell:
-    about = {name: begun[name] for name in ("library", "group", "subject", "family", "case")}
-    return Cell(**about, mark=mark, reason=reason)
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version(), "texclass": __version__}
-    for name in ("numpy", "pandas", "numba", "mpmath", *LIBRARIES.values()):
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+def _subjects_at(place: str) -> list[Subject]:
+    module, name = place.split(":")
+    found = getattr(importlib.import_module(module), name)
+    subjects: list[Subject] = found() if callable(found) else found
+    return subjects

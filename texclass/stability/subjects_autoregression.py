@@ -1,7 +1,7 @@
-"""Subjects: what texclass derives from reflection coefficients: spectra, poles, sound."""
+"""Subjects: fits of autoregressive models, and what is derived from reflection coefficients."""
 
-from collections.abc import Iterator
-from functools import lru_cache
+from collections.abc import Callable, Iterator
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -9,42 +9,156 @@ import numpy as np
 from texclass import vibration
 from texclass.recording import Samples
 from texclass.stability import exact, exact_models, rules
-from texclass.stability.signals import VALUES, Case, in_families, noise, samples_of, with_orders
-from texclass.stability.verdict import Check, Documented, Finding, Subject, Unchecked
+from texclass.stability.inputs import (
+    VALUES,
+    Case,
+    battery,
+    beyond,
+    in_families,
+    noise,
+    samples_of,
+    with_orders,
+)
+from texclass.stability.judging import Attempt, Check, Documented, Finding, Subject, tried
 from texclass.vibration import Autoregression, LatticeInverse, LatticeSynthesis, line_spectrum
+from texclass.vibration.autoregressive import autocorrelation, from_autocorrelation
 
+SUBJECTS: list[Subject] = []
+METHODS = {"burg": "Burg", "autocorrelation": "the autocorrelation method"}
+"""Those with an optimum that can be had in many digits."""
 EXCITATION = noise(192, 7)
+OMEGA_FEW = np.array([1e-6, 0.05, 0.3, 0.7, 1.5, 2.9, np.pi])
 
 
-def subjects() -> list[Subject]:
-    """Return the line spectrum, the lattice and everything read from reflection coefficients."""
-    return [
-        _derived("line spectrum, there and back", _line_spectrum, _line_spectrum_checks, 1000),
-        _derived("lattice synthesis", _lattice, _lattice_checks, 1000),
-        _derived("lattice inverse filter", _inverse, _inverse_checks, 400),
-        _derived("log spectrum", _log_spectrum, _log_spectrum_checks, 1000),
-        _derived("poles", _poles, _poles_checks, 256),
-        _derived("cepstrum", _cepstrum, _cepstrum_checks, 128),
-        _derived("direct form, or its refusal", _direct, _direct_checks, 256),
-        _derived("log area ratios", _areas, _areas_checks, 1000),
+def at_orders(quick: bool, largest: int) -> tuple[Case, ...]:
+    """Return the battery at each order, and signals hardly longer than the order."""
+    return (*with_orders(battery(quick, with_rates=False), quick, largest), *beyond(quick))
+
+
+# Fits -------------------------------------------------------------------------------------------------------
+
+
+def _fit(x: Any, case: Case, *, method: Any) -> Attempt:
+    model = vibration.fit(x, case.order, method=method)
+    yield model
+    signal = samples_of(x)
+    if method in METHODS:
+        yield from rules.predictor(signal, case.order, METHODS[method], k=model.reflection)
+    else:
+        yield from _both_ways(signal, case.order, model)
+    yield from _gain(signal, model, method)
+    louder = vibration.fit(np.ldexp(_unit(signal), 40), case.order, method=method)
+    alone = vibration.fit(_unit(signal), case.order, method=method)
+    yield rules.close("k free of gain", louder.reflection, alone.reflection, 0.0)
+    if case.family in ("dtype", "layout"):
+        copy = vibration.fit(signal, case.order, method=method)
+        yield rules.close("k as of the float64 copy", model.reflection, copy.reflection, 0.0)
+
+
+def _covariance_cases(quick: bool) -> Iterator[Case]:
+    largest = 18 if quick else 128  # O(n p^2)
+    return (case for case in at_orders(quick, largest) if case.order <= largest)
+
+
+for _method in METHODS:
+    tried(SUBJECTS, "models", f"fit, {_method}", partial(at_orders, largest=1000))(
+        partial(_fit, method=_method)
+    )
+tried(SUBJECTS, "models", "fit, modified covariance", _covariance_cases)(
+    partial(_fit, method="modified_covariance")
+)
+
+
+def _unit(x: Samples) -> Samples:
+    return np.ldexp(x, -int(np.frexp(np.max(np.abs(x), initial=0.0))[1]))
+
+
+def _gain(x: Samples, model: Autoregression, method: str) -> Iterator[Finding]:
+    yield rules.finite("gain", model.gain)
+    if not np.any(x):
+        yield Check("gain of silence", float(model.gain), 0.0)
+        return
+    rms = exact.root(exact.mean_square(x))
+    if method not in METHODS:
+        yield rules.holds("a gain no larger than the signal", model.gain <= 1.01 * np.sqrt(x.size) * rms)
+        return
+    yield rules.close("residual of order 0 = RMS", model.residual[0], rms, 1e-12)
+    if exact.EXTENDED:
+        padding = 0 if method == "burg" else model.order
+        energies = exact.lattice_energies(x, model.reflection, padding)
+        m = min(model.order, energies.size - 1)
+        samples = x.size - m if method == "burg" else x.size
+        measured = float(rms * np.sqrt(energies[m] * x.size / samples))
+        limit, floor = 1e-6, 1e-8 * rms  # of a residual below 1e-14 of the signal only that it is so small
+        yield rules.close("residual as the samples give it", model.residual[m], measured, limit, scale=floor)
+
+
+def _both_ways(x: Samples, order: int, model: Autoregression) -> Iterator[Finding]:
+    """Check modified covariance: stable, and no more residual than Burg's, or Burg's fit itself."""
+    yield rules.finite("reflection coefficients", model.reflection)
+    yield rules.stable(model.reflection)
+    if model.fallback:
+        burg = vibration.fit(x, order, method="burg")
+        yield rules.close("the fallback is Burg's fit", model.reflection, burg.reflection, 0.0)
+        yield Documented(
+            "fallback: modified covariance is unstable or undetermined here, Burg's fit returned"
+        )
+    elif np.any(x) and exact.EXTENDED:
+        energy = exact.lattice_energies(x, model.reflection)[-1]
+        best = exact.burg_energies(x, order)[-1]
+        above = max((energy - best) / (best + rules.FLOOR), 0.0)
+        yield Check("residual energy above Burg's", float(above), rules.EXCESS)
+
+
+@tried(SUBJECTS, "models", "from_autocorrelation", partial(at_orders, largest=400))
+def _from_lags(x: Any, case: Case) -> Attempt:
+    """Check that the Yule-Walker equations hold for the lags given, as far as they were solved."""
+    samples = _unit(samples_of(x))
+    if samples.size == 0:
+        raise ValueError("from_autocorrelation got no sample in this battery; the rule is one")
+    r = autocorrelation(samples[np.newaxis], case.order)[0] if np.all(np.isfinite(samples)) else samples
+    model = from_autocorrelation(r)
+    yield model
+    fitted = int(model.fitted_order)
+    yield rules.stable(model.reflection)
+    yield rules.finite("gain", model.gain)
+    if fitted < case.order:
+        yield Documented(f"fitted_order: the lags determine {fitted} orders of {case.order}")
+    if fitted > 18 or not np.any(r):
+        return
+    a = exact_models.coefficients(model.reflection[:fitted])
+    size = sum(abs(c) for c in a)
+    equations = [
+        abs(sum(c * float(r[abs(m - i)]) for i, c in enumerate(a))) / (size * float(r[0]))
+        for m in range(1, fitted + 1)
     ]
+    yield Check("Yule-Walker equations", float(max(equations, default=0.0)), 1e-13)
 
 
-@lru_cache(maxsize=4096)
-def _fitted(samples: bytes, order: int) -> Autoregression:
-    x = np.frombuffer(samples)
-    return vibration.fit(x, order)
+def _few_orders(quick: bool) -> tuple[Case, ...]:
+    return with_orders(battery(quick, longest=0, with_rates=False), quick, 50)
 
 
-def model_of(x: Any, order: int) -> Autoregression:
-    """Return Burg's model; all checks of what is derived from it share it."""
-    return _fitted(samples_of(x).tobytes(), order)
+@tried(SUBJECTS, "models", "select_order", _few_orders)
+def _select_order(x: Any, case: Case) -> Attempt:
+    criteria: Any = ("spectral_error", "aicc")
+    chosen = [vibration.select_order(x, case.order, criterion=c) for c in criteria]
+    yield chosen
+    for criterion, selection in zip(criteria, chosen, strict=True):
+        yield Check("orders looked at", abs(selection.values.size - case.order - 1), 0.0)
+        yield Check(f"{criterion} is no number", float(np.isnan(selection.values).sum()), 0.0)
+        yield Check("order of the model", abs(selection.model.order - selection.order), 0.0)
+        quiet = np.ldexp(_unit(samples_of(x)), -300)
+        same = vibration.select_order(quiet, case.order, criterion=criterion)
+        yield Check(f"{criterion}: the order is free of gain", abs(same.order - selection.order), 0.0)
 
 
-def handmade(quick: bool, largest: int) -> tuple[Case, ...]:
-    """Return models that no fit gives: every reflection coefficient of one size, or next to 1."""
+# From reflection coefficients -------------------------------------------------------------------------------
+
+
+def handmade(quick: bool, largest: int) -> Iterator[Case]:
+    """Yield models that no fit gives: every reflection coefficient of one size, or next to 1."""
     orders = (1, 2, 18, 128) if quick else (1, 2, 10, 18, 50, 100, 128, 256, 400, 1000)
-    cases = []
     for p in (p for p in orders if p <= largest):
         sign = np.where(np.arange(p) % 2, -1.0, 1.0)
         random = np.random.default_rng(p).choice([-1.0, 1.0], p)
@@ -55,15 +169,25 @@ def handmade(quick: bool, largest: int) -> tuple[Case, ...]:
             "k = 1 - 1e-12, random sign": (1 - 1e-12) * random,
             "k = 1 - 2^-53": np.full(p, 1 - 2.0**-53),
         }.items():
-            cases.append(Case(name, "poles", lambda k=k: k).at_order(p))  # type: ignore[misc]
-    return tuple(cases)
+            yield Case.of(name, "poles", k).at_order(p)
+
+
+def models(quick: bool, largest: int) -> tuple[Case, ...]:
+    """Return the models by hand, and one at each order for each signal."""
+    signals = with_orders(in_families(*VALUES, quick=quick), quick, largest)
+    return (*signals, *handmade(quick, largest))
 
 
 def k_of(x: Any, case: Case) -> Samples:
     """Return the reflection coefficients a case stands for: those given by hand, or Burg's of its signal."""
     if case.name.startswith(("k =", "all k =")):
         return samples_of(x)
-    return model_of(x, case.order).reflection
+    return _burg(samples_of(x).tobytes(), case.order)
+
+
+@lru_cache(maxsize=4096)
+def _burg(samples: bytes, order: int) -> Samples:
+    return vibration.fit(np.frombuffer(samples), order).reflection
 
 
 def unit_model(k: Samples) -> Autoregression:
@@ -71,150 +195,119 @@ def unit_model(k: Samples) -> Autoregression:
     return Autoregression(k, np.asarray(1.0))
 
 
-def derived_cases(quick: bool, largest: int) -> tuple[Case, ...]:
-    """Return the models by hand, and one at each order for each signal."""
-    signals = with_orders(in_families(*VALUES, quick=quick), quick, largest)
-    return (*signals, *handmade(quick, largest))
+Derivation = Callable[[Samples, Case], Attempt]
 
 
-def _derived(name: str, run: Any, checks: Any, largest: int) -> Subject:
-    def of(quick: bool) -> tuple[Case, ...]:
-        return derived_cases(quick, min(largest, 400 if largest == 1000 else 128) if quick else largest)
+def derived(name: str, largest: int) -> Callable[[Derivation], Derivation]:
+    """Return a decorator: what is derived from reflection coefficients is a subject, given `models`."""
 
-    return Subject(name, "models", "texclass", of, run, checks)
+    def cases(quick: bool) -> tuple[Case, ...]:
+        return models(quick, min(largest, 400 if largest == 1000 else 128) if quick else largest)
+
+    def add(derivation: Derivation) -> Derivation:
+        @tried(SUBJECTS, "models", name, cases)
+        def attempt(x: Any, case: Case) -> Attempt:
+            yield from derivation(k_of(x, case), case)
+
+        return derivation
+
+    return add
 
 
-def _line_spectrum(x: Any, case: Case) -> tuple[Samples, Samples]:
-    lsf = line_spectrum.from_reflection(k_of(x, case))
-    return lsf, line_spectrum.to_reflection(lsf)
-
-
-def _line_spectrum_checks(x: Any, case: Case, result: tuple[Samples, Samples]) -> Iterator[Finding]:
-    k = k_of(x, case)
-    yield from rules.line_spectrum(k, *result)
-    if line_spectrum.conditioning(result[0]) >= 1:
+@derived("line spectrum, there and back", 1000)
+def _line_spectrum(k: Samples, case: Case) -> Attempt:
+    lsf = line_spectrum.from_reflection(k)
+    back = line_spectrum.to_reflection(lsf)
+    yield lsf, back
+    yield from rules.line_spectrum(k, lsf, back)
+    if line_spectrum.conditioning(lsf) >= 1:
         yield Documented("conditioning >= 1: two frequencies that float64 cannot tell apart")
     if case.order <= 50:
-        if exact.available():
-            yield Check(
-                "frequencies, against 60 digits", exact_models.line_spectrum_error(k, result[0]), 1e-12
-            )
-        else:
-            yield Unchecked(exact.MISSING)
+        yield Check("frequencies, against 60 digits", exact_models.line_spectrum_error(k, lsf), 1e-12)
 
 
-def _lattice(x: Any, case: Case) -> dict[str, Samples]:
-    model = unit_model(k_of(x, case))
-    level = None if np.isfinite(model.level) else 1.0
-    one = LatticeSynthesis(model, level=level)
-    pieces = LatticeSynthesis(model, level=level)
-    single = LatticeSynthesis(model, level=1.0, dtype=np.float32)
-    cut = [EXCITATION[:50], EXCITATION[50:51], EXCITATION[51:51], EXCITATION[51:]]
-    return {
-        "float64": np.asarray(one.process(EXCITATION)),
-        "pieces": np.concatenate([pieces.process(piece) for piece in cut]),
-        "float32": np.asarray(single.process(EXCITATION)),
-    }
-
-
-def _lattice_checks(x: Any, case: Case, out: dict[str, Samples]) -> Iterator[Finding]:
-    k = k_of(x, case)
+@derived("lattice synthesis", 1000)
+def _lattice_synthesis(k: Samples, case: Case) -> Attempt:
     model = unit_model(k)
     level = float(model.level) if np.isfinite(model.level) else 1.0
+    out = np.asarray(LatticeSynthesis(model, level=level).process(EXCITATION))
+    pieces = LatticeSynthesis(model, level=level)
+    cut = [EXCITATION[:50], EXCITATION[50:51], EXCITATION[51:51], EXCITATION[51:]]
+    pieced = np.concatenate([pieces.process(piece) for piece in cut])
+    single = np.asarray(LatticeSynthesis(model, level=1.0, dtype=np.float32).process(EXCITATION))
+    yield out
     size = float(np.linalg.norm(EXCITATION))  # rotations: no state exceeds the energy that went in
-    yield rules.holds("bounded in float64", np.max(np.abs(out["float64"])) <= level * size)
-    yield rules.holds("bounded in float32", np.max(np.abs(out["float32"])) <= size)
-    yield rules.close("pieces = whole", out["pieces"], out["float64"], 0.0)
-    if case.order <= 50 and np.isfinite(model.level):
-        yield from rules.response("synthesis", out["float64"], k, 1.0, EXCITATION)
-    else:
-        yield rules.finite("synthesis", out["float64"])
+    yield rules.holds("bounded in float64", np.max(np.abs(out)) <= level * size)
+    yield rules.holds("bounded in float32", np.max(np.abs(single)) <= size)
+    yield rules.close("pieces = whole", pieced, out, 0.0)
     if float(model.prediction_gain_db) < 60:
         limit = 1e-6 * case.order + 1e-4
-        yield rules.close("float32 against float64", out["float32"] * level, out["float64"], limit)
+        yield rules.close("float32 against float64", single * level, out, limit)
+    if case.order <= 50 and np.isfinite(model.level):
+        yield from rules.response("synthesis", out, k, EXCITATION)
+    else:
+        yield rules.finite("synthesis", out)
 
 
-def _inverse(x: Any, case: Case) -> Samples:
-    model = unit_model(k_of(x, case))
+@derived("lattice inverse filter", 400)
+def _lattice_inverse(k: Samples, case: Case) -> Attempt:
+    """Check that undoing the synthesis loses the prediction gain (level / gain) in digits, and no more."""
+    model = unit_model(k)
     level = None if np.isfinite(model.level) else 1.0
     out = LatticeSynthesis(model, level=level).process(EXCITATION)
-    return np.asarray(LatticeInverse(model, level=level).process(out))
-
-
-def _inverse_checks(x: Any, case: Case, back: Samples) -> Iterator[Finding]:
-    """Check that undoing the synthesis loses the prediction gain (level / gain) in digits, and no more."""
-    gain_db = float(unit_model(k_of(x, case)).prediction_gain_db)
-    lost = 1e-15 * case.order * 10 ** (min(gain_db, 400.0) / 20)
+    back = np.asarray(LatticeInverse(model, level=level).process(out))
+    yield back
+    lost = 1e-15 * case.order * 10 ** (min(float(model.prediction_gain_db), 400.0) / 20)
     if lost > 1e-4:
         yield Check("a prediction gain beyond what float64 can undo", 0.0, 0.0)
     else:
         yield rules.close("the excitation comes back", back, EXCITATION, 1000 * lost + 1e-12)
 
 
-def _log_spectrum(x: Any, case: Case) -> Samples:
-    return unit_model(k_of(x, case)).log_spectrum_db(OMEGA_FEW)
-
-
-OMEGA_FEW = np.array([1e-6, 0.05, 0.3, 0.7, 1.5, 2.9, np.pi])
-
-
-def _log_spectrum_checks(x: Any, case: Case, db: Samples) -> Iterator[Finding]:
+@derived("log spectrum", 1000)
+def _log_spectrum(k: Samples, case: Case) -> Attempt:
+    db = unit_model(k).log_spectrum_db(OMEGA_FEW)
+    yield db
     yield rules.finite("log spectrum", db)
-    if exact.available():
-        right = exact_models.log_spectrum_db(k_of(x, case), OMEGA_FEW)
-        yield rules.close("log spectrum, against 60 digits", db, right, 1e-9, scale=10.0)
-    else:
-        yield Unchecked(exact.MISSING)
+    right = exact_models.log_spectrum_db(k, OMEGA_FEW)
+    yield rules.close("log spectrum, against 60 digits", db, right, 1e-9, scale=10.0)
 
 
-def _poles(x: Any, case: Case) -> Any:
-    return unit_model(k_of(x, case)).poles()
-
-
-def _poles_checks(x: Any, case: Case, poles: Any) -> Iterator[Finding]:
+@derived("poles", 256)
+def _poles(k: Samples, case: Case) -> Attempt:
     """Check that they lie inside the unit circle, and that their product has the spectrum of the model."""
+    poles = unit_model(k).poles()
+    yield poles
     yield rules.finite("poles", np.abs(poles))
     yield rules.holds("poles inside the unit circle", np.max(np.abs(poles)) < 1)
     at = rules.OMEGA[:, np.newaxis]
     product = -20 * np.log10(np.abs(1 - poles * np.exp(-1j * at))).sum(axis=1)
-    k = k_of(x, case)
-    yield Check("dB RMS of the spectrum of their product", _rms_db(product, k), 1e-6)
+    error = float(np.sqrt(np.mean((product - line_spectrum.log_spectrum(k, rules.OMEGA)) ** 2)))
+    yield Check("dB RMS of the spectrum of their product", error, 1e-6)
 
 
-def _rms_db(spectrum_db: Samples, k: Samples) -> float:
-    return float(np.sqrt(np.mean((spectrum_db - line_spectrum.log_spectrum(k, rules.OMEGA)) ** 2)))
-
-
-def _cepstrum(x: Any, case: Case) -> Samples:
-    return unit_model(k_of(x, case)).cepstrum(20)[1:]
-
-
-def _cepstrum_checks(x: Any, case: Case, c: Samples) -> Iterator[Finding]:
+@derived("cepstrum", 128)
+def _cepstrum(k: Samples, case: Case) -> Attempt:
+    c = unit_model(k).cepstrum(20)[1:]
+    yield c
     yield rules.finite("cepstrum", c)
-    if exact.available():
-        right = exact_models.cepstrum(k_of(x, case), 20)
-        yield rules.close("cepstrum, against 60 digits", c, right, 1e-9, scale=1.0)
-    else:
-        yield Unchecked(exact.MISSING)
+    yield rules.close("cepstrum, against 60 digits", c, exact_models.cepstrum(k, 20), 1e-9, scale=1.0)
 
 
-def _direct(x: Any, case: Case) -> Samples:
-    return unit_model(k_of(x, case)).direct_form()
-
-
-def _direct_checks(x: Any, case: Case, a: Samples) -> Iterator[Finding]:
+@derived("direct form, or its refusal", 256)
+def _direct_form(k: Samples, case: Case) -> Attempt:
+    a = unit_model(k).direct_form()
+    yield a
     yield from rules.stable_coefficients(a)
-    if exact.available() and case.order <= 128:
-        yield rules.close("k of the coefficients", exact_models.step_down(a), k_of(x, case), 2e-6, scale=1.0)
+    if case.order <= 128:
+        yield rules.close("k of the coefficients", exact_models.step_down(a), k, 2e-6, scale=1.0)
 
 
-def _areas(x: Any, case: Case) -> Samples:
-    return unit_model(k_of(x, case)).log_area_ratios
-
-
-def _areas_checks(x: Any, case: Case, areas: Samples) -> Iterator[Finding]:
+@derived("log area ratios", 1000)
+def _log_area_ratios(k: Samples, case: Case) -> Attempt:
+    areas = unit_model(k).log_area_ratios
+    yield areas
     yield rules.finite("log area ratios", areas)
-    k = k_of(x, case)
     right = np.log((1 + k.astype(np.longdouble)) / (1 - k.astype(np.longdouble)))
     error = np.max(np.abs(areas - right) / np.maximum(np.abs(right), 1e-300), initial=0.0)
     yield Check("log area ratios, relative", float(error), 1e-14)

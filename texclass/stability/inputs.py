@@ -1,4 +1,4 @@
-"""The battery: the inputs at which programs go wrong, by family, each with a name and a sampling rate."""
+"""The inputs at which programs go wrong, by family, each with a name and a sampling rate: the battery."""
 
 import hashlib
 from collections.abc import Callable, Iterable
@@ -16,25 +16,25 @@ LONG = 8192
 """Samples of an input for a feature: most of them read frames of some tenths of a second."""
 ORDERS = (1, 2, 10, 18, 50, 100, 128, 256, 400, 1000)
 RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0, 8000.0, 10_000.0, 22_050.0, 44_100.0, 50_000.0)
-FAMILIES = (
-    "plain",
-    "silent",
-    "impulse",
-    "sine",
-    "poles",
-    "oversampled",
-    "gain",
-    "offset",
-    "clipped",
-    "dtype",
-    "layout",
-    "broken",
-    "length",
-    "rate",
-    "order",
-    "stream",
-)
-"""Columns of the report, in this order."""
+FAMILIES = {
+    "plain": "coloured and white noise",
+    "silent": "zeros, constants",
+    "impulse": "one sample that is not 0",
+    "sine": "pure, at fs/4, alternating, with 1e-8 noise",
+    "poles": "resonances 1e-3 ... 1e-12 inside the unit circle; reflection coefficients up to 1 - 2^-53",
+    "oversampled": "low-passed by 20 and 100",
+    "gain": "1e-160 ... 1e150",
+    "offset": "1e6 + noise 1e-3, 1e3 + noise, ramp",
+    "clipped": "full-scale square, clipped, quantised",
+    "dtype": "int8, int16, int32, float16, float32, big-endian, bool; full-scale squares",
+    "layout": "strided, reversed, column, read-only",
+    "broken": "NaN, infinity, gaps; for designs: parameters out of range",
+    "length": "0, 1, 2, ... 600 samples",
+    "rate": "500 Hz ... 50 kHz; for designs: cut-offs 1e-5 ... 0.4999 fs",
+    "order": "signals of order/2, order - 1, order and order + 1 samples",
+    "stream": "10^8 samples piece by piece; 5 10^6 at once",
+}
+"""Columns of the report, in this order, and what each holds."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,11 @@ class Case:
     order: int = 0
     required: bool = False
     gain: float = 1.0
+
+    @classmethod
+    def of(cls, name: str, family: str, x: NDArray[np.generic], **facts: Any) -> "Case":
+        """Return a case of samples that are at hand."""
+        return cls(name, family, lambda: x, **facts)
 
     def at_order(self, order: int) -> "Case":
         """Return the case with an order, which enters its name."""
@@ -201,15 +206,15 @@ GAINS = (1e-160, 1e-100, 1e-30, 1e-3, 1e3, 1e30, 1e100, 1e150)
 def inputs(n: int = N) -> tuple[Case, ...]:
     """Return every input of length `n`, a multiple of 4, without orders."""
     cases = [
-        Case(name, family, _given(x), required=family == "plain")
+        Case.of(name, family, x, required=family == "plain")
         for family, named in _values(n).items()
         for name, x in named.items()
     ]
-    cases += [Case(f"gain {g:g}", "gain", _given(g * plain(n)), gain=g) for g in GAINS]
+    cases += [Case.of(f"gain {g:g}", "gain", g * plain(n), gain=g) for g in GAINS]
     required = ("float32", "big-endian float64")
-    cases += [Case(name, "dtype", _given(x), required=name in required) for name, x in _dtypes(n).items()]
-    cases += [Case(name, "layout", _given(x), required=True) for name, x in _layouts(n).items()]
-    return tuple(cases) + tuple(Case(name, "broken", _given(x)) for name, x in _broken(n).items())
+    cases += [Case.of(name, "dtype", x, required=name in required) for name, x in _dtypes(n).items()]
+    cases += [Case.of(name, "layout", x, required=True) for name, x in _layouts(n).items()]
+    return tuple(cases) + tuple(Case.of(name, "broken", x) for name, x in _broken(n).items())
 
 
 def in_families(*families: str, quick: bool = False, n: int = N) -> tuple[Case, ...]:
@@ -227,17 +232,40 @@ VALUES = ("plain", "silent", "impulse", "sine", "poles", "oversampled", "gain", 
 FORMS = ("dtype", "layout", "broken")
 
 
+def battery(
+    quick: bool, *, forms: bool = True, longest: int = 600, with_rates: bool = True, n: int = N
+) -> tuple[Case, ...]:
+    """Return what most subjects are given.
+
+    Parameters
+    ----------
+    quick : bool
+        A part of it.
+    forms : bool
+        Other dtypes and layouts, and broken samples, too.
+    longest : int
+        Plain noise of every length up to this one; 0 leaves lengths out.
+    with_rates : bool
+        Plain noise at other sampling rates.
+    n : int
+        Samples of all others.
+    """
+    chosen = in_families(*VALUES, *(FORMS if forms else ()), quick=quick, n=n)
+    chosen += lengths(quick, longest) if longest else ()
+    return chosen + (rates(quick, n) if with_rates else ())
+
+
 def lengths(quick: bool, longest: int = 600) -> tuple[Case, ...]:
     """Return the first n samples of plain noise for every n from 0 to 600 (quick: some of them)."""
     few = (0, 1, 2, 3, 8, 11, 32, 64, 129, 543, 544, 600)
     chosen = [n for n in few if n <= longest] if quick else range(longest + 1)
-    return tuple(Case(f"{n} samples", "length", _given(plain()[:n])) for n in chosen)
+    return tuple(Case.of(f"{n} samples", "length", plain()[:n]) for n in chosen)
 
 
 def rates(quick: bool, n: int = N) -> tuple[Case, ...]:
     """Return plain noise declared at rates from 500 Hz to 50 kHz."""
     chosen = RATES_HZ[:: 4 if quick else 1]
-    return tuple(Case(f"fs {fs:g} Hz", "rate", _given(plain(n)), fs=fs) for fs in chosen)
+    return tuple(Case.of(f"fs {fs:g} Hz", "rate", plain(n), fs=fs) for fs in chosen)
 
 
 def beyond(quick: bool) -> tuple[Case, ...]:
@@ -245,7 +273,7 @@ def beyond(quick: bool) -> tuple[Case, ...]:
     cases = []
     for p in (2, 18) if quick else ORDERS:
         for n in sorted({p + 1, p, p - 1, (p + 1) // 2} - {0}):
-            cases.append(Case(f"{n} samples", "order", _given(noise()[:n])).at_order(p))
+            cases.append(Case.of(f"{n} samples", "order", noise()[:n]).at_order(p))
     return tuple(cases)
 
 
@@ -277,10 +305,6 @@ def battery_hash() -> str:
         x = case.signal()
         digest.update(f"{case.name} {case.family} {case.fs} {case.order} {x.dtype}".encode() + x.tobytes())
     return digest.hexdigest()[:16]
-
-
-def _given(x: NDArray[np.generic]) -> Callable[[], NDArray[np.generic]]:
-    return lambda: x
 
 
 def _frozen(x: NDArray[np.float64]) -> NDArray[np.float64]:

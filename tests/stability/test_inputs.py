@@ -1,7 +1,7 @@
 import numpy as np
 
-from texclass.stability import signals
-from texclass.stability.signals import FAMILIES, LONG, ORDERS, N, beyond, inputs, lengths, rates, with_orders
+from texclass.stability import inputs as battery
+from texclass.stability.inputs import FAMILIES, LONG, ORDERS, N, beyond, inputs, lengths, rates, with_orders
 
 
 def test_every_input_has_a_name_and_a_known_family_of_its_own():
@@ -50,8 +50,8 @@ def test_each_case_comes_at_each_order():
 
 
 def test_the_battery_is_the_same_every_time():
-    before = signals.battery_hash()
+    before = battery.battery_hash()
     inputs.cache_clear()
-    signals.plain.cache_clear()
-    signals.noise.cache_clear()
-    assert signals.battery_hash() == before
+    battery.plain.cache_clear()
+    battery.noise.cache_clear()
+    assert battery.battery_hash() == before

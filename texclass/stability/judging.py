@@ -4,18 +4,20 @@ import re
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
 import numpy as np
 
-from texclass.stability.signals import Case
+from texclass.stability.inputs import Case
 
 _FLOATING_POINT = re.compile(
     r"(invalid value|divide by zero|overflow|underflow) encountered|Mean of empty slice|Degrees of freedom"
 )
+_UNDEFINED = re.compile(r"\bnan\b|undefined|constant|too short|singular|not converge|ill.condition", re.I)
+"""Words of a warning by which a library says that its result is undefined."""
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 _ABSOLUTE = re.compile(r"(?:\.{1,2}/|/)(?:[\w.+-]+/)+(?=[\w.+-])")
 """Folders before a file's name, which differ from machine to machine."""
@@ -40,6 +42,10 @@ BAD = (Mark.SILENT, Mark.WRONG, Mark.CRASH, Mark.HANG)
 """NaN or infinity without a word, a wrong result handed over as right, an accident, no answer at all."""
 
 
+class NoReferenceError(Exception):
+    """A reference cannot be computed here: the checks that need it, and those after it, are not made."""
+
+
 @dataclass(frozen=True)
 class Check:
     """One invariant or reference: what it says, the error measured, and the largest that is exact enough."""
@@ -53,6 +59,13 @@ class Check:
         """Whether the error is a number within the limit."""
         return bool(self.error <= self.limit)
 
+    @property
+    def excess(self) -> float:
+        """Error over limit; infinite where nothing was measured."""
+        if not np.isfinite(self.error):
+            return np.inf
+        return self.error / self.limit if self.limit > 0 else (np.inf if self.error > 0 else 0.0)
+
 
 @dataclass(frozen=True)
 class Documented:
@@ -61,14 +74,8 @@ class Documented:
     reason: str
 
 
-@dataclass(frozen=True)
-class Unchecked:
-    """A reference that could not be computed here, and why."""
-
-    reason: str
-
-
-Finding = Check | Documented | Unchecked
+Finding = Check | Documented
+Attempt = Iterator[Any]
 
 
 @dataclass(frozen=True)
@@ -85,48 +92,35 @@ class Subject:
         Package it comes from: "texclass", or the name of a public library.
     cases
         Inputs of the battery it is given; the argument says whether the run is a quick one.
-    run
-        Takes the signal and the case, returns a result.
-    checks
-        Takes signal, case and result, yields findings.
+    attempt
+        Generator over (signal, case): what stands before its first `yield` is tried, and judged if it raises;
+        what it yields after that are findings about the result.
     """
 
     name: str
     group: str
     library: str
     cases: Callable[[bool], Iterable[Case]]
-    run: Callable[[Any, Case], Any]
-    checks: Callable[[Any, Case, Any], Iterable[Finding]]
+    attempt: Callable[[Any, Case], Attempt]
 
 
-@dataclass(frozen=True)
-class Cell:
-    """The judgement of one subject on one input.
+def tried(
+    subjects: list[Subject],
+    group: str,
+    name: str,
+    cases: Callable[[bool], Iterable[Case]],
+    library: str = "texclass",
+) -> Callable[[Callable[[Any, Case], Attempt]], Callable[[Any, Case], Attempt]]:
+    """Return a decorator that adds an attempt to `subjects` as a `Subject`."""
 
-    Attributes
-    ----------
-    error, limit
-        Of the check that comes nearest to its limit (or exceeds it most); None where nothing was measured.
-    what
-        That check in words.
-    reason
-        Why it is documented, refused, wrong, ...
-    """
+    def add(attempt: Callable[[Any, Case], Attempt]) -> Callable[[Any, Case], Attempt]:
+        subjects.append(Subject(name, group, library, cases, attempt))
+        return attempt
 
-    library: str
-    group: str
-    subject: str
-    family: str
-    case: str
-    mark: Mark
-    error: float | None = None
-    limit: float | None = None
-    what: str = ""
-    reason: str = ""
-    seconds: float = 0.0
+    return add
 
 
-def judge(subject: Subject, case: Case) -> Cell:
+def judge(subject: Subject, case: Case) -> dict[str, Any]:
     """Run a subject on an input and say what came out.
 
     - An exception raised on purpose (`is_clear`) is a clear error; `UndefinedFeatureError` a documented NaN
@@ -135,26 +129,33 @@ def judge(subject: Subject, case: Case) -> Cell:
     - A result is wrong if one of its checks fails, or if the input was written to. If its numbers are not
       finite it is a silent NaN, unless the library itself said why (by a warning or a reason).
     - A right result with a floating-point warning of NumPy is `WARNED`.
+
+    Returns
+    -------
+    dict
+        library, group, subject, family, case and mark; reason: why it is documented, refused, wrong, ...;
+        error, limit and what: those of the check that comes nearest to its limit (or exceeds it most), None
+        and "" where nothing was measured; seconds.
     """
     x = case.signal()
     before = _bytes_of(x)
+    attempt = subject.attempt(x, case)
     start = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            result = subject.run(x, case)
+            next(attempt)
         except Exception as error:
             mark, reason = _refusal(error, subject.library, case)
-            return _cell(subject, case, mark, reason=reason, seconds=time.perf_counter() - start)
+            return cell_of(subject, case, mark, reason=reason, seconds=time.perf_counter() - start)
     seconds = time.perf_counter() - start
     if _bytes_of(x) != before:
-        return _cell(subject, case, Mark.WRONG, reason="the input was written to", seconds=seconds)
-    noisy = [str(w.message) for w in caught if _FLOATING_POINT.search(str(w.message))]
-    said = [str(w.message) for w in caught if not _FLOATING_POINT.search(str(w.message))]
+        return cell_of(subject, case, Mark.WRONG, reason="the input was written to", seconds=seconds)
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
-        findings = list(_findings(subject, x, case, result))
-    return _weigh(subject, case, findings, noisy, said, seconds)
+        findings, unchecked = _findings(attempt)
+    said = [str(warning.message) for warning in caught]
+    return cell_of(subject, case, **_weigh(case, findings, unchecked, said), seconds=seconds)
 
 
 def is_clear(error: Exception, library: str) -> bool:
@@ -178,10 +179,17 @@ def is_clear(error: Exception, library: str) -> bool:
     return (kind or own) and on_purpose and len(str(error)) >= 10
 
 
+def cell_of(subject: Subject, case: Case, mark: Mark, *, reason: str = "", **found: Any) -> dict[str, Any]:
+    """Return a cell; its reason loses colours and what differs from machine to machine."""
+    text = " ".join(_ABSOLUTE.sub("", _COLOUR.sub("", reason)).split())[:_CUT]
+    about = {"library": subject.library, "group": subject.group, "subject": subject.name}
+    empty = {"error": None, "limit": None, "what": "", "seconds": 0.0}
+    return about | {"family": case.family, "case": case.name, "mark": mark, "reason": text} | empty | found
+
+
 def _refusal(error: Exception, library: str, case: Case) -> tuple[Mark, str]:
     text = f"{type(error).__name__}: {error}"
-    clear = is_clear(error, library)
-    if not clear:
+    if not is_clear(error, library):
         frames = traceback.extract_tb(error.__traceback__)
         where = f" ({frames[-1].filename.rsplit('/', 1)[-1]}:{frames[-1].lineno})" if frames else ""
         return Mark.CRASH, text + where
@@ -191,64 +199,42 @@ def _refusal(error: Exception, library: str, case: Case) -> tuple[Mark, str]:
     return (Mark.DOCUMENTED if undefined else Mark.REFUSED), text
 
 
-def _findings(subject: Subject, x: Any, case: Case, result: Any) -> Iterable[Finding]:
+def _findings(attempt: Attempt) -> tuple[list[Finding], str]:
+    """Return what the attempt finds about its result, and why checks were not made, if any were not."""
+    findings: list[Finding] = []
     try:
-        yield from subject.checks(x, case, result)
+        findings.extend(attempt)
+    except NoReferenceError as error:
+        return findings, str(error)
     except Exception as error:
-        yield Check(f"a result of the expected form ({type(error).__name__}: {error})", np.inf, 0.0)
+        what = f"a result of the expected form ({type(error).__name__}: {error})"
+        findings.append(Check(what, np.inf, 0.0))
+    return findings, ""
 
 
-def _weigh(
-    subject: Subject, case: Case, findings: list[Finding], noisy: list[str], said: list[str], seconds: float
-) -> Cell:
+def _weigh(case: Case, findings: list[Finding], unchecked: str, said: list[str]) -> dict[str, Any]:
+    """Return mark, reason and the check nearest to its limit."""
+    noisy = [text for text in said if _FLOATING_POINT.search(text)]
     checks = [f for f in findings if isinstance(f, Check)]
-    reasons = [f.reason for f in findings if isinstance(f, Documented)] + _documenting(said)
-    skipped = [f.reason for f in findings if isinstance(f, Unchecked)]
-    worst = max(checks, key=_excess, default=None)  # of equals the first: that the numbers are finite
-    found = {"error": worst.error, "limit": worst.limit, "what": worst.what} if worst else {}
+    reasons = [f.reason for f in findings if isinstance(f, Documented)]
+    reasons += [text for text in said if text not in noisy and _UNDEFINED.search(text)]
+    worst = max(checks, key=lambda check: check.excess, default=None)  # of equals the first: finite numbers
     if worst is not None and not worst.holds:
         no_number = not np.isfinite(worst.error) and worst.what.startswith("finite")
-        explained = no_number and bool(reasons)
-        mark = Mark.SILENT if no_number else Mark.WRONG
-        if explained:
-            mark = Mark.WRONG if case.required else Mark.DOCUMENTED
-        told = reasons[0] if explained else _told(worst)
+        if no_number and reasons:
+            mark, reason = (Mark.WRONG if case.required else Mark.DOCUMENTED), reasons[0]
+        elif not np.isfinite(worst.error):
+            mark, reason = (Mark.SILENT if no_number else Mark.WRONG), f"not so: {worst.what}"
+        else:
+            mark, reason = Mark.WRONG, f"{worst.what}: {worst.error:.3g}; the limit is {worst.limit:.3g}"
     elif noisy:
-        mark, told = Mark.WARNED, noisy[0]
+        mark, reason = Mark.WARNED, noisy[0]
     elif reasons:
-        mark, told = Mark.DOCUMENTED, reasons[0]
-    elif skipped and not checks:
-        mark, told = Mark.UNCHECKED, skipped[0]
+        mark, reason = Mark.DOCUMENTED, reasons[0]
     else:
-        mark, told = Mark.EXACT, skipped[0] if skipped else ""
-    return _cell(subject, case, mark, reason=told, seconds=seconds, **found)
-
-
-def _told(check: Check) -> str:
-    if not np.isfinite(check.error):
-        return f"not so: {check.what}"
-    return f"{check.what}: {check.error:.3g}; the limit is {check.limit:.3g}"
-
-
-def _documenting(said: list[str]) -> list[str]:
-    """Return the warnings by which a library says that its result is undefined."""
-    about_result = re.compile(
-        r"\bnan\b|undefined|constant|too short|singular|not converge|ill.condition", re.I
-    )
-    return [text for text in said if about_result.search(text)]
-
-
-def _excess(check: Check) -> float:
-    if not np.isfinite(check.error):
-        return np.inf
-    return check.error / check.limit if check.limit > 0 else (np.inf if check.error > 0 else 0.0)
-
-
-def _cell(subject: Subject, case: Case, mark: Mark, *, reason: str = "", **found: Any) -> Cell:
-    text = " ".join(_ABSOLUTE.sub("", _COLOUR.sub("", reason)).split())[:_CUT]
-    return Cell(
-        subject.library, subject.group, subject.name, case.family, case.name, mark, reason=text, **found
-    )
+        mark, reason = (Mark.UNCHECKED if unchecked and not checks else Mark.EXACT), unchecked
+    measured = {"error": worst.error, "limit": worst.limit, "what": worst.what} if worst else {}
+    return {"mark": mark, "reason": reason} | measured
 
 
 def _bytes_of(x: Any) -> bytes:

@@ -1,0 +1,82 @@
+"""A small part of the battery, on every subject of texclass and on librosa."""
+
+import builtins
+from dataclasses import replace
+
+import pytest
+
+from texclass.features import registered
+from texclass.peers import extreme_inputs
+from texclass.stability import (
+    inputs,
+    subjects_autoregression,
+    subjects_features,
+    subjects_modes,
+    subjects_signals,
+)
+from texclass.stability.judging import BAD, Mark, judge
+
+EVERY = [
+    subject
+    for subjects in (
+        subjects_autoregression.SUBJECTS,
+        subjects_modes.SUBJECTS,
+        subjects_signals.SUBJECTS,
+        subjects_features.subjects(),
+    )
+    for subject in subjects
+]
+SUBJECTS = {subject.name: subject for subject in EVERY}
+HARD = ("plain", "zeros", "gain 1e-160", "int8", "one NaN", "3 samples")
+
+
+@pytest.mark.parametrize("name", SUBJECTS)
+def test_it_is_right_or_says_why_not(name):
+    subject = SUBJECTS[name]
+    cases = [case for case in subject.cases(True) if case.order <= 18]
+    hard = [case for case in cases if case.name.split(", p =")[0] in HARD]
+    cells = [judge(subject, case) for case in hard or list(subject.cases(True))[:2]]
+    assert [cell for cell in cells if cell["mark"] in (*BAD, Mark.WARNED)] == []
+    assert any(cell["mark"] in (Mark.EXACT, Mark.DOCUMENTED, Mark.REFUSED) for cell in cells)
+
+
+def test_every_registered_feature_and_every_group_is_tried_under_a_name_of_its_own():
+    assert set(registered()) < set(SUBJECTS)
+    assert len(SUBJECTS) == len(EVERY)
+    assert {subject.group for subject in SUBJECTS.values()} == {"models", "filters", "transforms", "features"}
+
+
+def test_without_mpmath_nothing_is_wrong_and_what_was_not_checked_is_said(monkeypatch):
+    find = builtins.__import__
+
+    def absent(name, *rest):
+        if name == "mpmath":
+            raise ImportError(name)
+        return find(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", absent)
+    cell = judge(SUBJECTS["zero phase, lowpass"], inputs.in_families("plain")[0])
+    assert (cell["mark"], cell["reason"]) == (Mark.EXACT, "not checked (mpmath not installed)")
+
+
+def test_public_libraries_fail_where_they_are_known_to():
+    burg = extreme_inputs.librosa()[0]
+    by_name = {case.name: case.at_order(2) for case in inputs.inputs()}
+    assert judge(burg, by_name["plain"])["mark"] is Mark.EXACT
+    assert judge(burg, by_name["constant -1e6"])["mark"] is Mark.WRONG  # |k| = 1
+
+
+def test_the_rule_is_the_same_for_both_sides():
+    case = replace(inputs.in_families("plain")[0].at_order(10), required=True)
+    both = (SUBJECTS["fit, burg"], extreme_inputs.librosa()[0])
+    assert {judge(subject, case)["what"] for subject in both} & {
+        "residual energy above Burg's optimum",
+        "every |k| below 1 (stable)",
+    }
+
+
+def test_what_is_not_tried_is_said(monkeypatch):
+    monkeypatch.setattr(extreme_inputs, "LIBRARIES", ("librosa", "pandas", "no_such_library"))
+    places, left_out = extreme_inputs.installed(quick=True)
+    assert places == {"librosa": "texclass.peers.extreme_inputs:librosa"}
+    assert left_out == ["no_such_library: not installed", "pandas: not in a quick run"]

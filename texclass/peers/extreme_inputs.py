@@ -1,0 +1,286 @@
+"""Public libraries on extreme inputs: adapters for the battery, judged by the rules that ours are judged by.
+
+Each is called as its documentation says, with what a user would write.
+"""
+
+import importlib.util
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy import linalg, ndimage, signal
+
+from texclass.recording import Samples
+from texclass.stability import exact, exact_models, rules
+from texclass.stability.inputs import (
+    FORMS,
+    VALUES,
+    Case,
+    in_families,
+    lengths,
+    samples_of,
+)
+from texclass.stability.judging import Attempt, Check, Subject, tried
+from texclass.stability.subjects_autoregression import EXCITATION, at_orders, k_of, models, unit_model
+from texclass.stability.subjects_features import cases as feature_cases
+from texclass.stability.subjects_features import extraction
+from texclass.stability.subjects_signals import SHORT, largest
+
+LIBRARIES = ("librosa", "scipy", "spectrum", "statsmodels", "pysptk", "tsfel", "tsfresh", "pycatch22")
+"""Public libraries that are tried where they are installed."""
+CORE = ("librosa", "scipy")
+"""Those that come with texclass: a quick run tries no others, whose import alone takes seconds."""
+BURG, AUTOCORRELATION = "Burg", "the autocorrelation method"
+LARGEST = 400
+"""Largest order the public libraries are asked for: beyond it some of them take minutes."""
+
+
+def installed(quick: bool = False) -> tuple[dict[str, str], list[str]]:
+    """Return where the subjects of each library that is tried stand, and which libraries are not, and why."""
+    left_out = {name: "not installed" for name in LIBRARIES if importlib.util.find_spec(name) is None}
+    if quick:
+        left_out |= {name: "not in a quick run" for name in LIBRARIES if name not in {*CORE, *left_out}}
+    places = {name: f"{__name__}:{name}" for name in LIBRARIES if name not in left_out}
+    return places, [f"{name}: {why}" for name, why in left_out.items()]
+
+
+# Linear prediction ------------------------------------------------------------------------------------------
+
+
+def spectrum() -> list[Subject]:
+    """Return Burg, Yule-Walker, LPC, and line spectral frequencies."""
+    import spectrum as library
+
+    def lsf(k: Samples) -> tuple[Samples, Samples]:
+        frequencies = np.asarray(library.poly2lsf(_step_up(k)), dtype=np.float64)
+        return frequencies, np.asarray(library.lsf2poly(frequencies), dtype=np.float64)
+
+    return [
+        _predictor("spectrum", "arburg", BURG, lambda x, p: _one_first(library.arburg(x, p)[0])),
+        _predictor("spectrum", "aryule", AUTOCORRELATION, lambda x, p: _one_first(library.aryule(x, p)[0])),
+        _predictor("spectrum", "lpc", AUTOCORRELATION, lambda x, p: _one_first(library.lpc(x, p)[0])),
+        _line_spectrum("spectrum", "poly2lsf, lsf2poly", lsf),
+    ]
+
+
+def statsmodels() -> list[Subject]:
+    """Return Burg and Yule-Walker."""
+    from statsmodels.regression import linear_model as library
+
+    def burg(x: Any, p: int) -> Samples:
+        return _one_first(-np.asarray(library.burg(x, order=p, demean=False)[0]))
+
+    def yule_walker(x: Any, p: int) -> Samples:
+        return _one_first(-np.asarray(library.yule_walker(x, order=p, method="mle", demean=False)[0]))
+
+    return [
+        _predictor("statsmodels", "burg", BURG, burg),
+        _predictor("statsmodels", "yule_walker", AUTOCORRELATION, yule_walker),
+    ]
+
+
+def pysptk() -> list[Subject]:
+    """Return LPC and line spectral pairs."""
+    import pysptk as library
+
+    def lpc(x: Any, p: int) -> Samples:
+        return _one_first(np.asarray(library.lpc(np.ascontiguousarray(x, dtype=np.float64), p))[1:])
+
+    def lsf(k: Samples) -> tuple[Samples, Samples]:
+        pairs = library.lpc2lsp(_step_up(k), numsp=8192, maxiter=64, eps=1e-14)
+        return np.asarray(pairs[1:]), np.concatenate([[1.0], np.asarray(library.lsp2lpc(pairs))[1:]])
+
+    return [
+        _predictor("pysptk", "lpc", AUTOCORRELATION, lpc),
+        _line_spectrum("pysptk", "lpc2lsp, lsp2lpc", lsf),
+    ]
+
+
+def _one_first(a: Any) -> Samples:
+    return np.concatenate([[1.0], np.asarray(a, dtype=np.float64).reshape(-1)])
+
+
+def _step_up(k: Samples) -> Samples:
+    """Return direct-form coefficients in float64, as every library that needs them computes them."""
+    a = np.ones(1)
+    for k_m in k:
+        a = np.append(a, 0.0) + k_m * np.append(a, 0.0)[::-1]
+    return a
+
+
+def _predictor(library: str, name: str, method: str, fit: Callable[[Any, int], Any]) -> Subject:
+    def cases(quick: bool) -> Iterable[Case]:
+        return (case for case in at_orders(quick, 18 if quick else LARGEST) if case.order <= LARGEST)
+
+    def attempt(x: Any, case: Case) -> Attempt:
+        a = np.asarray(fit(x, case.order))
+        yield a
+        a = np.asarray(a, dtype=np.float64)
+        yield Check("p + 1 coefficients", abs(a.size - case.order - 1), 0.0)
+        limit = rules.EXCESS_SINGLE if x.dtype in (np.float32, np.float16) else rules.EXCESS
+        yield from rules.predictor(samples_of(x), case.order, method, a=a, limit=limit)
+
+    return Subject(name, "peers", library, cases, attempt)
+
+
+def _models(quick: bool) -> tuple[Case, ...]:
+    return models(quick, 18 if quick else LARGEST)
+
+
+def _line_spectrum(library: str, name: str, convert: Callable[[Samples], tuple[Samples, Samples]]) -> Subject:
+    def attempt(x: Any, case: Case) -> Attempt:
+        lsf, a = convert(k_of(x, case))
+        yield lsf, a
+        whole = a.size == case.order + 1 and np.all(np.isfinite(a))
+        yield from rules.line_spectrum(k_of(x, case), lsf, exact_models.step_down(a) if whole else None)
+
+    return Subject(name, "peers", library, _models, attempt)
+
+
+# Filters ----------------------------------------------------------------------------------------------------
+
+
+def scipy() -> list[Subject]:
+    """Return normal equations by `solve_toeplitz`, direct-form filters, moving averages."""
+
+    def toeplitz(x: Any, p: int) -> Samples:
+        samples = np.asarray(x, dtype=np.float64)
+        r = np.array([samples[i:] @ samples[: max(samples.size - i, 0)] for i in range(p + 1)])
+        return np.concatenate([[1.0], linalg.solve_toeplitz(r[:-1], -r[1:])])
+
+    return [_predictor("scipy", "solve_toeplitz (LPC)", AUTOCORRELATION, toeplitz), *_FILTERS]
+
+
+_FILTERS: list[Subject] = []
+_scipy = partial(tried, _FILTERS, "peers", library="scipy")
+
+
+def _few_lengths(quick: bool) -> tuple[Case, ...]:
+    return (*in_families(*VALUES, *FORMS, quick=quick), *lengths(True))
+
+
+def _windows(quick: bool) -> tuple[Case, ...]:
+    return tuple(case.at_order(n) for case in in_families(*VALUES, *FORMS, quick=quick) for n in (3, 101))
+
+
+@_scipy("lfilter (all-pole synthesis)", _models)
+def _direct_form(x: Any, case: Case) -> Attempt:
+    k = k_of(x, case)
+    out = np.asarray(signal.lfilter([1.0], _step_up(k), EXCITATION))
+    yield out
+    if case.order <= 50:
+        yield from rules.response("synthesis", out, k, EXCITATION)
+        return
+    yield rules.finite("synthesis", out)
+    level = float(unit_model(k).level)
+    if np.isfinite(level):
+        bound = level * float(np.linalg.norm(EXCITATION))
+        yield Check("output over its bound", largest(out) / bound, 1.0)
+
+
+@_scipy("butter + filtfilt, (b, a) form", _few_lengths)
+def _filtfilt(x: Any, case: Case) -> Attempt:
+    """Compare with the same Butterworth band-pass in sections, in 60 digits."""
+    band = {"N": 4, "Wn": (50.0, 200.0), "btype": "bandpass", "fs": case.fs}
+    out = np.asarray(signal.filtfilt(*signal.butter(**band), x[:SHORT]))
+    yield out
+    samples = samples_of(x[:SHORT])
+    yield rules.finite("output", out)
+    right = exact_models.zero_phase(signal.butter(**band, output="sos"), samples, 27)
+    yield rules.close("output, against 60 digits", out, right, rules.RESPONSE, scale=largest(samples))
+
+
+@_scipy("ndimage.uniform_filter1d", _windows)
+def _uniform_filter(x: Any, case: Case) -> Attempt:
+    """Compare inside the signal, where no rule for the ends matters."""
+    out = np.asarray(ndimage.uniform_filter1d(x, case.order, mode="nearest", output=np.float64))
+    yield out
+    samples, half = samples_of(x), case.order // 2
+    right = exact.moving_average(samples, case.order)[half:-half]
+    yield rules.finite("output", out)
+    yield rules.close("means, against exact sums", out[half:-half], right, 1e-13, scale=largest(samples))
+
+
+# Features ---------------------------------------------------------------------------------------------------
+
+Named = tuple[dict[str, Any], dict[str, str]]
+
+
+def librosa() -> list[Subject]:
+    """Return Burg's method, and the features users take from librosa."""
+    import librosa as library
+
+    def extract(x: Any, case: Case) -> Named:
+        spectral, sr = library.feature, case.fs
+        rows = {
+            "mfcc": spectral.mfcc(y=x, sr=sr, n_mfcc=13, n_fft=512, n_mels=20),
+            "centroid": spectral.spectral_centroid(y=x, sr=sr, n_fft=512),
+            "bandwidth": spectral.spectral_bandwidth(y=x, sr=sr, n_fft=512),
+            "flatness": spectral.spectral_flatness(y=x, n_fft=512),
+            "rolloff": spectral.spectral_rolloff(y=x, sr=sr, n_fft=512),
+            "zero crossings": spectral.zero_crossing_rate(x),
+            "rms": spectral.rms(y=x),
+        }
+        return {f"{name} {i}": row.mean() for name, found in rows.items() for i, row in enumerate(found)}, {}
+
+    burg = _predictor("librosa", "lpc (Burg)", BURG, lambda x, p: library.lpc(x, order=p))
+    return [burg, extraction("features (19 means)", "librosa", extract, "peers")]
+
+
+def tsfel() -> list[Subject]:
+    """Return all 156 features of TSFEL, on every tenth length."""
+    import tsfel as library
+
+    configuration = library.get_features_by_domain()
+
+    def extract(x: Any, case: Case) -> Named:
+        table = library.time_series_features_extractor(configuration, x, fs=case.fs, verbose=0)
+        return {str(name): table[name].iloc[0] for name in table.columns}, {}
+
+    def thinned(quick: bool) -> list[Case]:
+        every = enumerate(feature_cases(False))
+        return _few(True) if quick else [c for i, c in every if c.family != "length" or i % 10 == 0]
+
+    return [extraction("features (all 156)", "tsfel", extract, "peers", thinned)]
+
+
+def pycatch22() -> list[Subject]:
+    """Return catch22, with mean and deviation."""
+    import pycatch22 as library
+
+    def extract(x: Any, case: Case) -> Named:
+        result = library.catch22_all(x, catch24=True)
+        return dict(zip(result["names"], result["values"], strict=True)), {}
+
+    return [extraction("catch24", "pycatch22", extract, "peers")]
+
+
+def tsfresh() -> list[Subject]:
+    """Return tsfresh's efficient set (777 columns), of a quarter of the samples: it takes seconds."""
+    import pandas as pd
+    from tsfresh.feature_extraction import EfficientFCParameters, extract_features
+
+    settings = EfficientFCParameters()
+
+    def extract(x: Any, case: Case) -> Named:
+        n = len(x) if case.family == "length" else min(len(x), 512)
+        frame = pd.DataFrame({"id": np.zeros(n, dtype=int), "t": np.arange(n), "x": x[:n]})
+        table = extract_features(
+            frame,
+            column_id="id",
+            column_sort="t",
+            default_fc_parameters=settings,
+            n_jobs=0,
+            disable_progressbar=True,
+        )
+        return {name: table[name].iloc[0] for name in table.columns}, {}
+
+    return [extraction("features (efficient, 777)", "tsfresh", extract, "peers", _few)]
+
+
+def _few(quick: bool) -> list[Case]:
+    """Return the battery with a few lengths; quick: a handful of inputs."""
+    if quick:
+        return [*in_families("plain", "silent", "broken", "gain", quick=True)[:6]]
+    return [case for case in feature_cases(False) if case.family != "length"] + list(lengths(True))
