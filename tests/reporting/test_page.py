@@ -208,7 +208,9 @@ def test_the_same_results_give_the_same_page(page, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "path", [REPORTS / "stability.json", *sorted(REPORTS.glob("*-*-*.json"))], ids=lambda path: path.stem
+    "path",
+    [REPORTS / "studies" / "stability.json", *sorted((REPORTS / "tables").glob("*.json"))],
+    ids=lambda path: path.stem,
 )
 def test_committed_benchmarks_become_pages(path):
     Outline(render_page([read_result(path)]))

@@ -1,18 +1,17 @@
 import json
 
+import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
-from texclass.cli import app
-from texclass.reporting.stability import stability_markdown, stability_table, wrong_lines
-from texclass.reporting.stability_figure import draw_stability
-from texclass.stability import Cell, Mark, StabilityResult
+from texclass.document import render_markdown
+from texclass.stability import Mark, StabilityResult
+from texclass.stability.stability_document import stability_document, wrong_lines
 
 
 def cell(subject, family, mark, *, library="texclass", group="models", reason="", error=None, limit=None):
-    return Cell(
-        library, group, subject, family, f"an input of {family}", mark, error, limit, "a check", reason
-    )
+    about = {"library": library, "group": group, "subject": subject, "family": family}
+    measured = {"error": error, "limit": limit, "what": "a check"}
+    return about | {"case": f"an input of {family}", "mark": mark, "reason": reason} | measured
 
 
 RIGHT = [
@@ -31,60 +30,46 @@ THEIRS = [
 
 
 def result(*cells):
-    return StabilityResult(
-        tuple(cells), True, {"texclass": "0"}, "abc", 1.0, left_out=("tsfel: not installed",)
-    )
+    left_out = ("tsfel: not installed",)
+    return StabilityResult(pd.DataFrame(cells), True, {"texclass": "0"}, "abc", 1.0, left_out=left_out)
 
 
 @pytest.mark.parametrize(("cells", "code"), [((*RIGHT, *THEIRS), 0), ((*RIGHT, *WRONG), 1)])
-def test_exit_code_is_1_if_one_of_ours_is_wrong(cells, code, monkeypatch, tmp_path):
+def test_exit_code_is_1_if_one_of_ours_is_wrong(cells, code, monkeypatch, tmp_path, command):
     monkeypatch.setattr("texclass.stability.run_stability", lambda **_: result(*cells))
-    options = ["--quick", "--out", str(tmp_path / "out"), "--json", str(tmp_path / "there" / "r.json")]
-    done = CliRunner().invoke(app, ["stability", *options])
-    assert done.exit_code == code
-    assert {p.name for p in (tmp_path / "out").iterdir()} == {
-        f"stability.{kind}" for kind in ("md", "json", "png")
-    }
+    options = ["--quick", "--out", tmp_path / "out", "--json", tmp_path / "there" / "r.json"]
+    ended, out, _ = command("stability", *options)
+    assert ended == code
+    assert {"stability.md", "stability.json"} < {p.name for p in (tmp_path / "out").iterdir()}
     found = json.loads((tmp_path / "there" / "r.json").read_text(encoding="utf-8"))
     assert found["battery"] == "abc"
     assert found == json.loads((tmp_path / "out" / "stability.json").read_text(encoding="utf-8"))
-    assert "left out: tsfel" in done.stdout
-    if code:
-        assert "WRONG: fit, an input of poles (poles): a check: 2; the limit is 1" in done.stdout
+    assert "tsfel: not installed" in out
+    assert ("WRONG: fit, an input of poles (poles): a check: 2; the limit is 1" in out) == bool(code)
 
 
-def test_the_report_shows_both_sides_by_one_legend():
-    text = stability_markdown(result(*RIGHT, *WRONG, *THEIRS))
-    assert "**texclass: 1 of 5 cells wrong. Public libraries: 2 of 2.**" in text
-    assert "| fit | ✓ | . | ✗1/2 |" in text
-    assert "| **librosa** lpc | ✗1/2 ∞1/2 |" in text
-    assert "- WRONG: fit, an input of poles" in text
-    assert "tsfel: not installed" in text
+def test_the_report_shows_both_sides_by_one_rule():
+    data = json.loads(result(*RIGHT, *WRONG, *THEIRS).to_json())
+    document = stability_document(data)
+    assert document.finding.value == "1"
+    assert "of 5 pairs of subject and input are wrong in texclass" in document.finding.sentence
+    assert document.finding.beside.endswith("2 of 2.")
+    ours, features, libraries = (block for block in document.blocks if hasattr(block, "columns"))
+    assert [shade.sign for shade in ours.rows["fit"]] == ["\N{CHECK MARK}", "\N{MIDDLE DOT}", "1"]
+    assert list(features.rows) == ["hardness"]
+    assert [(s.sign, s.look) for s in libraries.rows["librosa: lpc"]] == [("2", "e5")]
+    text = render_markdown(document)
+    assert "| fit | 4 | 2 | 1 |" in text
+    assert "too short \\| by far" not in text
+    assert wrong_lines(data) == ["WRONG: fit, an input of poles (poles): a check: 2; the limit is 1"]
 
 
-def test_every_row_of_every_table_has_as_many_cells_as_its_header():
-    blocks = stability_markdown(result(*RIGHT, *WRONG, *THEIRS)).split("\n\n")
-    tables = [block.splitlines() for block in blocks if block.startswith("|")]
-    assert len(tables) >= 5
-    for lines in tables:
-        assert len({line.replace("\\|", "").count("|") for line in lines}) == 1
-
-
-def test_the_picture_counts_what_is_wrong_and_names_every_subject():
-    (axes,) = draw_stability(result(*RIGHT, *WRONG, *THEIRS)).axes
-    assert [text.get_text() for text in axes.texts] == ["1", "2"]
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["fit", "hardness", "librosa: lpc"]
-
-
-def test_nothing_wrong_is_said_so():
-    assert "None: no wrong cell" in stability_markdown(result(*RIGHT))
-    assert wrong_lines(result(*RIGHT)) == []
-
-
-def test_the_table_counts_each_kind():
-    table = stability_table(result(*RIGHT, *WRONG, *THEIRS))
-    columns = [column.header for column in table.columns]
-    assert columns == ["subject", "exact", "documented", "error", "WRONG"]
-    rows = list(zip(*(list(column.cells) for column in table.columns), strict=True))
-    assert rows[0] == ("fit", "2", "1", "", "1")
-    assert rows[-1] == ("librosa: lpc", "", "", "", "2")
+def test_what_is_kept_for_json_sums_up_every_cell():
+    data = result(*RIGHT, *WRONG, *THEIRS).to_dict()
+    assert sum(tally["cells"] for tally in data["tallies"]) == 7
+    fit = next(t for t in data["tallies"] if (t["subject"], t["family"]) == ("fit", "poles"))
+    assert fit["marks"] == {"WRONG": 1, "exact": 1}
+    assert data["tallies"][0]["worst_over_limit"] == pytest.approx(1e-6)
+    assert [cell["reason"] for cell in data["reasons"]] == ["all 0", "too short | by far"]
+    assert [found["mark"] for found in data["theirs_wrong"]] == ["WRONG", "hang"]
+    assert data["nearest"][0]["subject"] == "fit"

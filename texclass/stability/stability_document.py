@@ -64,17 +64,16 @@ def _blocks(
     data: Mapping[str, Any], tallies: pd.DataFrame, ours: pd.DataFrame, theirs: pd.DataFrame
 ) -> Iterator[Any]:
     yield Heading("How many of each kind")
-    totals = tallies.groupby("library", sort=False)[["cells", *Mark, "bad"]].sum()
-    totals["% wrong in all"] = (100 * totals.pop("bad") / totals["cells"]).map("{:.1f}".format)
-    counts = totals.astype(object).where(totals != 0, None).rename_axis("Library").reset_index()
-    yield Table(counts, "Subjects on inputs, by what became of them.")
-    for title, part in {
-        "Models, filters and transforms of texclass": ours[ours["group"] != "features"],
-        "Features of texclass": ours[ours["group"] == "features"],
-        "Public libraries": theirs,
-    }.items():
+    yield _counted(tallies, "library")
+    for name, title, part in (
+        ("models", "Models, filters and transforms of texclass", ours[ours["group"] != "features"]),
+        ("features", "Features of texclass", ours[ours["group"] == "features"]),
+        ("libraries", "Public libraries", theirs),
+    ):
         if len(part):
-            yield heat_map(part, title)
+            yield heat_map(part, name, title)
+    yield Heading("Every subject")
+    yield _counted(tallies.assign(subject=_named(tallies)), "subject")
     wrong = [*data["ours_wrong"], *data["theirs_wrong"]]
     if wrong:
         names = ["library", "subject", "family", "mark", "reason"]
@@ -90,20 +89,32 @@ def _blocks(
     yield [RULE, *data["left_out"]]
 
 
-def heat_map(tallies: pd.DataFrame, title: str) -> Heat:
+def _named(tallies: pd.DataFrame) -> pd.Series:
+    """Return the names of subjects, those of public libraries after the library's."""
+    foreign = tallies["library"] != OURS
+    return tallies["subject"].where(~foreign, tallies["library"] + ": " + tallies["subject"])
+
+
+def _counted(tallies: pd.DataFrame, what: str) -> Table:
+    """Return how many inputs came to which end, one row a library or subject."""
+    counts = tallies.groupby(what, sort=False)[["cells", *Mark, "bad"]].sum()
+    wrong = (100 * counts.pop("bad") / counts["cells"]).map("{:.1f}".format)
+    counts = counts.loc[:, counts.any()].map(lambda n: f"{n:,}" if n else None)
+    frame = counts.assign(**{"% wrong in all": wrong}).rename_axis(what.capitalize()).reset_index()
+    return Table(frame, "Inputs, by what became of them.")
+
+
+def heat_map(tallies: pd.DataFrame, name: str, title: str) -> Heat:
     """Return subjects by families of inputs."""
-    present = set(tallies["family"])
+    present: set[str] = set(tallies["family"])
     families = [name for name in FAMILIES if name in present] + sorted(present - set(FAMILIES))
     rows: dict[str, list[Shade]] = {}
-    for (library, subject), part in tallies.groupby(["library", "subject"], sort=False):
+    for subject, part in tallies.groupby(_named(tallies), sort=False):
         by_family = {tally["family"]: tally for tally in part.to_dict("records")}
-        name = str(subject) if library == OURS else f"{library}: {subject}"
-        rows[name] = [shade(by_family.get(family)) for family in families]
-    columns = {name: FAMILIES.get(name, name) for name in families}
+        rows[str(subject)] = [shade(by_family.get(family)) for family in families]
+    columns: dict[str, str] = {family: FAMILIES.get(family, family) for family in families}
     says = f"{tallies['bad'].sum():,} of {tallies['cells'].sum():,} cells are wrong."
-    return Heat(
-        "families", f"{title}, by family of inputs", says, columns, rows, LEGEND, "not tried", "Subject"
-    )
+    return Heat(name, f"{title}, by family of inputs", says, columns, rows, LEGEND, "not tried", "Subject")
 
 
 def shade(tally: Mapping[Any, Any] | None) -> Shade:

@@ -230,7 +230,7 @@ def _line_spectrum(k: Samples, case: Case) -> Attempt:
 def _lattice_synthesis(k: Samples, case: Case) -> Attempt:
     model = unit_model(k)
     level = float(model.level) if np.isfinite(model.level) else 1.0
-    out = np.asarray(LatticeSynthesis(model, level=level).process(EXCITATION))
+    out: Samples = np.asarray(LatticeSynthesis(model, level=level).process(EXCITATION), np.float64)
     pieces = LatticeSynthesis(model, level=level)
     cut = [EXCITATION[:50], EXCITATION[50:51], EXCITATION[51:51], EXCITATION[51:]]
     pieced = np.concatenate([pieces.process(piece) for piece in cut])

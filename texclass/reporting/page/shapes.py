@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from texclass.stability.verdict import Mark
+from texclass.stability.judging import Mark
 
 Rule = Callable[[Any, str], None]
 """Raises a ValueError that names the place and the rule."""

@@ -17,9 +17,9 @@ from texclass.reporting.page.blocks import (
     simple_table,
 )
 from texclass.reporting.page.wording import sentence
-from texclass.reporting.stability import INPUTS, RULE
-from texclass.stability.signals import FAMILIES
-from texclass.stability.verdict import BAD, Mark
+from texclass.stability.inputs import FAMILIES
+from texclass.stability.judging import BAD, Mark
+from texclass.stability.stability_document import RULE
 
 OURS = "texclass"
 REFUSALS = (Mark.DOCUMENTED, Mark.REFUSED)
@@ -92,7 +92,7 @@ def heat_map(tallies: Tallies, caption: str) -> Heat:
         (subject if library == OURS else f"{library}: {subject}", tuple(shade(by.get(f)) for f in families))
         for (library, subject), by in found.items()
     )
-    return Heat(caption, tuple((name, INPUTS.get(name, name)) for name in families), rows)
+    return Heat(caption, tuple((name, FAMILIES.get(name, name)) for name in families), rows)
 
 
 def shade(tally: dict[str, Any] | None) -> Shade:

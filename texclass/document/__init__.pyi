@@ -1,0 +1,15 @@
+from .blocks import Document as Document
+from .blocks import Figure as Figure
+from .blocks import Finding as Finding
+from .blocks import Folded as Folded
+from .blocks import Heading as Heading
+from .blocks import Heat as Heat
+from .blocks import Shade as Shade
+from .blocks import Table as Table
+from .figure_style import new_figure as new_figure
+from .figure_style import save_figure as save_figure
+from .markdown import render_markdown as render_markdown
+from .markdown import write_document as write_document
+from .page import render_page as render_page
+from .terminal import print_document as print_document
+from .terminal import render_terminal as render_terminal
