@@ -152,32 +152,35 @@ def predictions(
     """
     from texclass.experiment import evaluate, find_protocol, load_pipeline
     from texclass.experiment.joined import cached_tables
-    from texclass.experiment.rows import ready
+    from texclass.experiment.pipeline import MatchedRow
 
     definition = load_pipeline(pipeline)
-    split_by = find_protocol(protocol or definition.protocol)
+    split_by = find_protocol(protocol or definition.protocol.name)
     table = cached_tables(open_dataset(dataset), definition.needed, channels=definition.channels, n_jobs=1)
-    splits = split_by.split(table.frame, definition.folds if folds is None else folds, definition.seed)
+    splits = split_by.split(
+        table.frame, definition.protocol.folds if folds is None else folds, definition.seed
+    )
     y = table.frame["material"].to_numpy(dtype=str)
     names = np.unique(y)
     fold = np.full(len(y), -1, dtype=np.int16)
     for number, (_, test) in enumerate(splits):
         fold[test] = number
     labels: dict[str, Any] = {}
-    for row in (ready(r, definition.feature_set, table) for r in definition.rows if r.select is None):
-        for classifier in row.definition.judged_by(definition.classifiers) if row.columns else ():
+    for declared in (row for row in definition.rows if row.select is None):
+        row = MatchedRow.of(declared, definition.features, table)
+        for classifier in declared.judged_by(definition.classifiers) if row.columns else ():
             found = evaluate(
                 table.frame[list(row.columns)].to_numpy(dtype=np.float64),
                 y,
                 splits,
-                definition.preparation(row.definition, classifier),
+                definition.preparation(declared, classifier),
                 definition.classifiers[classifier].make(),
                 nested=split_by.nested,
                 clusters=split_by.clusters(table.frame),
                 seed=definition.seed,
             )
-            said = np.searchsorted(names, found.predicted).astype(np.uint8)
-            labels.setdefault(row.definition.name, {})[classifier] = said
+            said = np.searchsorted(names, np.concatenate(found.predicted)).astype(np.uint8)
+            labels.setdefault(declared.name, {})[classifier] = said
     return {"materials": names.tolist(), "fold": fold, "predicted": labels}
 
 
