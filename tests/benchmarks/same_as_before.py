@@ -1062,11 +1062,12 @@ def differences(
                     math.inf,
                 )
         else:
-            yield from _numbers(path, old.astype(np.float64), new.astype(np.float64), allowed)
+            columns = before.get(path.replace("values (by column)", "columns"), ())
+            yield from _numbers(path, old.astype(np.float64), new.astype(np.float64), allowed, columns)
 
 
 def _numbers(
-    path: str, old: np.ndarray, new: np.ndarray, tolerance: float
+    path: str, old: np.ndarray, new: np.ndarray, tolerance: float, columns: Any
 ) -> Iterator[tuple[str, str, float]]:
     if not old.size:
         return
@@ -1083,6 +1084,9 @@ def _numbers(
         at = np.array(np.unravel_index(int(np.argmax(relative)), relative.shape))
         told = f"{_at(old, at):.17g} before, {_at(new, at):.17g} now {_place(old, at)}"
         count = f", {wrong.sum()} of {wrong.size} differ" if wrong.size > 1 else ""
+        if path.endswith("(by column)"):
+            named = [columns[i] for i in np.flatnonzero(wrong.any(axis=0))]
+            count += f", in {', '.join(named[:6])}{' ...' if len(named) > 6 else ''}"
         yield path, f"{told}, relative difference {_at(relative, at):.2g}{count}", float(_at(relative, at))
 
 
