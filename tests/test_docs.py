@@ -12,7 +12,7 @@ import pytest
 from texclass.cli import main
 from texclass.features import load_feature
 from texclass.features.contract import registered
-from texclass.features.view import PhaseView
+from texclass.features.phase_view import PhaseView
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted((ROOT / "docs").glob("*.md"))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from texclass.filters import bandpass, butterworth, causal, highpass, highpass_fir, lowpass, zero_phase
+from texclass.signals import bandpass, butterworth, causal, highpass, highpass_fir, lowpass, zero_phase
 
 FS = 10_000.0
 

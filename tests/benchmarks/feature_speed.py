@@ -32,7 +32,7 @@ import scipy
 
 from texclass import __version__
 from texclass.features import FeatureSet, load_feature_set
-from texclass.features.views import Views
+from texclass.features.phase_view import Views
 from texclass.peers.launch import ENVIRONMENT, HERE
 from texclass.recording import Phases, Recording, Samples, Tap
 

@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from texclass import __version__
 from texclass.recording import Samples
-from texclass.vibration.matrix_pencil import DecayingModes, fit_matrix_pencil
+from texclass.vibration.decaying_modes import DecayingModes, fit_matrix_pencil
 from texclass.vibration.prony import fit_prony, prony
 
 SEED = 90217

@@ -7,8 +7,8 @@ from texclass.experiment import cost as cost_module
 from texclass.experiment.cost import CostMeter, CostModel, classifier_cost
 from texclass.features.contract import Feature
 from texclass.features.extractor import Plan
+from texclass.features.phase_view import transform
 from texclass.features.sets import FeatureSet, Member
-from texclass.features.view import transform
 
 MODEL = CostModel(
     columns=("a", "b.1", "b.2", "c"),

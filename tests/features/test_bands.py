@@ -6,14 +6,12 @@ from scipy import signal
 
 from texclass.features.bands import (
     band_level,
-    even_bands,
-    octave_bands,
     octave_level,
     periodogram,
     whole_periodogram,
 )
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.view import PhaseView
+from texclass.features.phase_view import PhaseView
 from texclass.recording import Samples
 
 FS = 2000.0
@@ -72,20 +70,6 @@ def test_all_levels_cost_one_transform() -> None:
     band_level(view)
     octave_level(view)
     assert whole_periodogram(view) is first
-
-
-def test_bands_undo_the_tilt_of_a_difference_and_are_made_once() -> None:
-    bands = octave_bands(FS, 2, 5, 3)
-    ratio = bands.edges_hz[1:] / bands.edges_hz[:-1]
-    np.testing.assert_allclose(ratio, 2 ** (1 / 3))
-    assert bands.edges_hz[-1] == FS / 8
-    middle = (bands.edges_hz[1:] + bands.edges_hz[:-1]) / 2
-    _, response = signal.freqz([1, -1], 1, middle, fs=FS)
-    np.testing.assert_allclose(bands.tilt, np.abs(response) ** 2)
-    assert octave_bands(FS, 2, 5, 3) is bands
-    assert even_bands(FS, 24) is not even_bands(2 * FS, 24)
-    with pytest.raises(ValueError, match="read-only"):
-        bands.tilt[0] = 1
 
 
 def test_deep_octaves_need_a_long_movement() -> None:

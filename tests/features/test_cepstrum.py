@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from texclass.features.cepstrum import Bank, mel_filters, mfcc, mfcc_deviation
+from texclass.features.cepstrum import mel_filters, mfcc, mfcc_deviation
 from texclass.features.contract import UndefinedFeatureError, find
-from texclass.features.view import PhaseView
+from texclass.features.phase_view import PhaseView
 from texclass.recording import Samples
 
 FS = 10_000.0
@@ -46,7 +46,7 @@ def test_decaying_amplitudes_differ_from_constant_ones_by_nearly_a_constant() ->
 
 
 def test_decay_acts_on_every_bin() -> None:
-    constant, decaying = (mel_filters(Bank(20, 0.0, 1400.0, d), 129, FS / 256) for d in (math.inf, 500.0))
+    constant, decaying = (mel_filters(FS, 256, 20, 0.0, 1400.0, d) for d in (math.inf, 500.0))
     f = np.linspace(0, FS / 2, 129)
     np.testing.assert_allclose(decaying, constant * np.exp(-f / 500)[:, np.newaxis], rtol=1e-6)
 

@@ -8,8 +8,8 @@ import pytest
 from scipy import signal
 
 from texclass.features.contract import Feature, UndefinedFeatureError, registered
+from texclass.features.phase_view import PhaseView, TapSignal, TapView
 from texclass.features.sets import load_feature_set
-from texclass.features.view import PhaseView, TapSignal, TapView
 from texclass.recording import Samples
 
 FEATURES = registered()

@@ -3,8 +3,8 @@ import pytest
 from scipy import signal
 
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.differences import curvature_agreement, slope_agreement, slope_level
-from texclass.features.view import PhaseView
+from texclass.features.phase_view import PhaseView
+from texclass.features.slopes import curvature_agreement, slope_agreement, slope_level
 from texclass.recording import Samples
 
 FS = 2000.0

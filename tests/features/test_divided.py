@@ -1,13 +1,11 @@
 import numpy as np
 import pytest
 
-from texclass.features.bands import band_level
+from texclass.features.bands import band_course, band_level
 from texclass.features.contract import UndefinedFeatureError, find
-from texclass.features.divided import LEAST_PIECE
-from texclass.features.modulation import band_course
+from texclass.features.phase_view import LEAST_PIECE, Memory, PhaseView
 from texclass.features.sets import load_feature_set
-from texclass.features.shape import vibration_level
-from texclass.features.view import STOPWATCH, PhaseView
+from texclass.features.slopes import vibration_level
 
 FS = 2000.0
 X = np.random.default_rng(0).standard_normal(4 * LEAST_PIECE) * np.linspace(1, 2, 4 * LEAST_PIECE)
@@ -42,7 +40,8 @@ def test_pieces_share_their_transforms_and_are_timed_one_by_one() -> None:
         timed.append((key[0].__name__, *key[1:]))
         return compute()
 
-    view = PhaseView(X, FS, {STOPWATCH: watch})
+    view = PhaseView(X, FS, Memory())
+    view.memory.timed = watch
     band_level(view, n_pieces=2)
     assert ("whole_periodogram", "piece 2") in timed
     before = len(timed)

@@ -7,7 +7,7 @@ import pytest
 
 from texclass.features.contract import Feature, Gain, UndefinedFeatureError, find
 from texclass.features.examination import behaviour, degenerate_inputs, gain_law, scaled
-from texclass.features.view import PhaseView, TapSignal, TapView
+from texclass.features.phase_view import PhaseView, TapSignal, TapView
 
 RNG = np.random.default_rng(0)
 VIEWS = [PhaseView(RNG.standard_normal(500) + 0.1, 1000.0) for _ in range(3)]

@@ -6,9 +6,7 @@ from scipy import signal
 
 from texclass.features.bands import band_level, octave_level
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.differences import slope_level
 from texclass.features.excess import (
-    LINE_LAGS,
     band_excess,
     curvature_excess,
     level_tilt,
@@ -17,8 +15,8 @@ from texclass.features.excess import (
     octaves_of,
     slope_excess,
 )
-from texclass.features.shape import curvature_level
-from texclass.features.view import PhaseView
+from texclass.features.phase_view import PhaseView
+from texclass.features.slopes import LAGS, curvature_level, slope_level
 from texclass.recording import Samples
 
 FS = 2000.0
@@ -41,7 +39,7 @@ def test_white_noise_has_no_tilt_and_a_random_walk_half_an_order_an_octave() -> 
 
 def test_the_line_is_the_least_squares_fit_of_slope_levels() -> None:
     view = PhaseView(coloured(), FS)
-    tilt, middle = np.polyfit(-np.log2(LINE_LAGS), slope_level(view), 1)
+    tilt, middle = np.polyfit(-np.log2(LAGS), slope_level(view), 1)
     found = line(view)
     np.testing.assert_allclose(found.at(np.array([0.0, -3.0])), [middle, middle - 3 * tilt], rtol=1e-9)
 
@@ -55,7 +53,7 @@ def test_what_is_left_of_the_slopes_has_neither_height_nor_tilt() -> None:
     left = slope_excess(PhaseView(coloured(), FS))
     assert np.abs(left).max() > 0.02
     assert left.sum() == pytest.approx(0, abs=1e-9)
-    assert left @ octaves_of(LINE_LAGS) == pytest.approx(0, abs=1e-9)
+    assert left @ octaves_of(LAGS) == pytest.approx(0, abs=1e-9)
 
 
 def test_levels_are_the_excess_and_the_line_at_the_middle_of_each_band() -> None:

@@ -7,8 +7,8 @@ from sklearn.utils.estimator_checks import estimator_checks_generator
 
 from texclass.features.contract import Feature
 from texclass.features.extractor import FeatureExtractor
+from texclass.features.phase_view import channels_apart, views_of
 from texclass.features.sets import FeatureSet, Member, load_feature_set
-from texclass.features.views import channels_apart, views_of
 from texclass.recording import Phases, Recording, Tap
 from texclass.signals import combine, remove_hand_motion
 
@@ -138,9 +138,9 @@ def test_channels_that_differ_from_the_first_recording_are_refused():
         extractor.transform([other])
 
 
-def test_an_array_needs_rate_and_unit():
+def test_an_array_needs_a_rate():
     X = np.random.default_rng(0).normal(size=(3, 400))
-    with pytest.raises(ValueError, match="fs is None and unit is None"):
+    with pytest.raises(ValueError, match="fs is None; the rule is a sampling rate"):
         FeatureExtractor(TOY).fit(X)
 
 

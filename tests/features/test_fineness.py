@@ -3,7 +3,7 @@ import pytest
 
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.fineness import fineness, fineness_as_printed, fineness_spread
-from texclass.features.view import PhaseView
+from texclass.features.phase_view import PhaseView
 
 FS = 10_000.0
 

@@ -3,7 +3,7 @@ import pytest
 
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.friction import friction
-from texclass.features.view import PhaseView
+from texclass.features.phase_view import PhaseView
 
 
 def test_friction_is_the_mean_magnitude_whatever_the_direction() -> None:

@@ -4,7 +4,7 @@ from scipy import fft
 
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.hardness import damping_as_printed, hardness, hardness_as_printed, impulse_peaks
-from texclass.features.view import TapSignal, TapView
+from texclass.features.phase_view import TapSignal, TapView
 from texclass.recording import Samples
 
 FS = 10_000.0

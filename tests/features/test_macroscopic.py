@@ -3,7 +3,8 @@ import pytest
 from scipy import signal
 
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.macroscopic import (
+from texclass.features.phase_view import PhaseView
+from texclass.features.roughness import (
     regularity,
     regularity_as_printed,
     spikiness,
@@ -11,7 +12,6 @@ from texclass.features.macroscopic import (
     waviness,
     waviness_as_printed,
 )
-from texclass.features.view import PhaseView
 from texclass.recording import Samples
 
 FS = 10_000.0

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.modes import decimated, tap_amplitude_slope, tap_mode_decay, tap_mode_frequency
-from texclass.features.view import TapSignal, TapView
+from texclass.features.phase_view import TapSignal, TapView
+from texclass.features.tap_modes import decimated, tap_amplitude_slope, tap_mode_decay, tap_mode_frequency
 from texclass.recording import Samples
 from texclass.vibration import DecayingModes
 

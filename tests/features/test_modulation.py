@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from texclass.features.bands import band_course, level_fluctuation, level_persistence
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.modulation import band_course, level_fluctuation, level_persistence
-from texclass.features.view import PhaseView
+from texclass.features.phase_view import PhaseView
 from texclass.recording import Samples
 
 FS = 2000.0

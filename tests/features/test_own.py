@@ -9,7 +9,7 @@ import pytest
 
 from texclass.features import load_feature, registered
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.view import PhaseView
+from texclass.features.phase_view import PhaseView
 
 SOURCE = '''
 import numpy as np
@@ -57,7 +57,7 @@ def test_a_feature_of_a_file_is_found_with_what_it_declares(file, monkeypatch):
 def test_a_process_that_never_saw_the_file_gets_the_feature_by_its_path(file):
     code = (
         "import pickle, sys\nfeature = pickle.load(sys.stdin.buffer)\n"
-        "import numpy as np\nfrom texclass.features.view import PhaseView\n"
+        "import numpy as np\nfrom texclass.features.phase_view import PhaseView\n"
         "print(feature.name, feature.function(PhaseView(np.arange(4.0), 1.0))[1])"
     )
     pickled = pickle.dumps(load_feature(f"{file}:ends"))
@@ -75,7 +75,7 @@ def test_an_edited_file_is_read_again_and_an_unchanged_one_is_not(file):
 
 
 def test_a_feature_of_an_installed_module_is_found():
-    assert load_feature("texclass.features.macroscopic:waviness").name == "waviness"
+    assert load_feature("texclass.features.roughness:waviness").name == "waviness"
 
 
 def test_a_reason_of_its_own_stays_a_reason(file):
@@ -93,7 +93,7 @@ def test_a_reason_of_its_own_stays_a_reason(file):
         ("mine.py:absent", "absent is not a function of it"),
         ("mine.py:bare", "parameter 'share' has no default"),
         ("broken.py:x", r"broken.py cannot be imported \(SyntaxError"),
-        ("taken.py:waviness", "'waviness' is already defined in texclass.features.macroscopic"),
+        ("taken.py:waviness", "'waviness' is already defined in texclass.features.roughness"),
         ("no_such_module:x", "no_such_module cannot be imported"),
     ],
 )

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from texclass.features import load_feature_set, parts
+from texclass.features import load_feature_set, sets
 from texclass.features.contract import Feature, UndefinedFeatureError
+from texclass.features.phase_view import views_of
 from texclass.features.sets import FeatureSet, Member
-from texclass.features.views import views_of
 from texclass.recording import Phases, Recording, Tap
 
 SEEN: list[int] = []
@@ -43,19 +43,10 @@ def a_set(*functions, phase="movement", depends_on=()):
 @pytest.fixture
 def views(monkeypatch):
     """1000 samples of movement, the first half silent, in parts of 300 at most; one tap."""
-    monkeypatch.setattr(parts, "LONGEST", 300)
+    monkeypatch.setattr(sets, "LONGEST", 300)
     signal = np.concatenate([np.zeros(600), np.random.default_rng(0).normal(size=500)])
     phases = Phases((Tap(0, 10, 50),), (100, 1100))
     return views_of(Recording(signal, fs=1000, unit="V", recording_id="r", phases=phases))[""]
-
-
-def test_a_movement_is_cut_into_equal_parts_without_a_gap():
-    assert parts.parts_of(None) == ()
-    assert parts.parts_of((5, 10)) == ((5, 10),)
-    spans = parts.parts_of((7, 7 + 2 * parts.LONGEST + 1))
-    assert (spans[0][0], spans[-1][1]) == (7, 8 + 2 * parts.LONGEST)
-    assert [a[1] for a in spans[:-1]] == [b[0] for b in spans[1:]]
-    assert max(stop - start for start, stop in spans) <= parts.LONGEST
 
 
 def test_a_value_is_the_mean_over_the_parts_that_have_one(views):
@@ -76,7 +67,7 @@ def test_a_steady_movement_gives_in_parts_what_it_gives_as_a_whole(monkeypatch):
     recording = Recording(signal, 2000.0, "V", "r", phases=Phases(movement=(0, signal.size)))
     features = load_feature_set("texclass").reading("movement")
     whole, _ = features.compute(views_of(recording)[""])
-    monkeypatch.setattr(parts, "LONGEST", 10_000)
+    monkeypatch.setattr(sets, "LONGEST", 10_000)
     divided, _ = features.compute(views_of(recording)[""])
     course = ["band_course", "fine_band_course", "level_persistence"]  # of noise, which is noise
     noisy = np.isin(features.column_names, features.columns_of(course))

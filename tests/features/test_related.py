@@ -3,16 +3,16 @@ import pytest
 import pywt
 from scipy import signal
 
-from texclass.features.related import (
+from texclass.features.phase_view import PhaseView
+from texclass.features.related_work import (
     lpc_coefficients,
     mean_magnitude,
     standard_roughness,
     variance,
     wavelet_energy,
 )
-from texclass.features.view import PhaseView
-from texclass.filters import highpass_fir
 from texclass.recording import Samples
+from texclass.signals import highpass_fir
 
 FS = 10_000.0
 

@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.related_spectra import (
+from texclass.features.phase_view import PhaseView
+from texclass.features.related_work import (
     discretized_spectrogram,
     gaussian_band_energies,
     spectral_centroid,
     spectral_peaks,
 )
-from texclass.features.view import PhaseView
 from texclass.recording import Samples
 
 FS = 10_000.0

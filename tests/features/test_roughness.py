@@ -5,6 +5,7 @@ from scipy import fft
 from scipy.stats import spearmanr
 
 from texclass.features.contract import UndefinedFeatureError
+from texclass.features.phase_view import PhaseView
 from texclass.features.roughness import (
     roughness_ratio,
     spectral_roughness,
@@ -12,9 +13,8 @@ from texclass.features.roughness import (
     temporal_roughness,
     temporal_roughness_as_printed,
 )
-from texclass.features.view import PhaseView
-from texclass.filters import highpass_fir
 from texclass.recording import Samples
+from texclass.signals import highpass_fir
 
 FS = 10_000.0
 

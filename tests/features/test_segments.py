@@ -3,7 +3,7 @@ import pytest
 from scipy import signal
 
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.segments import (
+from texclass.features.decaying_segments import (
     kept,
     major_frequency,
     segment_order,
@@ -11,7 +11,7 @@ from texclass.features.segments import (
     segment_rate,
     upper_cutoff,
 )
-from texclass.features.view import PhaseView
+from texclass.features.phase_view import PhaseView
 from texclass.recording import Samples
 
 

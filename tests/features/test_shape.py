@@ -3,8 +3,8 @@ import pytest
 from scipy import stats
 
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.shape import curvature_level, curvature_shape, vibration_level, vibration_shape
-from texclass.features.view import PhaseView
+from texclass.features.phase_view import PhaseView
+from texclass.features.slopes import curvature_level, curvature_shape, vibration_level, vibration_shape
 
 FS = 2000.0
 NOISE = np.random.default_rng(0).standard_normal(200_000)

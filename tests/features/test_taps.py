@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.taps import damping, tap_band, tap_course, tap_crest, tap_decay_rate, tap_strength
-from texclass.features.view import TapSignal, TapView
+from texclass.features.hardness import damping, tap_band, tap_course, tap_crest, tap_decay_rate, tap_strength
+from texclass.features.phase_view import TapSignal, TapView
 
 FS = 10_000.0
 T = np.arange(3000) / FS

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from texclass.features.transforms import first_bins, low_spectrum, padded_length, spectrum, unit
-from texclass.features.view import PhaseView
+from texclass.features.conditioning import first_bins, low_spectrum, padded_length, spectrum, unit
+from texclass.features.phase_view import PhaseView
 from texclass.recording import Samples
 
 FS = 10_000.0

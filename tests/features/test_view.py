@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from texclass.features.view import PhaseView, transform
+from texclass.features.phase_view import PhaseView, transform
 
 CALLS: list[tuple[float, float, bool]] = []
 

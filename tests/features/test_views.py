@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from texclass.features import FeatureExtractor
-from texclass.features.views import channels_apart, views_of
+from texclass.features.phase_view import channels_apart, views_of
 from texclass.recording import Phases, Recording
 
 

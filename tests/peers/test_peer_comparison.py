@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from texclass.features.views import views_of
+from texclass.features.phase_view import views_of
 from texclass.peers import PEERS, PeerSettings, compare_with_peers, whole_materials
 from texclass.peers.comparison import _length_notes
 from texclass.peers.signals import every_channel, same_signals, signal_reader

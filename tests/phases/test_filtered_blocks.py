@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from texclass.filters import butterworth, causal
-from texclass.phases import activity, filtered, segment
-from texclass.phases.filtered import Filtered, block_mean
+from texclass.phases import segment, vibration_track
+from texclass.phases.vibration_track import Filtered, block_mean
 from texclass.recording import Recording
+from texclass.signals import butterworth, causal
 
 SOS = butterworth("highpass", 60.0, 2000.0)
 SIGNAL = np.random.default_rng(0).normal(size=(1003, 2)).cumsum(axis=0)
@@ -43,6 +43,5 @@ def test_phases_do_not_depend_on_the_blocks(monkeypatch):
     recording = Recording(signal, 10_000.0, "m/s^2", "r")
     phases = segment(recording)
     assert phases.kind == "taps and movement"
-    for module in (activity, filtered):
-        monkeypatch.setattr(module, "BLOCK", 990)
+    monkeypatch.setattr(vibration_track, "BLOCK", 990)
     assert segment(recording) == phases

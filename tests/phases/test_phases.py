@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from texclass.phases.segmentation import Segmenter, segment
+from texclass.phases.segmenter import Segmenter, segment
 from texclass.recording import Phases, Recording, Tap
 
 FS = 10_000.0

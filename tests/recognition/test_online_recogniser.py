@@ -6,7 +6,6 @@ from numpy.testing import assert_array_equal
 from scipy import signal as scipy_signal
 from toy_surfaces import FS, SURFACES, signal
 
-from texclass.filters import butterworth
 from texclass.recognition.online import (
     ContactRules,
     Event,
@@ -18,6 +17,7 @@ from texclass.recognition.online.lean import LeanModel
 from texclass.recognition.online.level import Level
 from texclass.recognition.online.ring import Ring
 from texclass.recording import Phases, Recording
+from texclass.signals import butterworth
 
 REST = 0.001
 TAPS = (2000, 4400)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from texclass.filters import bandpass
+from texclass.signals import bandpass
 from texclass.simulate import Grating, Sensor, operator_catalogue, record_freehand, surface_catalogue
 from texclass.simulate.freehand import generators, perform
 from texclass.simulate.gesture import Gesture

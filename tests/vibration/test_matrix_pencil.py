@@ -8,9 +8,8 @@ from scipy import signal
 from scipy.linalg import hankel as hankel_matrix
 from scipy.linalg import svdvals
 
-from texclass.vibration._input import to_unit_scale
-from texclass.vibration.decaying_modes import DecayingModes
-from texclass.vibration.matrix_pencil import fit_matrix_pencil, numerical_rank
+from texclass.signals import to_unit_scale
+from texclass.vibration.decaying_modes import DecayingModes, fit_matrix_pencil, numerical_rank
 
 FS = 10_000.0
 THREE = DecayingModes([100.0, 340.0, 900.0], [60.0, 150.0, 20.0], [2.0, 1.0, 0.5], [-1.5, 0.4, 2.0])

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 
-from texclass.filters import butterworth, causal
+from texclass.signals import butterworth, causal
 from texclass.vibration import (
     Autoregression,
     LatticeInverse,

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from texclass.recording import Samples
-from texclass.vibration.segmentation import Segmentation, segment_rising_peaks, vibration_band
+from texclass.vibration.rising_peaks import Segmentation, segment_rising_peaks, vibration_band
 
 FS = 10_000.0
 

@@ -15,9 +15,8 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.extractor import Plan
+from texclass.features.phase_view import Channels, channels_apart, views_of
 from texclass.features.sets import FeatureSet, Member
-from texclass.features.view import STOPWATCH
-from texclass.features.views import Channels, channels_apart, views_of
 from texclass.loaders.dataset import Dataset
 from texclass.phases import segment
 from texclass.recording import Recording, Samples
@@ -209,7 +208,7 @@ class CostMeter:
         with suppress(UndefinedFeatureError):
             views = views_of(recording, self.channels)[prefix]
             view = watch((prefix, phase), lambda: views.of(phase))
-            view.memory[STOPWATCH] = lambda key, compute: watch((prefix, phase, key), compute)
+            view.memory.timed = lambda key, compute: watch((prefix, phase, key), compute)
             watch((prefix, member.name, ""), lambda: member.values(views))
         return watch
 

@@ -28,8 +28,8 @@ from texclass.experiment.table import (
 from texclass.experiment.windows import by_recording, parent_id
 from texclass.experiment.workers import each
 from texclass.features.extractor import Plan, Reason
+from texclass.features.phase_view import Channels, channels_apart
 from texclass.features.sets import FeatureSet, code_hash
-from texclass.features.views import Channels, channels_apart
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.places import cache_root
 from texclass.recording import Recording, RecordingError

@@ -22,7 +22,7 @@ from texclass.experiment.result import BenchmarkResult
 from texclass.experiment.table import FeatureTable
 from texclass.features.contract import Feature, UndefinedFeatureError
 from texclass.features.examination import Behaviour, GainLaw, View, behaviour, gain_law
-from texclass.features.views import views_of
+from texclass.features.phase_view import views_of
 from texclass.loaders.dataset import Dataset
 from texclass.recording import Samples
 

@@ -28,8 +28,8 @@ from texclass.experiment.protocols import find_protocol
 from texclass.experiment.selection import ForwardSelector
 from texclass.experiment.table import FeatureTable
 from texclass.features.contract import Feature
+from texclass.features.phase_view import Channels
 from texclass.features.sets import FeatureSet, Member, load_feature_set
-from texclass.features.views import Channels
 from texclass.shipped import locate
 from texclass.validation import Written, checked, read_toml
 
@@ -331,7 +331,7 @@ class PipelineDefinition(Written):
             "additions": (added,),
         }
         extended = self.model_copy(update=changed)
-        code = hashlib.sha256(Path(inspect.getfile(feature.function)).read_bytes()).hexdigest()[:8]
+        code = hashlib.sha256(feature.source.read_bytes()).hexdigest()[:8]
         extended._hash, extended._apart = f"{self.hash}+{code}", (name,)
         return extended
 

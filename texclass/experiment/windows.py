@@ -237,5 +237,5 @@ def _movement(load: Callable[[Entry], Recording], entry: Entry) -> Movement:
 def _key(dataset: Dataset) -> str:
     """Digest of the recordings and of the code that finds movements."""
     ids = [(entry.recording_id, entry.paths) for entry in dataset.entries]
-    code = code_hash("recording", "signals", "filters", "phases")
+    code = code_hash("recording", "signals", "phases")
     return hashlib.sha256(json.dumps([dataset.input_hash, ids, code]).encode()).hexdigest()[:16]

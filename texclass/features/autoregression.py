@@ -6,14 +6,12 @@ frames are averaged as log-area ratios, where every average is a stable model: l
 quiet ones.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from texclass.features.conditioning import banded
 from texclass.features.contract import UndefinedFeatureError, feature
-from texclass.features.filtered import banded
-from texclass.features.view import PhaseView, transform
+from texclass.features.phase_view import PhaseView, transform
 from texclass.recording import Samples
 from texclass.vibration import autoregressive, line_spectrum
 from texclass.vibration.autoregressive import Autoregression
@@ -31,38 +29,31 @@ SILENT = 1e-10
 """Power of a frame, in powers of the loudest one, below which it is what rounding left of silence."""
 
 
-@dataclass(frozen=True, eq=False)
-class MeanModel:
-    """The average model of a movement, of unit gain, and the rate in Hz that it runs at."""
-
-    model: Autoregression
-    fs: float
-
-
 def _numbered(letter: str, n: int) -> tuple[str, ...]:
     return tuple(f"{letter}{i}" for i in range(1, n + 1))
 
 
 @transform
-def mean_model(view: PhaseView, order: int, frame_s: float, band_hz: float) -> MeanModel:
-    """Fit every frame by Burg's method and average the log-area ratios of those that are not silent.
+def mean_model(view: PhaseView, order: int, frame_s: float, band_hz: float) -> tuple[Autoregression, float]:
+    """Return the average model of a movement, of unit gain, and the rate in Hz that it runs at.
 
+    Every frame is fitted by Burg's method, and the log-area ratios of those that are not silent are averaged.
     Frames follow each other without overlap; they hold four samples per coefficient at least, and a shorter
     movement is one frame, down to two samples per coefficient.
     """
-    slow = banded(view, band_hz)
-    n = slow.samples.size
+    x, fs = banded(view, band_hz)
+    n = x.size
     if n < 2 * order:
         raise UndefinedFeatureError(f"{n} samples below {band_hz:g} Hz; the rule is 2 x the order of {order}")
-    length = min(n, max(round(frame_s * slow.fs), 4 * order))
-    frames = slow.samples[: n // length * length].reshape(-1, length)
+    length = min(n, max(round(frame_s * fs), 4 * order))
+    frames = x[: n // length * length].reshape(-1, length)
     power = np.einsum("kt,kt->k", frames, frames)
     heard = frames[power > SILENT * power.max()]
     if not heard.size:
         raise UndefinedFeatureError(f"silence: no energy below {band_hz:g} Hz")
     lar = autoregressive.fit(heard, order).log_area_ratios.mean(axis=0)
     k = np.clip(np.tanh(lar / 2), -1 + 2**-53, 1 - 2**-53)
-    return MeanModel(Autoregression(k, np.ones(())), slow.fs)
+    return Autoregression(k, np.ones(())), fs
 
 
 @feature(
@@ -96,8 +87,8 @@ def line_spectral_frequencies(
     UndefinedFeatureError
         For silence, or a movement that holds fewer than 64 samples or than two per coefficient in the band.
     """
-    mean = mean_model(view, order, frame_s, band_hz)
-    return line_spectrum.from_reflection(mean.model.reflection) * (mean.fs / (2 * np.pi))
+    model, fs = mean_model(view, order, frame_s, band_hz)
+    return line_spectrum.from_reflection(model.reflection) * (fs / (2 * np.pi))
 
 
 @feature(
@@ -127,7 +118,7 @@ def log_area_ratios(
     UndefinedFeatureError
         As `line_spectral_frequencies`.
     """
-    return mean_model(view, order, frame_s, band_hz).model.log_area_ratios
+    return mean_model(view, order, frame_s, band_hz)[0].log_area_ratios
 
 
 @feature(
@@ -164,7 +155,7 @@ def lpc_cepstrum(
     UndefinedFeatureError
         As `line_spectral_frequencies`.
     """
-    return mean_model(view, order, frame_s, band_hz).model.cepstrum(n_coefficients + 1)[1:]
+    return mean_model(view, order, frame_s, band_hz)[0].cepstrum(n_coefficients + 1)[1:]
 
 
 @feature(
@@ -205,7 +196,7 @@ def prediction_gain(
     """
     if wrong := [p for p in orders if not 1 <= p <= order]:
         raise UndefinedFeatureError(f"prediction gain of order {wrong[0]}; the rule is 1 ... {order}")
-    k = mean_model(view, order, frame_s, band_hz).model.reflection
+    k = mean_model(view, order, frame_s, band_hz)[0].reflection
     gain = -10 * np.cumsum(np.log10((1 - k) * (1 + k)))  # of orders 1, 2, ...
     return np.asarray(gain[np.array(orders) - 1])
 
@@ -256,9 +247,9 @@ def resonances(
         raise UndefinedFeatureError(
             f"{n_resonances} resonances; the rule is 1 ... {order // 2} (half the order)"
         )
-    mean = mean_model(view, order, frame_s, band_hz)
-    z = upper_poles(mean.model.truncated(2 * n_resonances).poles(), n_resonances)
-    frequency, decay = np.angle(z) * mean.fs / (2 * np.pi), -np.log(np.abs(z)) * mean.fs
+    model, fs = mean_model(view, order, frame_s, band_hz)
+    z = upper_poles(model.truncated(2 * n_resonances).poles(), n_resonances)
+    frequency, decay = np.angle(z) * fs / (2 * np.pi), -np.log(np.abs(z)) * fs
     return np.concatenate([frequency, decay / np.pi])
 
 

@@ -1,6 +1,9 @@
-"""Levels of the vibration in frequency bands: evenly spaced ones up to fs/2, fractions of octaves below.
+"""Levels of the vibration in frequency bands: how strong they are, and how they change during a movement.
 
-All of them are sums over one periodogram, so that a set of many bands costs one Fourier transform.
+Bands are evenly spaced up to fs/2, or fractions of octaves below; all levels of one movement are sums over
+one periodogram, so that a set of many bands costs one Fourier transform. Changes compare the levels of a band
+with those of the same band at other times. A sensor that drifts multiplies a band by the same factor at all
+times, which cancels: these columns keep what a spectrum loses from one day to the next.
 """
 
 import functools
@@ -11,16 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from texclass.features.conditioning import level, require, unit32
 from texclass.features.contract import Gain, UndefinedFeatureError, feature
-from texclass.features.divided import divisible, named_pieces
-from texclass.features.transforms import level, require, unit32
-from texclass.features.view import PhaseView, transform
+from texclass.features.phase_view import PhaseView, transform
+from texclass.features.spectra import BLOCK, window_of
 from texclass.recording import Samples, read_only
 
 TAPER = 0.1
 """Share of the movement that fades in, and as much that fades out: the rest counts in full."""
 FLOOR = 1e-10
 """Least power of a band, relative to the mean power: below it, single precision says nothing."""
+N_PARTS = 6
+"""Parts whose periodograms the course is taken from."""
+FRAME = 64
+"""Samples in a frame of `octave_frames`."""
+OCTAVES = ("o0", "o1", "o2", "o3", "o4")
+"""What a frame resolves: bins 17-32, 9-16, 5-8, 3-4 and 2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +64,7 @@ def periodogram(x: NDArray[np.float32], fs: float) -> Periodogram:
 
     Vibrations fall by 60 dB and more from the lowest frequencies to the highest; the difference levels that,
     so that the strong ones do not leak over the weak ones, and nearly all samples count in full: what a short
-    touch needs. `density` is that of d; see `Bands`.
+    touch needs. `density` is that of d.
 
     Raises
     ------
@@ -90,42 +99,6 @@ def whole_periodogram(view: PhaseView) -> Periodogram:
     return periodogram(unit32(view), view.fs)
 
 
-@dataclass(frozen=True, eq=False)
-class Bands:
-    """Neighbouring bands of a signal; made once for each division and sampling rate.
-
-    Attributes
-    ----------
-    edges_hz : ndarray of shape (n_bands + 1,)
-        Rising.
-    tilt : ndarray of shape (n_bands,)
-        Power of a difference to that of its signal, |D(f)|^2 / |X(f)|^2 = 4 sin^2(pi f / fs), at the middle
-        of each band.
-    """
-
-    edges_hz: Samples
-    tilt: Samples
-
-    @classmethod
-    def between(cls, edges_hz: Samples, fs: float) -> "Bands":
-        """Return the bands between edges, of a signal of sampling rate `fs`."""
-        middle = (edges_hz[:-1] + edges_hz[1:]) / 2
-        return cls(read_only(edges_hz), read_only(4 * np.sin(np.pi * middle / fs) ** 2))
-
-
-@functools.lru_cache(maxsize=32)
-def even_bands(fs: float, n_bands: int) -> Bands:
-    """Return bands of equal width from 0 to fs/2."""
-    return Bands.between(np.linspace(0, fs / 2, n_bands + 1), fs)
-
-
-@functools.lru_cache(maxsize=32)
-def octave_bands(fs: float, first: int, stop: int, per_octave: int) -> Bands:
-    """Return fractions of the octaves `first` ... stop - 1, counted downwards from fs/2; the lowest first."""
-    n_bands = (stop - first) * per_octave
-    return Bands.between(fs / 2 * 2.0 ** -(first + np.arange(n_bands, -1, -1) / per_octave), fs)
-
-
 def even_names(*, n_bands: int) -> tuple[str, ...]:
     """Return the names of bands of equal width."""
     return tuple(f"b{i}" for i in range(1, n_bands + 1))
@@ -135,11 +108,11 @@ def even_names(*, n_bands: int) -> tuple[str, ...]:
     phase="movement",
     unit="log10((m/s^2)^2/Hz)",
     reference="texclass; log power spectrum in bands of equal width",
-    outputs=named_pieces(even_names),
+    outputs=even_names,
     gain=Gain(shift=2),
     depends_on=("rate",),
+    divisible=True,
 )
-@divisible
 def band_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
     """Power density in bands of equal width from 0 to fs/2; b1 is the lowest.
 
@@ -153,7 +126,7 @@ def band_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
     n_bands : int
         Number of bands.
     n_pieces : int
-        Equal pieces to compute it of, each by itself; see `divisible`.
+        Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
     ------
@@ -161,7 +134,7 @@ def band_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
         For silence, or fewer samples than four a band.
     """
     require(view, max(32, 4 * n_bands), f"{n_bands} bands")
-    return _levels(view, even_bands(view.fs, n_bands))
+    return _levels(view, np.linspace(0, view.fs / 2, n_bands + 1))
 
 
 def fraction_names(*, octaves: tuple[int, int], per_octave: int) -> tuple[str, ...]:
@@ -176,11 +149,11 @@ def fraction_names(*, octaves: tuple[int, int], per_octave: int) -> tuple[str, .
     phase="movement",
     unit="log10((m/s^2)^2/Hz)",
     reference="texclass; log power spectrum in fractions of octaves",
-    outputs=named_pieces(fraction_names),
+    outputs=fraction_names,
     gain=Gain(shift=2),
     depends_on=("rate",),
+    divisible=True,
 )
-@divisible
 def octave_level(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octave: int = 3) -> Samples:
     """Power density in fractions of octaves, counted downwards from fs/2; o2.1 begins at fs/2 / 2^2.
 
@@ -196,19 +169,160 @@ def octave_level(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octa
     per_octave : int
         Bands in an octave, equal on a logarithmic axis.
     n_pieces : int
-        Equal pieces to compute it of, each by itself; see `divisible`.
+        Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
     ------
     UndefinedFeatureError
         For silence, or a movement that holds fewer than 1.5 periods of the lowest frequency.
     """
-    bands = octave_bands(view.fs, *octaves, per_octave)
-    lowest = bands.edges_hz[0]
+    first, stop = octaves
+    octave = first + np.arange((stop - first) * per_octave, -1, -1) / per_octave
+    edges_hz = view.fs / 2 * 2.0**-octave
+    lowest = edges_hz[0]
     require(view, max(32, math.ceil(1.5 * view.fs / lowest)), f"1.5 periods of {lowest:.3g} Hz")
-    return _levels(view, bands)[::-1]
+    return _levels(view, edges_hz)[::-1]
 
 
-def _levels(view: PhaseView, bands: Bands) -> Samples:
-    density = whole_periodogram(view).density(bands.edges_hz) / bands.tilt
+def _levels(view: PhaseView, edges_hz: Samples) -> Samples:
+    """Return the log10 power density between edges: that of the difference over 4 sin^2(pi f / fs)."""
+    middle = (edges_hz[:-1] + edges_hz[1:]) / 2
+    density = whole_periodogram(view).density(edges_hz) / (4 * np.sin(np.pi * middle / view.fs) ** 2)
     return np.asarray(np.log10(density) + 2 * np.log10(level(view)))
+
+
+@transform
+def sixths(view: PhaseView) -> tuple[Periodogram, ...]:
+    """Return the periodograms of six equal parts of the movement."""
+    x, n = unit32(view), view.n_samples // N_PARTS
+    return tuple(periodogram(x[i * n : (i + 1) * n], view.fs) for i in range(N_PARTS))
+
+
+@transform
+def octave_frames(view: PhaseView) -> Samples:
+    """Return the power of Hann frames, one after the other, in octaves from fs/2 down, (n_frames, 5).
+
+    In arbitrary units, floored far below the mean.
+    """
+    require(view, 8 * FRAME, f"8 frames of {FRAME} samples")
+    window = window_of("hann", FRAME)
+    frames = unit32(view)[: view.n_samples // FRAME * FRAME].reshape(-1, FRAME)
+    power = np.concatenate([_octaves(frames[k : k + BLOCK] * window) for k in range(0, len(frames), BLOCK)])
+    if not power.any():
+        raise UndefinedFeatureError("silence: no frame holds any power")
+    return np.asarray(np.maximum(power, FLOOR * power.mean()))
+
+
+def _octaves(frames: NDArray[np.float32]) -> Samples:
+    spectra = fft.rfft(frames)[:, 2:]
+    power = spectra.real**2 + spectra.imag**2
+    return np.add.reduceat(power, [0, 1, 3, 7, 15], axis=1, dtype=np.float64)[:, ::-1]
+
+
+def _course_names(*, n_parts: int, octaves: tuple[int, int]) -> tuple[str, ...]:
+    return tuple(f"term{j}.o{k}" for j in range(1, n_parts) for k in range(*octaves))
+
+
+@feature(
+    phase="movement",
+    unit="log10(1)",
+    reference="texclass; cosine transform over time of log band levels",
+    outputs=_course_names,
+    depends_on=("rate",),
+    divisible=True,
+)
+def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] = (0, 4)) -> Samples:
+    """How the level of each octave runs from the first to the last part of a movement.
+
+    With L_i the log10 power density of an octave in part i of n, term j is
+    2/n sum_i L_i cos(pi j (i + 1/2)/n): term 1 is positive where the level falls, term 2 where it is higher
+    at both ends than in the middle. A surface that warms, wears or stretches changes; so does a hand that
+    gets faster, so a classifier should weigh these columns.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    n_parts : int
+        Number of equal parts: 6, or 3 or 2 of several sixths each.
+    octaves : tuple of int
+        First octave, and the one after the last; octave k reaches from fs/2 / 2^k down to fs/2 / 2^(k+1).
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `feature`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        For silence, a sixth in which nothing changes, or one that holds fewer than 1.5 periods of the lowest
+        frequency.
+    """
+    low = 3 * 2 ** octaves[1]
+    if n_parts not in (2, 3, 6):
+        raise ValueError(f"n_parts is {n_parts!r}; the rule is 2, 3 or 6")
+    require(view, N_PARTS * max(16, low), f"1.5 periods of octave {octaves[1] - 1} in each sixth")
+    edges = view.fs / 2 * np.exp2(-np.arange(octaves[1], octaves[0] - 1, -1.0))
+    density = np.array([sixth.density(edges)[::-1] for sixth in sixths(view)])
+    L = np.log10(density.reshape(n_parts, N_PARTS // n_parts, -1).mean(axis=1))
+    return np.asarray(fft.dct(L, axis=0)[1:].reshape(-1) / n_parts)
+
+
+@feature(
+    phase="movement",
+    unit="log10(1)",
+    reference="texclass; deviation over frames of log band levels",
+    outputs=OCTAVES,
+    depends_on=("rate",),
+    divisible=True,
+)
+def level_fluctuation(view: PhaseView) -> Samples:
+    """How much the log10 power of each octave from fs/2 down deviates from frame to frame.
+
+    Frames of 64 samples: noise of steady level fluctuates least, and the less the wider the octave; grains,
+    threads and stick-slip more.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `feature`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        For silence, or fewer than 512 samples.
+    """
+    return np.asarray(np.log10(octave_frames(view)).std(axis=0))
+
+
+@feature(
+    phase="movement",
+    unit="1",
+    reference="texclass; autocorrelation of log band levels",
+    outputs=OCTAVES,
+    depends_on=("rate",),
+    divisible=True,
+)
+def level_persistence(view: PhaseView) -> Samples:
+    """Correlation of the log10 power of each octave with that a frame, 64 samples, later.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `feature`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        For silence, fewer than 512 samples, or an octave whose level never changes.
+    """
+    L = np.log10(octave_frames(view))
+    L -= L.mean(axis=0)
+    variance = np.mean(L**2, axis=0)
+    if not variance.min() > 1e-12:
+        raise UndefinedFeatureError(
+            f"the level of octave {variance.argmin()} is constant; the rule is one that changes"
+        )
+    return np.asarray(np.mean(L[1:] * L[:-1], axis=0) / variance)

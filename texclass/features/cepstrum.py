@@ -1,16 +1,16 @@
 """Modified mel-frequency cepstral coefficients of the movement [strese2015, section IV-A]."""
 
+import functools
 import math
-from dataclasses import dataclass, replace
-from functools import lru_cache
+import warnings
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
 from texclass.features.contract import UndefinedFeatureError, feature
-from texclass.features.frames import power_frames
-from texclass.features.view import PhaseView, transform
+from texclass.features.phase_view import PhaseView, transform
+from texclass.features.spectra import power_frames
 from texclass.recording import Samples, read_only
 
 ALL = tuple(range(1, 14))
@@ -22,79 +22,76 @@ def _names(*, coefficients: tuple[int, ...], **_: object) -> tuple[str, ...]:
     return tuple(f"c{n}" for n in coefficients)
 
 
-def slaney_mel(f_hz: Samples) -> Samples:
-    """Return the mel value of frequencies in Hz: linear to 1000 Hz, logarithmic above (Slaney)."""
-    return np.asarray(
-        np.where(f_hz < 1000, f_hz * 3 / 200, 15 + 27 * np.log(np.maximum(f_hz, 1) / 1000) / np.log(6.4))
-    )
-
-
-def slaney_hz(mel: Samples) -> Samples:
-    """Return the frequency in Hz of mel values, the inverse of `slaney_mel`."""
-    return np.asarray(np.where(mel < 15, mel * 200 / 3, 1000 * 6.4 ** ((mel - 15) / 27)))
-
-
-@dataclass(frozen=True)
-class Bank:
-    """Mel filters: how many, over which band (Hz), and where their amplitude has fallen to 1/e (Hz)."""
-
-    n_filters: int
-    low_hz: float
-    high_hz: float
-    decay_hz: float
-
-
-@lru_cache(maxsize=32)
-def mel_filters(bank: Bank, n_bins: int, step_hz: float) -> NDArray[np.float32]:
-    """Return triangular mel filters of peak 1, times exp(-f/decay_hz) at every bin.
+@functools.lru_cache(maxsize=32)
+def mel_filters(
+    fs: float, n_fft: int, n_filters: int, low_hz: float, high_hz: float, decay_hz: float
+) -> NDArray[np.float32]:
+    """Return triangular mel filters (Slaney's scale) of peak 1, times exp(-f/decay_hz) at every bin.
 
     Parameters
     ----------
-    bank : Bank
-        Number, band and decay of the filters.
-    n_bins : int
-        Bins of the spectrum, from 0 Hz on.
-    step_hz : float
-        Distance of two bins.
+    fs : float
+        Sampling rate in Hz.
+    n_fft : int
+        Points of the transform.
+    n_filters : int
+        How many filters.
+    low_hz, high_hz : float
+        Their band, in Hz.
+    decay_hz : float
+        Where their amplitude has fallen to 1/e, in Hz.
 
     Returns
     -------
-    ndarray of shape (n_bins, n_filters)
+    ndarray of shape (n_fft // 2 + 1, n_filters)
 
     Raises
     ------
     UndefinedFeatureError
         If a filter holds no bin.
     """
-    f = np.arange(n_bins) * step_hz
-    low, high = slaney_mel(np.array([bank.low_hz, bank.high_hz])).tolist()
-    edges = slaney_hz(np.linspace(low, high, bank.n_filters + 2))
-    rising = (f[:, np.newaxis] - edges[:-2]) / np.diff(edges)[:-1]
-    falling = (edges[2:] - f[:, np.newaxis]) / np.diff(edges)[1:]
-    weights = np.maximum(0, np.minimum(rising, falling))
+    import librosa  # loads what is used of it when it is used
+
+    edges = librosa.mel_frequencies(n_filters + 2, fmin=low_hz, fmax=high_hz)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about empty filters: an error here
+        # Of unit area, undone below: to scale peaks to 1, librosa would compile a normalisation for seconds.
+        weights = librosa.filters.mel(
+            sr=fs, n_fft=n_fft, n_mels=n_filters, fmin=low_hz, fmax=high_hz, norm="slaney", dtype=np.float64
+        ).T * ((edges[2:] - edges[:-2]) / 2)
+    f = np.arange(n_fft // 2 + 1) * (fs / n_fft)
     if (empty := np.flatnonzero(weights.max(axis=0) == 0)).size:
         i = int(empty[0])
         raise UndefinedFeatureError(
             f"mel filter {i + 1} ({edges[i]:.0f} ... {edges[i + 2]:.0f} Hz) holds no bin of the spectrum "
             f"(every {f[1]:.0f} Hz); the rule is at least one"
         )
-    return read_only(np.asarray(weights * np.exp(-f / bank.decay_hz)[:, np.newaxis], dtype=np.float32))
+    weights = weights * np.exp(-f / decay_hz)[:, np.newaxis]
+    return read_only(np.array(weights, dtype=np.float32, order="C"))
 
 
 @transform
-def log_energies(view: PhaseView, bank: Bank, frame_s: float, hop_s: float) -> NDArray[np.float32]:
+def log_energies(
+    view: PhaseView,
+    n_filters: int,
+    low_hz: float,
+    high_hz: float,
+    decay_hz: float,
+    frame_s: float,
+    hop_s: float,
+) -> NDArray[np.float32]:
     """Return ln of the filters' energies, frame by frame without silent ones, shape (n_frames, n_filters).
 
     A filter's energy is kept above `FLOOR` times that of its own frame: no value depends on another frame.
     """
-    frames = power_frames(view, frame_s, hop_s, "hamming", bank.high_hz)
-    inside = replace(bank, high_hz=min(bank.high_hz, view.fs / 2))
-    weights = mel_filters(inside, frames.frequency.size, float(frames.frequency[1]))
-    energy: NDArray[np.float32] = frames.power @ weights
+    power, frequency = power_frames(view, frame_s, hop_s, "hamming", high_hz)
+    n_fft = round(view.fs / frequency[1])
+    weights = mel_filters(view.fs, n_fft, n_filters, low_hz, min(high_hz, view.fs / 2), decay_hz)
+    energy: NDArray[np.float32] = power @ weights[: frequency.size]
     total = energy.sum(axis=1, keepdims=True)
     heard = total[:, 0] > 0
     if not heard.any():
-        raise UndefinedFeatureError(f"silence: no energy between {bank.low_hz:g} and {bank.high_hz:g} Hz")
+        raise UndefinedFeatureError(f"silence: no energy between {low_hz:g} and {high_hz:g} Hz")
     return np.asarray(np.log(np.maximum(energy, np.float32(FLOOR) * total)[heard]), dtype=np.float32)
 
 
@@ -146,10 +143,8 @@ def mfcc(
     UndefinedFeatureError
         For silence, a movement shorter than a frame, a filter without a bin, or a number beyond the filters.
     """
-    energies = log_energies(view, Bank(n_filters, low_hz, high_hz, decay_hz), frame_s, hop_s)
-    mean = energies.mean(
-        axis=0, dtype=np.float64
-    )  # the transform is linear: of the mean, or the mean of the frames'
+    energies = log_energies(view, n_filters, low_hz, high_hz, decay_hz, frame_s, hop_s)
+    mean = energies.mean(axis=0, dtype=np.float64)  # the transform is linear: of the mean is the mean of all
     return np.asarray(fft.dct(mean, norm="ortho")[_checked(coefficients, n_filters)])
 
 
@@ -183,7 +178,7 @@ def mfcc_deviation(
     UndefinedFeatureError
         As `mfcc`, and for fewer than two frames that are not silent.
     """
-    energies = log_energies(view, Bank(n_filters, low_hz, high_hz, decay_hz), frame_s, hop_s)
+    energies = log_energies(view, n_filters, low_hz, high_hz, decay_hz, frame_s, hop_s)
     frames = fft.dct(energies.astype(np.float64), axis=1, norm="ortho")
     if len(frames) < 2:
         raise UndefinedFeatureError("1 frame that is not silent; the rule is at least 2 for a deviation")

@@ -1,23 +1,31 @@
 """What a feature is: one decorated function, and everything the rest of texclass derives from it."""
 
+import difflib
+import functools
+import hashlib
+import importlib
+import importlib.util
 import inspect
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
 from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-Phase = Literal["tap", "movement", "friction"]
+from texclass.features import DIMENSIONS
+from texclass.features.phase_view import Phase, PhaseView, TapView, UndefinedFeatureError, pieces, view_of
+from texclass.recording import Samples
+
+__all__ = ["Feature", "Gain", "UndefinedFeatureError", "feature", "find", "load_feature", "registered"]
+
 Dependence = Literal["length", "rate"]
 Outputs = tuple[str, ...] | Callable[..., tuple[str, ...]]
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-class UndefinedFeatureError(ValueError):
-    """The feature has no value for this signal; the message is the reason (value and rule).
-
-    Extraction turns it into NaN and keeps the reason for the user.
-    """
+R = TypeVar("R")
+OWN = "texclass_own_"
+"""Begins the name of every module loaded from a file, so that no file shadows an installed module."""
 
 
 @dataclass(frozen=True)
@@ -75,10 +83,24 @@ class Feature:
         return (inspect.getdoc(self.function) or "").split("\n", 1)[0]
 
     @property
+    def parameters(self) -> list[inspect.Parameter]:
+        """What the function takes beside the view."""
+        return list(inspect.signature(self.function).parameters.values())[1:]
+
+    @property
     def defaults(self) -> dict[str, Any]:
         """Parameters and their defaults, from the signature."""
-        parameters = list(inspect.signature(self.function).parameters.values())[1:]
-        return {p.name: p.default for p in parameters}
+        return {p.name: p.default for p in self.parameters}
+
+    @property
+    def divisible_in_time(self) -> bool:
+        """Whether its mean over parts of a long movement stands for the whole."""
+        return self.phase != "tap" and "length" not in self.depends_on
+
+    @property
+    def source(self) -> Path:
+        """The file that defines the function."""
+        return Path(inspect.getfile(inspect.unwrap(self.function)))
 
     def columns(self, name: str, parameters: Mapping[str, Any]) -> tuple[str, ...]:
         """Return the column names under which a set that calls this feature `name` stores it."""
@@ -86,6 +108,13 @@ class Feature:
         if callable(outputs):
             outputs = outputs(**{**self.defaults, **parameters})
         return tuple(f"{name}.{output}" for output in outputs) or (name,)
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        # A registered feature travels as where it is found: functions that name outputs cannot be pickled.
+        module = self.function.__module__
+        if module == "__main__" or getattr(_REGISTRY.get(self.name), "function", None) is not self.function:
+            return super().__reduce_ex__(protocol)
+        return load_feature, (f"{self.source if module.startswith(OWN) else module}:{self.name}",)
 
 
 _REGISTRY: dict[str, Feature] = {}
@@ -99,26 +128,57 @@ def feature(
     outputs: Outputs = (),
     gain: Gain = Gain(),
     depends_on: tuple[Dependence, ...] = (),
-) -> Callable[[F], F]:
-    """Register the decorated function as a feature; see `Feature` for what is declared."""
+    divisible: bool = False,
+) -> Callable[[Callable[..., R]], Callable[..., R]]:
+    """Register the decorated function as a feature; see `Feature` for what is declared.
 
-    def register(function: F) -> F:
+    The function returned takes a phase view, or an array and its rate: ``waviness(x, fs=10_000)``. Keywords
+    are those of the function, and with an array `fs` (Hz) and `unit`; see `view_of`.
+
+    Parameters
+    ----------
+    phase, unit, reference, outputs, gain, depends_on
+        See `Feature`.
+    divisible : bool
+        Whether a keyword `n_pieces`, 1 by default, is added that computes the feature of equal pieces of the
+        movement, each by itself, so that a classifier can let them vote. Values are then of shape
+        (n_outputs, n_pieces), flat: the pieces of one output stand side by side, under the names b1.piece1,
+        b1.piece2, b2.piece1. A movement too short for pieces (see `pieces`) counts as n_pieces equal ones.
+        The feature is undefined if a piece is; the reason names the piece.
+
+    Raises
+    ------
+    ValueError
+        If the name is that of a feature of another module; by the feature returned, if it is given an array
+        without `fs`, or `n_pieces` is not a whole number above 0.
+    """
+
+    def register(function: Callable[..., R]) -> Callable[..., R]:
         name = function.__name__
         known = _REGISTRY.get(name)
         if known is not None and known.function.__module__ != function.__module__:
             raise ValueError(f"feature {name!r} is already defined in {known.function.__module__}")
-        _REGISTRY[name] = Feature(
-            name, function, phase, unit, reference, outputs, gain, frozenset(depends_on)
-        )
-        return function
+        of_view = _in_pieces(function) if divisible else function
+
+        @functools.wraps(of_view)
+        def of_signal(
+            view: Any, /, *args: Any, fs: float | None = None, unit: str = "arbitrary", **parameters: Any
+        ) -> R:
+            if not isinstance(view, PhaseView | TapView):
+                view = view_of(phase, view, fs, unit)
+            return of_view(view, *args, **parameters)
+
+        named = _of_pieces(outputs) if divisible else outputs
+        _REGISTRY[name] = Feature(name, of_signal, phase, unit, reference, named, gain, frozenset(depends_on))
+        return of_signal
 
     return register
 
 
 def registered() -> dict[str, Feature]:
     """Return every registered feature by name, sorted by name."""
-    import texclass.features  # noqa: F401  (importing the index registers all of them)
-
+    for module in DIMENSIONS:
+        importlib.import_module(f"texclass.features.{module}")
     return dict(sorted(_REGISTRY.items()))
 
 
@@ -130,11 +190,109 @@ def find(name: str) -> Feature:
     KeyError
         If there is none; the message lists the nearest names.
     """
-    import difflib
-
     known = registered()
     if name not in known:
         near = difflib.get_close_matches(name, known, n=3)
         hint = f"; did you mean {', '.join(near)}?" if near else ""
         raise KeyError(f"no feature is named {name!r}{hint}")
     return known[name]
+
+
+def load_feature(named: str) -> Feature:
+    """Import the feature that a user names. This runs the code of its module.
+
+    Parameters
+    ----------
+    named : str
+        "module:function" with an importable module, or "path/to/file.py:function".
+
+    Returns
+    -------
+    Feature
+        Ready for a `Member` of a feature set, in worker processes too.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the name has another form, the module cannot be imported, or the function is not a decorated
+        feature whose parameters have defaults.
+    """
+    place, _, name = named.rpartition(":")
+    if not place or not name.isidentifier():
+        raise ValueError(f"feature {named!r}: the rule is module:function or path/to/file.py:function")
+    try:
+        module = _module_of(Path(place)) if place.endswith(".py") else importlib.import_module(place)
+    except OSError:
+        raise
+    except Exception as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ValueError(f"feature {named!r}: {place} cannot be imported ({reason})") from error
+    function = getattr(module, name, None)
+    found = next((f for f in _REGISTRY.values() if f.function is function), None)
+    if found is None:
+        what = "is not decorated" if callable(function) else "is not a function of it"
+        raise ValueError(f"feature {named!r}: {name} {what}; the rule is a function under @feature(...)")
+    if bare := [key for key, value in found.defaults.items() if value is inspect.Parameter.empty]:
+        raise ValueError(f"feature {named!r}: parameter {bare[0]!r} has no default; the rule is one each")
+    return found
+
+
+def _module_of(file: Path) -> ModuleType:
+    """Run a file as a module, once for each content; what lies beside it can be imported by it."""
+    path = file.expanduser().resolve()
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    name = OWN + path.stem
+    known = sys.modules.get(name)
+    if known is not None and (known.__file__, known.__dict__.get("digest_")) == (str(path), digest):
+        return known
+    if str(path.parent) not in sys.path:
+        sys.path.append(str(path.parent))
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path} is no Python source")
+    module = importlib.util.module_from_spec(spec)
+    module.__dict__["digest_"] = digest
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def _in_pieces(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function of a movement with a keyword `n_pieces`; see `feature`."""
+
+    @functools.wraps(function)
+    def in_pieces(view: PhaseView, *, n_pieces: int = 1, **parameters: Any) -> Samples:
+        if not isinstance(n_pieces, int) or n_pieces < 1:
+            raise ValueError(f"n_pieces is {n_pieces!r}; the rule is a whole number of at least 1")
+        if n_pieces == 1:
+            return np.asarray(function(view, **parameters))
+        found = []
+        for number, piece in enumerate(pieces(view, n_pieces), 1):
+            try:
+                found.append(np.atleast_1d(function(piece, **parameters)))
+            except UndefinedFeatureError as undefined:
+                raise UndefinedFeatureError(f"piece {number}: {undefined}") from None
+        return np.broadcast_to(np.stack(found, axis=-1), (found[0].size, n_pieces)).reshape(-1)
+
+    own = inspect.signature(function)
+    added = inspect.Parameter("n_pieces", inspect.Parameter.KEYWORD_ONLY, default=1, annotation=int)
+    in_pieces.__signature__ = own.replace(parameters=[*own.parameters.values(), added])  # type: ignore[attr-defined]
+    return in_pieces
+
+
+def _of_pieces(outputs: Outputs) -> Callable[..., tuple[str, ...]]:
+    """Return a function that names the outputs of each piece."""
+
+    def names(*, n_pieces: int = 1, **parameters: Any) -> tuple[str, ...]:
+        whole = outputs(**parameters) if callable(outputs) else outputs
+        if n_pieces == 1:
+            return whole
+        return tuple(f"{name}.piece{i}" for name in whole for i in range(1, n_pieces + 1))
+
+    return names

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from texclass.features.contract import Feature, Gain, UndefinedFeatureError
-from texclass.features.view import PhaseView, TapSignal, TapView
+from texclass.features.phase_view import PhaseView, TapSignal, TapView
 from texclass.recording import Samples
 
 View = PhaseView | TapView

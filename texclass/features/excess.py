@@ -11,26 +11,22 @@ import numpy as np
 
 from texclass.features.bands import band_level, even_names, fraction_names, octave_level
 from texclass.features.contract import feature
-from texclass.features.differences import lag_names, slope_level
-from texclass.features.divided import divisible, named_pieces
-from texclass.features.shape import curvature_level
-from texclass.features.view import PhaseView, transform
+from texclass.features.phase_view import PhaseView, transform
+from texclass.features.slopes import LAGS, curvature_level, lag_names, slope_level
 from texclass.recording import Samples
 
 REFERENCE = "texclass; residuals of a straight line in log level over log frequency"
-LINE_LAGS = (1, 2, 4, 8, 16, 32)
-"""Spans in samples of the slopes whose levels the line is drawn through."""
 
 
 class Line(NamedTuple):
-    """Log10 magnitude over octaves: `height` at the middle of `LINE_LAGS`, rising by `tilt` an octave."""
+    """Log10 magnitude over octaves: `height` at the middle of `LAGS`, rising by `tilt` an octave."""
 
     height: float
     tilt: float
 
     def at(self, octaves: Samples) -> Samples:
         """Return the line at frequencies given in octaves from fs/2 (negative below it), shape as given."""
-        return np.asarray(self.height + self.tilt * (octaves - octaves_of(LINE_LAGS).mean()))
+        return np.asarray(self.height + self.tilt * (octaves - octaves_of(LAGS).mean()))
 
 
 def octaves_of(lags: tuple[int, ...]) -> Samples:
@@ -40,7 +36,7 @@ def octaves_of(lags: tuple[int, ...]) -> Samples:
 
 @transform
 def line(view: PhaseView) -> Line:
-    """Return the least-squares line through the `slope_level` of `LINE_LAGS`.
+    """Return the least-squares line through the `slope_level` of `LAGS`.
 
     Mean magnitudes follow how much a signal changes most of the time, so that single strong events and a
     strong tone move the line less than they would move one through a spectrum.
@@ -50,9 +46,9 @@ def line(view: PhaseView) -> Line:
     UndefinedFeatureError
         As `slope_level`.
     """
-    octaves = octaves_of(LINE_LAGS)
+    octaves = octaves_of(LAGS)
     away = octaves - octaves.mean()
-    levels = _slopes(view, LINE_LAGS)
+    levels = _slopes(view, LAGS)
     return Line(float(levels.mean()), float(away @ levels / (away @ away)))
 
 
@@ -65,10 +61,10 @@ def _slopes(view: PhaseView, lags: tuple[int, ...]) -> Samples:
     phase="movement",
     unit="log10(1) per octave",
     reference=REFERENCE,
-    outputs=named_pieces(lambda: ("tilt",)),
+    outputs=("tilt",),
     depends_on=("rate",),
+    divisible=True,
 )
-@divisible
 def level_tilt(view: PhaseView) -> Samples:
     """By how much the mean magnitude of changes rises from one octave to the next higher; see `line`.
 
@@ -80,7 +76,7 @@ def level_tilt(view: PhaseView) -> Samples:
     view : PhaseView
         Movement.
     n_pieces : int
-        Equal pieces to compute it of, each by itself; see `divisible`.
+        Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
     ------
@@ -94,10 +90,10 @@ def level_tilt(view: PhaseView) -> Samples:
     phase="movement",
     unit="log10(1)",
     reference=REFERENCE,
-    outputs=named_pieces(even_names),
+    outputs=even_names,
     depends_on=("rate",),
+    divisible=True,
 )
-@divisible
 def band_excess(view: PhaseView, *, n_bands: int = 24) -> Samples:
     """`band_level` minus twice (power of a magnitude) the `line` at the middle of each band.
 
@@ -108,7 +104,7 @@ def band_excess(view: PhaseView, *, n_bands: int = 24) -> Samples:
     n_bands : int
         Number of bands of equal width from 0 to fs/2.
     n_pieces : int
-        Equal pieces to compute it of, each by itself; see `divisible`.
+        Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
     ------
@@ -123,10 +119,10 @@ def band_excess(view: PhaseView, *, n_bands: int = 24) -> Samples:
     phase="movement",
     unit="log10(1)",
     reference=REFERENCE,
-    outputs=named_pieces(fraction_names),
+    outputs=fraction_names,
     depends_on=("rate",),
+    divisible=True,
 )
-@divisible
 def octave_excess(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octave: int = 3) -> Samples:
     """`octave_level` minus twice the `line` at the middle of each fraction of an octave.
 
@@ -139,7 +135,7 @@ def octave_excess(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_oct
     per_octave : int
         Bands in an octave.
     n_pieces : int
-        Equal pieces to compute it of, each by itself; see `divisible`.
+        Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
     ------
@@ -156,11 +152,11 @@ def octave_excess(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_oct
     phase="movement",
     unit="log10(1)",
     reference=REFERENCE,
-    outputs=named_pieces(lag_names),
+    outputs=lag_names,
     depends_on=("rate",),
+    divisible=True,
 )
-@divisible
-def slope_excess(view: PhaseView, *, lags: tuple[int, ...] = LINE_LAGS) -> Samples:
+def slope_excess(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """`slope_level` minus the `line` at fs/(2 lag): where the changes bend away from a straight line.
 
     Parameters
@@ -170,7 +166,7 @@ def slope_excess(view: PhaseView, *, lags: tuple[int, ...] = LINE_LAGS) -> Sampl
     lags : tuple of int
         Spans, in samples.
     n_pieces : int
-        Equal pieces to compute it of, each by itself; see `divisible`.
+        Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
     ------
@@ -184,11 +180,11 @@ def slope_excess(view: PhaseView, *, lags: tuple[int, ...] = LINE_LAGS) -> Sampl
     phase="movement",
     unit="log10(1)",
     reference=REFERENCE,
-    outputs=named_pieces(lag_names),
+    outputs=lag_names,
     depends_on=("rate",),
+    divisible=True,
 )
-@divisible
-def curvature_excess(view: PhaseView, *, lags: tuple[int, ...] = LINE_LAGS) -> Samples:
+def curvature_excess(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """`curvature_level` minus the `line` at fs/(2 lag), where a second difference lets most through.
 
     Parameters
@@ -198,7 +194,7 @@ def curvature_excess(view: PhaseView, *, lags: tuple[int, ...] = LINE_LAGS) -> S
     lags : tuple of int
         Half the spans of the curvatures, in samples.
     n_pieces : int
-        Equal pieces to compute it of, each by itself; see `divisible`.
+        Equal pieces to compute it of, each by itself; see `feature`.
 
     Raises
     ------

@@ -1,11 +1,11 @@
 """The feature extractor: recordings in, a table of features out, as a scikit-learn transformer."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
@@ -14,9 +14,16 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from texclass.features.phase_view import Channels, channels_apart, views_of
 from texclass.features.sets import FeatureSet, load_feature_set
-from texclass.features.views import Channels, channels_apart, views_of
 from texclass.recording import Phases, Recording, Samples
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+LEAST_SAMPLES = 64
+"""Fewer are no signal: so many rows of at most `MOST_AXES` columns are one recording, not many."""
+MOST_AXES = 8
 
 
 class Reason(NamedTuple):
@@ -27,7 +34,7 @@ class Reason(NamedTuple):
     reason: str
 
 
-class Row(NamedTuple):
+class Computed(NamedTuple):
     """What extraction gives for one recording: values (n_columns,), (feature, reason) pairs, milliseconds."""
 
     values: Samples
@@ -69,7 +76,7 @@ class Plan:
         kept = [(p, part, [c for c in part.column_names if f"{p}{c}" in wanted]) for p, part in self.parts]
         return Plan(tuple((p, part.restricted_to(names)) for p, part, names in kept if names), self.channels)
 
-    def compute(self, recording: Recording) -> Row:
+    def compute(self, recording: Recording) -> Computed:
         """Compute one recording, from segmentation to the last feature."""
         start = time.perf_counter()
         views = views_of(recording, self.channels)
@@ -78,7 +85,7 @@ class Plan:
             part_values, part_reasons = part.compute(views[prefix])
             values.append(part_values)
             reasons += [(f"{prefix}{feature}", reason) for feature, reason in part_reasons]
-        return Row(np.concatenate(values), tuple(reasons), 1e3 * (time.perf_counter() - start))
+        return Computed(np.concatenate(values), tuple(reasons), 1e3 * (time.perf_counter() - start))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +99,7 @@ class Extraction:
     columns : tuple of str
         Column names.
     recording_ids : tuple of str
-        Row names.
+        Names of the recordings; of signals in a DataFrame or Series, its index.
     reasons : tuple of Reason
         One for each feature of each recording that is undefined.
     ms : ndarray of shape (n_recordings,)
@@ -101,26 +108,42 @@ class Extraction:
 
     values: Samples
     columns: tuple[str, ...]
-    recording_ids: tuple[str, ...]
+    recording_ids: tuple[Any, ...]
     reasons: tuple[Reason, ...]
     ms: Samples
 
+    @property
+    def table(self) -> "pd.DataFrame":
+        """The values as a DataFrame, indexed by recording."""
+        import pandas as pd
 
-class FeatureExtractor(TransformerMixin, BaseEstimator):  # type: ignore[misc]
+        index = pd.Index(self.recording_ids, name="recording")
+        return pd.DataFrame(self.values, index=index, columns=pd.Index(self.columns))
+
+
+class _Values(TransformerMixin, BaseEstimator):  # type: ignore[misc]
+    """Give the values of an extraction in the container that `set_output` asks for."""
+
+    def transform(self, X: Any) -> Any:
+        return X.values  # noqa: PD011  (no pandas object)
+
+
+class FeatureExtractor(_Values):
     """Features of recordings, as a scikit-learn transformer.
 
     Parameters
     ----------
     features : str, path or FeatureSet
         Name of a shipped feature set, path of a TOML, or a set (for instance a restricted one).
-    channels : {"combine", "each", "auto"}
+    channels : {"combine", "each", "auto", "all"}
         "combine" reduces the channels to one by DFT321 [strese2015, section III]; "each" gives a set of
         columns per channel, prefixed "x/"; "auto" combines the axes of one accelerometer and keeps others
-        apart.
+        apart; "all" is "each" with the axes of the turn rate.
     fs : float, optional
-        Sampling rate in Hz, when X is an array of movement signals.
+        Sampling rate in Hz, when X holds arrays.
     unit : str, optional
-        Unit of the signals, when X is an array; see `Recording`.
+        Unit of the signals, when X holds arrays, "arbitrary" by default: features of level then compare only
+        with each other, and nothing is removed but the mean; see `Recording`.
     n_jobs : int, optional
         Processes, as in joblib.
 
@@ -133,9 +156,16 @@ class FeatureExtractor(TransformerMixin, BaseEstimator):  # type: ignore[misc]
 
     Notes
     -----
-    X is a sequence of `Recording` (a `Dataset` loads them one at a time), or an array of shape
-    (n_recordings, n_samples) whose rows are movement signals. Undefined features are NaN; `extract` gives the
-    reasons too.
+    X is a sequence or Series of `Recording` (a `Dataset` loads them one at a time), or arrays that are
+    movements from their first sample to their last:
+
+    - one array of shape (n_samples,) or (n_samples, n_axes), at least 64 samples of at most 8 axes;
+    - any other two-dimensional array: (n_recordings, n_samples), one axis each, as scikit-learn has it;
+    - a panel of shape (n_recordings, n_axes, n_samples);
+    - a sequence of arrays (n_samples,) or (n_samples, n_axes), of any lengths.
+
+    Undefined features are NaN; `extract` gives the reasons too. After ``set_output(transform="pandas")`` rows
+    are named after the recordings.
 
     Examples
     --------
@@ -165,7 +195,7 @@ class FeatureExtractor(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         Raises
         ------
         ValueError
-            If X is empty or of the wrong kind, or `fs` or `unit` is missing for an array.
+            If X is empty or of the wrong kind, or `fs` is missing for arrays.
         """
         recordings = self._recordings(X, reset=True)
         given = self.features
@@ -175,20 +205,26 @@ class FeatureExtractor(TransformerMixin, BaseEstimator):  # type: ignore[misc]
 
     def transform(self, X: Sequence[Recording] | ArrayLike) -> Any:
         """Return the features, shape (n_recordings, n_columns); NaN where undefined."""
-        return self.extract(X).values
+        found = self.extract(X)
+        values = super().transform(found)
+        if hasattr(values, "iloc"):
+            values.index = list(found.recording_ids)
+        return values
 
     def extract(self, X: Sequence[Recording] | ArrayLike) -> Extraction:
         """Return the features with the reasons of undefined values and the time taken."""
         check_is_fitted(self)
         recordings = self._recordings(X, reset=False)
+        # The recordings of a lazy dataset load in the process that computes them.
+        entries = getattr(recordings, "entries", recordings)
+        load = recordings.load if hasattr(recordings, "entries") else _same
         with parallel_config(backend="loky", inner_max_num_threads=1):
-            results = Parallel(n_jobs=self.n_jobs)(
-                delayed(_extract)(self.plan_, load) for load in _loads(recordings)
+            found = Parallel(n_jobs=self.n_jobs)(
+                delayed(_extract)(self.plan_, partial(load, entry)) for entry in entries
             )
-        ids = tuple(recording_id for recording_id, _ in results)
-        rows = [row for _, row in results]
+        ids, rows = zip(*found, strict=True)
         return Extraction(
-            np.stack([row.values for row in rows]),
+            np.stack([row.values for row in rows]),  # noqa: PD011
             self.plan_.columns,
             ids,
             tuple(Reason(i, *pair) for i, row in zip(ids, rows, strict=True) for pair in row.reasons),
@@ -205,39 +241,42 @@ class FeatureExtractor(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         tags.transformer_tags.preserves_dtype = []
         return tags
 
-    def _recordings(self, X: Any, *, reset: bool) -> Sequence[Recording]:
-        if _holds_recordings(X):
-            return X  # type: ignore[no-any-return]
-        array = validate_data(self, X, reset=reset, dtype=np.float64)
-        if self.fs is None or self.unit is None:
-            raise ValueError(
-                f"X is an array, fs is {self.fs!r} and unit is {self.unit!r}; "
-                "the rule is that both are given for signals that do not carry them"
-            )
-        whole = Phases(movement=(0, array.shape[1]))
+    def _recordings(self, X: Any, *, reset: bool) -> Any:
+        """Return X as a sequence of recordings."""
+        if hasattr(X, "entries"):
+            return X
+        of_objects = getattr(X, "dtype", None) == np.object_
+        listed = list(X) if isinstance(X, list | tuple) or of_objects else []
+        if listed and isinstance(listed[0], Recording):
+            return listed
+        signals = _signals(listed or X)
+        if signals is None:
+            table = validate_data(self, X, reset=reset, dtype=np.float64)
+            in_time = not hasattr(X, "iloc") and len(table) >= LEAST_SAMPLES and table.shape[1] <= MOST_AXES
+            signals = [table] if in_time else table
+        if self.fs is None:
+            raise ValueError("X holds arrays and fs is None; the rule is a sampling rate in Hz: give fs=...")
+        names = X.index if hasattr(X, "iloc") else [f"row {i}" for i in range(len(signals))]
         return [
-            Recording(signal, fs=self.fs, unit=self.unit, recording_id=f"row {i}", phases=whole)
-            for i, signal in enumerate(array)
+            Recording(x, self.fs, self.unit or "arbitrary", name, phases=Phases(movement=(0, len(x))))
+            for name, x in zip(names, signals, strict=True)
         ]
 
 
-def _holds_recordings(X: Any) -> bool:
-    if not isinstance(X, (Sequence, np.ndarray)) or len(X) == 0 or isinstance(X, str):
-        return False
-    return isinstance(X[0], Recording)
-
-
-def _loads(recordings: Any) -> Iterator[Callable[[], Recording]]:
-    """Yield one call a recording; those of a lazy dataset load in the process that computes them."""
-    if hasattr(recordings, "entries"):
-        return (partial(recordings.load, entry) for entry in recordings.entries)
-    return (partial(_same, recording) for recording in recordings)
+def _signals(X: Any) -> list[Samples] | None:
+    """Return the signals of what is no table of numbers: one, a panel, or signals of unequal shapes."""
+    if isinstance(X, list) and (shapes := {np.shape(x) for x in X}) not in ({()}, set()):
+        return [np.asarray(x) for x in X] if len(shapes) > 1 or len(min(shapes)) > 1 else None
+    array = np.asarray(X) if isinstance(X, list | np.ndarray) else np.empty((0, 0))
+    if array.ndim == 3:
+        return list(array.swapaxes(1, 2))
+    return [array] if array.ndim == 1 and array.size >= LEAST_SAMPLES else None
 
 
 def _same(recording: Recording) -> Recording:
     return recording
 
 
-def _extract(plan: Plan, load: Callable[[], Recording]) -> tuple[str, Row]:
+def _extract(plan: Plan, load: Callable[[], Recording]) -> tuple[str, Computed]:
     recording = load()
     return recording.recording_id, plan.compute(recording)

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from texclass.features.conditioning import require, unit32
 from texclass.features.contract import UndefinedFeatureError, feature
-from texclass.features.frames import spectral_moments
-from texclass.features.transforms import require, unit32
-from texclass.features.view import PhaseView
+from texclass.features.phase_view import PhaseView
+from texclass.features.spectra import spectral_moments
 from texclass.recording import Samples
 
 

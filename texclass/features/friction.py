@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from texclass.features.conditioning import magnitude_of
 from texclass.features.contract import Gain, feature
-from texclass.features.transforms import magnitude_of
-from texclass.features.view import PhaseView
+from texclass.features.phase_view import PhaseView
 
 
 @feature(phase="friction", unit="V", reference="strese2015, eq. 8", gain=Gain(power=1))

@@ -1,31 +1,33 @@
 """Feature sets: which features, with which overrides, under which column names; read from a TOML."""
 
 import hashlib
-import inspect
 import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import ConfigDict, Field, create_model
 
 from texclass import provenance
-from texclass.features.contract import Feature, Phase, UndefinedFeatureError, find
-from texclass.features.parts import outcomes
-from texclass.features.views import Views
+from texclass.features.contract import Feature, find
+from texclass.features.phase_view import Phase, UndefinedFeatureError, Views
 from texclass.recording import Samples
-from texclass.shipped import locate, read
+from texclass.shipped import locate
+from texclass.validation import Written, checked, read_toml
 
 MOST_COUNTED = 1 << 16
 """Largest product of the whole-number overrides (orders, pieces, bands) of one feature."""
 SAMPLES = frozenset({"length", "shift", "average", "frame", "spacing"})
 """Overrides that count samples, and no columns."""
-SET_KEYS = frozenset({"name", "reference", "description", "features"})
+LONGEST = 3_000_000
+"""Samples from which on a movement is computed in equal parts: 5 minutes at 10 kHz, some 200 MB."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,10 @@ class Member:
         """Every column that the feature gives, before any restriction."""
         return self.feature.columns(self.name, self.parameters)
 
+    @cached_property
+    def _kept(self) -> list[int]:
+        return [self.all_columns.index(column) for column in self.columns]
+
     def values(self, views: Views) -> Samples:
         """Return the kept columns of one channel of one recording, shape (n_columns,).
 
@@ -70,6 +76,7 @@ class Member:
             If the feature breaks its declaration or fails otherwise; the message names recording and feature.
         """
         view = views.of(self.feature.phase)
+        where = f"{views.recording.recording_id}: feature {self.name}"
         try:
             given = np.atleast_1d(
                 np.asarray(self.feature.function(view, **self.parameters), dtype=np.float64)
@@ -77,22 +84,19 @@ class Member:
         except UndefinedFeatureError:
             raise
         except Exception as error:
-            what = f"{type(error).__name__}: {error}"
-            raise ValueError(
-                f"{views.recording.recording_id}: feature {self.name} failed with {what}"
-            ) from error
+            raise ValueError(f"{where} failed with {type(error).__name__}: {error}") from error
         if given.shape != (len(self.all_columns),):
-            raise ValueError(
-                f"{views.recording.recording_id}: feature {self.name} gave shape {given.shape}; "
-                f"it declares {len(self.all_columns)} outputs"
-            )
+            raise ValueError(f"{where} gave shape {given.shape}; it declares {len(self.all_columns)} outputs")
         if not np.isfinite(given).all():
             raise UndefinedFeatureError(f"not a finite number ({given[~np.isfinite(given)][0]})")
         return given[self._kept]
 
-    @cached_property
-    def _kept(self) -> list[int]:
-        return [self.all_columns.index(column) for column in self.columns]
+    def outcome(self, views: Views) -> Samples | str:
+        """Return the values, or the reason why there is none."""
+        try:
+            return self.values(views)
+        except UndefinedFeatureError as undefined:
+            return str(undefined)
 
 
 @dataclass(frozen=True)
@@ -148,36 +152,31 @@ class FeatureSet:
         ValueError
             If a name is neither a feature nor a column of the set.
         """
-        chosen: list[str] = []
-        for name in names:
-            if name in self.columns:
-                chosen += self.columns[name]
-            elif name in self.column_names:
-                chosen.append(name)
-            else:
-                raise ValueError(
-                    f"feature set {self.name}: {name!r} is neither a feature nor a column; "
-                    f"the features are {', '.join(self.columns)}"
-                )
-        return tuple(dict.fromkeys(chosen))
+        known = {column: (column,) for column in self.column_names} | dict(self.columns)
+        names = tuple(names)
+        if unknown := [name for name in names if name not in known]:
+            raise ValueError(
+                f"feature set {self.name}: {unknown[0]!r} is neither a feature nor a column; "
+                f"the features are {', '.join(self.columns)}"
+            )
+        return tuple(dict.fromkeys(column for name in names for column in known[name]))
 
     def restricted_to(self, names: Iterable[str]) -> "FeatureSet":
         """Return the set that computes only what these features and columns need, in the set's order."""
         wanted = set(self.columns_of(names))
-        members = tuple(
-            Member(m.name, m.feature, m.parameters, kept)
-            for m in self.members
-            if (kept := tuple(column for column in m.columns if column in wanted))
-        )
-        return FeatureSet(self.name, members, self.reference, self.description)
+        kept = ((m, tuple(column for column in m.columns if column in wanted)) for m in self.members)
+        return replace(self, members=tuple(replace(m, columns=columns) for m, columns in kept if columns))
 
     def reading(self, *phases: Phase) -> "FeatureSet":
         """Return the part of the set that reads these phases; it may be empty."""
-        members = tuple(m for m in self.members if m.feature.phase in phases)
-        return FeatureSet(self.name, members, self.reference, self.description)
+        return replace(self, members=tuple(m for m in self.members if m.feature.phase in phases))
 
     def compute(self, views: Views) -> tuple[Samples, tuple[tuple[str, str], ...]]:
-        """Compute the set on one channel of one recording.
+        """Compute the set on one channel of one recording, a movement above `LONGEST` in equal parts.
+
+        A feature's value over a long movement is the mean of its values over the parts where it has one, in
+        the memory that one part takes. What is read from taps, and what is declared to depend on the length,
+        is computed as a whole.
 
         Parameters
         ----------
@@ -191,14 +190,33 @@ class FeatureSet:
         reasons : tuple of (feature, reason)
             Why.
         """
-        values: list[Samples] = []
-        reasons: list[tuple[str, str]] = []
-        for member, result in zip(self.members, outcomes(self.members, views), strict=True):
-            if isinstance(result, str):
-                reasons.append((member.name, result))
-                result = np.full(len(member.columns), np.nan)  # noqa: PLW2901
-            values.append(result)
-        return np.concatenate(values) if values else np.empty(0), tuple(reasons)
+        start, stop = views.phases.movement or (0, 0)
+        n_parts = -(-(stop - start) // LONGEST)
+        divided = {m.name for m in self.members if n_parts > 1 and m.feature.divisible_in_time}
+        found: dict[str, list[Samples | str]] = {m.name: [] for m in self.members}
+        for span in pairwise(np.linspace(start, stop, n_parts + 1).astype(int).tolist()) if divided else ():
+            part = replace(views, phases=replace(views.phases, movement=span))  # goes with its transforms
+            for member in self.members:
+                if member.name in divided:
+                    found[member.name].append(member.outcome(part))
+        values, reasons = [np.empty(0)], []
+        for member in self.members:
+            outcomes = found[member.name] or [member.outcome(views)]
+            defined = [outcome for outcome in outcomes if not isinstance(outcome, str)]
+            if not defined:
+                reasons.append((member.name, str(outcomes[0])))
+                defined = [np.full(len(member.columns), np.nan)]
+            values.append(defined[0] if len(defined) == 1 else np.mean(defined, axis=0))
+        return np.concatenate(values), tuple(reasons)
+
+
+class SetFile(Written):
+    """What the TOML of a feature set holds."""
+
+    name: str = ""
+    reference: str = ""
+    description: str = ""
+    features: Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
 
 
 def load_feature_set(name_or_path: str | Path) -> FeatureSet:
@@ -211,78 +229,52 @@ def load_feature_set(name_or_path: str | Path) -> FeatureSet:
     ValueError
         If the TOML breaks the schema; the message names file, key and the known keys.
     """
-    definition = read("feature_defs", name_or_path)
-    where = locate("feature_defs", name_or_path).name
-    refuse_unknown(definition, SET_KEYS, where)
-    tables = definition.get("features")
-    if not isinstance(tables, dict) or not tables:
-        raise ValueError(f"{where}: no [features.<name>] table; the rule is at least one feature")
-    members = tuple(_member(name, table, where) for name, table in tables.items())
-    columns = [column for member in members for column in member.columns]
-    if len(set(columns)) < len(columns):
-        twice = next(column for column, times in Counter(columns).items() if times > 1)
-        raise ValueError(f"{where}: two columns are named {twice!r:.80}; the rule is one a name")
-    return FeatureSet(
-        str(definition.get("name", locate("feature_defs", name_or_path).stem)),
-        members,
-        str(definition.get("reference", "")),
-        str(definition.get("description", "")),
-    )
-
-
-def refuse_unknown(table: Any, known: frozenset[str], where: str) -> None:
-    """Check that a TOML table is a table and holds known keys only.
-
-    Raises
-    ------
-    ValueError
-        If not; the message begins with `where` and lists the known keys.
-    """
-    if not isinstance(table, dict):
-        raise ValueError(f"{where}: {table!r}; the rule is a table")
-    if unknown := [key for key in table if key not in known]:
-        raise ValueError(
-            f"{where}: unknown key {unknown[0]!r}; the known keys are {', '.join(sorted(known)) or '(none)'}"
-        )
+    path = locate("feature_defs", name_or_path)
+    written = checked(SetFile, read_toml(path), path.name)
+    members = tuple(_member(name, table, path.name) for name, table in written.features.items())
+    times = Counter(column for member in members for column in member.columns)
+    if twice := [column for column, n in times.items() if n > 1]:
+        raise ValueError(f"{path.name}: two columns are named {twice[0]!r:.80}; the rule is one a name")
+    return FeatureSet(written.name or path.stem, members, written.reference, written.description)
 
 
 def code_hash(feature_set: FeatureSet) -> str:
     """Hex digest of the code that values depend on, so that an edited feature never meets a stale table."""
-    own = {Path(inspect.getfile(member.feature.function)) for member in feature_set.members}
-    return provenance.code_hash(
-        "recording", "signals", "filters", "phases", "features", "vibration", files=own
-    )
+    own = {member.feature.source for member in feature_set.members}
+    return provenance.code_hash("recording", "signals", "phases", "features", "vibration", files=own)
 
 
-def _member(name: str, table: Any, where: str) -> Member:
-    if not isinstance(table, dict):
-        raise ValueError(f"{where}: features.{name} is {table!r}; the rule is a table [features.{name}]")
+def _member(name: str, table: dict[str, Any], file: str) -> Member:
+    where = f"{file}: features.{name}"
     try:
         feature = find(str(table.get("use", name)))
     except KeyError as error:
-        raise ValueError(f"{where}: features.{name}: {error.args[0]}") from None
-    overrides = {key: _hashable(value) for key, value in table.items() if key != "use"}
-    refuse_unknown(overrides, frozenset(feature.defaults), f"{where}: features.{name}")
-    for key, value in overrides.items():
-        _check_kind(value, feature.defaults[key], f"{where}: features.{name}.{key}")
+        raise ValueError(f"{where}: {error.args[0]}") from None
+    given = checked(_overrides_of(feature), {k: v for k, v in table.items() if k != "use"}, where)
+    overrides = given.model_dump(exclude_unset=True)
     if math.prod(_largest(value) for key, value in overrides.items() if key not in SAMPLES) > MOST_COUNTED:
         raise ValueError(
-            f"{where}: features.{name} is {overrides!r:.80}; "
-            f"the rule is whole numbers whose product is at most {MOST_COUNTED}"
+            f"{where} is {overrides!r:.80}; the rule is whole numbers whose product is at most {MOST_COUNTED}"
         )
     try:
         return Member(name, feature, overrides)
     except Exception as error:  # names of columns are made of parameters whose values nobody has checked
-        raise ValueError(f"{where}: features.{name}: its columns cannot be named ({error})") from error
+        raise ValueError(f"{where}: its columns cannot be named ({error})") from error
 
 
-def _check_kind(value: Any, default: Any, where: str) -> None:
-    numbers, text = (int, float), (str,)
-    for kind in (bool, numbers, text, tuple):
-        if isinstance(default, kind):
-            if not isinstance(value, kind) or (kind is numbers and isinstance(value, bool)):
-                raise ValueError(f"{where} is {value!r}; the rule is the kind of its default, {default!r}")
-            return
+class Overrides(Written):
+    """Parameters that a set gives a feature."""
+
+    model_config = ConfigDict(allow_inf_nan=True)
+
+
+def _overrides_of(feature: Feature) -> type[Overrides]:
+    """Return the model of what a set may give: of the declared type, else of the type of the default."""
+    fields: dict[str, Any] = {}
+    for p in feature.parameters:
+        declared = p.annotation is not p.empty and not isinstance(p.annotation, str)
+        fields[p.name] = (p.annotation if declared else type(p.default), p.default)
+    return create_model(feature.name, __base__=Overrides, **fields)
 
 
 def _largest(value: Any) -> int:
@@ -290,7 +282,3 @@ def _largest(value: Any) -> int:
     if isinstance(value, tuple):
         return max(map(_largest, value), default=1)
     return max(1, abs(value)) if isinstance(value, int) else 1
-
-
-def _hashable(value: Any) -> Any:
-    return tuple(_hashable(v) for v in value) if isinstance(value, list) else value

@@ -15,7 +15,7 @@ from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Split
 from texclass.experiment.table import FeatureTable
 from texclass.features.extractor import Plan
-from texclass.features.views import channels_apart
+from texclass.features.phase_view import channels_apart
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.peers.peer_worker.measure import PeakMemory, timed
 from texclass.phases import segment

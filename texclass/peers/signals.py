@@ -7,8 +7,7 @@ from typing import Literal
 import numpy as np
 
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.view import PhaseView, TapView
-from texclass.features.views import Channels, Views, channels_apart, views_of
+from texclass.features.phase_view import Channels, PhaseView, TapView, Views, channels_apart, views_of
 from texclass.phases import segment
 from texclass.recording import Phases, Recording, Samples
 

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from texclass.features.views import TURN
+from texclass.features.phase_view import TURN
 from texclass.recognition.model import Model
 from texclass.recording import Recording, RecordingError, Samples
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from texclass.features.extractor import Plan
-from texclass.features.views import TURN
+from texclass.features.phase_view import TURN
 from texclass.recording import Phases, Recording, Samples, Tap
 
 SECONDS = 1.5

@@ -13,8 +13,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from texclass.vibration._lattice_kernels import turn
-from texclass.vibration._recursions import LARGEST
+from texclass.vibration.lattice_kernels import turn
+from texclass.vibration.recursions import LARGEST
 
 N_LINES, ORDER, N_SPEEDS, N_FORCES, AT_SPEEDS, AT_FORCES, AT_ROWS, AT_POWER, AT_COURSE, AT_LIMIT = range(10)
 N_INDEX = 10

@@ -12,7 +12,7 @@ from texclass.scene.nodes import line_powers, node_spectra
 from texclass.scene.observed import Observed, Points
 from texclass.scene.patterns import split
 from texclass.scene.sinusoids import line_shapes
-from texclass.vibration import _recursions
+from texclass.vibration import recursions
 from texclass.vibration.autoregressive import from_autocorrelation
 
 LARGEST_ORDER = 400
@@ -121,7 +121,7 @@ def unit_spectra(k: Samples, judge: Judge) -> Samples:
     S_m(f) = (2 / fs) g_m^2 / |A_m|^2,    g_m^2 = prod_{i <= m} (1 - k_i^2)
     """
     fs = judge.device.rate_hz
-    ln_a = _recursions.log_magnitudes(np.ascontiguousarray(k), 2 * np.pi * judge.frequencies / fs)
+    ln_a = recursions.log_magnitudes(np.ascontiguousarray(k), 2 * np.pi * judge.frequencies / fs)
     ln_g2 = np.concatenate([[0.0], np.cumsum(np.log1p(-k) + np.log1p(k))])
     return np.asarray(2 / fs * np.exp(ln_g2[:, np.newaxis] - 2 * ln_a))
 

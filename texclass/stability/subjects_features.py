@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from texclass.features.contract import Feature, UndefinedFeatureError, registered
+from texclass.features.phase_view import PhaseView, TapSignal, TapView, Views
 from texclass.features.sets import FeatureSet, Member
-from texclass.features.view import PhaseView, TapSignal, TapView
-from texclass.features.views import Views
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.stability import exact, rules
 from texclass.stability.inputs import LONG, Case, battery, noise, plain, samples_of

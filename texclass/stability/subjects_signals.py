@@ -9,9 +9,9 @@ import numpy as np
 from scipy import fft
 from scipy.signal import get_window
 
-from texclass import filters, signals
-from texclass.features import filtered, frames, transforms
-from texclass.features.view import PhaseView
+from texclass import signals
+from texclass.features import conditioning, spectra
+from texclass.features.phase_view import PhaseView
 from texclass.recording import Samples
 from texclass.stability import exact, exact_models, rules
 from texclass.stability.inputs import RATES_HZ, Case, battery, noise, samples_of
@@ -60,7 +60,7 @@ def _designs(quick: bool) -> tuple[Case, ...]:
 def _butterworth(x: Samples, case: Case) -> Attempt:
     """Check that it is stable, and has the closed form of the Butterworth response around the cut-off."""
     share, kind = float(x[0]), "highpass" if x[1] else "lowpass"
-    sos = filters.butterworth(kind, share * case.fs, case.fs, order=case.order)  # type: ignore[arg-type]
+    sos = signals.butterworth(kind, share * case.fs, case.fs, order=case.order)  # type: ignore[arg-type]
     yield sos
     yield rules.finite("sections", sos)
     yield rules.stable_sections(sos[:, 3:])
@@ -78,7 +78,7 @@ def _butterworth(x: Samples, case: Case) -> Attempt:
 
 def sections_of(kind: Any, fs: float) -> Samples:
     """Return the filter of a kind that is tried, its band moved down where fs is low."""
-    return filters.butterworth(kind, np.multiply(BANDS[kind], min(1.0, fs / 1000)).tolist(), fs)
+    return signals.butterworth(kind, np.multiply(BANDS[kind], min(1.0, fs / 1000)).tolist(), fs)
 
 
 def _referenced(case: Case) -> bool:
@@ -89,7 +89,7 @@ def _referenced(case: Case) -> bool:
 
 def _zero_phase(x: Any, case: Case, *, kind: str) -> Attempt:
     sos = sections_of(kind, case.fs)
-    out = filters.zero_phase(sos, x[:SHORT])
+    out = signals.zero_phase(sos, x[:SHORT])
     yield out
     signal = samples_of(x[:SHORT])
     yield rules.finite("output", out)
@@ -106,10 +106,10 @@ for _kind in BANDS:
 @tried(SUBJECTS, "filters", "causal", battery)
 def _causal(x: Any, case: Case) -> Attempt:
     sos = sections_of("bandpass", case.fs)
-    out, _ = filters.causal(sos, x[:SHORT])
-    first, state = filters.causal(sos, x[:7])
-    none, state = filters.causal(sos, x[:0], state)
-    rest, _ = filters.causal(sos, x[7:SHORT], state)
+    out, _ = signals.causal(sos, x[:SHORT])
+    first, state = signals.causal(sos, x[:7])
+    none, state = signals.causal(sos, x[:0], state)
+    rest, _ = signals.causal(sos, x[7:SHORT], state)
     yield out
     signal = samples_of(x[:SHORT])
     yield rules.finite("output", out)
@@ -122,7 +122,7 @@ def _causal(x: Any, case: Case) -> Attempt:
 @tried(SUBJECTS, "filters", "highpass_fir", battery)
 def _highpass_fir(x: Any, case: Case) -> Attempt:
     """Compare with the same filter in 80-bit floats, on the signal continued by hand."""
-    out = filters.highpass_fir(x[:SHORT], 0.01 * case.fs, case.fs)
+    out = signals.highpass_fir(x[:SHORT], 0.01 * case.fs, case.fs)
     yield out
     signal = samples_of(x[:SHORT])
     yield rules.finite("output", out)
@@ -154,8 +154,8 @@ def _streams(quick: bool) -> tuple[Case, ...]:
 def _causal_stream(x: Samples, n_blocks: int) -> tuple[Any, Any]:
     sos, state, out = sections_of("bandpass", 10_000.0), None, x
     for _ in range(n_blocks):
-        out, state = filters.causal(sos, x, state)
-    return out[TAIL], filters.causal(sos, x)[0][TAIL]
+        out, state = signals.causal(sos, x, state)
+    return out[TAIL], signals.causal(sos, x)[0][TAIL]
 
 
 def _lattice_stream(x: Samples, n_blocks: int) -> tuple[Any, Any]:
@@ -272,7 +272,7 @@ def _cutoff(view: PhaseView) -> float:
 
 
 def _right_spectrum(x: Any, fs: float) -> Any:
-    return fft.rfft(x, transforms.FINEST * fft.next_fast_len(-(-x.size // transforms.FINEST)))
+    return fft.rfft(x, conditioning.FINEST * fft.next_fast_len(-(-x.size // conditioning.FINEST)))
 
 
 def _right_low_spectrum(x: Any, fs: float) -> Any:
@@ -303,23 +303,23 @@ def _right_mean_spectrum(x: Any, fs: float) -> Any:
     spectrum = _right_spectrum(x, fs)
     step = fs / (2 * (spectrum.size - 1))
     width = max(1.0, step)
-    n_bins = int(min(transforms.BAND_HZ, fs / 2) / width)
+    n_bins = int(min(spectra.BAND_HZ, fs / 2) / width)
     edges = np.ceil(np.arange(n_bins + 1) * (width / step) - 1e-6).astype(int)
     power = np.abs(spectrum) ** 2
     return np.array([power[i:j].mean() for i, j in pairwise(edges)]) * 2 / (fs * x.size)
 
 
 SHARED: dict[str, tuple[Callable[[PhaseView], Any], Callable[[Any, float], Any] | None]] = {
-    "spectrum": (transforms.spectrum, _right_spectrum),
-    "low_spectrum": (transforms.low_spectrum, _right_low_spectrum),
-    "autocorrelation": (transforms.autocorrelation, _right_autocorrelation),
-    "spectral_changes (DCT)": (lambda v: frames.spectral_changes(v, 256, 64), _right_changes),
-    "power_frames": (lambda v: frames.power_frames(v, 128 / v.fs, 64 / v.fs, "hann").power, _right_power),
-    "mean_spectrum": (lambda v: transforms.mean_spectrum(v)[1], _right_mean_spectrum),
-    "high_passed": (lambda v: filtered.high_passed(v, _cutoff(v)), None),
-    "low_passed": (lambda v: filtered.low_passed(v, _cutoff(v)).samples, None),
-    "band_passed": (lambda v: filtered.band_passed(v, _cutoff(v), 2 * _cutoff(v), v.fs), None),
-    "details": (lambda v: np.concatenate(filtered.details(v, _cutoff(v), "coif3", 3)), None),
+    "spectrum": (conditioning.spectrum, _right_spectrum),
+    "low_spectrum": (conditioning.low_spectrum, _right_low_spectrum),
+    "autocorrelation": (spectra.autocorrelation, _right_autocorrelation),
+    "spectral_changes (DCT)": (lambda v: spectra.spectral_changes(v, 256, 64), _right_changes),
+    "power_frames": (lambda v: spectra.power_frames(v, 128 / v.fs, 64 / v.fs, "hann")[0], _right_power),
+    "mean_spectrum": (lambda v: spectra.mean_spectrum(v)[1], _right_mean_spectrum),
+    "high_passed": (lambda v: conditioning.high_passed(v, _cutoff(v)), None),
+    "low_passed": (lambda v: conditioning.low_passed(v, _cutoff(v))[0], None),
+    "band_passed": (lambda v: conditioning.band_passed(v, _cutoff(v), 2 * _cutoff(v), v.fs), None),
+    "details": (lambda v: np.concatenate(conditioning.details(v, _cutoff(v), "coif3", 3)), None),
 }
 
 

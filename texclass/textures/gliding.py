@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from texclass.recording import Samples
 from texclass.textures.path import checked_path
-from texclass.vibration._lattice_kernels import turn
+from texclass.vibration.lattice_kernels import turn
 
 SHRINK = 1 - 2 * float(np.finfo(np.float64).eps)
 """Takes from each rotation more than its rounding may add."""

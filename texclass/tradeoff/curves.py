@@ -17,8 +17,8 @@ from texclass.experiment.table import FeatureTable
 from texclass.experiment.windows import touches
 from texclass.experiment.workers import each
 from texclass.features.contract import UndefinedFeatureError
+from texclass.features.phase_view import Channels, views_of
 from texclass.features.sets import FeatureSet
-from texclass.features.views import Channels, views_of
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import RecordingError, Samples
 from texclass.tradeoff.degrade import degraded, full_scale_of

@@ -18,8 +18,8 @@ from texclass import __version__
 from texclass.experiment.trusted import load_trusted, read_bounded
 from texclass.features.contract import find
 from texclass.features.extractor import FeatureExtractor, Plan
+from texclass.features.phase_view import Channels
 from texclass.features.sets import FeatureSet, Member, code_hash
-from texclass.features.views import Channels
 from texclass.recording import Samples
 
 COLUMN_WISE: Mapping[type, tuple[str, ...]] = {

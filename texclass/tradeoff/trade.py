@@ -17,8 +17,8 @@ from texclass.experiment.protocols import find_protocol
 from texclass.experiment.table import FeatureTable
 from texclass.experiment.windows import touches
 from texclass.features.extractor import Plan
+from texclass.features.phase_view import Channels
 from texclass.features.sets import FeatureSet
-from texclass.features.views import Channels
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import versions
 from texclass.tradeoff.curves import Study, order_curve, sensor_curves, touch_curve, training_curves

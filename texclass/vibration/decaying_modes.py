@@ -1,13 +1,26 @@
-"""A vibration as a sum of decaying sinusoids: parameters, synthesis, second-order sections."""
+"""A vibration as a sum of decaying sinusoids: parameters, synthesis, and their fit by the matrix pencil."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal
+from scipy import linalg, signal
 
 from texclass.recording import Samples
-from texclass.vibration._input import one_channel, positive
+from texclass.signals import one_channel, positive, to_unit_scale
+
+MAX_PENCIL = 400
+"""Largest pencil parameter: beyond it the cost of the decomposition grows without need."""
+NOISE_EDGE = 3.3
+"""Largest over median singular value that white noise in a square Hankel matrix exceeds once in 100 cases."""
+RESOLVED = 1e-10
+"""Part of the largest singular value below which rounding turns the singular vectors by 1e-6 and more."""
+LEAST_DECAY = 1e-9
+"""Least decay of a mode over the whole segment, in nepers: an undamped tone gets this one."""
+
+Poles = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,3 +152,156 @@ class DecayingModes:
         return DecayingModes(
             self.frequency_hz[which], self.decay_per_s[which], self.amplitude[which], self.phase[which]
         )
+
+
+def fit_matrix_pencil(
+    x: ArrayLike,
+    fs: float,
+    *,
+    order: int | None = None,
+    outside: Literal["reflect", "project"] = "reflect",
+) -> DecayingModes:
+    """Fit decaying modes to a segment by the total-least-squares matrix pencil on its signal subspace.
+
+    The Hankel matrix Y[i, j] = x[i + j] of a sum of P exponentials z_i^n has rank P, and its rows are
+    combinations of the vectors (1, z_i, z_i^2, ...). With Y = U S V^T cut to the P largest singular values,
+    V without its last row (V_1) and without its first (V_2) obey V_1 Phi = V_2, where the eigenvalues of Phi
+    are the z_i. Both sides carry noise, so Phi is the total-least-squares solution. Amplitudes and phases
+    then follow by linear least squares.
+
+    Parameters
+    ----------
+    x : array_like of shape (n_samples,)
+        Segment that starts at the onset of the vibration. Any unit, at least 4 samples.
+    fs : float
+        Sampling rate in Hz.
+    order : int, optional
+        Number of poles P, at most n_samples // 2 (a decaying sinusoid has two). Without it, the rank that
+        `numerical_rank` reads from the singular values.
+    outside : {"reflect", "project"}
+        What becomes of a pole outside the unit circle, see the notes.
+
+    Returns
+    -------
+    DecayingModes
+        Strongest first. None at all for silence, or when no singular value stands out of the noise.
+
+    Raises
+    ------
+    ValueError
+        For fewer than 4 samples, more than one channel, NaN or infinity, or an order out of its range.
+
+    Notes
+    -----
+    A pole outside the unit circle is *reflected* to 1/conj(z): frequency and rate stay, the growth becomes a
+    decay, and nothing rings on past the segment. On request it is *projected* along its radius instead, to a
+    decay of `LEAST_DECAY` nepers over the segment: a segment that does not decay is fitted better that way,
+    but the mode practically never ends. A pole closer to the circle than that is projected in either case.
+    The amplitudes are fitted afterwards, so they are the best ones for the poles returned.
+
+    The pencil parameter is n_samples // 2, at most `MAX_PENCIL`.
+
+    References
+    ----------
+    Hua, Sarkar, "Matrix pencil method for estimating parameters of exponentially damped/undamped sinusoids in
+    noise", 1990; Van Huffel et al., "Algorithm for time-domain NMR data fitting based on total least
+    squares", 1994. It stands in for Prony's method in `guruswamy2011`, section IV-A.
+
+    Examples
+    --------
+    >>> truth = DecayingModes(180.0, 60.0, 2.0, 0.5)
+    >>> found = fit_matrix_pencil(truth.synthesize(300, 10_000.0), 10_000.0)
+    >>> bool(abs(found.decay_per_s[0] - 60.0) < 1e-6)
+    True
+    """
+    samples, exponent = to_unit_scale(one_channel(x, "segment", at_least=4))
+    positive(fs, "fs")
+    n = samples.size
+    if order is not None and not 1 <= order <= n // 2:
+        raise ValueError(f"order is {order}; the rule is 1 to n_samples // 2 = {n // 2}")
+    singular, V = _right_subspace(samples)
+    rank = numerical_rank(singular) if order is None else min(order, _above_rounding(singular))
+    if rank == 0:
+        return DecayingModes(*np.zeros((4, 0)))
+    z = stabilised(_total_least_squares_poles(V[:, :rank]), n, outside)
+    modes = _modes(z, samples, fs).strongest(n, n / fs)
+    with np.errstate(under="ignore"):
+        amplitude = np.ldexp(modes.amplitude, exponent)
+    return DecayingModes(modes.frequency_hz, modes.decay_per_s, amplitude, modes.phase)
+
+
+def numerical_rank(singular: ArrayLike) -> int:
+    """Return how many singular values of a nearly square Hankel matrix stand out of noise and rounding.
+
+    Those above `NOISE_EDGE` times the median of the others count; signal is taken out of the median step by
+    step. White noise alone gives 0 in 99 of 100 segments, at 20 to 800 samples.
+
+    Parameters
+    ----------
+    singular : array_like of shape (n_values,)
+        Descending.
+
+    Returns
+    -------
+    int
+        At most three quarters of the values that exceed rounding: the rest must show the noise.
+    """
+    s = np.asarray(singular, dtype=np.float64)
+    rank, last = 0, -1
+    while rank > last:
+        last = rank
+        rank = min(int(np.sum(s > NOISE_EDGE * np.median(s[rank:]))), 3 * s.size // 4)
+    return min(rank, _above_rounding(s))
+
+
+def stabilised(z: Poles, n_samples: int, outside: Literal["reflect", "project"]) -> Poles:
+    """Return the poles brought into the unit circle and kept `LEAST_DECAY` / n_samples away from it."""
+    least = 2.0**-52  # a pole at 0 is a single impulse: no frequency, and a decay that log can still give
+    z = np.where(np.abs(z) < least, least, z)
+    radius = np.abs(z)
+    inside = np.where(radius > 1, 1 / radius, radius) if outside == "reflect" else radius
+    return np.asarray(z / radius * np.minimum(inside, np.exp(-LEAST_DECAY / n_samples)))
+
+
+def _right_subspace(x: Samples) -> tuple[Samples, Samples]:
+    """Return singular values and right singular vectors (columns) of the Hankel matrix."""
+    width = min(x.size // 2, MAX_PENCIL) + 1
+    Y = sliding_window_view(x, width)
+    step = 4 * MAX_PENCIL
+    R: Samples = Y[:step]
+    for start in range(step, len(Y), step):  # Y^T Y = R^T R, without ever storing a long Y
+        R = np.asarray(np.linalg.qr(np.vstack([R, Y[start : start + step]]), mode="r"))
+    try:
+        _, singular, Vh = linalg.svd(R, full_matrices=False)
+    except linalg.LinAlgError:  # divide and conquer is twice as fast, but gives up on a few finite matrices
+        _, singular, Vh = linalg.svd(R, full_matrices=False, lapack_driver="gesvd")
+    return singular, Vh.T
+
+
+def _above_rounding(singular: Samples) -> int:
+    return int(np.sum(singular > RESOLVED * singular[0]))
+
+
+def _total_least_squares_poles(V: Samples) -> Poles:
+    """Return the eigenvalues of Phi, V_1 Phi = V_2: with W the right vectors of [V_1 V_2], -W_12 W_22^-1."""
+    rank = min(V.shape[1], V.shape[0] - 1)
+    both = np.hstack([V[:-1, :rank], V[1:, :rank]])
+    W = linalg.svd(both, lapack_driver="gesvd")[2].T  # many equal singular values: gesdd may give up
+    Phi = -W[:rank, rank:] @ linalg.pinv(W[rank:, rank:])
+    return np.asarray(linalg.eigvals(Phi), dtype=np.complex128)
+
+
+def _modes(z: Poles, x: Samples, fs: float) -> DecayingModes:
+    """Return the modes of the poles (one of each conjugate pair), their amplitudes fitted to `x`."""
+    z = z[z.imag >= 0]
+    is_real = z.imag == 0
+    n = np.arange(x.size)[:, np.newaxis]
+    with np.errstate(under="ignore"):
+        powers = np.exp(n * np.log(np.abs(z))) * np.exp(1j * n * np.angle(z))
+    design = np.hstack([powers.real, -powers.imag[:, ~is_real]])
+    size = np.maximum(linalg.norm(design, axis=0), np.finfo(float).tiny)
+    c = linalg.lstsq(design / size, x, cond=1e-12)[0] / size
+    amplitude = c[: z.size].astype(np.complex128)
+    amplitude[~is_real] += 1j * c[z.size :]
+    frequency_hz = fs * (np.abs(np.angle(z)) / (2 * np.pi))  # exactly fs/2 for a negative real pole
+    return DecayingModes(frequency_hz, -np.log(np.abs(z)) * fs, np.abs(amplitude), np.angle(amplitude))

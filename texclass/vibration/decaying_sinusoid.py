@@ -8,9 +8,8 @@ from numpy.typing import ArrayLike
 from scipy import fft, optimize
 
 from texclass.recording import Samples
-from texclass.vibration._input import one_channel, to_unit_scale
-from texclass.vibration.decaying_modes import DecayingModes
-from texclass.vibration.matrix_pencil import fit_matrix_pencil
+from texclass.signals import one_channel, to_unit_scale
+from texclass.vibration.decaying_modes import DecayingModes, fit_matrix_pencil
 
 PEAK_FLOOR = 0.05
 """Peaks below this part of the largest are left out of the envelope: there noise makes the peaks."""

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from texclass.recording import Samples
 from texclass.vibration import line_spectrum
-from texclass.vibration._autoregression import Autoregression, log_cosines
+from texclass.vibration.autoregressive import Autoregression, log_cosines
 from texclass.vibration.line_spectrum import MIN_GAP
 
 Loudness = Literal["gain", "level"]

@@ -11,17 +11,210 @@ variance all states have unit variance and are uncorrelated, so the signal has t
 sample, even while the parameters move. gain e[t] drives the same model in direct form, gain = level prod c.
 """
 
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from texclass.recording import Samples
-from texclass.vibration import _lattice_kernels as kernels
-from texclass.vibration._autoregression import Autoregression
-from texclass.vibration._moving_lattice import Lattice, Real
+from texclass.vibration import lattice_kernels as kernels
+from texclass.vibration.autoregressive import Autoregression
 
-__all__ = ["Lattice", "LatticeInverse", "LatticeSynthesis", "synthesize", "whiten"]
+Real = NDArray[np.floating[Any]]
+
+_CHUNK = 4096
+_GLIDE_VALUES = 16_384
+
+
+class Lattice:
+    """Parameters, the glide to the next ones, and the state between calls: what both directions share.
+
+    Parameters
+    ----------
+    model : Autoregression
+        Of one signal: leading shape ().
+    level : float, optional
+        RMS of the signal in its unit; that of the model by default. To be given where gain / prod c exceeds
+        the range of a float, as for 1000 times k = 0.9.
+    dtype : float64 or float32
+        Of the arithmetic and the result. Float32 costs 1e-7 per stage and sample, and a pole closer to the
+        unit circle than that sounds like one at that distance.
+
+    Raises
+    ------
+    ValueError
+        If the model is a stack, its level not finite or out of the range of `dtype`, or the order 0.
+    """
+
+    def __init__(
+        self, model: Autoregression, *, level: float | None = None, dtype: DTypeLike = np.float64
+    ) -> None:
+        self.dtype: np.dtype[Any] = np.dtype(dtype)
+        if self.dtype not in (np.dtype(np.float64), np.dtype(np.float32)):
+            raise ValueError(f"dtype is {self.dtype}; the rule is float64 or float32")
+        if model.order < 1:
+            raise ValueError("order is 0; the rule is at least 1")
+        self._shrink = 1 - 2 * float(np.finfo(self.dtype).eps)
+        self.order = model.order
+        self._done = self._total = 0
+        self._k, self._level = self._parameters(model, level)
+        self._target = self._k, self._level
+        self._fix()
+        self.reset()
+
+    def reset(self) -> None:
+        """Put the lattice at rest: all states 0. The parameters stay as they are."""
+        self._b = np.zeros(self.order + 1, dtype=self.dtype)
+
+    def move_to(self, model: Autoregression, n_samples: int, *, level: float | None = None) -> None:
+        """Let the parameters glide to those of `model` over the next `n_samples`, however calls cut them.
+
+        k moves linearly, the level geometrically (linearly from or to 0), sample by sample. A glide under way
+        is left where it stands, and the next starts there.
+
+        Parameters
+        ----------
+        model : Autoregression
+            Of the same order or a lower one.
+        n_samples : int
+            At least 1; with 1 the very next sample has the new parameters.
+        level : float, optional
+            As for the constructor.
+
+        Raises
+        ------
+        ValueError
+            If the order is higher, `n_samples` is below 1, or for what the constructor refuses.
+        """
+        if n_samples < 1:
+            raise ValueError(f"n_samples is {n_samples}; the rule is at least 1")
+        target = self._parameters(model, level)
+        if self._done < self._total:
+            w = self._done / self._total
+            self._k = (1 - w) * self._k + w * self._target[0]
+            self._level = float(_between(self._level, self._target[1], np.array([w]))[0])
+        self._target, self._done, self._total = target, 0, n_samples
+
+    def process(self, x: ArrayLike) -> Real:
+        """Pass the next piece on; the pieces together are, bit for bit, what one call would return.
+
+        Parameters
+        ----------
+        x : array_like of shape (n,)
+            Excitation of unit variance (`LatticeSynthesis`) or signal (`LatticeInverse`); n may be 0.
+
+        Returns
+        -------
+        ndarray of shape (n,)
+            Of the lattice's dtype.
+
+        Raises
+        ------
+        ValueError
+            If `x` is not one-dimensional or holds NaN or infinity: it would stay in the state for ever.
+        """
+        out, start, few = self._checked(x), 0, max(_GLIDE_VALUES // self.order, 16)
+        while start < out.size:
+            if self._done < self._total:
+                stop = min(start + few, start + self._total - self._done, out.size)
+                self._pass_rows(out[start:stop], *self._glide(stop - start))
+                self._done += stop - start
+                if self._done == self._total:
+                    self._k, self._level = self._target
+                    self._fix()
+            else:
+                stop = min(start + _CHUNK, out.size)
+                self._pass(out[start:stop])
+            start = stop
+        return out
+
+    def process_varying(self, x: ArrayLike, reflection: ArrayLike, level: ArrayLike) -> Real:
+        """Pass the next piece on with parameters of each sample's own; the last ones stay, a glide ends.
+
+        Parameters
+        ----------
+        x : array_like of shape (n,)
+            As for `process`.
+        reflection : array_like of shape (n, p)
+            Each |k| < 1.
+        level : array_like of shape (n,)
+            RMS at each sample, in the unit of the signal.
+
+        Returns
+        -------
+        ndarray of shape (n,)
+        """
+        out = self._checked(x)
+        k, levels = np.asarray(reflection, dtype=np.float64), np.asarray(level, dtype=np.float64)
+        if k.shape != (out.size, self.order) or levels.shape != out.shape or not np.all(np.abs(k) < 1):
+            raise ValueError(
+                f"reflection {k.shape} and level {levels.shape} for {out.size} samples; "
+                f"the rule is (n, {self.order}) and (n,), each |k| < 1"
+            )
+        self._check_level(levels)
+        for start in range(0, out.size, _CHUNK):
+            rows = slice(start, start + _CHUNK)
+            self._pass_rows(out[rows], *self._turns(k[rows]), levels[rows].astype(self.dtype))
+        if out.size:
+            self._k, self._level = k[-1].copy(), float(levels[-1])
+            self._fix()
+        return out
+
+    def _pass(self, x: Real) -> None:
+        raise NotImplementedError
+
+    def _pass_rows(self, x: Real, k: Real, c: Real, level: Real) -> None:
+        raise NotImplementedError
+
+    def _glide(self, n: int) -> tuple[Real, Real, Real]:
+        """Return k and c (n, p) and the level (n,) of the next n samples."""
+        w = np.arange(self._done + 1, self._done + 1 + n) / self._total
+        k, c = np.empty((2, n, self.order), dtype=self.dtype)
+        end, level = self._target
+        kernels.glide_rows(self._k, end, w, self._shrink, k, c)
+        return k, c, _between(self._level, level, w).astype(self.dtype)
+
+    def _fix(self) -> None:
+        """Make the parameters constant from here on."""
+        self._rotation = self._turns(self._k)
+        self._target, self._done, self._total = (self._k, self._level), 0, 0
+
+    def _turns(self, k: Samples) -> tuple[Real, Real]:
+        c = np.sqrt((1 - k) * (1 + k))
+        return (k * self._shrink).astype(self.dtype), (c * self._shrink).astype(self.dtype)
+
+    def _parameters(self, model: Autoregression, level: float | None) -> tuple[Samples, float]:
+        if model.reflection.ndim != 1 or model.order > self.order:
+            raise ValueError(
+                f"reflection has shape {model.reflection.shape}; the rule is one model, order <= {self.order}"
+            )
+        k = np.zeros(self.order)
+        k[: model.order] = model.reflection
+        rms = float(model.level) if level is None else float(level)
+        self._check_level(np.array([rms]))
+        return k, rms
+
+    def _check_level(self, level: Samples) -> None:
+        info = np.finfo(self.dtype)
+        bad = ~((level == 0) | ((level >= float(info.tiny)) & (level <= float(info.max))))
+        if bad.any():
+            raise ValueError(
+                f"level is {level[bad][0]:g}; the rule is 0, or {info.tiny:.2g} ... {info.max:.2g} "
+                f"for {self.dtype}: give a level, or scale the signal"
+            )
+
+    def _checked(self, x: ArrayLike) -> Real:
+        out = np.array(x, dtype=self.dtype)
+        if out.ndim != 1 or not np.all(np.isfinite(out)):
+            raise ValueError(f"got shape {out.shape}; the rule is (n,) finite samples")
+        return out
+
+
+def _between(start: float, end: float, w: Samples) -> Samples:
+    """Return levels at the weights w: geometric, linear from or to 0."""
+    if start > 0 and end > 0:
+        return np.asarray(np.exp((1 - w) * np.log(start) + w * np.log(end)))
+    return np.asarray((1 - w) * start + w * end)
 
 
 class LatticeSynthesis(Lattice):

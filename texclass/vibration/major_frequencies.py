@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from texclass.recording import Samples
-from texclass.vibration._input import one_channel, to_unit_scale
+from texclass.signals import one_channel, to_unit_scale
 
 BEAT_BOUNDS_HZ = (50.0, 100.0, 150.0, 250.0, 500.0)
 BEAT_THRESHOLDS_HZ = (6.0, 7.0, 9.0, 9.0, 15.0, 80.0)

@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from texclass.recording import Samples
-from texclass.vibration import _recursions
-from texclass.vibration._spectral_error import N_DFT, checked_dft, relative_error
+from texclass.vibration import recursions
 from texclass.vibration.autoregressive import Autoregression, fit
+from texclass.vibration.scores import N_DFT, checked_dft, relative_error
 
 Criterion = Literal["spectral_error", "aicc"]
 
@@ -182,6 +182,6 @@ def _spectral_error(x: Samples, k: Samples, residual: Samples, n_dft: int) -> Sa
     segments = (x / peak)[: x.size // length * length].reshape(-1, length)
     measured = np.sqrt(np.mean(np.abs(fft.rfft(segments, n_dft, axis=1)) ** 2, axis=0))
     omega = 2 * np.pi * fft.rfftfreq(n_dft)
-    ln_a = _recursions.log_magnitudes(np.ascontiguousarray(k), omega)
+    ln_a = recursions.log_magnitudes(np.ascontiguousarray(k), omega)
     modelled = (residual / peak * np.sqrt(length))[:, np.newaxis] * np.exp(-ln_a)
     return relative_error(measured, modelled, n_dft)

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy import linalg, signal
 
 from texclass.recording import Samples
-from texclass.vibration._input import one_channel, to_unit_scale
+from texclass.signals import one_channel, to_unit_scale
 
 
 @dataclass(frozen=True, eq=False)

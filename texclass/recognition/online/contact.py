@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from texclass.phases.segmentation import AT_REST_M_S2
+from texclass.phases import AT_REST_M_S2
 from texclass.recognition.online.level import Bin
 
 Kind = Literal["contact", "stroke", "tap", "lift-off", "break"]

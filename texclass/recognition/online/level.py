@@ -5,11 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy import signal
 
-from texclass.filters import butterworth
-from texclass.phases.activity import LEAST_SAMPLES
+from texclass.phases import LEAST_SAMPLES
 from texclass.recognition.online._kernels import filter_sections
 from texclass.recognition.online.ring import Ring
 from texclass.recording import Samples
+from texclass.signals import butterworth
 
 HAND_HZ = 60.0
 """Motion below belongs to hand, tremor and gravity, as in `texclass.phases`; 0.2 fs for slow sensors."""

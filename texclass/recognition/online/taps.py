@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from texclass.phases.impulses import CLEAR, LEAST_PUSH
-from texclass.phases.segmentation import Segmenter
+from texclass.phases import CLEAR, LEAST_PUSH, Segmenter
 from texclass.recognition.online.contact import Event
 from texclass.recognition.online.level import Level
 from texclass.recognition.online.ring import Ring

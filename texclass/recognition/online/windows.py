@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from texclass.features.views import TURN
-from texclass.phases.filtered import block_mean
-from texclass.phases.impulses import HAND_RATE_HZ, Hand
+from texclass.features.phase_view import TURN
+from texclass.phases import HAND_RATE_HZ, Hand, block_mean
 from texclass.recognition.model import Model
 from texclass.recognition.needs import FRICTION, Needs
 from texclass.recording import ACCELERATION_UNITS, Phases, Recording, Samples, Tap

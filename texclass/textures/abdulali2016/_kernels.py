@@ -5,8 +5,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from texclass.recording import Samples
-from texclass.vibration._lattice_kernels import turn
-from texclass.vibration._recursions import LARGEST
+from texclass.vibration.lattice_kernels import turn
+from texclass.vibration.recursions import LARGEST
 
 SHRINK = 1 - 2 * float(np.finfo(np.float64).eps)
 """Takes from each rotation more than its rounding may add."""

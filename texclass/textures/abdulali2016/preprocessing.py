@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import signal
 
-from texclass import filters
+from texclass import signals
 from texclass.recording import Samples
 from texclass.signals import combine
 from texclass.textures.scan import Scan
@@ -44,7 +44,7 @@ def smooth_motion(x: ArrayLike, fs: float, *, cutoff_hz: float = MOTION_HZ) -> S
     if not 0 < cutoff_hz < fs / 2:
         raise ValueError(f"cutoff_hz is {cutoff_hz}; the rule is above 0 and below fs/2 = {fs / 2:g} Hz")
     sos = signal.bessel(BESSEL_ORDER, cutoff_hz, fs=fs, norm="mag", output="sos")
-    return filters.zero_phase(np.asarray(sos), x)
+    return signals.zero_phase(np.asarray(sos), x)
 
 
 def limit_vibration(x: ArrayLike, fs: float, *, band_hz: tuple[float, float] = VIBRATION_HZ) -> Samples:
@@ -76,8 +76,8 @@ def limit_vibration(x: ArrayLike, fs: float, *, band_hz: tuple[float, float] = V
     """
     low, high = band_hz
     if high >= 0.99 * fs / 2:
-        return filters.zero_phase(filters.butterworth("highpass", low, fs), x)
-    return filters.zero_phase(filters.butterworth("bandpass", band_hz, fs), x)
+        return signals.zero_phase(signals.butterworth("highpass", low, fs), x)
+    return signals.zero_phase(signals.butterworth("bandpass", band_hz, fs), x)
 
 
 def condition(scan: Scan) -> Scan:

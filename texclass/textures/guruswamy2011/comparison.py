@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from texclass import filters
+from texclass import signals
 from texclass.recording import Samples
 from texclass.textures.guruswamy2011.fit import fit_texture
 from texclass.textures.guruswamy2011.simulated import SimulatedObject, lay_out, simulate_scan
@@ -66,7 +66,7 @@ def within(acceleration: Samples, cutoff_hz: float, fs: float) -> Samples:
     a: Samples = np.asarray(acceleration - acceleration.mean())
     if cutoff_hz >= fs / 2:
         return a
-    return np.asarray(filters.causal(filters.butterworth("lowpass", cutoff_hz, fs), a)[0])
+    return np.asarray(signals.causal(signals.butterworth("lowpass", cutoff_hz, fs), a)[0])
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import signal
 
-from texclass.filters import lowpass
 from texclass.recording import Samples
+from texclass.signals import lowpass
 from texclass.textures.scan import Scan
 
 LOWER_HZ = 0.122

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import signal
 
-from texclass import filters
+from texclass import signals
 from texclass.recording import Samples
 from texclass.textures.guruswamy2011.level import LOWER_HZ
-from texclass.vibration.segmentation import Segmentation, VibrationBand, segment_rising_peaks, vibration_band
+from texclass.vibration.rising_peaks import Segmentation, VibrationBand, segment_rising_peaks, vibration_band
 
 RESOLUTION = 0.153
 """One bit of the paper's sensor, m/s^2 (2 g / 128)."""
@@ -120,16 +120,16 @@ def profile_of(
     is_wide = band.upper_hz > HIGHEST * fs / 2
     cutoff = fs / 2 if is_wide else band.upper_hz
     sos = (
-        filters.butterworth("highpass", LOWER_HZ, fs)
+        signals.butterworth("highpass", LOWER_HZ, fs)
         if is_wide
-        else filters.butterworth("bandpass", (LOWER_HZ, cutoff), fs)
+        else signals.butterworth("bandpass", (LOWER_HZ, cutoff), fs)
     )
     a = a - np.mean(a)
     if phase == "zero":
-        samples = filters.zero_phase(sos, a)
+        samples = signals.zero_phase(sos, a)
     else:
         delay = min(_delay(sos, band.major_hz, fs), a.size - 1)
-        samples = filters.causal(sos, np.pad(a, (0, delay), mode="edge"))[0][delay:]
+        samples = signals.causal(sos, np.pad(a, (0, delay), mode="edge"))[0][delay:]
     return Profile(samples, band, cutoff, segment_rising_peaks(samples, DEAD_BAND_BITS * resolution))
 
 

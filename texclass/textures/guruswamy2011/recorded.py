@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, signal
 
-from texclass import filters
+from texclass import signals
 from texclass.recording import Samples
 from texclass.textures.guruswamy2011.comparison import within
 from texclass.textures.guruswamy2011.fit import FittedScan, fit_texture
@@ -57,7 +57,7 @@ class HeldOut:
 
 def cleaned(scan: Scan) -> Scan:
     """Return a `stylus6` scan without the device's lines and without wild values of speed and force."""
-    a = filters.lowpass(scan.acceleration - scan.acceleration.mean(), HIGHEST_HZ, scan.fs)
+    a = signals.lowpass(scan.acceleration - scan.acceleration.mean(), HIGHEST_HZ, scan.fs)
     for line in LINES_HZ:
         a = signal.filtfilt(*signal.iirnotch(line, line / 2.0, scan.fs), a)  # 2 Hz wide
     speed = ndimage.median_filter(scan.speed, 51)

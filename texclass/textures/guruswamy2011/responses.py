@@ -8,8 +8,7 @@ from typing import Literal
 import numpy as np
 
 from texclass.recording import Samples
-from texclass.vibration.decaying_modes import DecayingModes
-from texclass.vibration.matrix_pencil import fit_matrix_pencil
+from texclass.vibration.decaying_modes import DecayingModes, fit_matrix_pencil
 from texclass.vibration.prony import PronyFilter, fit_prony, n_extrema
 
 RING_S = 0.5

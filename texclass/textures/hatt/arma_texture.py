@@ -23,8 +23,8 @@ from texclass.textures.gliding import GlidingRenderer
 from texclass.textures.hatt.speed_force_mesh import Mesh, triangulate
 from texclass.textures.stored import check_all_names
 from texclass.vibration import line_spectrum
-from texclass.vibration._half_angle import paths_from_angles
-from texclass.vibration._recursions import LARGEST
+from texclass.vibration.line_spectrum import paths_from_angles
+from texclass.vibration.recursions import LARGEST
 
 HOP_S = 0.01
 """The parameters aim anew at the model of the present speed and force so often, as in the toolkit."""

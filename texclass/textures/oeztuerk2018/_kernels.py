@@ -3,8 +3,8 @@
 import numpy as np
 from numba import njit
 
-from texclass.vibration._lattice_kernels import turn
-from texclass.vibration._recursions import LARGEST
+from texclass.vibration.lattice_kernels import turn
+from texclass.vibration.recursions import LARGEST
 
 PLACE, LOUDNESS, COUNT, N_STATES = 0, 1, 2, 3
 UNKNOWN = -1.0

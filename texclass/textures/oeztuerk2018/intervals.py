@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
-from texclass.vibration._input import one_channel, positive
+from texclass.signals import one_channel, positive
 
 BIN_MM_S = 40.0
 """`oeztuerk2018`, figure 4.2: bins of 4 cm/s."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
+from texclass.signals import positive
 from texclass.textures.oeztuerk2018 import _kernels as kernels
 from texclass.textures.oeztuerk2018.speeds import (
     GLIDE_S,
@@ -21,7 +22,6 @@ from texclass.textures.oeztuerk2018.speeds import (
 from texclass.textures.path import checked_path
 from texclass.textures.stored import check_all_names, number, numbers, text
 from texclass.vibration import Autoregression, ModelBlend, fit, synthesize
-from texclass.vibration._input import positive
 from texclass.vibration.interpolation import Loudness
 
 ORDER = 400

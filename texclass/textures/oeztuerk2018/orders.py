@@ -7,8 +7,8 @@ from scipy import special
 
 from texclass.recording import Samples
 from texclass.vibration import fit, select_order
-from texclass.vibration._spectral_error import N_DFT
 from texclass.vibration.order import spectral_error
+from texclass.vibration.scores import N_DFT
 
 LARGEST = 1000
 AT_MOST = 0.4

@@ -8,7 +8,7 @@ import soundfile as sf
 from numpy.typing import ArrayLike
 
 from texclass.recording import Samples
-from texclass.vibration._input import one_channel, positive
+from texclass.signals import one_channel, positive
 
 DURATION_S = 10.0
 N_COPIES = 5

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from texclass.recording import Samples
-from texclass.vibration._input import one_channel
+from texclass.signals import one_channel
 
 STILL = 0.25
 """Below this part of the slowest recorded speed a texture fades linearly to silence at rest."""

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from texclass.recording import Samples
+from texclass.signals import positive
 from texclass.textures.okamura2001.library import TapLibrary, tap_peak
 from texclass.vibration import TapModel
-from texclass.vibration._input import positive
 
 
 @dataclass(frozen=True)

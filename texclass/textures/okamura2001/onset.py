@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
 from texclass.recording import Samples
+from texclass.signals import one_channel, positive, to_unit_scale
 from texclass.vibration import TapModel, fit_okamura, fit_tap_model
-from texclass.vibration._input import one_channel, positive, to_unit_scale
 
 LOW, HIGH = 0.1, 0.3
 """Parts of the largest magnitude through which the first rise is followed back to zero."""

@@ -7,9 +7,9 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from texclass.recording import Samples
+from texclass.signals import positive
 from texclass.textures.okamura2001.device import Device
 from texclass.vibration import TapModel
-from texclass.vibration._input import positive
 
 RELEASE_S = 0.002
 """Time constant with which a vibration that still rings ends when the wall is left: ours."""

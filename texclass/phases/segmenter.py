@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from texclass.phases.activity import Track, sustained_span, track
-from texclass.phases.impulses import Strike, find_strikes, follow_hand, impact_sample, lone_tap, only_taps
+from texclass.phases.strikes import Strike, find_strikes, follow_hand, impact_sample, lone_tap, only_taps
+from texclass.phases.vibration_track import Track, sustained_span, track
 from texclass.recording import Phases, Recording, Tap
 
 AT_REST_M_S2 = 0.06

@@ -1,20 +1,24 @@
-"""From a recording to what features read: one view per phase, made when the first feature asks for it."""
+"""What a feature reads: one view per phase of a recording, its transforms computed once and when asked."""
 
+import functools
+import inspect
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import fft
 
-from texclass.features.contract import Phase, UndefinedFeatureError
-from texclass.features.view import PhaseView, TapSignal, TapView
 from texclass.phases import segment
 from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples
 from texclass.signals import combine, remove_hand_motion
 
+P = ParamSpec("P")
+R = TypeVar("R")
+Phase = Literal["tap", "movement", "friction"]
 Channels = Literal["combine", "each", "auto", "all"]
 TURN = ("turn_x", "turn_y", "turn_z")
 """Names of the channels of a turn rate, after those of the acceleration."""
@@ -23,6 +27,136 @@ LONG = 5000
 
 With one, every Fourier transform takes several times as long.
 """
+LEAST_PIECE = 2048
+"""Samples that a piece must hold: with fewer, what is gained by voting is lost in each piece."""
+
+
+class UndefinedFeatureError(ValueError):
+    """The feature has no value for this signal; the message is the reason (value and rule).
+
+    Extraction turns it into NaN and keeps the reason for the user.
+    """
+
+
+class Memory(dict[Hashable, Any]):
+    """Results of the transforms of one view, by function and parameters.
+
+    Attributes
+    ----------
+    timed : callable, optional
+        Called as timed(key, compute) in place of compute() where a transform is computed, to measure it.
+    """
+
+    timed: Callable[[tuple[Any, ...], Callable[[], Any]], Any] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseView:
+    """One phase of one channel: samples, sampling rate, and a memory for shared transforms.
+
+    Attributes
+    ----------
+    samples : ndarray of shape (n,)
+        The movement's acceleration (without gravity and the hand's path) or the friction voltage during it.
+    fs : float
+        Sampling rate in Hz.
+    """
+
+    samples: Samples
+    fs: float
+    memory: Memory = field(default_factory=Memory, repr=False)
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples."""
+        return int(self.samples.shape[0])
+
+
+@dataclass(frozen=True, eq=False)
+class TapSignal:
+    """One tap, split at the contact.
+
+    Attributes
+    ----------
+    hand : ndarray of shape (n,)
+        Acceleration of the hand towards the surface, before the contact; may be empty.
+    impulse : ndarray of shape (m,)
+        Impact and decay, from the contact on.
+    """
+
+    hand: Samples
+    impulse: Samples
+
+
+@dataclass(frozen=True, eq=False)
+class TapView:
+    """All taps of one channel of one recording.
+
+    Attributes
+    ----------
+    taps : tuple of TapSignal
+        At least one.
+    fs : float
+        Sampling rate in Hz.
+    noise : float
+        Root mean square of the quiet stretch (same unit as the samples); 0.0 when there is none.
+    """
+
+    taps: tuple[TapSignal, ...]
+    fs: float
+    noise: float = 0.0
+    memory: Memory = field(default_factory=Memory, repr=False)
+
+
+V = TypeVar("V", PhaseView, TapView)
+
+
+def transform(function: Callable[Concatenate[V, P], R]) -> Callable[Concatenate[V, P], R]:
+    """Remember the result of a transform of a view on the view, by the values of its (hashable) parameters.
+
+    Whoever receives a remembered array must not write to it.
+    """
+    signature = inspect.signature(function)
+    defaults: tuple[Any, ...] = tuple(p.default for p in signature.parameters.values())[1:]
+
+    @functools.wraps(function)
+    def remembered(view: V, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        if kwargs:
+            bound: inspect.BoundArguments = signature.bind(view, *args, **kwargs)
+            bound.apply_defaults()
+            key = (function, *list(bound.arguments.values())[1:])
+        else:  # the same key, without the time that binding takes
+            key = (function, *args, *defaults[len(args) :])
+        memory = view.memory
+        if key not in memory:
+            timed = memory.timed
+            compute = functools.partial(function, view, *args, **kwargs)
+            memory[key] = compute() if timed is None else timed(key, compute)
+        result: R = memory[key]
+        return result
+
+    return remembered
+
+
+def pieces(view: PhaseView, n_pieces: int) -> tuple[PhaseView, ...]:
+    """Return views of equal pieces of the movement, or of all of it as one piece where it is too short.
+
+    Too short is less than `n_pieces` times `LEAST_PIECE` samples; at most n_pieces - 1 samples at the end
+    are left out.
+    """
+    if n_pieces == 1 or view.n_samples < n_pieces * LEAST_PIECE:
+        return (view,)
+    return _cut(view, n_pieces)
+
+
+@transform
+def _cut(view: PhaseView, n_pieces: int) -> tuple[PhaseView, ...]:
+    size, timed = view.n_samples // n_pieces, view.memory.timed
+    cut = tuple(PhaseView(view.samples[i * size : (i + 1) * size], view.fs) for i in range(n_pieces))
+    if timed is not None:
+        for i, piece in enumerate(cut, 1):
+            piece.memory.timed = lambda key, compute, i=i: timed((*key, f"piece {i}"), compute)
+    return cut
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +186,8 @@ class Views:
         UndefinedFeatureError
             If the recording does not have it; the message is the reason.
         """
-        match phase:
-            case "movement":
-                return self.movement
-            case "tap":
-                return self.tap
-            case "friction":
-                return self.friction
+        view: PhaseView | TapView = getattr(self, phase)  # a phase is the name of its view
+        return view
 
     @cached_property
     def movement(self) -> PhaseView:
@@ -119,6 +248,33 @@ def _holds_gravity(axes: Samples) -> bool:
     """Whether the mean of the axes (m/s^2), taken together, is nearer to 1 g than to 0."""
     mean = np.ones(len(axes)) @ axes / len(axes)  # numpy's mean of short rows takes ten times as long
     return math.hypot(*np.atleast_1d(mean)) > STANDARD_GRAVITY / 2
+
+
+def view_of(
+    phase: Phase, signal: ArrayLike, fs: float | None, unit: str = "arbitrary"
+) -> PhaseView | TapView:
+    """Return the view of a signal without a recording: all of it is the movement or the friction.
+
+    Parameters
+    ----------
+    phase : {"movement", "tap", "friction"}
+        Of a signal of taps, those that `texclass.phases.segment` finds.
+    signal : array_like of shape (n_samples,) or (n_samples, n_axes)
+        Axes are combined by DFT321.
+    fs : float
+        Sampling rate in Hz.
+    unit : str
+        See `Recording`; gravity and the hand's path are removed where it is one of acceleration.
+
+    Raises
+    ------
+    RecordingError
+        If `fs` is missing, or a sample is not finite.
+    """
+    x = np.asarray(signal, dtype=np.float64)
+    recording = Recording(x, fs=fs, unit=unit, friction=x if phase == "friction" else None)  # type: ignore[arg-type]
+    whole = Phases(movement=(0, recording.n_samples))
+    return Views(recording, segment(recording) if phase == "tap" else whole).of(phase)
 
 
 def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Views]:

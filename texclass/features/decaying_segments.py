@@ -3,12 +3,13 @@
 import numpy as np
 from scipy import fft
 
+from texclass.features.conditioning import spectrum
 from texclass.features.contract import UndefinedFeatureError, feature
-from texclass.features.transforms import mean_spectrum, spectrum
-from texclass.features.view import PhaseView, transform
+from texclass.features.phase_view import PhaseView, transform
+from texclass.features.spectra import mean_spectrum
 from texclass.recording import Samples
 from texclass.vibration.prony import fit_prony
-from texclass.vibration.segmentation import (
+from texclass.vibration.rising_peaks import (
     THRESHOLD,
     Segmentation,
     VibrationBand,

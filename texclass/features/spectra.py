@@ -1,7 +1,6 @@
-"""Spectra of the frames of a movement, shared by features and computed once per view."""
+"""Power spectra of a movement, of the whole and of its frames, each computed once per view."""
 
 import functools
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -9,38 +8,76 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.signal import get_window
 
-from texclass.features.contract import UndefinedFeatureError
-from texclass.features.transforms import BLOCK, n_of, require, unit32
-from texclass.features.view import PhaseView, transform
+from texclass.features.conditioning import n_of, require, spectrum, unit32
+from texclass.features.phase_view import PhaseView, UndefinedFeatureError, transform
 from texclass.recording import Samples, read_only
 
+BAND_HZ = 2100.0
+"""End of `mean_spectrum` in Hz: half as much again as the band of the sensor."""
+BLOCK = 128
+"""Frames transformed at a time, so that a block stays in the cache."""
 LONG_FRAME_S = 0.4096
 """Frame of `long_frames`, in s: 4096 samples at the 10 kHz of strese2015."""
 BLOCK_SAMPLES = 1 << 16
 """Samples transformed at a time: 256 kB, so that a block of long frames stays in the cache, too."""
 
 
-@dataclass(frozen=True, eq=False)
-class PowerFrames:
-    """Power spectra of the windowed frames of a movement.
+@transform
+def mean_spectrum(view: PhaseView) -> tuple[Samples, Samples]:
+    """Return frequency (Hz) and power density of `unit` (1/Hz), both of shape (n_bins,).
 
-    Attributes
-    ----------
-    power : ndarray of shape (n_frames, n_bins)
-        One-sided power density of each frame of `unit`, in 1/Hz, single precision.
-    frequency : ndarray of shape (n_bins,)
-        In Hz.
+    The periodogram of the whole movement up to `BAND_HZ`, averaged over each 1 Hz from 0 on; of a movement
+    shorter than 1 s, bin by bin.
     """
+    require(view, 64, "a spectrum")
+    x = spectrum(view)
+    step = view.fs / (2 * (x.size - 1))
+    width = max(1.0, step)
+    n_bins = int(min(BAND_HZ, view.fs / 2) / width)
+    if n_bins < 8:
+        raise UndefinedFeatureError(f"fs is {view.fs:g} Hz; the rule is a spectrum of 8 bins of {width:g} Hz")
+    first = np.ceil(np.arange(n_bins + 1) * (width / step) - 1e-6).astype(np.intp)
+    x = x[: first[-1]]
+    power = np.add.reduceat(x.real**2 + x.imag**2, first[:-1], dtype=np.float64) / np.diff(first)
+    offset = 0.5 if width > step else 0.0
+    frequency = np.asarray((np.arange(n_bins) + offset) * width, dtype=np.float64)
+    return frequency, np.asarray(power * (2 / (view.fs * view.n_samples)))
 
-    power: NDArray[np.float32]
-    frequency: Samples
+
+@transform
+def autocorrelation(view: PhaseView) -> NDArray[np.float32]:
+    """Return r_k = sum_n x_n x_(n+k) of `unit` for k = 0 ... n-1, shape (n,), to about 1e-7 of r_0.
+
+    The movement is cut into pieces of L samples, and the correlations of pieces d apart are the lags around
+    d L: short transforms in single precision, several at once, take a third of the time of one long one.
+    """
+    n, n_pieces = view.n_samples, 8
+    length = -(-n // n_pieces)
+    n_fft = fft.next_fast_len(2 * length, real=True)
+    pieces = np.zeros((n_pieces, length), dtype=np.float32)
+    pieces.reshape(-1)[:n] = unit32(view)
+    spectra = fft.rfft(pieces, n_fft, axis=1)
+    conjugate, cross = spectra.conj(), np.zeros_like(spectra)
+    for d in range(n_pieces):
+        for i in range(n_pieces - d):
+            cross[d] += conjugate[i] * spectra[i + d]
+    r = fft.irfft(cross, n_fft, axis=1)
+    r[:-1, :length] += r[1:, n_fft - length :]  # lags before those of the next distance
+    return np.asarray(r[:, :length].reshape(-1)[:n])
 
 
 @transform
 def power_frames(
     view: PhaseView, frame_s: float, hop_s: float, window: str, high_hz: float = np.inf
-) -> PowerFrames:
+) -> tuple[NDArray[np.float32], Samples]:
     """Return the power spectra of windowed frames, zero-padded to a power of two, up to `high_hz`.
+
+    Returns
+    -------
+    power : ndarray of shape (n_frames, n_bins)
+        One-sided power density of each frame of `unit`, in 1/Hz, single precision.
+    frequency : ndarray of shape (n_bins,)
+        In Hz.
 
     Raises
     ------
@@ -73,7 +110,7 @@ def power_frames(
     power *= np.float32(2 / (view.fs * float(w @ w)))
     power[:, 0] /= 2
     power[:, n_fft // 2 :] /= 2
-    return PowerFrames(power, frequency[:n_bins])
+    return power, frequency[:n_bins]
 
 
 @functools.lru_cache(maxsize=32)
@@ -84,7 +121,7 @@ def window_of(name: str, length: int) -> NDArray[np.float32]:
 
 
 @transform
-def long_frames(view: PhaseView) -> PowerFrames:
+def long_frames(view: PhaseView) -> tuple[NDArray[np.float32], Samples]:
     """Return the power spectra of half-overlapping Hann frames of `LONG_FRAME_S`, at most the movement.
 
     Raises
@@ -104,10 +141,10 @@ def spectral_moments(view: PhaseView) -> tuple[Samples, Samples]:
     SC = sum f P / sum P and sqrt(sum (f - SC)^2 P / sum P), shape (n_frames,) each: the sums over f and f^2
     are those around the middle of the band, so that little is lost where they are subtracted.
     """
-    frames = long_frames(view)
-    middle = frames.frequency[-1] / 2
-    f = frames.frequency - middle
-    total, first, second = (frames.power.astype(np.float64) @ np.stack([f**0, f, f**2], axis=1)).T
+    power, frequency = long_frames(view)
+    middle = frequency[-1] / 2
+    f = frequency - middle
+    total, first, second = (power.astype(np.float64) @ np.stack([f**0, f, f**2], axis=1)).T
     heard = total > 0
     centroid, square = first[heard] / total[heard], second[heard] / total[heard]
     return centroid + middle, np.sqrt(np.maximum(square - centroid**2, 0))

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, signal
 
-from texclass.phases.activity import Track
-from texclass.phases.filtered import block_mean
+from texclass.phases.vibration_track import Track, block_mean
 from texclass.recording import Recording, Samples, Tap
 
 SMOOTHING_S = 0.003

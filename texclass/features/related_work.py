@@ -1,20 +1,149 @@
-"""Spectral features of related work in Table I of strese2015; numbers in brackets are its references."""
+"""Features of related work in Table I of strese2015; numbers in brackets are its references."""
 
-from dataclasses import dataclass
-from functools import lru_cache
+import functools
 
 import numpy as np
+from scipy.linalg import LinAlgError, solve_toeplitz
 from scipy.signal import find_peaks
 
-from texclass import signals
+from texclass.features.conditioning import details, level, require, unit
 from texclass.features.contract import Gain, UndefinedFeatureError, feature
-from texclass.features.frames import power_frames
-from texclass.features.transforms import level, mean_spectrum
-from texclass.features.view import PhaseView
+from texclass.features.phase_view import PhaseView
+from texclass.features.spectra import mean_spectrum, power_frames
 from texclass.recording import Samples
+from texclass.signals import moving_average
 
 SENSOR_BAND_HZ = 1400.0
 """Where the acceleration sensor of strese2015 ends."""
+
+
+@feature(
+    phase="movement",
+    unit="(m/s^2)^2",
+    reference="strese2015, Table I [7] (Fishel and Loeb, 2012)",
+    gain=Gain(power=2),
+)
+def standard_roughness(view: PhaseView) -> float:
+    """Power of the vibration, mean x^2.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        For silence.
+    """
+    x = unit(view)
+    return float(x @ x) / x.size * level(view) ** 2
+
+
+def _lpc_names(*, order: int) -> tuple[str, ...]:
+    return tuple(f"a{k + 1}" for k in range(order))
+
+
+@feature(
+    phase="movement",
+    unit="1",
+    reference="strese2015, Table I [10] (Culbertson et al., 2014)",
+    outputs=_lpc_names,
+    depends_on=("rate",),
+)
+def lpc_coefficients(view: PhaseView, *, order: int = 10) -> Samples:
+    """Linear prediction x_n = sum_k a_k x_(n-k) of the movement, by the autocorrelation method.
+
+    a solves the Toeplitz equations of r_0 ... r_order (biased autocorrelation), so the predictor is stable.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    order : int
+        Number of coefficients.
+
+    Returns
+    -------
+    ndarray of shape (order,)
+
+    Raises
+    ------
+    UndefinedFeatureError
+        For silence, fewer than 10 x order samples, or a singular system.
+    """
+    require(view, 10 * order, "10 times the order")
+    x = unit(view)
+    r = np.array([x[k:] @ x[: x.size - k] for k in range(order + 1)]) / (x @ x)
+    try:
+        a = np.asarray(solve_toeplitz(r[:-1], r[1:]))
+    except LinAlgError as error:
+        raise UndefinedFeatureError(f"prediction of order {order} has no solution ({error})") from None
+    if not np.isfinite(a).all():
+        raise UndefinedFeatureError(f"prediction of order {order} has no finite solution")
+    return a
+
+
+@feature(
+    phase="movement",
+    unit="m/s^2",
+    reference="strese2015, Table I [17] (Chathuranga et al., 2013)",
+    gain=Gain(power=1),
+)
+def mean_magnitude(view: PhaseView) -> float:
+    """Mean of |x|: the movement's own mean is gravity and removed with it.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        For silence.
+    """
+    return float(np.abs(unit(view)).mean()) * level(view)
+
+
+@feature(
+    phase="movement",
+    unit="(m/s^2)^2",
+    reference="strese2015, Table I [17] (Chathuranga et al., 2013)",
+    gain=Gain(power=2),
+)
+def variance(view: PhaseView) -> float:
+    """Variance of the movement.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        For silence.
+    """
+    x = unit(view)
+    return (float(x @ x) / x.size - float(x.mean()) ** 2) * level(view) ** 2
+
+
+@feature(
+    phase="movement",
+    unit="(m/s^2)^2",
+    reference="strese2015, Table I [17] (Chathuranga et al., 2013)",
+    gain=Gain(power=2),
+    depends_on=("rate",),
+)
+def wavelet_energy(view: PhaseView, *, wavelet: str = "coif3", depth: int = 5) -> float:
+    """Energy of the wavelet details d_1 ... d_5 per sample, of the movement high-passed at 100 Hz.
+
+    The transform is that of `temporal_roughness_as_printed` and computed once for both.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    wavelet : str
+        Name in PyWavelets.
+    depth : int
+        Number of levels.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        For silence, fewer than 544 samples (coif3, level 5), or fs/2 not above 100 Hz.
+    """
+    energy = sum(float(np.sum(d * d, dtype=np.float64)) for d in details(view, 100.0, wavelet, depth))
+    if energy == 0:
+        raise UndefinedFeatureError("silence: no energy in the details")
+    return energy / view.n_samples * level(view) ** 2
 
 
 @feature(phase="movement", unit="Hz", reference="strese2015, Table I [7] (Fishel and Loeb, 2012)")
@@ -39,15 +168,6 @@ def spectral_centroid(view: PhaseView, *, high_hz: float = 600.0) -> float:
     if total == 0:
         raise UndefinedFeatureError(f"silence: no energy up to {high_hz:g} Hz")
     return float(power[inside] @ f[inside]) / total
-
-
-@dataclass(frozen=True)
-class GaussianBands:
-    """Gaussian bins: how many, and the centres of the first and the last (Hz)."""
-
-    n_bands: int
-    low_hz: float
-    high_hz: float
 
 
 def _band_names(*, n_bands: int, **_: object) -> tuple[str, ...]:
@@ -90,8 +210,8 @@ def gaussian_band_energies(
         For silence, fewer than 64 samples, or a movement too short to resolve the lowest bin.
     """
     f, power = mean_spectrum(view)
-    band = GaussianBands(n_bands, low_hz, min(high_hz, 0.95 * view.fs / 2))
-    weight = _gaussians(band, f.size, float(f[0]), float(f[1] - f[0]))
+    last_hz = min(high_hz, 0.95 * view.fs / 2)
+    weight = _gaussians(n_bands, low_hz, last_hz, f.size, float(f[0]), float(f[1] - f[0]))
     if (weight.sum(axis=1) < 0.5).any():
         raise UndefinedFeatureError(
             f"the spectrum has a bin every {f[1] - f[0]:.1f} Hz; the rule is a bin in each of the bands "
@@ -100,10 +220,12 @@ def gaussian_band_energies(
     return np.asarray(weight @ power * ((f[1] - f[0]) * level(view) ** 2))
 
 
-@lru_cache(maxsize=8)
-def _gaussians(band: GaussianBands, n_bins: int, first_hz: float, step_hz: float) -> Samples:
+@functools.lru_cache(maxsize=8)
+def _gaussians(
+    n_bands: int, low_hz: float, high_hz: float, n_bins: int, first_hz: float, step_hz: float
+) -> Samples:
     """Return the weights of the bins, shape (n_bands, n_bins); the same for all movements of 1 s or more."""
-    centre = np.geomspace(band.low_hz, band.high_hz, band.n_bands)[:, np.newaxis]
+    centre = np.geomspace(low_hz, high_hz, n_bands)[:, np.newaxis]
     width = centre * (centre[1] / centre[0] - 1) / 2
     f = first_hz + step_hz * np.arange(n_bins)
     return np.asarray(np.exp(-(((f - centre) / width) ** 2) / 2))
@@ -147,15 +269,15 @@ def discretized_spectrogram(
     UndefinedFeatureError
         For silence in a cell, fewer frames than stretches, or fewer bins than bands.
     """
-    frames = power_frames(view, 0.025, 0.015, "hamming", high_hz)
-    n_frames, n_bins = frames.power.shape
+    power, _ = power_frames(view, 0.025, 0.015, "hamming", high_hz)
+    n_frames, n_bins = power.shape
     if n_frames < n_times or n_bins < n_bands:
         raise UndefinedFeatureError(
             f"{n_frames} frames and {n_bins} bins; the rule is at least {n_times} and {n_bands}"
         )
     rows = np.arange(n_times) * n_frames // n_times
     columns = np.arange(n_bands) * n_bins // n_bands
-    in_time = np.add.reduceat(frames.power, rows, axis=0, dtype=np.float64)
+    in_time = np.add.reduceat(power, rows, axis=0, dtype=np.float64)
     cells = np.add.reduceat(in_time, columns, axis=1)
     size = np.outer(np.diff(rows, append=n_frames), np.diff(columns, append=n_bins))
     if (cells == 0).any():
@@ -203,7 +325,7 @@ def spectral_peaks(
     f, power = mean_spectrum(view)
     inside = f <= high_hz
     width = max(1, round(smooth_hz / (f[1] - f[0])))
-    envelope = signals.moving_average(signals.moving_average(power[inside], width), width)
+    envelope = moving_average(moving_average(power[inside], width), width)
     peaks, _ = find_peaks(envelope, height=1e-10 * float(envelope.max()), distance=width)
     if peaks.size < n_peaks:
         raise UndefinedFeatureError(f"{peaks.size} peaks in the spectral envelope; the rule is {n_peaks}")

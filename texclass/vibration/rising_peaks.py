@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from texclass.recording import Samples
-from texclass.vibration._input import one_channel, to_unit_scale
+from texclass.signals import one_channel, to_unit_scale
 
 Indices = NDArray[np.int64]
 

@@ -1,16 +1,15 @@
 """Taps as decaying modes: what rings, how long, and how strongly for a given velocity of the hand."""
 
-from functools import lru_cache
+import functools
 
 import numpy as np
 from scipy import signal
 
 from texclass.features.contract import UndefinedFeatureError, feature
 from texclass.features.hardness import per_tap
-from texclass.features.view import TapSignal, TapView, transform
+from texclass.features.phase_view import TapSignal, TapView, transform
 from texclass.recording import Samples
-from texclass.vibration.decaying_modes import DecayingModes
-from texclass.vibration.matrix_pencil import fit_matrix_pencil
+from texclass.vibration.decaying_modes import DecayingModes, fit_matrix_pencil
 
 ORDER = 4
 """Poles of a tap: two modes.
@@ -26,7 +25,7 @@ LEAST_SPREAD = 0.1
 """Least range of the hand's velocities, in parts of their mean."""
 
 
-@lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=32)
 def _low_pass(q: int) -> Samples:
     return np.asarray(signal.firwin(4 * q + 1, 1 / q), dtype=np.float64)
 

@@ -1,0 +1,313 @@
+"""Slopes and curvatures of a vibration over several spans of time: how large, how even, how they follow.
+
+A spectrum says how strong each frequency is, not whether the strength comes in bursts, nor to which side
+bumps and catches point. The curvature over a lag is a band-pass around fs/(3 lag) that costs two additions; a
+few means of it answer both. The signs of slopes and curvatures are shape without level: a gain, a sensor that
+drifts and single strong events change these little, and counting costs next to nothing.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from texclass.features.conditioning import level, log10_of, require, unit32
+from texclass.features.contract import Gain, UndefinedFeatureError, feature
+from texclass.features.phase_view import PhaseView, transform
+from texclass.recording import Samples
+
+SIGNS = "texclass; clipped autocorrelation (Van Vleck, 1943) of differences"
+MOMENTS = "texclass; moments of second differences"
+LAGS = (1, 2, 4, 8, 16, 32)
+"""Spans of time, in samples, from one octave to the next."""
+SHAPES = ("lopsidedness", "peakedness", "evenness")
+LEAST = 1e-6
+"""Least root mean square, relative to the largest sample: below it, single precision says nothing."""
+
+
+@transform
+def rising(view: PhaseView, lag: int) -> NDArray[np.bool_]:
+    """Return whether x_(t+lag) > x_t, shape (n - lag,)."""
+    x = unit32(view)
+    return np.asarray(x[lag:] > x[:-lag])
+
+
+@transform
+def convex(view: PhaseView, lag: int) -> NDArray[np.bool_]:
+    """Return whether x_(t+2 lag) + x_t > 2 x_(t+lag), shape (n - 2 lag,)."""
+    x = unit32(view)
+    ends = x[2 * lag :] + x[: -2 * lag]
+    ends *= 0.5
+    return np.asarray(ends > x[lag:-lag])
+
+
+def agreement(signs: NDArray[np.bool_], shift: int) -> float:
+    """Return the share of times t at which the signs at t and t + shift agree."""
+    return float(np.count_nonzero(signs[shift:] == signs[:-shift]) / (signs.size - shift))
+
+
+def _names(*, lags: tuple[int, ...], steps: tuple[int, ...]) -> tuple[str, ...]:
+    return tuple(f"lag{lag}.step{step}" for lag in lags for step in steps)
+
+
+@feature(phase="movement", unit="1", reference=SIGNS, outputs=_names, depends_on=("rate",), divisible=True)
+def slope_agreement(
+    view: PhaseView, *, lags: tuple[int, ...] = LAGS, steps: tuple[int, ...] = (1, 2, 3)
+) -> Samples:
+    """Share of times at which two slopes some time apart have the same sign, at several time scales.
+
+    With d_t = x_(t+lag) - x_t, the share of t with sign d_t = sign d_(t + step lag). For a Gaussian signal it
+    is 1/2 + arcsin(r)/pi, r the correlation of the two; each lag is a band-pass around fs/(2 lag).
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    lags : tuple of int
+        Spans of the slopes, in samples.
+    steps : tuple of int
+        Distances of the two slopes, in lags.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `feature`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        For silence, or a movement not twice as long as the longest lag and step together.
+    """
+    require(view, 2 * max(lags) * (1 + max(steps)), "slopes that far apart")
+    return np.array([agreement(rising(view, lag), step * lag) for lag in lags for step in steps])
+
+
+@feature(phase="movement", unit="1", reference=SIGNS, outputs=_names, depends_on=("rate",), divisible=True)
+def curvature_agreement(
+    view: PhaseView, *, lags: tuple[int, ...] = LAGS, steps: tuple[int, ...] = (1, 2, 3)
+) -> Samples:
+    """Share of times at which two curvatures some time apart have the same sign, at several time scales.
+
+    As `slope_agreement`, with the second difference x_(t+2 lag) - 2 x_(t+lag) + x_t: a narrower band-pass.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    lags : tuple of int
+        Half the spans of the curvatures, in samples.
+    steps : tuple of int
+        Distances of the two curvatures, in lags.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `feature`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        As `slope_agreement`, for a movement twice as long as the longest span and step together.
+    """
+    require(view, 2 * max(lags) * (2 + max(steps)), "curvatures that far apart")
+    return np.array([agreement(convex(view, lag), step * lag) for lag in lags for step in steps])
+
+
+def lag_names(*, lags: tuple[int, ...]) -> tuple[str, ...]:
+    """Return a name for each lag."""
+    return tuple(f"lag{lag}" for lag in lags)
+
+
+@feature(
+    phase="movement",
+    unit="log10(m/s^2)",
+    reference="texclass; first-order structure function",
+    outputs=lag_names,
+    gain=Gain(shift=1),
+    depends_on=("rate",),
+    divisible=True,
+)
+def slope_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
+    """Mean magnitude of the change over several spans of time, log10 mean |x_(t+lag) - x_t|.
+
+    Beside the power of a band, which single strong events may make up, the magnitude says how much the
+    vibration changes most of the time.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    lags : tuple of int
+        Spans, in samples.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `feature`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        For silence, a movement not twice as long as the longest lag, or one that does not change over a lag.
+    """
+    require(view, 2 * max(lags), "slopes of that span")
+    x = unit32(view)
+    means = [_mean_size(x[lag:] - x[:-lag]) for lag in lags]
+    return np.asarray([log10_of(m, "the mean change") for m in means] + np.log10(level(view)))
+
+
+def _mean_size(d: NDArray[np.float32]) -> float:
+    return float(np.abs(d, out=d).sum()) / d.size  # numpy adds in pairs: single precision is enough
+
+
+class Moments(NamedTuple):
+    """Means over time of a signal c: of |c|, c^2, c |c| and c^4."""
+
+    first: float
+    second: float
+    signed: float
+    fourth: float
+
+
+@transform
+def moments(view: PhaseView, lag: int) -> Moments:
+    """Return the moments of c_t = (x_(t+2 lag) + x_t)/2 - x_(t+lag); of x - mean x for lag 0.
+
+    Of the samples divided by `level`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        For silence, or if c stays within rounding.
+    """
+    x = unit32(view)
+    if lag:
+        c = x[2 * lag :] + x[: -2 * lag]
+        c *= 0.5
+        c -= x[lag:-lag]
+    else:
+        c = x - x.mean(dtype=np.float64).astype(np.float32)
+    size, n = np.abs(c), c.size
+    first, signed = float(size.sum()) / n, float(np.dot(c, size)) / n
+    c *= c
+    second, fourth = float(c.sum()) / n, float(np.dot(c, c)) / n
+    if not second > LEAST**2:
+        raise UndefinedFeatureError(
+            f"the curvature over {lag} samples is {np.sqrt(second):.2g} of the largest sample; "
+            f"the rule is more than {LEAST:g}"
+        )
+    return Moments(first, second, signed, fourth)
+
+
+def shape_of(m: Moments) -> tuple[float, float, float]:
+    """Return lopsidedness, peakedness and evenness; see `curvature_shape`."""
+    peakedness = np.log10(m.fourth / m.second**2)
+    return m.signed / m.second, float(peakedness), float(np.log10(m.first / np.sqrt(m.second)))
+
+
+def _shapes_of_lags(*, lags: tuple[int, ...]) -> tuple[str, ...]:
+    return tuple(f"lag{lag}.{shape}" for lag in lags for shape in SHAPES)
+
+
+@feature(phase="movement", unit="1", reference=MOMENTS, outputs=SHAPES, divisible=True)
+def vibration_shape(view: PhaseView) -> Samples:
+    """Lopsidedness, peakedness and evenness of the samples about their mean; see `curvature_shape`.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `feature`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        For silence, or fewer than 32 samples.
+    """
+    require(view, 32, "a shape")
+    return np.array(shape_of(moments(view, 0)))
+
+
+@feature(
+    phase="movement",
+    unit="1",
+    reference=MOMENTS,
+    outputs=_shapes_of_lags,
+    depends_on=("rate",),
+    divisible=True,
+)
+def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
+    """Lopsidedness, peakedness and evenness of the curvature over several spans of time.
+
+    With c the second difference over a lag: lopsidedness is mean(c |c|) / mean(c^2), 0 for what is the same
+    upside down and +-1 for what bends to one side only; peakedness is log10(mean(c^4) / mean(c^2)^2), 0.48
+    for noise and more for bursts; evenness is log10(mean |c| / rms c), -0.10 for noise, near 0 where c always
+    has the same size.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    lags : tuple of int
+        Half the spans of the curvatures, in samples.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `feature`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        For silence, a movement not four times as long as the longest lag, or one that does not bend over a
+        lag.
+    """
+    require(view, 4 * max(lags), "curvatures of that span")
+    return np.array([value for lag in lags for value in shape_of(moments(view, lag))])
+
+
+@feature(
+    phase="movement",
+    unit="log10(m/s^2)",
+    reference=MOMENTS,
+    outputs=lag_names,
+    gain=Gain(shift=1),
+    depends_on=("rate",),
+    divisible=True,
+)
+def curvature_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
+    """Root mean square of half the second difference over several spans of time, log10.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    lags : tuple of int
+        Half the spans of the curvatures, in samples.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `feature`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        As `curvature_shape`.
+    """
+    require(view, 4 * max(lags), "curvatures of that span")
+    rms = np.sqrt([moments(view, lag).second for lag in lags])
+    return np.asarray(np.log10(rms) + np.log10(level(view)))
+
+
+@feature(
+    phase="movement",
+    unit="log10(m/s^2)",
+    reference="texclass; level of a vibration",
+    outputs=("rms",),
+    gain=Gain(shift=1),
+    divisible=True,
+)
+def vibration_level(view: PhaseView) -> Samples:
+    """Root mean square of the samples about their mean, log10.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    n_pieces : int
+        Equal pieces to compute it of, each by itself; see `feature`.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        As `vibration_shape`.
+    """
+    require(view, 32, "a level")
+    return np.array([np.log10(moments(view, 0).second) / 2 + np.log10(level(view))])
