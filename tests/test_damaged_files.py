@@ -19,7 +19,7 @@ from fuzz.contract import judge
 from fuzz.mutate import archive_of
 from fuzz.targets import target_of
 
-from texclass.experiment.table import read_part, read_table
+from texclass.experiment.feature_table import read_part, read_table
 from texclass.loaders import CardError, load_recording
 from texclass.recording import RecordingError
 
@@ -218,16 +218,16 @@ def test_a_parquet_file_cut_in_its_data_is_no_feature_table(tmp_path):
 
 @pytest.mark.parametrize(
     "row",
-    [{"values": None}, {"values": [1.0]}, {"values": ["a", "b"]}, {"reasons": "["}, {"reasons": "[[1]]"},
-     {"flags": "5"}, {"ms": None}, {"ms": "x"}],
+    [{"features": None}, {"features": [1.0]}, {"features": ["a", "b"]}, {"reasons": "["}, {"reasons": [[1]]},
+     {"flags": 5}, {"ms": None}, {"ms": "x"}, {"ms": float("inf")}],
 )  # fmt: skip
 def test_a_damaged_part_of_an_extraction_says_what_to_do(row, tmp_path):
-    path = tmp_path / "p.parquet"
-    whole = {"values": [1.0, 2.0], "reasons": "[]", "flags": "[]", "ms": 1.0}
-    pq.write_table(pa.Table.from_pylist([whole]), path)
+    path = tmp_path / "p.json"
+    whole = {"features": [1.0, float("nan")], "reasons": [["mfcc", "short"]], "flags": [], "ms": 1.0}
+    path.write_text(json.dumps([whole]))
     assert read_part(path, 2)[0].ms == 1.0
-    pq.write_table(pa.Table.from_pylist([whole | row]), path)
-    with pytest.raises(ValueError, match=r"p\.parquet: is damaged .*delete it"):
+    path.write_text(json.dumps([whole | row]))
+    with pytest.raises(ValueError, match=r"p\.json: is damaged.*delete it"):
         read_part(path, 2)
 
 

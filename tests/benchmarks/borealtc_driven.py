@@ -25,7 +25,7 @@ from sklearn.base import clone
 
 from texclass.experiment import touches
 from texclass.experiment.accuracy import wilson_interval
-from texclass.experiment.joined import cached_tables
+from texclass.experiment.feature_table import cached_table
 from texclass.experiment.pipeline import PipelineDefinition, load_pipeline
 from texclass.experiment.protocols import find_protocol, runs
 from texclass.loaders import open_dataset
@@ -186,7 +186,7 @@ def main() -> None:
     asked = parser.parse_args()
     pipeline, dataset = load_pipeline("coarse"), open_dataset("borealtc")
     windows = touches(dataset, WINDOW_S, step=HOP_S)
-    table = cached_tables(windows, pipeline.needed, channels=pipeline.channels, n_jobs=1, skip_bad=True)
+    table = cached_table(windows, *pipeline.needed, channels=pipeline.channels, n_jobs=1, skip_bad=True)
     X, draws = table.frame[list(table.columns)].to_numpy(dtype=np.float64), []
     for seed in range(asked.draws):
         with warnings.catch_warnings():

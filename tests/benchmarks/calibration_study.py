@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from texclass.experiment import load_pipeline, touches
 from texclass.experiment.accuracy import cluster_interval
-from texclass.experiment.joined import cached_tables
+from texclass.experiment.feature_table import cached_table
 from texclass.experiment.windows import parents
 from texclass.loaders import open_dataset
 from texclass.provenance import versions
@@ -78,7 +78,7 @@ def measure(case: Case) -> dict[str, Any]:
     for known, asked in halves(dataset):
         model = train(known, pipeline, settings)
         felt = asked if case.touch_s is None else touches(asked, case.touch_s)
-        table = cached_tables(felt, pipeline.needed, channels=pipeline.channels)
+        table = cached_table(felt, *pipeline.needed, channels=pipeline.channels)
         X = table.frame[list(model.columns)].to_numpy(dtype=np.float64)
         p, p_known = model.judge(X)
         right = np.array(model.materials)[p.argmax(axis=1)] == table.frame["material"].to_numpy(dtype=str)

@@ -150,8 +150,9 @@ def predictions(
 
     Of rows that select no columns: what the others select is in the result of the benchmark.
     """
-    from texclass.experiment import evaluate, find_protocol, load_pipeline
     from texclass.experiment.joined import cached_tables
+
+    from texclass.experiment import evaluate, find_protocol, load_pipeline
     from texclass.experiment.pipeline import MatchedRow
 
     definition = load_pipeline(pipeline)

@@ -20,7 +20,7 @@ from sklearn.metrics import roc_auc_score
 from threadpoolctl import threadpool_limits
 
 from texclass.experiment import find_protocol, load_pipeline
-from texclass.experiment.joined import cached_tables
+from texclass.experiment.feature_table import cached_table
 from texclass.experiment.pipeline import MatchedRow
 from texclass.loaders import open_dataset
 from texclass.provenance import versions
@@ -65,7 +65,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=REPORTS)
     options = parser.parse_args()
     dataset, pipeline = open_dataset("biotac20"), load_pipeline(PIPELINE)
-    table = cached_tables(dataset, pipeline.needed, channels=pipeline.channels)
+    table = cached_table(dataset, *pipeline.needed, channels=pipeline.channels)
     row = next(r for r in pipeline.rows if r.name == ROW)
     columns = list(MatchedRow.of(row, pipeline.features, table).columns)
     material = Material(table.frame[columns].to_numpy(), table.frame)

@@ -6,10 +6,10 @@ import pytest
 from toy_noises import CLASSIFIERS, STEPS, row
 
 from texclass.experiment.benchmark import run_benchmark
+from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.nested_choice import choose_inside, inner_splits
 from texclass.experiment.pipeline import MatchedRow
 from texclass.experiment.protocols import find_protocol
-from texclass.experiment.table import FeatureTable
 
 EUCLIDEAN = {"euclidean": CLASSIFIERS["euclidean"]}
 

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 from toy_noises import CLASSIFIERS, row
 
+from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.new_feature import redundancy, study_feature
-from texclass.experiment.table import FeatureTable
 from texclass.features.contract import Feature, Gain
 
 

@@ -8,10 +8,9 @@ import pytest
 from toy_noises import CLASSIFIERS, row
 
 from texclass.experiment.benchmark import run_benchmark
-from texclass.experiment.extraction import cached_table, extract_table
+from texclass.experiment.feature_table import cached_table, extract_table, metadata
 from texclass.experiment.pipeline import FoldSettings
 from texclass.experiment.protocols import find_protocol
-from texclass.experiment.table import metadata
 from texclass.experiment.windows import Window, touches
 from texclass.features.extractor import FeatureExtractor
 from texclass.loaders.dataset import Dataset, Entry

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from threadpoolctl import threadpool_info
 
-from texclass.experiment.extraction import extract_table
+from texclass.experiment.feature_table import extract_table
 from texclass.experiment.workers import each, running_on
 from texclass.features import load_feature_set
 from texclass.loaders import open_dataset
@@ -68,10 +68,10 @@ def cluster(tmp_path_factory):
 
 
 def test_each_keeps_the_order_and_closing_it_stops_the_work():
-    assert [v for v, _ in each((partial(square, i) for i in range(20)), n_jobs=2)] == [
+    assert [v for v, _ in each([partial(square, i) for i in range(20)], n_jobs=2)] == [
         i * i for i in range(20)
     ]
-    outcomes = each(partial(square, i) for i in range(10**6))
+    outcomes = each([partial(square, i) for i in range(10**5)])
     assert next(outcomes)[0] == 0
     outcomes.close()
 
@@ -100,7 +100,7 @@ def test_a_cluster_gives_the_same_table_even_if_a_worker_is_killed_half_way(clus
 def test_after_a_cluster_work_runs_here_again(cluster):
     with running_on("dask", cluster.scheduler):
         pass
-    assert [process for _, process in each(partial(square, i) for i in range(2))] == [os.getpid()] * 2
+    assert [process for _, process in each([partial(square, i) for i in range(2)])] == [os.getpid()] * 2
 
 
 def test_a_scheduler_that_does_not_answer_is_an_error():

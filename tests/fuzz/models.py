@@ -14,8 +14,7 @@ import pyarrow.parquet as pq
 from fuzz.contract import Target
 from fuzz.mutate import Tree, archives, either, json_of, members_of, of_bytes, of_tree, trees
 from fuzz.recordings import valid, written
-from texclass.experiment.extraction import read_part
-from texclass.experiment.table import FeatureTable, LeftOut, read_table, write_table
+from texclass.experiment.feature_table import FeatureTable, LeftOut, read_part, read_table, write_table
 from texclass.experiment.windows import read_movements
 from texclass.features.extractor import Reason
 from texclass.loaders.simulated import recall, remember
@@ -124,26 +123,13 @@ def _table_facts(rng: random.Random, data: bytes) -> bytes:
 
 
 def _parts() -> list[bytes]:
-    rows = [{"values": [1.0, 2.0], "reasons": '[["mfcc", "short"]]', "flags": '["clipped"]', "ms": 2.0}]
-    return [written("a.parquet", lambda p: pq.write_table(pa.Table.from_pylist(rows), p))]
+    return [b'[{"features": [1.0, NaN], "reasons": [["mfcc", "short"]], "flags": ["clipped"], "ms": 2.0}]']
 
 
 def _part(path: Path) -> object:
     rows = read_part(path, 2)
-    assert all(row[0].shape == (2,) and np.isfinite(row.ms) for row in rows)
+    assert all(len(row.features) == 2 and np.isfinite(row.ms) for row in rows)
     return rows
-
-
-def _part_rows(rng: random.Random, data: bytes) -> bytes:
-    row = {"values": [1.0, 2.0], "reasons": [["mfcc", "short"]], "flags": ["clipped"], "ms": 2.0}
-    row |= {name: json_of(of_tree(rng, row[name])).decode() for name in ("reasons", "flags")}
-    try:
-        changed = of_tree(rng, row)
-        sink = pa.BufferOutputStream()
-        pq.write_table(pa.Table.from_pylist([changed] * rng.choice((1, 2))), sink)
-        return sink.getvalue().to_pybytes()
-    except Exception:
-        return of_bytes(rng, data)
 
 
 def _movements(path: Path) -> object:
@@ -199,7 +185,7 @@ TARGETS = (
     Target("recogniser", _recognisers, load_recogniser, _SEALED, "recogniser.skops", (UserWarning,)),
     Target("manifest", _manifests, _manifest, _JSON, ""),
     Target("feature table", _tables, _table, either(_table_facts, of_bytes), "table.parquet"),
-    Target("part of an extraction", _parts, _part, either(_part_rows, of_bytes), "part.parquet"),
+    Target("part of an extraction", _parts, _part, _JSON, "part.json"),
     Target("cached movements", lambda: [b"[[0, 10, 1000.0, \"\"], [3, 9, 1000.0, \"\"]]"], _movements, _JSON,
            "movements.json"),
     Target("cached recording", _remembered, _recall, archives(_facts, deflate=False), "r.npz"),

@@ -10,9 +10,9 @@ import pytest
 from rich.console import Console
 
 from texclass.experiment.accuracy import Accuracy
+from texclass.experiment.feature_table import Flag, LeftOut
 from texclass.experiment.nested_choice import NestedChoice
 from texclass.experiment.result import BenchmarkResult, Confusion, RowResult, Undefined
-from texclass.experiment.table import Flag, LeftOut
 from texclass.reporting.cells import cells, header
 from texclass.reporting.figures import draw_confusion, draw_ranking, draw_table
 from texclass.reporting.report import write_report

@@ -2,14 +2,13 @@
 
 from texclass.experiment.accuracy import Accuracy, cluster_interval, wilson_interval
 from texclass.experiment.benchmark import run_benchmark
-from texclass.experiment.extraction import cached_table, extract_table
+from texclass.experiment.feature_table import FeatureTable, cached_table, extract_table, read_table
 from texclass.experiment.folds import Evaluation, evaluate
 from texclass.experiment.new_feature import FeatureStudy, study_feature
 from texclass.experiment.pipeline import PipelineDefinition, load_pipeline
 from texclass.experiment.protocols import PROTOCOLS, Protocol, find_protocol, repeated
 from texclass.experiment.result import BenchmarkResult, Confusion, RowResult
 from texclass.experiment.selection import ForwardSelector
-from texclass.experiment.table import FeatureTable, read_table
 from texclass.experiment.windows import Window, touches
 from texclass.experiment.workers import each, running_on
 

@@ -8,17 +8,15 @@ import numpy as np
 from sklearn.metrics import confusion_matrix
 
 from texclass.experiment.cost import CostMeter
-from texclass.experiment.extraction import Progress
-from texclass.experiment.folds import Evaluation, evaluate
+from texclass.experiment.feature_table import FeatureTable, cached_table, metadata
+from texclass.experiment.folds import Evaluation
 from texclass.experiment.gain import choose_base, measure_gains
-from texclass.experiment.joined import cached_tables
 from texclass.experiment.nested_choice import choose_inside, inner_splits
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Protocol, Split, find_protocol
 from texclass.experiment.result import BenchmarkResult, Confusion, RowResult, Undefined
-from texclass.experiment.table import FeatureTable, metadata
 from texclass.experiment.windows import parents
-from texclass.experiment.workers import each
+from texclass.experiment.workers import Progress, each
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import versions
 
@@ -76,9 +74,9 @@ def run_benchmark(
     splits = chosen.split(facts, folds, pipeline.seed)
     if choose:
         inner_splits(chosen, facts, splits, pipeline.seed)
-    table = cached_tables(
+    table = cached_table(
         dataset,
-        pipeline.needed,
+        *pipeline.needed,
         channels=pipeline.channels,
         n_jobs=n_jobs,
         skip_bad=skip_bad,
@@ -144,30 +142,15 @@ def _evaluate(
     progress: Progress | None,
 ) -> dict[str, dict[str, Evaluation]]:
     """Evaluate every computable row with every classifier: row name -> classifier -> evaluation."""
-    y = table.frame["material"].to_numpy(dtype=str)
-    clusters = protocol.clusters(table.frame)
+    options = {"nested": protocol.nested, "clusters": protocol.clusters(table.frame), "seed": pipeline.seed}
     tasks = [
         (row, name) for row in rows if row.columns for name in row.definition.judged_by(pipeline.classifiers)
     ]
-    calls = (
-        partial(
-            evaluate,
-            table.frame[list(row.columns)].to_numpy(dtype=np.float64),
-            y,
-            splits,
-            pipeline.preparation(row.definition, name),
-            pipeline.classifiers[name].make(),
-            nested=protocol.nested,
-            clusters=clusters,
-            seed=pipeline.seed,
-        )
-        for row, name in tasks
-    )
+    calls = [partial(pipeline.trial(row, name, table), splits, **options) for row, name in tasks]
+    found = each(calls, n_jobs=n_jobs, progress=progress, what="rows")
     evaluations: dict[str, dict[str, Evaluation]] = {}
-    for done, ((row, name), evaluation) in enumerate(zip(tasks, each(calls, n_jobs=n_jobs), strict=True), 1):
+    for (row, name), evaluation in zip(tasks, found, strict=True):
         evaluations.setdefault(row.definition.name, {})[name] = evaluation
-        if progress is not None:
-            progress(done, len(tasks), "rows")
     return evaluations
 
 

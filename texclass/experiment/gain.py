@@ -5,23 +5,15 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
-from sklearn.pipeline import Pipeline
 
 from texclass.experiment.cost import CostMeter
-from texclass.experiment.extraction import Progress
-from texclass.experiment.folds import Evaluation, Labels, evaluate
-from texclass.experiment.paired import Paired, compare_once, compare_repeats, holm
-from texclass.experiment.pipeline import MatchedRow, PipelineDefinition, Use
+from texclass.experiment.feature_table import FeatureTable
+from texclass.experiment.folds import Evaluation
+from texclass.experiment.paired import Hits, Paired, compare_once, compare_repeats, holm
+from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Protocol, Split, repeated
 from texclass.experiment.result import Gains, GroupGain, RowSum
-from texclass.experiment.table import FeatureTable
-from texclass.experiment.workers import each
-from texclass.recording import Samples
-
-Splits = tuple[Split, ...]
-Hits = list[NDArray[np.bool_]]
-"""Fold -> whether each of its test recordings was recognised."""
+from texclass.experiment.workers import Progress, each
 
 
 @dataclass(frozen=True)
@@ -112,8 +104,10 @@ def measure_gains(
     rows = [base.row, *(_joined(base.row, group) for group in groups if group.columns)]
     n_repeats = pipeline.gain.repeats if protocol.drawn else 1
     repeats = repeated(protocol, table.frame, n_folds, n_repeats, pipeline.seed)
-    trials = [_Trial.of(row, base.classifier, pipeline, table) for row in rows]
-    hits = _hits(trials, repeats, nested=protocol.nested, n_jobs=n_jobs, progress=progress)
+    trials = [pipeline.trial(row, base.classifier, table) for row in rows]
+    calls = [partial(trial, splits, nested=protocol.nested) for trial in trials for splits in repeats]
+    found = [e.hits for e in each(calls, n_jobs=n_jobs, progress=progress, what="additions")]
+    hits = [found[i : i + n_repeats] for i in range(0, len(found), n_repeats)]
     paired = [_compare(h, hits[0], repeats, protocol, table, pipeline.seed) for h in hits[1:]]
     every = dict.fromkeys(name for row in rows for name in row.definition.features)
     model = meter.model(pipeline.features.restricted_to(every))
@@ -145,9 +139,9 @@ def _groups(groups: list[MatchedRow], sums: list[RowSum], paired: list[Paired]) 
 
 
 def _compare(
-    hits: list[Hits],
-    without: list[Hits],
-    repeats: Sequence[Splits],
+    hits: Hits,
+    without: Hits,
+    repeats: Sequence[tuple[Split, ...]],
     protocol: Protocol,
     table: FeatureTable,
     seed: int,
@@ -159,51 +153,8 @@ def _compare(
     return compare_once(hits, without, [cluster[test] for _, test in repeats[0]], seed, protocol.unit)
 
 
-def _mean(hits: list[Hits]) -> float:
+def _mean(hits: Hits) -> float:
     return float(np.concatenate([fold for repeat in hits for fold in repeat]).mean())
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """What is evaluated on every repeat of the splits."""
-
-    X: Samples
-    y: Labels
-    preparation: Pipeline
-    classifier: Use
-
-    @classmethod
-    def of(
-        cls, row: MatchedRow, classifier: str, pipeline: PipelineDefinition, table: FeatureTable
-    ) -> "_Trial":
-        return cls(
-            table.frame[list(row.columns)].to_numpy(dtype=np.float64),
-            table.frame["material"].to_numpy(dtype=str),
-            pipeline.preparation(row.definition, classifier),
-            pipeline.classifiers[classifier],
-        )
-
-    def hits(self, splits: Splits, nested: bool) -> Hits:
-        found = evaluate(self.X, self.y, splits, self.preparation, self.classifier.make(), nested=nested)
-        return list(found.hits)
-
-
-def _hits(
-    trials: Sequence[_Trial],
-    repeats: Sequence[Splits],
-    *,
-    nested: bool,
-    n_jobs: int,
-    progress: Progress | None,
-) -> list[list[Hits]]:
-    """Evaluate: trial -> repeat -> fold -> hits."""
-    tasks = [partial(trial.hits, splits, nested) for trial in trials for splits in repeats]
-    found: list[Hits] = []
-    for hits in each(tasks, n_jobs=n_jobs):
-        found.append(hits)
-        if progress is not None:
-            progress(len(found), len(tasks), "additions")
-    return [found[i : i + len(repeats)] for i in range(0, len(found), len(repeats))]
 
 
 def _joined(base: MatchedRow, group: MatchedRow) -> MatchedRow:

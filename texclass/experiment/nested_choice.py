@@ -4,19 +4,16 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from texclass.experiment.accuracy import Accuracy, score
-from texclass.experiment.extraction import Progress
-from texclass.experiment.folds import Evaluation, Labels, evaluate
+from texclass.experiment.feature_table import FeatureTable
+from texclass.experiment.folds import Evaluation
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
-from texclass.experiment.protocols import Protocol, Split, find_protocol
-from texclass.experiment.table import FeatureTable
-from texclass.experiment.unseen import fewest, require_unseen, splits_of
-from texclass.experiment.workers import each
+from texclass.experiment.protocols import Protocol, Split, fewest, find_protocol, require_unseen, splits_of
+from texclass.experiment.workers import Progress, each
 
 LEAST_TRAINED = 2
 """Recordings of each material that must be left to train on: spread cannot be learnt from one."""
@@ -85,23 +82,21 @@ def choose_inside(
     if not pairs:
         return None
     inner = inner_splits(protocol, table.frame, splits, pipeline.seed)
-    y = table.frame["material"].to_numpy(dtype=str)
-    calls = (
-        partial(_hits, row, name, table, y, pipeline, train, found)
+    y, clusters = table.materials, protocol.clusters(table.frame)
+    calls = [
+        partial(pipeline.trial(row, name, table), [(train[a], train[b]) for a, b in found])
         for (train, _), (_, found) in zip(splits, inner, strict=True)
         for row, name in pairs
-    )
-    hits = []
-    for n_hits in each(calls, n_jobs=n_jobs):
-        hits.append(n_hits)
-        if progress is not None:
-            progress(len(hits), len(pairs) * len(splits), "choices")
+    ]
+    hits = [e.accuracy.n_hits for e in each(calls, n_jobs=n_jobs, progress=progress, what="choices")]
     # Less than one recording, so that it only parts equals.
     wider = np.array([row.n_features for row, _ in pairs]) / (1 + sum(row.n_features for row, _ in pairs))
     best = (np.reshape(hits, (len(splits), len(pairs))) + wider).argmax(axis=1)
     chosen = tuple((pairs[k][0].definition.name, pairs[k][1]) for k in best)
+    predicted = [evaluations[row][name].predicted[k] for k, (row, name) in enumerate(chosen)]
+    truth, tested = ([of[test] for _, test in splits] for of in (y, clusters))
     return NestedChoice(
-        _scored(chosen, y, splits, protocol.clusters(table.frame), evaluations, pipeline.seed),
+        score(truth, predicted, tested, seed=pipeline.seed),
         chosen,
         ", ".join(dict.fromkeys(name for name, _ in inner)),
     )
@@ -139,35 +134,3 @@ def _split_again(protocol: Protocol, part: pd.DataFrame, seed: int) -> tuple[str
         except ValueError as error:
             problem = error
     raise ValueError(f"a training part cannot be split again to choose within it: {problem}") from problem
-
-
-def _hits(
-    row: MatchedRow,
-    name: str,
-    table: FeatureTable,
-    y: Labels,
-    pipeline: PipelineDefinition,
-    train: Any,
-    splits: tuple[Split, ...],
-) -> int:
-    X = table.frame[list(row.columns)].to_numpy(dtype=np.float64)
-    preparation = pipeline.preparation(row.definition, name)
-    return evaluate(
-        X[train], y[train], splits, preparation, pipeline.classifiers[name].make()
-    ).accuracy.n_hits
-
-
-def _scored(
-    chosen: Sequence[tuple[str, str]],
-    y: Labels,
-    splits: Sequence[Split],
-    clusters: Labels,
-    evaluations: Mapping[str, Mapping[str, Evaluation]],
-    seed: int,
-) -> Accuracy:
-    return score(
-        [y[test] for _, test in splits],
-        [evaluations[row][name].predicted[k] for k, (row, name) in enumerate(chosen)],
-        [clusters[test] for _, test in splits],
-        seed=seed,
-    )

@@ -16,10 +16,9 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from texclass.experiment.benchmark import run_benchmark
 from texclass.experiment.cost import CostMeter
-from texclass.experiment.joined import cached_tables
+from texclass.experiment.feature_table import FeatureTable, cached_table
 from texclass.experiment.pipeline import PipelineDefinition
 from texclass.experiment.result import BenchmarkResult
-from texclass.experiment.table import FeatureTable
 from texclass.features.contract import Feature, UndefinedFeatureError
 from texclass.features.examination import Behaviour, GainLaw, View, behaviour, gain_law
 from texclass.features.phase_view import views_of
@@ -140,7 +139,7 @@ def study_feature(
     result = run_benchmark(dataset, extended, **options)
     kept = {key: options[key] for key in ("n_jobs", "skip_bad") if key in options}
     # Computed a moment ago: this only reads the cache.
-    table = cached_tables(dataset, extended.needed, channels=pipeline.channels, **kept)
+    table = cached_table(dataset, *extended.needed, channels=pipeline.channels, **kept)
     meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
     alone = extended.features.restricted_to([feature.name])
     new = table.matching(alone.column_names)

@@ -4,9 +4,10 @@ import hashlib
 import importlib
 import inspect
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Self, cast
 
@@ -24,9 +25,10 @@ from pydantic import (
 from sklearn.base import BaseEstimator, is_classifier
 from sklearn.pipeline import Pipeline, make_pipeline
 
+from texclass.experiment.feature_table import FeatureTable
+from texclass.experiment.folds import Evaluation, evaluate
 from texclass.experiment.protocols import find_protocol
 from texclass.experiment.selection import ForwardSelector
-from texclass.experiment.table import FeatureTable
 from texclass.features.contract import Feature
 from texclass.features.phase_view import Channels
 from texclass.features.sets import FeatureSet, Member, load_feature_set
@@ -310,6 +312,16 @@ class PipelineDefinition(Written):
             judge = self.classifiers[classifier].make()
             steps.append(ForwardSelector(judge, n_features_to_select=row.select.n, cv=row.select.folds))
         return make_pipeline(*(steps or ["passthrough"]))
+
+    def trial(self, row: "MatchedRow", classifier: str, table: FeatureTable) -> Callable[..., Evaluation]:
+        """Return what evaluates a row with a classifier on any splits: `evaluate` but for these."""
+        return partial(
+            evaluate,
+            table.of(row.columns),
+            table.materials,
+            preparation=self.preparation(row.definition, classifier),
+            classifier=self.classifiers[classifier].make(),
+        )
 
     def with_feature(self, feature: Feature) -> Self:
         """Return a pipeline with one more row, a feature alone, and the feature as its only addition.

@@ -16,6 +16,8 @@ from texclass.experiment.windows import parents
 Indices = NDArray[np.intp]
 Split = tuple[Indices, Indices]
 Splitter = Callable[[pd.DataFrame, int, int], tuple[Split, ...]]
+UNSEEN_FOLDS = 5
+"""Folds of `splits_of` where a protocol draws them; fewer where a material has fewer recordings (or runs)."""
 N_SHOTS = 3
 """Repetitions of each material that train under `few-shot`."""
 
@@ -240,6 +242,30 @@ def repeated(
             f"the rule is 1, or more of a protocol that draws its folds ({drawn})"
         )
     return tuple(protocol.split(table, n_folds, seed + r) for r in range(n_repeats))
+
+
+def splits_of(protocol: Protocol, table: pd.DataFrame, seed: int) -> tuple[Split, ...]:
+    """Return how a protocol holds the rows of a table out.
+
+    Raises
+    ------
+    ValueError
+        If it cannot, or lets test recordings be seen.
+    """
+    require_unseen(protocol)
+    return protocol.split(table, max(2, min(UNSEEN_FOLDS, fewest(protocol, table))), seed)
+
+
+def require_unseen(protocol: Protocol) -> None:
+    """Refuse a protocol that fits scaling and selection on its test recordings, too."""
+    if not protocol.nested:
+        raise ValueError(f"protocol is {protocol.name!r}; the rule is one whose test recordings stay unseen")
+
+
+def fewest(protocol: Protocol, table: pd.DataFrame) -> int:
+    """Return the number of recordings (or runs, as the protocol counts) of the material that has fewest."""
+    unit = pd.Series(protocol.clusters(table), index=table.index)
+    return int(unit.groupby(table["material"]).nunique().min())
 
 
 def _in_order(table: pd.DataFrame, protocol: str, at_least: int) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from texclass.experiment.accuracy import Accuracy
+from texclass.experiment.feature_table import Flag, LeftOut
 from texclass.experiment.nested_choice import NestedChoice
 from texclass.experiment.paired import Paired
-from texclass.experiment.table import Flag, LeftOut
 
 
 class Undefined(NamedTuple):

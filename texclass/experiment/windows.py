@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import pandas as pd
+from pydantic import Field, TypeAdapter
 
-from texclass.experiment.workers import each
+from texclass.experiment.workers import Progress, each
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.places import cache_root, write_atomically
 from texclass.phases import segment
@@ -43,10 +44,13 @@ class Window(Entry):
 class Movement(NamedTuple):
     """Where a recording moves: samples [start, stop) at fs, or the problem that keeps it from being cut."""
 
-    start: int
-    stop: int
-    fs: float
+    start: Annotated[int, Field(ge=0, strict=True)]
+    stop: Annotated[int, Field(strict=True)]
+    fs: Annotated[float, Field(gt=0, strict=True, allow_inf_nan=False)]
     problem: str = ""
+
+
+MOVEMENTS = TypeAdapter(tuple[Movement, ...])
 
 
 def touches(
@@ -56,7 +60,7 @@ def touches(
     per_recording: int | None = None,
     step: float | None = None,
     n_jobs: int = 1,
-    progress: Callable[[int, int, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Dataset:
     """Return the windows of a dataset's movements as a dataset of single touches.
 
@@ -181,22 +185,16 @@ def _cut(
         yield Window(**facts, parent=entry, start=first, stop=first + n)
 
 
-def _movements(
-    dataset: Dataset, n_jobs: int, progress: Callable[[int, int, str], None] | None
-) -> tuple[Movement, ...]:
+def _movements(dataset: Dataset, n_jobs: int, progress: Progress | None) -> tuple[Movement, ...]:
     """Return where each recording moves; found once for a dataset, then read from the cache folder."""
     path = cache_root() / "movements" / f"{_key(dataset)}.json"
     with suppress(OSError, ValueError):  # not there, or damaged: it is found again
         return read_movements(path, len(dataset))
-    found: list[Movement] = []
-    calls = (partial(_movement, dataset.load, entry) for entry in dataset.entries)
-    for movement in each(calls, n_jobs=n_jobs):
-        found.append(movement)
-        if progress is not None:
-            progress(len(found), len(dataset), "movements")
+    calls = [partial(_movement, dataset.load, entry) for entry in dataset.entries]
+    found = tuple(each(calls, n_jobs=n_jobs, progress=progress, what="movements"))
     if not any(movement.problem for movement in found):
         write_atomically(path, json.dumps(found).encode())
-    return tuple(found)
+    return found
 
 
 def read_movements(path: Path, n: int) -> tuple[Movement, ...]:
@@ -210,17 +208,14 @@ def read_movements(path: Path, n: int) -> tuple[Movement, ...]:
         If it cannot be read.
     """
     try:
-        found = tuple(Movement(*row) for row in json.loads(path.read_text(encoding="utf-8")))
-    except (ValueError, TypeError, RecursionError) as error:
-        raise ValueError(f"{path}: holds no movements ({error}); the rule is a list of them") from error
-    if len(found) != n or not all(_is_movement(one) for one in found):
-        raise ValueError(f"{path}: holds {len(found)} movements; the rule is {n}, each start <= stop at fs")
+        found = MOVEMENTS.validate_json(path.read_bytes())
+    except ValueError as error:
+        raise ValueError(
+            f"{path}: holds no movements; the rule is a list of [start, stop, fs, problem]"
+        ) from error
+    if len(found) != n or any(one.start > one.stop for one in found):
+        raise ValueError(f"{path}: holds {len(found)} movements; the rule is {n}, each start <= stop")
     return found
-
-
-def _is_movement(one: Movement) -> bool:
-    whole = type(one.start) is int and type(one.stop) is int and isinstance(one.problem, str)
-    return whole and 0 <= one.start <= one.stop and type(one.fs) is float and 0 < one.fs < float("inf")
 
 
 def _movement(load: Callable[[Entry], Recording], entry: Entry) -> Movement:

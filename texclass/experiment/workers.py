@@ -2,7 +2,7 @@
 
 import functools
 import warnings
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from contextvars import ContextVar
 from typing import Any, Literal, TypeVar
@@ -12,6 +12,8 @@ from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 R = TypeVar("R")
 Backend = Literal["local", "dask"]
+Progress = Callable[[int, int, str], None]
+"""Called with what is done, out of how many, and what is being done."""
 _cluster: ContextVar[Any] = ContextVar("cluster", default=None)
 
 
@@ -52,17 +54,30 @@ def running_on(backend: Backend, scheduler: str | None = None) -> Iterator[None]
             _cluster.reset(token)
 
 
-def each(calls: Iterable[Callable[[], R]], *, n_jobs: int = 1) -> Generator[R, None, None]:
+def each(
+    calls: Sequence[Callable[[], R]],
+    *,
+    n_jobs: int = 1,
+    progress: Progress | None = None,
+    what: str = "",
+    done: int = 0,
+) -> Generator[R, None, None]:
     """Yield the result of every call, in their order, as the results come.
 
     A worker of a cluster that dies has its work done again elsewhere. Closing the generator stops the work.
 
     Parameters
     ----------
-    calls : iterable of callable
+    calls : sequence of callable
         Partials of functions of module level; each uses one thread for linear algebra.
     n_jobs : int
         Processes of this machine, -1 for one a core; a cluster uses all its workers.
+    progress : callable, optional
+        Called after each result with (done, total, what).
+    what : str
+        What they do.
+    done : int
+        How many were done before these.
     """
     cluster = _cluster.get()
     config: dict[str, Any] = {"backend": "loky", "inner_max_num_threads": 1}
@@ -73,7 +88,10 @@ def each(calls: Iterable[Callable[[], R]], *, n_jobs: int = 1) -> Generator[R, N
         warnings.filterwarnings("ignore", message=".*tasks.*", category=UserWarning)
         tasks = (delayed(_single_threaded)(call) for call in calls)
         with closing(Parallel(n_jobs=n_jobs, return_as="generator")(tasks)) as outcomes:
-            yield from outcomes
+            for number, outcome in enumerate(outcomes, start=done + 1):
+                if progress is not None:
+                    progress(number, done + len(calls), what)
+                yield outcome
 
 
 def _single_threaded(call: Callable[[], R]) -> R:

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from texclass.experiment.accuracy import score
+from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.paired import Paired, compare_once, compare_repeats
 from texclass.experiment.pipeline import PipelineDefinition
 from texclass.experiment.protocols import Protocol, Split
-from texclass.experiment.table import FeatureTable
 from texclass.loaders.dataset import Dataset
 from texclass.peers.launch import Outcome
 from texclass.peers.ours import Candidate, Measured, measure_ours

@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from texclass.experiment.extraction import Progress
-from texclass.experiment.joined import cached_tables
+from texclass.experiment.feature_table import FeatureTable, cached_table
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Protocol, find_protocol
 from texclass.experiment.result import BenchmarkResult
-from texclass.experiment.table import FeatureTable
+from texclass.experiment.workers import Progress
 from texclass.loaders.dataset import Dataset
 from texclass.peers.bench import Bench
 from texclass.peers.launch import run_worker
@@ -95,7 +94,7 @@ def compare_with_peers(
     """
     settings = settings or PeerSettings()
     options = {"channels": pipeline.channels, "n_jobs": n_jobs, "skip_bad": skip_bad}
-    table = cached_tables(dataset, pipeline.needed, **options)
+    table = cached_table(dataset, *pipeline.needed, **options)
     protocol = find_protocol(result.protocol)
     folds = protocol.split(
         table.frame, pipeline.protocol.folds if n_folds is None else n_folds, pipeline.seed

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.folds import evaluate
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Split
-from texclass.experiment.table import FeatureTable
 from texclass.features.extractor import Plan
 from texclass.features.phase_view import channels_apart
 from texclass.loaders.dataset import Dataset, Entry

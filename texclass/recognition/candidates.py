@@ -8,8 +8,8 @@ from sklearn.pipeline import Pipeline
 
 from texclass.experiment.choice import Limits
 from texclass.experiment.cost import CostMeter
+from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
-from texclass.experiment.table import FeatureTable
 from texclass.features.extractor import Plan
 from texclass.tradeoff.front import cost_aware, discriminant, preparation
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from texclass.experiment.cost import CostMeter
+from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.pipeline import PipelineDefinition
-from texclass.experiment.table import FeatureTable
 from texclass.experiment.windows import parents
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import versions

@@ -11,7 +11,7 @@ import numpy as np
 from sklearn import config_context
 from sklearn.pipeline import Pipeline
 
-from texclass.experiment.table import LeftOut
+from texclass.experiment.feature_table import LeftOut
 from texclass.experiment.windows import cut
 from texclass.features.extractor import Plan
 from texclass.phases import segment

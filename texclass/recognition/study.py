@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 
 from texclass.experiment.accuracy import Accuracy
-from texclass.experiment.extraction import Progress
+from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.folds import without_remarks
-from texclass.experiment.protocols import Split, find_protocol
-from texclass.experiment.table import FeatureTable
-from texclass.experiment.unseen import splits_of
-from texclass.experiment.workers import each
+from texclass.experiment.protocols import Split, find_protocol, splits_of
+from texclass.experiment.workers import Progress, each
 from texclass.features.extractor import Plan
 from texclass.recognition.candidates import Candidate
 from texclass.recognition.files import unsafe_classes
@@ -66,12 +64,9 @@ class Study:
 
     def choose(self, candidates: Sequence[Candidate], n_jobs: int, progress: Progress | None) -> Choice:
         """Return the best candidate that can be saved."""
-        calls = (partial(_held_out, c, self.values(c.plan), self.y, self.splits) for c in candidates)
-        found = []
-        for held_out in each(calls, n_jobs=n_jobs if len(candidates) > 1 else 1):
-            found.append(held_out)
-            if progress is not None:
-                progress(len(found), len(candidates), "candidates")
+        calls = [partial(_held_out, c, self.values(c.plan), self.y, self.splits) for c in candidates]
+        jobs = n_jobs if len(candidates) > 1 else 1
+        found = list(each(calls, n_jobs=jobs, progress=progress, what="candidates"))
         clusters = self.held.protocol.clusters(self.table.frame)[found[0].rows]
         left = list(zip(candidates, found, strict=True))
         while left:

@@ -6,12 +6,11 @@ import numpy as np
 
 from texclass.experiment.choice import NO_LIMITS, Limits, check
 from texclass.experiment.cost import CostMeter
-from texclass.experiment.extraction import Progress
-from texclass.experiment.joined import cached_tables
+from texclass.experiment.feature_table import cached_table, metadata
 from texclass.experiment.pipeline import PipelineDefinition
-from texclass.experiment.table import metadata
-from texclass.experiment.unseen import splits_of
+from texclass.experiment.protocols import splits_of
 from texclass.experiment.windows import touches
+from texclass.experiment.workers import Progress
 from texclass.loaders.dataset import Dataset
 from texclass.recognition.calibration import fit_calibration
 from texclass.recognition.candidates import candidates_of
@@ -96,8 +95,13 @@ def train(
     # Before the features: what is impossible should not cost an extraction.
     splits = splits_of(held.protocol, known, pipeline.seed)
     check_false_alarms(settings.false_alarms, sum(len(test) for _, test in splits))
-    table = cached_tables(
-        felt, pipeline.needed, channels=pipeline.channels, n_jobs=n_jobs, skip_bad=skip_bad, progress=progress
+    table = cached_table(
+        felt,
+        *pipeline.needed,
+        channels=pipeline.channels,
+        n_jobs=n_jobs,
+        skip_bad=skip_bad,
+        progress=progress,
     )
     meter = CostMeter.on(felt, table.frame["recording_id"].tolist(), pipeline.channels)
     candidates = candidates_of(

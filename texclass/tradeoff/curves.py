@@ -10,12 +10,11 @@ import pandas as pd
 from sklearn.neighbors import NearestCentroid
 
 from texclass import vibration
-from texclass.experiment.extraction import Progress, cached_table
+from texclass.experiment.feature_table import FeatureTable, cached_table
 from texclass.experiment.folds import evaluate
 from texclass.experiment.protocols import Protocol, Split, repeated
-from texclass.experiment.table import FeatureTable
 from texclass.experiment.windows import touches
-from texclass.experiment.workers import each
+from texclass.experiment.workers import Progress, each
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import Channels, views_of
 from texclass.features.sets import FeatureSet
@@ -179,7 +178,7 @@ def order_curve(study: Study) -> Curve | None:
     A model of order p is the first p coefficients of one of a higher order, so each movement is fitted once.
     """
     dataset = _fewer(study.dataset)
-    found = list(each((partial(_model, dataset.load, e) for e in dataset.entries), n_jobs=study.n_jobs))
+    found = list(each([partial(_model, dataset.load, e) for e in dataset.entries], n_jobs=study.n_jobs))
     kept = [i for i, row in enumerate(found) if row is not None]
     if len(kept) < 0.9 * len(found):
         return None

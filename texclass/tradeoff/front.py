@@ -1,6 +1,6 @@
 """Accuracy against cost, honestly: features are chosen inside each training fold, for every budget."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -89,9 +89,9 @@ def nested_front(
         Called with (done, total, "selections").
     """
     at_budgets = partial(_at_budgets, data.groups, costs, tuple(budgets), max_features)
-    work = (partial(over_folds, at_budgets, data.X, data.y, [split], preparation()) for split in splits)
-    counted = _counted(each(work, n_jobs=n_jobs), len(splits), "selections", progress)
-    folds = [fold for found in counted for fold in found]
+    work = [partial(over_folds, at_budgets, data.X, data.y, [split], preparation()) for split in splits]
+    done = each(work, n_jobs=n_jobs, progress=progress, what="selections")
+    folds = [fold for found in done for fold in found]
     table = np.array([fold for fold, _ in folds])  # (n_splits, n_budgets, 5)
     sizes = [np.mean([len(part) for part in parts]) for parts in zip(*splits, strict=True)]
     n_train, n_test = map(float, sizes)
@@ -114,7 +114,7 @@ def nested_fewest(
 ) -> tuple[tuple[int, Estimate], ...]:
     """Return the accuracy of the best 1, 2, ... `most` columns, chosen inside each training fold."""
     few = partial(_few, data.groups, most)
-    work = (partial(over_folds, few, data.X, data.y, [split], preparation()) for split in splits)
+    work = [partial(over_folds, few, data.X, data.y, [split], preparation()) for split in splits]
     rows = np.concatenate(list(each(work, n_jobs=n_jobs)))
     n_train, n_test = (float(np.mean([len(part) for part in parts])) for parts in zip(*splits, strict=True))
     return tuple((n, estimate(rows[:, n - 1], n_test, n_train)) for n in range(1, most + 1))
@@ -167,12 +167,3 @@ def fewest_path(X: Samples, y: Labels, groups: Labels, most: int) -> list[list[i
         for n in range(1, most + 1)
     ]
     return [list(choice.columns) for choice in best]
-
-
-def _counted(
-    results: Iterable[Any], total: int, what: str, progress: Callable[[int, int, str], None] | None
-) -> Iterable[Any]:
-    for done, result in enumerate(results, start=1):
-        if progress is not None:
-            progress(done, total, what)
-        yield result

@@ -12,10 +12,10 @@ from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 
 from texclass.experiment.choice import NO_LIMITS, Limits, budgets_within, check, choose, deployed
 from texclass.experiment.cost import ClassifierCost, CostMeter, CostModel, classifier_cost
-from texclass.experiment.extraction import Progress
+from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.protocols import find_protocol
-from texclass.experiment.table import FeatureTable
 from texclass.experiment.windows import touches
+from texclass.experiment.workers import Progress
 from texclass.features.extractor import Plan
 from texclass.features.phase_view import Channels
 from texclass.features.sets import FeatureSet

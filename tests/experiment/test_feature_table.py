@@ -1,4 +1,4 @@
-"""Extraction to disk: nothing lost by a kill, nothing computed twice, bad recordings named."""
+"""Feature tables: nothing lost by a kill, nothing computed twice, bad recordings named."""
 
 import signal
 import subprocess
@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from texclass.experiment.extraction import cached_table, extract_table
-from texclass.experiment.table import METADATA, read_table
+from texclass.experiment.feature_table import METADATA, cached_table, extract_table, read_table
 from texclass.features.extractor import FeatureExtractor
 from texclass.recording import RecordingError
 
@@ -56,7 +55,7 @@ def test_a_killed_run_continues_where_it_stopped(toy_dataset, feature_set, tmp_p
 JOB = """
 import os, time
 import numpy as np
-from texclass.experiment.extraction import extract_table
+from texclass.experiment.feature_table import extract_table
 from texclass.features import load_feature_set
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import Phases, Recording
@@ -85,7 +84,7 @@ def test_after_kill_9_nothing_is_lost_and_nothing_computed_twice(tmp_path, monke
         time.sleep(0.005)
     process.kill()
     assert process.wait() == -signal.SIGKILL
-    kept = {part: part.stat().st_mtime_ns for part in tmp_path.glob("t.parquet.parts/*/0*.parquet")}
+    kept = {part: part.stat().st_mtime_ns for part in tmp_path.glob("t.parquet.parts/*/0*.json")}
     started = (tmp_path / "log").read_text().split()
     assert len(started) - 1 <= len(kept) <= len(started) < 40  # one may have been under way
 
@@ -157,3 +156,33 @@ def test_a_file_that_is_no_table_is_named(tmp_path):
     for name in ("a", "b"):
         with pytest.raises(ValueError, match=rf"{name}\.parquet: not a feature table"):
             read_table(tmp_path / f"{name}.parquet")
+
+
+@pytest.fixture
+def parts(feature_set):
+    return feature_set.restricted_to(["level", "knock", "rarely"]), feature_set.restricted_to(["peaks"])
+
+
+def test_joined_tables_hold_what_one_table_holds(toy_dataset, feature_set, parts):
+    whole, joined = cached_table(toy_dataset(), feature_set), cached_table(toy_dataset(), *parts)
+    assert joined.columns == ("level", "knock", "rarely", "peaks.second", "peaks.first")
+    np.testing.assert_array_equal(joined.frame[list(whole.columns)], whole.values)
+    assert list(joined.frame["recording_id"]) == list(whole.frame["recording_id"])
+    assert sorted(joined.reasons) == sorted(whole.reasons)
+    assert joined.flags == whole.flags
+    assert joined.ms.shape == whole.ms.shape
+
+
+def test_only_the_part_that_is_new_is_computed(toy_dataset, parts):
+    cached_table(toy_dataset(), parts[0])
+    dataset = toy_dataset()
+    cached_table(dataset, *parts)
+    assert len(dataset.load.loaded) == len(dataset)
+    cached_table(dataset, *parts)
+    assert len(dataset.load.loaded) == len(dataset)
+
+
+def test_a_bad_recording_is_left_out_once(toy_dataset, parts):
+    joined = cached_table(toy_dataset(bad=("m1_3",)), *parts, skip_bad=True)
+    assert [item.recording_id for item in joined.left_out] == ["m1_3"]
+    assert joined.n_recordings == 11

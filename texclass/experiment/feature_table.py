@@ -1,0 +1,402 @@
+"""The feature table of a dataset: computed one recording at a time, resumed after a kill, never done twice.
+
+It is one Parquet file that also holds why values are undefined. While it is being made, each finished
+recording stands in a small file of its own beside it.
+"""
+
+import hashlib
+import io
+import json
+import os
+import shutil
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import asdict, dataclass, replace
+from functools import partial, reduce
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pydantic import BaseModel, FiniteFloat, TypeAdapter
+
+from texclass import __version__
+from texclass.experiment.windows import Window, by_recording, parent_id
+from texclass.experiment.workers import Progress, each
+from texclass.features.extractor import Plan, Reason
+from texclass.features.phase_view import Channels, channels_apart
+from texclass.features.sets import FeatureSet, code_hash
+from texclass.loaders.dataset import Dataset, Entry
+from texclass.loaders.places import cache_root
+from texclass.recording import Recording, RecordingError, Samples
+
+METADATA = ("recording_id", "material", "operator", "session", "repetition")
+"""Columns of every table, before the features; tables of windows add `parent`, the recording."""
+
+
+class LeftOut(NamedTuple):
+    """A recording that could not be used, and why."""
+
+    recording_id: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.recording_id}: {self.reason}"
+
+
+class Flag(NamedTuple):
+    """What a loader noticed about a recording that is used all the same ("clipped: 3.1 % ...")."""
+
+    recording_id: str
+    flag: str
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureTable:
+    """The features of a dataset.
+
+    Attributes
+    ----------
+    frame : DataFrame
+        One row a recording (or window) in the dataset's order: the columns of `METADATA`, then the features
+        (NaN where undefined).
+    columns : tuple of str
+        The feature columns.
+    ms : ndarray of shape (n_recordings,)
+        Milliseconds that each recording took, segmentation included, loading not.
+    reasons : tuple of Reason
+        Why features are undefined.
+    flags : tuple of Flag
+        What loaders noticed.
+    left_out : tuple of LeftOut
+        Bad recordings that were skipped.
+    key : str
+        Digest of input, feature set, code and version.
+    """
+
+    frame: pd.DataFrame
+    columns: tuple[str, ...]
+    ms: Samples
+    reasons: tuple[Reason, ...] = ()
+    flags: tuple[Flag, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
+    key: str = ""
+
+    @property
+    def n_recordings(self) -> int:
+        """Number of rows."""
+        return len(self.frame)
+
+    @property
+    def n_columns(self) -> int:
+        """Number of feature columns."""
+        return len(self.columns)
+
+    @property
+    def values(self) -> Samples:
+        """The features, shape (n_recordings, n_columns)."""
+        return self.of(self.columns)
+
+    @property
+    def materials(self) -> Any:
+        """The label of each row, shape (n_recordings,)."""
+        return self.frame["material"].to_numpy(dtype=str)
+
+    def of(self, columns: Sequence[str]) -> Samples:
+        """Return some of the columns, shape (n_recordings, n_chosen)."""
+        return self.frame[list(columns)].to_numpy(dtype=np.float64)
+
+    def matching(self, base: Sequence[str]) -> tuple[str, ...]:
+        """Return the columns named in `base`, under every channel prefix, in the order of `base`."""
+        return tuple(c for b in base for c in self.columns if c == b or c.split("/", 1)[-1] == b)
+
+    def reason_of(self, name: str) -> str:
+        """Return the commonest reason why a feature, or the feature of a column, has no value."""
+        names = (name, name.split(".", 1)[0])
+        reasons = Counter(r.reason for r in self.reasons if r.feature.split("/", 1)[-1] in names)
+        return reasons.most_common(1)[0][0]
+
+
+def metadata(entries: Sequence[Entry]) -> pd.DataFrame:
+    """Return what is known of recordings (or windows of them) before they are loaded, one row each."""
+    frame = pd.DataFrame([[getattr(e, name) for name in METADATA] for e in entries], columns=METADATA)
+    text = [name for name in METADATA if name != "repetition"]
+    frame = frame.astype({**dict.fromkeys(text, "str"), "repetition": "Int64"})
+    if any(isinstance(entry, Window) for entry in entries):
+        frame["parent"] = pd.Series([parent_id(entry) for entry in entries], dtype="str")
+    return frame
+
+
+def cached_table(dataset: Dataset, *feature_sets: FeatureSet, **options: Any) -> FeatureTable:
+    """Like `extract_table`, with the table kept in the cache folder, so that a second call is immediate.
+
+    Of several sets (with no column in common) each has a file of its own: a new feature does not make the old
+    ones compute again. The recordings are those that all tables have.
+    """
+    tables = []
+    for one in feature_sets:
+        key = table_key(dataset, one, options.get("channels", "combine"))
+        path = cache_root() / "features" / f"{one.name}-{key}.parquet"
+        tables.append(extract_table(dataset, one, path, **options))
+    return reduce(_beside, tables)
+
+
+def extract_table(
+    dataset: Dataset,
+    feature_set: FeatureSet,
+    path: str | Path,
+    *,
+    channels: Channels = "combine",
+    n_jobs: int = 1,
+    skip_bad: bool = False,
+    progress: Progress | None = None,
+) -> FeatureTable:
+    """Compute the features of every recording of a dataset into one Parquet file.
+
+    Each finished recording is written at once to a small file beside `path`, atomically, under a key of
+    input, feature set, code and version. A run that was killed continues with what is missing; a complete
+    table is only read.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Recordings are loaded one at a time, by the process that computes them.
+    feature_set : FeatureSet
+        What to compute.
+    path : str or path
+        The Parquet file; a table there with another key is replaced.
+    channels : {"combine", "each", "auto", "all"}
+        See `FeatureExtractor`.
+    n_jobs : int
+        Processes; each uses one thread for linear algebra.
+    skip_bad : bool
+        List bad recordings in `left_out` instead of stopping at the first.
+    progress : callable, optional
+        Called with (done, total, "features") at the start and after each recording.
+
+    Raises
+    ------
+    RecordingError
+        At a bad recording (file, value, rule), or if none is left; what was done is kept.
+    """
+    path, key = Path(path), table_key(dataset, feature_set, channels)
+    table: FeatureTable | None = None
+    with suppress(FileNotFoundError, ValueError):  # not there, or damaged: it is computed
+        table = read_table(path)
+    if table is None or table.key != key:
+        folder = path.with_name(f"{path.name}.parts") / key
+        plan = _plan(dataset, feature_set, channels, skip_bad)
+        left_out = _compute_missing(dataset, plan, folder, n_jobs, skip_bad, progress)
+        table = _join(dataset, plan, folder, key, left_out)
+        write_table(table, path)
+        shutil.rmtree(folder.parent, ignore_errors=True)
+    if table.left_out and not skip_bad:
+        raise RecordingError(table.left_out[0].reason)
+    return table
+
+
+def table_key(dataset: Dataset, feature_set: FeatureSet, channels: str) -> str:
+    """Digest of everything that the values of a table depend on."""
+    entries = [asdict(entry) for entry in dataset.entries]
+    facts = [dataset.input_hash, entries, feature_set.hash, code_hash(feature_set), channels, __version__]
+    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
+
+
+def read_table(path: str | Path) -> FeatureTable:
+    """Read a feature table.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the file is not a whole feature table; the message names it.
+    """
+    try:
+        arrow = pq.read_table(path, use_threads=False)
+        return _checked(arrow, json.loads((arrow.schema.metadata or {})[b"texclass"]))
+    except FileNotFoundError:
+        raise
+    except Exception as error:  # damaged bytes make pyarrow and pandas raise almost anything
+        raise ValueError(f"{path}: not a feature table of texclass ({error})") from error
+
+
+def write_table(table: FeatureTable, path: Path) -> None:
+    """Write a feature table: complete, or not at all."""
+    facts = {
+        "key": table.key,
+        "columns": table.columns,
+        "ms": table.ms.tolist(),
+        "reasons": table.reasons,
+        "flags": table.flags,
+        "left_out": table.left_out,
+    }
+    arrow = pa.Table.from_pandas(table.frame, preserve_index=False)
+    stated = {**(arrow.schema.metadata or {}), b"texclass": json.dumps(facts).encode()}
+    file = io.BytesIO()
+    pq.write_table(arrow.replace_schema_metadata(stated), file)
+    write_whole(path, file.getvalue())
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file that is either complete or not there, whenever the process is killed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    unfinished.write_bytes(content)
+    unfinished.replace(path)
+
+
+class Part(BaseModel):
+    """What is kept of a recording (or window) until all are done: its values, and why some are undefined."""
+
+    features: list[float]
+    reasons: list[tuple[str, str]]
+    flags: list[str]
+    ms: FiniteFloat
+
+
+PARTS = TypeAdapter(list[Part])
+
+
+def read_part(path: Path, n_columns: int) -> list[Part]:
+    """Read what is kept of one finished recording: one `Part`, or those of its windows.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged; the message names it.
+    """
+    try:
+        rows = PARTS.validate_json(path.read_bytes())
+        if any(len(row.features) != n_columns for row in rows):
+            raise ValueError(f"the rule is {n_columns} values a row")
+    except ValueError as error:
+        raise ValueError(f"{path}: is damaged; delete it, and it is computed again") from error
+    return rows
+
+
+def _checked(arrow: pa.Table, facts: Mapping[str, Any]) -> FeatureTable:
+    """Return the table that the columns and facts of a file make, if they fit each other."""
+    columns, ms = tuple(facts["columns"]), np.array(facts["ms"], dtype=np.float64)
+    lacking = [name for name in (*METADATA, *columns) if arrow.schema.names.count(name) != 1]
+    if lacking or ms.shape != (arrow.num_rows,) or not isinstance(facts["key"], str):
+        raise ValueError(f"{lacking or ms.shape}; the rule is each column once, as many times as rows")
+    frame = arrow.to_pandas()
+    if list(frame.columns) != arrow.schema.names:
+        raise ValueError(f"columns {list(frame.columns)!r:.80}; the rule is those of the schema")
+    table = FeatureTable(
+        frame,
+        columns,
+        ms,
+        tuple(Reason(*r) for r in facts["reasons"]),
+        tuple(Flag(*f) for f in facts["flags"]),
+        tuple(LeftOut(*b) for b in facts["left_out"]),
+        facts["key"],
+    )
+    table.of(columns)  # or raises: a column holds no numbers
+    return table
+
+
+def _plan(dataset: Dataset, feature_set: FeatureSet, channels: Channels, skip_bad: bool) -> Plan:
+    """Decide what is computed on which channel; only channels kept apart need a recording to look at."""
+    if len(dataset) == 0:
+        raise RecordingError(f"{dataset.name}: no recording; the rule is at least one")
+    if channels == "combine":
+        return Plan.of(feature_set)
+    for entry in dataset.entries:
+        try:
+            return Plan.of(feature_set, channels_apart(dataset.load(entry), channels))
+        except RecordingError as error:
+            if not skip_bad:
+                raise
+            last = error
+    raise RecordingError(f"{dataset.name}: no recording can be used; the last: {last}")
+
+
+def _files(dataset: Dataset, folder: Path) -> list[tuple[tuple[Entry, ...], Path]]:
+    """Return each recording, or the windows of it, with the file of its part."""
+    groups = enumerate(by_recording(dataset.entries))
+    return [(entries, folder / f"{number:06d}.json") for number, entries in groups]
+
+
+def _compute_missing(
+    dataset: Dataset, plan: Plan, folder: Path, n_jobs: int, skip_bad: bool, progress: Progress | None
+) -> tuple[LeftOut, ...]:
+    """Compute every recording that has no part yet; return the bad ones."""
+    every = _files(dataset, folder)
+    missing = [(entries, part) for entries, part in every if not part.is_file()]
+    done = len(every) - len(missing)
+    if progress is not None:
+        progress(done, len(every), "features")
+    calls = [partial(_compute, dataset.load, entries, plan, part) for entries, part in missing]
+    bad: list[LeftOut] = []
+    with closing(each(calls, n_jobs=n_jobs, progress=progress, what="features", done=done)) as outcomes:
+        for outcome in outcomes:
+            if outcome is not None and not skip_bad:
+                raise RecordingError(outcome.reason)
+            bad += [] if outcome is None else [outcome]
+    return tuple(bad)
+
+
+def _compute(
+    load: Callable[[Entry], Recording], entries: Sequence[Entry], plan: Plan, part: Path
+) -> LeftOut | None:
+    """Compute one recording, or its windows, into its part; return why not if it is bad."""
+    rows = []
+    try:
+        for entry in entries:
+            recording = load(entry)
+            row = plan.compute(recording)
+            values: list[float] = row.values.tolist()  # noqa: PD011  (no pandas object)
+            rows.append({"features": values, "reasons": row.reasons, "flags": recording.flags, "ms": row.ms})
+    except RecordingError as error:
+        return LeftOut(parent_id(entries[0]), str(error))
+    write_whole(part, json.dumps(rows).encode())
+    return None
+
+
+def _join(
+    dataset: Dataset, plan: Plan, folder: Path, key: str, left_out: tuple[LeftOut, ...]
+) -> FeatureTable:
+    """Join the parts in the dataset's order."""
+    found = [
+        row
+        for entries, part in _files(dataset, folder)
+        if part.is_file()
+        for row in zip(entries, read_part(part, len(plan.columns)), strict=True)
+    ]
+    if not found:
+        raise RecordingError(f"{dataset.name}: no recording can be used; the first: {left_out[0].reason}")
+    entries, rows = zip(*found, strict=True)
+    values = pd.DataFrame(np.array([row.features for row in rows]), columns=plan.columns)
+    flags = (Flag(parent_id(entry), flag) for entry, row in found for flag in row.flags)
+    return FeatureTable(
+        pd.concat([metadata(entries), values], axis=1),
+        plan.columns,
+        np.array([row.ms for row in rows]),
+        tuple(Reason(entry.recording_id, *pair) for entry, row in found for pair in row.reasons),
+        tuple(dict.fromkeys(flags)),
+        left_out,
+        key,
+    )
+
+
+def _beside(table: FeatureTable, other: FeatureTable) -> FeatureTable:
+    """Return the recordings that both have, in the order of the first."""
+    ms = dict(zip(other.frame["recording_id"], other.ms, strict=True))
+    both = table.frame["recording_id"].isin(list(ms)).to_numpy()
+    columns = other.frame[["recording_id", *other.columns]]
+    frame = table.frame[both].merge(columns, on="recording_id", how="left", validate="1:1")
+    return replace(
+        table,
+        frame=frame,
+        columns=table.columns + other.columns,
+        ms=table.ms[both] + [ms[i] for i in frame["recording_id"]],
+        reasons=table.reasons + other.reasons,
+        flags=tuple(dict.fromkeys(table.flags + other.flags)),
+        left_out=tuple(dict.fromkeys(table.left_out + other.left_out)),
+        key=f"{table.key}+{other.key}",
+    )
