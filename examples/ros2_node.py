@@ -4,7 +4,7 @@
 
 It was NOT run with ROS where it was written: there is no ROS there, and a test runs it with modules that
 stand for ROS. What it uses of ROS is a part of rclpy that has been the same since ROS 2 Foxy.
-Without ROS, texclass hears and answers ROS 2 topics itself: `texclass.recognition.robot`.
+Without ROS, texclass hears and answers ROS 2 topics itself: `texclass.recognition.sources`.
 """
 
 import json
@@ -17,10 +17,8 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 
-from texclass.recognition import load_model
-from texclass.recognition.needs import Needs
-from texclass.recognition.online import Notice, OnlineSettings, Session, WindowAnswer
-from texclass.recognition.timing import Timing
+from texclass.recognition import Notice, OnlineSettings, Session, WindowAnswer, load_model
+from texclass.recognition.sources.timing import Timing
 
 
 class SurfaceNode(Node):
@@ -32,7 +30,7 @@ class SurfaceNode(Node):
         window_s = self.declare_parameter("window_s", 0.0).value  # 0: as trained
         topic = self.declare_parameter("topic", "/imu/data").value
         fs = self.declare_parameter("fs", 0.0).value  # 0: measured
-        self.needs = Needs.of(model)
+        self.needs = model.needs
         if "friction" in self.needs.beside:
             raise ValueError(f"{topic}: an Imu has {self.needs.lacks('friction')}")
         self.timing = Timing(fs or None, "m/s^2")

@@ -30,9 +30,8 @@ from texclass.experiment.pipeline import PipelineDefinition, load_pipeline
 from texclass.experiment.protocols import find_protocol, runs
 from texclass.loaders import open_dataset
 from texclass.provenance import versions
-from texclass.recognition import Answer, expected_calibration_error, fit_calibration
-from texclass.recognition.calibration import class_scores
-from texclass.recognition.online import Evidence
+from texclass.recognition import Answer, Evidence, expected_calibration_error, fit_calibration
+from texclass.recognition.probabilities import class_scores
 from texclass.recording import Samples
 
 ROOT = Path(__file__).resolve().parents[2]

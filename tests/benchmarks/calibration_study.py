@@ -21,8 +21,8 @@ from texclass.experiment.feature_table import cached_table
 from texclass.experiment.windows import parents
 from texclass.loaders import open_dataset
 from texclass.provenance import versions
-from texclass.recognition import TrainingSettings, expected_calibration_error, train
-from texclass.recognition.calibration import N_BINS
+from texclass.recognition import expected_calibration_error, train
+from texclass.recognition.probabilities import N_BINS
 
 SEED = 6
 N_DRAWS = 1000
@@ -73,10 +73,10 @@ def halves(dataset) -> Iterator[tuple[Any, Any]]:
 def measure(case: Case) -> dict[str, Any]:
     """Return accuracy and calibration errors of a case."""
     pipeline, dataset = load_pipeline(case.pipeline), open_dataset(case.dataset)
-    settings = TrainingSettings(case.row, case.classifier, touch_s=case.touch_s, protocol=case.protocol)
+    settings = {name: getattr(case, name) for name in ("row", "classifier", "touch_s", "protocol")}
     confidence, raw, hits, clusters, alarms = [], [], [], [], []
     for known, asked in halves(dataset):
-        model = train(known, pipeline, settings)
+        model = train(known, pipeline, **settings)
         felt = asked if case.touch_s is None else touches(asked, case.touch_s)
         table = cached_table(felt, *pipeline.needed, channels=pipeline.channels)
         X = table.frame[list(model.columns)].to_numpy(dtype=np.float64)

@@ -20,10 +20,10 @@ from pathlib import Path
 import numpy as np
 
 from texclass.provenance import versions
-from texclass.recognition.robot.live import TopicSource
+from texclass.recognition import topic_blocks
 
 ROOT = Path(__file__).resolve().parents[2]
-CHILD = ROOT / "tests" / "recognition" / "robot" / "dds_child.py"
+CHILD = ROOT / "tests" / "recognition" / "sources" / "dds_child.py"
 RATES_HZ = (1000, 10_000)
 LOOPBACK = (
     "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' multicast='false'/></Interfaces>"
@@ -35,7 +35,7 @@ LOOPBACK = (
 def over_dds(fs: float, seconds: float) -> dict[str, float]:
     """Publish in another process, hear it as `texclass stream` does, and compare."""
     child = _child("imu", f"/minute{fs}", fs, seconds, 0)
-    source = TopicSource(f"/minute{fs}", fs=fs, end_s=2.0)
+    source = topic_blocks(f"/minute{fs}", fs=fs, end_s=2.0)
     busy = time.process_time()
     heard, late, flags = [], [], set()
     for block in source:

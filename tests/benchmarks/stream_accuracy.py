@@ -6,8 +6,14 @@ import numpy as np
 from stream_models import TRAINED_REPETITIONS, biotac_recordings
 
 from texclass.experiment.accuracy import wilson_interval
-from texclass.recognition import Model, expected_calibration_error
-from texclass.recognition.online import Evidence, OnlineRecogniser, OnlineSettings, WindowAnswer
+from texclass.recognition import (
+    Evidence,
+    Model,
+    OnlineRecogniser,
+    OnlineSettings,
+    WindowAnswer,
+    expected_calibration_error,
+)
 from texclass.recording import Recording, Samples
 
 SECONDS = (0.25, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)

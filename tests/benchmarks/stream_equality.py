@@ -8,8 +8,7 @@ import numpy as np
 
 from texclass.experiment.windows import cut
 from texclass.loaders import Dataset
-from texclass.recognition import Answer, Model
-from texclass.recognition.online import Event, OnlineRecogniser, OnlineSettings, WindowAnswer
+from texclass.recognition import Answer, Event, Model, OnlineRecogniser, OnlineSettings, WindowAnswer
 from texclass.recording import Recording, Samples
 
 BLOCKS = (1, 7, 250, 4096)

@@ -3,11 +3,10 @@
 from dataclasses import replace
 
 from texclass.experiment import touches
-from texclass.experiment.choice import Limits
 from texclass.experiment.pipeline import PipelineDefinition, RowDefinition, load_pipeline
 from texclass.experiment.windows import by_recording
 from texclass.loaders import Dataset, open_dataset
-from texclass.recognition import Model, TrainingSettings, train
+from texclass.recognition import Model, train
 
 SEVERAL_SCALES = (
     "band_level", "octave_level", "deep_octave_level", "slope_level", "slope_agreement",
@@ -43,11 +42,12 @@ def spectrum_model() -> Model:
 
 
 def _pruned(pipeline: PipelineDefinition) -> Model:
-    limits = Limits(max_features=PRUNED_COLUMNS)
     return train(
         open_dataset("simulated"),
         pipeline,
-        TrainingSettings(row="budget", touch_s=PRUNED_TOUCH_S, limits=limits),
+        row="budget",
+        touch_s=PRUNED_TOUCH_S,
+        max_features=PRUNED_COLUMNS,
     )
 
 
@@ -62,8 +62,8 @@ def biotac_model() -> Model:
         if i < BIOTAC_OPENING or (i + (window.repetition or 0)) % BIOTAC_EVERY == 0
     ]
     windows = replace(cut, entries=tuple(kept))
-    model = train(windows, several_scales(), TrainingSettings(classifier="kernel"))
-    return replace(model, manifest=replace(model.manifest, touch_s=BIOTAC_TOUCH_S))
+    model = train(windows, several_scales(), classifier="kernel")
+    return replace(model, manifest=model.manifest.model_copy(update={"touch_s": BIOTAC_TOUCH_S}))
 
 
 def biotac_recordings(repetitions: range) -> Dataset:

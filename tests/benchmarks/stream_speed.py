@@ -30,8 +30,7 @@ from stream_report import markdown
 
 from texclass.loaders import open_dataset
 from texclass.provenance import versions
-from texclass.recognition import Model, load_model
-from texclass.recognition.online import OnlineRecogniser, OnlineSettings, WindowAnswer
+from texclass.recognition import Model, OnlineRecogniser, OnlineSettings, WindowAnswer, load_model
 from texclass.recording import Samples
 
 ROOT = Path(__file__).resolve().parents[2]

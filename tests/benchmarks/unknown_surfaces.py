@@ -24,7 +24,7 @@ from texclass.experiment.feature_table import cached_table
 from texclass.experiment.pipeline import MatchedRow
 from texclass.loaders import open_dataset
 from texclass.provenance import versions
-from texclass.recognition.calibration import class_scores
+from texclass.recognition.probabilities import class_scores
 from texclass.recognition.unknown import Novelty, fit_nearness
 
 SEED = 6

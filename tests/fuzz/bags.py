@@ -22,7 +22,7 @@ from texclass.loaders.ros_messages import (
     decode_multi_array,
     decode_stamped,
 )
-from texclass.recognition.robot.subscriber import _decoded
+from texclass.recognition.sources.topic import decoded_messages
 
 IMU, ACCEL = "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped"
 N = 5
@@ -179,7 +179,7 @@ def _hear(data: bytes) -> object:
         (ACCEL, TYPES[ACCEL].acceleration),
         (MULTI_ARRAY, ()),
     ):
-        found = _decoded(raws, [1, 2, 3], kind, columns)
+        found = decoded_messages(raws, [1, 2, 3], kind, columns)
         assert found is None or len(found.samples) + found.n_bad == len(raws)
     return raws
 

@@ -20,12 +20,11 @@ from texclass.features.extractor import Reason
 from texclass.loaders.simulated import recall, remember
 from texclass.peers.launch import read_outcome
 from texclass.recognition import load_model
-from texclass.recognition.files import _digest
-from texclass.recognition.manifest import Manifest, read_manifest
+from texclass.recognition.model_files import Manifest, digest_of, read_manifest
 from texclass.recording import Recording
 from texclass.tradeoff.deploy import load_recogniser
 
-MODEL = Path(__file__).parents[1] / "recognition" / "data" / "surface-1.0.skops"
+MODEL = Path(__file__).parents[1] / "recognition" / "data" / "surface-2.0.skops"
 _JSON = trees(json.loads, json_of)
 
 
@@ -40,7 +39,7 @@ def _sealed(rng: random.Random, members: dict[str, bytes]) -> dict[str, bytes]:
     if "manifest.json" in members:
         stated = json.loads(members.pop("manifest.json"))
         stated.pop("digest", None)
-        stated["digest"] = _digest(stated, members)
+        stated["digest"] = digest_of(stated, members)
         members["manifest.json"] = json_of(stated)
     return members
 

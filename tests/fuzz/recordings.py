@@ -21,7 +21,7 @@ from texclass.loaders import load_recording
 from texclass.loaders.cards import FileReading, LabelTable
 from texclass.loaders.filesets import _read_labels
 from texclass.loaders.rowsets import _read_table
-from texclass.recognition.live_sources import LineSource, RawSource
+from texclass.recognition.sources.open import standard_input
 from texclass.recording import Recording
 
 FS = 1000.0
@@ -192,13 +192,13 @@ def _label_tables() -> list[bytes]:
 
 
 def _lines(data: bytes) -> object:
-    blocks = list(LineSource(io.BytesIO(data), fs=FS, unit="g", block_s=0.002))
+    blocks = list(standard_input(io.BytesIO(data), FS, "g", block_s=0.002))
     assert all(np.isfinite(block.samples).all() and block.samples.ndim == 2 for block in blocks)
     return blocks
 
 
 def _raw(data: bytes) -> object:
-    return [list(RawSource(io.BytesIO(data), fs=FS, unit="g", n_channels=n, block_s=0.004)) for n in (1, 3)]
+    return [list(standard_input(io.BytesIO(data), FS, "g", n, block_s=0.004)) for n in (1, 3)]
 
 
 def _line_seeds() -> list[bytes]:

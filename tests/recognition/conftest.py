@@ -9,14 +9,14 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from toy_surfaces import pipeline, surfaces
 
-from texclass.recognition import TrainingSettings, train
+from texclass.recognition import train
 
 
 @pytest.fixture(scope="session")
 def kernel_model(_own_cache):
-    return train(surfaces(), pipeline(), TrainingSettings("Spectrum", "kernel"))
+    return train(surfaces(), pipeline(), row="Spectrum", classifier="kernel")
 
 
 @pytest.fixture(scope="session")
 def linear_model(_own_cache):
-    return train(surfaces(), pipeline(), TrainingSettings("Spectrum", "lda"))
+    return train(surfaces(), pipeline(), row="Spectrum", classifier="lda")

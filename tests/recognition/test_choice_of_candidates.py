@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from toy_surfaces import pipeline, recording, surfaces
 
-from texclass.recognition import TrainingSettings, load_model, train
-from texclass.recognition.held_out import accuracy_of_choice
+from texclass.recognition import load_model, train
+from texclass.recognition.candidates import accuracy_of_choice
 from texclass.recognition.unknown import fit_nearness, strangeness
 
 RNG = np.random.default_rng(8)
@@ -44,9 +44,7 @@ def test_windows_of_one_recording_are_drawn_together():
 
 def test_two_surfaces_are_enough(tmp_path):
     for classifier in ("kernel", "lda"):
-        model = train(
-            surfaces(12, names=("cork", "oak")), pipeline(), TrainingSettings("Spectrum", classifier)
-        )
+        model = train(surfaces(12, names=("cork", "oak")), pipeline(), row="Spectrum", classifier=classifier)
         model.save(tmp_path / "two.skops")
         answer = load_model(tmp_path / "two.skops").answer(recording("oak", 90))
         assert (answer.surface, answer.runner_up) == ("oak", "cork")
@@ -57,7 +55,7 @@ def test_channels_that_are_kept_apart_come_back(tmp_path):
 
     dataset = surfaces(8)
     turned = replace(dataset, load=Turned(dataset.load), input_hash="turned")
-    model = train(turned, pipeline(channels="all"), TrainingSettings("Spectrum", "lda"))
+    model = train(turned, pipeline(channels="all"), row="Spectrum", classifier="lda")
     model.save(tmp_path / "apart.skops")
     loaded = load_model(tmp_path / "apart.skops")
     assert loaded.columns[0].startswith("c1/")

@@ -14,13 +14,10 @@ from texclass.experiment.pipeline import RowDefinition
 from texclass.features import load_feature_set
 from texclass.loaders import load_recording, open_dataset
 from texclass.loaders.dataset import Dataset
-from texclass.recognition import TrainingSettings, load_model, train
-from texclass.recognition.live_sources import is_live, open_source
-from texclass.recognition.needs import Needs
-from texclass.recognition.online import Session
-from texclass.recognition.online.windows import Shape
-from texclass.recognition.predict import predict
-from texclass.recognition.source import Source, find_like
+from texclass.recognition import Session, is_live, load_model, open_source, train
+from texclass.recognition.live.windows import Stretches
+from texclass.recognition.model import predict
+from texclass.recognition.sources.files import TrainingFiles
 from texclass.recording import RecordingError
 
 IMU_CARD = """
@@ -127,21 +124,20 @@ def test_a_bag_stands_for_files_whose_columns_have_other_names(model, tmp_path):
     pytest.importorskip("rosbags", reason="the extra `robot` is not installed")
     from bag_writer import ARRAY, IMU, Topic, regular, write_bag
 
-    csv = Source(
-        FS, "m/s^2", 2.0, acceleration=("a1", "a2", "a3"), auxiliary={"turn_rate": ("g1", "g2", "g3")}
-    )
-    csv = Source.of_dict({**csv.to_dict(), "axes": ["a1", "a2", "a3"]})
+    axes = ("a1", "a2", "a3")
+    roles = {"acceleration": axes, "auxiliary": {"turn_rate": ("g1", "g2", "g3")}, "axes": axes}
+    csv = TrainingFiles(fs=FS, unit="m/s^2", scale=2.0, **roles)
     both = values("sand", 3)
     imu = write_bag(tmp_path, "mcap", {"/imu": Topic(IMU, both, regular(N, FS))}, name="imu")
     numbers = Topic(ARRAY, list(both.reshape(40, 10, 6)), None, regular(40, FS / 10))
     array = write_bag(tmp_path, "mcap", {"/imu": numbers}, name="array")
     for bag in (imu, array):
-        found = find_like(csv, str(bag))
+        found = csv.find(str(bag))
         assert found.channels == ("a1", "a2", "a3")
         np.testing.assert_array_equal(found.acceleration, 2 * both[:, :3])
         np.testing.assert_array_equal(found.turn_rate, both[:, 3:])
-    in_g = Source(FS, "g", 2.0)
-    np.testing.assert_array_equal(find_like(in_g, str(imu)).acceleration, both[:, :3])
+    in_g = TrainingFiles(fs=FS, unit="g", scale=2.0)
+    np.testing.assert_array_equal(in_g.find(str(imu)).acceleration, both[:, :3])
 
 
 @pytest.mark.parametrize(
@@ -166,14 +162,14 @@ def test_a_bag_without_turn_rates_is_refused_before_the_stream_begins(
     bag = bag_writer.write_bag(
         tmp_path, "mcap", {"/imu": bag_writer.Topic(kind, both, bag_writer.regular(N, FS))}
     )
-    model = replace(model, manifest=replace(model.manifest, input=_of_imu()))
+    model = replace(model, manifest=model.manifest.model_copy(update={"input": _of_imu()}))
     with pytest.raises(RecordingError, match=told):
         open_source(f"bag:{bag}", model=model)
 
 
 def _of_imu():
     roles = {"turn_rate": ("wx", "wy", "wz")}
-    return Source(FS, "m/s^2", acceleration=("ax", "ay", "az"), auxiliary=roles).to_dict()
+    return TrainingFiles(fs=FS, unit="m/s^2", acceleration=("ax", "ay", "az"), auxiliary=roles)
 
 
 def _disclaiming(make):
@@ -235,17 +231,19 @@ def rubbing_model():
     return train(
         rubbed(),
         pipeline(features=friction, rows=rows),
-        TrainingSettings("Friction", "lda", false_alarms=0.2),
+        row="Friction",
+        classifier="lda",
+        false_alarms=0.2,
     )
 
 
 def test_friction_is_the_last_column_of_a_stream(rubbing_model):
     model = rubbing_model
-    assert Needs.of(model).names == ("ax", "ay", "az", "friction")
+    assert model.needs.names == ("ax", "ay", "az", "friction")
     for index in (0, 8, 16):
         recording = rubbed()[index]
         both = np.column_stack([recording.acceleration, recording.friction])
-        shape = Shape(model, 4, FS, "m/s^2")
+        shape = Stretches(model, 4, FS, "m/s^2")
         window = shape.window(both, 0)
         np.testing.assert_array_equal(window.friction, recording.friction)
         np.testing.assert_array_equal(window.acceleration, recording.acceleration)
@@ -266,17 +264,17 @@ def test_a_stream_without_friction_is_refused_before_it_begins(rubbing_model, tm
     with pytest.raises(RecordingError, match=told):
         open_source(str(tmp_path / "r.csv"), fs=FS, model=rubbing_model)
     pytest.importorskip("cyclonedds", reason="the extra `robot` is not installed")
-    from texclass.recognition.robot.live import TopicSource
+    from texclass.recognition import topic_blocks
 
     with pytest.raises(RecordingError, match=f"ros2:/imu: sensor_msgs/msg/Imu has {told}"):
-        TopicSource(
+        topic_blocks(
             "/imu",
             type_name="sensor_msgs/msg/Imu",
             reliability="reliable",
-            needs=Needs.of(rubbing_model),
+            needs=rubbing_model.needs,
         )
     with pytest.raises(ValueError, match="has 3 columns; the rule is 4, ax, ay, az, friction"):
-        Shape(rubbing_model, 3, FS, "m/s^2")
+        Stretches(rubbing_model, 3, FS, "m/s^2")
 
 
 def test_what_is_live_is_not_conditioned_yet():

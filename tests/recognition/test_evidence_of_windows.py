@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from texclass.recognition import Answer
-from texclass.recognition.online import Evidence
+from texclass.recognition import Answer, Evidence
 
 MATERIALS = ("cork", "felt", "oak")
 

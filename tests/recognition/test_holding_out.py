@@ -7,8 +7,8 @@ from toy_surfaces import pipeline, recording, surfaces
 
 from texclass.experiment.feature_table import metadata
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.recognition import TrainingSettings, load_model, train
-from texclass.recognition.holding_out import ENOUGH_REPETITIONS, holding_out
+from texclass.recognition import load_model, train
+from texclass.recognition.training import ENOUGH_REPETITIONS, holding_out
 from texclass.reporting.models import model_table
 
 
@@ -18,13 +18,13 @@ def _table(n=ENOUGH_REPETITIONS, materials=("cork", "felt"), **facts):
 
 
 def _name(table, asked=None, own="recording", false_alarms=0.05):
-    return holding_out(asked, own, table, false_alarms).protocol.name
+    return holding_out(asked, own, table, false_alarms)[0].name
 
 
 def test_many_numbered_repetitions_are_held_out_in_time():
-    held = holding_out(None, "recording", _table(), 0.05)
-    assert (held.protocol.name, held.is_in_time) == ("blocks", True)
-    assert held.why == "20 numbered repetitions of each surface or more: the sensor may drift"
+    protocol, why = holding_out(None, "recording", _table(), 0.05)
+    assert protocol.name == "blocks"
+    assert why == "20 numbered repetitions of each surface or more: the sensor may drift"
     assert _name(_table(operator="ann")) == "blocks"
 
 
@@ -45,8 +45,8 @@ def test_else_recordings_are_held_out_as_the_pipeline_says():
 
 
 def test_what_is_asked_for_counts():
-    held = holding_out("recording", "recording", _table(), 0.05)
-    assert (held.protocol.name, held.is_in_time, held.why) == ("recording", False, "asked for")
+    protocol, why = holding_out("recording", "recording", _table(), 0.05)
+    assert (protocol.name, why) == ("recording", "asked for")
     assert _name(_table(4), asked="blocks") == "blocks"
 
 
@@ -94,7 +94,7 @@ def _false_alarms(model, dataset):
 def test_blocks_raise_fewer_false_alarms_when_a_sensor_drifts(drifting, tmp_path, classifier):
     early, late = drifting
     made = {
-        protocol: train(early, pipeline(), TrainingSettings("Spectrum", classifier, protocol=protocol))
+        protocol: train(early, pipeline(), row="Spectrum", classifier=classifier, protocol=protocol)
         for protocol in (None, "recording")
     }
     facts = made[None].manifest
@@ -110,8 +110,8 @@ def test_blocks_raise_fewer_false_alarms_when_a_sensor_drifts(drifting, tmp_path
 
 def test_without_drift_distances_are_those_of_folds_at_random():
     toy = surfaces(ENOUGH_REPETITIONS)
-    default = train(toy, pipeline(), TrainingSettings("Spectrum", "lda"))
-    asked = train(toy, pipeline(), TrainingSettings("Spectrum", "lda", protocol="recording"))
+    default = train(toy, pipeline(), row="Spectrum", classifier="lda")
+    asked = train(toy, pipeline(), row="Spectrum", classifier="lda", protocol="recording")
     assert default.manifest.unknown["n"] == 4 * ENOUGH_REPETITIONS
     assert 1 <= default.manifest.unknown["stretch"] < 1.3
     np.testing.assert_allclose(

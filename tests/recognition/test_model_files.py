@@ -18,9 +18,8 @@ from toy_surfaces import SURFACES, pipeline, recording, surfaces
 
 from texclass.experiment.pipeline import Use
 from texclass.experiment.trusted import TRUSTED, UntrustedFileError, check_archive, load_trusted
-from texclass.recognition import ModelFileError, TrainingSettings, load_model, read_manifest_of, train
-from texclass.recognition.files import read_model_file, write_model_file
-from texclass.recognition.manifest import SCHEMA, read_manifest
+from texclass.recognition import ModelFileError, load_model, read_manifest_of, train
+from texclass.recognition.model_files import FORMAT, read_manifest, read_model_file, write_model_file
 
 DATA = Path(__file__).parent / "data"
 
@@ -34,7 +33,7 @@ def file(linear_model, tmp_path_factory):
 
 def rewritten(file, change, *, sign=True):
     """Return the path of a model file whose members went through `change`, its digest made right again."""
-    from texclass.recognition.files import _digest
+    from texclass.recognition.model_files import digest_of
 
     with zipfile.ZipFile(file) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
@@ -42,7 +41,7 @@ def rewritten(file, change, *, sign=True):
     if sign:
         stated = json.loads(members.pop("manifest.json"))
         stated.pop("digest", None)
-        stated["digest"] = _digest(stated, members)
+        stated["digest"] = digest_of(stated, members)
         members["manifest.json"] = json.dumps(stated).encode()
     path = file.with_name("changed.skops")
     with zipfile.ZipFile(path, "w") as archive:
@@ -64,12 +63,10 @@ def test_the_manifest_is_read_without_making_any_object(file, linear_model, monk
     assert read_manifest_of(file) == linear_model.manifest
 
 
-def test_a_model_of_an_older_minor_version_keeps_loading(recwarn):
-    model = load_model(DATA / "surface-1.0.skops")
-    expected = json.loads((DATA / "surface-1.0.json").read_text(encoding="utf-8"))
-    assert model.manifest.schema == (1, 0) < SCHEMA
-    assert model.manifest.shortest_s is None
-    for said in expected:
+def test_a_model_of_this_major_version_keeps_loading(recwarn):
+    model = load_model(DATA / "surface-2.0.skops")
+    assert model.manifest.format_version[0] == FORMAT[0]
+    for said in json.loads((DATA / "surface-2.0.json").read_text(encoding="utf-8")):
         answer = model.answer(recording(said["surface"], said["seed"]))
         assert answer.surface == said["surface"]
         assert answer.probability == pytest.approx(said["probability"], abs=1e-3)
@@ -100,14 +97,15 @@ def test_changed_facts_and_changed_arrays_are_noticed(file):
             load_model(rewritten(file, change, sign=False))
 
 
-def test_newer_files_are_told_from_broken_ones(file):
-    major, minor = SCHEMA
-    for newer in ((major, minor + 1), (major + 1, 0)):
-        path = rewritten(file, lambda m, newer=newer: with_fact(m, schema=list(newer)))
-        with pytest.raises(ModelFileError, match=r"newer than 1\.\d+: update texclass"):
-            load_model(path)
-    with pytest.raises(ModelFileError, match=r"0\.9; the rule is 1\.x"):
-        load_model(rewritten(file, lambda m: with_fact(m, schema=[0, 9])))
+def test_newer_and_older_files_are_told_from_broken_ones(file):
+    major, minor = FORMAT
+    for schema, said in (
+        ([major, minor + 1], r"newer than 2\.\d+: update texclass"),
+        ([major + 1, 0], r"newer than 2\.\d+: update texclass"),
+        ([1, 2], r"its format is 1\.2, made by texclass \S+; the rule is 2\.x: train it again with `tex"),
+    ):
+        with pytest.raises(ModelFileError, match=rf"changed\.skops: .*{said}"):
+            load_model(rewritten(file, lambda m, schema=schema: with_fact(m, schema=schema)))
 
 
 def with_fact(members, **facts):
@@ -115,10 +113,20 @@ def with_fact(members, **facts):
     return {**members, "manifest.json": json.dumps(stated).encode()}
 
 
-def test_a_manifest_that_lacks_a_fact_is_refused():
-    for text in (b"{", b"[]", b'{"schema": "1.0"}', b'{"schema": [1, 0]}', b"[" * 100_000, b"\xff"):
+def test_what_is_no_manifest_is_refused(linear_model):
+    stated = json.loads(linear_model.manifest.to_json())
+    assert read_manifest(json.dumps(stated)) == linear_model.manifest
+    for text in (b"{", b"[]", b'{"schema": "1.0"}', b'{"schema": [2, 0]}', b"[" * 100_000, b"\xff"):
         with pytest.raises(ValueError, match="its manifest"):
             read_manifest(text)
+    for change, said in (
+        ({"fs": -1.0}, "fs is -1.0; the rule is"),
+        ({"materials": "oak"}, "materials is 'oak'; the rule is"),
+        ({"color": 1}, "unknown key color"),
+        ({"input": {**stated["input"], "phases": "all"}}, "phases is 'all'; the rule is"),
+    ):
+        with pytest.raises(ValueError, match=f"its manifest: .*{said}"):
+            read_manifest(json.dumps(stated | change))
 
 
 def test_foreign_classes_are_refused_by_name(file):
@@ -194,7 +202,7 @@ def test_parts_that_do_not_fit_each_other_are_refused(linear_model, tmp_path, fi
     document, manifest = read_model_file(file)
     for key, value, message in (
         ("calibration", {"beta": 1.0}, "lapse"),
-        ("ranges", {name: np.zeros(2) for name in ("low", "median", "high")}, "features"),
+        ("ranges", {name: np.zeros(2) for name in ("low", "median", "high")}, "shapes"),
         ("probe", {"values": np.zeros(13), "probabilities": np.full(4, 0.25)}, "other answers than when"),
         ("novelty", {**document["novelty"], "kind": "guess"}, "kind is 'guess'"),
     ):
@@ -206,7 +214,7 @@ def test_parts_that_do_not_fit_each_other_are_refused(linear_model, tmp_path, fi
 def test_features_that_give_other_values_are_told(file, monkeypatch):
     monkeypatch.setattr("texclass.tradeoff.deploy.code_hash", lambda feature_set: "other")
     load_model(file)  # other code, the same values: nothing to tell
-    monkeypatch.setattr("texclass.recognition.probe.GOLDEN", 0.6)
+    monkeypatch.setattr("texclass.recognition.model_files.GOLDEN", 0.6)
     with pytest.warns(UserWarning, match=r"features give other values than when it was trained \(mfcc\.c"):
         load_model(file)
 
@@ -214,11 +222,9 @@ def test_features_that_give_other_values_are_told(file, monkeypatch):
 def test_a_classifier_that_cannot_be_loaded_safely_is_not_trained():
     forest = {"forest": Use(use="sklearn.ensemble.RandomForestClassifier", n_estimators=5, random_state=0)}
     with pytest.raises(ValueError, match=r"holds sklearn\.tree\._tree\.Tree; the rule is"):
-        train(surfaces(), pipeline(classifiers=forest), TrainingSettings("Spectrum"))
+        train(surfaces(), pipeline(classifiers=forest), row="Spectrum")
     both = pipeline(classifiers={**forest, **pipeline().classifiers})
-    assert not isinstance(
-        train(surfaces(), both, TrainingSettings("Spectrum")).recogniser[-1], RandomForestClassifier
-    )
+    assert not isinstance(train(surfaces(), both, row="Spectrum").recogniser[-1], RandomForestClassifier)
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))

@@ -25,12 +25,10 @@ from toy_surfaces import STRANGER, SURFACES, recording
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.pipeline import load_pipeline
 from texclass.experiment.vote_of_pieces import VoteOfPieces
-from texclass.recognition.onnx_export import OnnxExportError, ParityError, check_parity, export_onnx
-from texclass.recognition.onnx_export.answers import build
-from texclass.recognition.onnx_export.facts import single_precision
-from texclass.recognition.onnx_export.parity import rows_for, run
-from texclass.recognition.onnx_export.reference import judge
-from texclass.recognition.onnx_export.remembered import remembered
+from texclass.recognition import OnnxExportError, ParityError, check_parity, export_onnx
+from texclass.recognition.export.graph import build
+from texclass.recognition.export.onnx_file import single_precision
+from texclass.recognition.export.parity import check_rows, reference, remembered, run
 from texclass.shipped import names
 from texclass.tradeoff.front import cost_aware, discriminant
 
@@ -77,7 +75,7 @@ def assert_same_answers(model, graph, X):
 @pytest.mark.parametrize("n_classes", [2, 5])
 @pytest.mark.parametrize(("steps", "use"), [c[1:] for c in COMBINATIONS], ids=[c[0] for c in COMBINATIONS])
 def test_whatever_shipped_pipelines_name_answers_as_scikit_learn_does(steps, use, n_classes):
-    plan = plan_of(PIECES, "multiscale") if "Vote" in use.path else plan_of()
+    plan = plan_of(PIECES, "multiscale") if "Vote" in use.use else plan_of()
     model = model_of([step.make() for step in steps], use.make(), n_classes=n_classes, plan=plan)
     graph = build(model)
     X = rows_of(len(model.columns), n_classes, seed=7)[0]
@@ -90,7 +88,7 @@ def test_whatever_shipped_pipelines_name_answers_as_scikit_learn_does(steps, use
 
 
 def test_the_shipped_classifiers_are_all_there():
-    kinds = {use.path.rpartition(".")[2] for _, _, use in COMBINATIONS}
+    kinds = {use.use.rpartition(".")[2] for _, _, use in COMBINATIONS}
     assert kinds == {
         "GaussianNB", "KNeighborsClassifier", "KernelDiscriminant", "LinearDiscriminantAnalysis",
         "NearestCentroid", "VoteOfPieces",
@@ -212,7 +210,7 @@ def test_equally_far_neighbours_of_two_materials_are_a_tie_and_no_difference():
     X, y = rows_of(N_COLUMNS, 4, undefined=0.0)
     X[::2] = np.nan  # of all materials, filled with the same medians
     model = model_of([filled(), MinMaxScaler()], KNeighborsClassifier(1), X=X)
-    assert judge(model, X).tied.tolist() == (np.arange(len(X)) % 2 == 0).tolist()
+    assert reference(model, X)["tied"].tolist() == (np.arange(len(X)) % 2 == 0).tolist()
     graph = build(model)
     assert check_parity(model, graph.SerializeToString()).difference == pytest.approx(0, abs=1e-12)
     own = run(graph.SerializeToString(), X[1::2])["label"]
@@ -313,8 +311,8 @@ def test_features_and_graph_answer_recordings_as_the_model_does(kernel_model, li
 
 
 def test_rows_of_the_check_lie_on_both_sides_of_boundaries(linear_model):
-    rows = rows_for(linear_model)
-    near = rows.X[rows.kind == "boundary"]
+    X, kinds = check_rows(linear_model)
+    near = X[kinds == "boundary"]
     assert len(near) == 512
     pairs = near.reshape(8, 64, -1)
     p, p_known = linear_model.judge(near)
@@ -336,7 +334,7 @@ def test_models_remember_rows_that_are_answered_right(kernel_model, linear_model
 
 def test_importing_the_export_imports_no_part_of_onnx():
     code = (
-        "import sys, texclass.cli, texclass.recognition.onnx_export; "
+        "import sys, texclass.cli, texclass.recognition.export.onnx_file; "
         "print([name for name in ('onnx', 'onnxruntime', 'skl2onnx') if name in sys.modules])"
     )
     assert (

@@ -11,8 +11,7 @@ from onnx import numpy_helper
 from toy_surfaces import FS, STRANGER, SURFACES, signal
 
 from texclass.recognition import load_model
-from texclass.recognition.onnx_export import export
-from texclass.recognition.source import Source, find_like
+from texclass.recognition.export import onnx_file as export
 
 
 @pytest.fixture
@@ -35,8 +34,7 @@ def test_the_exported_file_answers_files_as_predict_does(command, folder):
     answers = [json.loads(line) for line in out.splitlines()]
     session = onnxruntime.InferenceSession("surfaces.onnx", providers=["CPUExecutionProvider"])
     model = load_model("surfaces.skops")
-    source = Source.of_dict(model.manifest.input)
-    rows = [model.plan.compute(_segmented(find_like(source, name, fs=FS))).values for name in files]
+    rows = [model.plan.compute(_segmented(model.manifest.input.find(name, fs=FS))).values for name in files]
     labels, p, p_known, unknown = session.run(None, {"features": np.stack(rows)})
     assert labels.tolist() == [answer["surface"] for answer in answers]
     assert unknown.tolist() == [answer["unknown"] for answer in answers]

@@ -8,7 +8,7 @@ from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier
 
 from texclass.recognition import Calibration, expected_calibration_error, fit_calibration
-from texclass.recognition.calibration import class_scores
+from texclass.recognition.probabilities import class_scores
 
 RNG = np.random.default_rng(1)
 

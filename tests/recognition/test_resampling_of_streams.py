@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.signal import resample_poly
 
-from texclass.recognition.blocks import Block
-from texclass.recognition.resampling import Resampled, Resampler
+from texclass.recognition.sources.blocks import Block
+from texclass.recognition.sources.timing import Resampler, resampled
 
 
 def _pushed(x, fs, to, sizes):
@@ -52,11 +52,7 @@ def test_a_loss_starts_anew_and_is_counted_at_the_new_rate():
     x = np.ones((400, 1))
     blocks = [Block(0.0, x, 1000, "g"), Block(0.5, x, 1000, "g", 100)]
 
-    class Source(list):
-        def close(self):
-            pass
-
-    out = list(Resampled(Source(blocks), 500.0))
+    out = list(resampled((block for block in blocks), 500.0))
     assert [block.lost for block in out] == [0, 50]
     assert [block.t_s for block in out] == [0.0, 0.5]
     assert out[0].flags == ("resampled (band-limited) from 1000 Hz to 500 Hz",)

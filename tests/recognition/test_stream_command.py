@@ -10,8 +10,8 @@ from rich.console import Console
 from toy_surfaces import FS, SURFACES, signal
 
 from texclass.cli.stream_view import Picture
-from texclass.recognition.live_sources import RecordingSource
-from texclass.recognition.online import OnlineSettings, Session
+from texclass.recognition import OnlineSettings, Session
+from texclass.recognition.sources import open as sources
 
 
 @pytest.fixture(scope="module")
@@ -99,15 +99,15 @@ def test_a_bad_input_ends_in_one_line(run, arguments, text, message):
 
 
 def test_control_c_ends_with_the_answer_so_far(run, monkeypatch, tmp_path, samples):
-    whole = RecordingSource.__iter__
+    whole = sources.played
 
-    def interrupted(self):
-        for number, block in enumerate(whole(self)):
+    def interrupted(*given, **asked):
+        for number, block in enumerate(whole(*given, **asked)):
             if number == 90:
                 raise KeyboardInterrupt
             yield block
 
-    monkeypatch.setattr(RecordingSource, "__iter__", interrupted)
+    monkeypatch.setattr(sources, "played", interrupted)
     np.savetxt(tmp_path / "oak.txt", samples)
     code, out, err = run("--source", tmp_path / "oak.txt", "--rate", FS, "--window", 0.5)
     assert (code, err) == (0, "")
@@ -115,7 +115,7 @@ def test_control_c_ends_with_the_answer_so_far(run, monkeypatch, tmp_path, sampl
 
 
 def test_the_picture_shows_phase_level_surfaces_and_latency(linear_model, samples):
-    from texclass.recognition.blocks import Block
+    from texclass.recognition.sources.blocks import Block
 
     session = Session(linear_model, settings=OnlineSettings(window_s=0.5))
     console = Console(file=io.StringIO(), force_terminal=True, width=100)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from toy_surfaces import FS, SURFACES, signal
 
-from texclass.recognition.blocks import Block
-from texclass.recognition.online import Event, Notice, OnlineSettings, Session, WindowAnswer
-from texclass.recognition.online.session import finite_stretches
+from texclass.recognition import Event, Notice, OnlineSettings, Session, WindowAnswer
+from texclass.recognition.live.session import finite_stretches
+from texclass.recognition.sources.blocks import Block
 
 MOVING = OnlineSettings(window_s=0.25, assume_contact=True)
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from toy_surfaces import FS, SURFACES, pipeline, recording, surfaces
 
-from texclass.experiment.choice import Limits
-from texclass.recognition import TrainingSettings, joined, load_model, train
-from texclass.recognition.reasons import Ranges
+from texclass.recognition import joined, load_model, train
+from texclass.recognition.model import Ranges
 from texclass.recording import Phases, Recording
 
 MODELS = ("kernel_model", "linear_model")
@@ -102,7 +101,7 @@ def test_touches_are_joined_by_their_mean(kernel_model):
 
 
 def test_a_model_of_touches_cuts_longer_recordings():
-    model = train(surfaces(), pipeline(), TrainingSettings("Spectrum", "lda", touch_s=0.25))
+    model = train(surfaces(), pipeline(), row="Spectrum", classifier="lda", touch_s=0.25)
     assert model.manifest.touch_s == 0.25
     assert model.manifest.accuracy["how"] == "held-out touches"
     assert model.manifest.trained_on["n_windows"] == 2 * model.manifest.trained_on["n_recordings"]
@@ -122,33 +121,33 @@ def test_the_best_candidate_is_chosen_and_its_luck_taken_out():
 
 
 def test_a_budget_buys_no_more_than_it_says(kernel_model):
-    limited = train(surfaces(), pipeline(), TrainingSettings(limits=Limits(max_features=2)))
+    limited = train(surfaces(), pipeline(), max_features=2)
     assert len(limited.columns) <= 2
     with pytest.raises(ValueError, match=r"max_ms is 1e-06; the rule is at least"):
-        train(surfaces(), pipeline(), TrainingSettings(limits=Limits(max_ms=1e-6)))
+        train(surfaces(), pipeline(), max_ms=1e-6)
 
 
 def test_bad_recordings_are_left_out_and_named():
-    model = train(surfaces(bad=("oak-3",)), pipeline(), TrainingSettings("Spectrum", "lda"), skip_bad=True)
+    model = train(surfaces(bad=("oak-3",)), pipeline(), row="Spectrum", classifier="lda", skip_bad=True)
     assert [item.recording_id for item in model.left_out] == ["oak-3"]
     assert model.manifest.trained_on["left_out"] == ["oak-3"]
     with pytest.raises(ValueError, match="oak-3: is empty"):
-        train(surfaces(bad=("oak-3",)), pipeline(), TrainingSettings("Spectrum", "lda"))
+        train(surfaces(bad=("oak-3",)), pipeline(), row="Spectrum", classifier="lda")
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        (TrainingSettings("Colour"), r"no row 'Colour'; the rule is one of Roughness, Spectrum"),
-        (TrainingSettings(classifier="svm"), r"no classifier 'svm'; the rule is one of lda, kernel"),
-        (TrainingSettings(protocol="paper"), r"'paper'; the rule is one whose test recordings stay unseen"),
-        (TrainingSettings("Spectrum", "lda", false_alarms=0.001), r"40 recordings are held out; .* 999"),
-        (TrainingSettings("Spectrum", "lda", false_alarms=1.5), r"false_alarms is 1.5; the rule is above 0"),
+        ({"row": "Colour"}, r"no row 'Colour'; the rule is one of Roughness, Spectrum"),
+        ({"classifier": "svm"}, r"no classifier 'svm'; the rule is one of lda, kernel"),
+        ({"protocol": "paper"}, r"'paper'; the rule is one whose test recordings stay unseen"),
+        ({"false_alarms": 0.001}, r"40 recordings are held out; .* 999"),
+        ({"false_alarms": 1.5}, r"false_alarms is 1.5; the rule is above 0"),
     ],
 )
 def test_what_cannot_be_trained_is_refused(settings, message):
     with pytest.raises(ValueError, match=message):
-        train(surfaces(), pipeline(), settings)
+        train(surfaces(), pipeline(), **settings)
 
 
 def test_a_recording_of_nan_free_noise_at_another_length_is_answered(linear_model):

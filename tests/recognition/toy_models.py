@@ -5,9 +5,9 @@ import numpy as np
 from texclass.features import load_feature_set
 from texclass.features.extractor import Plan
 from texclass.recognition import Calibration, Model, Novelty
-from texclass.recognition.calibration import class_scores
-from texclass.recognition.manifest import Manifest
-from texclass.recognition.reasons import Ranges
+from texclass.recognition.model import Ranges
+from texclass.recognition.model_files import Manifest
+from texclass.recognition.probabilities import class_scores
 from texclass.recognition.unknown import fit_nearness, kind_for, strangeness
 from texclass.tradeoff.deploy import Recogniser
 

@@ -7,7 +7,7 @@ from toy_surfaces import pipeline
 from texclass.experiment.pipeline import RowDefinition
 from texclass.features import load_feature_set
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.recognition import TrainingSettings, train
+from texclass.recognition import train
 from texclass.recording import Phases, Recording
 
 FS, N = 200.0, 400
@@ -49,4 +49,4 @@ def turning_model(dataset=None):
     made = pipeline(
         channels="all", features=bands, rows=(RowDefinition(name="Bands", features=("band_level",)),)
     )
-    return train(dataset or terrains(), made, TrainingSettings("Bands", "lda", false_alarms=0.2))
+    return train(dataset or terrains(), made, row="Bands", classifier="lda", false_alarms=0.2)

@@ -14,8 +14,7 @@ def export(
     output: Annotated[Path, typer.Option("-o", "--output", help="ONNX file to write (.onnx).")],
 ) -> None:
     """Write what follows the features as ONNX; refused where its answers differ from scikit-learn's."""
-    from texclass.recognition import load_model
-    from texclass.recognition.onnx_export import export_onnx
+    from texclass.recognition import export_onnx, load_model
 
     exported = export_onnx(load_model(model), output)
     typer.echo(str(exported.parity))

@@ -68,8 +68,7 @@ def stream(
 ) -> None:
     """Say which surface is felt while it is felt; Ctrl-C ends it."""
     from texclass.cli.stream_view import view_of
-    from texclass.recognition import load_model
-    from texclass.recognition.online import OnlineSettings, Session
+    from texclass.recognition import OnlineSettings, Session, load_model
 
     kind: Any = evidence
     settings = OnlineSettings(
@@ -101,7 +100,7 @@ def _listen(session: Any, blocks: Any, shown: Any) -> int:
                 pass
             finally:
                 blocks.close()
-            return 0 if shown.end(session.live.finish() if session.live else ()) else NO_ANSWER
+            return 0 if shown.end(session.finish()) else NO_ANSWER
     except BrokenPipeError:
         import os
         import sys
@@ -120,10 +119,8 @@ def _opened(
     channels: int | None,
 ) -> tuple[Any, bool]:
     """Return the source, and whether its samples are as in the training files, not yet conditioned."""
-    from texclass.recognition.live_sources import is_live, open_source
+    from texclass.recognition import is_live, open_source
 
-    if source == "-":
-        unit = unit or str(trained.manifest.input["unit"])
     blocks = open_source(
         source,
         fs=rate,

@@ -12,8 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from texclass.recognition.blocks import Block
-from texclass.recognition.online import Event, Notice, Session, Update, Verdict, WindowAnswer
+from texclass.recognition import Block, Event, Notice, Session, Verdict, WindowAnswer
 
 REFRESH_S = 0.1
 N_SHOWN = 5
@@ -46,7 +45,7 @@ class View:
     def __exit__(self, *error: object) -> None:
         """Nothing is open."""
 
-    def show(self, found: Iterable[Update | Notice], block: Block | None = None) -> None:
+    def show(self, found: Iterable[Event | WindowAnswer | Notice], block: Block | None = None) -> None:
         """Take in what a block has told."""
         for update in found:
             if isinstance(update, WindowAnswer):
@@ -59,7 +58,7 @@ class View:
             else:
                 self.noticed(update)
 
-    def end(self, found: Iterable[Update | Notice]) -> bool:
+    def end(self, found: Iterable[Event | WindowAnswer | Notice]) -> bool:
         """Take in the last of it, say the final answer, and return whether there is one."""
         self.show(found)
         self.ended()
@@ -173,7 +172,7 @@ class Picture(View):
         """Leave the last picture."""
         self._live.stop()
 
-    def show(self, found: Iterable[Update | Notice], block: Block | None = None) -> None:
+    def show(self, found: Iterable[Event | WindowAnswer | Notice], block: Block | None = None) -> None:
         """Take in what a block has told, and draw if it is time."""
         super().show(found, block)
         now = time.monotonic()

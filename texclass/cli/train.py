@@ -58,24 +58,24 @@ def train(
     skip_bad: SkipBadOption = False,
 ) -> None:
     """Train a model on all recordings; what is chosen is chosen by cross-validation."""
-    from texclass.experiment import load_pipeline
-    from texclass.experiment.choice import Limits
-    from texclass.recognition import TrainingSettings
     from texclass.recognition import train as train_model
     from texclass.reporting.models import model_table
 
-    settings = TrainingSettings(
-        row=row,
-        classifier=classifier,
-        limits=Limits(max_ms=max_ms, max_features=max_features),
-        touch_s=touch,
-        protocol=None if protocol is None else protocol.value,
-        false_alarms=false_alarms,
-    )
     recordings = open_recordings(dataset, fs, unit, skip_bad)
     with progress_bar() as progress:
         model = train_model(
-            recordings, load_pipeline(pipeline), settings, n_jobs=jobs, skip_bad=skip_bad, progress=progress
+            recordings,
+            pipeline,
+            row=row,
+            classifier=classifier,
+            max_ms=max_ms,
+            max_features=max_features,
+            touch_s=touch,
+            protocol=None if protocol is None else protocol.value,
+            false_alarms=false_alarms,
+            n_jobs=jobs,
+            skip_bad=skip_bad,
+            progress=progress,
         )
     model.save(output)
     console().print(model_table(model.manifest, len(model.columns)))

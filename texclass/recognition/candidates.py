@@ -1,20 +1,30 @@
-"""What may be trained: rows of a pipeline with each of its classifiers, and a selection under a budget."""
+"""What may be trained, what each candidate says of recordings it was not trained on, and which is best."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 
-from texclass.experiment.choice import Limits
+from texclass.experiment.accuracy import Accuracy, score, wilson_interval
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import FeatureTable
+from texclass.experiment.folds import Fold, over_folds
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
+from texclass.experiment.protocols import Split
 from texclass.features.extractor import Plan
+from texclass.recognition.probabilities import class_scores
+from texclass.recognition.unknown import fit_nearness, kind_for, strangeness
+from texclass.recording import Samples
 from texclass.tradeoff.front import cost_aware, discriminant, preparation
 
+Labels = NDArray[Any]
 BUDGET = "budget"
 """Name of the row whose columns are selected under a budget."""
+N_DRAWS = 1000
+"""Bootstrap samples of the choice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,15 +59,43 @@ class Candidate:
         return f"{self.row} with {self.classifier_name}"
 
 
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """What was said of the test recordings of every fold, fold after fold.
+
+    Attributes
+    ----------
+    rows : ndarray of shape (n,)
+        Row of the table.
+    decisions : ndarray of shape (n, n_classes)
+        Of the classes, sorted.
+    strange : ndarray of shape (n,)
+        See `strangeness`.
+    labels : ndarray of int, shape (n,)
+        The right class.
+    """
+
+    rows: NDArray[np.intp]
+    decisions: Samples
+    strange: Samples
+    labels: NDArray[np.intp]
+
+    @property
+    def hits(self) -> NDArray[np.bool_]:
+        """Whether the largest decision is the right one, shape (n,)."""
+        return np.asarray(self.decisions.argmax(axis=1) == self.labels)
+
+
 def candidates_of(
     pipeline: PipelineDefinition,
     table: FeatureTable,
     meter: CostMeter,
-    limits: Limits,
     *,
     row: str | None = None,
     classifier: str | None = None,
-) -> tuple[Candidate, ...]:
+    max_ms: float | None = None,
+    max_features: int | None = None,
+) -> list[Candidate]:
     """Return what may be trained, and is affordable.
 
     Parameters
@@ -68,73 +106,47 @@ def candidates_of(
         What the dataset has.
     meter : CostMeter
         Measures what rows cost.
-    limits : Limits
-        `max_ms` and `max_features`. Within them, columns of the whole set are also selected.
     row, classifier : str, optional
-        Only this one.
+        Only this one; the row "budget" is a selection among the columns of the whole set.
+    max_ms, max_features : optional
+        Milliseconds of the features, columns at the classifier. Within them, columns are also selected.
 
     Raises
     ------
     ValueError
         If there is no such row or classifier, the dataset lacks what the row needs, or nothing is affordable.
     """
-    names = [r.name for r in pipeline.rows]
-    _check_named(row, [*names, BUDGET], "row", pipeline.name)
+    _check_named(row, [*(r.name for r in pipeline.rows), BUDGET], "row", pipeline.name)
     _check_named(classifier, list(pipeline.classifiers), "classifier", pipeline.name)
-    limited = limits.max_ms is not None or limits.max_features is not None
-    found = [
-        candidate
-        for name in ([row] if row not in (None, BUDGET) else [] if row == BUDGET else names)
-        for candidate in _of_row(pipeline, table, meter, limits, str(name), classifier)
-    ]
+    whole = Plan.of(pipeline.features, meter.channels)
+    found, lacking = [], list[str]()
+    for definition in pipeline.rows:
+        if row not in (None, definition.name):
+            continue
+        matched = MatchedRow.of(definition, pipeline.features, table)
+        lacking += [f"{definition.name}: {matched.missing}"] * bool(matched.missing)
+        if not matched.columns or matched.n_features > (max_features or len(table.columns)):
+            continue
+        ms = meter.milliseconds(pipeline.features.restricted_to(definition.features))
+        if max_ms is not None and ms > max_ms:
+            continue
+        plan = whole.restricted_to(matched.columns)
+        judges = definition.judged_by(pipeline.classifiers) if classifier is None else (classifier,)
+        found += [
+            Candidate(definition.name, name, plan, pipeline.preparation(definition, name), use.make(), ms)
+            for name, use in pipeline.classifiers.items()
+            if name in judges
+        ]
+    limited = max_ms is not None or max_features is not None
     if row == BUDGET or (limited and row is None and classifier is None):
-        found.append(_selected(pipeline, table, meter, limits))
+        plan = whole.restricted_to(c for c in table.columns if table.frame[c].notna().any())
+        found.append(_selected(plan, pipeline, meter, max_ms, max_features))
     if not found:
         raise ValueError(
-            f"pipeline {pipeline.name}: {_missing(pipeline, table, row)}; the rule is at least one row that "
-            f"the dataset has the features for{' within the budget' if limited else ''}"
+            f"pipeline {pipeline.name}: {lacking[0] if lacking else 'no row is affordable'}; the rule is at "
+            f"least one row that the dataset has the features for{' within the budget' if limited else ''}"
         )
-    return tuple(found)
-
-
-def _of_row(
-    pipeline: PipelineDefinition,
-    table: FeatureTable,
-    meter: CostMeter,
-    limits: Limits,
-    name: str,
-    classifier: str | None,
-) -> list[Candidate]:
-    definition = next(r for r in pipeline.rows if r.name == name)
-    matched = MatchedRow.of(definition, pipeline.features, table)
-    if not matched.columns or matched.n_features > (limits.max_features or len(table.columns)):
-        return []
-    ms = meter.milliseconds(pipeline.features.restricted_to(definition.features))
-    if limits.max_ms is not None and ms > limits.max_ms:
-        return []
-    plan = Plan.of(pipeline.features, meter.channels).restricted_to(matched.columns)
-    return [
-        Candidate(name, c, plan, pipeline.preparation(definition, c), use.make(), ms)
-        for c, use in pipeline.classifiers.items()
-        if classifier == c or (classifier is None and c in definition.judged_by(pipeline.classifiers))
-    ]
-
-
-def _selected(
-    pipeline: PipelineDefinition, table: FeatureTable, meter: CostMeter, limits: Limits
-) -> Candidate:
-    """Return the selection under the budget: the tradeoff's, chosen anew inside each fold."""
-    whole = Plan.of(pipeline.features, meter.channels)
-    plan = whole.restricted_to(c for c in table.columns if table.frame[c].notna().any())
-    columns, costs = plan.columns, meter.model(pipeline.features).restricted_to(plan.columns)
-    cheapest = min(costs.of([i]) for i in range(len(columns)))
-    if limits.max_ms is not None and limits.max_ms < cheapest:
-        raise ValueError(
-            f"max_ms is {limits.max_ms:g}; the rule is at least {cheapest:.3g}, the cheapest feature"
-        )
-    selector = cost_aware(costs, max_cost=limits.max_ms, max_features=limits.max_features)
-    steps = Pipeline([*preparation().steps, ("select", selector)])
-    return Candidate(BUDGET, "lda", plan, steps, discriminant(), limits.max_ms or costs.total)
+    return found
 
 
 def _check_named(given: str | None, known: Sequence[str], what: str, where: str) -> None:
@@ -142,6 +154,91 @@ def _check_named(given: str | None, known: Sequence[str], what: str, where: str)
         raise ValueError(f"pipeline {where} has no {what} {given!r}; the rule is one of {', '.join(known)}")
 
 
-def _missing(pipeline: PipelineDefinition, table: FeatureTable, row: str | None) -> str:
-    lacking = (MatchedRow.of(r, pipeline.features, table) for r in pipeline.rows if row in (None, r.name))
-    return next((f"{m.definition.name}: {m.missing}" for m in lacking if m.missing), "no row is affordable")
+def _selected(
+    plan: Plan, pipeline: PipelineDefinition, meter: CostMeter, max_ms: float | None, max_features: int | None
+) -> Candidate:
+    """Return the selection under the budget: the tradeoff's, chosen anew inside each fold."""
+    costs = meter.model(pipeline.features).restricted_to(plan.columns)
+    cheapest = min(costs.of([i]) for i in range(len(plan.columns)))
+    if max_ms is not None and max_ms < cheapest:
+        raise ValueError(f"max_ms is {max_ms:g}; the rule is at least {cheapest:.3g}, the cheapest feature")
+    selector = cost_aware(costs, max_cost=max_ms, max_features=max_features)
+    steps = Pipeline([*preparation().steps, ("select", selector)])
+    return Candidate(BUDGET, "lda", plan, steps, discriminant(), max_ms or costs.total)
+
+
+def hold_out(candidate: Candidate, X: Samples, y: Labels, splits: Sequence[Split]) -> HeldOut:
+    """Fit preparation and classifier on each fold's training part, decide on its test part.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        What is fitted.
+    X : ndarray of shape (n, n_columns)
+        Its columns.
+    y : ndarray of shape (n,)
+        Materials.
+    splits : sequence of (train, test)
+        Rows.
+    """
+    classes, labels = np.unique(y, return_inverse=True)
+
+    def said(fold: Fold) -> tuple[NDArray[Any], ...]:
+        classifier = fold.fitted(candidate.classifier)
+        decisions = np.full((len(fold.test), len(classes)), -np.inf)
+        decisions[:, np.searchsorted(classes, classifier.classes_)] = class_scores(classifier, fold.asked)
+        kind = kind_for(classifier)
+        known = np.unique(fold.labels, return_inverse=True)[1]
+        near = fit_nearness(fold.learnt, known) if kind == "distance" else None
+        return fold.test, decisions, strangeness(kind, decisions, fold.asked, near), labels[fold.test]
+
+    folds = over_folds(said, X, y, splits, candidate.preparation)
+    return HeldOut(*(np.concatenate(parts) for parts in zip(*folds, strict=True)))
+
+
+def accuracy_of_choice(
+    hits: NDArray[np.bool_], ms: Sequence[float], clusters: Labels, seed: int
+) -> tuple[int, Accuracy]:
+    """Return the best candidate, and the accuracy to be expected of a candidate chosen so.
+
+    The best of many is best partly by luck. Recordings are drawn with replacement; the best on those drawn is
+    scored on those that were not, and the mean of this over many draws is free of that luck.
+
+    Parameters
+    ----------
+    hits : ndarray of bool, shape (n_candidates, n)
+        Whether each candidate was right on each held-out recording.
+    ms : sequence of float
+        What candidates cost; of equally good ones the cheapest is taken.
+    clusters : ndarray of shape (n,)
+        Which recording (or run) each test comes from; drawn as a whole.
+    seed : int
+        Of the draws.
+
+    References
+    ----------
+    Tsamardinos, Greasidou, Borboudakis: Bootstrapping the out-of-sample predictions for efficient and
+    accurate cross-validation, Machine Learning 107, 2018.
+    """
+    best = _best(hits.mean(axis=1)[None], ms)[0]
+    if len(hits) == 1:
+        return best, score([np.ones(hits.shape[1], dtype=bool)], [hits[0]], [clusters], seed=seed)
+    _, cluster = np.unique(clusters, return_inverse=True)
+    n_tests = np.bincount(cluster)
+    by_cluster = np.array([np.bincount(cluster, weights=h) for h in hits])  # (n_candidates, n_clusters)
+    rng, n = np.random.default_rng(seed), len(n_tests)
+    times = rng.multinomial(n, np.full(n, 1 / n), size=N_DRAWS)
+    winners = _best(times @ by_cluster.T / (times @ n_tests)[:, None], ms)
+    left = times == 0
+    found = (left * by_cluster[winners]).sum(axis=1) / (left @ n_tests)
+    n_hits = round(float(found.mean()) * hits.shape[1])
+    low, high = (
+        np.quantile(found, [0.025, 0.975]) if np.ptp(found) else wilson_interval(round(n * found[0]), n)
+    )
+    return best, Accuracy(n_hits, hits.shape[1], bounds=(float(low), float(high)))
+
+
+def _best(accuracy: Samples, ms: Sequence[float]) -> NDArray[np.intp]:
+    """Return the column with the largest value in each row, the cheapest of equals."""
+    order = np.argsort(np.asarray(ms), kind="stable")
+    return np.asarray(order[accuracy[:, order].argmax(axis=1)])

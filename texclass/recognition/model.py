@@ -1,37 +1,124 @@
-"""A trained model: a recording in, an answer out."""
+"""A trained model: a recording in, an answer out, and with it what a user should know of the answer."""
 
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, overload
 
 import numpy as np
-from sklearn import config_context
-from sklearn.pipeline import Pipeline
 
 from texclass.experiment.feature_table import LeftOut
 from texclass.experiment.windows import cut
 from texclass.features.extractor import Plan
+from texclass.features.phase_view import TURN
 from texclass.phases import segment
-from texclass.recognition.answer import Answer
-from texclass.recognition.calibration import Calibration, class_scores
-from texclass.recognition.files import ModelFileError, read_model_file, write_model_file
-from texclass.recognition.manifest import Manifest
-from texclass.recognition.probe import difference, probe_values
-from texclass.recognition.reasons import Ranges, outside, too_short, undefined, unlike_in_kind
-from texclass.recognition.source import Source
-from texclass.recognition.threads import single_threaded
+from texclass.recognition.model_files import (
+    Manifest,
+    ModelFileError,
+    changed_value,
+    probe_values,
+    read_model_file,
+    write_model_file,
+)
+from texclass.recognition.probabilities import Calibration, deciding
+from texclass.recognition.sources.blocks import Beside, Needs
 from texclass.recognition.unknown import Novelty, strangeness
-from texclass.recording import Recording, Samples
+from texclass.recording import Phases, Recording, Samples
 from texclass.tradeoff.deploy import Recogniser
 
 SAME_ANSWER = 1e-6
 """Difference of a probability that rounding on another machine explains."""
+RATE_TOLERANCE = 0.01
+"""Relative difference of sampling rates that clocks of sensors may have."""
+SHORTER = 0.5
+"""A movement below this share of the shortest one trained on is too short."""
+MARGIN = 0.5
+"""A value this many widths of the training range outside of it is far out."""
+MOST_NAMES = 3
+"""Features that are named; the others are counted."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Which surface a recording is of.
+
+    Attributes
+    ----------
+    recording_id
+        The recording.
+    surface
+        The likeliest known material; also where `unknown`.
+    probability
+        Calibrated: of many answers of 0.8, eight in ten are right, if the surface is a known one.
+    runner_up
+        The second likeliest.
+    unknown
+        Whether this is probably none of the known surfaces, or a recording that cannot be judged.
+    p_known
+        Conformal p-value of "a known surface"; at most the model's false-alarm rate where `unknown`.
+    reasons
+        What a user should know: undefined features, clipping, a wrong rate, values never seen in training.
+    probabilities
+        Material -> probability, all of them.
+    """
+
+    recording_id: str
+    surface: str
+    probability: float
+    runner_up: str
+    unknown: bool
+    p_known: float
+    reasons: tuple[str, ...] = ()
+    probabilities: Mapping[str, float] = field(default_factory=dict, repr=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what a machine reads, probabilities of all materials left out."""
+        return {
+            "recording": self.recording_id,
+            "surface": self.surface,
+            "probability": round(self.probability, 6),
+            "runner_up": self.runner_up,
+            "unknown": self.unknown,
+            "p_known": round(self.p_known, 6),
+            "reasons": list(self.reasons),
+        }
+
+
+class Prediction(NamedTuple):
+    """What became of one file: an answer, or the problem that there is none."""
+
+    name: str
+    answer: Answer | None
+    problem: str = ""
 
 
 @dataclass(frozen=True, eq=False)
+class Ranges:
+    """Between which values each column lay in training, and its median; NaN for a column without values."""
+
+    low: Samples
+    median: Samples
+    high: Samples
+
+    @classmethod
+    def of(cls, X: Samples) -> "Ranges":
+        """Return the ranges of the columns of X (n, n_columns), NaN where undefined."""
+        empty = np.isnan(X).all(axis=0)
+        edges = np.nanquantile(np.where(empty, 0.0, X), [0, 0.5, 1], axis=0)
+        return cls(*(np.where(empty, np.nan, edge) for edge in edges))
+
+    def far(self, values: Samples) -> Samples:
+        """Return how far values lie outside, in widths of the range, shape (n_columns,); 0 inside."""
+        beyond = np.fmax(np.fmax(self.low - values, values - self.high), 0.0)
+        width = np.maximum(self.high - self.low, 1e-9 * np.maximum(np.abs(self.high), np.abs(self.low)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far = np.where(beyond > 0, beyond / width, 0.0)
+        return np.asarray(np.nan_to_num(far))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Model:
     """A trained recogniser with calibrated probabilities and a sense of what it does not know.
 
@@ -53,7 +140,7 @@ class Model:
     Examples
     --------
     >>> model = load_model("surface.skops")  # doctest: +SKIP
-    >>> model.answer(recording).surface  # doctest: +SKIP
+    >>> model.predict("felt.txt").surface  # doctest: +SKIP
     'oak'
     """
 
@@ -63,6 +150,10 @@ class Model:
     ranges: Ranges
     manifest: Manifest
     left_out: tuple[LeftOut, ...] = ()
+
+    def __repr__(self) -> str:
+        of = self.manifest.pipeline
+        return f"<Model of {len(self.materials)} surfaces: {of['row']} with {of['classifier']}>"
 
     @cached_property
     def plan(self) -> Plan:
@@ -80,6 +171,51 @@ class Model:
         """The columns that `answer_values` takes, in order."""
         return self.plan.columns
 
+    @property
+    def needs(self) -> Needs:
+        """The columns of a stream that it can judge; axes before friction must be as many as in training."""
+        apart = self.plan.channels
+        axes = tuple(name for name in apart if name not in TURN)
+        beside: list[Beside] = ["turn_rate"] if len(axes) < len(apart) else []
+        members = [member for _, part in self.plan.parts for member in part.members]
+        of_friction = tuple(member.name for member in members if member.feature.phase == "friction")
+        if of_friction:
+            beside.append("friction")
+            axes = axes or self.manifest.input.axes
+        return Needs(axes, tuple(beside), of_friction)
+
+    @overload
+    def predict(  # type: ignore[overload-overlap]  # a text is iterable, too
+        self, felt: Recording | str | Path, *, fs: float | None = ..., unit: str | None = ...
+    ) -> Answer: ...
+    @overload
+    def predict(
+        self, felt: Iterable[Recording | str | Path], *, fs: float | None = ..., unit: str | None = ...
+    ) -> list[Answer]: ...
+    def predict(self, felt: Any, *, fs: float | None = None, unit: str | None = None) -> Any:
+        """Say which surface was felt, in touches where the model was trained on touches.
+
+        Parameters
+        ----------
+        felt : Recording, str, Path, or iterable of these
+            A recording, a file, "DATASET:RECORDING"; or several, a dataset for example.
+        fs, unit : optional
+            Of files that do not state them; by default those of the training files.
+
+        Returns
+        -------
+        Answer, or list of Answer
+
+        Raises
+        ------
+        RecordingError, ValueError
+            If a file is bad, or as `answer`; see the function `predict` for files of which some may be bad.
+        """
+        if not isinstance(felt, Recording | str | Path):
+            return [self.predict(one, fs=fs, unit=unit) for one in felt]
+        found = felt if isinstance(felt, Recording) else self.manifest.input.find(felt, fs=fs, unit=unit)
+        return self.answer_touches(found)
+
     def answer(self, recording: Recording) -> Answer:
         """Say which surface a recording (or one touch) is of.
 
@@ -93,16 +229,16 @@ class Model:
         ValueError
             If it lacks a channel, or nothing fills what is undefined; the message names the recording.
         """
-        unlike = unlike_in_kind(recording, self.manifest)
+        unlike = self._unlike_in_kind(recording)
         phases = segment(recording)
         row = self.plan.compute(recording.with_(phases=phases))
-        nothing = ("no feature has a value",) if np.isnan(row.values).all() else ()
-        told = (
-            *unlike, *nothing, *too_short(recording, phases, self.manifest), *undefined(row.reasons),
-            *recording.flags,
-        )  # fmt: skip
+        nothing = ["no feature has a value"] if np.isnan(row.values).all() else []
+        told = [*unlike, *nothing, *self._too_short(recording, phases), *_undefined(row.reasons)]
         return self.answer_values(
-            row.values, reasons=told, recording_id=recording.recording_id, judged=not (unlike or nothing)
+            row.values,
+            reasons=(*told, *recording.flags),
+            recording_id=recording.recording_id,
+            judged=not (unlike or nothing),
         )
 
     def answer_values(
@@ -135,7 +271,6 @@ class Model:
         best, second = np.argsort(-p, kind="stable")[:2]
         strange = bool(p_known <= self.novelty.false_alarms)
         said = (f"unlike every known surface (p = {p_known:.2g})",) if strange else ()
-        far = outside(row, self.columns, self.ranges) if judged else ()
         return Answer(
             recording_id=recording_id,
             surface=self.materials[best],
@@ -143,29 +278,33 @@ class Model:
             runner_up=self.materials[second],
             unknown=strange or not judged,
             p_known=float(p_known),
-            reasons=(*said, *reasons, *far),
+            reasons=(*said, *reasons, *(self._outside(row) if judged else ())),
             probabilities=dict(zip(self.materials, p.tolist(), strict=True)),
         )
 
     def judge(self, X: Samples) -> tuple[Samples, Samples]:
-        """Return probabilities (n, n_materials), and p-values of "known" (n,), of rows of features."""
-        with single_threaded(), config_context(assume_finite=True, skip_parameter_validation=True):
-            prepared = self._preparation.transform(X)
-            if not np.isfinite(prepared).all():
-                raise ValueError("features are undefined; the rule is a pipeline with a step that fills them")
-            decisions = class_scores(self.recogniser[-1], prepared)
-        novelty = self.novelty
-        strange = strangeness(novelty.kind, decisions, prepared, novelty.nearness)
-        return self.calibration(decisions), novelty.p_value(strange)
+        """Return probabilities (n, n_materials), and p-values of "known" (n,), of rows of features.
+
+        Raises
+        ------
+        ValueError
+            If nothing fills what is undefined.
+        """
+        prepared, decisions = self._decide(X)
+        strange = strangeness(self.novelty.kind, decisions, prepared, self.novelty.nearness)
+        return self.calibration(decisions), self.novelty.p_value(strange)
 
     def answer_touches(self, recording: Recording) -> Answer:
         """Say which surface a recording is of that is longer than the touches the model was trained on.
 
         Its movement is cut into touches, whose probabilities are averaged: touches of one stroke are no
-        independent witnesses. It is unknown if half of the touches are.
+        independent witnesses. It is unknown if half of the touches are. A model of whole recordings answers
+        the whole.
         """
-        touches = tuple(self.answer(touch) for touch in self.cut(recording))
-        return joined(touches, recording.recording_id) if touches else self.answer(recording)
+        touches = self.cut(recording) if self.manifest.touch_s is not None else ()
+        if not touches:
+            return self.answer(recording)
+        return joined([self.answer(touch) for touch in touches], recording.recording_id)
 
     def cut(self, recording: Recording) -> tuple[Recording, ...]:
         """Return the touches of a recording, one after another; none without movement enough for one."""
@@ -183,22 +322,54 @@ class Model:
         values = probe_values(self.plan, self.manifest.fs, self.manifest.unit)
         document = {
             "recogniser": self.recogniser.document(),
-            "calibration": {"beta": self.calibration.beta, "lapse": self.calibration.lapse},
+            "calibration": dict(vars(self.calibration)),
             "novelty": self.novelty.document(),
             "ranges": dict(vars(self.ranges)),
-            "probe": {"values": values, "probabilities": self.judge(self._typical)[0][0]},
+            "probe": {"values": values, "probabilities": self._typical()},
         }
         write_model_file(path, document, self.manifest)
 
-    @cached_property
-    def _preparation(self) -> Any:
-        """The steps between features and classifier."""
-        steps = self.recogniser.steps[1:-1]
-        return Pipeline(steps or [("nothing", "passthrough")])
-
-    @property
     def _typical(self) -> Samples:
-        return np.nan_to_num(self.ranges.median)[None]
+        """Return the probabilities (n_materials,) of the medians of training."""
+        probabilities, _ = self.judge(np.nan_to_num(self.ranges.median)[None])
+        return np.asarray(probabilities[0])
+
+    @cached_property
+    def _decide(self) -> Callable[[Samples], tuple[Samples, Samples]]:
+        return deciding([step for _, step in self.recogniser.steps[1:-1]], self.recogniser[-1])
+
+    def _unlike_in_kind(self, recording: Recording) -> list[str]:
+        """Return why a recording cannot be judged at all: another sampling rate, another unit."""
+        fs, unit = self.manifest.fs, self.manifest.unit
+        found = []
+        if abs(recording.fs / fs - 1) > RATE_TOLERANCE:
+            found.append(f"wrong rate: {recording.fs:g} Hz, trained at {fs:g} Hz")
+        if recording.unit != unit:
+            found.append(f"wrong unit: {recording.unit}, trained with {unit}")
+        return found
+
+    def _too_short(self, recording: Recording, phases: Phases) -> list[str]:
+        """Return whether less was felt than in training."""
+        least = self.manifest.shortest_s
+        start, stop = phases.movement or (0, 0)
+        felt_s = (stop - start) / recording.fs
+        if "movement" not in self.manifest.phases or least is None or felt_s >= SHORTER * least:
+            return []
+        return [f"too short: {felt_s:.3g} s of movement, trained on {least:.3g} s and more"]
+
+    def _outside(self, row: Samples) -> list[str]:
+        """Return which features have values far from all that were seen in training, the farthest first."""
+        low, high = self.ranges.low, self.ranges.high
+        if not ((row < low) | (row > high)).any():
+            return []
+        far = self.ranges.far(row)
+        order = [int(i) for i in np.argsort(-far, kind="stable") if far[i] > MARGIN]
+        if not order:
+            return []
+        worst = order[0]
+        trained = f"{row[worst]:.3g}, trained on {low[worst]:.3g} to {high[worst]:.3g}"
+        names = _named([self.columns[i] for i in order])
+        return [f"outside the range of training: {names} ({self.columns[worst]} is {trained})"]
 
 
 def joined(answers: Sequence[Answer], recording_id: str) -> Answer:
@@ -220,6 +391,28 @@ def joined(answers: Sequence[Answer], recording_id: str) -> Answer:
     )
 
 
+def predict(
+    model: Model, names: Iterable[str], *, fs: float | None = None, unit: str | None = None
+) -> Iterator[Prediction]:
+    """Yield what a model says of each file, in their order, as soon as it is known; a bad one stops nothing.
+
+    Parameters
+    ----------
+    model : Model
+        Trained on whole recordings, or on touches, into which longer recordings are cut.
+    names : iterable of str
+        Files, or DATASET:RECORDING.
+    fs, unit : optional
+        Of files that do not state them; by default those of the training files.
+    """
+    for name in names:
+        try:
+            yield Prediction(name, model.predict(name, fs=fs, unit=unit))
+        except (ValueError, OSError) as error:
+            problem = str(error)
+            yield Prediction(name, None, problem if name in problem else f"{name}: {problem}")
+
+
 def load_model(path: str | Path) -> Model:
     """Read a model file; nothing but known classes is ever loaded.
 
@@ -228,8 +421,8 @@ def load_model(path: str | Path) -> Model:
     FileNotFoundError
         If there is no such file.
     ModelFileError
-        If it is none, was changed, is newer than this program, names a class that is not trusted or a
-        feature that is not known here, or gives other answers here than when it was trained.
+        If it is none, was changed, is of another format, names a class that is not trusted or a feature that
+        is not known here, or gives other answers here than when it was trained.
 
     Warns
     -----
@@ -239,8 +432,7 @@ def load_model(path: str | Path) -> Model:
     document, manifest = read_model_file(path)
     try:
         with np.errstate(all="ignore"):  # of damaged numbers, whose answers are then others
-            model, same_code = _model_of(document, manifest)
-            changed = None if same_code else _changed_values(model, document)
+            model, changed = _model_of(document, manifest)
     except Exception as error:  # its parts are known classes, but may not fit each other
         raise ModelFileError(f"{path}: not a model of texclass ({error})") from error
     if changed is not None:
@@ -252,28 +444,34 @@ def load_model(path: str | Path) -> Model:
     return model
 
 
-def _model_of(document: Any, manifest: Manifest) -> tuple[Model, bool]:
+def _model_of(document: Any, manifest: Manifest) -> tuple[Model, str | None]:
+    """Return the model of a document, and which feature has another value than in training, if one has."""
     recogniser, same_code = Recogniser.of_document(document["recogniser"])
     ranges = Ranges(**{name: np.asarray(a, dtype=np.float64) for name, a in document["ranges"].items()})
     calibration = Calibration(*(float(document["calibration"][name]) for name in ("beta", "lapse")))
     model = Model(recogniser, calibration, Novelty.of_document(document["novelty"]), ranges, manifest)
     if sorted(model.materials) != sorted(manifest.materials):
         raise ValueError("it knows other materials than its manifest says; the rule is the same")
-    Source.of_dict(manifest.input)
-    p = model.judge(model._typical)[0][0]
-    before = document.get("probe", {}).get("probabilities", p)  # files of format 1.0 have none
-    if not np.allclose(p, before, atol=SAME_ANSWER):
+    if not np.allclose(model._typical(), document["probe"]["probabilities"], atol=SAME_ANSWER):
         trained_with = manifest.versions.get("scikit-learn", "unknown")
         raise ValueError(
             f"it gives other answers than when it was trained with scikit-learn {trained_with}; "
             "train it again"
         )
-    return model, same_code
+    if same_code:
+        return model, None
+    now = probe_values(model.plan, manifest.fs, manifest.unit)
+    return model, changed_value(np.asarray(document["probe"]["values"]), now, model.columns)
 
 
-def _changed_values(model: Model, document: Any) -> str | None:
-    """Return which feature of the probe has another value than in training, None if none has."""
-    if "probe" not in document:
-        return None
-    now = probe_values(model.plan, model.manifest.fs, model.manifest.unit)
-    return difference(np.asarray(document["probe"]["values"]), now, model.columns)
+def _undefined(reasons: Sequence[tuple[str, str]]) -> list[str]:
+    """Return which features have no value, by reason."""
+    by_reason: dict[str, list[str]] = {}
+    for feature, reason in reasons:
+        by_reason.setdefault(reason, []).append(feature)
+    return [f"undefined: {_named(names)} ({reason})" for reason, names in by_reason.items()]
+
+
+def _named(names: Sequence[str]) -> str:
+    more = len(names) - MOST_NAMES
+    return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")

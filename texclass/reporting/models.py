@@ -9,8 +9,8 @@ if TYPE_CHECKING:
     from rich.console import Group
     from rich.table import Table
 
-    from texclass.recognition.answer import Answer
-    from texclass.recognition.manifest import Manifest
+    from texclass.recognition.model import Answer
+    from texclass.recognition.model_files import Manifest
 
 
 def model_table(manifest: "Manifest", n_columns: int) -> "Table":
@@ -87,7 +87,7 @@ def _facts(m: "Manifest", n_columns: int) -> list[tuple[str, str]]:
         ),
         ("Cost", f"{m.cost['features_ms']:.2f} ms features, {m.cost['classifier_ms']:.2f} ms classifier"),
         ("Versions", ", ".join(f"{name} {version}" for name, version in m.versions.items())),
-        ("Format", ".".join(map(str, m.schema))),
+        ("Format", ".".join(map(str, m.format_version))),
     ]
 
 

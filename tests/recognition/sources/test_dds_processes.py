@@ -1,0 +1,117 @@
+"""Two real processes over loopback."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (the extra `robot`)")
+
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from texclass.recognition import ImuPublisher, Subscriber, discover, open_source, topic_blocks
+from texclass.recognition.sources.dds import dds_topic, message_class, participant, quality
+from texclass.recording import RecordingError
+
+
+@pytest.mark.parametrize("fs", [1000, 10_000])
+def test_no_sample_is_lost(child, fs):
+    child("imu", f"/imu{fs}", fs, 1.5, 0)
+    source = topic_blocks(f"/imu{fs}", fs=fs, end_s=0.6)
+    blocks = list(source)
+    source.close()
+    signal = np.concatenate([block.samples for block in blocks])
+    np.testing.assert_array_equal(signal[:, 0], np.arange(1.5 * fs))
+    np.testing.assert_array_equal(signal[:, 1:], [[0.5, 9.81]] * len(signal))
+    assert {(block.fs, block.unit, block.lost, block.flags) for block in blocks} == {(fs, "m/s^2", 0, ())}
+    steps = np.diff([block.t_s for block in blocks])
+    np.testing.assert_allclose(steps, [len(block.samples) / fs for block in blocks[:-1]], atol=1e-6)
+
+
+def test_a_publisher_that_dies_and_comes_back_is_heard_again(child):
+    first = child("imu", "/imu", 500, 60, 0)
+    source = open_source("ros2:/imu")
+    flags, lost, largest = [], 0, 0.0
+    second = None
+    for block in source:
+        flags += block.flags
+        lost += block.lost
+        largest = max(largest, block.samples[:, 0].max(initial=0.0))
+        if second is None and largest > 300:
+            first.kill()
+            largest = 0.0
+        if second is None and any(flag.startswith("silent") for flag in flags):
+            second = child("imu", "/imu", 500, 60, 10_000)
+        if second is not None and largest > 10_300:
+            break
+    source.close()
+    assert block.fs == 500
+    assert any(flag.startswith("silent: nothing for 1") for flag in flags)
+    assert lost >= 400
+
+
+def test_discovery_tells_type_and_reliability_and_a_publisher_that_leaves(child):
+    assert discover("/left", timeout_s=0.1) == []
+    process = child("imu", "/left", 100, 0.1, 0)
+    with Subscriber("/left") as subscriber:
+        assert subscriber.wait_for_publisher(10)
+        assert discover("/left") == [("sensor_msgs/msg/Imu", "reliable")]
+        process.stdin.write("\n")
+        process.stdin.flush()
+        end = time.monotonic() + 5
+        while subscriber.n_publishers and time.monotonic() < end:
+            time.sleep(0.01)
+        assert subscriber.n_publishers == 0
+
+
+def test_a_publisher_that_offers_less_than_is_asked_for_is_told_from_one_that_is_gone():
+    publisher = ImuPublisher("/less", reliability="best effort")
+    with Subscriber("/less", reliability="reliable") as subscriber:
+        time.sleep(0.2)
+        assert "does not offer what is asked for" in subscriber.whereabouts()
+    with Subscriber("/less") as subscriber:
+        assert subscriber.wait_for_publisher(5)
+        assert subscriber.whereabouts() == "its publisher is there"
+    publisher.close()
+
+
+def test_answers_arrive_as_json_and_as_diagnostics(child):
+    member = participant()
+    qos = quality("reliable", 10)
+    text, array = (
+        DataReader(member, Topic(member, dds_topic(name), message_class(kind), qos=qos), qos=qos)
+        for name, kind in (
+            ("/surface", "std_msgs/msg/String"),
+            ("/diag", "diagnostic_msgs/msg/DiagnosticArray"),
+        )
+    )
+    child("answers", "/surface", "/diag")
+    said, told = [], []
+    end = time.monotonic() + 10
+    while not (len(said) > 1 and len(told) > 1) and time.monotonic() < end:
+        said += text.take(10)
+        told += array.take(10)
+        time.sleep(0.01)
+    answers = [json.loads(message.data) for message in said if hasattr(message, "data")]
+    assert {answer["probability"] for answer in answers} == {0.9, 0.2}
+    statuses = [message.status[0] for message in told if hasattr(message, "status")]
+    assert {(status.level, status.message) for status in statuses} == {(0, "wood"), (1, "unknown surface")}
+    assert (told[0].header.stamp.sec, told[0].header.stamp.nanosec) == (5, 7)
+
+
+def test_nobody_there_is_said():
+    with pytest.raises(RecordingError, match=r"ros2:/nothing: nobody publishes there; waited 0.1 s"):
+        topic_blocks("/nothing", wait_s=0.1)
+
+
+def test_types_units_and_columns_are_checked(child):
+    with pytest.raises(
+        ValueError, match="type is 'std_msgs/msg/String'; the rule is one of sensor_msgs/msg/Imu"
+    ):
+        Subscriber("/x", "std_msgs/msg/String")
+    with pytest.raises(ValueError, match="the rule is one of ax, ay"):
+        Subscriber("/x", columns=("pitch",))
+    with pytest.raises(RecordingError, match=r"unit is 'm/s\^2' by its type, 'g' was given"):
+        topic_blocks("/x", type_name="sensor_msgs/msg/Imu", reliability="reliable", unit="g")

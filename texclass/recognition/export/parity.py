@@ -1,0 +1,359 @@
+"""Whether a graph gives the answers of scikit-learn: label by label, probability by probability.
+
+Both are asked about rows of features that are ordinary, extreme, undefined, and on either side of boundaries
+between answers. What differs is an error, unless rounding alone decides.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.feature_selection import SelectorMixin
+from sklearn.impute import SimpleImputer
+from sklearn.neighbors import KNeighborsClassifier
+
+from texclass.experiment.kernel_discriminant import KernelDiscriminant
+from texclass.experiment.vote_of_pieces import VoteOfPieces
+from texclass.recognition.export.graph import FEATURES, OUTPUTS, UNDEFINED, OnnxExportError
+from texclass.recognition.model import Model, Ranges
+from texclass.recognition.probabilities import class_scores
+from texclass.recognition.unknown import strangeness
+from texclass.recording import Samples
+
+SEED = 2015
+BATCH = 256
+"""Rows that the graph is asked at a time: distances take memory."""
+TOLERANCE = 1e-9
+"""Largest difference of a probability, and relative difference of other numbers, that counts as none."""
+ROUNDING = 1e-13
+"""Of a squared distance, in squares of the length of the row: it may come from |a|^2 - 2 a b + |b|^2."""
+LEAST_STRANGENESS = 1e-3
+"""Below it, differences of the strangeness count as if it were as large: decisions of a kernel reach 1."""
+N_DRAWN, N_CORNERS, N_PAIRS, N_HALVINGS = 100, 64, 64, 30
+N_KNOWN = 150
+"""At most; as many again on the way from them to others."""
+MARGINS = (0.0, 1e-9, 1e-6, 1e-3)
+"""How far from a boundary rows lie, in parts of the way between two rows with different answers."""
+SHARE_UNDEFINED = 0.2
+FITTED = ("means_", "theta_", "centroids_", "_fit_X")
+"""Attributes in which classifiers of scikit-learn keep prepared rows: of classes, or training samples."""
+
+Said = dict[str, NDArray[Any]]
+"""What is said of rows, by output."""
+
+
+class ParityError(OnnxExportError):
+    """A graph gives other answers than scikit-learn; the message says where and by how much."""
+
+
+@dataclass(frozen=True)
+class Parity:
+    """How a graph was compared with scikit-learn, and found the same.
+
+    Attributes
+    ----------
+    rows
+        How many were compared, of each kind; see `check_rows`.
+    n_answered, n_materials : int
+        Materials that were answered at least once, of how many there are.
+    n_unknown : int
+        Rows called unknown.
+    n_ties : int
+        Rows where rounding decides, and decided differently.
+    difference : float
+        Largest difference of a probability.
+    tolerance : float
+        What it may be.
+    """
+
+    rows: dict[str, int]
+    n_answered: int
+    n_materials: int
+    n_unknown: int
+    n_ties: int
+    difference: float
+    tolerance: float = TOLERANCE
+
+    def __str__(self) -> str:
+        kinds = ", ".join(f"{n} {kind}" for kind, n in self.rows.items())
+        return (
+            f"as scikit-learn on {sum(self.rows.values())} rows ({kinds}): no label differs, probabilities "
+            f"by at most {self.difference:.1e} (tolerance {self.tolerance:g}), {self.n_ties} ties; "
+            f"{self.n_answered} of {self.n_materials} materials were answered, {self.n_unknown} rows unknown"
+        )
+
+
+def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
+    """Compare a graph with the model it was made of.
+
+    Parameters
+    ----------
+    model : Model
+        What scikit-learn answers.
+    graph : bytes
+        The ONNX model.
+    seed : int
+        Of the rows.
+
+    Raises
+    ------
+    ParityError
+        If a label, a verdict or a probability differs, apart from provable ties: of two labels whose
+        probabilities are equal within the tolerance, of neighbours equally far, and of a strangeness equal to
+        one that was held out.
+    OnnxExportError
+        If onnxruntime cannot run it.
+    """
+    X, kinds = check_rows(model, seed)
+    expected, found = reference(model, X), run(graph, X)
+    defined, tied = expected["label"] != UNDEFINED, expected["tied"]
+    gap = np.abs(found["probabilities"] - expected["probabilities"])
+    silent = ~defined & np.isnan(found["probabilities"]).all(axis=1)
+    largest = np.where(silent, 0.0, np.nan_to_num(gap.max(axis=1), nan=np.inf))
+    at = np.arange(len(X)), np.nan_to_num(gap, nan=np.inf).argmax(axis=1)
+    verdict = _verdict(model, X, np.nan_to_num(found["p_known"]))
+    for what, differs, one, other in (
+        ("label", ~_labels_agree(model, expected, found), found["label"], expected["label"]),
+        (
+            "probability",
+            ~(largest <= TOLERANCE) & ~tied,
+            found["probabilities"][at],
+            expected["probabilities"][at],
+        ),
+        ("p_known", ~_p_values_agree(model, expected, found), found["p_known"], expected["p_known"]),
+        ("unknown =", found["unknown"] != verdict, found["unknown"], verdict),
+    ):
+        if differs.any():
+            i = int(np.flatnonzero(differs)[0])
+            raise ParityError(
+                f"ONNX differs from scikit-learn in {int(differs.sum())} of {len(X)} rows; row {i} "
+                f"({kinds[i]}) has {what} {one[i]} in ONNX, {other[i]} in scikit-learn; "
+                f"the rule is the same label and verdict, and probabilities within {TOLERANCE:g}"
+            )
+    decided = (found["label"] != expected["label"]) | (largest > TOLERANCE)
+    decided |= defined & (found["p_known"] != expected["p_known"])
+    names, counts = np.unique(kinds, return_counts=True)
+    return Parity(
+        rows=dict(zip(names.tolist(), counts.tolist(), strict=True)),
+        n_answered=len(set(expected["label"].tolist()) - {UNDEFINED}),
+        n_materials=len(model.materials),
+        n_unknown=int(expected["unknown"].sum()),
+        n_ties=int(decided.sum()),
+        difference=float(largest[largest <= TOLERANCE].max(initial=0.0)),
+    )
+
+
+def reference(model: Model, X: Samples) -> Said:
+    """Return what scikit-learn says of rows of features (n, n_columns), as a graph has to.
+
+    Returns
+    -------
+    dict of str to ndarray of shape (n, ...)
+        The outputs of a graph; how strange the rows are, as "strange"; and as "tied" where neighbours are so
+        equally far that rounding says which of them count. Of rows of which nothing can be said: "", NaN.
+    """
+    prepared = X
+    for _, step in model.recogniser.steps[1:-1]:
+        prepared = prepared if step in (None, "passthrough") else step.transform(prepared)
+    defined = np.isfinite(prepared).all(axis=1)
+    classifier, seen = model.recogniser[-1], prepared[defined]
+    decisions = class_scores(classifier, seen)
+    strange = strangeness(model.novelty.kind, decisions, seen, model.novelty.nearness)
+    p = model.calibration(decisions)
+    best = np.zeros(len(X), dtype=int)
+    best[defined] = 1 + p.argmax(axis=1)
+    said: Said = {
+        "label": np.array([UNDEFINED, *model.materials])[best],
+        "tied": np.zeros(len(X), dtype=bool),
+    }
+    said["tied"][defined] = _neighbours_tied(classifier, seen)
+    for name, values in (
+        ("probabilities", p),
+        ("strange", strange),
+        ("p_known", model.novelty.p_value(strange)),
+    ):
+        said[name] = np.full((len(X), *values.shape[1:]), np.nan)
+        said[name][defined] = values
+    return said | {"unknown": _verdict(model, X, np.nan_to_num(said["p_known"]))}
+
+
+def run(graph: bytes, X: Samples) -> Said:
+    """Return what onnxruntime answers of rows (n, n_columns), by output.
+
+    Raises
+    ------
+    OnnxExportError
+        If it cannot.
+    """
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    try:
+        session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
+        batches = (np.ascontiguousarray(X[k : k + BATCH]) for k in range(0, len(X), BATCH))
+        found = [session.run(list(OUTPUTS), {FEATURES: batch}) for batch in batches]
+    except Exception as error:  # its exceptions have no class in common
+        said = f"onnxruntime {onnxruntime.__version__} cannot run the graph ({error})"
+        raise OnnxExportError(f"{said}; the rule is operators that it has in double precision") from error
+    whole = {name: np.concatenate(parts) for name, *parts in zip(OUTPUTS, *found, strict=True)}
+    return whole | {"label": whole["label"].astype(str)}
+
+
+def check_rows(model: Model, seed: int = SEED) -> tuple[Samples, NDArray[np.str_]]:
+    """Return rows on which a model and its graph are compared.
+
+    Parameters
+    ----------
+    model : Model
+        Its ranges say what values the columns had in training; a column without any stays undefined.
+    seed : int
+        Of everything random.
+
+    Returns
+    -------
+    X : ndarray of shape (n, n_columns)
+        NaN where undefined.
+    kinds : ndarray of str, shape (n,)
+        "ordinary", "extreme", "undefined" or "boundary".
+    """
+    rng, order = np.random.default_rng(seed), (UNDEFINED, *sorted(model.materials))
+
+    def numbered(X: Samples) -> NDArray[np.intp]:
+        said = reference(model, X)
+        return np.asarray(2 * np.searchsorted(order, said["label"]) + said["unknown"])
+
+    anywhere = _drawn(model.ranges, rng)
+    ordinary = np.concatenate([anywhere, _like(remembered(model), anywhere, rng)])
+    rows = {
+        "ordinary": ordinary,
+        "extreme": _extreme(model.ranges, rng),
+        "undefined": _with_gaps(ordinary, rng),
+        "boundary": _near_boundaries(ordinary, numbered, rng),
+    }
+    return np.concatenate(list(rows.values())), np.repeat(list(rows), [len(X) for X in rows.values()])
+
+
+def remembered(model: Model) -> Samples:
+    """Return rows of features that a model remembers of its surfaces: training samples, or means of classes.
+
+    None, shape (0, n_columns), where nothing is remembered, or a step cannot be undone.
+    """
+    near, nothing = model.novelty.nearness, np.empty((0, len(model.columns)))
+    prepared = _of_classifier(model.recogniser[-1])
+    if near is not None:  # the rows in which its view sees the class means: those closest to the mean of all
+        prepared.append(near.mean + near.means @ np.linalg.pinv(near.view))
+    if not prepared:
+        return nothing
+    rows = np.concatenate(prepared)
+    for _, step in reversed(model.recogniser.steps[1:-1]):
+        if step in (None, "passthrough") or (isinstance(step, SimpleImputer) and step.keep_empty_features):
+            continue
+        if not hasattr(step, "inverse_transform") or isinstance(step, SelectorMixin | SimpleImputer):
+            return nothing
+        rows = step.inverse_transform(rows)
+    return rows
+
+
+def _of_classifier(classifier: Any) -> list[Samples]:
+    if isinstance(classifier, VoteOfPieces):
+        return [] if classifier.whole_ is None else _of_classifier(classifier.whole_)
+    if isinstance(classifier, KernelDiscriminant):
+        view, prototypes = classifier.views_[0], classifier.prototypes_[0]
+        if view.weights.ndim > 1:
+            return []
+        constant = np.isinf(view.scale)
+        size = np.where(constant, 0.0, np.where(constant, 1.0, view.scale) / view.weights)
+        return [view.mean + prototypes * size]
+    return [np.asarray(getattr(classifier, name)) for name in FITTED if hasattr(classifier, name)]
+
+
+def _labels_agree(model: Model, expected: Said, found: Said) -> NDArray[np.bool_]:
+    """Whether each label is the largest of its own probabilities, and of the expected ones but for a tie."""
+    place = {material: k for k, material in enumerate(model.materials)}
+    k = np.array([place.get(label, -1) for label in found["label"].tolist()])
+    at = np.arange(len(k)), k
+    own, chosen = (np.where(k >= 0, said["probabilities"][at], np.nan) for said in (found, expected))
+    largest = expected["tied"] | (chosen >= expected["probabilities"].max(axis=1) - 2 * TOLERANCE)
+    right = largest & (own == found["probabilities"].max(axis=1))
+    return np.asarray(np.where(expected["label"] != UNDEFINED, right, found["label"] == UNDEFINED))
+
+
+def _p_values_agree(model: Model, expected: Said, found: Said) -> NDArray[np.bool_]:
+    """Whether each p-value is that of the expected strangeness, within its rounding."""
+    strange, p_known = expected["strange"], found["p_known"]
+    rounding = TOLERANCE * np.maximum(np.abs(strange), LEAST_STRANGENESS)
+    low, high = (model.novelty.p_value(strange + side * rounding) for side in (1, -1))
+    between = (low <= p_known) & (p_known <= high)
+    return np.where(expected["label"] != UNDEFINED, between, np.isnan(p_known))
+
+
+def _verdict(model: Model, X: Samples, p_known: Samples) -> NDArray[np.bool_]:
+    """Return which rows are unknown, of their p-values."""
+    return np.asarray((p_known <= model.novelty.false_alarms) | np.isnan(X).all(axis=1))
+
+
+def _neighbours_tied(classifier: Any, rows: Samples) -> NDArray[np.bool_]:
+    """Return where the last neighbour that counts and the next one are equally far, shape (n,)."""
+    k = getattr(classifier, "n_neighbors", 0)
+    if not isinstance(classifier, KNeighborsClassifier) or k >= classifier.n_samples_fit_:
+        return np.zeros(len(rows), dtype=bool)
+    squares = classifier.kneighbors(rows, k + 1)[0] ** 2
+    rounding = TOLERANCE * squares[:, k] + ROUNDING * np.einsum("ij,ij->i", rows, rows)
+    return np.asarray(squares[:, k] - squares[:, k - 1] <= rounding)
+
+
+def _drawn(ranges: Ranges, rng: np.random.Generator) -> Samples:
+    """Return rows between the ends of the ranges; how far each strays from the median is drawn as well."""
+    u = rng.uniform(-1, 1, (N_DRAWN, len(ranges.median))) * rng.uniform(0, 1, (N_DRAWN, 1))
+    reach = np.where(u < 0, ranges.median - ranges.low, ranges.high - ranges.median)
+    return np.asarray(ranges.median + u * reach)
+
+
+def _like(known: Samples, others: Samples, rng: np.random.Generator) -> Samples:
+    """Return some of the known rows, and rows on the way from them to each other and to others."""
+    if not len(known):
+        return known
+    every = np.concatenate([known, others])
+    A, B = (rows[rng.integers(len(rows), size=N_KNOWN)] for rows in (known, every))
+    some = known[rng.permutation(len(known))[:N_KNOWN]]
+    return np.concatenate([some, _mixed(A, B, rng.uniform(0, 1, N_KNOWN) ** 2)])
+
+
+def _extreme(ranges: Ranges, rng: np.random.Generator) -> Samples:
+    """Return the lowest, the median, the highest, corners of the ranges, and rows as far outside again."""
+    corner = rng.random((N_CORNERS, len(ranges.median))) < 0.5
+    corners = np.where(corner, ranges.low, ranges.high)
+    outside = corners + (corners - ranges.median)
+    return np.concatenate([[ranges.low, ranges.median, ranges.high], corners, outside])
+
+
+def _with_gaps(rows: Samples, rng: np.random.Generator) -> Samples:
+    """Return the rows without a fifth of their values, or without one, and a row without any."""
+    n, n_columns = rows.shape
+    gaps = rng.random((n, n_columns)) < SHARE_UNDEFINED
+    gaps[::2] = np.arange(n_columns) == rng.integers(n_columns, size=(len(gaps[::2]), 1))
+    return np.concatenate([np.where(gaps, np.nan, rows), np.full((1, n_columns), np.nan)])
+
+
+def _near_boundaries(
+    rows: Samples, name: Callable[[Samples], NDArray[np.intp]], rng: np.random.Generator
+) -> Samples:
+    """Return mixtures of two rows with different answers, close to where the answer changes, if it does."""
+    names = name(rows)
+    i, j = rng.integers(len(rows), size=(2, 50 * N_PAIRS))
+    pairs = np.flatnonzero(names[i] != names[j])[:N_PAIRS]
+    A, B, named = rows[i[pairs]], rows[j[pairs]], names[i[pairs]]
+    low, high = np.zeros(len(pairs)), np.ones(len(pairs))
+    for _ in range(N_HALVINGS if len(pairs) else 0):
+        middle = (low + high) / 2
+        same = name(_mixed(A, B, middle)) == named
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return np.concatenate([_mixed(A, B, t) for m in MARGINS for t in (low - m, high + m)])
+
+
+def _mixed(A: Samples, B: Samples, t: Samples) -> Samples:
+    return np.asarray(A + t[:, None] * (B - A))

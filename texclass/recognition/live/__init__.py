@@ -1,0 +1,1 @@
+"""The online recogniser: blocks of a stream in; events, answers and verdicts out."""

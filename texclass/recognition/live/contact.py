@@ -1,0 +1,274 @@
+"""Contact, strokes, taps and lift-off as they happen: a level against a noise floor, with hysteresis."""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from texclass.phases import AT_REST_M_S2
+from texclass.recognition.live.level import Bin
+
+Kind = Literal["contact", "stroke", "tap", "lift-off", "break"]
+_DEAD = 1e-14
+"""Power below this share of the strongest is rounding."""
+_WHITE = 0.25
+"""Correlation of neighbouring samples up to which a steady signal without scale counts as noise."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened: at which sample, and after which sample it was known.
+
+    Attributes
+    ----------
+    kind
+        "contact" (a movement has begun), "stroke" (it goes on after a turning point), "tap", "lift-off",
+        "break" (samples are missing).
+    sample
+        When it happened. Of a tap: of the impact; of a lift-off: one past the last vibration.
+    known
+        Samples that had to come before it was known.
+    end
+        Of a tap: one past its decay. Else `sample`.
+    what
+        In words.
+    """
+
+    kind: Kind
+    sample: int
+    known: int
+    end: int
+    what: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactRules:
+    """Durations in seconds, ratios of power; those of `texclass.phases.Segmenter` where it has them, too.
+
+    Attributes
+    ----------
+    quiet_s
+        Length of the stretch at the start whose level is the first noise floor.
+    on_ratio, off_ratio
+        Vibration above the floor that begins, and that ends, an activity.
+    smooth_s
+        Levels are averaged over about this time.
+    window_s, share
+        A movement is one where at least this share of such a window is active: known 0.2 s after it begins.
+    gap_s
+        Pauses below this are none.
+    tap_ratio, tap_spacing_s
+        A tap's peak stands this far above the floor; impulses closer than this are rebounds.
+    turn_s
+        A pause of this length ends a stroke.
+    pause_s
+        A pause of this length is a lift-off.
+    floor_s
+        Time constant with which the floor follows the noise at rest.
+    drop_ratio
+        Where the stream began in contact: a level this far below that of the contact is a lift-off.
+    """
+
+    quiet_s: float = 0.1
+    on_ratio: float = 2.0
+    off_ratio: float = 1.6
+    smooth_s: float = 0.015
+    window_s: float = 0.3
+    share: float = 0.65
+    gap_s: float = 0.03
+    tap_ratio: float = 40.0
+    tap_spacing_s: float = 0.08
+    turn_s: float = 0.06
+    pause_s: float = 0.5
+    floor_s: float = 2.0
+    drop_ratio: float = 1000.0
+
+
+class Contact:
+    """What the tool does, bin by bin.
+
+    Parameters
+    ----------
+    bin_s : float
+        Seconds a bin.
+    rules : ContactRules
+        Which levels and durations make a contact, a tap, a lift-off.
+    in_contact : bool, optional
+        Whether the stream begins in the middle of a movement; None decides by its first `quiet_s`: a steady
+        level below 6 mg, or white, is rest.
+    unit : str
+        Of the acceleration.
+    correlation : callable
+        (start, stop) -> how far these samples resemble those before them.
+
+    Attributes
+    ----------
+    moving : bool
+        Whether the tool strokes.
+    active_until : int
+        One past the last bin with vibration.
+    onset : int
+        Since when it strokes.
+    """
+
+    def __init__(
+        self,
+        bin_s: float,
+        rules: ContactRules,
+        in_contact: bool | None,
+        unit: str,
+        correlation: Callable[[int, int], float],
+    ) -> None:
+        self.rules, self.unit, self._correlation = rules, unit, correlation
+        self._n = {
+            name: max(1, round(getattr(rules, name) / bin_s))
+            for name in ("quiet_s", "smooth_s", "window_s", "gap_s", "tap_spacing_s", "turn_s", "pause_s")
+        }
+        self._forget = 1 - math.exp(-bin_s / rules.floor_s)
+        self._asked = in_contact
+        self.moving, self.onset, self.active_until = bool(in_contact), 0, 0
+        self.floor = 0.0
+        self.level = 0.0
+        self._peak = 0.0
+        self._felt = 0.0
+        """Level of a contact that the stream began in; 0 where the floor is known from a rest."""
+        self._opening: list[Bin] = []
+        self._recent: deque[float] = deque(maxlen=self._n["smooth_s"])
+        self._active: deque[bool] = deque([False] * self._n["window_s"])
+        self._n_active = 0
+        self._on, self._quiet_for, self._since_tap = False, 0, 1 << 30
+        self._run: list[int] = []
+        """Start and end of the activity at hand, while it is not known what it is."""
+        self._run_peak = 0.0
+
+    @property
+    def phase(self) -> Literal["listening", "rest", "touched", "moving", "pause"]:
+        """What the tool does, in a word."""
+        if self.moving:
+            return "moving" if self._quiet_for <= self._n["turn_s"] else "pause"
+        if self._opening or not self.floor:
+            return "listening"
+        return "touched" if self._run else "rest"
+
+    @property
+    def level_db(self) -> float:
+        """Level above the noise floor in dB; above nothing known, 0."""
+        floor = self._floor()
+        return 10 * math.log10(max(self.level, 1e-300) / floor) if floor > 0 and self.floor > 0 else 0.0
+
+    def step(self, new: Bin) -> list[Event]:
+        """Take in a bin and return what is known now."""
+        self._recent.append(new.power)
+        self.level = sum(self._recent) / len(self._recent)
+        self._peak = max(self._peak, new.power)
+        if self.floor == 0.0 and not self._felt:
+            return self._open(new)
+        if self._felt:
+            return self._begun_in_contact(new)
+        return self._against_floor(new)
+
+    def interrupt(self, at: int, missing: int, missing_s: float) -> list[Event]:
+        """Go on after `missing` samples; a break longer than a pause is a lift-off."""
+        said = [Event("break", at, at, at, f"{missing} samples missing")]
+        self._recent.clear()
+        self._forget_activity()
+        self._on, self._opening = False, []
+        if self.moving and missing_s > self.rules.pause_s:
+            said += self._lift(at)
+            self.moving = bool(self._felt)
+        self.onset = self.active_until = at + missing
+        if self.moving and len(said) > 1:
+            said.append(Event("contact", self.onset, self.onset, self.onset, "taken as going on"))
+        return said
+
+    def _open(self, new: Bin) -> list[Event]:
+        """Listen for a while before anything is said of the noise."""
+        said = []
+        if not self._opening:
+            self.onset = new.start
+            if self._asked:
+                said = [Event("contact", new.start, new.stop, new.start, "the stream begins in movement")]
+        self._opening.append(new)
+        self.active_until = new.stop
+        if len(self._opening) < self._n["quiet_s"]:
+            return said
+        mean = math.fsum(b.power for b in self._opening) / len(self._opening)
+        if self._asked or (self._asked is None and not self._is_rest(mean)):
+            if not self.moving:
+                start = self.onset
+                said = [Event("contact", start, new.stop, start, "no rest at the start: taken as movement")]
+            self.moving, self._felt = True, mean or 1e-300
+        else:
+            self.floor = mean or 1e-300
+        self._opening = []
+        return said
+
+    def _is_rest(self, mean: float) -> bool:
+        steady = max(b.power for b in self._opening) <= 10 * mean
+        small = self.unit == "m/s^2" and mean < AT_REST_M_S2**2
+        white = abs(self._correlation(self._opening[0].start, self._opening[-1].stop)) <= _WHITE
+        return mean == 0 or (steady and (small or white))
+
+    def _begun_in_contact(self, new: Bin) -> list[Event]:
+        """Follow a contact whose noise floor nobody knows: it ends where its level drops by far."""
+        if self.level * self.rules.drop_ratio >= self._felt:
+            self._felt = max(self._felt, 1e-300) * (max(self.level, 1e-300) / self._felt) ** self._forget
+            self._quiet_for, self.active_until = 0, new.stop
+            return []
+        self._quiet_for += 1
+        if self._quiet_for < self._n["pause_s"]:
+            return []
+        self.floor, self._felt = max(self.level, 1e-300), 0.0
+        return self._lift(new.stop)
+
+    def _against_floor(self, new: Bin) -> list[Event]:
+        rules, floor = self.rules, self._floor()
+        self._on = self.level > (rules.off_ratio if self._on else rules.on_ratio) * floor
+        self._active.append(self._on)
+        self._n_active += self._on - self._active.popleft()
+        self._since_tap += 1
+        said: list[Event] = []
+        if self._on:
+            if self.moving and self._quiet_for >= self._n["turn_s"]:
+                said.append(Event("stroke", new.start, new.stop, new.start))
+            self._quiet_for, self.active_until = 0, new.stop
+            self._run = [self._run[0] if self._run else new.start, new.stop]
+            self._run_peak = max(self._run_peak, new.power)
+        else:
+            self._quiet_for += 1
+            if not self._run:
+                self.floor += self._forget * (new.power - self.floor)
+        if not self.moving and self._n_active >= rules.share * self._n["window_s"] and self._run:
+            return [*said, self._begin(new)]
+        if self.moving:
+            return said + (self._lift(new.stop) if self._quiet_for >= self._n["pause_s"] else [])
+        if self._run and self._quiet_for >= self._n["gap_s"]:
+            said += self._end_of_run(new, floor)
+        return said
+
+    def _begin(self, new: Bin) -> Event:
+        self.moving, self.onset = True, self._run[0]
+        self._run, self._run_peak = [], 0.0
+        return Event("contact", self.onset, new.stop, self.onset)
+
+    def _end_of_run(self, new: Bin, floor: float) -> list[Event]:
+        """Say whether an activity that is over was a tap."""
+        (start, stop), strong = self._run, self._run_peak >= self.rules.tap_ratio * floor
+        self._run, self._run_peak = [], 0.0
+        if not strong or self._since_tap < self._n["tap_spacing_s"] + self._n["gap_s"]:
+            return []
+        self._since_tap = 0
+        return [Event("tap", start, new.stop, stop)]
+
+    def _lift(self, known: int) -> list[Event]:
+        self.moving = False
+        self._forget_activity()
+        return [Event("lift-off", self.active_until, known, self.active_until)]
+
+    def _forget_activity(self) -> None:
+        self._run, self._run_peak = [], 0.0
+        self._active, self._n_active = deque([False] * len(self._active)), 0
+
+    def _floor(self) -> float:
+        return max(self.floor, _DEAD * self._peak, 1e-300)

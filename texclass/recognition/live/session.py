@@ -1,0 +1,495 @@
+"""From samples to answers as they come: blocks in; events, answers, verdicts and notices out.
+
+A sample comes in a `Block` (`texclass.recognition.sources`) to `Session.take`, which says what is wrong with
+the stream and passes finite samples on to `OnlineRecogniser.push`. There it is conditioned and kept
+(`windows`), becomes part of a level (`level`), which tells movement, taps and lift-off (`contact`). A window
+that is due is answered by the model as any recording is, and the answers of a contact are put together
+(`evidence`).
+"""
+
+import math
+import time
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import closing, nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from texclass.recognition.live.contact import Contact, ContactRules, Event
+from texclass.recognition.live.evidence import CONFIDENCE, DISCOUNT, Evidence, Kind, Verdict
+from texclass.recognition.live.level import Level, Ring
+from texclass.recognition.live.windows import Stretches, TapMemory, Tapped
+from texclass.recognition.model import RATE_TOLERANCE, Answer, Model, load_model
+from texclass.recognition.sources.blocks import Block
+from texclass.recognition.sources.open import is_live, open_source
+from texclass.recording import ACCELERATION_UNITS, Recording, Samples
+
+DEFAULT_WINDOW_S, LONGEST_WINDOW_S = 1.0, 30.0
+HOPS = 2
+"""Windows that overlap, by default: a new answer after each half of a window."""
+TAPS_S = 6.0
+"""Taps of so many seconds before a movement are remembered."""
+SPREAD_S = 0.025
+"""Windows that were waiting are answered one after the other, this far apart: no block has to do them all."""
+PIECE_S = 0.1
+"""Longer blocks are taken in in pieces, so that the memory does not depend on their length."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnlineSettings:
+    """How a stream is listened to.
+
+    Attributes
+    ----------
+    window_s
+        Seconds of one answer; None: those the model was trained on.
+    hop_s
+        Seconds from one answer to the next; None: half a window.
+    evidence
+        How windows of a contact are put together; see `Evidence`.
+    confidence, discount, forget_s
+        See `Evidence`.
+    stop_when_sure
+        No more windows of a contact are computed once its verdict is sure.
+    assume_contact
+        Whether the stream begins in a movement; None: it does if the model was trained on movement only, else
+        the first tenth of a second decides.
+    rules
+        Which levels and durations make a contact, a tap, a lift-off.
+    """
+
+    window_s: float | None = None
+    hop_s: float | None = None
+    evidence: Kind = "sequential"
+    confidence: float = CONFIDENCE
+    discount: float = DISCOUNT
+    forget_s: float = math.inf
+    stop_when_sure: bool = False
+    assume_contact: bool | None = None
+    rules: ContactRules = field(default_factory=ContactRules)
+
+    def __post_init__(self) -> None:
+        for name, value in (("window_s", self.window_s), ("hop_s", self.hop_s)):
+            if value is not None and not 0 < value < math.inf:
+                raise ValueError(f"{name} is {value!r}; the rule is above 0, and finite")
+
+
+@dataclass(frozen=True, eq=False)
+class WindowAnswer:
+    """What was said of one window of a stream.
+
+    Attributes
+    ----------
+    start, stop
+        Samples [start, stop) of the stream.
+    known
+        Samples that had come when it was due.
+    answer
+        Of this window alone: the same as the model gives for it as a recording.
+    verdict
+        Of the contact so far.
+    onset
+        Sample at which the contact began.
+    ms
+        What features and classifier took.
+    """
+
+    start: int
+    stop: int
+    known: int
+    answer: Answer
+    verdict: Verdict
+    onset: int
+    ms: float
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Something is wrong with the stream.
+
+    Attributes
+    ----------
+    t_s
+        Instant of the block by its source, in seconds.
+    what
+        In words: lost samples, gaps, clock jumps, a wrong rate or unit.
+    """
+
+    t_s: float
+    what: str
+
+
+Update = Event | WindowAnswer
+
+
+class OnlineRecogniser:
+    """A model that listens: the same answers for any block size, each that of the model on its window.
+
+    Windows end at onset + window + k hop and are computed by the code that computes recordings, when a window
+    is due and at no other time. A window that ends in a pause waits until the pause is over; a lift-off
+    discards it and begins anew. Memory is a ring of a window and a pause, and does not grow.
+
+    Parameters
+    ----------
+    model : Model
+        Trained, best on touches of the length of a window.
+    fs : float, optional
+        Sampling rate of the stream in Hz; the model's by default. With another, answers say so and count as
+        unknown: resample first.
+    unit : str, optional
+        Of the acceleration; the model's by default. Physical units are converted.
+    raw : bool
+        Whether samples are as in the files the model was trained on: the scale of its dataset card applies.
+    settings : OnlineSettings
+        How it listens.
+
+    Examples
+    --------
+    >>> live = OnlineRecogniser(load_model("surface.skops"))  # doctest: +SKIP
+    >>> for update in live.push(block):  # doctest: +SKIP
+    ...     print(update)
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        *,
+        fs: float | None = None,
+        unit: str | None = None,
+        raw: bool = True,
+        settings: OnlineSettings | None = None,
+    ) -> None:
+        manifest, settings = model.manifest, settings or OnlineSettings()
+        self.model, self.settings, self._raw = model, settings, raw
+        self.fs, self.unit = float(fs or manifest.fs), unit or manifest.unit
+        trained_s = min(manifest.touch_s or manifest.shortest_s or DEFAULT_WINDOW_S, LONGEST_WINDOW_S)
+        self.window = max(1, round(self.fs * (settings.window_s or trained_s)))
+        self.hop = max(1, round(self.fs * (settings.hop_s or self.window / self.fs / HOPS)))
+        self._needs_taps = "tap" in manifest.phases
+        self._taps_only = self._needs_taps and "movement" not in manifest.phases
+        self._ready = False
+        self.evidence = Evidence(
+            model.materials,
+            settings.evidence,
+            window_s=self.window / self.fs,
+            hop_s=self.hop / self.fs,
+            discount=settings.discount,
+            forget_s=settings.forget_s,
+            confidence=settings.confidence,
+        )
+        self._due = deque[int]()  # ends of windows that wait for a pause to end
+        self._next = self._free_from = self._contact_from = 0
+        self._tapped: Tapped | None = None
+
+    def push(self, samples: ArrayLike) -> tuple[Update, ...]:
+        """Take in the next samples and return what is known now.
+
+        Parameters
+        ----------
+        samples : array_like of shape (n,) or (n, n_columns)
+            Of any length. Columns are the axes of the acceleration, then (where the model has one) of the
+            turn rate.
+
+        Raises
+        ------
+        ValueError
+            If a sample is not finite, or the columns are not those of the model or of earlier blocks.
+        """
+        block = np.asarray(samples, dtype=np.float64)
+        rows = block[:, None] if block.ndim == 1 else block
+        if rows.ndim != 2 or rows.shape[1] == 0:
+            raise ValueError(f"samples have shape {block.shape}; the rule is (n,) or (n, n_columns)")
+        if not np.isfinite(rows).all():
+            raise ValueError("a sample is NaN or infinite; the rule is finite samples, or an interruption")
+        if not self._ready:
+            self._prepare(rows.shape[1])
+        if rows.shape[1] != self.n_columns:
+            raise ValueError(f"samples have {rows.shape[1]} columns; the rule is {self.n_columns}, as before")
+        rows, found = self._stretches.conditioned(rows), list[Update]()
+        for first in range(0, len(rows), self._piece):
+            found += self._take(rows[first : first + self._piece])
+        return tuple(found)
+
+    def interrupt(self, n_missing: int) -> tuple[Update, ...]:
+        """Say that `n_missing` samples were lost; no window reaches over a break."""
+        if not self._ready or n_missing < 1:
+            return ()
+        at = self._ring.stop
+        self._ring.skip(n_missing)
+        self._level.skip(self._ring.stop - self._level.vibration.stop)
+        events = self._contact.interrupt(at, n_missing, n_missing / self.fs)
+        self._due.clear()
+        self._taps.clear()
+        self._next = self._ring.stop + self.window
+        return tuple(update for event in events for update in self._after(event))
+
+    def finish(self) -> tuple[Update, ...]:
+        """Say that the stream has ended: a contact too short for a window is answered as far as it went."""
+        if not self._ready:
+            return ()
+        found: list[Update] = []
+        while self._contact.moving and not self._taps_only and (last := self._windows(self._ring.stop)):
+            found += last
+            self._free_from = 0
+        return (*found, *self._short_contact(self._ring.stop))
+
+    def reset(self) -> None:
+        """Forget the contact at hand: windows begin with the next sample."""
+        self.evidence.reset()
+        self._due.clear()
+        if self._ready:
+            self._contact_from = self._ring.stop
+            self._next = self._ring.stop + self.window
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """What is known of the contact at hand; None before its first window."""
+        return self.evidence.verdict
+
+    @property
+    def phase(self) -> str:
+        """What the tool does: listening, rest, touched, moving, pause."""
+        return self._contact.phase if self._ready else "listening"
+
+    @property
+    def level(self) -> tuple[float, float]:
+        """Root mean square of the vibration (unit of the stream), and its level above the noise in dB."""
+        return (math.sqrt(self._contact.level), self._contact.level_db) if self._ready else (0.0, 0.0)
+
+    @property
+    def n_samples(self) -> int:
+        """Samples so far, missing ones included."""
+        return self._ring.stop if self._ready else 0
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of the rings, which is all that depends on the stream."""
+        return self._ring.n_bytes + self._level.vibration.n_bytes if self._ready else 0
+
+    def _prepare(self, n_columns: int) -> None:
+        """Make what depends on the number of columns."""
+        rules, asked = self.settings.rules, self.settings.assume_contact
+        if asked is None and self.model.manifest.input.phases == "movement":
+            asked = True  # all that the model knows is movement
+        self._stretches = Stretches(self.model, n_columns, self.fs, self.unit, self._raw)
+        self.unit, self.n_columns = self._stretches.unit, n_columns
+        self._piece = max(1, round(PIECE_S * self.fs))
+        behind_s = rules.pause_s + rules.window_s + (TAPS_S if self._needs_taps else 1.0)
+        self._ring = Ring(self.window + round(behind_s * self.fs) + 2 * self._piece, n_columns)
+        self._level = Level(self.fs, self._stretches.n_axes, behind_s)
+        bin_s = self._level.bin_size / self.fs
+        self._contact = Contact(bin_s, rules, asked, self.unit, self._level.correlation)
+        self._taps = TapMemory(self._stretches, self._ring, self._level)
+        spread = max(round(SPREAD_S * self.fs), self._level.bin_size)
+        self._spread = spread if 2 * spread <= self.hop else 0  # else more would come than go
+        self._ready = True
+
+    def _take(self, rows: Samples) -> list[Update]:
+        self._ring.push(rows)
+        heard, found = self._level.vibration.stop, list[Update]()
+        whole = self._ring.stop - (self._ring.stop - heard) % self._level.bin_size
+        for new in self._level.push(self._ring.view(heard, whole)[:, : self._stretches.n_axes]):
+            for event in self._contact.step(new):
+                found += self._after(event)
+            if self._contact.moving and not self._taps_only:
+                found += self._windows(new.stop)
+        return found
+
+    def _after(self, event: Event) -> list[Update]:
+        """Act on an event: what it means for windows and evidence."""
+        match event.kind:
+            case "contact":
+                self._contact_from = event.sample
+                self._next = event.sample + self.window
+                self._tapped = self._taps.before(event.sample) if self._needs_taps else None
+            case "lift-off":
+                last = self._short_contact(event.known, event.sample)
+                self._due.clear()
+                self.evidence.reset()
+                self._taps.clear()
+                return [*last, event]
+            case "tap":
+                tap = self._taps.add(event, self._contact.floor)
+                if tap is None:
+                    return []
+                return [tap, self._answer_tap(tap)] if self._taps_only else [tap]
+        return [event]
+
+    def _windows(self, known: int) -> list[Update]:
+        """Answer the windows that are due and do not end in a pause."""
+        while self._next <= known:
+            self._due.append(self._next)
+            self._next += self.hop
+        found: list[Update] = []
+        latest = self._contact.active_until + round(self.settings.rules.turn_s * self.fs)
+        while self._due and self._due[0] <= latest and known >= self._free_from:
+            stop, verdict = self._due.popleft(), self.evidence.verdict
+            if not (self.settings.stop_when_sure and verdict is not None and verdict.sure):
+                found.append(self._answer(stop - self.window, stop, known))
+                self._free_from = known + self._spread
+        return found
+
+    def _short_contact(self, known: int, end: int | None = None) -> list[Update]:
+        """Answer what was felt of a contact that no window was heard of, if it is half a window or more."""
+        if self.evidence.verdict is not None or self._taps_only or not (end or self._contact.moving):
+            return []
+        start = max(self._contact_from, self._ring.start)
+        stop = min(end or self._contact.active_until, known, start + self.window)
+        return [self._answer(start, stop, known)] if 2 * (stop - start) >= self.window else []
+
+    def _answer(self, start: int, stop: int, known: int) -> WindowAnswer:
+        window = self._stretches.window(self._ring.view(start, stop), start, self._tapped)
+        return self._told(window, start, stop, known, self._contact_from)
+
+    def _answer_tap(self, tap: Event) -> WindowAnswer:
+        tapped, start = self._taps.last()
+        return self._told(self._stretches.tap(tapped, start), start, tap.end, tap.known, start)
+
+    def _told(self, recording: Recording, start: int, stop: int, known: int, onset: int) -> WindowAnswer:
+        began = time.perf_counter()
+        answer = self.model.answer(recording)
+        verdict = self.evidence.add(answer, (stop - onset) / self.fs)
+        return WindowAnswer(start, stop, known, answer, verdict, onset, 1e3 * (time.perf_counter() - began))
+
+
+class Session:
+    """Feeds an online recogniser from blocks.
+
+    Lost samples and samples that are not finite interrupt the stream. A rate or unit other than the model's
+    is said once; answers then count as unknown. A rate that changes begins the stream anew.
+
+    Parameters
+    ----------
+    model : Model
+        What answers.
+    raw : bool
+        See `OnlineRecogniser`.
+    settings : OnlineSettings
+        How it listens.
+
+    Attributes
+    ----------
+    live : OnlineRecogniser or None
+        None before the first block.
+    n_lost : int
+        Samples that were lost or not finite.
+    start_s : float
+        Instant of sample 0 by the source.
+    """
+
+    def __init__(self, model: Model, *, raw: bool = True, settings: OnlineSettings | None = None) -> None:
+        self.model, self.raw, self.settings = model, raw, settings
+        self.live: OnlineRecogniser | None = None
+        self.n_lost, self.start_s = 0, 0.0
+
+    def run(self, blocks: Iterable[Block]) -> Iterator[Update | Notice]:
+        """Yield what is known, block by block."""
+        for block in blocks:
+            yield from self.take(block)
+
+    def take(self, block: Block) -> tuple[Update | Notice, ...]:
+        """Take in a block.
+
+        Raises
+        ------
+        ValueError
+            If its columns are not those the model was trained with.
+        """
+        found: list[Update | Notice] = [Notice(block.t_s, flag) for flag in block.flags]
+        if not len(block.samples):
+            return tuple(found)
+        if self.live is None or (block.fs, block.unit) != self._given:
+            found += self._begin(block)
+        assert self.live is not None
+        if block.lost:
+            self.n_lost += block.lost
+            found += self.live.interrupt(block.lost)
+        for lost, samples in finite_stretches(block.samples):
+            if lost:
+                self.n_lost += lost
+                found.append(Notice(block.t_s, f"not finite: {lost} samples left out"))
+                found += self.live.interrupt(lost)
+            found += self.live.push(samples)
+        return tuple(found)
+
+    def finish(self) -> tuple[Update, ...]:
+        """Say that the stream has ended, and return the last of what is known."""
+        return self.live.finish() if self.live else ()
+
+    def _begin(self, block: Block) -> list[Notice]:
+        manifest, said = self.model.manifest, []
+        if self.live is not None:
+            said.append(f"the stream is now {block.fs:g} Hz, {block.unit}: begun anew")
+        self._given = (block.fs, block.unit)
+        self.live = OnlineRecogniser(
+            self.model, fs=block.fs, unit=block.unit, raw=self.raw, settings=self.settings
+        )
+        self.start_s = block.t_s
+        if abs(block.fs / manifest.fs - 1) > RATE_TOLERANCE:
+            said.append(f"wrong rate: {block.fs:g} Hz, trained at {manifest.fs:g} Hz; --resample converts")
+        kept = "m/s^2" if block.unit in ACCELERATION_UNITS else block.unit
+        if kept != manifest.unit:
+            said.append(f"wrong unit: {block.unit}, trained with {manifest.unit}; nothing converts these")
+        return [Notice(block.t_s, what) for what in said]
+
+
+def listen(
+    model: Model | str | Path,
+    source: str | Iterable[Block] = "-",
+    *,
+    fs: float | None = None,
+    unit: str | None = None,
+    resample: bool = False,
+    paced: bool = False,
+    raw_channels: int | None = None,
+    settings: OnlineSettings | None = None,
+) -> Iterator[Update | Notice]:
+    """Listen to a live source: yield events, answers and notices as soon as they are known.
+
+    Parameters
+    ----------
+    model : Model, str or Path
+        Trained, or the file of one.
+    source : str or iterable of Block
+        As `open_source` takes it: "-", "FILE", "DATASET:RECORDING", "bag:FILE?topic=/name", "ros2:/topic"; or
+        blocks of your own, their samples as in the files the model was trained on.
+    fs, unit, paced, raw_channels : optional
+        See `open_source`.
+    resample : bool
+        Convert another rate to the model's, band-limited.
+    settings : OnlineSettings, optional
+        How it is listened.
+
+    Raises
+    ------
+    RecordingError, ValueError
+        As `open_source`, at once; and as `Session.take`.
+    """
+    trained = model if isinstance(model, Model) else load_model(model)
+    blocks, raw = source, True
+    if isinstance(blocks, str):
+        rate, raw = trained.manifest.fs if resample else None, is_live(blocks)
+        blocks = open_source(
+            blocks, fs=fs, unit=unit, rate=rate, paced=paced, raw_channels=raw_channels, model=trained
+        )
+    return _heard(Session(trained, raw=raw, settings=settings), blocks)
+
+
+def _heard(session: Session, blocks: Iterable[Block]) -> Iterator[Update | Notice]:
+    with closing(blocks) if isinstance(blocks, Generator) else nullcontext():
+        yield from session.run(blocks)
+        yield from session.finish()
+
+
+def finite_stretches(samples: Samples) -> Iterator[tuple[int, Samples]]:
+    """Yield (number of rows left out before it, rows) of stretches whose numbers are finite."""
+    rows, before = samples.reshape(len(samples), -1), 0
+    good = np.isfinite(rows).all(axis=1)
+    edges = np.flatnonzero(np.diff(good, prepend=False, append=False)).reshape(-1, 2).tolist()
+    for start, stop in [*edges, (len(rows), len(rows))]:
+        if stop > before:
+            yield start - before, rows[start:stop]
+        before = stop

@@ -1,0 +1,172 @@
+"""Which stretches of a stream are answered, as recordings: windows of a movement, single taps."""
+
+import numpy as np
+
+from texclass.features.phase_view import TURN
+from texclass.phases import CLEAR, HAND_RATE_HZ, LEAST_PUSH, Hand, Segmenter, block_mean
+from texclass.recognition.live.contact import Event
+from texclass.recognition.live.level import Level, Ring
+from texclass.recognition.model import Model
+from texclass.recording import ACCELERATION_UNITS, Phases, Recording, Samples, Tap
+
+MOST_TAPS = 16
+"""Taps that are remembered."""
+QUIET_S = 0.1
+"""Rest that is kept before the first of them: it gives the noise."""
+TAP_RULES = Segmenter()
+
+Tapped = tuple[Samples, tuple[Tap, ...]]
+"""What was felt before a movement: a stretch of samples with its taps, counted from its start."""
+
+
+class Stretches:
+    """How samples of a stream become recordings that a model answers.
+
+    Parameters
+    ----------
+    model : Model
+        Says which channels are kept apart, and whether files lost their resting level.
+    n_columns : int
+        Columns of the stream: axes of the acceleration, then, where the model has them, of the turn rate, and
+        the friction.
+    fs : float
+        Sampling rate of the stream in Hz.
+    unit : str
+        Of its acceleration.
+    raw : bool
+        Whether samples are as in the files the model was trained on, so that the scale of these applies, if
+        they are in their unit.
+
+    Raises
+    ------
+    ValueError
+        If the model needs other columns.
+    """
+
+    def __init__(self, model: Model, n_columns: int, fs: float, unit: str, raw: bool = True) -> None:
+        needs, files = model.needs, model.manifest.input
+        self.n_axes = needs.n_axes(n_columns)
+        self._n_turn = len(TURN) * ("turn_rate" in needs.beside)
+        self._has_friction = "friction" in needs.beside
+        self.fs, self.unit = fs, "m/s^2" if unit in ACCELERATION_UNITS else unit
+        scale = files.scale if raw and unit == files.unit else 1.0
+        self._factor = ACCELERATION_UNITS.get(unit, 1.0) * scale
+        self._channels = needs.axes if model.plan.channels else ()
+        self._rest_is_removed = files.remove_resting_level
+
+    def conditioned(self, rows: Samples) -> Samples:
+        """Return samples (n, n_columns) as recordings keep them: in their unit, scaled as the files were.
+
+        What is to change samples before anything looks at them, contact and windows alike, belongs here.
+        """
+        if self._factor == 1.0:
+            return rows
+        return np.column_stack([rows[:, : self.n_axes] * self._factor, rows[:, self.n_axes :]])
+
+    def window(self, samples: Samples, start: int, tapped: Tapped | None = None) -> Recording:
+        """Return samples (n, n_columns), all movement, as a recording, after what was tapped before."""
+        before, taps = tapped or (samples[:0], ())
+        whole = np.concatenate([self._at_rest_removed(before), self._at_rest_removed(samples)])
+        phases = Phases(taps, (len(before), len(whole)))
+        return self._recording(whole, phases, f"window at {start / self.fs:.3f} s")
+
+    def tap(self, tapped: Tapped, start: int) -> Recording:
+        """Return taps alone as a recording."""
+        samples, taps = tapped
+        name = f"tap at {start / self.fs:.3f} s"
+        return self._recording(self._at_rest_removed(samples), Phases(taps), name)
+
+    def hand(self, rows: Samples) -> Hand:
+        """Follow the hand through samples (n, n_columns)."""
+        step = max(1, round(self.fs / HAND_RATE_HZ))
+        return Hand(block_mean(rows[:, : self.n_axes], step), self.fs / step, step)
+
+    def _at_rest_removed(self, samples: Samples) -> Samples:
+        """Remove what files of the training data had lost too: the resting level, by its median."""
+        if not (self._rest_is_removed and len(samples)):
+            return samples
+        levelled = samples.copy()
+        levelled[:, : self.n_axes] -= np.median(samples[:, : self.n_axes], axis=0)
+        return levelled
+
+    def _recording(self, samples: Samples, phases: Phases, name: str) -> Recording:
+        axes, turn = samples[:, : self.n_axes], samples[:, self.n_axes : self.n_axes + self._n_turn]
+        return Recording(
+            axes[:, 0] if self.n_axes == 1 else axes,
+            self.fs,
+            self.unit,
+            name,
+            turn_rate=turn if self._n_turn else None,
+            friction=samples[:, -1] if self._has_friction else None,
+            channels=self._channels,
+            phases=phases,
+        )
+
+
+class TapMemory:
+    """The taps since the last lift-off, judged as `texclass.phases` does, by those that came before.
+
+    Parameters
+    ----------
+    stretches : Stretches
+        Follows the hand.
+    ring : Ring
+        Samples of the stream.
+    level : Level
+        Of the vibration.
+    """
+
+    def __init__(self, stretches: Stretches, ring: Ring, level: Level) -> None:
+        self._stretches, self._ring, self._level = stretches, ring, level
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the taps: another contact, or samples are missing."""
+        self._taps: list[Tap] = []
+        self._strongest = self._greatest = 0.0
+
+    def add(self, event: Event, floor: float) -> Event | None:
+        """Remember a tap and return its event, the impact to the sample; None if it was none.
+
+        An impulse far weaker than the strongest before it is one only if it pushes against the hand: a tool
+        that is lifted goes the way the hand accelerates.
+        """
+        impact, peak = self._impact(event.sample, event.end, floor)
+        fs, last = self._stretches.fs, self._taps[-1].end if self._taps else 0
+        earliest = max(self._ring.start, last, impact - round(TAP_RULES.hand_s * fs))
+        stop = min(event.known, impact + round(0.02 * fs))
+        hand = self._stretches.hand(self._ring.view(earliest, stop))
+        push = hand.push(impact - earliest)
+        weaker_db = 10 * np.log10(max(self._strongest, 1e-300) / max(peak, 1e-300))
+        pushes = push >= LEAST_PUSH * self._greatest
+        if weaker_db > TAP_RULES.tap_range_db or (weaker_db > TAP_RULES.tap_sure_db and not pushes):
+            return None
+        self._strongest, self._greatest = max(self._strongest, peak), max(self._greatest, abs(push))
+        began = earliest + hand.start(0, impact - earliest) if impact > earliest else impact
+        end = max(event.end, impact + 1)
+        self._taps = [*self._taps, Tap(began, impact, end)][-MOST_TAPS:]
+        return Event("tap", impact, event.known, end)
+
+    def before(self, onset: int) -> Tapped | None:
+        """Return what is kept of the taps before a movement; None without any at hand."""
+        taps = [tap for tap in self._taps if self._ring.start <= tap.start and tap.end <= onset]
+        return self._kept(taps) if taps else None
+
+    def last(self) -> tuple[Tapped, int]:
+        """Return the last tap by itself, and the sample at which what is kept of it begins."""
+        return self._kept(self._taps[-1:]), self._start(self._taps[-1])
+
+    def _kept(self, taps: list[Tap]) -> Tapped:
+        first = self._start(taps[0])
+        samples = self._ring.view(first, taps[-1].end).copy()
+        return samples, tuple(Tap(t.start - first, t.impact - first, t.end - first) for t in taps)
+
+    def _start(self, tap: Tap) -> int:
+        return max(self._ring.start, tap.start - round(QUIET_S * self._stretches.fs))
+
+    def _impact(self, first: int, end: int, floor: float) -> tuple[int, float]:
+        """Return the sample at which the vibration leaves the noise, and its greatest power."""
+        start = max(self._level.vibration.start, first - round(0.01 * self._stretches.fs))
+        power = self._level.power(start, end)
+        peak = float(power.max())
+        return start + int(np.argmax(power >= min(max(CLEAR * floor, 1e-3 * peak), peak))), peak

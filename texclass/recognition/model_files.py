@@ -1,0 +1,265 @@
+"""Files of trained models: a skops archive, facts about the model, a digest, a probe of the feature code."""
+
+import hashlib
+import io
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+from zipfile import ZipFile
+
+import numpy as np
+from pydantic import Field
+
+from texclass.experiment.trusted import check_archive, foreign_in, load_trusted, members_of, read_bounded
+from texclass.features.extractor import Plan
+from texclass.features.phase_view import TURN
+from texclass.recognition.sources.files import TrainingFiles
+from texclass.recording import Phases, Recording, Samples, Tap
+from texclass.validation import Written, checked
+
+FORMAT = (2, 0)
+"""Major and minor version; a minor step adds facts that a reader can do without.
+
+2.0: feature code and classes of texclass 0.2 stand elsewhere than before.
+"""
+MANIFEST = "manifest.json"
+Positive = Annotated[float, Field(gt=0, le=1e12)]
+"""A rate in Hz, or a duration in seconds."""
+PROBE_S, MOST_PROBED = 1.5, 1_000_000
+"""Length of the probe in seconds, and in samples at most."""
+GOLDEN = 0.6180339887498949
+SAME_VALUE = 1e-6
+"""Relative difference of values between machines and library versions that changes no answer."""
+
+
+class ModelFileError(ValueError):
+    """A model file cannot be used; the message names the file and the rule."""
+
+
+class Manifest(Written):
+    """The facts of a model: written as JSON beside its arrays, readable without them.
+
+    Attributes
+    ----------
+    materials
+        Surfaces it knows, sorted.
+    pipeline
+        name, row, classifier and hash of what was trained.
+    features
+        Features it computes.
+    phases
+        What it needs of a recording: "tap", "movement", "friction".
+    fs
+        Sampling rate of its recordings in Hz.
+    unit
+        Of their acceleration, as kept.
+    input
+        How files become such recordings.
+    trained_on
+        name, hash and number of recordings (and windows) of the dataset.
+    accuracy
+        mean, low, high (95 %), n_tested, protocol, why it, how: of held-out recordings, the choice included.
+    calibration
+        method, beta, lapse, expected calibration error on held-out recordings, n_bins.
+    unknown
+        score, false_alarms, threshold, n of held-out recordings, stretch (of distances, by drift).
+    cost
+        features_ms and classifier_ms per recording, on the machine that trained it.
+    touch_s
+        Seconds of movement of one answer; None: whole recordings.
+    versions
+        Of texclass, Python and libraries.
+    shortest_s
+        Movement of about the shortest recording trained on, in seconds.
+    schema
+        Of the file: major and minor version.
+    """
+
+    materials: tuple[str, ...]
+    pipeline: Mapping[str, str]
+    features: tuple[str, ...]
+    phases: tuple[str, ...]
+    fs: Positive
+    unit: str
+    input: TrainingFiles
+    trained_on: Mapping[str, Any]
+    accuracy: Mapping[str, Any]
+    calibration: Mapping[str, Any]
+    unknown: Mapping[str, Any]
+    cost: Mapping[str, float]
+    touch_s: Positive | None
+    versions: Mapping[str, str]
+    shortest_s: Positive | None = None
+    format_version: tuple[int, int] = Field(default=FORMAT, alias="schema")
+
+    def to_json(self) -> str:
+        """Return it as JSON."""
+        return json.dumps(self.model_dump(mode="json", by_alias=True), sort_keys=True, indent=1)
+
+
+def read_manifest(text: bytes | str) -> Manifest:
+    """Read the facts of a model of this or an older minor version of the format.
+
+    Raises
+    ------
+    ValueError
+        If they are of a newer program, of another major version, or not the facts of a model.
+    """
+    try:
+        stated = json.loads(text)
+        found = tuple(int(number) for number in stated["schema"])
+        by = str(dict(stated.get("versions", {})).get("texclass", "an older version"))
+        stated.pop("digest", None)
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+        raise ValueError(f"its manifest cannot be read ({type(error).__name__}: {error})") from error
+    shown = ".".join(map(str, found))
+    if found > FORMAT:
+        raise ValueError(f"its format is {shown}, newer than {FORMAT[0]}.{FORMAT[1]}: update texclass")
+    if found[:1] != FORMAT[:1]:
+        raise ValueError(
+            f"its format is {shown}, made by texclass {by:.20}; the rule is {FORMAT[0]}.x: train it again "
+            "with `texclass train`"
+        )
+    return checked(Manifest, stated, "its manifest")
+
+
+def write_model_file(path: str | Path, document: Mapping[str, Any], manifest: Manifest) -> None:
+    """Write a model file: complete, or not at all.
+
+    Raises
+    ------
+    ValueError
+        If it would hold a class that nobody could load again.
+    """
+    import skops.io
+
+    data = skops.io.dumps(dict(document))
+    if foreign := foreign_in(data):
+        raise ValueError(f"{path}: {foreign[0]} cannot be saved; the rule is classes that load safely")
+    stated = json.loads(manifest.to_json())
+    stated["digest"] = digest_of(stated, members_of(data))
+    buffer = io.BytesIO(data)
+    with ZipFile(buffer, "a") as archive:
+        archive.writestr(MANIFEST, json.dumps(stated, sort_keys=True, indent=1))
+    write_whole(Path(path), buffer.getvalue())
+
+
+def unsafe_classes(document: Mapping[str, Any]) -> list[str]:
+    """Return the classes in a document that nobody could load again, sorted."""
+    import skops.io
+
+    return foreign_in(skops.io.dumps(dict(document)))
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file: complete, or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    unfinished.write_bytes(data)
+    unfinished.replace(path)
+
+
+def read_manifest_of(path: str | Path) -> Manifest:
+    """Return what a model file says of itself, its digest checked; no object is made of it.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ModelFileError
+        If it is no whole model file, was changed, or is of another format.
+    """
+    return _checked_file(path)[0]
+
+
+def read_model_file(path: str | Path) -> tuple[Mapping[str, Any], Manifest]:
+    """Return the document and the manifest of a model file; nothing but known classes is ever made of it.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ModelFileError
+        If it is no whole model file, was changed, is of another format, or names a class that is not trusted.
+    """
+    manifest, data = _checked_file(path)
+    try:
+        document = load_trusted(data, beside=frozenset({MANIFEST}))
+    except ValueError as error:
+        raise ModelFileError(f"{path}: {error}") from error
+    if not isinstance(document, dict):
+        raise ModelFileError(f"{path}: holds a {type(document).__name__}; the rule is a model of texclass")
+    return document, manifest
+
+
+def _checked_file(path: str | Path) -> tuple[Manifest, bytes]:
+    try:
+        data = read_bounded(path)
+        check_archive(data, frozenset({MANIFEST}))
+        members = dict(members_of(data))
+        if MANIFEST not in members:
+            raise ValueError("it has no manifest; the rule is a file that `texclass train` wrote")
+        text = members.pop(MANIFEST)
+        manifest = read_manifest(text)
+        stated = json.loads(text)
+        if stated.pop("digest", None) != digest_of(stated, members):
+            raise ValueError("it was changed since it was written: its digest is another; train it again")
+    except ValueError as error:
+        raise ModelFileError(f"{path}: {error}") from error
+    return manifest, data
+
+
+def digest_of(manifest: Mapping[str, Any], members: Mapping[str, bytes]) -> str:
+    """Return the SHA-256 of facts and members; it tells of damage and edits, and not who wrote the file."""
+    digest = hashlib.sha256(json.dumps(manifest, sort_keys=True).encode())
+    for name in sorted(members):
+        digest.update(f"\0{name}\0{len(members[name])}\0".encode() + members[name])
+    return digest.hexdigest()
+
+
+def probe_values(plan: Plan, fs: float, unit: str) -> Samples:
+    """Return the plan's columns (n_columns,) for a made-up recording; NaN where undefined.
+
+    They tell whether the code that computes features still gives the same values: the recording, with one tap
+    and a movement, is the same on every machine. Its noise is a Weyl sequence, frac(k^2 golden): no generator
+    of random numbers has to stay the same.
+    """
+    n = max(64, min(round(PROBE_S * fs), MOST_PROBED))
+    turn = tuple(name for name in plan.channels if name in TURN)
+    channels = plan.channels[: len(plan.channels) - len(turn)] or ("x", "y", "z")
+    axes = np.column_stack([_noise(n, i) for i in range(len(channels))])
+    first, last = n // 10, n // 5
+    axes[:first] *= 0.01
+    axes[first:last] *= np.exp(-np.linspace(0, 8, last - first))[:, None]
+    probe = Recording(
+        axes,
+        fs=fs,
+        unit=unit,
+        recording_id="probe",
+        channels=channels,
+        friction=1 + 0.1 * _noise(n, 7),
+        turn_rate=np.column_stack([_noise(n, 8 + i) for i in range(3)]) if turn else None,
+        phases=Phases((Tap(first // 2, first, last),), (last, n), last),
+    )
+    return plan.compute(probe).values
+
+
+def changed_value(before: Samples, now: Samples, columns: tuple[str, ...]) -> str | None:
+    """Return which column differs most between two computations of the probe; None if none does."""
+    scale = np.maximum(np.maximum(np.abs(before), np.abs(now)), 1e-9)
+    gap = np.abs(before - now) / scale
+    gap[np.isnan(before) != np.isnan(now)] = np.inf
+    gap = np.nan_to_num(gap, nan=0.0, posinf=np.inf)
+    worst = int(gap.argmax())
+    if gap[worst] <= SAME_VALUE:
+        return None
+    return f"{columns[worst]} was {before[worst]:.6g}, is {now[worst]:.6g}"
+
+
+def _noise(n: int, seed: int) -> Samples:
+    k = np.arange(n, dtype=np.float64)
+    white = np.modf((k + 1 + 1000 * seed) ** 2 * GOLDEN)[0] - 0.5
+    smooth = np.convolve(white, [0.5, 0.3, 0.2], "same")
+    return np.asarray(smooth + 0.1 * np.sin(0.05 * (1 + 0.1 * seed) * k))

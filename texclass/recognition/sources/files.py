@@ -1,0 +1,168 @@
+"""How a file becomes a recording like those a model was trained on: its columns, unit and conditioning."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from texclass.loaders import find_recording, formats
+from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
+from texclass.loaders.columns import ReadOptions, choose_acceleration
+from texclass.loaders.dataset import Dataset
+from texclass.loaders.filesets import conditioned
+from texclass.loaders.ros_messages import TURN_RATE
+from texclass.loaders.single import (
+    Signals,
+    agreed_unit,
+    axis_files,
+    build_recording,
+    checked_unit,
+    is_bag_name,
+    located,
+    read_signals,
+    without_axis,
+)
+from texclass.loaders.uniform import NEAR_RATE
+from texclass.recording import Recording
+from texclass.validation import Written
+
+
+class TrainingFiles(Written):
+    """What a dataset card says of its files, as far as one file of the same kind needs it.
+
+    Attributes
+    ----------
+    fs
+        Sampling rate in Hz of files that do not state theirs.
+    unit
+        Of the acceleration in the files.
+    scale, phases, remove_resting_level, delimiter
+        As in a dataset card. The scale belongs to the unit: a file in another one is not scaled.
+    acceleration, auxiliary
+        Columns of the acceleration, and of each signal beside it.
+    axes
+        Names of the channels of the recordings.
+    topic
+        Of bags, where these hold several.
+    """
+
+    fs: float
+    unit: str
+    scale: float = 1.0
+    phases: DeclaredPhases = "detect"
+    remove_resting_level: bool = False
+    delimiter: str | None = None
+    acceleration: tuple[str, ...] = ()
+    auxiliary: Mapping[str, tuple[str, ...]] = {}
+    axes: tuple[str, ...] = ()
+    topic: str | None = None
+
+    @classmethod
+    def of(cls, dataset: Dataset, like: Recording) -> "TrainingFiles":
+        """Return what is to be known of the files of a dataset, one of whose recordings is `like`."""
+        loader: Any = dataset.load
+        while loader is not None and getattr(loader, "reading", None) is None:
+            loader = getattr(loader, "load", None)  # of windows, which wrap the loader of their recordings
+        told: Reading | None = getattr(loader, "reading", None)
+        if told is None:
+            return cls(fs=like.fs, unit=like.unit, axes=like.channels)
+        facts: dict[str, Any] = {}
+        if isinstance(told, FileReading):
+            is_pattern = told.topic is not None and re.compile(told.topic).groupindex
+            facts = {
+                "delimiter": told.delimiter,
+                "acceleration": told.channels.get("acceleration", ()),
+                "auxiliary": {name: told.channels[name] for name in told.channels if name != "acceleration"},
+                "topic": None if is_pattern else told.topic,
+            }
+        return cls(
+            fs=like.fs,
+            unit=told.unit,
+            scale=told.scale,
+            phases=told.phases,
+            remove_resting_level=told.remove_resting_level,
+            axes=like.channels,
+            **facts,
+        )
+
+    def find(self, name: str | Path, *, fs: float | None = None, unit: str | None = None) -> Recording:
+        """Return a file or bag, read as the training files were, or "DATASET:RECORDING" as its card has it.
+
+        Raises
+        ------
+        RecordingError, FileNotFoundError, CardError
+            As `find_recording`.
+        """
+        path = Path(name).expanduser()
+        is_file = path.suffix.lower() in formats.SUFFIXES and (path.exists() or ":" not in str(name))
+        if is_file or _is_bag(name):
+            return self.load(name, fs=fs, unit=unit)
+        return find_recording(name, fs=fs, unit=unit)
+
+    def load(self, name: str | Path, *, fs: float | None = None, unit: str | None = None) -> Recording:
+        """Load a file: what it states of rate and unit counts, then what is given, then that of training.
+
+        A bag whose columns have other names than the training files is read by its own: acceleration and turn
+        rate of its messages, or the channels of an array, in the order of the training files.
+
+        Raises
+        ------
+        RecordingError
+            If the file is bad, or contradicts `fs` or `unit`.
+        """
+        path, asked = located(name) if _is_bag(name) else (Path(name).expanduser(), None)
+        options = ReadOptions(self.delimiter, topic=asked or self._topic_of(path), fs=fs)
+        stated = checked_unit(path, fs, agreed_unit(path, options, unit) or self.unit)
+        axes = axis_files(path)
+        signals = self._read(axes, replace(options, codes=stated == "counts"))
+        named = path.parent if path.name == formats.BAG_FOLDER else path
+        recording = build_recording(
+            signals,
+            fs=fs or (self.fs if signals.fs is None else None),
+            unit=stated,
+            recording_id=named.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0],
+            source=str(path),
+        )
+        scale = self.scale if stated == self.unit else 1.0
+        return conditioned(recording, scale, self.phases, remove_resting_level=self.remove_resting_level)
+
+    def _read(self, axes: Mapping[str, Path], options: ReadOptions) -> Signals:
+        path, roles = next(iter(axes.values())), {"acceleration": self.acceleration, **self.auxiliary}
+        if not formats.is_bag(path):
+            return read_signals(axes, roles, options)
+        roles = self._roles_in(path, options)
+        signals = read_signals(axes, roles, options)
+        if options.fs is None and 0 < abs(float(signals.fs or 0) / self.fs - 1) <= NEAR_RATE:
+            signals = read_signals(axes, roles, replace(options, fs=self.fs))
+        if len(signals.channels) == len(self.axes):
+            signals = replace(signals, channels=self.axes)
+        return signals
+
+    def _roles_in(self, path: Path, options: ReadOptions) -> dict[str, tuple[str, ...]]:
+        """Return which columns of a bag are what: as in the training files if it has those, else its own."""
+        present = formats.names(path, options)
+        own = [name for name in present if not name.startswith("/")]
+        auxiliary = {field: names for field, names in self.auxiliary.items() if set(names) <= set(present)}
+        if "turn_rate" in self.auxiliary and set(TURN_RATE) <= set(own):
+            auxiliary.setdefault("turn_rate", TURN_RATE)
+        if self.acceleration and set(self.acceleration) <= set(own):
+            return {"acceleration": self.acceleration, **auxiliary}
+        n_axes, n_turn = len(self.axes), len(TURN_RATE) * ("turn_rate" in self.auxiliary)
+        if own == [f"c{i + 1}" for i in range(n_axes + n_turn)]:  # an array: its channels have no names
+            turn = {"turn_rate": tuple(own[n_axes:])} if n_turn else {}
+            return {"acceleration": tuple(own[:n_axes]), **auxiliary, **turn}
+        return {"acceleration": choose_acceleration(own, path), **auxiliary}
+
+    def _topic_of(self, path: Path) -> str | None:
+        """Return the topic of the training files, if a bag has it."""
+        if self.topic is None or not formats.is_bag(path):
+            return None
+        return self.topic if self.topic in formats.topics(path) else None
+
+
+def _is_bag(name: str | Path) -> bool:
+    """Whether a name is of a bag: "bag:FILE", a file, or a folder of rosbag2."""
+    path = Path(name).expanduser()
+    is_there = (path.exists() or ":" not in str(name)) and formats.is_bag(path)
+    return is_bag_name(name) or is_there or (path / formats.BAG_FOLDER).is_file()

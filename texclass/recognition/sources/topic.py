@@ -1,0 +1,421 @@
+"""A ROS 2 topic as a source of blocks, heard over DDS without ROS (extra `robot`)."""
+
+import time
+from dataclasses import replace
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+from cyclonedds.core import InstanceState, Policy, ReadCondition, SampleState, ViewState, WaitSet
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+from numpy.typing import NDArray
+
+from texclass.loaders.ros_messages import (
+    MULTI_ARRAY,
+    TURN_RATE,
+    TYPES,
+    MessageError,
+    column_values,
+    decode_multi_array,
+    decode_stamped,
+    lacking,
+    not_measured,
+)
+from texclass.recognition.sources.blocks import ACCELERATION_ONLY, Block, BlockSource, Needs
+from texclass.recognition.sources.dds import (
+    DEPTH,
+    Reliability,
+    dds_topic,
+    message_class,
+    participant,
+    quality,
+    ros_type,
+)
+from texclass.recognition.sources.timing import Timing
+from texclass.recording import RecordingError, Samples
+
+SIGNALS = ("sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped", MULTI_ARRAY)
+"""Types that can be subscribed to."""
+MOST_AT_ONCE = 4096
+"""Messages taken at a time."""
+SILENT_S = 1.0
+"""After so many seconds without a message an empty block says so."""
+UNTURNED_S = 1.0
+"""After so many seconds of a turn rate of exactly 0 a block says so."""
+
+
+class Received(NamedTuple):
+    """Messages that arrived together.
+
+    Attributes
+    ----------
+    stamps_ns : ndarray of shape (n,)
+        Of the headers; when sent, for messages without header or stamp.
+    sent_ns : ndarray of shape (n,)
+        When each was sent, by the clock of the publisher.
+    samples : ndarray of shape (n, k, n_channels)
+        k samples a message.
+    n_bad : int
+        Messages that could not be decoded and are left out.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    sent_ns: NDArray[np.int64]
+    samples: Samples
+    n_bad: int = 0
+
+
+def topic_blocks(
+    topic: str,
+    *,
+    fs: float | None = None,
+    unit: str | None = None,
+    type_name: str | None = None,
+    reliability: Reliability | None = None,
+    domain: int | None = None,
+    wait_s: float = 10.0,
+    end_s: float | None = None,
+    needs: Needs = ACCELERATION_ONLY,
+) -> BlockSource:
+    """Return the acceleration of a ROS 2 topic, and the turn rate where it is needed, as it arrives.
+
+    A second of silence, and a gyroscope that stands still for a second, are told.
+
+    Parameters
+    ----------
+    topic : str
+        "/imu/data".
+    fs : float, optional
+        Sampling rate in Hz; by default measured over the first second.
+    unit : str, optional
+        Must be the one that the type of the messages states; needed if it states none.
+    type_name : str, optional
+        "sensor_msgs/msg/Imu"; by default what is published there.
+    reliability : str, optional
+        By default "reliable" if every publisher offers it, else "best effort".
+    domain : int, optional
+        $ROS_DOMAIN_ID or 0 by default.
+    wait_s : float
+        How long to wait for a first publisher.
+    end_s : float, optional
+        End after so many seconds without a message; by default go on for ever.
+    needs : Needs
+        Columns that a model needs. An array of numbers is taken to have them in their order.
+
+    Raises
+    ------
+    RecordingError
+        If nobody publishes there, a type that cannot be read or lacks what is needed, or the unit is missing
+        or contradicted.
+    """
+    if type_name is None or reliability is None:
+        offered = discover(topic, domain=domain, timeout_s=wait_s)
+        if not offered:
+            raise RecordingError(f"ros2:{topic}: nobody publishes there; waited {wait_s:g} s")
+        type_name = type_name or offered[0][0]
+        are_reliable = all(offer == "reliable" for _, offer in offered)
+        reliability = reliability or ("reliable" if are_reliable else "best effort")
+    if type_name not in SIGNALS:
+        raise RecordingError(f"ros2:{topic}: carries {type_name!r}; the rule is one of {', '.join(SIGNALS)}")
+    columns = _columns(topic, type_name, needs)
+    stated = stated_unit(type_name)
+    if stated != "arbitrary" and unit not in (None, stated):
+        raise RecordingError(
+            f"ros2:{topic}: unit is {stated!r} by its type, {unit!r} was given; the rule is one"
+        )
+    subscriber = Subscriber(topic, type_name, reliability=reliability, domain=domain, columns=columns)
+    return _blocks(subscriber, Timing(fs, unit or stated), end_s)
+
+
+def discover(
+    topic: str, *, domain: int | None = None, timeout_s: float = 5.0
+) -> list[tuple[str, Reliability]]:
+    """Return type and reliability that the publishers of a ROS 2 topic offer, as soon as there is one.
+
+    Parameters
+    ----------
+    topic : str
+        "/imu/data".
+    domain : int, optional
+        $ROS_DOMAIN_ID or 0 by default.
+    timeout_s : float
+        How long to wait.
+
+    Returns
+    -------
+    list of (str, {"reliable", "best effort"})
+        Empty if nobody publishes there within the time.
+    """
+    member = participant(domain)
+    reader = BuiltinDataReader(member, BuiltinTopicDcpsPublication)
+    end = time.monotonic() + timeout_s
+    while True:
+        found = [endpoint for endpoint in reader.read(1000) if endpoint.topic_name == dds_topic(topic)]
+        if found or time.monotonic() >= end:
+            return [(ros_type(endpoint.type_name), _reliability(endpoint.qos)) for endpoint in found]
+        time.sleep(0.02)
+
+
+class Subscriber:
+    """Hears a ROS 2 topic; a publisher may come, go and come back.
+
+    Parameters
+    ----------
+    topic : str
+        "/imu/data".
+    type_name : str
+        "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped" or "std_msgs/msg/Float64MultiArray".
+    reliability : str
+        "best effort" hears everybody and loses what the network loses; "reliable" hears reliable publishers.
+    depth : int
+        Messages kept until they are taken.
+    domain : int, optional
+        $ROS_DOMAIN_ID or 0 by default.
+    columns : tuple of str, optional
+        Of the message; its acceleration by default.
+
+    Raises
+    ------
+    ValueError
+        If the type or a column is not one of those.
+    """
+
+    def __init__(
+        self,
+        topic: str,
+        type_name: str = "sensor_msgs/msg/Imu",
+        *,
+        reliability: Reliability = "best effort",
+        depth: int = DEPTH,
+        domain: int | None = None,
+        columns: tuple[str, ...] = (),
+    ) -> None:
+        if type_name not in SIGNALS:
+            raise ValueError(f"{topic}: type is {type_name!r}; the rule is one of {', '.join(SIGNALS)}")
+        known = TYPES[type_name].columns if type_name in TYPES else {}
+        if unknown := set(columns) - set(known):
+            raise ValueError(f"{topic}: columns {sorted(unknown)}; the rule is one of {', '.join(known)}")
+        self.topic, self.type_name = topic, type_name
+        self.columns = columns or (TYPES[type_name].acceleration if type_name in TYPES else ())
+        self._participant = participant(domain)
+        qos = quality(reliability, depth)
+        heard = Topic(self._participant, dds_topic(topic), message_class(type_name), qos=qos)
+        heard.data_type = _AsBytes
+        self._reader = DataReader(self._participant, heard, qos=qos)
+        self._waitset = WaitSet(self._participant)
+        self._news = ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.NotRead)
+        self._waitset.attach(self._news)
+
+    @property
+    def n_publishers(self) -> int:
+        """How many publishers are heard."""
+        return len(self._reader.get_matched_publications())
+
+    @property
+    def n_lost(self) -> int:
+        """Messages that DDS knows it has lost: overwritten before they were taken, or never arrived."""
+        return int(self._reader.get_sample_lost_status().total_count)
+
+    def whereabouts(self) -> str:
+        """Return, in words, why nothing may arrive."""
+        if self.n_publishers:
+            return "its publisher is there"
+        if self._reader.get_requested_incompatible_qos_status().total_count:
+            return "its publisher does not offer what is asked for (reliable?)"
+        return "its publisher is gone"
+
+    def take(self, timeout_s: float = 0.1) -> Received | None:
+        """Return what has arrived; wait if there is nothing yet.
+
+        Parameters
+        ----------
+        timeout_s : float
+            How long to wait.
+
+        Returns
+        -------
+        received : Received or None
+            None if nothing arrived in time.
+
+        Raises
+        ------
+        RecordingError
+            If the messages say that a column is not measured.
+        """
+        messages = self._reader.take(MOST_AT_ONCE)
+        if not messages:
+            self._waitset.wait(duration(seconds=timeout_s))
+            messages = self._reader.take(MOST_AT_ONCE)
+        valid = [message for message in messages if message.sample_info.valid_data]
+        if not valid:
+            return None
+        sent = [message.sample_info.source_timestamp for message in valid]
+        try:
+            return decoded_messages([message.data for message in valid], sent, self.type_name, self.columns)
+        except RecordingError as error:
+            raise RecordingError(f"ros2:{self.topic}: {error}") from error
+
+    def wait_for_publisher(self, timeout_s: float) -> bool:
+        """Wait until somebody publishes; return whether somebody does."""
+        end = time.monotonic() + timeout_s
+        while not self.n_publishers:
+            if time.monotonic() >= end:
+                return False
+            time.sleep(0.01)
+        return True
+
+    def close(self) -> None:
+        """Leave the domain."""
+        self._waitset = self._news = self._reader = self._participant = None
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the domain."""
+        self.close()
+
+
+class _AsBytes:
+    """Stands for the type of a topic: messages are kept as bytes, to be decoded many at a time."""
+
+    __slots__ = ("data", "sample_info")
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.sample_info: Any = None  # what DDS tells of a message; the reader adds it
+
+    @classmethod
+    def deserialize(cls, data: bytes) -> Self:
+        return cls(data)
+
+    deserialize_key = deserialize
+
+
+def stated_unit(type_name: str) -> str:
+    """Return the unit of the acceleration of a type, "arbitrary" if it states none."""
+    return (TYPES[type_name].unit if type_name in TYPES else None) or "arbitrary"
+
+
+def decoded_messages(
+    raws: list[bytes], sent: list[int], type_name: str, columns: tuple[str, ...]
+) -> Received | None:
+    """Decode messages together; where one is damaged, each by itself.
+
+    Parameters
+    ----------
+    raws : list of bytes
+        Serialised messages, at least one.
+    sent : list of int
+        When each was sent, nanoseconds.
+    type_name : str
+        One of `SIGNALS`.
+    columns : tuple of str
+        Those wanted of a type with a header.
+
+    Returns
+    -------
+    received : Received or None
+        None if none is whole; messages of another size than the first whole one are left out.
+
+    Raises
+    ------
+    RecordingError
+        If the messages say that a column is not measured.
+    """
+    try:
+        stamps, samples = _samples(raws, type_name, columns)
+    except MessageError:
+        shapes = [_shape(raw, type_name) for raw in raws]
+        first = next((shape for shape in shapes if shape is not None), None)
+        good = [i for i, shape in enumerate(shapes) if first is not None and shape == first]
+        if not good:
+            return None
+        found = decoded_messages([raws[i] for i in good], [sent[i] for i in good], type_name, columns)
+        assert found is not None
+        return found._replace(n_bad=len(raws) - len(good))
+    sent_ns = np.array(sent, np.int64)
+    return Received(sent_ns if stamps is None else np.where(stamps == 0, sent_ns, stamps), sent_ns, samples)
+
+
+def _shape(raw: bytes, type_name: str) -> tuple[int, ...] | None:
+    """Return the shape of a message's samples; None if it is damaged."""
+    try:
+        return _samples([raw], type_name, ())[1].shape[1:]
+    except MessageError:
+        return None
+
+
+def _samples(
+    raws: list[bytes], type_name: str, columns: tuple[str, ...]
+) -> tuple[NDArray[np.int64] | None, Samples]:
+    if type_name == MULTI_ARRAY:
+        blocks = [decode_multi_array(raw, ros1=False) for raw in raws]
+        if len({block.shape for block in blocks}) > 1:
+            raise MessageError(f"{type_name}: blocks differ in size; the rule is one")
+        return None, np.stack(blocks)
+    stamps, numbers = decode_stamped(TYPES[type_name], raws, ros1=False)
+    if absent := lacking(TYPES[type_name], numbers, columns):
+        raise RecordingError(not_measured(absent))
+    chosen = [column_values(TYPES[type_name], numbers, column) for column in columns]
+    return stamps, np.stack(chosen, axis=-1)[:, None, :] if chosen else numbers[:, None, :0]
+
+
+def _reliability(qos: Any) -> Reliability:
+    return "reliable" if isinstance(qos[Policy.Reliability], Policy.Reliability.Reliable) else "best effort"
+
+
+def _columns(topic: str, type_name: str, needs: Needs) -> tuple[str, ...]:
+    """Return the columns of a type of messages that are needed."""
+    if type_name == MULTI_ARRAY:
+        return ()
+    type_ = TYPES[type_name]
+    turn = TURN_RATE if "turn_rate" in needs.beside else ()
+    for name in needs.beside:
+        if name != "turn_rate" or not set(turn) <= set(type_.columns):
+            raise RecordingError(f"ros2:{topic}: {type_name} has {needs.lacks(name)}")
+    return (*type_.acceleration, *turn)
+
+
+def _blocks(subscriber: Subscriber, timing: Timing, end_s: float | None) -> BlockSource:
+    """Yield blocks as messages arrive; what DDS says of them goes with the first."""
+    heard, is_silent, n_lost, ended_s = time.monotonic(), False, 0, 0.0
+    said: list[str] = []
+    turn = [subscriber.columns.index(name) for name in TURN_RATE if name in subscriber.columns]
+    unturned_s = 0.0
+    with subscriber:
+        while True:
+            received = subscriber.take(0.1)
+            silent_s = time.monotonic() - heard
+            if received is None:
+                if end_s is not None and silent_s >= end_s:
+                    return
+                if silent_s >= SILENT_S and not is_silent:
+                    is_silent = True
+                    told = f"silent: nothing for {silent_s:.1f} s, {subscriber.whereabouts()}"
+                    yield Block(ended_s, np.empty((0, 3)), timing.fs or 0.0, timing.unit, 0, (told,))
+                continue
+            heard, is_silent = time.monotonic(), False
+            if received.n_bad:
+                said.append(f"damaged: {received.n_bad} messages left out")
+            if subscriber.n_lost > n_lost:
+                said.append(f"lost: {subscriber.n_lost - n_lost} messages on the network")
+                n_lost = subscriber.n_lost
+            for block in timing.push(received.stamps_ns, received.sent_ns, received.samples):
+                length_s = len(block.samples) / block.fs
+                ended_s = block.t_s + length_s
+                # A gyroscope is never so quiet for long: its driver sends what it does not measure.
+                unturned_s += length_s
+                if turn and block.samples[:, turn].any():
+                    turn = []
+                elif turn and unturned_s >= UNTURNED_S:
+                    said.append(f"turn rate: 0 for the first {UNTURNED_S:g} s, does the sensor measure it?")
+                    turn = []
+                yield replace(block, flags=(*said, *block.flags))
+                said.clear()
