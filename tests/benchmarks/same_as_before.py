@@ -26,6 +26,7 @@ import shutil
 import sys
 import tempfile
 import time
+import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -150,14 +151,12 @@ def predictions(
 
     Of rows that select no columns: what the others select is in the result of the benchmark.
     """
-    from texclass.experiment.joined import cached_tables
-
-    from texclass.experiment import evaluate, find_protocol, load_pipeline
+    from texclass.experiment import cached_table, find_protocol, load_pipeline
     from texclass.experiment.pipeline import MatchedRow
 
     definition = load_pipeline(pipeline)
     split_by = find_protocol(protocol or definition.protocol.name)
-    table = cached_tables(open_dataset(dataset), definition.needed, channels=definition.channels, n_jobs=1)
+    table = cached_table(open_dataset(dataset), *definition.needed, channels=definition.channels, n_jobs=1)
     splits = split_by.split(
         table.frame, definition.protocol.folds if folds is None else folds, definition.seed
     )
@@ -166,20 +165,12 @@ def predictions(
     fold = np.full(len(y), -1, dtype=np.int16)
     for number, (_, test) in enumerate(splits):
         fold[test] = number
+    options = {"nested": split_by.nested, "clusters": split_by.clusters(table.frame), "seed": definition.seed}
     labels: dict[str, Any] = {}
     for declared in (row for row in definition.rows if row.select is None):
         row = MatchedRow.of(declared, definition.features, table)
         for classifier in declared.judged_by(definition.classifiers) if row.columns else ():
-            found = evaluate(
-                table.frame[list(row.columns)].to_numpy(dtype=np.float64),
-                y,
-                splits,
-                definition.preparation(declared, classifier),
-                definition.classifiers[classifier].make(),
-                nested=split_by.nested,
-                clusters=split_by.clusters(table.frame),
-                seed=definition.seed,
-            )
+            found = definition.trial(row, classifier, table)(splits, **options)
             said = np.searchsorted(names, np.concatenate(found.predicted)).astype(np.uint8)
             labels.setdefault(declared.name, {})[classifier] = said
     return {"materials": names.tolist(), "fold": fold, "predicted": labels}
@@ -1154,7 +1145,14 @@ def main() -> int:
         if not data_here(PARTS[name][1]):
             print(f"{name}: skipped, the recordings are not here", flush=True)
             continue
-        now = compute(name)
+        try:
+            now = compute(name)
+        except Exception:
+            if asked.what == "record":
+                raise
+            n_different += 1
+            print(f"{name}: failed\n{traceback.format_exc(limit=-3)}", flush=True)
+            continue
         took = f"{time.process_time() - started:.0f} s"
         if asked.what == "record":
             write(name, now, ill_conditioned(name, now))
