@@ -29,10 +29,6 @@ SILENT = 1e-10
 """Power of a frame, in powers of the loudest one, below which it is what rounding left of silence."""
 
 
-def _numbered(letter: str, n: int) -> tuple[str, ...]:
-    return tuple(f"{letter}{i}" for i in range(1, n + 1))
-
-
 @transform
 def mean_model(view: PhaseView, order: int, frame_s: float, band_hz: float) -> tuple[Autoregression, float]:
     """Return the average model of a movement, of unit gain, and the rate in Hz that it runs at.
@@ -56,12 +52,7 @@ def mean_model(view: PhaseView, order: int, frame_s: float, band_hz: float) -> t
     return Autoregression(k, np.ones(())), fs
 
 
-@feature(
-    phase="movement",
-    unit="Hz",
-    reference="abdulali2016, section 4.1",
-    outputs=lambda *, order, **_: _numbered("f", order),
-)
+@feature("movement", "Hz", "abdulali2016, section 4.1", outputs="f{order}")
 def line_spectral_frequencies(
     view: PhaseView, *, order: int = ORDER, frame_s: float = FRAME_S, band_hz: float = BAND_HZ
 ) -> Samples:
@@ -91,12 +82,7 @@ def line_spectral_frequencies(
     return line_spectrum.from_reflection(model.reflection) * (fs / (2 * np.pi))
 
 
-@feature(
-    phase="movement",
-    unit="1",
-    reference="oeztuerk2018, eq. 3.1-3.7",
-    outputs=lambda *, order, **_: _numbered("g", order),
-)
+@feature("movement", "1", "oeztuerk2018, eq. 3.1-3.7", outputs="g{order}")
 def log_area_ratios(
     view: PhaseView, *, order: int = ORDER, frame_s: float = FRAME_S, band_hz: float = BAND_HZ
 ) -> Samples:
@@ -121,12 +107,7 @@ def log_area_ratios(
     return mean_model(view, order, frame_s, band_hz)[0].log_area_ratios
 
 
-@feature(
-    phase="movement",
-    unit="1",
-    reference="oeztuerk2018, eq. 3.1-3.7",
-    outputs=lambda *, n_coefficients, **_: _numbered("c", n_coefficients),
-)
+@feature("movement", "1", "oeztuerk2018, eq. 3.1-3.7", outputs="c{n_coefficients}")
 def lpc_cepstrum(
     view: PhaseView,
     *,
@@ -158,12 +139,7 @@ def lpc_cepstrum(
     return mean_model(view, order, frame_s, band_hz)[0].cepstrum(n_coefficients + 1)[1:]
 
 
-@feature(
-    phase="movement",
-    unit="dB",
-    reference="oeztuerk2018, section 3.1",
-    outputs=lambda *, orders, **_: tuple(f"p{p}" for p in orders),
-)
+@feature("movement", "dB", "oeztuerk2018, section 3.1", outputs="p{orders}")
 def prediction_gain(
     view: PhaseView,
     *,
@@ -202,13 +178,7 @@ def prediction_gain(
 
 
 @feature(
-    phase="movement",
-    unit="Hz",
-    reference="oeztuerk2018, section 3.1",
-    outputs=lambda *, n_resonances, **_: (
-        *_numbered("f", n_resonances),
-        *_numbered("bandwidth", n_resonances),
-    ),
+    "movement", "Hz", "oeztuerk2018, section 3.1", outputs=("f{n_resonances}", "bandwidth{n_resonances}")
 )
 def resonances(
     view: PhaseView,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from texclass.features.conditioning import level, require, unit32
-from texclass.features.contract import Gain, UndefinedFeatureError, feature
+from texclass.features.contract import Gain, UndefinedFeatureError, feature_in_samples
 from texclass.features.phase_view import PhaseView, transform
 from texclass.features.spectra import BLOCK, window_of
 from texclass.recording import Samples, read_only
@@ -99,19 +99,11 @@ def whole_periodogram(view: PhaseView) -> Periodogram:
     return periodogram(unit32(view), view.fs)
 
 
-def even_names(*, n_bands: int) -> tuple[str, ...]:
-    """Return the names of bands of equal width."""
-    return tuple(f"b{i}" for i in range(1, n_bands + 1))
-
-
-@feature(
-    phase="movement",
-    unit="log10((m/s^2)^2/Hz)",
-    reference="texclass; log power spectrum in bands of equal width",
-    outputs=even_names,
+@feature_in_samples(
+    "log10((m/s^2)^2/Hz)",
+    "texclass; log power spectrum in bands of equal width",
+    outputs="b{n_bands}",
     gain=Gain(shift=2),
-    depends_on=("rate",),
-    divisible=True,
 )
 def band_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
     """Power density in bands of equal width from 0 to fs/2; b1 is the lowest.
@@ -145,14 +137,11 @@ def fraction_names(*, octaves: tuple[int, int], per_octave: int) -> tuple[str, .
     )
 
 
-@feature(
-    phase="movement",
-    unit="log10((m/s^2)^2/Hz)",
-    reference="texclass; log power spectrum in fractions of octaves",
+@feature_in_samples(
+    "log10((m/s^2)^2/Hz)",
+    "texclass; log power spectrum in fractions of octaves",
     outputs=fraction_names,
     gain=Gain(shift=2),
-    depends_on=("rate",),
-    divisible=True,
 )
 def octave_level(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octave: int = 3) -> Samples:
     """Power density in fractions of octaves, counted downwards from fs/2; o2.1 begins at fs/2 / 2^2.
@@ -223,13 +212,8 @@ def _course_names(*, n_parts: int, octaves: tuple[int, int]) -> tuple[str, ...]:
     return tuple(f"term{j}.o{k}" for j in range(1, n_parts) for k in range(*octaves))
 
 
-@feature(
-    phase="movement",
-    unit="log10(1)",
-    reference="texclass; cosine transform over time of log band levels",
-    outputs=_course_names,
-    depends_on=("rate",),
-    divisible=True,
+@feature_in_samples(
+    "log10(1)", "texclass; cosine transform over time of log band levels", outputs=_course_names
 )
 def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] = (0, 4)) -> Samples:
     """How the level of each octave runs from the first to the last part of a movement.
@@ -266,14 +250,7 @@ def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] =
     return np.asarray(fft.dct(L, axis=0)[1:].reshape(-1) / n_parts)
 
 
-@feature(
-    phase="movement",
-    unit="log10(1)",
-    reference="texclass; deviation over frames of log band levels",
-    outputs=OCTAVES,
-    depends_on=("rate",),
-    divisible=True,
-)
+@feature_in_samples("log10(1)", "texclass; deviation over frames of log band levels", outputs=OCTAVES)
 def level_fluctuation(view: PhaseView) -> Samples:
     """How much the log10 power of each octave from fs/2 down deviates from frame to frame.
 
@@ -295,14 +272,7 @@ def level_fluctuation(view: PhaseView) -> Samples:
     return np.asarray(np.log10(octave_frames(view)).std(axis=0))
 
 
-@feature(
-    phase="movement",
-    unit="1",
-    reference="texclass; autocorrelation of log band levels",
-    outputs=OCTAVES,
-    depends_on=("rate",),
-    divisible=True,
-)
+@feature_in_samples("1", "texclass; autocorrelation of log band levels", outputs=OCTAVES)
 def level_persistence(view: PhaseView) -> Samples:
     """Correlation of the log10 power of each octave with that a frame, 64 samples, later.
 

@@ -18,10 +18,6 @@ FLOOR = 1e-12
 """Least energy of a filter, in energies of its frame: -120 dB, below the rounding of any sensor."""
 
 
-def _names(*, coefficients: tuple[int, ...], **_: object) -> tuple[str, ...]:
-    return tuple(f"c{n}" for n in coefficients)
-
-
 @functools.lru_cache(maxsize=32)
 def mel_filters(
     fs: float, n_fft: int, n_filters: int, low_hz: float, high_hz: float, decay_hz: float
@@ -95,7 +91,7 @@ def log_energies(
     return np.asarray(np.log(np.maximum(energy, np.float32(FLOOR) * total)[heard]), dtype=np.float32)
 
 
-@feature(phase="movement", unit="1", reference="strese2015, section IV-A", outputs=_names)
+@feature("movement", "1", "strese2015, section IV-A", outputs="c{coefficients}")
 def mfcc(
     view: PhaseView,
     *,
@@ -148,7 +144,7 @@ def mfcc(
     return np.asarray(fft.dct(mean, norm="ortho")[_checked(coefficients, n_filters)])
 
 
-@feature(phase="movement", unit="1", reference="strese2015, section IV-A, extended", outputs=_names)
+@feature("movement", "1", "strese2015, section IV-A, extended", outputs="c{coefficients}")
 def mfcc_deviation(
     view: PhaseView,
     *,

@@ -6,8 +6,10 @@ import hashlib
 import importlib
 import importlib.util
 import inspect
+import itertools
+import string
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -15,15 +17,28 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from texclass.features import DIMENSIONS
 from texclass.features.phase_view import Phase, PhaseView, TapView, UndefinedFeatureError, pieces, view_of
 from texclass.recording import Samples
 
-__all__ = ["Feature", "Gain", "UndefinedFeatureError", "feature", "find", "load_feature", "registered"]
+__all__ = [
+    "Feature",
+    "Gain",
+    "UndefinedFeatureError",
+    "feature",
+    "feature_in_samples",
+    "find",
+    "load_feature",
+    "registered",
+]
 
 Dependence = Literal["length", "rate"]
-Outputs = tuple[str, ...] | Callable[..., tuple[str, ...]]
+Outputs = str | tuple[str, ...] | Callable[..., tuple[str, ...]]
 R = TypeVar("R")
+DIMENSIONS = (
+    "autoregression", "bands", "cepstrum", "decaying_segments", "excess", "fineness", "friction", "hardness",
+    "related_work", "roughness", "slopes", "tap_modes",
+)  # fmt: skip
+"""The modules of this room that hold features."""
 OWN = "texclass_own_"
 """Begins the name of every module loaded from a file, so that no file shadows an installed module."""
 
@@ -60,12 +75,16 @@ class Feature:
     reference
         Paper key and equation or section.
     outputs
-        Names of the outputs of a vector feature, or a function of the parameters that gives them; empty for a
-        scalar, whose one column bears the feature's name.
+        Names of the outputs of a vector feature. A parameter in one, "lag{lags}.b{n_bands}", stands for each
+        of its elements, or for 1 ... n of a whole number, the last one running fastest; what cannot be said
+        so is said by a function of the parameters. Empty for a scalar, whose one column bears the feature's
+        name.
     gain
         How it scales with the signal.
     depends_on
         What its value is known to depend on, as printed: "length" of the phase, sampling "rate".
+    divisible
+        Whether a parameter `n_pieces` computes it of equal pieces of the movement; see `feature`.
     """
 
     name: str
@@ -76,6 +95,7 @@ class Feature:
     outputs: Outputs = ()
     gain: Gain = Gain()
     depends_on: frozenset[Dependence] = frozenset()
+    divisible: bool = False
 
     @property
     def summary(self) -> str:
@@ -104,9 +124,15 @@ class Feature:
 
     def columns(self, name: str, parameters: Mapping[str, Any]) -> tuple[str, ...]:
         """Return the column names under which a set that calls this feature `name` stores it."""
-        outputs = self.outputs
-        if callable(outputs):
-            outputs = outputs(**{**self.defaults, **parameters})
+        given = {**self.defaults, **parameters}
+        n_pieces = given.pop("n_pieces", 1) if self.divisible else 1
+        if callable(self.outputs):
+            outputs = self.outputs(**given)
+        else:
+            written = (self.outputs,) if isinstance(self.outputs, str) else self.outputs
+            outputs = tuple(output for template in written for output in _filled_in(template, given))
+        if n_pieces > 1:
+            outputs = tuple(f"{output}.piece{i}" for output in outputs for i in range(1, n_pieces + 1))
         return tuple(f"{name}.{output}" for output in outputs) or (name,)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
@@ -117,14 +143,22 @@ class Feature:
         return load_feature, (f"{self.source if module.startswith(OWN) else module}:{self.name}",)
 
 
+def _filled_in(template: str, parameters: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a name for every combination of what the parameters in it hold."""
+    keys = [key for _, key, _, _ in string.Formatter().parse(template) if key]
+    held = (parameters[key] for key in keys)
+    for values in itertools.product(*(h if isinstance(h, tuple) else range(1, h + 1) for h in held)):
+        yield template.format(**dict(zip(keys, values, strict=True)))
+
+
 _REGISTRY: dict[str, Feature] = {}
 
 
 def feature(
-    *,
     phase: Phase,
     unit: str,
     reference: str,
+    *,
     outputs: Outputs = (),
     gain: Gain = Gain(),
     depends_on: tuple[Dependence, ...] = (),
@@ -168,11 +202,16 @@ def feature(
                 view = view_of(phase, view, fs, unit)
             return of_view(view, *args, **parameters)
 
-        named = _of_pieces(outputs) if divisible else outputs
-        _REGISTRY[name] = Feature(name, of_signal, phase, unit, reference, named, gain, frozenset(depends_on))
+        _REGISTRY[name] = Feature(
+            name, of_signal, phase, unit, reference, outputs, gain, frozenset(depends_on), divisible
+        )
         return of_signal
 
     return register
+
+
+feature_in_samples = functools.partial(feature, "movement", depends_on=("rate",), divisible=True)
+"""Like `feature`, of a movement whose spans or bands are counted in samples; also of its pieces."""
 
 
 def registered() -> dict[str, Feature]:
@@ -284,15 +323,3 @@ def _in_pieces(function: Callable[..., Any]) -> Callable[..., Any]:
     added = inspect.Parameter("n_pieces", inspect.Parameter.KEYWORD_ONLY, default=1, annotation=int)
     in_pieces.__signature__ = own.replace(parameters=[*own.parameters.values(), added])  # type: ignore[attr-defined]
     return in_pieces
-
-
-def _of_pieces(outputs: Outputs) -> Callable[..., tuple[str, ...]]:
-    """Return a function that names the outputs of each piece."""
-
-    def names(*, n_pieces: int = 1, **parameters: Any) -> tuple[str, ...]:
-        whole = outputs(**parameters) if callable(outputs) else outputs
-        if n_pieces == 1:
-            return whole
-        return tuple(f"{name}.piece{i}" for name in whole for i in range(1, n_pieces + 1))
-
-    return names

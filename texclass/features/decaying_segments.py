@@ -78,7 +78,7 @@ def segmentation(
     return segment_rising_peaks(samples, dead_band, threshold=threshold)
 
 
-@feature(phase="movement", unit="Hz", reference="guruswamy2011, section IV-C, eq. 6 and 7")
+@feature("movement", "Hz", "guruswamy2011, section IV-C, eq. 6 and 7")
 def upper_cutoff(view: PhaseView, *, lower_hz: float = LOWER_HZ, smoothing_hz: float = SMOOTHING_HZ) -> float:
     """Automatic upper cut-off: holds 75 % of the power and all of the spectrum above a tenth of its peak.
 
@@ -99,7 +99,7 @@ def upper_cutoff(view: PhaseView, *, lower_hz: float = LOWER_HZ, smoothing_hz: f
     return band(view, lower_hz, smoothing_hz).upper_hz
 
 
-@feature(phase="movement", unit="Hz", reference="guruswamy2011, section IV-C")
+@feature("movement", "Hz", "guruswamy2011, section IV-C")
 def major_frequency(
     view: PhaseView, *, lower_hz: float = LOWER_HZ, smoothing_hz: float = SMOOTHING_HZ
 ) -> float:
@@ -120,7 +120,7 @@ def major_frequency(
     return band(view, lower_hz, smoothing_hz).major_hz
 
 
-@feature(phase="movement", unit="1/s", reference="guruswamy2011, section IV-B")
+@feature("movement", "1/s", "guruswamy2011, section IV-B")
 def segment_rate(
     view: PhaseView,
     *,
@@ -154,7 +154,7 @@ def segment_rate(
     return float(segments.n_segments * fs / segments.bounds[-1])
 
 
-@feature(phase="movement", unit="1", reference="guruswamy2011, section IV-A")
+@feature("movement", "1", "guruswamy2011, section IV-A")
 def segment_peaks(
     view: PhaseView,
     *,
@@ -180,7 +180,7 @@ def segment_peaks(
     return float(segmentation(view, lower_hz, smoothing_hz, dead_band, threshold).n_peaks.mean())
 
 
-@feature(phase="movement", unit="1", reference="guruswamy2011, section IV-A")
+@feature("movement", "1", "guruswamy2011, section IV-A")
 def segment_order(
     view: PhaseView,
     *,

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from texclass.features.bands import band_level, even_names, fraction_names, octave_level
-from texclass.features.contract import feature
+from texclass.features.bands import band_level, fraction_names, octave_level
+from texclass.features.contract import feature_in_samples
 from texclass.features.phase_view import PhaseView, transform
-from texclass.features.slopes import LAGS, curvature_level, lag_names, slope_level
+from texclass.features.slopes import LAGS, curvature_level, slope_level
 from texclass.recording import Samples
 
 REFERENCE = "texclass; residuals of a straight line in log level over log frequency"
@@ -57,14 +57,7 @@ def _slopes(view: PhaseView, lags: tuple[int, ...]) -> Samples:
     return slope_level(view, lags=lags)
 
 
-@feature(
-    phase="movement",
-    unit="log10(1) per octave",
-    reference=REFERENCE,
-    outputs=("tilt",),
-    depends_on=("rate",),
-    divisible=True,
-)
+@feature_in_samples("log10(1) per octave", REFERENCE, outputs="tilt")
 def level_tilt(view: PhaseView) -> Samples:
     """By how much the mean magnitude of changes rises from one octave to the next higher; see `line`.
 
@@ -86,14 +79,7 @@ def level_tilt(view: PhaseView) -> Samples:
     return np.array([line(view).tilt])
 
 
-@feature(
-    phase="movement",
-    unit="log10(1)",
-    reference=REFERENCE,
-    outputs=even_names,
-    depends_on=("rate",),
-    divisible=True,
-)
+@feature_in_samples("log10(1)", REFERENCE, outputs="b{n_bands}")
 def band_excess(view: PhaseView, *, n_bands: int = 24) -> Samples:
     """`band_level` minus twice (power of a magnitude) the `line` at the middle of each band.
 
@@ -115,14 +101,7 @@ def band_excess(view: PhaseView, *, n_bands: int = 24) -> Samples:
     return np.asarray(band_level(view, n_bands=n_bands) - 2 * line(view).at(middle))
 
 
-@feature(
-    phase="movement",
-    unit="log10(1)",
-    reference=REFERENCE,
-    outputs=fraction_names,
-    depends_on=("rate",),
-    divisible=True,
-)
+@feature_in_samples("log10(1)", REFERENCE, outputs=fraction_names)
 def octave_excess(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octave: int = 3) -> Samples:
     """`octave_level` minus twice the `line` at the middle of each fraction of an octave.
 
@@ -148,14 +127,7 @@ def octave_excess(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_oct
     return np.asarray(levels - 2 * line(view).at(middle))
 
 
-@feature(
-    phase="movement",
-    unit="log10(1)",
-    reference=REFERENCE,
-    outputs=lag_names,
-    depends_on=("rate",),
-    divisible=True,
-)
+@feature_in_samples("log10(1)", REFERENCE, outputs="lag{lags}")
 def slope_excess(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """`slope_level` minus the `line` at fs/(2 lag): where the changes bend away from a straight line.
 
@@ -176,14 +148,7 @@ def slope_excess(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     return np.asarray(_slopes(view, lags) - line(view).at(octaves_of(lags)))
 
 
-@feature(
-    phase="movement",
-    unit="log10(1)",
-    reference=REFERENCE,
-    outputs=lag_names,
-    depends_on=("rate",),
-    divisible=True,
-)
+@feature_in_samples("log10(1)", REFERENCE, outputs="lag{lags}")
 def curvature_excess(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """`curvature_level` minus the `line` at fs/(2 lag), where a second difference lets most through.
 

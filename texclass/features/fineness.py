@@ -13,12 +13,7 @@ from texclass.features.spectra import spectral_moments
 from texclass.recording import Samples
 
 
-@feature(
-    phase="movement",
-    unit="DCT bin",
-    reference="strese2015, eq. 2 and section IV-D.3",
-    depends_on=("rate",),
-)
+@feature("movement", "DCT bin", "strese2015, eq. 2 and section IV-D.3", depends_on=("rate",))
 def fineness_as_printed(view: PhaseView, *, length: int = 4096) -> float:
     """Spectral centroid of DCT frames, SC = sum k |I(k)|^2 / sum |I(k)|^2, k = 1 ... m/2; mean over frames.
 
@@ -70,7 +65,7 @@ def printed_centroids(frames: NDArray[Any], length: int) -> Samples:
     return np.asarray((energy @ k)[heard] / total[heard])
 
 
-@feature(phase="movement", unit="Hz", reference="strese2015, eq. 2, corrected")
+@feature("movement", "Hz", "strese2015, eq. 2, corrected")
 def fineness(view: PhaseView) -> float:
     """Spectral centroid in Hz over the full band, mean over frames.
 
@@ -85,7 +80,7 @@ def fineness(view: PhaseView) -> float:
     return float(centroid.mean())
 
 
-@feature(phase="movement", unit="Hz", reference="strese2015, eq. 2, corrected")
+@feature("movement", "Hz", "strese2015, eq. 2, corrected")
 def fineness_spread(view: PhaseView) -> float:
     """Deviation of frequency around the spectral centroid in Hz: narrow for a grating, wide for sandpaper.
 

@@ -7,7 +7,7 @@ from texclass.features.contract import Gain, feature
 from texclass.features.phase_view import PhaseView
 
 
-@feature(phase="friction", unit="V", reference="strese2015, eq. 8", gain=Gain(power=1))
+@feature("friction", "V", "strese2015, eq. 8", gain=Gain(power=1))
 def friction(view: PhaseView) -> float:
     """Mean magnitude of the friction voltage during the movement, Fr = mean |v|.
 

@@ -92,7 +92,7 @@ def impulse_peaks(magnitude: Samples, spacing: int, prominence: float) -> NDArra
     return np.asarray(np.sort(highest) - 1)
 
 
-@feature(phase="tap", unit="1", reference="strese2015, eq. 1", depends_on=("rate",))
+@feature("tap", "1", "strese2015, eq. 1", depends_on=("rate",))
 def hardness_as_printed(view: TapView, *, spacing: int = 100, prominence: float = 0.01) -> float:
     """Hardness H = (max(i) / n) / sum(h), in samples; mean over taps.
 
@@ -123,7 +123,7 @@ def hardness_as_printed(view: TapView, *, spacing: int = 100, prominence: float 
     return float(np.mean(per_tap(view, hardness_of)))
 
 
-@feature(phase="tap", unit="1/s^2", reference="strese2015, eq. 1, corrected")
+@feature("tap", "1/s^2", "strese2015, eq. 1, corrected")
 def hardness(view: TapView, *, spacing_s: float = 0.01, prominence: float = 0.05) -> float:
     """Hardness max|i| / (t v): impact over its time and over the velocity of the hand; median over taps.
 
@@ -163,7 +163,7 @@ def _moved(velocity: float) -> float:
     return velocity
 
 
-@feature(phase="tap", unit="DCT bin", reference="strese2015, eq. 2", depends_on=("rate",))
+@feature("tap", "DCT bin", "strese2015, eq. 2", depends_on=("rate",))
 def damping_as_printed(view: TapView, *, length: int = 4096) -> float:
     """Spectral centroid of a tap, SC = sum k |I(k)|^2 / sum |I(k)|^2 for k = 1 ... m/2; mean over taps.
 
@@ -215,7 +215,7 @@ def _quantiles(x: Samples, density: Samples) -> Samples:
     return np.interp(SHARES, running / running[-1], x)
 
 
-@feature(phase="tap", unit="Hz", reference="strese2015, eq. 2, corrected")
+@feature("tap", "Hz", "strese2015, eq. 2, corrected")
 def damping(view: TapView) -> float:
     """Spectral centroid of impact and decay in Hz over the full band; median over taps.
 
@@ -229,7 +229,7 @@ def damping(view: TapView) -> float:
     return float(np.median([float(f @ power) / float(power.sum()) for f, power in tap_spectra(view)]))
 
 
-@feature(phase="tap", unit="Hz", reference="texclass, after strese2015, eq. 2", outputs=SHARE_NAMES)
+@feature("tap", "Hz", "texclass, after strese2015, eq. 2", outputs=SHARE_NAMES)
 def tap_band(view: TapView) -> Samples:
     """Frequencies below which 10, 25, 50, 75 and 90 % of a tap's energy lie; median over taps.
 
@@ -245,7 +245,7 @@ def tap_band(view: TapView) -> Samples:
     return np.asarray(np.median([_quantiles(f, power) for f, power in tap_spectra(view)], axis=0))
 
 
-@feature(phase="tap", unit="s", reference="texclass, after strese2015, Fig. 7", outputs=SHARE_NAMES)
+@feature("tap", "s", "texclass, after strese2015, Fig. 7", outputs=SHARE_NAMES)
 def tap_course(view: TapView) -> Samples:
     """Course of a tap: times after the contact by which 10 ... 90 % of its energy has come; median over taps.
 
@@ -268,7 +268,7 @@ def tap_course(view: TapView) -> Samples:
     return np.asarray(np.median(per_tap(view, course_of), axis=0))
 
 
-@feature(phase="tap", unit="1/s", reference="texclass, after okamura2001")
+@feature("tap", "1/s", "texclass, after okamura2001")
 def tap_decay_rate(view: TapView) -> float:
     """Decay rate b of the envelope exp(-b t) of a tap; median over taps.
 
@@ -294,7 +294,7 @@ def tap_decay_rate(view: TapView) -> float:
     return float(np.median(per_tap(view, rate_of)))
 
 
-@feature(phase="tap", unit="log10(m/s^2)", reference="texclass", gain=Gain(shift=1))
+@feature("tap", "log10(m/s^2)", "texclass", gain=Gain(shift=1))
 def tap_strength(view: TapView) -> float:
     """Strength of a tap, log10 max|i|; median over taps.
 
@@ -307,7 +307,7 @@ def tap_strength(view: TapView) -> float:
     return float(np.median(peaks) + np.log10(tap_level(view)))
 
 
-@feature(phase="tap", unit="1", reference="texclass")
+@feature("tap", "1", "texclass")
 def tap_crest(view: TapView) -> float:
     """Crest factor of a tap, max|i| over the root mean square of impact and decay; median over taps.
 

@@ -17,12 +17,7 @@ SENSOR_BAND_HZ = 1400.0
 """Where the acceleration sensor of strese2015 ends."""
 
 
-@feature(
-    phase="movement",
-    unit="(m/s^2)^2",
-    reference="strese2015, Table I [7] (Fishel and Loeb, 2012)",
-    gain=Gain(power=2),
-)
+@feature("movement", "(m/s^2)^2", "strese2015, Table I [7] (Fishel and Loeb, 2012)", gain=Gain(power=2))
 def standard_roughness(view: PhaseView) -> float:
     """Power of the vibration, mean x^2.
 
@@ -35,15 +30,11 @@ def standard_roughness(view: PhaseView) -> float:
     return float(x @ x) / x.size * level(view) ** 2
 
 
-def _lpc_names(*, order: int) -> tuple[str, ...]:
-    return tuple(f"a{k + 1}" for k in range(order))
-
-
 @feature(
-    phase="movement",
-    unit="1",
-    reference="strese2015, Table I [10] (Culbertson et al., 2014)",
-    outputs=_lpc_names,
+    "movement",
+    "1",
+    "strese2015, Table I [10] (Culbertson et al., 2014)",
+    outputs="a{order}",
     depends_on=("rate",),
 )
 def lpc_coefficients(view: PhaseView, *, order: int = 10) -> Samples:
@@ -79,12 +70,7 @@ def lpc_coefficients(view: PhaseView, *, order: int = 10) -> Samples:
     return a
 
 
-@feature(
-    phase="movement",
-    unit="m/s^2",
-    reference="strese2015, Table I [17] (Chathuranga et al., 2013)",
-    gain=Gain(power=1),
-)
+@feature("movement", "m/s^2", "strese2015, Table I [17] (Chathuranga et al., 2013)", gain=Gain(power=1))
 def mean_magnitude(view: PhaseView) -> float:
     """Mean of |x|: the movement's own mean is gravity and removed with it.
 
@@ -96,12 +82,7 @@ def mean_magnitude(view: PhaseView) -> float:
     return float(np.abs(unit(view)).mean()) * level(view)
 
 
-@feature(
-    phase="movement",
-    unit="(m/s^2)^2",
-    reference="strese2015, Table I [17] (Chathuranga et al., 2013)",
-    gain=Gain(power=2),
-)
+@feature("movement", "(m/s^2)^2", "strese2015, Table I [17] (Chathuranga et al., 2013)", gain=Gain(power=2))
 def variance(view: PhaseView) -> float:
     """Variance of the movement.
 
@@ -115,9 +96,9 @@ def variance(view: PhaseView) -> float:
 
 
 @feature(
-    phase="movement",
-    unit="(m/s^2)^2",
-    reference="strese2015, Table I [17] (Chathuranga et al., 2013)",
+    "movement",
+    "(m/s^2)^2",
+    "strese2015, Table I [17] (Chathuranga et al., 2013)",
     gain=Gain(power=2),
     depends_on=("rate",),
 )
@@ -146,7 +127,7 @@ def wavelet_energy(view: PhaseView, *, wavelet: str = "coif3", depth: int = 5) -
     return energy / view.n_samples * level(view) ** 2
 
 
-@feature(phase="movement", unit="Hz", reference="strese2015, Table I [7] (Fishel and Loeb, 2012)")
+@feature("movement", "Hz", "strese2015, Table I [7] (Fishel and Loeb, 2012)")
 def spectral_centroid(view: PhaseView, *, high_hz: float = 600.0) -> float:
     """Centroid of the mean power spectrum up to 600 Hz, where [7] cuts off: sum f P(f) / sum P(f).
 
@@ -170,15 +151,11 @@ def spectral_centroid(view: PhaseView, *, high_hz: float = 600.0) -> float:
     return float(power[inside] @ f[inside]) / total
 
 
-def _band_names(*, n_bands: int, **_: object) -> tuple[str, ...]:
-    return tuple(f"b{i + 1:02d}" for i in range(n_bands))
-
-
 @feature(
-    phase="movement",
-    unit="(m/s^2)^2",
-    reference="strese2015, Table I [8] (Romano and Kuchenbecker, 2014)",
-    outputs=_band_names,
+    "movement",
+    "(m/s^2)^2",
+    "strese2015, Table I [8] (Romano and Kuchenbecker, 2014)",
+    outputs="b{n_bands:02d}",
     gain=Gain(power=2),
 )
 def gaussian_band_energies(
@@ -231,15 +208,11 @@ def _gaussians(
     return np.asarray(np.exp(-(((f - centre) / width) ** 2) / 2))
 
 
-def _cell_names(*, n_times: int, n_bands: int, **_: object) -> tuple[str, ...]:
-    return tuple(f"t{t + 1:02d}f{b + 1}" for t in range(n_times) for b in range(n_bands))
-
-
 @feature(
-    phase="movement",
-    unit="log10((m/s^2)^2/Hz)",
-    reference="strese2015, Table I [5] (Sinapov and Sukhoy, 2011)",
-    outputs=_cell_names,
+    "movement",
+    "log10((m/s^2)^2/Hz)",
+    "strese2015, Table I [5] (Sinapov and Sukhoy, 2011)",
+    outputs="t{n_times:02d}f{n_bands}",
     gain=Gain(shift=2),
     depends_on=("length",),
 )
@@ -285,16 +258,7 @@ def discretized_spectrogram(
     return np.asarray((np.log10(cells / size) + 2 * np.log10(level(view))).ravel())
 
 
-def _peak_names(*, n_peaks: int, **_: object) -> tuple[str, ...]:
-    return tuple(f"f{i + 1}" for i in range(n_peaks))
-
-
-@feature(
-    phase="movement",
-    unit="Hz",
-    reference="strese2015, Table I [9] (Jamali and Sammut, 2011)",
-    outputs=_peak_names,
-)
+@feature("movement", "Hz", "strese2015, Table I [9] (Jamali and Sammut, 2011)", outputs="f{n_peaks}")
 def spectral_peaks(
     view: PhaseView, *, n_peaks: int = 5, smooth_hz: float = 20.0, high_hz: float = SENSOR_BAND_HZ
 ) -> Samples:

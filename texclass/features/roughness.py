@@ -32,13 +32,7 @@ PERIOD = 3
 """Samples in a period of the upper end of the fine band: a rate that holds the magnitudes of both."""
 
 
-@feature(
-    phase="movement",
-    unit="log10(m/s^2)",
-    reference="strese2015, eq. 5",
-    gain=Gain(shift=1),
-    depends_on=("rate",),
-)
+@feature("movement", "log10(m/s^2)", "strese2015, eq. 5", gain=Gain(shift=1), depends_on=("rate",))
 def waviness_as_printed(
     view: PhaseView, *, cutoff_hz: float = 100.0, frame: int = 200, average: int = 100
 ) -> float:
@@ -66,12 +60,7 @@ def waviness_as_printed(
     return _waviness(view, *low_passed(view, cutoff_hz), frame, average)
 
 
-@feature(
-    phase="movement",
-    unit="log10(m/s^2)",
-    reference="strese2015, eq. 5, corrected",
-    gain=Gain(shift=1),
-)
+@feature("movement", "log10(m/s^2)", "strese2015, eq. 5, corrected", gain=Gain(shift=1))
 def waviness(
     view: PhaseView, *, cutoff_hz: float = 100.0, frame_s: float = 0.02, average_s: float = 2.0
 ) -> float:
@@ -106,13 +95,7 @@ def _waviness(view: PhaseView, slow: Samples, factor: int, frame: int, average: 
     return log10_of(sigma, "the deviation of the frames' levels") + float(np.log10(level(view)))
 
 
-@feature(
-    phase="movement",
-    unit="log10(m/s^2)",
-    reference="strese2015, eq. 6",
-    gain=Gain(shift=1),
-    depends_on=("rate",),
-)
+@feature("movement", "log10(m/s^2)", "strese2015, eq. 6", gain=Gain(shift=1), depends_on=("rate",))
 def spikiness_as_printed(view: PhaseView, *, cutoff_hz: float = 100.0, average: int = 5000) -> float:
     """Mean excess over a moving threshold, SP = log10 mean(max(x - x_th, 0)), average in samples.
 
@@ -136,12 +119,7 @@ def spikiness_as_printed(view: PhaseView, *, cutoff_hz: float = 100.0, average: 
     return log10_of(excess, "the mean excess over the spike threshold") + float(np.log10(level(view)))
 
 
-@feature(
-    phase="movement",
-    unit="log10(m/s^2)",
-    reference="strese2015, eq. 6, corrected",
-    gain=Gain(shift=1),
-)
+@feature("movement", "log10(m/s^2)", "strese2015, eq. 6, corrected", gain=Gain(shift=1))
 def spikiness(
     view: PhaseView, *, cutoff_hz: float = 100.0, average_s: float = 0.5, floor: float = 1e-3
 ) -> float:
@@ -178,12 +156,7 @@ def _excess(x: Samples, factor: int, average: int) -> tuple[float, float]:
     return float(np.maximum(above, 0, out=above).mean()), sigma
 
 
-@feature(
-    phase="movement",
-    unit="1",
-    reference="strese2015, eq. 7",
-    depends_on=("length", "rate"),
-)
+@feature("movement", "1", "strese2015, eq. 7", depends_on=("length", "rate"))
 def regularity_as_printed(view: PhaseView) -> float:
     """Mean rise of the autocorrelation, RG = mean(max(r_k - r_(k-1), 0)), over all lags k = 1 ... n-1.
 
@@ -201,7 +174,7 @@ def regularity_as_printed(view: PhaseView) -> float:
     return rise / float(x.max() - x.min()) ** 2
 
 
-@feature(phase="movement", unit="1", reference="strese2015, eq. 7, corrected")
+@feature("movement", "1", "strese2015, eq. 7, corrected")
 def regularity(
     view: PhaseView, *, frame_s: float = 0.5, n_frames: int = 64, band_hz: float = 1000.0
 ) -> float:
@@ -267,13 +240,7 @@ def _typical_rises(r: NDArray[np.float32]) -> Samples:
     return np.divide(square, 2 * total, out=np.zeros(len(r)), where=total > 0)
 
 
-@feature(
-    phase="movement",
-    unit="log10(m/s^2)",
-    reference="strese2015, eq. 3",
-    gain=Gain(shift=1),
-    depends_on=("rate",),
-)
+@feature("movement", "log10(m/s^2)", "strese2015, eq. 3", gain=Gain(shift=1), depends_on=("rate",))
 def temporal_roughness_as_printed(
     view: PhaseView, *, cutoff_hz: float = 100.0, wavelet: str = "coif3", fine: int = 1, coarse: int = 5
 ) -> float:
@@ -304,7 +271,7 @@ def temporal_roughness_as_printed(
     return _difference(np.abs(d1), np.abs(d5)) + float(np.log10(level(view)))
 
 
-@feature(phase="movement", unit="log10(m/s^2)", reference="strese2015, eq. 3, corrected", gain=Gain(shift=1))
+@feature("movement", "log10(m/s^2)", "strese2015, eq. 3, corrected", gain=Gain(shift=1))
 def temporal_roughness(
     view: PhaseView,
     *,
@@ -333,7 +300,7 @@ def temporal_roughness(
     return _difference(fine, coarse.copy()) + float(np.log10(level(view)))
 
 
-@feature(phase="movement", unit="log10(1)", reference="strese2015, section IV-C, corrected")
+@feature("movement", "log10(1)", "strese2015, section IV-C, corrected")
 def roughness_ratio(
     view: PhaseView,
     *,
@@ -380,11 +347,7 @@ def _difference(d1: NDArray[Any], d5: NDArray[Any]) -> float:
 
 
 @feature(
-    phase="movement",
-    unit="log10((m/s^2)^2)",
-    reference="strese2015, eq. 4",
-    gain=Gain(shift=2),
-    depends_on=("length", "rate"),
+    "movement", "log10((m/s^2)^2)", "strese2015, eq. 4", gain=Gain(shift=2), depends_on=("length", "rate")
 )
 def spectral_roughness_as_printed(view: PhaseView, *, length: int = 5000, shift: int = 100) -> float:
     """Change of the magnitude spectrum from frame to frame, SR = log10 sum_k D_k^2, frames in samples.
@@ -408,12 +371,7 @@ def spectral_roughness_as_printed(view: PhaseView, *, length: int = 5000, shift:
     return log10_of(change, "the change of the spectrum") + 2 * float(np.log10(level(view)))
 
 
-@feature(
-    phase="movement",
-    unit="log10((m/s^2)^2)",
-    reference="strese2015, eq. 4, corrected",
-    gain=Gain(shift=2),
-)
+@feature("movement", "log10((m/s^2)^2)", "strese2015, eq. 4, corrected", gain=Gain(shift=2))
 def spectral_roughness(
     view: PhaseView,
     *,

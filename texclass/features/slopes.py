@@ -6,13 +6,11 @@ few means of it answer both. The signs of slopes and curvatures are shape withou
 drifts and single strong events change these little, and counting costs next to nothing.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from texclass.features.conditioning import level, log10_of, require, unit32
-from texclass.features.contract import Gain, UndefinedFeatureError, feature
+from texclass.features.contract import Gain, UndefinedFeatureError, feature, feature_in_samples
 from texclass.features.phase_view import PhaseView, transform
 from texclass.recording import Samples
 
@@ -46,11 +44,7 @@ def agreement(signs: NDArray[np.bool_], shift: int) -> float:
     return float(np.count_nonzero(signs[shift:] == signs[:-shift]) / (signs.size - shift))
 
 
-def _names(*, lags: tuple[int, ...], steps: tuple[int, ...]) -> tuple[str, ...]:
-    return tuple(f"lag{lag}.step{step}" for lag in lags for step in steps)
-
-
-@feature(phase="movement", unit="1", reference=SIGNS, outputs=_names, depends_on=("rate",), divisible=True)
+@feature_in_samples("1", SIGNS, outputs="lag{lags}.step{steps}")
 def slope_agreement(
     view: PhaseView, *, lags: tuple[int, ...] = LAGS, steps: tuple[int, ...] = (1, 2, 3)
 ) -> Samples:
@@ -79,7 +73,7 @@ def slope_agreement(
     return np.array([agreement(rising(view, lag), step * lag) for lag in lags for step in steps])
 
 
-@feature(phase="movement", unit="1", reference=SIGNS, outputs=_names, depends_on=("rate",), divisible=True)
+@feature_in_samples("1", SIGNS, outputs="lag{lags}.step{steps}")
 def curvature_agreement(
     view: PhaseView, *, lags: tuple[int, ...] = LAGS, steps: tuple[int, ...] = (1, 2, 3)
 ) -> Samples:
@@ -107,19 +101,8 @@ def curvature_agreement(
     return np.array([agreement(convex(view, lag), step * lag) for lag in lags for step in steps])
 
 
-def lag_names(*, lags: tuple[int, ...]) -> tuple[str, ...]:
-    """Return a name for each lag."""
-    return tuple(f"lag{lag}" for lag in lags)
-
-
-@feature(
-    phase="movement",
-    unit="log10(m/s^2)",
-    reference="texclass; first-order structure function",
-    outputs=lag_names,
-    gain=Gain(shift=1),
-    depends_on=("rate",),
-    divisible=True,
+@feature_in_samples(
+    "log10(m/s^2)", "texclass; first-order structure function", outputs="lag{lags}", gain=Gain(shift=1)
 )
 def slope_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """Mean magnitude of the change over several spans of time, log10 mean |x_(t+lag) - x_t|.
@@ -143,28 +126,16 @@ def slope_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """
     require(view, 2 * max(lags), "slopes of that span")
     x = unit32(view)
-    means = [_mean_size(x[lag:] - x[:-lag]) for lag in lags]
+    # numpy adds in pairs: single precision is enough
+    means = [float(np.abs(x[lag:] - x[:-lag]).sum()) / (x.size - lag) for lag in lags]
     return np.asarray([log10_of(m, "the mean change") for m in means] + np.log10(level(view)))
 
 
-def _mean_size(d: NDArray[np.float32]) -> float:
-    return float(np.abs(d, out=d).sum()) / d.size  # numpy adds in pairs: single precision is enough
-
-
-class Moments(NamedTuple):
-    """Means over time of a signal c: of |c|, c^2, c |c| and c^4."""
-
-    first: float
-    second: float
-    signed: float
-    fourth: float
-
-
 @transform
-def moments(view: PhaseView, lag: int) -> Moments:
-    """Return the moments of c_t = (x_(t+2 lag) + x_t)/2 - x_(t+lag); of x - mean x for lag 0.
+def moments(view: PhaseView, lag: int) -> tuple[float, Samples]:
+    """Return the mean square and the `SHAPES` of c_t = (x_(t+2 lag) + x_t)/2 - x_(t+lag).
 
-    Of the samples divided by `level`.
+    Of the samples divided by `level`; for lag 0, of x - mean x.
 
     Raises
     ------
@@ -179,28 +150,24 @@ def moments(view: PhaseView, lag: int) -> Moments:
     else:
         c = x - x.mean(dtype=np.float64).astype(np.float32)
     size, n = np.abs(c), c.size
-    first, signed = float(size.sum()) / n, float(np.dot(c, size)) / n
+    first, signed = float(size.sum()) / n, float(np.dot(c, size)) / n  # mean |c|, mean c |c|
     c *= c
-    second, fourth = float(c.sum()) / n, float(np.dot(c, c)) / n
+    second, fourth = float(c.sum()) / n, float(np.dot(c, c)) / n  # mean c^2, mean c^4
     if not second > LEAST**2:
         raise UndefinedFeatureError(
             f"the curvature over {lag} samples is {np.sqrt(second):.2g} of the largest sample; "
             f"the rule is more than {LEAST:g}"
         )
-    return Moments(first, second, signed, fourth)
-
-
-def shape_of(m: Moments) -> tuple[float, float, float]:
-    """Return lopsidedness, peakedness and evenness; see `curvature_shape`."""
-    peakedness = np.log10(m.fourth / m.second**2)
-    return m.signed / m.second, float(peakedness), float(np.log10(m.first / np.sqrt(m.second)))
+    return second, np.array(
+        [signed / second, np.log10(fourth / second**2), np.log10(first / np.sqrt(second))]
+    )
 
 
 def _shapes_of_lags(*, lags: tuple[int, ...]) -> tuple[str, ...]:
     return tuple(f"lag{lag}.{shape}" for lag in lags for shape in SHAPES)
 
 
-@feature(phase="movement", unit="1", reference=MOMENTS, outputs=SHAPES, divisible=True)
+@feature("movement", "1", MOMENTS, outputs=SHAPES, divisible=True)
 def vibration_shape(view: PhaseView) -> Samples:
     """Lopsidedness, peakedness and evenness of the samples about their mean; see `curvature_shape`.
 
@@ -217,17 +184,10 @@ def vibration_shape(view: PhaseView) -> Samples:
         For silence, or fewer than 32 samples.
     """
     require(view, 32, "a shape")
-    return np.array(shape_of(moments(view, 0)))
+    return moments(view, 0)[1]
 
 
-@feature(
-    phase="movement",
-    unit="1",
-    reference=MOMENTS,
-    outputs=_shapes_of_lags,
-    depends_on=("rate",),
-    divisible=True,
-)
+@feature_in_samples("1", MOMENTS, outputs=_shapes_of_lags)
 def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """Lopsidedness, peakedness and evenness of the curvature over several spans of time.
 
@@ -252,18 +212,10 @@ def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
         lag.
     """
     require(view, 4 * max(lags), "curvatures of that span")
-    return np.array([value for lag in lags for value in shape_of(moments(view, lag))])
+    return np.concatenate([moments(view, lag)[1] for lag in lags])
 
 
-@feature(
-    phase="movement",
-    unit="log10(m/s^2)",
-    reference=MOMENTS,
-    outputs=lag_names,
-    gain=Gain(shift=1),
-    depends_on=("rate",),
-    divisible=True,
-)
+@feature_in_samples("log10(m/s^2)", MOMENTS, outputs="lag{lags}", gain=Gain(shift=1))
 def curvature_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """Root mean square of half the second difference over several spans of time, log10.
 
@@ -282,15 +234,15 @@ def curvature_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
         As `curvature_shape`.
     """
     require(view, 4 * max(lags), "curvatures of that span")
-    rms = np.sqrt([moments(view, lag).second for lag in lags])
+    rms = np.sqrt([moments(view, lag)[0] for lag in lags])
     return np.asarray(np.log10(rms) + np.log10(level(view)))
 
 
 @feature(
-    phase="movement",
-    unit="log10(m/s^2)",
-    reference="texclass; level of a vibration",
-    outputs=("rms",),
+    "movement",
+    "log10(m/s^2)",
+    "texclass; level of a vibration",
+    outputs="rms",
     gain=Gain(shift=1),
     divisible=True,
 )
@@ -310,4 +262,4 @@ def vibration_level(view: PhaseView) -> Samples:
         As `vibration_shape`.
     """
     require(view, 32, "a level")
-    return np.array([np.log10(moments(view, 0).second) / 2 + np.log10(level(view))])
+    return np.array([np.log10(moments(view, 0)[0]) / 2 + np.log10(level(view))])

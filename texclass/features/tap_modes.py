@@ -76,12 +76,7 @@ def tap_modes(view: TapView, n_modes: int, order: int) -> tuple[Samples, Samples
     return np.array([m.frequency_hz for m in fits]), np.array([m.decay_per_s for m in fits])
 
 
-@feature(
-    phase="tap",
-    unit="Hz",
-    reference="guruswamy2011, section IV-A, by the matrix pencil",
-    outputs=lambda *, n_modes, **_: tuple(f"f{i}" for i in range(1, n_modes + 1)),
-)
+@feature("tap", "Hz", "guruswamy2011, section IV-A, by the matrix pencil", outputs="f{n_modes}")
 def tap_mode_frequency(view: TapView, *, n_modes: int = 2, order: int = ORDER) -> Samples:
     """Frequencies of the strongest decaying modes of a tap, rising; median over taps.
 
@@ -108,12 +103,7 @@ def tap_mode_frequency(view: TapView, *, n_modes: int = 2, order: int = ORDER) -
     return np.asarray(np.median(tap_modes(view, n_modes, order)[0], axis=0))
 
 
-@feature(
-    phase="tap",
-    unit="log10(1/s)",
-    reference="guruswamy2011, section IV-A, by the matrix pencil",
-    outputs=lambda *, n_modes, **_: tuple(f"b{i}" for i in range(1, n_modes + 1)),
-)
+@feature("tap", "log10(1/s)", "guruswamy2011, section IV-A, by the matrix pencil", outputs="b{n_modes}")
 def tap_mode_decay(view: TapView, *, n_modes: int = 2, order: int = ORDER) -> Samples:
     """Decay rates log10 B of the strongest decaying modes of a tap, by rising frequency; median over taps.
 
@@ -136,7 +126,7 @@ def tap_mode_decay(view: TapView, *, n_modes: int = 2, order: int = ORDER) -> Sa
     return np.asarray(np.median(np.log10(tap_modes(view, n_modes, order)[1]), axis=0))
 
 
-@feature(phase="tap", unit="log10(1/s)", reference="okamura2001, eq. 1 and section II-B")
+@feature("tap", "log10(1/s)", "okamura2001, eq. 1 and section II-B")
 def tap_amplitude_slope(view: TapView) -> float:
     """Amplitude of a tap per velocity of the hand at the contact, log10 of the slope over the taps.
 

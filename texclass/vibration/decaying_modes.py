@@ -155,11 +155,7 @@ class DecayingModes:
 
 
 def fit_matrix_pencil(
-    x: ArrayLike,
-    fs: float,
-    *,
-    order: int | None = None,
-    outside: Literal["reflect", "project"] = "reflect",
+    x: ArrayLike, fs: float, *, order: int | None = None, outside: Literal["reflect", "project"] = "reflect"
 ) -> DecayingModes:
     """Fit decaying modes to a segment by the total-least-squares matrix pencil on its signal subspace.
 

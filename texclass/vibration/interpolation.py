@@ -71,13 +71,7 @@ class ModelBlend:
     (2.0, (2, 2))
     """
 
-    def __init__(
-        self,
-        models: Models,
-        *,
-        min_gap: float = MIN_GAP,
-        loudness: Loudness = "gain",
-    ) -> None:
+    def __init__(self, models: Models, *, min_gap: float = MIN_GAP, loudness: Loudness = "gain") -> None:
         if loudness not in get_args(Loudness):
             raise ValueError(f"loudness is {loudness!r}; the rule is one of {get_args(Loudness)}")
         k, self.amplitude = _stacked(models, loudness)

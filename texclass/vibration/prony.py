@@ -58,11 +58,7 @@ class PronyFilter:
 
 
 def fit_prony(
-    x: ArrayLike,
-    resolution: float,
-    *,
-    least_order: int | None = None,
-    max_order: int | None = None,
+    x: ArrayLike, resolution: float, *, least_order: int | None = None, max_order: int | None = None
 ) -> PronyFilter:
     """Fit a filter of the smallest order that meets the sensor's resolution, by Prony's method.
 

@@ -148,12 +148,7 @@ def _rising(x: Samples, d: float, alpha: float, beta: float) -> tuple[Indices, I
 
 
 def vibration_band(
-    frequency_hz: ArrayLike,
-    power: ArrayLike,
-    *,
-    smoothing_hz: float,
-    share: float = 0.75,
-    floor: float = 0.1,
+    frequency_hz: ArrayLike, power: ArrayLike, *, smoothing_hz: float, share: float = 0.75, floor: float = 0.1
 ) -> VibrationBand:
     """Return the major frequency of a power spectrum and its automatic upper cut-off.
 
