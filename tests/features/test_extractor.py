@@ -1,16 +1,24 @@
-"""The extractor: a scikit-learn transformer whose undefined values carry reasons."""
+"""The extractor: a scikit-learn transformer of recordings and arrays; undefined values carry reasons."""
+
+import pickle
+import subprocess
+import sys
 
 import numpy as np
+import pandas as pd
 import pytest
+from feature_signals import noise
 from sklearn.base import clone
+from sklearn.model_selection import GridSearchCV
+from sklearn.neighbors import KNeighborsClassifier
+from sklearn.pipeline import make_pipeline
 from sklearn.utils.estimator_checks import estimator_checks_generator
 
 from texclass.features.contract import Feature
 from texclass.features.extractor import FeatureExtractor
-from texclass.features.phase_view import channels_apart, views_of
 from texclass.features.sets import FeatureSet, Member, load_feature_set
-from texclass.recording import Phases, Recording, Tap
-from texclass.signals import combine, remove_hand_motion
+from texclass.recording import Phases, Recording, RecordingError, Tap
+from texclass.shipped import names
 
 FS = 1000.0
 
@@ -34,27 +42,23 @@ TOY = FeatureSet(
         for f, phase in ((rms, "movement"), (strongest, "tap"), (voltage, "friction"))
     ),
 )
+FEW = load_feature_set("texclass").restricted_to(["mfcc", "waviness"])
 
 
-def exploration(seed=0, *, n_channels=3, name="r", **changes):
-    """Make a quiet start, one tap, one movement, gravity on the last axis."""
-    rng = np.random.default_rng(seed)
-    axes = 0.01 * rng.normal(size=(1000, n_channels))
-    axes[200:230] += np.exp(-np.arange(30) / 8)[:, None] * [1.0, *[0.5] * (n_channels - 1)]
-    axes[400:] += rng.normal(size=(600, n_channels))
-    axes[:, -1] += 9.81
+def exploration(seed=0, **changes):
+    """Make a tap and a movement of three axes, the louder the higher the seed."""
+    axes = (1 + seed) * noise(3000, seed).reshape(1000, 3)
     phases = Phases(taps=(Tap(180, 200, 260),), movement=(400, 1000), onset=400)
-    facts = {"fs": FS, "unit": "m/s^2", "recording_id": f"{name}{seed}", "phases": phases} | changes
-    return Recording(axes if n_channels > 1 else axes[:, 0], **facts)
+    return Recording(axes, FS, "m/s^2", f"r{seed}", phases=phases).with_(**changes)
 
 
-PLAIN = FeatureExtractor(load_feature_set("texclass").restricted_to(["mfcc", "waviness"]), fs=FS, unit="g")
+RECORDINGS = [exploration(seed) for seed in range(6)]
 
 
 # Named by the check alone: the estimator's representation holds addresses, which differ between processes.
 @pytest.mark.parametrize(
     ("estimator", "check"),
-    list(estimator_checks_generator(PLAIN)),
+    list(estimator_checks_generator(FeatureExtractor(FEW, fs=FS, unit="g"))),
     ids=lambda x: getattr(x, "func", type(x)).__name__,
 )
 def test_extractor_is_a_scikit_learn_transformer(estimator, check):
@@ -63,113 +67,115 @@ def test_extractor_is_a_scikit_learn_transformer(estimator, check):
 
 def test_undefined_values_are_nan_with_recording_feature_and_reason():
     untapped = exploration(1, phases=Phases(movement=(400, 1000)))
-    found = FeatureExtractor(TOY).fit([untapped]).extract([untapped, exploration(2)])
-    assert np.isnan(found.values).tolist() == [[False, True, True], [False, False, True]]
+    extractor = FeatureExtractor(TOY).fit([untapped])
+    before = dict(vars(extractor))
+    found = extractor.extract([untapped, exploration(2)])
+    assert found.table.isna().to_numpy().tolist() == [[False, True, True], [False, False, True]]
     assert ("r1", "strongest", "no tap found") in found.reasons
     assert ("r2", "voltage", "no friction signal") in found.reasons
-    assert found.recording_ids == ("r1", "r2")
+    assert (found.table.index.tolist(), found.table.index.name) == (["r1", "r2"], "recording")
     assert (found.ms > 0).all()
-
-
-@pytest.mark.parametrize("unit", ["m/s^2", "counts"])
-def test_movement_without_gravity_in_it_is_left_as_it_is(unit):
-    acceleration = exploration().acceleration - [0.0, 0.0, 9.81 * (unit == "m/s^2")]
-    recording = exploration().with_(acceleration=acceleration, unit=unit)
-    value = FeatureExtractor(TOY).fit_transform([recording])[0, 0]
-    assert value == pytest.approx(rms_of(combine(recording.acceleration[400:])), rel=1e-12)
-
-
-def test_movement_is_the_combined_movement_without_the_hand():
-    recording = exploration()
-    value = FeatureExtractor(TOY).fit_transform([recording])[0, 0]
-    movement = remove_hand_motion(combine(recording.acceleration[400:]), recording.fs)
-    assert value == pytest.approx(rms_of(movement), rel=1e-12)
-
-
-def rms_of(signal):
-    return np.sqrt(np.mean(signal**2))
-
-
-def test_friction_is_read_during_the_movement_only():
-    friction = np.r_[np.full(400, 9.0), np.full(600, -2.0)]
-    assert FeatureExtractor(TOY).fit_transform([exploration(friction=friction)])[0, 2] == 2.0
-
-
-def test_taps_are_split_at_the_contact_on_their_resting_level():
-    view = views_of(exploration(n_channels=1))[""].tap
-    (tap,) = view.taps
-    assert (tap.hand.size, tap.impulse.size) == (20, 60)
-    assert np.median(tap.hand) == pytest.approx(0, abs=0.02)
-    assert tap.impulse[0] == pytest.approx(1.0, abs=0.05)
-
-
-def test_noise_of_the_quiet_stretch_does_not_see_the_taps():
-    recording = exploration()
-    strong = recording.acceleration.copy()
-    strong[200:260] *= 100
-    noise = views_of(recording)[""].tap.noise
-    assert noise == pytest.approx(0.01 * np.sqrt(3), rel=0.1)
-    assert views_of(recording.with_(acceleration=strong))[""].tap.noise == noise
+    assert {name: id(value) for name, value in vars(extractor).items()} == {
+        n: id(v) for n, v in before.items()
+    }
 
 
 def test_each_channel_gives_the_columns_of_that_channel_alone():
     recording = exploration(channels=("a", "b", "c"))
     each = FeatureExtractor(TOY, channels="each").fit([recording])
-    assert each.get_feature_names_out().tolist() == [
-        f"{c}/{f}" for c in "abc" for f in ("rms", "strongest")
-    ] + ["voltage"]
+    expected = [f"{c}/{f}" for c in "abc" for f in ("rms", "strongest")]
+    assert each.get_feature_names_out().tolist() == [*expected, "voltage"]
     alone = recording.with_(acceleration=recording.acceleration[:, 1], channels=())
     values = FeatureExtractor(TOY).fit_transform([alone])[0, :2]
     np.testing.assert_allclose(each.transform([recording])[0, 2:4], values)
-
-
-@pytest.mark.parametrize(
-    ("channels", "apart"),
-    [((), ()), (("acc_x", "acc_y", "acc_z"), ()), (("c1", "c2", "c3"), ("c1", "c2", "c3"))],
-)
-def test_auto_combines_the_axes_of_one_accelerometer_only(channels, apart):
-    assert channels_apart(exploration(channels=channels), "auto") == apart
-
-
-def test_channels_that_differ_from_the_first_recording_are_refused():
-    first, other = exploration(channels=("a", "b", "c")), exploration(channels=("a", "b", "d"))
-    extractor = FeatureExtractor(TOY, channels="each").fit([first])
     with pytest.raises(ValueError, match=r"\('a', 'b', 'd'\); the rule is \('a', 'b', 'c'\)"):
-        extractor.transform([other])
+        each.transform([recording.with_(channels=("a", "b", "d"))])
 
 
-def test_an_array_needs_a_rate():
-    X = np.random.default_rng(0).normal(size=(3, 400))
-    with pytest.raises(ValueError, match="fs is None; the rule is a sampling rate"):
-        FeatureExtractor(TOY).fit(X)
+def test_axes_of_a_turn_rate_are_channels_too():
+    turning = [exploration(seed, turn_rate=noise(3000, 9).reshape(1000, 3)) for seed in (0, 1)]
+    extractor = FeatureExtractor("coarse", channels="all").fit(turning)
+    values = extractor.transform(turning)
+    assert values.shape == (2, 6 * 15)
+    assert np.isfinite(values).all()
+    assert "turn_z/band_level.b12" in extractor.get_feature_names_out()
 
 
-@pytest.mark.parametrize("nothing", [[], "strese2015", None])
-def test_what_is_neither_recordings_nor_an_array_is_refused(nothing):
-    with pytest.raises(ValueError):  # noqa: PT011  (scikit-learn words it)
-        FeatureExtractor(TOY, fs=FS, unit="g").fit(nothing)
+def as_recording(x, unit="arbitrary", **facts):
+    return Recording(x, FS, unit, phases=Phases(movement=(0, len(x))), **facts)
 
 
-def test_an_array_gives_what_recordings_of_movement_give():
-    X = np.random.default_rng(0).normal(size=(2, 400))
-    whole = Phases(movement=(0, 400))
-    recordings = [Recording(x, fs=FS, unit="g", recording_id=str(i), phases=whole) for i, x in enumerate(X)]
-    of_array = FeatureExtractor(TOY, fs=FS, unit="g").fit_transform(X)
-    np.testing.assert_array_equal(of_array, FeatureExtractor(TOY).fit_transform(recordings))
+def test_arrays_give_what_recordings_of_movement_give():
+    rows, axes = noise(800).reshape(2, 400), noise(1200, 1).reshape(400, 3)
+    unequal = [noise(300, 2), noise(1050, 3).reshape(350, 3), noise(400, 4)]
+    panel = noise(2 * 3 * 400, 5).reshape(2, 3, 400)
+    for X, movements in (
+        (rows, list(rows)),
+        (rows.tolist(), list(rows)),
+        (list(rows), list(rows)),
+        (rows[0], [rows[0]]),
+        (rows[0].tolist(), [rows[0]]),
+        (axes, [axes]),
+        ([axes], [axes]),
+        (unequal, unequal),
+        (pd.Series(unequal), unequal),
+        (panel, [x.T for x in panel]),
+        (list(panel.swapaxes(1, 2)), [x.T for x in panel]),
+    ):
+        expected = FeatureExtractor(TOY).fit_transform([as_recording(x) for x in movements])
+        np.testing.assert_array_equal(FeatureExtractor(TOY, fs=FS).fit_transform(X), expected)
+    in_g = FeatureExtractor(TOY, fs=FS, unit="g").fit_transform(axes)
+    np.testing.assert_array_equal(in_g, FeatureExtractor(TOY).fit_transform([as_recording(axes, "g")]))
 
 
-def test_output_can_be_a_data_frame_and_processes_change_nothing():
-    recordings = [exploration(seed, name="p") for seed in range(3)]
-    few = load_feature_set("texclass").restricted_to(["fineness", "mfcc"])
-    one = FeatureExtractor(few).set_output(transform="pandas")
-    two = clone(one).set_params(n_jobs=2)
-    frame = one.fit_transform(recordings)
-    assert list(frame.columns) == list(few.column_names)
-    assert frame.equals(two.fit_transform(recordings))
+def test_what_is_neither_recordings_nor_arrays_of_a_known_rate_is_refused():
+    for X in (noise(1200).reshape(3, 400), [noise(300), noise(400)]):
+        with pytest.raises(ValueError, match="fs is None; the rule is a sampling rate"):
+            FeatureExtractor(TOY).fit(X)
+    for nothing in ([], "strese2015", None, noise(20)):
+        with pytest.raises(ValueError):  # noqa: PT011  (scikit-learn words it)
+            FeatureExtractor(TOY, fs=FS).fit(nothing)
+    with pytest.raises(RecordingError, match="row 1: acceleration holds 1 values that are NaN"):
+        FeatureExtractor(TOY, fs=FS).fit([noise(300), np.append(noise(300), np.nan)])
 
 
-def test_transform_leaves_the_fitted_extractor_as_it_is():
-    extractor = FeatureExtractor(TOY).fit([exploration()])
-    before = {name: id(value) for name, value in vars(extractor).items()}
-    extractor.transform([exploration(1), exploration(2)])
-    assert {name: id(value) for name, value in vars(extractor).items()} == before
+def test_rows_of_a_data_frame_are_named_after_recordings_and_processes_change_nothing():
+    one = FeatureExtractor(FEW).set_output(transform="pandas")
+    table = one.fit_transform(RECORDINGS)
+    assert table.columns.tolist() == list(FEW.column_names)
+    assert table.index.tolist() == [f"r{i}" for i in range(6)]
+    assert table.equals(clone(one).set_params(n_jobs=2).fit_transform(RECORDINGS))
+    assert table.equals(one.fit_transform(pd.Series(RECORDINGS, index=list("abcdef"))))
+    few = pd.Series([noise(300), noise(400)], index=["x", "y"])
+    assert one.set_params(fs=FS).fit_transform(few).index.tolist() == ["x", "y"]
+
+
+@pytest.mark.parametrize("name", names("feature_defs"))
+def test_an_extractor_of_every_shipped_set_pickles(name):
+    fitted = FeatureExtractor(name).fit(RECORDINGS[:1])
+    again = pickle.loads(pickle.dumps(fitted))
+    assert again.feature_set_ == fitted.feature_set_
+    np.testing.assert_array_equal(again.transform(RECORDINGS[:1]), fitted.transform(RECORDINGS[:1]))
+
+
+def test_extractor_works_in_a_pipeline_with_a_memory_and_in_a_grid_search(tmp_path):
+    labels = np.array(["soft", "soft", "soft", "loud", "loud", "loud"])
+    steps = make_pipeline(FeatureExtractor(TOY), "passthrough", KNeighborsClassifier(1), memory=str(tmp_path))
+    steps.set_params(
+        featureextractor__features=load_feature_set("texclass").restricted_to(["vibration_level"])
+    )
+    grid = {"featureextractor__channels": ["combine", "each"]}
+    for X in (RECORDINGS, pd.Series(RECORDINGS)):
+        search = GridSearchCV(steps, grid, cv=3, error_score="raise").fit(X, labels)
+        assert search.predict(RECORDINGS).tolist() == labels.tolist()
+    assert any(tmp_path.rglob("output.pkl"))
+
+
+def test_importing_the_room_loads_nothing_until_it_is_asked_for():
+    code = (
+        "import sys, texclass.features as f; assert 'numpy' not in sys.modules\n"
+        "f.FeatureExtractor; assert 'texclass.features.roughness' not in sys.modules\n"
+        "assert 'mfcc' in f.registered() and 'texclass.features.roughness' in sys.modules\n"
+        "assert 'librosa' not in sys.modules and 'texclass.loaders' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

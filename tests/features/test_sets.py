@@ -1,22 +1,22 @@
-"""Feature sets: what a TOML may say, and that a restricted set computes only what it needs."""
-
-from pathlib import Path
+"""Feature sets: what a TOML may say, what a restricted set computes, and long movements in parts."""
 
 import numpy as np
 import pytest
+from feature_signals import noise
 
+from texclass.features import load_feature_set, sets
 from texclass.features.contract import Feature, UndefinedFeatureError
 from texclass.features.phase_view import views_of
-from texclass.features.sets import FeatureSet, Member, load_feature_set
-from texclass.recording import Phases, Recording
+from texclass.features.sets import FeatureSet, Member
+from texclass.recording import Phases, Recording, Tap
 from texclass.shipped import names
 
-CALLS: list[str] = []
+CALLS = []
 
 
-def level(view, *, power: float = 2.0):
+def level(view):
     CALLS.append("level")
-    return np.mean(np.abs(view.samples) ** power)
+    return np.mean(view.samples**2)
 
 
 def moments(view):
@@ -24,7 +24,7 @@ def moments(view):
     return np.array([view.samples.min(), view.samples.max()])
 
 
-def undefined(view):
+def silent(view):
     raise UndefinedFeatureError("silence")
 
 
@@ -40,41 +40,59 @@ def too_many(view):
     return np.zeros(3)
 
 
-def stand_in(function, outputs=()):
-    return Feature(function.__name__, function, "movement", "1", "test", outputs)
+def size(view):
+    CALLS.append(view.n_samples)
+    return view.n_samples
 
 
-def a_set(*functions):
-    members = (Member(f.__name__, stand_in(f, ("min", "max") if f is moments else ())) for f in functions)
-    return FeatureSet("toy", tuple(members))
+def half_silent(view):
+    if not view.samples.any():
+        raise UndefinedFeatureError("silence")
+    return 2.0
+
+
+def a_set(*functions, phase="movement", depends_on=()):
+    made = (
+        Feature(
+            f.__name__, f, phase, "1", "test", ("min", "max") if f is moments else (), depends_on=depends_on
+        )
+        for f in functions
+    )
+    return FeatureSet("toy", tuple(Member(f.name, f) for f in made))
 
 
 @pytest.fixture
 def views():
-    signal = np.random.default_rng(0).normal(size=200)
-    recording = Recording(signal, fs=1000, unit="g", recording_id="r1", phases=Phases(movement=(0, 200)))
-    return views_of(recording)[""]
+    """1000 samples of movement, the first half silent; one tap."""
+    signal = np.concatenate([np.zeros(600), noise(500)])
+    phases = Phases((Tap(0, 10, 50),), (100, 1100))
+    return views_of(Recording(signal, 1000, "V", "r1", phases=phases))[""]
 
 
-def write(folder: Path, text: str) -> Path:
-    path = folder / "mine.toml"
-    path.write_text(text)
-    return path
+@pytest.fixture
+def load(tmp_path):
+    def written(text):
+        path = tmp_path / "mine.toml"
+        path.write_text(text)
+        return load_feature_set(path)
+
+    return written
 
 
-@pytest.mark.parametrize("name", names("feature_defs"))
-def test_shipped_sets_have_unique_columns_that_begin_with_their_feature(name):
-    feature_set = load_feature_set(name)
-    assert len(set(feature_set.column_names)) == len(feature_set.column_names)
-    assert all(c.split(".")[0] == f for f, columns in feature_set.columns.items() for c in columns)
+def test_shipped_sets_have_unique_columns_that_begin_with_their_feature():
+    for name in names("feature_defs"):
+        feature_set = load_feature_set(name)
+        assert len(set(feature_set.column_names)) == len(feature_set.column_names)
+        assert all(c.split(".")[0] == f for f, columns in feature_set.columns.items() for c in columns)
 
 
-def test_an_override_changes_the_value_and_the_hash(tmp_path, views):
-    plain = load_feature_set(write(tmp_path, "[features.m]\nuse = 'mfcc'"))
-    other = load_feature_set(write(tmp_path, "[features.m]\nuse = 'mfcc'\nhop_s = 0.02"))
+def test_an_override_changes_the_value_and_the_hash(load, views):
+    plain, other = load("[features.m]\nuse = 'mfcc'"), load("[features.m]\nuse = 'mfcc'\nhop_s = 0.02")
     assert plain.columns == other.columns
     assert plain.hash != other.hash
     assert not np.allclose(plain.compute(views)[0], other.compute(views)[0])
+    many = load("[features.m]\nuse = 'mfcc'\ncoefficients = [2, 5]\ndecay_hz = inf\nhigh_hz = 1000")
+    assert many.column_names == ("m.c2", "m.c5")
 
 
 @pytest.mark.parametrize(
@@ -84,17 +102,24 @@ def test_an_override_changes_the_value_and_the_hash(tmp_path, views):
         ("[features.m]\nuse = 'mfcc'\nhopp_s = 1", "hopp_s.*hop_s"),
         ("[features.frictoin]", "did you mean friction"),
         ("[features.m]\nuse = 'mfcc'\nhop_s = 'long'", r"features\.m: hop_s is 'long'"),
+        ("[features.m]\nuse = 'mfcc'\nn_filters = true", r"features\.m: n_filters is True"),
+        ("[features.m]\nuse = 'mfcc'\ncoefficients = ['a']", r"features\.m: coefficients\.1 is 'a'"),
+        ("[features.band_level]\nn_bands = 100000", "product is at most 65536"),
+        (
+            "[features.b]\nuse = 'band_level'\n[features.'b.b1']\nuse = 'waviness'",
+            "two columns are named 'b.b1'",
+        ),
         ("features = 3", "features is 3; the rule"),
-        ("name = 'x'", "lacks the key features"),
         ("features = {}", "at least 1"),
+        ("name = 'x'", "lacks the key features"),
         ("features.friction = 3", r"features\.friction is 3; the rule"),
         ("flavour = 'x'\n[features.friction]", "unknown key flavour"),
         ("[features.friction", "not valid TOML"),
     ],
 )
-def test_a_wrong_set_is_refused_with_file_key_and_rule(tmp_path, text, rule):
+def test_a_wrong_set_is_refused_with_file_key_and_rule(load, text, rule):
     with pytest.raises(ValueError, match=rule):
-        load_feature_set(write(tmp_path, text))
+        load(text)
 
 
 def test_a_set_that_does_not_exist_lists_the_shipped_ones():
@@ -102,35 +127,47 @@ def test_a_set_that_does_not_exist_lists_the_shipped_ones():
         load_feature_set("nope")
 
 
-def test_a_restricted_set_computes_only_what_its_columns_need(views):
+def test_a_restricted_set_computes_only_what_its_columns_need_in_its_own_order(views):
     whole = a_set(level, moments)
     CALLS.clear()
     values, _ = whole.restricted_to(["moments.max"]).compute(views)
     assert CALLS == ["moments"]
     assert values == whole.compute(views)[0][[whole.column_names.index("moments.max")]]
-
-
-def test_restricting_keeps_the_order_of_the_set_and_refuses_unknown_names():
-    whole = a_set(level, moments)
     assert whole.restricted_to(["moments.max", "level"]).column_names == ("level", "moments.max")
     with pytest.raises(ValueError, match="'shape' is neither a feature nor a column"):
         whole.restricted_to(["shape"])
 
 
-@pytest.mark.parametrize(
-    ("function", "reason"), [(undefined, "silence"), (infinite, r"finite number \(-inf\)")]
-)
-def test_what_has_no_value_is_nan_with_its_reason(views, function, reason):
-    values, reasons = a_set(function, level).compute(views)
-    assert np.isnan(values[0])
-    assert np.isfinite(values[1])
-    assert reasons[0][0] == function.__name__
-    assert reason.replace("\\", "") in reasons[0][1]
+def test_what_has_no_value_is_nan_with_its_reason_and_what_fails_is_named_with_its_recording(views):
+    for function, reason in ((silent, "silence"), (infinite, "not a finite number (-inf)")):
+        values, reasons = a_set(function, level).compute(views)
+        assert np.isnan(values[0])
+        assert np.isfinite(values[1])
+        assert reasons == ((function.__name__, reason),)
+    for function, message in ((broken, "failed with KeyError: 'oops'"), (too_many, "declares 1 output")):
+        with pytest.raises(ValueError, match=f"r1: feature {function.__name__} .*{message}"):
+            a_set(function).compute(views)
 
 
-@pytest.mark.parametrize(
-    ("function", "message"), [(broken, "KeyError: 'oops'"), (too_many, "declares 1 output")]
-)
-def test_a_feature_that_fails_is_named_with_its_recording(views, function, message):
-    with pytest.raises(ValueError, match=f"r1: feature {function.__name__} .*{message}"):
-        a_set(function).compute(views)
+def test_a_long_movement_has_the_mean_over_the_parts_that_have_a_value(views, monkeypatch):
+    monkeypatch.setattr(sets, "LONGEST", 300)
+    CALLS.clear()
+    values, reasons = a_set(size, half_silent, silent).compute(views)
+    assert CALLS == [250] * 4
+    assert (values[:2].tolist(), reasons) == ([250.0, 2.0], (("silent", "silence"),))
+    assert np.isnan(values[2])
+    # What is read from taps or depends on the length is computed as a whole.
+    assert a_set(lambda view: len(view.taps), phase="tap").compute(views)[0].tolist() == [1.0]
+    assert a_set(size, depends_on=("length",)).compute(views)[0].tolist() == [1000.0]
+
+
+def test_a_steady_movement_gives_in_parts_what_it_gives_as_a_whole(monkeypatch):
+    recording = Recording(noise(30_000, 1), 2000.0, "V", phases=Phases(movement=(0, 30_000)))
+    features = load_feature_set("texclass").reading("movement")
+    whole, _ = features.compute(views_of(recording)[""])
+    monkeypatch.setattr(sets, "LONGEST", 10_000)
+    divided, _ = features.compute(views_of(recording)[""])
+    course = ["band_course", "fine_band_course", "level_persistence"]  # of noise, which is noise
+    noisy = np.isin(features.column_names, features.columns_of(course))
+    np.testing.assert_allclose(divided[~noisy], whole[~noisy], rtol=0.05, atol=0.05)
+    np.testing.assert_allclose(divided[noisy], whole[noisy], atol=0.15)

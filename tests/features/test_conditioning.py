@@ -1,0 +1,79 @@
+"""Shared transforms: filtered copies and spectra are what they say, at any rate and length."""
+
+import numpy as np
+import pytest
+from feature_signals import FS, noise, tone
+
+from texclass.features.conditioning import (
+    band_passed,
+    banded,
+    first_bins,
+    level,
+    low_passed,
+    low_spectrum,
+    padded_length,
+    spectrum,
+    unit,
+)
+from texclass.features.phase_view import PhaseView
+from texclass.features.spectra import long_frames, power_frames, spectral_moments, spread
+
+
+def test_band_pass_halves_the_amplitude_at_its_edges_at_any_rate():
+    for f_hz, amplitude in ((707.1, 1.0), (500.0, 0.5), (1000.0, 0.5), (100.0, 0.0)):
+        for rate_hz in (3000.0, 5000.0, 20_000.0):
+            view = PhaseView(tone(f_hz), FS)
+            y = level(view) * band_passed(view, 500.0, 1000.0, rate_hz)
+            assert y.size == pytest.approx(50_000 * min(rate_hz / FS, 1), rel=0.03)
+            assert np.sqrt(2) * y[100:-100].std() == pytest.approx(amplitude, abs=0.01)
+
+
+def test_banded_is_the_same_signal_at_another_rate():
+    slow, fs = banded(PhaseView(tone(210.0), FS), 1000.0)
+    assert fs == 2000.0
+    np.testing.assert_allclose(slow[50:-50], tone(210, slow.size, fs)[50:-50], atol=2e-3)
+    assert np.abs(banded(PhaseView(tone(1210.0), FS), 1000.0)[0][50:-50]).max() < 0.02
+
+
+def test_low_pass_of_corrected_features_is_that_of_printed_ones_to_rounding():
+    view = PhaseView(noise(50_000), FS)
+    (own, factor), (shared, same) = low_passed(view, 100.0), low_passed(view, 100.0, shared=True)
+    assert factor == same
+    np.testing.assert_allclose(shared, own, atol=1e-6)
+
+
+def test_low_spectrum_is_the_first_quarter_of_the_spectrum():
+    for n in (64, 65, 1000, 20_000, 99_991):
+        view = PhaseView(noise(n), FS)
+        low, whole = low_spectrum(view), np.fft.rfft(unit(view), padded_length(view))
+        assert low.size == padded_length(view) // 4 + 1
+        np.testing.assert_allclose(low, whole[: low.size], atol=1e-6 * np.abs(whole).max())
+
+
+def test_bins_beyond_a_fourth_of_the_rate_and_of_slow_sensors_come_from_the_whole_spectrum():
+    fast, slow = PhaseView(noise(2000), FS), PhaseView(noise(2000), 2000.0)
+    np.testing.assert_array_equal(first_bins(fast, 501), low_spectrum(fast))
+    np.testing.assert_array_equal(first_bins(fast, 600), spectrum(fast)[:600])
+    np.testing.assert_array_equal(first_bins(slow, 100), spectrum(slow)[:100])
+
+
+def test_power_of_all_frames_is_that_of_the_signal():
+    x = noise(100_000)
+    frames, frequency = power_frames(PhaseView(x, FS), 0.4096, 0.2048, "hann")
+    power = frames.sum(axis=1).mean() * frequency[1]
+    assert power == pytest.approx(np.mean(x**2) / np.abs(x).max() ** 2, rel=0.02)
+
+
+def test_moments_are_those_of_each_frame_written_out():
+    view = PhaseView(np.cumsum(noise(30_000, 1)), FS)
+    frames, f = long_frames(view)
+    for power, mean, std in zip(frames.astype(float), *spectral_moments(view), strict=True):
+        right = np.average(f, weights=power)
+        assert mean == pytest.approx(right, rel=1e-9)
+        assert std == pytest.approx(np.sqrt(np.average((f - right) ** 2, weights=power)), rel=1e-6)
+
+
+def test_starts_spread_from_the_first_to_the_last_and_no_closer_than_a_step():
+    assert spread(1000, 100, 64).tolist() == list(range(0, 1001, 100))
+    assert spread(1000, 1, 5).tolist() == [0, 250, 500, 750, 1000]
+    assert spread(0, 10, 64).tolist() == [0]

@@ -1,0 +1,172 @@
+"""Phase views: transforms computed once, pieces of a movement, and what of a recording a feature reads."""
+
+import numpy as np
+import pytest
+from feature_signals import noise
+
+from texclass.features.bands import band_course, band_level
+from texclass.features.phase_view import (
+    LEAST_PIECE,
+    PhaseView,
+    UndefinedFeatureError,
+    channels_apart,
+    transform,
+    views_of,
+)
+from texclass.features.sets import load_feature_set
+from texclass.features.slopes import vibration_level
+from texclass.recording import Phases, Recording, Tap
+from texclass.signals import combine, remove_hand_motion
+
+FS = 1000.0
+CALLS = []
+
+
+@transform
+def scaled(view, factor, offset=0.0, *, negative=False):
+    CALLS.append((factor, offset, negative))
+    return (-1 if negative else 1) * (factor * view.n_samples + offset)
+
+
+def test_a_transform_is_computed_once_however_its_parameters_are_given():
+    CALLS.clear()
+    view = PhaseView(np.zeros(7), 100.0)
+    forms = [
+        scaled(view, 2.0),
+        scaled(view, 2.0, 0.0),
+        scaled(view, factor=2.0),
+        scaled(view, 2.0, offset=0.0),
+    ]
+    assert {*forms, scaled(view, 2.0, negative=False)} == {14.0}
+    assert CALLS == [(2.0, 0.0, False)]
+    assert [scaled(view, 2.0, 1.0), scaled(view, 3.0), scaled(view, 2.0, negative=True)] == [15, 21, -14]
+    assert scaled(PhaseView(np.zeros(1), 100.0), 2.0) == 2.0
+    assert len(CALLS) == 5
+
+
+def test_a_transform_that_fails_is_not_remembered_and_wrong_arguments_are_refused():
+    view = PhaseView(np.zeros(7), 100.0)
+    for arguments, named, message in (
+        ((), {}, "factor"),
+        ((1.0, 2.0, 3.0), {}, "positional"),
+        ((1.0,), {"unknown": 2.0}, "unknown"),
+    ):
+        for _ in range(2):
+            with pytest.raises(TypeError, match=message):
+                scaled(view, *arguments, **named)
+    assert not view.memory
+
+
+X = noise(4 * LEAST_PIECE) * np.linspace(1, 2, 4 * LEAST_PIECE)
+
+
+def test_each_piece_has_the_value_it_has_by_itself():
+    found = band_level(PhaseView(X, FS), n_bands=8, n_pieces=4).reshape(8, 4)
+    for i, piece in enumerate(X.reshape(4, -1)):
+        np.testing.assert_array_equal(found[:, i], band_level(PhaseView(piece, FS), n_bands=8))
+    view = PhaseView(X, FS)
+    np.testing.assert_array_equal(band_course(view, n_parts=3, n_pieces=1), band_course(view, n_parts=3))
+    short = PhaseView(X[:-1], FS)  # too short for pieces: counts as equal ones
+    assert vibration_level(short, n_pieces=4).tolist() == 4 * vibration_level(short).tolist()
+
+
+def test_pieces_share_their_transforms_and_are_timed_one_by_one():
+    timed = []
+    view = PhaseView(X, FS)
+    view.memory.timed = lambda key, compute: (timed.append((key[0].__name__, *key[1:])), compute())[1]
+    band_level(view, n_pieces=2)
+    assert ("whole_periodogram", "piece 2") in timed
+    before = len(timed)
+    band_level(view, n_pieces=2)
+    assert len(timed) == before
+
+
+def test_a_piece_without_value_and_a_wrong_number_of_pieces_are_named():
+    quiet = X.copy()
+    quiet[LEAST_PIECE : 2 * LEAST_PIECE] = 0
+    with pytest.raises(UndefinedFeatureError, match="piece 2: silence"):
+        band_level(PhaseView(quiet, FS), n_pieces=4)
+    for n_pieces in (0, -1, 1.5):
+        with pytest.raises(ValueError, match="the rule is a whole number of at least 1"):
+            band_level(PhaseView(X, FS), n_pieces=n_pieces)
+
+
+def test_the_shipped_set_of_quarters_divides_the_set_texclass():
+    quarters, names = load_feature_set("multiscale"), {m.name for m in load_feature_set("texclass").members}
+    own = [m.feature.function.__module__ for m in quarters.members if m.name not in names]
+    assert set(own) == {"texclass.features.excess"}
+    shared = quarters.restricted_to(m.name for m in quarters.members if m.name in names)
+    whole = load_feature_set("texclass").restricted_to(m.name for m in shared.members)
+    assert shared.column_names == tuple(f"{c}.piece{i}" for c in whole.column_names for i in (1, 2, 3, 4))
+    for a, b in zip(whole.members, shared.members, strict=True):
+        assert (a.name, {**a.parameters, "n_pieces": 4}) == (b.name, b.parameters)
+    assert {m.parameters["n_pieces"] for m in quarters.members} == {4}
+
+
+def exploration(**changes):
+    """Make a quiet start, one tap, one movement, gravity on the last axis."""
+    rng = np.random.default_rng(0)
+    axes = 0.01 * rng.normal(size=(1000, 3))
+    axes[200:230] += np.exp(-np.arange(30) / 8)[:, None] * [1.0, 0.5, 0.5]
+    axes[400:] += rng.normal(size=(600, 3))
+    axes[:, -1] += 9.81
+    phases = Phases(taps=(Tap(180, 200, 260),), movement=(400, 1000), onset=400)
+    return Recording(axes, FS, "m/s^2", phases=phases).with_(**changes)
+
+
+def test_movement_is_the_combined_movement_without_the_hand_where_gravity_is_felt():
+    movement = combine(exploration().acceleration[400:])
+    np.testing.assert_array_equal(
+        views_of(exploration())[""].movement.samples, remove_hand_motion(movement, FS)
+    )
+    for unit in ("m/s^2", "counts"):
+        level = exploration().acceleration - [0.0, 0.0, 9.81 * (unit == "m/s^2")]
+        found = views_of(exploration(acceleration=level, unit=unit))[""].movement.samples
+        np.testing.assert_array_equal(found, combine(level[400:]))
+
+
+def test_taps_are_split_at_the_contact_on_their_resting_level():
+    one_axis = exploration(acceleration=exploration().acceleration[:, 0] + 9.81, channels=())
+    (tap,) = views_of(one_axis)[""].tap.taps
+    assert (tap.hand.size, tap.impulse.size) == (20, 60)
+    assert np.median(tap.hand) == pytest.approx(0, abs=0.02)
+    assert tap.impulse[0] == pytest.approx(1.0, abs=0.05)
+
+
+def test_noise_of_the_quiet_stretch_does_not_see_the_taps():
+    strong = exploration().acceleration.copy()
+    strong[200:260] *= 100
+    noise_level = views_of(exploration())[""].tap.noise
+    assert noise_level == pytest.approx(0.01 * np.sqrt(3), rel=0.1)
+    assert views_of(exploration(acceleration=strong))[""].tap.noise == noise_level
+
+
+def test_friction_is_read_during_the_movement_only():
+    friction = np.r_[np.full(400, 9.0), np.full(600, -2.0)]
+    assert (views_of(exploration(friction=friction))[""].friction.samples == -2.0).all()
+
+
+def test_auto_combines_the_axes_of_one_accelerometer_only():
+    for channels, apart in (
+        ((), ()), (("acc_x", "acc_y", "acc_z"), ()), (("c1", "c2", "c3"), ("c1", "c2", "c3"))
+    ):  # fmt: skip
+        assert channels_apart(exploration(channels=channels), "auto") == apart
+    with pytest.raises(ValueError, match="channels is 'both'; the rule is 'combine'"):
+        channels_apart(exploration(), "both")
+
+
+def test_all_adds_the_axes_of_the_turn_rate():
+    recording = exploration(turn_rate=noise(3000).reshape(1000, 3), channels=("ax", "ay", "az"))
+    apart = channels_apart(recording, "all")
+    assert apart == ("ax", "ay", "az", "turn_x", "turn_y", "turn_z")
+    assert (
+        channels_apart(recording, "each")
+        == channels_apart(recording.with_(turn_rate=None), "all")
+        == apart[:3]
+    )
+    views, turn = views_of(recording, apart), recording.turn_rate[400:, 1]
+    np.testing.assert_allclose(views["turn_y/"].movement.samples, turn - turn.mean())
+    ay = recording.acceleration[400:, 1]
+    np.testing.assert_allclose(views["ay/"].movement.samples, ay - ay.mean())
+    with pytest.raises(ValueError, match=r"channels are \('ax', 'ay', 'az'\); the rule is .*turn_z"):
+        views_of(recording.with_(turn_rate=None), apart)

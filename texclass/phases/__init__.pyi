@@ -1,0 +1,9 @@
+from .segmenter import AT_REST_M_S2 as AT_REST_M_S2
+from .segmenter import Segmenter as Segmenter
+from .segmenter import segment as segment
+from .strikes import CLEAR as CLEAR
+from .strikes import HAND_RATE_HZ as HAND_RATE_HZ
+from .strikes import LEAST_PUSH as LEAST_PUSH
+from .strikes import Hand as Hand
+from .vibration_track import LEAST_SAMPLES as LEAST_SAMPLES
+from .vibration_track import block_mean as block_mean
