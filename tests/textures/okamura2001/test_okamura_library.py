@@ -3,10 +3,10 @@ import json
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from texclass.textures.okamura2001.simulated import FS, MATERIALS, TABLE_I, TABLE_II, simulate_taps
 
 from texclass.textures.okamura2001 import Device, TapLibrary, find_onset, fit_aligned, fit_library, scale_into
 from texclass.textures.okamura2001.library import tap_peak
-from texclass.textures.okamura2001.simulated import FS, MATERIALS, TABLE_I, TABLE_II, simulate_taps
 from texclass.vibration import TapModel
 
 WOOD = TABLE_I["wood"]

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
-
-from texclass.textures.okamura2001 import IdentificationTest, analyse, normalized_ratings, simulate_test
 from texclass.textures.okamura2001.factorial import DESIGN, EFFECTS, FACTORS, runs
 from texclass.textures.okamura2001.identification import noise_for
 from texclass.textures.okamura2001.simulated import MATERIALS, MOST_SENSITIVE, TABLE_II, simulate_ratings
 from texclass.textures.okamura2001.study import fit_real, recover
+
+from texclass.textures.okamura2001 import IdentificationTest, analyse, normalized_ratings, simulate_test
 from texclass.vibration import TapModel
 
 

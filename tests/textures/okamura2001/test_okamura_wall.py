@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from texclass.textures.okamura2001.simulated import TABLE_II
 
 from texclass.textures.okamura2001 import Device, VirtualWall
-from texclass.textures.okamura2001.simulated import TABLE_II
 
 DEVICE = Device(limit_n=50.0)
 WALL = VirtualWall(TABLE_II["aluminum"], DEVICE)

@@ -1,25 +1,5 @@
-"""Taps: a library of decaying sinusoids, scaled into a device, felt on a virtual wall, and judged."""
+"""Taps as decaying sinusoids: a library of materials, scaled into a device, felt on a virtual wall."""
 
-from texclass.textures.okamura2001.device import Device, scale_into
-from texclass.textures.okamura2001.factorial import FactorialResult, analyse, normalized_ratings
-from texclass.textures.okamura2001.identification import IdentificationTest, simulate_test
-from texclass.textures.okamura2001.library import TapLibrary, fit_library
-from texclass.textures.okamura2001.onset import AlignedTaps, find_onset, fit_aligned
-from texclass.textures.okamura2001.wall import VirtualWall, WallRenderer
+import lazy_loader
 
-__all__ = [
-    "AlignedTaps",
-    "Device",
-    "FactorialResult",
-    "IdentificationTest",
-    "TapLibrary",
-    "VirtualWall",
-    "WallRenderer",
-    "analyse",
-    "find_onset",
-    "fit_aligned",
-    "fit_library",
-    "normalized_ratings",
-    "scale_into",
-    "simulate_test",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

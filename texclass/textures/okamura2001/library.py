@@ -2,18 +2,19 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from texclass.recording import Samples
-from texclass.textures.okamura2001.onset import AlignedTaps, fit_aligned
+from texclass.textures.okamura2001.alignment import AlignedTaps, fit_aligned
+from texclass.textures.storage import StoredFields
 from texclass.vibration import TapModel
 
 
 @dataclass(frozen=True)
-class TapLibrary(Mapping[str, TapModel]):
+class TapLibrary(StoredFields, Mapping[str, TapModel]):
     """Tap models by material: a(t) = A v exp(-B t) sin(w t) at impact velocity v.
 
     It is written and read like a `Texture`, but is none: a tap is not a stroke, it has a velocity once and
@@ -58,41 +59,10 @@ class TapLibrary(Mapping[str, TapModel]):
     def __len__(self) -> int:
         return len(self.materials)
 
-    def parameters(self) -> Mapping[str, Any]:
-        """Return what is not an array."""
-        return {"materials": list(self.materials), "unit": self.unit}
-
-    def arrays(self) -> Mapping[str, NDArray[np.float64]]:
-        """Return A (1/s), B (1/s) and w (Hz), shape (n_materials,) each."""
-        rows = np.array([(m.amplitude_slope, m.decay_per_s, m.frequency_hz) for m in self.models])
-        return dict(zip(_NAMES, rows.T, strict=True))
-
-    @classmethod
-    def restore(cls, parameters: Mapping[str, Any], arrays: Mapping[str, NDArray[np.float64]]) -> Self:
-        """Return the library that was written down.
-
-        Raises
-        ------
-        ValueError
-            If something is missing, superfluous, of the wrong shape or breaks a rule of `TapModel`.
-        """
-        if set(parameters) != {"materials", "unit"} or set(arrays) != set(_NAMES):
-            raise ValueError(
-                f"{cls.family}: found {sorted(map(str, parameters))} and {sorted(map(str, arrays))}; "
-                f"the rule is materials, unit and {', '.join(_NAMES)}"
-            )
-        names = parameters["materials"]
-        columns = [np.asarray(arrays[name]) for name in _NAMES]
-        texts = [*names, parameters["unit"]] if isinstance(names, list | tuple) else [None]
-        if not all(isinstance(text, str) for text in texts) or any(
-            c.shape != (len(names),) or c.dtype.kind not in "iuf" for c in columns
-        ):
-            raise ValueError(
-                f"{cls.family}: materials are {names!r}, shapes {[c.shape for c in columns]}, "
-                f"unit {parameters['unit']!r}; the rule is texts, and one number of each for each name"
-            )
-        models = tuple(TapModel(*map(float, row)) for row in zip(*columns, strict=True))
-        return cls(tuple(names), models, parameters["unit"])
+    @property
+    def table(self) -> Samples:
+        """A (1/s), B (1/s) and w (Hz) of each material, shape (n_materials, 3)."""
+        return np.array([(m.amplitude_slope, m.decay_per_s, m.frequency_hz) for m in self.models])
 
 
 def fit_library(
@@ -130,6 +100,3 @@ def tap_peak(model: TapModel) -> Samples:
     """Return max_t exp(-B t) sin(w t): at t = arctan(w / B) / w, sin is w / sqrt(w^2 + B^2)."""
     w, B = 2 * np.pi * model.frequency_hz, model.decay_per_s
     return np.asarray(np.exp(-B * np.arctan2(w, B) / w) * w / np.hypot(w, B))
-
-
-_NAMES = ("amplitude_slope", "decay_per_s", "frequency_hz")
