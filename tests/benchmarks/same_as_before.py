@@ -266,8 +266,9 @@ def fitted_textures(plates: Sequence[np.ndarray], speeds: Sequence[float]) -> di
 
 def fitted_taps() -> tuple[Any, Any, np.ndarray]:
     """Return a library of taps, what it was fitted to (A, B, f), and the force of a virtual wall."""
-    from texclass.textures import okamura2001
     from texclass.textures.okamura2001.simulated import FS, TABLE_I, simulate_taps
+
+    from texclass.textures import okamura2001
 
     rng, materials = np.random.default_rng(5), ("wood", "rubber")
     made = {name: simulate_taps(TABLE_I[name], rng, FS["wood"], n_taps=6) for name in materials}

@@ -1,8 +1,6 @@
-"""texclass reproduce: the tables and figures of a paper, published beside ours."""
+"""texclass reproduce: says where the reproductions of the papers are."""
 
 from enum import StrEnum
-from importlib import import_module
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -20,19 +18,9 @@ class Paper(StrEnum):
 
 
 @app.command()
-def reproduce(
-    paper: Annotated[Paper, typer.Argument(help="Which paper.")],
-    out: Annotated[Path, typer.Option(help="Folder for the tables, the figures and the JSON.")] = Path(
-        "reports"
-    ),
-    seed: Annotated[int, typer.Option(help="Of what is simulated.")] = 0,
-) -> None:
-    """Compute the tables and figures of a paper, and write them beside the published ones.
-
-    Recordings of the papers are not public: what is simulated is said in the report. Real recordings are used
-    where they are present (TEXCLASS_DATA).
-    """
-    chapter = import_module(f"texclass.reporting.reproductions.{paper.value}")
-    out.mkdir(parents=True, exist_ok=True)
-    for path in chapter.reproduce(out, seed=seed):
-        typer.echo(f"wrote {path}")
+def reproduce(paper: Annotated[Paper, typer.Argument(help="Which paper.")]) -> None:
+    """Say how the tables and figures of a paper are computed beside the published ones."""
+    raise ValueError(
+        f"the reproductions are scripts of the source distribution now: python examples/papers/{paper.value}.py "
+        "--out DIR"
+    )

@@ -3,10 +3,17 @@ import json
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from texclass.textures.okamura2001.simulated import FS, MATERIALS, TABLE_I, TABLE_II, simulate_taps
+from okamura2001_taps import FS, MATERIALS, TABLE_I, TABLE_II, simulate_taps
 
-from texclass.textures.okamura2001 import Device, TapLibrary, find_onset, fit_aligned, fit_library, scale_into
-from texclass.textures.okamura2001.library import tap_peak
+from texclass.textures.okamura2001 import (
+    Device,
+    TapLibrary,
+    find_onset,
+    fit_aligned,
+    fit_library,
+    scale_into,
+    tap_peak,
+)
 from texclass.vibration import TapModel
 
 WOOD = TABLE_I["wood"]
@@ -25,8 +32,8 @@ def _values(model):
 @pytest.mark.parametrize("material", MATERIALS)
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_table_1_is_recovered_within_three_percent(material, seed):
-    one = simulate_taps(TABLE_I[material], np.random.default_rng(seed), FS[material], n_taps=24)
-    found = fit_aligned(one.taps, one.velocity, FS[material])
+    taps, velocity = simulate_taps(TABLE_I[material], np.random.default_rng(seed), FS[material], n_taps=24)
+    found = fit_aligned(taps, velocity, FS[material])
     assert_allclose(_values(found.model), _values(TABLE_I[material]), rtol=0.03)
     assert found.r_squared > 0.99
     assert found.explained > 0.98
@@ -96,22 +103,22 @@ def test_what_is_written_down_is_restored():
 
 
 @pytest.mark.parametrize(
-    ("parameters", "arrays"),
+    "changes",
     [
-        ({"materials": "rubber"}, {}),
-        ({"materials": ["a", "a", "b"]}, {}),
-        ({"materials": [1, 2, 3]}, {}),
-        ({"unit": None}, {}),
-        ({"more": 1}, {}),
-        ({}, {"decay_per_s": np.array([1.0, -1.0, 1.0])}),
-        ({}, {"decay_per_s": np.ones(2)}),
-        ({}, {"frequency_hz": np.array(["x", "y", "z"])}),
-        ({}, {"frequency_hz": np.full(3, np.nan)}),
+        {"materials": "rubber"},
+        {"materials": ["a", "a", "b"]},
+        {"materials": [1, 2, 3]},
+        {"unit": None},
+        {"more": 1},
+        {"models": [{"amplitude_slope": 1.0, "decay_per_s": -1.0, "frequency_hz": 1.0}] * 3},
+        {"models": [{"amplitude_slope": 1.0, "decay_per_s": 1.0, "frequency_hz": float("nan")}] * 3},
+        {"models": TABLE_I.parameters()["models"][:2]},
+        {"models": ["x"] * 3},
     ],
 )
-def test_broken_files_are_refused(parameters, arrays):
-    with pytest.raises(ValueError, match="rule is"):
-        TapLibrary.restore({**TABLE_I.parameters(), **parameters}, {**TABLE_I.arrays(), **arrays})
+def test_broken_files_are_refused(changes):
+    with pytest.raises(ValueError, match="rule"):
+        TapLibrary.restore({**TABLE_I.parameters(), **changes}, {})
 
 
 @pytest.mark.parametrize("model", [*TABLE_I.models, *TABLE_II.models])
@@ -123,7 +130,7 @@ def test_the_peak_of_a_tap_is_its_largest_sample(model):
 def test_a_scaled_library_lies_in_the_band_and_the_forces_and_keeps_its_order():
     device = Device()
     scaled = scale_into(TABLE_I, device, 0.4)
-    w, before = scaled.arrays()["frequency_hz"], TABLE_I.arrays()["frequency_hz"]
+    w, before = scaled.table[:, 2], TABLE_I.table[:, 2]
     assert_allclose([w.min(), w.max()], device.band_hz)
     assert_array_equal(np.argsort(w), np.argsort(before))
     forces = [device.peak_force(m, 0.4) for m in scaled.models]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from texclass.textures.okamura2001.simulated import TABLE_II
+from okamura2001_taps import TABLE_II
 
 from texclass.textures.okamura2001 import Device, VirtualWall
 

@@ -1,0 +1,148 @@
+"""The chapter on taps, and the people it simulates."""
+
+import json
+
+import numpy as np
+import okamura2001
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from okamura2001_people import (
+    DESIGN,
+    EFFECTS,
+    FACTORS,
+    MOST_SENSITIVE,
+    all_right,
+    analyse,
+    confusion,
+    most_sensitive,
+    noise_for,
+    normalized_ratings,
+    runs,
+    simulate_answers,
+    simulate_ratings,
+)
+from okamura2001_taps import MATERIALS, TABLE_II
+from scipy import stats
+
+from texclass.vibration import TapModel
+
+
+def test_the_chapter_says_what_is_simulated_and_what_was_skipped(tmp_path):
+    paths = okamura2001.main(tmp_path, seed=1, small=True)
+    assert all(path.stat().st_size > 0 for path in paths)
+    text = (tmp_path / "okamura2001.md").read_text(encoding="utf-8")
+    assert "Everything below is simulated" in text
+    assert "Skipped: the recordings are not on this machine" in text
+    numbers = json.loads((tmp_path / "okamura2001.json").read_text(encoding="utf-8"))
+    assert (numbers["seed"], numbers["input_hash"]) == (1, {})
+    for by_material in numbers["recovery_percent"].values():
+        assert all(max(one["largest"]) < 5 for one in by_material.values())
+    assert numbers["identification"]["correct"] == pytest.approx(35, abs=6)
+
+
+def test_the_design_has_each_combination_once_and_balanced():
+    assert len(np.unique(DESIGN, axis=0)) == 8
+    assert_array_equal(DESIGN.T @ DESIGN, 8 * np.eye(3))
+    low, high = TapModel(1.0, 2.0, 3.0), TapModel(4.0, 5.0, 6.0)
+    models = runs(low, high)
+    assert (models[0], models[7]) == (low, high)
+    assert models[1] == TapModel(4.0, 2.0, 3.0)
+
+
+def test_normalised_ratings_have_mean_0_and_deviation_1_for_each_user():
+    r = simulate_ratings("decay", np.random.default_rng(0))
+    y = normalized_ratings(r)
+    assert_allclose(y.mean(axis=1), 0, atol=1e-12)
+    assert_allclose(y.std(axis=1), 1)
+    assert_allclose(normalized_ratings(3 * r + 7), y, atol=1e-12)
+
+
+def test_ratings_that_follow_one_factor_have_only_its_effect():
+    result = analyse(np.tile(5 + 3 * DESIGN[:, 1], (4, 1)))
+    assert most_sensitive(result) == "decay"
+    assert_allclose(result["effect"], [0, 2, 0, 0, 0, 0, 0], atol=1e-12)
+
+
+def test_analysis_of_variance_is_that_of_the_linear_model():
+    y = normalized_ratings(simulate_ratings("frequency", np.random.default_rng(1), n_users=6))
+    result = analyse(y)
+    A, B, w = DESIGN.T
+    full = np.tile(np.stack([np.ones(8), A, B, w, A * B, A * w, B * w, A * B * w], axis=1), (6, 1))
+    users = np.kron(np.eye(6), np.ones((8, 1)))[:, 1:]
+
+    def left(x):
+        x = np.hstack([x, users])
+        return np.sum((y.ravel() - x @ np.linalg.lstsq(x, y.ravel(), rcond=None)[0]) ** 2)
+
+    freedom = 48 - 8 - 5
+    for i, name in enumerate(EFFECTS, start=1):
+        f_value = (left(np.delete(full, i, axis=1)) - left(full)) / (left(full) / freedom)
+        assert_allclose(result.loc[name, "F"], f_value, rtol=1e-8)
+        assert_allclose(result.loc[name, "p"], stats.f.sf(f_value, 1, freedom), rtol=1e-6)
+
+
+def test_the_factor_that_raters_are_most_sensitive_to_is_found():
+    for factor in MOST_SENSITIVE.values():
+        for seed in range(20):
+            found = analyse(simulate_ratings(factor, np.random.default_rng(seed)))
+            assert most_sensitive(found) == factor
+            assert found.loc[factor, "p"] < 0.01
+
+
+def test_ratings_without_preference_reject_as_often_as_the_level_says():
+    rng = np.random.default_rng(0)
+    p = [analyse(rng.standard_normal((10, 8))).loc[list(FACTORS), "p"] for _ in range(300)]
+    assert 0.02 < np.mean(np.array(p) < 0.05) < 0.08
+
+
+def test_ratings_that_say_nothing_are_refused():
+    for ratings in (np.ones((3, 8)), np.zeros((0, 8)), np.arange(8.0), np.arange(8.0)[None], np.eye(7)):
+        with pytest.raises(ValueError, match="rule is"):
+            analyse(ratings)
+
+
+def test_users_name_everything_right_without_noise_and_guess_with_much():
+    right = simulate_answers(TABLE_II, 0.0, np.random.default_rng(0))
+    assert_array_equal(confusion(right), 42 * np.eye(3))
+    assert all_right(right).all()
+    guessed = simulate_answers(TABLE_II, 1e6, np.random.default_rng(0), n_experiments=6000)
+    assert_allclose(all_right(guessed).mean(), 1 / 6, atol=0.02)
+
+
+def test_confusions_count_every_surface_and_every_name_once_an_experiment():
+    answers = simulate_answers(TABLE_II, 1.0, np.random.default_rng(0), n_experiments=100)
+    table = confusion(answers)
+    assert_array_equal(table.sum(axis=0), [100] * 3)
+    assert_array_equal(table.sum(axis=1), [100] * 3)
+    assert all_right(answers).sum() <= table.trace() / 3
+    swapped = np.array([[0, 1, 2], [1, 0, 2]])
+    assert all_right(swapped).tolist() == [True, False]
+    assert_array_equal(confusion(swapped), [[1, 1, 0], [1, 1, 0], [0, 0, 2]])
+
+
+def test_noise_is_found_for_a_share_of_right_answers():
+    noise = noise_for(TABLE_II, 0.8, n_experiments=4000)
+    answers = simulate_answers(TABLE_II, noise, np.random.default_rng(9), n_experiments=4000)
+    assert_allclose(all_right(answers).mean(), 0.8, atol=0.03)
+    with pytest.raises(ValueError, match="guessing"):
+        noise_for(TABLE_II, 0.1)
+
+
+def test_velocity_errors_only_move_the_slope():
+    found = okamura2001.recover(0, n_seeds=1).set_index(["material", "velocity"])
+    for m in MATERIALS:
+        few, many = found.loc[(m, 0.02)], found.loc[(m, 0.06)]
+        assert_array_equal(few[["B", "w"]], many[["B", "w"]])
+        assert few["A"] != many["A"]
+
+
+def test_real_taps_are_fitted_in_samples_and_what_cannot_be_is_left_out():
+    taps = [
+        np.concatenate([np.zeros(10), TapModel(a, 0.02, 0.05).synthesize(1.0, 190, 1.0)]) for a in (50, -80)
+    ]
+    *found, none = okamura2001.fit_each([*taps, np.zeros(50)])
+    assert none is None
+    for one in found:
+        assert_allclose(one.model.decay_per_s, 0.02, rtol=1e-3)
+        assert_allclose(one.model.frequency_hz, 0.05, rtol=1e-3)
+        assert_allclose(one.explained, 1, atol=1e-4)
