@@ -21,6 +21,6 @@ class Paper(StrEnum):
 def reproduce(paper: Annotated[Paper, typer.Argument(help="Which paper.")]) -> None:
     """Say how the tables and figures of a paper are computed beside the published ones."""
     raise ValueError(
-        f"the reproductions are scripts of the source distribution now: python examples/papers/{paper.value}.py "
-        "--out DIR"
+        "the reproductions are scripts of the source distribution now: "
+        f"python examples/papers/{paper.value}.py --out DIR"
     )
