@@ -200,15 +200,6 @@ def test_columns_that_pandas_is_told_to_rename_are_refused(tmp_path):
         read_table(path)
 
 
-def test_a_member_whose_name_is_no_text_is_refused_by_name(tmp_path):
-    archive = bytearray(target_of("taps").seeds()[0])
-    at = archive.index(b"PK\x03\x04")
-    archive[at + 30] = 0xFF
-    archive[at + 6 : at + 8] = (0x800).to_bytes(2, "little")  # says that it is UTF-8
-    _, detail = _kind("taps", bytes(archive), tmp_path)
-    assert _kind("taps", bytes(archive), tmp_path)[0] == "refused", detail
-
-
 def test_a_parquet_file_cut_in_its_data_is_no_feature_table(tmp_path):
     data = target_of("feature table").seeds()[0]
     for at in range(4, len(data) // 2, 97):
@@ -236,22 +227,6 @@ def test_a_column_of_lists_is_no_signal(tmp_path):
     pd.DataFrame({"acceleration": [[1.0], [2.0, 3.0]]}).to_parquet(path)
     with pytest.raises(RecordingError, match=r"r\.parquet: acceleration holds object"):
         load_recording(path, fs=100.0, unit="g")
-
-
-@pytest.mark.parametrize("contacts", [10**6, 10**30])
-def test_a_scene_of_a_million_contacts_is_refused(contacts):
-    from fuzz.exchange import _planned
-
-    scene = _planned()
-    with pytest.raises(ValueError, match=r"contacts are 10+; the rule is 1 to 1000"):
-        type(scene)(**{**vars(scene), "contacts": contacts})
-
-
-def test_amplitudes_too_large_to_square_are_refused_without_a_warning():
-    from texclass.scene import GridModel
-
-    with pytest.raises(ValueError, match="amplitudes of lines"):
-        GridModel(np.ones(1), np.ones(1), np.full((1, 1, 1), 1e300), np.ones((1, 1)), 1.0, [100.0], [0.0])
 
 
 def test_a_model_of_huge_numbers_is_refused_or_read_without_a_warning(tmp_path):

@@ -34,6 +34,7 @@ _WORDS = {
     "less_than": "a number below {lt}",
     "less_than_equal": "a number of at most {le}",
     "list_type": "a list",
+    "path_type": "the path of a file",
     "string_too_long": "text of at most {max_length} characters",
     "string_too_short": "text of at least {min_length} characters",
     "string_type": "text",
@@ -77,7 +78,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: not valid TOML ({error})") from error
 
 
-def checked(model: type[M], content: Any, where: object) -> M:
+def checked(model: type[M], content: Any, where: object, *, context: object = None) -> M:
     """Return the content of a file as a model.
 
     Parameters
@@ -88,6 +89,8 @@ def checked(model: type[M], content: Any, where: object) -> M:
         As a TOML or JSON parser returns it.
     where : str or Path
         The file, for messages; of a part of it, file and key.
+    context : object, optional
+        What the model's validators are told, as the file that other paths are relative to.
 
     Raises
     ------
@@ -100,7 +103,7 @@ def checked(model: type[M], content: Any, where: object) -> M:
         )
     try:
         # Under the rules for JSON a list is good for a tuple, and all else stays strict.
-        return model.model_validate_json(json.dumps(content, default=str))
+        return model.model_validate_json(json.dumps(content, default=str), context=context)
     except ValidationError as error:
         first, *others = error.errors()
         more = f" (and {len(others)} more)" if others else ""

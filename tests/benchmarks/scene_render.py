@@ -24,9 +24,10 @@ from pathlib import Path
 import numpy as np
 
 from texclass.provenance import versions
-from texclass.scene import GridModel, PlannedScene, ScenePlan, SceneRenderer, plan_scene, read_scene
-from texclass.scene.budget import Timing, run_steps, without_garbage_collection
+from texclass.scene import PlannedScene, ScenePlan, SceneRenderer, plan_scene, read_scene
+from texclass.scene.proof import Timing, run_steps, without_garbage_collection
 from texclass.scene.renderer import PEAK_FACTOR
+from texclass.textures.grid import GridModel
 
 SCENE, CONTACTS, ORDER = "twenty", 4, 400
 N_SAMPLES, N_RUNS = 60_000, 5
@@ -38,7 +39,7 @@ def order_400(seed: int) -> PlannedScene:
     """A scene of one surface whose model has order 400 at 4 by 3 nodes."""
     k = np.random.default_rng(seed).uniform(-0.3, 0.3, (4, 3, ORDER))
     speeds, forces = np.geomspace(40, 200, 4), np.geomspace(0.4, 2, 3)
-    model = GridModel(speeds, forces, k, np.ones((4, 3)), 4.0)
+    model = GridModel((speeds, forces), k, np.ones((4, 3)), 4.0)
     return PlannedScene("400", 1000.0, "m/s^2", (20.0, 450.0), 30.0, CONTACTS, {"it": 0}, (model,))
 
 

@@ -11,7 +11,7 @@ from texclass.features import load_feature_set
 from texclass.loaders import open_dataset, read_card
 from texclass.loaders.filesets import match_name
 from texclass.scene.definition import EXAMPLES, read_scene
-from texclass.scene.paths import read_path
+from texclass.scene.hand_paths import read_path
 
 _TOML = trees(lambda data: tomllib.loads(data.decode()), toml_of)
 _CARD = """title = "Toy"

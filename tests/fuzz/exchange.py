@@ -1,15 +1,18 @@
 """Textures, taps and planned scenes in files: ours, Penn HaTT XML, WAV."""
 
-import hashlib
+import json
 import random
-import struct
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
+from pydantic import ValidationError
+from safetensors import safe_open
+from safetensors.numpy import save
 
 from fuzz.contract import Target
-from fuzz.mutate import archives, either, of_bytes, of_text, of_tree
+from fuzz.mutate import either, json_of, of_bytes, of_text, of_tree
 from fuzz.recordings import written
 from texclass.exchange import (
     describe,
@@ -21,14 +24,13 @@ from texclass.exchange import (
     write_hatt,
     write_wav,
 )
-from texclass.exchange.description import encode, parse_json
-from texclass.scene import GridModel, PlannedScene
-from texclass.scene.planned import load_scene
+from texclass.exchange.container import Header, sealed
+from texclass.scene import PlannedScene, load_scene
+from texclass.textures.grid import GridModel
 from texclass.textures.hatt import HattTexture, Mesh
 from texclass.textures.okamura2001 import TapLibrary
 from texclass.vibration import TapModel
 
-_DESCRIPTION = "texture.json"
 _ODD = (0.0, -0.0, -1.0, 1e-300, 5e-324, 1e9, 1e154, 1e300, 1.7e308, -1.7e308, 0.5, 1.0, 3.141592653589793)
 
 
@@ -39,8 +41,8 @@ def _slate() -> HattTexture:
 
 def _planned() -> PlannedScene:
     v, f = np.array([40.0, 160.0]), np.array([0.5, 2.0])
-    lattice = GridModel(v, f, np.full((2, 2, 2), 0.5), np.array([[1.0, 4.0], [4.0, 16.0]]), 8.0)
-    lines = GridModel(v, f, np.ones((2, 2, 1)), np.ones((2, 2)), 2.5, np.array([120.0]), np.array([0.0]))
+    lattice = GridModel((v, f), np.full((2, 2, 2), 0.5), np.array([[1.0, 4.0], [4.0, 16.0]]), 8.0)
+    lines = GridModel((v, f), np.ones((2, 2, 1)), np.ones((2, 2)), 2.5, np.array([120.0]), np.array([0.0]))
     models = (lattice, lines, GridModel.silence())
     return PlannedScene("test", 1000.0, "m/s^2", (20.0, 450.0), 20.0, 2, {"a": 0, "b": 1, "c": 2}, models)
 
@@ -60,45 +62,48 @@ def _scenes() -> list[bytes]:
     return [written("a.texture", _planned().save)]
 
 
-def _sealed(rng: random.Random, members: dict[str, bytes]) -> dict[str, bytes]:
-    """Change values of the description or of an array, and make all checksums right again."""
-    described = parse_json(members[_DESCRIPTION], "seed")
-    described.pop("sha256", None)
-    arrays = [name for name in members if name != _DESCRIPTION]
+def _container(rng: random.Random, data: bytes) -> bytes:
+    """Change values of the header or of an array, and make the checksum right again; or change any bytes."""
+    if rng.random() < 0.3:
+        return of_bytes(rng, data)
+    try:
+        content, arrays = _members(data)
+    except Exception:  # what has been spoilt before need not be changed again
+        return of_bytes(rng, data)
     if arrays and rng.random() < 0.5:
-        name = rng.choice(arrays)
-        members[name] = _changed_array(rng, members[name])
-        announced = described["arrays"][name[7:-4]]
-        announced["sha256"] = hashlib.sha256(members[name]).hexdigest()
-        if rng.random() < 0.3:
-            shape = rng.choice(([], [0], [1], [10**9], *([list(reversed(announced["shape"]))] * 3)))
-            announced["shape"] = shape
-            members[name] = _with_shape(members[name], tuple(shape))
-            announced["sha256"] = hashlib.sha256(members[name]).hexdigest()
+        name = rng.choice(sorted(arrays))
+        arrays[name] = _changed_array(rng, arrays[name])
     else:
-        described["parameters"] = of_tree(rng, described["parameters"])
-        if isinstance(described["parameters"], dict) and rng.random() < 0.7:
-            described |= {key: described["parameters"].get(key, described[key]) for key in ("name", "fs")}
+        content["parameters"] = of_tree(rng, content["parameters"])
         if rng.random() < 0.2:
-            described = of_tree(rng, described)
-    members[_DESCRIPTION] = encode(described)
-    return members
+            content = of_tree(rng, content)
+    try:
+        return sealed(Header.model_validate(content), arrays)
+    except (ValidationError, ValueError, OverflowError, TypeError):
+        return save(arrays, {"texclass": json_of(content).decode("utf-8", "replace")})
 
 
-def _changed_array(rng: random.Random, data: bytes) -> bytes:
-    start = 10 + int.from_bytes(data[8:10], "little")
-    count = (len(data) - start) // 8
-    for _ in range(rng.choice((1, 1, 2, 5)) if count else 0):
-        at = start + 8 * rng.randrange(count)
-        data = data[:at] + struct.pack("<d", rng.choice(_ODD) * rng.choice((1, 1, -1, 1.5))) + data[at + 8 :]
-    return data
+def _members(data: bytes) -> tuple[dict, dict[str, np.ndarray]]:
+    with tempfile.NamedTemporaryFile() as file:
+        file.write(data)
+        file.flush()
+        with safe_open(file.name, "np") as whole:
+            arrays = {name: whole.get_tensor(name) for name in whole.offset_keys()}
+            return json.loads(whole.metadata()["texclass"]), arrays
 
 
-def _with_shape(data: bytes, shape: tuple[int, ...]) -> bytes:
-    from texclass.exchange.npy import _header
-
-    body = data[10 + int.from_bytes(data[8:10], "little") :]
-    return _header(shape) + body[: 8 * int(np.prod(shape, dtype=object))]
+def _changed_array(rng: random.Random, array: np.ndarray) -> np.ndarray:
+    changed = array.astype(np.float64) if rng.random() < 0.5 else array.copy()
+    for _ in range(rng.choice((1, 1, 2, 5)) if changed.size else 0):
+        odd = rng.choice(_ODD) * rng.choice((1, 1, -1, 1.5))
+        with np.errstate(all="ignore"):
+            changed.flat[rng.randrange(changed.size)] = (
+                np.clip(odd, -1e18, 1e18) if array.dtype == int else odd
+            )
+    if rng.random() < 0.3:
+        shape = rng.choice(([0], [1], [changed.size], list(reversed(changed.shape))))
+        changed = np.resize(changed, shape)
+    return changed
 
 
 def _texture(path: Path) -> object:
@@ -137,11 +142,10 @@ def _libraries() -> list[bytes]:
     return [written("a.texture", lambda p: save_texture(library, p))]
 
 
-_ARCHIVES = archives(_sealed, deflate=False)
 TARGETS = (
-    Target("texture", _families, _texture, _ARCHIVES, "fuzzed.texture"),
-    Target("planned scene", _scenes, _scene, _ARCHIVES, "scene.texture"),
-    Target("taps", _libraries, load_taps, _ARCHIVES, "taps.texture"),
+    Target("texture", _families, _texture, _container, "fuzzed.texture"),
+    Target("planned scene", _scenes, _scene, _container, "scene.texture"),
+    Target("taps", _libraries, load_taps, _container, "taps.texture"),
     Target("HaTT XML", _hatts, read_hatt, either(of_text, of_text, of_bytes), "fuzzed.xml"),
     Target("rendered WAV", _wavs, _wav, of_bytes, "vibration.wav"),
 )

@@ -8,24 +8,8 @@ from typer.testing import CliRunner
 
 from texclass.cli import app
 from texclass.exchange import read_wav
-from texclass.scene import candidates, sources
 
-
-@pytest.fixture(autouse=True, scope="module")
-def _few():
-    """Look at fewer speeds, forces, nodes and orders than a user would."""
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in (("N_SPEEDS", 4), ("N_FORCES", 2)):
-            patch.setattr(sources, name, value)
-        for name, value in (
-            ("N_SPEEDS", (1, 2, 4)),
-            ("N_FORCES", (1, 2)),
-            ("STAGES", (range(1, 9),)),
-            ("FEW_GRIDS", ((2, 2),)),
-        ):
-            patch.setattr(candidates, name, value)
-        yield
-
+pytestmark = pytest.mark.usefixtures("few")
 
 SCENE = """
 [device]

@@ -40,33 +40,69 @@ def test_everything_that_is_written_is_read(tmp_path):
     assert scene.device.band_hz == (20, 450)
     assert scene.expected.forces_n == (0.4, 2.0)
     assert (scene.tolerance.over, scene.tolerance.level_db) == ("worst", None)
-    assert (scene.surfaces[0].simulated, scene.surfaces[0].friction) == ("abdulali2016/S8", 0.4)
+    wood = scene.surfaces["wood"]
+    assert (wood.simulated, wood.friction) == ("abdulali2016/S8", 0.4)
 
 
 @pytest.mark.parametrize("name", examples())
 def test_shipped_scenes_are_valid_and_need_no_file(name):
     scene = read_scene(name)
     assert scene.name == name
-    assert all(surface.simulated for surface in scene.surfaces)
+    assert all(surface.simulated for surface in scene.surfaces.values())
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("rate_hz = 1000", "rate_hz = true", "device: rate_hz is True; the rule is a number of at least 50"),
-        ("rate_hz = 1000", "rate = 1000", "device: unknown key 'rate'; the rule is one of rate_hz"),
-        ("noise_floor = 0.05", "", "device: no key 'noise_floor'"),
-        ("[20, 450]", "[20, 600]", "band_hz ends at 600; the rule is at most rate_hz / 2"),
-        ("[20, 450]", "[450, 20]", "rule is rising numbers"),
-        ("[40, 200]", "[0, 200]", "speeds_mm_s begins at 0; the rule is above 0"),
+        ("rate_hz = 1000", "rate_hz = true", "device.rate_hz is True; the rule is a number"),
+        ("rate_hz = 1000", "rate_hz = 1000\nrat = 1", "unknown key device.rat; did you mean device.rate_hz?"),
+        ("noise_floor = 0.05", "", "lacks the key device.noise_floor"),
+        (
+            "[20, 450]",
+            "[20, 600]",
+            "device: band_hz is [20.0, 600.0]; the rule is rising, at most rate_hz / 2",
+        ),
+        ("[20, 450]", "[450, 20]", "device.band_hz: is [450.0, 20.0]; the rule is rising numbers"),
+        ("[40, 200]", "[0, 200]", "expected: speeds_mm_s begins at 0; the rule is above 0"),
         ('"log_spectral_db"', '"psnr"', "score is 'psnr'; the rule is one of log_spectral_db, band_db, gfc"),
-        ('"log_spectral_db"', '"gfc"', "limit is 3; the rule is a number of at least 0, at most 0.9999"),
-        ("contacts = 4", "contacts = 4.5", "contacts is 4.5; the rule is a whole number"),
-        ("friction = 0.4", "friction = -1", "friction is -1; the rule is a number of at least 0"),
-        ("friction = 0.4", 'texture = "a.texture"', "the rule is one of texture, simulated"),
-        ('simulated = "abdulali2016/S8"', 'texture = "none.texture"', "the rule is an existing file"),
-        ('simulated = "abdulali2016/S8"', "recordings = [{}]", "recordings 1: no key 'file'"),
-        ("friction = 0.4", "[else]", "unknown key 'else'"),
+        (
+            '"log_spectral_db"',
+            '"gfc"',
+            "tolerance: limit is 3; the rule for gfc is at least 0, at most 0.9999",
+        ),
+        ("contacts = 4", "contacts = 4.5", "budget.contacts is 4.5; the rule is a whole number"),
+        (
+            "friction = 0.4",
+            "friction = -1",
+            "surfaces.wood.friction is -1; the rule is a number of at least 0",
+        ),
+        (
+            "friction = 0.4",
+            'dataset = "stylus6"',
+            "surfaces.wood: sources are ['simulated', 'dataset']; the rule is one",
+        ),
+        ("friction = 0.4", 'material = "x"', "material is 'x'; the rule is beside a dataset only"),
+        (
+            'simulated = "abdulali2016/S8"',
+            'texture = "none.texture"',
+            "wood.texture: is 'none.texture'; the rule is an",
+        ),
+        (
+            'simulated = "abdulali2016/S8"',
+            "recordings = [{}]",
+            "lacks the key surfaces.wood.recordings.1.file",
+        ),
+        (
+            'simulated = "abdulali2016/S8"',
+            'recordings = [{file = "scene.toml", speed = "v", force = 0}]',
+            "recordings.1.force: is 0; the rule is the name of a column, or a number above 0",
+        ),
+        (
+            "speeds_mm_s = [40, 200]",
+            'path = "path.csv"',
+            "expected: holds path, forces_n; the rule is a path alone",
+        ),
+        ("friction = 0.4", "[else]", "unknown key else; the rule is one of name, device"),
         ("[device]", "[device", "not valid TOML"),
     ],
 )

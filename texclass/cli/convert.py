@@ -20,9 +20,9 @@ def convert(
 ) -> None:
     """Convert a texture between our format and Penn HaTT XML."""
     from texclass.exchange import (
+        describe,
         load_texture,
         read_hatt,
-        read_texture_file,
         save_texture,
         to_hatt,
         write_hatt,
@@ -32,7 +32,7 @@ def convert(
     if kinds == (".xml", ".texture"):
         save_texture(read_hatt(source), target)
     elif kinds == (".texture", ".xml"):
-        unit = read_texture_file(source).unit
+        unit = describe(source)["unit"]
         write_hatt(to_hatt(load_texture(source), unit=unit, fs=fs, order=order), target)
     else:
         raise ValueError(f"{source} to {target}; the rule is .texture to .xml or .xml to .texture")

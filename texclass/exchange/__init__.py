@@ -1,33 +1,5 @@
 """Textures and vibrations as files: our own, Penn HaTT XML, WAV. Nothing in a file is ever executed."""
 
-from texclass.exchange.describe import describe
-from texclass.exchange.families import family_class
-from texclass.exchange.hatt_write import write_hatt
-from texclass.exchange.hatt_xml import read_hatt
-from texclass.exchange.texture_file import (
-    TextureFile,
-    load_taps,
-    load_texture,
-    read_texture_file,
-    restore,
-    save_texture,
-)
-from texclass.exchange.to_hatt import to_hatt
-from texclass.exchange.wav import Vibration, read_wav, write_wav
+import lazy_loader
 
-__all__ = [
-    "TextureFile",
-    "Vibration",
-    "describe",
-    "family_class",
-    "load_taps",
-    "load_texture",
-    "read_hatt",
-    "read_texture_file",
-    "read_wav",
-    "restore",
-    "save_texture",
-    "to_hatt",
-    "write_hatt",
-    "write_wav",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

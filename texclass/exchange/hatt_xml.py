@@ -24,17 +24,21 @@ triangle at the sixteenth.
 
 import math
 from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.exchange.limited import checked_name
-from texclass.exchange.xml_tree import Element, parse_xml
+from texclass.exchange.container import printable, read_limited, replace_file
 from texclass.recording import Samples
 from texclass.textures.hatt import HattTexture, Mesh
-from texclass.vibration import line_spectrum
+from texclass.vibration import Autoregression, line_spectrum
 from texclass.vibration.autoregressive import from_direct_form
 
+LARGEST_FILE = 8 << 20
+"""Bytes; the published textures have 120,000."""
+MOST_ELEMENTS, DEEPEST = 300_000, 16
 MOST_MODELS = 10_000
 _UNITS = {"AccelUnits": "m/s^2", "SpeedUnits": "mm/s", "ForceUnits": "N"}
 _DECIMALS = 6
@@ -51,26 +55,52 @@ def read_hatt(path: str | Path) -> HattTexture:
     Raises
     ------
     ValueError
-        If it is not well formed, declares entities, has wrong counts, units or triangles, NaN, or a model
-        that is not stable (or an MA part not of minimum phase); the message names file, value and rule.
+        If it is not well formed, declares a document type (so that no entity is ever expanded), has wrong
+        counts, units or triangles, NaN, or a model that is not stable (or an MA part not of minimum phase);
+        the message names file, value and rule.
     OSError
         If it cannot be read.
     """
     path = Path(path)
-    root = parse_xml(path)
+    data = read_limited(path, LARGEST_FILE)
+    parser = ElementTree.XMLParser(target=_BoundedTree(), encoding="utf-8")
     try:
-        return _texture(root)
+        parser.feed(data)
+        return _texture(parser.close())
+    except ElementTree.ParseError as error:
+        raise ValueError(f"{path}: is not well formed ({error}); the rule is XML in UTF-8") from error
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+class _BoundedTree(ElementTree.TreeBuilder):
+    """Stops a file that could grow in memory: with a document type, or with too many elements or levels."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._count = self._depth = 0
+
+    def start(self, tag: str, attributes: dict[str, str]) -> Element:
+        self._count, self._depth = self._count + 1, self._depth + 1
+        if self._count > MOST_ELEMENTS or self._depth > DEEPEST:
+            raise ValueError(f"has over {MOST_ELEMENTS} elements or {DEEPEST} levels; the rule is at most so")
+        return super().start(tag, {})
+
+    def end(self, tag: str) -> Element:
+        self._depth -= 1
+        return super().end(tag)
+
+    def doctype(self, name: str, *_: str | None) -> None:
+        raise ValueError(f"declares {name!r:.40}; the rule is no document type and no entities")
 
 
 def _texture(root: Element) -> HattTexture:
     if root.tag != "modelSet":
         raise ValueError(f"is a <{root.tag:.40}>; the rule is <modelSet>")
     for tag, unit in _UNITS.items():
-        if _text(root, tag, unit) != unit:
-            raise ValueError(f"<{tag}> is {_text(root, tag, unit)!r:.40}; the rule is {unit!r}")
-    models, mesh = list(root.all("model")), _mesh(root)
+        if (found := _text(root, tag, unit)) != unit:
+            raise ValueError(f"<{tag}> is {found!r:.40}; the rule is {unit!r}")
+    models, mesh = root.findall("model"), _mesh(root)
     p, q = _count(root, "numARCoeff"), _count(root, "numMACoeff", 0)
     order = _places(models, mesh.speed, mesh.force)
     return HattTexture(
@@ -80,15 +110,15 @@ def _texture(root: Element) -> HattTexture:
         variance=np.array([_number(model, "var") for model in models])[order],
         gain=np.array([_number(model, "gain") if q else 1.0 for model in models])[order],
         fs=_number(root, "SampleRate"),
-        name=checked_name(_text(root, "material", ""), "material"),
+        name=printable(_text(root, "material", "")),
         mu=_number(root, "mu", 0.0),
     )
 
 
 def _mesh(root: Element) -> Mesh:
     n, n_triangles = _count(root, "numMod"), _count(root, "numTri")
-    speed, force = _values(root, "speedList", n), _values(root, "forceList", n)
-    n_models, triangles = sum(1 for _ in root.all("model")), list(root.all("tri"))
+    speed, force = (_numbers(_only(root, tag), n) for tag in ("speedList", "forceList"))
+    n_models, triangles = len(root.findall("model")), root.findall("tri")
     if not 0 < n <= MOST_MODELS or n_models != n or len(triangles) != n_triangles:
         raise ValueError(
             f"holds {n_models} models, {len(triangles)} triangles, numMod is {n}, numTri {n_triangles}; "
@@ -100,10 +130,9 @@ def _mesh(root: Element) -> Mesh:
 
 def _places(models: list[Element], speed: Samples, force: Samples) -> NDArray[np.int64]:
     """Return which model stands at each point of the lists; in the published files that of the same place."""
-    of_models = [(_number(model, "speedMod"), _number(model, "forceMod")) for model in models]
+    places = {(_number(m, "speedMod"), _number(m, "forceMod")): i for i, m in enumerate(models)}
     points = list(zip(speed.tolist(), force.tolist(), strict=True))
-    places = {point: i for i, point in enumerate(of_models)}
-    if len(places) != len(points) or set(points) != set(of_models):
+    if len(places) != len(points) or set(points) != set(places):
         raise ValueError(
             "the speeds and forces of the models are not those of speedList and forceList; "
             "the rule is the same, none twice"
@@ -115,57 +144,57 @@ def _frequencies(model: Element, part: str, order: int) -> Samples:
     """Return the line spectral frequencies (order,) of the AR or MA part of a model."""
     if not order:
         return np.zeros(0)
-    where = f"model {_text(model, 'modNum', '?')!r:.20}: "
-    lsf, coefficients = _optional(model, f"{part}lsf", order), _optional(model, f"{part}coeff", order + 1)
+    given = {tag: _optional(model, tag) for tag in (f"{part}lsf", f"{part}coeff")}
     try:
-        if coefficients is None:
-            if lsf is None:
-                raise ValueError(f"holds neither {part}coeff nor {part}lsf; the rule is one of them")
-            return line_spectrum.spread(_rising(lsf, f"{part}lsf"))
-        exact = line_spectrum.from_reflection(from_direct_form(coefficients, 1.0).reflection)
-        if lsf is None:
-            return line_spectrum.spread(exact)
-        worst = float(np.abs(lsf - exact).max())
-        if not worst <= _TOLERANCE:
-            raise ValueError(f"{part}coeff and {part}lsf are {worst:.3g} rad apart; the rule is {_TOLERANCE}")
-        rounded = np.array_equal(np.round(lsf, _DECIMALS), lsf)
-        return line_spectrum.spread(exact if rounded else _rising(lsf, f"{part}lsf"))
+        lsf, coefficients = (
+            None if element is None else _numbers(element, n)
+            for element, n in zip(given.values(), (order, order + 1), strict=True)
+        )
+        if lsf is None and coefficients is None:
+            raise ValueError(f"holds neither {part}coeff nor {part}lsf; the rule is one of them")
+        if coefficients is not None:
+            exact = line_spectrum.from_reflection(from_direct_form(coefficients, 1.0).reflection)
+            worst = 0.0 if lsf is None else float(np.abs(lsf - exact).max())
+            if not worst <= _TOLERANCE:
+                raise ValueError(
+                    f"{part}coeff and {part}lsf are {worst:.3g} rad apart; the rule is {_TOLERANCE}"
+                )
+            if lsf is None or np.array_equal(np.round(lsf, _DECIMALS), lsf):
+                return line_spectrum.spread(exact)
+        if lsf is None or np.any(np.diff(lsf) < 0) or lsf[0] < 0 or lsf[-1] > math.pi:
+            raise ValueError(
+                f"{part}lsf is not rising in 0 ... pi; the rule is rising line spectra: a stable model"
+            )
+        return line_spectrum.spread(lsf)
     except ValueError as error:
-        raise ValueError(f"{where}{part}: {error}") from error
+        raise ValueError(f"model {_text(model, 'modNum', '?')!r:.20}: {part}: {error}") from error
 
 
-def _rising(lsf: Samples, name: str) -> Samples:
-    if not (np.all(np.diff(lsf) >= 0) and lsf[0] >= 0 and lsf[-1] <= math.pi):
-        raise ValueError(f"{name} is not rising in 0 ... pi; the rule is rising line spectra: a stable model")
-    return lsf
+def _optional(element: Element, tag: str) -> Element | None:
+    found = element.findall(tag)
+    if len(found) > 1:
+        raise ValueError(f"<{element.tag}> holds {len(found)} <{tag}>; the rule is one")
+    return found[0] if found else None
 
 
-def _optional(model: Element, tag: str, n: int) -> Samples | None:
-    found = model.one(tag)
-    return None if found is None else _numbers(found, n)
-
-
-def _values(root: Element, tag: str, n: int) -> Samples:
-    found = root.one(tag)
+def _only(element: Element, tag: str) -> Element:
+    found = _optional(element, tag)
     if found is None:
-        raise ValueError(f"<{root.tag}> holds no <{tag}>; the rule is one")
-    return _numbers(found, n)
+        raise ValueError(f"<{element.tag}> holds no <{tag}>; the rule is one")
+    return found
 
 
 def _numbers(element: Element, n: int) -> Samples:
-    values = [_parsed(value.text, element.tag) for value in element.all("value")]
-    if len(values) != n or len(element.children) != n:
-        raise ValueError(f"<{element.tag}> holds {len(element.children)} values; the rule is {n}")
+    values = [_parsed(value) for value in element.findall("value")]
+    if len(values) != n or len(element) != n:
+        raise ValueError(f"<{element.tag}> holds {len(element)} values; the rule is {n}")
     return np.array(values)
 
 
 def _number(element: Element, tag: str, default: float | None = None) -> float:
-    found = element.one(tag)
-    if found is None and default is not None:
+    if default is not None and _optional(element, tag) is None:
         return default
-    if found is None:
-        raise ValueError(f"<{element.tag}> holds no <{tag}>; the rule is one")
-    return _parsed(found.text, tag)
+    return _parsed(_only(element, tag))
 
 
 def _count(element: Element, tag: str, default: float | None = None) -> int:
@@ -176,15 +205,90 @@ def _count(element: Element, tag: str, default: float | None = None) -> int:
 
 
 def _text(element: Element, tag: str, default: str) -> str:
-    found = element.one(tag)
-    return default if found is None else found.text.strip()
+    found = _optional(element, tag)
+    return default if found is None else (found.text or "").strip()
 
 
-def _parsed(text: str, tag: str) -> float:
+def _parsed(element: Element) -> float:
+    text = element.text or ""
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise ValueError(f"<{tag}> holds {text!r:.40}; the rule is a finite number")
+        raise ValueError(f"<{element.tag}> holds {text!r:.40}; the rule is a finite number")
     return value
+
+
+def write_hatt(texture: HattTexture, path: str | Path) -> Path:
+    """Write a texture as HaTT XML, numbers in full; a file of that name is replaced at once.
+
+    The toolkit renders at 1000 Hz whatever SampleRate says: fit at that rate for it.
+
+    Raises
+    ------
+    ValueError
+        If the path does not end in `.xml`, the name cannot be shown, or an order is so high that coefficients
+        no longer describe the model (ARcoeff belongs to the layout).
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".xml":
+        raise ValueError(f"{path}: ends in {path.suffix!r}; the rule is '.xml'")
+    root, mesh, image = (
+        Element("modelSet", texture="0"),
+        texture.mesh,
+        f"{printable(texture.name)}_square.bmp",
+    )
+    content: list[tuple[str, str | float | Samples]] = [
+        ("material", texture.name),
+        *_UNITS.items(),
+        ("SampleRate", f"{texture.fs:.17g}"),
+        ("mu", float(texture.mu)),
+        *((tag, image) for tag in ("htmlPicture", "htmlLinuxPicture", "renderPicture")),
+        ("numMod", mesh.speed.size),
+        ("numTri", len(mesh.triangles)),
+        ("maxSpeed", float(mesh.speed.max())),
+        ("maxForce", float(mesh.force.max())),
+        ("speedList", mesh.speed),
+        ("forceList", mesh.force),
+        *(("tri", corners) for corners in mesh.triangles + 1),
+        ("DTpicture", ""),
+        ("LinuxDTpicture", ""),
+        ("numARCoeff", texture.order),
+        ("numMACoeff", texture.ma_order),
+    ]
+    for tag, value in content:
+        _add(root, tag, value, {"type": "array"})
+    for i in range(mesh.speed.size):
+        _add_model(root, texture, i)
+    ElementTree.indent(root, "")
+    text = ElementTree.tostring(root, encoding="unicode", short_empty_elements=False)
+    replace_file(path, f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'.encode())
+    return path
+
+
+def _add_model(root: Element, texture: HattTexture, i: int) -> None:
+    model = ElementTree.SubElement(root, "model")
+    _add(model, "modNum", i + 1)
+    for part, lsf in (("AR", texture.ar_lsf[i]), ("MA", texture.ma_lsf[i])):
+        k = line_spectrum.to_reflection(lsf) if lsf.size else lsf
+        _add(model, f"{part}coeff", Autoregression(k, np.array(1.0)).direct_form())
+        _add(model, f"{part}lsf", lsf)
+    # without an MA part the toolkit takes no gain
+    gain = float(texture.gain[i])
+    _add(model, "var", float(texture.variance[i]) * (1.0 if texture.ma_order else gain**2))
+    _add(model, "gain", gain if texture.ma_order else 1.0)
+    _add(model, "speedMod", float(texture.mesh.speed[i]))
+    _add(model, "forceMod", float(texture.mesh.force[i]))
+
+
+def _add(
+    parent: Element, tag: str, value: str | float | Samples, array: dict[str, str] | None = None
+) -> None:
+    """Append an element: text, a number, or the numbers of an array, each in a <value>."""
+    if isinstance(value, np.ndarray):
+        inside = ElementTree.SubElement(parent, tag, array or {})
+        for each in value.tolist():
+            _add(inside, "value", each)
+    else:
+        ElementTree.SubElement(parent, tag).text = value if isinstance(value, str) else repr(value)

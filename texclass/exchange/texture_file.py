@@ -1,69 +1,33 @@
-"""Texture files of our own: one archive with a description (JSON) and float64 arrays (`.npy`).
+"""Texture files of our own: save a texture or a library of taps, load it, say what is in a file."""
 
-`texture.json` says schema and version, family, name, sampling rate, unit, parameters, the version of texclass
-that wrote it and, of each array `arrays/NAME.npy`, dtype, shape and SHA-256; its own checksum closes it. They
-show damage, not who wrote the file. Reading a file executes nothing in it: see `archive`, `npy`,
-`description`.
-"""
-
-import hashlib
-import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass._version import __version__
-from texclass.exchange import archive, npy
-from texclass.exchange.description import SCHEMA, VERSION, decode, encode
-from texclass.exchange.families import Stored, family_class
-from texclass.exchange.limited import checked_name
-from texclass.textures import Texture
-from texclass.textures.okamura2001 import TapLibrary
+from texclass.exchange.container import header_of, read_container, read_stored, write_stored
+from texclass.exchange.hatt_xml import read_hatt
+from texclass.textures.contract import Stored, Texture
 
-SUFFIX = ".texture"
-_DESCRIPTION = "texture.json"
-_UNFIT = (LookupError, TypeError, AttributeError, ArithmeticError, MemoryError, RecursionError)
+if TYPE_CHECKING:
+    from texclass.textures.okamura2001 import TapLibrary
 
-
-@dataclass(frozen=True, eq=False)
-class TextureFile:
-    """What a texture file holds, checked, before a texture is made of it.
-
-    Attributes
-    ----------
-    family : str
-        Which texture model.
-    name : str
-        Of the surface.
-    fs : float or None
-        Sampling rate of the vibration, Hz; taps have none.
-    unit : str
-        Of the rendered vibration.
-    texclass : str
-        Version that wrote the file.
-    version : int
-        Of the schema.
-    n_bytes : int
-        Of the file.
-    parameters : mapping
-        What is not an array.
-    arrays : mapping of str to ndarray
-        float64, read-only, finite.
-    """
-
-    family: str
-    name: str
-    fs: float | None
-    unit: str
-    texclass: str
-    version: int
-    n_bytes: int
-    parameters: Mapping[str, Any]
-    arrays: Mapping[str, NDArray[np.float64]]
+TEXTURES: dict[str, str | type[Stored]] = {
+    "abdulali2016": "texclass.textures.abdulali2016:NetworkTexture",
+    "abdulali2016-baked": "texclass.textures.abdulali2016:BakedTexture",
+    "abdulali2016-delaunay": "texclass.textures.abdulali2016:DelaunayTexture",
+    "guruswamy2011": "texclass.textures.guruswamy2011:SpatialTexture",
+    "guruswamy2011-sinusoid": "texclass.textures.guruswamy2011:SinusoidTexture",
+    "hatt": "texclass.textures.hatt:HattTexture",
+    "oeztuerk2018-frequencies": "texclass.textures.oeztuerk2018:FrequencyTexture",
+    "oeztuerk2018-lpc": "texclass.textures.oeztuerk2018:LpcTexture",
+}
+"""Family -> class: nothing else is ever made of a file."""
+TAPS: dict[str, str | type[Stored]] = {"okamura2001": "texclass.textures.okamura2001:TapLibrary"}
+_POINTS = ("speed", "triangles", "speeds", "centres", "u", "position_mm", "frequency_hz")
+"""Arrays with one row a point, triangle, feature or mode."""
 
 
 def save_texture(texture: Stored, path: str | Path, *, unit: str | None = None) -> Path:
@@ -88,60 +52,10 @@ def save_texture(texture: Stored, path: str | Path, *, unit: str | None = None) 
     ValueError
         If the path has another ending, or what the texture says of itself is not what a file may hold.
     """
-    path = Path(path)
-    if path.suffix != SUFFIX:
-        raise ValueError(f"{path}: ends in {path.suffix!r}; the rule is {SUFFIX!r}")
-    family_class(texture.family)
-    dumped = {name: npy.dump(array) for name, array in sorted(texture.arrays().items())}
-    members = {_DESCRIPTION: _description(texture, unit or str(getattr(texture, "unit", "m/s^2")), dumped)}
-    data = archive.pack(members | {_member(name): each for name, each in dumped.items()})
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        unfinished.write_bytes(data)
-        read_texture_file(unfinished)
-        unfinished.replace(path)
-    except ValueError as error:
-        raise ValueError(str(error).replace(str(unfinished), str(path))) from error
-    finally:
-        unfinished.unlink(missing_ok=True)
-    return path
-
-
-def read_texture_file(path: str | Path) -> TextureFile:
-    """Return what a texture file holds, every rule of the schema checked.
-
-    Raises
-    ------
-    ValueError
-        If it is damaged, of a newer schema, or breaks a rule; the message names file, value and rule.
-    OSError
-        If it cannot be read.
-    """
-    path = Path(path)
-    members = archive.unpack(path)
-    if _DESCRIPTION not in members:
-        raise ValueError(f"{path}: holds no {_DESCRIPTION}; the rule is one")
-    found = decode(members.pop(_DESCRIPTION), f"{path}: {_DESCRIPTION}")
-    expected = {_member(name) for name in found["arrays"]}
-    if set(members) != expected:
-        odd = sorted(set(members) ^ expected)[0]
-        raise ValueError(f"{path}: {odd!r:.80} is not both described and there; the rule is both")
-    arrays = {
-        name: _array(members[_member(name)], announced, f"{path}: array {name}")
-        for name, announced in found["arrays"].items()
-    }
-    checked_name(found["name"], path)
-    return TextureFile(
-        found["family"],
-        found["name"],
-        None if found["fs"] is None else float(found["fs"]),
-        found["unit"],
-        found["texclass"],
-        found["version"],
-        path.stat().st_size,
-        found["parameters"],
-        arrays,
-    )
+    if texture.family not in TEXTURES | TAPS:
+        known = ", ".join(sorted(TEXTURES | TAPS))
+        raise ValueError(f"{path}: family is {texture.family!r:.80}; the rule is one of {known}")
+    return write_stored(texture, path, unit=unit or str(getattr(texture, "unit", "m/s^2")))
 
 
 def load_texture(path: str | Path) -> Texture:
@@ -150,80 +64,63 @@ def load_texture(path: str | Path) -> Texture:
     Raises
     ------
     ValueError
-        As `read_texture_file`, if the family is unknown, or if the family finds its own rules broken.
+        If the file is damaged, holds something else, or the family finds its own rules broken; the message
+        names file, value and rule.
     OSError
         If it cannot be read.
     """
-    texture = restore(read_texture_file(path), path)
-    if not isinstance(texture, Texture):
-        raise ValueError(f"{path}: holds {texture.family!r}, taps; the rule is a texture to stroke")
+    texture: Texture = read_stored(path, TEXTURES)
     return texture
 
 
-def load_taps(path: str | Path) -> TapLibrary:
+def load_taps(path: str | Path) -> "TapLibrary":
     """Return the tap library of a file.
 
     Raises
     ------
     ValueError, OSError
-        As `load_texture`, and if it holds no taps.
+        As `load_texture`.
     """
-    taps = restore(read_texture_file(path), path)
-    if not isinstance(taps, TapLibrary):
-        raise ValueError(f"{path}: holds {taps.family!r}; the rule is a tap library, {TapLibrary.family!r}")
+    taps: TapLibrary = read_stored(path, TAPS)
     return taps
 
 
-def restore(file: TextureFile, where: object) -> Stored:
-    """Return the texture or tap library of what a file holds; `where` names it in messages."""
-    try:
-        with np.errstate(all="ignore"):  # of numbers that no surface has: the family's own rules judge them
-            found = family_class(file.family).restore(file.parameters, file.arrays)
-    except (ValueError, *_UNFIT) as error:
-        reason = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-        raise ValueError(f"{where}: makes no {file.family!r:.80}: {reason}") from error
-    if _name_and_rate(found) != (file.name, file.fs):
-        raise ValueError(
-            f"{where}: describes {(file.name, file.fs)}, holds {_name_and_rate(found)}; the rule is the same"
-        )
-    return found
+def describe(path: str | Path) -> dict[str, Any]:
+    """Return family, points, order, rate, unit and bytes of a `.texture` or HaTT `.xml`, as JSON knows them.
 
-
-def _description(texture: Stored, unit: str, dumped: Mapping[str, bytes]) -> bytes:
-    name, fs = _name_and_rate(texture)
-    announced = {
-        key: {"dtype": npy.DTYPE, "shape": list(array.shape), "sha256": _digest(dumped[key])}
-        for key, array in texture.arrays().items()
+    Raises
+    ------
+    ValueError, OSError
+        As `load_texture` and `read_hatt`.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".xml":
+        hatt = read_hatt(path)
+        header, arrays = header_of(hatt, "m/s^2", path), dict[str, NDArray[Any]](hatt.arrays())
+        origin = {"format": "HaTT XML"}
+    else:
+        header, arrays = read_container(path)
+        written = {"written by": f"texclass {header.texclass}"}
+        origin = {"format": f"texclass texture {header.version}", **written}
+    shapes = _shapes(arrays)
+    return {
+        "family": header.family,
+        "name": header.name,
+        **origin,
+        "unit": header.unit,
+        "fs": header.fs,
+        "points": {name: shapes[name][0] for name in _POINTS if shapes.get(name)},
+        "order": header.order,
+        "operations per sample": header.operations,
+        "bytes": path.stat().st_size,
+        "arrays": shapes,
     }
-    return encode(
-        {
-            "schema": SCHEMA,
-            "version": VERSION,
-            "texclass": __version__,
-            "family": texture.family,
-            "name": name,
-            "unit": unit,
-            "fs": fs,
-            "parameters": dict(texture.parameters()),
-            "arrays": announced,
-        }
-    )
 
 
-def _name_and_rate(texture: Stored) -> tuple[str, float | None]:
-    fs = getattr(texture, "fs", None)
-    return getattr(texture, "name", ""), None if fs is None else float(fs)
-
-
-def _array(data: bytes, announced: Mapping[str, Any], where: str) -> NDArray[np.float64]:
-    if _digest(data) != announced["sha256"]:
-        raise ValueError(f"{where}: does not fit its SHA-256; the rule is unchanged data")
-    return npy.parse(data, tuple(announced["shape"]), where)
-
-
-def _digest(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
-
-
-def _member(name: str) -> str:
-    return f"arrays/{name}.npy"
+def _shapes(arrays: Mapping[str, NDArray[Any]]) -> dict[str, list[int]]:
+    """Return the shapes by the last part of the names; where several share it, how many numbers all hold."""
+    found: dict[str, list[int]] = {}
+    for name, array in arrays.items():
+        last = name.rpartition(".")[2]
+        found[last] = [int(np.prod(found[last])) + array.size] if last in found else list(array.shape)
+    return found

@@ -11,15 +11,19 @@ from typing import Literal, get_args
 
 import numpy as np
 import soundfile
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from pydantic import Field
+from pydantic_core import from_json
 
-from texclass.exchange.description import HIGHEST_FS, UNITS, parse_json
-from texclass.recording import Samples
+from texclass.exchange.container import Unit
+from texclass.recording import ACCELERATION_UNITS, SCALELESS_UNITS, Samples
+from texclass.validation import Written, checked
 
 Encoding = Literal["float32", "pcm16"]
 FULL_SCALE = 32767
+HIGHEST_FS = 1e9
+UNITS = (*ACCELERATION_UNITS, *SCALELESS_UNITS)
 _SUBTYPES = {"float32": "FLOAT", "pcm16": "PCM_16"}
-_KEYS = {"texclass", "unit", "peak", "fs"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +89,9 @@ def write_wav(
         else x.astype(np.float32)
     )
     channels = 1 if x.ndim == 1 else x.shape[1]
-    note = {"texclass": 1, "unit": unit, "peak": peak, "fs": float(fs)}
+    note = _Note(texclass=1, unit=unit, peak=peak, fs=float(fs))
     with soundfile.SoundFile(path, "w", round(fs), channels, _SUBTYPES[encoding], format="WAV") as file:
-        file.comment = json.dumps(note)
+        file.comment = json.dumps(note.model_dump())
         file.write(codes)
     return path
 
@@ -114,31 +118,34 @@ def read_wav(path: str | Path) -> Vibration:
         raise ValueError(f"{path}: not readable as WAV ({error})") from error
     if len(stored) < frames or not stored.size or not np.all(np.isfinite(stored)):
         raise ValueError(f"{path}: holds {len(stored)} of {frames} frames; the rule is all, finite, >= 1")
-    noted = _noted(comment, rate, f"{path}: comment")
-    if noted is None:
+    if '"texclass"' not in comment:
         x = stored / 32768.0 if stored.dtype == np.int16 else stored
         return Vibration(x, rate, "arbitrary", float(np.abs(x).max()))
-    unit, peak, fs = noted
-    return Vibration(stored * (peak / FULL_SCALE) if stored.dtype == np.int16 else stored, fs, unit, peak)
+    note = _noted(comment, rate, f"{path}: comment")
+    x = stored * (note.peak / FULL_SCALE) if stored.dtype == np.int16 else stored
+    return Vibration(x, note.fs, note.unit, note.peak)
 
 
-def _codes(x: Samples, peak: float) -> NDArray[np.int16]:
-    return np.rint(x / (peak or 1.0) * FULL_SCALE).astype(np.int16)
+class _Note(Written):
+    """The comment in a WAV of ours."""
+
+    texclass: int
+    unit: Unit
+    peak: float = Field(ge=0, lt=1e39)
+    fs: float
 
 
-def _noted(comment: str, rate: float, where: str) -> tuple[str, float, float] | None:
-    """Return unit, peak and sampling rate of a comment of ours; None of another."""
-    if '"texclass"' not in comment:
-        return None
-    found = parse_json(comment.encode(), where)
-    if not isinstance(found, dict) or set(found) != _KEYS or found["unit"] not in UNITS:
-        raise ValueError(f"{where} is {comment!r:.120}; the rule is the keys {sorted(_KEYS)}, a known unit")
-    peak, fs = found["peak"], found["fs"]
-    if not all(type(value) in (int, float) for value in (peak, fs)) or not 0 <= peak < 1e39:
-        raise ValueError(f"{where} has peak {peak!r:.40}; the rule is finite, >= 0")
-    if not abs(fs - rate) <= 0.5:
-        raise ValueError(f"{where} has fs {fs!r:.40}, the header {rate:g}; the rule is the same, rounded")
-    return found["unit"], float(peak), float(fs)
+def _noted(comment: str, rate: float, where: str) -> _Note:
+    try:
+        content = from_json(comment, allow_inf_nan=False)
+    except ValueError as error:
+        raise ValueError(f"{where}: is not the JSON it should be ({error})") from error
+    note = checked(_Note, content, where)
+    if not abs(note.fs - rate) <= 0.5:
+        raise ValueError(
+            f"{where} has fs {note.fs!r:.40}, the header {rate:g}; the rule is the same, rounded"
+        )
+    return note
 
 
 def _check_whole(path: Path) -> None:

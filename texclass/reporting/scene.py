@@ -3,7 +3,8 @@
 from typing import TYPE_CHECKING
 
 from texclass.reporting.terminal import table_of
-from texclass.scene import GridModel, PlannedScene, PlannedSurface, Played, ScenePlan
+from texclass.scene import PlannedScene, PlannedSurface, Played, ScenePlan
+from texclass.textures.grid import GridModel
 
 if TYPE_CHECKING:
     from rich.table import Table

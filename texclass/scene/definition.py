@@ -1,21 +1,63 @@
 """A scene's TOML: surfaces, device, what is expected of the hand, tolerance and budget; strictly checked."""
 
-from dataclasses import dataclass
+import math
+import os
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, Self
 
-from texclass.recording import ACCELERATION_UNITS, SCALELESS_UNITS
-from texclass.scene.checked import Table, is_number
-from texclass.validation import read_toml
+from pydantic import (
+    AfterValidator,
+    Field,
+    PlainValidator,
+    PrivateAttr,
+    Strict,
+    ValidationInfo,
+    model_validator,
+)
 
-Score = Literal["log_spectral_db", "band_db", "gfc"]
-Over = Literal["worst", "mean"]
-UNITS = (*ACCELERATION_UNITS, *SCALELESS_UNITS)
+from texclass.exchange.container import Unit
+from texclass.scene.hand_paths import read_path
+from texclass.validation import Written, checked, read_toml
+
 EXAMPLES = Path(__file__).with_name("examples")
+LEVEL_DB = 3.0
+"""Largest difference of level where the score is blind to level and the scene says nothing."""
 
 
-@dataclass(frozen=True)
-class Device:
+def _rising(pair: tuple[float, float]) -> tuple[float, float]:
+    if not 0 <= pair[0] <= pair[1]:
+        raise ValueError(f"is {list(pair)}; the rule is rising numbers of at least 0")
+    return pair
+
+
+def _existing(path: Path, info: ValidationInfo) -> Path:
+    """Return the path of a file beside the definition, whose own path is the context."""
+    found = Path(info.context or "").parent / os.path.expanduser(path)  # no error where there is no such user
+    if not os.path.isfile(found):  # no error where a name is too long for one
+        raise ValueError(f"is {str(path)!r:.200}; the rule is an existing file")
+    return found
+
+
+def _card(name: str, info: ValidationInfo) -> str:
+    """Return the path of a dataset card beside the definition, or the name of another one."""
+    beside = Path(info.context or "").parent / name
+    return str(beside) if name.endswith(".toml") and beside.is_file() else name
+
+
+def _motion(value: Any) -> float | str:
+    """Return the name of a column, or a number that holds throughout."""
+    named = isinstance(value, str) and value
+    if not named and not (type(value) in (int, float) and 0 < value < math.inf):
+        raise ValueError(f"is {value!r:.80}; the rule is the name of a column, or a number above 0")
+    return value  # type: ignore[no-any-return]
+
+
+Text = Annotated[str, Field(min_length=1)]
+File = Annotated[Path, Strict(False), AfterValidator(_existing)]
+Range = Annotated[tuple[float, float], Strict(False), AfterValidator(_rising)]
+
+
+class Device(Written):
     """What plays the scene.
 
     Attributes
@@ -32,32 +74,57 @@ class Device:
         Of the vibration.
     """
 
-    rate_hz: float
-    band_hz: tuple[float, float]
-    noise_floor: float
-    largest_output: float
-    unit: str = "m/s^2"
+    rate_hz: float = Field(ge=50, le=1e6)
+    band_hz: Range
+    noise_floor: float = Field(ge=0)
+    largest_output: float = Field(gt=0)
+    unit: Unit = "m/s^2"
+
+    @model_validator(mode="after")
+    def _can_play_its_band(self) -> Self:
+        if not self.band_hz[0] < self.band_hz[1] <= self.rate_hz / 2:
+            raise ValueError(f"band_hz is {list(self.band_hz)}; the rule is rising, at most rate_hz / 2")
+        return self
 
 
-@dataclass(frozen=True)
-class Expected:
-    """What the hand will do.
+class Expected(Written):
+    """What the hand will do: ranges, or the path file that they are taken from.
 
     Attributes
     ----------
     speeds_mm_s, forces_n : (float, float)
-        Lowest and highest.
+        Lowest and highest, above 0.
     path : Path or None
-        The path file the ranges were taken from, if any.
     """
 
-    speeds_mm_s: tuple[float, float]
-    forces_n: tuple[float, float]
-    path: Path | None = None
+    speeds_mm_s: Range
+    forces_n: Range
+    path: File | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_path(cls, given: Any, info: ValidationInfo) -> Any:
+        if not (isinstance(given, dict) and isinstance(given.get("path"), str)):
+            return given
+        if len(given) > 1:
+            raise ValueError(
+                f"holds {', '.join(given)}; the rule is a path alone, or speeds_mm_s and forces_n"
+            )
+        try:
+            hand = read_path(_existing(Path(given["path"]), info))
+            return given | {"speeds_mm_s": hand.speed_range(), "forces_n": hand.force_range()}
+        except ValueError as error:
+            raise ValueError(f"path: {error}") from error
+
+    @model_validator(mode="after")
+    def _moves(self) -> Self:
+        for key in ("speeds_mm_s", "forces_n"):
+            if not getattr(self, key)[0] > 0:
+                raise ValueError(f"{key} begins at {getattr(self, key)[0]:g}; the rule is above 0")
+        return self
 
 
-@dataclass(frozen=True)
-class Tolerance:
+class Tolerance(Written):
     """How far a model may be from the surface.
 
     Attributes
@@ -73,28 +140,49 @@ class Tolerance:
         Largest difference of level; None: none of its own (the scores in dB contain it). 3 for "gfc".
     """
 
-    score: Score
+    score: Literal["log_spectral_db", "band_db", "gfc"]
     limit: float
-    over: Over = "worst"
-    level_db: float | None = None
+    over: Literal["worst", "mean"] = "worst"
+    level_db: float | None = Field(default=None, gt=0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_level(cls, given: Any) -> Any:
+        blind = isinstance(given, dict) and given.get("score") == "gfc"
+        return {"level_db": LEVEL_DB} | given if blind else given
+
+    @model_validator(mode="after")
+    def _can_be_met(self) -> Self:
+        rule = "at least 0, at most 0.9999" if self.score == "gfc" else "above 0"
+        if not (0 <= self.limit <= 0.9999 if self.score == "gfc" else self.limit > 0):
+            raise ValueError(f"limit is {self.limit:g}; the rule for {self.score} is {rule}")
+        return self
 
 
-@dataclass(frozen=True)
-class Budget:
+class Budget(Written):
     """What the loop can afford: microseconds per sample for all contacts together, bytes, contacts."""
 
-    microseconds: float
-    bytes: int
-    contacts: int
+    microseconds: float = Field(gt=0)
+    bytes: int = Field(ge=1)
+    contacts: int = Field(ge=1, le=1000)
 
 
-@dataclass(frozen=True)
-class SurfaceDefinition:
+class RecordingDefinition(Written):
+    """One recording file: speed and force are the name of a column, or one number that holds throughout."""
+
+    file: File
+    speed: Annotated[float | str, PlainValidator(_motion)]
+    force: Annotated[float | str, PlainValidator(_motion)]
+    fs_hz: float | None = Field(default=None, gt=0)
+    unit: Unit | None = None
+    column: Text | None = None
+
+
+class SurfaceDefinition(Written):
     """Where one surface comes from: exactly one of the four sources.
 
     Attributes
     ----------
-    name : str
     texture : Path or None
         A `.texture` file of ours or the `.xml` of a HaTT texture.
     simulated : str or None
@@ -102,61 +190,55 @@ class SurfaceDefinition:
     recordings : tuple of RecordingDefinition
         Files, each with columns of speed and force, or constants.
     dataset, material : str or None
-        A dataset card whose recordings carry speed and force, and a material in it.
+        A dataset card whose recordings carry speed and force, and a material in it: the surface's name by
+        default.
     friction : float or None
         Kinetic friction coefficient, if known: bounds the number of speeds.
     """
 
-    name: str
-    texture: Path | None = None
-    simulated: str | None = None
-    recordings: "tuple[RecordingDefinition, ...]" = ()
-    dataset: str | None = None
-    material: str | None = None
-    friction: float | None = None
+    texture: File | None = None
+    simulated: Text | None = None
+    recordings: tuple[RecordingDefinition, ...] = ()
+    dataset: Annotated[Text, AfterValidator(_card)] | None = None
+    material: Text | None = None
+    friction: float | None = Field(default=None, ge=0)
+
+    @model_validator(mode="after")
+    def _has_one_source(self) -> Self:
+        sources = ("texture", "simulated", "recordings", "dataset")
+        given = [key for key in sources if getattr(self, key)]
+        if len(given) != 1:
+            raise ValueError(f"sources are {given}; the rule is one of {', '.join(sources)}")
+        if self.material and not self.dataset:
+            raise ValueError(f"material is {self.material!r}; the rule is beside a dataset only")
+        return self
 
 
-@dataclass(frozen=True)
-class RecordingDefinition:
-    """One recording file: speed and force are the name of a column, or one number that holds throughout."""
+class SceneDefinition(Written):
+    """A scene, as its TOML says; paths in it are relative to it."""
 
-    file: Path
-    speed: str | float
-    force: str | float
-    fs_hz: float | None = None
-    unit: str | None = None
-    column: str | None = None
-
-
-@dataclass(frozen=True)
-class SceneDefinition:
-    """A scene, as its TOML says."""
-
-    name: str
+    name: Text
     device: Device
     expected: Expected
     tolerance: Tolerance
     budget: Budget
-    surfaces: tuple[SurfaceDefinition, ...]
-    source: Path
-    seed: int = 0
+    surfaces: dict[str, SurfaceDefinition] = Field(min_length=1)
+    seed: int = Field(default=0, ge=0)
+    _source: Path = PrivateAttr(default=Path())
+
+    def model_post_init(self, context: Any, /) -> None:
+        """Keep the file that was read, which is the context."""
+        self._source = Path(context or "")
+
+    @property
+    def source(self) -> Path:
+        """The file."""
+        return self._source
 
 
 def examples() -> tuple[str, ...]:
     """Return the names of the scenes that are shipped."""
     return tuple(sorted(path.stem for path in EXAMPLES.glob("*.toml")))
-
-
-def locate_scene(name_or_path: str | Path) -> Path:
-    """Return the file of a shipped scene, or the given path."""
-    shipped, path = EXAMPLES / f"{name_or_path}.toml", Path(name_or_path).expanduser()
-    if shipped.is_file() and path.name == str(name_or_path):
-        return shipped
-    if not path.is_file():
-        raise FileNotFoundError(
-            f"{path}: no such file, and none of the shipped scenes ({', '.join(examples())})"
-        )
-    return path
 
 
 def read_scene(name_or_path: str | Path) -> SceneDefinition:
@@ -175,111 +257,11 @@ def read_scene(name_or_path: str | Path) -> SceneDefinition:
     FileNotFoundError
         If there is no such file.
     """
-    path = locate_scene(name_or_path)
-    top = Table(read_toml(path), str(path), path.parent)
-    top.keys("device", "expected", "tolerance", "budget", "surfaces", optional=("name", "seed"))
-    surfaces = top.table("surfaces")
-    if not surfaces.values:
-        raise ValueError(f"{path}: no surface; the rule is at least one [surfaces.NAME]")
-    return SceneDefinition(
-        top.text("name", path.stem),
-        _device(top.table("device")),
-        _expected(top.table("expected")),
-        _tolerance(top.table("tolerance")),
-        _budget(top.table("budget")),
-        tuple(_surface(name, surfaces.table(name)) for name in surfaces.values),
-        path,
-        int(top.number("seed", at_least=0, default=0, whole=True)),
-    )
-
-
-def _device(table: Table) -> Device:
-    table.keys("rate_hz", "band_hz", "noise_floor", "largest_output", optional=("unit",))
-    rate, band = table.number("rate_hz", at_least=50, at_most=1e6), table.pair("band_hz")
-    if band[1] > rate / 2:
-        raise ValueError(f"{table.where}: band_hz ends at {band[1]:g}; the rule is at most rate_hz / 2")
-    floor = table.number("noise_floor", at_least=0)
-    largest = table.number("largest_output", above=0)
-    return Device(rate, band, floor, largest, table.text("unit", "m/s^2", one_of=UNITS))
-
-
-def _expected(table: Table) -> Expected:
-    if "path" in table.values:
-        from texclass.scene.paths import read_path
-
-        table.keys("path")
-        path = read_path(table.file("path"))
-        try:
-            return Expected(path.speed_range(), path.force_range(), table.file("path"))
-        except ValueError as error:
-            raise ValueError(f"{table.where}: path: {error}") from error
-    table.keys("speeds_mm_s", "forces_n")
-    ranges = [table.pair(key, equal=True) for key in ("speeds_mm_s", "forces_n")]
-    for key, (low, _) in zip(("speeds_mm_s", "forces_n"), ranges, strict=True):
-        if low <= 0:
-            raise ValueError(f"{table.where}: {key} begins at {low:g}; the rule is above 0")
-    return Expected(ranges[0], ranges[1])
-
-
-def _tolerance(table: Table) -> Tolerance:
-    table.keys("score", "limit", optional=("over", "level_db"))
-    score: Any = table.text("score", one_of=get_args(Score))
-    over: Any = table.text("over", "worst", one_of=get_args(Over))
-    bounds = {"at_least": 0.0, "at_most": 0.9999} if score == "gfc" else {"above": 0.0}
-    limit = table.number("limit", **bounds)  # type: ignore[arg-type]
-    level = table.number("level_db", above=0, default=3.0)
-    return Tolerance(score, limit, over, level if score == "gfc" or "level_db" in table.values else None)
-
-
-def _budget(table: Table) -> Budget:
-    table.keys("microseconds", "bytes", "contacts")
-    n_bytes = table.number("bytes", at_least=1, whole=True)
-    contacts = table.number("contacts", at_least=1, at_most=1000, whole=True)
-    return Budget(table.number("microseconds", above=0), int(n_bytes), int(contacts))
-
-
-def _surface(name: str, table: Table) -> SurfaceDefinition:
-    sources = ("texture", "simulated", "recordings", "dataset")
-    given = [key for key in sources if key in table.values]
-    if len(given) != 1:
-        raise ValueError(f"{table.where}: sources are {given}; the rule is one of {', '.join(sources)}")
-    table.keys(given[0], optional=("friction", *(("material",) if given == ["dataset"] else ())))
-    friction = table.number("friction", at_least=0) if "friction" in table.values else None
-    match given[0]:
-        case "texture":
-            return SurfaceDefinition(name, texture=table.file("texture"), friction=friction)
-        case "simulated":
-            return SurfaceDefinition(name, simulated=table.text("simulated"), friction=friction)
-        case "dataset":
-            dataset, material = table.text("dataset"), table.text("material", name)
-            beside = table.folder / dataset
-            return SurfaceDefinition(
-                name,
-                dataset=str(beside) if dataset.endswith(".toml") and beside.is_file() else dataset,
-                material=material,
-                friction=friction,
-            )
-    files = table.values["recordings"]
-    if not isinstance(files, list) or not files or not all(isinstance(one, dict) for one in files):
-        raise ValueError(
-            f"{table.where}: recordings is {files!r}; the rule is tables with file, speed, force"
+    path = Path(name_or_path).expanduser()
+    if str(name_or_path) in examples():
+        path = EXAMPLES / f"{name_or_path}.toml"
+    elif not path.is_file():
+        raise FileNotFoundError(
+            f"{path}: no such file, and none of the shipped scenes ({', '.join(examples())})"
         )
-    rows = [Table(one, f"{table.where}: recordings {i}", table.folder) for i, one in enumerate(files, 1)]
-    return SurfaceDefinition(name, recordings=tuple(map(_recording, rows)), friction=friction)
-
-
-def _recording(table: Table) -> RecordingDefinition:
-    table.keys("file", "speed", "force", optional=("fs_hz", "unit", "column"))
-    speed, force = (_motion(table, key) for key in ("speed", "force"))
-    return RecordingDefinition(
-        table.file("file"),
-        speed,
-        force,
-        table.number("fs_hz", above=0) if "fs_hz" in table.values else None,
-        table.text("unit", one_of=UNITS) if "unit" in table.values else None,
-        table.text("column") if "column" in table.values else None,
-    )
-
-
-def _motion(table: Table, key: str) -> str | float:
-    return table.number(key, above=0) if is_number(table.values[key]) else table.text(key)
+    return checked(SceneDefinition, {"name": path.stem, **read_toml(path)}, path, context=path)

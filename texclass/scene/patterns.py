@@ -5,7 +5,7 @@ from scipy import ndimage
 
 from texclass.recording import Samples
 from texclass.scene.judge import Judge
-from texclass.scene.observed import Points
+from texclass.scene.observations import Points
 from texclass.vibration.major_frequencies import beat_threshold_hz
 
 SMOOTH_HZ = 40.0
@@ -56,6 +56,8 @@ def split(points: Points, per_mm: Samples, judge: Judge) -> tuple[Points, Sample
     other the nearer one takes it.
     """
     noise, power = points.spectra.copy(), np.zeros((len(points), per_mm.size))
+    if not per_mm.size:
+        return points, power
     f, own = judge.frequencies, 2 * judge.device.rate_hz / judge.n_segment
     for i, (S, v) in enumerate(zip(points.spectra, points.speed, strict=True)):
         hz = per_mm * v

@@ -3,21 +3,20 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from texclass.scene.budget import Proof, measure
-from texclass.scene.candidates import MOST_SPEEDS, Search, search
-from texclass.scene.definition import SceneDefinition, SurfaceDefinition
+from texclass.scene.definition import SceneDefinition, SurfaceDefinition, read_scene
+from texclass.scene.fits import LARGEST_ORDER, model_spectra
 from texclass.scene.judge import Judge, Verdict
-from texclass.scene.lattices import LARGEST_ORDER
-from texclass.scene.models import GridModel, operations
-from texclass.scene.observed import Observed
+from texclass.scene.observations import Observed, observe
 from texclass.scene.planned import PlannedScene
-from texclass.scene.proof import prove
-from texclass.scene.sources import observe
-from texclass.scene.spectra import model_spectra
+from texclass.scene.proof import Proof, measure, prove
+from texclass.scene.search import MOST_SPEEDS, Search, search
+from texclass.textures.grid import GridModel, operations
 from texclass.textures.oeztuerk2018 import speed_intervals
 
 MARGINS = (0.95, 0.85, 0.75, 0.65, 0.55, 0.45, 0.35)
@@ -92,9 +91,9 @@ class ScenePlan:
     def recognition(self) -> tuple[str, ...]:
         """Commands that pick the fewest features that separate the surfaces, where a dataset has them."""
         materials: dict[str, list[str]] = {}
-        for surface in self.definition.surfaces:
+        for name, surface in self.definition.surfaces.items():
             if surface.dataset is not None:
-                materials.setdefault(surface.dataset, []).append(str(surface.material))
+                materials.setdefault(surface.dataset, []).append(surface.material or name)
         return tuple(
             f"texclass tradeoff {dataset} --materials {','.join(names)}"
             for dataset, names in materials.items()
@@ -107,8 +106,8 @@ class ScenePlan:
             {
                 "scene": self.scene.name,
                 "met": self.met,
-                "tolerance": vars(self.definition.tolerance),
-                "device": vars(self.definition.device),
+                "tolerance": self.definition.tolerance.model_dump(),
+                "device": self.definition.device.model_dump(),
                 "surfaces": [_row(one, self.scene.fs) for one in self.surfaces],
                 "operations_per_sample": self.scene.operations,
                 "operations_at_order_400": self.everything,
@@ -123,13 +122,15 @@ class ScenePlan:
         )
 
 
-def plan_scene(definition: SceneDefinition, *, progress: Progress | None = None) -> ScenePlan:
+def plan_scene(
+    scene: str | Path | SceneDefinition = "example", *, progress: Progress | None = None
+) -> ScenePlan:
     """Choose, share, prove and measure.
 
     Parameters
     ----------
-    definition : SceneDefinition
-        From `read_scene`.
+    scene : str, Path or SceneDefinition
+        A shipped scene ("example", "twenty"), a scene's TOML, or what `read_scene` returned.
     progress : callable, optional
         Told how many of how many surfaces are done, and what is being done.
 
@@ -141,54 +142,67 @@ def plan_scene(definition: SceneDefinition, *, progress: Progress | None = None)
     Raises
     ------
     ValueError, OSError
-        As `observe`.
+        As `read_scene`, or if what a surface is made of is bad, too short, or not in the device's unit.
     """
+    definition = scene if isinstance(scene, SceneDefinition) else read_scene(scene)
     judge, found = Judge(definition.device, definition.tolerance), []
-    for i, surface in enumerate(definition.surfaces):
-        found.append(choose(surface, definition, judge))
+    for i, (name, surface) in enumerate(definition.surfaces.items(), 1):
+        observed = observe(name, surface, definition, judge)
+        found.append((choose(observed, surface, definition, judge), observed))
         if progress is not None:
-            progress(i + 1, len(definition.surfaces), "surfaces")
-    chosen = share([one for one, _ in found], [observed for _, observed in found], judge)
-    scene = _assembled(chosen, definition)
+            progress(i, len(definition.surfaces), "surfaces")
+    chosen = share(found, judge)
+    owners = [one for one in chosen if one.shares is None]
+    index = {one.name: i for i, one in enumerate(owners)}
+    device = definition.device
+    planned = PlannedScene(
+        definition.name,
+        device.rate_hz,
+        device.unit,
+        device.band_hz,
+        device.largest_output,
+        definition.budget.contacts,
+        {one.name: index[one.shares or one.name] for one in chosen},
+        tuple(one.model for one in owners),
+    )
     expected = definition.expected
-    proof = measure(scene, definition.budget, expected.speeds_mm_s, expected.forces_n)
-    return ScenePlan(definition, chosen, scene, proof)
+    proof = measure(planned, definition.budget, expected.speeds_mm_s, expected.forces_n)
+    return ScenePlan(definition, chosen, planned, proof)
 
 
 def choose(
-    surface: SurfaceDefinition, definition: SceneDefinition, judge: Judge
-) -> tuple[PlannedSurface, Observed]:
+    observed: Observed, surface: SurfaceDefinition, definition: SceneDefinition, judge: Judge
+) -> PlannedSurface:
     """Return the cheapest model of a surface whose rendered form is within the tolerance where held out."""
-    observed = observe(surface, definition, judge)
     found = search(observed, judge, definition.expected)
-    allowed, bound = _speeds_allowed(surface)
-    silent = found.silence().relative
+    allowed, bound = MOST_SPEEDS, ""
+    if surface.friction is not None:
+        n = speed_intervals(surface.friction).n_intervals
+        allowed, bound = min(n, MOST_SPEEDS), f"friction {surface.friction:g} allows {n} speeds"
     for most, words in dict.fromkeys(((allowed, bound), (MOST_SPEEDS, f"{bound}, too few" if bound else ""))):
-        planned = _within(found, most, words)
-        if planned is not None:
-            return replace(planned, silence=silent), observed
+        if (planned := _within(found, most, words)) is not None:
+            return planned
     nearest = found.nearest()
-    verdict = prove(nearest.model, observed.prove, judge)
+    verdict = prove(nearest, observed.prove, judge)
     why = "the best there is"
     why += "; all cheaper ones failed in the proof" if verdict.within else ": nothing met the tolerance"
-    return PlannedSurface(surface.name, nearest.model, verdict, why, observed.how, None, silent), observed
+    return PlannedSurface(observed.name, nearest, verdict, why, observed.how, None, found.silence)
 
 
 def _within(found: Search, most_speeds: int, bound: str) -> PlannedSurface | None:
     """Return the cheapest that holds in the proof, the margin of the choice narrowed until one does."""
-    tried: set[tuple[str, int, tuple[int, int]]] = set()
+    tried: set[tuple[str, int, tuple[int, ...]]] = set()
     for margin in MARGINS:
-        candidate = found.cheapest(margin, most_speeds)
-        if candidate is None:
+        model = found.cheapest(margin, most_speeds)
+        if model is None:
             return None
-        model = candidate.model
         if (key := (model.kind, model.order, model.n_nodes)) in tried:
             continue
         tried.add(key)
         verdict = prove(model, found.observed.prove, found.judge)
         if verdict.within:
-            why = _why(found, model, margin, bound)
-            return PlannedSurface(found.observed.name, model, verdict, why, found.observed.how)
+            why, silence = _why(found, model, margin, bound), found.silence
+            return PlannedSurface(found.observed.name, model, verdict, why, found.observed.how, None, silence)
     return None
 
 
@@ -199,9 +213,9 @@ def _why(found: Search, model: GridModel, margin: float, bound: str) -> str:
     if model.kind == "lines":
         return "fewer operations than any lattice within the tolerance"
     fs = found.judge.device.rate_hz
-    cost, size = model.operations(fs), model.speeds.size * model.forces.size
-    cheaper, fewer = [found.silence().relative], []
-    for grid, row in zip(found.grids, found.relative, strict=True):
+    cost, size = model.operations(fs), model.power.size
+    cheaper, fewer = [found.silence], []
+    for grid, row in found.fitted:
         lines = grid.per_mm.size
         cheaper += [row[p] for p in range(1, row.size) if operations(p, lines, fs) < cost]
         if lines == model.n_lines and grid.n_nodes < size and row.size > model.order:
@@ -212,41 +226,26 @@ def _why(found: Search, model: GridModel, margin: float, bound: str) -> str:
     return "; ".join([*words, *([bound] if bound else [])])
 
 
-def _speeds_allowed(surface: SurfaceDefinition) -> tuple[int, str]:
-    """Return the most speeds that friction allows, and that in words."""
-    if surface.friction is None:
-        return MOST_SPEEDS, ""
-    n = speed_intervals(surface.friction).n_intervals
-    return min(n, MOST_SPEEDS), f"friction {surface.friction:g} allows {n} speeds"
-
-
-def share(
-    chosen: Sequence[PlannedSurface], observed: Sequence[Observed], judge: Judge
-) -> tuple[PlannedSurface, ...]:
+def share(found: Sequence[tuple[PlannedSurface, Observed]], judge: Judge) -> tuple[PlannedSurface, ...]:
     """Let surfaces use the model of another one that serves them within the tolerance, at no more operations.
 
     The model that serves most of those that are left is taken first; of several, the one of fewest bytes.
     """
-    fs, names = judge.device.rate_hz, [one.name for one in chosen]
-    serves: dict[str, dict[str, PlannedSurface]] = {}
-    for giver in chosen:
-        serves[giver.name] = {giver.name: giver}
-        for taker, seen in zip(chosen, observed, strict=True):
-            cheaper = giver.model.operations(fs) <= taker.model.operations(fs)
-            if taker is not giver and cheaper and giver.verdict.within:
-                verdict = _served(giver.model, seen, judge)
-                if verdict is not None:
-                    why = f"does not differ from {giver.name} within the tolerance"
-                    served = replace(taker, model=giver.model, verdict=verdict, why=why, shares=giver.name)
-                    serves[giver.name][taker.name] = served
+    fs, chosen = judge.device.rate_hz, {one.name: one for one, _ in found}
+    serves: dict[str, dict[str, PlannedSurface]] = {name: {name: one} for name, one in chosen.items()}
+    for giver, (taker, observed) in product(chosen.values(), found):
+        cheaper = giver.model.operations(fs) <= taker.model.operations(fs)
+        if taker is not giver and cheaper and giver.verdict.within:
+            verdict = _served(giver.model, observed, judge)
+            if verdict is not None:
+                why = f"does not differ from {giver.name} within the tolerance"
+                served = replace(taker, model=giver.model, verdict=verdict, why=why, shares=giver.name)
+                serves[giver.name][taker.name] = served
     final: dict[str, PlannedSurface] = {}
-    by_name = {one.name: one for one in chosen}
-    while left := [name for name in names if name not in final]:
-        giver_name = max(
-            left, key=lambda g: (sum(name in serves[g] for name in left), -by_name[g].model.n_bytes)
-        )
-        final.update({name: serves[giver_name][name] for name in left if name in serves[giver_name]})
-    return tuple(final[name] for name in names)
+    while left := [name for name in chosen if name not in final]:
+        best = max(left, key=lambda g: (sum(n in serves[g] for n in left), -chosen[g].model.n_bytes))
+        final.update({name: serves[best][name] for name in left if name in serves[best]})
+    return tuple(final[name] for name in chosen)
 
 
 def _served(model: GridModel, observed: Observed, judge: Judge) -> Verdict | None:
@@ -256,21 +255,6 @@ def _served(model: GridModel, observed: Observed, judge: Judge) -> Verdict | Non
         return None
     verdict = prove(model, observed.prove, judge)
     return verdict if verdict.within else None
-
-
-def _assembled(chosen: Sequence[PlannedSurface], definition: SceneDefinition) -> PlannedScene:
-    owners = [one.name for one in chosen if one.shares is None]
-    device = definition.device
-    return PlannedScene(
-        definition.name,
-        device.rate_hz,
-        device.unit,
-        device.band_hz,
-        device.largest_output,
-        definition.budget.contacts,
-        {one.name: owners.index(one.shares or one.name) for one in chosen},
-        tuple(one.model for one in chosen if one.shares is None),
-    )
 
 
 def _row(one: PlannedSurface, fs: float) -> Mapping[str, Any]:

@@ -1,24 +1,21 @@
 """A planned scene: which model each surface got, in one file that the renderer loads."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from texclass.recording import Samples
-from texclass.scene.models import GridModel, total_bytes
+from texclass.exchange.container import read_stored, write_stored
+from texclass.textures.grid import GridModel
+from texclass.textures.storage import StoredFields
 
-MOST_MODELS = 10_000
 MOST_CONTACTS = 1000
-_NAMES = {"name", "fs", "unit", "band_hz", "largest_output", "contacts", "surfaces", "models"}
-_PARTS = ("speeds", "forces", "rows", "power", "frequency_hz", "per_mm")
 
 
 @dataclass(frozen=True, eq=False)
-class PlannedScene:
+class PlannedScene(StoredFields):
     """What `plan_scene` chose, ready to be rendered.
 
     Parameters
@@ -38,6 +35,7 @@ class PlannedScene:
     assigned : mapping of str to int
         Surface -> index of its model; surfaces that do not differ share one.
     models : sequence of GridModel
+        Over logarithms of speed and force.
 
     Raises
     ------
@@ -70,6 +68,10 @@ class PlannedScene:
                 f"surfaces have models {list(self.assigned.values())} of {len(self.models)}; "
                 "the rule is a surface at least, each with one of the models"
             )
+        odd = [model for model in self.models if (len(model.axes), model.scale) != (2, "log")]
+        if odd:
+            found = f"{len(odd[0].axes)} axes, scale {odd[0].scale!r}"
+            raise ValueError(f"a model has {found}; the rule is speed and force, 'log'")
 
     def model_of(self, surface: str) -> GridModel:
         """Return the model of a surface."""
@@ -80,7 +82,7 @@ class PlannedScene:
     @property
     def n_bytes(self) -> int:
         """Of the models."""
-        return total_bytes(self.models)
+        return sum(model.n_bytes for model in self.models)
 
     @property
     def operations(self) -> float:
@@ -89,95 +91,18 @@ class PlannedScene:
 
     def save(self, path: str | Path) -> Path:
         """Write the scene as one `.texture` file."""
-        from texclass.exchange import save_texture
-
-        return save_texture(self, path, unit=self.unit)
-
-    def parameters(self) -> Mapping[str, Any]:
-        """Return what is not an array, as JSON knows it."""
-        return {
-            "name": self.name,
-            "fs": self.fs,
-            "unit": self.unit,
-            "band_hz": list(self.band_hz),
-            "largest_output": self.largest_output,
-            "contacts": self.contacts,
-            "surfaces": dict(self.assigned),
-            "models": [
-                {"order": m.order, "lines": m.n_lines, "nodes": list(m.n_nodes), "peak": m.peak}
-                for m in self.models
-            ],
-        }
-
-    def arrays(self) -> Mapping[str, NDArray[np.float64]]:
-        """Return the parts of all models, one behind the other."""
-        return {part: np.concatenate([getattr(m, part).ravel() for m in self.models]) for part in _PARTS}
-
-    @classmethod
-    def restore(cls, parameters: Mapping[str, Any], arrays: Mapping[str, NDArray[np.float64]]) -> Self:
-        """Return the scene that was written down; a ValueError says what is wrong with it."""
-        if set(parameters) != _NAMES or set(arrays) != set(_PARTS):
-            found = sorted(map(str, [*parameters, *arrays]))
-            raise ValueError(f"scene: holds {found}; the rule is {sorted([*_NAMES, *_PARTS])}")
-        p = parameters
-        models = _models(p["models"], {name: np.ravel(arrays[name]) for name in _PARTS})
-        assigned = {str(name): _count(i, "model of a surface") for name, i in dict(p["surfaces"]).items()}
-        low, high = map(float, p["band_hz"])
-        return cls(
-            str(p["name"]),
-            float(p["fs"]),
-            str(p["unit"]),
-            (low, high),
-            float(p["largest_output"]),
-            _count(p["contacts"], "contacts"),
-            assigned,
-            models,
-        )
+        return write_stored(self, path, unit=self.unit)
 
 
 def load_scene(path: str | Path) -> PlannedScene:
-    """Return the planned scene of a file.
+    """Return the planned scene of a file, as `texclass scene plan` or `PlannedScene.save` wrote it.
 
     Raises
     ------
     ValueError
-        As `texclass.exchange.read_texture_file`, or if the file holds no scene.
+        If the file is damaged, breaks a rule, or holds no scene; the message names file, value and rule.
     OSError
         If it cannot be read.
     """
-    from texclass.exchange import read_texture_file, restore
-
-    found = restore(read_texture_file(path), path)
-    if not isinstance(found, PlannedScene):
-        raise ValueError(f"{path}: holds {found.family!r}; the rule is a planned scene (texclass scene plan)")
-    return found
-
-
-def _models(described: Sequence[Mapping[str, Any]], parts: Mapping[str, Samples]) -> tuple[GridModel, ...]:
-    """Cut the joined parts at what the models say of their sizes."""
-    if not isinstance(described, list) or len(described) > MOST_MODELS:
-        raise ValueError(f"models are {described!s:.80}; the rule is a list of at most {MOST_MODELS}")
-    at, models = dict.fromkeys(parts, 0), []
-    for one in described:
-        if not isinstance(one, Mapping) or set(one) != {"order", "lines", "nodes", "peak"}:
-            raise ValueError(f"a model is {one!s:.80}; the rule is order, lines, nodes, peak")
-        n_v, n_f = (_count(n, "nodes") for n in one["nodes"])
-        p, n = _count(one["order"], "order"), _count(one["lines"], "lines")
-        shapes = (n_v,), (n_f,), (n_v, n_f, p + n), (n_v, n_f), (n,), (n,)
-        cut = {}
-        for name, shape in zip(_PARTS, shapes, strict=True):
-            stop = at[name] + int(np.prod(shape, dtype=object))
-            if stop > parts[name].size:
-                raise ValueError(f"{name} holds {parts[name].size} numbers; the rule is {stop} at least")
-            cut[name] = parts[name][at[name] : stop].reshape(shape)
-            at[name] = stop
-        models.append(GridModel(peak=float(one["peak"]), **cut))
-    if any(at[name] != parts[name].size for name in parts):
-        raise ValueError("the arrays hold more than the models say; the rule is no more")
-    return tuple(models)
-
-
-def _count(value: Any, what: str) -> int:
-    if type(value) is not int or value < 0:
-        raise ValueError(f"{what} is {value!r:.40}; the rule is a whole number, at least 0")
-    return value
+    scene: PlannedScene = read_stored(path, {PlannedScene.family: PlannedScene})
+    return scene

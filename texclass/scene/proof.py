@@ -1,42 +1,234 @@
-"""A model is proved as it will be felt: rendered sample by sample at speeds and forces it has not seen."""
+"""What a planned scene really does, measured through its renderer: its spectra, its time, its bytes."""
+
+import gc
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from texclass.recording import Samples
-from texclass.scene.definition import Device
+from texclass.scene.definition import Budget, Device
+from texclass.scene.hand_paths import HandPath, sweep
 from texclass.scene.judge import Judge, Verdict
-from texclass.scene.models import GridModel
-from texclass.scene.observed import Points
+from texclass.scene.observations import Points
 from texclass.scene.planned import PlannedScene
 from texclass.scene.renderer import SceneRenderer
+from texclass.textures.grid import GridModel
 
-SECONDS, SETTLE_S = 6.0, 0.3
-"""What is rendered at each point, and what is cut off before."""
+PROOF_S, SETTLE_S = 6.0, 0.3
+"""What is rendered at each point of a proof, and what is cut off before."""
+N_SAMPLES, N_EACH = 6_000, 1_000
+"""Samples of the whole scene, and of each surface alone, that are timed."""
+N_RUNS = 5
+"""Each sample counts with the least of so many runs: what else the machine did is left out."""
 
 
-def prove(model: GridModel, points: Points, judge: Judge, *, seed: int = 0) -> Verdict:
-    """Return what the rendered model scores against held-out points."""
-    rendered = np.stack([judge.spectrum(x) for x in render_at(model, points, judge.device, seed=seed)])
+def prove(model: GridModel, points: Points, judge: Judge) -> Verdict:
+    """Return what a model scores, rendered sample by sample, at speeds and forces it has not seen."""
+    rendered = np.stack([judge.spectrum(x) for x in render_at(model, points, judge.device)])
     return judge.verdict(points.spectra, rendered)
 
 
-def render_at(model: GridModel, points: Points, device: Device, *, seed: int = 0) -> Samples:
+def render_at(model: GridModel, points: Points, device: Device) -> Samples:
     """Return what a model sounds like at the speed and force of each point, shape (n_points, n)."""
-    n, n_points = round((SECONDS + SETTLE_S) * device.rate_hz), len(points)
-    alone = PlannedScene(
-        "proof",
-        device.rate_hz,
-        device.unit,
-        device.band_hz,
-        device.largest_output,
-        n_points,
-        {"it": 0},
-        (model,),
-    )
-    renderer = SceneRenderer(alone, seed=seed)
+    n, n_points = round((PROOF_S + SETTLE_S) * device.rate_hz), len(points)
+    output, band = device.largest_output, device.band_hz
+    alone = PlannedScene("proof", device.rate_hz, device.unit, band, output, n_points, {"it": 0}, (model,))
+    renderer = SceneRenderer(alone)
     for contact in range(n_points):
         renderer.touch(contact, "it")
     velocity = np.zeros((n_points, n, 2))
     velocity[..., 0] = points.speed[:, np.newaxis]
     force = np.repeat(points.force[:, np.newaxis], n, axis=1)
     return renderer.process(velocity, force)[:, round(SETTLE_S * device.rate_hz) :]
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Microseconds that one sample of all contacts takes.
+
+    Attributes
+    ----------
+    p50, p99, p999, worst : float
+    """
+
+    p50: float
+    p99: float
+    p999: float
+    worst: float
+
+    @classmethod
+    def of(cls, nanoseconds: Samples) -> "Timing":
+        """Return the quantiles of measured times."""
+        found = np.quantile(np.asarray(nanoseconds) / 1000, [0.5, 0.99, 0.999, 1.0])
+        return cls(*map(float, found))
+
+
+@dataclass(frozen=True)
+class Proof:
+    """A budget and what was measured.
+
+    Attributes
+    ----------
+    budget : Budget
+    quiet : Timing
+        Each sample the least of `N_RUNS` runs.
+    as_it_was : Timing
+        The last run by itself, with whatever else the machine did.
+    n_bytes : int
+        Of models and state in the renderer.
+    each : mapping of str to float
+        Surface -> median microseconds per sample of one contact.
+    """
+
+    budget: Budget
+    quiet: Timing
+    as_it_was: Timing
+    n_bytes: int
+    each: Mapping[str, float]
+
+    @property
+    def met(self) -> bool:
+        """Whether 99.9 % of the samples and all bytes are within the budget."""
+        return self.quiet.p999 <= self.budget.microseconds and self.n_bytes <= self.budget.bytes
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON knows it."""
+        return {
+            "met": self.met,
+            "budget": self.budget.model_dump(),
+            "microseconds": vars(self.quiet),
+            "microseconds_as_it_was": vars(self.as_it_was),
+            "bytes": self.n_bytes,
+            "microseconds_each": dict(self.each),
+        }
+
+
+def measure(
+    scene: PlannedScene, budget: Budget, speeds: tuple[float, float], forces: tuple[float, float]
+) -> Proof:
+    """Measure a planned scene with as many contacts as the budget says, one sample a call.
+
+    Each contact passes from one surface to the next, so that crossfades count; speed and force move within
+    what is expected.
+    """
+    names, motion = list(scene.assigned), (speeds, forces)
+    renderer, alone = SceneRenderer(scene, n_contacts=budget.contacts), SceneRenderer(scene, n_contacts=1)
+    with without_garbage_collection():
+        runs = np.stack([run_steps(renderer, names, *motion, N_SAMPLES) for _ in range(N_RUNS)])
+        alone_runs = {
+            name: np.min([run_steps(alone, [name], *motion, N_EACH) for _ in range(3)], axis=0)
+            for name in names
+        }
+    each = {name: Timing.of(took).p50 for name, took in alone_runs.items()}
+    return Proof(budget, Timing.of(runs.min(axis=0)), Timing.of(runs[-1]), renderer.n_bytes, each)
+
+
+def run_steps(
+    renderer: SceneRenderer,
+    surfaces: Sequence[str],
+    speeds: tuple[float, float],
+    forces: tuple[float, float],
+    n_samples: int,
+    *,
+    paced: bool = False,
+) -> Samples:
+    """Return the time (ns) of each sample of all contacts, one call a sample; the same path at each call.
+
+    To be run `without_garbage_collection`, as a haptic loop would. Contacts pass over all surfaces. `paced`
+    waits for the next period before each sample, as a haptic loop does.
+    """
+    contacts, took = range(renderer.n_contacts), np.empty(n_samples)
+    stay = max(1, n_samples // max(len(surfaces), 8))
+    courses = [
+        low + (high - low) * (0.5 - 0.5 * np.cos(n * np.linspace(0, 2 * np.pi, n_samples)))
+        for n, (low, high) in ((7, speeds), (5, forces))
+    ]
+    motion = renderer.motion
+    clock, step = time.perf_counter_ns, renderer.step_all
+    renderer.reset()
+    begin, period = clock(), 1e9 / renderer.fs
+    for t in range(n_samples):
+        if t % stay == 0:
+            for contact in contacts:
+                renderer.touch(contact, surfaces[(t // stay + contact) % len(surfaces)])
+        motion[:, 0], motion[:, 2] = courses[0][t], courses[1][t]
+        if paced:
+            time.sleep(max(0.0, (begin + t * period - clock()) / 1e9))
+        before = clock()
+        step()
+        took[t] = clock() - before
+    return took
+
+
+@contextmanager
+def without_garbage_collection() -> Iterator[None]:
+    """Keep the garbage collector from interrupting; what exists stays out of its sight."""
+    was_on = gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        if was_on:
+            gc.enable()
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """What was rendered, and how long a sample took.
+
+    Attributes
+    ----------
+    samples : ndarray of shape (n,)
+        In the scene's unit.
+    timing : Timing
+        Microseconds per sample, on the clock.
+    """
+
+    samples: Samples
+    timing: Timing
+
+
+def play_path(scene: PlannedScene, path: HandPath, *, seed: int = 0) -> Played:
+    """Render one contact along a path.
+
+    Raises
+    ------
+    ValueError
+        If the path meets a surface that the scene does not have.
+    """
+    velocity, force, surfaces = path.at_rate(scene.fs)
+    if unknown := sorted({name for name in surfaces if name is not None} - set(scene.assigned)):
+        raise ValueError(f"surface is {unknown[0]!r}; the rule is one of {', '.join(scene.assigned)}")
+    renderer = SceneRenderer(scene, n_contacts=1, seed=seed)
+    samples, took = np.empty((2, force.size))
+    motion = zip(velocity[:, 0].tolist(), velocity[:, 1].tolist(), force.tolist(), surfaces, strict=True)
+    touched: str | None = None
+    clock = time.perf_counter_ns
+    with without_garbage_collection():
+        for t, (vx, vy, f, surface) in enumerate(motion):
+            before = clock()
+            if surface != touched:
+                renderer.touch(0, surface)
+                touched = surface
+            samples[t] = renderer.step(0, vx, vy, f)
+            took[t] = clock() - before
+    return Played(samples, Timing.of(took))
+
+
+def sweep_of(scene: PlannedScene) -> HandPath:
+    """Return the default path over all surfaces, within the speeds and forces of their models."""
+    models = [model for model in scene.models if model.kind != "silence"]
+    ends = [
+        (min(float(axis[0]) for axis in axes), max(float(axis[-1]) for axis in axes))
+        if axes
+        else (50.0, 150.0)
+        for axes in ([m.speeds for m in models], [m.forces for m in models])
+    ]
+    return sweep(list(scene.assigned), *ends, fs=scene.fs)

@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
 from texclass.scene import _kernels as kernels
-from texclass.scene.models import LEAST_POWER, GridModel, renewal
 from texclass.scene.planned import PlannedScene
+from texclass.textures.grid import LEAST_POWER, GridModel, renewal
 
 GLIDE_S = 0.01
 """Time constant with which a contact follows the speed and force of the hand."""
@@ -45,14 +45,13 @@ class SceneRenderer:
 
     Notes
     -----
-    Everything is allocated here: `step` allocates nothing but the number it returns, `step_all` nothing.
-    Compilation is done here too, not in the first sample. The kernels know the arrays by their addresses:
-    a renderer cannot be copied.
+    Everything is allocated here: what `step` and `step_all` do grows no memory, however long they go on.
+    Compilation is done here too, not in the first sample.
 
     Examples
     --------
-    >>> from texclass.scene import SceneRenderer, plan_scene, read_scene
-    >>> renderer = SceneRenderer(plan_scene(read_scene("example")).scene)  # doctest: +SKIP
+    >>> from texclass.scene import SceneRenderer, plan_scene
+    >>> renderer = SceneRenderer(plan_scene("example").scene)  # doctest: +SKIP
     >>> renderer.touch(0, "wood")  # doctest: +SKIP
     >>> renderer.step(0, 80.0, 0.0, 1.0)  # doctest: +SKIP
     """
@@ -63,23 +62,19 @@ class SceneRenderer:
             raise ValueError(f"n_contacts is {n}; the rule is at least 1")
         self.fs, self.n_contacts, self._seed = scene.fs, n, seed
         self._models: Mapping[str, int] = dict(scene.assigned)
-        self._bank, self._index = _laid_out(scene.models)
-        self._facts = np.empty(kernels.N_FACTS)
-        self._facts[kernels.GLIDE] = -np.expm1(-1 / (GLIDE_S * self.fs))
-        self._facts[kernels.HOP] = renewal(self.fs)
-        self._facts[kernels.FADE] = max(2, round(FADE_S * self.fs))
-        self._facts[kernels.STILL] = STILL
-        self._facts[kernels.RADIANS] = 2 * np.pi / self.fs
-        self._facts[kernels.OUTPUT] = scene.largest_output
+        facts = np.empty(kernels.N_FACTS)
+        facts[kernels.GLIDE] = -np.expm1(-1 / (GLIDE_S * self.fs))
+        facts[kernels.HOP] = renewal(self.fs)
+        facts[kernels.FADE] = max(2, round(FADE_S * self.fs))
+        facts[kernels.STILL] = STILL
+        facts[kernels.RADIANS] = 2 * np.pi / self.fs
+        facts[kernels.OUTPUT] = scene.largest_output
         columns = max((model.rows.shape[-1] for model in scene.models), default=0)
         self._state = np.zeros((n, kernels.VOICES + 6 * (columns + 1)))
-        self._numbers = np.zeros((n, kernels.N_NUMBERS), dtype=np.int64)
-        self._noise = np.zeros(n, dtype=np.uint64)
+        self._phase = np.zeros((n, kernels.N_COUNTS), dtype=np.int64)
+        self._arrays = *_laid_out(scene.models, facts), self._state, self._phase
         self._same = np.zeros((0, 0), dtype=np.int64)
-        self.motion, self.out = np.zeros((n, 3)), np.zeros(n)
-        self._arrays = self._bank, self._index, self._facts, self._state, self._numbers, self._noise
-        self._table = kernels.table_of(*self._arrays, self.motion, self.out)
-        self._address = int(self._table.ctypes.data)
+        self.motion, self.out = self._state[:, : kernels.OUT], self._state[:, kernels.OUT]
         self.reset()
         self._warm()
 
@@ -90,15 +85,15 @@ class SceneRenderer:
 
     def reset(self) -> None:
         """Lift all contacts, with the random numbers of the first sample."""
-        self._state[:] = 0.0
-        self._numbers[:] = 0
-        self._numbers[:, [kernels.MODEL, kernels.OTHER, kernels.WANTED]] = kernels.NONE
+        self._state[:, kernels.SPEED :] = 0.0
+        self._phase[:] = 0
+        self._phase[:, [kernels.MODEL, kernels.OTHER, kernels.WANTED]] = kernels.NONE
         seeds = np.random.SeedSequence(self._seed).generate_state(self.n_contacts, np.uint64)
-        self._noise[:] = seeds
+        self._phase[:, kernels.NOISE] = seeds.view(np.int64)
 
     def touch(self, contact: int, surface: str | None) -> None:
         """Let a contact begin on a surface, pass to another one, or end (None), from the next sample on."""
-        self._numbers[self._checked(contact), kernels.WANTED] = self._model(surface)
+        self._phase[self._checked(contact), kernels.WANTED] = self._model(surface)
 
     def step(self, contact: int, speed_x: float, speed_y: float, force: float) -> float:
         """Return the next sample of one contact, in the unit of the recordings.
@@ -119,7 +114,7 @@ class SceneRenderer:
         """
         if not 0 <= contact < self.n_contacts:
             self._checked(contact)
-        x: float = kernels.step_one(self._address, contact, float(speed_x), float(speed_y), float(force))
+        x: float = kernels.step(*self._arrays, contact, float(speed_x), float(speed_y), float(force))
         if x != x:  # noqa: PLR0124  NaN, and nothing is cheaper to ask
             raise ValueError(f"speed and force are {(speed_x, speed_y, force)}; the rule is finite numbers")
         return x
@@ -127,14 +122,14 @@ class SceneRenderer:
     def step_all(self) -> Samples:
         """Return `out`, filled with the next sample of every contact, whose speeds and force are in `motion`.
 
-        What `step` returns for each of them, in one call that allocates nothing at all.
+        What `step` returns for each of them, in one call.
 
         Raises
         ------
         ValueError
             If `motion` holds NaN or infinity: that contact stays as it was.
         """
-        if not kernels.step_all(self._address):
+        if not kernels.step_all(*self._arrays):
             raise ValueError(f"motion is {self.motion.tolist()}; the rule is finite numbers")
         return self.out
 
@@ -173,7 +168,7 @@ class SceneRenderer:
         if not (np.isfinite(v).all() and np.isfinite(f).all()):
             raise ValueError("velocity or force holds NaN or infinity; the rule is finite numbers")
         found = np.empty(f.shape) if out is None else out
-        kernels.play(self._address, v, f, self._wanted(surfaces, f.shape), found)
+        kernels.play(*self._arrays, v, f, self._wanted(surfaces, f.shape), found)
         return found
 
     def _wanted(
@@ -200,9 +195,6 @@ class SceneRenderer:
             raise ValueError(f"contact is {contact}; the rule is 0 ... {self.n_contacts - 1}")
         return contact
 
-    def __reduce__(self) -> str:
-        raise TypeError("a renderer holds addresses; the rule is to make another one of the same scene")
-
     def _warm(self) -> None:
         """Compile, or load what was compiled, before the first sample is due."""
         self.step(0, 0.0, 0.0, 0.0)
@@ -211,18 +203,17 @@ class SceneRenderer:
         self.reset()
 
 
-def _laid_out(models: Sequence[GridModel]) -> tuple[Samples, NDArray[np.int64]]:
-    """Return all models in one array, and where their parts begin."""
-    index, parts, at = np.zeros((len(models), kernels.N_INDEX), dtype=np.int64), [], 0
+def _laid_out(models: Sequence[GridModel], facts: Samples) -> tuple[Samples, NDArray[np.int64]]:
+    """Return the facts and all models in one array, and where their parts begin."""
+    index, parts, at = np.zeros((len(models), kernels.N_INDEX), dtype=np.int64), [facts], facts.size
     for row, model in zip(index, models, strict=True):
         row[: kernels.AT_SPEEDS] = model.n_lines, model.order, *model.n_nodes
-        course = np.concatenate([model.frequency_hz, model.per_mm])
-        limit = np.array([PEAK_FACTOR * model.peak])
-        places = kernels.AT_SPEEDS, kernels.AT_FORCES, kernels.AT_ROWS, kernels.AT_POWER, kernels.AT_COURSE
         ln_power = np.log(np.maximum(model.power, LEAST_POWER))
-        arrays = (model.speeds, model.forces, model.rows, ln_power, course, limit)
-        for where, array in zip((*places, kernels.AT_LIMIT), arrays, strict=True):
+        bounds = np.array([model.speeds[0], model.forces[0], PEAK_FACTOR * model.peak])
+        course = np.concatenate([model.frequency_hz, model.per_mm])
+        arrays = (np.log(model.speeds), np.log(model.forces), model.rows, ln_power, course, bounds)
+        for where, array in enumerate(arrays, kernels.AT_SPEEDS):
             row[where] = at
             parts.append(array.ravel())
             at += array.size
-    return np.concatenate(parts) if parts else np.zeros(1), index
+    return np.concatenate(parts), index

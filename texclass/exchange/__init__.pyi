@@ -1,0 +1,10 @@
+from .hatt_models import to_hatt as to_hatt
+from .hatt_xml import read_hatt as read_hatt
+from .hatt_xml import write_hatt as write_hatt
+from .texture_file import describe as describe
+from .texture_file import load_taps as load_taps
+from .texture_file import load_texture as load_texture
+from .texture_file import save_texture as save_texture
+from .wav import Vibration as Vibration
+from .wav import read_wav as read_wav
+from .wav import write_wav as write_wav
