@@ -21,11 +21,11 @@ from pathlib import Path
 
 import numpy as np
 from scipy import signal
+from texclass.textures.guruswamy2011.renderer import N_RINGING
+from texclass.textures.guruswamy2011.simulated import OBJECTS, lay_out, simulate_scan
 
 from texclass.provenance import versions
 from texclass.textures.guruswamy2011 import SpatialTexture, fit_texture
-from texclass.textures.guruswamy2011.renderer import N_RINGING
-from texclass.textures.guruswamy2011.simulated import OBJECTS, lay_out, simulate_scan
 
 ROOT = Path(__file__).resolve().parents[2]
 SEED, FS, RUN_S = 0, 1000.0, 60.0

@@ -244,8 +244,9 @@ def vibration() -> SimpleNamespace:
 
 def fitted_textures(plates: Sequence[np.ndarray], speeds: Sequence[float]) -> dict[str, Any]:
     """Return a texture of each way of the four papers, fitted to simulated recordings."""
-    from texclass.textures import abdulali2016, guruswamy2011, oeztuerk2018
     from texclass.textures.guruswamy2011.simulated import OBJECTS, lay_out, simulate_scan
+
+    from texclass.textures import abdulali2016, guruswamy2011, oeztuerk2018
 
     hand = abdulali2016.simulate_scan(abdulali2016.surface("S7"), 10.0, 1000.0, np.random.default_rng(0))
     modelled = abdulali2016.model_scan(hand)

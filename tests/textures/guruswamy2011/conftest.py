@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from texclass.textures.guruswamy2011.simulated import OBJECTS, lay_out, simulate_scan
 
 from texclass.textures.guruswamy2011 import FittedScan, fit_texture
-from texclass.textures.guruswamy2011.simulated import OBJECTS, lay_out, simulate_scan
 
 RUBBER = OBJECTS[2]
 

@@ -4,10 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from texclass.textures.guruswamy2011.renderer import LARGEST_OUTPUT, N_RINGING, PLAY_MM, SILENT
 
 from texclass.textures.contract import Renderer
 from texclass.textures.guruswamy2011 import Amplitude, LevelLaw, SpatialTexture, _kernels
-from texclass.textures.guruswamy2011.renderer import LARGEST_OUTPUT, N_RINGING, PLAY_MM, SILENT
 from texclass.vibration.decaying_modes import DecayingModes
 
 FS = 500.0

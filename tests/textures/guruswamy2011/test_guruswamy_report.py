@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
-
-from texclass.reporting.reproductions import _guruswamy2011_figures as figures
 from texclass.reporting.reproductions._guruswamy2011_result import Study
 from texclass.reporting.reproductions._guruswamy2011_text import markdown
-from texclass.textures.guruswamy2011 import LevelFit, published
 from texclass.textures.guruswamy2011.comparison import PathsResult, SpeedPair
 from texclass.textures.guruswamy2011.orders import fits_by_order
 from texclass.textures.guruswamy2011.simulated import OBJECTS
 from texclass.textures.guruswamy2011.study import BOUNDS, ModesRow, PronyRow, Recovery
+
+from texclass.reporting.reproductions import _guruswamy2011_figures as figures
+from texclass.textures.guruswamy2011 import LevelFit, published
 
 NAMES = [thing.name for thing in OBJECTS]
 RECOVERY = [Recovery(name, np.zeros((4, 2))) for name in NAMES]

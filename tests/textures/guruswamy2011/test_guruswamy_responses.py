@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-
 from texclass.textures.guruswamy2011.orders import fits_by_order
 from texclass.textures.guruswamy2011.responses import (
     CANCELLING,
@@ -11,6 +10,7 @@ from texclass.textures.guruswamy2011.responses import (
     fit_responses,
     fit_sinusoid,
 )
+
 from texclass.vibration.decaying_modes import DecayingModes
 
 FS = 500.0

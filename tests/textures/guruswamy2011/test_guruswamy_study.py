@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-
 from texclass.reporting.reproductions._guruswamy2011_text import table
-from texclass.textures.guruswamy2011 import published
 from texclass.textures.guruswamy2011.comparison import random_paths
 from texclass.textures.guruswamy2011.recorded import cleaned, excerpt
 from texclass.textures.guruswamy2011.simulated import BIT, OBJECTS, lay_out, simulate_scan
 from texclass.textures.guruswamy2011.study import BOUNDS, Recovery, published_row, recover
+
+from texclass.textures.guruswamy2011 import published
 from texclass.textures.scan import Scan
 
 

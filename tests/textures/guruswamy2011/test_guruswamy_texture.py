@@ -3,10 +3,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from texclass.textures.guruswamy2011.renderer import SILENT
 
 from texclass.textures.contract import Texture
 from texclass.textures.guruswamy2011 import SinusoidTexture, SpatialTexture, fit_texture
-from texclass.textures.guruswamy2011.renderer import SILENT
 from texclass.textures.scan import Scan
 
 

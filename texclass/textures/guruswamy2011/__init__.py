@@ -1,18 +1,5 @@
 """Textures of Guruswamy, Lang and Lee (2011): decaying filters at places, rendered along strokes."""
 
-from texclass.textures.guruswamy2011.fit import FittedScan, fit_texture
-from texclass.textures.guruswamy2011.level import Amplitude, LevelFit, LevelLaw, fit_level_law
-from texclass.textures.guruswamy2011.renderer import SpatialRenderer
-from texclass.textures.guruswamy2011.texture import SinusoidTexture, SpatialTexture
+import lazy_loader
 
-__all__ = [
-    "Amplitude",
-    "FittedScan",
-    "LevelFit",
-    "LevelLaw",
-    "SinusoidTexture",
-    "SpatialRenderer",
-    "SpatialTexture",
-    "fit_level_law",
-    "fit_texture",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

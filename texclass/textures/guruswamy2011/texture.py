@@ -1,16 +1,20 @@
-"""A surface as decaying responses at places along a line: features fixed in space, decay fixed in time."""
+"""A surface as decaying responses at places along a line: features fixed in space, decay fixed in time.
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, ClassVar, Literal, Self, get_args
+The renderer's inner loop finds which features the tip passes and steps the modes that ring. A mode is a
+rotating and shrinking phasor z, its contribution Re z, and a sample later it is z p: a section of second
+order in coupled form. What rings lies in the first `counts[RINGING]` rows of a pool that is allocated once.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
-from texclass.textures.guruswamy2011.level import Amplitude, LevelLaw
-from texclass.textures.guruswamy2011.renderer import SILENT, SpatialRenderer
-from texclass.textures.stored import check_all_names, check_names, is_number
+from texclass.textures.guruswamy2011.level import Amplitude
+from texclass.textures.storage import StoredFields
 
 Course = Literal["line", "travelled"]
 _RANGES = (("fs", 1e-3, 1e9), ("length_mm", 1e-6, 1e9), ("origin_mm", -1e9, 1e9), ("peak", 1e-100, 1e100))
@@ -18,13 +22,10 @@ _RANGES = (("fs", 1e-3, 1e9), ("length_mm", 1e-6, 1e9), ("origin_mm", -1e9, 1e9)
 MOST = 1e9
 """Largest amplitude of a mode, in peaks: modes of one feature may cancel."""
 _MODES = ("frequency_hz", "decay_per_s", "amplitude", "phase")
-_SCALARS = {
-    "name": str, "fs": float, "length_mm": float, "peak": float, "course": str, "origin_mm": float,
-}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
-class SpatialTexture:
+class SpatialTexture(StoredFields):
     """Features along a line, each of which makes the tool ring in its modes when the tip passes it.
 
     F(t) = sum_k A_k h_k(t - t_k): t_k is when the tip passes x_k, and A_k follows speed and force at that
@@ -146,35 +147,9 @@ class SpatialTexture:
             ring_s = float(np.sum(np.log(loud) / self.decay_per_s))
         return 30.0 + 10.0 * ring_s * self.scaling.speed / self.length_mm
 
-    def renderer(self, *, seed: int = 0) -> SpatialRenderer:
+    def renderer(self, *, seed: int = 0) -> "SpatialRenderer":
         """Return a renderer at rest at the texture's rate; nothing is random, so the seed has no effect."""
         return SpatialRenderer(self)
-
-    def parameters(self) -> Mapping[str, Any]:
-        """Return what is not an array, as JSON knows it."""
-        return {**{name: getattr(self, name) for name in _SCALARS}, "scaling": asdict(self.scaling)}
-
-    def arrays(self) -> Mapping[str, NDArray[np.float64]]:
-        """Return positions, modes and direction, by name."""
-        return {name: getattr(self, name) for name in ("position_mm", "feature", *_MODES, "direction")}
-
-    @classmethod
-    def restore(cls, parameters: Mapping[str, Any], arrays: Mapping[str, NDArray[np.float64]]) -> Self:
-        """Return the texture of what `parameters` and `arrays` returned.
-
-        Raises
-        ------
-        ValueError
-            If something is missing, superfluous, of the wrong kind or shape, or breaks a rule of the texture.
-        """
-        names = {"position_mm", "feature", *_MODES, "direction"}
-        check_all_names(cls.family, parameters, arrays, ({*_SCALARS, "scaling"}, names))
-        for name, kind in _SCALARS.items():
-            _of_kind(name, parameters[name], kind)
-        scaling = _restored_scaling(parameters["scaling"])
-        given: dict[str, Any] = {name: kind(parameters[name]) for name, kind in _SCALARS.items()}
-        given.update({name: arrays[name] for name in names})
-        return cls(**given, scaling=scaling)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,20 +164,248 @@ class SinusoidTexture(SpatialTexture):
     family: ClassVar[str] = "guruswamy2011-sinusoid"
 
 
-def _restored_scaling(given: Any) -> Amplitude:
-    if not isinstance(given, Mapping) or not isinstance(given.get("law"), Mapping):
-        raise ValueError("scaling is no table with a law; the rule is what `parameters` returned")
-    check_names("guruswamy2011", "scaling", given, {"law", "speed", "force", "compensated", "limit"})
-    check_names("guruswamy2011", "law", given["law"], {"k_v", "k_c", "a_0"})
-    for table, names in ((given, ("speed", "force", "limit")), (given["law"], ("k_v", "k_c", "a_0"))):
-        for name in names:
-            _of_kind(name, table[name], float)
-    _of_kind("compensated", given["compensated"], bool)
-    law = LevelLaw(*(float(given["law"][name]) for name in ("k_v", "k_c", "a_0")))
-    rest = {name: float(given[name]) for name in ("speed", "force", "limit")}
-    return Amplitude(law, compensated=given["compensated"], **rest)
+# Rendering --------------------------------------------------------------------------------------------------
+
+N_RINGING = 512
+"""Modes that can ring at once; the weakest give way."""
+SILENT = 1e-3
+"""Part of the recorded peak below which a mode has decayed."""
+LARGEST_OUTPUT = 8.0
+"""The output stays within that many times the recorded peak."""
+PLAY_MM = 0.1
+"""A tip that turns round feels nothing for that long: it may rest on a feature and tremble."""
+
+_NO_PATH = np.empty((0, 2))
 
 
-def _of_kind(name: str, value: Any, kind: type) -> None:
-    if not (is_number(value) if kind is float else isinstance(value, kind)):
-        raise ValueError(f"{name} is {value!r}; the rule is a value of type {kind.__name__}")
+class SpatialRenderer:
+    """Renders a `SpatialTexture` for any path, sample by sample, without allocating but for the result.
+
+    A sample costs one step for each mode that rings, however many features the surface has (a binary search
+    among them when one is passed). At most `N_RINGING` modes ring and at most four features are struck within
+    a sample, those nearest to the tip: that bounds the cost of a sample at any speed. A feature passed
+    between two samples begins at the later one, as printed. No feature is struck without contact.
+
+    Parameters
+    ----------
+    texture : SpatialTexture
+
+    Attributes
+    ----------
+    fs : float
+        Hz.
+    """
+
+    def __init__(self, texture: "SpatialTexture") -> None:
+        self.fs = texture.fs
+        scaling = texture.scaling
+        law = scaling.law
+        self._law = np.array(
+            [law.k_v, law.k_c, law.a_0, scaling.speed, scaling.force, scaling.compensated, scaling.limit],
+            float,
+        )
+        quiet, loud = SILENT * texture.peak, LARGEST_OUTPUT * texture.peak
+        course, line = texture.course == "travelled", (*texture.direction, texture.origin_mm)
+        self._setting = np.array([texture.fs, texture.length_mm, *line, course, PLAY_MM, quiet, loud], float)
+        self._position = np.array(texture.position_mm)
+        owners = np.arange(texture.n_features + 1)
+        self._first = np.searchsorted(texture.feature, owners).astype(np.int64)
+        self._modes = _table(
+            texture.frequency_hz, texture.decay_per_s, texture.amplitude, texture.phase, fs=texture.fs
+        )
+        self._pool = np.zeros((N_RINGING, 4))
+        self._counts = np.zeros(3, np.int64)
+        self._where = np.zeros(4)
+        self.reset()
+
+    @property
+    def n_ringing(self) -> int:
+        """How many modes ring now."""
+        return int(self._counts[RINGING])
+
+    def process(self, velocity: ArrayLike, force: ArrayLike, position: ArrayLike | None = None) -> Samples:
+        """Return the vibration for the next samples of a path, see `texclass.textures.Renderer`.
+
+        Raises
+        ------
+        ValueError
+            If the shapes do not fit, or a value is NaN, infinite or beyond 1e9; the state is then unchanged.
+        """
+        v, f = _block(velocity), _block(force)
+        path = _NO_PATH if position is None else _block(position)
+        n = f.size
+        if f.ndim != 1 or v.shape != (n, 2) or (position is not None and path.shape != (n, 2)):
+            raise ValueError(
+                f"velocity {v.shape}, force {f.shape}, position {path.shape}; "
+                "the rule is (n, 2), (n,), (n, 2)"
+            )
+        out = np.empty(n)
+        if not render(
+            v, f, path, out, self._setting, self._law,
+            self._position, self._first, self._modes, self._pool, self._counts, self._where,
+        ):  # fmt: skip
+            raise ValueError(f"a velocity, force or position is NaN or beyond {LARGEST:g}; the rule is less")
+        return out
+
+    def reset(self) -> None:
+        """Return to rest: nothing rings, the next sample is the first."""
+        self._counts[:] = 0
+        self._where[:] = 0.0
+
+
+def _block(values: ArrayLike) -> Samples:
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    return array if array.flags.writeable else array.copy()  # one compiled version serves all
+
+
+def _table(f: Samples, B: Samples, A: Samples, phi: Samples, *, fs: float) -> Samples:
+    """Return a row per mode: its start (re, im) and its factor per sample (re, im)."""
+    start = A * np.exp(1j * phi)
+    p = np.exp((-B + 2j * np.pi * f) / fs)
+    return np.column_stack([start.real, start.imag, p.real, p.imag])
+
+
+Counts = NDArray[np.int64]
+
+RINGING, NEXT, STARTED = 0, 1, 2
+"""Places in `counts`: modes in the pool, the next feature along x, whether there was a sample."""
+PLACE, FELT, X, Y = 0, 1, 2, 3
+"""Places in `where`: coordinate of the tip, that with play, last position."""
+MAX_PASSED = 4
+"""Features felt within one sample, at most: those nearest to the tip."""
+LARGEST = 1e9
+"""Of any input: velocity in mm/s, force in N, position in mm."""
+
+
+@njit(cache=True, error_model="numpy")
+def locate(s: float, position: Samples, length: float) -> int:
+    """Return how many features lie before s on the surface repeated with period `length`."""
+    turn = np.floor(s / length)
+    rest = s - turn * length
+    low, high = 0, position.size
+    while low < high:
+        middle = (low + high) // 2
+        if position[middle] < rest:
+            low = middle + 1
+        else:
+            high = middle
+    return int(turn) * position.size + low
+
+
+@njit(cache=True, error_model="numpy")
+def place_of(k: int, position: Samples, length: float) -> float:
+    """Return the coordinate of feature k of the repeated surface."""
+    turn = k // position.size
+    return float(turn * length + position[k - turn * position.size])
+
+
+@njit(cache=True, error_model="numpy")
+def factor(speed: float, force: float, law: Samples) -> float:
+    """Return A of `level.Amplitude.factor`; law: k_v, k_c, a_0, v_0, f_0, compensated, limit."""
+    here = law[0] * speed / 1000 + law[1] * force + law[2]
+    A = here / (law[0] * law[3] / 1000 + law[1] * law[4] + law[2])
+    if law[5] != 0 and speed > law[3]:
+        A *= np.sqrt(law[3] / speed)
+    return float(min(A, law[6]))
+
+
+@njit(cache=True, error_model="numpy")
+def strike(k: int, A: float, first: Counts, modes: Samples, pool: Samples, counts: Counts) -> None:
+    """Put the modes of a feature into the pool. A full pool gives up its weakest mode for a stronger one."""
+    for m in range(first[k], first[k + 1]):
+        re, im = A * modes[m, 0], A * modes[m, 1]
+        row = counts[0]
+        if row < pool.shape[0]:
+            counts[0] += 1
+        else:
+            row, least = -1, re * re + im * im
+            for i in range(pool.shape[0]):
+                power = pool[i, 0] * pool[i, 0] + pool[i, 1] * pool[i, 1]
+                if power < least:
+                    row, least = i, power
+            if row < 0:
+                continue
+        pool[row, 0], pool[row, 1] = re, im
+        pool[row, 2], pool[row, 3] = modes[m, 2], modes[m, 3]
+
+
+@njit(cache=True, error_model="numpy")
+def ring(pool: Samples, counts: Counts, silent: float) -> float:
+    """Return the sum of what rings now, and step every mode; those below `silent` leave the pool."""
+    total = 0.0
+    i = 0
+    while i < counts[0]:
+        re, im = pool[i, 0], pool[i, 1]
+        total += re
+        if re * re + im * im < silent * silent:
+            counts[0] -= 1
+            last = counts[0]
+            for j in range(4):
+                pool[i, j] = pool[last, j]
+            continue
+        pool[i, 0], pool[i, 1] = re * pool[i, 2] - im * pool[i, 3], re * pool[i, 3] + im * pool[i, 2]
+        i += 1
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def advance(
+    now: float, A: float, position: Samples, length: float,
+    first: Counts, modes: Samples, pool: Samples, counts: Counts,
+) -> None:  # fmt: skip
+    """Strike the features between the last coordinate of the tip and this one; x <= now are behind it."""
+    n = position.size
+    k = counts[1]
+    if place_of(k, position, length) > now and place_of(k - 1, position, length) <= now:
+        return
+    end = locate(now, position, length)
+    while place_of(end, position, length) <= now:
+        end += 1
+    if A > 0:
+        low, high = (max(k, end - MAX_PASSED), end) if end > k else (end, min(k, end + MAX_PASSED))
+        for j in range(low, high):
+            strike(j % n, A, first, modes, pool, counts)
+    counts[1] = end
+
+
+@njit(cache=True, error_model="numpy")
+def render(
+    velocity: Samples, force: Samples, path: Samples, out: Samples, setting: Samples, law: Samples,
+    position: Samples, first: Counts, modes: Samples, pool: Samples, counts: Counts, where: Samples,
+) -> bool:  # fmt: skip
+    """Render a block into `out`; False, and nothing done, if an input is NaN, infinite or too large.
+
+    setting: fs, length of the surface, direction x and y, origin along it, travelled (0 or 1), play, silent,
+    largest output.
+    `path` is empty where the velocity is to be summed up.
+    """
+    fs, length, along_x, along_y, origin, travelled, play, silent, largest = setting
+    given = path.shape[0] > 0
+    for t in range(force.size):
+        ok = abs(velocity[t, 0]) <= LARGEST and abs(velocity[t, 1]) <= LARGEST and abs(force[t]) <= LARGEST
+        if not ok or (given and not (abs(path[t, 0]) <= LARGEST and abs(path[t, 1]) <= LARGEST)):
+            return False
+    for t in range(force.size):
+        if given:
+            x, y = path[t, 0], path[t, 1]
+        elif counts[2] == 0:
+            x, y = 0.0, 0.0
+        else:
+            x, y = where[2] + velocity[t, 0] / fs, where[3] + velocity[t, 1] / fs
+        if counts[2] == 0:
+            s = 0.0 if travelled != 0 else x * along_x + y * along_y - origin
+            where[1] = s
+            counts[1] = locate(s, position, length)
+        elif travelled != 0:
+            s = where[0] + np.sqrt((x - where[2]) ** 2 + (y - where[3]) ** 2)
+        else:
+            s = x * along_x + y * along_y - origin
+        counts[2] = 1
+        where[0], where[2], where[3] = s, x, y
+        felt = min(max(where[1], s), s + play)
+        speed = np.sqrt(velocity[t, 0] ** 2 + velocity[t, 1] ** 2)
+        A = factor(speed, force[t], law) if force[t] > 0 else 0.0
+        advance(felt, A, position, length, first, modes, pool, counts)
+        where[1] = felt
+        out[t] = min(max(ring(pool, counts, silent), -largest), largest)
+    return True

@@ -1,4 +1,4 @@
-"""Scans of five simulated objects whose truth is what `guruswamy2011` published of the real ones.
+"""What `guruswamy2011` printed, and simulated objects whose truth is what it published of the real ones.
 
 Feature density, major frequency, speed, force and k_c are Table I's and section III's; k_v and a_0 those of
 section V-B for the rubber mat and SP80 and of that size for the others. What no table tells (decay rates, the
@@ -6,12 +6,71 @@ modes above the major one, how much features differ) is ours.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from texclass.recording import Samples
-from texclass.textures.guruswamy2011.level import LevelLaw
+from texclass.textures.guruswamy2011 import LevelLaw
 from texclass.textures.scan import Scan
+
+Samples = NDArray[np.float64]
+ROW = (
+    "f_max_hz",
+    "f_major_hz",
+    "segments_per_mm",
+    "order",
+    "sad_bandpass",
+    "sad_original",
+    "speed",
+    "force",
+)
+"""A scan in Tables I and III: upper cut-off and major frequency (Hz), density of segments, mean order + 1,
+mean absolute difference of the filters to the band-passed and to the recorded profile (mm/s^2), mean speed
+(mm/s) and force (N).
+"""
+TABLE_1 = {
+    "Jewel-case": (322.8, 69.5, 1.548, 29.5, 51.7, 84.0, 8.2, 0.874),
+    "Tire tread": (133.2, 20.6, 0.317, 35.5, 88.9, 110.2, 20.7, 0.511),
+    "Rubber mat": (78.6, 17.8, 0.316, 29.4, 103.9, 133.2, 21.4, 0.443),
+    "SP 120 grit": (285.5, 12.6, 1.325, 12.3, 56.3, 167.4, 23.3, 0.636),
+    "SP 80 grit": (208.0, 42.3, 1.011, 16.7, 84.4, 110.7, 19.9, 0.353),
+}
+"""Note that the text of section V-A gives 158 Hz for the tire tread, the table 133.2 Hz."""
+
+TABLE_2 = {
+    "Jewel-case": ((1.637, 0.270), (23.31, 5.39)),
+    "Tire tread": ((0.359, 0.098), (39.41, 2.81)),
+    "Rubber mat": ((0.345, 0.031), (31.06, 6.14)),
+    "SP 120 grit": ((1.181, 0.132), (14.43, 2.72)),
+    "SP 80 grit": ((1.030, 0.066), (17.71, 3.63)),
+}
+"""Mean and deviation over five scans: segments per mm, order."""
+
+TABLE_3 = {
+    "Rubber mat": (
+        (91.4, 18.7, 0.373, 33.2, 91.7, 138.0, 19.1, 0.439),
+        (79.5, 18.6, 0.365, 24.9, 105.0, 134.7, 21.4, 0.624),
+        (78.6, 17.8, 0.316, 29.4, 103.9, 133.2, 21.4, 0.443),
+        (79.0, 17.2, 0.307, 27.2, 105.8, 139.3, 25.3, 0.477),
+        (86.9, 17.5, 0.366, 40.6, 92.9, 147.9, 17.5, 0.525),
+    ),
+    "SP 80 grit": (
+        (190.6, 25.9, 0.992, 13.5, 89.9, 168.1, 22.6, 0.187),
+        (208.0, 42.3, 1.011, 16.7, 84.4, 110.7, 19.9, 0.353),
+        (286.7, 49.4, 1.146, 20.1, 76.9, 112.9, 15.1, 0.385),
+        (197.3, 32.9, 0.985, 22.6, 75.2, 95.8, 15.1, 0.344),
+        (217.5, 24.4, 1.014, 15.7, 82.3, 125.5, 21.1, 0.143),
+    ),
+}
+
+LAWS = {
+    "Rubber mat": LevelLaw(k_v=18.5, k_c=0.117, a_0=0.435),
+    "SP 80 grit": LevelLaw(k_v=19.4, k_c=1.0, a_0=0.287),
+}
+
+
+# Simulated --------------------------------------------------------------------------------------------------
 
 FS = 500.0
 """Rate of the sensor, Hz."""
@@ -57,8 +116,7 @@ class SimulatedObject:
     phase: float = np.pi / 2
 
 
-@dataclass(frozen=True, eq=False)
-class Section:
+class Section(NamedTuple):
     """A section of a surface: the features that every scan of it meets.
 
     Attributes

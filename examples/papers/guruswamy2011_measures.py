@@ -1,0 +1,349 @@
+"""What the chapter on `guruswamy2011` measures: scans, truth found again, other speeds, real recordings."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from guruswamy2011_objects import OBJECTS, ROW, TABLE_1, Samples, SimulatedObject, lay_out, simulate_scan
+from scipy import ndimage, signal
+
+from texclass import signals
+from texclass.textures.guruswamy2011 import (
+    RESOLUTION,
+    Amplitude,
+    FittedScan,
+    LevelLaw,
+    SpatialTexture,
+    fit_level_law,
+    fit_modes,
+    fit_sinusoid,
+    fit_texture,
+    normalised,
+    profile_of,
+)
+from texclass.textures.scan import Scan
+from texclass.vibration import DecayingModes, PronyFilter, fit_prony
+from texclass.vibration.prony import n_extrema, prony
+from texclass.vibration.scores import goodness_of_fit, mean_absolute_difference
+
+DURATION_S = 10.0
+"""Of a scan at the object's own speed."""
+N_REPEATED, N_LEVELS = 5, 40
+SPEEDS = (0.5, 4.0)
+"""Range of speeds of the regression, relative to the object's own."""
+SPEED_STEPS = (1.0, 2.0, 4.0)
+"""Of figures 11 and 12, relative to the speed of the scan."""
+BOUNDS = {"segments per mm": 0.10, "f_major": 2.0, "k_v": 0.05, "a_0": 0.05}
+"""Within which truth is to be found: relative, but f_major in Hz."""
+PRONY_ORDERS = (11, 16, 106)
+"""Of figure 4."""
+RELATIVE_BIT = 0.17
+"""Bit over RMS where the sensor's bit is not known: what 0.153 m/s^2 is to the paper's scans."""
+HIGHEST_HZ = 350.0
+"""What lies above in `stylus6` is a device line at 400 Hz and noise of the converter up to fs/2."""
+LINES_HZ = (100.0, 200.0, 300.0)
+"""Further lines of the device, seen in all six recordings."""
+
+
+def stream(seed: int, *keys: int) -> np.random.Generator:
+    """Return the random numbers of one part of the study."""
+    return np.random.default_rng([seed, 2011, *keys])
+
+
+# Scans of simulated objects ---------------------------------------------------------------------------------
+
+
+def repeated_scans(thing: SimulatedObject, rng: np.random.Generator) -> list[Scan]:
+    """Scan one section five times: once as published, then with speed and force as a hand repeats them."""
+    section = lay_out(thing, DURATION_S * thing.speed, rng)
+    hand = [(1.0, 1.0), *np.exp(0.12 * rng.standard_normal((N_REPEATED - 1, 2)))]
+    return [simulate_scan(thing, section, rng, speed=thing.speed * v, force=thing.force * f) for v, f in hand]
+
+
+def level_scans(
+    thing: SimulatedObject,
+    rng: np.random.Generator,
+    *,
+    repeatability: float = 0.01,
+    force_spread: float = 0.12,
+    n_scans: int = N_LEVELS,
+) -> list[Scan]:
+    """Scan one section at many speeds; the spread of the force is the logarithm's standard deviation."""
+    section = lay_out(thing, DURATION_S * thing.speed, rng)
+    speeds = thing.speed * np.geomspace(*SPEEDS, n_scans)
+    forces = thing.force * np.exp(force_spread * rng.standard_normal(n_scans))
+    return [
+        simulate_scan(thing, section, rng, speed=v, force=f, repeatability=repeatability)
+        for v, f in zip(speeds, forces, strict=True)
+    ]
+
+
+def _amplitude(scan: Scan, law: LevelLaw) -> Amplitude:
+    return Amplitude(law, float(scan.speed.mean()), float(scan.force.mean()))
+
+
+# Rows of the tables -----------------------------------------------------------------------------------------
+
+
+def published_row(scan: Scan, law: LevelLaw, resolution: float = RESOLUTION) -> dict[str, Any]:
+    """Measure a scan as the paper does: band, segments, Prony's filters from order n_extrema upwards.
+
+    Returns
+    -------
+    dict
+        row (by `ROW`), unstable (part of the filters that are), sad_sum (of the sum of the stable filters,
+        tails included, to the band-passed profile, mm/s^2).
+    """
+    scaling = _amplitude(scan, law)
+    a = normalised(scan, scaling)
+    profile = profile_of(a, scan.fs, resolution=resolution)
+    filters = fit_published(profile.segmentation.pieces(profile.samples), resolution)
+    bounds = profile.segmentation.bounds
+    model = np.concatenate([f.synthesize(n)[:n] for f, n in zip(filters, np.diff(bounds), strict=True)])
+    total = np.zeros_like(model)
+    for f, start, stop in zip(filters, bounds[:-1], bounds[1:], strict=True):
+        end = total.size if f.is_stable else stop
+        total[start:end] += f.synthesize(end - start)
+    values = (
+        profile.band.upper_hz,
+        profile.band.major_hz,
+        profile.segmentation.n_segments / scan.distance_mm[-1],
+        float(np.mean([f.order + 1 for f in filters])),
+        1e3 * mean_absolute_difference(profile.samples, model),
+        1e3 * mean_absolute_difference(a - a.mean(), model),
+        scaling.speed,
+        scaling.force,
+    )
+    return {
+        "row": dict(zip(ROW, values, strict=True)),
+        "unstable": float(np.mean([not f.is_stable for f in filters])),
+        "sad_sum": 1e3 * mean_absolute_difference(profile.samples, total),
+    }
+
+
+def fit_published(pieces: Sequence[Samples], resolution: float) -> list[PronyFilter]:
+    """Fit each segment by Prony's method as published: from order = number of extrema upwards.
+
+    Some of these filters are unstable; they are for comparison and are not rendered.
+    """
+    padded = [np.pad(piece, (0, max(0, 2 - piece.size))) for piece in pieces]
+    return [
+        fit_prony(piece, resolution, least_order=min(max(n_extrema(piece), 1), piece.size - 1))
+        for piece in padded
+    ]
+
+
+def modes_row(fitted: FittedScan, law: LevelLaw) -> dict[str, float]:
+    """Measure the default texture of a scan, and the baseline: of the sum of all filters, tails included."""
+    n, fs = len(fitted.scan), fitted.scan.fs
+    total = fitted.responses.sum(n, fs)
+    baseline = fit_texture(fitted.scan, law, method="sinusoid").responses.sum(n, fs)
+    return {
+        "poles": float(fitted.responses.n_poles.mean()),
+        "sad_bandpass": 1e3 * mean_absolute_difference(fitted.profile.samples, total),
+        "sad_original": 1e3 * mean_absolute_difference(fitted.normalised, total),
+        "sad_sinusoid": 1e3 * mean_absolute_difference(fitted.profile.samples, baseline),
+    }
+
+
+def fits_by_order(piece: Samples, fs: float, resolution: float) -> list[dict[str, Any]]:
+    """Fit a segment by the decaying sinusoid, by Prony's method at the paper's orders, and by modes."""
+    fits = [_of_modes("decaying sinusoid", fit_sinusoid(piece, fs), piece, fs)]
+    for order in PRONY_ORDERS:
+        filter_ = prony(piece, order)
+        with np.errstate(over="ignore", invalid="ignore"):
+            response = filter_.synthesize(piece.size)
+        said = {"pole_radius": filter_.pole_radius, "error": filter_.error, "response": response}
+        fits.append({"method": "Prony", "order": order} | said)
+    return [*fits, _of_modes("stable modes", fit_modes(piece, fs, resolution), piece, fs)]
+
+
+def _of_modes(method: str, modes: DecayingModes, piece: Samples, fs: float) -> dict[str, Any]:
+    response = modes.synthesize(piece.size, fs)
+    return {
+        "method": method,
+        "order": int(np.sum(1 + (modes.frequency_hz > 0))),
+        "pole_radius": float(np.exp(-modes.decay_per_s.min(initial=np.inf) / fs)),
+        "error": float(np.mean(np.abs(piece - response))),
+        "response": response,
+    }
+
+
+# Truth found again ------------------------------------------------------------------------------------------
+
+
+def recover(thing: SimulatedObject, seed: int, *, repeatability: float = 0.01) -> Samples:
+    """Return the errors of one trial, in the order of `BOUNDS`: a section and a scan, forty for the law."""
+    rng = stream(seed, 50, [each.name for each in OBJECTS].index(thing.name))
+    law = fit_level_law(level_scans(thing, rng, repeatability=repeatability), thing.law.k_c).law
+    section = lay_out(thing, DURATION_S * thing.speed, rng)
+    scan = simulate_scan(thing, section, rng)
+    profile = profile_of(normalised(scan, _amplitude(scan, law)), scan.fs)
+    return np.array([
+        profile.segmentation.n_segments / scan.distance_mm[-1] / thing.density_per_mm - 1,
+        profile.band.major_hz - TABLE_1[thing.name][ROW.index("f_major_hz")],
+        law.k_v / thing.law.k_v - 1,
+        law.a_0 / thing.law.a_0 - 1,
+    ])  # fmt: skip
+
+
+def recoveries(seed: int, n_trials: int, *, repeatability: float = 0.01) -> dict[str, Samples]:
+    """Return the errors over many sections of every object, shape (4, n_trials); f_major in Hz."""
+    return {
+        thing.name: np.stack(
+            [recover(thing, seed + 1000 * i, repeatability=repeatability) for i in range(n_trials)], axis=1
+        )
+        for thing in OBJECTS
+    }
+
+
+def within_bounds(errors: Samples) -> dict[str, tuple[float, float, int]]:
+    """Return median and 95th percentile of the absolute error, and how many trials lie within `BOUNDS`."""
+    return {
+        quantity: (float(np.median(row)), float(np.quantile(row, 0.95)), int(np.sum(row <= bound)))
+        for (quantity, bound), row in zip(BOUNDS.items(), np.abs(errors), strict=True)
+    }
+
+
+# Textures against scans at other speeds, and along random paths ---------------------------------------------
+
+
+def at_speeds(
+    thing: SimulatedObject, rng: np.random.Generator
+) -> tuple[SpatialTexture, list[dict[str, Any]]]:
+    """Fit a texture to a slow scan and render it along scans of the section at further speeds.
+
+    Each is compared within the texture's band: scan, rendered, fit (of the spectra), level (RMS of the
+    rendered over that of the scanned) and level_printed (with the amplitude as printed, see `Amplitude`).
+    """
+    section = lay_out(thing, 10 * thing.speed, rng)
+    fitted = fit_texture(simulate_scan(thing, section, rng), thing.law)
+    texture, pairs = fitted.texture, []
+    plain = replace(texture, scaling=replace(texture.scaling, compensated=False))
+    for step in SPEED_STEPS:
+        scan = simulate_scan(thing, section, rng, speed=step * thing.speed)
+        a = within(scan.acceleration, fitted.profile.cutoff_hz, scan.fs)
+        rendered, printed = (
+            each.renderer().process(scan.velocity, scan.force, scan.position) for each in (texture, plain)
+        )
+        levels = [float(np.sqrt(np.mean(y**2) / np.mean(a**2))) for y in (rendered, printed)]
+        said = {"fit": goodness_of_fit(a, rendered), "level": levels[0], "level_printed": levels[1]}
+        pairs.append({"scan": scan, "rendered": rendered} | said)
+    return texture, pairs
+
+
+def within(acceleration: Samples, cutoff_hz: float, fs: float) -> Samples:
+    """Return what the band of the texture holds of a recording."""
+    a: Samples = np.asarray(acceleration - acceleration.mean())
+    if cutoff_hz >= fs / 2:
+        return a
+    return np.asarray(signals.causal(signals.butterworth("lowpass", cutoff_hz, fs), a)[0])
+
+
+def random_paths(
+    textures: Sequence[SpatialTexture], rng: np.random.Generator, n_paths: int = 1000, n_samples: int = 500
+) -> dict[str, Any]:
+    """Render random paths: wandering, jumps, standing still, lifting off, speeds to 5 m/s, forces to 20 N.
+
+    Returns n_paths, largest (output over the recorded peak), limited (part of the samples at the limit),
+    most_ringing (modes at once) and finite.
+    """
+    largest, limited, ringing, finite = 0.0, 0, 0, True
+    for i in range(n_paths):
+        texture = textures[i % len(textures)]
+        renderer = texture.renderer()
+        fastest, hardest = 10 ** rng.uniform(0, 3.7), 10 ** rng.uniform(-1, 1.3)
+        velocity = fastest * _smooth(rng.standard_normal((n_samples, 2)))
+        force = hardest * (_smooth(rng.standard_normal((n_samples, 1)))[:, 0] + rng.uniform(-0.5, 1))
+        position = np.cumsum(velocity, axis=0) / texture.fs
+        if i % 4 == 0:  # jumps
+            position += 100 * np.round(rng.random((n_samples, 1)) - 0.49)
+        for part in np.array_split(np.arange(n_samples), 8):
+            out = renderer.process(velocity[part], force[part], position[part])
+            relative = np.abs(out) / texture.peak
+            finite = finite and bool(np.all(np.isfinite(out)))
+            largest = max(largest, float(relative.max()))
+            limited += int(np.sum(relative >= 7.999))
+            ringing = max(ringing, renderer.n_ringing)
+    return {
+        "n_paths": n_paths,
+        "largest": largest,
+        "limited": limited / (n_paths * n_samples),
+        "most_ringing": ringing,
+        "finite": finite,
+    }
+
+
+def _smooth(x: Samples) -> Samples:
+    y = ndimage.gaussian_filter1d(x, 25, axis=0)
+    return np.asarray(y / max(float(np.abs(y).max()), 1e-12))
+
+
+# Recordings of others: a freehand stylus with speed and force, and excerpts without -------------------------
+
+
+def cleaned(scan: Scan) -> Scan:
+    """Return a `stylus6` scan without the device's lines and without wild values of speed and force."""
+    a = signals.lowpass(scan.acceleration - scan.acceleration.mean(), HIGHEST_HZ, scan.fs)
+    for line in LINES_HZ:
+        a = signal.filtfilt(*signal.iirnotch(line, line / 2.0, scan.fs), a)  # 2 Hz wide
+    speed = ndimage.median_filter(scan.speed, 51)
+    force = ndimage.median_filter(scan.force, 51)
+    return Scan.along_line(a, speed, force, scan.fs, scan.name)
+
+
+def held_out(scan: Scan, *, piece_s: float = 0.25) -> dict[str, Any]:
+    """Fit law and texture to the first half of a freehand scan, and render its second half.
+
+    Returns name, law and r_squared; of the first half f_max_hz, f_major_hz, segments_per_mm, poles and
+    sad_bandpass (relative to the mean absolute profile); of the second level (RMS of the rendered over
+    that of the recorded), fit (of the spectra) and level_correlation (of the RMS in windows of 0.25 s).
+    """
+    n = len(scan) // 2
+    first, second = scan.part(0, n), scan.part(n, 2 * n)
+    size = int(piece_s * scan.fs)
+    level = fit_level_law([first.part(i, i + size) for i in range(0, n - size + 1, size)])
+    resolution = RELATIVE_BIT * float(first.acceleration.std())
+    fitted = fit_texture(first, level.law, resolution=resolution, course="travelled")
+    rendered = fitted.texture.renderer().process(second.velocity, second.force, second.position)
+    recorded = within(second.acceleration, fitted.profile.cutoff_hz, scan.fs)
+    levels = [
+        np.sqrt(np.mean(x[: x.size // size * size].reshape(-1, size) ** 2, axis=1))
+        for x in (recorded, rendered)
+    ]
+    return {
+        "name": scan.name,
+        "law": level.law,
+        "r_squared": level.r_squared,
+        **_band(fitted),
+        "segments_per_mm": fitted.profile.segmentation.n_segments / first.distance_mm[-1],
+        "poles": float(fitted.responses.n_poles.mean()),
+        "sad_bandpass": _relative_difference(fitted),
+        "level": float(np.sqrt(np.mean(rendered**2) / np.mean(recorded**2))),
+        "fit": goodness_of_fit(recorded, rendered),
+        "level_correlation": float(np.corrcoef(*levels)[0, 1]),
+    }
+
+
+def excerpt(acceleration: Samples, fs: float, name: str) -> dict[str, Any]:
+    """Fit the filters of a recording of which only the acceleration is known, in any unit."""
+    scan = Scan.along_line(acceleration, 100.0, 1.0, fs, name)
+    fitted = fit_texture(scan, resolution=RELATIVE_BIT * float(np.std(acceleration)))
+    return {
+        "name": name,
+        **_band(fitted),
+        "segments_per_s": fitted.profile.segmentation.n_segments / len(scan) * fs,
+        "poles": float(fitted.responses.n_poles.mean()),
+        "sad_bandpass": _relative_difference(fitted),
+    }
+
+
+def _band(fitted: FittedScan) -> dict[str, float]:
+    return {"f_max_hz": fitted.profile.band.upper_hz, "f_major_hz": fitted.profile.band.major_hz}
+
+
+def _relative_difference(fitted: FittedScan) -> float:
+    x = fitted.profile.samples
+    total = fitted.responses.sum(x.size, fitted.scan.fs)
+    return float(np.mean(np.abs(x - total)) / np.mean(np.abs(x)))
