@@ -14,6 +14,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUM
 
 import hashlib
 import json
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,13 +22,16 @@ from pathlib import Path
 
 import numpy as np
 from scipy import signal
-from texclass.textures.guruswamy2011.renderer import N_RINGING
-from texclass.textures.guruswamy2011.simulated import OBJECTS, lay_out, simulate_scan
 
 from texclass.provenance import versions
 from texclass.textures.guruswamy2011 import SpatialTexture, fit_texture
+from texclass.textures.guruswamy2011.texture import N_RINGING
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "examples" / "papers"))
+
+from guruswamy2011_objects import OBJECTS, lay_out, simulate_scan
+
 SEED, FS, RUN_S = 0, 1000.0, 60.0
 COPIES = (1, 100, 10_000)
 MODES = ("frequency_hz", "decay_per_s", "amplitude", "phase")

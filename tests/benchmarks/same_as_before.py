@@ -244,7 +244,7 @@ def vibration() -> SimpleNamespace:
 
 def fitted_textures(plates: Sequence[np.ndarray], speeds: Sequence[float]) -> dict[str, Any]:
     """Return a texture of each way of the four papers, fitted to simulated recordings."""
-    from texclass.textures.guruswamy2011.simulated import OBJECTS, lay_out, simulate_scan
+    from guruswamy2011_objects import OBJECTS, lay_out, simulate_scan
 
     from texclass.textures import abdulali2016, guruswamy2011, oeztuerk2018
 
@@ -267,15 +267,15 @@ def fitted_textures(plates: Sequence[np.ndarray], speeds: Sequence[float]) -> di
 
 def fitted_taps() -> tuple[Any, Any, np.ndarray]:
     """Return a library of taps, what it was fitted to (A, B, f), and the force of a virtual wall."""
-    from texclass.textures.okamura2001.simulated import FS, TABLE_I, simulate_taps
+    from okamura2001_taps import FS, TABLE_I, simulate_taps
 
     from texclass.textures import okamura2001
 
     rng, materials = np.random.default_rng(5), ("wood", "rubber")
     made = {name: simulate_taps(TABLE_I[name], rng, FS["wood"], n_taps=6) for name in materials}
     library, _ = okamura2001.fit_library(
-        {name: one.taps for name, one in made.items()},
-        {name: one.velocity for name, one in made.items()},
+        {name: taps for name, (taps, _) in made.items()},
+        {name: velocity for name, (_, velocity) in made.items()},
         FS["wood"],
     )
     device = okamura2001.Device(limit_n=50.0)
@@ -1140,7 +1140,7 @@ def main() -> int:
     os.environ.setdefault("TEXCLASS_DATA", str(PROJECT.parent / "shared" / "data"))
     os.environ["TEXCLASS_CACHE"] = str(SCRATCH / "cache")
     os.environ["PYTHONPATH"] = os.pathsep.join([str(PROJECT), os.environ.get("PYTHONPATH", "")])  # of workers
-    sys.path.insert(0, str(PROJECT))
+    sys.path[:0] = [str(PROJECT), str(PROJECT / "examples" / "papers")]
     n_different = 0
     for name in names:
         started = time.process_time()

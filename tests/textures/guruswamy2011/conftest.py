@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from texclass.textures.guruswamy2011.simulated import OBJECTS, lay_out, simulate_scan
+from guruswamy2011_objects import OBJECTS, lay_out, simulate_scan
 
 from texclass.textures.guruswamy2011 import FittedScan, fit_texture
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
-from texclass.textures.guruswamy2011.profile import band_of, profile_of
+
+from texclass.textures.guruswamy2011 import band_of, profile_of
 
 FS = 500.0
 

@@ -4,10 +4,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from texclass.textures.guruswamy2011.renderer import LARGEST_OUTPUT, N_RINGING, PLAY_MM, SILENT
 
 from texclass.textures.contract import Renderer
-from texclass.textures.guruswamy2011 import Amplitude, LevelLaw, SpatialTexture, _kernels
+from texclass.textures.guruswamy2011 import Amplitude, LevelLaw, SpatialTexture
+from texclass.textures.guruswamy2011 import texture as kernels
+from texclass.textures.guruswamy2011.texture import LARGEST_OUTPUT, N_RINGING, PLAY_MM, SILENT
 from texclass.vibration.decaying_modes import DecayingModes
 
 FS = 500.0
@@ -58,7 +59,7 @@ def test_output_is_the_sum_of_equation_5(speed):
 def test_kernel_scales_as_the_law_says(speed, force, compensated):
     scaling = Amplitude(LAW, 20.0, 0.5, compensated)
     law = np.array([20.0, 0.5, 0.3, 20.0, 0.5, compensated, 4.0])
-    assert _kernels.factor(speed, force, law) == pytest.approx(float(scaling.factor(speed, force)))
+    assert kernels.factor(speed, force, law) == pytest.approx(float(scaling.factor(speed, force)))
 
 
 def test_features_are_fixed_in_space_and_decay_in_time():

@@ -1,16 +1,14 @@
 import numpy as np
 import pytest
-from texclass.textures.guruswamy2011.orders import fits_by_order
-from texclass.textures.guruswamy2011.responses import (
+
+from texclass.textures.guruswamy2011.fit import (
     CANCELLING,
     MAX_POLES,
     RING_S,
     fit_modes,
-    fit_published,
     fit_responses,
     fit_sinusoid,
 )
-
 from texclass.vibration.decaying_modes import DecayingModes
 
 FS = 500.0
@@ -58,20 +56,6 @@ def test_subtracted_tails_make_the_sum_the_profile_again():
     )
     assert np.mean(np.abs(subtracted - x)) < 2e-3
     assert np.mean(np.abs(ignored - x)) > 0.05
-
-
-def test_filters_as_published_meet_the_resolution_within_their_segment():
-    pieces = [RING.synthesize(n, FS) for n in (40, 3, 1, 90)]
-    found = fit_published(pieces, 0.153)
-    assert all(f.error < 0.153 for f in found)
-
-
-def test_more_than_a_sinusoid_is_needed_for_two_modes():
-    fits = {(fit.method, fit.order): fit for fit in fits_by_order(RING.synthesize(90, FS), FS, 0.05)}
-    assert fits["decaying sinusoid", 2].error > 0.1
-    assert fits["stable modes", 4].error < 0.05
-    assert fits["stable modes", 4].pole_radius < 1
-    assert fits["Prony", 106].error < 1e-9
 
 
 def test_modes_do_not_nearly_cancel():
