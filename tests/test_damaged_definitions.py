@@ -147,21 +147,6 @@ def test_a_result_with_a_number_that_no_figure_shows_is_refused(number, tmp_path
     _changed("result for the page", '"ms_per_recording": 3.5', f'"ms_per_recording": {number}', tmp_path)
 
 
-def test_an_axis_of_nothing_but_zeros_has_a_length():
-    from texclass.reporting.page.scales import around
-
-    assert around([0.0, 0.0], zero=True).ticks[0] == 0.0
-    assert around([0.0, 0.0], zero=True)(0.0) == 0.0
-
-
-def test_a_section_that_cannot_be_drawn_names_its_file(monkeypatch):
-    from texclass.reporting.page import Result, render, render_page
-
-    monkeypatch.setitem(render.SECTIONS, "benchmark", lambda data: dict(data)["rows"])
-    with pytest.raises(ValueError, match=r"odd\.json: cannot be shown"):
-        render_page([Result("odd.json", "benchmark", {})])
-
-
 @pytest.mark.parametrize("text", [b"[", b"\xff", b"[]", b"[" * 5000, b"{}"])
 def test_what_a_peer_left_half_written_is_no_outcome(text, tmp_path):
     from texclass.peers.launch import read_outcome

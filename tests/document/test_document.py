@@ -52,7 +52,7 @@ def a_document():
         "Confusion matrix",
         "1 of 10 is taken for another.",
         {"oak": "", HOSTILE: "hard"},
-        {"oak": (Shade("d5", "9", "oak recognised: 9 of 9"), Shade())},
+        {"oak": (Shade("d5", "9", "9 of 9"), Shade())},
         {"d1 d5": "right"},
     )
     blocks = [
@@ -116,7 +116,7 @@ def test_columns_of_two_levels_are_titled_in_two_lines():
     head = re.findall("<thead>(.*?)</thead>", render_page([Document("toy", [a_table()])]), re.S)[0]
     assert head.count("<tr>") == 2
     assert 'colspan="2" class="group">LDA' in head
-    assert 'data-column="3" class="num">Paper %' in head
+    assert 'data-column="3" class="num">Paper\xa0%' in head
 
 
 def test_a_picture_holds_text_the_colours_of_the_page_and_words_for_who_does_not_see_it():

@@ -8,8 +8,8 @@ from toy_surfaces import pipeline, recording, surfaces
 from texclass.experiment.feature_table import metadata
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recognition import load_model, train
+from texclass.recognition.model_document import model_document
 from texclass.recognition.training import ENOUGH_REPETITIONS, holding_out
-from texclass.reporting.models import model_table
 
 
 def _table(n=ENOUGH_REPETITIONS, materials=("cork", "felt"), **facts):
@@ -102,8 +102,7 @@ def test_blocks_raise_fewer_false_alarms_when_a_sensor_drifts(drifting, tmp_path
     assert _false_alarms(made[None], late) < _false_alarms(made["recording"], late) - 0.1
     assert np.mean([made[None].answer(recording("stranger", seed)).unknown for seed in range(10)]) >= 0.8
     made[None].save(tmp_path / "m.skops")
-    said = model_table(load_model(tmp_path / "m.skops").manifest, 13)
-    told = {str(name): str(value) for name, value in zip(*(c._cells for c in said.columns), strict=True)}
+    (told,) = model_document(load_model(tmp_path / "m.skops")).blocks
     assert told["Held out"].startswith("protocol blocks, 1 fold (20 numbered repetitions")
     assert ("drift makes distances" in told["Held out"]) == (classifier == "lda")
 

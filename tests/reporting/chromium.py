@@ -1,6 +1,5 @@
 """A headless Chromium, driven over two pipes: nothing but the standard library is needed."""
 
-import base64
 import json
 import os
 import subprocess
@@ -96,17 +95,9 @@ class Browser:
     def press(self, key: str, code: int) -> None:
         """Press a key: its name and its Windows code."""
         for kind in ("keyDown", "keyUp"):
-            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code)
-
-    def picture(self, path: Path) -> None:
-        """Write the whole page as PNG."""
-        found = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=True)
-        path.write_bytes(base64.b64decode(found["data"]))
-
-    def pdf(self, path: Path) -> None:
-        """Write the page as it would be printed."""
-        found = self.call("Page.printToPDF", preferCSSPageSize=True)
-        path.write_bytes(base64.b64decode(found["data"]))
+            text = {"text": "\r"} if (kind, key) == ("keyDown", "Enter") else {}
+            names = {"key": key, "code": key, "windowsVirtualKeyCode": code}
+            self.call("Input.dispatchKeyEvent", type=kind, **names, **text)
 
     def close(self) -> None:
         """End the browser."""

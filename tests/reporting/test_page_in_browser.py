@@ -4,9 +4,9 @@ import shutil
 
 import pytest
 from chromium import Browser
-from page_results import write_all
+from told import FILES
 
-from texclass.reporting.page import write_page
+from texclass.reporting import write_page
 
 CHROMIUM = next(
     (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))),
@@ -33,13 +33,17 @@ CONTRASTS = """(() => {
     const element = t.parentElement, name = element.localName;
     if (!t.textContent.trim() || ["script", "title"].includes(name)) continue;
     const style = getComputedStyle(element);
-    const inside = element.classList.contains("inside");
-    const text = channels(element instanceof SVGElement ? style.fill : style.color);
-    const mark = inside && element.parentElement.querySelector(".mark");
-    const ground = mark ? channels(getComputedStyle(mark).fill) : behind(element);
-    const [high, low] = [luminance(text), luminance(ground)].sort((a, b) => b - a);
+    if (!element.checkVisibility()) continue;
+    const isDrawn = element instanceof SVGElement;
+    const text = channels(isDrawn ? style.fill : style.color);
+    const inMark = isDrawn && style.fontWeight >= 700;  // a number inside one of these
+    const marks = inMark ? [...element.closest("svg").querySelectorAll(".point use")] : [];
+    const grounds = inMark ? marks.map((m) => channels(getComputedStyle(m).fill)) : [behind(element)];
     const kind = element.className.baseVal ?? element.className;
-    found.push([(high + 0.05) / (low + 0.05), `${name}.${kind}: ${t.textContent}`]);
+    for (const ground of grounds) {
+      const [high, low] = [luminance(text), luminance(ground)].sort((a, b) => b - a);
+      found.push([(high + 0.05) / (low + 0.05), `${name}.${kind}: ${t.textContent}`]);
+    }
   }
   return found.sort((a, b) => a[0] - b[0]);
 })()"""
@@ -50,7 +54,7 @@ NAMED = """[...document.querySelectorAll("svg, img")].filter((picture) => {
 }).length"""
 FOCUSED = """(() => {
   const e = document.activeElement, all = [...document.querySelectorAll("*")];
-  const mark = e.querySelector?.(".mark, .bar");
+  const mark = e.querySelector?.("use, path");
   const ringed = mark && getComputedStyle(mark).strokeWidth === "4px";
   const seen = getComputedStyle(e).outlineStyle !== "none" || ringed;
   return [all.indexOf(e), e.localName, e.className.baseVal ?? e.className, Boolean(seen)];
@@ -59,8 +63,7 @@ FOCUSED = """(() => {
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("page")
-    return write_page(write_all(folder), folder / "report.html")
+    return write_page(FILES, tmp_path_factory.mktemp("page") / "report.html")
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +117,7 @@ def test_the_tab_key_goes_down_the_page_and_what_has_the_focus_is_seen(browser, 
     assert all(seen for *_, seen in stops), [stop for stop in stops if not stop[-1]]
     assert stops[0][2] == "skip"
     kinds = [name for _, name, *_ in stops]
-    assert kinds.count("g") == browser.run("document.querySelectorAll('svg.plot').length")
+    assert kinds.count("g") == browser.run("document.querySelectorAll('svg.plot.wide:has(.point)').length")
     assert kinds.count("td") == browser.run("document.querySelectorAll('table.matrix').length")
     assert kinds.count("summary") == browser.run("document.querySelectorAll('summary').length")
 
@@ -129,7 +132,7 @@ def test_arrow_keys_move_through_the_matrix_and_say_what_is_there(browser, path)
     assert first.endswith("taken for material-01: 1 of 10 recordings (10 %)")
     assert browser.run(said) == first
     browser.press("ArrowDown", 40)
-    assert browser.run(label) == "material-01 recognised: 9 of 10 recordings (90 %)"
+    assert browser.run(label) == "material-01 taken for material-01: 9 of 10 recordings (90 %)"
     browser.press("End", 35)
     browser.press("ArrowRight", 39)
     assert browser.run("document.activeElement.cellIndex") == 3
@@ -137,7 +140,7 @@ def test_arrow_keys_move_through_the_matrix_and_say_what_is_there(browser, path)
 
 def test_arrow_keys_move_through_the_points_of_a_figure(browser, path):
     browser.open(path)
-    browser.run("document.querySelector('svg.plot .point').focus()")
+    browser.run("document.querySelector('svg.plot.wide .point').focus()")
     label = "document.activeElement.getAttribute('aria-label')"
     first = browser.run(label)
     browser.press("ArrowRight", 39)
@@ -156,3 +159,23 @@ def test_hostile_names_ran_nothing(browser, path):
     browser.open(path)
     assert browser.run("document.querySelectorAll('script').length") == 1
     assert "alert" in browser.run("document.querySelector('table.matrix').textContent")
+
+
+def test_a_heading_sorts_its_column_by_click_and_by_key(browser, path):
+    browser.open(path)
+    rows = """[...document.querySelector("#s1 table.sorts").tBodies[0].rows]
+      .map((row) => row.cells[0].textContent)"""
+    as_written = browser.run(rows)
+    button = "document.querySelectorAll('#s1 table.sorts [data-column=\"1\"] button')[0]"
+    state = f"{button}.closest('th').getAttribute('aria-sort')"
+    browser.run(f"{button}.click()")
+    assert browser.run(state) == "descending"
+    assert browser.run(rows)[0] == "All"
+    assert browser.run(rows)[-1] == "Friction"
+    browser.run(f"{button}.focus()")
+    browser.press("Enter", 13)
+    assert browser.run(state) == "ascending"
+    assert browser.run(rows) == [as_written[1], as_written[0], "Friction"]
+    browser.press("Enter", 13)
+    assert browser.run(state) is None
+    assert browser.run(rows) == as_written

@@ -1,22 +1,12 @@
 """The command line: parse, call one function, print. Nothing heavy is imported before a command needs it."""
 
-# Importing a command's module puts the command into the program, in this order.
+# Importing commands puts them into the program, in this order.
 from texclass.cli import (
-    benchmark,
-    convert,
-    export,
-    extract,
-    inspect,
-    listings,
-    model,
-    predict,
-    report,
-    reproduce,
-    scene,
-    stability,
-    stream,
-    tradeoff,
-    train,
+    experiment_commands,
+    listing_commands,
+    model_commands,
+    scene_commands,
+    stream_command,
 )
 from texclass.cli.app import app, main
 

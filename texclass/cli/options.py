@@ -1,15 +1,15 @@
-"""What the commands share: arguments and options, opening a dataset, the console, the progress bar."""
+"""What the commands share: arguments and options, opening a dataset, telling a result, the progress bar."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
+    from texclass.document import Document
     from texclass.loaders import Dataset
 
 
@@ -75,6 +75,15 @@ SkipBadOption = Annotated[
     bool, typer.Option("--skip-bad", help="Leave bad recordings out and list them, instead of stopping.")
 ]
 
+PipelineOption = Annotated[
+    str,
+    typer.Option(help="A shipped pipeline, or a TOML of yours.", autocompletion=shipped("pipelines")),
+]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON here.")]
+MaxMsOption = Annotated[
+    float | None, typer.Option(help="Milliseconds that the features of a recording may take.")
+]
+MaxFeaturesOption = Annotated[int | None, typer.Option(help="Columns that may reach the classifier.")]
 TouchOption = Annotated[
     float | None,
     typer.Option("--touch", help="Classify single windows of so many seconds of movement, not recordings."),
@@ -85,6 +94,37 @@ TouchesOption = Annotated[
 ]
 
 
+PeersOption = Annotated[
+    bool,
+    typer.Option(
+        "--peers",
+        help="Run librosa MFCC, TSFEL, tsfresh, catch22, QUANT and the rockets on the same folds, too.",
+    ),
+]
+PeersPythonOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="The interpreter that has the peers and scikit-learn; this one by default (extra `peers`)."
+    ),
+]
+PeersOnlyOption = Annotated[
+    str | None, typer.Option(help="Only these peers, separated by commas: mfcc,minirocket.")
+]
+PeersLimitOption = Annotated[
+    int | None,
+    typer.Option(help="At most so many recordings: materials are left out whole, for ours as well."),
+]
+PeersSecondsOption = Annotated[
+    float, typer.Option(help="Time limit for each peer, in seconds; the folds it finished count.")
+]
+PeersSignalsOption = Annotated[
+    str,
+    typer.Option(
+        help="What peers are given: the `same` signals as our features, or `each` channel by itself."
+    ),
+]
+
+
 def open_recordings(dataset: str, fs: float | None, unit: str | None, skip_bad: bool) -> "Dataset":
     """Open a shipped card, a card of the user's, or a folder."""
     from texclass.loaders import open_dataset
@@ -92,31 +132,20 @@ def open_recordings(dataset: str, fs: float | None, unit: str | None, skip_bad: 
     return open_dataset(dataset, fs=fs, unit=unit, skip_bad=skip_bad)
 
 
-def cut_touches(
-    dataset: "Dataset", seconds: float | None, per_recording: int | None, jobs: int, progress: Any = None
-) -> "Dataset":
-    """Cut a dataset into touches if their length is given, else return it as it is."""
-    from texclass.experiment import touches
-
-    if seconds is None:
-        if per_recording is not None:
-            raise ValueError(f"--touches is {per_recording}, but there is no --touch; the rule is both")
-        return dataset
-    return touches(dataset, seconds, per_recording=per_recording, n_jobs=jobs, progress=progress)
-
-
-def write_json(path: "Path | None", text: str) -> None:
+def write_json(path: Path | None, text: str) -> None:
     """Write a result as JSON where --json asked for it, if it did."""
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
 
 
-def console() -> Any:
-    """Return a rich console on standard output."""
-    from rich.console import Console
+def tell(document: "Document", written: Iterable[Path] = (), lines: Iterable[str] = ()) -> None:
+    """Print a document, lines below it, and the files that were written."""
+    from texclass.document import print_document
 
-    return Console()
+    print_document(document)
+    for line in (*lines, *(f"wrote {path}" for path in written)):
+        typer.echo(line)
 
 
 @contextmanager

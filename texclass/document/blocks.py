@@ -103,7 +103,7 @@ class Figure:
 
 
 class Shade(NamedTuple):
-    """A cell of a heat map: its colour ("d1" to "d5" good, "e1" to "e5" bad), its sign, and both in words."""
+    """A cell of a heat map: its colour ("d1" to "d5" good, "e1" to "e5" bad), its sign, and what it says."""
 
     look: str = ""
     sign: str = ""
@@ -128,6 +128,8 @@ class Heat:
         What an empty shade means.
     corner : str
         What the rows are.
+    between : str
+        Joins the names of row and column, before what their shade says.
     """
 
     name: str
@@ -138,6 +140,7 @@ class Heat:
     legend: Mapping[str, str] = field(default_factory=dict)
     empty: str = "none"
     corner: str = "Name"
+    between: str = ", "
     table: Table | None = None
 
 

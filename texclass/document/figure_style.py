@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure as Drawing
+from matplotlib.ticker import LogLocator, NullLocator
 
 from texclass.document.blocks import Heat
 
@@ -72,17 +73,26 @@ def row_axes(width: float, names: Sequence[str], x_title: str) -> tuple[Drawing,
     return figure, axes
 
 
-def legend_above(figure: Drawing, axes: "Axes", n_columns: int = 4) -> None:
-    """Draw the legend of one of the axes above all of them."""
-    handles, labels = axes.get_legend_handles_labels()
-    per_row = max(1, min(n_columns, int(figure.get_figwidth() / 2.2)))
-    figure.legend(handles, labels, loc="outside upper left", ncols=per_row)
+def legend_above(figure: Drawing, axes: "Axes") -> None:
+    """Draw the legend of one of the axes above all of them; of equal labels the last."""
+    named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    per_row = int(13 * figure.get_figwidth() / (6 + max(map(len, named), default=0)))
+    figure.legend(named.values(), named.keys(), loc="outside upper left", ncols=max(1, min(4, per_row)))
 
 
 def per_cent_limits(lows: Sequence[float]) -> tuple[float, float]:
     """Return limits of an axis in per cent: from the ten below the least value to a little above 100."""
     low = min(90.0, 10 * float(np.floor(min(lows, default=0.0) / 10)))
     return low - (100 - low) / 50, 100 + (100 - low) / 50
+
+
+def log_x(axes: "Axes") -> None:
+    """Make the horizontal axis logarithmic, with round numbers at its ticks."""
+    axes.set_xscale("log")
+    low, high = axes.get_xlim()
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 100 * low else (1,)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_locator(NullLocator())
 
 
 def shorten_middle(name: str, longest: int) -> str:

@@ -4,12 +4,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from texclass.document.blocks import Block, Document, Figure, Folded, Heading, Heat, Table
-from texclass.document.figure_style import WIDTH, draw_heat, save_figure
+from texclass.document.figure_style import drawn, save_figure
 from texclass.document.wording import split_interval, texts_of, titles_of
 
 
 def write_document(
-    document: Document, folder: str | Path, stem: str, *, pictures: bool = True
+    document: Document, folder: str | Path, stem: str, *, json: str = "", pictures: bool = True
 ) -> tuple[Path, ...]:
     """Write a document into a folder.
 
@@ -21,6 +21,8 @@ def write_document(
         Made if it does not exist.
     stem : str
         Begins the names: `stem.md`, and `stem-NAME.png` for each figure.
+    json : str
+        The result as JSON text, written into `stem.json`; none by default.
     pictures : bool
         Whether figures are drawn; else their sentences stand in the text.
 
@@ -31,15 +33,15 @@ def write_document(
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    text = folder / f"{stem}.md"
-    text.write_text(render_markdown(document, stem if pictures else None), encoding="utf-8")
-    drawn = []
+    texts = {"json": json, "md": render_markdown(document, stem if pictures else None)}
+    written = [folder / f"{stem}.{suffix}" for suffix, text in texts.items() if text]
+    for path in written:
+        path.write_text(texts[path.suffix[1:]], encoding="utf-8")
     for block in document.blocks if pictures else ():
         if isinstance(block, Figure | Heat):
-            drawn.append(folder / f"{stem}-{block.name}.png")
-            figure = draw_heat(block) if isinstance(block, Heat) else block.draw(WIDTH)
-            save_figure(figure, drawn[-1], title=f"{document.title}: {block.title}")
-    return (text, *drawn)
+            written.append(folder / f"{stem}-{block.name}.png")
+            save_figure(drawn(block), written[-1], title=f"{document.title}: {block.title}")
+    return tuple(written)
 
 
 def render_markdown(document: Document, stem: str | None = None) -> str:
@@ -60,6 +62,9 @@ def render_markdown(document: Document, stem: str | None = None) -> str:
         lines += [" ".join(filter(None, (f"**{value}**", found.interval, found.sentence, found.beside))), ""]
     for block in document.blocks:
         lines += [*_block(block, stem), ""]
+    if document.data:
+        name, facts = document.data
+        lines += [f"## Dataset {name}", "", *_list(facts), ""]
     if document.again:
         lines += ["## To compute it again", "", *_list(document.again)]
         if document.versions:

@@ -97,6 +97,7 @@ def _heads(table: Table) -> list[list[dict[str, Any]]]:
     """Return the titles of the columns: one line, or, if they have two levels, groups and what is in each."""
     titles: list[Any] = list(table.frame.columns)
     columns = [title if isinstance(title, tuple) else (title, "") for title in titles]
+    columns = [(group.replace(" %", "\xa0%"), part.replace(" %", "\xa0%")) for group, part in columns]
     below = [{"text": part, "span": 1, "rows": 1, "column": i} for i, (_, part) in enumerate(columns) if part]
     above: list[dict[str, Any]] = []
     for i, (group, part) in enumerate(columns):

@@ -13,9 +13,9 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from texclass.document.blocks import Block, Document, Figure, Folded, Heading, Heat, Table
-from texclass.document.wording import split_interval, texts_of, titles_of
+from texclass.document.wording import split_interval, texts_of
 
-LEAST_NAME, LEAST_WORDS = 18, 10
+LEAST_NAME, LEAST_WORDS = 16, 10
 """Characters that names, and other columns of words, keep at least, or their longest text if that is less."""
 
 
@@ -33,8 +33,7 @@ def render_terminal(document: Document) -> Group:
         value = " ".join(filter(None, (found.value, found.unit)))
         rest = " ".join(filter(None, (found.interval, found.sentence, found.beside)))
         parts.append(Text.assemble((value, "bold"), f" {rest}"))
-    shown = [part for block in document.blocks for part in _block(block)]
-    return Group(*parts, *([Text("")] if shown and len(parts) > 1 else []), *shown)
+    return Group(*parts, *(part for block in document.blocks for part in _block(block)))
 
 
 def _block(block: Block) -> Iterator[RenderableType]:
@@ -90,13 +89,15 @@ def _drawn(
 ) -> RichTable:
     drawn = RichTable(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
     cells: list[list[Any]] = []
-    titles = titles_of(table.frame, "\n")[:n_columns]
+    titles = _titles(table)[:n_columns]
     rows = [row[:n_columns] for row in texts_of(table.frame)]
     for i, why in table.instead.items():
-        rows[i] = [f"{rows[i][0]}\n  {why}", *[""] * (len(titles) - 1)]
+        brief = re.sub(r" \([^)]*\)", "", why)
+        rows[i] = [f"{rows[i][0]}\n  {brief}", *[""] * (len(titles) - 1)]
     for i, title in enumerate(titles):
         column = [row[i] for row in rows]
-        broken = title.replace(" ", "\n") if break_titles else title
+        broken = title if intervals else split_interval(title)[0]
+        broken = re.sub(" (?!%)", "\n", broken) if break_titles else broken
         if i < table.n_words:
             longest = _width((title, *column))
             drawn.add_column(title, min_width=min(LEAST_WORDS if i else LEAST_NAME, longest))
@@ -112,6 +113,20 @@ def _drawn(
         style = "bold" if i in table.strong else "dim" if i in table.instead else ""
         drawn.add_row(*row, style=style)
     return drawn
+
+
+def _titles(table: Table) -> list[str]:
+    """Return the titles of the columns; a group is named over the first of its columns."""
+    titles: list[Any] = list(table.frame.columns)
+    above = [title[0] if isinstance(title, tuple) else "" for title in titles]
+    return [
+        title
+        if isinstance(title, str)
+        else title[1]
+        if i and above[i - 1] == title[0]
+        else "\n".join(title).strip()
+        for i, title in enumerate(titles)
+    ]
 
 
 def _width(texts: Iterable[str]) -> int:

@@ -95,6 +95,7 @@ class FeatureStudy:
         """Return the study as plain JSON values: those of the result, and "new_feature"."""
         found = {
             "name": self.feature.name,
+            "summary": self.feature.summary,
             "phase": self.feature.phase,
             "unit": self.feature.unit,
             "reference": self.feature.reference,

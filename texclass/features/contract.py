@@ -53,6 +53,12 @@ class Gain:
     power: float = 0.0
     shift: float = 0.0
 
+    def __str__(self) -> str:
+        """Return what y becomes: g^0.5 y + 20 log10 g."""
+        scaled = "y" if self.power == 0 else "g y" if self.power == 1 else f"g^{self.power:.3g} y"
+        sign = "+" if self.shift > 0 else "-"
+        return f"{scaled} {sign} {abs(self.shift):.3g} log10 g" if self.shift else scaled
+
     def apply(self, value: Any, gain: float) -> Any:
         """Return what `value` becomes under `gain`."""
         return gain**self.power * np.asarray(value) + self.shift * np.log10(gain)

@@ -1,20 +1,5 @@
-"""Results to tables, pictures and files."""
+"""Pages of several results, the listings of what is shipped, and the picture of one recording."""
 
-from texclass.reporting.feature_report import feature_card, write_feature_report
-from texclass.reporting.inspection import draw_inspection
-from texclass.reporting.listings import dataset_table, feature_table
-from texclass.reporting.peers import peer_table, write_peer_report
-from texclass.reporting.report import write_report
-from texclass.reporting.tables import benchmark_table
+import lazy_loader
 
-__all__ = [
-    "benchmark_table",
-    "dataset_table",
-    "draw_inspection",
-    "feature_card",
-    "feature_table",
-    "peer_table",
-    "write_feature_report",
-    "write_peer_report",
-    "write_report",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,238 @@
+"""What a reader of a result sees, on a terminal and in Markdown."""
+
+import re
+
+import pytest
+from told import HOSTILE, document, everywhere, on_terminal, result
+
+from texclass.document import Figure, Heat, Table, render_markdown, write_document
+from texclass.document.figure_style import NARROW, WIDTH, drawn
+from texclass.experiment.gains_document import verdict
+
+KINDS = ["benchmark", "feature", "tradeoff", "peers", "invariance", "stability"]
+
+
+def table(told, i=0):
+    """Return the cells of a document's table by the name of its row."""
+    frame = [block for block in told.blocks if isinstance(block, Table)][i].frame
+    return {row[0]: list(row[1:]) for row in frame.itertuples(index=False)}
+
+
+def figure(told, name):
+    return next(block for block in told.blocks if isinstance(block, Figure | Heat) and block.name == name)
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("benchmark", ["Pipeline small: 100 recordings of 3 materials", "leave one operator out, 2 folds",
+                       "[82.6, 94.5] of the recordings", "highest of 3 pairs", "Columns that All selects",
+                       "mfcc.c1 100%", "significantly (corrected p below 0.05)", "exact McNemar test",
+                       "not computed: no friction signal", "onerror"]),
+        ("feature", ["crest", "2 ms per recording alone; 0.5 ms more", "mfcc.c1 -0.50", "R² = 0.20",
+                     "1 of 1 answered", "declared y(g x) = g y; measured the same", "+5.0"]),
+        ("tradeoff", ["89.5", "of the 8 ms of the full set", "1 columns of mfcc", "2.2 ms measured",
+                      "misses the measured cost of 1 random subsets by at most 5 %", "4 ms more"]),
+        ("peers", ["+5.0 points", "ours is ahead", "1 times its total time", "ours: All", "not installed",
+                   "exact McNemar", "60 s"]),
+        ("invariance", ["2.5 times", "related work: 0.5", "Trend"]),
+        ("stability", ["of 2 pairs of subject and input are wrong", "same rule: 1 of 2", "not installed"]),
+    ],
+)  # fmt: skip
+def test_every_result_is_told_on_the_terminal_and_in_markdown(kind, said):
+    for told in everywhere(document(kind)):
+        for text in said:
+            assert text in told, text
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_reports_repeat_byte_for_byte_and_hold_everything_to_compute_them_again(kind, tmp_path):
+    first, second = (write_document(document(kind), tmp_path / name, "x", json="{}") for name in ("a", "b"))
+    assert all(p.read_bytes() == q.read_bytes() for p, q in zip(first, second, strict=True))
+    assert [path.suffix for path in first[:2]] == [".json", ".md"]
+    text = first[1].read_text(encoding="utf-8")
+    assert re.search(r"^- \w*[Ss]eed: \d+$", text, re.M)
+    assert "- Versions: texclass 1" in text
+    for path in first[2:]:
+        assert f"]({path.name})" in text
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    assert all(line.replace("\\|", "").endswith("|") for line in lines)
+
+
+def test_a_row_holds_ours_with_its_interval_then_the_published_figure():
+    rows = table(document("benchmark"))
+    assert rows["All"] == ["12", "90.0 [82.6, 94.5]", "86", "80.0 [71.1, 86.7]", "3.50"]
+    assert "Friction not computed: no friction signal" in everywhere(document("benchmark"))[0]
+
+
+def test_where_nothing_is_published_there_is_no_column_for_it():
+    data = result("benchmark")
+    for row in data["rows"]:
+        row["paper"] = {}
+    assert all("aper" not in told for told in everywhere(document("benchmark", data)))
+    assert "No row of this table has a published figure." in everywhere(document("benchmark", data))[0]
+
+
+@pytest.mark.parametrize("width", [50, 60, 80, 120])
+def test_a_terminal_of_any_width_breaks_no_number(width):
+    data = result("benchmark")
+    data["rows"][1]["name"] = "Roughness of a surface"
+    line = next(
+        line for line in on_terminal(document("benchmark", data), width).splitlines() if line[:4] == "All "
+    )
+    words = [word for word in line.split() if "–" not in word]
+    assert words == ["All", "12", "90.0", "86", "80.0", "3.50"]
+    assert ("83–94" in line) == (width > 50)
+
+
+def test_windows_have_their_balance_and_the_vote_of_each_run():
+    data = result("benchmark")
+    data["dataset"]["n_windows"] = 800
+    for row in data["rows"]:
+        for accuracy in row["accuracy"].values():
+            accuracy |= {"interval": "bootstrap over runs"}
+            accuracy["per_run"] = accuracy.pop("per_recording", {"mean": 1.0, "low": 0.4, "high": 1.0})
+    told = document("benchmark", data)
+    assert table(told, 1)["All"] == ["85.0", "90.0 [69.9, 97.2]", "80.0", "100.0 [40.0, 100.0]"]
+    for text in everywhere(told):
+        for said in ("800 windows of 100 recordings", "share of windows", "bootstrap over runs", "majority"):
+            assert said in text
+
+
+def test_balanced_accuracies_equal_to_the_others_need_no_table():
+    data = result("benchmark")
+    for row in data["rows"]:
+        for accuracy in row["accuracy"].values():
+            accuracy["balanced"] = accuracy["mean"]
+            accuracy.pop("per_recording", None)
+    assert "other terms" not in render_markdown(document("benchmark", data))
+    assert "Balanced: mean over materials." in render_markdown(document("benchmark"))
+
+
+def test_what_was_chosen_inside_the_training_parts_is_told():
+    choice = {"accuracy": {"mean": 0.7, "low": 0.604, "high": 0.781}, "protocol": "blocks",
+              "chosen": [["All", "lda"], ["Level", "lda"], ["All", "lda"]]}  # fmt: skip
+    told, _ = everywhere(document("benchmark", result("benchmark") | {"choice": choice}))
+    assert "where tests have no say: 70 % [60.4, 78.1]." in told
+    assert "chosen: All, LDA (2 of 3 folds); Level, LDA (1 of 3 folds)." in told
+
+
+def test_left_out_flagged_and_undefined_are_listed_up_to_a_number():
+    more = {
+        "left_out": [["r1", "empty"]],
+        "flags": [[f"r{i}", "clipped"] for i in range(9)],
+        "undefined": [{"feature": "waviness", "reason": "too short", "n_recordings": n} for n in (3, 100)],
+    }
+    told, _ = everywhere(document("benchmark", result("benchmark") | more))
+    assert "Recordings left out, 1: r1: empty." in told
+    assert "r5: clipped; and 3 more, in the JSON." in told
+    assert "waviness in 3 of 100: too short" in told
+    assert "100 of 100" not in told
+
+
+def test_the_confusion_matrix_says_each_pair():
+    heat = figure(document("benchmark"), "confusion")
+    assert heat.says.startswith("3 of 30 recordings are taken for another material")
+    shade = heat.rows[HOSTILE][0]
+    assert shade == ("d5", "9", "9 of 10 recordings (90 %)")
+    assert heat.rows[HOSTILE][1].look == "e1"
+    assert not heat.rows[HOSTILE][2].sign
+
+
+@pytest.mark.parametrize(
+    ("change", "low", "high"),
+    [
+        (lambda data: None, 40, 90),
+        (lambda data: data["rows"].pop(1), 80, 95),
+        (lambda data: data["rows"][1]["accuracy"]["lda"].update(mean=0.1, low=0.05), 0, 10),
+    ],
+)
+def test_the_axis_of_all_rows_begins_below_all_that_it_shows(change, low, high):
+    data = result("benchmark")
+    change(data)
+    for width in (WIDTH, NARROW):
+        (axes,) = drawn(figure(document("benchmark", data), "ranking"), width).axes
+        begin, end = axes.get_xlim()
+        assert begin <= low
+        assert low - begin <= 12
+        assert end >= 100
+        chance = [line for line in axes.lines if line.get_label() == "chance"]
+        assert bool(chance) == (begin < 100 / 3)
+
+
+def test_gains_claim_no_more_than_was_found():
+    gains = result("benchmark")["gains"]
+    assert "groups change the accuracy significantly (corrected p below 0.05): taps +5.0 points." in verdict(
+        gains
+    )
+    gains["groups"][0]["p_corrected"] = 0.4
+    assert verdict(gains) == "No significant difference with taps (corrected p below 0.05)."
+    assert "nothing to gain" in verdict(gains | {"without": {"accuracy": 1}})
+    assert verdict(gains | {"groups": gains["groups"][1:]}) == "The dataset has none of the groups."
+    told = document("benchmark")
+    assert table(told, 2)["+ taps"] == ["15", "95.0", "+5.0 [+1.0, +9.0]", "2/1", "0.012", "0.024", "4.00"]
+    (axes,) = drawn(figure(told, "gains")).axes
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["+ taps"]
+
+
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        (None, "not measured"),
+        ({"declared": {"power": 2, "shift": 0}, "measured": {"power": 2, "shift": 0}, "deviation": 1e-15,
+          "holds": True}, "declared y(g x) = g^2 y; measured the same"),
+        ({"declared": {"power": 0, "shift": -20}, "measured": {"power": 0.5, "shift": 1}, "deviation": 0.99,
+          "holds": False}, "y(g x) = y - 20 log10 g; BROKEN by 0.99; measured y(g x) = g^0.5 y + 1 log10 g"),
+        ({"declared": {"power": 0, "shift": 0}, "measured": {"power": 0, "shift": 0}, "deviation": 0.5,
+          "measured_deviation": 0.5, "holds": False}, "measured another, of no power and no shift"),
+    ],
+)  # fmt: skip
+def test_a_gain_law_is_told_as_an_equation(law, said):
+    data = result("feature")
+    data["new_feature"]["gain_law"] = law
+    assert said in everywhere(document("feature", data))[0]
+
+
+def test_a_feature_that_breaks_the_contract_or_joins_nothing_is_told():
+    data = result("feature")
+    data["new_feature"]["behaviour"].append(
+        {"input": "one NaN", "answer": "no reason", "detail": "nan", "kept": False}
+    )
+    told, _ = everywhere(document("feature", data))
+    assert "1 of 2 answered as the contract asks" in told
+    assert "one NaN no reason nan BROKEN" in told
+    assert "there is no row that it can join" in everywhere(document("feature", data | {"gains": None}))[0]
+
+
+def test_the_front_marks_knee_half_and_the_full_set():
+    rows = table(document("tradeoff"))
+    assert rows["2"][-1] == "knee, half the cost"
+    assert rows["full set"][:2] == ["8", "2"]
+    data = result("tradeoff")
+    data["dataset"] |= {"materials": ["oak", "felt"], "max_seconds": 2.0}
+    told, _ = everywhere(document("tradeoff", data))
+    assert "for oak, felt" in told
+    assert "2 s of each" in told
+
+
+def test_who_did_not_finish_is_told_with_the_reason():
+    data = result("peers")
+    late = data["contestants"][1] | {
+        "name": "quant", "title": "QUANT", "status": "out of time", "message": "stopped after 9 s",
+        "n_folds": 1, "reference": "10,000 kernels",
+    }  # fmt: skip
+    data["contestants"].append(late)
+    text = " ".join(render_markdown(document("peers", data)).split())
+    for said in ("QUANT, Ridge: stopped after 9 s", "1 of 2 folds", "needs tsfel", "10,000 kernels", "aeon"):
+        assert said in text
+    axes = drawn(figure(document("peers", data), "time")).axes[0]
+    assert {text.get_text() for text in axes.texts} == {"1", "2", "3"}
+    del data["contestants"][1]
+    assert "of the peers finished every fold." in everywhere(document("peers", data))[0]
+
+
+def test_the_features_of_the_study_are_ordered_by_their_worst_condition():
+    shown = figure(document("invariance"), "ratios")
+    (axes,) = drawn(shown).axes
+    assert axes.get_yticklabels()[0].get_text() == "mfcc (texclass)"
+    assert shown.table.frame["Ratio"].tolist() == ["2", "3", "0.5", "undefined"]

@@ -1,0 +1,37 @@
+"""Results of every kind as the commands write them, small, with names that are hostile to HTML."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from texclass.document import Document, render_markdown, render_terminal
+from texclass.reporting.result_files import KINDS
+
+HOSTILE = '<script>alert("x")</script>'
+DATA = Path(__file__).parent / "data"
+FILES = sorted(DATA.glob("*.json"))
+
+
+def result(kind: str) -> Any:
+    """Return a result as JSON values."""
+    return json.loads((DATA / f"{kind}.json").read_text(encoding="utf-8"))
+
+
+def document(kind: str, data: Any = None) -> Document:
+    """Return a result, or the given one of its kind, as a document."""
+    return KINDS[kind].document(result(kind) if data is None else data)
+
+
+def on_terminal(document: Document, width: int = 120) -> str:
+    """Return what a terminal shows."""
+    console = Console(width=width)
+    with console.capture() as capture:
+        console.print(render_terminal(document))
+    return capture.get()
+
+
+def everywhere(document: Document) -> tuple[str, str]:
+    """Return terminal and Markdown, each with single spaces."""
+    return " ".join(on_terminal(document).split()), " ".join(render_markdown(document).split())

@@ -1,0 +1,287 @@
+"""What a researcher asks for: benchmark, extract, tradeoff, stability, report, reproduce."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from texclass.cli.app import app
+from texclass.cli.options import (
+    Backend,
+    BackendOption,
+    DatasetArgument,
+    FeatureSetName,
+    FsOption,
+    JobsOption,
+    JsonOption,
+    MaxFeaturesOption,
+    MaxMsOption,
+    PeersLimitOption,
+    PeersOnlyOption,
+    PeersOption,
+    PeersPythonOption,
+    PeersSecondsOption,
+    PeersSignalsOption,
+    PipelineOption,
+    Protocol,
+    SchedulerOption,
+    SkipBadOption,
+    TouchesOption,
+    TouchOption,
+    UnitOption,
+    open_recordings,
+    progress_bar,
+    tell,
+    write_json,
+)
+
+
+@app.command()
+def benchmark(
+    dataset: DatasetArgument = "simulated",
+    pipeline: PipelineOption = "strese2015",
+    protocol: Annotated[
+        Protocol | None, typer.Option(help="How recordings are split; the pipeline's own by default.")
+    ] = None,
+    feature: Annotated[
+        str | None,
+        typer.Option(
+            help="A feature of yours to put against the table: module:function or file.py:function."
+        ),
+    ] = None,
+    touch: TouchOption = None,
+    touches: TouchesOption = None,
+    folds: Annotated[int | None, typer.Option(help="Number of folds; the pipeline's own by default.")] = None,
+    choose: Annotated[
+        bool,
+        typer.Option(
+            "--choose", help="Also choose row and classifier inside each training part, unseen by tests."
+        ),
+    ] = False,
+    peers: PeersOption = False,
+    peers_python: PeersPythonOption = None,
+    peers_only: PeersOnlyOption = None,
+    peers_limit: PeersLimitOption = None,
+    peers_seconds: PeersSecondsOption = 900.0,
+    peers_signals: PeersSignalsOption = "same",
+    fs: FsOption = None,
+    unit: UnitOption = None,
+    jobs: JobsOption = -1,
+    backend: BackendOption = Backend.LOCAL,
+    scheduler: SchedulerOption = None,
+    skip_bad: SkipBadOption = False,
+    out: Annotated[
+        Path, typer.Option(help="Folder for the table (Markdown), the pictures (PNG) and the JSON.")
+    ] = Path("reports"),
+    json_file: JsonOption = None,
+) -> None:
+    """Classify a dataset with every row of a pipeline's table, beside the published figures."""
+    from texclass.experiment import load_pipeline, run_benchmark, running_on, study_feature
+    from texclass.experiment import touches as cut_touches
+    from texclass.experiment.benchmark_document import benchmark_document, write_benchmark
+    from texclass.experiment.new_feature_document import new_feature_document, write_new_feature
+    from texclass.features import load_feature
+
+    if peers and feature:
+        raise ValueError("--peers and --feature are given; the rule is one of them at a time")
+    if touches is not None and touch is None:
+        raise ValueError(f"--touches is {touches}, but there is no --touch; the rule is both")
+    settings = _peer_settings(peers_python, peers_only, peers_seconds, peers_signals) if peers else None
+    definition = load_pipeline(pipeline)
+    new = load_feature(feature) if feature else None
+    recordings = open_recordings(dataset, fs, unit, skip_bad)
+    if settings is not None and peers_limit is not None:
+        from texclass.peers import whole_materials
+
+        recordings = whole_materials(recordings, peers_limit)
+    work: dict[str, Any] = {"n_folds": folds, "n_jobs": jobs, "skip_bad": skip_bad}
+    asked = {"protocol": protocol.value if protocol else None, "choose": choose, **work}
+    with running_on(backend.value, scheduler), progress_bar() as progress:
+        if touch is not None:
+            recordings = cut_touches(recordings, touch, per_recording=touches, n_jobs=jobs, progress=progress)
+        study = new and study_feature(recordings, definition, new, **asked, progress=progress)
+        result = study.result if study else run_benchmark(recordings, definition, **asked, progress=progress)
+    if study:
+        document, written = new_feature_document(study.to_dict()), write_new_feature(study, out)
+    else:
+        document, written = benchmark_document(result.to_dict()), write_benchmark(result, out)
+    write_json(json_file, (study or result).to_json())
+    tell(document, written)
+    if settings is not None:
+        from texclass.peers import compare_with_peers
+        from texclass.peers.peers_document import peers_document, write_peers
+
+        with progress_bar() as progress:
+            compared = compare_with_peers(recordings, definition, result, settings, **work, progress=progress)
+        tell(peers_document(compared.to_dict()), write_peers(compared, out))
+
+
+def _peer_settings(python: Path | None, only: str | None, seconds: float, signals: str) -> Any:
+    """Return how the peers are run."""
+    from texclass.peers import PeerSettings
+
+    asked: dict[str, Any] = {"time_limit_s": seconds, "signals": signals}
+    if python is not None:
+        # Not resolved: the interpreter of a virtual environment is a link.
+        asked["python"] = python.expanduser().absolute()
+    if only is not None:
+        asked["names"] = tuple(name.strip() for name in only.split(","))
+    return PeerSettings(**asked)
+
+
+@app.command()
+def extract(
+    dataset: DatasetArgument,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Parquet file to write.")],
+    features: FeatureSetName = "texclass",
+    fs: FsOption = None,
+    unit: UnitOption = None,
+    jobs: JobsOption = -1,
+    backend: BackendOption = Backend.LOCAL,
+    scheduler: SchedulerOption = None,
+    skip_bad: SkipBadOption = False,
+) -> None:
+    """Compute a feature table; a run that was killed goes on where it stopped."""
+    from texclass.experiment import extract_table, running_on
+    from texclass.features import load_feature_set
+
+    feature_set = load_feature_set(features)
+    recordings = open_recordings(dataset, fs, unit, skip_bad)
+    with running_on(backend.value, scheduler), progress_bar() as progress:
+        table = extract_table(
+            recordings, feature_set, output, n_jobs=jobs, skip_bad=skip_bad, progress=progress
+        )
+    typer.echo(f"wrote {output}: {table.n_recordings} recordings, {table.n_columns} columns")
+    for line in table.left_out:
+        typer.echo(f"left out: {line}")
+
+
+@app.command()
+def tradeoff(
+    dataset: DatasetArgument = "simulated",
+    features: FeatureSetName = "texclass",
+    max_ms: MaxMsOption = None,
+    max_seconds: Annotated[
+        float | None, typer.Option(help="Seconds of movement that are felt; whole recordings by default.")
+    ] = None,
+    max_features: MaxFeaturesOption = None,
+    materials: Annotated[
+        str | None,
+        typer.Option(help="Materials of a scene, separated by commas: the fewest columns for these."),
+    ] = None,
+    protocol: Annotated[Protocol, typer.Option(help="How recordings are split.")] = Protocol.RECORDING,
+    curves: Annotated[
+        bool, typer.Option(help="Also accuracy against touch, training, rate, bits and model order.")
+    ] = True,
+    fs: FsOption = None,
+    unit: UnitOption = None,
+    jobs: JobsOption = -1,
+    backend: BackendOption = Backend.LOCAL,
+    scheduler: SchedulerOption = None,
+    out: Annotated[
+        Path, typer.Option(help="Folder for the report (Markdown, JSON, PNG) and the pipeline (skops).")
+    ] = Path("reports"),
+    json_file: JsonOption = None,
+) -> None:
+    """Measure what accuracy costs on a dataset; save the pipeline at the budget, or at the knee."""
+    from texclass.experiment import running_on
+    from texclass.experiment.choice import Limits
+    from texclass.features import load_feature_set
+    from texclass.tradeoff.trade import run_tradeoff
+    from texclass.tradeoff.tradeoff_document import tradeoff_document, tradeoff_stem, write_tradeoff
+
+    scene = tuple(name.strip() for name in (materials or "").split(",") if name.strip())
+    recordings = open_recordings(dataset, fs, unit, skip_bad=True)
+    facts = {"name": recordings.name, "materials": scene, "max_seconds": max_seconds}
+    with running_on(backend.value, scheduler), progress_bar() as progress:
+        result = run_tradeoff(
+            recordings,
+            load_feature_set(features),
+            Limits(max_ms, max_seconds, max_features, scene),
+            protocol=protocol.value,
+            with_curves=curves,
+            n_jobs=jobs,
+            progress=progress,
+            model_file=out / f"{tradeoff_stem(facts)}.skops",
+        )
+    write_json(json_file, result.to_json())
+    written = (*write_tradeoff(result, out), Path(result.chosen.file))
+    tell(tradeoff_document(result.to_dict()), written)
+
+
+class Part(StrEnum):
+    """What of the battery can be tried alone."""
+
+    MODELS = "models"
+    FILTERS = "filters"
+    TRANSFORMS = "transforms"
+    FEATURES = "features"
+    PEERS = "peers"
+
+
+@app.command()
+def stability(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A small part of the battery, in half a minute.")
+    ] = False,
+    only: Annotated[Part | None, typer.Option(help="One part alone.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder for stability.md, .json and pictures.")] = Path("reports"),
+    json_file: JsonOption = None,
+) -> None:
+    """Try hard inputs on every model, filter, transform and feature, and on public libraries installed here.
+
+    Exit code 1 if any of ours is wrong.
+    """
+    from texclass.document import write_document
+    from texclass.peers import extreme_inputs
+    from texclass.stability import run_stability
+    from texclass.stability.stability_document import stability_document, wrong_lines
+
+    peers, left_out = extreme_inputs.installed(quick)
+    with progress_bar() as progress:
+        result = run_stability(
+            quick=quick, only=only.value if only else None, peers=peers, left_out=left_out, progress=progress
+        )
+    found = result.to_dict()
+    document = stability_document(found)
+    write_json(json_file, result.to_json())
+    tell(document, write_document(document, out, "stability", json=result.to_json()), wrong_lines(found))
+    typer.echo(f"texclass: {len(result.wrong)} of {len(result.ours)} cells wrong")
+    if len(result.wrong):
+        raise typer.Exit(1)
+
+
+@app.command()
+def report(
+    results: Annotated[
+        list[Path],
+        typer.Argument(
+            help="JSON files that benchmark, tradeoff, stability or the study of invariance wrote."
+        ),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The page.")] = Path("report.html"),
+    title: Annotated[str, typer.Option(help="Its title; the datasets' names by default.")] = "",
+) -> None:
+    """Write results as one HTML page that needs no network: tables, figures, datasets, versions."""
+    from texclass.reporting import write_page
+
+    typer.echo(f"wrote {write_page(results, output, title)}")
+
+
+class Paper(StrEnum):
+    """The papers whose textures are reproduced."""
+
+    GURUSWAMY2011 = "guruswamy2011"
+    ABDULALI2016 = "abdulali2016"
+    OEZTUERK2018 = "oeztuerk2018"
+    OKAMURA2001 = "okamura2001"
+
+
+@app.command()
+def reproduce(paper: Annotated[Paper, typer.Argument(help="Which paper.")]) -> None:
+    """Say how the tables and figures of a paper are computed beside the published ones."""
+    raise ValueError(
+        "the reproductions are scripts of the source distribution now: "
+        f"python examples/papers/{paper.value}.py --out DIR"
+    )

@@ -1,0 +1,70 @@
+"""What there is, to look at: one recording, datasets, features."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from texclass.cli.app import app
+from texclass.cli.options import FsOption, UnitOption, shipped, tell
+
+
+@app.command()
+def inspect(
+    recording: Annotated[
+        str,
+        typer.Argument(help="A file in any supported format, or DATASET:RECORDING (simulated:wood-03-01)."),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="Picture to write; <recording>.inspect.png here by default.")
+    ] = None,
+    features: Annotated[
+        str,
+        typer.Option(help="Feature set whose values are shown.", autocompletion=shipped("feature_defs")),
+    ] = "strese2015",
+    fs: FsOption = None,
+    unit: UnitOption = None,
+) -> None:
+    """Draw one recording: signal, phases, taps, spectrogram and feature values."""
+    from texclass.features import FeatureExtractor
+    from texclass.loaders import find_recording
+    from texclass.phases import segment
+    from texclass.reporting import draw_inspection
+
+    found = find_recording(recording, fs=fs, unit=unit)
+    phases = segment(found)
+    declared = [found.with_(phases=phases)]
+    extraction = FeatureExtractor(features).fit(declared).extract(declared)
+    values = dict(zip(extraction.columns, extraction.values[0], strict=True))
+    path = out or Path(f"{Path(found.recording_id).name}.inspect.png")
+    draw_inspection(found, phases, values, path)
+    moved = "none"
+    if phases.movement is not None:
+        moved = "{:.2f} to {:.2f} s".format(*(sample / found.fs for sample in phases.movement))
+    typer.echo(f"{phases.kind}: {len(phases.taps)} taps, movement {moved}")
+    for note in (*found.flags, *phases.notes):
+        typer.echo(f"note: {note}")
+    typer.echo(f"wrote {path}")
+
+
+@app.command()
+def datasets() -> None:
+    """List the shipped dataset cards, and which of them have their recordings on this machine."""
+    from texclass.reporting import datasets_document
+
+    tell(datasets_document())
+
+
+@app.command()
+def features(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            help="A shipped feature set or a TOML of yours.", autocompletion=shipped("feature_defs")
+        ),
+    ] = None,
+) -> None:
+    """List every feature with phase, unit, gain law and source; or those of one set."""
+    from texclass.reporting import features_document
+
+    tell(features_document(name))

@@ -1,0 +1,149 @@
+"""Models that are trained, asked, looked at and exported: train, predict, model, export."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from texclass.cli.app import app
+from texclass.cli.options import (
+    DatasetArgument,
+    FsOption,
+    JobsOption,
+    MaxFeaturesOption,
+    MaxMsOption,
+    PipelineOption,
+    Protocol,
+    SkipBadOption,
+    UnitOption,
+    open_recordings,
+    progress_bar,
+    tell,
+)
+
+
+@app.command()
+def train(
+    dataset: DatasetArgument,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Model file to write (.skops).")],
+    pipeline: PipelineOption = "texclass",
+    row: Annotated[
+        str | None, typer.Option(help="Row of the pipeline; the best by cross-validation by default.")
+    ] = None,
+    classifier: Annotated[
+        str | None, typer.Option(help="Classifier of the pipeline; the best by default.")
+    ] = None,
+    max_ms: MaxMsOption = None,
+    max_features: MaxFeaturesOption = None,
+    touch: Annotated[
+        float | None,
+        typer.Option("--touch", help="Seconds of movement of one answer; whole recordings by default."),
+    ] = None,
+    protocol: Annotated[
+        Protocol | None,
+        typer.Option(
+            help="How recordings are held out; by default as the pipeline says, or, from 20 numbered "
+            "repetitions of each surface on, the later ones (`blocks`): a sensor may drift."
+        ),
+    ] = None,
+    false_alarms: Annotated[
+        float, typer.Option(help="Share of known surfaces that may be called unknown.")
+    ] = 0.05,
+    fs: FsOption = None,
+    unit: UnitOption = None,
+    jobs: JobsOption = -1,
+    skip_bad: SkipBadOption = False,
+) -> None:
+    """Train a model on all recordings; what is chosen is chosen by cross-validation."""
+    from texclass.recognition import train as train_model
+    from texclass.recognition.model_document import model_document
+
+    recordings = open_recordings(dataset, fs, unit, skip_bad)
+    with progress_bar() as progress:
+        model = train_model(
+            recordings,
+            pipeline,
+            row=row,
+            classifier=classifier,
+            max_ms=max_ms,
+            max_features=max_features,
+            touch_s=touch,
+            protocol=None if protocol is None else protocol.value,
+            false_alarms=false_alarms,
+            n_jobs=jobs,
+            skip_bad=skip_bad,
+            progress=progress,
+        )
+    model.save(output)
+    tell(
+        model_document(model),
+        (),
+        (f"left out: {line}" for line in model.left_out),
+    )
+    typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")
+
+
+@app.command()
+def predict(
+    model: Annotated[Path, typer.Argument(help="A model file that `texclass train` wrote.")],
+    files: Annotated[list[str], typer.Argument(help="Recordings: files, or DATASET:RECORDING.")],
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line, as answers come.")] = False,
+    fs: FsOption = None,
+    unit: Annotated[
+        str | None, typer.Option("--unit", help="Unit in the files; that of the training files by default.")
+    ] = None,
+    skip_bad: Annotated[
+        bool, typer.Option("--skip-bad", help="Exit with 0 although some files were bad; they are named.")
+    ] = False,
+) -> None:
+    """Say which surface each recording is of; bad files are named, the others answered."""
+    import json
+
+    from texclass.recognition import load_model
+    from texclass.recognition import predict as predict_files
+    from texclass.recognition.model_document import answers_document
+
+    trained, found = load_model(model), []
+    for prediction in predict_files(trained, files, fs=fs, unit=unit):
+        found.append(prediction)
+        if prediction.answer is None:
+            typer.echo(f"error: {prediction.problem}", err=True)
+        if as_json:
+            told = {"error": prediction.problem} if prediction.answer is None else prediction.answer.to_dict()
+            typer.echo(json.dumps({"file": prediction.name, **told}))
+    answered = [(p.name, p.answer) for p in found if p.answer is not None]
+    if answered and not as_json:
+        tell(answers_document(answered))
+    if len(answered) < len(found) and not skip_bad:
+        raise typer.Exit(1)
+
+
+@app.command()
+def model(
+    file: Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that `texclass train` wrote.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
+) -> None:
+    """Show what is in a model: surfaces, features, accuracy, calibration, cost, versions."""
+    from texclass.recognition import load_model
+    from texclass.recognition.model_document import model_document
+
+    loaded = load_model(file)
+    if as_json:
+        typer.echo(loaded.manifest.to_json())
+        return
+    tell(model_document(loaded))
+
+
+@app.command()
+def export(
+    model: Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that `texclass train` wrote.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="ONNX file to write (.onnx).")],
+) -> None:
+    """Write what follows the features as ONNX; refused where its answers differ from scikit-learn's."""
+    from texclass.recognition import export_onnx, load_model
+
+    exported = export_onnx(load_model(model), output)
+    typer.echo(str(exported.parity))
+    if exported.single_precision:
+        typer.echo(f"in single precision: {', '.join(exported.single_precision)}")
+    typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")

@@ -1,0 +1,135 @@
+"""Scenes and texture files: plan, render, convert, texture."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from texclass.cli.app import app
+from texclass.cli.options import JsonOption, progress_bar, tell, write_json
+
+scene = typer.Typer(
+    help="Plan the cheapest textures that serve a scene, and render it sample by sample.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+app.add_typer(scene, name="scene")
+
+SceneArgument = Annotated[
+    str,
+    typer.Argument(metavar="SCENE", help="A scene's TOML, or the name of a shipped one: example, twenty."),
+]
+
+
+@scene.command()
+def plan(
+    definition: SceneArgument = "example",
+    out: Annotated[
+        Path | None, typer.Option(help="Where the planned models are written; SCENE.texture here by default.")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Choose the cheapest model of each surface within the tolerance, and prove the budget by measuring.
+
+    Exit code 1 if a surface is outside the tolerance or the budget does not hold.
+    """
+    from texclass.scene import plan_scene, read_scene
+    from texclass.scene.plan_document import plan_document
+
+    read = read_scene(definition)
+    with progress_bar() as progress:
+        found = plan_scene(read, progress=progress)
+    tell(plan_document(found))
+    write_json(json_file, found.to_json())
+    path = found.scene.save(out or Path(f"{read.source.stem}.texture"))
+    typer.echo(f"wrote {path}, {path.stat().st_size} bytes")
+    if not found.met:
+        raise typer.Exit(1)
+
+
+@scene.command()
+def render(
+    definition: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE", help="A planned scene (.texture), or what `plan` takes: it is planned first."
+        ),
+    ],
+    path: Annotated[
+        Path | None,
+        typer.Argument(help="CSV with time (s), x, y (mm), force (N), surface; a sweep over all by default."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="The WAV to be written, in the unit of the scene.")] = Path(
+        "scene.wav"
+    ),
+    seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
+) -> None:
+    """Play a path over a scene to WAV, one sample a call, and say how long the samples took."""
+    from texclass.exchange import write_wav
+    from texclass.scene import load_scene, plan_scene, play_path, read_path, read_scene, sweep_of
+    from texclass.scene.plan_document import played_lines
+
+    planned = (
+        load_scene(definition)
+        if definition.endswith(".texture")
+        else plan_scene(read_scene(definition)).scene
+    )
+    played = play_path(planned, sweep_of(planned) if path is None else read_path(path), seed=seed)
+    write_wav(out, played.samples, planned.fs, unit=planned.unit)
+    for line in played_lines(played, planned):
+        typer.echo(line)
+    typer.echo(f"wrote {out}")
+
+
+@app.command()
+def convert(
+    source: Annotated[Path, typer.Argument(metavar="IN", help="A .texture, or the .xml of a HaTT texture.")],
+    target: Annotated[Path, typer.Argument(metavar="OUT", help="The other one of the two, to be written.")],
+    fs: Annotated[
+        float, typer.Option("--fs", help="To XML: sampling rate of the models, Hz; HaTT renders 1000.")
+    ] = 1000.0,
+    order: Annotated[int, typer.Option(help="To XML: largest order of the models.", min=1, max=100)] = 20,
+) -> None:
+    """Convert a texture between our format and Penn HaTT XML."""
+    from texclass.exchange import (
+        describe,
+        load_texture,
+        read_hatt,
+        save_texture,
+        to_hatt,
+        write_hatt,
+    )
+
+    kinds = source.suffix.lower(), target.suffix.lower()
+    if kinds == (".xml", ".texture"):
+        save_texture(read_hatt(source), target)
+    elif kinds == (".texture", ".xml"):
+        unit = describe(source)["unit"]
+        write_hatt(to_hatt(load_texture(source), unit=unit, fs=fs, order=order), target)
+    else:
+        raise ValueError(f"{source} to {target}; the rule is .texture to .xml or .xml to .texture")
+    typer.echo(f"wrote {target}, {target.stat().st_size} bytes")
+
+
+@app.command()
+def texture(
+    file: Annotated[Path, typer.Argument(help="A .texture, or the .xml of a HaTT texture.")],
+    json_file: JsonOption = None,
+) -> None:
+    """Show what is in a texture file: family, points, order, sampling rate, unit, bytes."""
+    import json
+
+    from texclass.document import Document
+    from texclass.exchange import describe
+
+    found = describe(file)
+    tell(Document(str(file), [{key: _words(value) for key, value in found.items()}]))
+    write_json(json_file, json.dumps(found, indent=1))
+
+
+def _words(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_words(inner)}" for name, inner in value.items())
+    if isinstance(value, list):
+        return " x ".join(map(str, value)) or "number"
+    return "-" if value is None else f"{value:g}" if isinstance(value, float) else str(value)

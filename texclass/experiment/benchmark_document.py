@@ -1,0 +1,349 @@
+"""A benchmark as a document: every row beside the paper's, who is taken for whom, what groups add."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import pandas as pd
+
+from texclass.document import Document, Figure, Finding, Heading, Heat, Shade, Table, write_document
+from texclass.document.blocks import Block
+from texclass.document.wording import (
+    aligned,
+    digits,
+    estimate,
+    interval,
+    percent,
+    points,
+    sentence,
+)
+from texclass.experiment.benchmark_figures import draw_rows
+from texclass.experiment.gains_document import gains_blocks
+from texclass.experiment.result_words import (
+    again_facts,
+    classifier_title,
+    dataset_facts,
+    protocol_title,
+    size,
+)
+
+if TYPE_CHECKING:
+    from texclass.experiment.result import BenchmarkResult
+
+MOST_LISTED = 6
+"""Recordings, flags or features that a note lists one by one; the JSON holds all of them."""
+SHADES = {"d1 d2 d3 d4 d5": "right", "e1 e2 e3 e4 e5": "wrong; each step a fifth of the material's"}
+Data = Mapping[str, Any]
+
+
+class _Best(NamedTuple):
+    row: Data
+    classifier: str
+    accuracy: Data
+
+
+def write_benchmark(result: "BenchmarkResult", folder: str | Path) -> tuple[Path, ...]:
+    """Write a benchmark's JSON, Markdown and pictures into a folder, named dataset-pipeline-protocol."""
+    data = result.to_dict()
+    return write_document(benchmark_document(data), folder, benchmark_stem(data), json=result.to_json())
+
+
+def benchmark_stem(data: Data) -> str:
+    """Return what the names of a benchmark's files begin with."""
+    return f"{data['dataset']['name']}-{data['pipeline']['name']}-{data['protocol']}"
+
+
+def benchmark_document(data: Data) -> Document:
+    """Return a benchmark as a document.
+
+    Parameters
+    ----------
+    data : mapping
+        As `BenchmarkResult.to_dict` returns it, or its JSON read back.
+    """
+    best = _best_of(data)
+    pipeline = data["pipeline"]
+    return Document(
+        f"{data['dataset']['name']}, {protocol_title(data['protocol'])}",
+        list(benchmark_blocks(data)),
+        f"Pipeline {pipeline['name']}: {size(data['dataset'])}",
+        _finding(data, best)
+        if best
+        else Finding("none", "", "", "of the rows could be computed; the table says what the dataset lacks."),
+        dataset_facts(data),
+        again_facts(data, f"{pipeline['name']} ({pipeline['hash']}), features {pipeline['features']}"),
+        data["versions"],
+    )
+
+
+def benchmark_blocks(data: Data) -> Iterator[Block]:
+    """Yield what a benchmark's document is made of."""
+    best = _best_of(data)
+    published = any(row.get("paper") for row in data["rows"])
+    yield Heading("Every row beside the paper's" if published else "Every row")
+    yield _rows(data, best)
+    beside = _beside(data)
+    if beside is not None:
+        yield beside
+    if best is not None:
+        yield _ranking(data, best)
+    if data["confusion"]:
+        yield Heading("Which materials are taken for which")
+        yield _confusion(data["confusion"], _tested(data))
+    if data.get("gains"):
+        yield Heading("What each group of features adds")
+        yield from gains_blocks(data["gains"], data["seed"])
+    if notes := list(_notes(data, best)):
+        yield Heading("Notes")
+        yield notes
+
+
+def _finding(data: Data, best: _Best) -> Finding:
+    name = classifier_title(best.classifier)
+    n_pairs = sum(len(row["accuracy"]) for row in data["rows"])
+    said = [
+        f"of the {_tested(data)} recognised among {data['dataset']['n_materials']} materials, by "
+        f"{best.row['name']} with {name} (95 % interval).",
+        f"Protocol: {data['protocol_description']}{_folds(data)}.",
+    ]
+    if n_pairs > 1:
+        said.append(
+            f"It is the highest of {n_pairs} pairs of row and classifier on the same tests, so it is a "
+            "little optimistic."
+        )
+    if choice := data.get("choice"):
+        said.append(
+            "Chosen inside each training part, where tests have no say: "
+            f"{_chosen_accuracy(choice['accuracy'])}."
+        )
+    beside, brief = _beside_paper(data, best)
+    return Finding(
+        percent(best.accuracy["mean"]), "%", interval(best.accuracy), " ".join(said), beside,
+        f"{best.row['name']} with {name}; {brief}",
+    )  # fmt: skip
+
+
+def _beside_paper(data: Data, best: _Best) -> tuple[str, str]:
+    """Return how far the best row, or else the best published one, is from its published figure, twice."""
+    theirs, row = best.row.get("paper", {}).get(best.classifier), best
+    if theirs is None:
+        pairs = [
+            (figure, _Best(one, name, one["accuracy"][name]))
+            for one in data["rows"]
+            for name, figure in one.get("paper", {}).items()
+            if name in one["accuracy"]
+        ]
+        if not pairs:
+            return "No row of this table has a published figure.", "no published figure."
+        theirs, row = max(pairs, key=lambda pair: pair[0])
+    low, high = (points(row.accuracy[end] - theirs) for end in ("low", "high"))
+    what, which = "for this row with this classifier", ""
+    if row is not best:
+        what = (
+            f"for {row.row['name']} with {classifier_title(row.classifier)}, the best published row here, "
+            f"where ours is {percent(row.accuracy['mean'])} %"
+        )
+        which = f" of {row.row['name']}, for that row"
+    difference = points(row.accuracy["mean"] - theirs)
+    return (
+        f"{difference} points [{low}, {high}] against the {100 * theirs:.0f} % published {what}. The "
+        "published figure has no interval and comes from other recordings.",
+        f"{difference} points against the published {100 * theirs:.0f} %{which}.",
+    )
+
+
+def _rows(data: Data, best: _Best | None) -> Table:
+    """Return each classifier's accuracy in every row, and the published one beside it."""
+    names = _classifiers(data) or ["accuracy"]
+    published = [name for name in names if any(name in row.get("paper", {}) for row in data["rows"])]
+    columns: dict[tuple[str, str], list[str]] = {
+        ("Row", ""): [row["name"] for row in data["rows"]],
+        ("Dim", ""): [str(row["n_features"]) for row in data["rows"]],
+    }
+    for name in names:
+        title, found = classifier_title(name), [row["accuracy"].get(name) for row in data["rows"]]
+        columns[title, "% [95 %]"] = [estimate(accuracy) if accuracy else "" for accuracy in found]
+        if name in published:
+            theirs = [row.get("paper", {}).get(name) for row in data["rows"]]
+            columns[title, "Paper %"] = ["" if value is None else f"{100 * value:.0f}" for value in theirs]
+    columns["ms", ""] = aligned(row["ms_per_recording"] for row in data["rows"])
+    tested, also = _tested(data), ", and the published one" if published else ""
+    return Table(
+        pd.DataFrame(columns),
+        f"Accuracy over {tested} in % with its 95 % interval{also}; the best row is bold. "
+        "Dim: columns that reach the classifier; ms: features of one "
+        f"{tested[:-1]}, one thread, shared transforms counted once, without segmentation.",
+        strong=[i for i, row in enumerate(data["rows"]) if best is not None and row is best.row],
+        instead={
+            i: f"not computed: {row['missing'] or 'no reason given'}"
+            for i, row in enumerate(data["rows"])
+            if not row["accuracy"]
+        },
+    )
+
+
+def _beside(data: Data) -> Table | None:
+    """Return balanced accuracies and votes of a recording's (or run's) windows; None if they add nothing."""
+    every = [found for row in data["rows"] for found in row["accuracy"].values()]
+    unit = next((u for u in ("recording", "run") if any(f"per_{u}" in found for found in every)), None)
+    balanced = any(abs(found.get("balanced", found["mean"]) - found["mean"]) > 1e-9 for found in every)
+    if unit is None and not balanced:
+        return None
+    rows = [row for row in data["rows"] if row["accuracy"]]
+    columns: dict[tuple[str, str], list[str]] = {("Row", ""): [row["name"] for row in rows]}
+    for name in _classifiers(data):
+        found = [row["accuracy"].get(name) for row in rows]
+        if balanced:
+            values = [percent(one.get("balanced", one["mean"])) if one else "" for one in found]
+            columns[classifier_title(name), "balanced"] = values
+        if unit is not None:
+            votes = [one and one.get(f"per_{unit}") for one in found]
+            columns[classifier_title(name), f"per {unit}"] = [
+                estimate(vote) if vote else "" for vote in votes
+            ]
+    caption = "The same in other terms, in %. " + "Balanced: mean over materials. " * balanced
+    caption += f"Per {unit}: by majority of its {_tested(data)} [95 %]." if unit else ""
+    return Table(pd.DataFrame(columns), caption)
+
+
+def _ranking(data: Data, best: _Best) -> Figure:
+    """Return all rows as a picture: ours and the published figures."""
+    name = best.classifier
+    found = [
+        (row, row["accuracy"][name], row.get("paper", {}).get(name))
+        for row in data["rows"]
+        if name in row["accuracy"]
+    ]
+    gaps = [ours["mean"] - theirs for _, ours, theirs in found if theirs is not None]
+    reached = f"; {sum(gap >= 0 for gap in gaps)} of {len(gaps)} rows reach their published figure"
+    return Figure(
+        "ranking",
+        f"Every row with {classifier_title(name)}",
+        f"The best of {len(found)} rows is {best.row['name']} with {percent(best.accuracy['mean'])} %"
+        f"{reached if gaps else ''}.",
+        lambda width: draw_rows(data, name, width),
+        Table(
+            pd.DataFrame(
+                [
+                    (row["name"], estimate(ours), *_against(ours["mean"], theirs))
+                    for row, ours, theirs in found
+                ],
+                columns=["Row", "Ours, % [95 %]", "Published, %", "Points"],
+            )
+        ),
+    )
+
+
+def _against(ours: float, theirs: float | None) -> tuple[str, str]:
+    return ("", "") if theirs is None else (f"{100 * theirs:.0f}", points(ours - theirs))
+
+
+def _confusion(found: Data, tested: str) -> Heat:
+    """Return the confusion matrix, and the confusions as a list, the most frequent first."""
+    names, totals = found["materials"], [sum(counts) for counts in found["counts"]]
+    wrong = [
+        (felt, taken, count, totals[i])
+        for i, (felt, counts) in enumerate(zip(names, found["counts"], strict=True))
+        for j, (taken, count) in enumerate(zip(names, counts, strict=True))
+        if i != j and count
+    ]
+    wrong.sort(key=lambda one: -one[2])
+    says = f"{sum(one[2] for one in wrong)} of {sum(totals)} {tested} are taken for another material"
+    if wrong:
+        says += "; the most frequent: {} taken for {}, {} of {}".format(*wrong[0])
+    rows = {}
+    for i, felt in enumerate(names):
+        shades = []
+        for j, count in enumerate(found["counts"][i]):
+            said = f"{count} of {totals[i]} {tested} ({100 * count / max(totals[i], 1):.0f} %)"
+            fifth = max(1, -(-5 * count // max(totals[i], 1)))
+            shades.append(Shade(f"{'d' if i == j else 'e'}{fifth}", str(count), said) if count else Shade())
+        rows[felt] = shades
+    listed = [(felt, taken, str(count), f"{100 * count / n:.0f}") for felt, taken, count, n in wrong]
+    return Heat(
+        "confusion",
+        f"Confusion matrix of {found['row']}, {classifier_title(found['classifier'])}",
+        f"{says}.",
+        dict.fromkeys(names, ""),
+        rows,
+        {looks: f"{what}{f' {tested}' * what.startswith('wrong')}" for looks, what in SHADES.items()},
+        "never",
+        "Felt (rows), and taken for (columns)",
+        " taken for ",
+        Table(pd.DataFrame(listed, columns=["Material", "taken for", "times", "% of its tests"]), n_words=2),
+    )
+
+
+def _notes(data: Data, best: _Best | None) -> Iterator[str]:
+    """Yield what a reader of the table must know."""
+    every = [found for row in data["rows"] for found in row["accuracy"].values()]
+    if bootstrap := next(
+        (a["interval"] for a in every if a.get("interval", "").startswith("bootstrap")), None
+    ):
+        unit = bootstrap.split()[-1]
+        yield (
+            f"Accuracy is the share of {_tested(data)}; its interval is a {bootstrap}, as those of one "
+            f"{unit.removesuffix('s')} are no independent tests."
+        )
+    agreement = {n: value for n, value in data.get("rank_agreement", {}).items() if value is not None}
+    if agreement:
+        listed = ", ".join(f"{classifier_title(n)} {digits(round(v, 2))}" for n, v in agreement.items())
+        yield f"Rank agreement of the rows with the published figures (Spearman): {listed}."
+    if best is not None and (columns := best.row.get("selected", {}).get(best.classifier)):
+        chosen = sorted(columns.items(), key=lambda item: -item[1])
+        listed = ", ".join(f"{column} {share:.0%}" for column, share in chosen)
+        yield f"Columns that {best.row['name']} selects, by share of folds: {listed}."
+    if choice := data.get("choice"):
+        folds = Counter((row, name) for row, name in choice["chosen"]).most_common()
+        n = len(choice["chosen"])
+        listed = "; ".join(f"{row}, {classifier_title(name)} ({k} of {n} folds)" for (row, name), k in folds)
+        yield (
+            "Row and classifier chosen inside each training part (by "
+            f"{protocol_title(choice['protocol'])}): {_chosen_accuracy(choice['accuracy'])}; chosen: "
+            f"{listed}."
+        )
+    for row in data["rows"]:
+        if row["accuracy"] and row["missing"]:
+            yield f"{row['name']}: without features the dataset lacks: {row['missing']}."
+    yield from _problems(data)
+    yield from map(sentence, data["dataset"].get("notes", ()))
+
+
+def _problems(data: Data) -> Iterator[str]:
+    """Yield recordings left out, flags and undefined features, each list cut to a readable length."""
+    n = data["dataset"].get("n_windows", data["dataset"]["n_recordings"])
+    undefined = [one for one in data.get("undefined", []) if one["n_recordings"] < n]
+    for what, lines in {
+        "Recordings left out": [": ".join(item) for item in data.get("left_out", [])],
+        "Recordings flagged by the loader": [": ".join(item) for item in data.get("flags", [])],
+        "Features without a value in some recordings (where the training median stands in)": [
+            f"{one['feature']} in {one['n_recordings']} of {n}: {one['reason']}" for one in undefined
+        ],
+    }.items():
+        if lines:
+            more = f"; and {len(lines) - MOST_LISTED} more, in the JSON" if len(lines) > MOST_LISTED else ""
+            yield sentence(f"{what}, {len(lines)}: {'; '.join(lines[:MOST_LISTED])}{more}")
+
+
+def _chosen_accuracy(accuracy: Data) -> str:
+    mean, low, high = (digits(round(100 * accuracy[key], 1)) for key in ("mean", "low", "high"))
+    return f"{mean} % [{low}, {high}]"
+
+
+def _best_of(data: Data) -> _Best | None:
+    """Return row and classifier of the highest accuracy; the first of equals."""
+    pairs = [_Best(row, name, found) for row in data["rows"] for name, found in row["accuracy"].items()]
+    return max(pairs, key=lambda best: best.accuracy["mean"], default=None)
+
+
+def _classifiers(data: Data) -> list[str]:
+    return list(dict.fromkeys(name for row in data["rows"] for name in row["accuracy"]))
+
+
+def _tested(data: Data) -> str:
+    return "windows" if "n_windows" in data["dataset"] else "recordings"
+
+
+def _folds(data: Data) -> str:
+    return f", {data['n_folds']} folds" if data["n_folds"] > 1 else ""

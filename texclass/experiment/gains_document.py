@@ -1,0 +1,89 @@
+"""What groups of features add to a row, as blocks of a document."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import pandas as pd
+
+from texclass.document import Figure, Table
+from texclass.document.blocks import Block
+from texclass.document.wording import aligned, gain, p_value, percent, points
+from texclass.experiment.benchmark_figures import LEVEL, draw_gains
+from texclass.experiment.result_words import classifier_title
+
+COLUMNS = ("With", "Dim", "%", "Points [95 %]", "Folds +/-", "p", "p, Holm", "ms")
+Gains = Mapping[str, Any]
+
+
+def gains_blocks(gains: Gains, seed: int) -> Iterator[Block]:
+    """Yield table, figure and notes of what each group adds."""
+    measured = [group for group in gains["groups"] if group["paired"]]
+    yield _table(gains)
+    if measured:
+        yield Figure(
+            "gains",
+            f"Gain over {gains['row']}, {classifier_title(gains['classifier'])}",
+            verdict(gains),
+            lambda width: draw_gains(measured, width),
+        )
+    yield list(_notes(gains, measured, seed))
+
+
+def verdict(gains: Gains) -> str:
+    """Return one sentence: which groups change the accuracy, as far as these recordings can tell."""
+    measured = [group for group in gains["groups"] if group["paired"]]
+    if not measured:
+        return "The dataset has none of the groups."
+    if gains["without"]["accuracy"] == 1:
+        return f"{gains['row']} recognises everything by itself: there is nothing to gain on this dataset."
+    sure = [group for group in measured if group["p_corrected"] is not None and group["p_corrected"] < LEVEL]
+    if not sure:
+        groups = f"any of the {len(measured)} groups" if len(measured) > 1 else measured[0]["name"]
+        return f"No significant difference with {groups} (corrected p below {LEVEL})."
+    listed = ", ".join(f"{group['name']} {points(group['paired']['difference'])} points" for group in sure)
+    return (
+        f"{len(sure)} of {len(measured)} groups change the accuracy significantly (corrected p below "
+        f"{LEVEL}): {listed}."
+    )
+
+
+def _table(gains: Gains) -> Table:
+    instead = {}
+    joined = [gains["without"], *(group["joined"] for group in gains["groups"])]
+    ms = aligned(found and found["ms_per_recording"] for found in joined)
+    rows = [[gains["row"], *_sum(gains["without"]), "", "", "", "", ms[0]]]
+    for i, group in enumerate(gains["groups"], start=1):
+        paired, name = group["paired"], f"+ {group['name']}"
+        if not paired:
+            instead[i] = f"not computed: {group['missing'] or 'no reason given'}"
+            rows.append([name, *[""] * (len(COLUMNS) - 1)])
+            continue
+        folds = [difference for repeat in paired["folds"] for difference in repeat]
+        better, worse = sum(d > 0 for d in folds), sum(d < 0 for d in folds)
+        p_values = map(p_value, (paired["p_value"], group["p_corrected"]))
+        rows.append([name, *_sum(group["joined"]), gain(paired), f"{better}/{worse}", *p_values, ms[i]])
+    return Table(pd.DataFrame(rows, columns=list(COLUMNS)), instead=instead)
+
+
+def _sum(found: Gains) -> tuple[str, str]:
+    return str(found["n_features"]), percent(found["accuracy"])
+
+
+def _notes(gains: Gains, measured: list[Gains], seed: int) -> Iterator[str]:
+    """Yield what a reader of the gains must know."""
+    yield (
+        f"Added to {gains['row']}, {classifier_title(gains['classifier'])} ({gains['chosen']}): "
+        f"{percent(gains['without']['accuracy'])} % without any group; with and without on the same splits."
+    )
+    n_folds, n_repeats = gains["n_folds"], gains["n_repeats"]
+    if n_folds > 1:
+        seeds = f"{n_repeats} repeats of {n_folds} folds, seeds {seed} to {seed + n_repeats - 1}"
+        folds = seeds if n_repeats > 1 else f"{n_folds} folds"
+        yield f"{folds}; folds +/-: in how many the group helps, in how many it harms."
+    if tests := sorted({group["paired"]["test"] for group in measured}):
+        yield f"Interval and p: {', '.join(tests)}; Holm: corrected for the number of groups."
+    if gains.get("selects"):
+        yield f"{gains['row']} selects its columns: a group competes for the same number of places."
+    for group in measured:
+        if group["missing"]:
+            yield f"{group['name']}: without features the dataset lacks: {group['missing']}."

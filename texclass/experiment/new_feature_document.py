@@ -1,0 +1,117 @@
+"""A new feature against the table, as a document: what to know of it before it goes into a paper."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from texclass.document import Document, Finding, Folded, Heading, Table, write_document
+from texclass.document.blocks import Block
+from texclass.document.wording import digits, estimate, p_value, percent, points, points_interval
+from texclass.experiment.benchmark_document import (
+    benchmark_blocks,
+    benchmark_document,
+    benchmark_stem,
+    write_benchmark,
+)
+from texclass.experiment.result_words import classifier_title
+from texclass.features.contract import Gain
+from texclass.features.examination import EXACT
+
+if TYPE_CHECKING:
+    from texclass.experiment.new_feature import FeatureStudy
+
+Data = Mapping[str, Any]
+
+
+def write_new_feature(study: "FeatureStudy", folder: str | Path) -> tuple[Path, ...]:
+    """Write the report of the table with the feature in it, and beside it what was found about it."""
+    data = study.to_dict()
+    table = write_benchmark(study.result, folder)
+    stem = f"{benchmark_stem(data)}-feature"
+    found = write_document(new_feature_document(data), folder, stem, json=study.to_json(), pictures=False)
+    return (*table, *found)
+
+
+def new_feature_document(data: Data) -> Document:
+    """Return a study as a document: what the feature adds, what it is, then the table.
+
+    Parameters
+    ----------
+    data : mapping
+        As `FeatureStudy.to_dict` returns it, or its JSON read back.
+    """
+    table, new = benchmark_document(data), data["new_feature"]
+    return Document(
+        f"New feature {new['name']} on {table.title}",
+        [Heading("The feature itself"), *_itself(new, data), *benchmark_blocks(data)],
+        table.subtitle, _finding(data), table.data, table.again, table.versions,
+    )  # fmt: skip
+
+
+def _finding(data: Data) -> Finding:
+    gains, name = data.get("gains"), data["new_feature"]["name"]
+    groups = [group for group in gains["groups"] if group["paired"]] if gains else []
+    if not gains or not groups:
+        return Finding(
+            "none", "", "", f"gain could be measured for {name}: there is no row that it can join."
+        )
+    paired, p = groups[0]["paired"], p_value(groups[0]["paired"]["p_value"])
+    base = f"{gains['row']} with {classifier_title(gains['classifier'])}"
+    return Finding(
+        points(paired["difference"]), "points", points_interval(paired),
+        f"of accuracy when {name} joins the best row, {base} "
+        f"({percent(gains['without']['accuracy'])} % without it); p {p} by {paired['test']}, 95 % interval.",
+        brief=f"Gain when it joins {base}; p {p}.",
+    )  # fmt: skip
+
+
+def _itself(new: Data, data: Data) -> Iterator[Block]:
+    """Yield what was found about the feature itself."""
+    alone = data["rows"][-1]
+    accuracies = [f"{classifier_title(n)} {estimate(a)} %" for n, a in alone["accuracy"].items()]
+    added = (
+        ""
+        if new["ms_added"] is None
+        else f"; {digits(max(new['ms_added'], 0.0))} ms more beside the best row"
+    )
+    answers = pd.DataFrame(
+        [(a["input"], a["answer"], a["detail"], "kept" if a["kept"] else "BROKEN") for a in new["behaviour"]],
+        columns=["Input", "Answer", "Detail", "Contract"],
+    )
+    broken = answers[answers["Contract"] == "BROKEN"]
+    title = f"{len(answers) - len(broken)} of {len(answers)} answered as the contract asks"
+    yield {
+        "Feature": f"{new['name']}: {new.get('summary', '')} Phase {new['phase']}, unit {new['unit']}, "
+        f"{new['reference']}.",
+        "Alone": alone["missing"] or ", ".join(accuracies),
+        "Cost": f"{digits(new['ms_alone'])} ms per recording alone{added}",
+        "Gain law": _law(new["gain_law"]),
+        "Repeats": "; ".join(map(_repeats, new["redundancy"])) or "nothing: it does not vary",
+        "Degenerate input": title,
+    }
+    if len(broken):
+        yield Table(broken, "Answers that break the contract.", n_words=4)
+    yield Folded(f"Answers to degenerate input: {title}", [Table(answers, n_words=4)])
+
+
+def _law(law: Data | None) -> str:
+    if law is None:
+        return "not measured: the feature has no value on the recordings it was tried on"
+    declared = f"declared y(g x) = {Gain(**law['declared'])}"
+    if law["holds"]:
+        return f"{declared}; measured the same (to {law['deviation']:.0e})"
+    found = f"y(g x) = {Gain(**law['measured'])}"
+    if law.get("measured_deviation", 0.0) > EXACT:
+        found = "another, of no power and no shift"
+    return f"{declared}; BROKEN by {digits(law['deviation'])}; measured {found}"
+
+
+def _repeats(found: Data) -> str:
+    kin = ", ".join(f"{k['column']} {k['rank_correlation']:+.2f}" for k in found["nearest"]) or "nothing"
+    explained = found["explained"]
+    more = (
+        "" if explained is None else f"; all columns together explain R\N{SUPERSCRIPT TWO} = {explained:.2f}"
+    )
+    return f"{found['column']}: rank correlation with {kin}{more}"

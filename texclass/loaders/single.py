@@ -1,0 +1,265 @@
+"""One recording from one file, or from one file per axis."""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from texclass.loaders import formats
+from texclass.loaders.checks import check_acceleration
+from texclass.loaders.columns import UNNAMED, ReadOptions, choose_acceleration
+from texclass.recording import (
+    ACCELERATION_UNITS,
+    AUXILIARY_UNITS,
+    SCALELESS_UNITS,
+    Recording,
+    RecordingError,
+    Samples,
+    read_only,
+)
+
+AXIS = re.compile(r"_(?P<axis>[XYZxyz])(?=[_.])")
+"""The part of a file's name that says which axis it holds: `<name>_X.txt`, `<name>_X_train1.txt`."""
+BAG = "bag:"
+"""Before the path of a bag whose topic is named, too: bag:FILE?topic=/name."""
+UNIT_RULE = f"one of {', '.join((*ACCELERATION_UNITS, *SCALELESS_UNITS))}"
+
+
+@dataclass(frozen=True)
+class Signals:
+    """The signals of one recording, the sampling rate (Hz) if the files state it, and what is to be known."""
+
+    fields: Mapping[str, Samples]
+    channels: tuple[str, ...]
+    fs: float | None
+    flags: tuple[str, ...] = ()
+
+
+def load_recording(
+    path: str | Path,
+    *,
+    fs: float | None = None,
+    unit: str | None = None,
+    column: str | Sequence[str] | None = None,
+    auxiliary: Mapping[str, str | Sequence[str]] | None = None,
+    delimiter: str | None = None,
+    topic: str | None = None,
+) -> Recording:
+    """Load one recording from a file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Text (one value per line), CSV, TSV, Parquet, WAV, FLAC, MATLAB 5 or 7.3, NPZ, HDF5, or a bag of ROS
+        (.bag, .mcap, .db3, a folder of rosbag2, also as "bag:FILE?topic=/name"), by suffix. If its name says
+        `_X`, `_Y` or `_Z` and files of the other axes are beside it, they form one recording.
+    fs : float, optional
+        Sampling rate in Hz; needed unless the file states it. The stamps of a bag must agree.
+    unit : str, optional
+        Unit of the acceleration: "m/s^2", "g", "mg", "counts", "V" or "arbitrary". Needed unless the type of
+        a bag's messages states it. Integer audio keeps its codes when this is "counts"; else full scale is 1.
+    column : str or sequence of str, optional
+        Column(s) or array of the acceleration; by default the conventional names (x, y, z; ax, ay, az;
+        acceleration) or the only column.
+    auxiliary : mapping of str to str or sequence of str, optional
+        Signals beside the acceleration: field of `Recording` -> column(s), in the unit the field is kept in.
+    delimiter : str, optional
+        Of a CSV file; a comma by default.
+    topic : str, optional
+        Of a bag; by default the only one that carries an acceleration.
+
+    Returns
+    -------
+    recording : Recording
+        Without material or group.
+
+    Raises
+    ------
+    RecordingError
+        If a fact is missing or contradicted, or the file is not what it should be.
+    """
+    path, asked = located(path)
+    options = ReadOptions(delimiter, topic=topic or asked, fs=fs)
+    unit = checked_unit(path, fs, agreed_unit(path, options, unit))
+    roles = {UNNAMED: _tuple(column), **{name: _tuple(names) for name, names in (auxiliary or {}).items()}}
+    axes = axis_files(path)
+    signals = read_signals(axes, roles, replace(options, codes=unit == "counts"))
+    named = path.parent if path.name == formats.BAG_FOLDER else path
+    recording_id = named.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0]
+    return build_recording(signals, fs=fs, unit=unit, recording_id=recording_id, source=str(path))
+
+
+def located(name: str | Path) -> tuple[Path, str | None]:
+    """Return the file that a name means, and the topic if it names one ("bag:FILE?topic=/name").
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file.
+    """
+    topic = None
+    path = Path(name).expanduser()
+    if is_bag_name(name):
+        rest, _, query = str(name).removeprefix(BAG).partition("?")
+        path, topic = Path(rest).expanduser(), query.removeprefix("topic=") or None
+        if query and not query.startswith("topic="):
+            raise RecordingError(f"{name}: asks for {query!r}; the rule is bag:FILE?topic=/name")
+    if not path.exists():
+        raise RecordingError(f"{path}: cannot be opened (no such file)")
+    return path / formats.BAG_FOLDER if (path / formats.BAG_FOLDER).is_file() else path, topic
+
+
+def is_bag_name(name: str | Path) -> bool:
+    """Whether a name is of the form "bag:FILE" and not a file itself."""
+    return str(name).startswith(BAG) and not Path(name).exists()
+
+
+def agreed_unit(path: Path, options: ReadOptions, given: str | None) -> str | None:
+    """Return the unit that a file states, or else the given one.
+
+    Raises
+    ------
+    RecordingError
+        If they contradict each other.
+    """
+    stated = formats.stated_unit(path, options)
+    if stated is not None and given not in (None, stated):
+        raise RecordingError(
+            f"{path}: unit is {stated!r} by the type of its messages, {given!r} was given; the rule is one "
+            "unit (for a driver that sends another, `scale` in a card)"
+        )
+    return stated if stated is not None else given
+
+
+def checked_unit(where: Path, fs: float | None, unit: str | None) -> str:
+    """Check rate and unit that a user states for files without a card, before any is read; return the unit.
+
+    Raises
+    ------
+    RecordingError
+        If the unit is missing or unknown, or the rate is not above 0.
+    """
+    if unit is None:
+        raise RecordingError(f"{where}: unit is missing; the rule is {UNIT_RULE}, never guessed: give --unit")
+    if unit not in (*ACCELERATION_UNITS, *SCALELESS_UNITS):
+        raise RecordingError(f"{where}: unit is {unit!r}; the rule is {UNIT_RULE}")
+    if fs is not None and not (np.isfinite(fs) and fs > 0):
+        raise RecordingError(f"{where}: fs is {fs}; the rule is a sampling rate in Hz above 0")
+    return unit
+
+
+def without_axis(name: str) -> str:
+    """Return a file's name without the last part that says which axis it holds."""
+    found = list(AXIS.finditer(name))
+    return name[: found[-1].start()] + name[found[-1].end() :] if found else name
+
+
+def axis_files(path: Path) -> dict[str, Path]:
+    """Return axis -> file for a file that is one of several axes; else the file itself under ""."""
+    found = list(AXIS.finditer(path.name))
+    if not found:
+        return {"": path}
+    first, last = found[-1].span("axis")
+    letters = "XYZ" if path.name[first].isupper() else "xyz"
+    siblings = {a.lower(): path.with_name(path.name[:first] + a + path.name[last:]) for a in letters}
+    return {axis: file for axis, file in siblings.items() if file.is_file()} or {"": path}
+
+
+def read_signals(
+    axes: Mapping[str, Path], roles: Mapping[str, Sequence[str]], options: ReadOptions, *, trim: bool = False
+) -> Signals:
+    """Read a recording's signals from one file, or join one file per axis.
+
+    Parameters
+    ----------
+    axes : mapping of str to Path
+        Axis -> file; the axis is "" when one file holds all.
+    roles : mapping of str to sequence of str
+        "acceleration" or an auxiliary field of `Recording` -> its column(s), in the order of the axes. By
+        default the acceleration is in the columns of conventional names, or in the only one.
+    options : ReadOptions
+        How to read.
+    trim : bool
+        Cut axes of different lengths to the shortest instead of refusing them.
+
+    Raises
+    ------
+    RecordingError
+        If a file is bad, or the axes differ in length or rate.
+    """
+    if unknown := set(roles) - {UNNAMED, *AUXILIARY_UNITS}:
+        raise RecordingError(
+            f"signals {sorted(unknown)} are unknown; the rule is one of {', '.join(AUXILIARY_UNITS)}"
+        )
+    parts = {axis: _read_file(path, roles, options) for axis, path in axes.items()}
+    first = next(iter(parts.values()))
+    if len(parts) == 1:
+        axis = next(iter(parts))
+        is_one_axis = axis and first.fields[UNNAMED].ndim == 1
+        return replace(first, channels=(axis,) if is_one_axis else first.channels)
+    where = str(next(iter(axes.values())))
+    lengths = {axis: len(part.fields[UNNAMED]) for axis, part in parts.items()}
+    if len(set(lengths.values())) > 1 and not trim:
+        raise RecordingError(f"{where}: its axes have {lengths} samples; the rule is one length")
+    if len({part.fs for part in parts.values()}) > 1:
+        raise RecordingError(
+            f"{where}: its axes have rates {[part.fs for part in parts.values()]}; the rule is one"
+        )
+    n = min(lengths.values())
+    acceleration = read_only(np.column_stack([part.fields[UNNAMED][:n] for part in parts.values()]))
+    return Signals({**first.fields, UNNAMED: acceleration}, tuple(parts), first.fs)
+
+
+def build_recording(
+    signals: Signals, *, fs: float | None, unit: str, source: str, flags: tuple[str, ...] = (), **facts: Any
+) -> Recording:
+    """Check signals and return them as a recording; `facts` are further fields of `Recording`.
+
+    Raises
+    ------
+    RecordingError
+        If the sampling rate is missing or contradicted, the acceleration too short, constant or not finite.
+    """
+    facts |= {**signals.fields, "channels": signals.channels, "unit": unit, "source": source}
+    recording = Recording(fs=agreed_rate(signals.fs, fs, source), **facts)
+    found = check_acceleration(recording.acceleration, recording.channels, source)
+    flags = (*flags, *signals.flags, *found)
+    return recording.with_(flags=flags) if flags else recording
+
+
+def agreed_rate(stated: float | None, given: float | None, where: str) -> float:
+    """Return the sampling rate in Hz, from the file, from the user or card, or from both if they agree.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing or contradicted.
+    """
+    if stated is None and given is None:
+        raise RecordingError(f"{where}: fs is missing; the rule is a rate in Hz, never guessed: give --fs")
+    if stated is not None and given is not None and not math.isclose(stated, given, rel_tol=1e-9):
+        raise RecordingError(
+            f"{where}: fs is {stated:g} Hz there, {given:g} Hz was given; the rule is one rate"
+        )
+    return stated if stated is not None else given  # type: ignore[return-value]
+
+
+def _read_file(path: Path, roles: Mapping[str, Sequence[str]], options: ReadOptions) -> Signals:
+    chosen = tuple(roles.get(UNNAMED, ())) or choose_acceleration(formats.names(path, options), path)
+    groups = {UNNAMED: chosen, **{field: names for field, names in roles.items() if field != UNNAMED}}
+    wanted = tuple(dict.fromkeys(name for names in groups.values() for name in names))
+    columns = formats.read(path, wanted, options)
+    fields = {f: read_only(_stack([columns.named[name] for name in names])) for f, names in groups.items()}
+    return Signals(fields, chosen if len(chosen) > 1 else (), columns.fs, columns.flags)
+
+
+def _stack(columns: Sequence[Samples]) -> Samples:
+    return columns[0] if len(columns) == 1 else np.column_stack(columns)
+
+
+def _tuple(names: str | Sequence[str] | None) -> tuple[str, ...]:
+    return () if names is None else (names,) if isinstance(names, str) else tuple(names)

@@ -1,0 +1,222 @@
+"""A comparison with public libraries as a document: accuracy against time, every tool and classifier."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from texclass.document import Document, Figure, Finding, Folded, Heading, Table, write_document
+from texclass.document.blocks import Block
+from texclass.document.figure_style import (
+    OTHER,
+    OURS,
+    PAPER,
+    legend_above,
+    log_x,
+    new_figure,
+    per_cent_limits,
+)
+from texclass.document.wording import (
+    aligned,
+    digits,
+    estimate,
+    gain,
+    p_value,
+    percent,
+    points,
+    points_interval,
+    sentence,
+)
+from texclass.experiment.result_words import (
+    again_facts,
+    classifier_title,
+    dataset_facts,
+    protocol_title,
+    size,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+    from texclass.peers.result import PeerComparison
+
+Data = Mapping[str, Any]
+COSTS = {
+    "Features, ms": "feature_ms", "Fit, s": "fit_s", "Total, s": "total_s", "MB": "memory_mb",
+    "First call, s": "first_s",
+}  # fmt: skip
+COST_NOTE = (
+    "Times are CPU seconds of one thread in a process of its own, compilation left out (first call: two "
+    "recordings, with imports and compilation). Features: one recording, from its movement to values; Fit: "
+    "all that learns, one fold; Total: features of all recordings of a fold, fit, predictions; MB: growth of "
+    "the process at its largest, after the first call."
+)
+
+
+def write_peers(comparison: "PeerComparison", folder: str | Path) -> tuple[Path, ...]:
+    """Write a comparison's JSON, Markdown and picture into a folder, dataset-pipeline-protocol-peers."""
+    data = comparison.to_dict()
+    stem = f"{data['dataset']['name']}-{data['pipeline']}-{data['protocol']}-peers"
+    return write_document(peers_document(data), folder, stem, json=comparison.to_json())
+
+
+def peers_document(data: Data) -> Document:
+    """Return a comparison as a document.
+
+    Parameters
+    ----------
+    data : mapping
+        As `PeerComparison.to_dict` returns it, or its JSON read back.
+    """
+    pipeline = data["pipeline"]
+    return Document(
+        f"{data['dataset']['name']}, beside other tools",
+        list(_blocks(data)),
+        f"Pipeline {pipeline}, {protocol_title(data['protocol'])}: {size(data['dataset'])}",
+        _finding(data),
+        dataset_facts(data),
+        again_facts(data, f"{pipeline} ({data['pipeline_hash']})"),
+        data["versions"],
+    )
+
+
+def _finding(data: Data) -> Finding:
+    ours = data["contestants"][0]
+    finished = [
+        c for c in data["contestants"] if not c["ours"] and c["accuracy"] and c["n_folds"] == data["n_folds"]
+    ]
+    best = max(finished, key=lambda c: float(c["accuracy"]["mean"]), default=None)
+    if best is None or best["difference"] is None or not ours["accuracy"]:
+        return Finding("none", "", "", "of the peers finished every fold.")
+    difference = best["difference"]
+    clear = "the two cannot be told apart"
+    if difference["low"] > 0 or difference["high"] < 0:
+        clear = f"ours is {'ahead' if difference['low'] > 0 else 'behind'}"
+    cost = ""
+    if best["cost"] and ours["cost"] and best["cost"]["total_s"] > 0 and best["cost"]["feature_ms"] > 0:
+        whole, part = (digits(ours["cost"][key] / best["cost"][key]) for key in ("total_s", "feature_ms"))
+        cost = f"Ours takes {whole} times its total time and {part} times its time for features."
+    told_ours, told_best = (
+        f"{c['title']}, {classifier_title(c['classifier'])}: {percent(c['accuracy']['mean'])} %"
+        for c in (ours, best)
+    )
+    return Finding(
+        points(difference["difference"]),
+        "points",
+        points_interval(difference),
+        f"for ours ({told_ours}) minus the best peer ({told_best}), on the same tests: {clear}. p "
+        f"{p_value(difference['p_value'])} by {difference['test']}. Protocol: "
+        f"{data['protocol_description']}.",
+        cost,
+        f"Ours minus the best peer, {best['title']} with {classifier_title(best['classifier'])}, on the same "
+        f"tests: {clear}. {cost}",
+    )
+
+
+def _blocks(data: Data) -> Iterator[Block]:
+    contestants = data["contestants"]
+    yield Heading("Every tool and classifier")
+    yield _every(data)
+    if any(_placed(c) for c in contestants):
+        yield _accuracy_against_time(contestants)
+    yield list(_notes(data))
+    settings = dict.fromkeys((c["title"], c.get("reference", "")) for c in contestants if not c["ours"])
+    frame = pd.DataFrame(list(settings), columns=["Tool", "Setting"])
+    yield Folded("Settings of the peers", [Table(frame, n_words=2)])
+    versions = pd.DataFrame(list(data["peer_versions"].items()), columns=["Package", "Version"])
+    yield Folded("Versions of the peers", [Table(versions, n_words=2)])
+
+
+def _every(data: Data) -> Table:
+    """Return all lines of the comparison; where nothing ran it says why."""
+    contestants, instead, rows = data["contestants"], {}, []
+    for i, c in enumerate(contestants):
+        accuracy, difference = c["accuracy"], c["difference"]
+        if accuracy is None or c["cost"] is None:
+            instead[i] = f"{c['status']}: {c['message']}" if c["message"] else c["status"]
+            rows.append((_tool(c), *[""] * 6))
+            continue
+        part = f" ({c['n_folds']} of {data['n_folds']} folds)" if c["n_folds"] != data["n_folds"] else ""
+        ahead = (gain(difference), p_value(difference["p_value"])) if difference else ("reference", "")
+        balanced = accuracy["mean"] if accuracy.get("balanced") is None else accuracy["balanced"]
+        classifier = classifier_title(c["classifier"]) + part
+        rows.append(
+            (_tool(c), classifier, estimate(accuracy), *ahead, str(c["n_columns"]), percent(balanced))
+        )
+    titles = ["Tool", "Classifier", "% [95 %]", "Ours ahead by, points [95 %]", "p", "Columns", "Balanced, %"]
+    frame = pd.DataFrame(rows, columns=titles)
+    for title, key in COSTS.items():
+        frame[title] = aligned(
+            None if i in instead else c["cost"].get(key) for i, c in enumerate(contestants)
+        )
+    strong = [i for i, c in enumerate(contestants) if c["ours"]]
+    return Table(frame, COST_NOTE, n_words=2, strong=strong, instead=instead, n_kept=5)
+
+
+def _notes(data: Data) -> Iterator[str]:
+    """Yield what a reader of the comparison must know."""
+    yield f"Signals of the peers: {data['signals']}; scaling is fitted inside each fold."
+    tests = sorted({c["difference"]["test"] for c in data["contestants"] if c["difference"]})
+    first = data["contestants"][0]
+    yield (
+        f"Ours ahead by: points of {first['title']}, {classifier_title(first['classifier'])}, over the "
+        f"line's, paired on the same tests ({', '.join(tests)}); p is not corrected for the number of lines."
+    )
+    yield f"A peer may take {digits(data['time_limit_s'])} s."
+    for c in data["contestants"]:
+        if c["status"] == "out of time" and c["accuracy"]:
+            yield (
+                f"{c['title']}, {classifier_title(c['classifier'])}: {c['message']}; accuracy and difference "
+                f"are those of {c['n_folds']} of {data['n_folds']} folds."
+            )
+    yield from map(sentence, [*data.get("notes", ()), *data["dataset"].get("notes", ())])
+
+
+def _accuracy_against_time(contestants: list[Data]) -> Figure:
+    """Return the best classifier of each tool, numbered by accuracy."""
+    best: dict[str, Data] = {}
+    for c in sorted(filter(_placed, contestants), key=lambda c: -float(c["accuracy"]["mean"])):
+        best.setdefault(c["name"], c)
+    ranked = list(best.values())
+    names = [f"{i}. {_tool(c)}, {classifier_title(c['classifier'])}" for i, c in enumerate(ranked, start=1)]
+    at = next((i for i, c in enumerate(ranked, start=1) if c["ours"]), None)
+    ours = "" if at is None else f"; the first of ours is number {at} of {len(ranked)}"
+    fastest = min(ranked, key=lambda c: float(c["cost"]["feature_ms"]))
+    rows = [
+        (name, estimate(c["accuracy"]), digits(c["cost"]["feature_ms"]))
+        for name, c in zip(names, ranked, strict=True)
+    ]
+    return Figure(
+        "time",
+        "Accuracy against the time of features; up and left is better",
+        f"The most accurate is {_tool(ranked[0])}, the fastest {_tool(fastest)}{ours}. With 95 % intervals; "
+        "the best classifier of each tool, numbered by accuracy.",
+        lambda width: _draw(ranked, names, width),
+        Table(pd.DataFrame(rows, columns=["Tool", "% [95 %]", "CPU ms"])),
+    )
+
+
+def _draw(ranked: list[Data], names: list[str], width: float) -> "Drawing":
+    figure, axes = new_figure(width, 3.2 + 0.22 * len(ranked))
+    for rank, (c, name) in enumerate(zip(ranked, names, strict=True), start=1):
+        x, colour = c["cost"]["feature_ms"], OURS if c["ours"] else OTHER
+        mean, low, high = (100 * c["accuracy"][key] for key in ("mean", "low", "high"))
+        axes.plot([x, x], [low, high], color=colour)
+        said = f"{name}: {estimate(c['accuracy'])} %, {digits(x)} ms"
+        label = f"{name}: {percent(c['accuracy']['mean'])} %, {digits(x)} ms"
+        axes.plot(x, mean, "o", color=colour, markersize=13, gid=said, label=label, clip_on=False)
+        axes.annotate(str(rank), (x, mean), color=PAPER, fontsize=8, weight="bold", ha="center", va="center")
+    log_x(axes)
+    axes.set(xlabel="CPU ms of features, one recording (log scale)", ylabel="accuracy, %")
+    axes.set_ylim(*per_cent_limits([100 * c["accuracy"]["low"] for c in ranked]))
+    legend_above(figure, axes)
+    return figure
+
+
+def _placed(c: Data) -> bool:
+    return bool(c["accuracy"] and c["cost"] and c["cost"]["feature_ms"] > 0)
+
+
+def _tool(c: Data) -> str:
+    return f"ours: {c['title']}" if c["ours"] else str(c["title"])

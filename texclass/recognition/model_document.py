@@ -1,0 +1,61 @@
+"""What a model says of itself, and of files, as documents that a terminal, Markdown or a page shows."""
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from texclass.document import Document, Table
+from texclass.recognition.model import Answer, Model
+
+
+def model_document(model: Model) -> Document:
+    """Return the facts of a model: surfaces, features, accuracy, calibration, cost, versions."""
+    m = model.manifest
+    accuracy, calibration, unknown, on = m.accuracy, m.calibration, m.unknown, m.trained_on
+    windows = f", {on['n_windows']} touches of {m.touch_s:g} s" if m.touch_s is not None else ""
+    best_of = f", best of {accuracy['n_candidates']}" if accuracy["n_candidates"] > 1 else ""
+    felt = f", movements of about {m.shortest_s:.2g} s and more" if m.shortest_s is not None else ""
+    if m.touch_s is not None:
+        felt = f", touches of {m.touch_s:g} s"
+    drift = f"; drift makes distances {unknown['stretch']:.2g} times as large" * (unknown["stretch"] > 1)
+    low, mean, high = (f"{100 * accuracy[name]:.1f}" for name in ("low", "mean", "high"))
+    n_folds = f"{accuracy['n_folds']} fold{'s' * (accuracy['n_folds'] > 1)}"
+    facts = {
+        "Surfaces": f"{len(m.materials)}: {', '.join(m.materials)}",
+        "Trained on": f"{on['name']}, {on['n_recordings']} recordings{windows} ({on['hash'][:12]})",
+        "Pipeline": f"{m.pipeline['name']}: {m.pipeline['row']} with {m.pipeline['classifier']}{best_of}",
+        "Features": f"{len(model.columns)} columns of {', '.join(m.features)}",
+        "Recordings": f"{', '.join(m.phases)}; {m.fs:g} Hz, {m.unit}{felt}",
+        "Accuracy": f"{mean} % ({low} to {high}) of {accuracy['n_tested']} {accuracy['how']}",
+        "Held out": f"protocol {accuracy['protocol']}, {n_folds} ({accuracy['why']}){drift}",
+        "Probabilities": f"{calibration['method']} scaling, beta {calibration['beta']:.3g}; expected "
+        f"calibration error {calibration['expected_error']:.3f} on {calibration['n']} held out",
+        "Unknown surfaces": f"by {unknown['score']}, {100 * unknown['false_alarms']:g} % false alarms, "
+        f"threshold {unknown['threshold']:.4g} from {unknown['n']} held out",
+        "Cost": f"{m.cost['features_ms']:.2f} ms features, {m.cost['classifier_ms']:.2f} ms classifier",
+        "Versions": ", ".join(f"{name} {version}" for name, version in m.versions.items()),
+        "Format": ".".join(map(str, m.format_version)),
+    }
+    return Document(f"Model of {len(m.materials)} surfaces", [facts])
+
+
+def answers_document(answers: Sequence[tuple[str, Answer]]) -> Document:
+    """Return the answers for files by name, one a row, and what a user should know of each.
+
+    A file is called by its recording where no other file is of the same.
+    """
+    ids = [answer.recording_id for _, answer in answers]
+    named = [(name if ids.count(a.recording_id) > 1 else a.recording_id, a) for name, a in answers]
+    rows = [
+        (
+            name,
+            f"unknown (nearest: {a.surface})" if a.unknown else a.surface,
+            a.runner_up,
+            f"{100 * a.probability:.1f}",
+        )
+        for name, a in named
+    ]
+    frame = pd.DataFrame(rows, columns=["Recording", "Surface", "Runner-up", "%"])
+    strange = [i for i, (_, answer) in enumerate(named) if answer.unknown]
+    reasons = [f"{name}: {reason}" for name, answer in named for reason in answer.reasons]
+    return Document(f"{len(named)} recordings", [Table(frame, n_words=3, strong=strange), reasons])

@@ -1,0 +1,111 @@
+"""The study of features under other speeds, forces and impacts, as a document."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from texclass.document import Document, Figure, Finding, Heading, Table
+from texclass.document.blocks import Block
+from texclass.document.figure_style import LOOKS, MUTED, legend_above, log_x, row_axes
+from texclass.document.wording import digits
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+
+def invariance_document(data: Mapping[str, Any]) -> Document:
+    """Return the study as a document.
+
+    Parameters
+    ----------
+    data : mapping
+        The JSON of the study: `rows` with feature, set, origin, condition, ratio (of the deviation between
+        surfaces to that within one; None where undefined) and trend.
+    """
+    rows = pd.DataFrame(
+        list(data["rows"]), columns=["feature", "set", "origin", "condition", "ratio", "trend"]
+    )
+    rows["set"] = rows["set"].fillna("")
+    rows["origin"] = rows["origin"].fillna(rows["set"]).replace("", "features")
+    rows = rows.astype({"ratio": float, "trend": float})
+    known = rows[rows["ratio"] > 0]
+    medians = known.groupby("origin")["ratio"].median()
+    ours, *others = sorted(set(rows["origin"]), key=lambda origin: (origin != "texclass", origin))
+    told = "; ".join(f"{origin}: {digits(medians[origin])}" for origin in others if origin in medians)
+    value = digits(medians[ours]) if ours in medians else "none"
+    conditions = ", ".join(dict.fromkeys(rows["condition"]))
+    blocks: list[Block] = [Heading("Every feature under every condition")]
+    if len(known):
+        table = known.pivot_table("ratio", "origin", "condition", "median", sort=False).reindex(
+            [ours, *others]
+        )
+        table.columns = table.columns.astype(str)
+        blocks.append(_ratios(rows, known, [ours, *others]))
+        blocks.append(Table(table.rename_axis("From").reset_index(), "Median ratio of the features."))
+    blocks.append(
+        [
+            "Ratio: deviation between the surfaces' means over the deviation within a surface along its run.",
+            "Trend: mean |Spearman| with the condition (0: none, 1: follows it).",
+        ]
+    )
+    return Document(
+        "Invariance to speed, force and impact",
+        blocks,
+        f"{len(rows[['set', 'feature']].drop_duplicates())} features under {conditions}",
+        Finding(
+            value,
+            "times" if value != "none" else "",
+            "",
+            "as far apart are surfaces as one surface under other speeds, forces and impacts: the median "
+            f"over the features of {ours} and conditions (above 1, surfaces differ more than conditions "
+            "change the value).",
+            f"The same median for {told}." if told else "",
+            "Median ratio of the deviation between surfaces to that within one "
+            f"({'; '.join(filter(None, (ours, told)))}).",
+        ),
+        again={"Seed": str(data.get("seed", ""))},
+        versions=data.get("versions", {}),
+    )
+
+
+def _ratios(rows: pd.DataFrame, known: pd.DataFrame, origins: Sequence[str]) -> Figure:
+    """Return the ratio of every feature, that of the best worst condition at the top."""
+    worst = known.groupby(["origin", "set", "feature"], sort=False)["ratio"].min()
+    order = list(worst.sort_values(ascending=False, kind="stable").index)
+    table = rows[["feature", "set", "origin", "condition"]].assign(
+        ratio=[digits(ratio) or "undefined" for ratio in rows["ratio"]],
+        trend=list(map(digits, rows["trend"])),
+    )
+    return Figure(
+        "ratios",
+        "Between-surface over within-surface deviation; right is better",
+        f"By its worst condition the best feature is {_name(*order[0])}, the last {_name(*order[-1])}.",
+        lambda width: _draw(known, order, origins, width),
+        Table(table.rename(columns=str.capitalize), n_words=4),
+    )
+
+
+def _draw(known: pd.DataFrame, order: list[Any], origins: Sequence[str], width: float) -> "Drawing":
+    """Draw a mark a condition, a colour an origin."""
+    figure, axes = row_axes(width, [_name(*key) for key in order], "ratio (log scale)")
+    colours = {origin: LOOKS[i % len(LOOKS)][0] for i, origin in enumerate(origins)}
+    shapes = {name: LOOKS[i % len(LOOKS)][1] for i, name in enumerate(dict.fromkeys(known["condition"]))}
+    at = {key: y for y, key in enumerate(order)}
+    for row in known.to_dict("records"):
+        key = row["origin"], row["set"], row["feature"]
+        said = f"{_name(*key)}, {row['condition']}: {digits(row['ratio'])}"
+        shape = shapes[row["condition"]]
+        axes.plot(row["ratio"], at[key], shape, markersize=5, color=colours[row["origin"]], gid=said)
+    for label, colour in colours.items():
+        axes.plot([], [], "o", color=colour, label=label)
+    for label, shape in shapes.items():
+        axes.plot([], [], shape, color=MUTED, label=label)
+    axes.axvline(1.0, color=MUTED, linewidth=1)
+    log_x(axes)
+    legend_above(figure, axes)
+    return figure
+
+
+def _name(_origin: str, of_set: str, feature: str) -> str:
+    return f"{feature} ({of_set})" if of_set else feature
