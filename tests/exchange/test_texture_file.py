@@ -69,6 +69,7 @@ def test_taps_are_no_texture_to_stroke_and_no_texture_is_a_tap_library(path, tmp
         ({"unit": "furlong"}, "unit is 'furlong'; the rule is one of m/s"),
         ({"parameters/fs": "fast"}, "fs is 'fast'; the rule is"),
         ({"parameters/fs": 10**400}, "fs is"),
+        ({"parameters/fs": 500.0}, r"describes .*1000.0.*, holds .*500.0.*; the rule is the same"),
         ({"parameters/tones": 3}, "array 'tones' has no place"),
         ({"parameters/tones": None}, "array 'tones' has no place"),
         ({"name": "bell\x07"}, "printable"),

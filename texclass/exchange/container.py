@@ -183,10 +183,14 @@ def read_stored(path: str | Path, families: Mapping[str, str | type[Stored]]) ->
         kind = pkgutil.resolve_name(kind)
     try:
         with np.errstate(all="ignore"):  # of numbers that no surface has: the family's own rules judge them
-            return kind.restore(header.parameters, arrays)
+            found = kind.restore(header.parameters, arrays)
     except (ValueError, *_UNFIT) as error:
         reason = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
         raise ValueError(f"{path}: makes no {header.family!r}: {reason:.500}") from error
+    told, held = (header.name, header.fs), (getattr(found, "name", ""), getattr(found, "fs", None))
+    if told != held:
+        raise ValueError(f"{path}: describes {told}, holds {held}; the rule is the same")
+    return found
 
 
 def read_limited(path: Path, limit: int) -> bytes:

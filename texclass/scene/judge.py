@@ -104,7 +104,9 @@ class Judge:
 
         Scores are those of the tolerance: dB, or GFC.
         """
-        S, M = (np.maximum(P @ self.parts.T, self._least(recorded)) for P in (recorded, modelled))
+        largest = (recorded @ self.parts.T).max(axis=-1, keepdims=True)
+        least = np.maximum(max(self.floor, 1e-300), LEAST_POWER * largest)
+        S, M = (np.maximum(P @ self.parts.T, least) for P in (recorded, modelled))
         mean = [10 * np.log10(P.mean(axis=-1)) for P in (S, M)]
         if self.tolerance.score == "gfc":
             product = np.sqrt(S * M).sum(axis=-1)
@@ -126,10 +128,6 @@ class Judge:
         return Verdict(
             tuple(map(float, scores)), tuple(map(float, levels)), float(self.relative(scores, levels))
         )
-
-    def _least(self, recorded: Samples) -> Samples:
-        largest = (recorded @ self.parts.T).max(axis=-1, keepdims=True)
-        return np.asarray(np.maximum(max(self.floor, 1e-300), LEAST_POWER * largest))
 
     def _share(self, edges: Samples) -> Samples:
         """Return how many Hz of each bin lie between each two edges, shape (n_edges - 1, n_bins)."""

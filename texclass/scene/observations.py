@@ -197,15 +197,11 @@ def _simulated(name: str, scene: SceneDefinition) -> Felt:
     family, _, which = name.partition("/")
     if scene.device.unit != "m/s^2":
         raise ValueError(f"unit of the device is {scene.device.unit}; the rule for simulations is m/s^2")
-    match family:
-        case "abdulali2016":
-            return _resonant(which, scene)
-        case "catalogue" if which.isdecimal():
-            return _catalogued(int(which), scene)
-    raise ValueError(f"simulated is {name!r}; the rule is abdulali2016/S1 ... S9 or catalogue/0, 1, ...")
+    if family == "catalogue" and which.isdecimal():
+        return _catalogued(int(which), scene)
+    if family != "abdulali2016":
+        raise ValueError(f"simulated is {name!r}; the rule is abdulali2016/S1 ... S9 or catalogue/0, 1, ...")
 
-
-def _resonant(which: str, scene: SceneDefinition) -> Felt:
     from texclass.textures.abdulali2016 import surface
 
     what, fs = surface(which), scene.device.rate_hz

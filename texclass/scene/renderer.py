@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
-from texclass.scene import _kernels as kernels
+from texclass.scene import render_kernels as kernels
 from texclass.scene.planned import PlannedScene
 from texclass.textures.grid import LEAST_POWER, GridModel, renewal
 
@@ -73,10 +73,13 @@ class SceneRenderer:
         self._state = np.zeros((n, kernels.VOICES + 6 * (columns + 1)))
         self._phase = np.zeros((n, kernels.N_COUNTS), dtype=np.int64)
         self._arrays = *_laid_out(scene.models, facts), self._state, self._phase
-        self._same = np.zeros((0, 0), dtype=np.int64)
         self.motion, self.out = self._state[:, : kernels.OUT], self._state[:, kernels.OUT]
         self.reset()
-        self._warm()
+        # Compile, or load what was compiled, before the first sample is due.
+        self.step(0, 0.0, 0.0, 0.0)
+        self.step_all()
+        self.process(np.zeros((n, 1, 2)), np.zeros((n, 1)))
+        self.reset()
 
     @property
     def n_bytes(self) -> int:
@@ -167,21 +170,15 @@ class SceneRenderer:
             )
         if not (np.isfinite(v).all() and np.isfinite(f).all()):
             raise ValueError("velocity or force holds NaN or infinity; the rule is finite numbers")
+        wanted = np.zeros((0, 0), dtype=np.int64)
+        if surfaces is not None:
+            model = {name: self._model(name) for name in {name for row in surfaces for name in row}}
+            wanted = np.array([[model[name] for name in row] for row in surfaces], dtype=np.int64)
+            if wanted.shape != f.shape:
+                raise ValueError(f"surfaces have shape {wanted.shape}; the rule is {f.shape}, as the force")
         found = np.empty(f.shape) if out is None else out
-        kernels.play(*self._arrays, v, f, self._wanted(surfaces, f.shape), found)
+        kernels.play(*self._arrays, v, f, wanted, found)
         return found
-
-    def _wanted(
-        self, surfaces: Sequence[Sequence[str | None]] | None, shape: tuple[int, ...]
-    ) -> NDArray[np.int64]:
-        if surfaces is None:
-            return self._same
-        named = {name for row in surfaces for name in row}
-        model = {name: self._model(name) for name in named}
-        wanted = np.array([[model[name] for name in row] for row in surfaces], dtype=np.int64)
-        if wanted.shape != shape:
-            raise ValueError(f"surfaces have shape {wanted.shape}; the rule is {shape}, as the force")
-        return wanted
 
     def _model(self, surface: str | None) -> int:
         if surface is None:
@@ -194,13 +191,6 @@ class SceneRenderer:
         if not 0 <= contact < self.n_contacts:
             raise ValueError(f"contact is {contact}; the rule is 0 ... {self.n_contacts - 1}")
         return contact
-
-    def _warm(self) -> None:
-        """Compile, or load what was compiled, before the first sample is due."""
-        self.step(0, 0.0, 0.0, 0.0)
-        self.step_all()
-        self.process(np.zeros((self.n_contacts, 1, 2)), np.zeros((self.n_contacts, 1)))
-        self.reset()
 
 
 def _laid_out(models: Sequence[GridModel], facts: Samples) -> tuple[Samples, NDArray[np.int64]]:

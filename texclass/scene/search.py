@@ -1,12 +1,10 @@
 """All that could stand for a surface, from cheap to dear, as judged on what it was not fitted to."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from texclass.recording import Samples
 from texclass.scene.definition import Expected
@@ -65,10 +63,14 @@ class Search:
         """Return the model of the fewest operations, then bytes, that scores at most `margin`."""
         if self.silence <= margin:
             return GridModel.silence()
-        lattice = self._lattice(margin, most_speeds)
-        limit = np.inf if lattice is None else lattice.operations(self.judge.device.rate_hz)
-        for model in self._lines(limit, most_speeds):
-            if self._score(model) <= margin:
+        lattice, fs = self._lattice(margin, most_speeds), self.judge.device.rate_hz
+        limit = np.inf if lattice is None else lattice.operations(fs)
+        for n, course, (n_v, n_f) in product(N_LINES, get_args(Course), FEW_GRIDS):
+            if operations(0, n, fs) >= limit:
+                break
+            axes = _axes(self.observed, self.expected, min(n_v, most_speeds), n_f)
+            model = fit_lines(self.observed, self.judge, axes, n, course)
+            if model is not None and self._score(model) <= margin:
                 return model
         return lattice
 
@@ -97,16 +99,6 @@ class Search:
                     best, found = cost, (grid, order)
         return None if found is None else found[0].model(found[1])
 
-    def _lines(self, limit: float, most_speeds: int) -> Iterator[GridModel]:
-        """Give lines that cost less than `limit`, the cheapest first."""
-        for n, course, (n_v, n_f) in product(N_LINES, get_args(Course), FEW_GRIDS):
-            if operations(0, n, self.judge.device.rate_hz) >= limit:
-                return
-            axes = _axes(self.observed, self.expected, min(n_v, most_speeds), n_f)
-            model = fit_lines(self.observed, self.judge, axes, n, course)
-            if model is not None:
-                yield model
-
 
 def search(observed: Observed, judge: Judge, expected: Expected) -> Search:
     """Fit models of every order on every grid of nodes to a surface, and judge them where it is chosen.
@@ -123,18 +115,13 @@ def search(observed: Observed, judge: Judge, expected: Expected) -> Search:
         orders = np.array([order for order in stage if order < judge.n_segment])
         for n, lines in (*product(sizes, [pattern[:0]]), *product(few, tones)):
             grid = fit_lattices(observed, judge, _axes(observed, expected, *n), int(orders[-1]), lines)
-            found.fitted.append((grid, _relative(grid, observed, judge, orders)))
+            seen = grid.spectra(observed.choose, judge, orders)
+            relative = np.full(orders[-1] + 1, np.inf)
+            relative[orders] = judge.relative(*judge.errors(observed.choose.spectra[:, np.newaxis], seen))
+            found.fitted.append((grid, relative))
         if found.cheapest(COMFORTABLE) is not None:
             break
         sizes, tones = few, tones[-1:]
-    return found
-
-
-def _relative(grid: LatticeGrid, observed: Observed, judge: Judge, orders: NDArray[np.int64]) -> Samples:
-    """Return what orders 0 ... p score where they are chosen, in parts of the tolerance."""
-    recorded = observed.choose.spectra[:, np.newaxis]
-    found = np.full(orders[-1] + 1, np.inf)
-    found[orders] = judge.relative(*judge.errors(recorded, grid.spectra(observed.choose, judge, orders)))
     return found
 
 
