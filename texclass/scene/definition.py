@@ -223,7 +223,7 @@ class SceneDefinition(Written):
     tolerance: Tolerance
     budget: Budget
     surfaces: dict[str, SurfaceDefinition] = Field(min_length=1)
-    seed: int = Field(default=0, ge=0)
+    seed: int = Field(default=0, ge=0, lt=1 << 63)
     _source: Path = PrivateAttr(default=Path())
 
     def model_post_init(self, context: Any, /) -> None:
