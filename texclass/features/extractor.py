@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -215,12 +215,10 @@ class FeatureExtractor(_Values):
         """Return the features with the reasons of undefined values and the time taken."""
         check_is_fitted(self)
         recordings = self._recordings(X, reset=False)
-        # The recordings of a lazy dataset load in the process that computes them.
-        entries = getattr(recordings, "entries", recordings)
-        load = recordings.load if hasattr(recordings, "entries") else _same
+        load, entries = getattr(recordings, "load", None), getattr(recordings, "entries", recordings)
         with parallel_config(backend="loky", inner_max_num_threads=1):
             found = Parallel(n_jobs=self.n_jobs)(
-                delayed(_extract)(self.plan_, partial(load, entry)) for entry in entries
+                delayed(_extract)(self.plan_, load, entry) for entry in entries
             )
         ids, rows = zip(*found, strict=True)
         return Extraction(
@@ -273,10 +271,7 @@ def _signals(X: Any) -> list[Samples] | None:
     return [array] if array.ndim == 1 and array.size >= LEAST_SAMPLES else None
 
 
-def _same(recording: Recording) -> Recording:
-    return recording
-
-
-def _extract(plan: Plan, load: Callable[[], Recording]) -> tuple[str, Computed]:
-    recording = load()
+def _extract(plan: Plan, load: Callable[[Any], Recording] | None, entry: Any) -> tuple[str, Computed]:
+    """Compute a recording, or the entry of a lazy dataset, in the process that loads it."""
+    recording: Recording = entry if load is None else load(entry)
     return recording.recording_id, plan.compute(recording)

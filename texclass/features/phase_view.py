@@ -204,7 +204,9 @@ class Views:
             stop = start + fft.prev_fast_len(stop - start)
         axes = self._axes(start, stop)
         vibration = combine(axes)
-        if self.recording.unit == "m/s^2" and _holds_gravity(axes):
+        mean = np.ones(len(axes)) @ axes / len(axes)  # numpy's mean of short rows takes ten times as long
+        holds_gravity = math.hypot(*np.atleast_1d(mean)) > STANDARD_GRAVITY / 2
+        if self.recording.unit == "m/s^2" and holds_gravity:
             vibration = remove_hand_motion(vibration, self.recording.fs)
         return PhaseView(vibration, self.recording.fs)
 
@@ -219,7 +221,9 @@ class Views:
         signal = combine(self._axes(0, taps[-1].end))
         signal = signal - np.median(signal[:quiet] if quiet else signal)
         parts = (TapSignal(signal[t.start : t.impact], signal[t.impact : t.end]) for t in taps)
-        return TapView(tuple(parts), self.recording.fs, self._noise(quiet))
+        # On the axes, not on their combination: DFT321 leaks the taps into the quiet stretch.
+        noise = float(np.sqrt(np.sum(np.var(self._axes(0, quiet), axis=0)))) if quiet else 0.0
+        return TapView(tuple(parts), self.recording.fs, noise)
 
     @cached_property
     def friction(self) -> PhaseView:
@@ -235,19 +239,6 @@ class Views:
         if self.channel is not None and self.channel >= n_axes and turn is not None:
             return turn[start:stop, self.channel - n_axes]
         return axes if self.channel is None or axes.ndim == 1 else axes[:, self.channel]
-
-    def _noise(self, n_quiet: int) -> float:
-        # On the axes, not on their combination: DFT321 leaks the taps into the quiet stretch.
-        if n_quiet == 0:
-            return 0.0
-        axes = self._axes(0, n_quiet)
-        return float(np.sqrt(np.sum(np.var(axes, axis=0))))
-
-
-def _holds_gravity(axes: Samples) -> bool:
-    """Whether the mean of the axes (m/s^2), taken together, is nearer to 1 g than to 0."""
-    mean = np.ones(len(axes)) @ axes / len(axes)  # numpy's mean of short rows takes ten times as long
-    return math.hypot(*np.atleast_1d(mean)) > STANDARD_GRAVITY / 2
 
 
 def view_of(

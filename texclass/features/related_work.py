@@ -13,6 +13,7 @@ from texclass.features.spectra import mean_spectrum, power_frames
 from texclass.recording import Samples
 from texclass.signals import moving_average
 
+CHATHURANGA = "strese2015, Table I [17] (Chathuranga et al., 2013)"
 SENSOR_BAND_HZ = 1400.0
 """Where the acceleration sensor of strese2015 ends."""
 
@@ -70,7 +71,7 @@ def lpc_coefficients(view: PhaseView, *, order: int = 10) -> Samples:
     return a
 
 
-@feature("movement", "m/s^2", "strese2015, Table I [17] (Chathuranga et al., 2013)", gain=Gain(power=1))
+@feature("movement", "m/s^2", CHATHURANGA, gain=Gain(power=1))
 def mean_magnitude(view: PhaseView) -> float:
     """Mean of |x|: the movement's own mean is gravity and removed with it.
 
@@ -82,7 +83,7 @@ def mean_magnitude(view: PhaseView) -> float:
     return float(np.abs(unit(view)).mean()) * level(view)
 
 
-@feature("movement", "(m/s^2)^2", "strese2015, Table I [17] (Chathuranga et al., 2013)", gain=Gain(power=2))
+@feature("movement", "(m/s^2)^2", CHATHURANGA, gain=Gain(power=2))
 def variance(view: PhaseView) -> float:
     """Variance of the movement.
 
@@ -95,13 +96,7 @@ def variance(view: PhaseView) -> float:
     return (float(x @ x) / x.size - float(x.mean()) ** 2) * level(view) ** 2
 
 
-@feature(
-    "movement",
-    "(m/s^2)^2",
-    "strese2015, Table I [17] (Chathuranga et al., 2013)",
-    gain=Gain(power=2),
-    depends_on=("rate",),
-)
+@feature("movement", "(m/s^2)^2", CHATHURANGA, gain=Gain(power=2), depends_on=("rate",))
 def wavelet_energy(view: PhaseView, *, wavelet: str = "coif3", depth: int = 5) -> float:
     """Energy of the wavelet details d_1 ... d_5 per sample, of the movement high-passed at 100 Hz.
 

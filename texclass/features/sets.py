@@ -126,11 +126,6 @@ class FeatureSet:
         """All columns in order."""
         return tuple(column for member in self.members for column in member.columns)
 
-    @property
-    def phases(self) -> frozenset[Phase]:
-        """The phases that the features read."""
-        return frozenset(member.feature.phase for member in self.members)
-
     @cached_property
     def hash(self) -> str:
         """Hex digest of the definition: functions, parameters (with defaults) and columns."""

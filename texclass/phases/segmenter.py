@@ -79,7 +79,7 @@ class Segmenter:
         taps = self._taps(recording, found, strikes)
         if span is not None and (found.steady or taps):
             movement = self._movement(recording, found, span, strikes)
-            return Phases(taps, movement, movement[0] or None, _remarks(movement))
+            return Phases(taps, movement, movement[0] or None, () if movement[0] else (_STARTS_MOVING,))
         if span is None and (taps or _at_rest(recording, found)):
             return Phases(taps, notes=() if taps else (_NOTHING,))
         return Phases((), (0, recording.n_samples), None, (_NEVER_QUIET,))
@@ -188,10 +188,6 @@ def _short(recording: Recording) -> Phases:
     if np.ptp(recording.acceleration, axis=0).max() == 0:
         return Phases(notes=(_NOTHING,))
     return Phases((), (0, recording.n_samples), None, (_NEVER_QUIET,))
-
-
-def _remarks(movement: tuple[int, int]) -> tuple[str, ...]:
-    return () if movement[0] else (_STARTS_MOVING,)
 
 
 def _at_rest(recording: Recording, found: Track) -> bool:

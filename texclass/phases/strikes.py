@@ -47,7 +47,10 @@ def find_strikes(
     for peak in (int(p) - 1 for p in reversed(peaks)):
         impact = _rise(level, peak, found, end_ratio)
         end = _decay(level[:limit], peak, end_ratio)
-        strikes.append(Strike(first + impact, first + end, _power_db(found, first + peak)))
+        around = (first + peak - found.n_bins(0.01), first + peak + found.n_bins(0.01))
+        near = found.vibration.between(around[0] * found.bin_size, around[1] * found.bin_size)
+        power = max(np.einsum("ij,ij->i", near, near).max(), 1e-300)
+        strikes.append(Strike(first + impact, first + end, 10.0 * float(np.log10(power))))
         limit = impact
     return strikes[::-1]
 
@@ -167,12 +170,6 @@ def _at_rest(part: Samples, whole: Samples) -> tuple[bool, Samples]:
     median = np.median(part, axis=0)
     peak = float(((whole - median) ** 2).sum(axis=1).max())
     return peak > 0.0 and float(((part - median) ** 2).sum(axis=1).max()) < 3e-3 * peak, median
-
-
-def _power_db(found: Track, peak: int) -> float:
-    margin = found.n_bins(0.01)
-    near = found.vibration.between((peak - margin) * found.bin_size, (peak + margin) * found.bin_size)
-    return 10.0 * float(np.log10(max(np.einsum("ij,ij->i", near, near).max(), 1e-300)))
 
 
 def _rise(level: Samples, peak: int, found: Track, end_ratio: float) -> int:

@@ -68,7 +68,15 @@ class Autoregression:
 
     def __post_init__(self) -> None:
         k, gain = np.asarray(self.reflection, dtype=np.float64), np.asarray(self.gain, dtype=np.float64)
-        _check_model(k, gain)
+        if k.ndim < 1 or k.shape[:-1] != gain.shape:
+            raise ValueError(
+                f"reflection {k.shape} and gain {gain.shape}; the rule is shapes (..., p) and (...)"
+            )
+        if not np.all(np.abs(k) < 1):
+            raise ValueError(f"a reflection coefficient is {k[~(np.abs(k) < 1)][0]}; the rule is |k| < 1")
+        if not np.all((gain >= 0) & np.isfinite(gain)):
+            wrong = gain[~((gain >= 0) & np.isfinite(gain))][0]
+            raise ValueError(f"a gain is {wrong}; the rule is finite, >= 0")
         lead, p = k.shape[:-1], k.shape[-1]
         self._store("reflection", k, k.shape, np.float64)
         self._store("gain", gain, lead, np.float64)
@@ -160,7 +168,17 @@ class Autoregression:
         are not; the direct form is never built. What rounding puts on the unit circle or beyond is returned
         at the radius `OUTERMOST`.
         """
-        poles = np.asarray(np.linalg.eigvals(_hessenberg(self.reflection)), dtype=np.complex128)
+        k, p = self.reflection, self.order
+        c = np.sqrt((1 - k) * (1 + k))
+        H = np.zeros((*k.shape, p))
+        run = np.zeros(k.shape)  # column j of -k_{i-1} c_i ... c_{j-1}
+        for j in range(p):
+            run[..., :j] *= c[..., j - 1 : j] if j else 1.0
+            run[..., j] = -(k[..., j - 1] if j else 1.0)
+            H[..., : j + 1, j] = run[..., : j + 1] * k[..., j : j + 1]
+            if j + 1 < p:
+                H[..., j + 1, j] = c[..., j]
+        poles = np.asarray(np.linalg.eigvals(H), dtype=np.complex128)
         return poles * (OUTERMOST / np.maximum(np.abs(poles), OUTERMOST))
 
     def cepstrum(self, n: int) -> Samples:
@@ -220,30 +238,6 @@ def residual_of(k: Samples, gain: Samples) -> Samples:
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = np.exp(below / 2) * gain[..., np.newaxis] * np.exp(below / 2)
     return np.where(gain[..., np.newaxis] == 0, 0.0, scaled)
-
-
-def _hessenberg(k: Samples) -> Samples:
-    """Return the (..., p, p) matrix whose eigenvalues are the poles."""
-    p = k.shape[-1]
-    c = np.sqrt((1 - k) * (1 + k))
-    h = np.zeros((*k.shape, p))
-    run = np.zeros(k.shape)  # column j of -k_{i-1} c_i ... c_{j-1}
-    for j in range(p):
-        run[..., :j] *= c[..., j - 1 : j] if j else 1.0
-        run[..., j] = -(k[..., j - 1] if j else 1.0)
-        h[..., : j + 1, j] = run[..., : j + 1] * k[..., j : j + 1]
-        if j + 1 < p:
-            h[..., j + 1, j] = c[..., j]
-    return h
-
-
-def _check_model(k: Samples, gain: Samples) -> None:
-    if k.ndim < 1 or k.shape[:-1] != gain.shape:
-        raise ValueError(f"reflection {k.shape} and gain {gain.shape}; the rule is shapes (..., p) and (...)")
-    if not np.all(np.abs(k) < 1):
-        raise ValueError(f"a reflection coefficient is {k[~(np.abs(k) < 1)][0]}; the rule is |k| < 1")
-    if not (np.all(gain >= 0) and np.all(np.isfinite(gain))):
-        raise ValueError(f"a gain is {gain[~((gain >= 0) & np.isfinite(gain))][0]}; the rule is finite, >= 0")
 
 
 class _Fit(NamedTuple):

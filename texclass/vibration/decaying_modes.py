@@ -219,7 +219,12 @@ def fit_matrix_pencil(
     rank = numerical_rank(singular) if order is None else min(order, _above_rounding(singular))
     if rank == 0:
         return DecayingModes(*np.zeros((4, 0)))
-    z = stabilised(_total_least_squares_poles(V[:, :rank]), n, outside)
+    # The eigenvalues of Phi, V_1 Phi = V_2: with W the right vectors of [V_1 V_2], Phi = -W_12 W_22^-1.
+    rank = min(rank, len(V) - 1)
+    both = np.hstack([V[:-1, :rank], V[1:, :rank]])
+    W = linalg.svd(both, lapack_driver="gesvd")[2].T  # many equal singular values: gesdd may give up
+    Phi = -W[:rank, rank:] @ linalg.pinv(W[rank:, rank:])
+    z = stabilised(np.asarray(linalg.eigvals(Phi), dtype=np.complex128), n, outside)
     modes = _modes(z, samples, fs).strongest(n, n / fs)
     with np.errstate(under="ignore"):
         amplitude = np.ldexp(modes.amplitude, exponent)
@@ -276,15 +281,6 @@ def _right_subspace(x: Samples) -> tuple[Samples, Samples]:
 
 def _above_rounding(singular: Samples) -> int:
     return int(np.sum(singular > RESOLVED * singular[0]))
-
-
-def _total_least_squares_poles(V: Samples) -> Poles:
-    """Return the eigenvalues of Phi, V_1 Phi = V_2: with W the right vectors of [V_1 V_2], -W_12 W_22^-1."""
-    rank = min(V.shape[1], V.shape[0] - 1)
-    both = np.hstack([V[:-1, :rank], V[1:, :rank]])
-    W = linalg.svd(both, lapack_driver="gesvd")[2].T  # many equal singular values: gesdd may give up
-    Phi = -W[:rank, rank:] @ linalg.pinv(W[rank:, rank:])
-    return np.asarray(linalg.eigvals(Phi), dtype=np.complex128)
 
 
 def _modes(z: Poles, x: Samples, fs: float) -> DecayingModes:

@@ -74,7 +74,17 @@ class ModelBlend:
     def __init__(self, models: Models, *, min_gap: float = MIN_GAP, loudness: Loudness = "gain") -> None:
         if loudness not in get_args(Loudness):
             raise ValueError(f"loudness is {loudness!r}; the rule is one of {get_args(Loudness)}")
-        k, self.amplitude = _stacked(models, loudness)
+        rows = [models] if isinstance(models, Autoregression) else list(models)
+        shapes = [m.reflection.shape for m in rows]
+        n_axes = 2 if isinstance(models, Autoregression) else 1
+        if len(set(shapes)) != 1 or len(shapes[0]) != n_axes or 0 in shapes[0]:
+            raise ValueError(
+                f"models have reflection {shapes}; the rule is single models of one order, p >= 1"
+            )
+        k = np.concatenate([np.atleast_2d(m.reflection) for m in rows])
+        self.amplitude = np.concatenate([np.atleast_1d(getattr(m, loudness)) for m in rows])
+        if not np.all(np.isfinite(self.amplitude)):
+            raise ValueError(f"{loudness} of a model is {self.amplitude.max()}; the rule is a finite one")
         self.min_gap, self.loudness = min_gap, loudness
         self.frequencies = line_spectrum.spread(line_spectrum.from_reflection(k), min_gap)
 
@@ -187,22 +197,6 @@ def _model(theta: Samples, amplitude: Samples, loudness: Loudness) -> Autoregres
     if loudness == "level":  # gain = level prod sqrt(1 - k^2)
         amplitude = amplitude * np.exp(log_cosines(k).sum(axis=-1))
     return Autoregression(k, amplitude)
-
-
-def _stacked(
-    models: Sequence[Autoregression] | Autoregression, loudness: Loudness
-) -> tuple[Samples, Samples]:
-    """Return the reflection coefficients (n_models, p) and the gains or levels (n_models,)."""
-    rows = [models] if isinstance(models, Autoregression) else list(models)
-    shapes = [m.reflection.shape for m in rows]
-    n_axes = 2 if isinstance(models, Autoregression) else 1
-    if len(set(shapes)) != 1 or len(shapes[0]) != n_axes or 0 in shapes[0]:
-        raise ValueError(f"models have reflection {shapes}; the rule is single models of one order, p >= 1")
-    k = np.concatenate([np.atleast_2d(m.reflection) for m in rows])
-    amplitude = np.concatenate([np.atleast_1d(getattr(m, loudness)) for m in rows])
-    if not np.all(np.isfinite(amplitude)):
-        raise ValueError(f"{loudness} of a model is {amplitude.max()}; the rule is a finite one")
-    return k, amplitude
 
 
 def _checked_weights(weights: ArrayLike, n: int) -> Samples:

@@ -131,7 +131,13 @@ def fit_major_frequencies(
     f = np.asarray(np.arange(1, (n + 1) // 2) * (fs / n), dtype=np.float64)
     within = f <= upper_hz
     X = fft.rfft(samples - samples.mean())[1 : f.size + 1][within]
-    taken = sorted(_strongest_without_beats(f[within], np.abs(X), n_frequencies))
+    f, free = f[within], np.abs(X)
+    taken: list[int] = []
+    while len(taken) < n_frequencies and np.any(free > 0):
+        taken.append(int(np.argmax(free)))
+        g = f[taken[-1]]
+        free[np.abs(f - g) < beat_threshold_hz(np.minimum(f, g))] = 0
+    taken.sort()
     return MajorFrequencies(f[taken], np.ldexp(np.abs(X[taken]) * 2 / n, exponent), np.angle(X[taken]))
 
 
@@ -169,7 +175,7 @@ def interpolate(slow: MajorFrequencies, fast: MajorFrequencies, weight: float) -
     """
     if not 0 <= weight <= 1:
         raise ValueError(f"weight is {weight}; the rule is 0 <= weight <= 1")
-    i, j = _pairs(slow.frequency_hz, fast.frequency_hz)
+    i, j = pairs_closer_than_beats(slow.frequency_hz, fast.frequency_hz)
     turn = np.angle(np.exp(1j * (fast.phase[j] - slow.phase[i])))
     rows = [
         (
@@ -216,18 +222,7 @@ def at_speed(models: Sequence[MajorFrequencies], speeds: ArrayLike, speed: float
     return interpolate(models[lower], models[upper], place - lower) if place > lower else models[lower]
 
 
-def _strongest_without_beats(f: Samples, magnitude: Samples, n_frequencies: int) -> list[int]:
-    """Return the indices of the lines taken, largest first."""
-    free = magnitude.copy()
-    taken: list[int] = []
-    while len(taken) < n_frequencies and np.any(free > 0):
-        taken.append(int(np.argmax(free)))
-        g = f[taken[-1]]
-        free[np.abs(f - g) < beat_threshold_hz(np.minimum(f, g))] = 0
-    return taken
-
-
-def _pairs(f: Samples, g: Samples) -> tuple[list[int], list[int]]:
+def pairs_closer_than_beats(f: Samples, g: Samples) -> tuple[list[int], list[int]]:
     """Return indices of frequencies of `f` and `g` that are closer than the beat threshold, one to one."""
     gap = np.abs(f[:, np.newaxis] - g)
     gap[gap >= beat_threshold_hz(np.minimum(f[:, np.newaxis], g))] = np.inf

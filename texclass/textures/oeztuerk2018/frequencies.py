@@ -21,8 +21,7 @@ from texclass.textures.oeztuerk2018.speeds import (
 from texclass.textures.path import checked_path
 from texclass.textures.stored import check_all_names, number, numbers, text
 from texclass.vibration import MajorFrequencies, fit_major_frequencies
-from texclass.vibration.major_frequencies import _pairs as pairs_closer_than_beats
-from texclass.vibration.major_frequencies import at_speed
+from texclass.vibration.major_frequencies import at_speed, pairs_closer_than_beats
 
 N_FREQUENCIES = 13
 """`oeztuerk2018`, sections 5.3 and 7: 12 to 14 are enough."""
