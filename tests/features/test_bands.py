@@ -1,78 +1,111 @@
+"""Levels of bands and how they change: known filters, tones and modulations are found where they are."""
+
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from feature_signals import noise, tone
 from scipy import signal
 
+from texclass.features import bands
 from texclass.features.bands import (
+    band_course,
     band_level,
+    level_fluctuation,
+    level_persistence,
     octave_level,
-    periodogram,
-    whole_periodogram,
 )
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import PhaseView
-from texclass.recording import Samples
 
 FS = 2000.0
 
 
-def noise(n: int, seed: int = 0) -> Samples:
-    return np.random.default_rng(seed).standard_normal(n)
+def view(x):
+    return PhaseView(np.asarray(x), FS)
 
 
-def test_level_of_white_noise_is_its_density_in_every_band() -> None:
-    view = PhaseView(3 * noise(200_000), FS)
-    expected = np.log10(9 / (FS / 2))
-    np.testing.assert_allclose(band_level(view)[1:], expected, atol=0.02)
-    np.testing.assert_allclose(octave_level(view), expected, atol=0.05)
-
-
-def test_levels_follow_a_known_filter() -> None:
+def test_level_of_white_noise_is_its_density_and_follows_a_known_filter():
+    white, expected = view(3 * noise(200_000)), np.log10(9 / (FS / 2))
+    np.testing.assert_allclose(band_level(white)[1:], expected, atol=0.02)
+    np.testing.assert_allclose(octave_level(white), expected, atol=0.05)
     b, a = signal.butter(2, 100, fs=FS)
-    view = PhaseView(signal.lfilter(b, a, noise(400_000)), FS)
-    edges = np.linspace(0, FS / 2, 25)
     f, h = signal.freqz(b, a, 2400, fs=FS)
+    edges = np.linspace(0, FS / 2, 25)
     inside = np.array([np.mean(np.abs(h[(f >= lo) & (f < hi)]) ** 2) for lo, hi in pairwise(edges)])
-    np.testing.assert_allclose(band_level(view)[1:-1], np.log10(inside / (FS / 2))[1:-1], atol=0.06)
+    found = band_level(view(signal.lfilter(b, a, noise(400_000))))
+    np.testing.assert_allclose(found[1:-1], np.log10(inside / (FS / 2))[1:-1], atol=0.06)
 
 
-def test_running_sum_obeys_parseval() -> None:
+def test_running_sum_obeys_parseval():
     x = noise(1000).astype(np.float32)
-    found = periodogram(x, FS)
-    power = found.density(np.array([0.0, FS / 2]))[0] * FS / 2
+    power = bands.periodogram(x, FS).density(np.array([0.0, FS / 2]))[0] * FS / 2
     assert power == pytest.approx(np.mean(np.diff(x) ** 2), rel=0.1)
 
 
-def test_a_strong_slow_motion_does_not_leak_over_weak_high_frequencies() -> None:
-    t = np.arange(2000) / FS
+def test_a_strong_slow_motion_does_not_leak_over_weak_high_frequencies():
     weak = 1e-3 * noise(2000)
-    alone = band_level(PhaseView(weak, FS))
-    together = band_level(PhaseView(weak + np.sin(2 * np.pi * 3.3 * t), FS))
-    np.testing.assert_allclose(together[6:], alone[6:], atol=0.1)
+    together = band_level(view(weak + tone(3.3, 2000, FS)))
+    np.testing.assert_allclose(together[6:], band_level(view(weak))[6:], atol=0.1)
 
 
-def test_a_tone_appears_in_its_band_alone() -> None:
-    t = np.arange(20_000) / FS
-    tone = np.sin(2 * np.pi * 520 * t)
-    assert band_level(PhaseView(tone, FS)).argmax() == int(520 / (FS / 2 / 24))
-    column = dict(zip(_names(), octave_level(PhaseView(np.sin(2 * np.pi * 100 * t), FS)), strict=True))
-    assert max(column, key=lambda name: column[name]) == "o3.1"
+def test_a_tone_appears_in_its_band_alone():
+    assert band_level(view(tone(520, 20_000, FS))).argmax() == int(520 / (FS / 2 / 24))
+    names = [f"o{k}.{i}" for k in (2, 3, 4) for i in (1, 2, 3)]
+    assert names[octave_level(view(tone(100, 20_000, FS))).argmax()] == "o3.1"
+    assert bands.fraction_names(octaves=(2, 5), per_octave=3) == tuple(names)
 
 
-def _names() -> list[str]:
-    return [f"o{k}.{i}" for k in (2, 3, 4) for i in (1, 2, 3)]
+def test_all_levels_cost_one_transform():
+    one = view(noise(1000))
+    first = bands.whole_periodogram(one)
+    band_level(one)
+    octave_level(one)
+    assert bands.whole_periodogram(one) is first
 
 
-def test_all_levels_cost_one_transform() -> None:
-    view = PhaseView(noise(1000), FS)
-    first = whole_periodogram(view)
-    band_level(view)
-    octave_level(view)
-    assert whole_periodogram(view) is first
+def test_a_fixed_change_of_the_sensor_cancels_in_what_compares_times():
+    x = noise(60_000) * (1 + 0.5 * tone(0.7, 60_000, FS))
+    tilted = signal.lfilter([1, 0.3], [1], x)  # +2.3 dB at 0 Hz, -3.1 dB at fs/2
+    for feature in (band_course, level_fluctuation, level_persistence):
+        np.testing.assert_allclose(feature(view(tilted)), feature(view(x)), atol=0.03)
 
 
-def test_deep_octaves_need_a_long_movement() -> None:
-    assert np.isfinite(octave_level(PhaseView(noise(768), FS), octaves=(6, 8))).all()
-    with pytest.raises(UndefinedFeatureError, match=r"767 samples; the rule is at least 768 .*3.91 Hz"):
-        octave_level(PhaseView(noise(767), FS), octaves=(6, 8))
+def test_course_of_a_falling_level_is_in_its_first_term_and_reverses_with_time():
+    n = 120_000
+    fall = 10 ** (0.05 * np.cos(np.pi * (np.arange(n) + 0.5) / n))
+    terms = band_course(view(noise(n) * fall), n_parts=6).reshape(5, 4)
+    np.testing.assert_allclose(terms[0], 0.1, atol=0.03)
+    np.testing.assert_allclose(terms[1:], 0, atol=0.03)
+    x = noise(30_000) * np.linspace(1, 3, 30_000)
+    thirds = band_course(view(x))
+    np.testing.assert_allclose(band_course(view(x[::-1].copy())), thirds * np.repeat([-1, 1], 4), atol=2e-3)
+    np.testing.assert_allclose(thirds[:4], band_course(view(x), n_parts=6)[:4], atol=0.05)
+    with pytest.raises(ValueError, match="n_parts is 4; the rule is 2, 3 or 6"):
+        band_course(view(x), n_parts=4)
+
+
+def test_noise_of_steady_level_fluctuates_less_in_wider_octaves():
+    levels = level_fluctuation(view(noise(100_000)))
+    assert (np.diff(levels) > 0).all()
+    # The highest octave holds 16 bins, 12 independent ones of a Hann window: log10 of a mean of so many.
+    assert levels[0] == pytest.approx(np.sqrt(1.5 / 16) / np.log(10), rel=0.25)
+
+
+def test_grains_fluctuate_and_bursts_persist():
+    bursts = 1 + 5 * (tone(1.5, 100_000, FS) > 0)
+    steady, bursting = view(noise(100_000)), view(noise(100_000) * bursts)
+    assert (level_fluctuation(bursting) > level_fluctuation(steady) + 0.1).all()
+    assert (np.abs(level_persistence(steady)) < 0.1).all()
+    assert (level_persistence(bursting) > 0.3).all()
+
+
+def test_what_is_too_short_is_refused_with_the_rule():
+    assert np.isfinite(octave_level(view(noise(768)), octaves=(6, 8))).all()
+    for n, call, rule in (
+        (767, lambda v: octave_level(v, octaves=(6, 8)), "at least 768 .*3.91 Hz"),
+        (511, level_fluctuation, "at least 512"),
+        (287, band_course, "at least 288"),
+    ):
+        with pytest.raises(UndefinedFeatureError, match=f"{n} samples; the rule is {rule}"):
+            call(view(noise(n)))

@@ -1,108 +1,149 @@
+"""Roughness: the printed equations written out, and what each correction is for."""
+
 import numpy as np
 import pytest
 import pywt
-from scipy import fft
+from feature_signals import FS, noise, tone
+from scipy import fft, signal
 from scipy.stats import spearmanr
 
+from texclass.features import roughness as r
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import PhaseView
-from texclass.features.roughness import (
-    roughness_ratio,
-    spectral_roughness,
-    spectral_roughness_as_printed,
-    temporal_roughness,
-    temporal_roughness_as_printed,
-)
-from texclass.recording import Samples
 from texclass.signals import highpass_fir
 
-FS = 10_000.0
+
+def view(x, fs=FS):
+    return PhaseView(np.asarray(x), fs)
 
 
-def noise(n: int, seed: int = 0) -> Samples:
-    return np.random.default_rng(seed).standard_normal(n)
+def centred(n, seed=0):
+    x = noise(n, seed)
+    return x - x.mean()
 
 
-def test_temporal_roughness_as_printed_is_equation_3_written_out() -> None:
+def low(x):
+    """The 100 Hz low-pass by another road: a Butterworth filter run both ways over the full rate."""
+    return signal.sosfiltfilt(signal.butter(2, 100, fs=FS, output="sos"), x)
+
+
+def sma(x, n):
+    """Centred moving average by a loop."""
+    return np.array([x[max(0, i - n // 2) : i - n // 2 + n].mean() for i in range(x.size)])
+
+
+def test_waviness_as_printed_is_equation_5_and_that_in_seconds_the_same_at_the_rate_of_the_paper():
+    x = centred(60_000) * (1 + 0.5 * np.sin(np.arange(60_000) / 8000))
+    m = np.array([np.abs(frame).mean() for frame in low(x).reshape(-1, 200)])
+    assert r.waviness_as_printed(view(x)) == pytest.approx(np.log10(np.std(m - sma(m, 100))), abs=0.01)
+    assert r.waviness(view(x)) == pytest.approx(r.waviness_as_printed(view(x)), abs=1e-6)
+
+
+def test_waviness_grows_with_the_modulation_of_low_frequencies():
+    steady, little = tone(50, 60_000), 0.01 * centred(60_000)
+    wavy = r.waviness(view(steady * (1 + 0.5 * tone(3, 60_000)) + little))
+    assert wavy > r.waviness(view(steady + little)) + 1
+
+
+def test_spikiness_as_printed_is_equation_6_and_has_a_floor_where_it_is_corrected():
+    x = noise(30_000)
+    x[1500::3000] += 80
+    slow = low(x - x.mean())
+    threshold = 2 * np.std(slow) + slow.mean() + sma(slow, 5000)
+    expected = np.log10(np.maximum(slow - threshold, 0).mean())
+    assert r.spikiness_as_printed(view(x - x.mean())) == pytest.approx(expected, abs=0.02)
+    smooth = view(tone(50, 30_000))  # never reaches 2 sigma
+    with pytest.raises(UndefinedFeatureError, match="spike threshold"):
+        r.spikiness_as_printed(smooth)
+    sigma = np.sqrt(0.5) / (1 + 0.5**4)
+    assert r.spikiness(smooth) == pytest.approx(np.log10(1e-3 * sigma), abs=0.01)
+
+
+def test_regularity_as_printed_is_equation_7_and_grows_with_length_as_the_corrected_one_does_not():
+    x = centred(3001)
+    scaled = x / np.ptp(x)
+    expected = np.maximum(np.diff(np.correlate(scaled, scaled, "full")[x.size - 1 :]), 0).mean()
+    assert r.regularity_as_printed(view(x)) == pytest.approx(expected, rel=1e-5)
+    short, long = view(centred(20_000)), view(centred(200_000, 1))
+    assert r.regularity_as_printed(long) > 2 * r.regularity_as_printed(short)
+    assert r.regularity(long) == pytest.approx(r.regularity(short), rel=0.1)
+
+
+def test_regularity_tells_a_grating_from_noise_at_any_pitch_and_is_one_for_a_sine():
+    some = centred(30_000)
+    for pitch_hz in (20.0, 80.0, 300.0):
+        assert (
+            r.regularity(view(signal.square(2 * np.pi * pitch_hz * np.arange(30_000) / FS) + 0.1 * some))
+            > 0.7
+        )
+    assert r.regularity(view(some)) < 0.15
+    assert r.regularity(view(tone(100, 30_000))) == pytest.approx(1, abs=0.01)
+
+
+def test_frames_spread_over_a_long_movement_say_what_all_of_them_say():
+    x = tone(60, 400_000) * (np.arange(400_000) / FS % 5 > 2) + centred(400_000)
+    assert r.regularity(view(x)) == pytest.approx(r.regularity(view(x), n_frames=10_000), rel=0.05)
+
+
+def test_temporal_roughness_as_printed_is_equation_3_written_out():
     x = np.convolve(noise(20_000), np.ones(8) / 8, "same")
     coefficients = pywt.wavedec(highpass_fir(x, 100.0, FS), "coif3", level=5)
 
-    def rebuilt(j: int) -> Samples:
+    def rebuilt(j):
         only = [c if i == len(coefficients) - j else np.zeros_like(c) for i, c in enumerate(coefficients)]
         return np.abs(pywt.waverec(only, "coif3"))[: x.size]
 
     d1, d5 = rebuilt(1), rebuilt(5)
     expected = np.log10(np.mean(np.abs(d1 - d1.mean() / d5.mean() * d5)))
-    assert temporal_roughness_as_printed(PhaseView(x, FS)) == pytest.approx(expected, abs=5e-3)
-
-
-def test_temporal_roughness_needs_544_samples() -> None:
-    assert np.isfinite(temporal_roughness_as_printed(PhaseView(noise(544), FS)))
+    assert r.temporal_roughness_as_printed(view(x)) == pytest.approx(expected, abs=5e-3)
+    assert np.isfinite(r.temporal_roughness_as_printed(view(noise(544))))
     with pytest.raises(UndefinedFeatureError, match="543 samples; the rule is at least 544"):
-        temporal_roughness_as_printed(PhaseView(noise(543), FS))
+        r.temporal_roughness_as_printed(view(noise(543)))
 
 
-def test_corrected_temporal_roughness_needs_its_band_below_half_the_rate() -> None:
+def test_ratio_of_two_tones_in_the_bands_is_that_of_their_amplitudes():
+    assert r.roughness_ratio(view(0.1 * tone(700) + tone(210))) == pytest.approx(-1, abs=0.02)
     with pytest.raises(UndefinedFeatureError, match="fs is 2000 Hz; the rule is fs/2 above 1000 Hz"):
-        temporal_roughness(PhaseView(noise(5000), 2000.0))
+        r.temporal_roughness(view(noise(5000), 2000.0))
 
 
-def test_ratio_of_two_tones_in_the_bands_is_that_of_their_amplitudes() -> None:
-    t = np.arange(50_000) / FS
-    x = 0.1 * np.sin(2 * np.pi * 700 * t) + np.sin(2 * np.pi * 210 * t)
-    assert roughness_ratio(PhaseView(x, FS)) == pytest.approx(-1, abs=0.02)
+def changes(x, length, shift):
+    """D_k^2 of equation 4, in double precision."""
+    frames = np.lib.stride_tricks.sliding_window_view(x, length)[::shift]
+    return np.mean(np.diff(np.abs(fft.dct(frames, axis=1, norm="ortho")), axis=0) ** 2, axis=1)
 
 
-def test_spectral_roughness_as_printed_is_equation_4_in_a_loop() -> None:
+def test_spectral_roughness_as_printed_is_equation_4_even_on_a_weak_change():
     x = noise(2000)
-    total = 0.0
-    for start in range(0, 2000 - 500 - 20 + 1, 20):
-        this, that = (np.abs(fft.dct(x[s : s + 500], norm="ortho")) for s in (start, start + 20))
-        total += np.mean((this - that) ** 2)
-    value = spectral_roughness_as_printed(PhaseView(x, FS), length=500, shift=20)
-    assert value == pytest.approx(np.log10(total), abs=1e-6)
+    value = r.spectral_roughness_as_printed(view(x), length=500, shift=20)
+    assert value == pytest.approx(np.log10(changes(x, 500, 20).sum()), abs=1e-6)
+    x = tone(2, 20_000) + 1e-3 * noise(20_000)  # slow and smooth: neighbouring spectra nearly agree
+    expected = np.log10(changes(x, 5000, 100).sum())
+    assert r.spectral_roughness_as_printed(view(x)) == pytest.approx(expected, abs=1e-5)
 
 
-def test_single_precision_costs_nothing_even_on_a_weak_change() -> None:
-    t = np.arange(20_000) / FS
-    x = np.sin(2 * np.pi * 2 * t) + 1e-3 * noise(t.size)  # slow and smooth: neighbouring spectra nearly agree
-    total = 0.0
-    frames = np.lib.stride_tricks.sliding_window_view(x, 5000)[::100]
-    magnitude = np.abs(fft.dct(frames, axis=1, norm="ortho"))
-    total = float(np.mean(np.diff(magnitude, axis=0) ** 2, axis=1).sum())
-    assert spectral_roughness_as_printed(PhaseView(x, FS)) == pytest.approx(np.log10(total), abs=1e-5)
-
-
-def test_printed_sum_grows_with_length_and_the_mean_does_not() -> None:
-    short, long = PhaseView(noise(30_000), FS), PhaseView(noise(120_000, 1), FS)
-    grown = spectral_roughness_as_printed(long) - spectral_roughness_as_printed(short)
+def test_printed_sum_grows_with_length_and_the_mean_over_pairs_does_not():
+    short, long = view(noise(30_000)), view(noise(120_000, 1))
+    grown = r.spectral_roughness_as_printed(long) - r.spectral_roughness_as_printed(short)
     assert grown == pytest.approx(np.log10(1150 / 250), abs=0.01)
-    assert spectral_roughness(long) == pytest.approx(spectral_roughness(short), abs=0.01)
+    assert r.spectral_roughness(long) == pytest.approx(r.spectral_roughness(short), abs=0.01)
+    x = noise(3000, 2)  # short enough for all pairs
+    expected = np.log10(changes(x, 1000, 20).mean())
+    assert r.spectral_roughness(view(x, 2000.0)) == pytest.approx(expected, abs=1e-6)
 
 
-def test_corrected_spectral_roughness_is_the_mean_over_all_pairs_of_a_short_movement() -> None:
-    x = noise(3000, 2)
-    magnitude = [np.abs(fft.dct(x[s : s + 1000], norm="ortho")) for s in range(0, 2001, 20)]
-    expected = np.log10(np.mean(np.diff(magnitude, axis=0) ** 2))
-    assert spectral_roughness(PhaseView(x, 2000.0)) == pytest.approx(expected, abs=1e-6)
-
-
-def test_pairs_spread_over_a_long_movement_rank_surfaces_as_all_pairs_do() -> None:
+def test_pairs_spread_over_a_long_movement_rank_surfaces_as_all_pairs_do():
     values = []
     for i in range(12):
         strokes = 1 + 0.5 * np.sin(np.arange(40_000) / (400 + 30 * i))
-        coloured = np.convolve(noise(40_000, i), np.ones(1 + i // 2), "same") * strokes
-        view = PhaseView(coloured, 2000.0)
-        values.append((spectral_roughness(view), spectral_roughness(view, n_pairs=10_000)))
+        coloured = view(np.convolve(noise(40_000, i), np.ones(1 + i // 2), "same") * strokes, 2000.0)
+        values.append((r.spectral_roughness(coloured), r.spectral_roughness(coloured, n_pairs=10_000)))
     some, every = np.transpose(values)
     assert spearmanr(some, every).statistic > 0.99
     np.testing.assert_allclose(some, every, atol=0.05)
 
 
-def test_what_lies_above_the_band_does_not_count() -> None:
-    t = np.arange(30_000) / FS
-    felt = np.sin(2 * np.pi * 300 * t) + 0.1 * noise(t.size)
-    heard = felt + np.sin(2 * np.pi * 3000 * t)
-    assert spectral_roughness(PhaseView(heard, FS)) == pytest.approx(
-        spectral_roughness(PhaseView(felt, FS)), abs=0.01
-    )
+def test_what_lies_above_the_band_does_not_count():
+    felt = tone(300, 30_000) + 0.1 * noise(30_000)
+    heard = r.spectral_roughness(view(felt + tone(3000, 30_000)))
+    assert heard == pytest.approx(r.spectral_roughness(view(felt)), abs=0.01)

@@ -1,14 +1,52 @@
 import mpmath
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import hankel as hankel_matrix
+from scipy.linalg import svdvals
 
-from texclass.vibration.decaying_modes import DecayingModes
+from texclass.vibration.decaying_modes import DecayingModes, fit_matrix_pencil, numerical_rank
 
 FS = 10_000.0
-
-
 THREE = DecayingModes([100.0, 340.0, 900.0], [60.0, 150.0, 20.0], [2.0, 1.0, 0.5], [-1.5, 0.4, 2.0])
+
+
+def _random_modes(rng, n_modes):
+    return DecayingModes(
+        rng.uniform(20, 2000, n_modes),
+        rng.uniform(10, 800, n_modes),
+        rng.uniform(0.3, 1, n_modes),
+        rng.uniform(-np.pi, np.pi, n_modes),
+    )
+
+
+def _noisy(x, snr_db, rng):
+    return x + np.sqrt(np.mean(x**2)) * 10 ** (-snr_db / 20) * rng.standard_normal(x.size)
+
+
+def _is_stable(sections):
+    """Exact test of each denominator z^2 + a1 z + a2, as stored: |a2| < 1 and |a1| < 1 + a2."""
+    with mpmath.workdps(60):
+        return all(
+            abs(mpmath.mpf(a2)) < 1 and abs(mpmath.mpf(a1)) < 1 + mpmath.mpf(a2) for a1, a2 in sections[:, 4:]
+        )
+
+
+def _bound(modes, noise, n):
+    """Cramer-Rao bound of frequency and decay of one mode, derivatives by central differences."""
+    p = np.array([modes.frequency_hz[0], modes.decay_per_s[0], modes.amplitude[0], modes.phase[0]])
+
+    def at(q):
+        return DecayingModes(*q[:, np.newaxis]).synthesize(n, FS)
+
+    steps = np.diag(1e-5 * np.abs(p))
+    J = np.stack([(at(p + s) - at(p - s)) / (2 * s.sum()) for s in steps], axis=1)
+    return noise * np.sqrt(np.diag(np.linalg.inv(J.T @ J)))[:2]
+
+
+# Modes ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("fs", [4000.0, FS, 50_000.0])
@@ -57,9 +95,169 @@ def test_strongest_orders_by_energy_within_the_duration():
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [(-1.0, 1.0, 1.0, 0.0), (1.0, 0.0, 1.0, 0.0), (1.0, 1.0, -1.0, 0.0), (1.0, 1.0, 1.0, np.nan)],
+    "wrong", [(-1.0, 1.0, 1.0, 0.0), (1.0, 0.0, 1.0, 0.0), (1.0, 1.0, -1.0, 0.0), (1.0, 1.0, 1.0, np.nan)]
 )
 def test_modes_that_break_a_rule_are_named(wrong):
     with pytest.raises(ValueError, match="the rule is"):
         DecayingModes(*wrong)
+
+
+# Fit --------------------------------------------------------------------------------------------------------
+
+
+def test_the_pencil_recovers_three_modes_from_noise_free_samples():
+    found = fit_matrix_pencil(THREE.synthesize(300, FS), FS)
+    order = np.argsort(found.frequency_hz)
+    for name in ("frequency_hz", "decay_per_s", "amplitude", "phase"):
+        assert_allclose(getattr(found, name)[order], getattr(THREE, name), rtol=1e-8)
+
+
+def test_real_poles_are_found_at_zero_and_at_half_the_rate():
+    n = np.arange(60)
+    found = fit_matrix_pencil(3 * 0.9**n - 2 * (-0.8) ** n, FS)
+    assert_array_equal(np.sort(found.frequency_hz), [0.0, FS / 2])
+    assert_allclose(np.exp(-found.decay_per_s / FS)[np.argsort(found.frequency_hz)], [0.9, 0.8], rtol=1e-9)
+    assert_allclose(found.synthesize(60, FS), 3 * 0.9**n - 2 * (-0.8) ** n, atol=1e-9)
+    assert_allclose(found.filter(np.eye(1, 60)[0], FS), found.synthesize(60, FS), atol=1e-9)
+
+
+def test_error_at_20_db_lies_within_1_5_times_the_cramer_rao_bound():
+    truth, n, rng = DecayingModes(100.0, 60.0, 1.0, -np.pi / 2), 400, np.random.default_rng(17)
+    x = truth.synthesize(n, FS)
+    fits = [fit_matrix_pencil(_noisy(x, 20.0, rng), FS) for _ in range(120)]
+    errors = np.array([[fit.frequency_hz[0] - 100.0, fit.decay_per_s[0] - 60.0] for fit in fits])
+    bound = _bound(truth, 0.1 * np.sqrt(np.mean(x**2)), n)
+    assert np.all(np.sqrt(np.mean(errors**2, axis=0)) < 1.5 * bound)
+    assert abs(errors[:, 1].mean()) < 1.0
+
+
+def test_no_fit_to_noisy_segments_is_unstable_at_any_order():
+    rng = np.random.default_rng(5)
+    for i in range(250):
+        n = int(rng.integers(40, 401))
+        x = _noisy(_random_modes(rng, int(rng.integers(1, 5))).synthesize(n, FS), rng.uniform(0, 60), rng)
+        order = None if i % 2 else int(rng.integers(1, n // 2 + 1))
+        assert _is_stable(fit_matrix_pencil(x, FS, order=order).sections(FS))
+
+
+@given(st.integers(4, 60), st.integers(0, 10_000), st.sampled_from([1e-12, 1e-3, 1.0, 30.0]))
+@settings(deadline=None, max_examples=60)
+def test_any_short_signal_gives_stable_sections_at_any_rate(n, seed, growth):
+    rng = np.random.default_rng(seed)
+    x = rng.standard_normal(n) * np.exp(growth * np.arange(n) / n)
+    modes = fit_matrix_pencil(x, FS, order=int(rng.integers(1, n // 2 + 1)))
+    assert _is_stable(modes.sections(FS))
+    assert _is_stable(modes.sections(1e6 * FS))
+
+
+def test_rank_counts_the_modes_at_30_db():
+    rng = np.random.default_rng(2)
+    x = THREE.synthesize(400, FS)
+    assert [fit_matrix_pencil(_noisy(x, 30.0, rng), FS).n_modes for _ in range(10)] == [3] * 10
+
+
+@pytest.mark.parametrize("n", [20, 60, 200])
+def test_white_noise_alone_has_rank_0_in_most_segments(n):
+    rng = np.random.default_rng(n)
+    noise = (rng.standard_normal(n) for _ in range(60))
+    ranks = [numerical_rank(svdvals(hankel_matrix(x[: n - n // 2], x[n - n // 2 - 1 :]))) for x in noise]
+    assert np.mean(np.array(ranks) > 0) < 0.08
+
+
+def test_a_growing_mode_is_reflected_with_its_frequency_and_rate():
+    t = np.arange(300) / FS
+    x = np.exp(80 * t) * np.cos(2 * np.pi * 250 * t)
+    reflected = fit_matrix_pencil(x, FS)
+    projected = fit_matrix_pencil(x, FS, outside="project")
+    assert_allclose([reflected.frequency_hz[0], reflected.decay_per_s[0]], [250.0, 80.0], rtol=1e-8)
+    assert_allclose(projected.frequency_hz[0], 250.0, rtol=1e-8)
+    assert 0 < projected.decay_per_s[0] < 1e-6
+
+    def error(modes):
+        return np.sum((modes.synthesize(300, FS) - x) ** 2)
+
+    louder = DecayingModes(
+        reflected.frequency_hz, reflected.decay_per_s, 1.01 * reflected.amplitude, reflected.phase
+    )
+    assert error(reflected) < error(louder)  # amplitudes belong to the poles returned
+    assert error(projected) < error(reflected)
+
+
+def test_an_undamped_tone_gets_the_least_decay():
+    x = np.sin(0.3 * np.arange(200))
+    found = fit_matrix_pencil(x, FS)
+    assert found.n_modes == 1
+    assert_allclose(found.synthesize(200, FS), x, atol=1e-8)
+    assert _is_stable(found.sections(FS))
+
+
+@pytest.mark.parametrize(
+    "x",
+    [
+        np.zeros(50),
+        np.full(50, 3.0),
+        np.arange(50.0),
+        np.arange(50.0) ** 2,
+        np.eye(1, 50)[0],
+        np.eye(1, 50, 25)[0],
+        (-1.0) ** np.arange(50),
+        np.sign(np.sin(0.05 * np.arange(400) + 0.1)),
+        1e6 + 1e-3 * np.random.default_rng(1).standard_normal(300),
+        [1.0, 2.0, 3.0, 4.0],
+    ],
+)
+@pytest.mark.parametrize("outside", ["reflect", "project"])
+def test_degenerate_segments_give_stable_and_finite_modes(x, outside):
+    modes = fit_matrix_pencil(x, FS, outside=outside)
+    assert _is_stable(modes.sections(FS))
+    assert np.all(np.isfinite(modes.synthesize(1000, FS)))
+
+
+def test_silence_has_no_modes():
+    modes = fit_matrix_pencil(np.zeros(20), FS)
+    assert modes.n_modes == 0
+    assert_array_equal(modes.synthesize(5, FS), np.zeros(5))
+    assert modes.sections(FS).shape == (0, 6)
+
+
+def test_a_long_segment_costs_no_precision():
+    truth = DecayingModes([100.0, 300.0], [3.0, 5.0], [1.0, 2.0], [0.0, 1.0])
+    found = fit_matrix_pencil(truth.synthesize(12_000, FS), FS, order=4)
+    assert_allclose(found.frequency_hz, [300.0, 100.0], rtol=1e-9)
+    assert_allclose(found.decay_per_s, [5.0, 3.0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("dtype", [np.int8, np.int16, np.float32, np.float64])
+def test_any_dtype_stride_and_read_only_samples_are_left_as_they_are(dtype):
+    wide = np.repeat(np.round(100 * THREE.below(500).synthesize(100, FS) / 3.1).astype(dtype), 2)
+    wide.flags.writeable = False
+    plain = fit_matrix_pencil(wide[::2].astype(np.float64), FS)
+    assert_array_equal(fit_matrix_pencil(wide[::2], FS).decay_per_s, plain.decay_per_s)
+
+
+@pytest.mark.parametrize(
+    ("x", "order"),
+    [
+        ([1.0, 2.0, 3.0], None),
+        (np.ones((9, 2)), None),
+        ([1, np.nan, 2, 3], None),
+        (np.ones(9), 5),
+        (np.ones(9), 0),
+    ],
+)
+def test_wrong_segments_and_orders_are_named(x, order):
+    with pytest.raises(ValueError, match="the rule is"):
+        fit_matrix_pencil(x, FS, order=order)
+
+
+def test_modes_of_real_taps_beat_silence(data_root):
+    folder = data_root / "taps5"
+    if not folder.is_dir():
+        pytest.skip("no taps5")
+    line = (folder / "data_chan1.csv").read_text().splitlines()[1]
+    x = np.array([float(cell) for cell in line.split(",") if cell.replace(".", "").isdigit()])
+    x -= np.median(x)
+    x = x[int(np.argmax(np.abs(x) > 0.2 * np.abs(x).max())) :]
+    modes = fit_matrix_pencil(x, 1.0)
+    assert _is_stable(modes.sections(1.0))
+    assert np.sum((modes.synthesize(x.size, 1.0) - x) ** 2) < 0.2 * np.sum(x**2)

@@ -22,10 +22,6 @@ def _model(p, seed=0, gain=1.0):
     return Autoregression(rng.uniform(-0.9, 0.9, p) * np.exp(-np.arange(p) / 10), np.asarray(gain))
 
 
-def _pieces(x, seed=1, n=25):
-    return np.split(x, np.sort(np.random.default_rng(seed).integers(0, x.size, n)))
-
-
 @pytest.mark.parametrize("p", [1, 2, 3, 8, 18])
 def test_synthesis_equals_the_direct_form_at_low_order(p):
     model, e = _model(p, gain=0.3), _noise(3001)
@@ -48,23 +44,6 @@ def test_inverse_filter_is_the_prediction_error_of_the_model():
     expected = signal.lfilter(model.direct_form(), [model.gain], x)
     assert_allclose(whiten(model, x), expected, atol=1e-10)
     assert_allclose(np.std(whiten(model, x)), 1.0, atol=0.01)
-
-
-@pytest.mark.parametrize("p", ORDERS)
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("kind", [LatticeSynthesis, LatticeInverse])
-def test_pieces_equal_the_whole_bit_for_bit(p, dtype, kind):
-    def run(parts):
-        lattice = kind(_model(p), dtype=dtype)
-        out = [lattice.process(part) for part in parts[0]]
-        lattice.move_to(_model(p, seed=5, gain=7.0), 3000)
-        out += [lattice.process(part) for part in parts[1]]
-        return np.concatenate(out)
-
-    x = _noise(9000)
-    whole = run([[x[:3000]], [x[3000:]]])
-    assert_array_equal(run([_pieces(x[:3000]), _pieces(x[3000:], seed=2)]), whole)
-    assert_array_equal(run([[x[i : i + 1] for i in range(3000)], _pieces(x[3000:], seed=3)]), whole)
 
 
 @pytest.mark.parametrize("dtype", DTYPES)

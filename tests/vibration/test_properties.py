@@ -5,7 +5,6 @@ drawn.
 """
 
 import os
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 
-from texclass.signals import butterworth, causal
 from texclass.vibration import (
     Autoregression,
     LatticeInverse,
@@ -27,8 +25,6 @@ from texclass.vibration import (
     fit_tap_model,
     select_order,
 )
-from texclass.vibration.interpolation import ModelBlend, from_line_spectrum, interpolate
-from texclass.vibration.line_spectrum import conditioning, from_reflection, log_spectrum, to_reflection
 
 DRAWN = int(os.environ.get("TEXCLASS_EXAMPLES", "0"))
 BELOW_ONE = float(np.nextafter(1.0, 0.0))
@@ -187,61 +183,7 @@ def test_any_gain_scales_every_model_to_rounding(signals, parameters, n_examples
     holds()
 
 
-# Line spectral frequencies ----------------------------------------------------------------------------------
-
-
-@given(reflections())
-@examples(100)
-def test_line_spectral_frequencies_rise_inside_their_range_and_interlace(k):
-    lsf = from_reflection(k)
-    assert np.all(np.diff(lsf, prepend=0.0, append=np.pi) > 0)
-    A = np.abs(_sum_and_difference(k, lsf)) if k.size <= 8 and np.abs(k).max() < 0.999 else np.zeros((2, 1))
-    for i, row in enumerate(A):  # P vanishes at the even places, Q at the odd ones
-        assert row[i::2].max(initial=0.0) <= 1e-9
-
-
-def _sum_and_difference(k, omega):
-    """P and Q at e^jw, over |A|."""
-    z = np.exp(1j * omega)
-    a = np.ones(1)
-    for k_m in k:
-        a = np.append(a, 0.0) + k_m * np.append(0.0, a[::-1])
-    A = np.polynomial.polynomial.polyval(1 / z, a)
-    mirrored = z ** -(k.size + 1) * np.conj(A)
-    return np.stack([A + mirrored, A - mirrored]) / np.abs(A)
-
-
-@given(reflections())
-@examples(100)
-def test_reflection_coefficients_come_back_from_their_line_spectrum(k):
-    lsf = from_reflection(k)
-    back = to_reflection(lsf)
-    assert np.abs(back).max() < 1
-    if conditioning(lsf) < 1e-9:
-        assert_allclose(log_spectrum(back, OMEGA), log_spectrum(k, OMEGA), rtol=0, atol=1e-5)
-
-
-@given(reflections(size=0.5, most=30))
-@examples(60)
-def test_well_conditioned_coefficients_come_back_themselves(k):
-    assert_allclose(to_reflection(from_reflection(k)), k, rtol=0, atol=1e-11)
-
-
-# float32 and float64 ----------------------------------------------------------------------------------------
-
-
-@given(textures(), st.sampled_from(["burg", "autocorrelation", "modified_covariance"]), st.integers(1, 20))
-@examples(40)
-def test_fit_of_float32_samples_is_the_fit_of_the_same_numbers_in_float64(x, method, order):
-    narrow = x.astype(np.float32)
-    every_second = np.repeat(narrow, 2)[::2]
-    every_second.setflags(write=False)
-    ours, exact = (
-        fit(every_second, order, method=method),
-        fit(narrow.astype(np.float64), order, method=method),
-    )
-    assert_array_equal(ours.reflection, exact.reflection)
-    assert_array_equal(ours.residual, exact.residual)
+# Streams, and float32 ---------------------------------------------------------------------------------------
 
 
 @given(reflections(size=0.9, most=30), SEEDS)
@@ -251,9 +193,6 @@ def test_float32_synthesis_follows_float64(k, seed):
     e = np.random.default_rng(seed).standard_normal(300).astype(np.float32)
     y32, y64 = (LatticeSynthesis(Autoregression(k, 1.0), level=1.0, dtype=t).process(e) for t in "fd")
     assert_allclose(y32, y64, rtol=0, atol=16 * np.finfo(np.float32).eps * np.sqrt(k.size * e.size) * k.size)
-
-
-# Streams ----------------------------------------------------------------------------------------------------
 
 
 @given(reflections(), blockings(), SEEDS, st.sampled_from([np.float64, np.float32]), st.integers(1, 900))
@@ -274,17 +213,6 @@ def test_lattice_gives_the_same_in_any_pieces(kind, k, pieces, seed, dtype, n_gl
     assert_array_equal(run(pieces), run([slice(0, 600)]))
 
 
-@given(blockings(), SEEDS, st.sampled_from([(600,), (600, 3)]), st.sampled_from(["lowpass", "highpass"]))
-@examples(40)
-def test_causal_filter_gives_the_same_in_any_pieces(pieces, seed, shape, kind):
-    sos, x = butterworth(kind, 300.0, 10_000.0), 5 + np.random.default_rng(seed).standard_normal(shape)
-    state, out = None, []
-    for piece in pieces:
-        filtered, state = causal(sos, x[piece], state)
-        out.append(filtered)
-    assert_array_equal(np.concatenate(out), causal(sos, x)[0])
-
-
 @given(reflections(size=0.9, most=24), reflections(size=0.9, most=24), SEEDS, st.integers(1, 500))
 @examples(60)
 def test_inverse_filter_undoes_synthesis_while_parameters_move(k, other, seed, n_glide):
@@ -298,55 +226,3 @@ def test_inverse_filter_undoes_synthesis_while_parameters_move(k, other, seed, n
         y = lattice.process(y)
     bound = max(np.exp(np.arctanh(np.abs(m.reflection)).sum()) for m in (start, end))
     assert_allclose(y, e, rtol=0, atol=1e-13 * bound * size)
-
-
-# Modes ------------------------------------------------------------------------------------------------------
-
-
-@given(_vectors(FINITE.filter(lambda v: abs(v) < 1e300), 4, 40), st.data())
-@examples(100)
-def test_poles_of_the_matrix_pencil_lie_inside_the_unit_circle(x, data):
-    """Of the sections as stored, in rational arithmetic: |a2| < 1 and |a1| < 1 + a2."""
-    order = data.draw(st.none() | st.integers(1, x.size // 2))
-    outside = data.draw(st.sampled_from(["reflect", "project"]))
-    modes = fit_matrix_pencil(x, 1e4, order=order, outside=outside)
-    for a1, a2 in modes.sections(1e4)[:, 4:].tolist():
-        assert abs(Fraction(a2)) < 1
-        assert abs(Fraction(a1)) < 1 + Fraction(a2)
-    assert np.all(np.isfinite(modes.synthesize(x.size, 1e4)))
-
-
-# Between models ---------------------------------------------------------------------------------------------
-
-
-@given(reflections(most=60), st.data())
-@examples(100)
-def test_every_weight_gives_a_stable_model_with_the_gap(a, data):
-    b = np.random.default_rng(data.draw(SEEDS)).uniform(-BELOW_ONE, BELOW_ONE, a.size)
-    gap = data.draw(st.floats(1e-12, 0.9)) * np.pi / (a.size + 1)
-    weight, gains = data.draw(st.floats(0, 1)), data.draw(st.tuples(GAINS, GAINS))
-    models = [Autoregression(k, gain) for k, gain in zip((a, b), gains, strict=True)]
-    between = interpolate(*models, weight, min_gap=gap)
-    assert np.abs(between.reflection).max() < 1
-    assert min(gains) * (1 - 1e-12) <= between.gain <= max(gains) * (1 + 1e-12)
-    lsf = from_reflection(between.reflection)
-    assert np.diff(lsf, prepend=0.0, append=np.pi).min() >= gap - 1e-9
-
-
-@given(st.integers(1, 30), st.integers(2, 5), SEEDS)
-@examples(60)
-def test_every_mean_of_many_models_is_stable(p, n_models, seed):
-    rng = np.random.default_rng(seed)
-    stack = Autoregression(rng.uniform(-BELOW_ONE, BELOW_ONE, (n_models, p)), rng.uniform(0, 2, n_models))
-    mixed = ModelBlend(stack).at(rng.dirichlet(np.full(n_models, 0.3), size=8))
-    assert np.abs(mixed.reflection).max() < 1
-    assert np.all(mixed.gain <= stack.gain.max() * (1 + 1e-12))
-
-
-@given(_vectors(st.floats(-1e6, 1e6), 1, 40), st.floats(1e-6, 0.9))
-@examples(80)
-def test_any_numbers_a_regression_gives_become_a_stable_model_with_the_gap(lsf, share):
-    gap = share * np.pi / (lsf.size + 1)
-    model = from_line_spectrum(lsf, 0.0, min_gap=gap)
-    assert np.abs(model.reflection).max() < 1
-    assert np.diff(from_reflection(model.reflection), prepend=0.0, append=np.pi).min() >= gap - 1e-9

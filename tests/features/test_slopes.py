@@ -1,0 +1,159 @@
+"""Slopes, curvatures and what stands above their line: known distributions, tones and tilts are recovered."""
+
+import numpy as np
+import pytest
+from feature_signals import noise, tone
+from scipy import signal, stats
+
+from texclass.features import excess, slopes
+from texclass.features.bands import band_level, octave_level
+from texclass.features.contract import UndefinedFeatureError
+from texclass.features.phase_view import PhaseView
+from texclass.features.slopes import LAGS, curvature_level, curvature_shape, slope_agreement, slope_level
+
+FS = 2000.0
+N = 200_000
+NOISE = noise(N)
+
+
+def view(x):
+    return PhaseView(np.asarray(x), FS)
+
+
+def coloured(seed=0):
+    return signal.lfilter(*signal.butter(1, 300, fs=FS), noise(N, seed))
+
+
+def test_agreement_of_gaussian_slopes_is_the_arcsine_of_their_correlation():
+    x, expected = coloured(), []
+    for lag in LAGS:
+        d = x[lag:] - x[:-lag]
+        for shift in (lag, 2 * lag, 3 * lag):
+            expected.append(0.5 + np.arcsin(np.dot(d[shift:], d[:-shift]) / np.dot(d, d)) / np.pi)
+    np.testing.assert_allclose(slope_agreement(view(x)), expected, atol=0.006)
+
+
+def test_agreement_of_curvatures_is_that_of_second_differences():
+    x = coloured(1)
+    positive = x[8:] - 2 * x[4:-4] + x[:-8] > 0
+    found = slopes.curvature_agreement(view(x), lags=(4,), steps=(2,))
+    assert found[0] == pytest.approx(np.mean(positive[8:] == positive[:-8]), abs=1e-4)
+
+
+def test_a_tone_agrees_with_itself_a_period_later_and_never_half_a_period_later():
+    found = slope_agreement(view(tone(125.01, 20_000, FS)), lags=(8,), steps=(1, 2))
+    assert found == pytest.approx([0, 1], abs=0.01)
+
+
+def test_signs_feel_neither_a_drifting_gain_nor_a_few_strong_events():
+    x = coloured(2)
+    struck = x.copy()
+    struck[:: N // 20] += 100 * x.std()
+    for other in (x * np.linspace(1, 1.2, N), struck):
+        np.testing.assert_allclose(slope_agreement(view(other)), slope_agreement(view(x)), atol=2e-3)
+
+
+def test_slope_level_of_a_random_walk_grows_with_the_root_of_the_lag():
+    levels = slope_level(view(np.cumsum(noise(N, 3))))
+    np.testing.assert_allclose(np.diff(levels), 0.5 * np.log10(2), atol=0.01)
+    assert levels[0] == pytest.approx(np.log10(np.sqrt(2 / np.pi)), abs=0.01)
+
+
+def test_shape_of_gaussian_noise_is_that_of_the_normal_distribution():
+    expected = [0, np.log10(3), np.log10(np.sqrt(2 / np.pi))]
+    np.testing.assert_allclose(curvature_shape(view(NOISE)), expected * 6, atol=0.02)
+    np.testing.assert_allclose(slopes.vibration_shape(view(NOISE + 5)), expected, atol=0.02)
+
+
+def test_peakedness_is_the_kurtosis_of_scipy():
+    x = NOISE**3
+    c = (x[8:] + x[:-8]) / 2 - x[4:-4]
+    expected = np.log10(np.mean(c**4) / np.mean(c**2) ** 2)
+    assert curvature_shape(view(x), lags=(4,))[1] == pytest.approx(expected, rel=1e-5)
+    kurtosis = np.log10(stats.kurtosis(x, fisher=False))
+    assert slopes.vibration_shape(view(x))[1] == pytest.approx(kurtosis, rel=1e-5)
+
+
+def test_turning_a_signal_upside_down_changes_lopsidedness_alone():
+    up, down = (curvature_shape(view(s * np.abs(NOISE))).reshape(-1, 3) for s in (1, -1))
+    np.testing.assert_allclose(down, up * [-1, 1, 1], rtol=1e-6)
+    assert slopes.vibration_shape(view(np.abs(NOISE)))[0] > 0.2
+
+
+def test_one_impulse_bends_twice_as_far_one_way():
+    lopsided, peaked, even = curvature_shape(view(np.eye(1, 1000, 500)[0]), lags=(1,))
+    assert lopsided == pytest.approx((2 / 4 - 1) / 1.5)  # one -1 and two 1/2: squares 1 and 2/4
+    assert peaked == pytest.approx(np.log10((1 + 2 / 16) / 1.5**2 * 998))
+    assert even == pytest.approx(np.log10(2 / 998 / np.sqrt(1.5 / 998)))
+
+
+def test_levels_of_a_tone_are_its_amplitude_times_the_response_of_the_difference():
+    one, lags = view(3 * tone(100.1, 100_000, FS) + 7), np.array([1, 2, 4, 8, 16])
+    response = 1 - np.cos(2 * np.pi * 100.1 * lags / FS)
+    expected = np.log10(3 / np.sqrt(2) * response)
+    np.testing.assert_allclose(curvature_level(one, lags=tuple(lags.tolist())), expected, atol=1e-4)
+    np.testing.assert_allclose(slopes.vibration_level(one), np.log10(3 / np.sqrt(2)), atol=1e-4)
+
+
+# Above the line ---------------------------------------------------------------------------------------------
+
+LEVELS = {
+    excess.band_excess: band_level,
+    excess.octave_excess: octave_level,
+    excess.slope_excess: slope_level,
+    excess.curvature_excess: curvature_level,
+}
+
+
+def test_the_line_is_the_least_squares_fit_of_slope_levels():
+    assert excess.level_tilt(view(NOISE)) == pytest.approx([0], abs=2e-3)
+    walk = view(np.cumsum(NOISE))
+    assert excess.level_tilt(walk) == pytest.approx([-np.log10(2) / 2], abs=5e-3)
+    np.testing.assert_allclose(excess.slope_excess(walk), 0, atol=5e-3)
+    one = view(coloured())
+    tilt, middle = np.polyfit(-np.log2(LAGS), slope_level(one), 1)
+    found = excess.line(one).at(np.array([0.0, -3.0]))
+    np.testing.assert_allclose(found, [middle, middle - 3 * tilt], rtol=1e-9)
+
+
+def test_levels_are_the_excess_and_the_line_at_the_middle_of_each_band():
+    one = view(coloured())
+    at, edges = excess.line(one).at, np.linspace(0, 1, 25)
+    for feature, parameters, expected in (
+        (excess.band_excess, {}, 2 * at(np.log2((edges[1:] + edges[:-1]) / 2))),
+        (excess.octave_excess, {"octaves": (2, 3)}, 2 * at(np.array([-2 - 1 / 6, -2.5, -3 + 1 / 6]))),
+        (excess.slope_excess, {"lags": (4,)}, at(np.array([-2.0]))),
+        (excess.curvature_excess, {"lags": (4,)}, at(np.array([-2.0]))),
+    ):
+        found = LEVELS[feature](one, **parameters) - feature(one, **parameters)
+        np.testing.assert_allclose(found, expected)
+    left = excess.slope_excess(one)
+    assert np.abs(left).max() > 0.02
+    assert (left.sum(), left @ excess.octaves_of(LAGS)) == pytest.approx((0, 0), abs=1e-9)
+
+
+def test_a_tilt_of_the_whole_spectrum_changes_the_excess_less_than_the_levels():
+    frequency = np.maximum(np.arange(N // 2 + 1), 1) / N
+    spectra = np.fft.rfft(noise(N, 2)) * frequency ** np.array([[-0.5], [-0.3]])
+    plain, tilted = map(view, np.fft.irfft(spectra, N))
+    for feature, levels in LEVELS.items():
+        moved = np.abs(levels(tilted) - levels(plain)).mean()
+        assert np.abs(feature(tilted) - feature(plain)).mean() < 0.5 * moved
+
+
+def test_a_tone_stands_out_of_its_band_alone():
+    x = coloured(3)
+    rise = excess.band_excess(view(x + 0.3 * tone(730, N, FS))) - excess.band_excess(view(x))
+    assert np.argmax(rise) == int(730.0 / (FS / 2) * 24)
+    assert np.sort(rise)[-2] < 0.2 * rise.max()
+
+
+def test_what_does_not_bend_or_is_too_short_is_refused_with_the_rule():
+    for feature, x, reason in (
+        (curvature_shape, np.linspace(-1, 1, 2000), "over 1 samples is .* of the largest sample"),
+        (curvature_level, NOISE[:127], "127 samples; the rule is at least 128"),
+        (slope_agreement, NOISE[:255], "255 samples; the rule is at least 256"),
+        (slopes.curvature_agreement, NOISE[:319], "319 samples; the rule is at least 320"),
+    ):
+        with pytest.raises(UndefinedFeatureError, match=reason):
+            feature(view(x))
