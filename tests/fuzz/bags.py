@@ -13,18 +13,15 @@ from mcap.writer import CompressionType, Writer
 from fuzz.contract import BAG_IN_FOLDER, Target
 from fuzz.mutate import either, of_bytes
 from fuzz.recordings import valid, written
-from texclass.loaders import formats, load_recording
-from texclass.loaders.columns import ReadOptions
-from texclass.loaders.ros_messages import (
-    MULTI_ARRAY,
-    TYPES,
-    column_values,
-    decode_multi_array,
-    decode_stamped,
-)
+from texclass.loaders import load_recording
+from texclass.loaders.bags import stated_unit
+from texclass.loaders.columns import BAG_FOLDER, ReadOptions
+from texclass.loaders.ros_messages import MULTI_ARRAY, TYPES, decode_multi_array, decode_stamped
 from texclass.recognition.sources.topic import decoded_messages
 
 IMU, ACCEL = "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped"
+N_NUMBERS = dict.fromkeys(TYPES, 6) | {IMU: 37}
+"""How many float64 follow the header."""
 N = 5
 PERIOD_NS = 10_000_000
 
@@ -60,7 +57,7 @@ def mcap(
     schema = writer.register_schema(name=kind, encoding="ros2msg", data=b"")
     channel = writer.register_channel(topic="/imu", message_encoding="cdr", schema_id=schema)
     for i in range(N):
-        data = array(i) if kind == MULTI_ARRAY else stamped(i, TYPES[kind].n_numbers)
+        data = array(i) if kind == MULTI_ARRAY else stamped(i, N_NUMBERS[kind])
         writer.add_message(channel, log_time=i * PERIOD_NS, publish_time=0, data=data)
     writer.finish()
     return buffer.getvalue()
@@ -78,7 +75,7 @@ def db3(kind: str = ACCEL) -> bytes:
                 "(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
             )
             database.execute("INSERT INTO topics VALUES (1, '/imu', ?)", (kind,))
-            rows = [(i, 1, i * PERIOD_NS, stamped(i, TYPES[kind].n_numbers)) for i in range(N)]
+            rows = [(i, 1, i * PERIOD_NS, stamped(i, N_NUMBERS[kind])) for i in range(N)]
             database.executemany("INSERT INTO messages VALUES (?, ?, ?, ?)", rows)
 
     return written("a.db3", write)
@@ -118,13 +115,13 @@ def bag1(compression: str = "none") -> bytes:
 
 
 def _read(path: Path) -> object:
-    stated = formats.stated_unit(path, ReadOptions())
+    stated = stated_unit(path, ReadOptions())
     column = None if stated else ("c1", "c2", "c3")
     return valid(load_recording(path, unit=stated or "arbitrary", column=column))
 
 
 def _read_folder(path: Path) -> object:
-    described = path.with_name(formats.BAG_FOLDER)
+    described = path.with_name(BAG_FOLDER)
     described.write_bytes(b"x")
     try:
         return valid(load_recording(described, unit="m/s^2"))
@@ -134,8 +131,8 @@ def _read_folder(path: Path) -> object:
 
 def _messages() -> list[bytes]:
     """A message behind one byte that says how it is laid out and how often it comes."""
-    found = [bytes([0]) + stamped(0, t.n_numbers) for t in TYPES.values()]
-    found += [bytes([1]) + stamped(0, t.n_numbers, ros1=True) for t in TYPES.values()]
+    found = [bytes([0]) + stamped(0, N_NUMBERS[t.name]) for t in TYPES.values()]
+    found += [bytes([1]) + stamped(0, N_NUMBERS[t.name], ros1=True) for t in TYPES.values()]
     return [
         *found,
         bytes([0]) + stamped(0, 6, order=">"),
@@ -151,12 +148,11 @@ def _decode(data: bytes) -> object:
     found: list[object] = []
     for type_ in TYPES.values():
         try:
-            stamps, numbers = decode_stamped(
-                type_, [raw, raw, stamped(0, type_.n_numbers, ros1=ros1)], ros1=ros1
-            )
+            whole = stamped(0, N_NUMBERS[type_.name], ros1=ros1)
+            stamps, samples = decode_stamped(type_, [raw, raw, whole], [*type_.columns], ros1=ros1)
             assert stamps.shape == (3,)
-            assert numbers.shape == (3, type_.n_numbers)
-            found += [column_values(type_, numbers, column) for column in type_.columns]
+            assert samples.shape == (3, len(type_.columns))
+            found.append(samples)
         except ValueError as error:
             refused = error
     try:

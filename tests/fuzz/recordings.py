@@ -19,8 +19,7 @@ from fuzz.contract import Target
 from fuzz.mutate import archives, either, of_bytes, of_text
 from texclass.loaders import load_recording
 from texclass.loaders.cards import FileReading, LabelTable
-from texclass.loaders.filesets import _read_labels
-from texclass.loaders.rowsets import _read_table
+from texclass.loaders.filesets import _read_labels, _read_rows
 from texclass.recognition.sources.open import standard_input
 from texclass.recording import Recording
 
@@ -166,7 +165,7 @@ def _npy_change(rng: random.Random, members: dict[str, bytes]) -> dict[str, byte
 
 
 def _rows(path: Path) -> object:
-    labels, values = _read_table.__wrapped__(path, 0, "label")
+    labels, values = _read_rows.__wrapped__(path, 0, "label")
     assert len(labels) == len(values)
     assert values.dtype == np.float64
     return values

@@ -47,5 +47,5 @@ def test_a_wav_that_lost_its_end_is_refused_though_its_header_is_whole(tmp_path)
 
 def test_text_named_wav_is_refused(tmp_path):
     (tmp_path / "r.wav").write_text("not audio at all")
-    with pytest.raises(RecordingError, match="not readable as audio"):
+    with pytest.raises(RecordingError, match="not a readable audio file"):
         load_recording(tmp_path / "r.wav", unit="counts")

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from texclass.loaders.checks import check_acceleration, clipped_share
+from texclass.loaders.files import check_acceleration, clipped_share
 from texclass.recording import RecordingError
 
 NOISE = np.random.default_rng(0).normal(size=20_000)

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from texclass.loaders import find_recording, open_dataset
-from texclass.loaders.places import cache_root, data_roots, digest_files, write_atomically
+from texclass.loaders.filesets import digest_files
+from texclass.loaders.places import cache_root, data_roots, write_atomically
 from texclass.recording import RecordingError
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from texclass.loaders import CardError, open_dataset
-from texclass.loaders.simulated import SIGNALS, SimulatedLoader, pack, recall, unpack
+from texclass.loaders.simulated import SIGNALS, SimulatedLoader, recall
 from texclass.recording import Recording
 from texclass.simulate.recipe import Recipe
 
@@ -88,23 +88,6 @@ def test_an_impossible_recipe_is_a_card_error(tmp_path):
     (tmp_path / "none.toml").write_text(CARD.format(0))
     with pytest.raises(CardError, match="n_surfaces is 0"):
         open_dataset(tmp_path / "none.toml")
-
-
-@pytest.mark.parametrize(
-    ("signal", "stored"),
-    [
-        (np.rint(1000 * np.random.default_rng(0).normal(size=(9000, 3))) * 0.0117, "codes"),
-        (np.random.default_rng(0).normal(size=9000).astype(np.float32).astype(float), "single"),
-        (np.random.default_rng(0).normal(size=9000), "double"),
-        (np.zeros(50), "single"),
-        (np.array([0.0, 1.0, 1.5, 70_000.0]), "single"),
-    ],
-)
-def test_packing_is_exact_and_takes_the_smallest_exact_form(signal, stored):
-    packed = pack(signal)
-    assert stored in packed
-    restored = unpack("s", {f"s.{part}": array for part, array in packed.items()})
-    np.testing.assert_array_equal(restored, signal)
 
 
 @pytest.mark.parametrize(("name", "n", "duration_s"), [("simulated", 240, 6.0), ("simulated69", 690, 25.0)])

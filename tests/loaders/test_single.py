@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 
 from texclass.loaders import load_recording
-from texclass.loaders.formats import SUFFIXES
+from texclass.loaders.files import READERS
 from texclass.recording import RecordingError
 
 FS = 10_000.0
+SUFFIXES = [suffix for suffix, reader in READERS.items() if reader != "bags"]
 STATES_FS = (".wav", ".flac", ".mat", ".npz", ".h5", ".hdf5")
 
 

@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from texclass.loaders.stamps import place
-from texclass.loaders.uniform import at_uniform_rate, nominal_rate, resample
+from texclass.loaders.stamps import at_uniform_rate, nominal_rate, place, resample
 from texclass.recording import RecordingError
 
 FS = 100.0

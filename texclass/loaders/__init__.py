@@ -1,19 +1,5 @@
-"""Recordings in: one module per file format, cards of datasets, folders of one's own."""
+"""Recordings in: files of every format, cards of datasets, folders of one's own, simulated datasets."""
 
-from texclass.loaders.cards import Card, CardError, read_card
-from texclass.loaders.dataset import Dataset, Entry
-from texclass.loaders.open import find_recording, open_dataset
-from texclass.loaders.places import DataNotFoundError
-from texclass.loaders.single import load_recording
+import lazy_loader
 
-__all__ = [
-    "Card",
-    "CardError",
-    "DataNotFoundError",
-    "Dataset",
-    "Entry",
-    "find_recording",
-    "load_recording",
-    "open_dataset",
-    "read_card",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

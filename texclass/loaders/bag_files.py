@@ -1,15 +1,100 @@
-"""Bags by path: one file, or a folder of rosbag2 whose files follow each other."""
+"""What bags of ROS store, read from the first byte to the last: topics, and the bytes of their messages.
 
+rosbag1, and rosbag2 in MCAP or SQLite, whole or compressed, a file or a folder whose files follow each other.
+The readers of rosbags follow a bag's index, and expand as much as a bag says: one of 1 kB then fills the
+memory. Here no index is followed, which could lead in circles, and what expands is bounded.
+"""
+
+import bz2
 import contextlib
+import io
 import re
+import sqlite3
 import tempfile
-from collections.abc import Iterator
+import zlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import BinaryIO, NamedTuple
 
-from texclass.loaders.bag_expansion import MOST_EXPANSION, Budget, most_expanded, zstd_decompressor
-from texclass.loaders.bag_storages import MOST_TOPICS, READERS, BagMessage, Connection
-from texclass.loaders.formats import BAG_FOLDER
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.stream_reader import StreamReader
+from rosbags.rosbag1.reader import Header, RecordType, read_bytes, read_uint32
+
+from texclass.loaders.columns import BAG_FOLDER
 from texclass.recording import RecordingError
+
+MOST_BYTES = 1 << 27
+"""A chunk or message that expands to more (128 MB) is refused."""
+MOST_EXPANSION = 100
+"""A bag that expands to more than so many times its size (or 64 MB, if that is more) is refused."""
+MOST_TOPICS = 10_000
+_MAGIC1 = b"#ROSBAG V2.0\n"
+_ZSTD = b"\x28\xb5\x2f\xfd"
+
+
+class Connection(NamedTuple):
+    """A topic and what is sent there ("package/msg/Type"), and whether in the layout of ROS 1."""
+
+    topic: str
+    type_name: str
+    ros1: bool
+
+
+BagMessage = tuple[Connection, int, bytes]
+"""Connection, time of receipt in nanoseconds, serialised message."""
+
+
+class Budget:
+    """How much a bag may still expand.
+
+    Parameters
+    ----------
+    size : int
+        Of the file, in bytes.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._left = _most_expanded(size)
+
+    def expand(self, data: bytes, how: str, most: int = MOST_BYTES) -> bytes:
+        """Return data decompressed ("", "none", "bz2", "lz4", "zstd").
+
+        Raises
+        ------
+        ValueError
+            If that is impossible, or more than `most` bytes or than the bag may have.
+        """
+        if how in ("", "none"):
+            return data
+        if how not in _EXPANDERS:
+            raise ValueError(f"compression is {how!r}; the rule is one of none, bz2, lz4, zstd")
+        most = min(most, MOST_BYTES, self._left)
+        expanded = _EXPANDERS[how](data, most + 1)
+        self._left -= len(expanded)
+        if len(expanded) > most:
+            raise ValueError(f"it expands to more than {most} bytes or {MOST_EXPANSION} times")
+        return expanded
+
+
+_EXPANDERS: dict[str, Callable[[bytes, int], bytes]] = {
+    "bz2": lambda data, most: bz2.BZ2Decompressor().decompress(data, most),
+    "lz4": lambda data, most: bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, most)),
+    "zstd": lambda data, most: _zstd().stream_reader(data, read_across_frames=True).read(most),
+}
+
+
+def _zstd() -> zstandard.ZstdDecompressor:
+    """Return a decompressor that refuses frames which ask for more than 128 MB to look back on."""
+    return zstandard.ZstdDecompressor(max_window_size=1 << 27)
+
+
+def _most_expanded(size: int) -> int:
+    return max(MOST_EXPANSION * size, 1 << 26)
 
 
 def bag_topics(path: Path) -> dict[str, Connection]:
@@ -21,77 +106,228 @@ def bag_topics(path: Path) -> dict[str, Connection]:
         If it is not a readable bag.
     """
     found: dict[str, Connection] = {}
-    for part in storage_files(path):
-        with _as_error(part), _expanded(part) as (file, suffix):
-            for connection in READERS[suffix][0](file):
+    for part in _storage_files(path):
+        with _storage(part) as (file, suffix):
+            for connection in _READERS[suffix][0](file):
                 found.setdefault(connection.topic, connection)
                 if len(found) > MOST_TOPICS:
                     raise ValueError(f"more than {MOST_TOPICS} topics")
     return found
 
 
-def bag_messages(path: Path, topic: str) -> Iterator[BagMessage]:
-    """Yield the messages of a topic in the order in which they stand in a bag.
+def bag_messages(path: Path, chosen: Connection) -> Iterator[tuple[int, bytes]]:
+    """Yield time of receipt (nanoseconds) and bytes of the messages of a topic, in the order of a bag.
 
     Raises
     ------
     RecordingError
-        If it is not a readable bag.
+        If it is not a readable bag, or the topic carries messages of several types.
     """
-    for part in storage_files(path):
-        with _as_error(part), _expanded(part) as (file, suffix):
-            yield from READERS[suffix][1](file, topic, Budget(file.stat().st_size))
+    for part in _storage_files(path):
+        with _storage(part) as (file, suffix):
+            budget = Budget(file.stat().st_size)
+            for connection, received, raw in _READERS[suffix][1](file, chosen.topic, budget):
+                if connection != chosen:
+                    sent = f"{chosen.topic} carries {connection.type_name} and {chosen.type_name}"
+                    raise RecordingError(f"{path}: {sent}; the rule is one type a topic")
+                yield received, raw
 
 
-def storage_files(path: Path) -> tuple[Path, ...]:
-    """Return the files that hold a bag's messages, in order.
+def storage_suffix(file: Path) -> str:
+    """Return the kind of a storage file, compressed or not: ".bag", ".mcap", ".db3"."""
+    return Path(file.name.lower().removesuffix(".zstd")).suffix
 
-    Raises
-    ------
-    RecordingError
-        If there is none.
-    """
+
+def _storage_files(path: Path) -> tuple[Path, ...]:
+    """Return the files that hold a bag's messages, in order."""
     folder = path if path.is_dir() else path.parent if path.name == BAG_FOLDER else None
     if folder is None:
         return (path,)
-    files = [file for file in folder.iterdir() if _storage_suffix(file) in (".mcap", ".db3")]
+    files = [file for file in folder.iterdir() if storage_suffix(file) in (".mcap", ".db3")]
     if not files:
         raise RecordingError(f"{folder}: holds no .mcap or .db3 file; the rule is a folder of rosbag2")
     return tuple(sorted(files, key=lambda file: [int(n) for n in re.findall(r"\d+", file.name)]))
 
 
-def _storage_suffix(file: Path) -> str:
-    return Path(file.name.lower().removesuffix(".zstd")).suffix
-
-
 @contextlib.contextmanager
-def _as_error(path: Path) -> Iterator[None]:
-    """Turn whatever damaged bytes make the libraries raise into one error of ours."""
+def _storage(path: Path) -> Iterator[tuple[Path, str]]:
+    """Give a storage file, expanded if it is compressed as a whole, and its kind.
+
+    Whatever damaged bytes make the libraries raise meanwhile becomes one error.
+    """
     try:
-        yield
-    except (RecordingError, GeneratorExit):
+        suffix = storage_suffix(path)
+        if suffix == path.suffix.lower():
+            yield path, suffix
+            return
+        with tempfile.TemporaryDirectory() as folder, path.open("rb") as packed:
+            target, most = Path(folder) / f"bag{suffix}", _most_expanded(path.stat().st_size)
+            with target.open("wb") as file, _zstd().stream_reader(packed, read_across_frames=True) as stream:
+                while piece := stream.read(1 << 20):
+                    file.write(piece)
+                    if file.tell() > most:
+                        raise ValueError(f"expands to more than {MOST_EXPANSION} times its size")
+            yield target, suffix
+    except RecordingError:
         raise
-    except (Exception, MemoryError) as error:
+    except Exception as error:
         told = " ".join(str(error).split()) or type(error).__name__
         raise RecordingError(f"{path}: not a readable bag ({told}); is it cut short?") from error
 
 
+def _bag1_topics(path: Path) -> list[Connection]:
+    with path.open("rb") as file:
+        index_at, n = _bag1_start(file)
+        file.seek(index_at)
+        return [_bag1_connection(Header.read(file, RecordType.CONNECTION), file)[1] for _ in range(n)]
+
+
+def _bag1_messages(path: Path, topic: str, budget: Budget) -> Iterator[BagMessage]:
+    with path.open("rb") as file:
+        index_at, _ = _bag1_start(file)
+        connections: dict[int, Connection] = {}
+        while file.tell() < index_at:
+            header = Header.read(file)
+            size = read_uint32(file)
+            if header.get_uint8("op") != RecordType.CHUNK:
+                file.seek(size, 1)
+                continue
+            chunk = budget.expand(read_bytes(file, size), header.get_string("compression"))
+            if len(chunk) != header.get_uint32("size"):
+                raise ValueError(f"a chunk holds {len(chunk)} bytes, not {header.get_uint32('size')}")
+            yield from _bag1_chunk(chunk, connections, topic)
+
+
+def _bag1_start(file: BinaryIO) -> tuple[int, int]:
+    """Return where the index of a rosbag1 starts, and how many connections it names."""
+    if file.read(len(_MAGIC1)) != _MAGIC1:
+        raise ValueError("it does not start as a rosbag of version 2.0")
+    header = Header.read(file, RecordType.BAGHEADER)
+    if not (index_at := header.get_uint64("index_pos")):
+        raise ValueError("it was never closed: run `rosbag reindex`")
+    file.seek(read_uint32(file), 1)
+    return index_at, header.get_uint32("conn_count")
+
+
+def _bag1_connection(header: Header, file: BinaryIO) -> tuple[int, Connection]:
+    told = Header.read(file)
+    name = told.get_string("type")
+    type_name = name if "/msg/" in name else name.replace("/", "/msg/")
+    return header.get_uint32("conn"), Connection(header.get_string("topic"), type_name, ros1=True)
+
+
+def _bag1_chunk(chunk: bytes, connections: dict[int, Connection], topic: str) -> Iterator[BagMessage]:
+    file = io.BytesIO(chunk)
+    while file.tell() < len(chunk):
+        header = Header.read(file)
+        kind = header.get_uint8("op")
+        if kind == RecordType.CONNECTION:
+            number, connection = _bag1_connection(header, file)
+            connections[number] = connection
+            continue
+        data = read_bytes(file, read_uint32(file))
+        if kind == RecordType.MSGDATA:
+            connection = connections[header.get_uint32("conn")]
+            if connection.topic == topic:
+                yield connection, header.get_time("time"), data
+
+
+def _mcap_topics(path: Path) -> list[Connection]:
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+        if summary is None or not summary.channels:
+            return list(_mcap_scan(path))
+        return [_mcap_connection(channel, summary.schemas) for channel in summary.channels.values()]
+
+
+def _mcap_scan(path: Path) -> dict[Connection, None]:
+    """Return the connections of a file without a summary."""
+    found: dict[Connection, None] = {}
+    for connection, _, _ in _mcap_messages(path, None, Budget(path.stat().st_size)):
+        found[connection] = None
+        if len(found) > MOST_TOPICS:
+            break
+    return found
+
+
+def _mcap_messages(path: Path, topic: str | None, budget: Budget) -> Iterator[BagMessage]:
+    schemas: dict[int, Schema] = {}
+    connections: dict[int, Connection] = {}
+    with path.open("rb") as file:
+        for outer in StreamReader(file, emit_chunks=True, record_size_limit=MOST_BYTES).records:
+            for record in _mcap_chunk(outer, budget) if isinstance(outer, Chunk) else (outer,):
+                if isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    connections[record.id] = _mcap_connection(record, schemas)
+                elif isinstance(record, Message) and topic in (None, connections[record.channel_id].topic):
+                    yield connections[record.channel_id], record.log_time, record.data
+
+
+def _mcap_chunk(chunk: Chunk, budget: Budget) -> Iterator[Schema | Channel | Message]:
+    data = budget.expand(chunk.data, chunk.compression, chunk.uncompressed_size)
+    if len(data) != chunk.uncompressed_size:
+        raise ValueError(f"a chunk holds {len(data)} bytes, not {chunk.uncompressed_size}")
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ValueError("the checksum of a chunk is wrong")
+    stream = ReadDataStream(io.BytesIO(data))
+    while stream.count < len(data):
+        kind, size = stream.read1(), stream.read8()
+        if kind == Opcode.MESSAGE:
+            yield Message.read(stream, size)
+        elif kind == Opcode.CHANNEL:
+            yield Channel.read(stream)
+        elif kind == Opcode.SCHEMA:
+            yield Schema.read(stream)
+        else:
+            stream.read(size)
+
+
+def _mcap_connection(channel: Channel, schemas: dict[int, Schema]) -> Connection:
+    ros1 = channel.message_encoding == "ros1"
+    name = schemas[channel.schema_id].name if channel.schema_id in schemas else ""
+    return Connection(channel.topic, name if "/msg/" in name else name.replace("/", "/msg/"), ros1)
+
+
+def _db3_topics(path: Path) -> list[Connection]:
+    with _database(path) as database:
+        rows = database.execute("SELECT name, type FROM topics").fetchmany(MOST_TOPICS + 1)
+        return [Connection(str(name), str(type_name), ros1=False) for name, type_name in rows]
+
+
+def _db3_messages(path: Path, topic: str, budget: Budget) -> Iterator[BagMessage]:
+    with _database(path) as database:
+        (found,) = database.execute("PRAGMA quick_check(1)").fetchone()
+        if found != "ok":
+            raise ValueError(f"the database is damaged: {found}")
+        rows = database.execute(
+            "SELECT topics.type, messages.timestamp, messages.data FROM messages "
+            "JOIN topics ON messages.topic_id = topics.id WHERE topics.name = ?",
+            (topic,),
+        )
+        for type_name, received, data in rows:
+            if not (isinstance(received, int) and isinstance(data, bytes)):
+                raise ValueError(f"a message is {type(data).__name__}, received at {received!r}")
+            raw = budget.expand(data, "zstd") if data.startswith(_ZSTD) else data
+            yield Connection(topic, str(type_name), ros1=False), received, raw
+
+
 @contextlib.contextmanager
-def _expanded(path: Path) -> Iterator[tuple[Path, str]]:
-    """Give a storage file and its kind; one that is compressed as a whole is first expanded beside."""
-    suffix = _storage_suffix(path)
-    if suffix == path.suffix.lower():
-        yield path, suffix
-        return
-    with tempfile.TemporaryDirectory() as folder, path.open("rb") as packed:
-        target = Path(folder) / f"bag{suffix}"
-        most = most_expanded(path.stat().st_size)
-        with (
-            target.open("wb") as file,
-            zstd_decompressor().stream_reader(packed, read_across_frames=True) as stream,
-        ):
-            while piece := stream.read(1 << 20):
-                file.write(piece)
-                if file.tell() > most:
-                    raise ValueError(f"expands to more than {MOST_EXPANSION} times its size")
-        yield target, suffix
+def _database(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open a database to read; one that was not closed keeps its last part in a file of its own."""
+    how = "mode=ro" if path.with_name(f"{path.name}-wal").exists() else "immutable=1"
+    with contextlib.closing(sqlite3.connect(f"{path.resolve().as_uri()}?{how}", uri=True)) as database:
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
+        database.execute("PRAGMA trusted_schema = OFF")
+        tables = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('messages', 'topics')"
+        if database.execute(tables).fetchone() != (2,):
+            raise ValueError("it has no tables of messages and topics")
+        yield database
+
+
+_READERS = {
+    ".bag": (_bag1_topics, _bag1_messages),
+    ".mcap": (_mcap_topics, _mcap_messages),
+    ".db3": (_db3_topics, _db3_messages),
+}
+"""Suffix -> what gives the connections of a file, and what gives the messages of one of its topics."""

@@ -4,36 +4,30 @@ Columns of the chosen topic have short names; those of another topic are "/topic
 samples of the chosen one.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from texclass.loaders.bag_files import bag_messages, bag_topics
-from texclass.loaders.bag_storages import Connection
-from texclass.loaders.columns import Columns, ReadOptions, check_size, listed, require
+from texclass.loaders.bag_files import Connection, bag_messages, bag_topics
+from texclass.loaders.columns import ReadOptions, Signals, check_size, listed, require
 from texclass.loaders.ros_messages import (
     MULTI_ARRAY,
     READABLE,
     TURN_RATE,
     TYPES,
-    MessageError,
-    column_values,
+    Stamps,
     decode_multi_array,
     decode_stamped,
-    lacking,
-    not_measured,
 )
-from texclass.loaders.stamps import place
-from texclass.loaders.uniform import at_uniform_rate
+from texclass.loaders.stamps import at_uniform_rate, place
 from texclass.recording import STANDARD_GRAVITY, RecordingError, Samples
 
 BATCH = 4096
 """Messages decoded at a time."""
 MOST_LARGE = 1e100
 """A larger value is no signal but damage; sums of squares must stay finite."""
-Stamps = NDArray[np.int64]
 
 
 def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
@@ -46,12 +40,15 @@ def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
     """
     topics = bag_topics(path)
     chosen = choose_topic(topics, options.topic, path)
-    own = _own_names(path, chosen)
+    if chosen.type_name in TYPES:
+        own = tuple(TYPES[chosen.type_name].columns)
+    else:
+        own = _channel_names(_n_channels(path, chosen))
     others = (c for c in topics.values() if c.topic != chosen.topic and c.type_name in TYPES)
     return (*own, *(f"{c.topic}/{column}" for c in others for column in TYPES[c.type_name].columns))
 
 
-def readable_topics(path: Path) -> list[str]:
+def readable_topics(path: Path) -> tuple[str, ...]:
     """Return the topics whose messages can be read.
 
     Raises
@@ -59,10 +56,10 @@ def readable_topics(path: Path) -> list[str]:
     RecordingError
         If it is no readable bag.
     """
-    return [connection.topic for connection in bag_topics(path).values() if connection.type_name in READABLE]
+    return tuple(topic for topic, sent in bag_topics(path).items() if sent.type_name in READABLE)
 
 
-def unit(path: Path, options: ReadOptions) -> str | None:
+def stated_unit(path: Path, options: ReadOptions) -> str | None:
     """Return the unit of the acceleration if the type of the messages says it.
 
     Raises
@@ -74,7 +71,7 @@ def unit(path: Path, options: ReadOptions) -> str | None:
     return TYPES[chosen.type_name].unit if chosen.type_name in TYPES else None
 
 
-def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Columns:
+def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Signals:
     """Read columns at a uniform rate: the one given if the stamps agree, else the one the stamps say.
 
     Raises
@@ -86,10 +83,8 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Columns:
     chosen = choose_topic(topics, options.topic, path)
     where = f"{path}?topic={chosen.topic}"
     own = tuple(name for name in wanted if not name.startswith("/"))
-    stamps, received, samples, present = _signals(path, chosen, where, own)
-    require(own, present, path)
-    samples = _finite(samples[:, :, [present.index(name) for name in own]], where)
-    _check_turning(samples, own, where)
+    stamps, received, samples = _messages(path, chosen, own)
+    _check_values(samples, own, where)
     by_header = stamps is not None and bool(np.any(stamps != 0))
     order = np.argsort(received, kind="stable")
     samples, received = samples[order], received[order]
@@ -103,7 +98,7 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Columns:
     t = sampling.start_s + np.arange(len(uniform)) / fs
     named |= {name: _other(path, topics, name, t) for name in wanted if name not in named}
     absent = ("stamps: none in the headers",) if stamps is not None and not by_header else ()
-    return Columns(named, fs, (*absent, *sampling.flags, *flags, *_looks_like_g(named, chosen)))
+    return Signals(named, fs, (*absent, *sampling.flags, *flags, *_looks_like_g(named, chosen)))
 
 
 def choose_topic(topics: Mapping[str, Connection], wanted: str | None, path: Path) -> Connection:
@@ -138,11 +133,13 @@ def choose_topic(topics: Mapping[str, Connection], wanted: str | None, path: Pat
     )
 
 
-def _own_names(path: Path, chosen: Connection) -> tuple[str, ...]:
-    if chosen.type_name in TYPES:
-        return tuple(TYPES[chosen.type_name].columns)
-    for connection, _, raw in bag_messages(path, chosen.topic):
-        return _channel_names(_multi_array(raw, connection, path).shape[1])
+def _n_channels(path: Path, chosen: Connection) -> int:
+    """Return how many channels the first message of an array has."""
+    for _, raw in bag_messages(path, chosen):
+        try:
+            return int(decode_multi_array(raw, ros1=chosen.ros1).shape[1])
+        except ValueError as error:
+            raise RecordingError(f"{path}: {error}") from error
     raise RecordingError(f"{path}: topic {chosen.topic!r} holds no message")
 
 
@@ -150,24 +147,54 @@ def _channel_names(n: int) -> tuple[str, ...]:
     return tuple(f"c{i + 1}" for i in range(n))
 
 
-def _multi_array(raw: bytes, connection: Connection, path: Path) -> Samples:
-    try:
-        return decode_multi_array(raw, ros1=connection.ros1)
-    except MessageError as error:
-        raise RecordingError(f"{path}: {error}") from error
+def _messages(
+    path: Path, chosen: Connection, wanted: tuple[str, ...]
+) -> tuple[Stamps | None, Stamps, Samples]:
+    """Return stamps (None without headers), times of receipt and samples (n, k, columns) as wanted."""
+    where = f"{path}?topic={chosen.topic}"
+    type_ = TYPES.get(chosen.type_name)
+    if type_ is not None:
+        require(wanted, tuple(type_.columns), path)
+    received: list[int] = []
+    heads: list[Stamps] = []
+    parts: list[Samples] = []
+    messages = bag_messages(path, chosen)
+    while batch := list(islice(messages, BATCH)):
+        received += [at for at, _ in batch]
+        raws = [raw for _, raw in batch]
+        try:
+            if type_ is not None:
+                stamps, samples = decode_stamped(type_, raws, wanted, ros1=chosen.ros1)
+                heads.append(stamps)
+                parts.append(samples[:, None, :])
+            else:
+                parts += [decode_multi_array(raw, ros1=chosen.ros1)[None] for raw in raws]
+        except ValueError as error:
+            raise RecordingError(f"{where}: {error}") from error
+        check_size(len(received) * parts[-1][0].size, path)
+    if len(received) < 2:
+        raise RecordingError(f"{where}: holds {len(received)} messages; the rule is at least 2")
+    if not 0 <= min(received) <= max(received) < 2**63:
+        raise RecordingError(f"{where}: a message was received at {max(received)} ns; the rule is 63 bits")
+    if len({samples.shape[1:] for samples in parts}) > 1:
+        raise RecordingError(f"{where}: its messages differ in size; the rule is one number of samples")
+    samples = np.concatenate(parts)
+    if type_ is None:
+        present = _channel_names(samples.shape[2])
+        require(wanted, present, path)
+        samples = samples[:, :, [present.index(name) for name in wanted]]
+    return np.concatenate(heads) if heads else None, np.array(received, np.int64), samples
 
 
-def _finite(samples: Samples, where: str) -> Samples:
-    """Return samples, none of which is NaN, infinite or beyond `MOST_LARGE`."""
+def _check_values(samples: Samples, own: tuple[str, ...], where: str) -> None:
+    """Check that no sample is NaN, infinite or beyond `MOST_LARGE`, and that a turn rate is not 0 throughout.
+
+    No gyroscope is so quiet: the sensor has none.
+    """
     if not (np.isfinite(samples).all() and np.abs(samples).max(initial=0.0) < MOST_LARGE):
         raise RecordingError(
             f"{where}: holds values that are NaN or beyond {MOST_LARGE:g}; the rule is finite"
         )
-    return samples
-
-
-def _check_turning(samples: Samples, own: tuple[str, ...], where: str) -> None:
-    """Check that a turn rate is not 0 throughout: no sensor is so quiet, but one that has no gyroscope."""
     turn = [own.index(name) for name in TURN_RATE if name in own]
     if turn and not samples[:, :, turn].any():
         raise RecordingError(
@@ -175,79 +202,19 @@ def _check_turning(samples: Samples, own: tuple[str, ...], where: str) -> None:
         )
 
 
-def _signals(
-    path: Path, chosen: Connection, where: str, wanted: tuple[str, ...]
-) -> tuple[Stamps | None, Stamps, Samples, tuple[str, ...]]:
-    """Return stamps (None without headers), times of receipt, samples (n, k, columns), and the columns."""
-    received: list[int] = []
-    parts: list[tuple[Stamps | None, Samples]] = []
-    for batch in _batches(path, chosen, where, received):
-        parts.append(_decoded(batch, chosen, where, wanted))
-        check_size(len(received) * parts[-1][1][0].size, path)
-    if len(received) < 2:
-        raise RecordingError(f"{where}: holds {len(received)} messages; the rule is at least 2")
-    if len({samples.shape[1:] for _, samples in parts}) > 1:
-        raise RecordingError(f"{where}: its messages differ in size; the rule is one number of samples")
-    if not 0 <= min(received) <= max(received) < 2**63:
-        raise RecordingError(f"{where}: a message was received at {max(received)} ns; the rule is 63 bits")
-    samples = np.concatenate([samples for _, samples in parts])
-    heads = [stamps for stamps, _ in parts if stamps is not None]
-    is_stamped = chosen.type_name in TYPES
-    present = tuple(TYPES[chosen.type_name].columns) if is_stamped else _channel_names(samples.shape[2])
-    return np.concatenate(heads) if heads else None, np.array(received, np.int64), samples, present
-
-
-def _batches(path: Path, chosen: Connection, where: str, received: list[int]) -> Iterator[list[bytes]]:
-    """Yield messages of a topic, many at a time; when each was received is added to a list."""
-    batch: list[bytes] = []
-    for connection, at, raw in bag_messages(path, chosen.topic):
-        if connection != chosen:
-            raise RecordingError(f"{where}: carries {connection.type_name} and {chosen.type_name}")
-        received.append(at)
-        batch.append(raw)
-        if len(batch) == BATCH:
-            yield batch
-            batch = []
-    if batch:
-        yield batch
-
-
-def _decoded(
-    batch: Sequence[bytes], chosen: Connection, where: str, wanted: tuple[str, ...]
-) -> tuple[Stamps | None, Samples]:
-    """Return stamps (None without headers) and samples of shape (n, k, columns)."""
-    try:
-        if chosen.type_name == MULTI_ARRAY:
-            return None, _stacked([decode_multi_array(raw, ros1=chosen.ros1) for raw in batch])
-        type_ = TYPES[chosen.type_name]
-        stamps, numbers = decode_stamped(type_, batch, ros1=chosen.ros1)
-    except MessageError as error:
-        raise RecordingError(f"{where}: {error}") from error
-    if absent := lacking(type_, numbers, set(wanted) & set(type_.columns)):
-        raise RecordingError(f"{where}: {not_measured(absent)}")
-    columns = [column_values(type_, numbers, column) for column in type_.columns]
-    return stamps, np.column_stack(columns)[:, None, :]
-
-
-def _stacked(blocks: Sequence[Samples]) -> Samples:
-    if len(shapes := {block.shape for block in blocks}) > 1:
-        raise MessageError(f"blocks of {sorted(shapes)} samples and channels; the rule is one size")
-    return np.stack(blocks)
-
-
 def _other(path: Path, topics: Mapping[str, Connection], name: str, t: Samples) -> Samples:
     """Return a column of another topic at given instants; beyond its ends it keeps its last value."""
     topic, _, column = name.rpartition("/")
     if topic not in topics or column not in getattr(TYPES.get(topics[topic].type_name), "columns", ()):
         raise RecordingError(f"{path}: column {name!r} is not there; the rule is /topic/column of a bag")
-    stamps, _, samples, present = _signals(path, topics[topic], f"{path}?topic={topic}", (column,))
+    stamps, _, samples = _messages(path, topics[topic], (column,))
     if stamps is None or not stamps.any():
         raise RecordingError(f"{path}: {topic} has no stamps in its headers; the rule is those of one clock")
     order = np.argsort(stamps, kind="stable")
     at = stamps[order] / 1e9
     if at[0] > t[-1] or at[-1] < t[0]:
         raise RecordingError(f"{path}: {topic} and the acceleration share no time; the rule is one clock")
-    return np.asarray(np.interp(t, at, samples[order, 0, present.index(column)]))
+    return np.asarray(np.interp(t, at, samples[order, 0, 0]))
 
 
 def _looks_like_g(named: Mapping[str, Samples], chosen: Connection) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""What a file holds, before anything is known of its meaning: named columns and, perhaps, a sampling rate."""
+"""What readers of every format share: what they are asked for, what they return, what they refuse."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +14,8 @@ MAX_VALUES = 1_000_000_000
 axes of 3 hours at 10 kHz are a third of it."""
 MOST_EXPANSION = 1000
 """A file that announces more than so many times its bytes (and more than 64 MB) is refused, too."""
+BAG_FOLDER = "metadata.yaml"
+"""The file that stands for a bag that is a folder."""
 UNNAMED = "acceleration"
 """Name of the only column of a format that does not name its columns."""
 CONVENTIONAL = ((UNNAMED,), ("x", "y", "z"), ("ax", "ay", "az"), ("acc_x", "acc_y", "acc_z"))
@@ -21,22 +23,26 @@ CONVENTIONAL = ((UNNAMED,), ("x", "y", "z"), ("ax", "ay", "az"), ("acc_x", "acc_
 
 
 @dataclass(frozen=True)
-class Columns:
-    """Columns read from one file.
+class Signals:
+    """Signals read from files.
 
     Attributes
     ----------
     named : mapping of str to ndarray of shape (n,) or (n, c)
-        As stored, in the order asked for.
+        As stored: by the names of a file's columns, or once it is known what they are by the fields of a
+        `Recording`.
     fs : float or None
-        Sampling rate in Hz if the file states it.
+        Sampling rate in Hz if the files state it.
     flags : tuple of str
         What a user should know of how they were read.
+    channels : tuple of str
+        Names of the axes of an acceleration.
     """
 
     named: Mapping[str, Samples]
     fs: float | None = None
     flags: tuple[str, ...] = ()
+    channels: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,13 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING
 
 from texclass.recording import Recording, RecordingError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -33,7 +38,7 @@ class Entry:
     topic: str | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Dataset(Sequence[Recording]):
     """A lazy sequence of recordings; indexing loads one and keeps nothing. Picklable when `load` is.
 
@@ -88,6 +93,34 @@ class Dataset(Sequence[Recording]):
         return ((entry, self.attempt(entry)) for entry in self.entries)
 
     @property
+    def table(self) -> "pd.DataFrame":
+        """One row a recording, indexed by `recording_id`: material, operator, session, repetition."""
+        import pandas as pd
+
+        groups = ("material", "operator", "session", "repetition")
+        index = pd.Index([entry.recording_id for entry in self.entries], name="recording_id")
+        told = {name: [getattr(entry, name) for entry in self.entries] for name in groups}
+        return pd.DataFrame(told, index).astype({"repetition": "Int64"})
+
+    @property
+    def labels(self) -> "pd.Series[str]":
+        """The material of every recording, indexed by `recording_id`: what scikit-learn calls y."""
+        return self.table["material"]
+
+    @property
     def materials(self) -> tuple[str, ...]:
         """Distinct labels, sorted."""
         return tuple(sorted({entry.material for entry in self.entries}))
+
+    def __repr__(self) -> str:
+        """Return one line."""
+        told = f"{len(self)} recordings of {len(self.materials)} materials"
+        for name in ("operator", "session"):
+            n = len({group for entry in self.entries if (group := getattr(entry, name)) is not None})
+            told += f", {n} {name}s" if n else ""
+        return f"<Dataset {self.name!r}: {told}>"
+
+    def _repr_html_(self) -> str:
+        """Return title, size and the first rows of the table for notebooks."""
+        head = f"<p><strong>{escape(self.title or self.name)}</strong><br>{escape(repr(self))}</p>"
+        return head + self.table.to_html(max_rows=10, na_rep="", border=0)

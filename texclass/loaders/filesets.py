@@ -1,22 +1,26 @@
-"""Datasets in which a recording is a file, or a file per axis, whose name tells what it is."""
+"""Datasets in files: a recording is a file (or one per axis) whose name tells what it is, or a row of one."""
 
 import csv
+import functools
+import hashlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 
-from texclass.loaders import bags_of_datasets, formats
-from texclass.loaders.cards import CardError, DeclaredPhases, FileReading
-from texclass.loaders.columns import UNNAMED, ReadOptions
+from texclass.loaders.cards import CardError, DeclaredPhases, FileReading, Reading, RowCard
+from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, Signals
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.loaders.places import digest_files
-from texclass.loaders.single import Signals, agreed_unit, build_recording, read_signals
+from texclass.loaders.files import agreed_unit, build_recording, is_bag, read_signals, topics
+from texclass.loaders.places import cache_root, write_atomically
 from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
 
 Groups = dict[str, str]
+"""What names, topics and tables tell of a recording: group -> text."""
 
 
 @dataclass(frozen=True)
@@ -49,20 +53,8 @@ class FileLoader:
         for path in axes.values():
             agreed_unit(path, options, told.unit)
         signals = read_signals(axes, told.channels, options, trim=told.trim)
-        signals, flags = self._with_companions(signals, companions, options)
-        recording = build_recording(
-            signals,
-            fs=told.fs_hz,
-            unit=told.unit,
-            source=str(self.root / entry.paths[0]),
-            flags=flags,
-            recording_id=entry.recording_id,
-            material=entry.material,
-            operator=entry.operator,
-            session=entry.session,
-            repetition=entry.repetition,
-        )
-        return conditioned(recording, told.scale, told.phases, remove_resting_level=told.remove_resting_level)
+        signals = self._with_companions(signals, companions, options)
+        return _recording(signals, told, entry, str(self.root / entry.paths[0]))
 
     def _parts(self, entry: Entry) -> tuple[dict[str, Path], dict[str, Path]]:
         """Return axis -> file, and auxiliary signal -> file."""
@@ -71,27 +63,27 @@ class FileLoader:
             if (matched := match_name(self.reading.files, name)) is not None:
                 groups, _ = matched
                 axes[groups.get("axis", "").lower()] = self.root / name
-                for signal, candidates in companion_names(self.reading, groups).items():
+                for signal, candidates in _companion_names(self.reading, groups).items():
                     for companion in set(candidates) & set(entry.paths):
                         companions[signal] = self.root / companion
         return axes, companions
 
     def _with_companions(
         self, signals: Signals, companions: Mapping[str, Path], options: ReadOptions
-    ) -> tuple[Signals, tuple[str, ...]]:
+    ) -> Signals:
         """Add the signals that have files of their own; say which are absent or were cut."""
-        fields = dict(signals.fields)
+        named = dict(signals.named)
         flags = [
             f"absent: no file with the {name}" for name in self.reading.companions if name not in companions
         ]
         for name, path in companions.items():
-            fields[name] = read_signals({"": path}, {}, options).fields[UNNAMED]
-        lengths = {name: len(signal) for name, signal in fields.items()}
+            named[name] = read_signals({"": path}, {}, options).named[UNNAMED]
+        lengths = {name: len(signal) for name, signal in named.items()}
         if self.reading.trim and len(set(lengths.values())) > 1:
             shortest = min(lengths.values())
-            fields = {name: signal[:shortest] for name, signal in fields.items()}
+            named = {name: signal[:shortest] for name, signal in named.items()}
             flags.append(f"trimmed: {lengths} samples cut to {shortest}")
-        return replace(signals, fields=fields), tuple(flags)
+        return replace(signals, named=named, flags=(*flags, *signals.flags))
 
 
 def open_files(
@@ -120,25 +112,73 @@ def open_files(
     entries = [
         _entry(reading, root, names, groups, table, topic)
         for names, groups in _find(reading, root)
-        for topic, groups in bags_of_datasets.by_topic(
-            reading.topic, root / names[0], groups, left_out, skip_bad=skip_bad
-        )
+        for topic, groups in _by_topic(reading.topic, root / names[0], groups, left_out, skip_bad=skip_bad)
     ]
-    check_ids(entries, root)
-    absent = set(table) - {entry.recording_id for entry in entries}
+    absent = sorted(set(table) - {entry.recording_id for entry in entries})
     digested = [name for entry in entries for name in entry.paths]
-    digested += bags_of_datasets.inside_folders(root, digested)
+    digested += _inside_folders(root, digested)
     digested += [reading.labels.file] if reading.labels else []
     return Dataset(
-        entries=tuple(entries),
+        entries=_unique(entries, root),
         load=FileLoader(reading, root),
         input_hash=digest_files(root, digested, reading.facts),
-        notes=(
-            *notes,
-            *(f"{name} is in the table of labels, but has no file" for name in sorted(absent)),
-            *left_out,
-        ),
+        notes=(*notes, *(f"{i} is in the table of labels, but has no file" for i in absent), *left_out),
         skip_bad=skip_bad,
+        **about,
+    )
+
+
+@dataclass(frozen=True)
+class RowLoader:
+    """Loads the recordings of a card of rows; a `Dataset`'s `load`, picklable.
+
+    Parameters
+    ----------
+    reading : RowCard
+        Which files hold the channels.
+    root : Path
+        Folder of the files.
+    rows : mapping of str to int
+        Recording id -> row.
+    """
+
+    reading: RowCard
+    root: Path
+    rows: Mapping[str, int]
+
+    def __call__(self, entry: Entry) -> Recording:
+        """Load one recording.
+
+        Raises
+        ------
+        RecordingError
+            If it is bad; the message names file, value and rule.
+        """
+        card, row = self.reading, self.rows[entry.recording_id]
+        samples = np.column_stack([table[row] for table in _row_tables(card, self.root)[1]])
+        channels = tuple(f"c{i + 1}" for i in range(len(card.files)))
+        where = f"{self.root / card.files[0]} row {row + 1}"
+        return _recording(Signals({UNNAMED: samples}, channels=channels), card, entry, where)
+
+
+def open_rows(card: RowCard, root: Path, **about: Any) -> Dataset:
+    """Return the dataset of a card of rows; `about` is what else a `Dataset` holds.
+
+    Raises
+    ------
+    RecordingError
+        If a file is unreadable, or the files disagree in rows or labels.
+    """
+    labels, _ = _row_tables(card, root)
+    seen: Counter[str] = Counter()
+    entries = []
+    for label in labels:
+        seen[label] += 1
+        entries.append(Entry(f"{label}_{seen[label]:02d}", label, repetition=seen[label], paths=card.files))
+    return Dataset(
+        entries=_unique(entries, root),
+        load=RowLoader(card, root, {entry.recording_id: row for row, entry in enumerate(entries)}),
+        input_hash=digest_files(root, card.files, card.facts),
         **about,
     )
 
@@ -158,15 +198,44 @@ def match_name(patterns: Sequence[str], name: str) -> tuple[Groups, str] | None:
     return None
 
 
-def companion_names(reading: FileReading, groups: Groups) -> dict[str, tuple[str, ...]]:
-    """Return auxiliary signal -> relative names its file may have, the groups filled in."""
+def not_recordings(files: Iterable[str]) -> set[str]:
+    """Return, of relative names, those that are no recordings themselves but parts of bags that are folders.
+
+    A `metadata.yaml` stands for the bag files beside it; without any it is somebody else's.
+    """
+    paths = [PurePosixPath(name) for name in files]
+    holding = {path.parent for path in paths if _is_storage(path)}
+    described = {path.parent for path in paths if path.name == BAG_FOLDER}
     return {
-        signal: tuple(
-            re.sub(r"\{(\w+)\}", lambda match: groups.get(match[1], match[0]), template)
-            for template in templates
-        )
-        for signal, templates in reading.companions.items()
+        str(path)
+        for path in paths
+        if (_is_storage(path) and path.parent in described)
+        or (path.name == BAG_FOLDER and path.parent not in holding)
     }
+
+
+def digest_files(root: Path, relative: Iterable[str], facts: str) -> str:
+    """Return the SHA-256 hex digest of facts, names and contents of files.
+
+    Reading gigabytes takes seconds, so the digest is remembered in the cache under names, sizes and times of
+    modification: a file that was changed without changing its size and time goes unnoticed.
+    """
+    paths = sorted(set(relative))
+    states = hashlib.sha256(f"{root.resolve()}\0{facts}".encode())
+    for name in paths:
+        state = (root / name).stat()
+        states.update(f"\0{name}\0{state.st_size}\0{state.st_mtime_ns}".encode())
+    memo = cache_root() / "digests" / states.hexdigest()
+    try:
+        return memo.read_text(encoding="ascii")
+    except (OSError, UnicodeDecodeError):
+        pass
+    digest = hashlib.sha256(facts.encode())
+    for name in paths:
+        with (root / name).open("rb") as file:
+            digest.update(f"\0{name}\0{hashlib.file_digest(file, 'sha256').hexdigest()}".encode())
+    write_atomically(memo, digest.hexdigest().encode("ascii"))
+    return digest.hexdigest()
 
 
 def conditioned(
@@ -181,18 +250,13 @@ def conditioned(
         acceleration = acceleration * scale
     if remove_resting_level:
         acceleration = acceleration - np.median(acceleration, axis=0)
-    return recording.with_(acceleration=acceleration, phases=_declared_phases(phases, acceleration))
-
-
-def _declared_phases(phases: DeclaredPhases, acceleration: Samples) -> Phases | None:
-    """Return the phases a card declares for each of its recordings; None leaves them to be detected."""
     n = len(acceleration)
-    match phases:
-        case "movement":
-            return Phases(movement=(0, n), notes=("the card declares the whole recording as movement",))
-        case "tap":
-            return Phases(taps=(Tap(0, contact(acceleration), n),), notes=("the card declares one tap",))
-    return None
+    declared = None
+    if phases == "movement":
+        declared = Phases(movement=(0, n), notes=("the card declares the whole recording as movement",))
+    elif phases == "tap":
+        declared = Phases(taps=(Tap(0, contact(acceleration), n),), notes=("the card declares one tap",))
+    return recording.with_(acceleration=acceleration, phases=declared)
 
 
 def contact(acceleration: Samples, share: float = 0.1) -> int:
@@ -213,14 +277,15 @@ def contact(acceleration: Samples, share: float = 0.1) -> int:
     return 1 + int(np.argmax(is_large))
 
 
-def check_ids(entries: Sequence[Entry], root: Path) -> None:
-    """Check that there are recordings, and that no two bear the same id.
+def _recording(signals: Signals, told: Reading, entry: Entry, source: str) -> Recording:
+    known = ("recording_id", "material", "operator", "session", "repetition")
+    facts = {name: getattr(entry, name) for name in known}
+    recording = build_recording(signals, fs=told.fs_hz, unit=told.unit, source=source, **facts)
+    return conditioned(recording, told.scale, told.phases, remove_resting_level=told.remove_resting_level)
 
-    Raises
-    ------
-    RecordingError
-        Naming the folder, or the first id that occurs twice and its files.
-    """
+
+def _unique(entries: Sequence[Entry], root: Path) -> tuple[Entry, ...]:
+    """Check that there are recordings, and that no two bear the same id."""
     if not entries:
         raise RecordingError(
             f"{root}: holds no recording; the rule is at least one file as the card describes"
@@ -232,22 +297,24 @@ def check_ids(entries: Sequence[Entry], root: Path) -> None:
             raise RecordingError(
                 f"{root}: recording id {entry.recording_id!r} occurs twice ({files}); the rule is once"
             )
+    return tuple(entries)
 
 
 def _find(reading: FileReading, root: Path) -> Iterator[tuple[tuple[str, ...], Groups]]:
     """Yield the files of each recording (one, or one per axis, and companions) and what their names tell."""
     joined: dict[str, tuple[list[str], Groups]] = {}
     files = {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()}
-    files -= bags_of_datasets.not_recordings(files)
+    files -= not_recordings(files)
     for name in sorted(files, key=_natural):
         if (matched := match_name(reading.files, name)) is not None:
             groups, shared = matched
-            shortened = shared.removesuffix(f"/{formats.BAG_FOLDER}")
+            shortened = shared.removesuffix(f"/{BAG_FOLDER}")
             groups.setdefault("recording", shortened if shortened != shared else shared.rpartition(".")[0])
             joined.setdefault(shared, ([], groups))[0].append(name)
     for names, groups in joined.values():
         present = (
-            [name for name in names_ if name in files] for names_ in companion_names(reading, groups).values()
+            [name for name in candidates if name in files]
+            for candidates in _companion_names(reading, groups).values()
         )
         yield (*names, *(found[0] for found in present if found)), groups
 
@@ -255,6 +322,62 @@ def _find(reading: FileReading, root: Path) -> Iterator[tuple[tuple[str, ...], G
 def _natural(name: str) -> list[tuple[int, str]]:
     """Return a sorting key under which 2 comes before 10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
+def _companion_names(reading: FileReading, groups: Groups) -> dict[str, tuple[str, ...]]:
+    """Return auxiliary signal -> relative names its file may have, the groups filled in."""
+    return {
+        signal: tuple(
+            re.sub(r"\{(\w+)\}", lambda match: groups.get(match[1], match[0]), template)
+            for template in templates
+        )
+        for signal, templates in reading.companions.items()
+    }
+
+
+def _by_topic(
+    topic: str | None, path: Path, groups: Groups, left_out: list[str], *, skip_bad: bool
+) -> list[tuple[str | None, Groups]]:
+    """Return (topic, what names tell) of every recording in a file.
+
+    There is one, or, of a bag, one per topic that matches a pattern (which has named groups; else `topic` is
+    a name). A bag that cannot be read is an error, or with `skip_bad` added to `left_out`.
+    """
+    if not (topic and re.compile(topic).groupindex and is_bag(path)):
+        return [(None, groups)]
+    try:
+        present = topics(path)
+        matched = {name: found for name in sorted(present) if (found := re.fullmatch(topic, name))}
+        if not matched:
+            raise RecordingError(f"{path}: no topic matches {topic!r}; its topics are {', '.join(present)}")
+    except RecordingError as error:
+        if not skip_bad:
+            raise
+        left_out.append(f"left out: {error}")
+        return []
+    told = {
+        name: {group: text for group, text in found.groupdict().items() if text is not None}
+        for name, found in matched.items()
+    }
+    return [
+        (name, groups | {"recording": f"{groups['recording']}/{name.strip('/')}"} | told[name])
+        for name in told
+    ]
+
+
+def _inside_folders(root: Path, names: Iterable[str]) -> list[str]:
+    """Return the relative names of the files in those bags that are folders."""
+    folders = [(root / name).parent for name in names if PurePosixPath(name).name == BAG_FOLDER]
+    return [
+        file.relative_to(root).as_posix()
+        for folder in folders
+        for file in sorted(folder.iterdir())
+        if _is_storage(PurePosixPath(file.name))
+    ]
+
+
+def _is_storage(path: PurePosixPath) -> bool:
+    return PurePosixPath(path.name.lower().removesuffix(".zstd")).suffix in (".mcap", ".db3")
 
 
 def _entry(
@@ -286,6 +409,7 @@ def _entry(
 
 
 def _read_labels(reading: FileReading, root: Path) -> dict[str, Groups]:
+    """Return recording id -> what the table of labels tells; empty without a table."""
     if (labels := reading.labels) is None:
         return {}
     path = root / labels.file
@@ -300,6 +424,40 @@ def _read_labels(reading: FileReading, root: Path) -> dict[str, Groups]:
     if short := next((i for i, row in enumerate(rows, 1) if None in row.values() or None in row), 0):
         raise CardError(f"{path}: row {short} has other cells than the header; the rule is one a column")
     return {
-        row[labels.columns["recording"]]: {group: row[name] for group, name in labels.columns.items()}
-        for row in rows
+        row[labels.recording]: {group: row[name] for group, name in labels.columns.items()} for row in rows
     }
+
+
+def _row_tables(card: RowCard, root: Path) -> tuple[tuple[str, ...], list[Samples]]:
+    """Return the labels, and one array of shape (n_recordings, n_samples) per channel."""
+    parts = []
+    for name in card.files:
+        path = root / name
+        if not path.is_file():
+            raise RecordingError(f"{path}: is missing; the rule is one file per channel, as the card says")
+        parts.append(_read_rows(path, path.stat().st_mtime_ns, card.label_column))
+    labels, first = parts[0]
+    for name, (others, values) in zip(card.files, parts, strict=True):
+        if others != labels or values.shape != first.shape:
+            raise RecordingError(
+                f"{root / name}: has {values.shape} values, {card.files[0]} {first.shape}, or other labels; "
+                "the rule is the same rows and labels in every channel's file"
+            )
+    return labels, [values for _, values in parts]
+
+
+@functools.lru_cache(maxsize=16)
+def _read_rows(path: Path, modified_ns: int, label_column: str) -> tuple[tuple[str, ...], Samples]:
+    """Read a channel's file; tables are small, so the last few stay in memory."""
+    import pandas as pd
+
+    try:
+        table = pd.read_csv(path)
+        labels = tuple(table.pop(label_column).astype(str))
+        values = table.to_numpy(dtype=np.float64)
+    except KeyError as error:
+        raise RecordingError(f"{path}: lacks the column {label_column!r} of the labels") from error
+    except (ValueError, TypeError, OverflowError, OSError) as error:
+        raise RecordingError(f"{path}: is not a table of numbers and labels ({error})") from error
+    values.flags.writeable = False
+    return labels, values

@@ -1,9 +1,7 @@
-"""Where recordings and caches are on this machine, and the digest of a dataset's files."""
+"""Where recordings and caches are on this machine."""
 
 import contextlib
-import hashlib
 import os
-from collections.abc import Iterable
 from pathlib import Path
 
 import platformdirs
@@ -51,26 +49,6 @@ def find_folder(folder: str, *, card_path: Path, source: str) -> Path:
     )
 
 
-def digest_files(root: Path, relative: Iterable[str], facts: str) -> str:
-    """Return the SHA-256 hex digest of facts, names and contents of files.
-
-    Reading gigabytes takes seconds, so the digest is remembered in the cache under names, sizes and times of
-    modification: a file that was changed without changing its size and time goes unnoticed.
-    """
-    paths = sorted(set(relative))
-    memo = cache_root() / "digests" / _digest_states(root, paths, facts)
-    try:
-        return memo.read_text(encoding="ascii")
-    except (OSError, UnicodeDecodeError):
-        pass
-    digest = hashlib.sha256(facts.encode())
-    for name in paths:
-        with (root / name).open("rb") as file:
-            digest.update(f"\0{name}\0{hashlib.file_digest(file, 'sha256').hexdigest()}".encode())
-    write_atomically(memo, digest.hexdigest().encode("ascii"))
-    return digest.hexdigest()
-
-
 def write_atomically(path: Path, content: bytes) -> None:
     """Write a cache file so that a reader sees all of it or nothing; a full or read-only disk is no error."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
@@ -81,11 +59,3 @@ def write_atomically(path: Path, content: bytes) -> None:
     except OSError:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
-
-
-def _digest_states(root: Path, paths: Iterable[str], facts: str) -> str:
-    digest = hashlib.sha256(f"{root.resolve()}\0{facts}".encode())
-    for name in paths:
-        state = (root / name).stat()
-        digest.update(f"\0{name}\0{state.st_size}\0{state.st_mtime_ns}".encode())
-    return digest.hexdigest()

@@ -1,24 +1,26 @@
-"""Messages of ROS as bytes: which types can be signals, what their numbers mean, and how they are laid out.
+"""Messages of ROS as bytes: which types can be signals, what their numbers mean; rosbags decodes them.
 
-ROS 2 (bags and the wire) serialises in CDR: four bytes say how, every number stands at a multiple of its own
-size. ROS 1 packs the same fields without gaps, and its header has a running number first.
+The same bytes stand in bags and go over the wire: CDR of ROS 2, and the packed form of ROS 1.
 """
 
-import struct
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.recording import Samples
+from texclass.recording import RecordingError, Samples
 
 Stamps = NDArray[np.int64]
 
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
 MOST_CHANNELS = 1024
 """Channels of a `Float64MultiArray`; more is taken for a damaged message."""
+TURN_RATE = ("wx", "wy", "wz")
+"""Columns of a turn rate, rad/s."""
 
 
 class MessageError(ValueError):
@@ -27,16 +29,14 @@ class MessageError(ValueError):
 
 @dataclass(frozen=True)
 class MessageType:
-    """A header (time stamp and frame) followed by a fixed number of float64.
+    """A type of messages with a header (time stamp and frame).
 
     Attributes
     ----------
     name
         "package/msg/Type".
-    n_numbers
-        How many float64 follow the header.
     columns
-        Column -> positions of the numbers; more than one position stands for their norm.
+        Column -> where its number stands in a message; several places stand for their norm.
     acceleration
         Columns that are an acceleration; empty where the type has none.
     unit
@@ -44,48 +44,46 @@ class MessageType:
     factors
         Column -> factor to the unit `Recording` keeps it in, where that is not 1.
     disclaimers
-        Column -> position of the number (the first of a covariance) that is -1 where the sender lacks it.
+        Column -> covariance whose first number is -1 where the sender lacks the column.
     """
 
     name: str
-    n_numbers: int
-    columns: dict[str, tuple[int, ...]]
+    columns: dict[str, tuple[str, ...]]
     acceleration: tuple[str, ...] = ()
     unit: str | None = None
-    factors: dict[str, float] | None = None
-    disclaimers: dict[str, int] | None = None
+    factors: dict[str, float] = field(default_factory=dict)
+    disclaimers: dict[str, str] = field(default_factory=dict)
 
 
-def _axes(first: int, *names: str) -> dict[str, tuple[int, ...]]:
-    return {name: (first + i,) for i, name in enumerate(names)}
+def _axes(vector: str, *names: str) -> dict[str, tuple[str, ...]]:
+    return {name: (f"{vector}.{axis}",) for name, axis in zip(names, "xyz", strict=True)}
 
 
 _ACCELERATION = ("ax", "ay", "az")
-TURN_RATE = ("wx", "wy", "wz")
-"""Columns of a turn rate, rad/s."""
+_TWIST = _axes("twist.linear", "vx", "vy", "vz")
+_WRENCH = _axes("wrench.force", "fx", "fy", "fz")
 TYPES = {
     type_.name: type_
     for type_ in (
-        # orientation 4, its covariance 9, turn rate 3, its covariance 9, acceleration 3, its covariance 9
         MessageType(
             "sensor_msgs/msg/Imu",
-            37,
-            _axes(25, *_ACCELERATION) | _axes(13, *TURN_RATE),
+            _axes("linear_acceleration", *_ACCELERATION) | _axes("angular_velocity", *TURN_RATE),
             _ACCELERATION,
             "m/s^2",
-            disclaimers=dict.fromkeys(_ACCELERATION, 28) | dict.fromkeys(TURN_RATE, 16),
+            disclaimers=dict.fromkeys(_ACCELERATION, "linear_acceleration_covariance")
+            | dict.fromkeys(TURN_RATE, "angular_velocity_covariance"),
         ),
-        MessageType("geometry_msgs/msg/AccelStamped", 6, _axes(0, *_ACCELERATION), _ACCELERATION, "m/s^2"),
+        MessageType(
+            "geometry_msgs/msg/AccelStamped", _axes("accel.linear", *_ACCELERATION), _ACCELERATION, "m/s^2"
+        ),
         MessageType(
             "geometry_msgs/msg/TwistStamped",
-            6,
-            _axes(0, "vx", "vy", "vz") | {"speed": (0, 1, 2)} | _axes(3, *TURN_RATE),
+            _TWIST | {"speed": sum(_TWIST.values(), ())} | _axes("twist.angular", *TURN_RATE),
             factors={"speed": 1000.0},
         ),
         MessageType(
             "geometry_msgs/msg/WrenchStamped",
-            6,
-            _axes(0, "fx", "fy", "fz") | {"force": (0, 1, 2)} | _axes(3, "tx", "ty", "tz"),
+            _WRENCH | {"force": sum(_WRENCH.values(), ())} | _axes("wrench.torque", "tx", "ty", "tz"),
         ),
     )
 }
@@ -93,65 +91,14 @@ TYPES = {
 READABLE = (*TYPES, MULTI_ARRAY)
 
 
-def column_values(type_: MessageType, numbers: Samples, column: str) -> Samples:
-    """Return one column of messages, in the unit a `Recording` keeps it in.
+def decode_stamped(
+    type_: MessageType, raws: Sequence[bytes], columns: Sequence[str], *, ros1: bool
+) -> tuple[Stamps, Samples]:
+    """Decode columns of messages with a header, in the units a `Recording` keeps them in.
 
-    Parameters
-    ----------
-    type_ : MessageType
-        What the messages are.
-    numbers : ndarray of shape (n, n_numbers)
-        Of `decode_stamped`.
-    column : str
-        One of `type_.columns`.
-
-    Returns
-    -------
-    values : ndarray of shape (n,)
-    """
-    where = type_.columns[column]
-    values = numbers[:, where[0]]
-    with np.errstate(invalid="ignore", over="ignore"):  # of damaged numbers
-        for other in where[1:]:
-            values = np.hypot(values, numbers[:, other])
-        return values * (type_.factors or {}).get(column, 1.0)
-
-
-def lacking(type_: MessageType, numbers: Samples, columns: Collection[str]) -> tuple[str, ...]:
-    """Return those of some columns that the sender of messages does not measure, by what it says.
-
-    A covariance that begins with -1 says so [sensor_msgs/Imu]. Some drivers put it beside real numbers, whose
-    covariance they do not know: only with zeros (or NaN) in every message is it taken at its word.
-
-    Parameters
-    ----------
-    type_ : MessageType
-        What the messages are.
-    numbers : ndarray of shape (n, n_numbers)
-        Of `decode_stamped`.
-    columns : collection of str
-        Of `type_.columns`.
-    """
-    found = []
-    for column in columns:
-        at = (type_.disclaimers or {}).get(column)
-        if at is not None and np.all(numbers[:, at] == -1):
-            values = numbers[:, type_.columns[column][0]]
-            if np.all((values == 0) | np.isnan(values)):
-                found.append(column)
-    return tuple(sorted(found))
-
-
-def not_measured(columns: Sequence[str]) -> str:
-    """Return the words for columns that are `lacking`."""
-    return (
-        f"its messages say that {', '.join(columns)} are not measured (a covariance that begins with -1); "
-        "the rule is a sensor that measures them"
-    )
-
-
-def decode_stamped(type_: MessageType, raws: Sequence[bytes], *, ros1: bool) -> tuple[Stamps, Samples]:
-    """Decode messages that are a header and numbers.
+    A covariance that begins with -1 says that its columns are not measured [sensor_msgs/Imu]. Some drivers
+    put it beside real numbers, whose covariance they do not know: only with zeros (or NaN) in every message
+    is it taken at its word.
 
     Parameters
     ----------
@@ -159,6 +106,8 @@ def decode_stamped(type_: MessageType, raws: Sequence[bytes], *, ros1: bool) -> 
         What they are.
     raws : sequence of bytes
         Serialised messages, at least one.
+    columns : sequence of str
+        Of `type_.columns`.
     ros1 : bool
         Packed as by ROS 1, not in CDR.
 
@@ -166,59 +115,37 @@ def decode_stamped(type_: MessageType, raws: Sequence[bytes], *, ros1: bool) -> 
     -------
     stamps_ns : ndarray of shape (n,)
         Time stamps of the headers, nanoseconds.
-    numbers : ndarray of shape (n, n_numbers)
+    samples : ndarray of shape (n, n_columns)
 
     Raises
     ------
     MessageError
-        If a message is too short or not in plain CDR.
+        If a message is damaged or not in plain CDR.
+    RecordingError
+        If the messages say that a column is not measured.
     """
-    stamps = np.empty(len(raws), np.int64)
-    numbers = np.empty((len(raws), type_.n_numbers))
-    for first, last in _runs_of_one_layout(raws, ros1):
-        layout = _layout(type_, raws[first], ros1)
-        rows = np.frombuffer(b"".join(raws[first:last]), layout)
-        stamps[first:last] = rows["sec"].astype(np.int64) * 1_000_000_000 + rows["nanosec"]
-        numbers[first:last] = rows["numbers"]
-    return stamps, numbers
-
-
-def _runs_of_one_layout(raws: Sequence[bytes], ros1: bool) -> list[tuple[int, int]]:
-    """Return half-open runs of messages with the same length, encoding and length of the frame's name."""
-    encoding = slice(0, 0 if ros1 else 4)
-    keys = [(len(raw), raw[encoding], raw[12:16]) for raw in raws]
-    cuts = [0, *(i for i in range(1, len(keys)) if keys[i] != keys[i - 1]), len(keys)]
-    return list(pairwise(cuts))
-
-
-def _layout(type_: MessageType, raw: bytes, ros1: bool) -> np.dtype[np.void]:
-    """Return where the stamp and the numbers stand in messages laid out like this one."""
-    order, align = ("<", 1) if ros1 else _encoding(raw)
-    if len(raw) < 16:
-        raise MessageError(f"{type_.name}: a message has {len(raw)} bytes; the rule is a whole header")
-    length = struct.unpack_from(f"{order}I", raw, 12)[0]  # 12 is 4 encoding + stamp 8, or 4 number + stamp 8
-    body = 0 if ros1 else 4
-    at = 16 + length
-    at += -(at - body) % align
-    need = at + 8 * type_.n_numbers
-    if len(raw) < need:
-        raise MessageError(f"{type_.name}: a message has {len(raw)} bytes; the rule is {need}")
-    return np.dtype(
-        {
-            "names": ["sec", "nanosec", "numbers"],
-            "formats": [f"{order}{'u' if ros1 else 'i'}4", f"{order}u4", f"({type_.n_numbers},){order}f8"],
-            "offsets": [4, 8, at],
-            "itemsize": len(raw),
-        }
-    )
-
-
-def _encoding(raw: bytes) -> tuple[str, int]:
-    """Return byte order and the largest alignment of a CDR message: 8 in version 1, 4 in version 2."""
-    kind = raw[1] if len(raw) > 3 and raw[0] == 0 else -1
-    if kind not in (0, 1, 6, 7):
-        raise MessageError(f"a message starts with {raw[:4].hex(' ')!r}; the rule is plain CDR")
-    return "<" if kind % 2 else ">", 8 if kind < 2 else 4
+    places = list(dict.fromkeys(place for column in columns for place in type_.columns[column]))
+    messages = [_decoded(raw, type_.name, ros1) for raw in raws]
+    stamp = attrgetter("header.stamp.sec", "header.stamp.nanosec")
+    stamps = np.array([stamp(message) for message in messages], np.int64) @ (1_000_000_000, 1)
+    numbers = {place: np.array([*map(attrgetter(place), messages)], np.float64) for place in places}
+    absent = []
+    samples = np.empty((len(raws), len(columns)))
+    for i, column in enumerate(columns):
+        first, *others = type_.columns[column]
+        disclaimer = attrgetter(type_.disclaimers[column]) if column in type_.disclaimers else None
+        with np.errstate(invalid="ignore", over="ignore"):  # of damaged numbers
+            norm = functools.reduce(np.hypot, (numbers[place] for place in others), numbers[first])
+            samples[:, i] = norm * type_.factors.get(column, 1.0)
+        is_said = disclaimer is not None and all(disclaimer(message)[0] == -1 for message in messages)
+        if is_said and np.all((norm == 0) | np.isnan(norm)):
+            absent.append(column)
+    if absent:
+        raise RecordingError(
+            f"its messages say that {', '.join(sorted(absent))} are not measured (a covariance that begins "
+            "with -1); the rule is a sensor that measures them"
+        )
+    return stamps, samples
 
 
 def decode_multi_array(raw: bytes, *, ros1: bool) -> Samples:
@@ -233,37 +160,33 @@ def decode_multi_array(raw: bytes, *, ros1: bool) -> Samples:
     Raises
     ------
     MessageError
-        If it is cut short, empty, or its dimensions are not those of its data.
+        If it is damaged, empty, or its dimensions are not those of its data.
     """
-    order, align = ("<", 1) if ros1 else _encoding(raw)
-    body = 0 if ros1 else 4
-    try:
-        sizes, at = _dimensions(raw, order, body, 1 if ros1 else 4)
-        start, n_data = struct.unpack_from(f"{order}II", raw, at)
-        at += 8
-        at += -(at - body) % align
-        data = np.frombuffer(raw, f"{order}f8", n_data, at)[start:]
-    except (struct.error, ValueError) as error:
-        raise MessageError(f"{MULTI_ARRAY}: a message is cut short ({error})") from error
+    message = _decoded(raw, MULTI_ARRAY, ros1)
+    sizes = [dimension.size for dimension in message.layout.dim]
+    data = message.data[message.layout.data_offset :]
     shape = tuple(sizes) if len(sizes) == 2 else (1, len(data))
     if not data.size or shape[0] * shape[1] != data.size or len(sizes) > 2 or shape[1] > MOST_CHANNELS:
         raise MessageError(
             f"{MULTI_ARRAY}: {data.size} numbers with dimensions {sizes}; the rule is (samples, channels), "
             f"or a single sample, of at most {MOST_CHANNELS} channels"
         )
-    return data.astype(np.float64).reshape(shape)
+    return np.asarray(data, np.float64).reshape(shape)
 
 
-def _dimensions(raw: bytes, order: str, at: int, align: int) -> tuple[list[int], int]:
-    """Return the sizes of the dimensions of a layout, and where the layout's `data_offset` stands."""
-    body = at
-    (n,) = struct.unpack_from(f"{order}I", raw, at)
-    at += 4
-    sizes = []
-    for _ in range(n):
-        (length,) = struct.unpack_from(f"{order}I", raw, at)
-        at += 4 + length
-        at += -(at - body) % align
-        sizes.append(struct.unpack_from(f"{order}II", raw, at)[0])
-        at += 8
-    return sizes, at
+def _decoded(raw: bytes, type_name: str, ros1: bool) -> Any:
+    try:
+        return _decoder(ros1)(raw, type_name)
+    except Exception as error:  # damaged bytes make the library raise almost anything
+        raise MessageError(
+            f"{type_name}: a message of {len(raw)} bytes is damaged ({error}); the rule is a whole message "
+            "in plain CDR, or as ROS 1 packs it"
+        ) from error
+
+
+@functools.cache
+def _decoder(ros1: bool) -> Callable[[bytes, str], Any]:
+    from rosbags.typesys import Stores, get_typestore  # of the extra `robot`
+
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    return store.deserialize_ros1 if ros1 else store.deserialize_cdr

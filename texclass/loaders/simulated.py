@@ -5,7 +5,6 @@ import hashlib
 import io
 import json
 import shutil
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,11 @@ import numpy as np
 
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.places import cache_root, write_atomically
-from texclass.recording import AUXILIARY_UNITS, Recording, Samples
+from texclass.recording import AUXILIARY_UNITS, Recording
 from texclass.simulate.recipe import Recipe
 
 SIGNALS = ("acceleration", *AUXILIARY_UNITS)
-FACTS = ("fs", "unit", "recording_id", "material", "operator", "session", "repetition", "source")
+FACTS = ("fs", "unit", "recording_id", "material", "operator", "repetition", "source", "channels", "flags")
 MIN_FREE_BYTES = 5_000_000_000
 """Nothing is remembered when the disk has less space than this."""
 
@@ -78,12 +77,8 @@ def remember(path: Path, recording: Recording) -> None:
     """Write a recording to the cache, unless the disk is nearly full."""
     if shutil.disk_usage(_existing(path)).free < MIN_FREE_BYTES:
         return
-    arrays: dict[str, np.ndarray[Any, Any]] = {}
-    for name in SIGNALS:
-        if (signal := getattr(recording, name)) is not None:
-            arrays |= {f"{name}.{part}": array for part, array in pack(signal).items()}
+    arrays = {name: signal for name in SIGNALS if (signal := getattr(recording, name)) is not None}
     facts = {name: getattr(recording, name) for name in FACTS}
-    facts |= {"channels": recording.channels, "flags": recording.flags}
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, facts=np.array(json.dumps(facts)), **arrays)
     write_atomically(path, buffer.getvalue())
@@ -95,38 +90,10 @@ def recall(path: Path) -> Recording | None:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
         facts = json.loads(str(arrays.pop("facts")))
-        for name in ("channels", "flags"):
-            facts[name] = tuple(facts[name])
-        facts |= {name: unpack(name, arrays) for name in {key.partition(".")[0] for key in arrays}}
-        return Recording(**facts)
+        facts |= {name: tuple(facts[name]) for name in ("channels", "flags")}
+        return Recording(**facts, **arrays)
     except Exception:  # absent or damaged, however: it is made again
         return None
-
-
-def pack(signal: Samples) -> dict[str, np.ndarray[Any, Any]]:
-    """Return what restores a signal to the last bit: 16-bit codes and their levels if it is quantised.
-
-    The codes count the smallest step seen in the first samples; they are used only if every sample is
-    found again exactly.
-    """
-    steps = np.diff(np.unique(signal[:4096]))
-    positive = steps[steps > 0]
-    if positive.size and np.ptp(signal) < 65_535 * positive.min():
-        codes = np.rint((signal - signal.min()) / positive.min()).astype(np.uint16)
-        levels = np.zeros(int(codes.max()) + 1)
-        levels[codes] = signal
-        if np.array_equal(levels[codes], signal):
-            return {"codes": codes, "levels": levels}
-    single = signal.astype(np.float32)
-    return {"single": single} if np.array_equal(single, signal) else {"double": signal}
-
-
-def unpack(name: str, arrays: Mapping[str, np.ndarray[Any, Any]]) -> Samples:
-    """Return the signal that `pack` took."""
-    if f"{name}.codes" in arrays:
-        return np.asarray(arrays[f"{name}.levels"][arrays[f"{name}.codes"]], dtype=np.float64)
-    part = "single" if f"{name}.single" in arrays else "double"
-    return arrays[f"{name}.{part}"].astype(np.float64)
 
 
 def _existing(path: Path) -> Path:

@@ -6,24 +6,27 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from texclass.loaders import find_recording, formats
+from texclass.loaders import find_recording
 from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
-from texclass.loaders.columns import ReadOptions, choose_acceleration
+from texclass.loaders.columns import BAG_FOLDER, ReadOptions, Signals, choose_acceleration
 from texclass.loaders.dataset import Dataset
-from texclass.loaders.filesets import conditioned
-from texclass.loaders.ros_messages import TURN_RATE
-from texclass.loaders.single import (
-    Signals,
+from texclass.loaders.files import (
+    READERS,
     agreed_unit,
     axis_files,
     build_recording,
     checked_unit,
+    column_names,
+    is_bag,
     is_bag_name,
     located,
     read_signals,
+    topics,
     without_axis,
 )
-from texclass.loaders.uniform import NEAR_RATE
+from texclass.loaders.filesets import conditioned
+from texclass.loaders.ros_messages import TURN_RATE
+from texclass.loaders.stamps import NEAR_RATE
 from texclass.recording import Recording
 from texclass.validation import Written
 
@@ -95,7 +98,7 @@ class TrainingFiles(Written):
             As `find_recording`.
         """
         path = Path(name).expanduser()
-        is_file = path.suffix.lower() in formats.SUFFIXES and (path.exists() or ":" not in str(name))
+        is_file = path.suffix.lower() in READERS and (path.exists() or ":" not in str(name))
         if is_file or _is_bag(name):
             return self.load(name, fs=fs, unit=unit)
         return find_recording(name, fs=fs, unit=unit)
@@ -116,7 +119,7 @@ class TrainingFiles(Written):
         stated = checked_unit(path, fs, agreed_unit(path, options, unit) or self.unit)
         axes = axis_files(path)
         signals = self._read(axes, replace(options, codes=stated == "counts"))
-        named = path.parent if path.name == formats.BAG_FOLDER else path
+        named = path.parent if path.name == BAG_FOLDER else path
         recording = build_recording(
             signals,
             fs=fs or (self.fs if signals.fs is None else None),
@@ -129,7 +132,7 @@ class TrainingFiles(Written):
 
     def _read(self, axes: Mapping[str, Path], options: ReadOptions) -> Signals:
         path, roles = next(iter(axes.values())), {"acceleration": self.acceleration, **self.auxiliary}
-        if not formats.is_bag(path):
+        if not is_bag(path):
             return read_signals(axes, roles, options)
         roles = self._roles_in(path, options)
         signals = read_signals(axes, roles, options)
@@ -141,7 +144,7 @@ class TrainingFiles(Written):
 
     def _roles_in(self, path: Path, options: ReadOptions) -> dict[str, tuple[str, ...]]:
         """Return which columns of a bag are what: as in the training files if it has those, else its own."""
-        present = formats.names(path, options)
+        present = column_names(path, options)
         own = [name for name in present if not name.startswith("/")]
         auxiliary = {field: names for field, names in self.auxiliary.items() if set(names) <= set(present)}
         if "turn_rate" in self.auxiliary and set(TURN_RATE) <= set(own):
@@ -156,13 +159,13 @@ class TrainingFiles(Written):
 
     def _topic_of(self, path: Path) -> str | None:
         """Return the topic of the training files, if a bag has it."""
-        if self.topic is None or not formats.is_bag(path):
+        if self.topic is None or not is_bag(path):
             return None
-        return self.topic if self.topic in formats.topics(path) else None
+        return self.topic if self.topic in topics(path) else None
 
 
 def _is_bag(name: str | Path) -> bool:
     """Whether a name is of a bag: "bag:FILE", a file, or a folder of rosbag2."""
     path = Path(name).expanduser()
-    is_there = (path.exists() or ":" not in str(name)) and formats.is_bag(path)
-    return is_bag_name(name) or is_there or (path / formats.BAG_FOLDER).is_file()
+    is_there = (path.exists() or ":" not in str(name)) and is_bag(path)
+    return is_bag_name(name) or is_there or (path / BAG_FOLDER).is_file()

@@ -9,7 +9,7 @@ from typing import BinaryIO
 import numpy as np
 
 from texclass.loaders import find_recording
-from texclass.loaders.single import checked_unit
+from texclass.loaders.files import checked_unit
 from texclass.recognition.model import Model
 from texclass.recognition.sources.blocks import ACCELERATION_ONLY, Block, BlockSource, Needs
 from texclass.recognition.sources.timing import resampled

@@ -8,8 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import firwin, upfirdn
 
-from texclass.loaders.stamps import CLOCK_JUMP_S, MOST_LATE, MOST_LOST, usual_step
-from texclass.loaders.uniform import NEAR_RATE, nominal_rate
+from texclass.loaders.stamps import (
+    CLOCK_JUMP_S,
+    MOST_LATE,
+    MOST_LOST,
+    NEAR_RATE,
+    nominal_rate,
+    usual_step,
+)
 from texclass.recognition.sources.blocks import Block, BlockSource
 from texclass.recording import RecordingError, Samples
 

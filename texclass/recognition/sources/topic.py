@@ -18,11 +18,8 @@ from texclass.loaders.ros_messages import (
     TURN_RATE,
     TYPES,
     MessageError,
-    column_values,
     decode_multi_array,
     decode_stamped,
-    lacking,
-    not_measured,
 )
 from texclass.recognition.sources.blocks import ACCELERATION_ONLY, Block, BlockSource, Needs
 from texclass.recognition.sources.dds import (
@@ -360,11 +357,8 @@ def _samples(
         if len({block.shape for block in blocks}) > 1:
             raise MessageError(f"{type_name}: blocks differ in size; the rule is one")
         return None, np.stack(blocks)
-    stamps, numbers = decode_stamped(TYPES[type_name], raws, ros1=False)
-    if absent := lacking(TYPES[type_name], numbers, columns):
-        raise RecordingError(not_measured(absent))
-    chosen = [column_values(TYPES[type_name], numbers, column) for column in columns]
-    return stamps, np.stack(chosen, axis=-1)[:, None, :] if chosen else numbers[:, None, :0]
+    stamps, samples = decode_stamped(TYPES[type_name], raws, columns, ros1=False)
+    return stamps, samples[:, None, :]
 
 
 def _reliability(qos: Any) -> Reliability:

@@ -1,4 +1,4 @@
-"""Tables read by column name: CSV, TSV, Parquet."""
+"""Read numbers from text: one value per line (.txt), or columns by name (CSV, TSV; and Parquet)."""
 
 import csv
 from pathlib import Path
@@ -7,7 +7,15 @@ import pyarrow as pa
 import pyarrow.csv as arrow_csv
 from pyarrow import parquet
 
-from texclass.loaders.columns import Columns, ReadOptions, as_samples, check_held, check_size, require
+from texclass.loaders.columns import (
+    UNNAMED,
+    ReadOptions,
+    Signals,
+    as_samples,
+    check_held,
+    check_size,
+    require,
+)
 from texclass.recording import RecordingError
 
 
@@ -19,13 +27,11 @@ def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
     RecordingError
         If the first line is not text.
     """
-    if path.suffix.lower() == ".parquet":
-        try:
-            return tuple(_parquet(path).schema_arrow.names)
-        except RecordingError:
-            raise
-        except Exception as error:  # damaged bytes make pyarrow raise almost anything
-            raise _unreadable(path, error) from error
+    match path.suffix.lower():
+        case ".txt":
+            return (UNNAMED,)
+        case ".parquet":
+            return _parquet(path)[1]
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             header = next(csv.reader(file, delimiter=_delimiter(path, options)), [])
@@ -34,13 +40,13 @@ def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
     return tuple(name.strip() for name in header)
 
 
-def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Columns:
-    """Read the wanted columns.
+def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Signals:
+    """Read the wanted columns; blank lines of a text are skipped.
 
     Raises
     ------
     RecordingError
-        If a column is not there, a cell is not a number, or a line has more or fewer cells than the header.
+        If a column is not there, a cell or line is not a number, or a line has other cells than the header.
     """
     present = names(path, options)
     hint = f" (is {_delimiter(path, options)!r} the delimiter?)" if len(present) == 1 else ""
@@ -48,22 +54,35 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Columns:
     if path.suffix.lower() == ".parquet":
         return _read_parquet(path, wanted)
     check_size(path.stat().st_size // 2, path)
+    is_text = path.suffix.lower() == ".txt"
     try:
         table = arrow_csv.read_csv(
             path,
-            read_options=arrow_csv.ReadOptions(column_names=present, skip_rows=1, use_threads=False),
+            read_options=arrow_csv.ReadOptions(
+                column_names=present, skip_rows=not is_text, use_threads=False
+            ),
             parse_options=arrow_csv.ParseOptions(delimiter=_delimiter(path, options)),
             convert_options=arrow_csv.ConvertOptions(
                 include_columns=wanted, column_types=dict.fromkeys(wanted, pa.float64()), null_values=[]
             ),
         )
     except (pa.ArrowException, ValueError, TypeError, KeyError) as error:
-        raise RecordingError(f"{path}: {error}; the rule is a number in every cell") from error
-    return Columns({name: table[name].to_numpy() for name in wanted})
+        said = _first_bad_line(path) if is_text else ""
+        raise RecordingError(f"{path}: {said or f'{error}; the rule is a number in every cell'}") from error
+    return Signals({name: table[name].to_numpy() for name in wanted})
 
 
-def _read_parquet(path: Path, wanted: tuple[str, ...]) -> Columns:
-    file = _parquet(path)
+def _first_bad_line(path: Path) -> str:
+    for number, line in enumerate(path.read_text("utf-8-sig", errors="replace").splitlines(), start=1):
+        try:
+            float(line.replace("_", "x") or 0)  # Python alone takes 1_000 for a number
+        except ValueError:
+            return f"line {number} is {line[:40]!r}; the rule is one number per line"
+    return ""
+
+
+def _read_parquet(path: Path, wanted: tuple[str, ...]) -> Signals:
+    file, _ = _parquet(path)
     check_held(file.metadata.num_rows * len(wanted), path)
     try:
         table = file.read(columns=list(wanted), use_threads=False)
@@ -73,12 +92,14 @@ def _read_parquet(path: Path, wanted: tuple[str, ...]) -> Columns:
         raise _unreadable(path, error) from error
     for name, n in lacking.items():
         raise RecordingError(f"{path}: {name} lacks {n} values; the rule is a number in every cell")
-    return Columns({name: as_samples(stored[name], name, path) for name in wanted})
+    return Signals({name: as_samples(stored[name], name, path) for name in wanted})
 
 
-def _parquet(path: Path) -> parquet.ParquetFile:
+def _parquet(path: Path) -> tuple[parquet.ParquetFile, tuple[str, ...]]:
+    """Return a file and the names of its columns."""
     try:
-        return parquet.ParquetFile(path)
+        file = parquet.ParquetFile(path)
+        return file, tuple(file.schema_arrow.names)
     except Exception as error:  # damaged bytes make pyarrow raise almost anything
         raise _unreadable(path, error) from error
 

@@ -1,17 +1,17 @@
-"""One recording from one file, or from one file per axis."""
+"""One recording from one file of any format, or from one file per axis."""
 
+import importlib
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from texclass.loaders import formats
-from texclass.loaders.checks import check_acceleration
-from texclass.loaders.columns import UNNAMED, ReadOptions, choose_acceleration
+from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, Signals, choose_acceleration
 from texclass.recording import (
     ACCELERATION_UNITS,
     AUXILIARY_UNITS,
@@ -22,21 +22,25 @@ from texclass.recording import (
     read_only,
 )
 
+READERS = {
+    **dict.fromkeys((".txt", ".csv", ".tsv", ".parquet"), "tables"),
+    **dict.fromkeys((".wav", ".flac", ".mat", ".npz", ".h5", ".hdf5"), "arrays"),
+    **dict.fromkeys((".bag", ".mcap", ".db3"), "bags"),
+}
+"""Suffix of a file that can be a recording (case does not matter) -> module that reads it."""
 AXIS = re.compile(r"_(?P<axis>[XYZxyz])(?=[_.])")
 """The part of a file's name that says which axis it holds: `<name>_X.txt`, `<name>_X_train1.txt`."""
 BAG = "bag:"
 """Before the path of a bag whose topic is named, too: bag:FILE?topic=/name."""
 UNIT_RULE = f"one of {', '.join((*ACCELERATION_UNITS, *SCALELESS_UNITS))}"
-
-
-@dataclass(frozen=True)
-class Signals:
-    """The signals of one recording, the sampling rate (Hz) if the files state it, and what is to be known."""
-
-    fields: Mapping[str, Samples]
-    channels: tuple[str, ...]
-    fs: float | None
-    flags: tuple[str, ...] = ()
+CLIPPED_RUN = 3
+"""Samples in a row at the extreme value that count as clipped."""
+CLIPPED_SHARE = 1e-3
+"""Share of clipped samples from which a recording is flagged."""
+_MOST_LEVELS = 10_000_000
+"""Samples in which the quantisation step is looked for."""
+_BLOCK = 1 << 20
+"""Samples searched for runs at a time."""
 
 
 def load_recording(
@@ -88,7 +92,7 @@ def load_recording(
     roles = {UNNAMED: _tuple(column), **{name: _tuple(names) for name, names in (auxiliary or {}).items()}}
     axes = axis_files(path)
     signals = read_signals(axes, roles, replace(options, codes=unit == "counts"))
-    named = path.parent if path.name == formats.BAG_FOLDER else path
+    named = path.parent if path.name == BAG_FOLDER else path
     recording_id = named.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0]
     return build_recording(signals, fs=fs, unit=unit, recording_id=recording_id, source=str(path))
 
@@ -110,7 +114,69 @@ def located(name: str | Path) -> tuple[Path, str | None]:
             raise RecordingError(f"{name}: asks for {query!r}; the rule is bag:FILE?topic=/name")
     if not path.exists():
         raise RecordingError(f"{path}: cannot be opened (no such file)")
-    return path / formats.BAG_FOLDER if (path / formats.BAG_FOLDER).is_file() else path, topic
+    return path / BAG_FOLDER if (path / BAG_FOLDER).is_file() else path, topic
+
+
+def column_names(path: Path, options: ReadOptions) -> tuple[str, ...]:
+    """Return the names of the columns or arrays of a file.
+
+    Raises
+    ------
+    RecordingError
+        If the file does not exist, is empty, unreadable, or of an unknown kind.
+    """
+    names: tuple[str, ...] = _reader(path).names(path, options)
+    return names
+
+
+def stated_rate(path: Path, options: ReadOptions) -> float | None:
+    """Return the sampling rate in Hz that a file states, None if it states none.
+
+    Raises
+    ------
+    RecordingError
+        As `column_names`.
+    """
+    signals: Signals = _reader(path).read(path, column_names(path, options)[:1], options)
+    return signals.fs
+
+
+def topics(path: Path) -> tuple[str, ...]:
+    """Return the topics of a bag that can be recordings.
+
+    Raises
+    ------
+    RecordingError
+        If it is no readable bag.
+    """
+    found: tuple[str, ...] = _reader(path).readable_topics(path)
+    return found
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a file is, by its name, a bag."""
+    return READERS.get(path.suffix.lower()) == "bags" or path.name == BAG_FOLDER
+
+
+def _reader(path: Path) -> ModuleType:
+    """Return the module that reads a file that is there; its libraries are imported only now."""
+    try:
+        size = path.stat().st_size
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be opened ({error.strerror})") from error
+    if not path.is_file():
+        raise RecordingError(f"{path}: is not a file; the rule is one file per recording (or axis)")
+    if size == 0:
+        raise RecordingError(f"{path}: is empty (0 bytes); the rule is at least two samples")
+    kind = "bags" if is_bag(path) else READERS.get(path.suffix.lower())
+    if kind is None:
+        raise RecordingError(f"{path}: suffix is {path.suffix!r}; the rule is one of {', '.join(READERS)}")
+    try:
+        return importlib.import_module(f"texclass.loaders.{kind}")
+    except ImportError as error:
+        raise RecordingError(
+            f"reading {kind} needs the extra `robot` ({error}): pip install texclass[robot]"
+        ) from error
 
 
 def is_bag_name(name: str | Path) -> bool:
@@ -126,7 +192,7 @@ def agreed_unit(path: Path, options: ReadOptions, given: str | None) -> str | No
     RecordingError
         If they contradict each other.
     """
-    stated = formats.stated_unit(path, options)
+    stated = _reader(path).stated_unit(path, options) if is_bag(path) else None
     if stated is not None and given not in (None, stated):
         raise RecordingError(
             f"{path}: unit is {stated!r} by the type of its messages, {given!r} was given; the rule is one "
@@ -199,10 +265,10 @@ def read_signals(
     first = next(iter(parts.values()))
     if len(parts) == 1:
         axis = next(iter(parts))
-        is_one_axis = axis and first.fields[UNNAMED].ndim == 1
+        is_one_axis = axis and first.named[UNNAMED].ndim == 1
         return replace(first, channels=(axis,) if is_one_axis else first.channels)
     where = str(next(iter(axes.values())))
-    lengths = {axis: len(part.fields[UNNAMED]) for axis, part in parts.items()}
+    lengths = {axis: len(part.named[UNNAMED]) for axis, part in parts.items()}
     if len(set(lengths.values())) > 1 and not trim:
         raise RecordingError(f"{where}: its axes have {lengths} samples; the rule is one length")
     if len({part.fs for part in parts.values()}) > 1:
@@ -210,8 +276,8 @@ def read_signals(
             f"{where}: its axes have rates {[part.fs for part in parts.values()]}; the rule is one"
         )
     n = min(lengths.values())
-    acceleration = read_only(np.column_stack([part.fields[UNNAMED][:n] for part in parts.values()]))
-    return Signals({**first.fields, UNNAMED: acceleration}, tuple(parts), first.fs)
+    acceleration = read_only(np.column_stack([part.named[UNNAMED][:n] for part in parts.values()]))
+    return Signals({**first.named, UNNAMED: acceleration}, first.fs, channels=tuple(parts))
 
 
 def build_recording(
@@ -224,7 +290,7 @@ def build_recording(
     RecordingError
         If the sampling rate is missing or contradicted, the acceleration too short, constant or not finite.
     """
-    facts |= {**signals.fields, "channels": signals.channels, "unit": unit, "source": source}
+    facts |= {**signals.named, "channels": signals.channels, "unit": unit, "source": source}
     recording = Recording(fs=agreed_rate(signals.fs, fs, source), **facts)
     found = check_acceleration(recording.acceleration, recording.channels, source)
     flags = (*flags, *signals.flags, *found)
@@ -248,17 +314,79 @@ def agreed_rate(stated: float | None, given: float | None, where: str) -> float:
     return stated if stated is not None else given  # type: ignore[return-value]
 
 
+def check_acceleration(acceleration: Samples, channels: Sequence[str], where: str) -> tuple[str, ...]:
+    """Return what a user should know of an acceleration ("clipped: ...", "constant: ...").
+
+    Raises
+    ------
+    RecordingError
+        If there are fewer than two samples, or no channel varies.
+    """
+    columns = acceleration.reshape(len(acceleration), -1)
+    if len(columns) < 2:
+        raise RecordingError(f"{where}: holds {len(columns)} sample; the rule is at least 2")
+    constant = np.ptp(columns, axis=0) == 0
+    if constant.all():
+        raise RecordingError(
+            f"{where}: acceleration is {columns[0].tolist()} throughout; the rule is a channel that varies"
+        )
+    dead = [f"constant: channel {name}" for name, is_dead in zip(channels, constant, strict=True) if is_dead]
+    share = max(clipped_share(columns[:, i]) for i in np.flatnonzero(~constant))
+    clipped = [f"clipped: {100 * share:.1f} % of the samples at full scale"] if share >= CLIPPED_SHARE else []
+    return (*dead, *clipped)
+
+
+def clipped_share(signal: Samples) -> float:
+    """Return the share of samples that stand in a run at the signal's largest or smallest value.
+
+    A run is at least `CLIPPED_RUN` equal samples that the signal enters or leaves by more than two
+    quantisation steps: a slow wave that is merely quantised reaches its crest step by step.
+
+    Parameters
+    ----------
+    signal : ndarray of shape (n,)
+        Not constant.
+
+    Returns
+    -------
+    share : float
+        Between 0 and 1.
+    """
+    runs = [run for extreme in (signal.min(), signal.max()) for run in _runs_at(signal, extreme)]
+    if not runs:
+        return 0.0
+    levels = np.unique(signal[:_MOST_LEVELS])
+    step = float(np.diff(levels).min()) if len(levels) > 1 else 0.0
+    clipped = sum(last - first for first, last in runs if _jump(signal, first, last) > 2 * step)
+    return clipped / len(signal)
+
+
+def _runs_at(signal: Samples, extreme: float) -> list[tuple[int, int]]:
+    """Return half-open ranges of at least `CLIPPED_RUN` samples that equal `extreme`."""
+    starts = range(0, len(signal), _BLOCK)
+    where = np.concatenate([k + np.flatnonzero(signal[k : k + _BLOCK] == extreme) for k in starts])
+    ends = np.flatnonzero(np.diff(where, append=np.inf) > 1)
+    last = where[ends] + 1
+    first = where[np.concatenate(([0], ends[:-1] + 1))]
+    long = last - first >= CLIPPED_RUN
+    return list(zip(first[long].tolist(), last[long].tolist(), strict=True))
+
+
+def _jump(signal: Samples, first: int, last: int) -> float:
+    """Return the larger of the steps by which the signal enters and leaves a run."""
+    before = abs(signal[first - 1] - signal[first]) if first > 0 else 0.0
+    after = abs(signal[last] - signal[last - 1]) if last < len(signal) else 0.0
+    return float(max(before, after))
+
+
 def _read_file(path: Path, roles: Mapping[str, Sequence[str]], options: ReadOptions) -> Signals:
-    chosen = tuple(roles.get(UNNAMED, ())) or choose_acceleration(formats.names(path, options), path)
+    chosen = tuple(roles.get(UNNAMED, ())) or choose_acceleration(column_names(path, options), path)
     groups = {UNNAMED: chosen, **{field: names for field, names in roles.items() if field != UNNAMED}}
     wanted = tuple(dict.fromkeys(name for names in groups.values() for name in names))
-    columns = formats.read(path, wanted, options)
-    fields = {f: read_only(_stack([columns.named[name] for name in names])) for f, names in groups.items()}
-    return Signals(fields, chosen if len(chosen) > 1 else (), columns.fs, columns.flags)
-
-
-def _stack(columns: Sequence[Samples]) -> Samples:
-    return columns[0] if len(columns) == 1 else np.column_stack(columns)
+    read: Signals = _reader(path).read(path, wanted, options)
+    columns = {field: [read.named[name] for name in names] for field, names in groups.items()}
+    fields = {field: read_only(c[0] if len(c) == 1 else np.column_stack(c)) for field, c in columns.items()}
+    return replace(read, named=fields, channels=chosen if len(chosen) > 1 else ())
 
 
 def _tuple(names: str | Sequence[str] | None) -> tuple[str, ...]:

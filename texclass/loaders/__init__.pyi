@@ -1,0 +1,9 @@
+from .cards import Card as Card
+from .cards import CardError as CardError
+from .cards import read_card as read_card
+from .dataset import Dataset as Dataset
+from .dataset import Entry as Entry
+from .files import load_recording as load_recording
+from .open import find_recording as find_recording
+from .open import open_dataset as open_dataset
+from .places import DataNotFoundError as DataNotFoundError
