@@ -18,7 +18,7 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 
 from texclass.recognition import Notice, OnlineSettings, Session, WindowAnswer, load_model
-from texclass.recognition.sources.timing import Timing
+from texclass.recognition.sources.blocks import Timing
 
 
 class SurfaceNode(Node):

@@ -20,7 +20,7 @@ from fuzz.mutate import archives, either, of_bytes, of_text
 from texclass.loaders import load_recording
 from texclass.loaders.cards import FileReading, LabelTable
 from texclass.loaders.filesets import _read_labels, _read_rows
-from texclass.recognition.sources.open import standard_input
+from texclass.recognition import open_source
 from texclass.recording import Recording
 
 FS = 1000.0
@@ -191,13 +191,14 @@ def _label_tables() -> list[bytes]:
 
 
 def _lines(data: bytes) -> object:
-    blocks = list(standard_input(io.BytesIO(data), FS, "g", block_s=0.002))
+    blocks = list(open_source("-", file=io.BytesIO(data), fs=FS, unit="g", block_s=0.002))
     assert all(np.isfinite(block.samples).all() and block.samples.ndim == 2 for block in blocks)
     return blocks
 
 
 def _raw(data: bytes) -> object:
-    return [list(standard_input(io.BytesIO(data), FS, "g", n, block_s=0.004)) for n in (1, 3)]
+    facts = {"fs": FS, "unit": "g", "block_s": 0.004}
+    return [list(open_source("-", file=io.BytesIO(data), raw_channels=n, **facts)) for n in (1, 3)]
 
 
 def _line_seeds() -> list[bytes]:

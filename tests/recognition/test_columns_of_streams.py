@@ -17,7 +17,7 @@ from texclass.loaders.dataset import Dataset
 from texclass.recognition import Session, is_live, load_model, open_source, train
 from texclass.recognition.live.windows import Stretches
 from texclass.recognition.model import predict
-from texclass.recognition.sources.files import TrainingFiles
+from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recording import RecordingError
 
 IMU_CARD = """
@@ -252,9 +252,7 @@ def test_friction_is_the_last_column_of_a_stream(rubbing_model):
         assert model.answer(window).probabilities == asked.probabilities
         text = io.BytesIO("\n".join(" ".join(map(repr, row)) for row in both.tolist()).encode())
         session = Session(model)
-        for _ in session.run(open_source("-", fs=FS, unit="m/s^2", file=text, model=model)):
-            pass
-        session.live.finish()
+        list(session.run(open_source("-", fs=FS, unit="m/s^2", file=text, model=model)))
         assert session.live.verdict.surface == recording.material
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from texclass.recognition.sources.open import open_source, played, standard_input
+from texclass.recognition import open_source
 from texclass.recording import Recording, RecordingError
 
 FS = 1000.0
@@ -42,7 +42,7 @@ def test_float32_is_passed_on_however_it_arrives(size):
     data = SIGNAL.astype("<f4").tobytes()
     source = open_source("-", fs=FS, unit="g", raw_channels=3, file=Pipe(data))
     np.testing.assert_array_equal(_signal(source), SIGNAL.astype("<f4"))
-    (last,) = [b for b in standard_input(Pipe(data[:-5]), FS, "g", 3) if b.flags]
+    (last,) = [b for b in open_source("-", fs=FS, unit="g", raw_channels=3, file=Pipe(data[:-5])) if b.flags]
     assert last.flags == ("standard input: ends within a sample, 7 bytes left out",)
 
 
@@ -58,7 +58,7 @@ def test_float32_is_passed_on_however_it_arrives(size):
 )
 def test_a_bad_line_is_named(text, said):
     with pytest.raises(RecordingError, match=said):
-        list(standard_input(io.BytesIO(text), FS, "g"))
+        list(open_source("-", fs=FS, unit="g", file=io.BytesIO(text)))
 
 
 def test_float32_that_is_not_finite_is_named():
@@ -66,7 +66,7 @@ def test_float32_that_is_not_finite_is_named():
     for last in (np.float32(np.inf).tobytes(), np.float32(np.nan).tobytes(), signalling):
         data = np.array([1, 2], "<f4").tobytes() + last
         with pytest.raises(RecordingError, match="sample 2 is"):
-            list(standard_input(io.BytesIO(data), FS, "g", 1))
+            list(open_source("-", fs=FS, unit="g", raw_channels=1, file=io.BytesIO(data)))
 
 
 @settings(max_examples=200, deadline=None)
@@ -87,14 +87,14 @@ def test_any_input_is_samples_or_one_error(data, raw):
 
 def test_a_recording_is_played_in_blocks_with_its_flags_first():
     recording = Recording(SIGNAL, FS, "m/s^2", "r", flags=("clipped: 1 %",))
-    blocks = list(played(recording, block_s=0.1))
+    blocks = list(open_source(recording, block_s=0.1))
     np.testing.assert_array_equal(np.concatenate([block.samples for block in blocks]), SIGNAL)
     assert [block.flags for block in blocks] == [("clipped: 1 %",), (), (), ()]
 
 
 def test_a_paced_recording_takes_as_long_as_it_lasts():
     start = time.monotonic()
-    list(played(Recording(SIGNAL[:, 0], FS, "g", "r"), paced=True))
+    list(open_source(Recording(SIGNAL[:, 0], FS, "g", "r"), paced=True))
     assert 0.32 < time.monotonic() - start < 3
 
 

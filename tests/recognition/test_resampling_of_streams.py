@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import resample_poly
 
-from texclass.recognition.sources.blocks import Block
-from texclass.recognition.sources.timing import Resampler, resampled
+from texclass.recognition.sources.blocks import Block, Resampler, resampled
 
 
 def _pushed(x, fs, to, sizes):

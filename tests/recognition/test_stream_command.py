@@ -99,7 +99,7 @@ def test_a_bad_input_ends_in_one_line(run, arguments, text, message):
 
 
 def test_control_c_ends_with_the_answer_so_far(run, monkeypatch, tmp_path, samples):
-    whole = sources.played
+    whole = sources._played
 
     def interrupted(*given, **asked):
         for number, block in enumerate(whole(*given, **asked)):
@@ -107,7 +107,7 @@ def test_control_c_ends_with_the_answer_so_far(run, monkeypatch, tmp_path, sampl
                 raise KeyboardInterrupt
             yield block
 
-    monkeypatch.setattr(sources, "played", interrupted)
+    monkeypatch.setattr(sources, "_played", interrupted)
     np.savetxt(tmp_path / "oak.txt", samples)
     code, out, err = run("--source", tmp_path / "oak.txt", "--rate", FS, "--window", 0.5)
     assert (code, err) == (0, "")

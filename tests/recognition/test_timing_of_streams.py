@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from texclass.recognition.sources.timing import Timing
+from texclass.recognition.sources.blocks import Timing
 from texclass.recording import RecordingError
 
 FS = 100.0

@@ -18,6 +18,8 @@ from .model import Prediction as Prediction
 from .model import joined as joined
 from .model import load_model as load_model
 from .model import predict as predict
+from .model_document import answers_document as answers_document
+from .model_document import model_document as model_document
 from .model_files import Manifest as Manifest
 from .model_files import ModelFileError as ModelFileError
 from .model_files import read_manifest_of as read_manifest_of
@@ -26,14 +28,14 @@ from .probabilities import expected_calibration_error as expected_calibration_er
 from .probabilities import fit_calibration as fit_calibration
 from .sources.blocks import Block as Block
 from .sources.blocks import BlockSource as BlockSource
-from .sources.blocks import Needs as Needs
+from .sources.blocks import Timing as Timing
 from .sources.dds import AnswerPublisher as AnswerPublisher
 from .sources.dds import ImuPublisher as ImuPublisher
 from .sources.open import is_live as is_live
 from .sources.open import open_source as open_source
-from .sources.timing import Timing as Timing
 from .sources.topic import Subscriber as Subscriber
 from .sources.topic import discover as discover
 from .sources.topic import topic_blocks as topic_blocks
+from .sources.training_input import Needs as Needs
 from .training import train as train
 from .unknown import Novelty as Novelty

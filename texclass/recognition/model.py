@@ -23,7 +23,7 @@ from texclass.recognition.model_files import (
     write_model_file,
 )
 from texclass.recognition.probabilities import Calibration, deciding
-from texclass.recognition.sources.blocks import Beside, Needs
+from texclass.recognition.sources.training_input import Beside, Needs
 from texclass.recognition.unknown import Novelty, strangeness
 from texclass.recording import Phases, Recording, Samples
 from texclass.tradeoff.deploy import Recogniser

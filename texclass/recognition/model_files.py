@@ -15,7 +15,7 @@ from pydantic import Field
 from texclass.experiment.trusted import check_archive, foreign_in, load_trusted, members_of, read_bounded
 from texclass.features.extractor import Plan
 from texclass.features.phase_view import TURN
-from texclass.recognition.sources.files import TrainingFiles
+from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.validation import Written, checked
 

@@ -28,7 +28,7 @@ from texclass.recognition.candidates import Candidate, HeldOut, accuracy_of_choi
 from texclass.recognition.model import Model, Ranges
 from texclass.recognition.model_files import Manifest, unsafe_classes
 from texclass.recognition.probabilities import expected_calibration_error, fit_calibration
-from texclass.recognition.sources.files import TrainingFiles
+from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recognition.unknown import (
     Nearness,
     Novelty,

@@ -2,6 +2,7 @@
 
 import json
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -52,28 +53,33 @@ def test_a_publisher_that_dies_and_comes_back_is_heard_again(child):
     assert lost >= 400
 
 
+def until(condition, seconds=5.0):
+    """Return whether a condition holds within some seconds."""
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.01)
+    return bool(condition())
+
+
 def test_discovery_tells_type_and_reliability_and_a_publisher_that_leaves(child):
     assert discover("/left", timeout_s=0.1) == []
     process = child("imu", "/left", 100, 0.1, 0)
-    with Subscriber("/left") as subscriber:
-        assert subscriber.wait_for_publisher(10)
+    with closing(Subscriber("/left")) as subscriber:
+        assert until(lambda: subscriber.n_publishers, 10)
         assert discover("/left") == [("sensor_msgs/msg/Imu", "reliable")]
         process.stdin.write("\n")
         process.stdin.flush()
-        end = time.monotonic() + 5
-        while subscriber.n_publishers and time.monotonic() < end:
-            time.sleep(0.01)
-        assert subscriber.n_publishers == 0
+        assert until(lambda: not subscriber.n_publishers)
 
 
 def test_a_publisher_that_offers_less_than_is_asked_for_is_told_from_one_that_is_gone():
     publisher = ImuPublisher("/less", reliability="best effort")
-    with Subscriber("/less", reliability="reliable") as subscriber:
-        time.sleep(0.2)
-        assert "does not offer what is asked for" in subscriber.whereabouts()
-    with Subscriber("/less") as subscriber:
-        assert subscriber.wait_for_publisher(5)
-        assert subscriber.whereabouts() == "its publisher is there"
+    for reliability, told in (
+        ("reliable", "its publisher does not offer what is asked for (reliable?)"),
+        ("best effort", "its publisher is there"),
+    ):
+        with closing(Subscriber("/less", reliability=reliability)) as subscriber:
+            assert until(lambda subscriber=subscriber, told=told: subscriber.whereabouts() == told)
     publisher.close()
 
 
@@ -89,11 +95,13 @@ def test_answers_arrive_as_json_and_as_diagnostics(child):
     )
     child("answers", "/surface", "/diag")
     said, told = [], []
-    end = time.monotonic() + 10
-    while not (len(said) > 1 and len(told) > 1) and time.monotonic() < end:
-        said += text.take(10)
-        told += array.take(10)
-        time.sleep(0.01)
+
+    def heard():
+        said.extend(text.take(10))
+        told.extend(array.take(10))
+        return len(said) > 1 and len(told) > 1
+
+    assert until(heard, 10)
     answers = [json.loads(message.data) for message in said if hasattr(message, "data")]
     assert {answer["probability"] for answer in answers} == {0.9, 0.2}
     statuses = [message.status[0] for message in told if hasattr(message, "status")]

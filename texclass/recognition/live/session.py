@@ -386,9 +386,11 @@ class Session:
         self.n_lost, self.start_s = 0, 0.0
 
     def run(self, blocks: Iterable[Block]) -> Iterator[Update | Notice]:
-        """Yield what is known, block by block."""
-        for block in blocks:
-            yield from self.take(block)
+        """Yield what is known, block by block, and the last of it when they end; let go of them then."""
+        with closing(blocks) if isinstance(blocks, Generator) else nullcontext():
+            for block in blocks:
+                yield from self.take(block)
+            yield from self.finish()
 
     def take(self, block: Block) -> tuple[Update | Notice, ...]:
         """Take in a block.
@@ -438,7 +440,7 @@ class Session:
 
 def listen(
     model: Model | str | Path,
-    source: str | Iterable[Block] = "-",
+    source: str | Recording | Iterable[Block] = "-",
     *,
     fs: float | None = None,
     unit: str | None = None,
@@ -453,7 +455,7 @@ def listen(
     ----------
     model : Model, str or Path
         Trained, or the file of one.
-    source : str or iterable of Block
+    source : str, Recording, or iterable of Block
         As `open_source` takes it: "-", "FILE", "DATASET:RECORDING", "bag:FILE?topic=/name", "ros2:/topic"; or
         blocks of your own, their samples as in the files the model was trained on.
     fs, unit, paced, raw_channels : optional
@@ -469,19 +471,13 @@ def listen(
         As `open_source`, at once; and as `Session.take`.
     """
     trained = model if isinstance(model, Model) else load_model(model)
-    blocks, raw = source, True
-    if isinstance(blocks, str):
-        rate, raw = trained.manifest.fs if resample else None, is_live(blocks)
-        blocks = open_source(
-            blocks, fs=fs, unit=unit, rate=rate, paced=paced, raw_channels=raw_channels, model=trained
-        )
-    return _heard(Session(trained, raw=raw, settings=settings), blocks)
-
-
-def _heard(session: Session, blocks: Iterable[Block]) -> Iterator[Update | Notice]:
-    with closing(blocks) if isinstance(blocks, Generator) else nullcontext():
-        yield from session.run(blocks)
-        yield from session.finish()
+    if not isinstance(source, str | Recording):
+        return Session(trained, settings=settings).run(source)
+    rate = trained.manifest.fs if resample else None
+    blocks = open_source(
+        source, fs=fs, unit=unit, rate=rate, paced=paced, raw_channels=raw_channels, model=trained
+    )
+    return Session(trained, raw=is_live(source), settings=settings).run(blocks)
 
 
 def finite_stretches(samples: Samples) -> Iterator[tuple[int, Samples]]:

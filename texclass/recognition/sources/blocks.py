@@ -1,15 +1,37 @@
-"""What a live source yields: blocks of samples, what was wrong on the way; which columns a model needs."""
+"""What a live source yields: blocks of samples at a uniform rate; what was wrong is said and survived.
+
+Stamped messages become blocks in `Timing`; `resampled` gives a source another rate.
+"""
 
 from collections.abc import Generator
-from dataclasses import dataclass
-from typing import Literal
+from contextlib import closing
+from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import firwin, upfirdn
 
-from texclass.features.phase_view import TURN
-from texclass.recording import Recording, RecordingError, Samples
+from texclass.loaders.stamps import (
+    CLOCK_JUMP_S,
+    MOST_LATE,
+    MOST_LOST,
+    NEAR_RATE,
+    nominal_rate,
+    usual_step,
+)
+from texclass.recording import RecordingError, Samples
 
-Beside = Literal["turn_rate", "friction"]
+Stamps = NDArray[np.int64]
+
+LEARNED_S, LEARNED_MESSAGES = 1.0, 20
+"""A rate that nobody states is measured over so many seconds, and at least so many messages."""
+MOST_WAITING = 100_000
+"""Messages that may wait for the rate to be known."""
+CHECKED_S = 2.0
+"""The rate is checked against the stated one over so many seconds."""
+HALF_WIDTH = 10
+"""Samples of the slower rate on either side that count for one sample; as in `scipy.signal.resample_poly`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,73 +66,234 @@ BlockSource = Generator[Block, None, None]
 """Yields blocks until the source ends, all of the same channels and unit; `close` lets go of it."""
 
 
-@dataclass(frozen=True)
-class Needs:
-    """The columns of a stream, in this order: axes of the acceleration, turn rate, friction.
+class Timing:
+    """Turns batches of stamped messages into blocks.
+
+    A gap of up to `MOST_LOST` messages is interpolated; after a longer one, the next block says what is lost.
+
+    Parameters
+    ----------
+    fs : float or None
+        Rate of the samples in Hz; None: measured first, from the stamps.
+    unit : str
+        Of the samples.
 
     Attributes
     ----------
-    axes
-        Names of the axes of the acceleration; empty: any number of them.
-    beside
-        Signals of `Recording` whose columns follow: "turn_rate" (3), then "friction" (1).
-    of_friction
-        Features that need the friction.
+    n_lost : int
+        Samples that were missing, interpolated or not.
     """
 
-    axes: tuple[str, ...] = ()
-    beside: tuple[Beside, ...] = ()
-    of_friction: tuple[str, ...] = ()
+    def __init__(self, fs: float | None, unit: str) -> None:
+        self.fs, self.unit = fs, unit
+        self.n_lost = 0
+        self._waiting: list[tuple[Stamps, Stamps, Samples]] = []
+        self._last: tuple[float, float, Samples] | None = None  # stamp, sent (s), message
+        self._start_ns: int | None = None
+        self._shape: tuple[int, ...] = ()
+        self._periods: list[float] = []
+        self._is_wrong = False
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the columns; "acceleration" stands for any number of axes."""
-        turn = TURN if "turn_rate" in self.beside else ()
-        friction = ("friction",) if "friction" in self.beside else ()
-        return (*(self.axes or ("acceleration",)), *turn, *friction)
+    def push(self, stamps_ns: Stamps, sent_ns: Stamps, samples: Samples) -> list[Block]:
+        """Take messages and return the blocks they make.
 
-    def columns_of(self, recording: Recording) -> Samples:
-        """Return the columns of a recording, shape (n_samples, n_columns).
+        Parameters
+        ----------
+        stamps_ns, sent_ns : ndarray of shape (n,)
+            Stamps, and when they were sent or received, nanoseconds.
+        samples : ndarray of shape (n, k, n_channels)
+            k samples a message, the last one at the stamp.
+
+        Returns
+        -------
+        blocks : list of Block
+            Empty while the rate is being measured.
 
         Raises
         ------
         RecordingError
-            If it lacks a signal.
+            If the size of the messages changes, or all bear one stamp.
         """
-        where, n = recording.source or recording.recording_id, recording.n_samples
-        signals = [recording.acceleration.reshape(n, -1)]
-        for name in self.beside:
-            if (signal := getattr(recording, name)) is None:
-                raise RecordingError(f"{where}: {self.lacks(name)}")
-            signals.append(signal.reshape(n, -1))
-        return np.column_stack(signals)
-
-    def lacks(self, name: Beside) -> str:
-        """Return what to say of a source without one of the signals, and what to train instead."""
-        rule = f"the rule is {', '.join(self.names)}, as the model was trained"
-        if name == "friction":
-            return (
-                f"no friction, needed by {', '.join(self.of_friction)}; {rule} (texclass train with a --row "
-                "of acceleration only makes a model that needs none)"
+        if self._start_ns is None:
+            self._start_ns, self._shape = int(stamps_ns[0]), samples.shape[1:]
+        if samples.shape[1:] != self._shape:
+            raise RecordingError(
+                f"messages of {samples.shape[1:]} samples and channels after {self._shape}; "
+                "the rule is one size"
             )
-        return f"no turn rate; {rule} (recordings without turn rate make a model that needs none)"
+        if self.fs is None:
+            self._waiting.append((stamps_ns, sent_ns, samples))
+            stamps_ns, sent_ns, samples = (np.concatenate(all_) for all_ in zip(*self._waiting, strict=True))
+            self.fs = self._learnt(stamps_ns)
+            if self.fs is None:
+                return []
+            self._waiting = []
+        t, sent = (stamps_ns - self._start_ns) / 1e9, (sent_ns - self._start_ns) / 1e9
+        return self._blocks(t, sent, samples, self._start_ns / 1e9, self.fs)
 
-    def n_axes(self, n_columns: int) -> int:
-        """Return how many of the columns of a stream are axes of the acceleration.
-
-        Raises
-        ------
-        ValueError
-            If it has too few columns, or other than as many as the model was trained with.
-        """
-        n_beside = len(self.names) - (len(self.axes) or 1)
-        if n_columns <= n_beside or (self.axes and n_columns != len(self.names)):
-            more = "" if self.axes else " or more"
-            raise ValueError(
-                f"the stream has {n_columns} columns; the rule is {len(self.names)}{more}, "
-                f"{', '.join(self.names)}, as the model was trained"
+    def _learnt(self, stamps_ns: Stamps) -> float | None:
+        """Return the rate, if the messages that wait are enough to measure it."""
+        t = np.unique(stamps_ns) / 1e9
+        is_enough = len(t) > LEARNED_MESSAGES and t[-1] - t[0] >= LEARNED_S
+        if not is_enough and len(stamps_ns) < MOST_WAITING:
+            return None
+        if len(t) < 2:
+            raise RecordingError(
+                f"{len(stamps_ns)} messages bear one stamp; the rule is stamps that advance, or --fs"
             )
-        return n_columns - n_beside
+        step = np.diff(t)
+        period = usual_step(step) if np.median(step) > 0.2 * step.mean() else float(step.mean())
+        return nominal_rate(self._shape[0] / period)
+
+    def _blocks(self, t: Samples, sent: Samples, samples: Samples, start_s: float, fs: float) -> list[Block]:
+        period = samples.shape[1] / fs
+        kept, flags = self._usable(t, samples, period)
+        t, sent, samples = t[kept], sent[kept], samples[kept]
+        if not len(t):
+            at = start_s + (self._last[0] if self._last else 0.0)
+            nothing = np.empty((0, samples.shape[2]))
+            return [Block(at, nothing, fs, self.unit, 0, tuple(flags))] if flags else []
+        if self._last is None:
+            self._last = (t[0] - period, sent[0] - period, samples[0])
+        step = np.diff(t, prepend=self._last[0])
+        real = np.diff(sent, prepend=self._last[1])
+        jumped = (step < -MOST_LATE * period) | ((step > CLOCK_JUMP_S) & (step - real > CLOCK_JUMP_S))
+        if jumped.any():
+            flags.append(
+                f"clock jumps: {np.count_nonzero(jumped)} (largest {np.max(np.abs(step[jumped])):.3g} s)"
+            )
+            step = np.where(jumped, np.maximum(real, period), step)
+        lost = np.where(step > 1.5 * period, np.rint(step / period) - 1, 0).astype(np.int64)
+        flags += self._contradicted(step / (1 + lost), period, fs)
+        first_s = start_s - period + 1 / fs  # the last sample of a message stands at its stamp
+        made, previous = [], self._last[2]
+        starts = [0, *np.flatnonzero(lost[1:] > MOST_LOST) + 1]
+        for start, stop in zip(starts, [*starts[1:], len(t)], strict=True):
+            gaps, missing = lost[start:stop].copy(), 0
+            if gaps[0] > MOST_LOST:
+                missing, gaps[0] = int(gaps[0]) * samples.shape[1], 0
+            pieces = _bridged(previous, samples[start:stop], gaps)
+            previous = samples[stop - 1]
+            n_bridged = int(gaps.sum()) * samples.shape[1]
+            flags += [f"gaps: {n_bridged} samples interpolated"] * (n_bridged > 0)
+            flags += [f"lost: {missing} samples"] * (missing > 0)
+            self.n_lost += n_bridged + missing
+            at = first_s + t[start] - int(gaps[0]) * period
+            made.append(Block(at, pieces, fs, self.unit, missing, tuple(flags)))
+            flags = []
+        self._last = (float(t[-1]), float(sent[-1]), samples[-1])
+        return made
+
+    def _usable(self, t: Samples, samples: Samples, period: float) -> tuple[NDArray[np.bool_], list[str]]:
+        """Return which messages neither come twice nor after a later one, and what is left out."""
+        before = np.concatenate(([self._last[0] if self._last else -np.inf], t))
+        previous = samples[:1] if self._last is None else self._last[2][None]
+        same = np.all(samples == np.concatenate((previous, samples[:-1])), axis=(1, 2))
+        late = np.maximum.accumulate(before)[:-1] - t
+        wrong = {
+            "duplicates": (np.diff(before) == 0) & same,
+            "out of order": (late > 0) & (late <= MOST_LATE * period),
+            "not finite": ~np.isfinite(samples).all(axis=(1, 2)),
+        }
+        said = [f"{what}: {n} messages left out" for what, bad in wrong.items() if (n := bad.sum())]
+        return ~np.any(list(wrong.values()), axis=0), said
+
+    def _contradicted(self, periods: Samples, period: float, fs: float) -> list[str]:
+        """Say when the stamps contradict the rate, once until they agree again."""
+        self._periods += periods.tolist()
+        if len(self._periods) < max(LEARNED_MESSAGES, CHECKED_S / period):
+            return []
+        measured = period / max(float(np.mean(self._periods)), 1e-12)
+        self._periods, was_wrong = [], self._is_wrong
+        self._is_wrong = abs(measured - 1) > NEAR_RATE
+        if not self._is_wrong or was_wrong:
+            return []
+        return [f"rate: {measured * fs:.4g} Hz by the stamps, {fs:g} Hz is assumed"]
 
 
-ACCELERATION_ONLY = Needs()
+def _bridged(previous: Samples, samples: Samples, lost: NDArray[np.int64]) -> Samples:
+    """Return the samples of messages (n, k, n_channels), straight lines where `lost` are missing."""
+    k, n_channels = samples.shape[1:]
+    flat = samples.reshape(-1, n_channels)
+    if not lost.any():
+        return flat
+    flat = np.concatenate((previous, flat))
+    where = np.arange(len(flat)) + np.concatenate((np.zeros(k), np.repeat(np.cumsum(lost), k) * k))
+    grid = np.arange(k, where[-1] + 1)
+    return np.stack([np.interp(grid, where, column) for column in flat.T], axis=-1)
+
+
+class Resampler:
+    """y[m] = sum over k of h[mQ - kP] x[k] for a rate P / Q times the old one, as soon as all x[k] are there.
+
+    The same numbers for any division of x into pieces.
+
+    Parameters
+    ----------
+    fs, to : float
+        Rates in Hz.
+
+    Raises
+    ------
+    ValueError
+        If a rate is not above 0, or they differ by more than a factor of 1000.
+
+    Attributes
+    ----------
+    n_out : int
+        Samples returned so far.
+    """
+
+    def __init__(self, fs: float, to: float) -> None:
+        if not (fs > 0 and to > 0 and 1e-3 <= to / fs <= 1e3):
+            raise ValueError(f"from {fs} Hz to {to} Hz; the rule is above 0 and at most a factor 1000 apart")
+        ratio = Fraction(to / fs).limit_denominator(1000)
+        self._p, self._q = ratio.numerator, ratio.denominator
+        slower = max(self._p, self._q)
+        self._half = HALF_WIDTH * slower
+        if slower > 1:
+            self._h = self._p * firwin(2 * self._half + 1, 1 / slower, window=("kaiser", 5.0))
+        # Zeros before the first sample, as many as put y[0] on the grid of what `upfirdn` returns.
+        self._n_zeros = -HALF_WIDTH % self._q if self._p > self._q else 0
+        self._x: Samples | None = None
+        self._n_in = self.n_out = 0
+        self._shift = -(self._half + self._n_zeros * self._p) // self._q
+
+    def push(self, x: Samples) -> Samples:
+        """Take samples of shape (n, n_channels) and return those that are complete, of the same form."""
+        self._n_in += len(x)
+        if self._p == self._q:
+            self.n_out += len(x)
+            return x
+        before = np.zeros((self._n_zeros, x.shape[1])) if self._x is None else self._x
+        self._x = np.concatenate((before, x))
+        stop = max(self.n_out, -((self._half - self._n_in * self._p) // self._q))
+        first = self.n_out - self._shift
+        if stop == self.n_out:
+            return self._x[:0]
+        y = upfirdn(self._h, self._x, self._p, self._q, axis=0)[first : stop - self._shift]
+        oldest = ((stop - self._shift) * self._q - 2 * self._half) // self._p
+        drop = max(0, oldest) // self._q * self._q
+        self._x, self._shift = self._x[drop:], self._shift + drop * self._p // self._q
+        self.n_out = stop
+        return np.asarray(y)
+
+
+def resampled(source: BlockSource, rate: float) -> BlockSource:
+    """Return a source at another rate in Hz, band-limited; it starts anew after a loss."""
+    resampler, start_s = None, 0.0
+    with closing(source):
+        for block in source:
+            if not len(block.samples):  # it only reports, perhaps before any rate is known
+                yield replace(block, fs=rate)
+                continue
+            flags = block.flags
+            if resampler is None or block.lost:
+                if resampler is None and block.fs != rate:
+                    flags = (*flags, f"resampled (band-limited) from {block.fs:g} Hz to {rate:g} Hz")
+                resampler, start_s = Resampler(block.fs, rate), block.t_s
+            at = start_s + resampler.n_out / rate
+            y = resampler.push(block.samples)
+            lost = round(block.lost * rate / block.fs)
+            if len(y) or flags or lost:
+                yield Block(at, y, rate, block.unit, lost, flags)

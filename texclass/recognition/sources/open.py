@@ -11,8 +11,8 @@ import numpy as np
 from texclass.loaders import find_recording
 from texclass.loaders.files import checked_unit
 from texclass.recognition.model import Model
-from texclass.recognition.sources.blocks import ACCELERATION_ONLY, Block, BlockSource, Needs
-from texclass.recognition.sources.timing import resampled
+from texclass.recognition.sources.blocks import Block, BlockSource, resampled
+from texclass.recognition.sources.training_input import ACCELERATION_ONLY
 from texclass.recording import Recording, RecordingError, Samples
 
 ROS2 = "ros2:"
@@ -23,13 +23,13 @@ MOST_CHANNELS = 1024
 STDIN = "standard input"
 
 
-def is_live(spec: str) -> bool:
+def is_live(source: str | Recording) -> bool:
     """Whether the samples of a source are as they come, not yet conditioned as a model's training files."""
-    return spec == "-" or spec.startswith(ROS2)
+    return isinstance(source, str) and (source == "-" or source.startswith(ROS2))
 
 
 def open_source(
-    spec: str,
+    source: str | Recording,
     *,
     fs: float | None = None,
     unit: str | None = None,
@@ -40,12 +40,13 @@ def open_source(
     file: BinaryIO | None = None,
     model: Model | None = None,
 ) -> BlockSource:
-    """Return the source of a name.
+    """Return a source of blocks by its name.
 
     Parameters
     ----------
-    spec : str
-        "-" (standard input), "FILE" or "DATASET:RECORDING", "bag:FILE?topic=/name", "ros2:/topic".
+    source : str or Recording
+        "-" (standard input), "FILE" or "DATASET:RECORDING", "bag:FILE?topic=/name", "ros2:/topic"; or a
+        recording, as if it were live.
     fs : float, optional
         Sampling rate in Hz; needed for standard input, measured on a topic, else checked against the file.
     unit : str, optional
@@ -57,106 +58,57 @@ def open_source(
     paced : bool
         Play a file at its own speed.
     raw_channels : int, optional
-        Standard input is float32 of so many channels, not text.
+        Standard input is little-endian float32, the channels of a sample side by side. Else it is text, one
+        sample a line, channels divided by commas or blanks.
     file : BinaryIO, optional
-        In place of standard input.
+        In place of standard input; it is left to who opened it.
     model : Model, optional
         Whose columns are wanted: with turn rate or friction beside the acceleration if it needs them. Files
         and bags are then read and conditioned as those it was trained on; what `is_live` is as it comes.
 
     Returns
     -------
-    source : BlockSource
+    blocks : BlockSource
 
     Raises
     ------
     RecordingError
-        If a fact is missing or contradicted, the file is bad, or the source has not what the model needs.
+        If a fact is missing or contradicted, the file is bad, or the source has not what the model needs; on
+        the way, if a line or sample is not what it should be.
+    ValueError
+        If a block has no length, or there is no such number of channels.
     """
     needs = ACCELERATION_ONLY if model is None else model.needs
-    if spec == "-":
+    if not block_s > 0:
+        raise ValueError(f"block_s is {block_s}; the rule is above 0")
+    if source == "-":
         unit = checked_unit(Path(STDIN), fs, unit or (None if model is None else model.manifest.input.unit))
         if fs is None:
             raise RecordingError(
                 f"{STDIN}: fs is missing; the rule is a rate in Hz, never guessed: give --fs"
             )
-        if raw_channels is not None:
+        n, opened = max(1, round(block_s * fs)), file or sys.stdin.buffer
+        if raw_channels is None:
+            blocks = _text(opened, fs, unit, n)
+        else:
+            if not 1 <= raw_channels <= MOST_CHANNELS:
+                raise ValueError(f"n_channels is {raw_channels}; the rule is 1 to {MOST_CHANNELS}")
             needs.n_axes(raw_channels)
-        source = standard_input(file or sys.stdin.buffer, fs, unit, raw_channels, block_s)
-    elif spec.startswith(ROS2):
-        source = _topic(spec.removeprefix(ROS2), fs, unit, needs)
+            blocks = _binary(opened, fs, unit, raw_channels, n)
+    elif isinstance(source, str) and source.startswith(ROS2):
+        try:
+            from texclass.recognition.sources.topic import topic_blocks
+        except ImportError as error:
+            raise RecordingError(
+                f"{source}: needs the extra `robot` ({error}): pip install texclass[robot]"
+            ) from error
+        blocks = topic_blocks(source.removeprefix(ROS2), fs=fs, unit=unit, needs=needs)
     else:
         find = find_recording if model is None else model.manifest.input.find
-        source = played(find(spec, fs=fs, unit=unit), block_s=block_s, paced=paced, needs=needs)
-    return source if rate is None else resampled(source, rate)
-
-
-def played(
-    recording: Recording,
-    *,
-    block_s: float = BLOCK_S,
-    paced: bool = False,
-    needs: Needs = ACCELERATION_ONLY,
-) -> BlockSource:
-    """Return a recording as if it were live.
-
-    Parameters
-    ----------
-    recording : Recording
-        Its acceleration is what is yielded, its flags come with the first block.
-    block_s : float
-        Seconds a block.
-    paced : bool
-        Wait until each block would have been recorded; else as fast as they are taken.
-    needs : Needs
-        Signals beside the acceleration that are yielded, too.
-
-    Raises
-    ------
-    RecordingError
-        If the recording lacks one of these.
-    """
-    return _played(recording, needs.columns_of(recording), _block_size(block_s, recording.fs), paced)
-
-
-def standard_input(
-    file: BinaryIO,
-    fs: float,
-    unit: str,
-    n_channels: int | None = None,
-    block_s: float = BLOCK_S,
-) -> BlockSource:
-    """Return samples that another program writes: text, or binary.
-
-    Text has one sample a line, channels divided by commas or blanks; binary samples are little-endian
-    float32, the channels of a sample side by side, and what is there is passed on.
-
-    Parameters
-    ----------
-    file : BinaryIO
-        Where they are read from; it is left to who opened it.
-    fs : float
-        Sampling rate in Hz.
-    unit : str
-        Of the numbers.
-    n_channels : int, optional
-        Of binary samples; text without.
-    block_s : float
-        Seconds a block, of binary samples at most.
-
-    Raises
-    ------
-    ValueError
-        If a block has no length, or there is no such number of channels.
-    RecordingError
-        While blocks are taken: if a sample is not what it should be; the message names line or sample.
-    """
-    n = _block_size(block_s, fs)
-    if n_channels is None:
-        return _text(file, fs, unit, n)
-    if not 1 <= n_channels <= MOST_CHANNELS:
-        raise ValueError(f"n_channels is {n_channels}; the rule is 1 to {MOST_CHANNELS}")
-    return _binary(file, fs, unit, n_channels, n)
+        recording = source if isinstance(source, Recording) else find(source, fs=fs, unit=unit)
+        n = max(1, round(block_s * recording.fs))
+        blocks = _played(recording, needs.columns_of(recording), n, paced)
+    return blocks if rate is None else resampled(blocks, rate)
 
 
 def _played(recording: Recording, signal: Samples, n: int, paced: bool) -> BlockSource:
@@ -223,20 +175,3 @@ def _binary(file: BinaryIO, fs: float, unit: str, n_channels: int, n: int) -> Bl
     if left:
         cut = f"{STDIN}: ends within a sample, {len(left)} bytes left out"
         yield Block(done / fs, np.empty((0, n_channels)), fs, unit, 0, (cut,))
-
-
-def _topic(topic: str, fs: float | None, unit: str | None, needs: Needs) -> BlockSource:
-    try:
-        from texclass.recognition.sources.topic import topic_blocks
-    except ImportError as error:
-        raise RecordingError(
-            f"{ROS2}{topic}: needs the extra `robot` ({error}): pip install texclass[robot]"
-        ) from error
-    return topic_blocks(topic, fs=fs, unit=unit, needs=needs)
-
-
-def _block_size(block_s: float, fs: float) -> int:
-    """Return the samples of a block of so many seconds at fs Hz, at least one."""
-    if not block_s > 0:
-        raise ValueError(f"block_s is {block_s}; the rule is above 0")
-    return max(1, round(block_s * fs))

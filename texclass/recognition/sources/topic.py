@@ -1,8 +1,8 @@
 """A ROS 2 topic as a source of blocks, heard over DDS without ROS (extra `robot`)."""
 
 import time
+from contextlib import closing
 from dataclasses import replace
-from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -21,7 +21,7 @@ from texclass.loaders.ros_messages import (
     decode_multi_array,
     decode_stamped,
 )
-from texclass.recognition.sources.blocks import ACCELERATION_ONLY, Block, BlockSource, Needs
+from texclass.recognition.sources.blocks import Block, BlockSource, Timing
 from texclass.recognition.sources.dds import (
     DEPTH,
     Reliability,
@@ -31,7 +31,7 @@ from texclass.recognition.sources.dds import (
     quality,
     ros_type,
 )
-from texclass.recognition.sources.timing import Timing
+from texclass.recognition.sources.training_input import ACCELERATION_ONLY, Needs
 from texclass.recording import RecordingError, Samples
 
 SIGNALS = ("sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped", MULTI_ARRAY)
@@ -118,7 +118,7 @@ def topic_blocks(
     if type_name not in SIGNALS:
         raise RecordingError(f"ros2:{topic}: carries {type_name!r}; the rule is one of {', '.join(SIGNALS)}")
     columns = _columns(topic, type_name, needs)
-    stated = stated_unit(type_name)
+    stated = (TYPES[type_name].unit if type_name in TYPES else None) or "arbitrary"
     if stated != "arbitrary" and unit not in (None, stated):
         raise RecordingError(
             f"ros2:{topic}: unit is {stated!r} by its type, {unit!r} was given; the rule is one"
@@ -152,7 +152,14 @@ def discover(
     while True:
         found = [endpoint for endpoint in reader.read(1000) if endpoint.topic_name == dds_topic(topic)]
         if found or time.monotonic() >= end:
-            return [(ros_type(endpoint.type_name), _reliability(endpoint.qos)) for endpoint in found]
+            reliable = Policy.Reliability.Reliable
+            return [
+                (
+                    ros_type(endpoint.type_name),
+                    "reliable" if isinstance(endpoint.qos[Policy.Reliability], reliable) else "best effort",
+                )
+                for endpoint in found
+            ]
         time.sleep(0.02)
 
 
@@ -255,28 +262,9 @@ class Subscriber:
         except RecordingError as error:
             raise RecordingError(f"ros2:{self.topic}: {error}") from error
 
-    def wait_for_publisher(self, timeout_s: float) -> bool:
-        """Wait until somebody publishes; return whether somebody does."""
-        end = time.monotonic() + timeout_s
-        while not self.n_publishers:
-            if time.monotonic() >= end:
-                return False
-            time.sleep(0.01)
-        return True
-
     def close(self) -> None:
         """Leave the domain."""
         self._waitset = self._news = self._reader = self._participant = None
-
-    def __enter__(self) -> Self:
-        """Return itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Leave the domain."""
-        self.close()
 
 
 class _AsBytes:
@@ -293,11 +281,6 @@ class _AsBytes:
         return cls(data)
 
     deserialize_key = deserialize
-
-
-def stated_unit(type_name: str) -> str:
-    """Return the unit of the acceleration of a type, "arbitrary" if it states none."""
-    return (TYPES[type_name].unit if type_name in TYPES else None) or "arbitrary"
 
 
 def decoded_messages(
@@ -361,10 +344,6 @@ def _samples(
     return stamps, samples[:, None, :]
 
 
-def _reliability(qos: Any) -> Reliability:
-    return "reliable" if isinstance(qos[Policy.Reliability], Policy.Reliability.Reliable) else "best effort"
-
-
 def _columns(topic: str, type_name: str, needs: Needs) -> tuple[str, ...]:
     """Return the columns of a type of messages that are needed."""
     if type_name == MULTI_ARRAY:
@@ -383,7 +362,7 @@ def _blocks(subscriber: Subscriber, timing: Timing, end_s: float | None) -> Bloc
     said: list[str] = []
     turn = [subscriber.columns.index(name) for name in TURN_RATE if name in subscriber.columns]
     unturned_s = 0.0
-    with subscriber:
+    with closing(subscriber):
         while True:
             received = subscriber.take(0.1)
             silent_s = time.monotonic() - heard

@@ -1,11 +1,14 @@
-"""How a file becomes a recording like those a model was trained on: its columns, unit and conditioning."""
+"""Input like that a model was trained on: which columns a stream needs, how a file becomes a recording."""
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import numpy as np
+
+from texclass.features.phase_view import TURN
 from texclass.loaders import find_recording
 from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
 from texclass.loaders.columns import BAG_FOLDER, ReadOptions, Signals, choose_acceleration
@@ -27,8 +30,82 @@ from texclass.loaders.files import (
 from texclass.loaders.filesets import conditioned
 from texclass.loaders.ros_messages import TURN_RATE
 from texclass.loaders.stamps import NEAR_RATE
-from texclass.recording import Recording
+from texclass.recording import Recording, RecordingError, Samples
 from texclass.validation import Written
+
+Beside = Literal["turn_rate", "friction"]
+
+
+@dataclass(frozen=True)
+class Needs:
+    """The columns of a stream, in this order: axes of the acceleration, turn rate, friction.
+
+    Attributes
+    ----------
+    axes
+        Names of the axes of the acceleration; empty: any number of them.
+    beside
+        Signals of `Recording` whose columns follow: "turn_rate" (3), then "friction" (1).
+    of_friction
+        Features that need the friction.
+    """
+
+    axes: tuple[str, ...] = ()
+    beside: tuple[Beside, ...] = ()
+    of_friction: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns; "acceleration" stands for any number of axes."""
+        turn = TURN if "turn_rate" in self.beside else ()
+        friction = ("friction",) if "friction" in self.beside else ()
+        return (*(self.axes or ("acceleration",)), *turn, *friction)
+
+    def columns_of(self, recording: Recording) -> Samples:
+        """Return the columns of a recording, shape (n_samples, n_columns).
+
+        Raises
+        ------
+        RecordingError
+            If it lacks a signal.
+        """
+        where, n = recording.source or recording.recording_id, recording.n_samples
+        signals = [recording.acceleration.reshape(n, -1)]
+        for name in self.beside:
+            if (signal := getattr(recording, name)) is None:
+                raise RecordingError(f"{where}: {self.lacks(name)}")
+            signals.append(signal.reshape(n, -1))
+        return np.column_stack(signals)
+
+    def lacks(self, name: Beside) -> str:
+        """Return what to say of a source without one of the signals, and what to train instead."""
+        rule = f"the rule is {', '.join(self.names)}, as the model was trained"
+        if name == "friction":
+            return (
+                f"no friction, needed by {', '.join(self.of_friction)}; {rule} (texclass train with a --row "
+                "of acceleration only makes a model that needs none)"
+            )
+        return f"no turn rate; {rule} (recordings without turn rate make a model that needs none)"
+
+    def n_axes(self, n_columns: int) -> int:
+        """Return how many of the columns of a stream are axes of the acceleration.
+
+        Raises
+        ------
+        ValueError
+            If it has too few columns, or other than as many as the model was trained with.
+        """
+        n_beside = len(self.names) - (len(self.axes) or 1)
+        if n_columns <= n_beside or (self.axes and n_columns != len(self.names)):
+            more = "" if self.axes else " or more"
+            raise ValueError(
+                f"the stream has {n_columns} columns; the rule is {len(self.names)}{more}, "
+                f"{', '.join(self.names)}, as the model was trained"
+            )
+        return n_columns - n_beside
+
+
+ACCELERATION_ONLY = Needs()
 
 
 class TrainingFiles(Written):
