@@ -1,11 +1,19 @@
-"""What the chapters about papers share: their command line, and writing a report with its numbers."""
+"""What the chapters about papers share: command line, blocks of text, and writing a report with its numbers."""
 
 import argparse
+import inspect
 import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from texclass.document import Document, print_document, write_document
+import pandas as pd
+
+from texclass.document import Document, Figure, Table, print_document, write_document
+from texclass.loaders import DataNotFoundError, open_dataset
+from texclass.recording import Recording
+
+ABSENT = "Skipped: the recordings are not on this machine (`TEXCLASS_DATA`)."
 
 
 def arguments(description: str | None) -> argparse.Namespace:
@@ -26,3 +34,29 @@ def write_chapter(document: Document, numbers: dict[str, Any], out: Path, key: s
     for path in written:
         print(f"wrote {path}")
     return written
+
+
+def document(title: str, blocks: Sequence[Any], again: Mapping[str, str] | None = None) -> Document:
+    """Return a document; its paragraphs may be broken and indented as the code around them."""
+    told = [" ".join(block.split()) if type(block) is str else block for block in blocks]
+    return Document(title, told, again=again or {})
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
+    """Return a table of rows of texts under their head."""
+    return Table(pd.DataFrame([list(row) for row in rows], columns=list(head)))
+
+
+def figure(name: str, draw: Callable[..., Any], *given: Any) -> Figure:
+    """Return what a function draws from what is given and a width; its docstring is title and explanation."""
+    title, _, says = (inspect.getdoc(draw) or name).partition("\n\n")
+    return Figure(name, title.rstrip("."), " ".join(says.split()), lambda width: draw(*given, width))
+
+
+def recordings(card: str) -> tuple[dict[str, Recording], str]:
+    """Return the recordings of a dataset, by id, and the hash of their files; nothing where it is absent."""
+    try:
+        dataset = open_dataset(card)
+        return {entry.recording_id: dataset.load(entry) for entry in dataset.entries}, dataset.input_hash
+    except (DataNotFoundError, FileNotFoundError):
+        return {}, ""

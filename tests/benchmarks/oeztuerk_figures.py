@@ -9,6 +9,7 @@ import argparse
 import json
 import os
 import platform
+import sys
 from pathlib import Path
 
 import matplotlib as mpl
@@ -19,10 +20,12 @@ from matplotlib.figure import Figure
 from scipy import fft
 from threadpoolctl import threadpool_limits
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "examples" / "papers"))
+from oeztuerk2018_study import AT_MOST, LARGEST, floor, order_curves
+
 from texclass import __version__
 from texclass.loaders import open_dataset
 from texclass.recording import Samples
-from texclass.textures.oeztuerk2018.orders import AT_MOST, LARGEST, floor, order_curves
 from texclass.vibration import fit, scores, synthesize
 from texclass.vibration.order import LITTLE, N_DFT
 
@@ -58,11 +61,11 @@ def study(x: Samples, rng: np.random.Generator) -> dict[str, object]:
     model = fit(x, LARGEST)
     sounds = {m: _errors_of_sounds(x, m, model, rng) for m in SHOWN_ORDERS}
     return {
-        "curve": curves.curve,
-        "other half": curves.other_half,
-        "floor": curves.floor,
-        "floor of the other half": curves.floor_of_half,
-        "orders": {"AICc": curves.aicc, "little": curves.little, "at most": curves.at_most},
+        "curve": curves["curve"],
+        "other half": curves["other_half"],
+        "floor": curves["floor"],
+        "floor of the other half": curves["floor_of_half"],
+        "orders": {"AICc": curves["aicc"], "little": curves["little"], "at most": curves["at_most"]},
         "sounds": {m: pair[0] for m, pair in sounds.items()},
         "with phases": {m: pair[1] for m, pair in sounds.items()},
     }

@@ -202,7 +202,7 @@ def _simulated(name: str, scene: SceneDefinition) -> Felt:
     if family != "abdulali2016":
         raise ValueError(f"simulated is {name!r}; the rule is abdulali2016/S1 ... S9 or catalogue/0, 1, ...")
 
-    from texclass.textures.abdulali2016 import surface
+    from texclass.textures.resonant_surfaces import surface
 
     what, fs = surface(which), scene.device.rate_hz
 

@@ -10,6 +10,8 @@ from texclass.recording import Samples
 from texclass.textures.path import checked_path
 from texclass.vibration.lattice_kernels import turn
 
+AT_ONCE = 4096
+"""Samples of a path for which readings are held at a time."""
 SHRINK = 1 - 2 * float(np.finfo(np.float64).eps)
 """Takes from each rotation more than its rounding may add."""
 
@@ -79,7 +81,14 @@ class GlidingRenderer:
     def process(self, velocity: ArrayLike, force: ArrayLike, position: ArrayLike | None = None) -> Samples:
         """Return the vibration for the next samples of a path; the position is not used."""
         v, f = checked_path(velocity, force)
-        course, out = np.empty((f.size, 3)), np.empty(f.size)
+        out = np.empty(f.size)
+        for start in range(0, f.size, AT_ONCE):
+            some = slice(start, start + AT_ONCE)
+            self._fill(v[some], f[some], out[some])
+        return out
+
+    def _fill(self, v: Samples, f: Samples, out: Samples) -> None:
+        course = np.empty((f.size, 3))
         _follow(v, f, self._share, self._motion, course)
         due = course[-self._place % self._hop :: self._hop]
         k, taps = self._read(due[:, :2], due[:, 2]) if len(due) else self._nothing
@@ -89,7 +98,6 @@ class GlidingRenderer:
         noise = self._rng.standard_normal(f.size)
         _play(noise, k, taps, self._place, self._hop, self._glide, *state, self._limit, out)
         self._place = (self._place + f.size) % self._hop
-        return out
 
 
 @njit(cache=True, error_model="numpy")

@@ -2,13 +2,19 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from abdulali2016_simulated import hand_motion, simulate_scan
 from numpy.testing import assert_allclose, assert_array_equal
 
 from texclass.textures import Scan
 from texclass.textures.abdulali2016 import condition, downsample, scan_from_sensors, segment_input
-from texclass.textures.abdulali2016.preprocessing import limit_vibration, smooth_motion, tangent_axes
-from texclass.textures.abdulali2016.segmentation import LINE_MM, VARIATION, straight_lines
-from texclass.textures.abdulali2016.simulated import SURFACES, hand_motion, simulate_scan, surface
+from texclass.textures.abdulali2016.input_segments import (
+    LINE_MM,
+    VARIATION,
+    limit_vibration,
+    smooth_motion,
+    straight_lines,
+)
+from texclass.textures.resonant_surfaces import SURFACES, surface
 
 FS = 1000.0
 
@@ -20,28 +26,25 @@ def scan():
 
 def _zigzag(speeds, corners, n=400):
     """A path along straight lines, each at a speed of its own, force 1 N."""
-    velocity = np.concatenate(
-        [
-            np.tile(v * np.array([np.cos(angle), np.sin(angle)]), (n, 1))
-            for v, angle in zip(speeds, corners, strict=True)
-        ]
-    )
+    steps = zip(speeds, corners, strict=True)
+    velocity = np.concatenate([np.tile([v * np.cos(a), v * np.sin(a)], (n, 1)) for v, a in steps])
     position = np.cumsum(velocity, axis=0) / FS
     return Scan(np.ones(len(velocity)), position, velocity, np.ones(len(velocity)), FS)
 
 
-def test_corners_of_a_polygon_are_found_to_where_tau_1_allows():
-    scan = _zigzag([80, 80, 80], [0.0, 2.0, -1.0])
-    lines = straight_lines(scan.position)
-    assert len(lines) - 1 == 3
+def test_lines_end_at_corners_and_turns_and_segments_at_a_step_of_speed():
     slack = LINE_MM / (80 / FS) / np.sin(1.0)  # samples until 2 mm off the line
-    assert_allclose(lines, [0, 400, 800, 1200], atol=slack)
+    assert_allclose(
+        straight_lines(_zigzag([80, 80, 80], [0.0, 2.0, -1.0]).position), [0, 400, 800, 1200], atol=slack
+    )
+    assert_allclose(straight_lines(_zigzag([60, 60], [0.3, 0.3 + np.pi]).position), [0, 400, 800], atol=3)
+    found = segment_input(_zigzag([60, 120], [0.3, 0.3]))
+    assert_array_equal([found.start, found.stop], [[0, 400], [400, 800]])
 
 
 def test_every_line_keeps_equations_1_and_2(scan):
     bounds = straight_lines(scan.position)
-    assert bounds[0] == 0
-    assert bounds[-1] == len(scan)
+    assert (bounds[0], bounds[-1]) == (0, len(scan))
     for a, b in pairwise(bounds):
         p = scan.position[a:b]
         A, B, C = p - p[0], p[-1] - p, p[-1] - p[0]
@@ -61,22 +64,9 @@ def test_every_segment_is_steady_long_enough_and_in_one_line(scan):
         assert np.searchsorted(found.lines, a, "right") == np.searchsorted(found.lines, b - 1, "right")
 
 
-def test_a_step_of_speed_is_cut_at_the_step():
-    scan = _zigzag([60, 120], [0.3, 0.3])
-    found = segment_input(scan)
-    assert_array_equal(found.start, [0, 400])
-    assert_array_equal(found.stop, [400, 800])
-
-
-def test_there_and_back_are_two_lines():
-    scan = _zigzag([60, 60], [0.3, 0.3 + np.pi])
-    assert_allclose(straight_lines(scan.position), [0, 400, 800], atol=3)
-
-
 def test_a_tool_at_rest_or_in_the_air_gives_no_segment():
-    n = 500
+    n, air = 500, _zigzag([60], [0.3])
     still = Scan(np.ones(n), np.zeros((n, 2)), np.zeros((n, 2)), np.ones(n), FS)
-    air = _zigzag([60], [0.3])
     lifted = Scan(air.acceleration, air.position, air.velocity, np.zeros(len(air)), FS)
     assert len(segment_input(still)) == len(segment_input(lifted)) == 0
 
@@ -88,14 +78,22 @@ def test_bounds_do_not_depend_on_the_rate():
     assert_array_equal(segment_input(fast).start, 10 * segment_input(slow).start)
 
 
-def test_a_negative_threshold_is_refused(scan):
+def test_what_breaks_a_rule_is_refused(scan):
     with pytest.raises(ValueError, match="variation is -1"):
         segment_input(scan, variation=-1)
+    with pytest.raises(ValueError, match="multiple"):
+        downsample(np.zeros(100), 10_000, 3000)
+    with pytest.raises(ValueError, match="cutoff_hz is 600"):
+        smooth_motion(np.zeros(100), FS, cutoff_hz=600)
+    for normal in ((0, 0, 0), (1, 2), (np.nan, 0, 1)):
+        with pytest.raises(ValueError, match="normal is"):
+            scan_from_sensors(np.ones(9), np.ones((9, 3)), np.ones((9, 3)), FS, normal=normal)
+    with pytest.raises(ValueError, match="position"):
+        scan_from_sensors(np.ones(9), np.ones((9, 2)), np.ones((9, 3)), FS)
 
 
-def test_vibration_keeps_its_band_and_motion_its_own():
-    t = np.arange(4000) / FS
-    inside = slice(1000, 3000)
+def test_vibration_keeps_its_band_and_motion_its_own(scan):
+    t, inside = np.arange(4000) / FS, slice(1000, 3000)
     for hz, kept in ((2.0, False), (100.0, True), (400.0, True)):
         x = np.sin(2 * np.pi * hz * t)
         assert_allclose(limit_vibration(x, FS)[inside], kept * x[inside], atol=1e-2)
@@ -103,55 +101,41 @@ def test_vibration_keeps_its_band_and_motion_its_own():
     assert_allclose(smooth_motion(slow + fast, FS)[inside], slow[inside], atol=0.03)
     at_cutoff = smooth_motion(np.sin(2 * np.pi * 25 * t), FS)[inside]
     assert_allclose(np.sqrt(2 * np.mean(at_cutoff**2)), 0.5, rtol=0.01)
+    before = scan.acceleration.copy()
+    condition(scan)
+    assert_array_equal(scan.acceleration, before)
 
 
 def test_sensors_are_projected_on_the_plane():
-    normal = np.array([0.3, -0.5, 0.9])
-    plane, n = tangent_axes(normal)
+    n = np.array([0.3, -0.5, 0.9]) / np.linalg.norm([0.3, -0.5, 0.9])
+    along = np.eye(3)[0] - n[0] * n
+    plane = np.stack([along / np.linalg.norm(along), np.cross(n, along / np.linalg.norm(along))])
     flat = hand_motion(3.0, FS, np.random.default_rng(0))
-    position = flat[0] @ plane + 7 * n
     force = -flat[2][:, np.newaxis] * n + 0.3 * plane[0]
-    scan = scan_from_sensors(np.ones(3000), position, force, FS, normal=normal)
+    scan = scan_from_sensors(np.ones(3000), flat[0] @ plane + 7 * n, force, FS, normal=2 * n)
     inner = slice(200, -200)
     assert_allclose(scan.position[inner], flat[0][inner], atol=0.5)
     assert_allclose(scan.speed[inner], np.hypot(*flat[1][inner].T), atol=12)
     assert_allclose(scan.force[inner], flat[2][inner], atol=0.03)
 
 
-@pytest.mark.parametrize("normal", [(0, 0, 0), (1, 2), (np.nan, 0, 1)])
-def test_no_normal_no_plane(normal):
-    with pytest.raises(ValueError, match="normal is"):
-        tangent_axes(normal)
-
-
 def test_downsampling_keeps_what_the_lower_rate_holds():
     t = np.arange(20_000) / 10_000
     x = downsample(np.sin(2 * np.pi * 100 * t) + np.sin(2 * np.pi * 3100 * t), 10_000, FS)
     assert_allclose(x[200:-200], np.sin(2 * np.pi * 100 * t[::10])[200:-200], atol=0.01)
-    with pytest.raises(ValueError, match="multiple"):
-        downsample(t, 10_000, 3000)
 
 
-def test_only_s4_is_isotropic():
+def test_surfaces_sound_at_the_level_and_resonance_they_declare_and_s4_alone_is_isotropic():
     assert [s.name for s in SURFACES if not s.anisotropic] == ["S4"]
     assert len(SURFACES) == 9
-    velocity = np.array([[80.0, 0.0], [0.0, 80.0]])
-    level = surface("S4").truth(velocity, [1.0, 1.0])[2]
+    level = surface("S4").truth([[80.0, 0.0], [0.0, 80.0]], [1.0, 1.0])[2]
     assert level[0] == level[1]
-
-
-def test_a_surface_sounds_at_the_level_and_resonance_it_declares():
     what, n = surface("S7"), 40_000
     velocity, force = np.tile([90.0, 0.0], (n, 1)), np.ones(n)
     frequency, _, level = what.truth(velocity[:1], force[:1])
     x = what.vibration(velocity, force, FS, np.random.default_rng(0))
     assert_allclose(x.std(), level[0], rtol=0.1)
     power = np.abs(np.fft.rfft(x.reshape(-1, 500), axis=1)) ** 2
-    peak = np.argmax(power.mean(axis=0)) * FS / 500
-    assert abs(peak - frequency[0, 0]) < 6
-
-
-def test_conditioning_leaves_the_scan_alone(scan):
-    before = scan.acceleration.copy()
-    condition(scan)
-    assert_array_equal(scan.acceleration, before)
+    assert abs(np.argmax(power.mean(axis=0)) * FS / 500 - frequency[0, 0]) < 6
+    with pytest.raises(ValueError, match="S10"):
+        surface("S10")

@@ -9,19 +9,18 @@ gives a filter (Gray and Markel, "Digital lattice and ladder filter synthesis", 
 bounded and whose output has the RMS |nu| at every sample, even while k and nu move.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from texclass.recording import Samples
 from texclass.textures.gliding import GlidingRenderer
 from texclass.textures.hatt.speed_force_mesh import Mesh, triangulate
-from texclass.textures.stored import check_all_names
+from texclass.textures.storage import StoredFields
 from texclass.vibration import line_spectrum
 from texclass.vibration.line_spectrum import paths_from_angles
 from texclass.vibration.recursions import LARGEST
@@ -36,7 +35,7 @@ MOST_WORK = 500_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class HattTexture:
+class HattTexture(StoredFields):
     """ARMA models at nodes of speed and force; between them line spectra, variance and gain go linearly.
 
     At each node y = -sum_i a_i y[t-i] + gain (e[t] + sum_i c_i e[t-i]) with white noise e of its variance.
@@ -233,32 +232,6 @@ class HattTexture:
             seed=seed,
             running=False,
         )
-
-    def parameters(self) -> Mapping[str, Any]:
-        """Return what is not an array."""
-        return {"name": self.name, "fs": self.fs, "mu": self.mu}
-
-    def arrays(self) -> Mapping[str, NDArray[np.float64]]:
-        """Return nodes, triangles (nodes counted from 0) and models."""
-        return {
-            "speed": self.mesh.speed,
-            "force": self.mesh.force,
-            "triangles": self.mesh.triangles.astype(np.float64),
-            "ar_lsf": self.ar_lsf,
-            "ma_lsf": self.ma_lsf,
-            "variance": self.variance,
-            "gain": self.gain,
-        }
-
-    @classmethod
-    def restore(cls, parameters: Mapping[str, Any], arrays: Mapping[str, NDArray[np.float64]]) -> Self:
-        """Return the texture that was written down; a ValueError says what is wrong with it."""
-        names = {"speed", "force", "triangles", "ar_lsf", "ma_lsf", "variance", "gain"}
-        check_all_names(cls.family, parameters, arrays, ({"name", "fs", "mu"}, names))
-        mesh = Mesh(arrays["speed"], arrays["force"], arrays["triangles"])
-        models = {name: arrays[name] for name in ("ar_lsf", "ma_lsf", "variance", "gain")}
-        fs, mu = float(parameters["fs"]), float(parameters["mu"])
-        return cls(mesh, **models, fs=fs, name=str(parameters["name"]), mu=mu)
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,0 +1,187 @@
+"""How close textures of `abdulali2016` come to recordings they have not seen, and how long they take."""
+
+from time import perf_counter, thread_time_ns
+from typing import NamedTuple
+
+import numpy as np
+from abdulali2016_simulated import SURFACES, simulate_constant, simulate_scan, surface
+
+from texclass.textures.abdulali2016 import bake, fit_as_published, model_scan, segment_input
+from texclass.textures.abdulali2016.input_segments import limit_vibration
+from texclass.textures.abdulali2016.network_fit import segment_enough
+from texclass.textures.abdulali2016.network_texture import LIMIT
+from texclass.vibration import LatticeSynthesis, fit
+from texclass.vibration.scores import goodness_of_fit
+
+FS = 1000.0
+TRAINING_S, VALIDATION_S, HELD_OUT_S = 20.0, 10.0, 5.0
+WINDOW = 500
+"""Samples of a window at 1 kHz; half overlapping."""
+SPEED_BAND, SPEED = (60.0, 95.0), 75.0
+"""Mean speeds (mm/s) of the segments left out, and the speed of the test."""
+FORCE_BAND, FORCE = (0.7, 1.2), 0.9
+"""The same for the force, N."""
+SECTOR_RAD = np.deg2rad(15.0)
+"""Directions this close to that of the test, or to its opposite, are left out."""
+SPARSITIES = (0.3, 0.1, 0.03, 0.01, 0.0)
+
+
+class Score(NamedTuple):
+    """Mean and deviation over windows of the GFC, the paper's score, and the RMS error of the level, dB."""
+
+    gfc: float
+    deviation: float
+    level_db: float
+
+
+def compare(recorded, rendered):
+    """Return the score of a rendered against a recorded vibration; `abdulali2016`, eq. (6), section 4."""
+    starts = range(0, recorded.size - WINDOW + 1, WINDOW // 2)
+    pairs = [(recorded[i : i + WINDOW], rendered[i : i + WINDOW]) for i in starts]
+    gfc = np.array([goodness_of_fit(a, b, window=WINDOW) for a, b in pairs])
+    power = np.array([[np.mean(a**2), np.mean(b**2)] for a, b in pairs])
+    least = 1e-12 * power[:, 0].max() + np.finfo(np.float64).tiny
+    level = 10 * np.diff(np.log10(np.maximum(power, least)), axis=1)
+    return Score(float(gfc.mean()), float(gfc.std()), float(np.sqrt(np.mean(level**2))))
+
+
+def rendered(texture, scan, seed=0):
+    """Render a texture along the motion of a scan."""
+    return texture.renderer(seed=seed).process(scan.velocity, scan.force, scan.position)
+
+
+def cross_validate(texture, scan, seed=0):
+    """Return the score of a texture along the motion of a conditioned scan that it was not fitted to."""
+    return compare(scan.acceleration, rendered(texture, scan, seed))
+
+
+def study_surface(what, seed):
+    """Train on 20 s and validate on 10 s of a simulated surface, in every way there is."""
+    rng = np.random.default_rng([seed, SURFACES.index(what)])
+    training, validation = (simulate_scan(what, s, FS, rng) for s in (TRAINING_S, VALIDATION_S))
+    again = limit_vibration(what.vibration(validation.velocity, validation.force, FS, rng), FS)
+    found = study_scans(training, validation, isotropic=False)
+    found["scores"]["the truth again"] = compare(validation.acceleration, again)
+    return found | {"kind": what.kind, "anisotropic": what.anisotropic}
+
+
+def study_scans(training, validation, *, isotropic):
+    """Fit one conditioned scan and score another, in every way; None where a way cannot be gone."""
+    modelled = model_scan(training, isotropic=isotropic)
+    apart = model_scan(training, isotropic=isotropic, pooling="none", mirror="none")
+    network, sparse = modelled.network(), apart.network("sparse")
+    printed = segment_input(training)
+    textures = {
+        "network": network,
+        "network, baked": bake(network, training.name),
+        "exact, plain": apart.network(),
+        "sparse, plain": sparse,
+        "as published": fit_as_published(training, isotropic=isotropic) if len(printed) else None,
+        "Delaunay": modelled.delaunay(),
+        "Delaunay, plain": apart.delaunay(),
+        "without direction": None if isotropic else model_scan(training, isotropic=True).network(),
+    }
+    scores = {way: each and cross_validate(each, validation) for way, each in textures.items()}
+    rng = np.random.default_rng(0)
+    lattice = LatticeSynthesis(fit(training.acceleration, 20)).settle(rng)
+    deaf = lattice.process(rng.standard_normal(len(validation)))
+    return {
+        "name": training.name,
+        "kind": "real",
+        "anisotropic": False,
+        "n_segments": len(modelled.segments),
+        "n_centres": len(network.network.centres),
+        "n_sparse": len(sparse.network.centres),
+        "reach": modelled.reach,
+        "symmetric": modelled.symmetric,
+        "growth": modelled.growth,
+        "coverage": float(printed.n_samples.sum() / len(training)),
+        "scores": scores | {"one AR model": compare(validation.acceleration, deaf)},
+    }
+
+
+def study_held_out(what, seed):
+    """Return the mean GFC at a speed, a force and a direction around which no segment was used."""
+    rng = np.random.default_rng([seed, SURFACES.index(what), 1])
+    training = simulate_scan(what, TRAINING_S, FS, rng)
+    segments = segment_enough(training)
+    direction = float(rng.uniform(-np.pi, np.pi))
+    vx, vy = segments.means(training.velocity).T
+    speed, force = np.hypot(vx, vy), segments.means(training.force)
+    turn = np.abs(np.angle(np.exp(2j * (np.arctan2(vy, vx) - direction)))) / 2  # either way
+    cases = {
+        "speed": ({"speed": SPEED}, (speed > SPEED_BAND[0]) & (speed < SPEED_BAND[1])),
+        "force": ({"force": FORCE}, (force > FORCE_BAND[0]) & (force < FORCE_BAND[1])),
+        "direction": ({"direction": direction}, turn < SECTOR_RAD),
+    }
+    tests = {kept: simulate_constant(what, HELD_OUT_S, FS, rng, **held) for kept, (held, _) in cases.items()}
+    textures = {
+        kept: model_scan(training, segments=segments.chosen(~left_out)).network()
+        for kept, (_, left_out) in cases.items()
+    }
+    return {kept: cross_validate(textures[kept], test, seed).gfc for kept, test in tests.items()}
+
+
+def study_sparsity(what, seed):
+    """Return rows of sparsity, number of centres and GFC of sparse networks; sparsity 0 is the exact one."""
+    rng = np.random.default_rng([seed, SURFACES.index(what)])
+    training, validation = (simulate_scan(what, s, FS, rng) for s in (TRAINING_S, VALIDATION_S))
+    modelled = model_scan(training, pooling="none", mirror="none")
+    rows = []
+    for sparsity in SPARSITIES:
+        texture = modelled.network("sparse", sparsity=sparsity) if sparsity else modelled.network()
+        rows.append((sparsity, len(texture.network.centres), cross_validate(texture, validation).gfc))
+    return rows
+
+
+def study_bound(texture, peak, n_paths, seed):
+    """Render wild paths; return the largest sample over the recorded peak, and the share held at the limit.
+
+    Each path jumps every 25 samples to another velocity and force, of scales up to 10^4 mm/s and N.
+    """
+    rng = np.random.default_rng(seed)
+    largest, n_held, n = 0.0, 0, 0
+    for i in range(n_paths):
+        path = np.repeat(rng.normal(0, 10 ** rng.uniform(0, 4), (12, 3)), 25, axis=0)
+        y = np.abs(texture.renderer(seed=i).process(path[:, :2], path[:, 2]))
+        largest, n_held, n = max(largest, y.max() / peak), n_held + int(np.sum(y >= LIMIT * peak)), n + y.size
+    return float(largest), n_held / n
+
+
+def time_fit(fs, order, seed=0):
+    """Time segmentation, fit and baking of 20 s at a rate (Hz) and order; kernels are compiled before."""
+    scan = simulate_scan(surface("S2"), 20.0, fs, np.random.default_rng(seed))
+    model_scan(scan.part(0, len(scan) // 4), order=8)
+    start = perf_counter()
+    segment_input(scan)
+    segmented = perf_counter()
+    texture = model_scan(scan, order=order).network()
+    fitted = perf_counter()
+    bake(texture, "S2")
+    seconds = {"segmenting_s": segmented - start, "fitting_s": fitted - segmented}
+    return {"fs": fs, "order": order, **seconds, "baking_s": perf_counter() - fitted}
+
+
+def time_rendering(texture, n_steps=10_000, n_contacts=4, seed=0):
+    """Time a loop that asks each of several contacts for one sample at a time, each on a path of its own.
+
+    By the clock, where on a busy machine the tail is that of other programs, and on the processor; in µs.
+    """
+    rng = np.random.default_rng(seed)
+    renderers = [texture.renderer(seed=i) for i in range(n_contacts)]
+    t = np.arange(n_steps) / texture.fs
+    rates, phases = rng.uniform(0.3, 2, (n_contacts, 3, 1)), rng.uniform(0, 6, (n_contacts, 3, 1))
+    swing = np.sin(2 * np.pi * rates * t + phases)
+    velocity, force = 120 * np.moveaxis(swing[:, :2], 1, 2), 1 + swing[:, 2]
+    clock, cpu = np.empty(n_steps), np.empty(n_steps)
+    for i in range(n_steps):
+        start, cpu_start = perf_counter(), thread_time_ns()
+        for contact, renderer in enumerate(renderers):
+            renderer.process(velocity[contact, i : i + 1], force[contact, i : i + 1])
+        cpu[i], clock[i] = (thread_time_ns() - cpu_start) / 1e3, 1e6 * (perf_counter() - start)
+    (median, tail), (cpu_median, cpu_tail) = (
+        np.percentile(x[n_steps // 10 :], [50, 99.9]).tolist() for x in (clock, cpu)
+    )
+    found = {"family": texture.family, "order": texture.order, "n_contacts": n_contacts, "n_steps": n_steps}
+    found |= {"median_us": median, "p999_us": tail, "cpu_median_us": cpu_median, "cpu_p999_us": cpu_tail}
+    return found | {"operations": texture.operations}

@@ -1,0 +1,17 @@
+from .input_segments import InputSegments as InputSegments
+from .input_segments import condition as condition
+from .input_segments import downsample as downsample
+from .input_segments import scan_from_sensors as scan_from_sensors
+from .input_segments import segment_input as segment_input
+from .network_fit import ModelledScan as ModelledScan
+from .network_fit import fit_as_published as fit_as_published
+from .network_fit import fit_exact as fit_exact
+from .network_fit import fit_sparse as fit_sparse
+from .network_fit import fit_texture as fit_texture
+from .network_fit import model_scan as model_scan
+from .network_texture import BakedTexture as BakedTexture
+from .network_texture import DelaunayTexture as DelaunayTexture
+from .network_texture import Frame as Frame
+from .network_texture import NetworkTexture as NetworkTexture
+from .network_texture import RadialNetwork as RadialNetwork
+from .network_texture import bake as bake

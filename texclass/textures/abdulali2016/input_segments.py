@@ -1,0 +1,361 @@
+"""From what sensors recorded of a stroking hand to segments of steady direction, speed and force."""
+
+import heapq
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+from scipy import signal
+
+from texclass.recording import Samples
+from texclass.signals import butterworth, combine, zero_phase
+from texclass.textures.scan import Scan
+
+Indices = NDArray[np.int64]
+
+MOTION_HZ = 25.0
+"""Cut-off of position, velocity and force; `abdulali2016`, section 2.2."""
+VIBRATION_HZ = (10.0, 1000.0)
+"""Band of the acceleration; `abdulali2016`, section 2.2."""
+BESSEL_ORDER = 2
+LINE_MM = 2.0
+"""tau_1 of `abdulali2016`, mm."""
+VARIATION = 0.08
+"""tau_2 of `abdulali2016`."""
+NOTHING = 0.001
+"""epsilon of `abdulali2016`, in m/s and in N."""
+SHORTEST_S = 0.075
+"""75 samples at 1 kHz."""
+FOOT = 0.05
+"""How far, in tau_1, the foot of a point may lie outside its line: eq. (2) allows nothing, sensors jitter."""
+MOTION_FS = 1000.0
+"""The motion has no content beyond 25 Hz: at higher rates it is segmented at about this one."""
+LINE, STEADY = 0, 1
+"""What a union of neighbours costs: `_line_cost` or `_steady_cost`."""
+
+
+def smooth_motion(x: ArrayLike, fs: float, *, cutoff_hz: float = MOTION_HZ) -> Samples:
+    """Low-pass what a hand does: Bessel, forwards and backwards, so that nothing is delayed.
+
+    Parameters
+    ----------
+    x : array_like of shape (n_samples, ...)
+        Position, velocity or force.
+    fs : float
+        Hz.
+    cutoff_hz : float
+        Where the two passes together take away 6 dB.
+
+    Raises
+    ------
+    ValueError
+        If the cut-off is not between 0 and fs/2, there is no sample, or one is not finite.
+
+    References
+    ----------
+    `abdulali2016`, section 2.2, which gives neither the order (`BESSEL_ORDER` a pass here) nor the direction.
+    """
+    if not 0 < cutoff_hz < fs / 2:
+        raise ValueError(f"cutoff_hz is {cutoff_hz}; the rule is above 0 and below fs/2 = {fs / 2:g} Hz")
+    sos = signal.bessel(BESSEL_ORDER, cutoff_hz, fs=fs, norm="mag", output="sos")
+    return zero_phase(np.asarray(sos), x)
+
+
+def limit_vibration(x: ArrayLike, fs: float, *, band_hz: tuple[float, float] = VIBRATION_HZ) -> Samples:
+    """Keep the band of the vibration, without delay: gravity and the hand go below it, noise above.
+
+    Parameters
+    ----------
+    x : array_like of shape (n_samples,)
+        Acceleration.
+    fs : float
+        Hz. Where the upper edge reaches fs/2 (as the printed 1000 Hz does at the printed 1 kHz) the sampling
+        has already cut there, and the lower edge alone is left.
+    band_hz : tuple of float
+        Lower and upper edge.
+
+    Raises
+    ------
+    ValueError
+        If the lower edge is not between 0 and fs/2, there is no sample, or one is not finite.
+
+    References
+    ----------
+    `abdulali2016`, section 2.2.
+    """
+    if band_hz[1] >= 0.99 * fs / 2:
+        return zero_phase(butterworth("highpass", band_hz[0], fs), x)
+    return zero_phase(butterworth("bandpass", band_hz, fs), x)
+
+
+def condition(scan: Scan) -> Scan:
+    """Return the scan with its motion smoothed and its vibration limited to their bands."""
+    position, velocity, force = (
+        smooth_motion(x, scan.fs) for x in (scan.position, scan.velocity, scan.force)
+    )
+    vibration = limit_vibration(scan.acceleration, scan.fs)
+    return Scan(vibration, position, velocity, force, scan.fs, scan.name)
+
+
+def scan_from_sensors(
+    acceleration: ArrayLike,
+    position: ArrayLike,
+    force: ArrayLike,
+    fs: float,
+    *,
+    normal: ArrayLike = (0.0, 0.0, 1.0),
+    name: str = "",
+) -> Scan:
+    """Return the scan of a tool whose 3D position and force were recorded, conditioned.
+
+    Parameters
+    ----------
+    acceleration : array_like of shape (n_samples,) or (n_samples, 3)
+        m/s^2; axes are combined to one with their spectrum (DFT321).
+    position : array_like of shape (n_samples, 3)
+        mm.
+    force : array_like of shape (n_samples, 3)
+        N, of the tool on the surface or back: its part along the normal counts, by its mean as pressing.
+    fs : float
+        Hz, of all three: bring them to one rate first, see `downsample`.
+    normal : array_like of shape (3,)
+        Of the surface, of any length.
+    name : str, optional
+        Of the surface.
+
+    Raises
+    ------
+    ValueError
+        If a shape does not fit, the normal is 0, or a value is not finite.
+
+    Notes
+    -----
+    The velocity is the derivative of the smoothed position (central differences), projected on the plane.
+    Its first axis is the x axis seen along the normal (the y axis, where x is the normal).
+
+    References
+    ----------
+    `abdulali2016`, section 2.2.
+    """
+    n, length = np.asarray(normal, dtype=np.float64), np.linalg.norm(normal)
+    if n.shape != (3,) or not (np.isfinite(length) and length > 0):
+        raise ValueError(f"normal is {n}; the rule is three finite numbers, not all 0")
+    n = n / length
+    seen = np.eye(3) - np.outer(n, n)
+    along = seen[0] if seen[0] @ seen[0] > 1e-6 else seen[1]
+    along = along / np.linalg.norm(along)
+    x, f = np.asarray(position, dtype=np.float64), np.asarray(force, dtype=np.float64)
+    if x.ndim != 2 or x.shape[1] != 3 or f.shape != x.shape or len(x) < 2:
+        raise ValueError(f"position {x.shape} and force {f.shape}; the rule is (n_samples, 3), 2 at least")
+    tangential = smooth_motion(x @ np.stack([along, np.cross(n, along)]).T, fs)
+    velocity = np.gradient(tangential, 1 / fs, axis=0)
+    pressing = smooth_motion(f @ n, fs)
+    pressing = pressing if pressing.mean() >= 0 else -pressing
+    return Scan(limit_vibration(combine(acceleration), fs), tangential, velocity, pressing, fs, name)
+
+
+def downsample(x: ArrayLike, fs: float, to_fs: float) -> Samples:
+    """Return a signal at a lower rate, limited to what that holds (linear phase, no delay).
+
+    Parameters
+    ----------
+    x : array_like of shape (n_samples, ...)
+        Along its first axis.
+    fs, to_fs : float
+        Hz; `fs` a multiple of `to_fs`.
+
+    Raises
+    ------
+    ValueError
+        If it is no multiple.
+    """
+    ratio = round(fs / to_fs) if to_fs > 0 else 0
+    if ratio < 1 or not np.isclose(ratio * to_fs, fs, rtol=1e-9, atol=0):
+        raise ValueError(f"fs is {fs} and to_fs {to_fs}; the rule is a multiple")
+    samples = np.asarray(x, dtype=np.float64)
+    return samples.copy() if ratio == 1 else np.asarray(signal.resample_poly(samples, 1, ratio, axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class InputSegments:
+    """Pieces of a scan with nearly constant direction, speed and force.
+
+    Attributes
+    ----------
+    lines : ndarray of shape (n_lines + 1,)
+        Phase 1: straight line i holds the samples lines[i] ... lines[i + 1] - 1; together the whole scan.
+    start, stop : ndarray of shape (n_segments,)
+        Phase 2: segment i holds the samples start[i] ... stop[i] - 1; what lies between was too short.
+    """
+
+    lines: Indices
+    start: Indices
+    stop: Indices
+
+    def __len__(self) -> int:
+        return int(self.start.size)
+
+    @property
+    def n_samples(self) -> Indices:
+        """Length of each segment, shape (n_segments,)."""
+        return self.stop - self.start
+
+    def pieces(self, x: Samples) -> list[Samples]:
+        """Return the segments of a signal (n_samples, ...), as views of it."""
+        return [x[a:b] for a, b in zip(self.start, self.stop, strict=True)]
+
+    def means(self, x: Samples) -> Samples:
+        """Return the mean of each segment of a signal (n_samples, ...), shape (n_segments, ...)."""
+        return np.array([piece.mean(axis=0) for piece in self.pieces(x)])
+
+    def chosen(self, which: NDArray[np.bool_]) -> "InputSegments":
+        """Return the segments of a mask."""
+        return InputSegments(self.lines, self.start[which], self.stop[which])
+
+
+def segment_input(
+    scan: Scan,
+    *,
+    line_mm: float = LINE_MM,
+    variation: float = VARIATION,
+    nothing: float = NOTHING,
+    shortest_s: float = SHORTEST_S,
+) -> InputSegments:
+    """Cut a scan by its input alone: first into straight lines, then into pieces of steady speed and force.
+
+    Neighbours whose union costs least are merged, until every union costs too much. Phase 1 merges while
+    every point p of a segment from a to b keeps, with A = p - a, B = b - p, C = b - a,
+
+        h = |A x B| / |C| <= tau_1,    (sqrt(|A|^2 - h^2) + sqrt(|B|^2 - h^2)) / |C| = 1,
+
+    phase 2, within each line, while ``(sigma_v / E(V) + sigma_f / E(F)) / 2 <= tau_2``.
+
+    Parameters
+    ----------
+    scan : Scan
+        Conditioned, see `condition`.
+    line_mm : float
+        tau_1, mm.
+    variation : float
+        tau_2.
+    nothing : float
+        epsilon: segments with a mean speed (m/s) or force (N) up to this do not merge.
+    shortest_s : float
+        Shorter segments are dropped, s.
+
+    Raises
+    ------
+    ValueError
+        If a threshold is negative or not finite.
+
+    Notes
+    -----
+    Readings. The paper normalises positions to 0 ... 1 and gives tau_1 in mm: we leave positions in mm.
+    Eq. (2) is printed with |C|^2, which fits no unit: read |C|, that is, the foot of p lies between a and b;
+    it may lie outside by `FOOT` tau_1. Speed and force of eq. (3) are magnitudes in m/s and N (normalised to
+    zero mean, a coefficient of variation means nothing), to which epsilon then belongs. 75 samples
+    are 75 ms. Above 1 kHz the motion is segmented at about 1 kHz and the bounds are exact to 1 ms.
+
+    References
+    ----------
+    `abdulali2016`, section 3.1, eq. (1)-(3); Keogh et al., "An online algorithm for segmenting time series",
+    2001.
+    """
+    given = {"line_mm": line_mm, "variation": variation, "nothing": nothing, "shortest_s": shortest_s}
+    for name, value in given.items():
+        if not (np.isfinite(value) and value >= 0):
+            raise ValueError(f"{name} is {value}; the rule is finite and at least 0")
+    step = max(int(scan.fs // MOTION_FS), 1)
+    lines = straight_lines(scan.position[::step], line_mm)
+    felt = np.column_stack([scan.speed[::step] / 1000, scan.force[::step]])
+    sums = np.zeros((len(felt) + 1, 4))
+    np.cumsum(np.concatenate([felt, felt**2], axis=1), axis=0, out=sums[1:])
+    bounds = [_bottom_up(STEADY, sums, a, b, variation, nothing) for a, b in pairwise(lines)]
+    ends = np.concatenate([np.column_stack([b[:-1], b[1:]]) for b in bounds])
+    start, stop = np.minimum(ends * step, len(scan)).T
+    every = InputSegments(np.minimum(lines * step, len(scan)), start, stop)
+    touching = (every.means(scan.speed) / 1000 > nothing) & (every.means(scan.force) > nothing)
+    return every.chosen((every.n_samples >= shortest_s * scan.fs) & touching)
+
+
+def straight_lines(position: Samples, line_mm: float = LINE_MM) -> Indices:
+    """Return the bounds of the straight lines of a path (n, 2) in mm, shape (n_lines + 1,); phase 1."""
+    xy = np.ascontiguousarray(position, dtype=np.float64)
+    return np.asarray(_bottom_up(LINE, xy, 0, len(xy), line_mm, FOOT * line_mm))
+
+
+@njit(cache=True, error_model="numpy")
+def _bottom_up(kind, table, start, stop, threshold, limit):  # type: ignore[no-untyped-def]
+    """Return the first samples of the segments of [start, stop), and `stop`.
+
+    `threshold` is the largest cost of a union; `limit` what the cost takes besides. Costs lie in a heap;
+    those of segments that changed meanwhile are recognised by their ends and thrown away. Of equal costs the
+    shorter union comes first, so that pauses and exact lines grow evenly: each sample is looked at some
+    log2(n) times.
+    """
+    n = (stop - start + 1) // 2  # the finest segments: two samples
+    first = np.append(start + 2 * np.arange(n), stop)
+    right, left = np.arange(1, n + 1), np.arange(-1, n - 1)
+    heap = [(0.0, 0, 0, 0) for _ in range(0)]
+    for i in range(n - 1):
+        _offer(heap, kind, table, first, right, i, threshold, limit)
+    alive = np.ones(n, np.bool_)
+    while len(heap) > 0:
+        _, length, i, j = heapq.heappop(heap)
+        if not (alive[i] and alive[j] and first[right[j]] - first[i] == length):
+            continue
+        alive[j] = False
+        right[i] = right[j]
+        if right[i] < n:
+            left[right[i]] = i
+            _offer(heap, kind, table, first, right, i, threshold, limit)
+        if left[i] >= 0:
+            _offer(heap, kind, table, first, right, left[i], threshold, limit)
+    return np.append(first[:n][alive], stop)
+
+
+@njit(cache=True, error_model="numpy")
+def _offer(heap, kind, table, first, right, i, threshold, limit):  # type: ignore[no-untyped-def]
+    """Put the union of segment i and its right neighbour on the heap, if it may ever be made."""
+    start, stop = first[i], first[right[right[i]]]
+    extra = table, start, stop, limit
+    cost = _line_cost(*extra) if kind == LINE else _steady_cost(*extra)
+    if cost <= threshold:
+        heapq.heappush(heap, (cost, stop - start, i, right[i]))
+
+
+@njit(cache=True, error_model="numpy")
+def _line_cost(xy, start, stop, slack):  # type: ignore[no-untyped-def]
+    """Return the largest distance h of points (n, 2) from the line through the first and the last of them.
+
+    Infinite where the foot of a point lies more than `slack` outside of them.
+    """
+    ax, ay = xy[start, 0], xy[start, 1]
+    cx, cy = xy[stop - 1, 0] - ax, xy[stop - 1, 1] - ay
+    length = np.sqrt(cx * cx + cy * cy)
+    worst = 0.0
+    for i in range(start + 1, stop - 1):
+        px, py = xy[i, 0] - ax, xy[i, 1] - ay
+        if length > 0:
+            h, foot = abs(px * cy - py * cx) / length, (px * cx + py * cy) / length
+        else:
+            h, foot = 0.0, np.sqrt(px * px + py * py)
+        if foot < -slack or foot > length + slack:
+            return np.inf
+        worst = max(worst, h)
+    return worst
+
+
+@njit(cache=True, error_model="numpy")
+def _steady_cost(sums, start, stop, least):  # type: ignore[no-untyped-def]
+    """Return (sigma_v / E(V) + sigma_f / E(F)) / 2 of running sums; infinite at a mean of `least`."""
+    n, total = stop - start, 0.0
+    for j in range(2):
+        mean = (sums[stop, j] - sums[start, j]) / n
+        if mean <= least:
+            return np.inf
+        variance = (sums[stop, j + 2] - sums[start, j + 2]) / n - mean * mean
+        total += np.sqrt(max(variance, 0.0)) / mean
+    return 0.5 * total

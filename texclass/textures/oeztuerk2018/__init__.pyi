@@ -1,0 +1,10 @@
+from .signals_per_interval import SpeedIntervals as SpeedIntervals
+from .signals_per_interval import displayed_signals as displayed_signals
+from .signals_per_interval import intervals_from_speeds as intervals_from_speeds
+from .signals_per_interval import mirrored as mirrored
+from .signals_per_interval import seamless as seamless
+from .signals_per_interval import speed_intervals as speed_intervals
+from .speed_textures import FrequencyTexture as FrequencyTexture
+from .speed_textures import LpcTexture as LpcTexture
+from .speed_textures import fit_frequencies as fit_frequencies
+from .speed_textures import fit_lpc as fit_lpc
