@@ -1,4 +1,4 @@
-"""What the chapters about papers share: command line, blocks of text, and writing a report with its numbers."""
+"""What the chapters about papers share: command line, blocks of text, and writing a report."""
 
 import argparse
 import inspect

@@ -248,7 +248,13 @@ def fitted_textures(plates: Sequence[np.ndarray], speeds: Sequence[float]) -> di
 
     from texclass.textures import abdulali2016, guruswamy2011, oeztuerk2018
 
-    hand = abdulali2016.simulate_scan(abdulali2016.surface("S7"), 10.0, 1000.0, np.random.default_rng(0))
+    try:
+        from abdulali2016_simulated import simulate_scan as stroke_by_hand
+        from abdulali2016_simulated import surface
+    except ImportError:  # as it was before
+        from texclass.textures.abdulali2016.simulated import simulate_scan as stroke_by_hand
+        from texclass.textures.abdulali2016.simulated import surface
+    hand = stroke_by_hand(surface("S7"), 10.0, 1000.0, np.random.default_rng(0))
     modelled = abdulali2016.model_scan(hand)
     network = modelled.network()
     rng = np.random.default_rng(3)
