@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
 from texclass.signals import one_channel, positive
@@ -159,6 +159,15 @@ class LpcTexture(SpeedTexture):
     def renderer(self, *, seed: int = 0) -> "LpcRenderer":
         """Return a renderer at rest; the seed is that of the noise."""
         return LpcRenderer(self, seed)
+
+    def parameters(self) -> dict[str, Any]:
+        """Return what is not an array; of the models all follows from reflection coefficients and gains."""
+        return super().parameters() | {"models": {"reflection": None, "gain": None}}
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return speeds (mm/s), reflection coefficients and gains."""
+        kept = ("speeds", "models.reflection", "models.gain")
+        return {name: array for name, array in super().arrays().items() if name in kept}
 
 
 @dataclass(frozen=True, eq=False)
