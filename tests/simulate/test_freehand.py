@@ -9,7 +9,7 @@ from scipy import signal
 from texclass.signals import bandpass
 from texclass.simulate import Grating, Sensor, operator_catalogue, record_freehand, surface_catalogue
 from texclass.simulate.freehand import generators, perform
-from texclass.simulate.gesture import Gesture
+from texclass.simulate.hand import Gesture
 
 SURFACES = surface_catalogue(12, 1)
 OPERATORS = operator_catalogue(5, 1)

@@ -1,12 +1,12 @@
-from .catalogue import surface_catalogue as surface_catalogue
 from .controlled import record_rising_force as record_rising_force
 from .controlled import record_rising_speed as record_rising_speed
 from .controlled import record_rising_taps as record_rising_taps
 from .freehand import record_freehand as record_freehand
-from .operators import Operator as Operator
-from .operators import operator_catalogue as operator_catalogue
+from .hand import Operator as Operator
+from .hand import operator_catalogue as operator_catalogue
 from .recipe import Recipe as Recipe
-from .sensor import Sensor as Sensor
 from .surfaces import Bumps as Bumps
 from .surfaces import Grating as Grating
 from .surfaces import Surface as Surface
+from .surfaces import surface_catalogue as surface_catalogue
+from .tool import Sensor as Sensor

@@ -3,7 +3,7 @@
 import numpy as np
 
 from texclass.recording import Recording
-from texclass.simulate import gesture as hand
+from texclass.simulate import hand
 from texclass.simulate.freehand import (
     Seed,
     check_duration_and_rate,
@@ -11,9 +11,9 @@ from texclass.simulate.freehand import (
     perform,
     pressing_depth,
 )
-from texclass.simulate.operators import Operator
-from texclass.simulate.sensor import Sensor
+from texclass.simulate.hand import Operator
 from texclass.simulate.surfaces import Surface
+from texclass.simulate.tool import Sensor
 
 Range = tuple[float, float]
 _REST_S = 0.3
@@ -44,16 +44,9 @@ def record_rising_speed(
     force_n : float
         Normal force.
     """
-    check_duration_and_rate(duration_s, fs, shortest_s=1.0)
-    return perform(
-        _plate(surface, operator, duration_s, speed_mm_s, (force_n, force_n)),
-        surface,
-        operator,
-        duration_s=duration_s,
-        fs=fs,
-        rngs=generators(seed),
-        sensor=sensor or Sensor(),
-        recording_id=f"{surface.name}, rising speed",
+    told = f"{surface.name}, rising speed"
+    return _record_plate(
+        surface, operator, duration_s, fs, seed, speed_mm_s, (force_n, force_n), sensor, told
     )
 
 
@@ -69,16 +62,9 @@ def record_rising_force(
     sensor: Sensor | None = None,
 ) -> Recording:
     """Simulate a rotary plate at constant speed under a rising normal force; see `record_rising_speed`."""
-    check_duration_and_rate(duration_s, fs, shortest_s=1.0)
-    return perform(
-        _plate(surface, operator, duration_s, (speed_mm_s, speed_mm_s), force_n),
-        surface,
-        operator,
-        duration_s=duration_s,
-        fs=fs,
-        rngs=generators(seed),
-        sensor=sensor or Sensor(),
-        recording_id=f"{surface.name}, rising force",
+    told = f"{surface.name}, rising force"
+    return _record_plate(
+        surface, operator, duration_s, fs, seed, (speed_mm_s, speed_mm_s), force_n, sensor, told
     )
 
 
@@ -122,19 +108,38 @@ def record_rising_taps(
         duration_s=n / hand.CONTROL_RATE,
         fs=fs,
         rngs=rngs,
-        sensor=sensor or Sensor(),
+        sensor=sensor,
         recording_id=f"{surface.name}, rising taps",
     )
 
 
-def _plate(
-    surface: Surface, operator: Operator, duration_s: float, speed: Range, force: Range
-) -> hand.Gesture:
-    """Return the path over a plate that turns after a rest; speed and force then rise linearly."""
+def _record_plate(
+    surface: Surface,
+    operator: Operator,
+    duration_s: float,
+    fs: float,
+    seed: Seed,
+    speed: Range,
+    force: Range,
+    sensor: Sensor | None,
+    recording_id: str,
+) -> Recording:
+    """Return what is felt of a plate that turns after a rest; speed and force then rise linearly."""
+    check_duration_and_rate(duration_s, fs, shortest_s=1.0)
     n_knots = int(np.ceil(duration_s * hand.CONTROL_RATE)) + 2
     begin = int(_REST_S * hand.CONTROL_RATE)
     since = np.maximum(np.arange(n_knots) - begin, 0) / hand.CONTROL_RATE
     rising = since / since[-1]
     velocity = 1e-3 * (speed[0] + (speed[1] - speed[0]) * rising) * np.minimum(since / _START_S, 1.0)
     normal = -pressing_depth(surface, operator, force[0] + (force[1] - force[0]) * rising)
-    return hand.Gesture(normal, velocity, np.zeros(n_knots), strokes_s=_REST_S)
+    path = hand.Gesture(normal, velocity, np.zeros(n_knots), strokes_s=_REST_S)
+    return perform(
+        path,
+        surface,
+        operator,
+        duration_s=duration_s,
+        fs=fs,
+        rngs=generators(seed),
+        sensor=sensor,
+        recording_id=recording_id,
+    )

@@ -6,12 +6,11 @@ import numpy as np
 from scipy import signal
 
 from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples, Tap
-from texclass.simulate import gesture as hand
-from texclass.simulate.operators import Operator
+from texclass.simulate import hand
+from texclass.simulate.hand import Operator
 from texclass.simulate.profile import synthesize_profile
-from texclass.simulate.sensor import Sensor
 from texclass.simulate.surfaces import Surface
-from texclass.simulate.tool import BRISTLE_N_M, Mechanics, Motion, move_tool, steps_per_sample
+from texclass.simulate.tool import BRISTLE_N_M, Mechanics, Motion, Sensor, move_tool, steps_per_sample
 
 Seed = int | Sequence[int]
 Generators = tuple[np.random.Generator, np.random.Generator, np.random.Generator]
@@ -80,7 +79,7 @@ def record_freehand(
         duration_s=duration_s,
         fs=fs,
         rngs=rngs,
-        sensor=sensor or Sensor(),
+        sensor=sensor,
         snr_db=snr_db,
         recording_id=recording_id or f"{surface.name} by {operator.name}",
         repetition=repetition,
@@ -89,12 +88,8 @@ def record_freehand(
 
 def generators(seed: Seed) -> Generators:
     """Return independent generators; motion and profile stay the same whatever the electronics draw."""
-    hand_seed, profile_seed, sensor_seed = np.random.SeedSequence(seed).spawn(3)
-    return (
-        np.random.default_rng(hand_seed),
-        np.random.default_rng(profile_seed),
-        np.random.default_rng(sensor_seed),
-    )
+    of_hand, of_profile, of_sensor = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(3))
+    return of_hand, of_profile, of_sensor
 
 
 def perform(
@@ -105,12 +100,13 @@ def perform(
     duration_s: float,
     fs: float,
     rngs: Generators,
-    sensor: Sensor,
+    sensor: Sensor | None = None,
     snr_db: float | None = None,
     recording_id: str,
     repetition: int | None = None,
 ) -> Recording:
     """Return what is recorded when the hand follows `path`; `rngs` draw pose, profile and electronics."""
+    sensor = sensor or Sensor()
     pose_rng, profile_rng, sensor_rng = rngs
     profile = synthesize_profile(surface, path.n_lines, profile_rng, direction_deg=person.direction_deg)
     n_samples = round(duration_s * fs)

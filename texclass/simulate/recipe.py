@@ -8,9 +8,8 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from texclass.recording import Recording
-from texclass.simulate.catalogue import surface_catalogue
-from texclass.simulate.operators import Operator, operator_catalogue
-from texclass.simulate.surfaces import Surface
+from texclass.simulate.hand import Operator, operator_catalogue
+from texclass.simulate.surfaces import Surface, surface_catalogue
 from texclass.validation import Written
 
 LONGEST = 1e9

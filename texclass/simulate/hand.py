@@ -1,17 +1,120 @@
-"""Gestures: the path of the hand, and when it meant to do what."""
+"""The hand that moves the tool: the habits of operators, and the path of a gesture made with them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from texclass.recording import Samples
-from texclass.simulate.operators import Operator
 
 CONTROL_RATE = 1000.0
 """Knots per second of the hand's path (Hz); no hand moves faster than that resolves."""
 _TURNING_S = 0.06
 _SHORTEST_STROKE_S = 0.15
+
+
+@dataclass(frozen=True)
+class Operator:
+    """A person's habits; one recording is made with values drawn around them (`redrawn`).
+
+    Attributes
+    ----------
+    name
+        Of the person.
+    speed_mm_s
+        Typical mean speed of a stroke.
+    force_n
+        Typical normal force while stroking.
+    stroke_mm
+        Typical length of a stroke.
+    roundness
+        Speed around the end of a stroke over the speed in its middle: 0 stops dead, 1 draws circles.
+    speed_spread, force_spread
+        Deviation of the logarithm of speed (stroke to stroke) and force (all the time) within a recording.
+    grip_stiffness_n_m, grip_damping
+        Of the hand that holds the tool: stiffness along the tool's axis, damping ratio.
+    tilt_deg, azimuth_deg
+        Of the tool against the surface normal, and about it.
+    direction_deg
+        Of the strokes against the surface's own direction (normal to its gratings).
+    tap_speed_mm_s
+        Typical speed at which a tap meets the surface.
+    tremor_m_s2, tremor_hz
+        Root mean square and centre frequency of the hand's physiological tremor.
+    """
+
+    name: str
+    speed_mm_s: float
+    force_n: float
+    stroke_mm: float
+    roundness: float
+    speed_spread: float
+    force_spread: float
+    grip_stiffness_n_m: float
+    grip_damping: float
+    tilt_deg: float
+    azimuth_deg: float
+    direction_deg: float
+    tap_speed_mm_s: float
+    tremor_m_s2: float
+    tremor_hz: float
+
+    def redrawn(self, rng: np.random.Generator) -> "Operator":
+        """Return the same person on one occasion: every habit drawn anew around its typical value."""
+
+        def around(value: float, spread: float) -> float:
+            return value * _factor(spread, rng, most=2.5)
+
+        return replace(
+            self,
+            speed_mm_s=around(self.speed_mm_s, 0.10),
+            force_n=around(self.force_n, 0.12),
+            stroke_mm=around(self.stroke_mm, 0.15),
+            grip_stiffness_n_m=around(self.grip_stiffness_n_m, 0.12),
+            grip_damping=around(self.grip_damping, 0.12),
+            tilt_deg=self.tilt_deg + 4.0 * rng.standard_normal(),
+            azimuth_deg=self.azimuth_deg + 8.0 * rng.standard_normal(),
+            direction_deg=self.direction_deg + 6.0 * rng.standard_normal(),
+            tap_speed_mm_s=around(self.tap_speed_mm_s, 0.15),
+            tremor_m_s2=around(self.tremor_m_s2, 0.2),
+            tremor_hz=float(np.clip(self.tremor_hz + 0.4 * rng.standard_normal(), 7.5, 12.5)),
+        )
+
+
+def operator_catalogue(n: int, seed: int) -> tuple[Operator, ...]:
+    """Return n operators; operator i depends on the seed and on i alone.
+
+    Parameters
+    ----------
+    n : int
+        How many.
+    seed : int
+        Of the catalogue.
+    """
+    return tuple(_operator(i, np.random.default_rng(np.random.SeedSequence((seed, 1, i)))) for i in range(n))
+
+
+def _operator(index: int, rng: np.random.Generator) -> Operator:
+    def around(value: float, spread: float) -> float:
+        return value * _factor(spread, rng)
+
+    return Operator(
+        name=f"operator-{index + 1}",
+        speed_mm_s=around(110.0, 0.18),
+        force_n=around(1.0, 0.18),
+        stroke_mm=around(65.0, 0.25),
+        roundness=rng.uniform(0.15, 0.45),
+        speed_spread=rng.uniform(0.15, 0.35),
+        force_spread=rng.uniform(0.12, 0.30),
+        grip_stiffness_n_m=around(700.0, 0.25),
+        grip_damping=around(0.9, 0.2),
+        tilt_deg=rng.uniform(10.0, 40.0),
+        azimuth_deg=rng.uniform(-35.0, 35.0),
+        direction_deg=rng.uniform(-12.0, 12.0),
+        tap_speed_mm_s=around(20.0, 0.2),
+        tremor_m_s2=around(0.05, 0.3),
+        tremor_hz=rng.uniform(8.0, 12.0),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +214,12 @@ def tap_path(
     times = []
     for i, tap in enumerate(taps):
         start = sum(map(len, pieces)) / CONTROL_RATE
-        pieces += [_approach(tap), _press(tap, depth), np.full(_knots(tap.hold_s), -depth)]
+        approach, press = _tau(tap.approach_s), _tau(2.0 * depth / tap.speed_m_s)
+        pieces += [
+            tap.height_m * (1.0 - approach + np.sin(np.pi * approach) / np.pi),
+            -depth * (press + np.sin(np.pi * press) / np.pi),
+            np.full(_knots(tap.hold_s), -depth),
+        ]
         times.append((start, sum(map(len, pieces)) / CONTROL_RATE))
         if i + 1 < len(taps) or not stay:
             following = taps[min(i + 1, len(taps) - 1)].height_m
@@ -166,9 +274,9 @@ def tremor(operator: Operator, n_knots: int, rng: np.random.Generator) -> Sample
     return np.asarray(operator.tremor_m_s2 / np.sqrt(2) * sum(lines))
 
 
-def _factor(spread: float, rng: np.random.Generator) -> float:
-    """Return a log-normal factor about 1; nobody strays by more than two deviations from a habit."""
-    return float(np.exp(spread * np.clip(rng.standard_normal(), -2.0, 2.0)))
+def _factor(spread: float, rng: np.random.Generator, most: float = 2.0) -> float:
+    """Return a log-normal factor about 1; nobody strays by more than `most` deviations from a habit."""
+    return float(np.exp(spread * np.clip(rng.standard_normal(), -most, most)))
 
 
 def _knots(seconds: float) -> int:
@@ -178,16 +286,6 @@ def _knots(seconds: float) -> int:
 def _tau(seconds: float) -> Samples:
     n = _knots(seconds)
     return np.arange(n) / n
-
-
-def _approach(tap: IntendedTap) -> Samples:
-    tau = _tau(tap.approach_s)
-    return tap.height_m * (1.0 - tau + np.sin(np.pi * tau) / np.pi)
-
-
-def _press(tap: IntendedTap, depth: float) -> Samples:
-    tau = _tau(2.0 * depth / tap.speed_m_s)
-    return np.asarray(-depth * (tau + np.sin(np.pi * tau) / np.pi))
 
 
 def least_jerk(low: float, high: float, n_knots: int) -> Samples:
