@@ -165,7 +165,7 @@ def _npy_change(rng: random.Random, members: dict[str, bytes]) -> dict[str, byte
 
 
 def _rows(path: Path) -> object:
-    labels, values = _read_rows.__wrapped__(path, 0, "label")
+    labels, values = _read_rows(path, "label")
     assert len(labels) == len(values)
     assert values.dtype == np.float64
     return values

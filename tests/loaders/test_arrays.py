@@ -1,3 +1,5 @@
+"""Named arrays (NPZ, HDF5, MATLAB): what is stored comes back; what is hostile is not followed."""
+
 import io
 import pickle
 import zipfile
@@ -5,6 +7,7 @@ import zipfile
 import h5py
 import numpy as np
 import pytest
+import scipy.io
 
 from texclass.loaders import columns, load_recording
 from texclass.recording import RecordingError
@@ -22,19 +25,17 @@ class Hostile:
         return open, (self.path, "w")
 
 
-def test_a_pickle_inside_npz_is_refused_and_not_executed(tmp_path):
-    victim = tmp_path / "executed"
-    np.savez(tmp_path / "r.npz", acceleration=np.array([Hostile(victim)], dtype=object))
-    with pytest.raises(RecordingError, match="not a readable NPZ file"):
-        load_recording(tmp_path / "r.npz", fs=500, unit="V")
-    assert not victim.exists()
+def refused(path, said, **options):
+    with pytest.raises(RecordingError, match=said):
+        load_recording(path, **{"fs": 500, "unit": "V"} | options)
 
 
-def test_a_bare_pickle_named_npz_is_refused_and_not_executed(tmp_path):
-    victim = tmp_path / "executed"
-    (tmp_path / "r.npz").write_bytes(pickle.dumps(Hostile(victim)))
-    with pytest.raises(RecordingError, match="not a readable NPZ file"):
-        load_recording(tmp_path / "r.npz", fs=500, unit="V")
+def test_a_pickle_in_npz_or_named_so_is_refused_and_not_executed(tmp_path):
+    victim, path = tmp_path / "executed", tmp_path / "r.npz"
+    np.savez(path, acceleration=np.array([Hostile(victim)], dtype=object))
+    refused(path, "not a readable NPZ file")
+    path.write_bytes(pickle.dumps(Hostile(victim)))
+    refused(path, "not a readable NPZ file")
     assert not victim.exists()
 
 
@@ -43,60 +44,74 @@ def test_an_npz_header_that_announces_terabytes_is_refused(tmp_path):
     np.lib.format.write_array_header_1_0(member, {"descr": "<f8", "fortran_order": False, "shape": (10**12,)})
     with zipfile.ZipFile(tmp_path / "r.npz", "w") as archive:
         archive.writestr("acceleration.npy", member.getvalue())
-    with pytest.raises(RecordingError, match=r"r\.npz"):
-        load_recording(tmp_path / "r.npz", fs=500, unit="V")
+    refused(tmp_path / "r.npz", r"r\.npz")
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".h5"])
-def test_more_values_than_the_limit_are_refused_before_they_are_read(tmp_path, monkeypatch, suffix):
+def test_more_values_than_the_limit_are_refused_before_they_are_read(tmp_path, monkeypatch):
     monkeypatch.setattr(columns, "MAX_VALUES", 399)
-    path = tmp_path / f"r{suffix}"
-    if suffix == ".npz":
-        np.savez_compressed(path, acceleration=SIGNAL)
-    else:
-        with h5py.File(path, "w") as file:
-            file["acceleration"] = SIGNAL
-    with pytest.raises(RecordingError, match=r"announces 4\d\d values; the rule is at most 399"):
-        load_recording(path, fs=500, unit="V")
-
-
-def test_a_dataset_in_a_group_is_found_by_its_path(tmp_path):
+    np.savez_compressed(tmp_path / "r.npz", acceleration=SIGNAL)
     with h5py.File(tmp_path / "r.h5", "w") as file:
-        file["run/one/acc"] = SIGNAL
-        file["fs"] = 500
+        file["acceleration"] = SIGNAL
+    for name in ("r.npz", "r.h5"):
+        refused(tmp_path / name, r"announces 4\d\d values; the rule is at most 399")
+
+
+def test_a_dataset_in_a_group_is_found_by_its_path_and_another_is_asked_for(tmp_path):
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        file["run/one/acc"], file["words"], file["fs"] = SIGNAL, "text", 500
     recording = load_recording(tmp_path / "r.h5", unit="V", column="run/one/acc")
     np.testing.assert_array_equal(recording.acceleration, SIGNAL)
     assert recording.fs == 500
+    refused(tmp_path / "r.h5", "column 'right' occurs 0 times; its columns are 'run/one/acc'", column="right")
 
 
-def test_hdf5_without_the_named_dataset_lists_what_there_is(tmp_path):
-    with h5py.File(tmp_path / "r.h5", "w") as file:
-        file["left"] = SIGNAL
-        file["words"] = "text"
-    with pytest.raises(RecordingError, match="column 'right' occurs 0 times; its columns are 'left'"):
-        load_recording(tmp_path / "r.h5", fs=500, unit="V", column="right")
-
-
-def test_hdf5_that_keeps_its_values_elsewhere_is_refused(tmp_path):
+def test_hdf5_that_keeps_its_values_elsewhere_is_not_followed(tmp_path):
     SIGNAL.tofile(tmp_path / "secret.bin")
-    with h5py.File(tmp_path / "r.h5", "w") as file:
-        place = [(str(tmp_path / "secret.bin"), 0, SIGNAL.nbytes)]
-        file.create_dataset("acceleration", SIGNAL.shape, SIGNAL.dtype, external=place)
-    with pytest.raises(RecordingError, match="kept in another file"):
-        load_recording(tmp_path / "r.h5", fs=500, unit="V")
-
-
-def test_a_link_to_another_hdf5_file_is_not_followed(tmp_path):
     with h5py.File(tmp_path / "secret.h5", "w") as file:
         file["acceleration"] = SIGNAL
     with h5py.File(tmp_path / "r.h5", "w") as file:
-        file["acceleration"] = h5py.ExternalLink("secret.h5", "/acceleration")
-    with pytest.raises(RecordingError, match="occurs 0 times"):
-        load_recording(tmp_path / "r.h5", fs=500, unit="V", column="acceleration")
+        place = [(str(tmp_path / "secret.bin"), 0, SIGNAL.nbytes)]
+        file.create_dataset("acceleration", SIGNAL.shape, SIGNAL.dtype, external=place)
+        file["linked"] = h5py.ExternalLink("secret.h5", "/acceleration")
+    refused(tmp_path / "r.h5", "kept in another file")
+    refused(tmp_path / "r.h5", "occurs 0 times", column="linked")
 
 
-@pytest.mark.parametrize("array", [np.zeros((5, 4, 3)), SIGNAL + 1j, np.array(["a", "b"])])
-def test_what_is_not_a_signal_is_refused(tmp_path, array):
-    np.savez(tmp_path / "r.npz", acceleration=array)
-    with pytest.raises(RecordingError, match="the rule is"):
-        load_recording(tmp_path / "r.npz", fs=500, unit="V")
+def test_what_is_not_a_signal_is_refused(tmp_path):
+    for array in (np.zeros((5, 4, 3)), SIGNAL + 1j, np.array(["a", "b"])):
+        np.savez(tmp_path / "r.npz", acceleration=array)
+        refused(tmp_path / "r.npz", "the rule is")
+    for variable in ({"a": 1}, np.array([SIGNAL, "x"], dtype=object), SIGNAL + 1j, "text"):
+        scipy.io.savemat(tmp_path / "r.mat", {"acc": variable})
+        refused(tmp_path / "r.mat", r"occurs 0 times|the rule is real numbers", column="acc")
+
+
+def matlab_73(path, **variables):
+    """Write what MATLAB 7.3 writes: HDF5 after a user block, axes reversed, classes as attributes."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in variables.items():
+            stored = file.create_dataset(name, data=np.atleast_2d(value).T)
+            stored.attrs["MATLAB_class"] = np.bytes_("char" if value.dtype == np.uint16 else "double")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(512))
+
+
+def test_matlab_has_vectors_in_version_5_and_time_along_the_first_axis_in_7_3(tmp_path):
+    path = tmp_path / "r.mat"
+    axes = np.column_stack([SIGNAL, 2 * SIGNAL, 3 * SIGNAL])
+    note = np.frombuffer("rough".encode("utf-16-le"), dtype=np.uint16)
+    for expected, write in (
+        (SIGNAL, lambda: scipy.io.savemat(path, {"acc": SIGNAL[:, None], "fs": 500.0, "note": "rough"})),
+        (SIGNAL, lambda: scipy.io.savemat(path, {"acc": SIGNAL[None], "fs": 500.0})),
+        (axes, lambda: matlab_73(path, acc=axes, fs=np.array([[500.0]]), note=note)),
+    ):
+        write()
+        recording = load_recording(path, unit="V")
+        np.testing.assert_array_equal(recording.acceleration, expected)
+        assert recording.fs == 500
+
+
+def test_an_unreadable_matlab_file_is_refused(tmp_path):
+    for content in (b"not matlab", b"MATLAB 5.0 MAT-file".ljust(128, b"\0"), bytes(300)):
+        (tmp_path / "r.mat").write_bytes(content)
+        refused(tmp_path / "r.mat", r"r\.mat")

@@ -232,22 +232,15 @@ def _bag1_chunk(chunk: bytes, connections: dict[int, Connection], topic: str) ->
                 yield connection, header.get_time("time"), data
 
 
-def _mcap_topics(path: Path) -> list[Connection]:
+def _mcap_topics(path: Path) -> Iterator[Connection]:
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
         if summary is None or not summary.channels:
-            return list(_mcap_scan(path))
-        return [_mcap_connection(channel, summary.schemas) for channel in summary.channels.values()]
-
-
-def _mcap_scan(path: Path) -> dict[Connection, None]:
-    """Return the connections of a file without a summary."""
-    found: dict[Connection, None] = {}
-    for connection, _, _ in _mcap_messages(path, None, Budget(path.stat().st_size)):
-        found[connection] = None
-        if len(found) > MOST_TOPICS:
-            break
-    return found
+            yield from (
+                connection for connection, _, _ in _mcap_messages(path, None, Budget(path.stat().st_size))
+            )
+        else:
+            yield from (_mcap_connection(channel, summary.schemas) for channel in summary.channels.values())
 
 
 def _mcap_messages(path: Path, topic: str | None, budget: Budget) -> Iterator[BagMessage]:

@@ -114,10 +114,10 @@ class Dataset(Sequence[Recording]):
 
     def __repr__(self) -> str:
         """Return one line."""
-        told = f"{len(self)} recordings of {len(self.materials)} materials"
-        for name in ("operator", "session"):
-            n = len({group for entry in self.entries if (group := getattr(entry, name)) is not None})
-            told += f", {n} {name}s" if n else ""
+        counts = {"recording": len(self)}
+        for name in ("material", "operator", "session"):
+            counts[name] = len({getattr(entry, name) for entry in self.entries} - {None})
+        told = ", ".join(f"{n} {name}{'s' * (n > 1)}" for name, n in counts.items() if n)
         return f"<Dataset {self.name!r}: {told}>"
 
     def _repr_html_(self) -> str:

@@ -1,7 +1,6 @@
 """Datasets in files: a recording is a file (or one per axis) whose name tells what it is, or a row of one."""
 
 import csv
-import functools
 import hashlib
 import re
 from collections import Counter
@@ -130,54 +129,70 @@ def open_files(
 
 @dataclass(frozen=True)
 class RowLoader:
-    """Loads the recordings of a card of rows; a `Dataset`'s `load`, picklable.
+    """Gives the recordings of a card of rows; a `Dataset`'s `load`, picklable.
 
     Parameters
     ----------
     reading : RowCard
-        Which files hold the channels.
-    root : Path
-        Folder of the files.
-    rows : mapping of str to int
-        Recording id -> row.
+        How the rows become recordings.
+    where : str
+        File of the first channel.
+    samples : mapping of str to ndarray of shape (n_samples, n_channels)
+        Recording id -> its samples, in the order of the rows.
     """
 
     reading: RowCard
-    root: Path
-    rows: Mapping[str, int]
+    where: str
+    samples: Mapping[str, Samples]
 
     def __call__(self, entry: Entry) -> Recording:
-        """Load one recording.
+        """Return one recording.
 
         Raises
         ------
         RecordingError
             If it is bad; the message names file, value and rule.
         """
-        card, row = self.reading, self.rows[entry.recording_id]
-        samples = np.column_stack([table[row] for table in _row_tables(card, self.root)[1]])
-        channels = tuple(f"c{i + 1}" for i in range(len(card.files)))
-        where = f"{self.root / card.files[0]} row {row + 1}"
-        return _recording(Signals({UNNAMED: samples}, channels=channels), card, entry, where)
+        row = 1 + list(self.samples).index(entry.recording_id)
+        samples = self.samples[entry.recording_id]
+        signals = Signals({UNNAMED: samples}, channels=tuple(f"c{i + 1}" for i in range(samples.shape[1])))
+        return _recording(signals, self.reading, entry, f"{self.where} row {row}")
 
 
 def open_rows(card: RowCard, root: Path, **about: Any) -> Dataset:
-    """Return the dataset of a card of rows; `about` is what else a `Dataset` holds.
+    """Return the dataset of a card of rows, whose tables are small: they are read at once.
+
+    Parameters
+    ----------
+    card : RowCard
+        Which files hold the channels.
+    root : Path
+        Folder of the files.
+    **about
+        What else a `Dataset` holds.
 
     Raises
     ------
     RecordingError
         If a file is unreadable, or the files disagree in rows or labels.
     """
-    labels, _ = _row_tables(card, root)
+    (labels, first), *others = [_read_rows(root / name, card.label_column) for name in card.files]
+    for name, (its_labels, values) in zip(card.files[1:], others, strict=True):
+        if its_labels != labels or values.shape != first.shape:
+            raise RecordingError(
+                f"{root / name}: has {values.shape} values, {card.files[0]} {first.shape}, or other labels; "
+                "the rule is the same rows and labels in every channel's file"
+            )
     seen: Counter[str] = Counter()
     entries = []
     for label in labels:
         seen[label] += 1
         entries.append(Entry(f"{label}_{seen[label]:02d}", label, repetition=seen[label], paths=card.files))
+    samples = np.stack([first, *(values for _, values in others)], axis=-1)
+    ids = [entry.recording_id for entry in entries]
     return Dataset(
         entries=_unique(entries, root),
-        load=RowLoader(card, root, {entry.recording_id: row for row, entry in enumerate(entries)}),
+        load=RowLoader(card, str(root / card.files[0]), dict(zip(ids, samples, strict=True))),
         input_hash=digest_files(root, card.files, card.facts),
         **about,
     )
@@ -428,36 +443,19 @@ def _read_labels(reading: FileReading, root: Path) -> dict[str, Groups]:
     }
 
 
-def _row_tables(card: RowCard, root: Path) -> tuple[tuple[str, ...], list[Samples]]:
-    """Return the labels, and one array of shape (n_recordings, n_samples) per channel."""
-    parts = []
-    for name in card.files:
-        path = root / name
-        if not path.is_file():
-            raise RecordingError(f"{path}: is missing; the rule is one file per channel, as the card says")
-        parts.append(_read_rows(path, path.stat().st_mtime_ns, card.label_column))
-    labels, first = parts[0]
-    for name, (others, values) in zip(card.files, parts, strict=True):
-        if others != labels or values.shape != first.shape:
-            raise RecordingError(
-                f"{root / name}: has {values.shape} values, {card.files[0]} {first.shape}, or other labels; "
-                "the rule is the same rows and labels in every channel's file"
-            )
-    return labels, [values for _, values in parts]
-
-
-@functools.lru_cache(maxsize=16)
-def _read_rows(path: Path, modified_ns: int, label_column: str) -> tuple[tuple[str, ...], Samples]:
-    """Read a channel's file; tables are small, so the last few stay in memory."""
+def _read_rows(path: Path, label_column: str) -> tuple[tuple[str, ...], Samples]:
+    """Return the labels of a channel's file, and its values of shape (n_recordings, n_samples)."""
     import pandas as pd
 
     try:
         table = pd.read_csv(path)
         labels = tuple(table.pop(label_column).astype(str))
-        values = table.to_numpy(dtype=np.float64)
+        return labels, table.to_numpy(dtype=np.float64)
+    except FileNotFoundError as error:
+        raise RecordingError(
+            f"{path}: is missing; the rule is one file per channel, as the card says"
+        ) from error
     except KeyError as error:
         raise RecordingError(f"{path}: lacks the column {label_column!r} of the labels") from error
     except (ValueError, TypeError, OverflowError, OSError) as error:
         raise RecordingError(f"{path}: is not a table of numbers and labels ({error})") from error
-    values.flags.writeable = False
-    return labels, values

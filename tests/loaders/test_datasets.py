@@ -1,0 +1,345 @@
+"""A card of files, a card of rows and a folder become datasets; what does not fit is named."""
+
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from texclass.loaders import CardError, DataNotFoundError, find_recording, open_dataset
+from texclass.loaders.filesets import contact, digest_files
+from texclass.loaders.places import cache_root, data_roots, write_atomically
+from texclass.recording import RecordingError
+
+FS = 10_000.0
+CARD = r"""
+title = "mine"
+source = "https://example.org/mine"
+licence = "CC0"
+format = "files"
+folder = "mine"
+fs_hz = 10000
+unit = "counts"
+files = '(?P<recording>(?P<material>[a-z]+)_(?P<operator>[A-Z]+)_(?P<repetition>\d+))\.csv'
+phases = "movement"
+"""
+LABELS = '[labels]\nfile = "l.csv"\nrecording = "id"\nmaterial = "what"\n'
+COMPANIONS = '[companions]\nfriction = "{material}_Friction_{repetition}.txt"'
+ROWS = """
+title = "taps"
+source = "nowhere"
+licence = "CC0"
+format = "rows"
+folder = "taps"
+fs_hz = 1
+unit = "counts"
+files = ["one.csv", "two.csv"]
+label_column = "plate"
+phases = "tap"
+"""
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch, axes, write):
+    """Return a function that writes the card with further lines and opens it."""
+    monkeypatch.setenv("TEXCLASS_DATA", str(tmp_path / "data"))
+    root = tmp_path / "data" / "mine"
+    root.mkdir(parents=True)
+    for material in ("wood", "steel"):
+        write(root / f"{material}_AB_2.csv", axes + 50)
+
+    def opened(more="", card=CARD, **options):
+        (tmp_path / "card.toml").write_text(card + more)
+        return open_dataset(tmp_path / "card.toml", **options)
+
+    opened.root = root
+    return opened
+
+
+def test_names_tell_material_and_groups(mine):
+    dataset = mine()
+    for told in (dataset.entries[0], dataset[0]):
+        facts = (told.recording_id, told.material, told.operator, told.repetition)
+        assert facts == ("steel_AB_2", "steel", "AB", 2)
+    assert dataset[0].phases.movement == (0, 500)
+    assert repr(dataset) == "<Dataset 'card': 2 recordings, 2 materials, 1 operator>"
+
+
+def test_the_table_says_what_scikit_learn_is_given(mine):
+    (mine.root / "wood_AB_2.csv").rename(mine.root / "wood_CD_1.csv")
+    dataset = mine(card=CARD.replace('"mine"', '"mine <1>"', 1))
+    assert dataset.table.index.tolist() == ["steel_AB_2", "wood_CD_1"]
+    assert dataset.table["operator"].tolist() == ["AB", "CD"]
+    assert dataset.table["repetition"].tolist() == [2, 1]
+    assert dataset.table["session"].isna().all()
+    assert dataset.labels.to_dict() == {"steel_AB_2": "steel", "wood_CD_1": "wood"}
+    shown = dataset._repr_html_()
+    assert "mine &lt;1&gt;" in shown
+    assert "wood_CD_1" in shown
+
+
+def test_a_table_of_labels_tells_what_names_do_not(mine):
+    (mine.root / "l.csv").write_text("id,what\nwood_AB_2,oak\nsteel_AB_2,brushed\nglass_AB_1,glass\n")
+    dataset = mine(LABELS)
+    assert [entry.material for entry in dataset.entries] == ["brushed", "oak"]
+    assert dataset.notes == ("glass_AB_1 is in the table of labels, but has no file",)
+
+
+def test_a_table_of_labels_that_does_not_fit_is_refused(mine):
+    with pytest.raises(CardError, match=r"l\.csv.*cannot be read"):
+        mine(LABELS)
+    for table, message in (
+        ("id,what\nwood_AB_2,oak\n", "has no row for 'steel_AB_2'"),
+        ("id,name\nwood_AB_2,oak\n", r"lacks the columns \['what'\]"),
+        ("", r"lacks the columns \['id', 'what'\]"),
+    ):
+        (mine.root / "l.csv").write_text(table)
+        with pytest.raises(CardError, match=rf"l\.csv.*{message}"):
+            mine(LABELS)
+
+
+def test_the_resting_level_is_removed_from_every_channel_and_scale_applied(mine, axes):
+    acceleration = mine("scale = 0.5\nremove_resting_level = true")[0].acceleration
+    np.testing.assert_allclose(acceleration, (axes - np.median(axes, axis=0)) / 2)
+
+
+def test_companions_join_change_the_hash_and_absent_ones_are_flagged(mine):
+    before = mine(COMPANIONS).input_hash
+    np.savetxt(mine.root / "wood_Friction_2.txt", np.arange(500.0))
+    steel, wood = mine(COMPANIONS)
+    assert steel.friction is None
+    assert steel.flags == ("absent: no file with the friction",)
+    np.testing.assert_array_equal(wood.friction, np.arange(500.0))
+    assert mine(COMPANIONS).input_hash != before
+
+
+def test_signals_of_different_length_are_refused_unless_the_card_trims(mine):
+    np.savetxt(mine.root / "wood_Friction_2.txt", np.arange(490.0))
+    with pytest.raises(RecordingError, match="friction has 490 samples, acceleration 500"):
+        mine(COMPANIONS)[1]
+    trimmed = mine("trim = true\n" + COMPANIONS)[1]
+    assert trimmed.n_samples == len(trimmed.friction) == 490
+    assert trimmed.flags[0].startswith("trimmed")
+
+
+def test_a_card_that_fits_no_file_or_two_of_one_id_is_refused(mine, axes, write):
+    with pytest.raises(RecordingError, match="holds no recording"):
+        mine(card=CARD.replace(".csv", ".wav"))
+    (mine.root / "again").mkdir()
+    write(mine.root / "again" / "wood_AB_2.csv", axes)
+    with pytest.raises(RecordingError, match="'wood_AB_2' occurs twice"):
+        mine(card=CARD.replace("files = '", "files = '(?:.*/)?"))
+
+
+def test_absent_data_says_where_to_get_it_and_where_it_was_looked_for(mine):
+    said = r"(?s)data/elsewhere.*https://example\.org/mine.*TEXCLASS_DATA"
+    with pytest.raises(DataNotFoundError, match=said):
+        mine(card=CARD.replace('folder = "mine"', 'folder = "elsewhere"'))
+
+
+def test_facts_that_contradict_a_card_are_refused(mine):
+    for given, message in (({"fs": 8000}, "fs is 10000 Hz there, 8000 Hz"), ({"unit": "g"}, "'g' was given")):
+        with pytest.raises(RecordingError, match=message):
+            mine(**given)
+        with pytest.raises(RecordingError, match=message):
+            open_dataset("simulated", **given)
+    assert mine(fs=10_000, unit="counts")[0].fs == 10_000
+
+
+@pytest.mark.parametrize("level", [0.0, 300.0])
+@pytest.mark.parametrize("impact", [1, 40])
+def test_the_contact_is_found_whatever_the_channel_reads_at_rest(impact, level):
+    rng = np.random.default_rng(0)
+    t = np.arange(200 - impact)
+    tap = rng.normal(scale=0.5, size=(200, 2)) + level
+    tap[impact:] += np.outer(100 * np.exp(-t / 30) * np.cos(t / 2), [1, -0.4])
+    assert contact(tap) == impact
+
+
+@pytest.fixture
+def taps(tmp_path):
+    """Return a function that writes two channels of three taps with the card, and opens it."""
+    (tmp_path / "taps").mkdir()
+    (tmp_path / "card.toml").write_text(ROWS)
+    values = np.random.default_rng(0).normal(size=(2, 3, 50))
+
+    def opened(plates=(("oak", "oak", "tin"),) * 2, values=values, **options):
+        for name, labels, channel in zip(("one", "two"), plates, values, strict=True):
+            pd.DataFrame(channel).assign(plate=labels).to_csv(tmp_path / "taps" / f"{name}.csv", index=False)
+        return open_dataset(tmp_path / "card.toml", **options)
+
+    opened.root = tmp_path / "taps"
+    opened.written = values
+    return opened
+
+
+def test_a_row_of_each_file_is_a_recording(taps):
+    dataset = taps()
+    assert dataset.table.index.tolist() == ["oak_01", "oak_02", "tin_01"]
+    np.testing.assert_allclose(dataset[1].acceleration, taps.written[:, 1].T)
+    assert dataset[1].channels == ("c1", "c2")
+    (tap,) = dataset[1].phases.taps
+    assert (tap.start, tap.end) == (0, 50)
+
+
+def test_a_gap_in_a_row_spoils_that_row_only(taps):
+    values = taps.written.copy()
+    values[1, 2, 7] = np.nan
+    results = [result for _, result in taps(values=values, skip_bad=True).attempts()]
+    assert [isinstance(result, RecordingError) for result in results] == [False, False, True]
+    assert "row 3" in str(results[2])
+
+
+def test_rows_that_do_not_fit_are_refused(taps):
+    with pytest.raises(RecordingError, match=r"two\.csv.*the same rows and labels"):
+        taps(plates=(("oak", "oak", "tin"), ("oak", "tin", "tin")))
+    for content, message in (("a,b\n1,2\n", "lacks the column 'plate'"), ("a,plate\nx,oak\n", "not a table")):
+        (taps.root / "one.csv").write_text(content)
+        with pytest.raises(RecordingError, match=message):
+            open_dataset(taps.root.parent / "card.toml")
+    (taps.root / "one.csv").unlink()
+    with pytest.raises(RecordingError, match=r"one\.csv: is missing"):
+        open_dataset(taps.root.parent / "card.toml")
+
+
+@pytest.fixture
+def folder(tmp_path, axes, write):
+    """Two materials, recordings 1, 2 and 10 of each."""
+    for number, material in enumerate(("wood", "steel"), start=1):
+        (tmp_path / "mine" / material).mkdir(parents=True)
+        for repetition in (1, 2, 10):
+            write(tmp_path / "mine" / material / f"r{repetition}.csv", axes + number * repetition)
+    return tmp_path / "mine"
+
+
+def test_subfolders_are_materials_and_files_recordings(folder, axes):
+    (folder / "wood" / "photo.jpg").touch()
+    dataset = open_dataset(folder, fs=FS, unit="g")
+    assert (dataset.name, len(dataset), dataset.materials) == ("mine", 6, ("steel", "wood"))
+    assert [entry.recording_id for entry in dataset.entries[:3]] == ["steel/r1", "steel/r2", "steel/r10"]
+    assert dataset.notes == ("1 files of other kinds are ignored",)
+    for opened in (dataset, pickle.loads(pickle.dumps(dataset))):
+        recording = opened[1]
+        assert (recording.material, recording.fs, recording.phases) == ("steel", FS, None)
+        np.testing.assert_allclose(recording.acceleration, (axes + 4) * 9.80665)
+
+
+def test_a_bad_recording_is_bad_only_when_loaded_and_can_be_left_out(folder):
+    (folder / "wood" / "r2.csv").write_text("ax,ay,az\n1,2,x\n")
+    dataset = open_dataset(folder, fs=FS, unit="g")
+    assert len(dataset) == 6
+    for load in (lambda: list(dataset), lambda: list(dataset.attempts())):
+        with pytest.raises(RecordingError, match=r"wood/r2\.csv"):
+            load()
+    results = dict(open_dataset(folder, fs=FS, unit="g", skip_bad=True).attempts())
+    bad = {entry.recording_id: error for entry, error in results.items() if isinstance(error, RecordingError)}
+    assert (list(bad), len(results)) == (["wood/r2"], 6)
+    assert "Row #2" in str(bad["wood/r2"])
+
+
+def test_facts_that_neither_files_nor_user_state_are_asked_for(folder):
+    with pytest.raises(RecordingError, match="unit is missing"):
+        open_dataset(folder, fs=FS)
+    with pytest.raises(RecordingError, match="fs is missing"):
+        open_dataset(folder, unit="g")
+
+
+def test_a_rate_stated_by_the_files_is_used_and_must_be_one(tmp_path, axes):
+    for material, fs in (("a", 1000), ("b", 1000), ("c", 2000)):
+        (tmp_path / material).mkdir()
+        np.savez(tmp_path / material / "r.npz", acceleration=axes, fs=fs)
+    dataset = open_dataset(tmp_path, unit="g")
+    assert dataset[1].fs == 1000
+    with pytest.raises(RecordingError, match=r"c/r\.npz: fs is 2000 Hz there, 1000 Hz was given"):
+        dataset[2]
+
+
+def test_a_folder_without_recordings_or_with_one_twice_is_refused(tmp_path, folder, axes, write):
+    write(folder / "wood" / "r1.npz", axes)
+    with pytest.raises(RecordingError, match=r"'wood/r1' occurs twice \(wood/r1.csv, wood/r1.npz\)"):
+        open_dataset(folder, fs=FS, unit="g")
+    (tmp_path / "none" / "wood").mkdir(parents=True)
+    for content in (None, "wood/readme.md", "r.csv"):
+        if content:
+            (tmp_path / "none" / content).write_text("a\n1\n")
+        with pytest.raises(
+            RecordingError, match="holds no recording; the rule is one subfolder per material"
+        ):
+            open_dataset(tmp_path / "none", fs=FS, unit="g")
+
+
+def test_axes_join_and_stay_apart_from_recordings_without_axes(tmp_path, axes):
+    (tmp_path / "wood").mkdir()
+    for axis, column in zip("XYZ", axes.T, strict=True):
+        np.savetxt(tmp_path / "wood" / f"one_{axis}_train.txt", column)
+    np.savetxt(tmp_path / "wood" / "two.txt", axes[:, 0])
+    dataset = open_dataset(tmp_path, fs=FS, unit="counts")
+    assert [entry.recording_id for entry in dataset.entries] == ["wood/one_train", "wood/two"]
+    np.testing.assert_array_equal(dataset[0].acceleration, axes)
+    assert dataset[1].acceleration.ndim == 1
+
+
+def test_the_hash_changes_with_content_names_and_facts_only(folder, axes, write):
+    first = open_dataset(folder, fs=FS, unit="g").input_hash
+    assert open_dataset(folder, fs=FS, unit="g").input_hash == first
+    assert open_dataset(folder, fs=FS, unit="mg").input_hash != first
+    write(folder / "wood" / "r1.csv", axes + 100)
+    second = open_dataset(folder, fs=FS, unit="g").input_hash
+    (folder / "wood" / "r1.csv").rename(folder / "wood" / "r7.csv")
+    assert len({first, second, open_dataset(folder, fs=FS, unit="g").input_hash}) == 3
+
+
+def test_a_folder_named_from_here_is_found_from_elsewhere(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    dataset = open_dataset("mine", fs=FS, unit="g")
+    monkeypatch.chdir(folder)
+    assert dataset[0].material == "steel"
+
+
+def test_a_shipped_name_wins_over_a_folder_and_a_wrong_one_lists_them(tmp_path, monkeypatch):
+    (tmp_path / "simulated").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert len(open_dataset("simulated")) == 240
+    with pytest.raises(FileNotFoundError, match=r"nothing: no TOML file.*biotac20, borealtc"):
+        open_dataset("nothing")
+
+
+def test_a_recording_is_found_by_dataset_and_id(folder):
+    assert find_recording(f"{folder}:wood/r1", fs=1000, unit="g").material == "wood"
+    assert find_recording(folder / "wood" / "r1.csv", fs=1000, unit="g").n_samples == 500
+    with pytest.raises(RecordingError, match="wood/r1"):
+        find_recording(f"{folder}:wood/r3", fs=1000, unit="g")
+
+
+def test_data_and_caches_are_where_the_variables_say(tmp_path, monkeypatch):
+    monkeypatch.setenv("TEXCLASS_DATA", str(tmp_path / "stated"))
+    monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path / "cache"))
+    assert cache_root() == tmp_path / "cache"
+    roots = data_roots(tmp_path / "cards" / "mine.toml")
+    assert (roots[0], roots[-1], len(roots)) == (tmp_path / "stated", tmp_path / "cards", 3)
+    monkeypatch.delenv("TEXCLASS_DATA")
+    assert data_roots() == roots[1:2]
+
+
+def test_a_digest_follows_facts_content_and_names_not_the_place(tmp_path):
+    for place in ("here", "there"):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / "a").write_bytes(b"one")
+    (tmp_path / "there" / "b").write_bytes(b"one")
+    first = digest_files(tmp_path / "here", ["a"], "facts")
+    assert (
+        first
+        == digest_files(tmp_path / "here", ["a"], "facts")
+        == digest_files(tmp_path / "there", ["a"], "facts")
+    )
+    (tmp_path / "here" / "a").write_bytes(b"other")
+    others = (("here", "a", "facts"), ("there", "a", "other"), ("there", "b", "facts"))
+    assert (
+        len({first, *(digest_files(tmp_path / place, [name], facts) for place, name, facts in others)}) == 4
+    )
+
+
+def test_an_atomic_write_leaves_the_file_and_nothing_else(tmp_path):
+    write_atomically(tmp_path / "below" / "file", b"content")
+    assert [path.name for path in (tmp_path / "below").iterdir()] == ["file"]
+    assert (tmp_path / "below" / "file").read_bytes() == b"content"

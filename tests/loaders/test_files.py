@@ -1,0 +1,250 @@
+"""One recording from a file of any format: what was written comes back, what is missing or bad is named."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import soundfile
+
+from texclass.loaders import load_recording
+from texclass.loaders.files import READERS, check_acceleration, clipped_share
+from texclass.recording import RecordingError
+
+FS = 10_000.0
+SUFFIXES = [suffix for suffix, reader in READERS.items() if reader != "bags"]
+STATES_FS = (".wav", ".flac", ".mat", ".npz", ".h5", ".hdf5")
+NOISE = np.random.default_rng(0).normal(size=20_000)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_every_format_gives_back_what_was_written_and_asks_for_what_it_lacks(tmp_path, axes, write, suffix):
+    path = write(tmp_path / f"r{suffix}", axes)
+    recording = load_recording(path, fs=FS, unit="counts")
+    np.testing.assert_array_equal(recording.acceleration, axes[:, 0] if suffix == ".txt" else axes)
+    assert (recording.fs, recording.recording_id, recording.flags) == (FS, "r", ())
+    if suffix in STATES_FS:
+        assert load_recording(path, unit="counts").fs == FS
+        with pytest.raises(RecordingError, match="fs is 10000 Hz there, 8000 Hz was given"):
+            load_recording(path, fs=8000, unit="counts")
+    else:
+        with pytest.raises(RecordingError, match=f"r{suffix}: fs is missing.*give --fs"):
+            load_recording(path, unit="counts")
+    path.write_bytes(b"")
+    with pytest.raises(RecordingError, match=r"is empty \(0 bytes\)"):
+        load_recording(path, fs=FS, unit="g")
+
+
+def test_unit_and_rate_are_asked_for_and_must_be_possible(tmp_path, axes, write):
+    with pytest.raises(RecordingError, match=r"unit is missing.*give --unit"):
+        load_recording(write(tmp_path / "r.wav", axes))
+    for fs in (0, -5, float("nan")):
+        with pytest.raises(RecordingError, match="sampling rate in Hz above 0"):
+            load_recording(write(tmp_path / "r.csv", axes), fs=fs, unit="g")
+
+
+@pytest.mark.parametrize(
+    "template", ["wood_{}.txt", "wood_{}_train1.txt", "G1_X_wood_{}_test.txt", "wood_{}.wav"]
+)
+def test_one_file_per_axis_joins_into_one_recording(tmp_path, axes, write, template):
+    for axis, column in zip("XYZ", axes.T, strict=True):
+        write(tmp_path / template.format(axis), column[:, None])
+    recording = load_recording(tmp_path / template.format("Y"), fs=FS, unit="counts")
+    np.testing.assert_array_equal(recording.acceleration, axes)
+    assert recording.channels == ("x", "y", "z")
+    assert recording.recording_id == template.replace("_{}", "").rpartition(".")[0]
+
+
+def test_a_single_axis_keeps_its_name(tmp_path, axes, write):
+    recording = load_recording(write(tmp_path / "wood_Z.txt", axes), fs=FS, unit="g")
+    assert (recording.channels, recording.recording_id) == (("z",), "wood_Z")
+
+
+def test_axes_of_different_length_or_rate_are_refused(tmp_path, axes):
+    for axis, n, fs in (("X", 500, 1000), ("Y", 499, 1000), ("Z", 500, 2000)):
+        np.savez(tmp_path / f"r_{axis}.npz", acceleration=axes[:n, 0], fs=fs)
+    with pytest.raises(RecordingError, match="'x': 500, 'y': 499"):
+        load_recording(tmp_path / "r_X.npz", unit="g")
+    (tmp_path / "r_Y.npz").unlink()
+    with pytest.raises(RecordingError, match=r"rates \[1000.0, 2000.0\]"):
+        load_recording(tmp_path / "r_X.npz", unit="g")
+
+
+def test_columns_are_chosen_by_name_and_auxiliary_signals_too(tmp_path, axes, write):
+    path = write(tmp_path / "r.csv", axes)
+    auxiliary = {"friction": "ax", "speed": "ay"}
+    recording = load_recording(path, fs=FS, unit="g", column="az", auxiliary=auxiliary)
+    np.testing.assert_allclose(recording.acceleration, axes[:, 2] * 9.80665)
+    np.testing.assert_array_equal(recording.friction, axes[:, 0])
+    np.testing.assert_array_equal(recording.speed, axes[:, 1])
+    with pytest.raises(RecordingError, match=r"\['smell'\] are unknown"):
+        load_recording(path, fs=FS, unit="g", auxiliary={"smell": "ax"})
+    path.write_text("left,right\n1,2\n3,4\n")
+    with pytest.raises(RecordingError, match=r"columns are 'left', 'right'.*--column"):
+        load_recording(path, fs=FS, unit="g")
+    assert load_recording(path, fs=FS, unit="counts", column="right").acceleration.tolist() == [2, 4]
+
+
+def test_what_is_no_file_or_of_an_unknown_kind_is_refused(tmp_path):
+    (tmp_path / "r.docx").write_text("hello")
+    known = r"suffix is '.docx'; the rule is one of .txt, .csv"
+    for name, said in (("absent.wav", "cannot be opened"), (".", "is not a file"), ("r.docx", known)):
+        with pytest.raises(RecordingError, match=said):
+            load_recording(tmp_path / name, fs=FS, unit="g")
+
+
+@pytest.mark.parametrize("suffix", [s for s in SUFFIXES if READERS[s] == "arrays" or s == ".parquet"])
+def test_a_truncated_binary_file_is_refused(tmp_path, axes, write, suffix):
+    path = write(tmp_path / f"r{suffix}", axes)
+    content = path.read_bytes()
+    for share in (0.02, 0.5, 0.98):
+        path.write_bytes(content[: int(share * len(content))])
+        with pytest.raises(RecordingError, match=f"r{suffix}"):
+            load_recording(path, unit="counts", fs=FS)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5", ".mat", ".parquet", ".csv"])
+def test_values_that_are_not_finite_are_refused(tmp_path, axes, write, suffix):
+    for bad in (np.nan, np.inf):
+        axes[3, 1] = bad
+        with pytest.raises(RecordingError, match=r"1 values|number in every cell|lacks 1 values"):
+            load_recording(write(tmp_path / f"r{suffix}", axes), fs=FS, unit="g")
+
+
+def test_an_array_with_time_along_the_second_axis_is_turned(tmp_path, axes):
+    np.savez(tmp_path / "r.npz", acceleration=axes.T)
+    recording = load_recording(tmp_path / "r.npz", fs=FS, unit="counts")
+    np.testing.assert_array_equal(recording.acceleration, axes)
+
+
+@pytest.mark.parametrize(("suffix", "most"), [(".wav", 32), (".flac", 24)])
+def test_counts_are_the_integer_codes_and_other_units_fractions_of_full_scale(tmp_path, suffix, most):
+    for bits in (16, 24, 32)[: most // 8 - 1]:
+        codes = np.random.default_rng(0).integers(-(2 ** (bits - 1)), 2 ** (bits - 1), 300)
+        path = tmp_path / f"r{suffix}"
+        soundfile.write(path, (codes << (32 - bits)).astype(np.int32), 2200, subtype=f"PCM_{bits}")
+        np.testing.assert_array_equal(load_recording(path, unit="counts").acceleration, codes)
+        fractions = load_recording(path, unit="arbitrary").acceleration
+        np.testing.assert_allclose(fractions, codes / 2 ** (bits - 1), rtol=1e-15)
+
+
+@pytest.mark.parametrize("subtype", ["FLOAT", "DOUBLE"])
+def test_floating_point_audio_is_kept_as_stored(tmp_path, subtype):
+    samples = np.random.default_rng(0).normal(size=300).astype(np.float32) * 50
+    soundfile.write(tmp_path / "r.wav", samples, 2200, subtype=subtype)
+    for unit in ("counts", "arbitrary"):
+        np.testing.assert_array_equal(load_recording(tmp_path / "r.wav", unit=unit).acceleration, samples)
+
+
+def test_a_wav_that_lost_its_end_though_its_header_is_whole_and_text_are_refused(tmp_path):
+    path = tmp_path / "r.wav"
+    soundfile.write(path, NOISE[:1000] / 9, 2200)
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(RecordingError, match="holds 2043 of 2044 bytes"):
+        load_recording(path, unit="counts")
+    path.write_text("not audio at all")
+    with pytest.raises(RecordingError, match="not a readable audio file"):
+        load_recording(path, unit="counts")
+
+
+@pytest.mark.parametrize("limit", [0.5, 1.0, 1.5])
+def test_the_share_of_clipped_samples_is_that_of_runs_at_the_rails(limit):
+    smooth = np.convolve(NOISE, np.ones(8) / np.sqrt(8), "same")
+    clipped = np.clip(smooth, -limit, limit)
+    at_rail = np.abs(smooth) >= limit
+    share = clipped_share(clipped)
+    assert 0.7 * at_rail.mean() < share <= at_rail.mean()
+    flags = (f"clipped: {100 * share:.1f} % of the samples at full scale",)
+    assert check_acceleration(clipped, ("x",), "r") == flags
+
+
+@pytest.mark.parametrize("signal", [NOISE, np.sin(np.arange(5000) / 50), np.rint(20 * NOISE), np.sign(NOISE)])
+def test_a_signal_within_its_range_is_not_called_clipped(signal):
+    assert clipped_share(signal) < 1e-3
+    assert clipped_share(np.rint(100 * np.sin(np.arange(50_000) / 2000))) == 0, "quantised, not clipped"
+
+
+def test_one_clipped_axis_is_enough_for_the_flag_and_a_dead_one_is_named():
+    axes = np.column_stack([NOISE, NOISE, np.clip(np.cumsum(NOISE) % 50, 10, 40)])
+    (flag,) = check_acceleration(axes, ("x", "y", "z"), "r")
+    assert flag.startswith("clipped")
+    axes = np.column_stack([NOISE, np.full_like(NOISE, 7.0)])
+    assert check_acceleration(axes, ("x", "y"), "r") == ("constant: channel y",)
+
+
+def test_a_recording_that_does_not_vary_or_is_one_sample_is_refused():
+    for axes in (np.full(100, 3.0), np.ones((100, 3))):
+        with pytest.raises(RecordingError, match=r"r\.wav: acceleration is .* throughout"):
+            check_acceleration(axes, ("x",), "r.wav")
+    with pytest.raises(RecordingError, match="holds 1 sample; the rule is at least 2"):
+        check_acceleration(np.ones(1), ("x",), "r")
+
+
+def load(path, content, **options):
+    """Write a table and return its column a."""
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    options = {"fs": 1000, "unit": "counts", "column": None if path.suffix == ".txt" else "a"} | options
+    return load_recording(path, **options).acceleration.tolist()
+
+
+def test_one_value_per_line_in_its_spellings(tmp_path):
+    for content in ("1\n2\n3\n", "1\r\n2\r\n3", "  1.0\n 2e0\n+3.\n\n", "\ufeff1\n2\n3\n"):
+        assert load(tmp_path / "r.txt", content) == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        ("1\nabc\n3\n", "line 2 is 'abc'"),
+        ("time\n1\n2\n", "line 1 is 'time'"),
+        ("1\n2\n3 4\n", "line 3 is '3 4'"),
+        ("1\n2,5\n3\n", "line 2 is '2,5'"),
+        ("1;2\n", "line 1 is '1;2'"),
+        ("1\n2\n1_000\n", "line 3 is '1_000'"),
+        ("1\n0x10\n", "line 2 is '0x10'"),
+    ],
+)
+def test_a_line_that_is_not_one_number_is_named(tmp_path, content, line):
+    with pytest.raises(RecordingError, match=f"r.txt: {line}; the rule is one number per line"):
+        load(tmp_path / "r.txt", content)
+
+
+def test_text_that_is_not_finite_or_too_short_is_refused(tmp_path):
+    with pytest.raises(RecordingError, match=r"holds 2 values that are NaN or infinite \(first at \[1\]\)"):
+        load(tmp_path / "r.txt", "1\nnan\ninf\n")
+    for content in ("\n\n", "5\n"):
+        with pytest.raises(RecordingError, match="at least"):
+            load(tmp_path / "r.txt", content)
+
+
+def test_a_stated_delimiter_is_used_and_a_wrong_one_suspected(tmp_path):
+    assert load(tmp_path / "r.csv", "a;b\n1;2\n3;4\n", delimiter=";") == [1, 3]
+    with pytest.raises(
+        RecordingError, match=r"column 'a' occurs 0 times; its columns are 'a;b'.*is ',' the delimiter"
+    ):
+        load(tmp_path / "r.csv", "a;b\n1;2\n3;4\n")
+    assert load(tmp_path / "r.csv", "note, a\nfirst,1\nsecond,2\n") == [1, 2], "others may hold text"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("a,b\n1,2\nx,4\n", "Row #3.*'x'.*a number in every cell"),
+        ("a,b\n1,2\n,4\n", "Row #3.*a number in every cell"),
+        ("a,b\n1,2\n3\n", "Row #3: Expected 2 columns, got 1"),
+        ("a,a\n1,2\n", "column 'a' occurs 2 times"),
+        ("b,c\n1,2\n", "column 'a' occurs 0 times"),
+        ("a,b\n", "acceleration is empty"),
+        ("a,b\n1,2\nNA,4\n", "Row #3"),
+        (b"\xff\xfe\x00a", "line 1 is not a header"),
+    ],
+)
+def test_a_bad_table_is_refused_with_its_line(tmp_path, content, message):
+    with pytest.raises(RecordingError, match=f"(?s)r.csv: .*{message}"):
+        load(tmp_path / "r.csv", content)
+
+
+def test_a_parquet_column_of_text_or_with_a_gap_is_refused(tmp_path):
+    gap = pd.array([1, None, 3], dtype="Int64")
+    for column, said in ((["1", "2"], "a holds object; the rule is real numbers"), (gap, "a lacks 1 values")):
+        pd.DataFrame({"a": column}).to_parquet(tmp_path / "r.parquet")
+        with pytest.raises(RecordingError, match=said):
+            load_recording(tmp_path / "r.parquet", fs=1000, unit="counts", column="a")
