@@ -25,7 +25,7 @@ import numpy as np
 
 from texclass.provenance import versions
 from texclass.scene import PlannedScene, ScenePlan, SceneRenderer, plan_scene, read_scene
-from texclass.scene.proof import Timing, run_steps, without_garbage_collection
+from texclass.scene.proof import quantiles, run_steps, without_garbage_collection
 from texclass.scene.renderer import PEAK_FACTOR
 from texclass.textures.grid import GridModel
 
@@ -49,10 +49,10 @@ def timings(scene: PlannedScene, *, paced: bool) -> dict[str, dict[str, float]]:
     motion = (40.0, 200.0), (0.4, 2.0)
     with without_garbage_collection():
         runs = np.stack([run_steps(renderer, names, *motion, N_SAMPLES) for _ in range(N_RUNS)])
-        found = {"quiet": vars(Timing.of(runs.min(axis=0))), "one run": vars(Timing.of(runs[0]))}
+        found = {"quiet": quantiles(runs.min(axis=0)), "one run": quantiles(runs[0])}
         if paced:
             alone = run_steps(renderer, names, *motion, N_SAMPLES, paced=True)
-            found["paced"] = vars(Timing.of(alone))
+            found["paced"] = quantiles(alone)
     return found
 
 

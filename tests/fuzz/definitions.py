@@ -133,10 +133,11 @@ def _hand(path: Path) -> object:
     found = read_path(path)
     assert len(found.surface) == len(found.time_s)
     try:
-        assert found.speed_range()[0] <= found.speed_range()[1] < float("inf")
+        (slow, fast), forces = found.ranges()
     except ValueError as error:  # read_scene, which asks for it, names the file
         raise ValueError(f"{path}: {error}") from error
-    return found.force_range()
+    assert slow <= fast < float("inf")
+    return forces
 
 
 def _cards() -> list[bytes]:

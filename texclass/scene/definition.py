@@ -111,8 +111,8 @@ class Expected(Written):
                 f"holds {', '.join(given)}; the rule is a path alone, or speeds_mm_s and forces_n"
             )
         try:
-            hand = read_path(_existing(Path(given["path"]), info))
-            return given | {"speeds_mm_s": hand.speed_range(), "forces_n": hand.force_range()}
+            speeds, forces = read_path(_existing(Path(given["path"]), info)).ranges()
+            return given | {"speeds_mm_s": speeds, "forces_n": forces}
         except ValueError as error:
             raise ValueError(f"path: {error}") from error
 

@@ -40,22 +40,16 @@ class HandPath:
         with np.errstate(all="ignore"):  # of places and times that no hand reaches
             return np.asarray(np.hypot(*np.gradient(self.position_mm, self.time_s, axis=0).T))
 
-    def speed_range(self) -> tuple[float, float]:
-        """Return what the speeds in contact lie between: their 5th and 95th percentile, mm/s."""
-        return self._range(self.speed_mm_s, "speed")
-
-    def force_range(self) -> tuple[float, float]:
-        """Return the same of the forces, N."""
-        return self._range(self.force_n, "force")
-
-    def _range(self, values: Samples, what: str) -> tuple[float, float]:
-        touching = (self.force_n > 0) & (self.speed_mm_s > 0)
-        if not np.isfinite(self.speed_mm_s).all():
-            raise ValueError(f"the path is faster than numbers; the rule for its {what} is finite speeds")
+    def ranges(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return what speeds (mm/s) and forces (N) in contact lie between: their 5th and 95th percentiles."""
+        speed = self.speed_mm_s
+        touching = (self.force_n > 0) & (speed > 0)
+        if not np.isfinite(speed).all():
+            raise ValueError("the path is faster than numbers; the rule for its ranges is finite speeds")
         if not touching.any():
-            raise ValueError(f"the path never moves under force; the rule for its {what} is that it does")
-        low, high = np.quantile(values[touching], _QUANTILES)
-        return float(low), float(high)
+            raise ValueError("the path never moves under force; the rule for its ranges is that it does")
+        (slow, fast), (light, hard) = (np.quantile(x[touching], _QUANTILES) for x in (speed, self.force_n))
+        return (float(slow), float(fast)), (float(light), float(hard))
 
     def at_rate(self, fs: float) -> tuple[Samples, Samples, list[str | None]]:
         """Return velocity (n, 2) in mm/s, force (n,) in N and surface of each sample, at a rate in Hz."""

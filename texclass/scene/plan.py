@@ -7,14 +7,12 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from texclass.scene.definition import SceneDefinition, SurfaceDefinition, read_scene
 from texclass.scene.fits import LARGEST_ORDER, model_spectra
 from texclass.scene.judge import Judge, Verdict
 from texclass.scene.observations import Observed, observe
 from texclass.scene.planned import PlannedScene
-from texclass.scene.proof import Proof, measure, prove
+from texclass.scene.proof import measure, prove
 from texclass.scene.search import MOST_SPEEDS, Search, search
 from texclass.textures.grid import GridModel, operations
 from texclass.textures.oeztuerk2018 import speed_intervals
@@ -40,8 +38,6 @@ class PlannedSurface:
         What it was judged on.
     shares : str or None
         The surface whose model it uses.
-    silence : float
-        What silence scores there, in parts of the tolerance.
     """
 
     name: str
@@ -50,7 +46,6 @@ class PlannedSurface:
     why: str
     held_out: str
     shares: str | None = None
-    silence: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,19 +58,19 @@ class ScenePlan:
     surfaces : tuple of PlannedSurface
     scene : PlannedScene
         For the renderer.
-    proof : Proof
-        Measured time and bytes.
+    proof : dict
+        The budget beside measured time and bytes; see `proof.measure`.
     """
 
     definition: SceneDefinition
     surfaces: tuple[PlannedSurface, ...]
     scene: PlannedScene
-    proof: Proof
+    proof: Mapping[str, Any]
 
     @property
     def met(self) -> bool:
         """Whether every surface is within the tolerance, and the budget holds."""
-        return self.proof.met and all(one.verdict.within for one in self.surfaces)
+        return self.proof["met"] and all(one.verdict.within for one in self.surfaces)
 
     @property
     def everything(self) -> float:
@@ -114,7 +109,7 @@ class ScenePlan:
                 "saving": self.saving,
                 "models": len(self.scene.models),
                 "bytes": self.scene.n_bytes,
-                "budget": self.proof.to_dict(),
+                "budget": self.proof,
                 "recognition": self.recognition,
                 "seed": self.definition.seed,
             },
@@ -186,7 +181,7 @@ def choose(
     verdict = prove(nearest, observed.prove, judge)
     why = "the best there is"
     why += "; all cheaper ones failed in the proof" if verdict.within else ": nothing met the tolerance"
-    return PlannedSurface(observed.name, nearest, verdict, why, observed.how, None, found.silence)
+    return PlannedSurface(observed.name, nearest, verdict, why, observed.how)
 
 
 def _within(found: Search, most_speeds: int, bound: str) -> PlannedSurface | None:
@@ -201,8 +196,8 @@ def _within(found: Search, most_speeds: int, bound: str) -> PlannedSurface | Non
         tried.add(key)
         verdict = prove(model, found.observed.prove, found.judge)
         if verdict.within:
-            why, silence = _why(found, model, margin, bound), found.silence
-            return PlannedSurface(found.observed.name, model, verdict, why, found.observed.how, None, silence)
+            why = _why(found, model, margin, bound)
+            return PlannedSurface(found.observed.name, model, verdict, why, found.observed.how)
     return None
 
 

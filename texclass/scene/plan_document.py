@@ -81,10 +81,10 @@ def _notes(data: Mapping[str, Any]) -> Iterator[str]:
 
 def played_lines(played: "Played", scene: "PlannedScene") -> list[str]:
     """Return how long the samples took, and how large they are."""
-    t = played.timing
+    t = played.microseconds
     seconds = played.samples.size / scene.fs
     return [
-        f"{seconds:.1f} s at {scene.fs:g} Hz, one sample a call: {t.p50:.1f} us (median), "
-        f"{t.p99:.1f} us (99 %), {t.p999:.1f} us (99.9 %), {t.worst:.0f} us (worst)",
+        f"{seconds:.1f} s at {scene.fs:g} Hz, one sample a call: {t['p50']:.1f} us (median), "
+        f"{t['p99']:.1f} us (99 %), {t['p999']:.1f} us (99.9 %), {t['worst']:.0f} us (worst)",
         f"peak {abs(played.samples).max():.3g} {scene.unit}, the device's largest {scene.largest_output:g}",
     ]

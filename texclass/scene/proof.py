@@ -2,7 +2,7 @@
 
 import gc
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -46,74 +46,21 @@ def render_at(model: GridModel, points: Points, device: Device) -> Samples:
     return renderer.process(velocity, force)[:, round(SETTLE_S * device.rate_hz) :]
 
 
-@dataclass(frozen=True)
-class Timing:
-    """Microseconds that one sample of all contacts takes.
-
-    Attributes
-    ----------
-    p50, p99, p999, worst : float
-    """
-
-    p50: float
-    p99: float
-    p999: float
-    worst: float
-
-    @classmethod
-    def of(cls, nanoseconds: Samples) -> "Timing":
-        """Return the quantiles of measured times."""
-        found = np.quantile(np.asarray(nanoseconds) / 1000, [0.5, 0.99, 0.999, 1.0])
-        return cls(*map(float, found))
-
-
-@dataclass(frozen=True)
-class Proof:
-    """A budget and what was measured.
-
-    Attributes
-    ----------
-    budget : Budget
-    quiet : Timing
-        Each sample the least of `N_RUNS` runs.
-    as_it_was : Timing
-        The last run by itself, with whatever else the machine did.
-    n_bytes : int
-        Of models and state in the renderer.
-    each : mapping of str to float
-        Surface -> median microseconds per sample of one contact.
-    """
-
-    budget: Budget
-    quiet: Timing
-    as_it_was: Timing
-    n_bytes: int
-    each: Mapping[str, float]
-
-    @property
-    def met(self) -> bool:
-        """Whether 99.9 % of the samples and all bytes are within the budget."""
-        return self.quiet.p999 <= self.budget.microseconds and self.n_bytes <= self.budget.bytes
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON knows it."""
-        return {
-            "met": self.met,
-            "budget": self.budget.model_dump(),
-            "microseconds": vars(self.quiet),
-            "microseconds_as_it_was": vars(self.as_it_was),
-            "bytes": self.n_bytes,
-            "microseconds_each": dict(self.each),
-        }
-
-
 def measure(
     scene: PlannedScene, budget: Budget, speeds: tuple[float, float], forces: tuple[float, float]
-) -> Proof:
+) -> dict[str, Any]:
     """Measure a planned scene with as many contacts as the budget says, one sample a call.
 
     Each contact passes from one surface to the next, so that crossfades count; speed and force move within
     what is expected.
+
+    Returns
+    -------
+    dict
+        As JSON knows it: "budget"; "microseconds", `quantiles` of samples that count with the least of
+        `N_RUNS` runs each; "microseconds_as_it_was", of the last run by itself, with whatever else the
+        machine did; "bytes" of models and state in the renderer; "microseconds_each", surface -> median of
+        one contact; "met", whether 99.9 % of the samples and all bytes are within the budget.
     """
     names, motion = list(scene.assigned), (speeds, forces)
     renderer, alone = SceneRenderer(scene, n_contacts=budget.contacts), SceneRenderer(scene, n_contacts=1)
@@ -123,8 +70,21 @@ def measure(
             name: np.min([run_steps(alone, [name], *motion, N_EACH) for _ in range(3)], axis=0)
             for name in names
         }
-    each = {name: Timing.of(took).p50 for name, took in alone_runs.items()}
-    return Proof(budget, Timing.of(runs.min(axis=0)), Timing.of(runs[-1]), renderer.n_bytes, each)
+    quiet, n_bytes = quantiles(runs.min(axis=0)), renderer.n_bytes
+    return {
+        "met": quiet["p999"] <= budget.microseconds and n_bytes <= budget.bytes,
+        "budget": budget.model_dump(),
+        "microseconds": quiet,
+        "microseconds_as_it_was": quantiles(runs[-1]),
+        "bytes": n_bytes,
+        "microseconds_each": {name: quantiles(took)["p50"] for name, took in alone_runs.items()},
+    }
+
+
+def quantiles(nanoseconds: Samples) -> dict[str, float]:
+    """Return p50, p99, p999 and worst of measured times, in microseconds."""
+    found = np.quantile(np.asarray(nanoseconds) / 1000, [0.5, 0.99, 0.999, 1.0])
+    return dict(zip(("p50", "p99", "p999", "worst"), found.tolist(), strict=True))
 
 
 def run_steps(
@@ -187,12 +147,12 @@ class Played:
     ----------
     samples : ndarray of shape (n,)
         In the scene's unit.
-    timing : Timing
-        Microseconds per sample, on the clock.
+    microseconds : dict
+        `quantiles` of what a sample took, on the clock.
     """
 
     samples: Samples
-    timing: Timing
+    microseconds: dict[str, float]
 
 
 def play_path(scene: PlannedScene, path: HandPath, *, seed: int = 0) -> Played:
@@ -219,7 +179,7 @@ def play_path(scene: PlannedScene, path: HandPath, *, seed: int = 0) -> Played:
                 touched = surface
             samples[t] = renderer.step(0, vx, vy, f)
             took[t] = clock() - before
-    return Played(samples, Timing.of(took))
+    return Played(samples, quantiles(took))
 
 
 def sweep_of(scene: PlannedScene) -> HandPath:
