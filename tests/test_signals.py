@@ -1,14 +1,28 @@
 import fractions
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from texclass.signals import combine, dft321, frame, moving_average, remove_hand_motion, rms
+from texclass.signals import (
+    bandpass,
+    butterworth,
+    causal,
+    combine,
+    dft321,
+    frame,
+    highpass,
+    highpass_fir,
+    lowpass,
+    moving_average,
+    remove_hand_motion,
+    rms,
+    to_unit_scale,
+    zero_phase,
+)  # fmt: skip
 
 FS = 10_000.0
 
@@ -90,9 +104,6 @@ def test_combine_only_centres_one_channel():
     assert_array_equal(combine(x[:, np.newaxis]), x - x.mean())
 
 
-# Filters ----------------------------------------------------------------------------------------------------
-
-
 # Moving average, framing, level -----------------------------------------------------------------------------
 
 
@@ -102,17 +113,6 @@ def test_moving_average_is_the_mean_of_the_window_cut_at_the_ends(size, n, seed)
     x = np.random.default_rng(seed).standard_normal(size)
     expected = [x[max(i - n // 2, 0) : i - n // 2 + n].mean() for i in range(size)]
     assert_allclose(moving_average(x, n), expected, atol=1e-13)
-
-
-def test_moving_average_agrees_with_pandas():
-    x = _axes(5000, 1)[:, 0]
-    for n in (1, 3, 100, 101):
-        expected = pd.Series(x[::-1]).rolling(n, center=True, min_periods=1).mean().to_numpy()[::-1]
-        assert_allclose(moving_average(x, n)[n:-n], expected[n:-n] if n % 2 else _even(x, n), rtol=1e-10)
-
-
-def _even(x, n):
-    return np.convolve(x, np.full(n, 1 / n), mode="valid")[n - n // 2 : len(x) - n - n // 2]
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e6])
@@ -170,3 +170,95 @@ def test_hand_motion_is_removed_as_its_equation_says(frequency, passed):
 def test_hand_motion_of_a_short_or_slow_signal_is_defined():
     assert remove_hand_motion(np.arange(3.0), 100.0).shape == (3,)
     assert_allclose(remove_hand_motion(np.full(50, 7.0), 1.0), 0.0, atol=1e-12)
+
+
+@given(st.floats(1e-300, 1e300), st.integers(1, 20))
+def test_unit_scale_is_exact(gain, n):
+    x = gain * np.linspace(-1, 0.5, n)
+    unit, exponent = to_unit_scale(x)
+    assert 0.5 <= np.abs(unit).max() < 1
+    assert_array_equal(np.ldexp(unit, exponent)[0], x[0])
+
+
+# Filters ----------------------------------------------------------------------------------------------------
+
+
+def _sine(hz, n=20_000):
+    return np.sin(2 * np.pi * hz * np.arange(n) / FS)
+
+
+@pytest.mark.parametrize(
+    ("filtered", "hz", "gain"),
+    [
+        (lambda x: lowpass(x, 500.0, FS), 50.0, 1.0),
+        (lambda x: lowpass(x, 500.0, FS), 500.0, 0.5),
+        (lambda x: lowpass(x, 500.0, FS), 4000.0, 0.0),
+        (lambda x: highpass(x, 500.0, FS), 4000.0, 1.0),
+        (lambda x: highpass(x, 500.0, FS), 500.0, 0.5),
+        (lambda x: highpass(x, 500.0, FS), 50.0, 0.0),
+        (lambda x: bandpass(x, (200.0, 800.0), FS), 400.0, 1.0),
+        (lambda x: bandpass(x, (200.0, 800.0), FS), 200.0, 0.5),
+        (lambda x: bandpass(x, (200.0, 800.0), FS), 3000.0, 0.0),
+        (lambda x: highpass_fir(x, 100.0, FS), 400.0, 1.0),
+        (lambda x: highpass_fir(x, 100.0, FS), 100.0, 0.5),
+        (lambda x: highpass_fir(x, 100.0, FS), 20.0, 0.0),
+    ],
+)
+def test_filter_passes_a_sine_undelayed_with_its_gain(filtered, hz, gain):
+    middle = slice(5000, 15_000)
+    assert_allclose(filtered(_sine(hz))[middle], gain * _sine(hz)[middle], atol=4e-3)
+
+
+@pytest.mark.parametrize(
+    "filtered",
+    [lambda x: lowpass(x, 100.0, FS), lambda x: highpass(x, 100.0, FS), lambda x: highpass_fir(x, 100.0, FS)],
+)
+@pytest.mark.parametrize("n", [1, 2, 5, 40, 1000])
+def test_filter_takes_signals_of_any_length_and_keeps_a_constant_apart(filtered, n):
+    found = filtered(np.full(n, 1e3))
+    assert found.shape == (n,)
+    assert np.ptp(found) < 1e-6
+    assert np.isclose(found[0], 0.0, atol=1e-6) or np.isclose(found[0], 1e3, atol=1e-6)
+
+
+def test_zero_phase_filters_each_axis_by_itself():
+    axes = _axes(3000)
+    sos = butterworth("highpass", 100.0, FS)
+    assert_allclose(zero_phase(sos, axes)[:, 1], zero_phase(sos, axes[:, 1]), atol=1e-10)
+
+
+@pytest.mark.parametrize("shape", [(2000,), (2000, 3)])
+def test_causal_filter_gives_the_same_in_pieces(shape):
+    x = np.random.default_rng(0).standard_normal(shape) + 9.81
+    sos = butterworth("bandpass", (20.0, 900.0), FS)
+    whole, _ = causal(sos, x)
+    state, pieces = None, []
+    for piece in np.split(x, [1, 7, 900, 901]):
+        filtered, state = causal(sos, piece, state)
+        pieces.append(filtered)
+    assert_allclose(np.concatenate(pieces), whole, atol=1e-12)
+
+
+def test_causal_filter_responds_to_nothing_before_it_happens_and_not_to_a_constant():
+    x = np.full(1000, 9.81)
+    x[600] += 1.0
+    filtered, _ = causal(butterworth("highpass", 50.0, FS), x)
+    assert np.abs(filtered[:600]).max() < 1e-9 < np.abs(filtered[600])
+
+
+@pytest.mark.parametrize("cutoff", [5000.0, 6000.0, 0.0, -1.0, float("nan")])
+@pytest.mark.parametrize("make", [lowpass, highpass, highpass_fir])
+def test_cutoff_outside_the_band_is_named_with_the_rule(make, cutoff):
+    with pytest.raises(ValueError, match=rf"cut-off is {cutoff:g} Hz at fs = 10000 Hz.*fs/2 = 5000 Hz"):
+        make(np.zeros(100), cutoff, FS)
+
+
+@pytest.mark.parametrize("band", [(800.0, 200.0), (200.0, 200.0), (200.0, 5000.0)])
+def test_band_with_wrong_edges_is_named(band):
+    with pytest.raises(ValueError, match="the edges of a band rising"):
+        bandpass(np.zeros(100), band, FS)
+
+
+def test_fir_transition_width_is_checked():
+    with pytest.raises(ValueError, match=r"transition_hz is -3\.0"):
+        highpass_fir(np.zeros(100), 100.0, FS, transition_hz=-3.0)

@@ -65,30 +65,3 @@ def test_the_unit_of_the_velocity_only_scales_the_slope(fit):
     taps = _taps(WOOD, noise=0.05)
     in_m, in_mm = fit(taps, SPEEDS, FS), fit(taps, 1000 * SPEEDS, FS)
     assert_allclose(1000 * in_mm.amplitude_slope, in_m.amplitude_slope, rtol=1e-9)
-
-
-@pytest.mark.parametrize("fit", [fit_okamura, fit_tap_model])
-@pytest.mark.parametrize(
-    ("taps", "velocity"),
-    [
-        ([], []),
-        ([np.ones(9)], [1.0, 2.0]),
-        ([np.ones(9)], [0.0]),
-        ([[0, np.nan, 1, 0, 2]], [1.0]),
-        ([np.zeros(9)], [1.0]),
-    ],
-)
-def test_wrong_input_is_named(fit, taps, velocity):
-    with pytest.raises(ValueError, match="the rule is"):
-        fit(taps, velocity, FS)
-
-
-def test_a_growing_vibration_is_no_tap_to_the_published_way():
-    with pytest.raises(ValueError, match="decay"):
-        fit_okamura([WOOD.synthesize(1.0, 200, FS)[::-1]], [1.0], FS)
-
-
-@pytest.mark.parametrize("wrong", [(np.nan, 1, 1), (1, 0, 1), (1, 1, 0), (1, np.inf, 1)])
-def test_impossible_models_are_named(wrong):
-    with pytest.raises(ValueError, match="the rule is"):
-        TapModel(*wrong)

@@ -274,32 +274,3 @@ def test_spread_frequencies_are_the_nearest_in_least_squares():
     ends = {"type": "ineq", "fun": lambda x: np.diff(x, prepend=0.0, append=np.pi) - gap}
     best = optimize.minimize(lambda x: np.sum((x - lsf) ** 2), np.linspace(0.3, 2.8, 7), constraints=ends)
     assert_allclose(spread(lsf, gap), best.x, atol=1e-5)
-
-
-# What is refused --------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("k", [[1.0], [0.5, -1.0], [np.nan, 0.0], [np.inf], [], 0.5])
-def test_coefficients_of_no_stable_model_are_refused(k):
-    with pytest.raises(ValueError, match="the rule is"):
-        from_reflection(k)
-    with pytest.raises(ValueError, match="the rule is"):
-        log_spectrum(k, [0.1])
-
-
-@pytest.mark.parametrize("lsf", [[0.0, 1.0], [1.0, np.pi], [1.0, 1.0], [2.0, 1.0], [np.nan], [], 0.5])
-def test_frequencies_of_no_model_are_refused(lsf):
-    for refusing in (to_reflection, conditioning):
-        with pytest.raises(ValueError, match="the rule is"):
-            refusing(lsf)
-
-
-@pytest.mark.parametrize(("lsf", "min_gap"), [([1.0, np.nan], 0.0), ([], 0.0), ([1.0], 2.0), ([1.0], -0.1)])
-def test_what_no_gap_or_number_can_mend_is_refused(lsf, min_gap):
-    with pytest.raises(ValueError, match="the rule is"):
-        spread(lsf, min_gap)
-
-
-def test_log_spectrum_refuses_frequencies_that_are_not_a_list():
-    with pytest.raises(ValueError, match="the rule is"):
-        log_spectrum([0.5], [[0.1]])

@@ -97,13 +97,9 @@ def test_silence_lies_at_the_floor_and_not_at_infinity():
     assert 90 < band_energy_distance(a, 0 * a, FS) <= 120
 
 
-def test_bands_are_nine_of_one_ratio():
-    assert BAND_EDGES_HZ.size == 10
-    assert_allclose(BAND_EDGES_HZ[1:] / BAND_EDGES_HZ[:-1], 50 ** (1 / 9))
-
-
 def test_band_energies_sum_to_the_power_in_the_range():
-    """A change of one band alone by 10 dB is 10 / sqrt(9) dB."""
+    """There are nine of one ratio: a change of one alone by 10 dB is 10 / sqrt(9) dB."""
+    assert_allclose(BAND_EDGES_HZ[1:] / BAND_EDGES_HZ[:-1], np.full(9, 50 ** (1 / 9)))
     t = np.arange(50_000) / FS
     centres = np.sqrt(BAND_EDGES_HZ[1:] * BAND_EDGES_HZ[:-1])
     tones = np.sin(2 * np.pi * centres[:, np.newaxis] * t)
@@ -124,29 +120,3 @@ def test_bands_above_half_the_rate_are_left_out():
     assert_allclose(band_energy_distance(a, 2 * a, 500.0), 20 * np.log10(2))
     with pytest.raises(ValueError, match="one band at least"):
         band_energy_distance(a, a, 50.0)
-
-
-@pytest.mark.parametrize("score", ALL)
-@pytest.mark.parametrize("wrong", [np.full(600, np.nan), np.ones((600, 2)), np.zeros(0)])
-def test_wrong_signals_are_named(score, wrong):
-    with pytest.raises(ValueError, match="the rule is"):
-        score(wrong, np.ones(600))
-    with pytest.raises(ValueError, match="the rule is"):
-        score(np.ones(600), wrong)
-
-
-@pytest.mark.parametrize("score", [rms_spectral_error, log_spectral_distance, ALL[-1]])
-def test_a_silent_recording_has_no_relative_score(score):
-    with pytest.raises(ValueError, match="the rule is a level"):
-        score(np.zeros(600), np.ones(600))
-
-
-def test_a_constant_has_no_vibration_to_compare_bands_with():
-    with pytest.raises(ValueError, match="apart from its mean"):
-        band_energy_distance(np.full(600, 9.81), np.ones(600), FS)
-
-
-@pytest.mark.parametrize("score", [goodness_of_fit, mean_absolute_difference])
-def test_lengths_must_agree_where_samples_or_windows_are_paired(score):
-    with pytest.raises(ValueError, match="one length"):
-        score(np.ones(600), np.ones(700))
