@@ -75,22 +75,16 @@ def test_units_of_known_size_become_metres(slate):
     assert_allclose(to_hatt(texture, unit="g").levels, 9.80665 * to_hatt(texture).levels, rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("options", "match"),
-    [
+def test_what_hatt_cannot_hold_is_refused(hum):
+    for options, match in (
         ({"unit": "V"}, "unit is"),
         ({"fs": 2000.0}, "at most that of the texture"),
         ({"fs": -1.0}, "fs is"),
         ({"speeds": [0.0, 50.0]}, "above 0"),
         ({"forces": [np.nan]}, "above 0"),
-    ],
-)
-def test_what_hatt_cannot_hold_is_refused(options, match):
-    with pytest.raises(ValueError, match=match):
-        to_hatt(lpc(1000.0), **options)
-
-
-def test_textures_without_ar_models_are_refused(hum):
+    ):
+        with pytest.raises(ValueError, match=match):
+            to_hatt(lpc(1000.0), **options)
     with pytest.raises(ValueError, match="AR models"):
         to_hatt(hum)
 
