@@ -244,7 +244,7 @@ def test_a_broken_result_is_refused_with_place_and_rule(change, rule, tmp_path):
 def test_marks_and_curves_that_do_not_exist_are_refused(tmp_path):
     data = result("stability")
     data["tallies"][0]["marks"]["fine"] = 1
-    with pytest.raises(ValueError, match=r"tallies\.1\.marks: has 'fine'; the rule is one of exact, "):
+    with pytest.raises(ValueError, match=r"tallies\.1: marks has 'fine'; the rule is one of exact, "):
         text_of(data, tmp_path)
     data = result("tradeoff")
     data["curves"][0]["labels"].pop()

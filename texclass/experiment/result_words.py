@@ -53,10 +53,11 @@ def dataset_facts(data: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
 
 
 def again_facts(data: Mapping[str, Any], pipeline: str) -> dict[str, str]:
-    """Return what is needed to compute a result again."""
+    """Return what is needed to compute a result again; its dataset's facts have the whole hash."""
+    hashed = data["input_hash"]
     return {
         "Pipeline or features": pipeline,
         "Protocol": data["protocol"],
         "Seed": str(data["seed"]),
-        "Input hash": data["input_hash"],
+        "Input hash": f"{hashed[:12]}\N{HORIZONTAL ELLIPSIS}" if len(hashed) > 12 else hashed,
     }

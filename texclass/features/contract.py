@@ -56,8 +56,8 @@ class Gain:
     def __str__(self) -> str:
         """Return what y becomes: g^0.5 y + 20 log10 g."""
         scaled = "y" if self.power == 0 else "g y" if self.power == 1 else f"g^{self.power:.3g} y"
-        sign = "+" if self.shift > 0 else "-"
-        return f"{scaled} {sign} {abs(self.shift):.3g} log10 g" if self.shift else scaled
+        times = "" if abs(self.shift) == 1 else f"{abs(self.shift):.3g} "
+        return f"{scaled} {'+' if self.shift > 0 else '-'} {times}log10 g" if self.shift else scaled
 
     def apply(self, value: Any, gain: float) -> Any:
         """Return what `value` becomes under `gain`."""

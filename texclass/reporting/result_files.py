@@ -3,9 +3,10 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self
+from types import GenericAlias
+from typing import Annotated, Any, NamedTuple
 
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, create_model, model_validator
 
 from texclass.document import Document
 from texclass.experiment.benchmark_document import benchmark_document
@@ -20,366 +21,203 @@ from texclass.validation import Written, checked
 WRITERS = (
     "JSON of texclass benchmark (also --peers, --feature), tradeoff, stability or the study of invariance"
 )
-Number = Annotated[float, Field(ge=-1e100, le=1e100)]
+NUMBER = Annotated[float, Field(ge=-1e100, le=1e100)]
 """What a figure can show."""
-Fraction = Annotated[float, Field(ge=0, le=1)]
-Count = Annotated[int, Field(ge=0, le=10**100)]
+ABOVE_0 = Annotated[float, Field(gt=0, le=1e100)]
+FRACTION = Annotated[float, Field(ge=0, le=1)]
+COUNT = Annotated[int, Field(ge=0, le=10**100)]
 
 
-class _Part(Written):
-    """A part of a result; keys that no page tells are let pass."""
+class Part(Written):
+    """A part of a result; keys that no document tells are let pass."""
 
     model_config = ConfigDict(extra="ignore")
 
 
-class _Interval(_Part):
-    mean: Fraction
-    low: Fraction
-    high: Fraction
+def part(*bases: type[Part], check: Callable[[Any], Any] | None = None, **fields: Any) -> Any:
+    """Return a model of these fields; those that may be missing are given by `maybe`, `some` or `named`."""
+    told: Any = {name: kind if isinstance(kind, tuple) else (kind, ...) for name, kind in fields.items()}
+    checks: Any = {"_check": model_validator(mode="after")(check)} if check else {}
+    return create_model("Part", __base__=bases or (Part,), __validators__=checks, **told)
 
 
-class _Accuracy(_Interval):
-    balanced: Fraction | None = None
-    interval: str = ""
-    per_recording: "_Accuracy | None" = None
-    per_run: "_Accuracy | None" = None
+def maybe(kind: Any) -> tuple[Any, Any]:
+    """Return a field that may be null or missing."""
+    return kind | None, None
 
 
-class _Dataset(_Part):
-    name: str
-    title: str = ""
-    n_recordings: Count
-    n_materials: Annotated[int, Field(ge=1)]
-    n_windows: Count | None = None
-    n_operators: Count | None = None
-    n_sessions: Count | None = None
-    n_tests: Count | None = None
-    materials: tuple[str, ...] = ()
-    licence: str | None = None
-    source: str | None = None
-    notes: tuple[str, ...] = ()
-    max_seconds: Number | None = None
+def listed(kind: Any, *, least: int = 0) -> Any:
+    """Return the kind of a list of so many members at least."""
+    return Annotated[GenericAlias(tuple, (kind, ...)), Field(min_length=least)]
 
 
-class _Again(_Part):
-    versions: dict[str, str]
-    seed: Count
+def some(kind: Any) -> tuple[Any, Any]:
+    """Return a field that is a list, or missing."""
+    return listed(kind), ()
 
 
-class _Row(_Part):
-    name: str
-    n_features: Count
-    accuracy: dict[str, _Accuracy]
-    paper: dict[str, Fraction] = Field(default_factory=dict)
-    ms_per_recording: Number | None
-    missing: str | None
-    selected: dict[str, dict[str, Fraction]] = Field(default_factory=dict)
+def named(kind: Any) -> Any:
+    """Return the kind of an object with any keys."""
+    return GenericAlias(dict, (str, kind))
 
 
-class _Confusion(_Part):
-    row: str
-    classifier: str
-    materials: Annotated[tuple[str, ...], Field(min_length=1)]
-    counts: tuple[tuple[Count, ...], ...]
+def square(found: Any) -> Any:
+    """Check that a confusion matrix has a row and a column for each material."""
+    sizes, n = {len(found.counts), *map(len, found.counts)}, len(found.materials)
+    if sizes != {n}:
+        raise ValueError(f"counts has sides of {sorted(sizes)}; the rule is {n}, one a material")
+    return found
 
-    @model_validator(mode="after")
-    def _square(self) -> Self:
-        sizes = {len(self.counts), *map(len, self.counts)}
-        if sizes != {len(self.materials)}:
-            raise ValueError(
-                f"counts has sides of {sorted(sizes)}; the rule is {len(self.materials)}, one a material"
+
+def as_long(curve: Any) -> Any:
+    """Check that a curve has as many accuracies, and labels if any, as places."""
+    sizes = {len(curve.x), len(curve.accuracy), len(curve.labels or curve.x)}
+    if len(sizes) > 1:
+        raise ValueError(f"x, accuracy and labels have {sorted(sizes)} members; the rule is one length")
+    return curve
+
+
+def known(tally: Any) -> Any:
+    """Check that the marks of a tally are those of the battery."""
+    if strange := tally.marks.keys() - set(Mark):
+        raise ValueError(f"marks has {min(strange)!r}; the rule is one of {', '.join(Mark)}")
+    return tally
+
+
+INTERVAL = part(mean=FRACTION, low=FRACTION, high=FRACTION)
+ACCURACY = part(
+    INTERVAL,
+    balanced=maybe(FRACTION),
+    interval=(str, ""),
+    per_recording=maybe(INTERVAL),
+    per_run=maybe(INTERVAL),
+)
+DATASET = part(
+    name=str, title=(str, ""), n_recordings=COUNT, n_materials=Annotated[int, Field(ge=1)],
+    n_windows=maybe(COUNT), n_operators=maybe(COUNT), n_sessions=maybe(COUNT), n_tests=maybe(COUNT),
+    materials=some(str), licence=maybe(str), source=maybe(str), notes=some(str), max_seconds=maybe(NUMBER),
+)  # fmt: skip
+AGAIN = part(versions=named(str), seed=COUNT)
+MEASURED = part(AGAIN, dataset=DATASET, protocol=str, input_hash=str)
+PAIRED = part(
+    difference=NUMBER, low=NUMBER, high=NUMBER, p_value=FRACTION, test=str, folds=some(listed(NUMBER))
+)
+SUM = part(n_features=COUNT, accuracy=FRACTION, ms_per_recording=NUMBER)
+ROW = part(
+    name=str, n_features=COUNT, accuracy=named(ACCURACY), paper=(named(FRACTION), {}),
+    ms_per_recording=NUMBER | None, missing=str | None, selected=(named(named(FRACTION)), {}),
+)  # fmt: skip
+GROUP = part(
+    name=str, joined=SUM | None, paired=PAIRED | None, p_corrected=FRACTION | None, missing=str | None
+)
+GAINS = part(
+    row=str, classifier=str, chosen=str, without=SUM, n_repeats=COUNT, n_folds=COUNT, groups=listed(GROUP)
+)
+BENCHMARK = part(
+    MEASURED,
+    pipeline=part(name=str, hash=str, features=str), protocol_description=str, n_folds=COUNT,
+    rows=listed(ROW, least=1), rank_agreement=(named(NUMBER | None), {}),
+    confusion=part(
+        row=str, classifier=str, materials=listed(str, least=1), counts=listed(listed(COUNT)), check=square
+    ) | None,
+    gains=maybe(GAINS),
+    choice=maybe(part(accuracy=ACCURACY, chosen=listed(tuple[str, str], least=1), protocol=str)),
+    left_out=some(listed(str)), flags=some(listed(str)),
+    undefined=some(part(feature=str, reason=str, n_recordings=COUNT)),
+)  # fmt: skip
+LAW = part(power=NUMBER, shift=NUMBER)
+NEW_FEATURE = part(
+    BENCHMARK,
+    new_feature=part(
+        name=str, summary=(str, ""), phase=str, unit=str, reference=str, ms_alone=NUMBER,
+        ms_added=NUMBER | None,
+        gain_law=part(
+            declared=LAW, measured=LAW, deviation=NUMBER, measured_deviation=(NUMBER, 0.0), holds=bool
+        ) | None,
+        behaviour=listed(part(input=str, answer=str, detail=str, kept=bool)),
+        redundancy=listed(
+            part(
+                column=str, explained=NUMBER | None,
+                nearest=listed(part(column=str, rank_correlation=NUMBER)),
             )
-        return self
-
-
-class _Paired(_Part):
-    difference: Number
-    low: Number
-    high: Number
-    p_value: Fraction
-    test: str
-    folds: tuple[tuple[Number, ...], ...] = ()
-
-
-class _Sum(_Part):
-    n_features: Count
-    accuracy: Fraction
-    ms_per_recording: Number
-
-
-class _Group(_Part):
-    name: str
-    joined: _Sum | None
-    paired: _Paired | None
-    p_corrected: Fraction | None
-    missing: str | None
-
-
-class _Gains(_Part):
-    row: str
-    classifier: str
-    chosen: str
-    without: _Sum
-    n_repeats: Count
-    n_folds: Count
-    groups: tuple[_Group, ...]
-
-
-class _Choice(_Part):
-    accuracy: _Accuracy
-    chosen: Annotated[tuple[tuple[str, str], ...], Field(min_length=1)]
-    protocol: str
-
-
-class _Undefined(_Part):
-    feature: str
-    reason: str
-    n_recordings: Count
-
-
-class _Pipeline(_Part):
-    name: str
-    hash: str
-    features: str
-
-
-class _Benchmark(_Again):
-    dataset: _Dataset
-    pipeline: _Pipeline
-    protocol: str
-    protocol_description: str
-    n_folds: Count
-    rows: Annotated[tuple[_Row, ...], Field(min_length=1)]
-    rank_agreement: dict[str, Number | None] = Field(default_factory=dict)
-    confusion: _Confusion | None
-    gains: _Gains | None = None
-    choice: _Choice | None = None
-    left_out: tuple[tuple[str, ...], ...] = ()
-    flags: tuple[tuple[str, ...], ...] = ()
-    undefined: tuple[_Undefined, ...] = ()
-    input_hash: str
-
-
-class _Law(_Part):
-    power: Number
-    shift: Number
-
-
-class _GainLaw(_Part):
-    declared: _Law
-    measured: _Law
-    deviation: Number
-    measured_deviation: Number = 0.0
-    holds: bool
-
-
-class _Answer(_Part):
-    input: str
-    answer: str
-    detail: str
-    kept: bool
-
-
-class _Kin(_Part):
-    column: str
-    rank_correlation: Number
-
-
-class _Redundancy(_Part):
-    column: str
-    explained: Number | None
-    nearest: tuple[_Kin, ...]
-
-
-class _Feature(_Part):
-    name: str
-    summary: str = ""
-    phase: str
-    unit: str
-    reference: str
-    ms_alone: Number
-    ms_added: Number | None
-    gain_law: _GainLaw | None
-    behaviour: tuple[_Answer, ...]
-    redundancy: tuple[_Redundancy, ...]
-
-
-class _NewFeature(_Benchmark):
-    new_feature: _Feature
-
-
-class _Point(_Part):
-    budget_ms: Number
-    ms: Number
-    accuracy: _Interval
-    plain: _Interval
-    n_features: Number
-    n_columns: Number
-
-
-class _Curve(_Part):
-    name: str
-    unit: str
-    series: str
-    x: Annotated[tuple[Number, ...], Field(min_length=1)]
-    accuracy: tuple[_Interval, ...]
-    labels: tuple[str, ...] = ()
-    note: str = ""
-
-    @model_validator(mode="after")
-    def _as_long(self) -> Self:
-        sizes = {len(self.x), len(self.accuracy), len(self.labels or self.x)}
-        if len(sizes) > 1:
-            raise ValueError(f"x, accuracy and labels have {sorted(sizes)} members; the rule is one length")
-        return self
-
-
-class _FeatureMs(_Part):
-    feature: str
-    share: Number
-    alone: Number
-    last: Number
-
-
-class _ClassifierMs(_Part):
-    name: str
-    fit_ms: Number
-    predict_ms: Number
-
-
-class _Chosen(_Part):
-    why: str
-    columns: tuple[str, ...]
-    features: tuple[str, ...]
-    predicted_ms: Number
-    measured_ms: Number
-    accuracy: _Interval
-    file: str = ""
-
-
-class _Tradeoff(_Again):
-    dataset: _Dataset
-    features: str
-    protocol: str
-    costs: Annotated[tuple[_FeatureMs, ...], Field(min_length=1)]
-    parts: dict[str, Number]
-    segmentation_ms: Number
-    total_ms: Annotated[float, Field(gt=0, le=1e100)]
-    model_check: tuple[tuple[Number, Annotated[float, Field(gt=0)]], ...] = ()
-    classifiers: tuple[_ClassifierMs, ...]
-    full: _Interval
-    front: Annotated[tuple[_Point, ...], Field(min_length=1)]
-    knee: _Point
-    at_half_cost: _Point
-    fewest: tuple[tuple[Count, _Interval], ...] = ()
-    curves: tuple[_Curve, ...] = ()
-    chosen: _Chosen
-    notes: tuple[str, ...] = ()
-    input_hash: str
-
-
-class _PeerCost(_Part):
-    feature_ms: Number
-    fit_s: Number
-    predict_ms: Number
-    total_s: Number
-    memory_mb: Number
-    first_s: Number
-
-
-class _Contestant(_Part):
-    name: str
-    title: str
-    classifier: str
-    ours: bool
-    status: str
-    message: str
-    n_columns: Count
-    n_folds: Count
-    accuracy: _Accuracy | None
-    cost: _PeerCost | None
-    difference: _Paired | None
-
-
-class _Peers(_Again):
-    dataset: _Dataset
-    pipeline: str
-    pipeline_hash: str
-    protocol: str
-    protocol_description: str
-    n_folds: Count
-    contestants: Annotated[tuple[_Contestant, ...], Field(min_length=1)]
-    signals: str
-    time_limit_s: Number
-    peer_versions: dict[str, str]
-    notes: tuple[str, ...] = ()
-    input_hash: str
-
-
-class _Ratio(_Part):
-    feature: str
-    condition: str
-    ratio: Number | None
-    trend: Number | None = None
-    set: str = ""
-    origin: str = ""
-
-
-class _Invariance(_Part):
-    rows: Annotated[tuple[_Ratio, ...], Field(min_length=1)]
-    versions: dict[str, str] = Field(default_factory=dict)
-    seed: Count = 0
-
-
-class _Tally(_Part):
-    library: str
-    group: str
-    subject: str
-    family: str
-    cells: Count
-    marks: dict[str, Count]
-
-    @field_validator("marks")
-    @classmethod
-    def _known(cls, marks: dict[str, int]) -> dict[str, int]:
-        if strange := marks.keys() - set(Mark):
-            raise ValueError(f"has {min(strange)!r}; the rule is one of {', '.join(Mark)}")
-        return marks
-
-
-class _Wrong(_Part):
-    library: str
-    subject: str
-    family: str
-    mark: str
-    reason: str
-    cells: Count = 1
-
-
-class _Stability(_Again):
-    tallies: Annotated[tuple[_Tally, ...], Field(min_length=1)]
-    ours_wrong: tuple[_Wrong, ...]
-    theirs_wrong: tuple[_Wrong, ...]
-    quick: bool
-    left_out: tuple[str, ...]
-    battery: str
+        ),
+    ),
+)  # fmt: skip
+POINT = part(
+    budget_ms=NUMBER, ms=NUMBER, accuracy=INTERVAL, plain=INTERVAL, n_features=NUMBER, n_columns=NUMBER
+)
+TRADEOFF = part(
+    MEASURED,
+    features=str, costs=listed(part(feature=str, share=NUMBER, alone=NUMBER, last=NUMBER), least=1),
+    parts=named(NUMBER), segmentation_ms=NUMBER, total_ms=ABOVE_0, model_check=some(tuple[NUMBER, ABOVE_0]),
+    classifiers=listed(part(name=str, fit_ms=NUMBER, predict_ms=NUMBER)), full=INTERVAL,
+    front=listed(POINT, least=1), knee=POINT, at_half_cost=POINT,
+    fewest=some(GenericAlias(tuple, (COUNT, INTERVAL))),
+    curves=some(
+        part(
+            name=str, unit=str, series=str, x=listed(NUMBER, least=1), accuracy=listed(INTERVAL),
+            labels=some(str), note=(str, ""), check=as_long,
+        )
+    ),
+    chosen=part(
+        why=str, columns=listed(str), features=listed(str), predicted_ms=NUMBER, measured_ms=NUMBER,
+        accuracy=INTERVAL, file=(str, ""),
+    ),
+    notes=some(str),
+)  # fmt: skip
+COST = part(
+    feature_ms=NUMBER, fit_s=NUMBER, predict_ms=NUMBER, total_s=NUMBER, memory_mb=NUMBER, first_s=NUMBER
+)
+PEERS = part(
+    MEASURED,
+    pipeline=str, pipeline_hash=str, protocol_description=str, n_folds=COUNT,
+    contestants=listed(
+        part(
+            name=str, title=str, classifier=str, ours=bool, status=str, message=str, n_columns=COUNT,
+            n_folds=COUNT, accuracy=ACCURACY | None, cost=COST | None, difference=PAIRED | None,
+        ),
+        least=1,
+    ),
+    signals=str, time_limit_s=NUMBER, peer_versions=named(str), notes=some(str),
+)  # fmt: skip
+INVARIANCE = part(
+    rows=listed(
+        part(
+            feature=str, condition=str, ratio=NUMBER | None, trend=maybe(NUMBER), set=(str, ""),
+            origin=(str, ""),
+        ),
+        least=1,
+    ),
+    versions=(named(str), {}), seed=(COUNT, 0),
+)  # fmt: skip
+WRONG = part(library=str, subject=str, family=str, mark=str, reason=str, cells=(COUNT, 1))
+STABILITY = part(
+    AGAIN,
+    tallies=listed(
+        part(
+            library=str, group=str, subject=str, family=str, cells=COUNT, marks=named(COUNT), check=known
+        ),
+        least=1,
+    ),
+    ours_wrong=listed(WRONG), theirs_wrong=listed(WRONG), quick=bool, left_out=listed(str), battery=str,
+)  # fmt: skip
 
 
 class Kind(NamedTuple):
     """A kind of result: the keys that tell it from the others, what it must hold, and how it is told."""
 
     keys: frozenset[str]
-    model: type[_Part]
+    model: type[Part]
     document: Callable[[Mapping[str, Any]], Document]
 
 
 KINDS = {
-    "feature": Kind(frozenset({"new_feature"}), _NewFeature, new_feature_document),
-    "peers": Kind(frozenset({"contestants"}), _Peers, peers_document),
-    "tradeoff": Kind(frozenset({"front", "costs"}), _Tradeoff, tradeoff_document),
-    "stability": Kind(frozenset({"tallies", "battery"}), _Stability, stability_document),
-    "benchmark": Kind(frozenset({"rows", "pipeline", "protocol"}), _Benchmark, benchmark_document),
-    "invariance": Kind(frozenset({"rows"}), _Invariance, invariance_document),
+    "feature": Kind(frozenset({"new_feature"}), NEW_FEATURE, new_feature_document),
+    "peers": Kind(frozenset({"contestants"}), PEERS, peers_document),
+    "tradeoff": Kind(frozenset({"front", "costs"}), TRADEOFF, tradeoff_document),
+    "stability": Kind(frozenset({"tallies", "battery"}), STABILITY, stability_document),
+    "benchmark": Kind(frozenset({"rows", "pipeline", "protocol"}), BENCHMARK, benchmark_document),
+    "invariance": Kind(frozenset({"rows"}), INVARIANCE, invariance_document),
 }
 """Name -> kind; the first whose keys are there."""
 
@@ -410,7 +248,7 @@ def read_document(path: str | Path) -> Document:
     kind = next(
         (kind for kind in KINDS.values() if isinstance(data, dict) and kind.keys <= data.keys()), None
     )
-    if kind is None or (kind.model is _Invariance and not _has_ratios(data["rows"])):
+    if kind is None or (kind.model is INVARIANCE and not _has_ratios(data["rows"])):
         held = ", ".join(list(data)[:6]) if isinstance(data, dict) else type(data).__name__
         raise ValueError(f"{path}: holds no result ({held or 'nothing'}); the rule is {WRITERS}")
     checked(kind.model, data, path)
