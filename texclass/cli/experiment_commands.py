@@ -34,6 +34,7 @@ from texclass.cli.options import (
     progress_bar,
     tell,
     write_json,
+    wrote,
 )
 
 
@@ -102,19 +103,17 @@ def benchmark(
             recordings = cut_touches(recordings, touch, per_recording=touches, n_jobs=jobs, progress=progress)
         study = new and study_feature(recordings, definition, new, **asked, progress=progress)
         result = study.result if study else run_benchmark(recordings, definition, **asked, progress=progress)
-    if study:
-        document, written = new_feature_document(study.to_dict()), write_new_feature(study, out)
-    else:
-        document, written = benchmark_document(result.to_dict()), write_benchmark(result, out)
+    tell(new_feature_document(study.to_dict()) if study else benchmark_document(result.to_dict()))
     write_json(json_file, (study or result).to_json())
-    tell(document, written)
+    wrote(write_new_feature(study, out) if study else write_benchmark(result, out))
     if settings is not None:
         from texclass.peers import compare_with_peers
         from texclass.peers.peers_document import peers_document, write_peers
 
         with progress_bar() as progress:
             compared = compare_with_peers(recordings, definition, result, settings, **work, progress=progress)
-        tell(peers_document(compared.to_dict()), write_peers(compared, out))
+        tell(peers_document(compared.to_dict()))
+        wrote(write_peers(compared, out))
 
 
 def _peer_settings(python: Path | None, only: str | None, seconds: float, signals: str) -> Any:
@@ -205,9 +204,9 @@ def tradeoff(
             progress=progress,
             model_file=out / f"{tradeoff_stem(facts)}.skops",
         )
+    tell(tradeoff_document(result.to_dict()))
     write_json(json_file, result.to_json())
-    written = (*write_tradeoff(result, out), Path(result.chosen.file))
-    tell(tradeoff_document(result.to_dict()), written)
+    wrote((*write_tradeoff(result, out), Path(result.chosen.file)))
 
 
 class Part(StrEnum):
@@ -245,8 +244,9 @@ def stability(
         )
     found = result.to_dict()
     document = stability_document(found)
+    tell(document, wrong_lines(found))
     write_json(json_file, result.to_json())
-    tell(document, write_document(document, out, "stability", json=result.to_json()), wrong_lines(found))
+    wrote(write_document(document, out, "stability", json=result.to_json()))
     typer.echo(f"texclass: {len(result.wrong)} of {len(result.ours)} cells wrong")
     if len(result.wrong):
         raise typer.Exit(1)

@@ -75,11 +75,7 @@ def train(
             progress=progress,
         )
     model.save(output)
-    tell(
-        model_document(model),
-        (),
-        (f"left out: {line}" for line in model.left_out),
-    )
+    tell(model_document(model), (f"left out: {line}" for line in model.left_out))
     typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")
 
 

@@ -139,13 +139,19 @@ def write_json(path: Path | None, text: str) -> None:
         path.write_text(text, encoding="utf-8")
 
 
-def tell(document: "Document", written: Iterable[Path] = (), lines: Iterable[str] = ()) -> None:
-    """Print a document, lines below it, and the files that were written."""
+def tell(document: "Document", lines: Iterable[str] = ()) -> None:
+    """Print a document, and lines below it."""
     from texclass.document import print_document
 
     print_document(document)
-    for line in (*lines, *(f"wrote {path}" for path in written)):
+    for line in lines:
         typer.echo(line)
+
+
+def wrote(paths: Iterable[Path]) -> None:
+    """Say which files were written."""
+    for path in paths:
+        typer.echo(f"wrote {path}")
 
 
 @contextmanager

@@ -1,5 +1,7 @@
 """texclass stream: a model and a live source in, surfaces out as they are felt."""
 
+import os
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -68,7 +70,7 @@ def stream(
 ) -> None:
     """Say which surface is felt while it is felt; Ctrl-C ends it."""
     from texclass.cli.stream_view import view_of
-    from texclass.recognition import OnlineSettings, Session, load_model
+    from texclass.recognition import OnlineSettings, Session, is_live, load_model, open_source
 
     kind: Any = evidence
     settings = OnlineSettings(
@@ -81,46 +83,6 @@ def stream(
         assume_contact=in_contact,
     )
     trained = load_model(model)
-    blocks, raw = _opened(trained, source, rate, unit, resample, paced, channels)
-    session = Session(trained, raw=raw, settings=settings)
-    shown = view_of(session, source, as_json)
-    code = _listen(session, blocks, shown)
-    if code:
-        raise typer.Exit(code)
-
-
-def _listen(session: Any, blocks: Any, shown: Any) -> int:
-    """Run until the source ends, nobody reads any more, or Ctrl-C."""
-    try:
-        with shown:
-            try:
-                for block in blocks:
-                    shown.show(session.take(block), block)
-            except KeyboardInterrupt:
-                pass
-            finally:
-                blocks.close()
-            return 0 if shown.end(session.finish()) else NO_ANSWER
-    except BrokenPipeError:
-        import os
-        import sys
-
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-
-
-def _opened(
-    trained: Any,
-    source: str,
-    rate: float | None,
-    unit: str | None,
-    resample: bool,
-    paced: bool,
-    channels: int | None,
-) -> tuple[Any, bool]:
-    """Return the source, and whether its samples are as in the training files, not yet conditioned."""
-    from texclass.recognition import is_live, open_source
-
     blocks = open_source(
         source,
         fs=rate,
@@ -130,4 +92,19 @@ def _opened(
         raw_channels=channels,
         model=trained,
     )
-    return blocks, is_live(source)
+    session = Session(trained, raw=is_live(source), settings=settings)
+    try:
+        with view_of(session, source, as_json) as shown:
+            try:
+                for block in blocks:
+                    shown.show(session.take(block), block)
+            except KeyboardInterrupt:
+                pass
+            finally:
+                blocks.close()
+            answered = shown.end(session.finish())
+    except BrokenPipeError:  # nobody reads any more
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    else:
+        if not answered:
+            raise typer.Exit(NO_ANSWER)

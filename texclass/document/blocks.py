@@ -182,6 +182,16 @@ class Finding:
     beside: str = ""
     brief: str = ""
 
+    @property
+    def number(self) -> str:
+        """The number with its unit."""
+        return f"{self.value} {self.unit}".strip()
+
+    @property
+    def rest(self) -> str:
+        """All that follows the number."""
+        return " ".join(filter(None, (self.interval, self.sentence, self.beside)))
+
 
 @dataclass(frozen=True, eq=False)
 class Document:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from texclass.document import blocks
 
 PALETTE = {
-    "ink": "#1a1e23", "muted": "#565f69", "grid": "#e7eaed", "paper": "#fffffe",
+    "ink": "#1a1e23", "muted": "#565f69", "grid": "#e7eaed", "paper": "#ffffff",
     "ours": "#0b5fae", "other": "#b3480c", "third": "#1b7a4b", "fourth": "#7a4a94", "faint": "#c6ced6",
     "d1": "#dfebf7", "d2": "#b5d2ec", "d3": "#82b3de", "d4": "#1f6fb8", "d5": "#0a4a86",
     "e1": "#fde3cf", "e2": "#fac29a", "e3": "#f39a5c", "e4": "#b54a0c", "e5": "#8a3206",

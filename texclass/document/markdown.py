@@ -58,8 +58,7 @@ def render_markdown(document: Document, stem: str | None = None) -> str:
     if document.subtitle:
         lines += [document.subtitle, ""]
     if found := document.finding:
-        value = " ".join(filter(None, (found.value, found.unit)))
-        lines += [" ".join(filter(None, (f"**{value}**", found.interval, found.sentence, found.beside))), ""]
+        lines += [f"**{found.number}** {found.rest}", ""]
     for block in document.blocks:
         lines += [*_block(block, stem), ""]
     if document.data:

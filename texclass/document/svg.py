@@ -36,10 +36,9 @@ def inline_svg(figure: Figure, width: float, name: str) -> str:
     box = root.get("viewBox", "")
     kind = "wide" if width > NARROW else "narrow"
     root.attrib.clear()
+    for metadata in root.findall(f"{_TAG}metadata"):
+        root.remove(metadata)
     for element in root.iter():
-        for child in element.findall("*"):
-            if child.tag.endswith("}metadata"):
-                element.remove(child)
         _adapt(element, f"{name}-{kind}-")
     root.attrib |= {
         "class": f"plot {kind}", "viewBox": box, "role": "group",

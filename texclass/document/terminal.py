@@ -30,9 +30,7 @@ def render_terminal(document: Document) -> Group:
     if document.subtitle:
         parts.append(Text(document.subtitle))
     if found := document.finding:
-        value = " ".join(filter(None, (found.value, found.unit)))
-        rest = " ".join(filter(None, (found.interval, found.sentence, found.beside)))
-        parts.append(Text.assemble((value, "bold"), f" {rest}"))
+        parts.append(Text.assemble((found.number, "bold"), f" {found.rest}"))
     return Group(*parts, *(part for block in document.blocks for part in _block(block)))
 
 
@@ -104,9 +102,7 @@ def _drawn(
             cells.append([Text(text) for text in column])
         else:
             numbers = _numbers(column, intervals)
-            width = max(
-                len(line) for text in (broken, *map(str, numbers)) for line in text.splitlines() or [""]
-            )
+            width = _width((broken, *map(str, numbers)))
             drawn.add_column(broken, justify="right", no_wrap=True, min_width=width)
             cells.append(numbers)
     for i, row in enumerate(zip(*cells, strict=True)):
@@ -118,14 +114,11 @@ def _drawn(
 def _titles(table: Table) -> list[str]:
     """Return the titles of the columns; a group is named over the first of its columns."""
     titles: list[Any] = list(table.frame.columns)
-    above = [title[0] if isinstance(title, tuple) else "" for title in titles]
+    parted = [title if isinstance(title, tuple) else (title, "") for title in titles]
+    before = ["", *(group for group, _ in parted)]
     return [
-        title
-        if isinstance(title, str)
-        else title[1]
-        if i and above[i - 1] == title[0]
-        else "\n".join(title).strip()
-        for i, title in enumerate(titles)
+        part if group == last and part else f"{group}\n{part}".strip()
+        for (group, part), last in zip(parted, before, strict=False)
     ]
 
 
