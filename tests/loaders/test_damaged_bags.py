@@ -90,22 +90,24 @@ def test_any_bytes_are_a_message_or_an_error(raw, ros1):
 
 
 @pytest.mark.parametrize("store", [Stores.ROS1_NOETIC, Stores.ROS2_HUMBLE])
-@pytest.mark.parametrize("name", sorted(TYPES))
-def test_messages_are_decoded_as_rosbags_encodes_them(store, name):
+def test_the_columns_of_every_type_hold_what_was_sent(store):
     ros1 = store is Stores.ROS1_NOETIC
     types = get_typestore(store)
-    rng = np.random.default_rng(1)
-    told = [Topic(name, None, None, frame="x" * length) for length in (0, 1, 2, 3, 4, 5, 9, 9)]
-    values = rng.normal(size=(len(told), 6))
     serialize = types.serialize_ros1 if ros1 else types.serialize_cdr
-    raws = [
-        bytes(serialize(message(types, topic, 10**18 + i, value, ros1=ros1), name))
-        for i, (topic, value) in enumerate(zip(told, values, strict=True))
-    ]
-    first = [column for column, where in TYPES[name].columns.items() if len(where) == 1]
-    stamps, decoded = decode_stamped(TYPES[name], raws, first, ros1=ros1)
-    np.testing.assert_array_equal(stamps, 10**18 + np.arange(len(told)))
-    np.testing.assert_array_equal(decoded, values[:, : len(first)])
+    values = np.random.default_rng(1).normal(size=(5, 6))
+    for name, type_ in TYPES.items():
+        raws = [
+            bytes(
+                serialize(
+                    message(types, Topic(name, None, None, frame="x" * i), 10**18 + i, v, ros1=ros1), name
+                )
+            )
+            for i, v in enumerate(values)
+        ]
+        columns = [column for column, where in type_.columns.items() if len(where) == 1]
+        stamps, decoded = decode_stamped(type_, raws, columns, ros1=ros1)
+        np.testing.assert_array_equal(stamps, 10**18 + np.arange(5))
+        np.testing.assert_array_equal(decoded, values[:, : len(columns)])
 
 
 @pytest.mark.parametrize("how", ["bz2", "lz4", "zstd"])

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from texclass.loaders import CardError, open_dataset
-from texclass.loaders.simulated import SIGNALS, SimulatedLoader, recall
+from texclass.loaders.simulated import FACTS, SIGNALS, SimulatedLoader, recall
 from texclass.recording import Recording
 from texclass.simulate.recipe import Recipe
 
@@ -27,17 +27,7 @@ def assert_same(one: Recording, other: Recording):
         assert (a is None) == (b is None)
         if a is not None:
             np.testing.assert_array_equal(a, b)
-    for name in (
-        "fs",
-        "unit",
-        "recording_id",
-        "material",
-        "operator",
-        "session",
-        "repetition",
-        "channels",
-        "flags",
-    ):
+    for name in (*FACTS, "session"):
         assert getattr(one, name) == getattr(other, name)
 
 

@@ -21,19 +21,25 @@ if TYPE_CHECKING:
     Unit = str
     Signal = str
     Role = str
-else:  # what recordings may hold is written down there alone
+else:  # taken from `texclass.recording`, where alone they are listed
     Unit = Literal[*ACCELERATION_UNITS, *SCALELESS_UNITS]
     Signal = Literal[*AUXILIARY_UNITS]
     Role = Literal["acceleration", *AUXILIARY_UNITS]
+
+
+def _as_tuple(given: Any) -> Any:
+    match given:
+        case str():
+            return (given,)
+        case list():
+            return tuple(given)
+    return given
+
+
 Texts = Annotated[
-    tuple[str, ...],
-    BeforeValidator(
-        lambda given: (
-            (given,) if isinstance(given, str) else tuple(given) if isinstance(given, list) else given
-        )
-    ),
-    Field(min_length=1, description="text or a list of text"),
+    tuple[str, ...], BeforeValidator(_as_tuple), Field(min_length=1, description="text or a list of text")
 ]
+"""One text, or several."""
 
 
 class CardError(ValueError):
@@ -113,24 +119,22 @@ class Reading(Written):
 
 
 _UNSAID = {
-    **{
-        "format": "files",
-        "folder": "",
-        "fs_hz": 0.0,
-        "unit": "",
-        "scale": 1.0,
-        "files": (),
-        "label_column": "",
-    },
-    **{
-        "labels": None,
-        "channels": {},
-        "companions": {},
-        "delimiter": None,
-        "topic": None,
-        "phases": "detect",
-    },
-    **{"remove_resting_level": False, "trim": False, "recipe": {}},
+    "format": "files",
+    "folder": "",
+    "fs_hz": 0.0,
+    "unit": "",
+    "scale": 1.0,
+    "files": (),
+    "label_column": "",
+    "labels": None,
+    "channels": {},
+    "companions": {},
+    "delimiter": None,
+    "topic": None,
+    "phases": "detect",
+    "remove_resting_level": False,
+    "trim": False,
+    "recipe": {},
 }
 """What `Reading.facts` tells of a key that a format has not."""
 

@@ -1,6 +1,5 @@
 """Simulated datasets: recordings made when they are asked for, and remembered on disk."""
 
-import functools
 import hashlib
 import io
 import json
@@ -44,7 +43,8 @@ class SimulatedLoader:
         path = self.cache / f"{entry.recording_id}.npz" if self.cache else None
         if path is not None and (remembered := recall(path)) is not None:
             return remembered
-        recording = self.recipe.record(*_places(self.recipe)[entry.recording_id]).with_(phases=None)
+        surface_index = [surface.name for surface in self.recipe.surfaces].index(entry.material)
+        recording = self.recipe.record(surface_index, entry.repetition or 0).with_(phases=None)
         if path is not None:
             remember(path, recording)
         return recording
@@ -64,18 +64,9 @@ def open_simulated(recipe: Recipe, **about: Any) -> Dataset:
     )
 
 
-@functools.lru_cache(maxsize=4)
-def _places(recipe: Recipe) -> dict[str, tuple[int, int]]:
-    """Return recording id -> (index of the surface, repetition)."""
-    return {
-        entry[0]: (position // recipe.n_recordings, entry[3])
-        for position, entry in enumerate(recipe.entries())
-    }
-
-
 def remember(path: Path, recording: Recording) -> None:
     """Write a recording to the cache, unless the disk is nearly full."""
-    if shutil.disk_usage(_existing(path)).free < MIN_FREE_BYTES:
+    if shutil.disk_usage(next(folder for folder in path.parents if folder.exists())).free < MIN_FREE_BYTES:
         return
     arrays = {name: signal for name in SIGNALS if (signal := getattr(recording, name)) is not None}
     facts = {name: getattr(recording, name) for name in FACTS}
@@ -94,7 +85,3 @@ def recall(path: Path) -> Recording | None:
         return Recording(**facts, **arrays)
     except Exception:  # absent or damaged, however: it is made again
         return None
-
-
-def _existing(path: Path) -> Path:
-    return next(parent for parent in path.parents if parent.exists())

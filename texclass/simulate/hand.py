@@ -1,5 +1,6 @@
 """The hand that moves the tool: the habits of operators, and the path of a gesture made with them."""
 
+import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -81,6 +82,7 @@ class Operator:
         )
 
 
+@functools.lru_cache(maxsize=8)
 def operator_catalogue(n: int, seed: int) -> tuple[Operator, ...]:
     """Return n operators; operator i depends on the seed and on i alone.
 

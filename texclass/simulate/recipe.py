@@ -1,12 +1,11 @@
 """Recipes of whole simulated datasets: every recording can be made alone, in any order, by any process."""
 
-import functools
 import hashlib
-from pathlib import Path
 from typing import Self
 
 from pydantic import Field, model_validator
 
+from texclass.provenance import code_hash
 from texclass.recording import Recording
 from texclass.simulate.hand import Operator, operator_catalogue
 from texclass.simulate.surfaces import Surface, surface_catalogue
@@ -57,19 +56,20 @@ class Recipe(Written):
     @property
     def surfaces(self) -> tuple[Surface, ...]:
         """The surfaces, in order."""
-        return _surfaces(self.n_surfaces, self.seed)
+        return surface_catalogue(self.n_surfaces, self.seed)
 
     @property
     def operators(self) -> tuple[Operator, ...]:
         """The operators, in order."""
-        return _operators(self.n_operators, self.seed)
+        return operator_catalogue(self.n_operators, self.seed)
 
     def entries(self) -> tuple[SimulatedEntry, ...]:
         """Return what is known of each recording before it is made: surface by surface, in order of time."""
+        operators = self.operators
         return tuple(
-            self._entry(surface_index, repetition)
-            for surface_index in range(self.n_surfaces)
-            for repetition in range(1, self.n_recordings + 1)
+            (f"{surface.name}-{k:02d}", surface.name, operators[(k - 1) % self.n_operators].name, k)
+            for surface in self.surfaces
+            for k in range(1, self.n_recordings + 1)
         )
 
     def record(self, surface_index: int, repetition: int) -> Recording:
@@ -94,38 +94,17 @@ class Recipe(Written):
             )
         from texclass.simulate.freehand import record_freehand  # numba: not to say what a dataset holds
 
-        operator_index = self._operator_index(repetition)
+        operator_index = (repetition - 1) % self.n_operators
         return record_freehand(
             self.surfaces[surface_index],
             self.operators[operator_index],
             duration_s=self.duration_s,
             fs=self.fs,
             seed=(self.seed, surface_index, operator_index, repetition),
-            recording_id=self._entry(surface_index, repetition)[0],
+            recording_id=f"{self.surfaces[surface_index].name}-{repetition:02d}",
             repetition=repetition,
         )
 
     def fingerprint(self) -> str:
         """Return a hex digest that changes with the recipe and with the code of the simulation."""
-        digest = hashlib.sha256(repr(self).encode())
-        for module in sorted(Path(__file__).parent.glob("*.py")):
-            digest.update(module.read_bytes())
-        return digest.hexdigest()
-
-    def _entry(self, surface_index: int, repetition: int) -> SimulatedEntry:
-        surface = self.surfaces[surface_index].name
-        operator = self.operators[self._operator_index(repetition)].name
-        return f"{surface}-{repetition:02d}", surface, operator, repetition
-
-    def _operator_index(self, repetition: int) -> int:
-        return (repetition - 1) % self.n_operators
-
-
-@functools.lru_cache(maxsize=8)
-def _surfaces(n: int, seed: int) -> tuple[Surface, ...]:
-    return surface_catalogue(n, seed)
-
-
-@functools.lru_cache(maxsize=8)
-def _operators(n: int, seed: int) -> tuple[Operator, ...]:
-    return operator_catalogue(n, seed)
+        return hashlib.sha256(f"{self!r} {code_hash('simulate')}".encode()).hexdigest()

@@ -3,6 +3,7 @@
 The catalogue is drawn from families whose single properties overlap.
 """
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -163,6 +164,7 @@ _ORDER = ("stone", "metal", "wood", "foam", "mesh", "textile", "paper", "rubber"
           "mesh", "metal", "sandpaper", "wood", "textile", "cork", "foam", "plastic", "rubber")  # fmt: skip
 
 
+@functools.lru_cache(maxsize=8)
 def surface_catalogue(n: int, seed: int) -> tuple[Surface, ...]:
     """Return n surfaces; surface i depends on the seed and on i alone.
 
