@@ -66,8 +66,9 @@ def tell(numbers, seed, shown):
     """Return the chapter: what the paper says, and ours beside it."""
     scan, training = (simulate_scan(surface("S3"), s, FS, np.random.default_rng(seed)) for s in (10.0, 20.0))
     return shared.document(
-        "Abdulali and Jeon, Data-Driven Modeling of Anisotropic Haptic Textures (2016)",
+        "abdulali2016: anisotropic textures",
         [
+            "Abdulali and Jeon, Data-Driven Modeling of Anisotropic Haptic Textures, 2016.",
             """What is simulated: the paper's recordings are not public. S1 ... S9 are simulated surfaces,
             autoregressive processes whose resonances and level vary smoothly with velocity and force, all but
             S4 with direction; a simulated hand strokes them freely. Frequencies and levels are ours, so no

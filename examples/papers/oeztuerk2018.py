@@ -121,7 +121,7 @@ def tell(numbers, curves, excerpts, speeds, wood, seed):
         for r in numbers["rendering"]
     ]
     return shared.document(
-        "oeztuerk2018: signals at any speed from recordings at a few",
+        "oeztuerk2018: signals at any speed",
         [
             """Öztürk, "Refined methods for creating tactile signals considering speed dependency",
             bachelor thesis, 2018. Its recordings are not public. Real recordings here are `lmt_excerpts`
@@ -325,6 +325,7 @@ def draw_orders(curves, width):
         axes.plot(np.median(every, axis=0), color=OURS, linewidth=2, label=f"median of {len(every)}")
         axes.axvline(ORDER, color=OTHER, linestyle="--")
         axes.set_xscale("symlog", linthresh=1)
+        axes.set_xticks((0, 1, 10, 100, 1000), ("0", "1", "10", "100", "1000"))
         axes.set(xlim=(0, 1000), ylim=(0, 1.3), title=title, xlabel="order")
     panels[0].set_ylabel("RMS spectral error, eq. (3.11)")
     panels[0].legend()
@@ -437,7 +438,7 @@ def draw_counts(counts, width):
 def draw_predicted(speeds, wood, seed, width):
     """Spectra of the speeds that were left out, recorded and predicted.
 
-    The prediction has the level and the slope of the recorded spectrum.
+    Beside both, the recording of the nearest speed; the tables say which comes closer.
     """
     fabric = next((name for name in speeds if name.startswith("text24")), None)
     shown = [name for name in (wood, fabric) if name]
@@ -452,10 +453,11 @@ def draw_predicted(speeds, wood, seed, width):
                 ("LPC, log level", predicted, OURS),
                 ("nearest speed", nearest, OTHER),
             ):
-                axes.semilogy(*signal.welch(y, FS, nperseg=1024), color=colour, linewidth=1.1, label=label)
+                f, power = signal.welch(y, FS, nperseg=1024)
+                axes.plot(f, 10 * np.log10(power), color=colour, linewidth=1.1, label=label)
             what = f"{v[i]:g} mm/s (simulated)" if name == wood else f"speed v{i + 1} (fabric_speeds)"
             axes.set(title=f"{name} at {what}", xlabel="frequency (Hz)", xlim=(0, top))
-        panels[2 * row].set_ylabel("power density")
+        panels[2 * row].set_ylabel("power density (dB)")
     panels[0].legend()
     return figure
 

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from texclass.textures import Scan
 from texclass.textures.abdulali2016 import condition, downsample, scan_from_sensors, segment_input
-from texclass.textures.abdulali2016.input_segments import (
+from texclass.textures.abdulali2016.model_points import (
     LINE_MM,
     VARIATION,
     limit_vibration,

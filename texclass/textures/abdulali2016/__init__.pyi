@@ -1,8 +1,8 @@
-from .input_segments import InputSegments as InputSegments
-from .input_segments import condition as condition
-from .input_segments import downsample as downsample
-from .input_segments import scan_from_sensors as scan_from_sensors
-from .input_segments import segment_input as segment_input
+from .model_points import InputSegments as InputSegments
+from .model_points import condition as condition
+from .model_points import downsample as downsample
+from .model_points import scan_from_sensors as scan_from_sensors
+from .model_points import segment_input as segment_input
 from .network_fit import ModelledScan as ModelledScan
 from .network_fit import fit_as_published as fit_as_published
 from .network_fit import fit_exact as fit_exact

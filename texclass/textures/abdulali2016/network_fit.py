@@ -1,25 +1,34 @@
-"""From a conditioned scan to a texture: segments, model points, silent points, network."""
+"""From a conditioned scan to a texture: model points, spectra shared, a law of loudness, a network."""
 
 import warnings
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import linalg, spatial
 
 from texclass.recording import Samples
-from texclass.textures.abdulali2016.input_segments import VARIATION, InputSegments, segment_input
+from texclass.textures.abdulali2016.model_points import (
+    VARIATION,
+    InputSegments,
+    Loudness,
+    ModelPoints,
+    mirrored,
+    segment_input,
+    segment_points,
+    zero_force_points,
+    zero_speed_points,
+)
 from texclass.textures.abdulali2016.network_texture import (
     STEEPEST,
     DelaunayTexture,
     Frame,
-    Loudness,
     NetworkTexture,
     RadialNetwork,
 )
 from texclass.textures.scan import Scan
-from texclass.vibration import autoregressive, line_spectrum
+from texclass.vibration import line_spectrum
 from texclass.vibration.autoregressive import Method, from_autocorrelation
 
 Solver = Literal["exact", "sparse"]
@@ -27,8 +36,6 @@ Choice = Literal["auto", "none"]
 
 ORDER = 20
 """Of the AR models; and of those that `pool_spectra` compares: enough to tell, and cheap."""
-N_STILL = 10
-"""Points of zero speed; the paper leaves their number open."""
 COVERAGE = 0.5
 """Part of the scan that segments have to cover before tau_2 is left alone."""
 LOOSEST = 0.64
@@ -54,36 +61,6 @@ WORTH = 0.9
 """Part of the error of a constant that a network has to get below."""
 SPARSITY = 0.03
 """tau over the smallest tau that leaves no centre."""
-
-
-class ModelPoints(NamedTuple):
-    """Samples of the map from input to vibration: what each segment says at its mean input, or silence.
-
-    Attributes
-    ----------
-    u : ndarray of shape (n_points, n_inputs)
-        Normalised inputs (v_x, v_y, f_n), or (|v|, f_n).
-    lsf : ndarray of shape (n_points, p)
-        Line spectral frequencies, rad per sample.
-    loudness : ndarray of shape (n_points,)
-        What a network learns of it besides the spectrum, see `level_of`; in a new point, the RMS of the
-        vibration (unit of the acceleration) or the variance of the innovation (its square).
-    weight : ndarray of shape (n_points,)
-        Seconds of signal behind each point.
-    kind : ndarray of int, shape (n_points,)
-        0 a segment, 1 zero force, 2 zero speed.
-    """
-
-    u: Samples
-    lsf: Samples
-    loudness: Samples
-    weight: Samples
-    kind: NDArray[np.int64]
-
-    def joined(self, others: "ModelPoints") -> "ModelPoints":
-        """Return these points and the others."""
-        pairs: Any = zip(self, others, strict=True)
-        return ModelPoints(*map(np.concatenate, pairs))
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +223,7 @@ def model_scan(
     deviation = inputs.std(axis=0)  # an input that never changes is only centred
     deviation = np.where(deviation > 1e-9 * np.abs(inputs).max(axis=0), deviation, 1.0)
     scaling = np.stack([inputs.mean(axis=0), deviation])
-    points = _segment_points(scan, cut, (inputs - scaling[0]) / scaling[1], order, method, loudness)
+    points = segment_points(scan, cut, (inputs - scaling[0]) / scaling[1], order, method, loudness)
     symmetric = mirror == "auto" and not isotropic and is_symmetric(points, scaling)
     points, reach = pool_spectra(points) if pooling == "auto" else (points, 0.0)
     growth = (0.0, 0.0)
@@ -273,27 +250,6 @@ def segment_enough(scan: Scan) -> InputSegments:
         if segments.n_samples.sum() >= COVERAGE * len(scan) or variation >= LOOSEST:
             return segments
         variation *= 2
-
-
-def _segment_points(
-    scan: Scan, segments: InputSegments, u: Samples, order: int, method: Method, loudness: Loudness
-) -> ModelPoints:
-    """Return one point per segment: its mean normalised input, the LSF of its AR model, and its loudness."""
-    if not len(segments):
-        raise ValueError(
-            f"scan {scan.name!r} has no segment of steady direction, speed and force; "
-            "the rule is at least one"
-        )
-    pieces = segments.pieces(scan.acceleration)
-    models = [autoregressive.fit(x, order, method=method, variance="yule_walker") for x in pieces]
-    lsf = line_spectrum.spread(line_spectrum.from_reflection(np.stack([m.reflection for m in models])))
-    loud = (
-        [np.sqrt(np.mean(x**2)) for x in pieces]
-        if loudness == "level"
-        else [float(m.gain) ** 2 for m in models]
-    )
-    kind = np.zeros(len(segments), np.int64)
-    return ModelPoints(segments.means(u), lsf, np.array(loud), segments.n_samples / scan.fs, kind)
 
 
 def _frame(points: ModelPoints, scaling: Samples, pieces: list[Samples], peak: float) -> Frame:
@@ -347,55 +303,6 @@ def _by_law(
     part = level / level.max()
     lost = 0.5 * np.log(points.weight @ part**2 / (points.weight @ (part * np.exp(g - left)) ** 2))
     return points._replace(loudness=g + lost), growth
-
-
-def zero_force_points(points: ModelPoints, scaling: Samples) -> ModelPoints:
-    """Return silent points at zero force below the hull of the points: their input projected, LSF as theirs.
-
-    The vertices of the facets of the convex hull whose outward normal points to lower force are projected. If
-    the points have no hull (too few, or in one plane) all of them are.
-
-    Parameters
-    ----------
-    points : ModelPoints
-    scaling : ndarray of shape (2, n_inputs)
-        Mean and deviation of each input, as here and below.
-
-    References
-    ----------
-    `abdulali2016`, section 3.2 and Fig. 4(b).
-    """
-    try:
-        hull = spatial.ConvexHull(points.u)
-    except (spatial.QhullError, ValueError):
-        lowest = np.arange(len(points.u))
-    else:
-        lowest = np.unique(hull.simplices[hull.equations[:, -2] < -1e-9])
-    u = points.u[lowest].copy()
-    u[:, -1] = -scaling[0, -1] / scaling[1, -1]
-    n = len(lowest)
-    return ModelPoints(u, points.lsf[lowest], np.zeros(n), points.weight[lowest], np.ones(n, np.int64))
-
-
-def zero_speed_points(points: ModelPoints, scaling: Samples, n: int = N_STILL) -> ModelPoints:
-    """Return n silent points at rest, from zero force to the largest, with the LSF of the nearest point.
-
-    References
-    ----------
-    `abdulali2016`, section 3.2.
-    """
-    still = np.zeros((n, points.u.shape[1]))
-    force = points.u[:, -1] * scaling[1, -1] + scaling[0, -1]
-    still[:, -1] = np.linspace(0.0, max(float(force.max()), 0.0), n)
-    u = (still - scaling[0]) / scaling[1]
-    nearest = spatial.KDTree(points.u).query(u)[1]
-    return ModelPoints(u, points.lsf[nearest], np.zeros(n), points.weight[nearest], np.full(n, 2, np.int64))
-
-
-def mirrored(points: ModelPoints, scaling: Samples) -> ModelPoints:
-    """Return the points at the opposite velocities (inputs v_x, v_y, f_n)."""
-    raw = points.u * scaling[1] + scaling[0]
-    return points._replace(u=(raw * [-1.0, -1.0, 1.0] - scaling[0]) / scaling[1])
 
 
 def is_symmetric(points: ModelPoints, scaling: Samples) -> bool:

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 from numba import njit
@@ -11,13 +11,11 @@ from numpy.typing import ArrayLike
 from scipy import interpolate, spatial
 
 from texclass.recording import Samples
-from texclass.textures.abdulali2016.input_segments import MOTION_HZ
+from texclass.textures.abdulali2016.model_points import MOTION_HZ, Loudness
 from texclass.textures.gliding import GlidingRenderer
 from texclass.textures.grid import GridModel, cell
 from texclass.textures.storage import StoredFields
 from texclass.vibration import line_spectrum
-
-Loudness = Literal["level", "variance"]
 
 LIMIT = 2.0
 """No rendered sample exceeds this many times the recorded peak."""

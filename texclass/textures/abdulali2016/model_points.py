@@ -1,19 +1,24 @@
-"""From what sensors recorded of a stroking hand to segments of steady direction, speed and force."""
+"""From what sensors recorded of a stroking hand to segments of steady input, and what each says."""
 
 import heapq
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal
+from scipy import signal, spatial
 
 from texclass.recording import Samples
 from texclass.signals import butterworth, combine, zero_phase
 from texclass.textures.scan import Scan
+from texclass.vibration import autoregressive, line_spectrum
+from texclass.vibration.autoregressive import Method
 
 Indices = NDArray[np.int64]
+Loudness = Literal["level", "variance"]
+"""Of a point: RMS of its vibration, or variance of the innovation as in the paper."""
 
 MOTION_HZ = 25.0
 """Cut-off of position, velocity and force; `abdulali2016`, section 2.2."""
@@ -32,6 +37,8 @@ FOOT = 0.05
 """How far, in tau_1, the foot of a point may lie outside its line: eq. (2) allows nothing, sensors jitter."""
 MOTION_FS = 1000.0
 """The motion has no content beyond 25 Hz: at higher rates it is segmented at about this one."""
+N_STILL = 10
+"""Points of zero speed; the paper leaves their number open."""
 LINE, STEADY = 0, 1
 """What a union of neighbours costs: `_line_cost` or `_steady_cost`."""
 
@@ -284,6 +291,127 @@ def straight_lines(position: Samples, line_mm: float = LINE_MM) -> Indices:
     """Return the bounds of the straight lines of a path (n, 2) in mm, shape (n_lines + 1,); phase 1."""
     xy = np.ascontiguousarray(position, dtype=np.float64)
     return np.asarray(_bottom_up(LINE, xy, 0, len(xy), line_mm, FOOT * line_mm))
+
+
+class ModelPoints(NamedTuple):
+    """Samples of the map from input to vibration: what each segment says at its mean input, or silence.
+
+    Attributes
+    ----------
+    u : ndarray of shape (n_points, n_inputs)
+        Normalised inputs (v_x, v_y, f_n), or (|v|, f_n).
+    lsf : ndarray of shape (n_points, p)
+        Line spectral frequencies, rad per sample.
+    loudness : ndarray of shape (n_points,)
+        What a network learns of it besides the spectrum, see `level_of`; in a new point, the RMS of the
+        vibration (unit of the acceleration) or the variance of the innovation (its square).
+    weight : ndarray of shape (n_points,)
+        Seconds of signal behind each point.
+    kind : ndarray of int, shape (n_points,)
+        0 a segment, 1 zero force, 2 zero speed.
+    """
+
+    u: Samples
+    lsf: Samples
+    loudness: Samples
+    weight: Samples
+    kind: NDArray[np.int64]
+
+    def joined(self, others: "ModelPoints") -> "ModelPoints":
+        """Return these points and the others."""
+        pairs: Any = zip(self, others, strict=True)
+        return ModelPoints(*map(np.concatenate, pairs))
+
+
+def segment_points(
+    scan: Scan, segments: InputSegments, u: Samples, order: int, method: Method, loudness: Loudness
+) -> ModelPoints:
+    """Return one point per segment: its mean input, the LSF of its AR model, and its loudness.
+
+    Parameters
+    ----------
+    scan : Scan
+        Conditioned.
+    segments : InputSegments
+        Of the scan.
+    u : ndarray of shape (n_samples, n_inputs)
+        Its normalised inputs.
+    order : int
+        p of the AR models.
+    method : str
+        As for `vibration.fit`.
+    loudness : {"level", "variance"}
+        RMS of the vibration in the segment, or the variance the fit gives (`abdulali2016`).
+
+    Raises
+    ------
+    ValueError
+        If there is no segment.
+    """
+    if not len(segments):
+        raise ValueError(
+            f"scan {scan.name!r} has no segment of steady direction, speed and force; "
+            "the rule is at least one"
+        )
+    pieces = segments.pieces(scan.acceleration)
+    models = [autoregressive.fit(x, order, method=method, variance="yule_walker") for x in pieces]
+    lsf = line_spectrum.spread(line_spectrum.from_reflection(np.stack([m.reflection for m in models])))
+    loud = (
+        [np.sqrt(np.mean(x**2)) for x in pieces]
+        if loudness == "level"
+        else [float(m.gain) ** 2 for m in models]
+    )
+    kind = np.zeros(len(segments), np.int64)
+    return ModelPoints(segments.means(u), lsf, np.array(loud), segments.n_samples / scan.fs, kind)
+
+
+def zero_force_points(points: ModelPoints, scaling: Samples) -> ModelPoints:
+    """Return silent points at zero force below the hull of the points: their input projected, LSF as theirs.
+
+    The vertices of the facets of the convex hull whose outward normal points to lower force are projected. If
+    the points have no hull (too few, or in one plane) all of them are.
+
+    Parameters
+    ----------
+    points : ModelPoints
+    scaling : ndarray of shape (2, n_inputs)
+        Mean and deviation of each input, as here and below.
+
+    References
+    ----------
+    `abdulali2016`, section 3.2 and Fig. 4(b).
+    """
+    try:
+        hull = spatial.ConvexHull(points.u)
+    except (spatial.QhullError, ValueError):
+        lowest = np.arange(len(points.u))
+    else:
+        lowest = np.unique(hull.simplices[hull.equations[:, -2] < -1e-9])
+    u = points.u[lowest].copy()
+    u[:, -1] = -scaling[0, -1] / scaling[1, -1]
+    n = len(lowest)
+    return ModelPoints(u, points.lsf[lowest], np.zeros(n), points.weight[lowest], np.ones(n, np.int64))
+
+
+def zero_speed_points(points: ModelPoints, scaling: Samples, n: int = N_STILL) -> ModelPoints:
+    """Return n silent points at rest, from zero force to the largest, with the LSF of the nearest point.
+
+    References
+    ----------
+    `abdulali2016`, section 3.2.
+    """
+    still = np.zeros((n, points.u.shape[1]))
+    force = points.u[:, -1] * scaling[1, -1] + scaling[0, -1]
+    still[:, -1] = np.linspace(0.0, max(float(force.max()), 0.0), n)
+    u = (still - scaling[0]) / scaling[1]
+    nearest = spatial.KDTree(points.u).query(u)[1]
+    return ModelPoints(u, points.lsf[nearest], np.zeros(n), points.weight[nearest], np.full(n, 2, np.int64))
+
+
+def mirrored(points: ModelPoints, scaling: Samples) -> ModelPoints:
+    """Return the points at the opposite velocities (inputs v_x, v_y, f_n)."""
+    raw = points.u * scaling[1] + scaling[0]
+    return points._replace(u=(raw * [-1.0, -1.0, 1.0] - scaling[0]) / scaling[1])
 
 
 @njit(cache=True, error_model="numpy")
