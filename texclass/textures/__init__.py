@@ -1,6 +1,5 @@
 """From recordings to a surface that can be felt at any speed and force: one folder per paper."""
 
-from texclass.textures.contract import Renderer, Texture
-from texclass.textures.scan import Scan
+import lazy_loader
 
-__all__ = ["Renderer", "Scan", "Texture"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

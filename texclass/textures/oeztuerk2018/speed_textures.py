@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
 from texclass.signals import one_channel, positive
-from texclass.textures.path import checked_path
+from texclass.textures.gliding import checked_path
 from texclass.textures.storage import StoredFields
 from texclass.vibration import (
     Autoregression,

@@ -1,0 +1,11 @@
+from . import abdulali2016 as abdulali2016
+from . import guruswamy2011 as guruswamy2011
+from . import hatt as hatt
+from . import oeztuerk2018 as oeztuerk2018
+from . import okamura2001 as okamura2001
+from .contract import Renderer as Renderer
+from .contract import Stored as Stored
+from .contract import Texture as Texture
+from .grid import GridModel as GridModel
+from .scan import Scan as Scan
+from .storage import StoredFields as StoredFields
