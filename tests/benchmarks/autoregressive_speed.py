@@ -1,86 +1,51 @@
 """What autoregressive fits and lattices cost beside librosa and scipy, and what each makes of hard signals.
 
-Run it by hand from the project's root: `python tests/benchmarks/autoregressive_speed.py`. It writes
-reports/studies/autoregressive.json and .md. One thread; CPU time of that thread; all candidates take turns
-within each round, and medians over rounds are compared.
+`python tests/benchmarks/autoregressive_speed.py [--rounds N]` writes reports/studies/autoregressive. One
+thread; CPU time of that thread; all take turns within each round, medians over rounds are compared.
 """
 
-# ruff: noqa: E402  (the number of threads is set before numpy reads it)
-import os
-
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import argparse
-import json
-import platform
-import time
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 
 import librosa
-import numba
 import numpy as np
-import scipy
-from numpy.typing import NDArray
+import pandas as pd
 from scipy import fft, linalg, signal
+from study import command_line, in_turns, table, write
 
-from texclass import __version__
-from texclass.vibration.autoregressive import Autoregression, fit, from_direct_form
-from texclass.vibration.lattice import Lattice, LatticeInverse, LatticeSynthesis
+from texclass.document import Heading, Table
+from texclass.provenance import versions
+from texclass.recording import Samples
+from texclass.vibration import Autoregression, LatticeInverse, LatticeSynthesis, fit
+from texclass.vibration.autoregressive import from_direct_form
 
 FS, N, ORDER = 10_000.0, 250_000, 400
 WANTED = {18: 5000.0, 400: 300.0}
-Real = NDArray[np.float64]
+Fit = Callable[[Samples, int], Autoregression | Samples]
 
 
-def solve_toeplitz(x: Real, order: int) -> Real:
+def solve_toeplitz(x: Samples, order: int) -> Samples:
     """Autocorrelation method as scipy offers it, with the autocorrelation by FFT."""
     size = fft.next_fast_len(2 * x.size, real=True)
     r = fft.irfft(np.abs(fft.rfft(x, size)) ** 2, size)[: order + 1]
     return np.concatenate([[1.0], linalg.solve_toeplitz(r[:-1], -r[1:])])
 
 
-def burg_of_librosa(x: Real, order: int) -> Real:
-    """Burg's method as librosa offers it."""
-    return np.asarray(librosa.lpc(x, order=order))
-
-
-def medians(candidates: dict[str, Callable[[], object]], n_rounds: int) -> dict[str, float]:
-    """Median CPU time of each candidate in s, all taking turns, after two rounds of warming up."""
-    spent: dict[str, list[float]] = {name: [] for name in candidates}
-    for i in range(n_rounds + 2):
-        for name, call in candidates.items():
-            start = time.thread_time()
-            call()
-            if i >= 2:
-                spent[name].append(time.thread_time() - start)
-    return {name: float(np.median(values)) for name, values in spent.items()}
+FITS: dict[str, Fit] = {
+    "burg": lambda x, p: fit(x, p, method="burg"),
+    "librosa.lpc": lambda x, p: librosa.lpc(x, order=p),
+    "autocorrelation": lambda x, p: fit(x, p, method="autocorrelation"),
+    "solve_toeplitz": solve_toeplitz,
+}
 
 
 def fits(n_rounds: int) -> dict[str, float]:
     """Milliseconds per fit of one recording."""
     x = signal.lfilter([1.0], [1.0, -1.6, 0.8], np.random.default_rng(0).standard_normal(N))
     hard = np.hanning(N) * oversampled(N)
-    candidates: dict[str, Callable[[], object]] = {
-        "burg": lambda: fit(x, ORDER, method="burg"),
-        "librosa.lpc": lambda: burg_of_librosa(x, ORDER),
-        "autocorrelation": lambda: fit(x, ORDER, method="autocorrelation"),
-        "autocorrelation, windowed and oversampled": lambda: fit(hard, ORDER, method="autocorrelation"),
-        "solve_toeplitz": lambda: solve_toeplitz(x, ORDER),
-    }
-    return {name: 1e3 * value for name, value in medians(candidates, n_rounds).items()}
-
-
-def real_time(n_rounds: int) -> dict[str, dict[str, float]]:
-    """How many times faster than real time at 10 kHz, per order and arithmetic."""
-    result = {}
-    for order in WANTED:
-        for dtype in (np.float64, np.float32):
-            times = medians(lattices(order, dtype), n_rounds)
-            result[f"{order}, {np.dtype(dtype)}"] = {k: 100_000 / FS / v for k, v in times.items()}
-    return result
+    calls = {name: lambda each=each: each(x, ORDER) for name, each in FITS.items()}
+    calls["autocorrelation, windowed and oversampled"] = lambda: FITS["autocorrelation"](hard, ORDER)
+    return (1e3 * in_turns(calls, n_rounds).median()).to_dict()
 
 
 def lattices(order: int, dtype: type) -> dict[str, Callable[[], object]]:
@@ -89,35 +54,30 @@ def lattices(order: int, dtype: type) -> dict[str, Callable[[], object]]:
     model = Autoregression(rng.uniform(-0.9, 0.9, order) * np.exp(-np.arange(order) / 5), np.asarray(1.0))
     other = Autoregression(-model.reflection, np.asarray(2.0))
     e, a = rng.standard_normal(100_000).astype(dtype), model.direct_form().astype(dtype)
-    forth, back, gliding = (
-        kind(model, dtype=dtype) for kind in (LatticeSynthesis, LatticeInverse, LatticeSynthesis)
-    )
+    kinds = (LatticeSynthesis, LatticeInverse, LatticeSynthesis)
+    forth, back, gliding = (kind(model, dtype=dtype) for kind in kinds)
 
-    def live() -> None:
-        for start in range(0, e.size, 100):
-            forth.process(e[start : start + 100])
-
-    def glide(lattice: Lattice) -> None:
+    def glide() -> None:
         for start in range(0, e.size, 1000):
-            lattice.move_to(other if start // 1000 % 2 else model, 1000)
-            lattice.process(e[start : start + 1000])
+            gliding.move_to(other if start // 1000 % 2 else model, 1000)
+            gliding.process(e[start : start + 1000])
 
     return {
         "synthesis": lambda: forth.process(e),
-        "synthesis, calls of 10 ms": live,
-        "synthesis, always gliding": lambda: glide(gliding),
+        "synthesis, calls of 10 ms": lambda: [forth.process(e[i : i + 100]) for i in range(0, e.size, 100)],
+        "synthesis, always gliding": glide,
         "inverse": lambda: back.process(e),
         "scipy.signal.lfilter (direct form)": lambda: signal.lfilter(np.ones(1, dtype), a, e),
     }
 
 
-def oversampled(n: int) -> Real:
+def oversampled(n: int) -> Samples:
     """Noise below 1/20 of the Nyquist frequency."""
     noise = np.random.default_rng(1).standard_normal(n)
     return np.asarray(signal.sosfilt(signal.butter(8, 1 / 20, output="sos"), noise))
 
 
-def hard_signals(n: int = 20_000) -> dict[str, Real]:
+def hard_signals(n: int = 20_000) -> dict[str, Samples]:
     """Where fits break."""
     noise, sine = np.random.default_rng(2).standard_normal(n), np.sin(0.3 * np.arange(n))
     return {
@@ -133,7 +93,7 @@ def hard_signals(n: int = 20_000) -> dict[str, Real]:
     }
 
 
-def verdict(fitted: Callable[[Real, int], Autoregression | Real], x: Real, order: int) -> str:
+def verdict(fitted: Fit, x: Samples, order: int = 32) -> str:
     """Say whether a fit gave a stable model, and how much of the signal's RMS it leaves unpredicted."""
     try:
         with warnings.catch_warnings():
@@ -147,97 +107,47 @@ def verdict(fitted: Callable[[Real, int], Autoregression | Real], x: Real, order
         return "not stable" if "reflection" in str(error) else type(error).__name__
     except Exception as error:  # a report of what others do, whatever they do
         return type(error).__name__
-    return f"stable, {residual(model, x):.1e}"
-
-
-def residual(model: Autoregression, x: Real) -> float:
-    """RMS of the forward residual over that of the signal, without the first p samples."""
-    peak = np.abs(x).max()
-    if peak == 0:
-        return 0.0
-    unit = x / peak
-    error = LatticeInverse(Autoregression(model.reflection, np.asarray(0.0)), level=1.0).process(unit)
-    gain = np.exp((np.log1p(model.reflection) + np.log1p(-model.reflection)).sum() / 2)
-    return float(gain * np.sqrt(np.mean(error[model.order :] ** 2) / np.mean(unit**2)))
-
-
-def hard(order: int = 32) -> dict[str, dict[str, str]]:
-    """Verdicts of all candidates on all hard signals."""
-    candidates: dict[str, Callable[[Real, int], Autoregression | Real]] = {
-        "burg": lambda x, p: fit(x, p, method="burg"),
-        "librosa.lpc": burg_of_librosa,
-        "autocorrelation": lambda x, p: fit(x, p, method="autocorrelation"),
-        "solve_toeplitz": solve_toeplitz,
-    }
-    return {
-        name: {who: verdict(call, x, order) for who, call in candidates.items()}
-        for name, x in hard_signals().items()
-    }
-
-
-def as_markdown(result: dict) -> str:  # type: ignore[type-arg]
-    """Return the report for people."""
-    ms, hard_rows, factors = result["fit_ms"], result["hard"], result["real_time"]
-    lines = [
-        "# Autoregressive fits and lattices",
-        "",
-        f"Order {ORDER}, one recording of {N} samples, one thread.",
-    ]
-    lines += ["", "| fit | ms |", "|---|---|", *(f"| {name} | {value:.1f} |" for name, value in ms.items())]
-    lines += [
-        "",
-        f"Burg takes {ms['burg'] / ms['librosa.lpc']:.2f} of the time of `librosa.lpc`, autocorrelation "
-        f"{ms['autocorrelation'] / ms['solve_toeplitz']:.2f} of that of `solve_toeplitz` + FFT (limit: 1).",
-        "",
-        "## Times real time at 10 kHz",
-        "",
-    ]
-    names = list(next(iter(factors.values())))
-    lines += ["| order, arithmetic | wanted | " + " | ".join(names) + " |", "|---" * (len(names) + 2) + "|"]
-    for key, row in factors.items():
-        wanted = WANTED[int(key.split(",")[0])]
-        lines.append(f"| {key} | {wanted:.0f} | " + " | ".join(f"{row[n]:.0f}" for n in names) + " |")
-    who = list(next(iter(hard_rows.values())))
-    lines += [
-        "",
-        "## Hard signals, order 32",
-        "",
-        "What is left of the signal (RMS) by the model returned.",
-        "",
-    ]
-    lines += ["| signal | " + " | ".join(who) + " |", "|---" * (len(who) + 1) + "|"]
-    lines += [f"| {name} | " + " | ".join(row[w] for w in who) + " |" for name, row in hard_rows.items()]
-    versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
-    return "\n".join([*lines, "", f"Versions: {versions}."]) + "\n"
+    left, peak = 0.0, np.abs(x).max()
+    if peak > 0:  # the RMS of the forward residual over that of the signal, without the first p samples
+        unit = x / peak
+        error = LatticeInverse(Autoregression(model.reflection, np.asarray(0.0)), level=1.0).process(unit)
+        gain = np.exp((np.log1p(model.reflection) + np.log1p(-model.reflection)).sum() / 2)
+        left = gain * np.sqrt(np.mean(error[order:] ** 2) / np.mean(unit**2))
+    return f"stable, {left:.1e}"
 
 
 def main() -> None:
-    """Measure, print and write the report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument(
-        "--out", type=Path, default=Path(__file__).resolve().parents[2] / "reports" / "studies"
-    )
-    options = parser.parse_args()
-    result = {
-        "fit_ms": fits(options.rounds),
-        "real_time": real_time(options.rounds),
-        "hard": hard(),
-        "n_rounds": options.rounds,
-        "input": {"fs": FS, "n": N, "order": ORDER},
-        "versions": {
-            "texclass": __version__,
-            "python": platform.python_version(),
-            "numpy": np.__version__,
-            "scipy": scipy.__version__,
-            "librosa": librosa.__version__,
-            "numba": numba.__version__,
-        },
+    asked = command_line(__doc__, rounds=9).parse_args()
+    real_time = {
+        f"{order}, {np.dtype(dtype)}": 100_000 / FS / in_turns(lattices(order, dtype), asked.rounds).median()
+        for order in WANTED
+        for dtype in (np.float64, np.float32)
     }
-    options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "autoregressive.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    (options.out / "autoregressive.md").write_text(as_markdown(result), encoding="utf-8")
-    print(as_markdown(result))
+    result = {
+        "fit_ms": (ms := fits(asked.rounds)),
+        "real_time": {key: times.to_dict() for key, times in real_time.items()},
+        "hard": {
+            name: {who: verdict(each, x) for who, each in FITS.items()} for name, x in hard_signals().items()
+        },
+        "n_rounds": asked.rounds,
+        "input": {"fs": FS, "n": N, "order": ORDER},
+        "versions": versions("numpy", "scipy", "librosa", "numba"),
+    }
+    factors = pd.DataFrame(real_time).T.map("{:.0f}".format)
+    factors.insert(0, "wanted", [f"{WANTED[int(key.split(',')[0])]:.0f}" for key in factors.index])
+    hard = pd.DataFrame(result["hard"]).T
+    blocks = [
+        f"Order {ORDER}, one recording of {N} samples, one thread.",
+        table(({"fit": k, "ms": v} for k, v in ms.items()), "fit | ms", "{fit} | {ms:.1f}"),
+        f"Burg takes {ms['burg'] / ms['librosa.lpc']:.2f} of the time of `librosa.lpc`, autocorrelation "
+        f"{ms['autocorrelation'] / ms['solve_toeplitz']:.2f} of that of `solve_toeplitz` + FFT (limit: 1).",
+        Heading("Times real time at 10 kHz"),
+        Table(factors.rename_axis("order, arithmetic").reset_index()),
+        Heading("Hard signals, order 32"),
+        "What is left of the signal (RMS) by the model returned.",
+        Table(hard.rename_axis("signal").reset_index(), n_words=5),
+    ]
+    write(asked.out, "autoregressive", result, "Autoregressive fits and lattices", blocks)
 
 
 if __name__ == "__main__":

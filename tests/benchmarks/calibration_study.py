@@ -1,63 +1,45 @@
 """Do probabilities mean what they say: expected calibration error on recordings that no model has seen.
 
-Run `python tests/benchmarks/calibration_study.py` from the project's root (some minutes). Writes
-`reports/studies/calibration.md` and `.json`.
+`python tests/benchmarks/calibration_study.py [--only NUMBER ...]` (some minutes) writes
+reports/studies/calibration.
 """
 
-import argparse
-import json
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from sklearn.model_selection import StratifiedKFold
-from threadpoolctl import threadpool_limits
+from study import command_line, interval, table, write
 
-from texclass.experiment import load_pipeline, touches
-from texclass.experiment.accuracy import cluster_interval
-from texclass.experiment.feature_table import cached_table
+from texclass.experiment import cached_table, cluster_interval, load_pipeline, touches
 from texclass.experiment.windows import parents
-from texclass.loaders import open_dataset
+from texclass.loaders import Dataset, open_dataset
 from texclass.provenance import versions
 from texclass.recognition import expected_calibration_error, train
 from texclass.recognition.probabilities import N_BINS
 
 SEED = 6
 N_DRAWS = 1000
-REPORTS = Path(__file__).parents[2] / "reports" / "studies"
 AIM = 0.05
-
-
-@dataclass(frozen=True)
-class Case:
-    """What is trained, how it is calibrated, and what it is asked about."""
-
-    dataset: str
-    pipeline: str
-    row: str
-    classifier: str
-    protocol: str
-    touch_s: float | None = None
-
-
+CASE = ("dataset", "pipeline", "row", "classifier", "protocol", "touch_s")
 CASES = (
-    Case("biotac20", "multiscale", "All", "vote", "recording"),
-    Case("biotac20", "multiscale", "All", "vote", "blocks"),
-    Case("biotac20", "texclass", "Modified MFCC", "lda", "recording"),
-    Case("biotac20", "texclass", "Modified MFCC", "lda", "blocks"),
-    Case("biotac20", "texclass", "Modified MFCC", "naive_bayes", "recording"),
-    Case("biotac20", "texclass", "Modified MFCC", "naive_bayes", "blocks"),
-    Case("biotac20", "multiscale", "All", "kernel", "recording", 1.0),
-    Case("biotac20", "multiscale", "All", "kernel", "blocks", 1.0),
-    Case("simulated", "multiscale", "All", "vote", "recording"),
-    Case("simulated", "texclass", "All", "lda", "recording"),
-    Case("simulated", "texclass", "All", "naive_bayes", "recording"),
+    ("biotac20", "multiscale", "All", "vote", "recording", None),
+    ("biotac20", "multiscale", "All", "vote", "blocks", None),
+    ("biotac20", "texclass", "Modified MFCC", "lda", "recording", None),
+    ("biotac20", "texclass", "Modified MFCC", "lda", "blocks", None),
+    ("biotac20", "texclass", "Modified MFCC", "naive_bayes", "recording", None),
+    ("biotac20", "texclass", "Modified MFCC", "naive_bayes", "blocks", None),
+    ("biotac20", "multiscale", "All", "kernel", "recording", 1.0),
+    ("biotac20", "multiscale", "All", "kernel", "blocks", 1.0),
+    ("simulated", "multiscale", "All", "vote", "recording", None),
+    ("simulated", "texclass", "All", "lda", "recording", None),
+    ("simulated", "texclass", "All", "naive_bayes", "recording", None),
 )
+"""What is trained, how it is calibrated (protocol), and what it is asked about."""
 
 
-def halves(dataset) -> Iterator[tuple[Any, Any]]:
+def halves(dataset: Dataset) -> Iterator[tuple[Dataset, ...]]:
     """Yield (training, test) datasets: repetitions 1-20 and 21-40 of `biotac20`, else five folds."""
     entries = np.array(dataset.entries, dtype=object)
     if dataset.name == "biotac20":
@@ -70,105 +52,86 @@ def halves(dataset) -> Iterator[tuple[Any, Any]]:
         yield tuple(replace(dataset, entries=tuple(entries[part])) for part in split)
 
 
-def measure(case: Case) -> dict[str, Any]:
+def measure(case: dict[str, Any]) -> dict[str, Any]:
     """Return accuracy and calibration errors of a case."""
-    pipeline, dataset = load_pipeline(case.pipeline), open_dataset(case.dataset)
-    settings = {name: getattr(case, name) for name in ("row", "classifier", "touch_s", "protocol")}
-    confidence, raw, hits, clusters, alarms = [], [], [], [], []
+    pipeline, dataset = load_pipeline(case["pipeline"]), open_dataset(case["dataset"])
+    asked_for = {name: case[name] for name in ("row", "classifier", "touch_s", "protocol")}
+    found = []
     for known, asked in halves(dataset):
-        model = train(known, pipeline, **settings)
-        felt = asked if case.touch_s is None else touches(asked, case.touch_s)
-        table = cached_table(felt, *pipeline.needed, channels=pipeline.channels)
-        X = table.frame[list(model.columns)].to_numpy(dtype=np.float64)
+        model = train(known, pipeline, **asked_for)
+        felt = asked if case["touch_s"] is None else touches(asked, case["touch_s"])
+        frame = cached_table(felt, *pipeline.needed, channels=pipeline.channels).frame
+        X = prepared = frame[list(model.columns)].to_numpy(dtype=np.float64)
         p, p_known = model.judge(X)
-        right = np.array(model.materials)[p.argmax(axis=1)] == table.frame["material"].to_numpy(dtype=str)
-        prepared = X
         for _, step in model.recogniser.steps[1:-1]:
             prepared = step.transform(prepared)
-        confidence.append(p.max(axis=1))
-        raw.append(model.recogniser[-1].predict_proba(prepared).max(axis=1))
-        hits.append(right)
-        clusters.append(parents(table.frame).to_numpy(dtype=str))
-        alarms.append(p_known <= settings.false_alarms)
-    confidence, raw, hits, clusters = map(np.concatenate, (confidence, raw, hits, clusters))
-    low, high = cluster_interval(hits, clusters, SEED)
+        raw = model.recogniser[-1].predict_proba(prepared).max(axis=1)
+        hits = np.array(model.materials)[p.argmax(axis=1)] == frame["material"].to_numpy(dtype=str)
+        alarms = p_known <= model.novelty.false_alarms
+        found.append((p.max(axis=1), raw, hits, parents(frame).to_numpy(dtype=str), alarms))
+    confidence, raw, hits, clusters, alarms = map(np.concatenate, zip(*found, strict=True))
+    ece = expected_calibration_error(confidence, hits)
+    rng, names, drawn = np.random.default_rng(SEED), np.unique(clusters), []
+    rows = {name: np.flatnonzero(clusters == name) for name in names}
+    for _ in range(N_DRAWS):
+        chosen = np.concatenate([rows[name] for name in rng.choice(names, len(names))])
+        drawn.append(expected_calibration_error(confidence[chosen], hits[chosen]))
+    # The basic bootstrap interval over recordings: resamples are biased upwards, as the error is.
+    low, high = 2 * ece - np.quantile(drawn, [0.975, 0.025])
     return {
-        **vars(case),
+        **case,
         "n": len(hits),
-        "accuracy": float(hits.mean()),
-        "accuracy_interval": [low, high],
-        "confidence": float(confidence.mean()),
-        "ece": expected_calibration_error(confidence, hits),
-        "ece_interval": interval(confidence, hits, clusters),
+        "accuracy": hits.mean(),
+        "accuracy_interval": cluster_interval(hits, clusters, SEED),
+        "confidence": confidence.mean(),
+        "ece": ece,
+        "ece_interval": [max(0.0, low), high],
         "ece_equal_counts": expected_calibration_error(confidence, hits, equal_counts=True),
         "ece_uncalibrated": expected_calibration_error(raw, hits),
-        "false_alarms": float(np.concatenate(alarms).mean()),
+        "false_alarms": alarms.mean(),
         "input_hash": dataset.input_hash,
     }
 
 
-def interval(confidence, hits, clusters) -> list[float]:
-    """Return the basic bootstrap interval over recordings: resamples are biased upwards, as the error is."""
-    rng, names = np.random.default_rng(SEED), np.unique(clusters)
-    rows = {name: np.flatnonzero(clusters == name) for name in names}
-    found = expected_calibration_error(confidence, hits)
-    drawn = []
-    for _ in range(N_DRAWS):
-        chosen = np.concatenate([rows[name] for name in rng.choice(names, len(names))])
-        drawn.append(expected_calibration_error(confidence[chosen], hits[chosen]))
-    low, high = np.quantile(drawn, [0.025, 0.975])
-    return [max(0.0, float(2 * found - high)), float(2 * found - low)]
-
-
-def report(results: list[dict[str, Any]], facts: dict[str, Any]) -> str:
-    """Return the report in Markdown."""
-    lines = [
-        "# Calibration",
-        "",
-        "Models are trained, thresholds and temperatures included, on repetitions 1-20 of `biotac20`, and",
-        "asked about 21-40 (the sensor has drifted); on `simulated` they are asked in five outer folds.",
-        "`held out` says how the training recordings were held out to calibrate: in random folds",
-        "(recording), or later ones from earlier ones (blocks). ECE is the expected calibration error of",
-        f"the likeliest surface in {N_BINS} bins of equal width (of equal counts in the next column), with a",
-        "bootstrap interval over recordings; `before` is that of the classifier's own probabilities.",
-        f"Aim: at most {AIM}.",
-        "False alarms: known surfaces called unknown, 5 % asked for.",
-        "",
-        "| dataset | touch | row, classifier | held out | n | accuracy, % | ECE | equal counts | before "
-        "| false alarms, % |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
-    for r in results:
-        low, high = (100 * end for end in r["accuracy_interval"])
-        touch = "whole" if r["touch_s"] is None else f"{r['touch_s']:g} s"
-        lines.append(
-            f"| {r['dataset']} | {touch} | {r['pipeline']}: {r['row']}, {r['classifier']} | {r['protocol']} "
-            f"| {r['n']} | {100 * r['accuracy']:.1f} [{low:.1f}, {high:.1f}] "
-            f"| {r['ece']:.3f} [{r['ece_interval'][0]:.3f}, {r['ece_interval'][1]:.3f}] "
-            f"| {r['ece_equal_counts']:.3f} | {r['ece_uncalibrated']:.3f} | {100 * r['false_alarms']:.1f} |"
-        )
-    made = ", ".join(f"{name} {version}" for name, version in facts["versions"].items())
-    hashes = dict.fromkeys(f"{r['dataset']} {r['input_hash'][:16]}" for r in results)
-    return "\n".join([*lines, "", f"Made with {made}; seed {SEED}; input {', '.join(hashes)}.", ""])
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=REPORTS)
-    parser.add_argument("--only", type=int, nargs="*", help="numbers of cases")
-    options = parser.parse_args()
-    results: list[dict[str, Any]] = []
-    facts = {"versions": versions("numpy", "scipy", "scikit-learn"), "seed": SEED, "n_bins": N_BINS}
-    with threadpool_limits(1):
-        for number, case in enumerate(CASES):
-            if options.only is None or number in options.only:
-                results.append(measure(case))
-                print(results[-1], flush=True)
-    options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "calibration.json").write_text(
-        json.dumps({**facts, "results": results}, indent=1), encoding="utf-8"
-    )
-    (options.out / "calibration.md").write_text(report(results, facts), encoding="utf-8")
+    parser = command_line(__doc__)
+    parser.add_argument("--only", type=int, nargs="*", default=range(len(CASES)), help="numbers of cases")
+    asked = parser.parse_args()
+    results = []
+    for number in asked.only:
+        results.append(measure(dict(zip(CASE, CASES[number], strict=True))))
+        print(results[-1], flush=True)
+    made = {
+        "versions": versions("numpy", "scipy", "scikit-learn"),
+        "seed": SEED,
+        "n_bins": N_BINS,
+        "results": results,
+    }
+    shown = []
+    for r in results:
+        low, high = r["accuracy_interval"]
+        touch = "whole" if r["touch_s"] is None else f"{r['touch_s']:g} s"
+        shown.append(r | {"touch": touch, "right": interval(r | {"low": low, "high": high})})
+    blocks = [
+        "Models are trained, thresholds and temperatures included, on repetitions 1-20 of `biotac20`, and "
+        "asked about 21-40 (the sensor has drifted); on `simulated` they are asked in five outer folds. "
+        "`held out` says how the training recordings were held out to calibrate: in random folds "
+        "(recording), or later ones from earlier ones (blocks). ECE is the expected calibration error of "
+        f"the likeliest surface in {N_BINS} bins of equal width (of equal counts in the next column), with a "
+        "bootstrap interval over recordings; `before` is that of the classifier's own probabilities. "
+        f"Aim: at most {AIM}. False alarms: known surfaces called unknown, 5 % asked for.",
+        table(
+            shown,
+            "dataset | touch | row, classifier | held out | n | accuracy, % | ECE | equal counts | before | "
+            "false alarms",
+            "{dataset} | {touch} | {pipeline}: {row}, {classifier} | {protocol} | {n} | {right} | {ece:.3f} "
+            "[{ece_interval[0]:.3f}, {ece_interval[1]:.3f}] | {ece_equal_counts:.3f} | "
+            "{ece_uncalibrated:.3f} | {false_alarms:.1%}",
+            n_words=4,
+        ),
+        {r["dataset"]: f"input {r['input_hash'][:16]}" for r in results},
+    ]
+    write(asked.out, "calibration", made, "Calibration", blocks)
 
 
 if __name__ == "__main__":

@@ -5,47 +5,38 @@ writes reports/studies/feature_speed.json and .md. One thread; CPU time of that 
 sets and the peers take turns within each round, and medians over rounds are compared, so that a loaded
 machine slows all alike. The recording has one axis and its phases are given, so nothing but features is
 timed; peers are given the samples that features read. `--peers-python`: an interpreter that has TSFEL,
-pycatch22 and aeon.
+pycatch22 and aeon. `--knee`: what a trade-off chose.
 """
 
-# ruff: noqa: E402  (the number of threads is set before numpy reads it)
-import os
-
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import argparse
 import hashlib
 import json
-import platform
+import os
 import subprocess
 import tempfile
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pywt
-import scipy
+import pandas as pd
+from study import ROOT, command_line, table, timed, write
 
-from texclass import __version__
+from texclass.document import Heading
 from texclass.features import FeatureSet, load_feature_set
 from texclass.features.phase_view import Views
 from texclass.peers.launch import ENVIRONMENT, HERE
+from texclass.provenance import versions
 from texclass.recording import Phases, Recording, Samples, Tap
 
-ROOT = Path(__file__).resolve().parents[2]
 FS, DURATION_S = 10_000.0, 25.0
 SEED = 0
+SHIPPED = ("strese2015", "texclass", "multiscale")
+CHEAP = "strese2015 without spectral_roughness"
 KNEE = "knee of {}, pruned"
-LIMITS = {
-    "strese2015": 40.0,
-    "strese2015 without spectral_roughness": 12.0,
-    "texclass": 15.0,
-    KNEE: 5.0,
-}
+LIMITS = {"strese2015": 40.0, CHEAP: 12.0, "texclass": 15.0, KNEE: 5.0}
 """At most so many transforms, where one is asked for."""
 PEERS = {"tsfel": "TSFEL", "catch22": "catch22", "minirocket": "MiniRocket transform"}
 DISTRIBUTIONS = ("tsfel", "pycatch22", "aeon", "numpy", "numba")
@@ -72,17 +63,11 @@ def example(seed: int = SEED) -> tuple[Recording, Phases]:
 
 def sets(knee: Path) -> dict[str, FeatureSet]:
     """Return the shipped sets, the paper's without its most expensive feature, and what a trade-off chose."""
-    strese, texclass, multiscale = map(load_feature_set, ("strese2015", "texclass", "multiscale"))
-    cheap = strese.restricted_to(name for name in strese.columns if name != "spectral_roughness")
-    chosen = json.loads(knee.read_text(encoding="utf-8"))
+    known = {name: load_feature_set(name) for name in SHIPPED}
+    strese, chosen = known["strese2015"], json.loads(knee.read_text(encoding="utf-8"))
+    known[CHEAP] = strese.restricted_to(name for name in strese.columns if name != "spectral_roughness")
     pruned = load_feature_set(chosen["features"]).restricted_to(chosen["chosen"]["columns"])
-    return {
-        "strese2015": strese,
-        "strese2015 without spectral_roughness": cheap,
-        "texclass": texclass,
-        "multiscale": multiscale,
-        KNEE.format(chosen["dataset"]["name"]): pruned,
-    }
+    return known | {KNEE.format(chosen["dataset"]["name"]): pruned}
 
 
 def fresh(recording: Recording, phases: Phases) -> Views:
@@ -93,43 +78,26 @@ def fresh(recording: Recording, phases: Phases) -> Views:
     return views
 
 
-def seconds(call: Callable[[], object]) -> float:
-    """CPU time of this thread."""
-    start = time.thread_time()
-    call()
-    return time.thread_time() - start
-
-
 @contextmanager
 def peers(python: Path, signal: Samples) -> Iterator[dict[str, Timer]]:
     """Return what times each peer on the recording, in a process of the other interpreter."""
+
+    def asked(name: str) -> float:
+        worker.stdin.write(name + "\n")
+        worker.stdin.flush()
+        answer = worker.stdout.readline()
+        if not answer:
+            raise RuntimeError(f"the worker of {name} ended; the rule is an interpreter that has the peer")
+        return float(json.loads(answer)["seconds"])
+
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "signal.npy"
         np.save(path, signal)
         command = [str(python), str(Path(__file__).with_name("peer_timer.py")), str(HERE), str(path), str(FS)]
-        with subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-            env=os.environ | ENVIRONMENT,
-        ) as worker:
-            assert worker.stdin is not None
-            yield {title: lambda name=name: asked(worker, name) for name, title in PEERS.items()}  # type: ignore[misc]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+        with subprocess.Popen(command, text=True, env=os.environ | ENVIRONMENT, **pipes) as worker:
+            yield {title: partial(asked, name) for name, title in PEERS.items()}
             worker.stdin.close()
-
-
-def asked(worker: "subprocess.Popen[str]", name: str) -> float:
-    """Let the worker run a peer once; return the CPU seconds it took."""
-    assert worker.stdin is not None
-    assert worker.stdout is not None
-    worker.stdin.write(name + "\n")
-    worker.stdin.flush()
-    answer = worker.stdout.readline()
-    if not answer:
-        raise RuntimeError(f"the worker of {name} ended; the rule is an interpreter that has the peer")
-    return float(json.loads(answer)["seconds"])
 
 
 def peer_versions(python: Path) -> dict[str, str]:
@@ -139,142 +107,105 @@ def peer_versions(python: Path) -> dict[str, str]:
         f"found = {{n: m.version(n) for n in {DISTRIBUTIONS}}};"
         "print(json.dumps(found | {'python': platform.python_version()}))"
     )
-    found = subprocess.run([str(python), "-c", script], check=True, capture_output=True, text=True).stdout
-    return dict(json.loads(found))
+    done = subprocess.run([str(python), "-c", script], check=True, capture_output=True, text=True)
+    return dict(json.loads(done.stdout))
 
 
-def rounds(
-    n: int, known: dict[str, FeatureSet], others: dict[str, Timer]
-) -> dict[str, list[dict[str, float]]]:
-    """Return the CPU seconds of each thing in each round: a total, and the features of a set by name."""
+def rounds(n: int, known: dict[str, FeatureSet], others: dict[str, Timer]) -> dict[tuple[str, str], float]:
+    """Return the median ms of each thing: (name, "") in all, (set, feature) of the features of a set."""
     recording, phases = example()
-    movement = np.ascontiguousarray(recording.acceleration[slice(*(phases.movement or (0, 0)))])
-    found: dict[str, list[dict[str, float]]] = {
-        name: [] for name in ("rfft", "conditioning", *known, *others)
-    }
+    movement = np.ascontiguousarray(recording.acceleration[slice(*phases.movement)])
+    found = []
     for _ in range(N_WARM + n):
-        references = []
+        row, references = {}, []
         for name, feature_set in known.items():
-            references.append(seconds(lambda: np.fft.rfft(movement)))
+            references.append(timed(lambda: np.fft.rfft(movement))[1])
             views = fresh(recording, phases)
-            costs = {m.name: seconds(lambda m=m, v=views: m.values(v)) for m in feature_set.members}  # type: ignore[misc]
-            found[name].append({"": sum(costs.values())} | costs)
-        found["rfft"].append({"": float(np.median(references))})
-        found["conditioning"].append({"": seconds(lambda: fresh(recording, phases))})
-        for name, timer in others.items():
-            found[name].append({"": timer()})
-    return {name: each[N_WARM:] for name, each in found.items()}
+            for member in feature_set.members:
+                row[name, member.name] = timed(partial(member.values, views))[1]
+            row[name, ""] = sum(row[name, member.name] for member in feature_set.members)
+        row["rfft", ""] = float(np.median(references))
+        row["conditioning", ""] = timed(lambda: fresh(recording, phases))[1]
+        found.append(row | {(name, ""): timer() for name, timer in others.items()})
+    return {key: 1e3 * float(np.median([row[key] for row in found[N_WARM:]])) for key in found[0]}
 
 
-def measure(options: argparse.Namespace) -> dict[str, object]:
+def measure(knee: Path, n_rounds: int, python: Path | None) -> dict[str, Any]:
     """Return medians over rounds: ms and ratios of sets and peers, ms of each feature."""
-    known = sets(options.knee)
-    with ExitStack() as stack:
-        given, others = fresh(*example()).movement.samples, {}
-        if options.peers_python:
-            others = stack.enter_context(peers(options.peers_python, given))
-        times = rounds(options.rounds, known, others)
-    ms = {name: {key: median_ms(each, key) for key in each[0]} for name, each in times.items()}
-    rfft = ms["rfft"][""]
-    limits = {name: LIMITS.get(KNEE if name.startswith("knee of") else name) for name in known}
+    known, given = sets(knee), fresh(*example()).movement.samples
+    with peers(python, given) if python else nullcontext({}) as others:
+        each = rounds(n_rounds, known, others)
+    ms = {name: value for (name, feature), value in each.items() if not feature}
+    rfft, conditioning = ms.pop("rfft"), ms.pop("conditioning")
+    chosen = list(known)[-1]
+    limits = {name: LIMITS.get(KNEE if name == chosen else name) for name in known}
     return {
         "reference_ms": rfft,
-        "conditioning_ratio": ms["conditioning"][""] / rfft,
-        "ms": {name: ms[name][""] for name in (*known, *others)},
-        "ratio": {name: ms[name][""] / rfft for name in (*known, *others)},
+        "conditioning_ratio": conditioning / rfft,
+        "ms": ms,
+        "ratio": {name: value / rfft for name, value in ms.items()},
         "limit": {name: limit for name, limit in limits.items() if limit},
-        "times_faster": {name: {peer: ms[peer][""] / ms[name][""] for peer in others} for name in known},
-        "n_columns": {name: len(each.column_names) for name, each in known.items()},
-        "feature_ms": {name: {k: v for k, v in ms[name].items() if k} for name in known},
-        "n_rounds": options.rounds,
-        "knee": list(known[next(name for name in known if name.startswith("knee of"))].column_names),
+        "times_faster": {name: {peer: ms[peer] / ms[name] for peer in others} for name in known},
+        "n_columns": {name: len(feature_set.column_names) for name, feature_set in known.items()},
+        "feature_ms": {
+            name: {feature: value for (of, feature), value in each.items() if of == name and feature}
+            for name in known
+        },
+        "n_rounds": n_rounds,
+        "knee": list(known[chosen].column_names),
         "input": {
             "duration_s": DURATION_S,
             "fs": FS,
             "seed": SEED,
             "sha256": hashlib.sha256(given.tobytes()).hexdigest(),
         },
-        "versions": {
-            "texclass": __version__,
-            "python": platform.python_version(),
-            "numpy": np.__version__,
-            "scipy": scipy.__version__,
-            "PyWavelets": pywt.__version__,
-        },
-        "peer_versions": peer_versions(options.peers_python) if options.peers_python else {},
+        "versions": versions("numpy", "scipy", "PyWavelets"),
+        "peer_versions": peer_versions(python) if python else {},
     }
 
 
-def median_ms(each: list[dict[str, float]], key: str) -> float:
-    """Return a median over rounds, in ms."""
-    return 1e3 * float(np.median([costs[key] for costs in each]))
-
-
-def as_markdown(result: dict) -> str:  # type: ignore[type-arg]
-    """Return the report for people."""
-    what = result["input"]
-    theirs = [name for name in result["ms"] if name not in result["n_columns"]]
-    lines = [
-        "# Cost of the feature sets",
-        "",
-        f"One recording of {what['duration_s']:g} s at {what['fs']:g} Hz, one axis, one thread, warm, median "
-        f"of {result['n_rounds']} rounds in which all take turns. One `np.fft.rfft` of it took "
-        f"{result['reference_ms']:.2f} ms. Conditioning the samples (mean, resting level; the same for every "
-        f"set) takes {result['conditioning_ratio']:.1f} of them more.",
-        "",
-        "| set | columns | ms | times one rfft | at most |" + "".join(f" {name} / it |" for name in theirs),
-        "|---|---:|---:|---:|---:|" + "---:|" * len(theirs),
+def main() -> None:
+    parser = command_line(__doc__, rounds=15, knee=ROOT / "reports" / "tables" / "simulated69-tradeoff.json")
+    parser.add_argument("--peers-python", type=Path)
+    asked = parser.parse_args()
+    result = measure(asked.knee, asked.rounds, asked.peers_python)
+    rfft, faster = result["reference_ms"], pd.DataFrame(result["times_faster"]).T
+    costs = [
+        {
+            "name": name,
+            "columns": result["n_columns"].get(name, ""),
+            "ms": ms,
+            "ratio": ms / rfft,
+            "limit": result["limit"].get(name, ""),
+            "longer": ", ".join(f"{peer} {times:.0f}" for peer, times in faster.T.get(name, {}).items()),
+        }
+        for name, ms in result["ms"].items()
     ]
-    for name, n_columns in result["n_columns"].items():
-        faster = "".join(f" {result['times_faster'][name][peer]:.0f} |" for peer in theirs)
-        limit = f"{result['limit'][name]:g}" if name in result["limit"] else ""
-        cost = f"{result['ms'][name]:.1f} | {result['ratio'][name]:.1f}"
-        lines.append(f"| {name} | {n_columns} | {cost} | {limit} |{faster}")
-    lines += [
-        f"| {name} | | {result['ms'][name]:.0f} | {result['ratio'][name]:.0f} | |" + " |" * len(theirs)
-        for name in theirs
-    ]
-    lines += ["", "The last columns say how many times longer a peer takes than the set."] if theirs else []
     counts = Counter(column.split(".")[0] for column in result["knee"])
     parts = [feature if n == 1 else f"{feature} ({n})" for feature, n in counts.items()]
-    lines += ["", "The knee's features, with columns where there are several: " + ", ".join(parts) + "."]
-    for name in ("strese2015", "texclass", "multiscale"):
-        lines += ["", f"## {name}, per feature", "", "| feature | ms | times one rfft |", "|---|---:|---:|"]
-        for feature, cost in result["feature_ms"][name].items():
-            lines.append(f"| {feature} | {cost:.2f} | {cost / result['reference_ms']:.2f} |")
-    lines += [
-        "",
-        "A transform that several features share is counted with the first that asks for it.",
-        "",
-        "Versions: " + listed(result["versions"]) + ".",
+    blocks = [
+        f"One recording of {DURATION_S:g} s at {FS:g} Hz, one axis, one thread, warm, median of "
+        f"{asked.rounds} rounds in which all take turns. One `np.fft.rfft` of it took {rfft:.2f} ms. "
+        "Conditioning the samples (mean, resting level; the same for every set) takes "
+        f"{result['conditioning_ratio']:.1f} of them more.",
+        table(
+            costs,
+            "set | columns | ms | times one rfft | at most | times longer",
+            "{name} | {columns} | {ms:.1f} | {ratio:.1f} | {limit} | {longer}",
+            "Times longer: what a peer takes, over the set.",
+        ),
+        f"The knee's features, with columns where there are several: {', '.join(parts)}.",
     ]
-    if result["peer_versions"]:
-        lines.append("Peers, in an interpreter of their own: " + listed(result["peer_versions"]) + ".")
-    return "\n".join(lines) + "\n"
-
-
-def listed(versions: dict[str, str]) -> str:
-    """Return versions as text."""
-    return ", ".join(f"{name} {version}" for name, version in versions.items())
-
-
-def main() -> None:
-    """Measure, print and write the report."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--peers-python", type=Path)
-    parser.add_argument(
-        "--knee", type=Path, default=ROOT / "reports" / "tables" / "simulated69-tradeoff.json"
-    )
-    parser.add_argument("--out", type=Path, default=ROOT / "reports" / "studies")
-    options = parser.parse_args()
-    result = measure(options)
-    options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "feature_speed.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    (options.out / "feature_speed.md").write_text(as_markdown(result), encoding="utf-8")
-    print(as_markdown(result))
+    for name in SHIPPED:
+        rows = [{"feature": k, "ms": ms, "ratio": ms / rfft} for k, ms in result["feature_ms"][name].items()]
+        titles = "feature | ms | times one rfft"
+        cells = "{feature} | {ms:.2f} | {ratio:.2f}"
+        blocks += [Heading(f"{name}, per feature"), table(rows, titles, cells)]
+    blocks.append("A transform that several features share is counted with the first that asks for it.")
+    if theirs := result["peer_versions"]:
+        listed = ", ".join(f"{name} {version}" for name, version in theirs.items())
+        blocks.append(f"Peers, in an interpreter of their own: {listed}.")
+    write(asked.out, "feature_speed", result, "Cost of the feature sets", blocks)
 
 
 if __name__ == "__main__":

@@ -2,36 +2,27 @@
 
 Run it by hand from the project's root, best on a quiet machine: `python
 tests/benchmarks/scene_render.py`. It writes reports/studies/scene.json and .md. `--paced` adds a run that
-waits for each millisecond, as a haptic loop does.
-One thread. "Quiet": each sample counts with the least of five runs of the same path, which leaves out what
-else the machine did; "one run": the clock as it was. Python's call and the clock are within both; the garbage
-collector is frozen and off, as in a haptic loop.
+waits for each millisecond, as a haptic loop does (2 minutes). `--samples`, `--paths`: timed and tried.
 """
 
-# ruff: noqa: E402  (the number of threads is set before numpy reads it)
-import os
-
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ[_name] = "1"
-
-import argparse
 import hashlib
 import json
+import os
 import platform
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
+from study import command_line, table, write
 
+from texclass.document import Heading
 from texclass.provenance import versions
-from texclass.scene import PlannedScene, ScenePlan, SceneRenderer, plan_scene, read_scene
+from texclass.scene import PlannedScene, SceneRenderer, plan_scene, read_scene
 from texclass.scene.proof import quantiles, run_steps, without_garbage_collection
 from texclass.scene.renderer import PEAK_FACTOR
 from texclass.textures.grid import GridModel
 
 SCENE, CONTACTS, ORDER = "twenty", 4, 400
-N_SAMPLES, N_RUNS = 60_000, 5
-N_PATHS, PATH_SAMPLES = 1000, 2000
+N_RUNS, PATH_SAMPLES = 5, 2000
 LIMITS = {"planned": 10.0, f"order {ORDER}": 100.0}
 
 
@@ -43,15 +34,15 @@ def order_400(seed: int) -> PlannedScene:
     return PlannedScene("400", 1000.0, "m/s^2", (20.0, 450.0), 30.0, CONTACTS, {"it": 0}, (model,))
 
 
-def timings(scene: PlannedScene, *, paced: bool) -> dict[str, dict[str, float]]:
-    """Microseconds of one sample of all contacts, over 60 s at the scene's rate."""
+def timings(scene: PlannedScene, n: int, *, paced: bool) -> dict[str, dict[str, float]]:
+    """Microseconds of one sample of all contacts, over n of them at the scene's rate."""
     renderer, names = SceneRenderer(scene, n_contacts=CONTACTS), list(scene.assigned)
     motion = (40.0, 200.0), (0.4, 2.0)
     with without_garbage_collection():
-        runs = np.stack([run_steps(renderer, names, *motion, N_SAMPLES) for _ in range(N_RUNS)])
+        runs = np.stack([run_steps(renderer, names, *motion, n) for _ in range(N_RUNS)])
         found = {"quiet": quantiles(runs.min(axis=0)), "one run": quantiles(runs[0])}
         if paced:
-            alone = run_steps(renderer, names, *motion, N_SAMPLES, paced=True)
+            alone = run_steps(renderer, names, *motion, n, paced=True)
             found["paced"] = quantiles(alone)
     return found
 
@@ -70,86 +61,84 @@ def random_path(
     return velocity, force, [[names[i] for i in row] for row in which]
 
 
-def largest_output(scene: PlannedScene, seed: int) -> dict[str, float | bool]:
-    """The largest sample over 1,000 random paths, the device's own limit out of the way, beside the bound."""
+def largest_output(scene: PlannedScene, seed: int, n_paths: int) -> dict[str, float | bool]:
+    """The largest sample over random paths, the device's own limit out of the way, beside the bound."""
     scene = replace(scene, largest_output=1e6)
     renderer, rng = SceneRenderer(scene, n_contacts=CONTACTS, seed=seed), np.random.default_rng(seed)
     names: list[str | None] = [*scene.assigned, None]
     peak, finite = 0.0, True
-    for _ in range(N_PATHS):
+    for _ in range(n_paths):
         x = renderer.process(*random_path(rng, names, PATH_SAMPLES))
         peak, finite = max(peak, float(np.abs(x).max())), finite and bool(np.isfinite(x).all())
     bound = float(np.sqrt(2) * PEAK_FACTOR * max(m.peak for m in scene.models))
-    return {"paths": N_PATHS, "finite": finite, "peak": peak, "bound": bound, "within": peak <= bound}
+    return {"paths": n_paths, "finite": finite, "peak": peak, "bound": bound, "within": peak <= bound}
 
 
-def told(plan: ScenePlan, result: dict) -> str:
-    """The report as Markdown."""
-    t = plan.definition.tolerance
-    lines = [
-        "# A scene of 20 surfaces: planned, proved, rendered\n",
+def main() -> None:
+    asked = command_line(__doc__, seed=0, paced=False, samples=60_000, paths=1000).parse_args()
+    definition = read_scene(SCENE)
+    plan = plan_scene(definition)
+    scenes = {"planned": plan.scene, f"order {ORDER}": order_400(asked.seed)}
+    result = {
+        "plan": json.loads(plan.to_json()),
+        "microseconds": {
+            name: timings(scene, asked.samples, paced=asked.paced) for name, scene in scenes.items()
+        },
+        "bounded": (b := largest_output(plan.scene, asked.seed, asked.paths)),
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}",
+        "versions": versions("numpy", "scipy", "numba"),
+        "seed": asked.seed,
+        "input_sha256": hashlib.sha256(definition.source.read_bytes()).hexdigest(),
+    }
+    t = definition.tolerance
+    planned = [
+        {
+            "s": s,
+            "m": s.model,
+            "nodes": "x".join(map(str, s.model.n_nodes)),
+            "worst": (min if t.score == "gfc" else max)(s.verdict.scores),
+            "operations": s.model.operations(plan.scene.fs),
+            "shares": s.shares or "",
+        }
+        for s in plan.surfaces
+    ]
+    clocks = [
+        {"scene": scene, "clock": clock, "limit": LIMITS[scene], **found}
+        for scene, of_scene in result["microseconds"].items()
+        for clock, found in of_scene.items()
+    ]
+    blocks = [
         f"Scene `{SCENE}` (simulated surfaces), tolerance {t.score} {t.limit:g} ({t.over} held-out point, "
-        f"level within {t.level_db:g} dB), {result['machine']}.\n",
+        f"level within {t.level_db:g} dB).",
         f"**{plan.saving:.1f} times fewer operations per sample** than order 400 everywhere "
         f"({plan.scene.operations:.0f} against {plan.everything:.0f} per contact, mean over the surfaces); "
         f"{sum(s.verdict.within for s in plan.surfaces)} of {len(plan.surfaces)} surfaces within the "
         f"tolerance on held-out speeds and forces; {len(plan.scene.models)} models, "
-        f"{plan.scene.n_bytes} bytes.\n",
-        "| surface | family | order | lines | nodes | worst score | of the tolerance | operations | shares |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for s in plan.surfaces:
-        worst = (min if t.score == "gfc" else max)(s.verdict.scores)
-        lines.append(
-            f"| {s.name} | {s.model.kind} | {s.model.order} | {s.model.n_lines} | "
-            f"{'x'.join(map(str, s.model.n_nodes))} | {worst:.3f} | {100 * s.verdict.relative:.0f} % | "
-            f"{s.model.operations(plan.scene.fs):.0f} | {s.shares or ''} |"
-        )
-    lines += [
-        f"\n## Microseconds per sample, {CONTACTS} contacts, 60 s at 1 kHz, one sample a call\n",
-        "| scene | clock | p50 | p99 | p99.9 | worst | limit for p99.9 |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for scene, clocks in result["microseconds"].items():
-        for clock, q in clocks.items():
-            values = " | ".join(f"{q[name]:.1f}" for name in ("p50", "p99", "p999", "worst"))
-            lines.append(f"| {scene} | {clock} | {values} | {LIMITS[scene]:g} |")
-    b = result["bounded"]
-    lines += [
-        f"\n{__doc__.split('One thread. ')[1].strip()}\n",
+        f"{plan.scene.n_bytes} bytes.",
+        table(
+            planned,
+            "surface | family | order | lines | nodes | worst score | of the tolerance | operations | shares",
+            "{s.name} | {m.kind} | {m.order} | {m.n_lines} | {nodes} | {worst:.3f} | "
+            "{s.verdict.relative:.0%} | {operations:.0f} | {shares}",
+            n_words=2,
+        ),
+        Heading(f"Microseconds per sample, {CONTACTS} contacts, {asked.samples / 1000:g} s at 1 kHz"),
+        table(
+            clocks,
+            "scene | clock | p50 | p99 | p99.9 | worst | limit for p99.9",
+            "{scene} | {clock} | {p50:.1f} | {p99:.1f} | {p999:.1f} | {worst:.1f} | {limit:g}",
+            "One sample a call, one thread. quiet: each sample counts with the least of five runs of the "
+            "same path, which leaves out what else the machine did; one run: the clock as it was. Python's "
+            "call and the clock are within both; the garbage collector is frozen and off, as in a haptic "
+            "loop.",
+            n_words=2,
+        ),
         f"Over {b['paths']} random paths of {CONTACTS} contacts: "
         f"{'all finite' if b['finite'] else 'NOT finite'}, largest {b['peak']:.2f} m/s^2, stated bound "
-        f"{b['bound']:.2f} ({PEAK_FACTOR:g} x the recorded peak, "
-        f"sqrt(2) x that in a crossfade; the device's largest output bounds it further).\n",
-        f"Versions: {', '.join(f'{k} {v}' for k, v in result['versions'].items())}; seed {result['seed']}; "
-        f"input {result['input_sha256'][:16]}.",
+        f"{b['bound']:.2f} ({PEAK_FACTOR:g} x the recorded peak, sqrt(2) x that in a crossfade; the device's "
+        "largest output bounds it further).",
     ]
-    return "\n".join(lines) + "\n"
-
-
-def main() -> None:
-    """Plan, time, try, write."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--paced", action="store_true", help="also wait for each millisecond (2 minutes)")
-    parser.add_argument("--out", type=Path, default=Path("reports/studies"))
-    given = parser.parse_args()
-    definition = read_scene(SCENE)
-    plan = plan_scene(definition)
-    scenes = {"planned": plan.scene, f"order {ORDER}": order_400(given.seed)}
-    result = {
-        "plan": json.loads(plan.to_json()),
-        "microseconds": {name: timings(scene, paced=given.paced) for name, scene in scenes.items()},
-        "bounded": largest_output(plan.scene, given.seed),
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}",
-        "versions": versions("numpy", "scipy", "numba"),
-        "seed": given.seed,
-        "input_sha256": hashlib.sha256(definition.source.read_bytes()).hexdigest(),
-    }
-    given.out.mkdir(parents=True, exist_ok=True)
-    (given.out / "scene.json").write_text(json.dumps(result, indent=1), encoding="utf-8")
-    (given.out / "scene.md").write_text(told(plan, result), encoding="utf-8")
-    print(told(plan, result))
+    write(asked.out, "scene", result, "A scene of 20 surfaces: planned, proved, rendered", blocks)
 
 
 if __name__ == "__main__":

@@ -1,15 +1,10 @@
 """Are surfaces that were never trained told apart from known ones: pairs of materials left out of `biotac20`.
 
-Run `python tests/benchmarks/unknown_surfaces.py --pairs 40` from the project's root (about half a minute a
-pair; all 190 by default). Writes `reports/studies/unknown_surfaces.md` and `.json`.
+`python tests/benchmarks/unknown_surfaces.py [--pairs N]` (about half a minute a pair; all 190 by default,
+else so many drawn with the seed) writes reports/studies/unknown_surfaces.
 """
 
-import argparse
 import itertools
-import json
-import textwrap
-import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,21 +12,22 @@ import numpy as np
 import pandas as pd
 from scipy import linalg
 from sklearn.metrics import roc_auc_score
-from threadpoolctl import threadpool_limits
+from study import command_line, table, write
 
-from texclass.experiment import find_protocol, load_pipeline
-from texclass.experiment.feature_table import cached_table
+from texclass.document import Heading
+from texclass.experiment import PipelineDefinition, cached_table, find_protocol, load_pipeline
 from texclass.experiment.pipeline import MatchedRow
 from texclass.loaders import open_dataset
 from texclass.provenance import versions
+from texclass.recognition import Novelty
 from texclass.recognition.probabilities import class_scores
-from texclass.recognition.unknown import Novelty, fit_nearness
+from texclass.recognition.unknown import fit_nearness
+from texclass.recording import Samples
 
 SEED = 6
 FALSE_ALARMS = 0.05
 PIPELINE, ROW, CLASSIFIER = "multiscale", "All", "vote"
 AIM_AUROC, AIM_FLAGGED = 0.95, 0.80
-REPORTS = Path(__file__).parents[2] / "reports" / "studies"
 SCORES = {
     "decision": "minus the largest decision of the classifier (kept)",
     "margin": "minus the gap between the two largest decisions",
@@ -47,43 +43,36 @@ DESIGNS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Material:
-    """Features, labels and repetitions of all recordings."""
-
-    X: Any
-    frame: pd.DataFrame
-
-    @property
-    def y(self):
-        return self.frame["material"].to_numpy(dtype=str)
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pairs", type=int, default=190, help="how many of the 190, drawn with the seed")
-    parser.add_argument("--out", type=Path, default=REPORTS)
-    options = parser.parse_args()
+    asked = command_line(__doc__, pairs=190).parse_args()
     dataset, pipeline = open_dataset("biotac20"), load_pipeline(PIPELINE)
-    table = cached_table(dataset, *pipeline.needed, channels=pipeline.channels)
+    features = cached_table(dataset, *pipeline.needed, channels=pipeline.channels)
     row = next(r for r in pipeline.rows if r.name == ROW)
-    columns = list(MatchedRow.of(row, pipeline.features, table).columns)
-    material = Material(table.frame[columns].to_numpy(), table.frame)
+    columns = list(MatchedRow.of(row, pipeline.features, features).columns)
     pairs = list(itertools.combinations(dataset.materials, 2))
-    drawn = np.random.default_rng(SEED).permutation(len(pairs))[: options.pairs]
-    results, start = [], time.monotonic()
-    with threadpool_limits(1):
-        for n, i in enumerate(drawn):
-            results += study(material, pipeline, pairs[i], int(i))
-            seconds = (time.monotonic() - start) / (n + 1)
-            print(f"{n + 1}/{len(drawn)} {pairs[i]} {seconds:.1f} s a pair", flush=True)
-            if (n + 1) % 5 == 0 or n + 1 == len(drawn):  # a run that is stopped leaves what it has
-                write(results, dataset, pipeline, n + 1, len(columns), options.out)
+    drawn = np.random.default_rng(SEED).permutation(len(pairs))[: asked.pairs]
+    made = {
+        "versions": versions("numpy", "scipy", "scikit-learn"),
+        "seed": SEED,
+        "input_hash": dataset.input_hash,
+        "pipeline": [PIPELINE, ROW, CLASSIFIER, pipeline.hash],
+        "n_columns": len(columns),
+        "false_alarms": FALSE_ALARMS,
+    }
+    results: list[dict[str, Any]] = []
+    for n, i in enumerate(drawn, 1):
+        results += study(features.frame, columns, pipeline, pairs[i], int(i))
+        print(f"{n}/{len(drawn)} {pairs[i]}", flush=True)
+        if n % 5 == 0 or n == len(drawn):  # a run that is stopped leaves what it has
+            report(results, made | {"n_pairs": n}, asked.out)
 
 
-def study(material: Material, pipeline, pair: tuple[str, str], number: int) -> list[dict[str, Any]]:
+def study(
+    frame: pd.DataFrame, columns: list[str], pipeline: PipelineDefinition, pair: tuple[str, str], number: int
+) -> list[dict[str, Any]]:
     """Return AUROC, share of unknowns flagged and false alarms of every score under every design."""
-    y, repetition = material.y, material.frame["repetition"].to_numpy(dtype=int)
+    X, y = frame[columns].to_numpy(), frame["material"].to_numpy(dtype=str)
+    repetition = frame["repetition"].to_numpy(dtype=int)
     unknown, found = np.isin(y, pair), []
     fifth, late = (repetition + number) % 5 == 0, repetition > 20
     for name, protocol, test in (
@@ -91,28 +80,25 @@ def study(material: Material, pipeline, pair: tuple[str, str], number: int) -> l
         ("blocks", "recording", late),
         ("blocks, drift expected", "blocks", late),
     ):
-        train, asked = (
-            np.flatnonzero(~unknown & ~test),
-            np.flatnonzero(test | (unknown & (name == "recordings"))),
-        )
-        held_out = {score: [] for score in SCORES}
-        splits = find_protocol(protocol).split(material.frame.iloc[train].reset_index(drop=True), 5, SEED)
-        for inner, outer in splits:
-            for score, values in scores(material, pipeline, train[inner], train[outer]).items():
-                held_out[score].append(values)
-        said = scores(material, pipeline, train, asked)
+        train = np.flatnonzero(~unknown & ~test)
+        asked = np.flatnonzero(test | (unknown & (name == "recordings")))
+        splits = find_protocol(protocol).split(frame.iloc[train].reset_index(drop=True), 5, SEED)
+        held_out = [
+            scores(pipeline, X[train[inner]], y[train[inner]], X[train[outer]]) for inner, outer in splits
+        ]
+        said = scores(pipeline, X[train], y[train], X[asked])
         is_unknown = unknown[asked]
         for score in SCORES:
-            novelty = Novelty("decision", np.sort(np.concatenate(held_out[score])), FALSE_ALARMS)
-            flagged = novelty.is_unknown(said[score])
+            known = np.sort(np.concatenate([each[score] for each in held_out]))
+            flagged = Novelty("decision", known, FALSE_ALARMS).is_unknown(said[score])
             found.append(
                 {
                     "pair": list(pair),
                     "design": name,
                     "score": score,
-                    "auroc": float(roc_auc_score(is_unknown, said[score])),
-                    "flagged": float(flagged[is_unknown].mean()),
-                    "false_alarms": float(flagged[~is_unknown].mean()),
+                    "auroc": roc_auc_score(is_unknown, said[score]),
+                    "flagged": flagged[is_unknown].mean(),
+                    "false_alarms": flagged[~is_unknown].mean(),
                     "n_unknown": int(is_unknown.sum()),
                     "n_known": int((~is_unknown).sum()),
                 }
@@ -120,35 +106,29 @@ def study(material: Material, pipeline, pair: tuple[str, str], number: int) -> l
     return found
 
 
-def scores(material: Material, pipeline, train, asked) -> dict[str, Any]:
-    """Return how strange recordings are by every score: fitted on `train`, for `asked`."""
+def scores(pipeline: PipelineDefinition, X: Samples, y: Any, asked: Samples) -> dict[str, Samples]:
+    """Return how strange recordings are by every score: fitted on X, for `asked`."""
     row = next(r for r in pipeline.rows if r.name == ROW)
-    prepare = pipeline.preparation(row, CLASSIFIER).fit(material.X[train])
-    X, asked_X = prepare.transform(material.X[train]), prepare.transform(material.X[asked])
-    labels = np.unique(material.y[train], return_inverse=True)[1]
-    classifier = pipeline.classifiers[CLASSIFIER].make().fit(X, material.y[train])
-    decisions = class_scores(classifier, asked_X)
+    prepare = pipeline.preparation(row, CLASSIFIER).fit(X)
+    X, asked = prepare.transform(X), prepare.transform(asked)
+    labels = np.unique(y, return_inverse=True)[1]
+    classifier = pipeline.classifiers[CLASSIFIER].make().fit(X, y)
+    decisions = class_scores(classifier, asked)
     ordered = np.sort(decisions, axis=1)
-    near = fit_nearness(X, labels)
-    whole = classifier.whole_
-    kernel = whole._kernel([view(asked_X) for view in whole.views_])
+    near, whole = fit_nearness(X, labels), classifier.whole_
+    known_view, view = ((x - near.mean) @ near.view for x in (X, asked))
+    squared = (view**2).sum(1)[:, None] + (known_view**2).sum(1) - 2 * view @ known_view.T
     return {
         "decision": -ordered[:, -1],
         "margin": ordered[:, -2] - ordered[:, -1],
-        "distance": near(asked_X),
-        "neighbours": third_nearest((X - near.mean) @ near.view, (asked_X - near.mean) @ near.view),
-        "kernel": 1 - kernel.max(axis=1),
-        "mahalanobis": mahalanobis(X, labels, asked_X),
+        "distance": near(asked),
+        "neighbours": np.sqrt(np.maximum(np.partition(squared, 2, axis=1)[:, 2], 0)),
+        "kernel": 1 - whole._kernel([each(asked) for each in whole.views_]).max(axis=1),
+        "mahalanobis": mahalanobis(X, labels, asked),
     }
 
 
-def third_nearest(known, asked):
-    """Return the distance to the third nearest known sample."""
-    squared = (asked**2).sum(1)[:, None] + (known**2).sum(1) - 2 * asked @ known.T
-    return np.sqrt(np.maximum(np.partition(squared, 2, axis=1)[:, 2], 0))
-
-
-def mahalanobis(X, labels, asked, shrinkage: float = 0.1):
+def mahalanobis(X: Samples, labels: Any, asked: Samples, shrinkage: float = 0.1) -> Samples:
     """Return the squared distance to the nearest class mean, the shrunk within-class covariance whitened."""
     mean, scale = X.mean(axis=0), X.std(axis=0)
     scale[scale == 0] = np.inf
@@ -176,62 +156,36 @@ def summary(results: list[dict[str, Any]]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def write(results, dataset, pipeline, n_pairs: int, n_columns: int, out: Path) -> None:
-    table = summary(results)
-    facts = {
-        "versions": versions("numpy", "scipy", "scikit-learn"),
-        "seed": SEED,
-        "input_hash": dataset.input_hash,
-        "pipeline": [PIPELINE, ROW, CLASSIFIER, pipeline.hash],
-        "n_columns": n_columns,
-        "n_pairs": n_pairs,
-        "false_alarms": FALSE_ALARMS,
-    }
-    out.mkdir(parents=True, exist_ok=True)
-    document = {**facts, "summary": table.to_dict("records"), "results": results}
-    (out / "unknown_surfaces.json").write_text(json.dumps(document, indent=1), encoding="utf-8")
-    (out / "unknown_surfaces.md").write_text(report(table, facts), encoding="utf-8")
-
-
-def report(table: pd.DataFrame, facts: dict[str, Any]) -> str:
-    """Return the report in Markdown."""
-    of = (
-        "all 190 pairs"
-        if facts["n_pairs"] == 190
-        else f"{facts['n_pairs']} of the 190 pairs, drawn at random"
-    )
-    words = (
-        f"`biotac20`, {of} (seed {SEED}): a recogniser (`{PIPELINE}`, row {ROW}, {CLASSIFIER}, "
-        f"{facts['n_columns']} columns) is trained without two materials, then asked about them and about "
+def report(results: list[dict[str, Any]], made: dict[str, Any], out: Path) -> None:
+    """Write what has been found so far."""
+    found, n = summary(results), made["n_pairs"]
+    of = "all 190 pairs" if n == 190 else f"{n} of the 190 pairs, drawn at random"
+    blocks: list[Any] = [
+        f"`biotac20`, {of}: a recogniser (`{PIPELINE}`, row {ROW}, {CLASSIFIER}, "
+        f"{made['n_columns']} columns) is trained without two materials, then asked about them and about "
         "held-out recordings of the other 18. One is flagged where the conformal p-value of its score "
         f"is at most {FALSE_ALARMS}; held-out scores come from five-fold cross-validation on the training "
         "recordings, unless it says otherwise. Means over pairs, 95 % bootstrap intervals over pairs. Aims: "
-        f"AUROC at least {AIM_AUROC}, at least {100 * AIM_FLAGGED:.0f} % flagged at {100 * FALSE_ALARMS:g} % "
-        "false alarms. Scores of distance need recordings enough for a held-out one to lie as near as one of "
-        "training: half of few, as where drift is expected, puts the threshold too far out."
+        f"AUROC at least {AIM_AUROC}, at least {AIM_FLAGGED:.0%} flagged at {FALSE_ALARMS:.0%} false alarms. "
+        "Scores of distance need recordings enough for a held-out one to lie as near as one of training: "
+        "half of few, as where drift is expected, puts the threshold too far out."
+    ]
+    titles = "score | AUROC | least AUROC | flagged | least flagged | false alarms | most false alarms"
+    cells = (
+        "{score} | {auroc:.4f} [{auroc_low:.4f}, {auroc_high:.4f}] | {auroc_worst:.4f} | "
+        "{flagged:.1%} [{flagged_low:.1%}, {flagged_high:.1%}] | {flagged_worst:.1%} | "
+        "{false_alarms:.1%} [{false_alarms_low:.1%}, {false_alarms_high:.1%}] | {false_alarms_worst:.1%}"
     )
-    lines = ["# Unknown surfaces", "", *textwrap.wrap(words, 100), ""]
     for design, meaning in DESIGNS.items():
-        lines += [
-            f"## {design[0].upper() + design[1:]}",
-            "",
-            f"{meaning[0].upper() + meaning[1:]}.",
-            "",
-            "| score | AUROC | worst pair | flagged, % | worst pair | false alarms, % | worst |",
-            "| --- | --- | --- | --- | --- | --- | --- |",
+        rows = found[found["design"] == design].to_dict("records")
+        blocks += [
+            Heading(design.capitalize()),
+            f"{meaning[0].upper()}{meaning[1:]}.",
+            table(rows, titles, cells),
         ]
-        for row in table[table["design"] == design].to_dict("records"):
-            cells = [f"{row['auroc']:.4f} [{row['auroc_low']:.4f}, {row['auroc_high']:.4f}]"]
-            cells += [f"{row['auroc_worst']:.4f}"]
-            for name in ("flagged", "false_alarms"):
-                mean, low, high = (100 * row[name + end] for end in ("", "_low", "_high"))
-                cells += [f"{mean:.1f} [{low:.1f}, {high:.1f}]", f"{100 * row[f'{name}_worst']:.1f}"]
-            lines.append(f"| {row['score']} | {' | '.join(cells)} |")
-        lines.append("")
-    lines += ["## Scores", "", *(f"- {name}: {meaning}" for name, meaning in SCORES.items()), ""]
-    lines += ["## Made with", "", ", ".join(f"{k} {v}" for k, v in facts["versions"].items())]
-    lines += [f"input {facts['input_hash'][:16]}, pipeline {facts['pipeline'][3]}, seed {SEED}", ""]
-    return "\n".join(lines)
+    blocks += [Heading("Scores"), SCORES]
+    result = made | {"summary": found.to_dict("records"), "results": results}
+    write(out, "unknown_surfaces", result, "Unknown surfaces", blocks)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,109 @@
+"""What studies share: one thread, a command line, timing in turns, and reports in JSON and Markdown."""
+
+# ruff: noqa: E402  (the number of threads is set before what reads it; children inherit it)
+import os
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ[_name] = "1"
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pandas as pd
+from matplotlib.figure import Figure
+from threadpoolctl import threadpool_limits
+
+from texclass.document import Document, Table, render_markdown, write_document
+from texclass.document.blocks import Block
+
+R = TypeVar("R")
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def command_line(about: str | None, folder: str = "studies", **defaults: Any) -> argparse.ArgumentParser:
+    """Return a parser with an option for each default (a flag for False), and `--out` for the report.
+
+    From here on the libraries that are loaded already have one thread, too.
+    """
+    threadpool_limits(1)
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name, default in (defaults | {"out": ROOT / "reports" / folder}).items():
+        option = f"--{name.replace('_', '-')}"
+        if default is False:
+            parser.add_argument(option, action="store_true")
+        else:
+            parser.add_argument(option, type=type(default), default=default, help=f"{default} by default")
+    return parser
+
+
+def own_data() -> None:
+    """Look for recordings beside the project, unless `$TEXCLASS_DATA` says where they are."""
+    os.environ.setdefault("TEXCLASS_DATA", str(ROOT.parent / "shared" / "data"))
+
+
+def timed(call: Callable[[], R], clock: Callable[[], float] = time.thread_time) -> tuple[R, float]:
+    """Return what a call returns, and the seconds it takes: CPU time of this thread, or by another clock."""
+    start = clock()
+    found = call()
+    return found, clock() - start
+
+
+def in_turns(
+    calls: Mapping[str, Callable[[], object]],
+    n_rounds: int,
+    n_warm: int = 2,
+    clock: Callable[[], float] = time.thread_time,
+) -> pd.DataFrame:
+    """Return the seconds of each call (a column) in each round, in which all take turns.
+
+    A machine that others use slows all alike: compare medians or least ones of the columns.
+    """
+    rounds = [{name: timed(call, clock)[1] for name, call in calls.items()} for _ in range(n_warm + n_rounds)]
+    return pd.DataFrame(rounds[n_warm:])
+
+
+def table(
+    rows: Iterable[Mapping[str, Any]], titles: str, cells: str, caption: str = "", n_words: int = 1
+) -> Table:
+    """Return a table of rows by its titles and a format of a row, as they stand in Markdown.
+
+    >>> table([{"n": 5, "mean": 0.9}], "recordings | right", "{n} | {mean:.1%}")
+    """
+    filled = [[cell.format_map(row) for cell in cells.split(" | ")] for row in rows]
+    return Table(pd.DataFrame(filled, columns=titles.split(" | ")), caption, n_words)
+
+
+def interval(estimate: Mapping[str, Any], middle: str = "accuracy") -> str:
+    """Return an estimate, a fraction, with its interval in per cents."""
+    return f"{100 * estimate[middle]:.1f} [{100 * estimate['low']:.1f}, {100 * estimate['high']:.1f}]"
+
+
+def write(
+    folder: Path, name: str, result: Mapping[str, Any], title: str, blocks: Sequence[Block],
+    picture: Figure | None = None,
+) -> None:  # fmt: skip
+    """Write NAME.json, NAME.md and perhaps NAME.png, and print the text.
+
+    The text ends with the command, and with what `result` holds of seed, input hash and versions.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(result, indent=1, default=lambda array: array.tolist())
+    (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
+    if picture is not None:
+        picture.savefig(folder / f"{name}.png", dpi=130, metadata={"Software": None})
+        blocks = [f"![{title}]({name}.png)", *blocks]
+    again = {"Command": f"`python tests/benchmarks/{Path(sys.argv[0]).name}`"}
+    for key in ("seed", "input_hash", "platform", "machine"):
+        if isinstance(fact := result.get(key, ""), Mapping):
+            fact = ", ".join(f"{name} {str(digest)[:16]}" for name, digest in fact.items())
+        again[key.replace("_", " ").capitalize()] = str(fact)
+    document = Document(
+        title, blocks, again={name: fact for name, fact in again.items() if fact}, versions=result["versions"]
+    )
+    write_document(document, folder, name)
+    print(render_markdown(document))
