@@ -1,60 +1,10 @@
-"""Modules that stand for ROS 2: what the example uses of rclpy and of its messages, as rclpy defines it."""
+"""Modules that stand for ROS 2: what the example uses of rclpy, and messages as ROS defines them."""
 
 import types
-from dataclasses import dataclass, field
 
+from texclass.recognition.sources.dds import message_class
 
-@dataclass
-class Stamp:
-    sec: int = 0
-    nanosec: int = 0
-
-
-@dataclass
-class Header:
-    stamp: Stamp = field(default_factory=Stamp)
-    frame_id: str = ""
-
-
-@dataclass
-class Vector3:
-    x: float = 0.0
-    y: float = 0.0
-    z: float = 0.0
-
-
-@dataclass(kw_only=True)
-class Imu:
-    header: Header = field(default_factory=Header)
-    angular_velocity: Vector3 = field(default_factory=Vector3)
-    linear_acceleration: Vector3 = field(default_factory=Vector3)
-
-
-@dataclass(kw_only=True)
-class String:
-    data: str = ""
-
-
-@dataclass(kw_only=True)
-class KeyValue:
-    key: str = ""
-    value: str = ""
-
-
-@dataclass(kw_only=True)
-class DiagnosticStatus:
-    level: bytes = b"\0"
-    name: str = ""
-    message: str = ""
-    values: list = field(default_factory=list)
-    OK = b"\0"  # `byte` is bytes in Python
-    WARN = b"\1"
-
-
-@dataclass(kw_only=True)
-class DiagnosticArray:
-    header: Header = field(default_factory=Header)
-    status: list = field(default_factory=list)
+DiagnosticStatus = message_class("diagnostic_msgs/msg/DiagnosticStatus")
 
 
 class Publisher:
@@ -94,16 +44,16 @@ class Node:
 
 def modules():
     """Return name -> module, for `sys.modules`."""
+    DiagnosticStatus.OK, DiagnosticStatus.WARN = b"\0", b"\1"  # `byte` is bytes in Python
     parts = {
         "rclpy": {"init": lambda: None, "spin": lambda node: None},
         "rclpy.node": {"Node": Node},
         "rclpy.qos": {"qos_profile_sensor_data": "best effort, the last 5"},
-        "sensor_msgs.msg": {"Imu": Imu},
-        "std_msgs.msg": {"String": String},
+        "sensor_msgs.msg": {"Imu": message_class("sensor_msgs/msg/Imu")},
+        "std_msgs.msg": {"String": message_class("std_msgs/msg/String")},
         "diagnostic_msgs.msg": {
-            "DiagnosticArray": DiagnosticArray,
-            "DiagnosticStatus": DiagnosticStatus,
-            "KeyValue": KeyValue,
+            name: message_class(f"diagnostic_msgs/msg/{name}")
+            for name in ("DiagnosticArray", "DiagnosticStatus", "KeyValue")
         },
     }
     made = {}

@@ -9,6 +9,8 @@ import pytest
 import ros_stand_in
 from turning_surfaces import FS, N, recording, turning_model, values
 
+from texclass.recognition.sources.dds import message_class
+
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "ros2_node.py"
 START_S = 1_700_000_000
 
@@ -37,17 +39,14 @@ def node(example, model, monkeypatch, tmp_path):
 
 
 def _play(node, rows, hear):
+    vector = message_class("geometry_msgs/msg/Vector3")
     for i, row in enumerate(rows.tolist()):
         at = round(i * 1e9 / FS)
         node.now_ns = START_S * 10**9 + at
-        stamp = ros_stand_in.Stamp(START_S, at) if at < 10**9 else ros_stand_in.Stamp(START_S + 1, at - 10**9)
-        hear(
-            ros_stand_in.Imu(
-                header=ros_stand_in.Header(stamp),
-                linear_acceleration=ros_stand_in.Vector3(*row[:3]),
-                angular_velocity=ros_stand_in.Vector3(*row[3:]),
-            )
-        )
+        message = message_class("sensor_msgs/msg/Imu")()
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(node.now_ns, 10**9)
+        message.linear_acceleration, message.angular_velocity = vector(*row[:3]), vector(*row[3:])
+        hear(message)
 
 
 def test_it_says_that_it_was_not_run_with_ros(example):
@@ -56,7 +55,7 @@ def test_it_says_that_it_was_not_run_with_ros(example):
 
 def test_it_subscribes_as_sensors_are_published(node):
     ((kind, topic, _, quality),) = node.subscriptions
-    assert (kind, topic) == (ros_stand_in.Imu, "/drive/imu")
+    assert (kind, topic) == (message_class("sensor_msgs/msg/Imu"), "/drive/imu")
     assert quality == ros_stand_in.modules()["rclpy.qos"].qos_profile_sensor_data
     assert set(node.publishers) == {"~/surface", "/diagnostics"}
 
