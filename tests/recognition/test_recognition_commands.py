@@ -7,6 +7,8 @@ import pytest
 import soundfile
 from toy_surfaces import FS, STRANGER, SURFACES, signal
 
+from texclass.recognition import load_model, predict, train
+
 PIPELINE = """
 features = "few_features.toml"
 seed = 1
@@ -60,18 +62,8 @@ def run(command, work, monkeypatch):
 @pytest.fixture
 def trained(run, work):
     if not (work / "surface.skops").exists():
-        code, out, err = run(
-            "train",
-            "plates.toml",
-            "-o",
-            "surface.skops",
-            "--pipeline",
-            "few.toml",
-            "--row",
-            "Spectrum",
-            "--jobs",
-            1,
-        )
+        asked = "train plates.toml -o surface.skops --pipeline few.toml --row Spectrum --jobs 1"
+        code, out, err = run(*asked.split())
         assert (code, err) == (0, "")
         assert "wrote surface.skops" in out
         assert "few: Spectrum with lda" in out
@@ -92,6 +84,16 @@ def test_files_are_read_as_the_training_files_were(run, trained):
     code, out, _ = run("predict", trained.name, *(f"plates.toml:{s}_3" for s in SURFACES), "--json")
     by_card = [json.loads(line) for line in out.splitlines()]
     assert [a["probability"] for a in by_card] == [a["probability"] for a in answers]
+
+
+def test_a_script_trains_and_asks_as_the_commands_do(run, trained):
+    loaded, model = load_model(trained), train("plates.toml", "few.toml", row="Spectrum")
+    assert model.manifest.model_copy(update={"cost": loaded.manifest.cost}) == loaded.manifest
+    files = [f"plates/{surface}/{surface}_3.wav" for surface in SURFACES]
+    answers = model.predict(files)
+    assert [answer.surface for answer in answers] == list(SURFACES)
+    assert answers == [found.answer for found in predict(loaded, files)]
+    assert model.predict(files[0]) == answers[0]
 
 
 def test_a_stranger_is_called_unknown(run, trained):
@@ -137,22 +139,22 @@ def test_what_is_inside_is_shown(run, trained):
         assert word in " ".join(out.split())
 
 
+TRAIN = "train plates.toml -o m.skops --pipeline"
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("model", "none.skops"), "No such file"),
-        (("model", "few.toml"), "few.toml: it is truncated or no archive"),
-        (("predict", "few.toml", "x.wav"), "few.toml: it is truncated or no archive"),
-        (("train", "plates.toml", "-o", "m.skops", "--pipeline", "few.toml", "--row", "x"), "no row 'x'"),
-        (("train", "plates.toml", "-o", "m.skops", "--pipeline", "nothing"), "nothing: no TOML"),
-        (
-            ("train", "plates.toml", "-o", "m.skops", "--pipeline", "few.toml", "--false-alarms", "0.001"),
-            "32 recordings are held out; the rule is at least 999",
-        ),
+        ("model none.skops", "No such file"),
+        ("model few.toml", "few.toml: it is truncated or no archive"),
+        ("predict few.toml x.wav", "few.toml: it is truncated or no archive"),
+        (f"{TRAIN} few.toml --row x", "no row 'x'"),
+        (f"{TRAIN} nothing", "nothing: no TOML"),
+        (f"{TRAIN} few.toml --false-alarms 0.001", "32 recordings are held out; the rule is at least 999"),
     ],
 )
 def test_bad_input_ends_in_one_line(run, work, arguments, message):
-    code, _, err = run(*arguments)
+    code, _, err = run(*arguments.split())
     assert code == 1
     assert err.startswith("error: ")
     assert message in err

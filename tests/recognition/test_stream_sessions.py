@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from toy_surfaces import FS, SURFACES, signal
 
-from texclass.recognition import Event, Notice, OnlineSettings, Session, WindowAnswer
+from texclass.recognition import Block, Event, Notice, OnlineSettings, Session, WindowAnswer, listen
 from texclass.recognition.live.session import finite_stretches
-from texclass.recognition.sources.blocks import Block
+from texclass.recording import Recording, RecordingError
 
 MOVING = OnlineSettings(window_s=0.25, assume_contact=True)
 
@@ -76,3 +76,13 @@ def test_a_block_that_only_reports_changes_nothing(linear_model, oak):
     _, found = run(linear_model, [silent, *blocks(oak), silent])
     assert len(of(Notice, found)) == 2
     assert len(of(WindowAnswer, found)) == len(of(WindowAnswer, run(linear_model, blocks(oak))[1]))
+
+
+def test_listening_to_a_recording_or_to_blocks_is_a_session(linear_model, oak, tmp_path):
+    linear_model.save(tmp_path / "m.skops")
+    expected = [w.answer.probabilities for w in of(WindowAnswer, run(linear_model, blocks(oak))[1])]
+    for source in (Recording(oak, FS, "m/s^2", "oak"), iter(blocks(oak))):
+        found = of(WindowAnswer, listen(tmp_path / "m.skops", source, settings=MOVING))
+        assert [w.answer.probabilities for w in found] == expected
+    with pytest.raises(RecordingError, match="fs is missing"):
+        listen(linear_model, "-")

@@ -268,18 +268,14 @@ class Model:
                 f"values have shape {row.shape}; the rule is one of each of {len(self.columns)} columns"
             )
         p, p_known = (one[0] for one in self.judge(row[None]))
-        best, second = np.argsort(-p, kind="stable")[:2]
         strange = bool(p_known <= self.novelty.false_alarms)
         said = (f"unlike every known surface (p = {p_known:.2g})",) if strange else ()
         return Answer(
             recording_id=recording_id,
-            surface=self.materials[best],
-            probability=float(p[best]),
-            runner_up=self.materials[second],
             unknown=strange or not judged,
             p_known=float(p_known),
             reasons=(*said, *reasons, *(self._outside(row) if judged else ())),
-            probabilities=dict(zip(self.materials, p.tolist(), strict=True)),
+            **ranked(p, self.materials),
         )
 
     def judge(self, X: Samples) -> tuple[Samples, Samples]:
@@ -374,21 +370,29 @@ class Model:
 
 def joined(answers: Sequence[Answer], recording_id: str) -> Answer:
     """Return the answer of several touches of one recording: the mean of their probabilities."""
-    mean = {m: float(np.mean([a.probabilities[m] for a in answers])) for m in answers[0].probabilities}
-    best, second = sorted(mean, key=lambda material: -mean[material])[:2]
+    materials = tuple(answers[0].probabilities)
+    p = np.mean([[answer.probabilities[m] for m in materials] for answer in answers], axis=0)
     n_unknown = sum(answer.unknown for answer in answers)
     said = (f"{n_unknown} of {len(answers)} touches are of no known surface",) if n_unknown else ()
     others = (r for answer in answers for r in answer.reasons if not r.startswith("unlike every"))
     return Answer(
         recording_id=recording_id,
-        surface=best,
-        probability=mean[best],
-        runner_up=second,
         unknown=2 * n_unknown >= len(answers),
         p_known=float(np.median([answer.p_known for answer in answers])),
         reasons=(*said, *tuple(dict.fromkeys(others))[:5]),
-        probabilities=mean,
+        **ranked(p, materials),
     )
+
+
+def ranked(p: Samples, materials: Sequence[str]) -> dict[str, Any]:
+    """Return what probabilities (n_materials,) say, as fields of an answer or of a verdict."""
+    best, second = np.argsort(-p, kind="stable")[:2]
+    return {
+        "surface": materials[best],
+        "probability": float(p[best]),
+        "runner_up": materials[second],
+        "probabilities": dict(zip(materials, p.tolist(), strict=True)),
+    }
 
 
 def predict(

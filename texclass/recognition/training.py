@@ -157,8 +157,7 @@ def train(
         accuracy=accuracy,
         calibration={
             "method": "temperature",
-            "beta": calibration.beta,
-            "lapse": calibration.lapse,
+            **vars(calibration),
             "expected_error": expected_calibration_error(p.max(axis=1), held_out.hits),
             "n": len(p),
         },

@@ -96,26 +96,16 @@ def facts_of(model: Model, parity: Parity, single: tuple[str, ...]) -> Mapping[s
     single : tuple of str
         Operators that compute in single precision.
     """
-    manifest = model.manifest
-    said: dict[str, Any] = {
+    told_otherwise = {"fs", "calibration", "unknown", "cost", "format_version"}
+    said = model.manifest.model_dump(mode="json", exclude=told_otherwise) | {
         "version": __version__,
         "columns": model.columns,
         "materials": model.materials,
-        "fs_hz": manifest.fs,
-        "unit": manifest.unit,
+        "fs_hz": model.manifest.fs,
         "channels": model.plan.channels,
-        "phases": manifest.phases,
-        "features": manifest.features,
-        "touch_s": manifest.touch_s,
-        "shortest_s": manifest.shortest_s,
-        "input": manifest.input.model_dump(mode="json"),
-        "pipeline": manifest.pipeline,
-        "trained_on": manifest.trained_on,
-        "accuracy": manifest.accuracy,
         "false_alarms": model.novelty.false_alarms,
         "ranges": {edge: _listed(values) for edge, values in vars(model.ranges).items()},
         "calibration": asdict(model.calibration),
-        "versions": manifest.versions,
         "single_precision": single,
         "parity": asdict(parity),
         "self_check": _self_checks(model),

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from texclass.recognition.model import Answer
+from texclass.recognition.model import Answer, ranked
 from texclass.recording import Samples
 
 Kind = Literal["majority", "sequential"]
@@ -124,17 +124,13 @@ class Evidence:
         self._n_unknown += answer.unknown
         together = self._voted(p) if self.kind == "majority" else self._summed(p)
         together /= together.sum()
-        best, second = np.argsort(-together, kind="stable")[:2]
-        self._sure = self._sure or bool(together[best] >= self.confidence)
+        self._sure = self._sure or bool(together.max() >= self.confidence)
         self.verdict = Verdict(
-            surface=self.materials[best],
-            probability=float(together[best]),
-            runner_up=self.materials[second],
             unknown=2 * self._n_unknown >= self._n,
             sure=self._sure,
             n_windows=self._n,
             felt_s=felt_s,
-            probabilities=dict(zip(self.materials, together.tolist(), strict=True)),
+            **ranked(together, self.materials),
         )
         return self.verdict
 
