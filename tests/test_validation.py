@@ -24,6 +24,8 @@ class Box(Written):
     parts: tuple[Annotated[Nail | Screw, Field(discriminator="kind")], ...] = ()
     spare: dict[str, Screw] = Field(default_factory=dict)
     marks: dict[Literal["left", "right"], bool] = Field(default_factory=dict)
+    names: dict[Annotated[str, Field(pattern="^[a-z]{2}$")], bool] = Field(default_factory=dict)
+    layers: Literal[1, 2] = 1
 
     @field_validator("name")
     @classmethod
@@ -53,7 +55,7 @@ def test_lists_stand_for_tuples_and_whole_numbers_for_others():
         ({"sizes": [float("nan")]}, "sizes.1 is nan; the rule is a finite number"),
         ({"sizes": 3}, "sizes is 3; the rule is a list"),
         ({"size": 3}, "unknown key size; did you mean sizes?"),
-        ({"colour": 3}, "unknown key colour; the rule is one of name, sizes, parts, spare, marks"),
+        ({"colour": 3}, "unknown key colour; the rule is one of name, sizes, parts, spare, marks, "),
         ({"parts": [{}]}, "lacks the key parts.1.kind; the rule is that it is given"),
         ({"parts": [{"kind": "nut"}]}, "parts.1.kind is 'nut'; the rule is one of nail, screw"),
         ({"parts": [{"kind": "nail", "length": 1, "length_mm": 1}]}, "unknown key parts.1.length; did you"),
@@ -63,6 +65,8 @@ def test_lists_stand_for_tuples_and_whole_numbers_for_others():
         ({"spare": {"a": 1}}, "spare.a is 1; the rule is a table of kind, turns"),
         ({"marks": {"lefft": True}}, "unknown key marks.lefft; did you mean marks.left?"),
         ({"marks": {"left": 1}}, "marks.left is 1; the rule is true or false"),
+        ({"names": {"a b": True}}, "names.a b is 'a b'; the rule is text like ^[a-z]{2}$"),
+        ({"layers": 3}, "layers is 3; the rule is one of 1 or 2"),
     ],
 )
 def test_a_fault_is_told_with_file_key_value_and_rule(wrong, said):

@@ -114,7 +114,7 @@ def _told(error: ErrorDetails, model: type[BaseModel]) -> str:
     """Return one fault in words: the key as people write it, the value, the rule."""
     kind, place, context = error["type"], error["loc"], error.get("ctx", {})
     key, field, tables = _found(model, place)
-    if kind == "extra_forbidden" or place[-1:] == ("[key]",):
+    if kind == "extra_forbidden" or (kind == "literal_error" and place[-1] == "[key]"):
         known = _quoted(context["expected"]) if kind == "literal_error" else [*_keys(tables)]
         near = difflib.get_close_matches(key.rpartition(".")[2], known, n=1)
         beside = f"{key.rpartition('.')[0]}." if "." in key else ""
@@ -145,7 +145,8 @@ def _rule(error: ErrorDetails, tables: list[type[BaseModel]]) -> str:
             return f"one of {', '.join(_quoted(context['expected']))}"
         case "string_pattern_mismatch":
             return f"text like {context['pattern']}"
-    return _WORDS.get(error["type"], error["msg"].removeprefix("Input should be ")).format_map(context)
+    words = _WORDS.get(error["type"])
+    return words.format_map(context) if words else error["msg"].removeprefix("Input should be ")
 
 
 def _found(
@@ -190,8 +191,8 @@ def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
             yield from _models_in(argument)
 
 
-def _has_tag(table: type[BaseModel], tag: int | str) -> bool:
-    return any(tag in get_args(field.annotation) for field in table.model_fields.values())
+def _has_tag(table: type[BaseModel], part: int | str) -> bool:
+    return isinstance(part, str) and any(part in get_args(f.annotation) for f in table.model_fields.values())
 
 
 def _keys(tables: list[type[BaseModel]]) -> dict[str, None]:
@@ -199,8 +200,8 @@ def _keys(tables: list[type[BaseModel]]) -> dict[str, None]:
 
 
 def _quoted(listed: str) -> list[str]:
-    """Return the values in what pydantic lists as "'a', 'b' or 'c'"."""
-    return re.findall(r"'([^']*)'", listed)
+    """Return the values in what pydantic lists as "'a', 'b' or 'c'"; all of it where these are no texts."""
+    return re.findall(r"'([^']*)'", listed) or [listed]
 
 
 def _short(value: Any) -> str:
