@@ -119,11 +119,6 @@ class Feature:
         return {p.name: p.default for p in self.parameters}
 
     @property
-    def divisible_in_time(self) -> bool:
-        """Whether its mean over parts of a long movement stands for the whole."""
-        return self.phase != "tap" and "length" not in self.depends_on
-
-    @property
     def source(self) -> Path:
         """The file that defines the function."""
         return Path(inspect.getfile(inspect.unwrap(self.function)))
@@ -191,6 +186,13 @@ def feature(
     ValueError
         If the name is that of a feature of another module; by the feature returned, if it is given an array
         without `fs`, or `n_pieces` is not a whole number above 0.
+
+    Examples
+    --------
+    >>> from texclass.features.fineness import fineness
+    >>> x = np.sin(2 * np.pi * 432.0 * np.arange(20_000) / 10_000)
+    >>> round(fineness(x, fs=10_000))
+    432
     """
 
     def register(function: Callable[..., R]) -> Callable[..., R]:

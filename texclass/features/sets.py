@@ -187,13 +187,14 @@ class FeatureSet:
         """
         start, stop = views.phases.movement or (0, 0)
         n_parts = -(-(stop - start) // LONGEST)
-        divided = {m.name for m in self.members if n_parts > 1 and m.feature.divisible_in_time}
+        whole = {m.name for m in self.members if m.feature.phase == "tap" or "length" in m.feature.depends_on}
+        divided = [m for m in self.members if n_parts > 1 and m.name not in whole]
         found: dict[str, list[Samples | str]] = {m.name: [] for m in self.members}
-        for span in pairwise(np.linspace(start, stop, n_parts + 1).astype(int).tolist()) if divided else ():
+        edges = np.linspace(start, stop, n_parts + 1).astype(int).tolist()
+        for span in pairwise(edges) if divided else ():
             part = replace(views, phases=replace(views.phases, movement=span))  # goes with its transforms
-            for member in self.members:
-                if member.name in divided:
-                    found[member.name].append(member.outcome(part))
+            for member in divided:
+                found[member.name].append(member.outcome(part))
         values, reasons = [np.empty(0)], []
         for member in self.members:
             outcomes = found[member.name] or [member.outcome(views)]
