@@ -312,6 +312,19 @@ def exchange() -> SimpleNamespace:
     )
 
 
+def arrays_of(texture: Any) -> dict[str, np.ndarray]:
+    """Return a texture's arrays by the names they had in files of version 1."""
+    if texture.family == "abdulali2016-baked":
+        grid = texture.grid
+        return {"grid": np.concatenate([grid.rows, np.sqrt(grid.power)[..., np.newaxis]], axis=-1)}
+    parts: dict[str, list[np.ndarray]] = {}
+    for name, array in texture.arrays().items():
+        parts.setdefault(name.rpartition(".")[2], []).append(array)
+    if texture.family == "oeztuerk2018-frequencies":
+        parts["n_lines"] = [np.array([float(part.size) for part in parts["frequency_hz"]])]
+    return {name: np.concatenate(each) if len(each) > 1 else each[0] for name, each in parts.items()}
+
+
 def played_scene(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Return a planned scene's default path (velocity and force) and its rendered samples."""
     from texclass.scene import load_scene, play_path, sweep_of
@@ -824,7 +837,7 @@ def scene() -> Any:
         found[name] = {
             "fs": texture.fs, "operations": texture.operations, "rendered": thin(x, 100),
             "again": bool(np.array_equal(x, again)),
-            "arrays": {k: thin(a, 20) for k, a in texture.arrays().items()},
+            "arrays": {k: thin(a, 20) for k, a in arrays_of(texture).items()},
         }  # fmt: skip
     library, fits, wall = fitted_taps()
     taps = e.load_taps(e.save_texture(library, SCRATCH / "taps.texture"))

@@ -86,7 +86,7 @@ class Header(Written):
 def header_of(stored: Stored, unit: str, where: object) -> Header:
     """Return what a file of a texture, tap library or scene says of itself; `where` names it in messages."""
     try:
-        parameters = json.loads(json.dumps(stored.parameters(), allow_nan=False))
+        parameters = json.loads(json.dumps(stored.parameters(), allow_nan=False, sort_keys=True))
     except (TypeError, ValueError, RecursionError) as error:
         raise ValueError(
             f"{where}: no JSON for the parameters ({error}); the rule is numbers, text"
