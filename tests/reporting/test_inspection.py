@@ -1,6 +1,7 @@
-import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
 
 from texclass.phases import segment
 from texclass.recording import Phases, Recording, Tap
@@ -14,39 +15,43 @@ def _recording(n=20_000, n_axes=3, fs=10_000.0, **facts):
     return Recording(x if n_axes > 1 else x[:, 0], fs, "m/s^2", "made", **facts)
 
 
-def _is_picture(path):
-    picture = matplotlib.image.imread(path)
-    return picture.shape[0] > 800 and picture.shape[1] > 1000 and picture[..., :3].std() > 0.05
+def _drawn(recording, phases, values):
+    """Return the shown texts of a picture with something in it."""
+    figure = draw_inspection(recording, phases, values)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[..., :3] / 255
+    assert pixels.std() > 0.05
+    return [text.get_text() for text in figure.findobj(Text)]
 
 
 @pytest.mark.parametrize(
-    "phases",
+    ("phases", "said"),
     [
-        Phases(taps=(Tap(3000, 3500, 3700), Tap(5000, 5500, 5700)), movement=(10_000, 20_000), onset=10_000),
-        Phases(taps=(Tap(0, 0, 20_000),)),
-        Phases(movement=(0, 20_000)),
-        Phases(notes=("neither taps nor movement",)),
+        (Phases(taps=(Tap(3000, 3500, 3700), Tap(5000, 5500, 5700)), movement=(10_000, 20_000), onset=10_000),
+         ["hand", "impact, decay", "movement", "onset of sliding", "tap", "Tap 2 of 2", "contact"]),
+        (Phases(taps=(Tap(0, 0, 20_000),)), ["hand", "Tap 1 of 1"]),
+        (Phases(movement=(0, 20_000)), ["movement", "no tap in this recording"]),
+        (Phases(notes=("neither taps nor movement",)), ["no tap in this recording"]),
     ],
-)
-def test_every_kind_of_phases_is_drawn(tmp_path, phases):
-    draw_inspection(
-        _recording(n_axes=3 if phases.taps else 1),
-        phases,
-        {"hardness": 3.2, "damping": float("nan")},
-        tmp_path / "a.png",
-    )
-    assert _is_picture(tmp_path / "a.png")
+)  # fmt: skip
+def test_every_kind_of_phases_is_drawn(phases, said):
+    values = {"hardness": 3.2, "damping": float("nan")}
+    texts = _drawn(_recording(n_axes=3 if phases.taps else 1), phases, values)
+    assert {*said, "hardness", "3.2", "undefined"} <= set(texts)
+    assert texts.count("hand") == 2 * ("hand" in said)  # in the legend of the signal, and of the tap
+    assert texts.count("movement") == ("movement" in said)
 
 
 @pytest.mark.parametrize("n", [1, 40])
-def test_short_and_constant_recordings_are_drawn(tmp_path, n):
+def test_short_and_constant_recordings_are_drawn(n):
     recording = Recording(np.full(n, 9.81), 1000.0, "counts", "short")
-    draw_inspection(recording, segment(recording), None, tmp_path / "a.png")
-    assert _is_picture(tmp_path / "a.png")
+    assert "no feature values" in _drawn(recording, segment(recording), None)
 
 
-def test_names_with_dollars_and_many_features_are_drawn(tmp_path):
+def test_names_with_dollars_and_many_features_are_drawn():
     recording = _recording(material="a $b_{c$ d", flags=("clipped: 3 %",) * 9)
     values = {f"a_long_name_of_a_feature_${i}": 10.0**i for i in range(100)}
-    draw_inspection(recording, Phases(), values, tmp_path / "a.png")
-    assert _is_picture(tmp_path / "a.png")
+    texts = _drawn(recording, Phases(), values)
+    assert "and 61 more" in texts
+    assert sum("a $b_{c$ d" in text for text in texts) == 1

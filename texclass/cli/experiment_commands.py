@@ -6,44 +6,17 @@ from typing import Annotated, Any
 
 import typer
 
+from texclass.cli import options
 from texclass.cli.app import app
-from texclass.cli.options import (
-    Backend,
-    BackendOption,
-    DatasetArgument,
-    FeatureSetName,
-    FsOption,
-    JobsOption,
-    JsonOption,
-    MaxFeaturesOption,
-    MaxMsOption,
-    PeersLimitOption,
-    PeersOnlyOption,
-    PeersOption,
-    PeersPythonOption,
-    PeersSecondsOption,
-    PeersSignalsOption,
-    PipelineOption,
-    Protocol,
-    SchedulerOption,
-    SkipBadOption,
-    TouchesOption,
-    TouchOption,
-    UnitOption,
-    open_recordings,
-    progress_bar,
-    tell,
-    write_json,
-    wrote,
-)
+from texclass.cli.options import open_recordings, progress_bar, tell, write_json, wrote
 
 
 @app.command()
 def benchmark(
-    dataset: DatasetArgument = "simulated",
-    pipeline: PipelineOption = "strese2015",
+    dataset: options.Recordings = "simulated",
+    pipeline: options.Pipeline = "strese2015",
     protocol: Annotated[
-        Protocol | None, typer.Option(help="How recordings are split; the pipeline's own by default.")
+        options.Protocol | None, typer.Option(help="How recordings are split; the pipeline's own by default.")
     ] = None,
     feature: Annotated[
         str | None,
@@ -51,8 +24,8 @@ def benchmark(
             help="A feature of yours to put against the table: module:function or file.py:function."
         ),
     ] = None,
-    touch: TouchOption = None,
-    touches: TouchesOption = None,
+    touch: options.Touch = None,
+    touches: options.Touches = None,
     folds: Annotated[int | None, typer.Option(help="Number of folds; the pipeline's own by default.")] = None,
     choose: Annotated[
         bool,
@@ -60,22 +33,22 @@ def benchmark(
             "--choose", help="Also choose row and classifier inside each training part, unseen by tests."
         ),
     ] = False,
-    peers: PeersOption = False,
-    peers_python: PeersPythonOption = None,
-    peers_only: PeersOnlyOption = None,
-    peers_limit: PeersLimitOption = None,
-    peers_seconds: PeersSecondsOption = 900.0,
-    peers_signals: PeersSignalsOption = "same",
-    fs: FsOption = None,
-    unit: UnitOption = None,
-    jobs: JobsOption = -1,
-    backend: BackendOption = Backend.LOCAL,
-    scheduler: SchedulerOption = None,
-    skip_bad: SkipBadOption = False,
+    peers: options.Peers = False,
+    peers_python: options.PeersPython = None,
+    peers_only: options.PeersOnly = None,
+    peers_limit: options.PeersLimit = None,
+    peers_seconds: options.PeersSeconds = 900.0,
+    peers_signals: options.PeersSignals = "same",
+    fs: options.Fs = None,
+    unit: options.Unit = None,
+    jobs: options.Jobs = -1,
+    backend: options.RunOn = options.Backend.LOCAL,
+    scheduler: options.Scheduler = None,
+    skip_bad: options.SkipBad = False,
     out: Annotated[
         Path, typer.Option(help="Folder for the table (Markdown), the pictures (PNG) and the JSON.")
     ] = Path("reports"),
-    json_file: JsonOption = None,
+    json_file: options.Json = None,
 ) -> None:
     """Classify a dataset with every row of a pipeline's table, beside the published figures."""
     from texclass.experiment import load_pipeline, run_benchmark, running_on, study_feature
@@ -131,15 +104,15 @@ def _peer_settings(python: Path | None, only: str | None, seconds: float, signal
 
 @app.command()
 def extract(
-    dataset: DatasetArgument,
+    dataset: options.Recordings,
     output: Annotated[Path, typer.Option("-o", "--output", help="Parquet file to write.")],
-    features: FeatureSetName = "texclass",
-    fs: FsOption = None,
-    unit: UnitOption = None,
-    jobs: JobsOption = -1,
-    backend: BackendOption = Backend.LOCAL,
-    scheduler: SchedulerOption = None,
-    skip_bad: SkipBadOption = False,
+    features: options.FeatureSet = "texclass",
+    fs: options.Fs = None,
+    unit: options.Unit = None,
+    jobs: options.Jobs = -1,
+    backend: options.RunOn = options.Backend.LOCAL,
+    scheduler: options.Scheduler = None,
+    skip_bad: options.SkipBad = False,
 ) -> None:
     """Compute a feature table; a run that was killed goes on where it stopped."""
     from texclass.experiment import extract_table, running_on
@@ -158,30 +131,30 @@ def extract(
 
 @app.command()
 def tradeoff(
-    dataset: DatasetArgument = "simulated",
-    features: FeatureSetName = "texclass",
-    max_ms: MaxMsOption = None,
+    dataset: options.Recordings = "simulated",
+    features: options.FeatureSet = "texclass",
+    max_ms: options.MaxMs = None,
     max_seconds: Annotated[
         float | None, typer.Option(help="Seconds of movement that are felt; whole recordings by default.")
     ] = None,
-    max_features: MaxFeaturesOption = None,
+    max_features: options.MaxFeatures = None,
     materials: Annotated[
         str | None,
         typer.Option(help="Materials of a scene, separated by commas: the fewest columns for these."),
     ] = None,
-    protocol: Annotated[Protocol, typer.Option(help="How recordings are split.")] = Protocol.RECORDING,
+    protocol: options.Split = options.Protocol.RECORDING,
     curves: Annotated[
         bool, typer.Option(help="Also accuracy against touch, training, rate, bits and model order.")
     ] = True,
-    fs: FsOption = None,
-    unit: UnitOption = None,
-    jobs: JobsOption = -1,
-    backend: BackendOption = Backend.LOCAL,
-    scheduler: SchedulerOption = None,
+    fs: options.Fs = None,
+    unit: options.Unit = None,
+    jobs: options.Jobs = -1,
+    backend: options.RunOn = options.Backend.LOCAL,
+    scheduler: options.Scheduler = None,
     out: Annotated[
         Path, typer.Option(help="Folder for the report (Markdown, JSON, PNG) and the pipeline (skops).")
     ] = Path("reports"),
-    json_file: JsonOption = None,
+    json_file: options.Json = None,
 ) -> None:
     """Measure what accuracy costs on a dataset; save the pipeline at the budget, or at the knee."""
     from texclass.experiment import running_on
@@ -226,7 +199,7 @@ def stability(
     ] = False,
     only: Annotated[Part | None, typer.Option(help="One part alone.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for stability.md, .json and pictures.")] = Path("reports"),
-    json_file: JsonOption = None,
+    json_file: options.Json = None,
 ) -> None:
     """Try hard inputs on every model, filter, transform and feature, and on public libraries installed here.
 

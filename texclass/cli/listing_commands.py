@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
+from texclass.cli import options
 from texclass.cli.app import app
-from texclass.cli.options import FsOption, UnitOption, shipped, tell
+from texclass.cli.options import shipped, tell
 
 
 @app.command()
@@ -22,8 +23,8 @@ def inspect(
         str,
         typer.Option(help="Feature set whose values are shown.", autocompletion=shipped("feature_defs")),
     ] = "strese2015",
-    fs: FsOption = None,
-    unit: UnitOption = None,
+    fs: options.Fs = None,
+    unit: options.Unit = None,
 ) -> None:
     """Draw one recording: signal, phases, taps, spectrogram and feature values."""
     from texclass.features import FeatureExtractor
@@ -37,7 +38,7 @@ def inspect(
     extraction = FeatureExtractor(features).fit(declared).extract(declared)
     values = dict(zip(extraction.columns, extraction.values[0], strict=True))
     path = out or Path(f"{Path(found.recording_id).name}.inspect.png")
-    draw_inspection(found, phases, values, path)
+    draw_inspection(found, phases, values).savefig(path, dpi=130)
     moved = "none"
     if phases.movement is not None:
         moved = "{:.2f} to {:.2f} s".format(*(sample / found.fs for sample in phases.movement))

@@ -5,42 +5,30 @@ from typing import Annotated
 
 import typer
 
+from texclass.cli import options
 from texclass.cli.app import app
-from texclass.cli.options import (
-    DatasetArgument,
-    FsOption,
-    JobsOption,
-    MaxFeaturesOption,
-    MaxMsOption,
-    PipelineOption,
-    Protocol,
-    SkipBadOption,
-    UnitOption,
-    open_recordings,
-    progress_bar,
-    tell,
-)
+from texclass.cli.options import open_recordings, progress_bar, tell
 
 
 @app.command()
 def train(
-    dataset: DatasetArgument,
+    dataset: options.Recordings,
     output: Annotated[Path, typer.Option("-o", "--output", help="Model file to write (.skops).")],
-    pipeline: PipelineOption = "texclass",
+    pipeline: options.Pipeline = "texclass",
     row: Annotated[
         str | None, typer.Option(help="Row of the pipeline; the best by cross-validation by default.")
     ] = None,
     classifier: Annotated[
         str | None, typer.Option(help="Classifier of the pipeline; the best by default.")
     ] = None,
-    max_ms: MaxMsOption = None,
-    max_features: MaxFeaturesOption = None,
+    max_ms: options.MaxMs = None,
+    max_features: options.MaxFeatures = None,
     touch: Annotated[
         float | None,
         typer.Option("--touch", help="Seconds of movement of one answer; whole recordings by default."),
     ] = None,
     protocol: Annotated[
-        Protocol | None,
+        options.Protocol | None,
         typer.Option(
             help="How recordings are held out; by default as the pipeline says, or, from 20 numbered "
             "repetitions of each surface on, the later ones (`blocks`): a sensor may drift."
@@ -49,10 +37,10 @@ def train(
     false_alarms: Annotated[
         float, typer.Option(help="Share of known surfaces that may be called unknown.")
     ] = 0.05,
-    fs: FsOption = None,
-    unit: UnitOption = None,
-    jobs: JobsOption = -1,
-    skip_bad: SkipBadOption = False,
+    fs: options.Fs = None,
+    unit: options.Unit = None,
+    jobs: options.Jobs = -1,
+    skip_bad: options.SkipBad = False,
 ) -> None:
     """Train a model on all recordings; what is chosen is chosen by cross-validation."""
     from texclass.recognition import train as train_model
@@ -84,7 +72,7 @@ def predict(
     model: Annotated[Path, typer.Argument(help="A model file that `texclass train` wrote.")],
     files: Annotated[list[str], typer.Argument(help="Recordings: files, or DATASET:RECORDING.")],
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line, as answers come.")] = False,
-    fs: FsOption = None,
+    fs: options.Fs = None,
     unit: Annotated[
         str | None, typer.Option("--unit", help="Unit in the files; that of the training files by default.")
     ] = None,

@@ -42,82 +42,78 @@ def shipped(folder: Literal["feature_defs", "pipelines", "datasets"]) -> Callabl
     return complete
 
 
-DatasetArgument = Annotated[
+Recordings = Annotated[
     str,
     typer.Argument(
         help="A shipped dataset card, a card of yours (TOML), or a folder with one subfolder per material.",
         autocompletion=shipped("datasets"),
     ),
 ]
-FeatureSetName = Annotated[
+FeatureSet = Annotated[
     str,
     typer.Option(help="A shipped feature set, or a TOML of yours.", autocompletion=shipped("feature_defs")),
 ]
-FsOption = Annotated[
+Fs = Annotated[
     float | None, typer.Option("--fs", help="Sampling rate in Hz, where the files do not state it.")
 ]
-UnitOption = Annotated[
+Unit = Annotated[
     str | None,
     typer.Option("--unit", help="Unit of the acceleration: m/s^2, g, mg, counts, V or arbitrary."),
 ]
-JobsOption = Annotated[int, typer.Option("--jobs", help="Processes; -1 uses every core.")]
-BackendOption = Annotated[
+Jobs = Annotated[int, typer.Option("--jobs", help="Processes; -1 uses every core.")]
+RunOn = Annotated[
     Backend, typer.Option("--backend", help="Run on processes of this machine, or on a Dask cluster.")
 ]
-SchedulerOption = Annotated[
+Scheduler = Annotated[
     str | None,
     typer.Option(
         help="Address of the Dask scheduler (tcp://host:8786); by default what Dask is configured for, "
         "or a cluster on this machine."
     ),
 ]
-SkipBadOption = Annotated[
+SkipBad = Annotated[
     bool, typer.Option("--skip-bad", help="Leave bad recordings out and list them, instead of stopping.")
 ]
-
-PipelineOption = Annotated[
+Pipeline = Annotated[
     str,
     typer.Option(help="A shipped pipeline, or a TOML of yours.", autocompletion=shipped("pipelines")),
 ]
-JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON here.")]
-MaxMsOption = Annotated[
-    float | None, typer.Option(help="Milliseconds that the features of a recording may take.")
-]
-MaxFeaturesOption = Annotated[int | None, typer.Option(help="Columns that may reach the classifier.")]
-TouchOption = Annotated[
+Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON here.")]
+Split = Annotated[Protocol, typer.Option(help="How recordings are split.")]
+MaxMs = Annotated[float | None, typer.Option(help="Milliseconds that the features of a recording may take.")]
+MaxFeatures = Annotated[int | None, typer.Option(help="Columns that may reach the classifier.")]
+Touch = Annotated[
     float | None,
     typer.Option("--touch", help="Classify single windows of so many seconds of movement, not recordings."),
 ]
-TouchesOption = Annotated[
+Touches = Annotated[
     int | None,
     typer.Option("--touches", help="At most so many windows of each recording, the first; all by default."),
 ]
-
-
-PeersOption = Annotated[
+Peers = Annotated[
     bool,
     typer.Option(
         "--peers",
         help="Run librosa MFCC, TSFEL, tsfresh, catch22, QUANT and the rockets on the same folds, too.",
     ),
 ]
-PeersPythonOption = Annotated[
+PeersPython = Annotated[
     Path | None,
     typer.Option(
         help="The interpreter that has the peers and scikit-learn; this one by default (extra `peers`)."
     ),
 ]
-PeersOnlyOption = Annotated[
+PeersOnly = Annotated[
     str | None, typer.Option(help="Only these peers, separated by commas: mfcc,minirocket.")
 ]
-PeersLimitOption = Annotated[
+PeersLimit = Annotated[
     int | None,
     typer.Option(help="At most so many recordings: materials are left out whole, for ours as well."),
 ]
-PeersSecondsOption = Annotated[
+PeersSeconds = Annotated[
     float, typer.Option(help="Time limit for each peer, in seconds; the folds it finished count.")
 ]
-PeersSignalsOption = Annotated[
+PeersSignals = Annotated[
     str,
     typer.Option(
         help="What peers are given: the `same` signals as our features, or `each` channel by itself."

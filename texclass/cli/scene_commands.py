@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
+from texclass.cli import options
 from texclass.cli.app import app
-from texclass.cli.options import JsonOption, progress_bar, tell, write_json
+from texclass.cli.options import progress_bar, tell, write_json
 
 scene = typer.Typer(
     help="Plan the cheapest textures that serve a scene, and render it sample by sample.",
@@ -27,7 +28,7 @@ def plan(
     out: Annotated[
         Path | None, typer.Option(help="Where the planned models are written; SCENE.texture here by default.")
     ] = None,
-    json_file: JsonOption = None,
+    json_file: options.Json = None,
 ) -> None:
     """Choose the cheapest model of each surface within the tolerance, and prove the budget by measuring.
 
@@ -114,7 +115,7 @@ def convert(
 @app.command()
 def texture(
     file: Annotated[Path, typer.Argument(help="A .texture, or the .xml of a HaTT texture.")],
-    json_file: JsonOption = None,
+    json_file: options.Json = None,
 ) -> None:
     """Show what is in a texture file: family, points, order, sampling rate, unit, bytes."""
     import json

@@ -37,12 +37,16 @@ def render_page(documents: Sequence[Document], title: str = "", *, written_by: s
     """
     if not documents:
         raise ValueError("0 results; the rule is at least 1")
-    script, style = (_file(name) for name in ("page.js", "page.css"))
+    templates = files(__package__).joinpath("templates")
+    script, style = (
+        templates.joinpath(name).read_text(encoding="utf-8").strip() for name in ("page.js", "page.css")
+    )
+    again = pd.DataFrame([dict(document.again) for document in documents if document.again])
     return _environment().get_template("page.html").render(
         title=title or documents[0].title,
         documents=documents,
         data=list(_data(documents)),
-        again=_again(documents),
+        again=None if again.empty else Table(again, "What the results came from", again.shape[1]),
         versions=_versions(documents),
         script=Markup(script),
         style=Markup(style),
@@ -57,12 +61,6 @@ def _data(documents: Sequence[Document]) -> Iterator[tuple[str, Mapping[str, str
     for name, facts in (document.data for document in documents if document.data):
         found.setdefault((name, facts.get("Input hash", "")), {}).update(facts)
     return ((name, facts) for (name, _), facts in found.items())
-
-
-def _again(documents: Sequence[Document]) -> Table | None:
-    """Return what is needed to compute the results again, a row each; None if none of them says."""
-    found = pd.DataFrame([dict(document.again) for document in documents if document.again])
-    return None if found.empty else Table(found, "What the results came from", n_words=found.shape[1])
 
 
 def _versions(documents: Sequence[Document]) -> Table | None:
@@ -112,10 +110,6 @@ def _heads(table: Table) -> list[list[dict[str, Any]]]:
 def _code(text: str) -> Markup:
     """Return text with what stands between backticks as code."""
     return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(text))))
-
-
-def _file(name: str) -> str:
-    return files(__package__).joinpath("templates", name).read_text(encoding="utf-8").strip()
 
 
 @cache
