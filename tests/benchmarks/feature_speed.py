@@ -27,7 +27,7 @@ from study import ROOT, command_line, table, timed, write
 from texclass.document import Heading
 from texclass.features import FeatureSet, load_feature_set
 from texclass.features.phase_view import Views
-from texclass.peers.launch import ENVIRONMENT, HERE
+from texclass.peers.worker_process import ENVIRONMENT, HERE
 from texclass.provenance import versions
 from texclass.recording import Phases, Recording, Samples, Tap
 

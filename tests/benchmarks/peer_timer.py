@@ -15,7 +15,7 @@ import numpy as np
 def main() -> None:
     """Answer each line; the first answer for a peer comes after it has warmed up."""
     sys.path.append(sys.argv[1])
-    from peer_worker.registry import PEERS  # type: ignore[import-not-found]
+    from peer_worker.peers import PEERS  # type: ignore[import-not-found]
 
     signal, fs = np.load(sys.argv[2])[np.newaxis], float(sys.argv[3])
     ready: dict[str, Any] = {}

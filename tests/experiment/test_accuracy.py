@@ -1,29 +1,20 @@
 """Accuracy: intervals that cover, balance over materials, votes."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.stats import binomtest
 from sklearn.metrics import balanced_accuracy_score
 
-from texclass.experiment.accuracy import (
-    Accuracy,
-    balanced_accuracy,
-    cluster_interval,
-    majority,
-    score,
-    wilson_interval,
-)
+from texclass.experiment.accuracy import balanced_accuracy, cluster_interval, majority, score, wilson_interval
 
 
-@pytest.mark.parametrize("hits", [0, 1, 17, 39, 40])
-@pytest.mark.parametrize("confidence", [0.95, 0.8])
-def test_wilson_interval_agrees_with_scipy(hits, confidence):
-    reference = binomtest(hits, 40).proportion_ci(confidence, method="wilson")
-    assert wilson_interval(hits, 40, confidence) == pytest.approx((reference.low, reference.high), abs=1e-12)
-
-
-def test_accuracy_is_pooled_over_recordings_not_folds():
-    assert Accuracy(3, 4, (1.0, 0.0)).mean == 0.75
+def test_wilson_interval_agrees_with_scipy():
+    for hits, confidence in product([0, 1, 17, 39, 40], [0.95, 0.8]):
+        reference = binomtest(hits, 40).proportion_ci(confidence, method="wilson")
+        found = wilson_interval(hits, 40, confidence)
+        assert found == pytest.approx((reference.low, reference.high), abs=1e-12)
 
 
 def covered(interval_of, n_trials=200, n_clusters=60, size=12):
@@ -83,7 +74,12 @@ def test_score_of_windows_holds_bounds_balance_and_vote():
 
 
 def test_recordings_tested_equally_often_have_neither_vote_nor_another_balance():
-    labels = np.array(list("abab"))
-    found = score([labels], [labels], [np.arange(4)])
+    truth, predicted = np.array(list("abab")), np.array(list("abaa"))
+    found = score([truth[:3], truth[3:]], [predicted[:3], predicted[3:]], [np.arange(3), np.arange(1)])
     assert (found.balanced, found.bounds, found.voted) == (None, None, None)
-    assert found.interval == wilson_interval(4, 4)
+    assert found.interval == wilson_interval(3, 4)
+    assert found.mean == 0.75  # over recordings, not over folds
+    assert found.to_dict() == {
+        "mean": 0.75, "low": found.interval[0], "high": found.interval[1], "interval": "Wilson",
+        "balanced": 0.75, "folds": [1.0, 0.0],
+    }  # fmt: skip

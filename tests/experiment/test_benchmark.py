@@ -18,6 +18,28 @@ ROWS = (
 )
 
 
+RECIPE = """
+title = "Two simulated surfaces"
+format = "simulated"
+[recipe]
+n_surfaces = 2
+n_recordings = 2
+n_operators = 2
+duration_s = 4.0
+fs = 10000
+seed = 11
+"""
+PIPELINE = """
+features = "strese2015"
+seed = 1
+[classifiers.euclidean]
+use = "sklearn.neighbors.NearestCentroid"
+[[rows]]
+name = "Level"
+features = ["variance"]
+"""
+
+
 @pytest.fixture
 def several(pipeline):
     return pipeline(*ROWS)
@@ -28,44 +50,48 @@ def result(toy_dataset, several):
     return run_benchmark(toy_dataset(), several)
 
 
-def test_json_has_the_keys_that_were_promised(result):
+def test_json_has_the_keys_that_were_promised_and_the_table_the_same_figures(result):
     found = json.loads(result.to_json())
+    assert found == json.loads(json.dumps(result.to_dict()))
     assert found["dataset"]["n_recordings"] == 12
     assert {"dataset", "protocol", "rows", "versions", "seed", "input_hash"} <= set(found)
     assert {"texclass", "numpy", "scikit-learn"} <= set(found["versions"])
     for line in found["rows"]:
         keys = {"name", "n_features", "accuracy", "paper", "ms_per_recording", "missing"}
         assert keys <= set(line)
-        for accuracy in line["accuracy"].values():
+        for classifier, accuracy in line["accuracy"].items():
             assert 0 <= accuracy["low"] <= accuracy["mean"] <= accuracy["high"] <= 1
+            table = result.table.set_index(["row", "classifier"])
+            assert table.loc[(line["name"], classifier), "mean"] == accuracy["mean"]
     assert found["rows"][0]["paper"] == {"naive_bayes": 0.9}
+    assert len(result.table) == sum(len(line["accuracy"]) for line in found["rows"])
 
 
 def test_separable_levels_are_recognised_and_confused_with_nothing(result):
-    assert result.rows[0].accuracy["euclidean"].mean == 1.0
-    assert result.confusion.counts.tolist() == [[4, 0, 0], [0, 4, 0], [0, 0, 4]]
-    assert result.best[0].name == "Level"
+    assert result.data["rows"][0]["accuracy"]["euclidean"]["mean"] == 1.0
+    assert result.data["confusion"]["counts"] == [[4, 0, 0], [0, 4, 0], [0, 0, 4]]
+    assert result.best[0] == "Level"
 
 
 def test_a_row_that_lacks_a_phase_says_so(result):
-    _, taps, whatever, *_ = result.rows
-    assert (taps.missing, taps.accuracy, taps.n_features) == ("no tap found (knock)", {}, 2)
-    assert taps.ms_per_recording is None
-    assert (whatever.missing, whatever.n_features) == ("no tap found (knock)", 1)
-    assert whatever.accuracy == result.rows[0].accuracy
+    level, taps, whatever, *_ = result.data["rows"]
+    assert (taps["missing"], taps["accuracy"], taps["n_features"]) == ("no tap found (knock)", {}, 2)
+    assert taps["ms_per_recording"] is None
+    assert (whatever["missing"], whatever["n_features"]) == ("no tap found (knock)", 1)
+    assert whatever["accuracy"] == level["accuracy"]
 
 
 def test_selection_reports_its_columns_and_width(result):
-    row = result.rows[3]
-    assert row.n_features == 2
-    assert sum(row.selected["naive_bayes"].values()) == pytest.approx(2)
+    row = result.data["rows"][3]
+    assert row["n_features"] == 2
+    assert sum(row["selected"]["naive_bayes"].values()) == pytest.approx(2)
 
 
 def test_undefined_values_are_summed_up_by_feature(result):
-    found = {u.feature: u for u in result.undefined}
-    assert found["knock"].n_recordings == 12
-    assert found["rarely"].reason == "starts above 0"
-    assert 0 < found["rarely"].n_recordings < 12
+    found = {u["feature"]: u for u in result.data["undefined"]}
+    assert found["knock"]["n_recordings"] == 12
+    assert found["rarely"]["reason"] == "starts above 0"
+    assert 0 < found["rarely"]["n_recordings"] < 12
 
 
 def test_processes_and_a_warm_cache_change_nothing_but_milliseconds(result, toy_dataset, several):
@@ -75,14 +101,14 @@ def test_processes_and_a_warm_cache_change_nothing_but_milliseconds(result, toy_
 
 def _without_ms(result):
     found = result.to_dict()
-    return found | {"rows": [row | {"ms_per_recording": 0} for row in found["rows"]]}
+    return found | {"rows": [line | {"ms_per_recording": 0} for line in found["rows"]]}
 
 
-@pytest.mark.parametrize("protocol", ["operator", "blocks", "paper"])
-def test_other_protocols_are_named_in_the_result(toy_dataset, several, protocol):
-    result = run_benchmark(toy_dataset(n_repetitions=6), several, protocol=protocol)
-    assert result.protocol == protocol
-    assert result.rows[0].accuracy["euclidean"].mean > 0.9
+def test_other_protocols_are_named_in_the_result(toy_dataset, several):
+    for protocol in ("operator", "blocks", "paper"):
+        result = run_benchmark(toy_dataset(n_repetitions=6), several, protocol=protocol)
+        assert result.data["protocol"] == protocol
+        assert result.data["rows"][0]["accuracy"]["euclidean"]["mean"] > 0.9
 
 
 def test_an_impossible_protocol_is_refused_before_anything_is_loaded(toy_dataset, several):
@@ -97,10 +123,18 @@ def test_bad_recordings_stop_the_run_or_are_listed(toy_dataset, several):
     with pytest.raises(RecordingError, match="m1_3"):
         run_benchmark(dataset, several)
     result = run_benchmark(dataset, several, skip_bad=True)
-    assert [bad.recording_id for bad in result.left_out] == ["m1_3"]
-    assert result.dataset["n_recordings"] == 14
+    assert [name for name, _ in result.data["left_out"]] == ["m1_3"]
+    assert result.data["dataset"]["n_recordings"] == 14
 
 
 def test_rank_agreement_needs_published_figures(result):
-    assert result.rank_agreement("euclidean") is None
-    assert -1 <= result.rank_agreement("naive_bayes") <= 1
+    agreement = result.data["rank_agreement"]
+    assert agreement["euclidean"] is None
+    assert -1 <= agreement["naive_bayes"] <= 1
+
+
+def test_dataset_and_pipeline_may_be_named(tmp_path):
+    (tmp_path / "two.toml").write_text(RECIPE)
+    (tmp_path / "few.toml").write_text(PIPELINE)
+    result = run_benchmark(tmp_path / "two.toml", str(tmp_path / "few.toml"), n_folds=2)
+    assert (result.data["dataset"]["n_materials"], result.data["pipeline"]["name"]) == (2, "few")

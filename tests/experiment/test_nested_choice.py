@@ -43,54 +43,48 @@ def test_the_row_that_fits_the_tests_by_chance_is_not_chosen(two):
     protocol = find_protocol("blocks")
     splits = protocol.split(table.frame, 0, 0)
     rows = [MatchedRow.of(definition, two.features, table) for definition in two.rows]
-    evaluations = _evaluations(rows, table, splits, two)
+    evaluations = {
+        one.definition.name: {"euclidean": two.trial(one, "euclidean", table)(splits)} for one in rows
+    }
     choice = choose_inside(rows, table, splits, two, protocol, evaluations)
-    assert choice.chosen == (("Level", "euclidean"),)
-    assert choice.protocol == "blocks"
-    assert choice.accuracy.mean == evaluations["Level"]["euclidean"].accuracy.mean
+    assert choice["chosen"] == [["Level", "euclidean"]]
+    assert choice["protocol"] == "blocks"
+    assert choice["accuracy"]["mean"] == evaluations["Level"]["euclidean"].accuracy.mean
 
 
 def test_each_fold_counts_with_what_it_chose(toy_dataset, two):
-    result = run_benchmark(toy_dataset(), two, choose=True)
-    rows = {row.name: row.accuracy for row in result.rows}
-    expected = [rows[row][name].folds[k] for k, (row, name) in enumerate(result.choice.chosen)]
-    assert list(result.choice.accuracy.folds) == expected
+    found = run_benchmark(toy_dataset(), two, choose=True).data
+    accuracies = {line["name"]: line["accuracy"] for line in found["rows"]}
+    chosen = found["choice"]["chosen"]
+    expected = [accuracies[name][classifier]["folds"][k] for k, (name, classifier) in enumerate(chosen)]
+    assert found["choice"]["accuracy"]["folds"] == expected
     assert len(expected) == 4
-    assert sum(n for _, n in result.choice.favourites) == 4
-    assert run_benchmark(toy_dataset(), two).choice is None
+    assert run_benchmark(toy_dataset(), two).data["choice"] is None
 
 
 def test_of_rows_that_do_equally_well_the_widest_is_chosen(toy_dataset, pipeline):
     rows = (row("Level", "level"), row("Both", "level", "peaks"))
     widening = pipeline(*rows, classifiers=EUCLIDEAN, steps=STEPS[1:])
-    result = run_benchmark(toy_dataset(), widening, choose=True)
-    assert [row.accuracy["euclidean"].mean for row in result.rows] == [1.0, 1.0]
-    assert set(result.choice.chosen) == {("Both", "euclidean")}
+    found = run_benchmark(toy_dataset(), widening, choose=True).data
+    assert [line["accuracy"]["euclidean"]["mean"] for line in found["rows"]] == [1.0, 1.0]
+    assert found["choice"]["chosen"] == [["Both", "euclidean"]] * 4
 
 
-@pytest.mark.parametrize(
-    ("protocol", "n_repetitions", "inner"),
-    [
-        ("recording", 6, "recording"),
-        ("blocks", 8, "blocks"),
-        ("blocks", 6, "recording"),
-        ("few-shot", 8, "recording"),
-    ],
-)
-def test_training_parts_are_split_as_the_whole_where_possible(protocol, n_repetitions, inner):
-    frame = table_of(3, n_repetitions)
-    ((train, _), *_) = find_protocol(protocol).split(frame, 3, 0)
-    ((name, splits),) = inner_splits(find_protocol(protocol), frame, [(train, None)], 0)
-    assert name == inner
-    for inner_train, inner_test in splits:
-        assert sorted([*inner_train, *inner_test]) == list(range(len(train)))
-        assert frame["material"].iloc[train[inner_train]].value_counts().min() >= 2
-
-
-def test_of_two_operators_one_is_left_and_recordings_are_split():
-    frame = table_of(3, 6).assign(operator=np.tile(["a", "a", "a", "b", "b", "b"], 3))
-    ((train, _), *_) = find_protocol("operator").split(frame, 0, 0)
-    assert inner_splits(find_protocol("operator"), frame, [(train, None)], 0)[0][0] == "recording"
+def test_training_parts_are_split_as_the_whole_where_possible():
+    two_operators = table_of(3, 6).assign(operator=np.tile(["a", "a", "a", "b", "b", "b"], 3))
+    for protocol, frame, inner in (
+        ("recording", table_of(3, 6), "recording"),
+        ("blocks", table_of(3, 8), "blocks"),
+        ("blocks", table_of(3, 6), "recording"),
+        ("few-shot", table_of(3, 8), "recording"),
+        ("operator", two_operators, "recording"),  # one is left, and cannot be left out
+    ):
+        ((train, _), *_) = find_protocol(protocol).split(frame, 3, 0)
+        ((name, splits),) = inner_splits(find_protocol(protocol), frame, [(train, None)], 0)
+        assert name == inner
+        for inner_train, inner_test in splits:
+            assert sorted([*inner_train, *inner_test]) == list(range(len(train)))
+            assert frame["material"].iloc[train[inner_train]].value_counts().min() >= 2
 
 
 def test_the_papers_protocol_is_refused_and_a_part_of_single_recordings_too(toy_dataset, two):
@@ -102,21 +96,3 @@ def test_the_papers_protocol_is_refused_and_a_part_of_single_recordings_too(toy_
 
 def _columns(pipeline, feature):
     return pipeline.features.restricted_to([feature]).column_names
-
-
-def _evaluations(rows, table, splits, pipeline):
-    from texclass.experiment.folds import evaluate
-
-    y = table.frame["material"].to_numpy(dtype=str)
-    return {
-        row.definition.name: {
-            "euclidean": evaluate(
-                table.frame[list(row.columns)].to_numpy(),
-                y,
-                splits,
-                pipeline.preparation(row.definition, "euclidean"),
-                CLASSIFIERS["euclidean"].make(),
-            )
-        }
-        for row in rows
-    }

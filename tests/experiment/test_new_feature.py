@@ -31,29 +31,23 @@ def study(toy_dataset, few):
 
 
 def test_the_table_stands_as_it_was_with_a_row_for_the_feature_alone(study):
-    names = [row.name for row in study.result.rows]
+    names = [line["name"] for line in study.data["rows"]]
     assert names == ["Chance", "Peaks", "New: loud"]
-    assert study.result.rows[-1].accuracy["euclidean"].mean > 0.9
-    assert study.result.gains.row == "Peaks"
-    assert [group.name for group in study.result.gains.groups] == ["loud"]
+    assert study.data["rows"][-1]["accuracy"]["euclidean"]["mean"] > 0.9
+    assert study.data["gains"]["row"] == "Peaks"
+    assert [group["name"] for group in study.data["gains"]["groups"]] == ["loud"]
 
 
 def test_law_cost_and_repetition_are_measured(study):
-    assert study.law.holds
-    assert study.ms_alone > 0
-    assert 0 <= study.ms_added <= study.ms_alone * 1.5
-    (found,) = study.redundancy
-    assert found.nearest[0].column.startswith("peaks")
-    assert found.nearest[0].rank_correlation > 0.9
-    assert found.explained > 0.9
-    assert {a.input: a.answer for a in study.behaviour}["one NaN"] == "no reason"
-
-
-def test_json_holds_table_gains_and_feature(study):
-    found = json.loads(study.to_json())
-    assert {"rows", "gains", "new_feature"} <= set(found)
-    assert found["new_feature"]["gain_law"]["holds"] is True
-    assert found["new_feature"]["redundancy"][0]["nearest"][0]["rank_correlation"] > 0.9
+    found = json.loads(study.to_json())["new_feature"]
+    assert found["gain_law"]["holds"] is True
+    assert found["ms_alone"] > 0
+    assert 0 <= found["ms_added"] <= found["ms_alone"] * 1.5
+    (column,) = found["redundancy"]
+    assert column["nearest"][0]["column"].startswith("peaks")
+    assert column["nearest"][0]["rank_correlation"] > 0.9
+    assert column["explained"] > 0.9
+    assert {a["input"]: a["answer"] for a in found["behaviour"]}["one NaN"] == "no reason"
 
 
 def test_a_name_that_the_set_has_is_refused(few):
@@ -67,10 +61,10 @@ def test_the_hash_tells_the_pipeline_with_the_feature_from_the_one_without(few):
 
 def test_a_phase_that_the_dataset_lacks_is_said(toy_dataset, few):
     tap = Feature("knuckle", lambda view: 1.0, "tap", "1", "test")
-    study = study_feature(toy_dataset(n_repetitions=8), few, tap)
-    assert study.result.rows[-1].missing == "no tap found (knuckle)"
-    assert (study.law, study.redundancy, study.ms_added) == (None, (), None)
-    json.loads(study.to_json())
+    found = json.loads(study_feature(toy_dataset(n_repetitions=8), few, tap).to_json())
+    assert found["rows"][-1]["missing"] == "no tap found (knuckle)"
+    new = found["new_feature"]
+    assert (new["gain_law"], new["redundancy"], new["ms_added"]) == (None, [], None)
 
 
 def test_redundancy_tells_a_copy_from_noise():
@@ -78,8 +72,8 @@ def test_redundancy_tells_a_copy_from_noise():
     a, b, noise = rng.normal(size=(3, 200))
     columns = {"a": a, "b": b, "copy": np.exp(a), "sum": a + b, "noise": noise, "same": np.ones(200)}
     table = FeatureTable(pd.DataFrame(columns), tuple(columns), np.zeros(200))
-    found = {r.column: r for r in redundancy(table, ["copy", "sum", "noise", "same"])}
-    assert found["copy"].nearest[0] == ("a", pytest.approx(1.0))
-    assert found["sum"].explained == pytest.approx(1.0, abs=1e-3)
-    assert found["noise"].explained < 0.1
+    found = {r["column"]: r for r in redundancy(table, ["copy", "sum", "noise", "same"])}
+    assert found["copy"]["nearest"][0] == {"column": "a", "rank_correlation": pytest.approx(1.0)}
+    assert found["sum"]["explained"] == pytest.approx(1.0, abs=1e-3)
+    assert found["noise"]["explained"] < 0.1
     assert "same" not in found

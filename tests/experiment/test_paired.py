@@ -5,14 +5,14 @@ import pytest
 from scipy.stats import binomtest, ttest_1samp
 
 from texclass.experiment.paired import (
-    compare_once,
-    compare_repeats,
+    compare,
     corrected_resampled_t,
     exact_mcnemar,
     holm,
     paired_bootstrap,
     sign_flip,
 )
+from texclass.experiment.protocols import find_protocol
 
 RNG = np.random.default_rng(3)
 
@@ -96,20 +96,28 @@ def test_holm_by_hand():
 
 HITS = [[np.array([True, True, False]), np.array([True, True, True])]]
 OTHER = [[np.array([True, False, False]), np.array([False, True, True])]]
+SPLITS = [(np.arange(3, 6), np.arange(3)), (np.arange(3), np.arange(3, 6))]
 
 
-def test_repeats_keep_every_fold():
-    found = compare_repeats(HITS, OTHER, 1.0)
+def test_folds_that_are_drawn_are_resampled_and_kept():
+    found = compare(HITS, OTHER, SPLITS, find_protocol("recording"), np.array(list("abcdef")), 0)
     assert found.folds == (pytest.approx((1 / 3, 1 / 3)),)
-    assert (found.difference, found.n_gained, found.n_lost) == (pytest.approx(1 / 3), 2, 0)
-    assert (found.n_better, found.n_worse) == (2, 0)
+    assert found.difference == pytest.approx(1 / 3)
+    assert (found.n_gained, found.n_lost) == (2, 0)
+    assert found.test == "corrected resampled t-test over folds and repeats"
+    one = compare(
+        [HITS[0][:1]], [OTHER[0][:1]], SPLITS, find_protocol("recording"), np.array(list("abcdef")), 0
+    )
+    assert one.test.startswith("exact McNemar")  # one finished fold is no resampling
 
 
 @pytest.mark.parametrize(
-    ("clusters", "test"), [(["abc", "def"], "exact McNemar test"), (["aab", "bcd"], "sign-flip test")]
+    ("clusters", "test"), [("abcdef", "exact McNemar test"), ("aabbcd", "sign-flip test")]
 )
 def test_one_set_of_splits_says_which_test_was_used(clusters, test):
-    found = compare_once(HITS, OTHER, [np.array(list(c)) for c in clusters], seed=0)
+    found = compare(HITS, OTHER, SPLITS, find_protocol("blocks"), np.array(list(clusters)), 0)
     assert found.test == f"{test} and paired bootstrap over recordings"
     assert found.difference == pytest.approx(1 / 3)
     assert found.interval[0] <= found.difference <= found.interval[1]
+    low, high = found.interval
+    assert {"low": low, "high": high, "n_gained": 2, "n_lost": 0}.items() <= found.to_dict().items()

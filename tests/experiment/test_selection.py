@@ -9,8 +9,7 @@ from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 from sklearn.tree import DecisionTreeClassifier
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from texclass.experiment.closed_form import closed_form
-from texclass.experiment.selection import ForwardSelector
+from texclass.experiment.selection import ForwardSelector, closed_form
 
 CLASSIFIERS = [
     GaussianNB(),
@@ -27,35 +26,29 @@ def classes(seed, n_classes=5, n_each=9, n_columns=9):
     return rng.normal(size=(n_classes, n_columns))[y] + rng.normal(size=(len(y), n_columns)) * 1.5, y
 
 
-@pytest.mark.parametrize("classifier", CLASSIFIERS, ids=str)
-def test_closed_form_predicts_what_the_classifier_predicts(classifier):
+def test_closed_form_predicts_what_the_classifier_predicts():
     X, y = classes(0)
     train, test = np.arange(len(y)) % 3 > 0, np.arange(len(y)) % 3 == 0
     columns = [4, 1, 7]
-    predicted = closed_form(classifier, X[train], y[train], X[test]).predict(
-        columns[:2], np.array(columns[2:])
-    )
-    expected = classifier.fit(X[train][:, columns], y[train]).predict(X[test][:, columns])
-    np.testing.assert_array_equal(predicted[0], expected)
+    for classifier in CLASSIFIERS:
+        form = closed_form(classifier, X[train], y[train], X[test])
+        predicted = form.predict(columns[:2], np.array(columns[2:]))
+        expected = classifier.fit(X[train][:, columns], y[train]).predict(X[test][:, columns])
+        np.testing.assert_array_equal(predicted[0], expected)
 
 
-@pytest.mark.parametrize("classifier", [*CLASSIFIERS, DecisionTreeClassifier(random_state=0)], ids=str)
-def test_selects_the_columns_that_scikit_learn_selects(classifier):
-    X, y = classes(1)
-    ours = ForwardSelector(classifier, n_features_to_select=3, cv=3).fit(X, y)
-    theirs = SequentialFeatureSelector(classifier, n_features_to_select=3, cv=3).fit(X, y)
-    np.testing.assert_array_equal(ours.get_support(), theirs.get_support())
-
-
-@pytest.mark.parametrize("classifier", CLASSIFIERS, ids=str)
-def test_finds_the_columns_that_carry_the_classes(classifier):
-    rng = np.random.default_rng(2)
-    y = np.repeat(np.arange(4), 12)
-    X = rng.normal(size=(48, 12))
-    X[:, 3] += 4 * (y % 2)
-    X[:, 8] += 4 * (y // 2)
-    support = ForwardSelector(classifier, n_features_to_select=2).fit(X, y).get_support()
-    assert np.flatnonzero(support).tolist() == [3, 8]
+def test_selects_the_columns_that_scikit_learn_selects_and_those_that_carry_the_classes():
+    (X, y), rng = classes(1), np.random.default_rng(2)
+    labels = np.repeat(np.arange(4), 12)
+    told = rng.normal(size=(48, 12))
+    told[:, 3] += 4 * (labels % 2)
+    told[:, 8] += 4 * (labels // 2)
+    for classifier in (*CLASSIFIERS, DecisionTreeClassifier(random_state=0)):
+        ours = ForwardSelector(classifier, n_features_to_select=3, cv=3).fit(X, y)
+        theirs = SequentialFeatureSelector(classifier, n_features_to_select=3, cv=3).fit(X, y)
+        np.testing.assert_array_equal(ours.get_support(), theirs.get_support())
+        support = ForwardSelector(classifier, n_features_to_select=2).fit(told, labels).get_support()
+        assert np.flatnonzero(support).tolist() == [3, 8]
 
 
 def test_collinear_and_constant_columns_do_no_harm():

@@ -10,8 +10,8 @@ from toy_noises import CLASSIFIERS, row
 from texclass.experiment.benchmark import run_benchmark
 from texclass.experiment.feature_table import cached_table, extract_table, metadata
 from texclass.experiment.pipeline import FoldSettings
-from texclass.experiment.protocols import find_protocol
-from texclass.experiment.windows import Window, touches
+from texclass.experiment.protocols import PROTOCOLS
+from texclass.experiment.windows import touches
 from texclass.features.extractor import FeatureExtractor
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import Phases, Recording, RecordingError, Tap
@@ -32,14 +32,11 @@ def counting():
     return Dataset("counting", entries, tapped, "x")
 
 
-def test_windows_follow_each_other_within_the_movement(counting):
-    found = [w.acceleration for w in touches(counting, 0.5)]
+def test_windows_follow_each_other_within_the_movement_with_all_signals_and_facts(counting):
+    dataset = pickle.loads(pickle.dumps(touches(counting, 0.5)))  # as it travels to other processes
+    found = [w.acceleration for w in dataset]
     assert len(found) == 6 * 3
     np.testing.assert_array_equal(np.concatenate(found[:3]), np.arange(40.0, 190.0))
-
-
-def test_a_window_is_movement_only_with_all_signals_and_the_facts_of_its_recording(counting):
-    dataset = touches(counting, 0.5)
     entry, window = dataset.entries[4], dataset[4]
     assert (entry.recording_id, entry.parent.recording_id, entry.repetition) == ("m0_2#2", "m0_2", 2)
     assert (entry.material, entry.operator, entry.session) == ("m0", "o", "s2")
@@ -48,15 +45,12 @@ def test_a_window_is_movement_only_with_all_signals_and_the_facts_of_its_recordi
     np.testing.assert_array_equal(window.friction, 2 * window.acceleration)
 
 
-def test_one_window_per_recording_is_the_first_seconds_of_movement(counting):
-    dataset = touches(counting, 1.2, per_recording=1)
-    assert len(dataset) == len(counting)
-    np.testing.assert_array_equal(dataset[0].acceleration, np.arange(40.0, 160.0))
-
-
-def test_a_step_below_the_length_makes_windows_overlap(counting):
-    starts = [entry.start for entry in touches(counting, 0.5, step=0.25, per_recording=4).entries[:4]]
-    assert starts == [40, 65, 90, 115]
+def test_windows_may_be_one_a_recording_or_overlap(counting):
+    first = touches(counting, 1.2, per_recording=1)
+    assert len(first) == len(counting)
+    np.testing.assert_array_equal(first[0].acceleration, np.arange(40.0, 160.0))
+    overlapping = touches(counting, 0.5, step=0.25, per_recording=4)
+    assert [entry.start for entry in overlapping.entries[:4]] == [40, 65, 90, 115]
 
 
 def test_what_is_too_short_or_bad_says_so_when_it_is_loaded(toy_dataset, feature_set, tmp_path):
@@ -69,15 +63,10 @@ def test_what_is_too_short_or_bad_says_so_when_it_is_loaded(toy_dataset, feature
         extract_table(touches(toy_dataset(), 0.4), feature_set, tmp_path / "t.parquet")
 
 
-@pytest.mark.parametrize(
-    "given", [{"seconds": 0}, {"seconds": 1, "step": -1}, {"seconds": 1, "per_recording": 0}]
-)
-def test_lengths_are_above_0(counting, given):
-    with pytest.raises(ValueError, match="the rule is above 0"):
-        touches(counting, **given)
-
-
-def test_windows_of_windows_are_refused(counting):
+def test_lengths_are_above_0_and_windows_are_not_cut_again(counting):
+    for given in ({"seconds": 0}, {"seconds": 1, "step": -1}, {"seconds": 1, "per_recording": 0}):
+        with pytest.raises(ValueError, match="the rule is above 0"):
+            touches(counting, **given)
     with pytest.raises(ValueError, match="whole recordings"):
         touches(touches(counting, 1), 0.5)
 
@@ -105,30 +94,21 @@ def test_extraction_gives_what_the_extractor_gives_for_each_window(toy_dataset, 
     assert len(table.flags) == 3  # once a recording, not once a window
 
 
-def test_datasets_of_windows_travel_to_other_processes(counting):
-    dataset = touches(counting, 0.5)
-    np.testing.assert_array_equal(
-        pickle.loads(pickle.dumps(dataset))[7].acceleration, dataset[7].acceleration
-    )
-
-
-@pytest.mark.parametrize("name", ["recording", "operator", "blocks", "few-shot", "run", "paper"])
-def test_no_protocol_parts_the_windows_of_a_recording(toy_dataset, name):
-    table = metadata(touches(toy_dataset(3, 6), 0.1).entries)
-    shuffled = table.sample(frac=1, random_state=1, ignore_index=True)
-    for train, test in find_protocol(name).split(shuffled, 3, 0):
-        assert not set(shuffled["parent"][train]) & set(shuffled["parent"][test])
-        for rows in (train, test):  # all windows of a recording, or none
-            assert (shuffled.iloc[rows].groupby("parent").size() == 3).all()
-
-
-def test_windows_are_split_as_their_recordings_are(toy_dataset):
+def test_no_protocol_parts_the_windows_of_a_recording_and_they_are_split_as_recordings_are(toy_dataset):
     dataset = toy_dataset(3, 6)
     whole, windows = metadata(dataset.entries), metadata(touches(dataset, 0.1).entries)
-    for name in ("recording", "blocks", "few-shot"):
-        split = find_protocol(name).split
-        for (_, test), (_, of_windows) in zip(split(whole, 3, 0), split(windows, 3, 0), strict=True):
-            assert set(whole["recording_id"][test]) == set(windows["parent"][of_windows])
+    shuffled = windows.sample(frac=1, random_state=1, ignore_index=True)
+    for name, protocol in PROTOCOLS.items():
+        for train, test in protocol.split(shuffled, 3, 0):
+            assert not set(shuffled["parent"][train]) & set(shuffled["parent"][test])
+            for rows in (train, test):  # all windows of a recording, or none
+                assert (shuffled.iloc[rows].groupby("parent").size() == 3).all()
+        if name in ("recording", "blocks", "few-shot"):
+            pairs = zip(protocol.split(whole, 3, 0), protocol.split(windows, 3, 0), strict=True)
+            for (_, test), (_, of_windows) in pairs:
+                assert set(whole["recording_id"][test]) == set(windows["parent"][of_windows])
+    assert "parent" not in whole
+    assert whole.dtypes["repetition"] == pd.Int64Dtype()
 
 
 @pytest.fixture
@@ -139,20 +119,11 @@ def result(toy_dataset, pipeline):
 
 
 def test_the_benchmark_of_windows_reports_them_their_interval_and_their_vote(result):
-    assert (result.dataset["n_windows"], result.dataset["n_recordings"]) == (3 * 6 * 15, 3 * 6)
-    accuracy = result.rows[0].accuracy["euclidean"]
-    assert accuracy.n_tested == 270
-    assert accuracy.bounds[0] < accuracy.mean < accuracy.bounds[1]
-    assert accuracy.voted.n_tested == 18
-    assert accuracy.voted.mean > accuracy.mean
-    told = result.to_dict()["rows"][0]["accuracy"]["euclidean"]
+    facts = result.data["dataset"]
+    assert (facts["n_windows"], facts["n_recordings"]) == (3 * 6 * 15, 3 * 6)
+    told = result.data["rows"][0]["accuracy"]["euclidean"]
     assert told["interval"] == "bootstrap over runs"
+    assert told["low"] < told["mean"] < told["high"]
     assert told["per_run"]["interval"] == "Wilson"
-    assert told["balanced"] == pytest.approx(accuracy.mean)
-
-
-def test_tables_of_whole_recordings_have_no_parent(toy_dataset):
-    entries = toy_dataset().entries
-    assert "parent" not in metadata(entries)
-    assert not any(isinstance(entry, Window) for entry in entries)
-    assert metadata(entries).dtypes["repetition"] == pd.Int64Dtype()
+    assert told["per_run"]["mean"] > told["mean"]
+    assert told["balanced"] == pytest.approx(told["mean"])

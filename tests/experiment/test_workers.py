@@ -1,10 +1,11 @@
+"""Work in processes of this machine and on a real cluster: in order, one thread each, safe from a death."""
+
 import json
 import os
 import signal
 import subprocess
 import sys
 from functools import partial
-from types import SimpleNamespace
 
 import pandas as pd
 import pytest
@@ -36,42 +37,43 @@ def count_threads():
     return [pool["num_threads"] for pool in threadpool_info()]
 
 
-def start(folder, *what):
-    return subprocess.Popen(
-        [sys.executable, "-m", "dask", *what, "--no-dashboard"],
-        cwd=folder,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-
-
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
-    """Give a real scheduler and its two worker processes."""
+    """Give the address of a real scheduler, and its two worker processes."""
     distributed = pytest.importorskip("distributed")
-    folder = tmp_path_factory.mktemp("cluster")
-    processes = [start(folder, "scheduler", "--scheduler-file", "s.json", "--port", "0")]
-    processes += [
-        start(folder, "worker", "--scheduler-file", "s.json", "--nthreads", "1", "--no-nanny")
-        for _ in range(2)
-    ]
+    folder, quiet = tmp_path_factory.mktemp("cluster"), subprocess.DEVNULL
+
+    def start(what, *options):
+        command = [
+            sys.executable,
+            "-m",
+            "dask",
+            what,
+            "--scheduler-file",
+            "s.json",
+            "--no-dashboard",
+            *options,
+        ]
+        return subprocess.Popen(command, cwd=folder, stdout=quiet, stderr=quiet)
+
+    processes = [start("scheduler", "--port", "0")]
+    processes += [start("worker", "--nthreads", "1", "--no-nanny") for _ in range(2)]
     try:
         with distributed.Client(scheduler_file=folder / "s.json", timeout="60s") as client:
             client.wait_for_workers(2, timeout=60)
-        yield SimpleNamespace(
-            scheduler=json.loads((folder / "s.json").read_text())["address"], workers=processes[1:]
-        )
+        yield json.loads((folder / "s.json").read_text())["address"], processes[1:]
     finally:
         for process in processes:
             process.kill()
             process.wait()
 
 
-def test_each_keeps_the_order_and_closing_it_stops_the_work():
-    assert [v for v, _ in each([partial(square, i) for i in range(20)], n_jobs=2)] == [
-        i * i for i in range(20)
-    ]
-    outcomes = each([partial(square, i) for i in range(10**5)])
+def test_each_keeps_the_order_reports_and_stops_when_it_is_closed():
+    calls, told = [partial(square, i) for i in range(20)], []
+    found = each(calls, n_jobs=2, progress=lambda *call: told.append(call), what="squares", done=5, total=25)
+    assert [v for v, _ in found] == [i * i for i in range(20)]
+    assert told == [(n, 25, "squares") for n in range(6, 26)]
+    outcomes = each(partial(square, i) for i in range(10**6))
     assert next(outcomes)[0] == 0
     outcomes.close()
 
@@ -84,26 +86,24 @@ def test_a_cluster_gives_the_same_table_even_if_a_worker_is_killed_half_way(clus
     monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path / "cache"))
     (tmp_path / "tiny.toml").write_text(TINY)
     dataset, features = open_dataset(tmp_path / "tiny.toml"), load_feature_set("texclass")
-    here = extract_table(dataset, features, tmp_path / "here.parquet")
+    here, (address, workers) = extract_table(dataset, features, tmp_path / "here.parquet"), cluster
 
     def kill_one(n_done, n_all, what):
         if n_done == n_all // 2:
-            cluster.workers[0].kill()
+            workers[0].kill()
 
-    with running_on("dask", cluster.scheduler):
+    with running_on("dask", address):
         there = extract_table(dataset, features, tmp_path / "there.parquet", progress=kill_one)
-    assert cluster.workers[0].wait() == -signal.SIGKILL
+    assert workers[0].wait() == -signal.SIGKILL
     pd.testing.assert_frame_equal(there.frame, here.frame, check_exact=True)
     assert there.reasons == here.reasons
+    assert [process for _, process in each([partial(square, 1)])] == [os.getpid()]  # here again
 
 
-def test_after_a_cluster_work_runs_here_again(cluster):
-    with running_on("dask", cluster.scheduler):
-        pass
-    assert [process for _, process in each([partial(square, i) for i in range(2)])] == [os.getpid()] * 2
-
-
-def test_a_scheduler_that_does_not_answer_is_an_error():
+def test_a_scheduler_that_does_not_answer_and_an_impossible_backend_are_refused():
+    for backend, address in (("local", "tcp://127.0.0.1:8786"), ("spark", None)):
+        with pytest.raises(ValueError, match=backend), running_on(backend, address):
+            pass
     pytest.importorskip("distributed")
     import dask
 
@@ -112,10 +112,4 @@ def test_a_scheduler_that_does_not_answer_is_an_error():
         pytest.raises(OSError, match=r"127\.0\.0\.1:9"),
         running_on("dask", "tcp://127.0.0.1:9"),
     ):
-        pass
-
-
-@pytest.mark.parametrize(("backend", "address"), [("local", "tcp://127.0.0.1:8786"), ("spark", None)])
-def test_an_impossible_backend_is_refused(backend, address):
-    with pytest.raises(ValueError, match=backend), running_on(backend, address):
         pass

@@ -18,11 +18,11 @@ from texclass.experiment.feature_table import FeatureTable, LeftOut, read_part, 
 from texclass.experiment.windows import read_movements
 from texclass.features.extractor import Reason
 from texclass.loaders.simulated import recall, remember
-from texclass.peers.launch import read_outcome
+from texclass.peers.worker_process import read_outcome
 from texclass.recognition import load_model
 from texclass.recognition.model_files import Manifest, digest_of, read_manifest
 from texclass.recording import Recording
-from texclass.tradeoff.deploy import load_recogniser
+from texclass.tradeoff.recogniser import load_recogniser
 
 MODEL = Path(__file__).parents[1] / "recognition" / "data" / "surface-2.0.skops"
 _JSON = trees(json.loads, json_of)

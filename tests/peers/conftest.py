@@ -11,7 +11,7 @@ from texclass.experiment.pipeline import FoldSettings
 from texclass.loaders import open_dataset
 
 FAKE = """#!{python}
-import json, sys, time
+import json, signal, sys
 from pathlib import Path
 import numpy as np
 task, peer, out = (Path(a) for a in sys.argv[4:7])
@@ -29,7 +29,7 @@ write("started.json", dict(first_s=9.0, versions={{"fake": "1.0"}}))
 BODIES = {
     "perfect": "[fold(k) for k in range(4)]; write('done.json', {})",
     "first fold wrong": "fold(0, 1); [fold(k) for k in range(1, 4)]; write('done.json', {})",
-    "slow": "fold(0); fold(1); time.sleep(60)",
+    "slow": "fold(0); fold(1); signal.pause()",
     "crash": "sys.exit('Killed by its own hand')",
     "absent": "write('failed.json', dict(missing=True, message='needs aeon')); sys.exit(1)",
 }

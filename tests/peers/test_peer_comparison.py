@@ -1,8 +1,6 @@
 """Ours and peers on the same folds."""
 
 import json
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,73 +8,65 @@ import pytest
 from texclass.features.phase_view import views_of
 from texclass.peers import PEERS, PeerSettings, compare_with_peers, whole_materials
 from texclass.peers.comparison import _length_notes
-from texclass.peers.signals import every_channel, same_signals, signal_reader
+from texclass.peers.given_signals import every_channel, same_signals, signal_reader
 from texclass.recording import Phases, Recording, Tap
 
 
-def test_a_perfect_peer_is_level_with_a_perfect_row(bench, interpreter):
-    settings = PeerSettings(names=("minirocket",), python=interpreter("perfect"))
-    found = compare_with_peers(*bench, settings)
-    ours, *_, peer = found.contestants
-    assert ours.ours
-    assert found.reference is ours
+@pytest.fixture
+def compared(bench, interpreter):
+    """Compare the benchmark with peers that all do as told."""
+
+    def run(behaviour, *names, **settings):
+        return compare_with_peers(*bench, PeerSettings(names, interpreter(behaviour), **settings))
+
+    return run
+
+
+def test_a_perfect_peer_is_level_with_a_perfect_row_at_the_cost_of_one_fold(bench, compared):
+    found, (*_, result) = compared("perfect", "minirocket"), bench
+    ours, *_, peer = found.data["contestants"]
     assert found.best_peer is peer
-    assert (peer.accuracy.mean, peer.n_folds, peer.classifier) == (1.0, 4, "ridge")
-    assert peer.difference.difference == ours.accuracy.mean - 1.0
-    assert ours.accuracy.folds == bench[2].best[0].accuracy[bench[2].best[1]].folds
-    assert found.peer_versions == {"fake": "1.0"}
-
-
-def test_costs_are_those_of_one_fold(bench, interpreter):
-    settings = PeerSettings(names=("minirocket",), python=interpreter("perfect"))
-    cost = compare_with_peers(*bench, settings).contestants[-1].cost
-    assert (cost.feature_ms, cost.fit_s, cost.predict_ms, cost.memory_mb) == (2.0, 0.5, 1.0, 3.0)
+    assert (peer["accuracy"]["mean"], peer["n_folds"], peer["classifier"]) == (1.0, 4, "ridge")
+    assert peer["difference"]["difference"] == ours["accuracy"]["mean"] - 1.0
+    assert (ours["name"], ours["classifier"], ours["ours"], ours["difference"]) == (*result.best, True, None)
+    assert ours["accuracy"]["mean"] == result.table["mean"].max()
+    assert found.data["peer_versions"] == {"fake": "1.0"}
+    cost = peer["cost"]
+    assert (cost["feature_ms"], cost["fit_s"], cost["predict_ms"], cost["memory_mb"]) == (2.0, 0.5, 1.0, 3.0)
     # 9 + 3 recordings of a fold, fit, 3 predictions.
-    assert cost.total_s == pytest.approx(12 * 0.002 + 0.5 + 3 * 0.001)
+    assert cost["total_s"] == pytest.approx(12 * 0.002 + 0.5 + 3 * 0.001)
 
 
-def test_our_widest_row_competes_beside_the_best(bench, interpreter):
-    found = compare_with_peers(*bench, PeerSettings(names=("quant",), python=interpreter("absent")))
-    assert all(c.cost.feature_ms > 0 and c.cost.fit_s > 0 for c in found.contestants if c.ours)
-    assert "Modified MFCC, Constant Mel Filter Bank" in {c.name for c in found.contestants}
+def test_a_missing_peer_is_a_line_and_no_error_and_our_widest_row_competes_beside_the_best(compared):
+    kept = json.loads(compared("absent", "quant", "tsfel").to_json())
+    assert {"dataset", "protocol", "versions", "peer_versions", "seed", "input_hash"} <= set(kept)
+    ours, lines = ([c for c in kept["contestants"] if c["ours"] is is_ours] for is_ours in (True, False))
+    assert all(c["cost"]["feature_ms"] > 0 and c["cost"]["fit_s"] > 0 for c in ours)
+    assert "Modified MFCC, Constant Mel Filter Bank" in {c["name"] for c in ours}
+    absent = ("not installed", "needs aeon", None)
+    assert [(c["status"], c["message"], c["accuracy"]) for c in lines] == [absent] * 2
 
 
-def test_a_wrong_fold_costs_what_it_tests(bench, interpreter):
-    settings = PeerSettings(names=("quant",), python=interpreter("first fold wrong"))
-    peer = compare_with_peers(*bench, settings).contestants[-1]
-    assert peer.accuracy.folds == (0.0, 1.0, 1.0, 1.0)
-    assert peer.difference.test.startswith("corrected resampled")
-
-
-def test_a_peer_out_of_time_is_compared_on_the_folds_it_finished(bench, interpreter):
-    settings = PeerSettings(names=("quant",), python=interpreter("slow"), time_limit_s=3.0)
-    found = compare_with_peers(*bench, settings)
-    peer = found.contestants[-1]
-    assert (peer.status, peer.n_folds, peer.accuracy.n_tested) == ("out of time", 2, 6)
-    assert len(peer.difference.folds[0]) == 2
+def test_a_wrong_fold_costs_what_it_tests_and_one_that_is_not_finished_nothing(compared):
+    peer = compared("first fold wrong", "quant").data["contestants"][-1]
+    assert peer["accuracy"]["folds"] == (0.0, 1.0, 1.0, 1.0)
+    assert peer["difference"]["test"].startswith("corrected resampled")
+    found = compared("slow", "quant", time_limit_s=3.0)
+    peer = found.data["contestants"][-1]
+    assert (peer["status"], peer["n_folds"], peer["accuracy"]["n_tested"]) == ("out of time", 2, 6)
+    assert len(peer["difference"]["folds"][0]) == 2
     assert found.best_peer is None
 
 
-def test_a_missing_peer_is_a_line_and_no_error(bench, interpreter):
-    found = compare_with_peers(*bench, PeerSettings(names=("quant", "tsfel"), python=interpreter("absent")))
-    lines = [c for c in found.contestants if not c.ours]
-    assert [(c.status, c.message, c.accuracy) for c in lines] == [("not installed", "needs aeon", None)] * 2
-    kept = json.loads(found.to_json())
-    assert kept["contestants"][-1]["status"] == "not installed"
-    assert {"dataset", "protocol", "versions", "peer_versions", "seed", "input_hash"} <= set(kept)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "told"),
-    [
+def test_settings_are_checked():
+    for wrong, told in (
         ({"names": ("mfcc", "weka")}, "weka"),
         ({"time_limit_s": 0.0}, "0.0 s"),
         ({"time_limit_s": np.nan}, "nan"),
-    ],
-)
-def test_settings_are_checked(wrong, told):
-    with pytest.raises(ValueError, match=told):
-        PeerSettings(**wrong)
+        ({"signals": "raw"}, "'raw'"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            PeerSettings(**wrong)
     assert PeerSettings().names == tuple(PEERS)
 
 
@@ -126,10 +116,6 @@ def test_taps_stand_in_where_there_is_no_movement_and_all_of_it_where_there_are_
     assert same_signals(tapped, ()).shape == (1, 600)
     assert same_signals(one.with_(phases=Phases()), ()).shape == (1, 4000)
     assert every_channel(one.with_(phases=Phases())).shape == (1, 4000)
-
-
-def test_python_is_not_resolved():
-    assert replace(PeerSettings(), python=Path("bin/python")).python == Path("bin/python")
 
 
 def test_recordings_of_different_lengths_are_told_about():

@@ -136,7 +136,7 @@ def test_foreign_classes_are_refused_by_name(file):
 
 
 @pytest.mark.parametrize(
-    "name", ["texclass.tradeoff.deploy.Recogniser", "texclass.cli.app.main", "os.system"]
+    "name", ["texclass.tradeoff.recogniser.Recogniser", "texclass.cli.app.main", "os.system"]
 )
 def test_no_module_is_trusted_as_a_whole(name):
     assert name not in TRUSTED
@@ -212,7 +212,7 @@ def test_parts_that_do_not_fit_each_other_are_refused(linear_model, tmp_path, fi
 
 
 def test_features_that_give_other_values_are_told(file, monkeypatch):
-    monkeypatch.setattr("texclass.tradeoff.deploy.code_hash", lambda feature_set: "other")
+    monkeypatch.setattr("texclass.tradeoff.recogniser.code_hash", lambda feature_set: "other")
     load_model(file)  # other code, the same values: nothing to tell
     monkeypatch.setattr("texclass.recognition.model_files.GOLDEN", 0.6)
     with pytest.warns(UserWarning, match=r"features give other values than when it was trained \(mfcc\.c"):

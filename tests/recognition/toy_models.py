@@ -9,7 +9,7 @@ from texclass.recognition.model import Ranges
 from texclass.recognition.model_files import Manifest
 from texclass.recognition.probabilities import class_scores
 from texclass.recognition.unknown import fit_nearness, kind_for, strangeness
-from texclass.tradeoff.deploy import Recogniser
+from texclass.tradeoff.recogniser import Recogniser
 
 NAMES = ("cork", "felt", "oak", "slate", "tin", "wool")
 

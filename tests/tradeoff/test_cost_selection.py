@@ -1,5 +1,7 @@
 """Cost-aware selection: accuracy per millisecond, within a budget, groups never divided."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
@@ -9,8 +11,8 @@ from sklearn.tree import DecisionTreeClassifier
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from texclass.experiment.cost import CostModel
-from texclass.tradeoff.cost_selection import CostAwareSelector, inner_splits
-from texclass.tradeoff.criterion import Criterion
+from texclass.experiment.selection import SubsetScore, inner_splits
+from texclass.tradeoff.cost_selection import CostAwareSelector
 
 
 def columns_of_classes(rng=None):
@@ -67,25 +69,17 @@ def test_a_smaller_budget_gets_the_best_choice_on_the_way():
     assert selector.within(np.inf).columns == tuple(selector.get_support(indices=True))
 
 
-@pytest.mark.parametrize("scoring", ["accuracy", "log_likelihood"])
-@pytest.mark.parametrize(
-    "classifier", [GaussianNB(), LinearDiscriminantAnalysis(solver="lsqr", shrinkage=0.1)], ids=str
-)
-def test_the_criterion_is_scikit_learns_cross_validated_score(classifier, scoring):
+def test_the_score_of_a_subset_is_scikit_learns_cross_validated_one():
     X, y = columns_of_classes()
-    splits = inner_splits(y, None, 4)
-    scorer = "accuracy" if scoring == "accuracy" else "neg_log_loss"
-    expected = cross_val_score(classifier, X[:, [1, 4, 5]], y, cv=splits, scoring=scorer).mean()
-    assert Criterion(classifier, X, y, splits, scoring).of([1, 4, 5]) == pytest.approx(expected, rel=1e-6)
-
-
-def test_any_classifier_can_be_the_judge():
-    X, y = columns_of_classes()
+    splits, columns = inner_splits(y, None, 4), [1, 4, 5]
+    closed = (GaussianNB(), LinearDiscriminantAnalysis(solver="lsqr", shrinkage=0.1))
     tree = DecisionTreeClassifier(random_state=0)
-    splits = inner_splits(y, None, 3)
-    expected = cross_val_score(tree, X[:, [1, 2]], y, cv=splits).mean()
-    assert Criterion(tree, X, y, splits).of([1, 2]) == pytest.approx(expected)
-    assert CostAwareSelector(tree, costs=[50, 1, 1, 60, 1, 1]).fit(X, y).get_support()[[1, 2]].all()
+    scorers = (("accuracy", "accuracy"), ("log_likelihood", "neg_log_loss"))
+    for judge, (scoring, scorer) in (*product(closed, scorers), (tree, scorers[0])):
+        expected = cross_val_score(judge, X[:, columns], y, cv=splits, scoring=scorer).mean()
+        assert SubsetScore(judge, X, y, splits, scoring).of(columns) == pytest.approx(expected, rel=1e-6)
+    selector = CostAwareSelector(tree, costs=[50, 1, 1, 60, 1, 1]).fit(X, y)  # anything can be the judge
+    assert selector.get_support()[[1, 2]].all()
 
 
 def test_groups_are_never_divided():

@@ -5,12 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from texclass.experiment.choice import NO_LIMITS, Limits
 from texclass.features import load_feature_set
-from texclass.tradeoff.deploy import load_recogniser
-from texclass.tradeoff.trade import run_tradeoff
+from texclass.tradeoff.front import Limits, estimate, knee
+from texclass.tradeoff.recogniser import load_recogniser
 from texclass.tradeoff.tradeoff_document import write_tradeoff
-from texclass.tradeoff.tradeoff_result import Estimate, FrontPoint, estimate, knee
+from texclass.tradeoff.trading import trade_off
 
 SET = load_feature_set("strese2015").restricted_to(["variance", "mean_magnitude", "spikiness"])
 
@@ -21,34 +20,35 @@ def noises(toy_dataset):
     return toy_dataset(3, 6)
 
 
-def study(dataset, limits=NO_LIMITS, **options):
-    return run_tradeoff(dataset, SET, limits, n_folds=3, n_repeats=2, with_curves=False, **options)
+def study(dataset, limits=None, **options):
+    return trade_off(dataset, SET, limits, n_folds=3, n_repeats=2, with_curves=False, **options).data
 
 
 def test_the_pipeline_that_is_saved_is_the_one_that_was_chosen(noises, tmp_path):
     result = study(noises, model_file=tmp_path / "r.skops")
     recogniser = load_recogniser(tmp_path / "r.skops")
-    assert recogniser.columns == result.chosen.columns
+    assert list(recogniser.columns) == result["chosen"]["columns"]
     truth = [entry.material for entry in noises.entries]
     assert np.mean(recogniser.predict(list(noises)) == truth) > 0.8
-    assert result.chosen.measured_ms > 0
+    assert result["chosen"]["measured_ms"] > 0
 
 
 def test_budgets_and_numbers_of_columns_are_kept(noises):
     result = study(noises, Limits(max_ms=1e6, max_features=2))
-    assert len(result.chosen.columns) <= 2
-    assert all(point.ms <= point.budget_ms * (1 + 1e-9) for point in result.front)
+    assert len(result["chosen"]["columns"]) <= 2
+    assert all(point["ms"] <= point["budget_ms"] * (1 + 1e-9) for point in result["front"])
     with pytest.raises(ValueError, match="max_ms is 1e-09; the rule is at least"):
         study(noises, Limits(max_ms=1e-9))
-    with pytest.raises(ValueError, match="max_features is 0"):
-        study(noises, Limits(max_features=0))
+    for name in ("max_features", "max_ms"):
+        with pytest.raises(ValueError, match=f"{name} is 0; the rule is above 0"):
+            Limits(**{name: 0})
 
 
 def test_a_scene_needs_only_what_separates_its_materials(noises):
     result = study(noises, Limits(materials=("m0", "m2")))
-    assert result.dataset["n_materials"] == 2
-    assert len(result.chosen.columns) == 1
-    assert [n for n, _ in result.fewest] == [1, 2, 3]
+    assert result["dataset"]["n_materials"] == 2
+    assert len(result["chosen"]["columns"]) == 1
+    assert [n for n, _ in result["fewest"]] == [1, 2, 3]
     with pytest.raises(ValueError, match="toy has no material 'm7'; its materials are m0, m1, m2"):
         study(noises, Limits(materials=("m0", "m7")))
     with pytest.raises(ValueError, match="at least two"):
@@ -57,39 +57,39 @@ def test_a_scene_needs_only_what_separates_its_materials(noises):
 
 def test_seconds_limit_what_is_felt(noises):
     result = study(noises, Limits(max_seconds=0.25))
-    assert result.dataset["max_seconds"] == 0.25
-    assert result.dataset["n_recordings"] == 18
+    assert result["dataset"]["max_seconds"] == 0.25
+    assert result["dataset"]["n_recordings"] == 18
 
 
 def test_curves_are_measured_where_the_dataset_allows(noises):
-    curves = run_tradeoff(noises, SET, n_folds=3, n_repeats=1).curves
-    names = {curve.name for curve in curves}
+    result = trade_off(noises, SET, n_folds=3, n_repeats=1)
+    curves = json.loads(result.to_json())["curves"]
+    names = {curve["name"] for curve in curves}
     assert {"touch", "training recordings per material", "bit depth", "order of the movement model"} <= names
     for curve in curves:
-        assert len(curve.x) == len(curve.accuracy) == len(curve.labels)
-        assert all(0 <= a.low <= a.mean <= a.high <= 1 for a in curve.accuracy)
+        assert len(curve["x"]) == len(curve["accuracy"]) == len(curve["labels"])
+        assert all(0 <= a["low"] <= a["mean"] <= a["high"] <= 1 for a in curve["accuracy"])
+    assert result.data["knee"] in result.data["front"]
+    assert result.data["at_half_cost"]["budget_ms"] <= result.data["total_ms"] / 2 * (1 + 1e-9)
 
 
 def test_reports_are_written_and_read_back(noises, tmp_path):
-    result = study(noises, Limits(materials=("m0", "m1")))
+    limits = Limits(materials=("m0", "m1"))
+    result = trade_off(noises, SET, limits, n_folds=3, n_repeats=2, with_curves=False)
     paths = write_tradeoff(result, tmp_path)
     assert {path.suffix for path in paths} == {".json", ".md", ".png"}
-    assert all(path.is_file() for path in paths)
-    assert json.loads(paths[0].read_text())["knee"]["budget_ms"] == result.knee.budget_ms
+    assert json.loads(paths[0].read_text()) == json.loads(result.to_json())
     assert "chosen inside each training part, for m0, m1" in paths[1].read_text(encoding="utf-8")
 
 
-def point(budget, mean):
-    return FrontPoint(budget, budget, Estimate(mean, mean, mean), Estimate(mean, mean, mean), 1, 1)
-
-
 def test_the_knee_is_the_cheapest_point_within_one_per_cent_of_the_best():
-    front = (point(1, 0.5), point(2, 0.95), point(3, 0.955), point(4, 0.96))
-    assert knee(front).budget_ms == 2
-    assert knee((point(1, 0.5), point(2, 0.9), point(3, 0.96))).budget_ms == 3
+    for means, best in (((0.5, 0.95, 0.955, 0.96), 2), ((0.5, 0.9, 0.96), 3)):
+        front = [{"budget_ms": n, "accuracy": {"mean": mean}} for n, mean in enumerate(means, start=1)]
+        assert knee(front)["budget_ms"] == best
 
 
 def test_intervals_hold_the_mean_and_do_not_collapse():
-    assert estimate([1.0, 1.0, 1.0], 10, 20).low < 0.95
-    some = estimate([0.8, 0.9, 0.7], 10, 20)
-    assert some.low < some.mean < some.high
+    splits = [(range(20), range(10))] * 3
+    assert estimate([1.0, 1.0, 1.0], splits)["low"] < 0.95
+    some = estimate([0.8, 0.9, 0.7], splits)
+    assert some["low"] < some["mean"] < some["high"]

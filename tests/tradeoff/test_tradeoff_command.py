@@ -7,7 +7,7 @@ import pytest
 import soundfile
 
 from texclass.loaders import open_dataset
-from texclass.tradeoff.deploy import load_recogniser
+from texclass.tradeoff.recogniser import load_recogniser
 
 FEW = """
 name = "few"

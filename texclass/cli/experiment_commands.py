@@ -158,16 +158,15 @@ def tradeoff(
 ) -> None:
     """Measure what accuracy costs on a dataset; save the pipeline at the budget, or at the knee."""
     from texclass.experiment import running_on
-    from texclass.experiment.choice import Limits
     from texclass.features import load_feature_set
-    from texclass.tradeoff.trade import run_tradeoff
+    from texclass.tradeoff import Limits, trade_off
     from texclass.tradeoff.tradeoff_document import tradeoff_document, tradeoff_stem, write_tradeoff
 
     scene = tuple(name.strip() for name in (materials or "").split(",") if name.strip())
     recordings = open_recordings(dataset, fs, unit, skip_bad=True)
     facts = {"name": recordings.name, "materials": scene, "max_seconds": max_seconds}
     with running_on(backend.value, scheduler), progress_bar() as progress:
-        result = run_tradeoff(
+        result = trade_off(
             recordings,
             load_feature_set(features),
             Limits(max_ms, max_seconds, max_features, scene),
@@ -179,7 +178,7 @@ def tradeoff(
         )
     tell(tradeoff_document(result.to_dict()))
     write_json(json_file, result.to_json())
-    wrote((*write_tradeoff(result, out), Path(result.chosen.file)))
+    wrote((*write_tradeoff(result, out), Path(result.data["chosen"]["file"])))
 
 
 class Part(StrEnum):

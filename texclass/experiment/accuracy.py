@@ -50,6 +50,19 @@ class Accuracy:
         """95 % confidence interval: `bounds`, else Wilson's."""
         return self.bounds or wilson_interval(self.n_hits, self.n_tested)
 
+    def to_dict(self, unit: str = "recording") -> dict[str, Any]:
+        """Return the accuracy as JSON values; `unit` ("recording" or "run") is what a cluster is called."""
+        low, high = self.interval
+        return {
+            "mean": self.mean,
+            "low": low,
+            "high": high,
+            "interval": f"bootstrap over {unit}s" if self.bounds else "Wilson",
+            "balanced": self.mean if self.balanced is None else self.balanced,
+            "folds": list(self.folds),
+            **({} if self.voted is None else {f"per_{unit}": self.voted.to_dict(unit)}),
+        }
+
 
 def wilson_interval(n_hits: int, n_tested: int, confidence: float = 0.95) -> tuple[float, float]:
     """Return the Wilson score interval of a proportion.

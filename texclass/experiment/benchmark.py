@@ -1,22 +1,26 @@
 """The benchmark: dataset and pipeline in, the table out."""
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import spearmanr
 from sklearn.metrics import confusion_matrix
 
+from texclass.experiment.additions import choose_base, measure_additions
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import FeatureTable, cached_table, metadata
 from texclass.experiment.folds import Evaluation
-from texclass.experiment.gain import choose_base, measure_gains
 from texclass.experiment.nested_choice import choose_inside, inner_splits
-from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
-from texclass.experiment.protocols import Protocol, Split, find_protocol
-from texclass.experiment.result import BenchmarkResult, Confusion, RowResult, Undefined
+from texclass.experiment.pipeline import MatchedRow, PipelineDefinition, load_pipeline
+from texclass.experiment.protocols import Protocol, find_protocol
+from texclass.experiment.result import BenchmarkResult
 from texclass.experiment.windows import parents
 from texclass.experiment.workers import Progress, each
+from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import versions
 
@@ -24,8 +28,8 @@ LIBRARIES = ("numpy", "scipy", "scikit-learn", "pandas", "PyWavelets", "librosa"
 
 
 def run_benchmark(
-    dataset: Dataset,
-    pipeline: PipelineDefinition,
+    dataset: Dataset | str | Path,
+    pipeline: PipelineDefinition | str | Path = "strese2015",
     *,
     protocol: str | None = None,
     n_folds: int | None = None,
@@ -38,9 +42,10 @@ def run_benchmark(
 
     Parameters
     ----------
-    dataset : Dataset
-        Labelled recordings, or `touches` of them: windows go where their recording goes, and it votes.
-    pipeline : PipelineDefinition
+    dataset : Dataset, str or path
+        Labelled recordings, or `touches` of them: windows go where their recording goes, and it votes. Or
+        what `open_dataset` opens: a shipped name, a card, a folder that says its own rate and unit.
+    pipeline : PipelineDefinition, str or path
         See `load_pipeline`.
     protocol : str, optional
         A name of `PROTOCOLS`; the pipeline's own by default.
@@ -67,6 +72,8 @@ def run_benchmark(
     ValueError
         If the protocol cannot split the dataset; the message names value and rule.
     """
+    dataset = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)
+    pipeline = pipeline if isinstance(pipeline, PipelineDefinition) else load_pipeline(pipeline)
     chosen = find_protocol(protocol or pipeline.protocol.name)
     folds = pipeline.protocol.folds if n_folds is None else n_folds
     # Before the features: a split that is impossible should not cost an extraction.
@@ -74,117 +81,113 @@ def run_benchmark(
     splits = chosen.split(facts, folds, pipeline.seed)
     if choose:
         inner_splits(chosen, facts, splits, pipeline.seed)
-    table = cached_table(
-        dataset,
-        *pipeline.needed,
-        channels=pipeline.channels,
-        n_jobs=n_jobs,
-        skip_bad=skip_bad,
-        progress=progress,
-    )
+    work: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress}
+    table = cached_table(dataset, *pipeline.needed, channels=pipeline.channels, skip_bad=skip_bad, **work)
     splits = chosen.split(table.frame, folds, pipeline.seed)
-    rows = tuple(MatchedRow.of(row, pipeline.features, table) for row in pipeline.rows)
+    rows = [MatchedRow.of(row, pipeline.features, table) for row in pipeline.rows]
     meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
-    costs = _costs(rows, meter, pipeline)
-    evaluations = _evaluate(rows, table, splits, pipeline, chosen, n_jobs=n_jobs, progress=progress)
-    gains = None
-    if pipeline.additions and (base := choose_base(pipeline, rows, evaluations)) is not None:
-        gains = measure_gains(pipeline, table, base, chosen, folds, meter, n_jobs=n_jobs, progress=progress)
-    choice = None
-    if choose:
-        choice = choose_inside(
-            rows, table, splits, pipeline, chosen, evaluations, n_jobs=n_jobs, progress=progress
-        )
-    results = tuple(
-        _row_result(row, cost, evaluations.get(row.definition.name, {}))
+    costs = [_cost(row, meter, pipeline) for row in rows]
+    evaluations = _evaluate(rows, table, splits, pipeline, chosen, **work)
+    base = choose_base(pipeline, rows, evaluations) if pipeline.additions else None
+    lines = [
+        _line(row, cost, evaluations.get(row.definition.name, {}), chosen.unit)
         for row, cost in zip(rows, costs, strict=True)
-    )
-    return BenchmarkResult(
-        dataset=_facts(dataset, table),
-        pipeline=pipeline.name,
-        pipeline_hash=pipeline.hash,
-        feature_set=pipeline.features.name,
-        classifiers=tuple(pipeline.classifiers),
-        protocol=chosen.name,
-        protocol_description=chosen.description,
-        unit=chosen.unit,
-        n_folds=len(splits),
-        rows=results,
-        confusion=_confusion(evaluations, dataset.materials),
-        versions=versions(*LIBRARIES),
-        seed=pipeline.seed,
-        input_hash=dataset.input_hash,
-        left_out=table.left_out,
-        flags=table.flags,
-        undefined=_undefined(table),
-        gains=gains,
-        choice=choice,
-    )
-
-
-def _costs(
-    rows: tuple[MatchedRow, ...], meter: CostMeter, pipeline: PipelineDefinition
-) -> list[float | None]:
-    return [
-        meter.milliseconds(pipeline.features.restricted_to(row.definition.features)) if row.columns else None
-        for row in rows
     ]
+    tested = "windows" if "parent" in table.frame else "recordings"
+    return BenchmarkResult(
+        {
+            "dataset": _facts(dataset, table),
+            "pipeline": {"name": pipeline.name, "hash": pipeline.hash, "features": pipeline.features.name},
+            "protocol": chosen.name,
+            "protocol_description": chosen.description,
+            "n_folds": len(splits),
+            "accuracy_unit": f"fraction of {tested}; low and high are the 95 % interval by `interval`",
+            "rows": lines,
+            "rank_agreement": {name: _rank_agreement(lines, name) for name in pipeline.classifiers},
+            "confusion": _confusion(evaluations, dataset.materials),
+            "gains": base and measure_additions(pipeline, table, base, chosen, folds, meter, **work),
+            "choice": choose_inside(rows, table, splits, pipeline, chosen, evaluations, **work)
+            if choose
+            else None,
+            "left_out": [list(item) for item in table.left_out],
+            "flags": [list(item) for item in table.flags],
+            "undefined": _undefined(table),
+            "versions": versions(*LIBRARIES),
+            "seed": pipeline.seed,
+            "input_hash": dataset.input_hash,
+        }
+    )
+
+
+def _cost(row: MatchedRow, meter: CostMeter, pipeline: PipelineDefinition) -> float | None:
+    """Return the milliseconds of a row's features (of the whole pool, where columns are selected)."""
+    if not row.columns:
+        return None
+    return meter.milliseconds(pipeline.features.restricted_to(row.definition.features))
 
 
 def _evaluate(
-    rows: tuple[MatchedRow, ...],
+    rows: Sequence[MatchedRow],
     table: FeatureTable,
-    splits: tuple[Split, ...],
+    splits: Any,
     pipeline: PipelineDefinition,
     protocol: Protocol,
-    *,
-    n_jobs: int,
-    progress: Progress | None,
+    **work: Any,
 ) -> dict[str, dict[str, Evaluation]]:
     """Evaluate every computable row with every classifier: row name -> classifier -> evaluation."""
     options = {"nested": protocol.nested, "clusters": protocol.clusters(table.frame), "seed": pipeline.seed}
     tasks = [
         (row, name) for row in rows if row.columns for name in row.definition.judged_by(pipeline.classifiers)
     ]
-    calls = [partial(pipeline.trial(row, name, table), splits, **options) for row, name in tasks]
-    found = each(calls, n_jobs=n_jobs, progress=progress, what="rows")
+    calls = (partial(pipeline.trial(row, name, table), splits, **options) for row, name in tasks)
+    found = each(calls, what="rows", total=len(tasks), **work)
     evaluations: dict[str, dict[str, Evaluation]] = {}
     for (row, name), evaluation in zip(tasks, found, strict=True):
         evaluations.setdefault(row.definition.name, {})[name] = evaluation
     return evaluations
 
 
-def _row_result(row: MatchedRow, cost: float | None, evaluations: dict[str, Evaluation]) -> RowResult:
-    selected = {
-        name: {c: float(share) for c, share in zip(row.columns, e.support, strict=True) if share > 0}
-        for name, e in evaluations.items()
-        if row.definition.select is not None
+def _line(
+    row: MatchedRow, cost: float | None, evaluations: Mapping[str, Evaluation], unit: str
+) -> dict[str, Any]:
+    """Return a line of the table; published figures as fractions."""
+    shares = {name: zip(row.columns, e.support.tolist(), strict=True) for name, e in evaluations.items()}
+    selects = row.definition.select is not None
+    return {
+        "name": row.definition.name,
+        "n_features": row.n_features,
+        "accuracy": {name: e.accuracy.to_dict(unit) for name, e in evaluations.items()},
+        "paper": {name: value / 100 for name, value in row.definition.published.items()},
+        "ms_per_recording": cost,
+        "missing": row.missing,
+        "selected": {name: {c: s for c, s in pairs if s > 0} for name, pairs in shares.items() if selects},
+        "reference": row.definition.reference,
     }
-    return RowResult(
-        name=row.definition.name,
-        n_features=row.n_features,
-        accuracy={name: e.accuracy for name, e in evaluations.items()},
-        published=row.definition.published,
-        ms_per_recording=cost,
-        missing=row.missing,
-        selected=selected,
-        reference=row.definition.reference,
-    )
 
 
-def _confusion(evaluations: dict[str, dict[str, Evaluation]], materials: tuple[str, ...]) -> Confusion | None:
-    """Confusion matrix of the row and classifier with the highest accuracy."""
+def _rank_agreement(lines: Sequence[Mapping[str, Any]], classifier: str) -> float | None:
+    """Spearman correlation of our accuracies with the published ones; None with fewer than three rows."""
+    pairs = [
+        (line["accuracy"][classifier]["mean"], line["paper"][classifier])
+        for line in lines
+        if classifier in line["accuracy"] and classifier in line["paper"]
+    ]
+    if len(pairs) < 3 or any(len(set(values)) < 2 for values in zip(*pairs, strict=True)):
+        return None
+    return float(spearmanr(*np.array(pairs).T).statistic)
+
+
+def _confusion(
+    evaluations: Mapping[str, Mapping[str, Evaluation]], materials: Sequence[str]
+) -> dict[str, Any] | None:
+    """Return who is taken for whom by the row and classifier with the highest accuracy."""
     pairs = [(row, name) for row, found in evaluations.items() for name in found]
     if not pairs:
         return None
     row, name = max(pairs, key=lambda pair: evaluations[pair[0]][pair[1]].accuracy.mean)
-    best = evaluations[row][name]
-    return Confusion(
-        row,
-        name,
-        materials,
-        confusion_matrix(np.concatenate(best.truth), np.concatenate(best.predicted), labels=list(materials)),
-    )
+    truth, predicted = map(np.concatenate, (evaluations[row][name].truth, evaluations[row][name].predicted))
+    counts = confusion_matrix(truth, predicted, labels=list(materials)).tolist()
+    return {"row": row, "classifier": name, "materials": list(materials), "counts": counts}
 
 
 def _facts(dataset: Dataset, table: FeatureTable) -> dict[str, Any]:
@@ -204,12 +207,12 @@ def _facts(dataset: Dataset, table: FeatureTable) -> dict[str, Any]:
     }
 
 
-def _undefined(table: FeatureTable) -> tuple[Undefined, ...]:
+def _undefined(table: FeatureTable) -> list[dict[str, Any]]:
     """Summarise undefined values by feature: the commonest reason, and the number of recordings."""
     by_feature: dict[str, Counter[str]] = {}
     for reason in table.reasons:
         by_feature.setdefault(reason.feature, Counter())[reason.reason] += 1
-    return tuple(
-        Undefined(feature, reasons.most_common(1)[0][0], reasons.total())
+    return [
+        {"feature": feature, "reason": reasons.most_common(1)[0][0], "n_recordings": reasons.total()}
         for feature, reasons in by_feature.items()
-    )
+    ]

@@ -75,10 +75,6 @@ class CostModel:
             raise ValueError(f"column {unknown[0]!r} has no cost; the rule is a column of the cost model")
         return self.of([self._index[c] for c in columns])
 
-    def marginal(self, column: str, selected: Sequence[str]) -> float:
-        """Return what `column` adds to the cost of `selected`; 0.0 when its feature is bought already."""
-        return self.cost([*selected, column]) - self.cost(selected)
-
     def of(self, indices: Sequence[int] | NDArray[np.intp]) -> float:
         """Return the cost of columns given by number."""
         return float(self.ms[self.needs[np.asarray(indices, dtype=np.intp)].any(axis=0)].sum())
@@ -231,35 +227,20 @@ class _Stopwatch:
             self._inside[-1] += elapsed
 
 
-@dataclass(frozen=True)
-class ClassifierCost:
-    """What a classifier costs.
+def classifier_cost(classifier: Any, X: Samples, y: NDArray[Any], n_repeats: int = 5) -> dict[str, float]:
+    """Measure a classifier on prepared features (finite), one thread; medians of a few runs.
 
-    Attributes
-    ----------
-    name
-        As given.
-    fit_ms
-        Fitting all recordings once.
-    predict_ms
-        One recording at a time, as a robot asks.
+    Returns
+    -------
+    dict
+        `fit_ms`: fitting all recordings once; `predict_ms`: one recording at a time, as a robot asks.
     """
-
-    name: str
-    fit_ms: float
-    predict_ms: float
-
-
-def classifier_cost(
-    name: str, classifier: Any, X: Samples, y: NDArray[Any], n_repeats: int = 5
-) -> ClassifierCost:
-    """Measure a classifier on prepared features (finite), one thread; medians of a few runs."""
     with threadpool_limits(1):
         fits = [_timed(lambda: clone(classifier).fit(X, y)) for _ in range(n_repeats)]
         fitted = fits[-1][0]
         rows = X[np.linspace(0, len(X) - 1, 4 * n_repeats).astype(int)]
         predictions = [_timed(partial(fitted.predict, row[None]))[1] for row in rows]
-    return ClassifierCost(name, float(np.median([ms for _, ms in fits])), float(np.median(predictions)))
+    return {"fit_ms": float(np.median([ms for _, ms in fits])), "predict_ms": float(np.median(predictions))}
 
 
 def _timed(call: Callable[[], R]) -> tuple[R, float]:

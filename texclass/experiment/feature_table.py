@@ -331,9 +331,10 @@ def _compute_missing(
     done = len(every) - len(missing)
     if progress is not None:
         progress(done, len(every), "features")
-    calls = [partial(_compute, dataset.load, entries, plan, part) for entries, part in missing]
+    calls = (partial(_compute, dataset.load, entries, plan, part) for entries, part in missing)
     bad: list[LeftOut] = []
-    with closing(each(calls, n_jobs=n_jobs, progress=progress, what="features", done=done)) as outcomes:
+    reported: dict[str, Any] = {"progress": progress, "what": "features", "done": done, "total": len(every)}
+    with closing(each(calls, n_jobs=n_jobs, **reported)) as outcomes:
         for outcome in outcomes:
             if outcome is not None and not skip_bad:
                 raise RecordingError(outcome.reason)

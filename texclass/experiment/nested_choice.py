@@ -1,14 +1,13 @@
 """Choose a row and a classifier inside each training part: what the best of a table is really worth."""
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from texclass.experiment.accuracy import Accuracy, score
+from texclass.experiment.accuracy import score
 from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.folds import Evaluation
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
@@ -17,30 +16,6 @@ from texclass.experiment.workers import Progress, each
 
 LEAST_TRAINED = 2
 """Recordings of each material that must be left to train on: spread cannot be learnt from one."""
-
-
-@dataclass(frozen=True)
-class NestedChoice:
-    """What choosing by cross-validation on the training part alone gives.
-
-    Attributes
-    ----------
-    accuracy
-        Of the chosen rows and classifiers on the test parts, which had no say in the choice.
-    chosen : tuple of (str, str)
-        Row and classifier, fold by fold.
-    protocol
-        How training parts were split to choose.
-    """
-
-    accuracy: Accuracy
-    chosen: tuple[tuple[str, str], ...]
-    protocol: str
-
-    @property
-    def favourites(self) -> list[tuple[tuple[str, str], int]]:
-        """Row and classifier with the number of folds that chose them, the commonest first."""
-        return Counter(self.chosen).most_common()
 
 
 def choose_inside(
@@ -53,7 +28,7 @@ def choose_inside(
     *,
     n_jobs: int = 1,
     progress: Progress | None = None,
-) -> NestedChoice | None:
+) -> dict[str, Any] | None:
     """Choose for each fold the row and classifier that do best within its training part.
 
     Parameters
@@ -69,8 +44,10 @@ def choose_inside(
 
     Returns
     -------
-    NestedChoice or None
-        None where no row could be computed. Of rows that do equally well within a training part, as few
+    dict or None
+        As JSON: the `accuracy` of the chosen rows and classifiers on the test parts, which had no say; row
+        and classifier `chosen` in each fold; the `protocol` that split the training parts. None where no row
+        could be computed. Of rows that do equally well within a training part, as few
         recordings often leave them, the one that reads the most columns is chosen; of such, the first.
 
     Raises
@@ -83,23 +60,25 @@ def choose_inside(
         return None
     inner = inner_splits(protocol, table.frame, splits, pipeline.seed)
     y, clusters = table.materials, protocol.clusters(table.frame)
+    trials = [pipeline.trial(row, name, table) for row, name in pairs]
     calls = [
-        partial(pipeline.trial(row, name, table), [(train[a], train[b]) for a, b in found])
+        partial(trial, [(train[a], train[b]) for a, b in found])
         for (train, _), (_, found) in zip(splits, inner, strict=True)
-        for row, name in pairs
+        for trial in trials
     ]
-    hits = [e.accuracy.n_hits for e in each(calls, n_jobs=n_jobs, progress=progress, what="choices")]
+    reported: dict[str, Any] = {"progress": progress, "what": "choices", "total": len(calls)}
+    hits = [e.accuracy.n_hits for e in each(calls, n_jobs=n_jobs, **reported)]
     # Less than one recording, so that it only parts equals.
     wider = np.array([row.n_features for row, _ in pairs]) / (1 + sum(row.n_features for row, _ in pairs))
     best = (np.reshape(hits, (len(splits), len(pairs))) + wider).argmax(axis=1)
-    chosen = tuple((pairs[k][0].definition.name, pairs[k][1]) for k in best)
+    chosen = [[pairs[k][0].definition.name, pairs[k][1]] for k in best]
     predicted = [evaluations[row][name].predicted[k] for k, (row, name) in enumerate(chosen)]
     truth, tested = ([of[test] for _, test in splits] for of in (y, clusters))
-    return NestedChoice(
-        score(truth, predicted, tested, seed=pipeline.seed),
-        chosen,
-        ", ".join(dict.fromkeys(name for name, _ in inner)),
-    )
+    return {
+        "accuracy": score(truth, predicted, tested, seed=pipeline.seed).to_dict(protocol.unit),
+        "chosen": chosen,
+        "protocol": ", ".join(dict.fromkeys(name for name, _ in inner)),
+    }
 
 
 def inner_splits(

@@ -1,9 +1,10 @@
 """A new feature against the table: alone, added to the best row, its cost, its contract, what it repeats."""
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,7 +21,7 @@ from texclass.experiment.feature_table import FeatureTable, cached_table
 from texclass.experiment.pipeline import PipelineDefinition
 from texclass.experiment.result import BenchmarkResult
 from texclass.features.contract import Feature, UndefinedFeatureError
-from texclass.features.examination import Behaviour, GainLaw, View, behaviour, gain_law
+from texclass.features.examination import View, behaviour, gain_law
 from texclass.features.phase_view import views_of
 from texclass.loaders.dataset import Dataset
 from texclass.recording import Samples
@@ -29,90 +30,24 @@ N_NEAREST = 3
 """Existing columns that are named for each new one."""
 
 
-class Kin(NamedTuple):
-    """An existing column and its rank correlation (Spearman) with a new one."""
+class FeatureStudy(BenchmarkResult):
+    """A new feature against the table of a pipeline on a dataset; see `study_feature`.
 
-    column: str
-    rank_correlation: float
-
-
-@dataclass(frozen=True)
-class Redundancy:
-    """What a new column repeats of the columns that the pipeline has.
-
-    Attributes
-    ----------
-    column
-        The new one.
-    nearest
-        The existing columns of the largest |rank correlation| with it, over recordings.
-    explained
-        R^2 of its prediction from all existing columns together, by ridge regression on left-out recordings:
-        1 says that it is a linear mixture of them, 0 or less that it is not; None if it is constant.
+    `data` is that of the benchmark, with a row for the feature alone and, as `gains`, what it adds to the
+    best row; and `new_feature`: what it is, `ms_alone` and `ms_added` per recording, its `gain_law` as
+    declared and as measured, its `behaviour` on degenerate input, and its `redundancy` (see `redundancy`).
     """
-
-    column: str
-    nearest: tuple[Kin, ...]
-    explained: float | None
-
-
-@dataclass(frozen=True, eq=False)
-class FeatureStudy:
-    """A new feature against the table of a pipeline on a dataset.
-
-    Attributes
-    ----------
-    feature
-        The feature.
-    result
-        The pipeline's table, with a row for the feature alone and, as `gains`, what it adds to the best row.
-    ms_alone
-        Milliseconds per recording when nothing else is computed.
-    law
-        Gain law, declared and measured on recordings of the dataset; None if it has no value there.
-    behaviour
-        Answers to degenerate input.
-    redundancy
-        For each of its columns that has values.
-    """
-
-    feature: Feature
-    result: BenchmarkResult
-    ms_alone: float
-    law: GainLaw | None
-    behaviour: tuple[Behaviour, ...]
-    redundancy: tuple[Redundancy, ...]
 
     @property
-    def ms_added(self) -> float | None:
-        """Milliseconds per recording that it adds to the best row, which may share its transforms."""
-        gains = self.result.gains
-        if gains is None or gains.groups[0].joined is None:
-            return None
-        return gains.groups[0].joined.ms_per_recording - gains.without.ms_per_recording
+    def result(self) -> BenchmarkResult:
+        """The benchmark alone."""
+        return BenchmarkResult({key: value for key, value in self.data.items() if key != "new_feature"})
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the study as plain JSON values: those of the result, and "new_feature"."""
-        found = {
-            "name": self.feature.name,
-            "summary": self.feature.summary,
-            "phase": self.feature.phase,
-            "unit": self.feature.unit,
-            "reference": self.feature.reference,
-            "columns": self.feature.columns(self.feature.name, {}),
-            "ms_alone": self.ms_alone,
-            "ms_added": self.ms_added,
-            "gain_law": None if self.law is None else {**asdict(self.law), "holds": self.law.holds},
-            "behaviour": [asdict(answer) for answer in self.behaviour],
-            "redundancy": [
-                {**asdict(r), "nearest": [kin._asdict() for kin in r.nearest]} for r in self.redundancy
-            ],
-        }
-        return {**self.result.to_dict(), "new_feature": found}
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write the benchmark, and beside it what was found about the feature."""
+        from texclass.experiment.new_feature_document import write_new_feature
 
-    def to_json(self) -> str:
-        """Return the study as JSON text."""
-        return json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
+        return write_new_feature(self, folder)
 
 
 def study_feature(
@@ -143,18 +78,26 @@ def study_feature(
     table = cached_table(dataset, *extended.needed, channels=pipeline.channels, **kept)
     meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
     alone = extended.features.restricted_to([feature.name])
-    new = table.matching(alone.column_names)
-    return FeatureStudy(
-        feature,
-        result,
-        meter.model(alone).total,
-        gain_law(feature, _views(meter, feature)),
-        behaviour(feature),
-        redundancy(table, new),
-    )
+    law = gain_law(feature, _views(meter, feature))
+    gains = result.data["gains"]
+    joined = gains and gains["groups"][0]["joined"]
+    found = {
+        "name": feature.name,
+        "phase": feature.phase,
+        "unit": feature.unit,
+        "reference": feature.reference,
+        "columns": feature.columns(feature.name, {}),
+        "ms_alone": meter.model(alone).total,
+        # It may share transforms with the row that it is added to.
+        "ms_added": joined and joined["ms_per_recording"] - gains["without"]["ms_per_recording"],
+        "gain_law": law and {**asdict(law), "holds": law.holds},
+        "behaviour": [asdict(answer) for answer in behaviour(feature)],
+        "redundancy": redundancy(table, table.matching(alone.column_names)),
+    }
+    return FeatureStudy({**result.data, "new_feature": found})
 
 
-def redundancy(table: FeatureTable, new: Sequence[str]) -> tuple[Redundancy, ...]:
+def redundancy(table: FeatureTable, new: Sequence[str]) -> list[dict[str, Any]]:
     """Compare new columns with all others of a table.
 
     Parameters
@@ -163,24 +106,33 @@ def redundancy(table: FeatureTable, new: Sequence[str]) -> tuple[Redundancy, ...
         Both.
     new : sequence of str
         The new columns; those without two different values are left out.
+
+    Returns
+    -------
+    list of dict
+        For each `column`: the existing ones that are `nearest`, by their `rank_correlation` (Spearman) with
+        it; and how much of it is `explained` by all of them together: R^2 of its prediction by ridge
+        regression on left-out recordings. 1 says that it is a linear mixture of them, 0 or less that it is
+        not; None that it is constant, or that there are too few recordings.
     """
     values = table.frame[list(table.columns)].astype(np.float64)
     existing = values.drop(columns=list(new)).dropna(axis=1, how="all")
     existing = existing.loc[:, existing.max() > existing.min()]
     varying = [column for column in new if values[column].max() > values[column].min()]
-    return tuple(_redundancy(values[column].dropna(), existing) for column in varying)
+    return [_compared(values[column].dropna(), existing) for column in varying]
 
 
-def _redundancy(column: "pd.Series[float]", existing: pd.DataFrame) -> Redundancy:
+def _compared(column: "pd.Series[float]", existing: pd.DataFrame) -> dict[str, Any]:
     if existing.empty:
-        return Redundancy(str(column.name), (), None)
+        return {"column": str(column.name), "nearest": [], "explained": None}
     others = existing.loc[column.index]
     rho = others.corrwith(column, method="spearman").dropna()
     nearest = rho.reindex(rho.abs().sort_values(ascending=False, kind="stable").index)[:N_NEAREST]
-    kin = tuple(Kin(str(name), float(value)) for name, value in nearest.items())
-    return Redundancy(
-        str(column.name), kin, _explained(others.to_numpy(np.float64), np.asarray(column, dtype=np.float64))
-    )
+    return {
+        "column": str(column.name),
+        "nearest": [{"column": str(c), "rank_correlation": float(r)} for c, r in nearest.items()],
+        "explained": _explained(others.to_numpy(np.float64), np.asarray(column, dtype=np.float64)),
+    }
 
 
 def _explained(X: Samples, y: Samples) -> float | None:
@@ -200,8 +152,6 @@ def _views(meter: CostMeter, feature: Feature) -> list[View]:
     found: list[View] = []
     for recording in meter.recordings:
         for views in views_of(recording, meter.channels).values():
-            try:
+            with suppress(UndefinedFeatureError):
                 found.append(views.of(feature.phase))
-            except UndefinedFeatureError:
-                continue
     return found

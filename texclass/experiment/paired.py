@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtr, stdtrit
 from scipy.stats import binomtest
 
+from texclass.experiment.protocols import Protocol, Split
 from texclass.recording import Samples
 
 Hits = Sequence[Sequence[NDArray[np.bool_]]]
@@ -43,15 +45,19 @@ class Paired:
     n_gained: int
     n_lost: int
 
-    @property
-    def n_better(self) -> int:
-        """Folds in which the one is better."""
-        return sum(d > 0 for repeat in self.folds for d in repeat)
-
-    @property
-    def n_worse(self) -> int:
-        """Folds in which the one is worse."""
-        return sum(d < 0 for repeat in self.folds for d in repeat)
+    def to_dict(self) -> dict[str, Any]:
+        """Return the comparison as JSON values."""
+        low, high = self.interval
+        return {
+            "low": low,
+            "high": high,
+            "difference": self.difference,
+            "p_value": self.p_value,
+            "test": self.test,
+            "folds": [list(repeat) for repeat in self.folds],
+            "n_gained": self.n_gained,
+            "n_lost": self.n_lost,
+        }
 
 
 def corrected_resampled_t(
@@ -163,49 +169,49 @@ def holm(p_values: ArrayLike) -> Samples:
     return corrected
 
 
-def compare_repeats(hits: Hits, other: Hits, test_train_ratio: float) -> Paired:
-    """Compare two pipelines over folds drawn several times, by `corrected_resampled_t`.
+def compare(
+    hits: Hits,
+    other: Hits,
+    splits: Sequence[Split],
+    protocol: Protocol,
+    clusters: NDArray[np.str_],
+    seed: int,
+) -> Paired:
+    """Compare two pipelines on the same tests.
+
+    Folds that the protocol draws are resampled: `corrected_resampled_t` takes the differences of all folds
+    and repeats. One set of splits is judged by its discordant tests: `paired_bootstrap` over clusters gives
+    the interval, `exact_mcnemar` the p-value, or `sign_flip` where a cluster holds several tests.
 
     Parameters
     ----------
     hits, other : sequence of sequence of ndarray of shape (n_test,)
         Repeat -> fold -> whether each test was right, by the one and by the other.
-    test_train_ratio : float
-        n_test/n_train of a fold.
-    """
-    folds, gained, lost = _differences(hits, other)
-    differences = [d for repeat in folds for d in repeat]
-    interval, p = corrected_resampled_t(differences, test_train_ratio)
-    test = "corrected resampled t-test over folds and repeats"
-    return Paired(float(np.mean(differences)), interval, p, test, folds, gained, lost)
-
-
-def compare_once(
-    hits: Hits, other: Hits, clusters: Sequence[NDArray[np.str_]], seed: int, unit: str = "recording"
-) -> Paired:
-    """Compare two pipelines on one set of splits, by their discordant tests.
-
-    Parameters
-    ----------
-    hits, other : sequence of sequence of ndarray of shape (n_test,)
-        As in `compare_repeats`, one repeat.
-    clusters : sequence of ndarray of shape (n_test,)
-        Fold -> which recording (or run) each test comes from.
+    splits : sequence of (train, test)
+        Of the first repeat; there may be more than were tested.
+    protocol : Protocol
+        How they were made.
+    clusters : ndarray of shape (n_recordings,)
+        Which recording (or run) each row comes from.
     seed : int
-        Of the bootstrap, and of `sign_flip`, which takes over from `exact_mcnemar` where a recording holds
-        several tests.
-    unit : str
-        What a cluster is called.
+        Of the bootstrap and of the flips.
     """
     folds, gained, lost = _differences(hits, other)
+    if protocol.drawn and len(hits[0]) > 1:
+        differences = [d for repeat in folds for d in repeat]
+        ratio = float(np.mean([test.size / train.size for train, test in splits]))
+        interval, p = corrected_resampled_t(differences, ratio)
+        test = "corrected resampled t-test over folds and repeats"
+        return Paired(float(np.mean(differences)), interval, p, test, folds, gained, lost)
     d = np.concatenate([a.astype(int) - b for a, b in zip(hits[0], other[0], strict=True)])
-    _, cluster = np.unique(np.concatenate(clusters), return_inverse=True)
+    tested = np.concatenate([clusters[test] for _, test in splits[: len(hits[0])]])
+    _, cluster = np.unique(tested, return_inverse=True)
     n_tests, sums = np.bincount(cluster), np.bincount(cluster, weights=d)
     rng = np.random.default_rng(seed)
     interval = paired_bootstrap(sums, n_tests, rng)
     single = n_tests.max() == 1
     p = exact_mcnemar(gained, lost) if single else sign_flip(sums, rng)
-    test = f"{'exact McNemar' if single else 'sign-flip'} test and paired bootstrap over {unit}s"
+    test = f"{'exact McNemar' if single else 'sign-flip'} test and paired bootstrap over {protocol.unit}s"
     return Paired(float(d.mean()), interval, p, test, folds, gained, lost)
 
 

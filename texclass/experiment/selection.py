@@ -1,16 +1,33 @@
-"""Sequential forward selection, fast where a classifier's cross-validated scores have a closed form."""
+"""Selection of columns by cross-validation, fast where a classifier's scores have a closed form.
 
-from typing import Any, Self
+`SubsetScore` says how good a subset of columns is. For the simplest classifiers it fits each fold once, not
+once a subset (`closed_form`); all others are fitted again.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_softmax
 from sklearn.base import BaseEstimator, MetaEstimatorMixin
-from sklearn.feature_selection import SelectorMixin, SequentialFeatureSelector
-from sklearn.model_selection import StratifiedKFold
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.feature_selection import SelectorMixin
+from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold
+from sklearn.naive_bayes import GaussianNB
+from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
+from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from texclass.experiment.closed_form import ClosedForm, Labels, closed_form
+from texclass.experiment.folds import Fold, without_remarks
+from texclass.experiment.protocols import Split
 from texclass.recording import Samples
+
+Labels = NDArray[np.intp]
+Scoring = Literal["accuracy", "log_likelihood"]
+COLLINEAR = 1e-8
+"""Relative eigenvalue of the within-class correlation below which a direction is dropped, as sklearn does."""
 
 
 class ForwardSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type: ignore[misc]
@@ -20,7 +37,7 @@ class ForwardSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type
     The scores of Gaussian naive Bayes, of the nearest class mean and of the nearest neighbour add up over
     columns, and linear discriminants need only the class means and one covariance; so each inner fold is
     fitted once and candidates are compared without fitting again: 40 to 360 times faster than refitting
-    (12 of 20 columns, 24 to 69 classes of 9 samples). Any other classifier goes to scikit-learn's selector.
+    (12 of 20 columns, 24 to 69 classes of 9 samples). Any other classifier is fitted again and again.
 
     Parameters
     ----------
@@ -51,53 +68,247 @@ class ForwardSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type
             If a class has one sample only.
         """
         X, y = validate_data(self, X, y)
-        classes, labels = np.unique(y, return_inverse=True)
-        n_folds = min(self.cv, int(np.bincount(labels).min()))
-        if n_folds < 2:
-            lonely = classes[np.bincount(labels).argmin()]
-            raise ValueError(f"class {lonely} has 1 sample to train on; selection needs at least 2 of each")
-        if X.shape[1] <= self.n_features_to_select:
-            self.support_ = np.ones(X.shape[1], dtype=bool)
-        else:
-            self.support_ = self._select(X, labels, n_folds)
+        check_classification_targets(y)
+        labels, splits = np.unique(y, return_inverse=True)[1], inner_splits(y, None, self.cv)
+        every = np.arange(X.shape[1])
+        if every.size <= self.n_features_to_select:
+            self.support_ = np.ones(every.size, dtype=bool)
+            return self
+        score, selected = SubsetScore(self.estimator, X, labels, splits), list[int]()
+        while len(selected) < self.n_features_to_select:
+            candidates = np.setdiff1d(every, selected)
+            selected.append(int(candidates[score.adding(selected, candidates.tolist()).argmax()]))
+        self.support_ = np.isin(every, selected)
         return self
-
-    def _select(self, X: Samples, labels: Labels, n_folds: int) -> NDArray[np.bool_]:
-        splits = list(StratifiedKFold(n_folds).split(X, labels))
-        found = [closed_form(self.estimator, X[a], labels[a], X[b]) for a, b in splits]
-        folds = [fold for fold in found if fold is not None]
-        n_select = self.n_features_to_select
-        if len(folds) < n_folds:
-            search = SequentialFeatureSelector(self.estimator, n_features_to_select=n_select, cv=n_folds)
-            support: NDArray[np.bool_] = search.fit(X, labels).get_support()
-            return support
-        selected = forward_search(folds, [labels[b] for _, b in splits], X.shape[1], n_select)
-        return np.isin(np.arange(X.shape[1]), selected)
 
     def _get_support_mask(self) -> NDArray[np.bool_]:
         check_is_fitted(self)
         return self.support_
 
 
-def forward_search(folds: list[ClosedForm], truths: list[Labels], n_columns: int, n_select: int) -> list[int]:
-    """Return the columns in the order in which they were added; of equal candidates the first wins.
+def inner_splits(y: NDArray[Any], groups: NDArray[Any] | None, cv: int) -> list[Split]:
+    """Return up to `cv` stratified inner folds, not shuffled; samples of one group are never divided.
+
+    Raises
+    ------
+    ValueError
+        If a class has one sample (or one group) only.
+    """
+    classes, counts = np.unique(y, return_counts=True)
+    if groups is not None:
+        counts = np.array([np.unique(np.asarray(groups)[y == label]).size for label in classes])
+    n_folds = min(cv, int(counts.min()))
+    if n_folds < 2:
+        lonely, what = classes[counts.argmin()], "sample" if groups is None else "group"
+        raise ValueError(f"class {lonely} has 1 {what} to train on; selection needs at least 2 of each")
+    folds = StratifiedKFold(n_folds) if groups is None else StratifiedGroupKFold(n_folds)
+    return list(folds.split(np.zeros(len(y)), y, groups))
+
+
+class SubsetScore:
+    """Cross-validated score of any subset of columns; larger is better.
 
     Parameters
     ----------
-    folds : list of ClosedForm
-        The classifier fitted on each inner fold.
-    truths : list of ndarray of shape (n_test,)
-        Labels of each inner fold's test samples.
-    n_columns, n_select : int
-        Size of the pool and of the selection.
+    estimator : classifier
+        Unfitted; fitted once a fold if `closed_form` knows it, else once a fold and subset.
+    X : ndarray of shape (n_samples, n_columns)
+        Finite.
+    labels : ndarray of shape (n_samples,)
+        0 ... n_classes - 1.
+    splits : list of (train, test)
+        Inner folds.
+    scoring : {"accuracy", "log_likelihood"}
+        Share of hits, or the mean log probability of the true class, which still tells columns apart where
+        the accuracy is saturated. For a classifier without probabilities it is the accuracy.
     """
-    selected: list[int] = []
-    while len(selected) < n_select:
-        candidates = np.setdiff1d(np.arange(n_columns), selected)
-        hits = [
-            (fold.predict(selected, candidates) == truth).mean(axis=1)
-            for fold, truth in zip(folds, truths, strict=True)
-        ]
+
+    def __init__(
+        self,
+        estimator: Any,
+        X: Samples,
+        labels: Labels,
+        splits: Sequence[Split],
+        scoring: Scoring = "accuracy",
+    ) -> None:
+        self.estimator, self.labels = estimator, labels
+        self.folds = [Fold(X, labels, split) for split in splits]
+        forms = [closed_form(estimator, fold.learnt, fold.labels, fold.asked) for fold in self.folds]
+        self.forms = [form for form in forms if form is not None]
+        self.fast = len(self.forms) == len(self.folds)
+        probable = isinstance(estimator, GaussianNB | LinearDiscriminantAnalysis)
+        if not self.fast:
+            probable = hasattr(estimator, "predict_proba")
+        self.soft = scoring == "log_likelihood" and probable
+        self._known: dict[tuple[int, ...], float] = {}
+
+    def of(self, columns: Sequence[int]) -> float:
+        """Return the score of a subset; of none, that of guessing by the classes' shares."""
+        if not len(columns):
+            shares = np.bincount(self.labels) / len(self.labels)
+            return float(shares @ np.log(shares)) if self.soft else float(shares.max())
+        return float(self.adding(columns[:-1], columns[-1:])[0])
+
+    def adding(self, selected: Sequence[int], candidates: Sequence[int]) -> Samples:
+        """Return the score of `selected` with each of the candidates added, shape (n_candidates,)."""
+        keys = [tuple(sorted((*selected, c))) for c in candidates]
+        new = [c for c, key in zip(candidates, keys, strict=True) if key not in self._known]
+        if new:
+            scores = self._scores(selected, new)
+            self._known |= {tuple(sorted((*selected, c))): float(s) for c, s in zip(new, scores, strict=True)}
+        return np.array([self._known[key] for key in keys])
+
+    def _scores(self, selected: Sequence[int], candidates: Sequence[int]) -> Samples:
+        if self.fast:
+            some = np.asarray(candidates, dtype=np.intp)
+            pairs = zip(self.forms, self.folds, strict=True)
+            parts = [self._closed(*pair, list(selected), some) for pair in pairs]
+        else:
+            tried = [[*selected, c] for c in candidates]
+            with without_remarks():
+                parts = [
+                    np.array([self._refitted(fold, columns) for columns in tried]) for fold in self.folds
+                ]
         # Rounded, so that equal candidates are equal.
-        selected.append(int(candidates[np.mean(hits, axis=0).round(12).argmax()]))
-    return selected
+        return np.asarray(np.mean(parts, axis=0).round(12))
+
+    def _closed(self, form: "ClosedForm", fold: Fold, selected: list[int], candidates: Labels) -> Samples:
+        if not self.soft:
+            return np.asarray((form.predict(selected, candidates) == fold.truth).mean(axis=1))
+        log_p = log_softmax(form.scores(selected, candidates), axis=2)
+        return np.asarray(log_p[:, np.arange(fold.truth.size), fold.truth].mean(axis=1))
+
+    def _refitted(self, fold: Fold, columns: list[int]) -> float:
+        if not self.soft:
+            return fold.accuracy(self.estimator, columns)
+        p = fold.fitted(self.estimator, columns).predict_proba(fold.asked[:, columns])
+        told = p[np.arange(fold.truth.size), fold.truth]
+        return float(np.log(np.maximum(told, np.finfo(np.float64).tiny)).mean())
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedForm:
+    """A classifier fitted on one fold, able to answer for any subset of columns.
+
+    Attributes
+    ----------
+    scores : callable
+        (columns selected so far, candidates) -> scores of shape (n_candidates, n_test, n_prototypes) with
+        each candidate added; the largest wins.
+    labels : ndarray of shape (n_prototypes,)
+        The class of each prototype (a class mean, or for the nearest neighbour a training sample).
+    """
+
+    scores: Callable[[list[int], Labels], Samples]
+    labels: Labels
+
+    def predict(self, selected: list[int], candidates: Labels) -> Labels:
+        """Return the predicted classes, shape (n_candidates, n_test)."""
+        return np.asarray(self.labels[self.scores(selected, candidates).argmax(axis=2)])
+
+
+def closed_form(estimator: Any, train: Samples, labels: Labels, test: Samples) -> ClosedForm | None:
+    """Return the scores of a fold, or None when the classifier has no closed form here.
+
+    Parameters
+    ----------
+    estimator : classifier
+        Unfitted: `GaussianNB`, `NearestCentroid`, one nearest neighbour or `LinearDiscriminantAnalysis`,
+        their parameters nearly as they come.
+    train, test : ndarray of shape (n_samples, n_columns)
+        Of the fold.
+    labels : ndarray of shape (n_train,)
+        0 ... n_classes - 1.
+    """
+    kind = type(estimator)
+    if kind is GaussianNB and estimator.priors is None:
+        terms = _gaussian_terms(train, labels, test, estimator.var_smoothing)
+        return _additive(terms, _log_priors(labels), np.arange(labels.max() + 1))
+    if kind is NearestCentroid and _plain_centroid(estimator):
+        means = _class_means(train, labels)
+        return _additive(_distance_terms(means, test), np.zeros(len(means)), np.arange(len(means)))
+    if kind is KNeighborsClassifier and _plain_neighbour(estimator):
+        return _additive(_distance_terms(train, test), np.zeros(len(train)), labels)
+    if kind is LinearDiscriminantAnalysis and _plain_discriminant(estimator):
+        return _discriminant(train, labels, test, float(estimator.shrinkage or 0.0))
+    return None
+
+
+def _plain_centroid(estimator: Any) -> bool:
+    uniform = getattr(estimator, "priors", "uniform") == "uniform"
+    return bool(estimator.metric == "euclidean" and estimator.shrink_threshold is None and uniform)
+
+
+def _plain_neighbour(estimator: Any) -> bool:
+    euclidean = estimator.metric == "euclidean" or (estimator.metric == "minkowski" and estimator.p == 2)
+    return bool(estimator.n_neighbors == 1 and euclidean)
+
+
+def _plain_discriminant(estimator: Any) -> bool:
+    plain = estimator.priors is None and estimator.covariance_estimator is None
+    return bool(plain) and (estimator.shrinkage is None or isinstance(estimator.shrinkage, int | float))
+
+
+def _additive(terms: Samples, constant: Samples, labels: Labels) -> ClosedForm:
+    """Scores that are sums of terms (n_columns, n_test, n_prototypes) over columns."""
+
+    def scores(selected: list[int], candidates: Labels) -> Samples:
+        return np.asarray(terms[candidates] + (terms[selected].sum(axis=0) + constant))
+
+    return ClosedForm(scores, labels)
+
+
+def _gaussian_terms(train: Samples, labels: Labels, test: Samples, smoothing: float) -> Samples:
+    # log N(x; mean, variance) of each column, sample and class, without -log(2 pi) / 2.
+    mean = _class_means(train, labels)
+    variance = _class_means((train - mean[labels]) ** 2, labels) + smoothing * train.var(axis=0).max()
+    variance = np.maximum(variance, np.finfo(np.float64).tiny)
+    mean, variance = mean.T[:, None, :], variance.T[:, None, :]
+    return np.asarray(-0.5 * (np.log(variance) + (test.T[:, :, None] - mean) ** 2 / variance))
+
+
+def _distance_terms(prototypes: Samples, test: Samples) -> Samples:
+    return np.asarray(-((test.T[:, :, None] - prototypes.T[:, None, :]) ** 2))
+
+
+def _discriminant(train: Samples, labels: Labels, test: Samples, shrinkage: float) -> ClosedForm:
+    """Linear discriminants of any subset of columns, from class means m and the within-class covariance W.
+
+    score = (x - m / 2)' W^-1 m + log prior, W shrunk towards a multiple of the identity within the subset.
+    """
+    means, log_priors = _class_means(train, labels), _log_priors(labels)
+    residual = train - means[labels]
+    # The divisor is sklearn's: n - n_classes in its svd solver, n where shrinkage asks for another solver.
+    within = residual.T @ residual / (len(train) - (0 if shrinkage else len(means)))
+
+    def scores(selected: list[int], candidates: Labels) -> Samples:
+        columns = np.column_stack([np.tile(selected, (len(candidates), 1)).astype(int), candidates])
+        inverse = _inverse(within[columns[:, :, None], columns[:, None, :]], shrinkage)
+        m = means[:, columns].swapaxes(0, 1)
+        weights = inverse @ m.swapaxes(1, 2)
+        bias = log_priors - 0.5 * np.einsum("ckp,cpk->ck", m, weights)
+        return np.asarray(test[:, columns].swapaxes(0, 1) @ weights + bias[:, None, :])
+
+    return ClosedForm(scores, np.arange(len(means)))
+
+
+def _inverse(covariance: Samples, shrinkage: float) -> Samples:
+    """Pseudo-inverse of covariances (n, p, p) by their correlation, which no unit of a column can upset."""
+    p = covariance.shape[1]
+    level = np.trace(covariance, axis1=1, axis2=2)[:, None, None] / p
+    covariance = (1 - shrinkage) * covariance + shrinkage * level * np.eye(p)
+    deviation = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    deviation = np.where(deviation > 0, deviation, 1.0)
+    scale = deviation[:, :, None] * deviation[:, None, :]
+    if shrinkage > COLLINEAR**0.5 and (level > 0).all():  # positive definite: ten times faster
+        return np.asarray(np.linalg.inv(covariance / scale) / scale)
+    return np.asarray(np.linalg.pinv(covariance / scale, rcond=COLLINEAR, hermitian=True) / scale)
+
+
+def _class_means(values: Samples, labels: Labels) -> Samples:
+    one_hot = np.eye(int(labels.max()) + 1)[labels]
+    return np.asarray(one_hot.T @ values / one_hot.sum(axis=0)[:, None])
+
+
+def _log_priors(labels: Labels) -> Samples:
+    return np.asarray(np.log(np.bincount(labels) / len(labels)))

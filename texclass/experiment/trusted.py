@@ -13,8 +13,8 @@ TRUSTED = frozenset(
     {
         "numpy.dtype",
         "texclass.experiment.cost.CostModel",
-        "texclass.tradeoff.cost_search.Choice",
         "texclass.tradeoff.cost_selection.CostAwareSelector",
+        "texclass.tradeoff.cost_selection.Subset",
         "texclass.experiment.kernel_discriminant.KernelDiscriminant",
         "texclass.experiment.kernel_discriminant.View",
         "texclass.experiment.selection.ForwardSelector",
@@ -69,9 +69,11 @@ def refuse_foreign(names: list[str]) -> None:
         Naming them.
     """
     if foreign := sorted(set(names) - TRUSTED):
+        ours = any(name.startswith("texclass.") for name in foreign)
+        moved = "; if an earlier texclass made it, make it again with `texclass train` or `texclass tradeoff`"
         raise UntrustedFileError(
             f"it names {', '.join(foreign[:3])}; the rule is classes of scikit-learn and texclass that are "
-            "known to be safe"
+            f"known to be safe{moved if ours else ''}"
         )
 
 

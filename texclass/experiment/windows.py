@@ -191,7 +191,7 @@ def _movements(dataset: Dataset, n_jobs: int, progress: Progress | None) -> tupl
     with suppress(OSError, ValueError):  # not there, or damaged: it is found again
         return read_movements(path, len(dataset))
     calls = [partial(_movement, dataset.load, entry) for entry in dataset.entries]
-    found = tuple(each(calls, n_jobs=n_jobs, progress=progress, what="movements"))
+    found = tuple(each(calls, n_jobs=n_jobs, progress=progress, what="movements", total=len(calls)))
     if not any(movement.problem for movement in found):
         write_atomically(path, json.dumps(found).encode())
     return found

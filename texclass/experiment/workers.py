@@ -2,7 +2,7 @@
 
 import functools
 import warnings
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
 from contextvars import ContextVar
 from typing import Any, Literal, TypeVar
@@ -55,12 +55,13 @@ def running_on(backend: Backend, scheduler: str | None = None) -> Iterator[None]
 
 
 def each(
-    calls: Sequence[Callable[[], R]],
+    calls: Iterable[Callable[[], R]],
     *,
     n_jobs: int = 1,
     progress: Progress | None = None,
     what: str = "",
     done: int = 0,
+    total: int = 0,
 ) -> Generator[R, None, None]:
     """Yield the result of every call, in their order, as the results come.
 
@@ -68,7 +69,7 @@ def each(
 
     Parameters
     ----------
-    calls : sequence of callable
+    calls : iterable of callable
         Partials of functions of module level; each uses one thread for linear algebra.
     n_jobs : int
         Processes of this machine, -1 for one a core; a cluster uses all its workers.
@@ -76,8 +77,8 @@ def each(
         Called after each result with (done, total, what).
     what : str
         What they do.
-    done : int
-        How many were done before these.
+    done, total : int
+        How many were done before these, and how many there are then, for `progress`.
     """
     cluster = _cluster.get()
     config: dict[str, Any] = {"backend": "loky", "inner_max_num_threads": 1}
@@ -90,7 +91,7 @@ def each(
         with closing(Parallel(n_jobs=n_jobs, return_as="generator")(tasks)) as outcomes:
             for number, outcome in enumerate(outcomes, start=done + 1):
                 if progress is not None:
-                    progress(number, done + len(calls), what)
+                    progress(number, total, what)
                 yield outcome
 
 

@@ -1,16 +1,5 @@
 """Peers: what users would get from the tools they use now, on the same folds."""
 
-from texclass.peers.comparison import PeerSettings, compare_with_peers, whole_materials
-from texclass.peers.peer_worker.registry import PEERS, Peer
-from texclass.peers.result import Contestant, Cost, PeerComparison
+import lazy_loader
 
-__all__ = [
-    "PEERS",
-    "Contestant",
-    "Cost",
-    "Peer",
-    "PeerComparison",
-    "PeerSettings",
-    "compare_with_peers",
-    "whole_materials",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

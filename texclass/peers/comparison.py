@@ -2,24 +2,32 @@
 
 import sys
 import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from texclass.experiment.accuracy import score
 from texclass.experiment.feature_table import FeatureTable, cached_table
+from texclass.experiment.paired import compare
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
-from texclass.experiment.protocols import Protocol, find_protocol
-from texclass.experiment.result import BenchmarkResult
+from texclass.experiment.protocols import Protocol, Split, find_protocol
+from texclass.experiment.result import BenchmarkResult, Result
 from texclass.experiment.workers import Progress
 from texclass.loaders.dataset import Dataset
-from texclass.peers.bench import Bench
-from texclass.peers.launch import run_worker
-from texclass.peers.ours import Candidate
-from texclass.peers.peer_worker.registry import PEERS
-from texclass.peers.result import PeerComparison
-from texclass.peers.signals import DESCRIPTIONS, Given
+from texclass.peers.given_signals import DESCRIPTIONS, Given, signal_reader
+from texclass.peers.our_rows import measure_ours
+from texclass.peers.peer_worker.files import write_task
+from texclass.peers.peer_worker.peers import PEERS, Peer
+from texclass.peers.worker_process import Outcome, run_worker
+
+Predictions = Sequence[NDArray[Any]]
+"""Fold -> labels."""
+Entrant = tuple[dict[str, Any], Predictions]
+"""A line of the comparison and the predictions behind it; empty where there are none."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +43,7 @@ class PeerSettings:
     time_limit_s
         Wall-clock seconds for each.
     signals
-        What they are given: "same" or "each", see `texclass.peers.signals.DESCRIPTIONS`.
+        What they are given: "same" or "each", see `texclass.peers.given_signals.DESCRIPTIONS`.
 
     Raises
     ------
@@ -55,6 +63,29 @@ class PeerSettings:
             raise ValueError(f"signals of peers are {self.signals!r}; the rule is 'same' or 'each'")
         if not self.time_limit_s > 0:
             raise ValueError(f"the time limit of peers is {self.time_limit_s} s; the rule is above 0")
+
+
+class PeerComparison(Result):
+    """Our rows and peers on the same folds; see `compare_with_peers`.
+
+    `data` holds facts of `dataset`, `pipeline` and `protocol`; what peers were given (`signals`) and the
+    `time_limit_s` of each; and `contestants`, ours first: each with its `status` and `message`, `n_columns`,
+    `n_folds` that were finished, `accuracy`, `cost` (CPU time on one thread without compilation, memory) and
+    the `difference` of our first row from it, on the same tests.
+    """
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write JSON, Markdown and a picture into a folder, named dataset-pipeline-protocol-peers."""
+        from texclass.peers.peers_document import write_peers
+
+        return write_peers(self, folder)
+
+    @property
+    def best_peer(self) -> Mapping[str, Any] | None:
+        """The most accurate peer of those that finished every fold; the first of equals."""
+        finished = [c for c in self.data["contestants"] if not c["ours"] and c["accuracy"]]
+        whole = [c for c in finished if c["n_folds"] == self.data["n_folds"]]
+        return max(whole, key=lambda c: c["accuracy"]["mean"], default=None)
 
 
 def compare_with_peers(
@@ -95,40 +126,45 @@ def compare_with_peers(
     settings = settings or PeerSettings()
     options = {"channels": pipeline.channels, "n_jobs": n_jobs, "skip_bad": skip_bad}
     table = cached_table(dataset, *pipeline.needed, **options)
-    protocol = find_protocol(result.protocol)
-    folds = protocol.split(
-        table.frame, pipeline.protocol.folds if n_folds is None else n_folds, pipeline.seed
-    )
-    bench = Bench(dataset, pipeline, table, protocol, folds)
+    protocol = find_protocol(result.data["protocol"])
+    n_folds = pipeline.protocol.folds if n_folds is None else n_folds
+    splits = protocol.split(table.frame, n_folds, pipeline.seed)
     report = progress or (lambda done, total, what: None)
     total = len(settings.names) + 1
     report(0, total, "peers")
-    contestants = [bench.ours(candidate) for candidate in _candidates(result, pipeline, table)]
+    entrants = [
+        _ours(row, classifier, pipeline, dataset, table, splits, protocol)
+        for row, classifier in _candidates(result, pipeline, table)
+    ]
     report(1, total, "peers")
     versions: dict[str, str] = {}
     with tempfile.TemporaryDirectory(prefix="texclass-peers-") as folder:
         task = Path(folder) / "task"
-        lengths = bench.write(task, settings.signals)
+        lengths = _hand_over(task, settings.signals, dataset, pipeline, table, splits)
         for done, name in enumerate(settings.names, start=2):
             outcome = run_worker(settings.python, task, name, Path(folder) / name, settings.time_limit_s)
-            contestants += bench.theirs(PEERS[name], outcome)
+            entrants += _theirs(PEERS[name], outcome, np.unique(table.materials), splits)
             versions |= outcome.versions
             report(done, total, "peers")
+    benchmark = result.data
     return PeerComparison(
-        dataset=dict(result.dataset) | {"n_tests": sum(test.size for _, test in folds)},
-        pipeline=result.pipeline,
-        pipeline_hash=result.pipeline_hash,
-        protocol=protocol.name,
-        protocol_description=protocol.description,
-        n_folds=len(folds),
-        contestants=bench.paired(contestants),
-        signals=DESCRIPTIONS[settings.signals],
-        time_limit_s=settings.time_limit_s,
-        versions=result.versions,
-        peer_versions=versions,
-        seed=pipeline.seed,
-        input_hash=result.input_hash,
-        notes=(*_notes(result, protocol), *_length_notes(lengths)),
+        {
+            "dataset": {**benchmark["dataset"], "n_tests": sum(test.size for _, test in splits)},
+            "pipeline": benchmark["pipeline"]["name"],
+            "pipeline_hash": benchmark["pipeline"]["hash"],
+            "protocol": protocol.name,
+            "protocol_description": protocol.description,
+            "n_folds": len(splits),
+            "contestants": _judged(entrants, table, protocol, splits, pipeline.seed),
+            "signals": DESCRIPTIONS[settings.signals],
+            "time_limit_s": settings.time_limit_s,
+            "versions": benchmark["versions"],
+            "peer_versions": versions,
+            "seed": pipeline.seed,
+            "input_hash": benchmark["input_hash"],
+            "notes": [*_notes(result, protocol), *_length_notes(lengths)],
+            "accuracy_unit": "fraction of tests; low and high are the 95 % interval",
+        }
     )
 
 
@@ -156,19 +192,137 @@ def whole_materials(dataset: Dataset, limit: int) -> Dataset:
 
 def _candidates(
     result: BenchmarkResult, pipeline: PipelineDefinition, table: FeatureTable
-) -> list[Candidate]:
+) -> list[tuple[MatchedRow, str]]:
     """Return our most accurate row and the widest one, each with its most accurate classifier."""
-    computed = [row for row in result.rows if row.accuracy]
     if result.best is None:
         raise ValueError(f"no row of pipeline {pipeline.name} can be computed; the rule is at least one")
+    accuracies = {row["name"]: row["accuracy"] for row in result.data["rows"] if row["accuracy"]}
     definitions = {row.name: row for row in pipeline.rows}
-    widest = max(computed, key=lambda row: len(definitions[row.name].features))
-    judge = max(widest.accuracy, key=lambda name: widest.accuracy[name].mean)
-    pairs = dict.fromkeys(((result.best[0].name, result.best[1]), (widest.name, judge)))
+    widest = max(accuracies, key=lambda name: len(definitions[name].features))
+    judge = max(accuracies[widest], key=lambda name: accuracies[widest][name]["mean"])
     return [
-        Candidate(MatchedRow.of(definitions[row], pipeline.features, table), classifier)
-        for row, classifier in pairs
+        (MatchedRow.of(definitions[row], pipeline.features, table), classifier)
+        for row, classifier in dict.fromkeys((result.best, (widest, judge)))
     ]
+
+
+def _hand_over(
+    task: Path,
+    given: Given,
+    dataset: Dataset,
+    pipeline: PipelineDefinition,
+    table: FeatureTable,
+    splits: Sequence[Split],
+) -> tuple[int, ...]:
+    """Write signals and folds for the peers; return how many samples each recording has."""
+    entries = {entry.recording_id: entry for entry in dataset.entries}
+    ordered = [entries[recording_id] for recording_id in table.frame["recording_id"]]
+    first = dataset.load(ordered[0])
+    read = signal_reader(given, first, pipeline.channels)
+    signals = (read(dataset.load(entry)) for entry in ordered)
+    labels = np.unique(table.materials, return_inverse=True)[1]
+    return write_task(task, signals, labels, splits, first.fs, pipeline.seed)
+
+
+def _ours(
+    row: MatchedRow,
+    classifier: str,
+    pipeline: PipelineDefinition,
+    dataset: Dataset,
+    table: FeatureTable,
+    splits: Sequence[Split],
+    protocol: Protocol,
+) -> Entrant:
+    """Measure a row of ours."""
+    found = measure_ours(row, classifier, pipeline, dataset, table, splits, nested=protocol.nested)
+    name, reference = row.definition.name, row.definition.reference
+    line = _line(name, name, True, "done", "", reference)
+    line |= {"classifier": classifier, "n_columns": row.n_features, "cost": _cost(found, splits)}
+    return line, found["predicted"]
+
+
+def _theirs(
+    peer: Peer, outcome: Outcome, names: NDArray[np.str_], splits: Sequence[Split]
+) -> Iterator[Entrant]:
+    """Yield a line for each classifier of a peer; one that says why, where there is nothing to show."""
+    line = _line(peer.name, peer.title, False, outcome.status, outcome.message, peer.reference)
+    if not outcome.folds:
+        yield line, ()
+        return
+    feature_s = np.mean([fold["feature_s"] for fold in outcome.folds])
+    for classifier in peer.classifiers:
+        ran = [fold["classifiers"][classifier] for fold in outcome.folds]
+        found = {
+            "feature_s": feature_s,
+            "fit_s": np.mean([fold["fit_s"] for fold in ran]),
+            "predict_s": np.mean([fold["predict_s"] for fold in ran]),
+            "first_s": outcome.first_s or 0.0,
+            "memory_mb": outcome.folds[-1]["memory_mb"],
+        }
+        facts = {"n_columns": outcome.folds[0]["n_columns"], "cost": _cost(found, splits)}
+        yield line | {"classifier": classifier} | facts, tuple(names[fold["predicted"]] for fold in ran)
+
+
+def _line(name: str, title: str, ours: bool, status: str, message: str, reference: str) -> dict[str, Any]:
+    """Return a line of the comparison before anything is known of its accuracy."""
+    return {
+        "name": name,
+        "classifier": "",
+        "title": title,
+        "ours": ours,
+        "status": status,
+        "message": message,
+        "reference": reference,
+        "n_columns": 0,
+        "n_folds": 0,
+        "accuracy": None,
+        "cost": None,
+        "difference": None,
+    }
+
+
+def _cost(found: Mapping[str, Any], splits: Sequence[Split]) -> dict[str, float]:
+    """Return what one fold costs, from signals to answers, and the parts of that."""
+    n_train, n_test = np.mean([[train.size, test.size] for train, test in splits], axis=0)
+    features_s = (n_train + n_test) * found["feature_s"]
+    return {
+        "feature_ms": float(1e3 * found["feature_s"]),
+        "fit_s": float(found["fit_s"]),
+        "predict_ms": float(1e3 * found["predict_s"]),
+        "total_s": float(features_s + found["fit_s"] + n_test * found["predict_s"]),
+        "memory_mb": found["memory_mb"],
+        "first_s": found["first_s"],
+    }
+
+
+def _judged(
+    entrants: Sequence[Entrant],
+    table: FeatureTable,
+    protocol: Protocol,
+    splits: Sequence[Split],
+    seed: int,
+) -> list[dict[str, Any]]:
+    """Return every line with its accuracy, and with what the first one is ahead of it."""
+    clusters, judged = protocol.clusters(table.frame), []
+    reference = entrants[0][1]
+    for line, predicted in entrants:
+        tests = [test for _, test in splits[: len(predicted)]]
+        if not tests:
+            judged.append(line)
+            continue
+        truth = [table.materials[test] for test in tests]
+        accuracy = score(truth, predicted, [clusters[test] for test in tests], seed=seed)
+        low, high = accuracy.interval
+        difference = None
+        if predicted is not reference:
+            # On the folds that both have.
+            hits, others = (
+                [[t == p for t, p in zip(truth, of, strict=False)]] for of in (reference, predicted)
+            )
+            difference = compare(hits, others, splits, protocol, clusters, seed).to_dict()
+        told = {"mean": accuracy.mean, "low": low, "high": high, **asdict(accuracy)}
+        judged.append(line | {"n_folds": len(predicted), "accuracy": told, "difference": difference})
+    return judged
 
 
 def _length_notes(lengths: tuple[int, ...]) -> Iterator[str]:
@@ -185,7 +339,7 @@ def _length_notes(lengths: tuple[int, ...]) -> Iterator[str]:
 
 
 def _notes(result: BenchmarkResult, protocol: Protocol) -> Iterator[str]:
-    if sum(len(row.accuracy) for row in result.rows) > 1:
+    if sum(len(row["accuracy"]) for row in result.data["rows"]) > 1:
         yield (
             "our first row is the most accurate of our table on these very test folds, so its figure is a "
             "little too high; so is that of the best peer, for the same reason"

@@ -39,7 +39,7 @@ from texclass.experiment.result_words import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-    from texclass.peers.result import PeerComparison
+    from texclass.peers.comparison import PeerComparison
 
 Data = Mapping[str, Any]
 COSTS = {

@@ -26,7 +26,7 @@ from texclass.recognition.probabilities import Calibration, deciding
 from texclass.recognition.sources.training_input import Beside, Needs
 from texclass.recognition.unknown import Novelty, strangeness
 from texclass.recording import Phases, Recording, Samples
-from texclass.tradeoff.deploy import Recogniser
+from texclass.tradeoff.recogniser import Recogniser
 
 SAME_ANSWER = 1e-6
 """Difference of a probability that rounding on another machine explains."""

@@ -38,7 +38,7 @@ from texclass.recognition.unknown import (
     least_held_out,
 )
 from texclass.recording import RecordingError, Samples
-from texclass.tradeoff.deploy import Recogniser
+from texclass.tradeoff.recogniser import Recogniser
 
 FALSE_ALARMS = 0.05
 ENOUGH_REPETITIONS = 20
@@ -247,7 +247,7 @@ class _Training:
         """Return the best candidate that can be saved, trained on everything, and its expected accuracy."""
         calls = [partial(hold_out, c, self.values(c.plan), self.y, self.splits) for c in candidates]
         jobs = n_jobs if len(candidates) > 1 else 1
-        found = list(each(calls, n_jobs=jobs, progress=progress, what="candidates"))
+        found = list(each(calls, n_jobs=jobs, progress=progress, what="candidates", total=len(calls)))
         clusters = self.protocol.clusters(self.table.frame)[found[0].rows]
         left = list(zip(candidates, found, strict=True))
         while left:

@@ -1,42 +1,33 @@
 """Selection that buys accuracy per millisecond: columns cost what their feature and its transforms cost."""
 
-from collections.abc import Iterable
-from typing import Any, Literal, Self
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, is_classifier
 from sklearn.feature_selection import SelectorMixin
-from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold
 from sklearn.naive_bayes import GaussianNB
 from sklearn.utils import Tags
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from texclass.experiment.cost import CostModel
-from texclass.experiment.protocols import Split
+from texclass.experiment.selection import Scoring, SubsetScore, inner_splits
 from texclass.recording import Samples
-from texclass.tradeoff.cost_search import Choice, Search, Unit, best_within
-from texclass.tradeoff.criterion import Criterion, Scoring
+
+FREE = 0.01
+"""Least cost that a move is taken to have, in units of the total: what is free is not infinitely good."""
+Unit = Literal["column", "feature"]
 
 
-def inner_splits(y: NDArray[Any], groups: NDArray[Any] | None, cv: int) -> list[Split]:
-    """Return up to `cv` stratified inner folds, not shuffled; samples of one group are never divided.
+class Subset(NamedTuple):
+    """Columns on the way of a selection: sorted, with their cost (ms) and inner cross-validated score."""
 
-    Raises
-    ------
-    ValueError
-        If a class has one sample (or one group) only.
-    """
-    classes, counts = np.unique(y, return_counts=True)
-    if groups is not None:
-        counts = np.array([np.unique(np.asarray(groups)[y == label]).size for label in classes])
-    n_folds = min(cv, int(counts.min()))
-    if n_folds < 2:
-        lonely, what = classes[counts.argmin()], "sample" if groups is None else "group"
-        raise ValueError(f"class {lonely} has 1 {what} to train on; selection needs at least 2 of each")
-    folds = StratifiedKFold(n_folds) if groups is None else StratifiedGroupKFold(n_folds)
-    return list(folds.split(np.zeros(len(y)), y, groups))
+    columns: tuple[int, ...]
+    cost: float
+    score: float
 
 
 class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # type: ignore[misc]
@@ -63,7 +54,7 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
     tolerance : float
         Smallest gain of the score that is worth a step.
     scoring : {"accuracy", "log_likelihood"}
-        See `Criterion`.
+        See `SubsetScore`.
     cv : int
         Inner stratified folds, not shuffled; reduced to the size of the smallest class.
 
@@ -71,7 +62,7 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
     ----------
     support_ : ndarray of bool, shape (n_columns,)
         Which columns are selected.
-    path_ : tuple of Choice
+    path_ : tuple of Subset
         Every subset on the way, in order; the last is `support_`.
     cost_, score_ : float
         Of the selection.
@@ -129,7 +120,7 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
             raise ValueError(f"estimator is {judge!r}; the rule is a classifier")
         model = self._cost_model(X.shape[1])
         splits = inner_splits(y, groups, self.cv)
-        self.path_ = self.explore(model, Criterion(judge, X, labels, splits, self.scoring))
+        self.path_ = self.explore(model, SubsetScore(judge, X, labels, splits, self.scoring))
         chosen = self.within(np.inf)
         if chosen is None:
             least = min(model.of([i]) for i in range(X.shape[1]))
@@ -138,14 +129,10 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
         self.cost_, self.score_ = chosen.cost, chosen.score
         return self
 
-    def explore(self, model: CostModel, criterion: Criterion) -> tuple[Choice, ...]:
+    def explore(self, model: CostModel, criterion: SubsetScore) -> tuple[Subset, ...]:
         """Return every subset on the way, judged by a criterion that several searches may share."""
-        budget = np.inf if self.max_cost is None else self.max_cost
-        most = len(model.columns) if self.max_features is None else self.max_features
-        search = Search(
-            model, criterion, budget, most, floating=self.floating, unit=self.unit, tolerance=self.tolerance
-        )
-        ways: list[Iterable[Choice]] = []
+        search = _Search(self, model, criterion)
+        ways: list[Iterable[Subset]] = []
         if self.direction != "backward":
             # Each alone can be far from the best subset, the better of both cannot (Leskovec et al., 2007).
             ways += [search.forward(thrift) for thrift in dict.fromkeys((0.0, self.thrift))]
@@ -153,7 +140,7 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
             ways.append(search.backward(self.thrift))
         return tuple(choice for way in ways for choice in way)
 
-    def within(self, max_cost: float) -> Choice | None:
+    def within(self, max_cost: float) -> Subset | None:
         """Return the best choice on the way that a smaller budget affords, the cheapest of equals."""
         return best_within(self.path_, max_cost)
 
@@ -183,3 +170,112 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
         tags = super().__sklearn_tags__()
         tags.target_tags.required = True
         return tags
+
+
+def best_within(path: Iterable[Subset], max_cost: float) -> Subset | None:
+    """Return the best choice of a path that a budget affords, the cheapest of equals; None without one."""
+    affordable = [choice for choice in path if choice.cost <= max_cost]
+    return max(affordable, key=lambda choice: (choice.score, -choice.cost), default=None)
+
+
+class _Search:
+    """One search: what columns cost, how good they are, and the settings of the selector."""
+
+    def __init__(self, settings: CostAwareSelector, model: CostModel, score: SubsetScore) -> None:
+        self.model, self.score = model, score
+        self.budget = np.inf if settings.max_cost is None else settings.max_cost
+        self.most = len(model.columns) if settings.max_features is None else settings.max_features
+        self.floating, self.unit = settings.floating, settings.unit
+        self.tolerance = settings.tolerance
+
+    @cached_property
+    def features(self) -> list[list[int]]:
+        """The columns of each feature, by number."""
+        names = np.array(self.model.features)
+        return [np.flatnonzero(names == f).tolist() for f in dict.fromkeys(self.model.features)]
+
+    @cached_property
+    def least(self) -> float:
+        """What a move costs at least."""
+        return max(FREE * self.model.total, np.finfo(np.float64).tiny)
+
+    def forward(self, thrift: float) -> Iterator[Subset]:
+        """Yield each better choice: add the move that is worth most, then drop what earns nothing."""
+        now = Subset((), 0.0, self.score.of(()))
+        while (better := self._add(now, thrift)) is not None:
+            now = better
+            yield now
+            while self.floating and (lighter := self._drop(now)) is not None:
+                now = lighter
+                yield now
+
+    def backward(self, thrift: float) -> Iterator[Subset]:
+        """Yield the full set and what is left of it as the feature that earns least goes, to the last."""
+        now: Subset | None = self._choice(range(len(self.model.columns)))
+        while now is not None:
+            if now.cost <= self.budget and len(now.columns) <= self.most:
+                yield now
+            now = self._leave(now, thrift)
+
+    def _choice(self, columns: Iterable[int]) -> Subset:
+        chosen = tuple(sorted(columns))
+        return Subset(chosen, self.model.of(chosen), self.score.of(chosen))
+
+    def _add(self, now: Subset, thrift: float) -> Subset | None:
+        moves = [m for m in self._moves(now) if len(m) <= self.most and self.model.of(m) <= self.budget]
+        if not moves:
+            return None
+        scores = self._scores(now, moves)
+        gain = scores - now.score
+        price = np.array([max(self.model.of(m) - now.cost, self.least) for m in moves])
+        worth = np.where(gain > self.tolerance, gain / price**thrift, -np.inf)
+        if not now.columns and (gain <= self.tolerance).all():
+            worth = gain  # something has to be selected
+        best = int(worth.argmax())
+        if worth[best] == -np.inf:
+            return None
+        return Subset(tuple(sorted(moves[best])), self.model.of(moves[best]), float(scores[best]))
+
+    def _moves(self, now: Subset) -> list[list[int]]:
+        """Return every single column added, then all that is left of every feature (two columns or more)."""
+        have = set(now.columns)
+        single = [[*now.columns, i] for i in range(len(self.model.columns)) if i not in have]
+        left = [[i for i in feature if i not in have] for feature in self.features]
+        if self.unit == "feature":
+            return [[*now.columns, *rest] for rest in left if rest]
+        return single + [[*now.columns, *rest] for rest in left if len(rest) > 1]
+
+    def _scores(self, now: Subset, moves: Sequence[list[int]]) -> Samples:
+        """Return the score of every move; single columns come first and are compared at once."""
+        n = len(now.columns)
+        single = [m[-1] for m in moves if len(m) == n + 1]
+        added = self.score.adding(now.columns, single) if single else np.empty(0)
+        more = iter(added)
+        return np.array([next(more) if len(m) == n + 1 else self.score.of(m) for m in moves])
+
+    def _without_each(self, now: Subset, *, columns: bool) -> list[Subset]:
+        """Return what is left when one feature (or one column) goes, unless nothing is."""
+        rest = [tuple(c for c in now.columns if c not in feature) for feature in self.features]
+        if columns:
+            rest += [now.columns[:i] + now.columns[i + 1 :] for i in range(len(now.columns))]
+        return [self._choice(r) for r in dict.fromkeys(rest) if 0 < len(r) < len(now.columns)]
+
+    def _drop(self, now: Subset) -> Subset | None:
+        """Return the best choice that is cheaper and no worse, or better and no dearer; None without one."""
+        lighter = self._without_each(now, columns=self.unit == "column")
+        kept = [
+            c
+            for c in lighter
+            if (c.score, now.cost) > (now.score, c.cost) or (c.score >= now.score and c.cost < now.cost)
+        ]
+        return max(kept, key=lambda c: (now.cost - c.cost, c.score), default=None)
+
+    def _leave(self, now: Subset, thrift: float) -> Subset | None:
+        """Return the choice without the feature that loses least for what its going saves."""
+        lighter = self._without_each(now, columns=False)
+
+        def price(choice: Subset) -> float:
+            loss, saved = now.score - choice.score, max(now.cost - choice.cost, self.least)
+            return loss / saved**thrift if loss > 0 else loss
+
+        return min(lighter, key=lambda c: (price(c), c.cost), default=None)

@@ -21,8 +21,7 @@ from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import RecordingError, Samples
 from texclass.tradeoff.degrade import degraded, full_scale_of
-from texclass.tradeoff.front import Data, Labels, discriminant, preparation
-from texclass.tradeoff.tradeoff_result import Curve, Estimate, estimate
+from texclass.tradeoff.front import Facts, Labelled, Labels, discriminant, estimate, preparation
 
 SECONDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 TRAINING = (1, 2, 3, 5, 8)
@@ -35,14 +34,14 @@ LINEAR = "linear discriminants"
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
-    """What all curves share.
+class Conditions:
+    """Under which conditions everything about a dataset is measured.
 
     Attributes
     ----------
     dataset
         Recordings.
-    feature_set, channels
+    features, channels
         What is computed.
     protocol, n_folds, n_repeats, seed
         How recordings are split.
@@ -53,7 +52,7 @@ class Study:
     """
 
     dataset: Dataset
-    feature_set: FeatureSet
+    features: FeatureSet
     channels: Channels
     protocol: Protocol
     n_folds: int
@@ -64,14 +63,8 @@ class Study:
 
     def table(self, dataset: Dataset) -> FeatureTable:
         """Return the features of a dataset, bad recordings left out."""
-        return cached_table(
-            dataset,
-            self.feature_set,
-            channels=self.channels,
-            n_jobs=self.n_jobs,
-            skip_bad=True,
-            progress=self.progress,
-        )
+        work = {"n_jobs": self.n_jobs, "progress": self.progress}
+        return cached_table(dataset, self.features, channels=self.channels, skip_bad=True, **work)
 
     def splits(self, frame: pd.DataFrame) -> tuple[Split, ...]:
         """Return all folds of all repeats, fewer folds where a material has few recordings."""
@@ -80,25 +73,27 @@ class Study:
         drawn = repeated(self.protocol, frame, n_folds, n_repeats, self.seed)
         return tuple(split for repeat in drawn for split in repeat)
 
-    def data(self, table: FeatureTable) -> Data:
+    def data(self, table: FeatureTable) -> Labelled:
         """Return the columns that some recording has, with labels and groups."""
         columns = [c for c in table.columns if table.frame[c].notna().any()]
-        y = table.frame["material"].to_numpy(dtype=str)
-        return Data(table.frame[columns].to_numpy(np.float64), y, self.protocol.clusters(table.frame))
+        return Labelled(table.of(columns), table.materials, self.protocol.clusters(table.frame))
+
+    def accuracy(self, table: FeatureTable) -> Facts:
+        """Return the accuracy of the trade's classifier on all columns of a table."""
+        return cross_validated(self.data(table), self.splits(table.frame), discriminant())
 
 
 def cross_validated(
-    data: Data, splits: Sequence[Split], classifier: Any, used: Sequence[Split] | None = None
-) -> Estimate:
-    """Cross-validate a classifier on all columns; `used` are splits that train on fewer recordings."""
+    data: Labelled, splits: Sequence[Split], classifier: Any, used: Sequence[Split] | None = None
+) -> Facts:
+    """Cross-validate a classifier on all columns; `used` are the splits with fewer training recordings."""
     found = evaluate(data.X, data.y, used or splits, preparation(), classifier)
-    n_train, n_test = np.mean([[len(part) for part in split] for split in splits], axis=0)
-    return estimate(found.accuracy.folds, n_test, n_train)
+    return estimate(found.accuracy.folds, splits)
 
 
-def training_curves(study: Study, table: FeatureTable) -> tuple[Curve, ...]:
+def training_curves(conditions: Conditions, table: FeatureTable) -> list[Facts]:
     """Accuracy against the number of training recordings of each material, by two classifiers."""
-    data, splits = study.data(table), study.splits(table.frame)
+    data, splits = conditions.data(table), conditions.splits(table.frame)
     most = min(int(np.unique(data.y[train], return_counts=True)[1].min()) for train, _ in splits)
     numbers = sorted({n for n in TRAINING if n < most} | {most})
     curves = []
@@ -110,12 +105,12 @@ def training_curves(study: Study, table: FeatureTable) -> tuple[Curve, ...]:
         points = []
         for n in used:
             accuracy = cross_validated(
-                data, splits, classifier, [_thinned(data.y, n, study.seed, split) for split in splits]
+                data, splits, classifier, [_thinned(data.y, n, conditions.seed, split) for split in splits]
             )
             points.append((float(n), str(n), accuracy))
         if points:
             curves.append(_curve("training recordings per material", "", points, series, ""))
-    return tuple(curves)
+    return curves
 
 
 def _thinned(y: Labels, n: int, seed: int, split: Split) -> Split:
@@ -125,72 +120,70 @@ def _thinned(y: Labels, n: int, seed: int, split: Split) -> Split:
     return np.sort(order[rank < n]), split[1]
 
 
-def touch_curve(study: Study, whole: FeatureTable) -> Curve | None:
+def touch_curve(conditions: Conditions, whole: FeatureTable) -> Facts | None:
     """Accuracy against seconds of touch: the first window of every recording's movement, then all of it."""
-    points: list[tuple[float, str, Estimate]] = []
+    points: list[tuple[float, str, Facts]] = []
     for seconds in SECONDS:
         try:
-            found = study.table(touches(study.dataset, seconds, per_recording=1, n_jobs=study.n_jobs))
-            points.append((seconds, f"{seconds:g}", _all_of(study, found, len(whole.frame))))
+            found = conditions.table(
+                touches(conditions.dataset, seconds, per_recording=1, n_jobs=conditions.n_jobs)
+            )
+            points.append((seconds, f"{seconds:g}", _all_of(conditions, found, len(whole.frame))))
         except (RecordingError, ValueError):
             break
     if not points:
         return None
     longest = 2 * points[-1][0]
-    points.append(
-        (longest, "whole", cross_validated(study.data(whole), study.splits(whole.frame), discriminant()))
-    )
+    points.append((longest, "whole", conditions.accuracy(whole)))
     return _curve(
         "touch", "s", points, LINEAR, "the first stretch of each movement; whole: with taps, if any"
     )
 
 
-def _all_of(study: Study, table: FeatureTable, n: int) -> Estimate:
+def _all_of(conditions: Conditions, table: FeatureTable, n: int) -> Facts:
     """Evaluate touches, unless a tenth of the recordings is too short for them."""
     if len(table.frame) < 0.9 * n:
         raise ValueError(f"{len(table.frame)} of {n} recordings are long enough; the rule is nine in ten")
-    return cross_validated(study.data(table), study.splits(table.frame), discriminant())
+    return conditions.accuracy(table)
 
 
-def sensor_curves(study: Study) -> tuple[Curve, ...]:
+def sensor_curves(conditions: Conditions) -> list[Facts]:
     """Accuracy against sampling rate and against bit depth, trained and tested alike."""
-    few = replace(study, dataset=_fewer(study.dataset))
+    few = replace(conditions, dataset=_fewer(conditions.dataset))
     own = few.dataset[0].fs
     scale = full_scale_of(few.dataset)
     rates = [fs for fs in RATES_HZ if fs <= own / 1.5]
     at_rate = {fs: degraded(few.dataset, fs=fs) for fs in rates} | {own: few.dataset}
     at_bits = {float(bits): degraded(few.dataset, bits=bits, full_scale=scale) for bits in BITS}
-    note = "" if len(few.dataset) == len(study.dataset) else f"from {len(few.dataset)} of the recordings"
+    note = "" if len(few.dataset) == len(conditions.dataset) else f"from {len(few.dataset)} of the recordings"
     curves = []
     for name, unit, variants in (("sampling rate", "Hz", at_rate), ("bit depth", "bits", at_bits)):
         points = []
         for x, dataset in variants.items():
-            table = few.table(dataset)
-            accuracy = cross_validated(few.data(table), few.splits(table.frame), discriminant())
-            points.append((x, f"{x:g}", accuracy))
+            points.append((x, f"{x:g}", few.accuracy(few.table(dataset))))
         curves.append(_curve(name, unit, points, LINEAR, note))
-    return tuple(curves)
+    return curves
 
 
-def order_curve(study: Study) -> Curve | None:
+def order_curve(conditions: Conditions) -> Facts | None:
     """Accuracy of a movement model alone, against its order: Burg's reflection coefficients and the gain.
 
     A model of order p is the first p coefficients of one of a higher order, so each movement is fitted once.
     """
-    dataset = _fewer(study.dataset)
-    found = list(each([partial(_model, dataset.load, e) for e in dataset.entries], n_jobs=study.n_jobs))
+    dataset = _fewer(conditions.dataset)
+    found = list(each([partial(_model, dataset.load, e) for e in dataset.entries], n_jobs=conditions.n_jobs))
     kept = [i for i, row in enumerate(found) if row is not None]
     if len(kept) < 0.9 * len(found):
         return None
     models = np.array([found[i] for i in kept])
     frame = pd.DataFrame([vars(dataset.entries[i]) for i in kept])
-    splits, y = study.splits(frame), frame["material"].to_numpy(dtype=str)
-    clusters = study.protocol.clusters(frame)
+    splits, y = conditions.splits(frame), frame["material"].to_numpy(dtype=str)
+    clusters = conditions.protocol.clusters(frame)
     points = [
-        (float(p), str(p), cross_validated(Data(models[:, : p + 1], y, clusters), splits, discriminant()))
+        (float(p), str(p), cross_validated(Labelled(models[:, : p + 1], y, clusters), splits, discriminant()))
         for p in ORDERS
     ]
-    note = "" if len(dataset) == len(study.dataset) else f"from {len(dataset)} of the recordings"
+    note = "" if len(dataset) == len(conditions.dataset) else f"from {len(dataset)} of the recordings"
     return _curve("order of the movement model", "", points, "AR coefficients alone", note)
 
 
@@ -215,8 +208,15 @@ def _fewer(dataset: Dataset) -> Dataset:
     )
 
 
-def _curve(
-    name: str, unit: str, points: Sequence[tuple[float, str, Estimate]], series: str, note: str
-) -> Curve:
-    x, labels, accuracy = zip(*points, strict=True)
-    return Curve(name, unit, x, accuracy, labels, series, note)
+def _curve(name: str, unit: str, points: Sequence[tuple[float, str, Facts]], series: str, note: str) -> Facts:
+    """Return a curve of (value, its label, accuracy); `series` names it where several share a panel."""
+    x, labels, accuracy = map(list, zip(*points, strict=True))
+    return {
+        "name": name,
+        "unit": unit,
+        "x": x,
+        "accuracy": accuracy,
+        "labels": labels,
+        "series": series,
+        "note": note,
+    }

@@ -1,31 +1,90 @@
 """Accuracy against cost, honestly: features are chosen inside each training fold, for every budget."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.impute import SimpleImputer
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
+from texclass.experiment.accuracy import wilson_interval
 from texclass.experiment.cost import CostModel
 from texclass.experiment.folds import Fold, over_folds
+from texclass.experiment.paired import corrected_resampled_t
 from texclass.experiment.protocols import Split
-from texclass.experiment.workers import each
+from texclass.experiment.selection import SubsetScore, inner_splits
+from texclass.experiment.workers import Progress, each
 from texclass.recording import Samples
-from texclass.tradeoff.cost_search import best_within
-from texclass.tradeoff.cost_selection import CostAwareSelector, inner_splits
-from texclass.tradeoff.criterion import Criterion
-from texclass.tradeoff.tradeoff_result import Estimate, FrontPoint, estimate
+from texclass.tradeoff.cost_selection import CostAwareSelector, best_within
 
 Labels = NDArray[Any]
+Facts = Mapping[str, Any]
+"""Plain JSON values: an accuracy as `mean`, `low`, `high`; a point of the front, see `nested_front`."""
 FRACTIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)
 """Budgets of a front, in costs of the full set."""
 INNER_FOLDS = 5
+KNEE_LOSS = 0.01
+"""The knee is the cheapest point that loses at most this much accuracy to the best one: 1 point."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a user can afford.
+
+    Attributes
+    ----------
+    max_ms
+        Features of one recording, conditioning included, segmentation not; None takes the knee.
+    max_seconds
+        Of movement that is felt; None takes whole recordings.
+    max_features
+        Columns that reach the classifier.
+    materials
+        The scene's materials; all by default. With them, the fewest columns that separate just these.
+
+    Raises
+    ------
+    ValueError
+        If a limit is not above 0.
+    """
+
+    max_ms: float | None = None
+    max_seconds: float | None = None
+    max_features: int | None = None
+    materials: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("max_ms", "max_features"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < np.inf:
+                raise ValueError(f"{name} is {value!r}; the rule is above 0, and finite")
+
+    def check_affordable(self, costs: CostModel) -> None:
+        """Refuse a budget that buys nothing.
+
+        Raises
+        ------
+        ValueError
+            If it does not.
+        """
+        cheapest = _cheapest(costs)
+        if self.max_ms is not None and self.max_ms < cheapest:
+            raise ValueError(
+                f"max_ms is {self.max_ms:g}; the rule is at least {cheapest:.3g}, the cheapest feature"
+            )
+
+
+class Labelled(NamedTuple):
+    """What is learnt from: X (n, n_columns) with NaN where undefined, y (n,), groups (n,) never divided."""
+
+    X: Samples
+    y: Labels
+    groups: Labels
 
 
 def preparation() -> Pipeline:
@@ -44,36 +103,52 @@ def cost_aware(costs: CostModel, **limits: Any) -> CostAwareSelector:
     return CostAwareSelector(discriminant(), costs=costs, scoring="log_likelihood", cv=INNER_FOLDS, **limits)
 
 
-@dataclass(frozen=True, eq=False)
-class Data:
-    """What is learnt from: X (n, n_columns) with NaN where undefined, y (n,), groups (n,) never divided."""
+def estimate(folds: ArrayLike, splits: Sequence[Split]) -> dict[str, float]:
+    """Return mean and 95 % interval (low, high) of the accuracies of repeated cross-validation.
 
-    X: Samples
-    y: Labels
-    groups: Labels
+    The interval is that of the corrected resampled t-test; where all folds agree, their spread tells nothing:
+    then it is Wilson's over the recordings of one repeat.
+
+    Parameters
+    ----------
+    folds : array_like of shape (n_repeats * n_folds,)
+        Accuracy of each fold of each repeat.
+    splits : sequence of (train, test)
+        Of the folds.
+    """
+    a = np.asarray(folds, dtype=np.float64)
+    n_train, n_test = np.mean([[len(part) for part in split] for split in splits], axis=0)
+    mean = float(a.mean())
+    if np.ptp(a) == 0:
+        n = round(n_test + n_train)
+        low, high = wilson_interval(round(mean * n), n)
+    else:
+        (low, high), _ = corrected_resampled_t(a, n_test / n_train)
+    return {"mean": mean, "low": max(0.0, low), "high": min(1.0, high)}
 
 
-def budgets_of(costs: CostModel) -> tuple[float, ...]:
-    """Return the budgets of a front in ms, rising: what the cheapest column costs, then `FRACTIONS`."""
-    cheapest = min(costs.of([i]) for i in range(len(costs.columns)))
-    return tuple(sorted({f * costs.total for f in FRACTIONS if f * costs.total >= cheapest}))
+def budgets_of(costs: CostModel, max_ms: float | None = None) -> tuple[float, ...]:
+    """Return the budgets of a front in ms, rising: `FRACTIONS` of the total that buy, and `max_ms`."""
+    cheapest = _cheapest(costs)
+    given = set() if max_ms is None else {min(max_ms, costs.total)}
+    return tuple(sorted({f * costs.total for f in FRACTIONS if f * costs.total >= cheapest} | given))
 
 
 def nested_front(
-    data: Data,
+    data: Labelled,
     splits: Sequence[Split],
     costs: CostModel,
     budgets: Sequence[float],
     *,
     max_features: int | None = None,
     n_jobs: int = 1,
-    progress: Callable[[int, int, str], None] | None = None,
-) -> tuple[tuple[FrontPoint, ...], Estimate]:
+    progress: Progress | None = None,
+) -> tuple[list[Facts], Facts]:
     """Return what every budget buys, and the accuracy of the full set, on the same splits.
 
     Parameters
     ----------
-    data : Data
+    data : Labelled
         Features and labels.
     splits : sequence of (train, test)
         All folds of all repeats.
@@ -87,73 +162,49 @@ def nested_front(
         Processes.
     progress : callable, optional
         Called with (done, total, "selections").
+
+    Returns
+    -------
+    list of dict
+        For each `budget_ms`: the `accuracy` of recordings that had no part in the choice; that of `plain`
+        sequential selection, which does not look at costs and ends at the budget; and means over folds of
+        what the choices cost (`ms`), of their `n_features` and `n_columns`.
+    dict
+        The accuracy of all columns.
     """
     at_budgets = partial(_at_budgets, data.groups, costs, tuple(budgets), max_features)
     work = [partial(over_folds, at_budgets, data.X, data.y, [split], preparation()) for split in splits]
-    done = each(work, n_jobs=n_jobs, progress=progress, what="selections")
+    done = each(work, n_jobs=n_jobs, progress=progress, what="selections", total=len(work))
     folds = [fold for found in done for fold in found]
     table = np.array([fold for fold, _ in folds])  # (n_splits, n_budgets, 5)
-    sizes = [np.mean([len(part) for part in parts]) for parts in zip(*splits, strict=True)]
-    n_train, n_test = map(float, sizes)
-    points = tuple(
-        FrontPoint(
-            budget_ms=budget,
-            ms=float(rows[:, 1].mean()),
-            accuracy=estimate(rows[:, 0], n_test, n_train),
-            plain=estimate(rows[:, 4], n_test, n_train),
-            n_features=float(rows[:, 2].mean()),
-            n_columns=float(rows[:, 3].mean()),
-        )
+    points: list[Facts] = [
+        {
+            "budget_ms": budget,
+            "ms": float(rows[:, 1].mean()),
+            "accuracy": estimate(rows[:, 0], splits),
+            "plain": estimate(rows[:, 4], splits),
+            "n_features": float(rows[:, 2].mean()),
+            "n_columns": float(rows[:, 3].mean()),
+        }
         for budget, rows in zip(budgets, table.swapaxes(0, 1), strict=True)
-    )
-    return points, estimate([full for _, full in folds], n_test, n_train)
+    ]
+    return points, estimate([full for _, full in folds], splits)
+
+
+def knee(front: Sequence[Facts]) -> Facts:
+    """Return the cheapest point that loses at most `KNEE_LOSS` to the best one."""
+    best = max(point["accuracy"]["mean"] for point in front)
+    return next(point for point in front if point["accuracy"]["mean"] >= best - KNEE_LOSS)
 
 
 def nested_fewest(
-    data: Data, splits: Sequence[Split], most: int, *, n_jobs: int = 1
-) -> tuple[tuple[int, Estimate], ...]:
+    data: Labelled, splits: Sequence[Split], most: int, *, n_jobs: int = 1
+) -> list[tuple[int, Facts]]:
     """Return the accuracy of the best 1, 2, ... `most` columns, chosen inside each training fold."""
     few = partial(_few, data.groups, most)
     work = [partial(over_folds, few, data.X, data.y, [split], preparation()) for split in splits]
     rows = np.concatenate(list(each(work, n_jobs=n_jobs)))
-    n_train, n_test = (float(np.mean([len(part) for part in parts])) for parts in zip(*splits, strict=True))
-    return tuple((n, estimate(rows[:, n - 1], n_test, n_train)) for n in range(1, most + 1))
-
-
-def _at_budgets(
-    groups: Labels, costs: CostModel, budgets: tuple[float, ...], max_features: int | None, fold: Fold
-) -> tuple[list[list[float]], float]:
-    """Return (accuracy, ms, features, columns, plain accuracy) of each budget; the full set's accuracy."""
-    y = fold.labels
-    labels, inner = np.unique(y, return_inverse=True)[1], inner_splits(y, groups[fold.train], INNER_FOLDS)
-    criterion = Criterion(discriminant(), fold.learnt, labels, inner, "log_likelihood")
-    blind = cost_aware(costs, max_features=max_features, thrift=0.0, floating=False, direction="forward")
-    plain = blind.explore(costs, criterion)
-    rows = []
-    for budget in budgets:
-        columns = _bought(costs, criterion, budget, max_features)
-        few = best_within(plain, budget)
-        accuracies = [fold.accuracy(discriminant(), list(c)) for c in (columns, few.columns if few else ())]
-        n_features = len({costs.features[i] for i in columns})
-        rows.append([accuracies[0], costs.of(columns), n_features, len(columns), accuracies[1]])
-    return rows, fold.accuracy(discriminant())
-
-
-def _bought(
-    costs: CostModel, criterion: Criterion, budget: float, max_features: int | None
-) -> tuple[int, ...]:
-    """Return the columns that a budget buys; all of them where nothing has to be given up."""
-    if max_features is None and budget >= costs.total:
-        return tuple(range(len(costs.columns)))
-    aware = cost_aware(costs, max_cost=budget, max_features=max_features)
-    choice = best_within(aware.explore(costs, criterion), budget)
-    return choice.columns if choice else ()
-
-
-def _few(groups: Labels, most: int, fold: Fold) -> list[float]:
-    """Return the accuracy of the best 1 ... `most` columns of one fold."""
-    path = fewest_path(fold.learnt, fold.labels, groups[fold.train], most)
-    return [fold.accuracy(discriminant(), columns) for columns in path]
+    return [(n, estimate(rows[:, n - 1], splits)) for n in range(1, most + 1)]
 
 
 def fewest_path(X: Samples, y: Labels, groups: Labels, most: int) -> list[list[int]]:
@@ -167,3 +218,43 @@ def fewest_path(X: Samples, y: Labels, groups: Labels, most: int) -> list[list[i
         for n in range(1, most + 1)
     ]
     return [list(choice.columns) for choice in best]
+
+
+def _cheapest(costs: CostModel) -> float:
+    return min(costs.of([i]) for i in range(len(costs.columns)))
+
+
+def _at_budgets(
+    groups: Labels, costs: CostModel, budgets: tuple[float, ...], max_features: int | None, fold: Fold
+) -> tuple[list[list[float]], float]:
+    """Return (accuracy, ms, features, columns, plain accuracy) of each budget; the full set's accuracy."""
+    labels = np.unique(fold.labels, return_inverse=True)[1]
+    inner = inner_splits(fold.labels, groups[fold.train], INNER_FOLDS)
+    score = SubsetScore(discriminant(), fold.learnt, labels, inner, "log_likelihood")
+    blind = cost_aware(costs, max_features=max_features, thrift=0.0, floating=False, direction="forward")
+    plain = blind.explore(costs, score)
+    rows = []
+    for budget in budgets:
+        columns = _bought(costs, score, budget, max_features)
+        few = best_within(plain, budget)
+        accuracy, of_plain = (
+            fold.accuracy(discriminant(), list(c)) for c in (columns, few.columns if few else ())
+        )
+        n_features = len({costs.features[i] for i in columns})
+        rows.append([accuracy, costs.of(columns), n_features, len(columns), of_plain])
+    return rows, fold.accuracy(discriminant())
+
+
+def _bought(costs: CostModel, score: SubsetScore, budget: float, max_features: int | None) -> tuple[int, ...]:
+    """Return the columns that a budget buys; all of them where nothing has to be given up."""
+    if max_features is None and budget >= costs.total:
+        return tuple(range(len(costs.columns)))
+    aware = cost_aware(costs, max_cost=budget, max_features=max_features)
+    choice = best_within(aware.explore(costs, score), budget)
+    return choice.columns if choice else ()
+
+
+def _few(groups: Labels, most: int, fold: Fold) -> list[float]:
+    """Return the accuracy of the best 1 ... `most` columns of one fold."""
+    path = fewest_path(fold.learnt, fold.labels, groups[fold.train], most)
+    return [fold.accuracy(discriminant(), columns) for columns in path]

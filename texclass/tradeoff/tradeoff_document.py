@@ -13,7 +13,7 @@ from texclass.experiment.result_words import again_facts, classifier_title, data
 from texclass.tradeoff.tradeoff_figures import draw_costs, draw_curves, draw_front
 
 if TYPE_CHECKING:
-    from texclass.tradeoff.tradeoff_result import Tradeoff
+    from texclass.tradeoff.trading import Tradeoff
 
 Data = Mapping[str, Any]
 

@@ -11,12 +11,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .extractor import Signal
+from .peers import Signal
 
 Rows = NDArray[np.intp]
 
@@ -48,11 +48,8 @@ class Signals(Sequence[Signal]):
     def __len__(self) -> int:
         return len(self.rows)
 
-    @overload
-    def __getitem__(self, index: int) -> Signal: ...
-    @overload
-    def __getitem__(self, index: slice) -> "Signals": ...
-    def __getitem__(self, index: int | slice) -> "Signal | Signals":
+    def __getitem__(self, index: Any) -> Any:
+        """Read one recording, or return those of a slice."""
         if isinstance(index, slice):
             return Signals(self.path, self.shapes, self.rows[index])
         row = self.rows[index]

@@ -12,10 +12,11 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
 
 from texclass.experiment.selection import ForwardSelector
+from texclass.experiment.trusted import UntrustedFileError, refuse_foreign
 from texclass.features import FeatureExtractor, load_feature_set
 from texclass.recording import Phases, Recording
 from texclass.tradeoff.cost_selection import CostAwareSelector
-from texclass.tradeoff.deploy import Recogniser, load_recogniser
+from texclass.tradeoff.recogniser import Recogniser, load_recogniser
 
 RNG = np.random.default_rng(0)
 SET = load_feature_set("texclass").restricted_to(["waviness", "fineness", "mfcc", "hardness", "friction"])
@@ -115,15 +116,14 @@ def test_fitting_on_a_table_is_fitting_on_recordings():
     np.testing.assert_array_equal(from_table.predict_proba(X), from_recordings.predict_proba(X))
 
 
-@pytest.mark.parametrize("pruned", [False, True])
-def test_saved_and_loaded_it_says_the_same(tmp_path, pruned):
-    recogniser = fitted(STEPS["cost-aware"])
-    recogniser = recogniser.prune() if pruned else recogniser
-    recogniser.save(tmp_path / "models" / "r.skops")
-    loaded = load_recogniser(tmp_path / "models" / "r.skops")
-    np.testing.assert_array_equal(loaded.predict_proba(X), recogniser.predict_proba(X))
-    assert loaded.columns == recogniser.columns
-    assert load_recogniser(tmp_path / "models" / "r.skops").prune().columns == recogniser.prune().columns
+def test_saved_and_loaded_it_says_the_same(tmp_path):
+    whole, path = fitted(STEPS["cost-aware"]), tmp_path / "models" / "r.skops"
+    for recogniser in (whole, whole.prune()):
+        recogniser.save(path)
+        loaded = load_recogniser(path)
+        np.testing.assert_array_equal(loaded.predict_proba(X), recogniser.predict_proba(X))
+        assert loaded.columns == recogniser.columns
+        assert loaded.prune().columns == whole.prune().columns
 
 
 def test_arrays_of_signals_keep_their_rate_and_unit(tmp_path):
@@ -147,12 +147,16 @@ def test_other_files_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"text\.skops: not a recogniser of texclass"):
         load_recogniser(tmp_path / "text.skops")
     skops.io.dump({"f": np.testing.assert_array_equal}, tmp_path / "foreign.skops")
-    with pytest.raises(ValueError, match="the rule is classes of scikit-learn and texclass"):
+    with pytest.raises(ValueError, match=r"the rule is classes of scikit-learn and texclass.*safe\)$"):
         load_recogniser(tmp_path / "foreign.skops")
+    with pytest.raises(
+        UntrustedFileError, match=r"names texclass\.experiment\.choice\.Choice.* make it again with"
+    ):
+        refuse_foreign(["numpy.dtype", "texclass.experiment.choice.Choice"])
 
 
 def test_changed_code_is_told(tmp_path, monkeypatch):
     fitted(STEPS["cost-aware"]).save(tmp_path / "r.skops")
-    monkeypatch.setattr("texclass.tradeoff.deploy.code_hash", lambda feature_set: "other")
+    monkeypatch.setattr("texclass.tradeoff.recogniser.code_hash", lambda feature_set: "other")
     with pytest.warns(UserWarning, match="train it again"):
         load_recogniser(tmp_path / "r.skops")

@@ -1,0 +1,323 @@
+"""Speed against accuracy: what features cost, what every budget buys, and the pipeline at the budget."""
+
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sklearn.naive_bayes import GaussianNB
+from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
+
+from texclass.experiment.cost import CostMeter, CostModel, classifier_cost
+from texclass.experiment.feature_table import FeatureTable
+from texclass.experiment.protocols import find_protocol
+from texclass.experiment.result import Result
+from texclass.experiment.windows import touches
+from texclass.experiment.workers import Progress
+from texclass.features.extractor import Plan
+from texclass.features.phase_view import Channels
+from texclass.features.sets import FeatureSet, load_feature_set
+from texclass.loaders import open_dataset
+from texclass.loaders.dataset import Dataset
+from texclass.provenance import versions
+from texclass.tradeoff.curves import Conditions, order_curve, sensor_curves, touch_curve, training_curves
+from texclass.tradeoff.front import (
+    KNEE_LOSS,
+    Facts,
+    Labelled,
+    Limits,
+    budgets_of,
+    cost_aware,
+    discriminant,
+    fewest_path,
+    knee,
+    nested_fewest,
+    nested_front,
+    preparation,
+)
+from texclass.tradeoff.recogniser import Recogniser
+
+LIBRARIES = ("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa")
+CLASSIFIERS = {
+    "naive_bayes": GaussianNB(),
+    "lda": discriminant(),
+    "euclidean": NearestCentroid(),
+    "nearest_neighbour": KNeighborsClassifier(1),
+}
+MOST_COLUMNS = 12
+"""Columns up to which the fewest for a scene are looked for."""
+N_CHECKED = 10
+"""Random subsets on which the cost model is checked."""
+
+
+class Tradeoff(Result):
+    """What accuracy costs on a dataset; see `trade_off`.
+
+    `data` holds `costs` (a feature's `share` of the full set, `alone`, and what leaving it out would save:
+    `last`), shared `parts`, `total_ms`, the `front` (see `nested_front`) with its `knee` and the point
+    `at_half_cost`, the accuracy of the `full` set, the `fewest` columns for a scene's materials, `curves`
+    (accuracy against touch, training, rate, bits, order), what `classifiers` cost, what was `chosen`, and
+    what is needed to do it again.
+    """
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write JSON, Markdown and pictures into a folder."""
+        from texclass.tradeoff.tradeoff_document import write_tradeoff
+
+        return write_tradeoff(self, folder)
+
+
+def trade_off(
+    dataset: Dataset | str | Path,
+    features: FeatureSet | str | Path = "texclass",
+    limits: Limits | None = None,
+    *,
+    channels: Channels = "auto",
+    protocol: str = "recording",
+    n_folds: int = 5,
+    n_repeats: int = 3,
+    seed: int = 2015,
+    with_curves: bool = True,
+    n_jobs: int = 1,
+    progress: Progress | None = None,
+    model_file: str | Path | None = None,
+) -> Tradeoff:
+    """Measure what accuracy costs on a dataset, and save the pipeline at the budget.
+
+    Parameters
+    ----------
+    dataset : Dataset, str or path
+        Labelled recordings, or what `open_dataset` opens.
+    features : FeatureSet, str or path
+        What may be bought.
+    limits : Limits, optional
+        The budget.
+    channels : {"combine", "each", "auto", "all"}
+        See `FeatureExtractor`.
+    protocol : str
+        How recordings are split; see `PROTOCOLS`.
+    n_folds, n_repeats : int
+        Of repeated cross-validation; features are chosen inside each training part.
+    seed : int
+        Of the folds.
+    with_curves : bool
+        Whether accuracy against touch, training, rate, bits and order is measured, too.
+    n_jobs : int
+        Processes.
+    progress : callable, optional
+        Called with (done, total, what).
+    model_file : str or path, optional
+        Where the pruned pipeline is saved (.skops).
+
+    Raises
+    ------
+    RecordingError
+        If no recording can be used.
+    ValueError
+        If a limit cannot be met, a material is unknown, or the protocol cannot split the dataset.
+    """
+    limits = limits or Limits()
+    dataset = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)
+    dataset = _of_materials(dataset, limits.materials)
+    features = features if isinstance(features, FeatureSet) else load_feature_set(features)
+    conditions = Conditions(
+        dataset, features, channels, find_protocol(protocol), n_folds, n_repeats, seed, n_jobs, progress
+    )
+    offer = Offer.of(conditions, _felt(conditions, limits))
+    limits.check_affordable(offer.costs)
+    splits = conditions.splits(offer.table.frame)
+    front, full = nested_front(
+        offer.data, splits, offer.costs, budgets_of(offer.costs, limits.max_ms),
+        max_features=limits.max_features, n_jobs=n_jobs, progress=progress,
+    )  # fmt: skip
+    fewest: list[tuple[int, Facts]] = []
+    if limits.materials:
+        most = min(MOST_COLUMNS, limits.max_features or MOST_COLUMNS, len(offer.columns))
+        fewest = nested_fewest(offer.data, splits, most, n_jobs=n_jobs)
+    half = [p for p in front if p["budget_ms"] <= offer.costs.total / 2 * (1 + 1e-9)]
+    n_drawn = n_repeats if conditions.protocol.drawn else 1
+    left_out = (f"left out: {item}" for item in offer.table.left_out[:4])
+    return Tradeoff(
+        {
+            "dataset": {
+                "name": dataset.name,
+                "title": dataset.title,
+                "n_recordings": len(offer.table.frame),
+                "n_materials": int(offer.table.frame["material"].nunique()),
+                "materials": list(limits.materials),
+                "max_seconds": limits.max_seconds,
+            },
+            "features": features.name,
+            "protocol": f"{protocol}, {n_drawn} x {n_folds} folds",
+            **_prices(offer, seed),
+            "full": full,
+            "front": front,
+            "knee": knee(front),
+            "knee_rule": f"cheapest point within {KNEE_LOSS:.0%} of the best accuracy",
+            "at_half_cost": half[-1] if half else front[0],
+            "fewest": fewest,
+            "curves": _curves(conditions, offer.table, limits) if with_curves else [],
+            "chosen": _chosen(limits, front, fewest, offer, model_file),
+            "versions": {**versions(*LIBRARIES), "machine": platform.machine()},
+            "seed": seed,
+            "input_hash": dataset.input_hash,
+            "notes": [*left_out, *dataset.notes],
+        }
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Offer:
+    """What can be bought, and for how much.
+
+    Attributes
+    ----------
+    table
+        Features of the recordings as they are felt.
+    columns
+        Those that some recording has.
+    data
+        The same as X, with labels and groups.
+    meter
+        Measures costs.
+    plan, whole
+        What computes all columns, and their costs.
+    costs
+        Those of `columns`.
+    """
+
+    table: FeatureTable
+    columns: tuple[str, ...]
+    data: Labelled
+    meter: CostMeter
+    plan: Plan
+    whole: CostModel
+    costs: CostModel
+
+    @classmethod
+    def of(cls, conditions: Conditions, felt: Dataset) -> "Offer":
+        """Compute the features of a dataset, and measure what they cost."""
+        table = conditions.table(felt)
+        columns = tuple(c for c in table.columns if table.frame[c].notna().any())
+        meter = CostMeter.on(felt, table.frame["recording_id"].tolist(), conditions.channels)
+        plan, whole = Plan.of(conditions.features, meter.channels), meter.model(conditions.features)
+        data = conditions.data(table)
+        return cls(table, columns, data, meter, plan, whole, whole.restricted_to(columns))
+
+    def in_ms(self, part: Plan) -> float:
+        """Return what a part takes over what the whole takes at the same time, in ms of the cost model."""
+        some, every = self.meter.measured(part, self.plan)
+        return some / every * self.whole.total
+
+    def fitted(self, columns: Sequence[str]) -> Recogniser:
+        """Return the pruned pipeline of some columns, fitted on all recordings."""
+        plan = self.plan.restricted_to(columns)
+        X = self.data.X[:, [self.columns.index(c) for c in plan.columns]]
+        steps = [*preparation().steps, ("classifier", discriminant())]
+        return Recogniser.fitted_on(plan, X, self.data.y, steps)
+
+
+def check_model(offer: Offer, seed: int, n: int = N_CHECKED) -> list[tuple[float, float]]:
+    """Return (predicted, measured) ms of random subsets of the features."""
+    rng, costs = np.random.default_rng(seed), offer.whole
+    names, pairs = np.array(list(dict.fromkeys(costs.features))), []
+    for size in rng.integers(1, len(names) + 1, size=n):
+        some = set(rng.choice(names, size, replace=False))
+        columns = [c for c, f in zip(costs.columns, costs.features, strict=True) if f in some]
+        pairs.append((costs.cost(columns), offer.in_ms(offer.plan.restricted_to(columns))))
+    return pairs
+
+
+def _of_materials(dataset: Dataset, materials: Sequence[str]) -> Dataset:
+    """Return the recordings of a scene's materials."""
+    if not materials:
+        return dataset
+    if unknown := [m for m in materials if m not in dataset.materials]:
+        raise ValueError(
+            f"{dataset.name} has no material {unknown[0]!r}; its materials are {', '.join(dataset.materials)}"
+        )
+    if len(set(materials)) < 2:
+        raise ValueError(f"materials are {', '.join(materials)}; the rule is at least two to tell apart")
+    return replace(dataset, entries=tuple(e for e in dataset.entries if e.material in materials))
+
+
+def _felt(conditions: Conditions, limits: Limits) -> Dataset:
+    """Return the recordings, or the first touch of each where its seconds are limited."""
+    if limits.max_seconds is None:
+        return conditions.dataset
+    work: dict[str, Any] = {"n_jobs": conditions.n_jobs, "progress": conditions.progress}
+    return touches(conditions.dataset, limits.max_seconds, per_recording=1, **work)
+
+
+def _prices(offer: Offer, seed: int) -> dict[str, Any]:
+    """Return what things cost, dearest first."""
+    costs = offer.costs
+    alone, last = costs.alone(), costs.last()
+    shares = sorted(costs.shares().items(), key=lambda pair: -pair[1])
+    used = np.atleast_1d(costs.needs.any(axis=0))
+    parts = {n: float(ms) for n, ms, u in zip(costs.parts, costs.ms, used, strict=True) if u}
+    shared = sorted(parts.items(), key=lambda part: -part[1])
+    X = preparation().fit_transform(offer.data.X)
+    return {
+        "costs": [{"feature": f, "share": s, "alone": alone[f], "last": last[f]} for f, s in shares],
+        "parts": {name: ms for name, ms in shared if name not in costs.features},
+        "segmentation_ms": offer.whole.segmentation_ms,
+        "total_ms": costs.total,
+        "model_check": check_model(offer, seed),
+        "classifiers": [
+            {"name": name, **classifier_cost(classifier, X, offer.data.y)}
+            for name, classifier in CLASSIFIERS.items()
+        ],
+    }
+
+
+def _curves(conditions: Conditions, table: FeatureTable, limits: Limits) -> list[Facts]:
+    whole = table if limits.max_seconds is None else conditions.table(conditions.dataset)
+    found = [
+        touch_curve(conditions, whole),
+        *training_curves(conditions, whole),
+        *sensor_curves(conditions),
+        order_curve(conditions),
+    ]
+    return [curve for curve in found if curve is not None]
+
+
+def _chosen(
+    limits: Limits, front: Sequence[Facts], fewest: Sequence[tuple[int, Facts]], offer: Offer, file: Any
+) -> dict[str, Any]:
+    """Choose on all recordings by the rule that did best, or was asked for, inside the folds; save that."""
+    costs, (X, y, groups) = offer.costs, offer.data
+    prepared = preparation().fit_transform(X)
+    if fewest and limits.max_ms is None:
+        best = max(accuracy["mean"] for _, accuracy in fewest)
+        n, accuracy = next(pair for pair in fewest if pair[1]["mean"] >= best - KNEE_LOSS)
+        columns: Sequence[int] = fewest_path(prepared, y, groups, n)[n - 1]
+        why = f"the fewest columns within {KNEE_LOSS:.0%} of the best that separate these materials"
+    else:
+        if limits.max_ms is None:
+            point = knee(front)
+            why = f"knee: the cheapest budget within {KNEE_LOSS:.0%} of the best accuracy"
+        else:
+            point = [p for p in front if p["budget_ms"] <= limits.max_ms * (1 + 1e-9)][-1]
+            why = f"the best for {limits.max_ms:g} ms"
+        accuracy, most = point["accuracy"], limits.max_features
+        if most is None and point["budget_ms"] >= costs.total:
+            columns, why = range(len(costs.columns)), f"{why}: everything"
+        else:
+            selector = cost_aware(costs, max_cost=point["budget_ms"], max_features=most)
+            columns = selector.fit(prepared, y, groups).get_support(indices=True).tolist()
+    names = [costs.columns[i] for i in sorted(columns)]
+    recogniser = offer.fitted(names)
+    if file is not None:
+        recogniser.save(file)
+    return {
+        "why": why,
+        "columns": names,
+        "features": list(dict.fromkeys(costs.features[i] for i in sorted(columns))),
+        "predicted_ms": costs.of(sorted(columns)),
+        "measured_ms": offer.in_ms(recogniser[0].plan_),
+        "accuracy": accuracy,
+        "file": str(file or ""),
+    }
