@@ -97,7 +97,7 @@ def write(
     if picture is not None:
         picture.savefig(folder / f"{name}.png", dpi=130, metadata={"Software": None})
         blocks = [f"![{title}]({name}.png)", *blocks]
-    again = {"Command": f"`python tests/benchmarks/{Path(sys.argv[0]).name}`"}
+    again = {"Command": f"`python {Path(sys.argv[0]).resolve().relative_to(ROOT)}`"}
     for key in ("seed", "input_hash", "platform", "machine"):
         if isinstance(fact := result.get(key, ""), Mapping):
             fact = ", ".join(f"{name} {str(digest)[:16]}" for name, digest in fact.items())

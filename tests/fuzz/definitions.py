@@ -1,15 +1,18 @@
-"""TOML: dataset cards, feature sets, pipelines, scenes; and the path of a hand over a scene."""
+"""What is written by people, and results: cards, feature sets, pipelines, scenes, paths of a hand."""
 
+import json
 import tomllib
 from pathlib import Path
 
 from fuzz.contract import Target
-from fuzz.mutate import of_text, toml_of, trees
+from fuzz.mutate import json_of, of_text, toml_of, trees
 from texclass import shipped
+from texclass.document import render_page
 from texclass.experiment import load_pipeline
 from texclass.features import load_feature_set
 from texclass.loaders import open_dataset, read_card
 from texclass.loaders.filesets import match_name
+from texclass.reporting import read_document
 from texclass.scene.definition import EXAMPLES, read_scene
 from texclass.scene.hand_paths import read_path
 
@@ -159,10 +162,22 @@ def _scenes() -> list[bytes]:
     ]
 
 
+def _results() -> list[bytes]:
+    folder = Path(__file__).parents[1] / "reporting" / "data"
+    return [path.read_bytes() for path in sorted(folder.glob("*.json"))]
+
+
+def _page(path: Path) -> object:
+    page = render_page([read_document(path)])
+    assert page.startswith("<!")
+    return page
+
+
 TARGETS = (
     Target("dataset card", _cards, _card, _TOML, "card.toml"),
     Target("feature set", lambda: [_SET.encode(), *_shipped("feature_defs")], _set, _TOML, "set.toml"),
     Target("pipeline", lambda: [_PIPELINE.encode()], _pipeline, _TOML, "pipeline.toml"),
     Target("scene", _scenes, _scene, _TOML, "scene.toml"),
     Target("path of a hand", lambda: [_PATH.encode()], _hand, of_text, "path.csv"),
+    Target("result for the page", _results, _page, trees(json.loads, json_of), "result.json"),
 )

@@ -6,6 +6,7 @@ import struct
 import tempfile
 import wave
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import scipy.io
 import soundfile
 
 from fuzz.contract import Target
-from fuzz.mutate import archives, either, of_bytes, of_text
+from fuzz.mutate import Mutator, archives, either, of_bytes, of_text
 from texclass.loaders import load_recording
 from texclass.loaders.cards import FileReading, LabelTable
 from texclass.loaders.filesets import _read_labels, _read_rows
@@ -51,31 +52,6 @@ def valid(recording: Recording) -> Recording:
     return recording
 
 
-def _read(path: Path) -> Recording:
-    return valid(load_recording(path, unit="counts"))
-
-
-def _read_at_rate(path: Path) -> Recording:
-    return valid(load_recording(path, unit="m/s^2", fs=FS))
-
-
-def _texts() -> list[bytes]:
-    return [b"".join(f"{x:.3g}\n".encode() for x in axes()[:, 0]), b"1\n\n-2.5e3\r\n 7\n"]
-
-
-def _csvs() -> list[bytes]:
-    frame = pd.DataFrame(axes(), columns=["x", "y", "z"])
-    return [
-        frame.to_csv(index=False).encode(),
-        b'\xef\xbb\xbf"ax","ay","az",t\n1,2,3,0\n4,5,6,1\n',
-        b"a\n1\n2\n",
-    ]
-
-
-def _tsvs() -> list[bytes]:
-    return [pd.DataFrame(axes(), columns=["x", "y", "z"]).to_csv(index=False, sep="\t").encode()]
-
-
 def _parquets() -> list[bytes]:
     frame = pd.DataFrame(axes()[:4], columns=["x", "y", "z"])
     kinds = [{"compression": None}, {"compression": "snappy", "use_dictionary": False}]
@@ -97,10 +73,6 @@ def _wavs() -> list[bytes]:
         file.setparams((3, 1, 8000, 0, "NONE", ""))
         file.writeframes(bytes(range(48)))
     return [*found, *others, buffer.getvalue()]
-
-
-def _flacs() -> list[bytes]:
-    return [written("a.flac", lambda p: soundfile.write(p, axes().astype(np.int16), 1000))]
 
 
 def _mat5s() -> list[bytes]:
@@ -132,17 +104,6 @@ def _hdf5s() -> list[bytes]:
     ]
 
 
-def _mat73s() -> list[bytes]:
-    return [written("a.mat", lambda p: _hdf5(p, matlab=True))]
-
-
-def _npzs() -> list[bytes]:
-    return [
-        written("a.npz", lambda p: np.savez(p, acceleration=axes()[:4], fs=FS)),
-        written("a.npz", lambda p: np.savez_compressed(p, x=axes()[:, 0].astype(np.float32))),
-    ]
-
-
 _TYPES = ("<f8", ">f8", "<f2", "<f16", "<c16", "|O", "<i8", "|b1", "<U5", "<M8[ns]", "|V8")
 _SHAPES = ((4, 3), (), (0,), (10**6, 10**6), (2**62, 8), (-1,), (12, 1, 1), (3, 2, 2), (10**9,))
 
@@ -171,10 +132,6 @@ def _rows(path: Path) -> object:
     return values
 
 
-def _row_tables() -> list[bytes]:
-    return [b"label,0,1,2\noak,1,2,3\nfelt,4,5,6.5\noak,7,8,9\n"]
-
-
 _LABELS = LabelTable(file="labels.csv", recording="id", material="what", repetition="run")
 _READING = FileReading(fs_hz=FS, unit="g", files=(".*",), labels=_LABELS)
 
@@ -184,10 +141,6 @@ def _labels(path: Path) -> object:
     assert all(isinstance(value, str) for row in found.values() for value in (*row, *row.values()))
     assert all(isinstance(key, str) for key in found)
     return found
-
-
-def _label_tables() -> list[bytes]:
-    return [b"id,what,run\nr1,oak,1\nr2,felt,2\n", b'\xef\xbb\xbfid,what,run,note\n"a,b",oak,1,"x\ny"\n']
 
 
 def _lines(data: bytes) -> object:
@@ -201,27 +154,80 @@ def _raw(data: bytes) -> object:
     return [list(open_source("-", file=io.BytesIO(data), raw_channels=n, **facts)) for n in (1, 3)]
 
 
-def _line_seeds() -> list[bytes]:
-    return [b"1 2 3\n4 5 6\n7,8,9\n\n1e3 2 -3\n", b"0.5\n1.5\n-2\n"]
+def _csv(**how: Any) -> bytes:
+    return pd.DataFrame(axes(), columns=["x", "y", "z"]).to_csv(index=False, **how).encode()
 
 
-def _raw_seeds() -> list[bytes]:
-    return [np.arange(12, dtype="<f4").tobytes(), np.linspace(-1, 1, 7, dtype="<f4").tobytes()]
+def _recording(name: str, seeds: Callable[[], list[bytes]], mutate: Mutator, file: str) -> Target:
+    """Return a reader of whole recordings; WAV, FLAC and HDF5 of these seeds state their own rate."""
+    own = name in ("wav", "flac", "hdf5")
+    facts: dict[str, Any] = {"unit": "counts"} if own else {"unit": "m/s^2", "fs": FS}
+    return Target(name, seeds, lambda path: valid(load_recording(path, **facts)), mutate, file)
 
 
 TARGETS = (
-    Target("text", _texts, _read_at_rate, of_text, "fuzzed.txt"),
-    Target("csv", _csvs, _read_at_rate, of_text, "fuzzed.csv"),
-    Target("tsv", _tsvs, _read_at_rate, of_text, "fuzzed.tsv"),
-    Target("parquet", _parquets, _read_at_rate, of_bytes, "fuzzed.parquet"),
-    Target("wav", _wavs, _read, of_bytes, "fuzzed.wav"),
-    Target("flac", _flacs, _read, of_bytes, "fuzzed.flac"),
-    Target("matlab 4 and 5", _mat5s, _read_at_rate, of_bytes, "fuzzed.mat"),
-    Target("matlab 7.3", _mat73s, _read_at_rate, of_bytes, "fuzzed73.mat"),
-    Target("npz", _npzs, _read_at_rate, archives(_npy_change, deflate=True), "fuzzed.npz"),
-    Target("hdf5", _hdf5s, _read, of_bytes, "fuzzed.h5"),
-    Target("table of rows", _row_tables, _rows, of_text, "rows.csv"),
-    Target("table of labels", _label_tables, _labels, of_text, "labels.csv"),
-    Target("lines of standard input", _line_seeds, _lines, either(of_text, of_bytes), ""),
-    Target("float32 of standard input", _raw_seeds, _raw, of_bytes, ""),
+    _recording(
+        "text",
+        lambda: [b"".join(f"{x:.3g}\n".encode() for x in axes()[:, 0]), b"1\n\n-2.5e3\r\n 7\n"],
+        of_text,
+        "fuzzed.txt",
+    ),
+    _recording(
+        "csv",
+        lambda: [_csv(), b'\xef\xbb\xbf"ax","ay","az",t\n1,2,3,0\n4,5,6,1\n', b"a\n1\n2\n"],
+        of_text,
+        "fuzzed.csv",
+    ),
+    _recording("tsv", lambda: [_csv(sep="\t")], of_text, "fuzzed.tsv"),
+    _recording("parquet", _parquets, of_bytes, "fuzzed.parquet"),
+    _recording("wav", _wavs, of_bytes, "fuzzed.wav"),
+    _recording(
+        "flac",
+        lambda: [written("a.flac", lambda p: soundfile.write(p, axes().astype(np.int16), 1000))],
+        of_bytes,
+        "fuzzed.flac",
+    ),
+    _recording("matlab 4 and 5", _mat5s, of_bytes, "fuzzed.mat"),
+    _recording(
+        "matlab 7.3", lambda: [written("a.mat", partial(_hdf5, matlab=True))], of_bytes, "fuzzed73.mat"
+    ),
+    _recording(
+        "npz",
+        lambda: [
+            written("a.npz", lambda p: np.savez(p, acceleration=axes()[:4], fs=FS)),
+            written("a.npz", lambda p: np.savez_compressed(p, x=axes()[:, 0].astype(np.float32))),
+        ],
+        archives(_npy_change, deflate=True),
+        "fuzzed.npz",
+    ),
+    _recording("hdf5", _hdf5s, of_bytes, "fuzzed.h5"),
+    Target(
+        "table of rows",
+        lambda: [b"label,0,1,2\noak,1,2,3\nfelt,4,5,6.5\noak,7,8,9\n"],
+        _rows,
+        of_text,
+        "rows.csv",
+    ),
+    Target(
+        "table of labels",
+        lambda: [
+            b"id,what,run\nr1,oak,1\nr2,felt,2\n",
+            b'\xef\xbb\xbfid,what,run,note\n"a,b",oak,1,"x\ny"\n',
+        ],
+        _labels,
+        of_text,
+        "labels.csv",
+    ),
+    Target(
+        "lines of standard input",
+        lambda: [b"1 2 3\n4 5 6\n7,8,9\n\n1e3 2 -3\n", b"0.5\n1.5\n-2\n"],
+        _lines,
+        either(of_text, of_bytes),
+    ),
+    Target(
+        "float32 of standard input",
+        lambda: [np.arange(12, dtype="<f4").tobytes(), np.linspace(-1, 1, 7, dtype="<f4").tobytes()],
+        _raw,
+        of_bytes,
+    ),
 )

@@ -35,6 +35,7 @@ SHARES: dict[str, dict[str, int]] = {
         "pipeline": 8_000,
         "scene": 15_000,
         "path of a hand": 6_000,
+        "result for the page": 15_000,
     },
     "exchange": {
         "texture": 20_000,
@@ -52,9 +53,6 @@ SHARES: dict[str, dict[str, int]] = {
         "cached movements": 40_000,
         "cached recording": 10_000,
         "outcome of a peer": 10_000,
-    },
-    "results": {
-        "result for the page": 15_000,
     },
 }
 """Module -> name -> parts; those that read a file in C, or many files, are slower and get fewer."""

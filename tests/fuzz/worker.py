@@ -12,14 +12,28 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import texclass
-from fuzz.state import Shared
 
 MOST_BYTES = 1 << 16
 HEADROOM = 2 << 30
 """Bytes of address space beyond what the valid inputs take."""
 GUIDED = ("texclass", "mcap", "rosbags", "skops", "zipfile", "tomllib")
 """Packages whose branches guide atheris."""
+
+
+COUNTS = [
+    *((name, "u8") for name in ("inputs", "accepted", "refused", "broken", "slowest_bytes", "size")),
+    ("slowest_s", "f8"), ("peak_mb", "f8"), ("data", "u1", 1 << 20),
+]  # fmt: skip
+"""Of one target; `slowest_s` is CPU time, of an input of `slowest_bytes`; `data` (`size`) is at hand."""
+
+
+def shared_counts(folder: Path) -> np.memmap:
+    """Return counts and the input at hand in a mapped file, which outlives a worker."""
+    path = folder / "shared"
+    return np.memmap(path, COUNTS, "r+" if path.exists() else "w+", shape=())
 
 
 def main() -> None:
@@ -45,8 +59,7 @@ class Feeder:
         self.target, self.place, self.folder = target_of(name), place, folder
         self.seeds = self.target.seeds()
         self._judge = judge
-        self.shared = Shared(folder / "shared")
-        self.counts = self.shared.read()
+        self.counts = shared_counts(folder)
         found = folder / "findings.json"
         self.findings: dict[str, int] = json.loads(found.read_text()) if found.exists() else {}
         for data in self.seeds:
@@ -60,24 +73,21 @@ class Feeder:
 
     def feed(self, data: bytes) -> None:
         counts = self.counts
-        self.shared.put(data, counts)
+        counts["size"] = size = min(len(data), counts["data"].size)
+        counts["data"][:size] = np.frombuffer(data, np.uint8, size)  # before the reader has it
         verdict = self._judge(self.target, data, self.place)
-        counts.inputs += 1
-        counts.accepted += verdict.kind == "accepted"
-        counts.refused += verdict.kind == "refused"
+        counts["inputs"] += 1
+        counts["broken" if verdict.broken else verdict.kind] += 1
         if verdict.broken:
-            counts.broken += 1
-            self._keep(f"{verdict.kind}: {verdict.detail}", data)
-        if verdict.seconds > counts.slowest_s:
-            counts.slowest_s, counts.slowest_bytes = verdict.seconds, len(data)
-        counts.peak_mb = max(counts.peak_mb, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
-        self.shared.write(counts)
-
-    def _keep(self, what: str, data: bytes) -> None:
-        if what not in self.findings:
-            (self.folder / f"finding{len(self.findings)}.bin").write_bytes(data)
-        self.findings[what] = self.findings.get(what, 0) + 1
-        (self.folder / "findings.json").write_text(json.dumps(self.findings))
+            what = f"{verdict.kind}: {verdict.detail}"
+            if what not in self.findings:
+                (self.folder / f"finding{len(self.findings)}.bin").write_bytes(data)
+            self.findings[what] = self.findings.get(what, 0) + 1
+            (self.folder / "findings.json").write_text(json.dumps(self.findings))
+        if verdict.seconds > counts["slowest_s"]:
+            counts["slowest_s"], counts["slowest_bytes"] = verdict.seconds, len(data)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        counts["peak_mb"] = max(counts["peak_mb"], peak)
 
 
 def _blind(name: str, n: int, seed: int, folder: Path, place: Path) -> None:
@@ -86,9 +96,9 @@ def _blind(name: str, n: int, seed: int, folder: Path, place: Path) -> None:
     pool = list(feeder.seeds)
     for _ in range(n):
         data = feeder.target.mutate(rng, rng.choice(pool))[:MOST_BYTES]
-        before = feeder.counts.accepted
+        before = int(feeder.counts["accepted"])
         feeder.feed(data)
-        if feeder.counts.accepted > before and rng.random() < 0.02:
+        if feeder.counts["accepted"] > before and rng.random() < 0.02:
             pool.append(data)
             del pool[len(feeder.seeds) + 200 :]
 
@@ -99,8 +109,11 @@ def _guided(name: str, n: int, seed: int, folder: Path, place: Path) -> None:
 
     from fuzz.mutate import of_bytes
 
-    for module in _compiled():
-        importlib.import_module(module)
+    # What numba compiles it must have seen before atheris traces it.
+    root = Path(texclass.__file__).parent
+    for file in sorted(root.rglob("*.py")):
+        if "@njit" in file.read_text(encoding="utf-8"):
+            importlib.import_module(".".join(("texclass", *file.relative_to(root).with_suffix("").parts)))
     with atheris.instrument_imports(include=list(GUIDED)):
         from fuzz.targets import target_of
 
@@ -123,22 +136,12 @@ def _guided(name: str, n: int, seed: int, folder: Path, place: Path) -> None:
         except Exception:  # atheris waits for ever on a mutator that raises
             return of_bytes(rng, data)[:most]
 
-    def feed(data: bytes) -> None:
-        feeder.feed(data)
-
     options: list[Any] = [
         sys.argv[0], f"-runs={n}", f"-seed={seed}", f"-max_len={MOST_BYTES}", "-rss_limit_mb=0",
         "-timeout=1000", "-verbosity=0", f"-artifact_prefix={folder}/", str(corpus),
     ]  # fmt: skip
-    atheris.Setup(options, feed, custom_mutator=spoil)
+    atheris.Setup(options, feeder.feed, custom_mutator=spoil)
     atheris.Fuzz()
-
-
-def _compiled() -> list[str]:
-    """Return the modules whose functions numba compiles, which it cannot once atheris traces them."""
-    root = Path(texclass.__file__).parent
-    found = (file for file in sorted(root.rglob("*.py")) if "@njit" in file.read_text(encoding="utf-8"))
-    return [".".join(("texclass", *file.relative_to(root).with_suffix("").parts)) for file in found]
 
 
 if __name__ == "__main__":
