@@ -113,33 +113,32 @@ class GlidingRenderer:
     def process(self, velocity: ArrayLike, force: ArrayLike, position: ArrayLike | None = None) -> Samples:
         """Return the vibration for the next samples of a path; the position is not used."""
         v, f = checked_path(velocity, force)
-        out = np.empty(f.size)
-        for start in range(0, f.size, AT_ONCE):
-            some = slice(start, start + AT_ONCE)
-            self._fill(v[some], f[some], out[some])
-        return out
-
-    def _fill(self, v: Samples, f: Samples, out: Samples) -> None:
-        course = np.empty((f.size, 3))
-        _follow(v, f, self._share, self._motion, course)
-        due = course[-self._place % self._hop :: self._hop]
-        k, taps = self._read(due[:, :2], due[:, 2]) if len(due) else self._nothing
+        if f.size > AT_ONCE:
+            cuts = range(AT_ONCE, f.size, AT_ONCE)
+            pieces = zip(np.split(v, cuts), np.split(f, cuts), strict=True)
+            return np.concatenate([self.process(*piece) for piece in pieces])
+        course_v, course_f, out = np.empty(v.shape), np.empty(f.size), np.empty(f.size)
+        _follow(v, f, self._share, self._motion, course_v, course_f)
+        due = slice(-self._place % self._hop, None, self._hop)
+        at, pressed = course_v[due], course_f[due]
+        k, taps = self._read(at, pressed) if pressed.size else self._nothing
         if len(k) and not self._begun:
             self._k[1], self._begun = k[0], True
         state = self._k, self._taps, self._b
         noise = self._rng.standard_normal(f.size)
         _play(noise, k, taps, self._place, self._hop, self._glide, *state, self._limit, out)
         self._place = (self._place + f.size) % self._hop
+        return out
 
 
 @njit(cache=True, error_model="numpy")
-def _follow(velocity, force, share, state, out):  # type: ignore[no-untyped-def]
-    """Let the state (v_x, v_y, f) approach each input by a share of the difference; its course into `out`."""
+def _follow(velocity, force, share, state, out_velocity, out_force):  # type: ignore[no-untyped-def]
+    """Let the state (v_x, v_y, f) approach each input by a share of the difference; write its course."""
     for t in range(force.size):
         state[0] += share * (velocity[t, 0] - state[0])
         state[1] += share * (velocity[t, 1] - state[1])
         state[2] += share * (max(force[t], 0.0) - state[2])
-        out[t] = state
+        out_velocity[t, 0], out_velocity[t, 1], out_force[t] = state
 
 
 @njit(cache=True, error_model="numpy")

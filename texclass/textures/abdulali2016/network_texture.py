@@ -418,9 +418,9 @@ class BakedTexture(StoredFields):
         bounds = (*np.maximum([frame.fastest, frame.hardest, frame.slow, frame.light], 1e-12), frame.loudest)
 
         def read(velocity: Samples, force: Samples) -> tuple[Samples, Samples]:
-            out = np.zeros((len(force), self.order + 1))
-            _read_grid(velocity, force, axes, nodes, bounds, out)
-            return out[:, :-1], out[:, -1:]
+            k, level = np.zeros((len(force), self.order)), np.zeros((len(force), 1))
+            _read_grid(velocity, force, axes, nodes, bounds, k, level)
+            return k, level
 
         limit = LIMIT * frame.peak
         return GlidingRenderer(
@@ -517,8 +517,8 @@ def _evaluate(u, q, w, d, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _read_grid(velocity, force, axes, nodes, bounds, out):  # type: ignore[no-untyped-def]
-    """Add to `out` what a grid on axes of square roots says of k and level, multilinear; the level capped."""
+def _read_grid(velocity, force, axes, nodes, bounds, k, level):  # type: ignore[no-untyped-def]
+    """Add what a grid on axes of square roots says of k and level, multilinear; the level capped."""
     fastest, hardest, slow, light, loudest = bounds
     n = len(axes)
     at, below, above, share = np.empty(n), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
@@ -540,6 +540,8 @@ def _read_grid(velocity, force, axes, nodes, bounds, out):  # type: ignore[no-un
                 weight *= share[i] if up else 1.0 - share[i]
                 node = node * axes[i].size + (above[i] if up else below[i])
             if weight > 0.0:
-                out[t] += weight * nodes[node]
+                for m in range(k.shape[1]):
+                    k[t, m] += weight * nodes[node, m]
+                level[t, 0] += weight * nodes[node, -1]
         cap = loudest * (min(speed / slow, 1.0) * min(force[t] / light, 1.0))
-        out[t, -1] = min(out[t, -1], cap)
+        level[t, 0] = min(level[t, 0], cap)
