@@ -113,14 +113,14 @@ def _decision(classifier: Any) -> Callable[[Samples], Samples] | None:
     if isinstance(classifier, LinearDiscriminantAnalysis) and len(classifier.classes_) > 2:
         return lambda X: np.asarray(X @ classifier.coef_.T + classifier.intercept_)
     if isinstance(classifier, KernelDiscriminant) and len(classifier.classes_) > 2:
-        return lambda X: np.asarray(_mean_kernel(classifier, X) @ classifier.dual_)
+        pairs = list(zip(classifier.views_, classifier.prototypes_, strict=True))
+
+        def from_prototypes(X: Samples) -> Samples:
+            kernels = [matern(view(X), prototypes, classifier.length) for view, prototypes in pairs]
+            return np.asarray(sum(kernels) / len(kernels) @ classifier.dual_)
+
+        return from_prototypes
     return None
-
-
-def _mean_kernel(fitted: KernelDiscriminant, X: Samples) -> Samples:
-    pairs = zip(fitted.views_, fitted.prototypes_, strict=True)
-    kernels = [matern(view(X), prototypes, fitted.length) for view, prototypes in pairs]
-    return np.asarray(sum(kernels) / len(kernels))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from sklearn.pipeline import Pipeline
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.vote_of_pieces import VoteOfPieces
 from texclass.recognition.model import Model
-from texclass.recognition.probabilities import LEAST_PROBABILITY, Calibration
+from texclass.recognition.probabilities import LEAST_PROBABILITY
 from texclass.recognition.unknown import Novelty
 from texclass.recording import Samples
 
@@ -180,7 +180,10 @@ def build(model: Model) -> Any:
     for _, step in model.recogniser.steps[1:-1]:
         prepared = add_step(step, graph, prepared)
     decisions = add_class_scores(model.recogniser[-1], graph, prepared)
-    p = _calibrated(model.calibration, decisions, len(model.materials), graph)
+    # (1 - lapse) softmax(beta s) + lapse / K
+    n, calibration = len(model.materials), model.calibration
+    p = graph.add("Softmax", graph.add("Mul", decisions, repeated(calibration.beta, n)), axis=1)
+    p = graph.add("Add", graph.add("Mul", p, 1 - calibration.lapse), calibration.lapse / n)
     bad = graph.add("Or", graph.add("IsNaN", prepared), graph.add("IsInf", prepared))
     undefined = _of_rows("ReduceMax", bad, graph)
     best = graph.add("ArgMax", p, axis=1, keepdims=0)
@@ -197,13 +200,6 @@ def build(model: Model) -> Any:
         tensor("unknown", TensorProto.BOOL, ["n"]),
     ]
     return graph.model([tensor(FEATURES, double, ["n", len(model.columns)])], outputs, "surfaces", DOC)
-
-
-def _calibrated(calibration: Calibration, decisions: str, n_classes: int, graph: Graph) -> str:
-    """Add (1 - lapse) softmax(beta s) + lapse / K."""
-    p = graph.add("Softmax", graph.add("Mul", decisions, repeated(calibration.beta, n_classes)), axis=1)
-    p = graph.add("Mul", p, 1 - calibration.lapse)
-    return graph.add("Add", p, calibration.lapse / n_classes)
 
 
 def _strangeness(novelty: Novelty, decisions: str, prepared: str, graph: Graph) -> str:

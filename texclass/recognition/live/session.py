@@ -315,7 +315,11 @@ class OnlineRecogniser:
                 tap = self._taps.add(event, self._contact.floor)
                 if tap is None:
                     return []
-                return [tap, self._answer_tap(tap)] if self._taps_only else [tap]
+                if not self._taps_only:
+                    return [tap]
+                tapped, start = self._taps.last()
+                felt = self._stretches.tap(tapped, start)
+                return [tap, self._told(felt, start, tap.end, tap.known, start)]
         return [event]
 
     def _windows(self, known: int) -> list[Update]:
@@ -343,10 +347,6 @@ class OnlineRecogniser:
     def _answer(self, start: int, stop: int, known: int) -> WindowAnswer:
         window = self._stretches.window(self._ring.view(start, stop), start, self._tapped)
         return self._told(window, start, stop, known, self._contact_from)
-
-    def _answer_tap(self, tap: Event) -> WindowAnswer:
-        tapped, start = self._taps.last()
-        return self._told(self._stretches.tap(tapped, start), start, tap.end, tap.known, start)
 
     def _told(self, recording: Recording, start: int, stop: int, known: int, onset: int) -> WindowAnswer:
         began = time.perf_counter()
