@@ -16,7 +16,8 @@ def benchmark(
     dataset: options.Recordings = "simulated",
     pipeline: options.Pipeline = "strese2015",
     protocol: Annotated[
-        options.Protocol | None, typer.Option(help="How recordings are split; the pipeline's own by default.")
+        options.ProtocolName | None,
+        typer.Option(help="How recordings are split; the pipeline's own by default."),
     ] = None,
     feature: Annotated[
         str | None,
@@ -142,7 +143,7 @@ def tradeoff(
         str | None,
         typer.Option(help="Materials of a scene, separated by commas: the fewest columns for these."),
     ] = None,
-    protocol: options.Split = options.Protocol.RECORDING,
+    protocol: options.Split = options.ProtocolName.RECORDING,
     curves: Annotated[
         bool, typer.Option(help="Also accuracy against touch, training, rate, bits and model order.")
     ] = True,
@@ -181,7 +182,7 @@ def tradeoff(
     wrote((*write_tradeoff(result, out), Path(result.data["chosen"]["file"])))
 
 
-class Part(StrEnum):
+class BatteryPart(StrEnum):
     """What of the battery can be tried alone."""
 
     MODELS = "models"
@@ -196,7 +197,7 @@ def stability(
     quick: Annotated[
         bool, typer.Option("--quick", help="A small part of the battery, in half a minute.")
     ] = False,
-    only: Annotated[Part | None, typer.Option(help="One part alone.")] = None,
+    only: Annotated[BatteryPart | None, typer.Option(help="One part alone.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for stability.md, .json and pictures.")] = Path("reports"),
     json_file: options.Json = None,
 ) -> None:

@@ -28,7 +28,7 @@ def train(
         typer.Option("--touch", help="Seconds of movement of one answer; whole recordings by default."),
     ] = None,
     protocol: Annotated[
-        options.Protocol | None,
+        options.ProtocolName | None,
         typer.Option(
             help="How recordings are held out; by default as the pipeline says, or, from 20 numbered "
             "repetitions of each surface on, the later ones (`blocks`): a sensor may drift."

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from texclass.loaders import Dataset
 
 
-class Protocol(StrEnum):
+class ProtocolName(StrEnum):
     """How recordings are divided into training and test."""
 
     RECORDING = "recording"
@@ -79,7 +79,7 @@ Pipeline = Annotated[
     typer.Option(help="A shipped pipeline, or a TOML of yours.", autocompletion=shipped("pipelines")),
 ]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON here.")]
-Split = Annotated[Protocol, typer.Option(help="How recordings are split.")]
+Split = Annotated[ProtocolName, typer.Option(help="How recordings are split.")]
 MaxMs = Annotated[float | None, typer.Option(help="Milliseconds that the features of a recording may take.")]
 MaxFeatures = Annotated[int | None, typer.Option(help="Columns that may reach the classifier.")]
 Touch = Annotated[

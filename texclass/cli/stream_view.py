@@ -21,7 +21,7 @@ LEVEL_DB = 60.0
 """Full length of the level's bar."""
 
 
-class View:
+class StreamView:
     """Follows a session; what is the same for all ways to show it.
 
     Parameters
@@ -84,7 +84,7 @@ class View:
         """Show the final answer."""
 
 
-class JsonLines(View):
+class JsonLines(StreamView):
     """A JSON object a line; `type` is answer, event, notice or final."""
 
     def answered(self, update: WindowAnswer) -> None:
@@ -124,7 +124,7 @@ class JsonLines(View):
         print(json.dumps({"type": type_, **rounded}), flush=True)
 
 
-class Lines(View):
+class Lines(StreamView):
     """Lines for where nothing can be drawn: events, notices, and each verdict that differs."""
 
     _said: tuple[object, ...] = ()
@@ -152,7 +152,7 @@ class Lines(View):
             typer.echo(f"final: {told(verdict)}, felt from {start:.3f} s to {stop:.3f} s")
 
 
-class Picture(View):
+class Picture(StreamView):
     """A picture in the terminal, drawn anew ten times a second at most."""
 
     def __init__(self, session: Session, source: str, console: Console) -> None:
@@ -240,7 +240,7 @@ class Picture(View):
 PHASE_STYLE = {"moving": "bold green", "touched": "bold", "pause": "yellow"}
 
 
-def view_of(session: Session, source: str, as_json: bool) -> View:
+def view_of(session: Session, source: str, as_json: bool) -> StreamView:
     """Return the way to show a session: JSON if asked for, a picture in a terminal, else lines."""
     if as_json:
         return JsonLines(session, source)

@@ -28,17 +28,17 @@ FRACTION = Annotated[float, Field(ge=0, le=1)]
 COUNT = Annotated[int, Field(ge=0, le=10**100)]
 
 
-class Part(Written):
+class ResultPart(Written):
     """A part of a result; keys that no document tells are let pass."""
 
     model_config = ConfigDict(extra="ignore")
 
 
-def part(*bases: type[Part], check: Callable[[Any], Any] | None = None, **fields: Any) -> Any:
+def part(*bases: type[ResultPart], check: Callable[[Any], Any] | None = None, **fields: Any) -> Any:
     """Return a model of these fields; those that may be missing are given by `maybe`, `some` or `named`."""
     told: Any = {name: kind if isinstance(kind, tuple) else (kind, ...) for name, kind in fields.items()}
     checks: Any = {"_check": model_validator(mode="after")(check)} if check else {}
-    return create_model("Part", __base__=bases or (Part,), __validators__=checks, **told)
+    return create_model("ResultPart", __base__=bases or (ResultPart,), __validators__=checks, **told)
 
 
 def maybe(kind: Any) -> tuple[Any, Any]:
@@ -207,7 +207,7 @@ class Kind(NamedTuple):
     """A kind of result: the keys that tell it from the others, what it must hold, and how it is told."""
 
     keys: frozenset[str]
-    model: type[Part]
+    model: type[ResultPart]
     document: Callable[[Mapping[str, Any]], Document]
 
 
