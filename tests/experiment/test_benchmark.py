@@ -67,6 +67,16 @@ def test_json_has_the_keys_that_were_promised_and_the_table_the_same_figures(res
     assert len(result.table) == sum(len(line["accuracy"]) for line in found["rows"])
 
 
+def test_a_result_is_told_in_a_line_and_a_table_written_and_drawn(result, tmp_path):
+    assert repr(result) == "<BenchmarkResult: toy, toy, recording; best 100.0 %, Level with euclidean>"
+    assert result._repr_html_().count("<tr") == 1 + len(result.table)
+    written = result.save(tmp_path)
+    assert {path.suffix for path in written} >= {".json", ".md", ".png"}
+    assert json.loads(next(tmp_path.glob("*.json")).read_text()) == json.loads(result.to_json())
+    rows = [label.get_text() for label in result.plot("euclidean").axes[0].get_yticklabels()]
+    assert "Level" in " ".join(rows)
+
+
 def test_separable_levels_are_recognised_and_confused_with_nothing(result):
     assert result.data["rows"][0]["accuracy"]["euclidean"]["mean"] == 1.0
     assert result.data["confusion"]["counts"] == [[4, 0, 0], [0, 4, 0], [0, 0, 4]]

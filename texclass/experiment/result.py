@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Result:
     """What a study found.
 
@@ -23,6 +23,9 @@ class Result:
     """
 
     data: Mapping[str, Any]
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {self.data['dataset']['name']}>"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain JSON values."""
@@ -41,6 +44,17 @@ class BenchmarkResult(Result):
     add), `choice` (made inside training parts), `left_out`, `flags`, `undefined`, and what is needed to do
     it again.
     """
+
+    def __repr__(self) -> str:
+        named = f"{self.data['dataset']['name']}, {self.data['pipeline']['name']}, {self.data['protocol']}"
+        if self.best is None:
+            return f"<{type(self).__name__}: {named}; no row was computed>"
+        mean = 100 * self.table["mean"].max()
+        return f"<{type(self).__name__}: {named}; best {mean:.1f} %, {' with '.join(self.best)}>"
+
+    def _repr_html_(self) -> str:
+        """Return the table for a notebook."""
+        return self.table.to_html(index=False, float_format="{:.3g}".format)
 
     @property
     def table(self) -> pd.DataFrame:
