@@ -148,8 +148,8 @@ def equality(model: Model, dataset: Dataset, every: int = 1) -> dict[str, Any]:
         for n in BLOCKS:
             live: Any = OnlineRecogniser(model, settings=OnlineSettings(hop_s=model.manifest.touch_s))
             live.model = Remembering(live.model, known)
-            heard = push_all(live, recording.acceleration, n)
-            said.append([exactly(update) for update in (*heard, *live.finish())])
+            heard = [*push_all(live, recording.acceleration, n), *live.finish()]
+            said.append([exactly(update) for update in heard])
         n_blocks_differ += sum(one != said[-1] for one in said[:-1])
         windows = [update for update in heard if isinstance(update, WindowAnswer)]
         n_answered += bool(windows)
@@ -380,7 +380,7 @@ def main() -> None:
             *(told_accuracy(result["accuracy"]) if "accuracy" in result else ()),
         ]
         title = "Listening: speed, equality with batch, accuracy against seconds"
-        write(asked.out, "stream", result, title, blocks)
+        write(asked.out, "stream", result, title, blocks, made=made)
 
 
 if __name__ == "__main__":

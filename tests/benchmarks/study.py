@@ -85,11 +85,11 @@ def interval(estimate: Mapping[str, Any], middle: str = "accuracy") -> str:
 
 def write(
     folder: Path, name: str, result: Mapping[str, Any], title: str, blocks: Sequence[Block],
-    picture: Figure | None = None,
+    picture: Figure | None = None, made: Mapping[str, Any] | None = None,
 ) -> None:  # fmt: skip
     """Write NAME.json, NAME.md and perhaps NAME.png, and print the text.
 
-    The text ends with the command, and with what `result` holds of seed, input hash and versions.
+    The text ends with the command, and with what `made` (`result`) holds of seed, input hash and versions.
     """
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(result, indent=1, default=lambda array: array.tolist())
@@ -97,13 +97,14 @@ def write(
     if picture is not None:
         picture.savefig(folder / f"{name}.png", dpi=130, metadata={"Software": None})
         blocks = [f"![{title}]({name}.png)", *blocks]
+    made = made or result
     again = {"Command": f"`python {Path(sys.argv[0]).resolve().relative_to(ROOT)}`"}
     for key in ("seed", "input_hash", "platform", "machine"):
-        if isinstance(fact := result.get(key, ""), Mapping):
+        if isinstance(fact := made.get(key, ""), Mapping):
             fact = ", ".join(f"{name} {str(digest)[:16]}" for name, digest in fact.items())
         again[key.replace("_", " ").capitalize()] = str(fact)
     document = Document(
-        title, blocks, again={name: fact for name, fact in again.items() if fact}, versions=result["versions"]
+        title, blocks, again={name: fact for name, fact in again.items() if fact}, versions=made["versions"]
     )
     write_document(document, folder, name)
     print(render_markdown(document))
