@@ -1,5 +1,15 @@
-"""texclass: which surface is this, and how does it feel, from what a tool's accelerometer recorded."""
+"""texclass: which surface is this, and how does it feel, from what a tool's accelerometer recorded.
 
-from texclass._version import __version__
+>>> import texclass as tx
+>>> dataset = tx.open_dataset("simulated")
+>>> dataset.labels.nunique()
+24
 
-__all__ = ["__version__"]
+`import texclass` loads nothing; each name is loaded when it is first used.
+"""
+
+import lazy_loader
+
+from texclass._version import __version__ as __version__
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,166 @@
+"""The front door: what most users call, each taking what they have at hand (a name, a path, arrays, a dataset)."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from texclass.experiment import BenchmarkResult, PipelineDefinition
+    from texclass.features import FeatureSet
+    from texclass.loaders import Dataset
+    from texclass.recording import Recording
+    from texclass.tradeoff.tradeoff_result import Tradeoff
+
+
+def extract(
+    recordings: Any,
+    features: "str | Path | FeatureSet" = "texclass",
+    *,
+    fs: float | None = None,
+    unit: str | None = None,
+    channels: Any = "combine",
+    n_jobs: int | None = None,
+) -> "pd.DataFrame":
+    """Return the features of recordings, one row a recording.
+
+    Parameters
+    ----------
+    recordings : Dataset, str, Path, Recording, array_like or sequence of these
+        A dataset, or the name of a shipped one, a card or folder; one recording, or several; one array of
+        shape (n_samples,) or (n_samples, n_axes), arrays of unequal lengths, or a panel of shape
+        (n_recordings, n_axes, n_samples): see `FeatureExtractor`.
+    features : str, Path or FeatureSet
+        A shipped set, a TOML, or a set.
+    fs : float, optional
+        Sampling rate in Hz, of arrays and of files that do not state it.
+    unit : str, optional
+        Of the same; "arbitrary" by default for arrays.
+    channels : {"combine", "each", "auto", "all"}
+        See `FeatureExtractor`.
+    n_jobs : int, optional
+        Processes.
+
+    Returns
+    -------
+    DataFrame of shape (n_recordings, n_columns)
+        Indexed by recording; NaN where a feature is undefined: `FeatureExtractor.extract` says why.
+
+    Raises
+    ------
+    ValueError
+        If `fs` is missing for arrays, or a recording breaks a rule.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import texclass as tx
+    >>> x = np.random.default_rng(0).standard_normal(10_000)
+    >>> tx.extract(x, "strese2015", fs=10_000).shape
+    (1, 37)
+    """
+    from texclass.features import FeatureExtractor
+    from texclass.recording import Recording
+
+    given = opened(recordings, fs, unit) if isinstance(recordings, str | Path) else recordings
+    extractor = FeatureExtractor(features, channels=channels, fs=fs, unit=unit, n_jobs=n_jobs)
+    given = [given] if isinstance(given, Recording) else given
+    return extractor.fit(given).extract(given).table
+
+
+def benchmark(
+    dataset: "Dataset | str | Path",
+    pipeline: "PipelineDefinition | str | Path" = "strese2015",
+    *,
+    fs: float | None = None,
+    unit: str | None = None,
+    **options: Any,
+) -> "BenchmarkResult":
+    """Evaluate every row of a pipeline's table on a dataset, beside the published figures.
+
+    Parameters
+    ----------
+    dataset : Dataset, str or Path
+        Labelled recordings, or what `open_dataset` opens.
+    pipeline : PipelineDefinition, str or Path
+        A shipped name, a TOML, or a definition.
+    fs, unit : optional
+        As `open_dataset` takes them.
+    **options
+        `protocol`, `n_folds`, `choose`, `n_jobs`, `skip_bad`, `progress` of `experiment.run_benchmark`.
+
+    Returns
+    -------
+    BenchmarkResult
+        Its `table` is a DataFrame; `plot()` draws it, `save(folder)` writes JSON, Markdown and pictures.
+    """
+    from texclass.experiment import load_pipeline, run_benchmark
+
+    definition = load_pipeline(pipeline) if isinstance(pipeline, str | Path) else pipeline
+    return run_benchmark(opened(dataset, fs, unit), definition, **options)
+
+
+def trade_off(
+    dataset: "Dataset | str | Path",
+    features: "FeatureSet | str | Path" = "texclass",
+    *,
+    fs: float | None = None,
+    unit: str | None = None,
+    max_ms: float | None = None,
+    max_features: int | None = None,
+    max_seconds: float | None = None,
+    materials: tuple[str, ...] = (),
+    **options: Any,
+) -> "Tradeoff":
+    """Measure what accuracy costs on a dataset: time, features, seconds of touch, bits.
+
+    Parameters
+    ----------
+    dataset : Dataset, str or Path
+        Labelled recordings, or what `open_dataset` opens.
+    features : FeatureSet, str or Path
+        What may be bought: a shipped set, a TOML, or a set.
+    fs, unit : optional
+        As `open_dataset` takes them.
+    max_ms, max_features, max_seconds, materials : optional
+        The budget, and the materials that have to be told apart; see `tradeoff.Limits`.
+    **options
+        `channels`, `protocol`, `n_folds`, `n_repeats`, `seed`, `with_curves`, `n_jobs`, `progress`, `model_file`
+        of `tradeoff.run_tradeoff`.
+    """
+    from texclass.features import load_feature_set
+    from texclass.tradeoff import Limits, run_tradeoff
+
+    limits = Limits(
+        max_ms=max_ms, max_features=max_features, max_seconds=max_seconds, materials=tuple(materials)
+    )
+    bought = load_feature_set(features) if isinstance(features, str | Path) else features
+    return run_tradeoff(opened(dataset, fs, unit), bought, limits, **options)
+
+
+def plot_recording(
+    recording: "Recording | str | Path", *, fs: float | None = None, unit: str | None = None
+) -> "Figure":
+    """Draw a recording at a glance: signal and phases, its clearest tap, its spectrogram.
+
+    Parameters
+    ----------
+    recording : Recording, str or Path
+        Or a file, or "DATASET:RECORDING".
+    fs, unit : optional
+        As `load_recording` takes them.
+    """
+    from texclass.loaders import find_recording
+    from texclass.phases import segment
+    from texclass.reporting.inspection import draw_inspection
+
+    one = find_recording(recording, fs=fs, unit=unit) if isinstance(recording, str | Path) else recording
+    return draw_inspection(one, segment(one), None)
+
+
+def opened(dataset: "Dataset | str | Path", fs: float | None, unit: str | None) -> "Dataset":
+    """Return a dataset, opened if only its name or place is given."""
+    from texclass.loaders import open_dataset
+
+    return open_dataset(dataset, fs=fs, unit=unit) if isinstance(dataset, str | Path) else dataset
