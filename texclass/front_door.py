@@ -1,4 +1,4 @@
-"""The front door: what most users call, each taking what they have at hand (a name, a path, arrays, a dataset)."""
+"""What most users call; each takes what they have at hand: a name, a path, arrays, a dataset."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -126,8 +126,8 @@ def trade_off(
     max_ms, max_features, max_seconds, materials : optional
         The budget, and the materials that have to be told apart; see `tradeoff.Limits`.
     **options
-        `channels`, `protocol`, `n_folds`, `n_repeats`, `seed`, `with_curves`, `n_jobs`, `progress`, `model_file`
-        of `tradeoff.run_tradeoff`.
+        `channels`, `protocol`, `n_folds`, `n_repeats`, `seed`, `with_curves`, `n_jobs`, `progress` and
+        `model_file` of `tradeoff.run_tradeoff`.
     """
     from texclass.features import load_feature_set
     from texclass.tradeoff import Limits, run_tradeoff

@@ -1,0 +1,80 @@
+"""What `import texclass as tx` offers, as a user types it."""
+
+import importlib
+import pickle
+import subprocess
+import sys
+from types import ModuleType
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import texclass as tx
+from texclass._moved import MOVED
+
+WHOLE = tx.Phases(movement=(0, 4000))
+SIGNAL = np.random.default_rng(0).standard_normal((3, 4000))
+
+
+def test_every_name_loads_and_no_function_bears_a_rooms_name():
+    offered = {name: getattr(tx, name) for name in tx.__all__}
+    rooms = {name for name, found in offered.items() if isinstance(found, ModuleType)}
+    assert 20 <= len(offered) - len(rooms) <= 30
+    assert all(offered[room].__name__ == f"texclass.{room}" for room in rooms)
+    assert tx.__version__.count(".") == 2
+
+
+def test_importing_it_loads_nothing_and_one_room_not_the_others():
+    heavy = ["numpy", "scipy", "pandas", "sklearn", "numba", "librosa", "matplotlib", "pydantic"]
+    code = f"import sys, texclass; print([m for m in {heavy} if m in sys.modules])"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
+    code = (
+        "import sys, texclass.features as f; f.FeatureExtractor; "
+        "print(sorted({m.split('.')[1] for m in sys.modules if m.startswith('texclass.')}))"
+    )
+    loaded = subprocess.check_output([sys.executable, "-c", code], text=True)
+    assert not {"experiment", "recognition", "reporting", "textures", "scene", "cli"} & set(eval(loaded))
+
+
+@pytest.mark.parametrize("old", sorted(MOVED))
+def test_an_old_path_says_the_new_one_and_the_new_one_exists(old):
+    with pytest.raises(ModuleNotFoundError, match=f"{old} is .* since texclass 0.2"):
+        importlib.import_module(old)
+    if MOVED[old].startswith("texclass."):
+        importlib.import_module(MOVED[old])
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        SIGNAL[0],
+        list(SIGNAL),
+        [SIGNAL[0], SIGNAL[1, :3000]],
+        SIGNAL[:, np.newaxis, :],
+        [tx.Recording(x, fs=2000.0, phases=WHOLE) for x in SIGNAL],
+        pd.Series([tx.Recording(x, fs=2000.0, phases=WHOLE) for x in SIGNAL], index=list("abc")),
+    ],
+    ids=["array", "arrays", "unequal", "panel", "recordings", "series"],
+)
+def test_features_of_anything_are_one_table(given):
+    X = tx.extract(given, "strese2015", fs=2000.0)
+    assert isinstance(X, pd.DataFrame)
+    assert len(X) == (1 if isinstance(given, np.ndarray) and given.ndim == 1 else len(given))
+    pd.testing.assert_series_equal(
+        X["fineness"].iloc[:1].reset_index(drop=True),
+        tx.extract(SIGNAL[0], "strese2015", fs=2000.0)["fineness"].reset_index(drop=True),
+        rtol=1e-9,
+    )
+
+
+@pytest.mark.parametrize("name", ["strese2015", "strese2015+models", "texclass", "multiscale", "coarse"])
+def test_a_fitted_extractor_of_every_shipped_set_pickles(name):
+    fitted = tx.FeatureExtractor(name, fs=2000.0).fit(SIGNAL)
+    again = pickle.loads(pickle.dumps(fitted))
+    np.testing.assert_array_equal(again.transform(SIGNAL), fitted.transform(SIGNAL))
+
+
+def test_a_recording_is_drawn():
+    figure = tx.plot_recording(tx.Recording(SIGNAL.T, fs=2000.0))
+    assert len(figure.axes) >= 3
