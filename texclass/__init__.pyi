@@ -22,7 +22,6 @@ from .features import load_feature_set as load_feature_set
 from .front_door import benchmark as benchmark
 from .front_door import extract as extract
 from .front_door import plot_recording as plot_recording
-from .front_door import trade_off as trade_off
 from .loaders import load_recording as load_recording
 from .loaders import open_dataset as open_dataset
 from .phases import segment as segment
@@ -35,3 +34,4 @@ from .recording import Tap as Tap
 from .scene import SceneRenderer as SceneRenderer
 from .scene import load_scene as load_scene
 from .scene import plan_scene as plan_scene
+from .tradeoff import trade_off as trade_off

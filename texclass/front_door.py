@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from texclass.features import FeatureSet
     from texclass.loaders import Dataset
     from texclass.recording import Recording
-    from texclass.tradeoff.tradeoff_result import Tradeoff
 
 
 def extract(
@@ -95,48 +94,9 @@ def benchmark(
     BenchmarkResult
         Its `table` is a DataFrame; `plot()` draws it, `save(folder)` writes JSON, Markdown and pictures.
     """
-    from texclass.experiment import load_pipeline, run_benchmark
+    from texclass.experiment import run_benchmark
 
-    definition = load_pipeline(pipeline) if isinstance(pipeline, str | Path) else pipeline
-    return run_benchmark(opened(dataset, fs, unit), definition, **options)
-
-
-def trade_off(
-    dataset: "Dataset | str | Path",
-    features: "FeatureSet | str | Path" = "texclass",
-    *,
-    fs: float | None = None,
-    unit: str | None = None,
-    max_ms: float | None = None,
-    max_features: int | None = None,
-    max_seconds: float | None = None,
-    materials: tuple[str, ...] = (),
-    **options: Any,
-) -> "Tradeoff":
-    """Measure what accuracy costs on a dataset: time, features, seconds of touch, bits.
-
-    Parameters
-    ----------
-    dataset : Dataset, str or Path
-        Labelled recordings, or what `open_dataset` opens.
-    features : FeatureSet, str or Path
-        What may be bought: a shipped set, a TOML, or a set.
-    fs, unit : optional
-        As `open_dataset` takes them.
-    max_ms, max_features, max_seconds, materials : optional
-        The budget, and the materials that have to be told apart; see `tradeoff.Limits`.
-    **options
-        `channels`, `protocol`, `n_folds`, `n_repeats`, `seed`, `with_curves`, `n_jobs`, `progress` and
-        `model_file` of `tradeoff.run_tradeoff`.
-    """
-    from texclass.features import load_feature_set
-    from texclass.tradeoff import Limits, run_tradeoff
-
-    limits = Limits(
-        max_ms=max_ms, max_features=max_features, max_seconds=max_seconds, materials=tuple(materials)
-    )
-    bought = load_feature_set(features) if isinstance(features, str | Path) else features
-    return run_tradeoff(opened(dataset, fs, unit), bought, limits, **options)
+    return run_benchmark(opened(dataset, fs, unit), pipeline, **options)
 
 
 def plot_recording(
