@@ -57,7 +57,7 @@ def extract(
     >>> import texclass as tx
     >>> x = np.random.default_rng(0).standard_normal(10_000)
     >>> tx.extract(x, "strese2015", fs=10_000).shape
-    (1, 37)
+    (1, 210)
     """
     from texclass.features import FeatureExtractor
     from texclass.recording import Recording
