@@ -242,11 +242,11 @@ def kill() -> dict[str, object]:
         child = [sys.executable, __file__, "--child", "extract", str(card), str(output)]
         parts = output.with_name(f"{output.name}.parts")
         process = subprocess.Popen(child, start_new_session=True)
-        while len(list(parts.glob("*/*.parquet"))) < N_KILLED // 2 and process.poll() is None:
+        while len(list(parts.glob("*/[0-9]*.json"))) < N_KILLED // 2 and process.poll() is None:
             time.sleep(0.01)
         os.killpg(process.pid, signal.SIGKILL)  # the process and its workers
         process.wait()
-        before = {part: part.stat().st_mtime_ns for part in parts.glob("*/*.parquet")}
+        before = {part: part.stat().st_mtime_ns for part in parts.glob("*/[0-9]*.json")}
         calls, untouched = [], []
 
         def watch(done: int, total: int, what: str) -> None:
