@@ -98,3 +98,11 @@ def test_a_file_that_is_not_toml_is_named(tmp_path, content):
     own.write_bytes(content)
     with pytest.raises(ValueError, match=r"broken\.toml: not valid TOML"):
         read_toml(own)
+
+
+def test_a_table_without_keys_says_so():
+    class Empty(Written):
+        pass
+
+    with pytest.raises(ValueError, match="unknown key size; the rule is no key at all"):
+        checked(Empty, {"size": 1}, "box.toml")

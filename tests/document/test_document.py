@@ -3,6 +3,8 @@
 import re
 from xml.etree import ElementTree
 
+import matplotlib.image
+import numpy as np
 import pandas as pd
 import pytest
 from rich.console import Console
@@ -21,7 +23,7 @@ from texclass.document import (
     render_terminal,
     write_document,
 )
-from texclass.document.figure_style import OTHER, OURS, PAPER, row_axes
+from texclass.document.figure_style import OTHER, OURS, PAPER, legend_above, row_axes, save_figure
 from texclass.document.svg import inline_svg
 
 HOSTILE = '<script>alert("$x$")</script> & $y'
@@ -152,3 +154,18 @@ def test_what_results_share_stands_once_on_their_page():
     assert page.count('<th scope="row">numpy</th>') == 1
     with pytest.raises(ValueError, match="0 results"):
         render_page([])
+
+
+def test_the_title_of_a_saved_picture_stands_above_it_clear_of_its_legend(tmp_path):
+    def drawn(title):
+        figure, axes = row_axes(6.0, ["All"], "accuracy, %")
+        axes.plot(50, 0, "o", label="ours")
+        legend_above(figure, axes)
+        save_figure(figure, tmp_path / "a.png", title)
+        return matplotlib.image.imread(tmp_path / "a.png")
+
+    plain, titled = drawn(""), drawn("A title")
+    added = len(titled) - len(plain)
+    assert added > 30
+    np.testing.assert_array_equal(titled[added:], plain)
+    assert titled[:added, :, :3].min() < 0.2

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
+from matplotlib.image import imsave
 from matplotlib.ticker import LogLocator, NullLocator
 
 from texclass.document.blocks import Heat
@@ -107,13 +109,24 @@ def drawn(block: "blocks.Figure | Heat", width: float = WIDTH) -> Drawing:
 
 
 def save_figure(figure: Drawing, path: str | Path, title: str = "") -> None:
-    """Write a figure as PNG; its title, if it is given, stands above it."""
+    """Write a figure as PNG; its title, if it is given, stands above it, clear of any legend there."""
     with mpl.rc_context(STYLE):
+        parts = [_pixels(figure)]
         if title:
-            width = int(13 * figure.get_figwidth())
-            figure.suptitle(fill(title, width), x=0.01, ha="left")
-        # Without the library's version in it, an unchanged picture is an unchanged file.
-        figure.savefig(path, dpi=DPI, metadata={"Software": None})
+            width = figure.get_figwidth()
+            lines = fill(title, int(11 * width))
+            strip = Drawing(figsize=(width, 0.12 + 0.19 * (1 + lines.count("\n"))))
+            strip.text(0.01, 0.0, lines, va="bottom", fontsize=10, weight="bold")
+            parts.insert(0, _pixels(strip))
+    # Without the library's version in it, an unchanged picture is an unchanged file.
+    imsave(path, np.vstack(parts), dpi=DPI, metadata={"Software": None})
+
+
+def _pixels(figure: Drawing) -> Any:
+    figure.set_dpi(DPI)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())
 
 
 def draw_heat(heat: Heat) -> Drawing:
