@@ -119,12 +119,13 @@ def save_figure(figure: Drawing, path: str | Path, title: str = "") -> None:
             strip.text(0.01, 0.0, lines, va="bottom", fontsize=10, weight="bold")
             parts.insert(0, _pixels(strip))
     # Without the library's version in it, an unchanged picture is an unchanged file.
-    imsave(path, np.vstack(parts), dpi=DPI, metadata={"Software": None})
+    metadata: Any = {"Software": None}
+    imsave(path, np.vstack(parts), dpi=DPI, metadata=metadata)
 
 
 def _pixels(figure: Drawing) -> Any:
     figure.set_dpi(DPI)
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())
 
