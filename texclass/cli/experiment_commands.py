@@ -79,7 +79,7 @@ def benchmark(
         result = study.result if study else run_benchmark(recordings, definition, **asked, progress=progress)
     tell(new_feature_document(study.to_dict()) if study else benchmark_document(result.to_dict()))
     write_json(json_file, (study or result).to_json())
-    wrote(write_new_feature(study, out) if study else write_benchmark(result, out))
+    wrote(write_new_feature(study, study.result, out) if study else write_benchmark(result, out))
     if settings is not None:
         from texclass.peers import compare_with_peers
         from texclass.peers.peers_document import peers_document, write_peers

@@ -3,12 +3,12 @@
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import pandas as pd
 
 from texclass.document import Document, Figure, Finding, Heading, Heat, Shade, Table, write_document
-from texclass.document.blocks import Block
+from texclass.document.blocks import Block, Savable
 from texclass.document.wording import (
     aligned,
     digits,
@@ -28,9 +28,6 @@ from texclass.experiment.result_words import (
     size,
 )
 
-if TYPE_CHECKING:
-    from texclass.experiment.result import BenchmarkResult
-
 MOST_LISTED = 6
 """Recordings, flags or features that a note lists one by one; the JSON holds all of them."""
 SHADES = {"d1 d2 d3 d4 d5": "right", "e1 e2 e3 e4 e5": "wrong; each step a fifth of the material's"}
@@ -43,7 +40,7 @@ class _Best(NamedTuple):
     accuracy: Data
 
 
-def write_benchmark(result: "BenchmarkResult", folder: str | Path) -> tuple[Path, ...]:
+def write_benchmark(result: Savable, folder: str | Path) -> tuple[Path, ...]:
     """Write a benchmark's JSON, Markdown and pictures into a folder, named dataset-pipeline-protocol."""
     data = result.to_dict()
     return write_document(benchmark_document(data), folder, benchmark_stem(data), json=result.to_json())

@@ -47,7 +47,7 @@ class FeatureStudy(BenchmarkResult):
         """Write the benchmark, and beside it what was found about the feature."""
         from texclass.experiment.new_feature_document import write_new_feature
 
-        return write_new_feature(self, folder)
+        return write_new_feature(self, self.result, folder)
 
 
 def study_feature(

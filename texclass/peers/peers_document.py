@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from texclass.document import Document, Figure, Finding, Folded, Heading, Table, write_document
-from texclass.document.blocks import Block
+from texclass.document.blocks import Block, Savable
 from texclass.document.figure_style import (
     OTHER,
     OURS,
@@ -39,7 +39,6 @@ from texclass.experiment.result_words import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-    from texclass.peers.comparison import PeerComparison
 
 Data = Mapping[str, Any]
 COSTS = {
@@ -54,7 +53,7 @@ COST_NOTE = (
 )
 
 
-def write_peers(comparison: "PeerComparison", folder: str | Path) -> tuple[Path, ...]:
+def write_peers(comparison: Savable, folder: str | Path) -> tuple[Path, ...]:
     """Write a comparison's JSON, Markdown and picture into a folder, dataset-pipeline-protocol-peers."""
     data = comparison.to_dict()
     stem = f"{data['dataset']['name']}-{data['pipeline']}-{data['protocol']}-peers"

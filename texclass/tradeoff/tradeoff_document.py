@@ -2,23 +2,20 @@
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 
 from texclass.document import Document, Figure, Finding, Folded, Heading, Table, write_document
-from texclass.document.blocks import Block
+from texclass.document.blocks import Block, Savable
 from texclass.document.wording import aligned, digits, estimate, interval, percent, points, sentence
 from texclass.experiment.result_words import again_facts, classifier_title, dataset_facts, size
 from texclass.tradeoff.tradeoff_figures import draw_costs, draw_curves, draw_front
 
-if TYPE_CHECKING:
-    from texclass.tradeoff.trading import Tradeoff
-
 Data = Mapping[str, Any]
 
 
-def write_tradeoff(result: "Tradeoff", folder: str | Path) -> tuple[Path, ...]:
+def write_tradeoff(result: Savable, folder: str | Path) -> tuple[Path, ...]:
     """Write a trade-off's JSON, Markdown and pictures into a folder, named by `tradeoff_stem`."""
     data = result.to_dict()
     stem = tradeoff_stem(data["dataset"])
