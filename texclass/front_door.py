@@ -62,9 +62,8 @@ def extract(
     from texclass.features import FeatureExtractor
     from texclass.recording import Recording
 
-    given = opened(recordings, fs, unit) if isinstance(recordings, str | Path) else recordings
+    given = opened([recordings] if isinstance(recordings, Recording) else recordings, fs, unit)
     extractor = FeatureExtractor(features, channels=channels, fs=fs, unit=unit, n_jobs=n_jobs)
-    given = [given] if isinstance(given, Recording) else given
     return extractor.fit(given).extract(given).table
 
 
@@ -119,8 +118,8 @@ def plot_recording(
     return draw_inspection(one, segment(one), None)
 
 
-def opened(dataset: "Dataset | str | Path", fs: float | None, unit: str | None) -> "Dataset":
-    """Return a dataset, opened if only its name or place is given."""
+def opened(dataset: Any, fs: float | None, unit: str | None) -> Any:
+    """Return a dataset, opened if only its name or place is given; whatever else it is, as it is."""
     from texclass.loaders import open_dataset
 
     return open_dataset(dataset, fs=fs, unit=unit) if isinstance(dataset, str | Path) else dataset

@@ -160,8 +160,7 @@ class Picture(StreamView):
         self._live = Live(console=console, auto_refresh=False)
         self._notices = deque[str](maxlen=3)
         self._events = deque[str](maxlen=3)
-        self._drawn, self._behind_s, self._ms = 0.0, 0.0, deque[float](maxlen=100)
-        self._started: tuple[float, float] | None = None
+        self._drawn, self._ms = 0.0, deque[float](maxlen=100)
 
     def __enter__(self) -> Self:
         """Begin to draw."""

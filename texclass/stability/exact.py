@@ -10,7 +10,6 @@ from math import isqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from texclass.recording import Samples
 from texclass.stability.judging import NoReferenceError
@@ -20,7 +19,6 @@ BITS = 256
 """Binary digits behind the point of fixed-point references (77 decimal ones)."""
 LARGEST_ORDER = 128
 """Orders up to this one are fitted in fixed point; beyond, in 80-bit floats."""
-Wide = NDArray[np.longdouble]
 EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Whether `numpy.longdouble` has 64 bits of mantissa here."""
 

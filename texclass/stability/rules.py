@@ -23,8 +23,6 @@ LAW_GAINS = (1e-6, 1e-3, 1.0, 1e3, 1e6)
 """A library that declares no gain law has one where an output follows it over these twelve decades."""
 RESPONSE = 1e-9
 """Error of a response over its largest magnitude."""
-SAME = 1e-9
-"""Relative difference that another dtype or layout of the same numbers may make."""
 SENSITIVITY = 1e-3
 """Relative change of a feature that a relative change of the samples by 1e-13 may make."""
 
