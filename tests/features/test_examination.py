@@ -1,6 +1,7 @@
 """Examination: laws are recovered, and each way to break the contract is told from the others."""
 
 import warnings
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -32,18 +33,18 @@ def made(function, gain=INVARIANT):
 )
 def test_the_true_law_is_recovered_whatever_is_declared(function, gain):
     told = gain_law(made(function, gain), VIEWS)
-    assert told.holds
-    assert (told.measured.power, told.measured.shift) == pytest.approx((gain.power, gain.shift), abs=1e-6)
+    assert told["holds"]
+    assert told["measured"] == pytest.approx(asdict(gain), abs=1e-6)
     wrong = gain_law(made(function, Gain(power=3)), VIEWS)
-    assert not wrong.holds
-    assert (wrong.measured.power, wrong.measured.shift) == pytest.approx((gain.power, gain.shift), abs=1e-6)
-    assert wrong.n_views == 3
+    assert not wrong["holds"]
+    assert wrong["measured"] == pytest.approx(asdict(gain), abs=1e-6)
+    assert wrong["n_views"] == 3
 
 
 def test_no_law_is_found_where_there_is_none():
     law = gain_law(made(lambda view: (np.abs(view.samples) > 1).mean()), VIEWS)
-    assert not law.holds
-    assert law.measured_deviation > 0.1
+    assert not law["holds"]
+    assert law["measured_deviation"] > 0.1
 
 
 def test_a_feature_without_values_has_no_measured_law():
@@ -72,15 +73,15 @@ def test_each_way_to_break_the_contract_has_its_name():
                 warnings.warn("odd", RuntimeWarning, stacklevel=1)
         return x.max()
 
-    found = {a.input: a for a in behaviour(made(careless))}
-    told = {name: (a.answer, a.kept) for name, a in found.items()}
+    found = {a["input"]: a for a in behaviour(made(careless))}
+    told = {name: (a["answer"], a["kept"]) for name, a in found.items()}
     assert told["0 samples"] == ("reason", True)
     assert told["1 samples"] == ("error", False)
-    assert "IndexError" in found["1 samples"].detail
+    assert "IndexError" in found["1 samples"]["detail"]
     assert told["2 samples"] == ("error", False)
-    assert "shape (2,) instead of (1,)" in found["2 samples"].detail
+    assert "shape (2,) instead of (1,)" in found["2 samples"]["detail"]
     assert told["10 samples"] == ("value", False)
-    assert "warns: odd" in found["10 samples"].detail
+    assert "warns: odd" in found["10 samples"]["detail"]
     assert told["100 samples"] == ("value", True)
     assert told["one NaN"] == ("no reason", False)
     assert told["silence"] == ("value", False)
@@ -89,5 +90,5 @@ def test_each_way_to_break_the_contract_has_its_name():
 @pytest.mark.parametrize("name", ["waviness", "hardness", "friction"])
 def test_shipped_features_keep_the_contract_under_the_same_examination(name):
     found = behaviour(find(name))
-    assert [a for a in found if not a.kept] == []
+    assert [a for a in found if not a["kept"]] == []
     assert len(found) == len(degenerate_inputs()) + (name == "hardness")

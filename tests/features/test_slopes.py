@@ -1,5 +1,7 @@
 """Slopes, curvatures and what stands above their line: known distributions, tones and tilts are recovered."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from feature_signals import noise, tone
@@ -112,13 +114,13 @@ def test_the_line_is_the_least_squares_fit_of_slope_levels():
     np.testing.assert_allclose(excess.slope_excess(walk), 0, atol=5e-3)
     one = view(coloured())
     tilt, middle = np.polyfit(-np.log2(LAGS), slope_level(one), 1)
-    found = excess.line(one).at(np.array([0.0, -3.0]))
+    found = excess.line_at(one, np.array([0.0, -3.0]))
     np.testing.assert_allclose(found, [middle, middle - 3 * tilt], rtol=1e-9)
 
 
 def test_levels_are_the_excess_and_the_line_at_the_middle_of_each_band():
     one = view(coloured())
-    at, edges = excess.line(one).at, np.linspace(0, 1, 25)
+    at, edges = partial(excess.line_at, one), np.linspace(0, 1, 25)
     for feature, parameters, expected in (
         (excess.band_excess, {}, 2 * at(np.log2((edges[1:] + edges[:-1]) / 2))),
         (excess.octave_excess, {"octaves": (2, 3)}, 2 * at(np.array([-2 - 1 / 6, -2.5, -3 + 1 / 6]))),

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +77,6 @@ def study_feature(
     table = cached_table(dataset, *extended.needed, channels=pipeline.channels, **kept)
     meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
     alone = extended.features.restricted_to([feature.name])
-    law = gain_law(feature, _views(meter, feature))
     gains = result.data["gains"]
     joined = gains and gains["groups"][0]["joined"]
     found = {
@@ -90,8 +88,8 @@ def study_feature(
         "ms_alone": meter.model(alone).total,
         # It may share transforms with the row that it is added to.
         "ms_added": joined and joined["ms_per_recording"] - gains["without"]["ms_per_recording"],
-        "gain_law": law and {**asdict(law), "holds": law.holds},
-        "behaviour": [asdict(answer) for answer in behaviour(feature)],
+        "gain_law": gain_law(feature, _views(meter, feature)),
+        "behaviour": behaviour(feature),
         "redundancy": redundancy(table, table.matching(alone.column_names)),
     }
     return FeatureStudy({**result.data, "new_feature": found})

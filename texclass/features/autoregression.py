@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from texclass.features.conditioning import banded
 from texclass.features.contract import UndefinedFeatureError, feature
-from texclass.features.phase_view import PhaseView, transform
+from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.recording import Samples
 from texclass.vibration import autoregressive, line_spectrum
 from texclass.vibration.autoregressive import Autoregression
@@ -39,14 +39,12 @@ def mean_model(view: PhaseView, order: int, frame_s: float, band_hz: float) -> t
     """
     x, fs = banded(view, band_hz)
     n = x.size
-    if n < 2 * order:
-        raise UndefinedFeatureError(f"{n} samples below {band_hz:g} Hz; the rule is 2 x the order of {order}")
+    undefined_if(n < 2 * order, f"{n} samples below {band_hz:g} Hz; the rule is 2 x the order of {order}")
     length = min(n, max(round(frame_s * fs), 4 * order))
     frames = x[: n // length * length].reshape(-1, length)
     power = np.einsum("kt,kt->k", frames, frames)
     heard = frames[power > SILENT * power.max()]
-    if not heard.size:
-        raise UndefinedFeatureError(f"silence: no energy below {band_hz:g} Hz")
+    undefined_if(not heard.size, f"silence: no energy below {band_hz:g} Hz")
     lar = autoregressive.fit(heard, order).log_area_ratios.mean(axis=0)
     k = np.clip(np.tanh(lar / 2), -1 + 2**-53, 1 - 2**-53)
     return Autoregression(k, np.ones(())), fs
@@ -213,10 +211,10 @@ def resonances(
     UndefinedFeatureError
         As `line_spectral_frequencies`, and for more resonances than the order has.
     """
-    if not 1 <= n_resonances <= order // 2:
-        raise UndefinedFeatureError(
-            f"{n_resonances} resonances; the rule is 1 ... {order // 2} (half the order)"
-        )
+    undefined_if(
+        not 1 <= n_resonances <= order // 2,
+        f"{n_resonances} resonances; the rule is 1 ... {order // 2} (half the order)",
+    )
     model, fs = mean_model(view, order, frame_s, band_hz)
     z = upper_poles(model.truncated(2 * n_resonances).poles(), n_resonances)
     frequency, decay = np.angle(z) * fs / (2 * np.pi), -np.log(np.abs(z)) * fs

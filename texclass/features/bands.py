@@ -8,15 +8,14 @@ times, which cancels: these columns keep what a spectrum loses from one day to t
 
 import functools
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
 from texclass.features.conditioning import level, require, unit32
-from texclass.features.contract import Gain, UndefinedFeatureError, feature_in_samples
-from texclass.features.phase_view import PhaseView, transform
+from texclass.features.contract import Gain, feature_in_samples
+from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.features.spectra import BLOCK, window_of
 from texclass.recording import Samples, read_only
 
@@ -32,39 +31,31 @@ OCTAVES = ("o0", "o1", "o2", "o3", "o4")
 """What a frame resolves: bins 17-32, 9-16, 5-8, 3-4 and 2."""
 
 
-@dataclass(frozen=True, eq=False)
-class Periodogram:
-    """Running sum of a periodogram over its bins, so that any band is one difference.
+def density(running: Samples, step_hz: float, edges_hz: Samples) -> Samples:
+    """Return the mean power density (1/Hz) of a `periodogram` between neighbouring edges, (n_edges - 1,).
 
-    Attributes
-    ----------
-    running : ndarray of shape (n_bins + 1,)
-        running[k] is the power density (1/Hz) of bins 0 ... k-1, summed.
-    step_hz : float
-        Distance of two bins.
+    An edge inside a bin takes its share of it.
     """
-
-    running: Samples
-    step_hz: float
-
-    def density(self, edges_hz: Samples) -> Samples:
-        """Return the mean power density (1/Hz) between neighbouring edges, shape (n_edges - 1,).
-
-        An edge inside a bin takes its share of it.
-        """
-        edges = np.minimum(edges_hz / self.step_hz, self.running.size - 1)
-        below = np.minimum(edges.astype(np.intp), self.running.size - 2)
-        sums = self.running[below] + (edges - below) * (self.running[below + 1] - self.running[below])
-        floor = FLOOR * self.running[-1] / (self.running.size - 1)
-        return np.asarray(np.maximum((sums[1:] - sums[:-1]) / (edges[1:] - edges[:-1]), floor))
+    edges = np.minimum(edges_hz / step_hz, running.size - 1)
+    below = np.minimum(edges.astype(np.intp), running.size - 2)
+    sums = running[below] + (edges - below) * (running[below + 1] - running[below])
+    floor = FLOOR * running[-1] / (running.size - 1)
+    return np.asarray(np.maximum((sums[1:] - sums[:-1]) / (edges[1:] - edges[:-1]), floor))
 
 
-def periodogram(x: NDArray[np.float32], fs: float) -> Periodogram:
+def periodogram(x: NDArray[np.float32], fs: float) -> tuple[Samples, float]:
     """Return the periodogram of the difference d_t = x_(t+1) - x_t, its ends tapered by a cosine.
 
     Vibrations fall by 60 dB and more from the lowest frequencies to the highest; the difference levels that,
     so that the strong ones do not leak over the weak ones, and nearly all samples count in full: what a short
-    touch needs. `density` is that of d.
+    touch needs.
+
+    Returns
+    -------
+    running : ndarray of shape (n_bins + 1,)
+        running[k] is the power density (1/Hz) of bins 0 ... k-1, summed, so that any band is one difference.
+    step_hz : float
+        Distance of two bins.
 
     Raises
     ------
@@ -80,11 +71,10 @@ def periodogram(x: NDArray[np.float32], fs: float) -> Periodogram:
     spectrum = fft.rfft(d, n_fft)
     running = np.zeros(spectrum.size + 1)
     np.cumsum(spectrum.real**2 + spectrum.imag**2, out=running[1:], dtype=np.float64)
-    if not running[-1] > 0:
-        raise UndefinedFeatureError("silence: no sample differs from the one before")
+    undefined_if(not running[-1] > 0, "silence: no sample differs from the one before")
     weight = d.size - 2 * n_taper + 2 * float(fade @ fade)
     running *= 2 / (fs * weight)
-    return Periodogram(running, fs / n_fft)
+    return running, fs / n_fft
 
 
 @functools.lru_cache(maxsize=8)
@@ -93,7 +83,7 @@ def _fade(n: int) -> NDArray[np.float32]:
 
 
 @transform
-def whole_periodogram(view: PhaseView) -> Periodogram:
+def whole_periodogram(view: PhaseView) -> tuple[Samples, float]:
     """Return the `periodogram` of the whole movement."""
     require(view, 32, "a periodogram")
     return periodogram(unit32(view), view.fs)
@@ -176,12 +166,12 @@ def octave_level(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octa
 def _levels(view: PhaseView, edges_hz: Samples) -> Samples:
     """Return the log10 power density between edges: that of the difference over 4 sin^2(pi f / fs)."""
     middle = (edges_hz[:-1] + edges_hz[1:]) / 2
-    density = whole_periodogram(view).density(edges_hz) / (4 * np.sin(np.pi * middle / view.fs) ** 2)
-    return np.asarray(np.log10(density) + 2 * np.log10(level(view)))
+    power = density(*whole_periodogram(view), edges_hz) / (4 * np.sin(np.pi * middle / view.fs) ** 2)
+    return np.asarray(np.log10(power) + 2 * np.log10(level(view)))
 
 
 @transform
-def sixths(view: PhaseView) -> tuple[Periodogram, ...]:
+def sixths(view: PhaseView) -> tuple[tuple[Samples, float], ...]:
     """Return the periodograms of six equal parts of the movement."""
     x, n = unit32(view), view.n_samples // N_PARTS
     return tuple(periodogram(x[i * n : (i + 1) * n], view.fs) for i in range(N_PARTS))
@@ -196,24 +186,21 @@ def octave_frames(view: PhaseView) -> Samples:
     require(view, 8 * FRAME, f"8 frames of {FRAME} samples")
     window = window_of("hann", FRAME)
     frames = unit32(view)[: view.n_samples // FRAME * FRAME].reshape(-1, FRAME)
-    power = np.concatenate([_octaves(frames[k : k + BLOCK] * window) for k in range(0, len(frames), BLOCK)])
-    if not power.any():
-        raise UndefinedFeatureError("silence: no frame holds any power")
+    power = np.empty((len(frames), len(OCTAVES)))
+    for k in range(0, len(frames), BLOCK):
+        spectra = fft.rfft(frames[k : k + BLOCK] * window)[:, 2:]
+        bins = spectra.real**2 + spectra.imag**2
+        power[k : k + BLOCK] = np.add.reduceat(bins, [0, 1, 3, 7, 15], axis=1, dtype=np.float64)[:, ::-1]
+    undefined_if(not power.any(), "silence: no frame holds any power")
     return np.asarray(np.maximum(power, FLOOR * power.mean()))
 
 
-def _octaves(frames: NDArray[np.float32]) -> Samples:
-    spectra = fft.rfft(frames)[:, 2:]
-    power = spectra.real**2 + spectra.imag**2
-    return np.add.reduceat(power, [0, 1, 3, 7, 15], axis=1, dtype=np.float64)[:, ::-1]
-
-
-def _course_names(*, n_parts: int, octaves: tuple[int, int]) -> tuple[str, ...]:
-    return tuple(f"term{j}.o{k}" for j in range(1, n_parts) for k in range(*octaves))
-
-
 @feature_in_samples(
-    "log10(1)", "texclass; cosine transform over time of log band levels", outputs=_course_names
+    "log10(1)",
+    "texclass; cosine transform over time of log band levels",
+    outputs=lambda n_parts, octaves: tuple(
+        f"term{j}.o{k}" for j in range(1, n_parts) for k in range(*octaves)
+    ),
 )
 def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] = (0, 4)) -> Samples:
     """How the level of each octave runs from the first to the last part of a movement.
@@ -245,8 +232,8 @@ def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] =
         raise ValueError(f"n_parts is {n_parts!r}; the rule is 2, 3 or 6")
     require(view, N_PARTS * max(16, low), f"1.5 periods of octave {octaves[1] - 1} in each sixth")
     edges = view.fs / 2 * np.exp2(-np.arange(octaves[1], octaves[0] - 1, -1.0))
-    density = np.array([sixth.density(edges)[::-1] for sixth in sixths(view)])
-    L = np.log10(density.reshape(n_parts, N_PARTS // n_parts, -1).mean(axis=1))
+    power = np.array([density(*sixth, edges)[::-1] for sixth in sixths(view)])
+    L = np.log10(power.reshape(n_parts, N_PARTS // n_parts, -1).mean(axis=1))
     return np.asarray(fft.dct(L, axis=0)[1:].reshape(-1) / n_parts)
 
 
@@ -291,8 +278,8 @@ def level_persistence(view: PhaseView) -> Samples:
     L = np.log10(octave_frames(view))
     L -= L.mean(axis=0)
     variance = np.mean(L**2, axis=0)
-    if not variance.min() > 1e-12:
-        raise UndefinedFeatureError(
-            f"the level of octave {variance.argmin()} is constant; the rule is one that changes"
-        )
+    undefined_if(
+        not variance.min() > 1e-12,
+        f"the level of octave {variance.argmin()} is constant; the rule is one that changes",
+    )
     return np.asarray(np.mean(L[1:] * L[:-1], axis=0) / variance)

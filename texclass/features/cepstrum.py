@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from texclass.features.contract import UndefinedFeatureError, feature
-from texclass.features.phase_view import PhaseView, transform
+from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.features.spectra import power_frames
 from texclass.recording import Samples, read_only
 
@@ -86,8 +86,7 @@ def log_energies(
     energy: NDArray[np.float32] = power @ weights[: frequency.size]
     total = energy.sum(axis=1, keepdims=True)
     heard = total[:, 0] > 0
-    if not heard.any():
-        raise UndefinedFeatureError(f"silence: no energy between {low_hz:g} and {high_hz:g} Hz")
+    undefined_if(not heard.any(), f"silence: no energy between {low_hz:g} and {high_hz:g} Hz")
     return np.asarray(np.log(np.maximum(energy, np.float32(FLOOR) * total)[heard]), dtype=np.float32)
 
 
@@ -176,8 +175,7 @@ def mfcc_deviation(
     """
     energies = log_energies(view, n_filters, low_hz, high_hz, decay_hz, frame_s, hop_s)
     frames = fft.dct(energies.astype(np.float64), axis=1, norm="ortho")
-    if len(frames) < 2:
-        raise UndefinedFeatureError("1 frame that is not silent; the rule is at least 2 for a deviation")
+    undefined_if(len(frames) < 2, "1 frame that is not silent; the rule is at least 2 for a deviation")
     return np.asarray(frames[:, _checked(coefficients, n_filters)].std(axis=0))
 
 

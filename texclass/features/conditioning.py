@@ -12,7 +12,7 @@ import pywt
 from numpy.typing import NDArray
 from scipy import fft
 
-from texclass.features.phase_view import PhaseView, UndefinedFeatureError, transform
+from texclass.features.phase_view import PhaseView, UndefinedFeatureError, transform, undefined_if
 from texclass.recording import Samples, read_only
 
 FINEST = 20
@@ -31,16 +31,14 @@ def magnitude_of(samples: Samples) -> float:
     UndefinedFeatureError
         If there is no sample, one is NaN or infinite, or all are 0.
     """
-    if samples.size == 0:
-        raise UndefinedFeatureError("0 samples; the rule is at least one")
+    undefined_if(samples.size == 0, "0 samples; the rule is at least one")
     largest = float(max(samples.max(), -samples.min()))  # NaN and infinity pass through
     if not np.isfinite(largest):
         n_bad, first = int((~np.isfinite(samples)).sum()), int(np.argmin(np.isfinite(samples)))
         raise UndefinedFeatureError(
             f"{n_bad} samples are NaN or infinite (first at {first}); the rule is finite"
         )
-    if largest == 0:
-        raise UndefinedFeatureError(f"silence: all {samples.size} samples are 0")
+    undefined_if(largest == 0, f"silence: all {samples.size} samples are 0")
     return largest
 
 
@@ -54,8 +52,10 @@ def level(view: PhaseView) -> float:
         If there is no sample, one is NaN or infinite, or all are the same.
     """
     magnitude = magnitude_of(view.samples)
-    if view.samples[0] == view.samples[-1] and np.ptp(view.samples) == 0:
-        raise UndefinedFeatureError(f"silence: all {view.n_samples} samples are {view.samples[0]:g}")
+    undefined_if(
+        view.samples[0] == view.samples[-1] and np.ptp(view.samples) == 0,
+        f"silence: all {view.n_samples} samples are {view.samples[0]:g}",
+    )
     return magnitude
 
 
@@ -67,14 +67,16 @@ def unit(view: PhaseView) -> Samples:
 
 def require(view: PhaseView, n_samples: int, why: str) -> None:
     """Refuse a phase that is shorter than `n_samples`."""
-    if view.n_samples < n_samples:
-        raise UndefinedFeatureError(f"{view.n_samples} samples; the rule is at least {n_samples} ({why})")
+    undefined_if(
+        view.n_samples < n_samples, f"{view.n_samples} samples; the rule is at least {n_samples} ({why})"
+    )
 
 
 def below_nyquist(view: PhaseView, frequency_hz: float) -> float:
     """Return `frequency_hz`; refuse one that the sampling rate cannot hold."""
-    if not frequency_hz < view.fs / 2:
-        raise UndefinedFeatureError(f"fs is {view.fs:g} Hz; the rule is fs/2 above {frequency_hz:g} Hz")
+    undefined_if(
+        not frequency_hz < view.fs / 2, f"fs is {view.fs:g} Hz; the rule is fs/2 above {frequency_hz:g} Hz"
+    )
     return frequency_hz
 
 
@@ -85,8 +87,7 @@ def n_of(view: PhaseView, seconds: float) -> int:
 
 def log10_of(value: float, what: str) -> float:
     """Return log10(value); refuse 0."""
-    if not value > 0:
-        raise UndefinedFeatureError(f"{what} is {value:g}; the rule is a logarithm of more than 0")
+    undefined_if(not value > 0, f"{what} is {value:g}; the rule is a logarithm of more than 0")
     return float(np.log10(value))
 
 

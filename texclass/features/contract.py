@@ -200,16 +200,22 @@ def feature(
         known = _REGISTRY.get(name)
         if known is not None and known.function.__module__ != function.__module__:
             raise ValueError(f"feature {name!r} is already defined in {known.function.__module__}")
-        of_view = _in_pieces(function) if divisible else function
 
-        @functools.wraps(of_view)
+        @functools.wraps(function)
         def of_signal(
             view: Any, /, *args: Any, fs: float | None = None, unit: str = "arbitrary", **parameters: Any
-        ) -> R:
+        ) -> Any:
             if not isinstance(view, PhaseView | TapView):
                 view = view_of(phase, view, fs, unit)
-            return of_view(view, *args, **parameters)
+            if not divisible:
+                return function(view, *args, **parameters)
+            return _of_pieces(function, view, *args, **parameters)
 
+        if divisible:
+            own = inspect.signature(function)
+            added = inspect.Parameter("n_pieces", inspect.Parameter.KEYWORD_ONLY, default=1, annotation=int)
+            signature = own.replace(parameters=[*own.parameters.values(), added])
+            of_signal.__signature__ = signature  # type: ignore[attr-defined]
         _REGISTRY[name] = Feature(
             name, of_signal, phase, unit, reference, outputs, gain, frozenset(depends_on), divisible
         )
@@ -310,24 +316,18 @@ def _module_of(file: Path) -> ModuleType:
     return module
 
 
-def _in_pieces(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function of a movement with a keyword `n_pieces`; see `feature`."""
-
-    @functools.wraps(function)
-    def in_pieces(view: PhaseView, *, n_pieces: int = 1, **parameters: Any) -> Samples:
-        if not isinstance(n_pieces, int) or n_pieces < 1:
-            raise ValueError(f"n_pieces is {n_pieces!r}; the rule is a whole number of at least 1")
-        if n_pieces == 1:
-            return np.asarray(function(view, **parameters))
-        found = []
-        for number, piece in enumerate(pieces(view, n_pieces), 1):
-            try:
-                found.append(np.atleast_1d(function(piece, **parameters)))
-            except UndefinedFeatureError as undefined:
-                raise UndefinedFeatureError(f"piece {number}: {undefined}") from None
-        return np.broadcast_to(np.stack(found, axis=-1), (found[0].size, n_pieces)).reshape(-1)
-
-    own = inspect.signature(function)
-    added = inspect.Parameter("n_pieces", inspect.Parameter.KEYWORD_ONLY, default=1, annotation=int)
-    in_pieces.__signature__ = own.replace(parameters=[*own.parameters.values(), added])  # type: ignore[attr-defined]
-    return in_pieces
+def _of_pieces(
+    function: Callable[..., Any], view: PhaseView, *, n_pieces: int = 1, **parameters: Any
+) -> Samples:
+    """Return what a function gives for equal pieces of a movement; see `feature`."""
+    if not isinstance(n_pieces, int) or n_pieces < 1:
+        raise ValueError(f"n_pieces is {n_pieces!r}; the rule is a whole number of at least 1")
+    if n_pieces == 1:
+        return np.asarray(function(view, **parameters))
+    found = []
+    for number, piece in enumerate(pieces(view, n_pieces), 1):
+        try:
+            found.append(np.atleast_1d(function(piece, **parameters)))
+        except UndefinedFeatureError as undefined:
+            raise UndefinedFeatureError(f"piece {number}: {undefined}") from None
+    return np.broadcast_to(np.stack(found, axis=-1), (found[0].size, n_pieces)).reshape(-1)

@@ -4,8 +4,8 @@ import numpy as np
 from scipy import fft
 
 from texclass.features.conditioning import spectrum
-from texclass.features.contract import UndefinedFeatureError, feature
-from texclass.features.phase_view import PhaseView, transform
+from texclass.features.contract import feature
+from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.features.spectra import mean_spectrum
 from texclass.recording import Samples
 from texclass.vibration.prony import fit_prony
@@ -40,10 +40,8 @@ def band(view: PhaseView, lower_hz: float, smoothing_hz: float) -> VibrationBand
     """Return major frequency and automatic upper cut-off of the movement above `lower_hz`."""
     frequency, power = mean_spectrum(view)
     above = frequency >= lower_hz
-    if above.sum() < 8:
-        raise UndefinedFeatureError(f"fs is {view.fs:g} Hz; the rule is 8 bins above {lower_hz:g} Hz")
-    if not power[above].any():
-        raise UndefinedFeatureError(f"silence: no energy above {lower_hz:g} Hz")
+    undefined_if(above.sum() < 8, f"fs is {view.fs:g} Hz; the rule is 8 bins above {lower_hz:g} Hz")
+    undefined_if(not power[above].any(), f"silence: no energy above {lower_hz:g} Hz")
     return vibration_band(frequency[above], power[above], smoothing_hz=smoothing_hz)
 
 
@@ -64,8 +62,7 @@ def kept(view: PhaseView, lower_hz: float, smoothing_hz: float) -> tuple[Samples
     response = (high / ((1 + high) * (1 + low))).astype(np.float32)
     samples = fft.irfft(x[: f.size] * response, n)[: view.n_samples * n // n_fft].astype(np.float64)
     deviation = float(samples.std())
-    if not deviation > 0:
-        raise UndefinedFeatureError(f"silence: no energy between {lower_hz:g} and {upper_hz:g} Hz")
+    undefined_if(not deviation > 0, f"silence: no energy between {lower_hz:g} and {upper_hz:g} Hz")
     return np.asarray(samples / deviation), view.fs * n / n_fft
 
 
@@ -212,8 +209,7 @@ def segment_order(
     samples, _ = kept(view, lower_hz, smoothing_hz)
     pieces = segmentation(view, lower_hz, smoothing_hz, dead_band, threshold).pieces(samples)
     pieces = [piece for piece in pieces if piece.size >= 2]
-    if not pieces:
-        raise UndefinedFeatureError("0 segments of two samples; the rule is at least one")
+    undefined_if(not pieces, "0 segments of two samples; the rule is at least one")
     chosen = np.unique(np.linspace(0, len(pieces) - 1, n_fitted).round().astype(np.intp))
     orders = [
         fit_prony(pieces[i], resolution, max_order=min(MAX_ORDER, pieces[i].size - 1)).order for i in chosen

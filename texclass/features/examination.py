@@ -1,10 +1,9 @@
 """What a feature keeps of its contract: the declared gain law, and an answer to degenerate input."""
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
@@ -13,65 +12,11 @@ from texclass.features.phase_view import PhaseView, TapSignal, TapView
 from texclass.recording import Samples
 
 View = PhaseView | TapView
-Answer = Literal["value", "reason", "no reason", "error"]
 GAINS = (1e-2, 1e-1, 1e1, 1e2)
 EXACT = 1e-5
 """Relative deviation up to which a gain law holds; rounding stays below it."""
 REFUSED = ("silence", "0 samples", "one NaN", "one infinite sample")
 """Inputs that no feature may give a value for."""
-
-
-@dataclass(frozen=True)
-class GainLaw:
-    """The gain law of a feature, as declared and as measured.
-
-    Attributes
-    ----------
-    declared
-        By the decorator.
-    deviation
-        Largest deviation of y(g x) from it, relative to the larger of the two magnitudes.
-    measured
-        The law of `Gain`'s form that fits best, and its deviation.
-    measured_deviation
-        The same for the measured law; a large one means that there is no such law.
-    n_views
-        Signals it was measured on.
-    """
-
-    declared: Gain
-    deviation: float
-    measured: Gain
-    measured_deviation: float
-    n_views: int
-
-    @property
-    def holds(self) -> bool:
-        """Whether the declared law is what was measured."""
-        return self.deviation <= EXACT
-
-
-@dataclass(frozen=True)
-class Behaviour:
-    """What a feature answers to one degenerate input.
-
-    Attributes
-    ----------
-    input
-        Which.
-    answer
-        "value", "reason" (an `UndefinedFeatureError`: NaN with this reason), "no reason" (NaN or infinity
-        without one), or "error".
-    detail
-        The value, the reason or the error; warnings.
-    kept
-        Whether the contract is kept: a finite value or a reason, no warning, and a reason for `REFUSED`.
-    """
-
-    input: str
-    answer: Answer
-    detail: str
-    kept: bool
 
 
 def scaled(view: View, gain: float) -> View:
@@ -82,7 +27,7 @@ def scaled(view: View, gain: float) -> View:
     return TapView(taps, view.fs, gain * view.noise)
 
 
-def gain_law(feature: Feature, views: Sequence[View]) -> GainLaw | None:
+def gain_law(feature: Feature, views: Sequence[View]) -> dict[str, Any] | None:
     """Measure how a feature follows the gain of real signals.
 
     Parameters
@@ -94,8 +39,12 @@ def gain_law(feature: Feature, views: Sequence[View]) -> GainLaw | None:
 
     Returns
     -------
-    GainLaw or None
-        None when the feature has no finite value for any of the views at every gain.
+    dict or None
+        None when the feature has no finite value for any of the views at every gain. Else `declared` and
+        `measured`, the fields of the law as declared and of the `Gain` that fits best; `deviation` and
+        `measured_deviation`, the largest of y(g x) from each, relative to the larger of the two magnitudes (a
+        large one of the measured law means that there is none); `holds`, whether the declared law is what was
+        measured; and `n_views`, the signals it was measured on.
     """
     pairs = []
     for view in views:
@@ -115,13 +64,18 @@ def gain_law(feature: Feature, views: Sequence[View]) -> GainLaw | None:
     slopes = slopes[np.isfinite(slopes)]
     laws = (Gain(), Gain(power=_median(slopes)), Gain(shift=_median(steps)))
     measured = min(laws, key=lambda law: round(_deviation(law, pairs), 6))
-    return GainLaw(
-        feature.gain, _deviation(feature.gain, pairs), measured, _deviation(measured, pairs),
-        len(pairs) // len(GAINS),
-    )  # fmt: skip
+    deviation = _deviation(feature.gain, pairs)
+    return {
+        "declared": asdict(feature.gain),
+        "deviation": deviation,
+        "measured": asdict(measured),
+        "measured_deviation": _deviation(measured, pairs),
+        "n_views": len(pairs) // len(GAINS),
+        "holds": deviation <= EXACT,
+    }
 
 
-def behaviour(feature: Feature, fs: float = 10_000.0) -> tuple[Behaviour, ...]:
+def behaviour(feature: Feature, fs: float = 10_000.0) -> list[dict[str, Any]]:
     """Give a feature every degenerate input.
 
     Parameters
@@ -130,15 +84,26 @@ def behaviour(feature: Feature, fs: float = 10_000.0) -> tuple[Behaviour, ...]:
         With its default parameters.
     fs : float
         Sampling rate in Hz.
+
+    Returns
+    -------
+    list of dict
+        For each input its name, `input`; the `answer`: "value", "reason" (an `UndefinedFeatureError`: NaN
+        with this reason), "no reason" (NaN or infinity without one) or "error"; the `detail`, that is the
+        value, the reason or the error, and warnings; and whether the contract is `kept`: a finite value or a
+        reason, no warning, and a reason for `REFUSED`.
     """
-    n_outputs = len(feature.columns(feature.name, {}))
-    found = [
-        _answer(name, partial(feature.function, _view(feature, x, fs)), n_outputs)
-        for name, x in degenerate_inputs().items()
+    if feature.phase != "tap":
+        views: dict[str, View] = {name: PhaseView(x, fs) for name, x in degenerate_inputs().items()}
+    else:  # a tap has its contact after a quarter
+        parted = {name: np.split(x, [x.size // 4]) for name, x in degenerate_inputs().items()}
+        views = {name: TapView((TapSignal(*parts),), fs) for name, parts in parted.items()}
+        views["no tap"] = TapView((), fs)
+    answers = {name: _answer(feature, name, view) for name, view in views.items()}
+    return [
+        {"input": name, "answer": answer, "detail": detail, "kept": kept}
+        for name, (answer, detail, kept) in answers.items()
     ]
-    if feature.phase == "tap":
-        found.append(_answer("no tap", partial(feature.function, TapView((), fs)), n_outputs))
-    return tuple(found)
 
 
 def degenerate_inputs() -> Mapping[str, Samples]:
@@ -163,35 +128,24 @@ def degenerate_inputs() -> Mapping[str, Samples]:
     }
 
 
-def _view(feature: Feature, samples: Samples, fs: float) -> View:
-    """Return the samples as the phase that the feature reads; a tap has its contact after a quarter."""
-    if feature.phase == "tap":
-        contact = samples.size // 4
-        return TapView((TapSignal(samples[:contact], samples[contact:]),), fs)
-    return PhaseView(samples, fs)
-
-
-def _answer(name: str, call: Callable[[], Any], n_outputs: int) -> Behaviour:
+def _answer(feature: Feature, name: str, view: View) -> tuple[str, str, bool]:
+    """Return kind of answer, detail and whether the contract is kept; see `behaviour`."""
+    n_outputs = len(feature.columns(feature.name, {}))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            values = np.atleast_1d(np.asarray(call(), dtype=np.float64))
+            values = np.atleast_1d(np.asarray(feature.function(view), dtype=np.float64))
         except UndefinedFeatureError as undefined:
-            return Behaviour(name, "reason", str(undefined), kept=not caught)
+            return "reason", str(undefined), not caught
         except Exception as error:
-            what = " ".join(f"{type(error).__name__}: {error}".split())
-            return Behaviour(name, "error", what, kept=False)
+            return "error", " ".join(f"{type(error).__name__}: {error}".split()), False
     if values.shape != (n_outputs,):
-        return Behaviour(name, "error", f"shape {values.shape} instead of ({n_outputs},)", kept=False)
-    detail = "; ".join([_listed(values), *dict.fromkeys(f"warns: {w.message}" for w in caught)])
+        return "error", f"shape {values.shape} instead of ({n_outputs},)", False
+    shown = ", ".join(f"{v:.4g}" for v in values[:3]) + (", ..." if values.size > 3 else "")
+    detail = "; ".join([shown, *dict.fromkeys(f"warns: {w.message}" for w in caught)])
     if not np.isfinite(values).all():
-        return Behaviour(name, "no reason", detail, kept=False)
-    return Behaviour(name, "value", detail, kept=not caught and name not in REFUSED)
-
-
-def _listed(values: Samples) -> str:
-    more = ", ..." if values.size > 3 else ""
-    return ", ".join(f"{v:.4g}" for v in values[:3]) + more
+        return "no reason", detail, False
+    return "value", detail, not caught and name not in REFUSED
 
 
 def _median(values: Samples) -> float:

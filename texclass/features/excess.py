@@ -5,8 +5,6 @@ distance between recordings counts once in every column. Here the tilt is a colu
 `vibration_level`, and the others say where a surface stands out from both.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from texclass.features.bands import band_level, fraction_names, octave_level
@@ -18,25 +16,14 @@ from texclass.recording import Samples
 REFERENCE = "texclass; residuals of a straight line in log level over log frequency"
 
 
-class Line(NamedTuple):
-    """Log10 magnitude over octaves: `height` at the middle of `LAGS`, rising by `tilt` an octave."""
-
-    height: float
-    tilt: float
-
-    def at(self, octaves: Samples) -> Samples:
-        """Return the line at frequencies given in octaves from fs/2 (negative below it), shape as given."""
-        return np.asarray(self.height + self.tilt * (octaves - octaves_of(LAGS).mean()))
-
-
 def octaves_of(lags: tuple[int, ...]) -> Samples:
     """Return where differences over spans of samples look, fs/(2 lag), in octaves from fs/2."""
     return -np.log2(lags)
 
 
 @transform
-def line(view: PhaseView) -> Line:
-    """Return the least-squares line through the `slope_level` of `LAGS`.
+def line(view: PhaseView) -> tuple[float, float]:
+    """Return the least-squares line through the `slope_level` of `LAGS`: height at their middle, and tilt.
 
     Mean magnitudes follow how much a signal changes most of the time, so that single strong events and a
     strong tone move the line less than they would move one through a spectrum.
@@ -49,7 +36,13 @@ def line(view: PhaseView) -> Line:
     octaves = octaves_of(LAGS)
     away = octaves - octaves.mean()
     levels = _slopes(view, LAGS)
-    return Line(float(levels.mean()), float(away @ levels / (away @ away)))
+    return float(levels.mean()), float(away @ levels / (away @ away))
+
+
+def line_at(view: PhaseView, octaves: Samples) -> Samples:
+    """Return the `line` at frequencies given in octaves from fs/2 (negative below it), shape as given."""
+    height, tilt = line(view)
+    return np.asarray(height + tilt * (octaves - octaves_of(LAGS).mean()))
 
 
 @transform
@@ -76,7 +69,7 @@ def level_tilt(view: PhaseView) -> Samples:
     UndefinedFeatureError
         As `slope_level`.
     """
-    return np.array([line(view).tilt])
+    return np.array([line(view)[1]])
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs="b{n_bands}")
@@ -98,7 +91,7 @@ def band_excess(view: PhaseView, *, n_bands: int = 24) -> Samples:
         As `band_level` and `slope_level`.
     """
     middle = np.log2((np.arange(n_bands) + 0.5) / n_bands)
-    return np.asarray(band_level(view, n_bands=n_bands) - 2 * line(view).at(middle))
+    return np.asarray(band_level(view, n_bands=n_bands) - 2 * line_at(view, middle))
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs=fraction_names)
@@ -124,7 +117,7 @@ def octave_excess(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_oct
     n_bands = (octaves[1] - octaves[0]) * per_octave
     middle = -octaves[0] - (np.arange(n_bands) + 0.5) / per_octave
     levels = octave_level(view, octaves=octaves, per_octave=per_octave)
-    return np.asarray(levels - 2 * line(view).at(middle))
+    return np.asarray(levels - 2 * line_at(view, middle))
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs="lag{lags}")
@@ -145,7 +138,7 @@ def slope_excess(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     UndefinedFeatureError
         As `slope_level`.
     """
-    return np.asarray(_slopes(view, lags) - line(view).at(octaves_of(lags)))
+    return np.asarray(_slopes(view, lags) - line_at(view, octaves_of(lags)))
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs="lag{lags}")
@@ -166,4 +159,4 @@ def curvature_excess(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Sample
     UndefinedFeatureError
         As `curvature_level` and `slope_level`.
     """
-    return np.asarray(curvature_level(view, lags=lags) - line(view).at(octaves_of(lags)))
+    return np.asarray(curvature_level(view, lags=lags) - line_at(view, octaves_of(lags)))

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from texclass.features.conditioning import require, unit32
-from texclass.features.contract import UndefinedFeatureError, feature
-from texclass.features.phase_view import PhaseView
+from texclass.features.contract import feature
+from texclass.features.phase_view import PhaseView, undefined_if
 from texclass.features.spectra import spectral_moments
 from texclass.recording import Samples
 
@@ -59,8 +59,7 @@ def printed_centroids(frames: NDArray[Any], length: int) -> Samples:
     energy = fft.dct(frames, n=length, axis=1)[:, 1 : length // 2 + 1] ** 2
     total = energy.sum(axis=1, dtype=np.float64)
     heard = total > 0
-    if not heard.any():
-        raise UndefinedFeatureError(f"silence: no energy in the DCT bins 1 ... {length // 2}")
+    undefined_if(not heard.any(), f"silence: no energy in the DCT bins 1 ... {length // 2}")
     k = np.arange(1, length // 2 + 1, dtype=energy.dtype)
     return np.asarray((energy @ k)[heard] / total[heard])
 

@@ -14,7 +14,7 @@ from scipy.signal import find_peaks
 from texclass.features.conditioning import magnitude_of
 from texclass.features.contract import Gain, UndefinedFeatureError, feature
 from texclass.features.fineness import printed_centroids
-from texclass.features.phase_view import TapSignal, TapView, transform
+from texclass.features.phase_view import TapSignal, TapView, transform, undefined_if
 from texclass.recording import Samples
 
 T = TypeVar("T")
@@ -31,8 +31,7 @@ def tap_level(view: TapView) -> float:
     UndefinedFeatureError
         If there is no tap, a sample is not finite, or all are 0.
     """
-    if not view.taps:
-        raise UndefinedFeatureError("no tap found")
+    undefined_if(not view.taps, "no tap found")
     return magnitude_of(np.concatenate([part for tap in view.taps for part in (tap.hand, tap.impulse)]))
 
 
@@ -83,8 +82,7 @@ def impulse_peaks(magnitude: Samples, spacing: int, prominence: float) -> NDArra
         If the tap is silent.
     """
     largest = float(magnitude.max(initial=0.0))
-    if largest == 0:
-        raise UndefinedFeatureError("silence: the tap has no impulse")
+    undefined_if(largest == 0, "silence: the tap has no impulse")
     padded = np.concatenate([[0.0], magnitude, [0.0]])
     least = prominence * largest  # nothing lower is so prominent, nor takes the place of what is higher
     peaks, _ = find_peaks(padded, height=least, distance=max(1, spacing), prominence=least)
@@ -156,10 +154,9 @@ def hardness(view: TapView, *, spacing_s: float = 0.01, prominence: float = 0.05
 
 
 def _moved(velocity: float) -> float:
-    if velocity == 0:
-        raise UndefinedFeatureError(
-            "the hand's acceleration before the contact is 0; the rule is above the noise"
-        )
+    undefined_if(
+        velocity == 0, "the hand's acceleration before the contact is 0; the rule is above the noise"
+    )
     return velocity
 
 
@@ -202,10 +199,10 @@ def tap_spectra(view: TapView) -> tuple[tuple[Samples, Samples], ...]:
 
 def _energetic(tap: TapSignal) -> Samples:
     """Impact and decay; refused if silent or too short."""
-    if tap.impulse.size < 8:
-        raise UndefinedFeatureError(f"{tap.impulse.size} samples after the contact; the rule is at least 8")
-    if not np.any(tap.impulse):
-        raise UndefinedFeatureError("silence: the tap has no impulse")
+    undefined_if(
+        tap.impulse.size < 8, f"{tap.impulse.size} samples after the contact; the rule is at least 8"
+    )
+    undefined_if(not np.any(tap.impulse), "silence: the tap has no impulse")
     return tap.impulse
 
 
@@ -286,8 +283,7 @@ def tap_decay_rate(view: TapView) -> float:
         left = np.cumsum(i[::-1] ** 2)[::-1]
         left = left / left[0]
         span = np.flatnonzero((left <= 0.9) & (left >= 0.05))
-        if span.size < 3:
-            raise UndefinedFeatureError(f"the tap decays within {span.size} samples; the rule is at least 3")
+        undefined_if(span.size < 3, f"the tap decays within {span.size} samples; the rule is at least 3")
         t = (span - span.mean()) / view.fs
         return -float(t @ np.log(left[span])) / (2 * float(t @ t))
 

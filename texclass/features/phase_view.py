@@ -38,6 +38,12 @@ class UndefinedFeatureError(ValueError):
     """
 
 
+def undefined_if(wrong: Any, reason: str) -> None:
+    """Raise `UndefinedFeatureError` with a reason (value and rule) if something is wrong."""
+    if wrong:
+        raise UndefinedFeatureError(reason)
+
+
 class Memory(dict[Hashable, Any]):
     """Results of the transforms of one view, by function and parameters.
 
@@ -214,8 +220,7 @@ class Views:
     def tap(self) -> TapView:
         """The taps, resting level removed, with the root mean square of the quiet stretch before them."""
         taps = self.phases.taps
-        if not taps:
-            raise UndefinedFeatureError("no tap found")
+        undefined_if(not taps, "no tap found")
         # The quiet stretch, the taps and nothing of the movement: one signal, so that all share one level.
         quiet = taps[0].start
         signal = combine(self._axes(0, taps[-1].end))

@@ -8,7 +8,7 @@ from scipy.signal import find_peaks
 
 from texclass.features.conditioning import details, level, require, unit
 from texclass.features.contract import Gain, UndefinedFeatureError, feature
-from texclass.features.phase_view import PhaseView
+from texclass.features.phase_view import PhaseView, undefined_if
 from texclass.features.spectra import mean_spectrum, power_frames
 from texclass.recording import Samples
 from texclass.signals import moving_average
@@ -66,8 +66,7 @@ def lpc_coefficients(view: PhaseView, *, order: int = 10) -> Samples:
         a = np.asarray(solve_toeplitz(r[:-1], r[1:]))
     except LinAlgError as error:
         raise UndefinedFeatureError(f"prediction of order {order} has no solution ({error})") from None
-    if not np.isfinite(a).all():
-        raise UndefinedFeatureError(f"prediction of order {order} has no finite solution")
+    undefined_if(not np.isfinite(a).all(), f"prediction of order {order} has no finite solution")
     return a
 
 
@@ -117,8 +116,7 @@ def wavelet_energy(view: PhaseView, *, wavelet: str = "coif3", depth: int = 5) -
         For silence, fewer than 544 samples (coif3, level 5), or fs/2 not above 100 Hz.
     """
     energy = sum(float(np.sum(d * d, dtype=np.float64)) for d in details(view, 100.0, wavelet, depth))
-    if energy == 0:
-        raise UndefinedFeatureError("silence: no energy in the details")
+    undefined_if(energy == 0, "silence: no energy in the details")
     return energy / view.n_samples * level(view) ** 2
 
 
@@ -141,8 +139,7 @@ def spectral_centroid(view: PhaseView, *, high_hz: float = 600.0) -> float:
     f, power = mean_spectrum(view)
     inside = f <= high_hz
     total = float(power[inside].sum())
-    if total == 0:
-        raise UndefinedFeatureError(f"silence: no energy up to {high_hz:g} Hz")
+    undefined_if(total == 0, f"silence: no energy up to {high_hz:g} Hz")
     return float(power[inside] @ f[inside]) / total
 
 
@@ -184,11 +181,11 @@ def gaussian_band_energies(
     f, power = mean_spectrum(view)
     last_hz = min(high_hz, 0.95 * view.fs / 2)
     weight = _gaussians(n_bands, low_hz, last_hz, f.size, float(f[0]), float(f[1] - f[0]))
-    if (weight.sum(axis=1) < 0.5).any():
-        raise UndefinedFeatureError(
-            f"the spectrum has a bin every {f[1] - f[0]:.1f} Hz; the rule is a bin in each of the bands "
-            f"from {low_hz:g} Hz on"
-        )
+    undefined_if(
+        (weight.sum(axis=1) < 0.5).any(),
+        f"the spectrum has a bin every {f[1] - f[0]:.1f} Hz; the rule is a bin in each of the bands "
+        f"from {low_hz:g} Hz on",
+    )
     return np.asarray(weight @ power * ((f[1] - f[0]) * level(view) ** 2))
 
 
@@ -239,17 +236,16 @@ def discretized_spectrogram(
     """
     power, _ = power_frames(view, 0.025, 0.015, "hamming", high_hz)
     n_frames, n_bins = power.shape
-    if n_frames < n_times or n_bins < n_bands:
-        raise UndefinedFeatureError(
-            f"{n_frames} frames and {n_bins} bins; the rule is at least {n_times} and {n_bands}"
-        )
+    undefined_if(
+        n_frames < n_times or n_bins < n_bands,
+        f"{n_frames} frames and {n_bins} bins; the rule is at least {n_times} and {n_bands}",
+    )
     rows = np.arange(n_times) * n_frames // n_times
     columns = np.arange(n_bands) * n_bins // n_bands
     in_time = np.add.reduceat(power, rows, axis=0, dtype=np.float64)
     cells = np.add.reduceat(in_time, columns, axis=1)
     size = np.outer(np.diff(rows, append=n_frames), np.diff(columns, append=n_bins))
-    if (cells == 0).any():
-        raise UndefinedFeatureError(f"silence in {int((cells == 0).sum())} of {cells.size} cells")
+    undefined_if((cells == 0).any(), f"silence in {int((cells == 0).sum())} of {cells.size} cells")
     return np.asarray((np.log10(cells / size) + 2 * np.log10(level(view))).ravel())
 
 
@@ -286,7 +282,6 @@ def spectral_peaks(
     width = max(1, round(smooth_hz / (f[1] - f[0])))
     envelope = moving_average(moving_average(power[inside], width), width)
     peaks, _ = find_peaks(envelope, height=1e-10 * float(envelope.max()), distance=width)
-    if peaks.size < n_peaks:
-        raise UndefinedFeatureError(f"{peaks.size} peaks in the spectral envelope; the rule is {n_peaks}")
+    undefined_if(peaks.size < n_peaks, f"{peaks.size} peaks in the spectral envelope; the rule is {n_peaks}")
     highest = peaks[np.argsort(-envelope[peaks], kind="stable")[:n_peaks]]
     return np.asarray(f[inside][highest])

@@ -22,8 +22,8 @@ from texclass.features.conditioning import (
     require,
     unit,
 )
-from texclass.features.contract import Gain, UndefinedFeatureError, feature
-from texclass.features.phase_view import PhaseView, transform
+from texclass.features.contract import Gain, feature
+from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.features.spectra import autocorrelation, magnitudes, mean_square, spectral_changes, spread
 from texclass.recording import Samples
 from texclass.signals import moving_average
@@ -204,14 +204,19 @@ def regularity(
     """
     x, fs = banded(view, band_hz)
     length = min(max(1, round(frame_s * fs)), x.size)
-    if length < 32:
-        raise UndefinedFeatureError(f"{length} samples in a frame; the rule is at least 32")
+    undefined_if(length < 32, f"{length} samples in a frame; the rule is at least 32")
     frames = sliding_window_view(x.astype(np.float32), length)
     frames = frames[spread(x.size - length, length // 2, n_frames)]
     frames -= frames.mean(axis=1, keepdims=True)
-    heights = _typical_rises(_autocorrelations(frames[np.ptp(frames, axis=1) > 0]))
-    if not heights.any():
-        raise UndefinedFeatureError("the autocorrelation has no rise; the rule is at least one")
+    r = _autocorrelations(frames[np.ptp(frames, axis=1) > 0])
+    up = np.diff(r, axis=1) > 0
+    turn = np.flatnonzero(up[:, 1:] != up[:, :-1])
+    row = turn // (r.shape[1] - 2)
+    height = np.diff(r[:, 1:-1].reshape(-1)[turn].astype(np.float64))
+    height[(height < 0) | (row[1:] != row[:-1])] = 0
+    total, square = (np.bincount(row[1:], h, len(r)) for h in (height, height**2))
+    heights = square[total > 0] / (2 * total[total > 0])
+    undefined_if(not heights.any(), "the autocorrelation has no rise; the rule is at least one")
     return float(np.mean(heights[heights > 0]))
 
 
@@ -227,17 +232,6 @@ def _autocorrelations(frames: NDArray[np.float32]) -> NDArray[np.float32]:
     r = fft.irfft(spectra.real**2 + spectra.imag**2, 2 * n_fft)[:, : 2 * (length // 2)]
     unbiased = length / (length - np.arange(r.shape[1], dtype=np.float32) / 2)
     return np.asarray(r / r[:, :1] * unbiased)
-
-
-def _typical_rises(r: NDArray[np.float32]) -> Samples:
-    """Return sum h^2 / (2 sum h) over the rises of each row, 0 for a row without any."""
-    up = np.diff(r, axis=1) > 0
-    turn = np.flatnonzero(up[:, 1:] != up[:, :-1])
-    row = turn // (r.shape[1] - 2)
-    height = np.diff(r[:, 1:-1].reshape(-1)[turn].astype(np.float64))
-    height[(height < 0) | (row[1:] != row[:-1])] = 0
-    total, square = (np.bincount(row[1:], h, len(r)) for h in (height, height**2))
-    return np.divide(square, 2 * total, out=np.zeros(len(r)), where=total > 0)
 
 
 @feature("movement", "log10(m/s^2)", "strese2015, eq. 3", gain=Gain(shift=1), depends_on=("rate",))
@@ -410,10 +404,7 @@ def spectral_roughness(
     x, fs = banded(view, band_hz)
     length, shift = (max(1, round(seconds * fs)) for seconds in (frame_s, shift_s))
     last = x.size - length - shift
-    if last < 0:
-        raise UndefinedFeatureError(
-            f"{x.size / fs:.3g} s; the rule is frames of {frame_s:g} s, {shift_s:g} s apart"
-        )
+    undefined_if(last < 0, f"{x.size / fs:.3g} s; the rule is frames of {frame_s:g} s, {shift_s:g} s apart")
     frames, first = sliding_window_view(x.astype(np.float32), length), spread(last, shift, n_pairs)
     change = float(mean_square(magnitudes(frames[first]) - magnitudes(frames[first + shift])).mean())
     return log10_of(change, "the change of the spectrum") + 2 * float(np.log10(level(view)))

@@ -246,7 +246,13 @@ def _member(name: str, table: dict[str, Any], file: str) -> Member:
         feature = find(str(table.get("use", name)))
     except KeyError as error:
         raise ValueError(f"{where}: {error.args[0]}") from None
-    given = checked(_overrides_of(feature), {k: v for k, v in table.items() if k != "use"}, where)
+    # What a set may give is of the declared type, else of the type of the default.
+    fields: dict[str, Any] = {}
+    for p in feature.parameters:
+        declared = p.annotation is not p.empty and not isinstance(p.annotation, str)
+        fields[p.name] = (p.annotation if declared else type(p.default), p.default)
+    model = create_model(feature.name, __base__=Overrides, **fields)
+    given = checked(model, {k: v for k, v in table.items() if k != "use"}, where)
     overrides = given.model_dump(exclude_unset=True)
     if math.prod(_largest(value) for key, value in overrides.items() if key not in SAMPLES) > MOST_COUNTED:
         raise ValueError(
@@ -262,15 +268,6 @@ class Overrides(Written):
     """Parameters that a set gives a feature."""
 
     model_config = ConfigDict(allow_inf_nan=True)
-
-
-def _overrides_of(feature: Feature) -> type[Overrides]:
-    """Return the model of what a set may give: of the declared type, else of the type of the default."""
-    fields: dict[str, Any] = {}
-    for p in feature.parameters:
-        declared = p.annotation is not p.empty and not isinstance(p.annotation, str)
-        fields[p.name] = (p.annotation if declared else type(p.default), p.default)
-    return create_model(feature.name, __base__=Overrides, **fields)
 
 
 def _largest(value: Any) -> int:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from texclass.features.conditioning import level, log10_of, require, unit32
-from texclass.features.contract import Gain, UndefinedFeatureError, feature, feature_in_samples
-from texclass.features.phase_view import PhaseView, transform
+from texclass.features.contract import Gain, feature, feature_in_samples
+from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.recording import Samples
 
 SIGNS = "texclass; clipped autocorrelation (Van Vleck, 1943) of differences"
@@ -153,18 +153,14 @@ def moments(view: PhaseView, lag: int) -> tuple[float, Samples]:
     first, signed = float(size.sum()) / n, float(np.dot(c, size)) / n  # mean |c|, mean c |c|
     c *= c
     second, fourth = float(c.sum()) / n, float(np.dot(c, c)) / n  # mean c^2, mean c^4
-    if not second > LEAST**2:
-        raise UndefinedFeatureError(
-            f"the curvature over {lag} samples is {np.sqrt(second):.2g} of the largest sample; "
-            f"the rule is more than {LEAST:g}"
-        )
+    undefined_if(
+        not second > LEAST**2,
+        f"the curvature over {lag} samples is {np.sqrt(second):.2g} of the largest sample; "
+        f"the rule is more than {LEAST:g}",
+    )
     return second, np.array(
         [signed / second, np.log10(fourth / second**2), np.log10(first / np.sqrt(second))]
     )
-
-
-def _shapes_of_lags(*, lags: tuple[int, ...]) -> tuple[str, ...]:
-    return tuple(f"lag{lag}.{shape}" for lag in lags for shape in SHAPES)
 
 
 @feature("movement", "1", MOMENTS, outputs=SHAPES, divisible=True)
@@ -187,7 +183,9 @@ def vibration_shape(view: PhaseView) -> Samples:
     return moments(view, 0)[1]
 
 
-@feature_in_samples("1", MOMENTS, outputs=_shapes_of_lags)
+@feature_in_samples(
+    "1", MOMENTS, outputs=lambda lags: tuple(f"lag{lag}.{shape}" for lag in lags for shape in SHAPES)
+)
 def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """Lopsidedness, peakedness and evenness of the curvature over several spans of time.
 

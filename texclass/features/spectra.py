@@ -9,7 +9,7 @@ from scipy import fft
 from scipy.signal import get_window
 
 from texclass.features.conditioning import n_of, require, spectrum, unit32
-from texclass.features.phase_view import PhaseView, UndefinedFeatureError, transform
+from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.recording import Samples, read_only
 
 BAND_HZ = 2100.0
@@ -34,8 +34,7 @@ def mean_spectrum(view: PhaseView) -> tuple[Samples, Samples]:
     step = view.fs / (2 * (x.size - 1))
     width = max(1.0, step)
     n_bins = int(min(BAND_HZ, view.fs / 2) / width)
-    if n_bins < 8:
-        raise UndefinedFeatureError(f"fs is {view.fs:g} Hz; the rule is a spectrum of 8 bins of {width:g} Hz")
+    undefined_if(n_bins < 8, f"fs is {view.fs:g} Hz; the rule is a spectrum of 8 bins of {width:g} Hz")
     first = np.ceil(np.arange(n_bins + 1) * (width / step) - 1e-6).astype(np.intp)
     x = x[: first[-1]]
     power = np.add.reduceat(x.real**2 + x.imag**2, first[:-1], dtype=np.float64) / np.diff(first)
@@ -86,20 +85,16 @@ def power_frames(
         at 0 Hz lies below `high_hz`.
     """
     length = n_of(view, frame_s)
-    if length < 8:
-        raise UndefinedFeatureError(
-            f"fs is {view.fs:g} Hz; the rule is at least 8 samples in a frame of {frame_s:g} s"
-        )
+    undefined_if(
+        length < 8, f"fs is {view.fs:g} Hz; the rule is at least 8 samples in a frame of {frame_s:g} s"
+    )
     require(view, length, f"one frame of {frame_s:g} s")
     w = window_of(window, length)
     n_fft = 1 << (length - 1).bit_length()
     frames = sliding_window_view(unit32(view), length)[:: n_of(view, hop_s)]
     frequency = np.linspace(0, view.fs / 2, n_fft // 2 + 1)
     n_bins = int(np.searchsorted(frequency, high_hz, side="right"))
-    if n_bins < 2:
-        raise UndefinedFeatureError(
-            f"bins lie every {frequency[1]:g} Hz; the rule is one up to {high_hz:g} Hz"
-        )
+    undefined_if(n_bins < 2, f"bins lie every {frequency[1]:g} Hz; the rule is one up to {high_hz:g} Hz")
     power = np.empty((len(frames), n_bins), dtype=np.float32)
     block = np.zeros((min(BLOCK, max(1, BLOCK_SAMPLES // n_fft)), n_fft), dtype=np.float32)
     for k in range(0, len(frames), len(block)):

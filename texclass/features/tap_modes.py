@@ -5,9 +5,9 @@ import functools
 import numpy as np
 from scipy import signal
 
-from texclass.features.contract import UndefinedFeatureError, feature
+from texclass.features.contract import feature
 from texclass.features.hardness import per_tap
-from texclass.features.phase_view import TapSignal, TapView, transform
+from texclass.features.phase_view import TapSignal, TapView, transform, undefined_if
 from texclass.recording import Samples
 from texclass.vibration.decaying_modes import DecayingModes, fit_matrix_pencil
 
@@ -53,13 +53,12 @@ def modes_of(tap: TapSignal, fs: float, n_modes: int, order: int) -> DecayingMod
     """
     x, rate = decimated(tap.impulse, fs)
     x = x[:N_SAMPLES]
-    if x.size < max(2 * order, 8):
-        raise UndefinedFeatureError(
-            f"{x.size} samples of a tap; the rule is at least {max(2 * order, 8)} at {rate:g} Hz"
-        )
+    undefined_if(
+        x.size < max(2 * order, 8),
+        f"{x.size} samples of a tap; the rule is at least {max(2 * order, 8)} at {rate:g} Hz",
+    )
     found = fit_matrix_pencil(x, rate, order=order)
-    if found.n_modes == 0:
-        raise UndefinedFeatureError("silence: the tap has no impulse")
+    undefined_if(found.n_modes == 0, "silence: the tap has no impulse")
     rank = np.resize(np.arange(min(n_modes, found.n_modes)), n_modes)
     rank = rank[np.argsort(found.frequency_hz[rank], kind="stable")]
     return DecayingModes(
@@ -70,8 +69,9 @@ def modes_of(tap: TapSignal, fs: float, n_modes: int, order: int) -> DecayingMod
 @transform
 def tap_modes(view: TapView, n_modes: int, order: int) -> tuple[Samples, Samples]:
     """Return frequencies (Hz) and decay rates (1/s) of the strongest modes of each tap, (n_taps, n_modes)."""
-    if not 1 <= n_modes <= order // 2:
-        raise UndefinedFeatureError(f"{n_modes} modes of order {order}; the rule is 1 ... half the order")
+    undefined_if(
+        not 1 <= n_modes <= order // 2, f"{n_modes} modes of order {order}; the rule is 1 ... half the order"
+    )
     fits = per_tap(view, lambda tap: modes_of(tap, view.fs, n_modes, order))
     return np.array([m.frequency_hz for m in fits]), np.array([m.decay_per_s for m in fits])
 
@@ -147,15 +147,15 @@ def tap_amplitude_slope(view: TapView) -> float:
 
     def velocity_and_amplitude(tap: TapSignal) -> tuple[float, float]:
         v = abs(float(tap.hand.sum())) / view.fs
-        if v == 0 or not tap.impulse.any():
-            raise UndefinedFeatureError("the hand's velocity or the impulse is 0; the rule is above 0")
+        undefined_if(
+            v == 0 or not tap.impulse.any(), "the hand's velocity or the impulse is 0; the rule is above 0"
+        )
         return v, float(np.abs(tap.impulse).max())
 
     v, a = np.array(per_tap(view, velocity_and_amplitude)).T
-    if v.size < 3:
-        raise UndefinedFeatureError(f"{v.size} taps with a velocity; the rule is at least 3 for a slope")
-    if np.ptp(v) < LEAST_SPREAD * v.mean():
-        raise UndefinedFeatureError(
-            f"the velocities differ by {np.ptp(v) / v.mean():.2g} of their mean; the rule is {LEAST_SPREAD:g}"
-        )
+    undefined_if(v.size < 3, f"{v.size} taps with a velocity; the rule is at least 3 for a slope")
+    undefined_if(
+        np.ptp(v) < LEAST_SPREAD * v.mean(),
+        f"the velocities differ by {np.ptp(v) / v.mean():.2g} of their mean; the rule is {LEAST_SPREAD:g}",
+    )
     return float(np.log10(v @ a / (v @ v)))
