@@ -7,7 +7,7 @@ k does not depend on it.
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -240,15 +240,6 @@ def residual_of(k: Samples, gain: Samples) -> Samples:
     return np.where(gain[..., np.newaxis] == 0, 0.0, scaled)
 
 
-class _Fit(NamedTuple):
-    """One row per frame: k, residual deviations of orders 0 ... p, orders fitted, whether by Burg instead."""
-
-    k: Samples
-    deviation: Samples
-    fitted: NDArray[np.int64]
-    fallback: NDArray[np.bool_]
-
-
 def fit(
     x: ArrayLike, order: int, *, method: Method = "burg", variance: Variance = "residual"
 ) -> Autoregression:
@@ -311,7 +302,21 @@ def fit(
     if order < 1:
         raise ValueError(f"order is {order}; the rule is at least 1")
     frames, exponent, lead = _scaled(x)
-    k, deviation, fitted, fallback = _FITS[method](frames, order)
+    if method == "autocorrelation":
+        k, deviation, fitted = _autocorrelation(frames, order)
+    else:
+        k, deviation, fitted = recursions.burg(frames, order, 0)
+    fallback = np.zeros(len(frames), dtype=np.bool_)
+    for row, each in enumerate(frames if method == "modified_covariance" else ()):
+        a, gain = _both_ways(each, order)
+        found = recursions.step_down(a[np.newaxis])[0]
+        # The least residual of all can only exceed Burg's where k is lost on the way from the coefficients.
+        loosest = 1.001 * deviation[row, -1] + recursions.EXHAUSTED * deviation[row, 0]
+        stable = np.isfinite(gain) and np.all(np.abs(found) < 1)
+        if stable and recursions.residual(each, found) <= loosest:
+            k[row], deviation[row], fitted[row] = found, residual_of(found, np.asarray(gain)), order
+        else:
+            fallback[row] = True
     if variance == "yule_walker":
         deviation[:, 0] = np.sqrt(np.mean(frames**2, axis=1))
         deviation[:, 1:] = deviation[:, :1] * np.exp(np.cumsum(log_cosines(k), axis=1))
@@ -389,12 +394,8 @@ def autocorrelation(frames: Samples, n_lags: int) -> Samples:
     return np.asarray(fft.irfft(power, size, axis=-1)[..., : n_lags + 1])
 
 
-def _burg(frames: Samples, order: int) -> _Fit:
-    k, deviation, fitted = recursions.burg(frames, order, 0)
-    return _Fit(k, deviation, fitted, np.zeros(len(frames), dtype=np.bool_))
-
-
-def _autocorrelation(frames: Samples, order: int) -> _Fit:
+def _autocorrelation(frames: Samples, order: int) -> tuple[Samples, Samples, NDArray[np.int64]]:
+    """Return k, the residual deviations of the orders 0 ... p and the orders fitted, one row per frame."""
     r = autocorrelation(frames, order)
     silent = ~frames.any(axis=1)
     r[silent] = np.eye(1, order + 1)
@@ -405,26 +406,7 @@ def _autocorrelation(frames: Samples, order: int) -> _Fit:
     if lost.any():
         k[lost], deviation[lost], fitted[lost] = recursions.burg(frames[lost], order, order)
     fitted[silent] = 0
-    return _Fit(k, deviation, fitted, np.zeros(len(frames), dtype=np.bool_))
-
-
-def _modified_covariance(frames: Samples, order: int) -> _Fit:
-    k, gain = np.zeros((len(frames), order)), np.zeros(len(frames))
-    burg = _burg(frames, order)
-    for row, x in enumerate(frames):
-        a, gain[row] = _both_ways(x, order)
-        k[row] = recursions.step_down(a[np.newaxis])[0]
-        # the least residual of all can only exceed Burg's where k is lost on the way from the coefficients
-        loosest = 1.001 * burg.deviation[row, -1] + recursions.EXHAUSTED * burg.deviation[row, 0]
-        if not (np.all(np.abs(k[row]) < 1) and recursions.residual(x, k[row]) <= loosest):
-            gain[row] = np.nan
-    unstable = np.isnan(gain)
-    k[unstable] = gain[unstable] = 0.0
-    deviation = residual_of(k, gain)
-    fitted = np.full(len(frames), order)
-    for mine, theirs in ((k, burg.k), (deviation, burg.deviation), (fitted, burg.fitted)):
-        mine[unstable] = theirs[unstable]
-    return _Fit(k, deviation, fitted, unstable)
+    return k, deviation, fitted
 
 
 def _both_ways(x: Samples, order: int) -> tuple[Samples, float]:
@@ -443,9 +425,6 @@ def _both_ways(x: Samples, order: int) -> tuple[Samples, float]:
         triangle = np.asarray(np.linalg.qr(np.concatenate([triangle, block, block[:, ::-1]]), mode="r"))
     a[1:] = np.linalg.lstsq(triangle[:, 1:], -triangle[:, 0])[0]
     return a, float(np.linalg.norm(triangle @ a) / np.sqrt(2 * len(windows)))
-
-
-_FITS = {"burg": _burg, "autocorrelation": _autocorrelation, "modified_covariance": _modified_covariance}
 
 
 def _scaled(x: ArrayLike) -> tuple[Samples, NDArray[np.int64], tuple[int, ...]]:

@@ -1,6 +1,6 @@
 """A vibration as a sum of decaying sinusoids: parameters, synthesis, and their fit by the matrix pencil."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
@@ -8,7 +8,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, signal
 
-from texclass.recording import Samples
+from texclass.recording import Samples, read_only
 from texclass.signals import one_channel, positive, to_unit_scale
 
 MAX_PENCIL = 400
@@ -24,7 +24,23 @@ Poles = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
-class DecayingModes:
+class Sinusoids:
+    """What models of several sinusoids share: read-only arrays of one checked value for each of them."""
+
+    frequency_hz: Samples
+
+    def __post_init__(self) -> None:
+        for name in (each.name for each in fields(self)):
+            values = read_only(np.array(getattr(self, name), dtype=np.float64, ndmin=1))
+            object.__setattr__(self, name, values)
+            if values.shape != self.frequency_hz.shape or not np.all(np.isfinite(values)):
+                raise ValueError(f"{name} is {values}; the rule is one finite value for each frequency")
+            if name != "phase" and np.any(values <= 0 if name == "decay_per_s" else values < 0):
+                raise ValueError(f"{name} is {values}; the rule is f >= 0, B > 0, A >= 0")
+
+
+@dataclass(frozen=True, eq=False)
+class DecayingModes(Sinusoids):
     """A vibration as a sum of decaying sinusoids, at no particular sampling rate.
 
     x(t) = sum_i A_i exp(-B_i t) cos(2 pi f_i t + phi_i) for t >= 0. Every B_i is positive, so every
@@ -47,23 +63,9 @@ class DecayingModes:
         If the shapes differ, a value is not finite, or a frequency, decay or amplitude breaks its rule.
     """
 
-    frequency_hz: Samples
     decay_per_s: Samples
     amplitude: Samples
     phase: Samples
-
-    def __post_init__(self) -> None:
-        for name in ("frequency_hz", "decay_per_s", "amplitude", "phase"):
-            values = np.array(getattr(self, name), dtype=np.float64, ndmin=1)
-            values.flags.writeable = False
-            object.__setattr__(self, name, values)
-            if values.shape != (self.n_modes,) or not np.all(np.isfinite(values)):
-                raise ValueError(f"{name} is {values}; the rule is one finite value for each of the modes")
-        if np.any(self.frequency_hz < 0) or np.any(self.decay_per_s <= 0) or np.any(self.amplitude < 0):
-            raise ValueError(
-                f"modes have frequencies {self.frequency_hz} Hz, decays {self.decay_per_s} 1/s and "
-                f"amplitudes {self.amplitude}; the rule is f >= 0, B > 0, A >= 0"
-            )
 
     @property
     def n_modes(self) -> int:

@@ -92,12 +92,25 @@ def fit_okamura(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Ta
     `okamura2001`, section II-B.
     """
     scaled, v, exponent = _checked(taps, velocity)
-    each = np.array([_by_eye(x, fs, i) for i, x in enumerate(scaled)])
-    frequency_hz, B, _ = each.mean(axis=0)
-    E = each[:, 2] * np.sqrt(1 + (each[:, 1] / (2 * np.pi * each[:, 0])) ** 2)
+    frequency_hz, B, E = np.empty((3, len(scaled)))
+    for i, x in enumerate(scaled):
+        # Positive maxima and negative minima, their places (in samples) and heights by parabolas.
+        before, here, after = x[:-2], x[1:-1], x[2:]
+        is_peak = (np.abs(here) > np.abs(before)) & (np.abs(here) >= np.abs(after)) & (here != 0)
+        left, top, right = before[is_peak], here[is_peak], after[is_peak]
+        shift = (left - right) / (2 * (left - 2 * top + right))
+        place, height = np.flatnonzero(is_peak) + 1 + shift, top - (left - right) * shift / 4
+        high = np.abs(height) >= PEAK_FLOOR * np.max(np.abs(height), initial=0.0)
+        if high.sum() < 2:
+            raise ValueError(f"tap {i} has {high.sum()} peaks; the rule is at least 2 to see a decay")
+        slope, level = np.polyfit(place[high] / fs, np.log(np.abs(height[high])), 1, w=np.abs(height[high]))
+        if not slope < 0:
+            raise ValueError(f"the peaks of tap {i} grow by {slope:g} 1/s; the rule is that they decay")
+        frequency_hz[i], B[i], E[i] = _spectral_peak_hz(x, fs), -slope, np.sign(height[0]) * np.exp(level)
+    E *= np.sqrt(1 + (B / (2 * np.pi * frequency_hz)) ** 2)
     u = v / np.max(np.abs(v))
     A = float(u @ E / (u @ u))
-    return TapModel(_slope(A, v, exponent), float(B), float(frequency_hz))
+    return TapModel(_slope(A, v, exponent), float(B.mean()), float(frequency_hz.mean()))
 
 
 def fit_tap_model(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> TapModel:
@@ -184,27 +197,6 @@ def _slope(amplitude: float, v: Samples, exponent: int) -> float:
     """Return the amplitude at the largest velocity, in its own scale, per velocity; infinite if too large."""
     with np.errstate(over="ignore", under="ignore"):
         return float(np.ldexp(amplitude / np.max(np.abs(v)), exponent))
-
-
-def _by_eye(x: Samples, fs: float, i: int) -> tuple[float, float, float]:
-    """Return frequency (Hz), decay (1/s) and signed envelope at t = 0 of one tap."""
-    place, height = _peaks(x)
-    high = np.abs(height) >= PEAK_FLOOR * np.max(np.abs(height), initial=0.0)
-    if high.sum() < 2:
-        raise ValueError(f"tap {i} has {high.sum()} peaks; the rule is at least 2 to see a decay")
-    slope, level = np.polyfit(place[high] / fs, np.log(np.abs(height[high])), 1, w=np.abs(height[high]))
-    if not slope < 0:
-        raise ValueError(f"the peaks of tap {i} grow by {slope:g} 1/s; the rule is that they decay")
-    return _spectral_peak_hz(x, fs), -float(slope), float(np.sign(height[0]) * np.exp(level))
-
-
-def _peaks(x: Samples) -> tuple[Samples, Samples]:
-    """Return place (in samples) and height of the positive maxima and negative minima, by parabolas."""
-    before, here, after = x[:-2], x[1:-1], x[2:]
-    is_peak = (np.abs(here) > np.abs(before)) & (np.abs(here) >= np.abs(after)) & (here != 0)
-    left, top, right = before[is_peak], here[is_peak], after[is_peak]
-    shift = (left - right) / (2 * (left - 2 * top + right))
-    return np.flatnonzero(is_peak) + 1 + shift, top - (left - right) * shift / 4
 
 
 def _spectral_peak_hz(x: Samples, fs: float) -> float:

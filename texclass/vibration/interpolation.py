@@ -106,7 +106,14 @@ class ModelBlend:
         ValueError
             If a weight is negative, NaN, the sum is not 1 (both but for `ROUNDING`), or the shape is wrong.
         """
-        w = _checked_weights(weights, len(self.amplitude))
+        w, n = np.asarray(weights, dtype=np.float64), len(self.amplitude)
+        if w.ndim < 1 or w.shape[-1] != n:
+            raise ValueError(f"weights have shape {w.shape}; the rule is (..., {n}), one for each model")
+        total = w.sum(axis=-1, keepdims=True)
+        if not (np.all(w >= -ROUNDING) and np.all(np.abs(total - 1) <= ROUNDING)):
+            raise ValueError(f"weights are {w}; the rule is at least 0 each, and 1 in sum: no extrapolation")
+        w = np.maximum(w, 0.0)
+        w = w / w.sum(axis=-1, keepdims=True)
         sounding = self.amplitude > 0
         share = np.sum(w, axis=-1, where=sounding, keepdims=True)
         v = np.where(share > 0, np.where(sounding, w, 0.0) / np.where(share > 0, share, 1.0), w)
@@ -197,14 +204,3 @@ def _model(theta: Samples, amplitude: Samples, loudness: Loudness) -> Autoregres
     if loudness == "level":  # gain = level prod sqrt(1 - k^2)
         amplitude = amplitude * np.exp(log_cosines(k).sum(axis=-1))
     return Autoregression(k, amplitude)
-
-
-def _checked_weights(weights: ArrayLike, n: int) -> Samples:
-    w = np.asarray(weights, dtype=np.float64)
-    if w.ndim < 1 or w.shape[-1] != n:
-        raise ValueError(f"weights have shape {w.shape}; the rule is (..., {n}), one for each model")
-    total = w.sum(axis=-1, keepdims=True)
-    if not (np.all(w >= -ROUNDING) and np.all(np.abs(total - 1) <= ROUNDING)):
-        raise ValueError(f"weights are {w}; the rule is at least 0 each, and 1 in sum: no extrapolation")
-    w = np.maximum(w, 0.0)
-    return np.asarray(w / w.sum(axis=-1, keepdims=True))

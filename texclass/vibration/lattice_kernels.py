@@ -159,14 +159,6 @@ def synthesize_rows(x: Real, k: Real, c: Real, b: Real) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _undo(f: Real, b: Real, out: Real, k: float, c: float) -> None:
-    """f_m = (f_{m-1} + k b_{m-1}) / c and b_m = k f_m + c b_{m-1}, all samples of one stage."""
-    for t in range(f.size):
-        f[t] = fma(k, b[t], f[t]) / c
-        out[t] = fma(k, f[t], c * b[t])
-
-
-@njit(cache=True, error_model="numpy")
 def whiten(x: Real, k: Real, c: Real, b: Real) -> None:
     """Turn f_0 in `x` into the excitation in place: what `synthesize` did, undone stage by stage."""
     now, after = np.zeros(x.size + 1, x.dtype), np.zeros(x.size + 1, x.dtype)
@@ -174,7 +166,9 @@ def whiten(x: Real, k: Real, c: Real, b: Real) -> None:
     for m in range(k.size):
         now[0] = b[m]  # b_m of the sample before
         b[m] = now[x.size]
-        _undo(x, now[:-1], after[1:], k[m], c[m])
+        for t in range(x.size):  # f_m = (f_{m-1} + k b_{m-1}) / c and b_m = k f_m + c b_{m-1}
+            x[t] = fma(k[m], now[t], x[t]) / c[m]
+            after[t + 1] = fma(k[m], x[t], c[m] * now[t])
         now, after = after, now
 
 

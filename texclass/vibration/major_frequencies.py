@@ -9,6 +9,7 @@ from scipy import fft
 
 from texclass.recording import Samples
 from texclass.signals import one_channel, to_unit_scale
+from texclass.vibration.decaying_modes import Sinusoids
 
 BEAT_BOUNDS_HZ = (50.0, 100.0, 150.0, 250.0, 500.0)
 BEAT_THRESHOLDS_HZ = (6.0, 7.0, 9.0, 9.0, 15.0, 80.0)
@@ -18,7 +19,7 @@ UPPER_HZ = 1400.0
 
 
 @dataclass(frozen=True, eq=False)
-class MajorFrequencies:
+class MajorFrequencies(Sinusoids):
     """A vibration as x(t) = sum_i A_i cos(2 pi f_i t + phi_i).
 
     Attributes
@@ -31,21 +32,8 @@ class MajorFrequencies:
         phi_i at the first sample, in rad.
     """
 
-    frequency_hz: Samples
     amplitude: Samples
     phase: Samples
-
-    def __post_init__(self) -> None:
-        for name in ("frequency_hz", "amplitude", "phase"):
-            values = np.array(getattr(self, name), dtype=np.float64, ndmin=1)
-            values.flags.writeable = False
-            object.__setattr__(self, name, values)
-            if values.shape != self.frequency_hz.shape or not np.all(np.isfinite(values)):
-                raise ValueError(f"{name} is {values}; the rule is one finite value for each frequency")
-        if np.any(self.frequency_hz < 0) or np.any(self.amplitude < 0):
-            raise ValueError(
-                f"frequencies are {self.frequency_hz} Hz and amplitudes {self.amplitude}; the rule is >= 0"
-            )
 
     def synthesize(self, n_samples: int, fs: float, *, peak: float | None = None) -> Samples:
         """Return the vibration, shape (n_samples,): eq. (3.16) in the time domain, at any length and rate.

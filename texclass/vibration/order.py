@@ -140,9 +140,17 @@ def spectral_error(x: ArrayLike, model: Autoregression, *, n_dft: int = N_DFT) -
         )
     if not np.all(np.isfinite(samples)):
         raise ValueError("the signal holds NaN or infinity; the rule is finite samples")
+    omega, length = 2 * np.pi * fft.rfftfreq(checked_dft(n_dft)), min(n_dft, samples.shape[-1])
     rows = np.atleast_2d(samples), np.atleast_2d(model.reflection), np.atleast_2d(model.residual)
-    curves = [_spectral_error(*row, checked_dft(n_dft)) for row in zip(*rows, strict=True)]
-    return np.reshape(curves, model.residual.shape)
+    curves = np.zeros(rows[2].shape)
+    for curve, row, k, residual in zip(curves, *rows, strict=True):
+        if (peak := np.abs(row).max()) > 0:
+            segments = (row / peak)[: row.size // length * length].reshape(-1, length)
+            measured = np.sqrt(np.mean(np.abs(fft.rfft(segments, n_dft, axis=1)) ** 2, axis=0))
+            ln_a = recursions.log_magnitudes(np.ascontiguousarray(k), omega)
+            modelled = (residual / peak * np.sqrt(length))[:, np.newaxis] * np.exp(-ln_a)
+            curve[:] = relative_error(measured, modelled, n_dft)
+    return curves.reshape(model.residual.shape)
 
 
 def aicc(model: Autoregression, n: int) -> Samples:
@@ -172,16 +180,3 @@ def aicc(model: Autoregression, n: int) -> Samples:
     with np.errstate(divide="ignore"):
         fitted = 2.0 * n * np.log(model.residual)
     return np.where(np.isneginf(fitted), -np.inf, np.maximum(fitted, -np.finfo(np.float64).max) + penalty)
-
-
-def _spectral_error(x: Samples, k: Samples, residual: Samples, n_dft: int) -> Samples:
-    peak = np.abs(x).max()
-    if peak == 0:
-        return np.zeros(residual.size)
-    length = min(n_dft, x.size)
-    segments = (x / peak)[: x.size // length * length].reshape(-1, length)
-    measured = np.sqrt(np.mean(np.abs(fft.rfft(segments, n_dft, axis=1)) ** 2, axis=0))
-    omega = 2 * np.pi * fft.rfftfreq(n_dft)
-    ln_a = recursions.log_magnitudes(np.ascontiguousarray(k), omega)
-    modelled = (residual / peak * np.sqrt(length))[:, np.newaxis] * np.exp(-ln_a)
-    return relative_error(measured, modelled, n_dft)

@@ -94,8 +94,14 @@ def goodness_of_fit(
     _same_length(a_d, a_m)
     if not 2 <= n_hamming <= window:
         raise ValueError(f"window, n_hamming are {window}, {n_hamming}; the rule is 2 <= n_hamming <= window")
-    starts = range(0, a_d.size - window + 1, max(window // 2, 1))
-    return float(np.mean([_gfc(a_d[i : i + window], a_m[i : i + window], n_hamming) for i in starts]))
+    fits = []
+    for i in range(0, a_d.size - window + 1, max(window // 2, 1)):
+        units = (to_unit_scale(a[i : i + window])[0] for a in (a_d, a_m))
+        spectra = (signal.welch(x, window="hamming", nperseg=n_hamming, detrend=False)[1] for x in units)
+        A_d, A_m = (np.sqrt(power) for power in spectra)
+        size = np.sqrt(A_d @ A_d) * np.sqrt(A_m @ A_m)
+        fits.append(min(float(A_d @ A_m / size), 1.0) if size > 0 else np.any(A_d) == np.any(A_m))
+    return float(np.mean(fits))
 
 
 def mean_absolute_difference(recorded: ArrayLike, synthesized: ArrayLike) -> float:
@@ -218,15 +224,6 @@ def _same_length(a: Samples, b: Samples) -> None:
 def _not_silent(level: float, where: str) -> None:
     if level == 0:
         raise ValueError(f"the recorded signal is 0 {where}; the rule is a level to compare with")
-
-
-def _gfc(a_d: Samples, a_m: Samples, n_hamming: int) -> float:
-    A_d, A_m = (
-        np.sqrt(signal.welch(to_unit_scale(s)[0], window="hamming", nperseg=n_hamming, detrend=False)[1])
-        for s in (a_d, a_m)
-    )
-    size = np.sqrt(A_d @ A_d) * np.sqrt(A_m @ A_m)
-    return min(float(A_d @ A_m / size), 1.0) if size > 0 else float(np.any(A_d) == np.any(A_m))
 
 
 def _decibel_difference(P: Samples, P_g: Samples, reference: float) -> Samples:
