@@ -5,9 +5,9 @@ from scipy import signal
 
 from texclass.textures import Scan
 from texclass.textures.abdulali2016 import condition
-from texclass.textures.resonant_surfaces import SURFACES, Surface, surface
+from texclass.textures.resonant_surfaces import SURFACES, ResonantSurface, surface
 
-__all__ = ["SURFACES", "Surface", "hand_motion", "simulate_constant", "simulate_scan", "surface"]
+__all__ = ["SURFACES", "ResonantSurface", "hand_motion", "simulate_constant", "simulate_scan", "surface"]
 
 SPEEDS_MM_S, FORCES_N = (25.0, 200.0), (0.3, 2.5)
 """What a hand does; drawn geometrically."""

@@ -11,8 +11,8 @@ from safetensors.numpy import save
 
 from texclass.exchange.container import Header, read_container, sealed
 from texclass.exchange.texture_file import TEXTURES
+from texclass.textures.contract import StoredFields
 from texclass.textures.hatt import HattTexture
-from texclass.textures.storage import StoredFields
 
 
 @dataclass

@@ -132,7 +132,7 @@ def test_round_trip_is_exact_and_in_the_published_elements(slate, tmp_path):
         ("<numARCoeff>3<", "<numARCoeff>4<", "ARlsf"),
         ("<numARCoeff>3<", "<numARCoeff>0<", "orders"),
         ("<numMACoeff>2<", "<numMACoeff>1<", "MAlsf"),
-        ("<SampleRate>1000<", "<SampleRate>0<", "above 0 Hz"),
+        ("<SampleRate>1000<", "<SampleRate>0<", "fs is 0.0; the rule is finite and above 0"),
         ("<SampleRate>1000<", "<SampleRate>nan<", "finite number"),
         ("<AccelUnits>m/s^2<", "<AccelUnits>g<", "AccelUnits"),
         ("<SpeedUnits>mm/s<", "<SpeedUnits>m/s<", "SpeedUnits"),

@@ -9,7 +9,8 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from safetensors.numpy import load_file
+from safetensors import safe_open
+from safetensors.numpy import load_file, save
 
 from texclass.exchange import container, describe, load_taps, load_texture, save_texture
 from texclass.textures.okamura2001 import TapLibrary
@@ -69,6 +70,8 @@ def test_taps_are_no_texture_to_stroke_and_no_texture_is_a_tap_library(path, tmp
         ({"unit": "furlong"}, "unit is 'furlong'; the rule is one of m/s"),
         ({"parameters/fs": "fast"}, "fs is 'fast'; the rule is"),
         ({"parameters/fs": 10**400}, "fs is"),
+        ({"parameters/fs": "1000"}, "no text or true for one"),
+        ({"operations": "4"}, "operations is '4'"),
         ({"parameters/fs": 500.0}, r"describes .*1000.0.*, holds .*500.0.*; the rule is the same"),
         ({"parameters/tones": 3}, "array 'tones' has no place"),
         ({"parameters/tones": None}, "array 'tones' has no place"),
@@ -82,6 +85,15 @@ def test_taps_are_no_texture_to_stroke_and_no_texture_is_a_tap_library(path, tmp
 )
 def test_a_header_that_breaks_a_rule_is_refused(path, forge, changes, match):
     refused(forge(path, changes), match)
+
+
+def test_a_key_named_twice_is_refused(path):
+    with safe_open(path, "np") as file:
+        text, arrays = file.metadata()["texclass"], load_file(path)
+    for old, new in (('"fs":1000.0', '"fs":1000.0,"fs":1000.0'), ('"note"', '"name":"hum","note"')):
+        assert old in text
+        path.write_bytes(save(arrays, {"texclass": text.replace(old, new, 1)}))
+        refused(path, "each key once")
 
 
 def test_arrays_that_break_a_rule_are_refused(path, forge):

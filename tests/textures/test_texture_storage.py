@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from texclass.recording import Samples
-from texclass.textures.storage import StoredFields
+from texclass.textures.contract import StoredFields
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +62,8 @@ def test_what_is_written_down_is_made_again():
         ({"partials": [{"hz": 1.0, "shape": [1.0]}, {"hz": 1.0, "shape": None}]}, "has no place"),
         ({"partials": 7}, "has no place"),
         ({"places": {"a": "x"}}, r"places\.a is 'x'"),
+        ({"places": {"a": "3"}}, "no text or true for one"),
+        ({"range": [True, 2.5]}, "no text or true for one"),
     ],
 )
 def test_what_is_of_another_kind_is_refused(change, message):

@@ -62,7 +62,7 @@ class Header(Written):
     order, operations : number or None
         Of the models, and per rendered sample, where the family has them.
     parameters : mapping
-        What is not an array; see `texclass.textures.storage`.
+        What is not an array; see `texclass.textures.contract`.
     texclass, version
         What wrote the file, and how.
     sha256 : str
@@ -152,6 +152,10 @@ def read_container(path: str | Path) -> tuple[Header, dict[str, NDArray[Any]]]:
     except (SafetensorError, ValueError) as error:
         raise ValueError(f"{path}: is damaged ({error}); the rule is a whole {SUFFIX} file") from error
     header = checked(Header, content, path)
+    if text != header.model_dump_json():
+        raise ValueError(
+            f"{path}: has a header of another form; the rule is each key once, as texclass writes it"
+        )
     if header.sha256 != _digest(header, arrays):
         raise ValueError(f"{path}: does not fit its SHA-256; the rule is unchanged data")
     _check_arrays(arrays, path)

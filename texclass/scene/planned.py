@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from texclass.exchange.container import read_stored, write_stored
+from texclass.textures.contract import StoredFields
 from texclass.textures.grid import GridModel
-from texclass.textures.storage import StoredFields
 
 MOST_CONTACTS = 1000
 

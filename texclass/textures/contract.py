@@ -1,11 +1,20 @@
-"""What every texture offers, whichever paper it comes from: render it, weigh it, write it down."""
+"""What every texture offers, whichever paper it comes from: render, weigh, write down, make again.
 
+It is written down by its fields, arrays apart from what JSON knows.
+"""
+
+import json
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from texclass.recording import Samples
+
+_RULES = {"unexpected_keyword_argument": "no such key", "missing_argument": "that each key is given"}
 
 
 @runtime_checkable
@@ -44,7 +53,7 @@ class Renderer(Protocol):
 
 @runtime_checkable
 class Stored(Protocol):
-    """What files can hold: textures, tap libraries, planned scenes. `storage.StoredFields` gives the methods.
+    """What files can hold: textures, tap libraries, planned scenes. `StoredFields` gives the methods.
 
     Attributes
     ----------
@@ -89,3 +98,139 @@ class Texture(Stored, Protocol):
 
     def renderer(self, *, seed: int = 0) -> Renderer:
         """Return a renderer at rest at the texture's rate; the seed is that of its noise, if it has any."""
+
+
+class StoredFields:
+    """Gives a dataclass the three methods of `Stored`: what its fields hold is what is written.
+
+    Fields may be numbers, texts, arrays, dataclasses, tuples and mappings of these; what is not an argument
+    of the constructor is left out. A stored object is made by its own types and its own `__post_init__`, so
+    that a file can hold nothing that a program could not make.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @dataclass(frozen=True)
+    ... class Hum(StoredFields):
+    ...     family = "hum"
+    ...     name: str
+    ...     tones: np.ndarray
+    >>> hum = Hum("low", np.array([50.0, 120.5]))
+    >>> hum.parameters(), hum.arrays()
+    ({'name': 'low', 'tones': None}, {'tones': array([ 50. , 120.5])})
+    >>> Hum.restore(hum.parameters(), hum.arrays()).name
+    'low'
+    """
+
+    family: ClassVar[str]
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(
+        arbitrary_types_allowed=True, extra="forbid", allow_inf_nan=False
+    )
+
+    def parameters(self) -> dict[str, Any]:
+        """Return what is not an array, as JSON knows it; None where an array belongs."""
+        return {name: _apart(value, name, {}) for name, value in _arguments(self).items()}
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays; "mesh.speed" is that of the field `mesh`, "models.0.k" that of its first."""
+        found: dict[str, NDArray[Any]] = {}
+        for name, value in _arguments(self).items():
+            _apart(value, name, found)
+        return found
+
+    @classmethod
+    def restore(cls, parameters: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Self:
+        """Return the object of what `parameters` and `arrays` returned.
+
+        Raises
+        ------
+        ValueError
+            If something is missing, superfluous, of the wrong kind or shape, or breaks a rule of the object.
+        """
+        left = dict(arrays)
+        tree = {name: _together(value, name, left) for name, value in parameters.items()}
+        if left:
+            raise ValueError(f"{cls.family}: array {min(left)!r:.80} has no place; the rule is one for each")
+        try:
+            found = TypeAdapter(cls).validate_python(tree)
+        except ValidationError as error:
+            first = error.errors()[0]
+            place, value = ".".join(map(str, first["loc"])), first["input"]
+            if first["type"] == "value_error":
+                told = ": ".join(filter(None, [place, str(first["ctx"]["error"])]))
+                raise ValueError(f"{cls.family}: {told}") from None
+            rule = _RULES.get(first["type"], first["msg"].removeprefix("Input should be "))
+            raise ValueError(f"{cls.family}: {place} is {value!r:.80}; the rule is {rule}") from None
+        if _in_words(found.parameters()) != _in_words(parameters):
+            rule = "each key once, numbers as numbers: no text or true for one"
+            raise ValueError(f"{cls.family}: would not be written so; the rule is {rule}")
+        return found
+
+
+def _arguments(value: Any) -> dict[str, Any]:
+    return {each.name: getattr(value, each.name) for each in fields(value) if each.init}
+
+
+def _apart(value: Any, place: str, arrays: dict[str, NDArray[Any]]) -> Any:
+    """Return a value as JSON knows it, its arrays put among `arrays` under where they stand."""
+    if isinstance(value, np.ndarray):
+        arrays[place] = value
+        return None
+    if is_dataclass(value) or isinstance(value, Mapping):
+        inner = value if isinstance(value, Mapping) else _arguments(value)
+        return {name: _apart(each, f"{place}.{name}", arrays) for name, each in inner.items()}
+    if isinstance(value, tuple | list):
+        return [_apart(each, f"{place}.{i}", arrays) for i, each in enumerate(value)]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _together(value: Any, place: str, arrays: dict[str, NDArray[Any]]) -> Any:
+    """Return a value with its arrays where they belong, taken out of `arrays`."""
+    if value is None:
+        return arrays.pop(place, None)
+    if isinstance(value, Mapping):
+        return {name: _together(each, f"{place}.{name}", arrays) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_together(each, f"{place}.{i}", arrays) for i, each in enumerate(value)]
+    return value
+
+
+def _in_words(parameters: Mapping[str, Any]) -> str:
+    """Return parameters as JSON of sorted keys, whole numbers as others."""
+    return json.dumps(json.loads(json.dumps(parameters), parse_int=float), sort_keys=True)
+
+
+def freeze(owner: object, **shapes: tuple[int | str, ...]) -> None:
+    """Make fields of a frozen dataclass read-only arrays of float64.
+
+    Parameters
+    ----------
+    owner : dataclass
+    **shapes : tuple of int or str
+        Of each field; a length that has a name is the same wherever the name stands.
+
+    Raises
+    ------
+    ValueError
+        If a shape does not fit, or a value is NaN or infinite.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> path = SimpleNamespace(force=[1, 2], velocity=np.ones((3, 2)))
+    >>> freeze(path, force=("n",), velocity=("n", 2))
+    Traceback (most recent call last):
+    ValueError: velocity has shape (3, 2); the rule is (2, 2), finite
+    """
+    lengths: dict[int | str, int] = {}
+    for name, shape in shapes.items():
+        array = np.array(getattr(owner, name), dtype=np.float64, order="C")
+        fits = array.ndim == len(shape) and all(
+            size == (lengths.setdefault(length, size) if isinstance(length, str) else length)
+            for size, length in zip(array.shape, shape, strict=True)
+        )
+        if not fits or not np.isfinite(array).all():
+            rule = ", ".join(str(lengths.get(length, length)) for length in shape)
+            raise ValueError(f"{name} has shape {array.shape}; the rule is ({rule}), finite")
+        array.setflags(write=False)
+        object.__setattr__(owner, name, array)

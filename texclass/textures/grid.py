@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from texclass.recording import Samples
+from texclass.textures.contract import freeze
 
 Kind = Literal["silence", "AR", "lines", "AR + lines"]
 Scale = Literal["log", "root"]
@@ -75,35 +76,18 @@ class GridModel:
     scale: Scale = "log"
 
     def __post_init__(self) -> None:
-        axes = tuple(_frozen(axis) for axis in self.axes)
-        object.__setattr__(self, "axes", axes)
-        for name in ("rows", "power", "frequency_hz", "per_mm"):
-            object.__setattr__(self, name, _frozen(getattr(self, name)))
-        self._check_axes()
-        size, lines = self.n_nodes, (self.n_lines,)
-        shapes = {
-            "rows": (*size, *self.rows.shape[-1:]),
-            "power": size,
-            "frequency_hz": lines,
-            "per_mm": lines,
-        }
-        for name, shape in shapes.items():
-            array = getattr(self, name)
-            if array.shape != shape or not np.isfinite(array).all():
-                raise ValueError(f"{name} has shape {array.shape}; the rule is {shape}, finite")
-        self._check_values()
-
-    def _check_axes(self) -> None:
-        if len(self.axes) not in (2, 3):
-            raise ValueError(f"axes are {len(self.axes)}; the rule is speed and force, or v_x, v_y and force")
-        for axis in self.axes:
+        axes = tuple(np.array(axis, dtype=np.float64) for axis in self.axes)
+        for axis in axes:
             rising = axis.ndim == 1 and axis.size and np.isfinite(axis).all() and np.all(np.diff(axis) > 0)
             if not rising or (self.scale == "log" and axis[0] <= 0):
-                raise ValueError(
-                    f"an axis is {axis}; the rule is rising{', above 0' * (self.scale == 'log')}"
-                )
-
-    def _check_values(self) -> None:
+                above = ", above 0" if self.scale == "log" else ""
+                raise ValueError(f"an axis is {axis}; the rule is rising{above}")
+            axis.setflags(write=False)
+        if len(axes) not in (2, 3):
+            raise ValueError(f"axes are {len(axes)}; the rule is speed and force, or v_x, v_y and force")
+        object.__setattr__(self, "axes", axes)
+        lines, size = ("n_lines",), self.n_nodes
+        freeze(self, rows=(*size, "columns"), power=size, frequency_hz=lines, per_mm=lines)
         lowest = min(self.power.min(), self.peak, self.frequency_hz.min(initial=0.0))
         if lowest < 0 or not np.isfinite(self.peak):
             raise ValueError(f"power, peak or a frequency is {lowest}; the rule is finite and at least 0")
@@ -237,9 +221,3 @@ def cell(nodes, x):  # type: ignore[no-untyped-def]
     while x >= nodes[i + 1]:
         i += 1
     return i, i + 1, (x - nodes[i]) / (nodes[i + 1] - nodes[i])
-
-
-def _frozen(values: ArrayLike) -> Samples:
-    array = np.array(values, dtype=np.float64, order="C")
-    array.setflags(write=False)
-    return array

@@ -27,7 +27,7 @@ GROWTH = (0.8, 0.5)
 
 
 @dataclass(frozen=True)
-class Surface:
+class ResonantSurface:
     """A surface and what its vibration does.
 
     Parameters
@@ -104,26 +104,26 @@ class Surface:
 
 
 SURFACES = (
-    Surface("S1", "plastic", (
+    ResonantSurface("S1", "plastic", (
         (60, 22, 0.35, -0.05, 0.3), (170, 45, 0.3, 0.05, -0.25), (330, 70, 0.2, 0.1, 0.15),
     ), 0.4, 3.0, 0.35),
-    Surface("S2", "plastic", (
+    ResonantSurface("S2", "plastic", (
         (75, 25, 0.3, 0.05, -0.2), (210, 50, 0.2, 0.08, 0.15), (300, 60, 0.15, 0.0, 0.1),
     ), 1.2, 2.5, 0.3),
-    Surface("S3", "plastic", (
+    ResonantSurface("S3", "plastic", (
         (90, 25, 0.25, 0.08, 0.15), (160, 40, 0.2, 0.0, 0.2), (270, 60, 0.1, 0.05, -0.1),
     ), 0.0, 4.0, 0.25),
-    Surface("S4", "fabric", ((70, 45, 0.25, 0.08, 0.0), (220, 90, 0.15, 0.05, 0.0)), 0.0, 1.0, 0.0),
-    Surface("S5", "fabric", ((55, 40, 0.3, 0.0, 0.25), (180, 80, 0.2, 0.08, -0.15)), 0.8, 0.8, 0.3),
-    Surface("S6", "fabric", ((85, 50, 0.2, 0.05, -0.25), (250, 90, 0.15, -0.05, 0.1)), 2.2, 1.2, 0.2),
-    Surface("S7", "wood", ((45, 18, 0.3, 0.08, 0.3), (130, 40, 0.2, 0.05, 0.2)), 0.3, 2.0, 0.5),
-    Surface("S8", "wood", ((60, 22, 0.25, 0.0, -0.3), (150, 40, 0.15, 0.08, 0.2)), 1.6, 1.8, 0.4),
-    Surface("S9", "wood", ((50, 20, 0.2, 0.05, 0.2), (180, 50, 0.25, 0.0, -0.25)), 2.6, 2.2, 0.45),
+    ResonantSurface("S4", "fabric", ((70, 45, 0.25, 0.08, 0.0), (220, 90, 0.15, 0.05, 0.0)), 0.0, 1.0, 0.0),
+    ResonantSurface("S5", "fabric", ((55, 40, 0.3, 0.0, 0.25), (180, 80, 0.2, 0.08, -0.15)), 0.8, 0.8, 0.3),
+    ResonantSurface("S6", "fabric", ((85, 50, 0.2, 0.05, -0.25), (250, 90, 0.15, -0.05, 0.1)), 2.2, 1.2, 0.2),
+    ResonantSurface("S7", "wood", ((45, 18, 0.3, 0.08, 0.3), (130, 40, 0.2, 0.05, 0.2)), 0.3, 2.0, 0.5),
+    ResonantSurface("S8", "wood", ((60, 22, 0.25, 0.0, -0.3), (150, 40, 0.15, 0.08, 0.2)), 1.6, 1.8, 0.4),
+    ResonantSurface("S9", "wood", ((50, 20, 0.2, 0.05, 0.2), (180, 50, 0.25, 0.0, -0.25)), 2.6, 2.2, 0.45),
 )  # fmt: skip
 """S1 ... S9; S4 alone is isotropic."""
 
 
-def surface(name: str) -> Surface:
+def surface(name: str) -> ResonantSurface:
     """Return the surface of a name, S1 ... S9."""
     for each in SURFACES:
         if each.name == name:

@@ -1,12 +1,14 @@
 """A scan: the vibration of a tool that strokes a surface, and where, how fast and how hard it does."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from texclass.recording import Recording, Samples
+from texclass.signals import positive
+from texclass.textures.contract import freeze
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,28 +45,12 @@ class Scan:
     speed: Samples = field(init=False)
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.fs) and self.fs > 0):
-            raise ValueError(f"scan {self.name!r}: fs is {self.fs}; the rule is above 0 Hz")
-        n = np.shape(self.acceleration)[0] if np.ndim(self.acceleration) else 0
-        for name, shape in (
-            ("acceleration", (n,)),
-            ("position", (n, 2)),
-            ("velocity", (n, 2)),
-            ("force", (n,)),
-        ):
-            self._store(name, getattr(self, name), shape)
-        self._store("speed", np.hypot(*self.velocity.T), (n,))
-
-    def _store(self, name: str, value: ArrayLike, shape: tuple[int, ...]) -> None:
-        array = np.array(value, dtype=np.float64)
-        if array.shape != shape or not array.size:
-            raise ValueError(
-                f"scan {self.name!r}: {name} has shape {array.shape}; the rule is {shape}, at least 1 sample"
-            )
-        if not np.isfinite(array).all():
-            raise ValueError(f"scan {self.name!r}: {name} holds NaN or infinity; the rule is finite values")
-        array.setflags(write=False)
-        object.__setattr__(self, name, array)
+        positive(self.fs, f"scan {self.name!r}: fs")
+        freeze(self, acceleration=("n",), position=("n", 2), velocity=("n", 2), force=("n",))
+        object.__setattr__(self, "speed", np.hypot(*self.velocity.T))
+        freeze(self, speed=("n",))
+        if not len(self):
+            raise ValueError(f"scan {self.name!r} holds no sample; the rule is at least one")
 
     def __len__(self) -> int:
         return int(self.acceleration.size)
@@ -82,15 +68,8 @@ class Scan:
 
     def part(self, start: int, stop: int) -> Self:
         """Return the samples [start, stop) as a scan."""
-        cut = slice(start, stop)
-        return type(self)(
-            self.acceleration[cut],
-            self.position[cut],
-            self.velocity[cut],
-            self.force[cut],
-            self.fs,
-            self.name,
-        )
+        names = ("acceleration", "position", "velocity", "force")
+        return replace(self, **{name: getattr(self, name)[start:stop] for name in names})
 
     @classmethod
     def along_line(
@@ -140,10 +119,5 @@ class Scan:
             a = a[:, 0]
         if a.ndim != 1:
             raise ValueError(f"{where}: acceleration has shape {a.shape}; the rule is one axis: combine them")
-        return cls.along_line(
-            a,
-            recording.speed,
-            recording.normal_force,
-            recording.fs,
-            recording.material or recording.recording_id,
-        )
+        name = recording.material or recording.recording_id
+        return cls.along_line(a, recording.speed, recording.normal_force, recording.fs, name)

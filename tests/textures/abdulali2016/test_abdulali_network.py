@@ -87,7 +87,7 @@ def test_points_that_coincide_or_lie_in_a_plane_are_no_obstacle():
 
 
 def test_shapes_of_a_network_are_checked():
-    with pytest.raises(ValueError, match="shapes"):
+    with pytest.raises(ValueError, match=r"weights has shape \(4, 1\)"):
         RadialNetwork(np.zeros((3, 2)), np.zeros((4, 1)), np.zeros((3, 1)))
     with pytest.raises(ValueError, match="finite"):
         RadialNetwork(np.full((3, 2), np.nan), np.zeros((3, 1)), np.zeros((3, 1)))

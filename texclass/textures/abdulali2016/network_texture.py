@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike
 from scipy import interpolate, spatial
 
 from texclass.recording import Samples
+from texclass.signals import positive
 from texclass.textures.abdulali2016.model_points import MOTION_HZ, Loudness
+from texclass.textures.contract import StoredFields, freeze
 from texclass.textures.gliding import GlidingRenderer
 from texclass.textures.grid import GridModel, cell
-from texclass.textures.storage import StoredFields
 from texclass.vibration import line_spectrum
 
 LIMIT = 2.0
@@ -135,18 +136,8 @@ class RadialNetwork:
     polynomial: Samples
 
     def __post_init__(self) -> None:
-        for name in ("centres", "weights", "polynomial"):
-            array = np.array(getattr(self, name), dtype=np.float64, order="C")
-            if array.ndim != 2 or not np.all(np.isfinite(array)):
-                raise ValueError(f"{name} has shape {array.shape}; the rule is two axes, finite numbers")
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-        shapes = self.centres.shape, self.weights.shape, self.polynomial.shape
-        (n, d), (_, m), _ = shapes
-        if shapes[1:] != ((n, m), (d + 1, m)) or m < 1:
-            raise ValueError(
-                f"centres, weights, polynomial have shapes {shapes}; the rule is (n, d), (n, m), (d + 1, m)"
-            )
+        freeze(self, centres=("n", "d"), weights=("n", "m"))
+        freeze(self, polynomial=(self.centres.shape[1] + 1, self.weights.shape[1]))
 
     def at(self, u: ArrayLike) -> Samples:
         """Return f at inputs (n, n_inputs), shape (n, n_outputs); every row by itself, bit for bit."""
@@ -193,7 +184,7 @@ class MapTexture(StoredFields, ABC):
     glide: bool = True
 
     def __post_init__(self) -> None:
-        _check_rate(self.fs)
+        positive(self.fs, "fs")
         if self.buffer < 1:
             raise ValueError(f"buffer is {self.buffer!r}; the rule is an integer of at least 1")
         if self.loudness not in get_args(Loudness):
@@ -310,36 +301,24 @@ class DelaunayTexture(MapTexture):
     outputs: Samples
 
     def __post_init__(self) -> None:
-        for name in ("u", "outputs"):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-        u, outputs = self.u, self.outputs
-        if u.ndim != 2 or u.shape[1] != self.frame.n_inputs or outputs.ndim != 2 or len(u) != len(outputs):
+        freeze(self, u=("n_points", self.frame.n_inputs), outputs=("n_points", "outputs"))
+        if self.order < 1:
             raise ValueError(
-                f"u {u.shape} and outputs {outputs.shape}; the rule is (n, {self.frame.n_inputs}), (n, p + 1)"
+                f"outputs have shape {self.outputs.shape}; the rule is p + 1 columns, p at least 1"
             )
-        if outputs.shape[1] < 2 or not (np.isfinite(u).all() and np.isfinite(outputs).all()):
-            raise ValueError(
-                "u or outputs hold NaN or infinity, or no frequency; the rule is finite, p at least 1"
-            )
-        if np.any(np.diff(outputs[:, :-1], axis=1) <= 0):
+        if np.any(np.diff(self.outputs[:, :-1], axis=1) <= 0):
             raise ValueError("outputs are out of order; the rule is increasing frequencies")
-        _ = self._inside  # refuses points that span nothing
+        try:
+            _ = self._maps
+        except (spatial.QhullError, ValueError) as error:
+            rule = "the rule is a triangulation"
+            raise ValueError(f"{len(self.u)} points do not span the input; {rule}") from error
         super().__post_init__()
 
     @cached_property
-    def _inside(self) -> Any:
-        try:
-            return interpolate.LinearNDInterpolator(spatial.Delaunay(self.u), self.outputs)
-        except (spatial.QhullError, ValueError) as error:
-            raise ValueError(
-                f"{len(self.u)} points do not span the input; the rule is a triangulation"
-            ) from error
-
-    @cached_property
-    def _outside(self) -> Any:
-        return interpolate.NearestNDInterpolator(self.u, self.outputs)
+    def _maps(self) -> tuple[Any, Any]:
+        inside = interpolate.LinearNDInterpolator(spatial.Delaunay(self.u), self.outputs)
+        return inside, interpolate.NearestNDInterpolator(self.u, self.outputs)
 
     @property
     def order(self) -> int:
@@ -354,10 +333,11 @@ class DelaunayTexture(MapTexture):
 
     def outputs_at(self, u: Samples) -> Samples:
         """Return sum_i b_i f_i, with b the barycentric coordinates in the simplex of each input."""
-        out = self._inside(u)
+        inside, outside = self._maps
+        out = np.asarray(inside(u))
         alone = np.isnan(out).any(axis=1)  # outside, or in a simplex without volume
-        out[alone] = self._outside(u[alone])
-        return np.asarray(out)
+        out[alone] = outside(u[alone])
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -390,7 +370,7 @@ class BakedTexture(StoredFields):
     grid: GridModel
 
     def __post_init__(self) -> None:
-        _check_rate(self.fs)
+        positive(self.fs, "fs")
         grid, n = self.grid, self.frame.n_inputs
         found = len(grid.axes), min(grid.n_nodes), grid.scale, grid.kind
         if found != (n, max(found[1], 2), "root", "AR"):
@@ -492,11 +472,6 @@ def level_of(
         return np.asarray(np.sqrt(np.maximum(output, 0.0)) * np.exp(np.minimum(-log_cosines, 700.0)))
     law = motion[0] ** growth[0] * motion[1] ** growth[1]
     return np.asarray(law * np.exp(np.minimum(output, 300.0)))
-
-
-def _check_rate(fs: float) -> None:
-    if not (np.isfinite(fs) and fs > 0):
-        raise ValueError(f"fs is {fs!r}; the rule is above 0 Hz")
 
 
 @njit(cache=True, error_model="numpy")

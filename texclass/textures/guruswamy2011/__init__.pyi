@@ -1,6 +1,6 @@
 from .fit import RESOLUTION as RESOLUTION
+from .fit import BandedVibration as BandedVibration
 from .fit import FittedScan as FittedScan
-from .fit import Profile as Profile
 from .fit import Responses as Responses
 from .fit import band_of as band_of
 from .fit import fit_modes as fit_modes

@@ -29,7 +29,7 @@ Phase = Literal["causal", "zero"]
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class BandedVibration:
     """A vibration within its band.
 
     Attributes
@@ -78,7 +78,7 @@ def profile_of(
     resolution: float = RESOLUTION,
     phase: Phase = "causal",
     smoothing_hz: float = SMOOTHING_HZ,
-) -> Profile:
+) -> BandedVibration:
     """Band-pass an acceleration by a 4th-order Butterworth filter and cut it where peaks rise.
 
     Parameters
@@ -97,7 +97,7 @@ def profile_of(
 
     Returns
     -------
-    Profile
+    BandedVibration
 
     Raises
     ------
@@ -124,26 +124,20 @@ def profile_of(
     band = band_of(a, fs, smoothing_hz=smoothing_hz)
     is_wide = band.upper_hz > HIGHEST * fs / 2
     cutoff = fs / 2 if is_wide else band.upper_hz
-    sos = (
-        signals.butterworth("highpass", LOWER_HZ, fs)
-        if is_wide
-        else signals.butterworth("bandpass", (LOWER_HZ, cutoff), fs)
-    )
+    edges = LOWER_HZ if is_wide else (LOWER_HZ, cutoff)
+    sos = signals.butterworth("highpass" if is_wide else "bandpass", edges, fs)
     a = a - np.mean(a)
     if phase == "zero":
         samples = signals.zero_phase(sos, a)
     else:
-        delay = min(_delay(sos, band.major_hz, fs), a.size - 1)
+        # the group delay -d phi / d omega at the major frequency, in whole samples
+        around = np.clip([band.major_hz - 0.5, band.major_hz + 0.5], LOWER_HZ, 0.499 * fs)
+        H = signal.freqz_sos(sos, around, fs=fs)[1]
+        turned = np.angle(H[0] * np.conj(H[1]))
+        samples_late = round(float(turned / (2 * np.pi * (around[1] - around[0])) * fs))
+        delay = min(max(samples_late, 0), a.size - 1)
         samples = signals.causal(sos, np.pad(a, (0, delay), mode="edge"))[0][delay:]
-    return Profile(samples, band, cutoff, segment_rising_peaks(samples, DEAD_BAND_BITS * resolution))
-
-
-def _delay(sos: Samples, frequency_hz: float, fs: float) -> int:
-    """Return the group delay -d phi / d omega at a frequency, in whole samples, not negative."""
-    around = np.clip([frequency_hz - 0.5, frequency_hz + 0.5], LOWER_HZ, 0.499 * fs)
-    _, H = signal.freqz_sos(sos, around, fs=fs)
-    turned = np.angle(H[0] * np.conj(H[1]))
-    return max(round(float(turned / (2 * np.pi * (around[1] - around[0])) * fs)), 0)
+    return BandedVibration(samples, band, cutoff, segment_rising_peaks(samples, DEAD_BAND_BITS * resolution))
 
 
 # One filter per segment -------------------------------------------------------------------------------------
@@ -346,7 +340,7 @@ class FittedScan:
     scan : Scan
     normalised : ndarray of shape (n_samples,)
         Acceleration as at the mean speed and force.
-    profile : Profile
+    profile : BandedVibration
         That within its band, and its segments.
     responses : Responses
         One filter per segment.
@@ -355,7 +349,7 @@ class FittedScan:
 
     scan: Scan
     normalised: Samples = field(repr=False)
-    profile: Profile
+    profile: BandedVibration
     responses: Responses
     texture: SpatialTexture
 
@@ -420,23 +414,17 @@ def fit_texture(
     responses = fit_responses(
         profile.samples, profile.segmentation.bounds.tolist(), scan.fs, resolution, method=method, tails=tails
     )
-    texture = _placed(scan, profile, responses, scaling, method, course)
-    return FittedScan(scan, a - a.mean(), profile, responses, texture)
-
-
-def _placed(
-    scan: Scan, profile: Profile, responses: Responses, scaling: Amplitude, method: Method, course: Course
-) -> SpatialTexture:
-    """Put each filter where its segment begins: x_k in mm along the path, half a sample before the start."""
     kept = [i for i, modes in enumerate(responses.modes) if modes.n_modes]
     if not kept:
         raise ValueError(f"scan {scan.name!r}: the rule is a vibration that exceeds the resolution somewhere")
-    x = scan.distance_mm
-    start = responses.start[kept].astype(np.int64)
-    passed = (x[np.maximum(start - 1, 0)] + x[start]) / 2  # after the last sample without it
     modes = [responses.modes[i] for i in kept]
-    kind = SinusoidTexture if method == "sinusoid" else SpatialTexture
-    return kind(
+    # each filter begins where its segment does: along the path, half a sample before the start
+    x, start = scan.distance_mm, responses.start[kept].astype(np.int64)
+    passed = (x[np.maximum(start - 1, 0)] + x[start]) / 2
+    # the line is the first principal axis of the path, from start to end
+    axis = np.linalg.svd(scan.position - scan.position.mean(axis=0), full_matrices=False)[2][0]
+    direction = -axis if (scan.position[-1] - scan.position[0]) @ axis < 0 else axis
+    texture = (SinusoidTexture if method == "sinusoid" else SpatialTexture)(
         name=scan.name,
         fs=scan.fs,
         length_mm=max(float(x[-1]), float(np.nextafter(passed[-1], np.inf))),
@@ -448,15 +436,8 @@ def _placed(
         phase=np.concatenate([m.phase for m in modes]),
         scaling=scaling,
         peak=float(np.max(np.abs(profile.samples))),
-        direction=(u := _direction(scan)),
+        direction=direction,
         course=course,
-        origin_mm=float(scan.position[0] @ u),
+        origin_mm=float(scan.position[0] @ direction),
     )
-
-
-def _direction(scan: Scan) -> Samples:
-    """Return the unit vector in which the stroke runs: first principal axis, pointing from start to end."""
-    centred = scan.position - scan.position.mean(axis=0)
-    axis = np.linalg.svd(centred, full_matrices=False)[2][0]
-    forth = float((scan.position[-1] - scan.position[0]) @ axis)
-    return np.asarray(-axis if forth < 0 else axis)
+    return FittedScan(scan, a - a.mean(), profile, responses, texture)

@@ -105,12 +105,11 @@ def fit_level_law(
     ----------
     `guruswamy2011`, section III (eq. 2), section V-B, figure 10.
     """
+    from scipy.optimize import nnls
+
     speed, force, rms = np.array([scan_level(scan) for scan in scans]).reshape(-1, 3).T
     known = np.zeros_like(rms) if k_c is None else k_c * force
-    columns = (
-        [speed / 1000, np.ones_like(speed)] if k_c is not None else [speed / 1000, force, np.ones_like(speed)]
-    )
-    design = np.column_stack(columns)
+    design = np.column_stack([speed / 1000, *([force] if k_c is None else []), np.ones_like(speed)])
     if np.linalg.matrix_rank(design) < design.shape[1] or not np.any(rms):
         raise ValueError(
             f"scans at {speed} mm/s and {force} N of RMS {rms}; the rule is {design.shape[1]} scans or more "
@@ -118,7 +117,9 @@ def fit_level_law(
         )
     weight = np.ones_like(rms)
     for _ in range(1 if weighting == "equal" else 5):
-        found = _at_least_0(design * weight[:, np.newaxis], (rms - known) * weight)
+        weighted = design * weight[:, np.newaxis]
+        size = np.linalg.norm(weighted, axis=0)
+        found = nnls(weighted / size, (rms - known) * weight)[0] / size
         if weighting == "relative":
             weight = 1 / np.maximum(design @ found + known, 1e-3 * rms.max())
     k_v, k_f, a_0 = (found[0], k_c, found[1]) if k_c is not None else found
@@ -205,10 +206,3 @@ def normalised(scan: Scan, amplitude: Amplitude) -> Samples:
     """Return the acceleration as it would be at the constant speed and force of `amplitude`, (n_samples,)."""
     factor = amplitude.factor(*smoothed_path(scan))
     return np.asarray(scan.acceleration / np.maximum(factor, 1 / 16))
-
-
-def _at_least_0(design: Samples, y: Samples) -> Samples:
-    from scipy.optimize import nnls
-
-    size = np.linalg.norm(design, axis=0)
-    return np.asarray(nnls(design / size, y)[0] / size)

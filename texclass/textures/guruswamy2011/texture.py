@@ -13,8 +13,8 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
+from texclass.textures.contract import StoredFields, freeze
 from texclass.textures.guruswamy2011.level import Amplitude
-from texclass.textures.storage import StoredFields
 
 Course = Literal["line", "travelled"]
 _RANGES = (("fs", 1e-3, 1e9), ("length_mm", 1e-6, 1e9), ("origin_mm", -1e9, 1e9), ("peak", 1e-100, 1e100))
@@ -91,43 +91,30 @@ class SpatialTexture(StoredFields):
     origin_mm: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("position_mm", "feature", *_MODES, "direction"):
-            values = np.array(getattr(self, name), dtype=np.float64, ndmin=1)
-            if values.ndim != 1 or not np.all(np.isfinite(values)):
-                raise ValueError(
-                    f"texture {self.name!r}: {name} of shape {values.shape}; the rule is finite, (n,)"
-                )
-            values.flags.writeable = False
-            object.__setattr__(self, name, values)
-        self._check_line()
-        self._check_modes()
-
-    def _check_line(self) -> None:
-        for name, least, most in _RANGES:
-            if not least <= getattr(self, name) <= most:
-                self._refuse(f"{name} is {getattr(self, name)}", f"{least:g} to {most:g}")
-        if self.course not in get_args(Course):
-            self._refuse(f"course is {self.course!r}", f"one of {get_args(Course)}")
-        x = self.position_mm
-        if not x.size or np.any(np.diff(x) < 0) or x[0] < 0 or x[-1] >= self.length_mm:
-            self._refuse(f"positions are {x} mm", f"at least 1, rising, in [0, {self.length_mm:g})")
-        if self.direction.shape != (2,) or abs(np.hypot(*self.direction) - 1) > 1e-6:
-            self._refuse(f"direction is {self.direction}", "a unit vector of shape (2,)")
-
-    def _check_modes(self) -> None:
-        owner = self.feature
-        if any(getattr(self, name).shape != owner.shape for name in _MODES):
-            self._refuse(f"modes of {owner.size} features", "one frequency, decay, amplitude, phase for each")
+        modes = dict.fromkeys(("feature", *_MODES), ("n_modes",))
+        freeze(self, position_mm=("n_features",), **modes, direction=(2,))
+        x, owner, f, A = self.position_mm, self.feature, self.frequency_hz, self.amplitude
         rising = np.all(owner == np.round(owner)) and np.all(np.diff(owner) >= 0)
-        if not rising or np.any(owner < 0) or np.any(owner >= self.n_features):
-            self._refuse(f"modes belong to {owner}", f"whole numbers, rising, in [0, {self.n_features})")
-        beyond = np.any(self.frequency_hz < 0) or np.any(self.frequency_hz > self.fs / 2)
-        too_large = np.any(self.amplitude < 0) or np.any(self.amplitude > MOST * self.peak)
-        if beyond or np.any(self.decay_per_s <= 0) or too_large:
-            self._refuse("a mode breaks", f"0 <= f <= fs/2, B > 0, 0 <= A <= {MOST:g} peaks")
-
-    def _refuse(self, what: str, rule: str) -> None:
-        raise ValueError(f"texture {self.name!r}: {what}; the rule is {rule}")
+        on_line = x.size and np.all(np.diff(x) >= 0) and x[0] >= 0 and x[-1] < self.length_mm
+        owned = rising and np.all((owner >= 0) & (owner < x.size))
+        audible = np.all((f >= 0) & (f <= self.fs / 2) & (self.decay_per_s > 0))
+        rules = [
+            (least <= getattr(self, name) <= most, name, f"{least:g} to {most:g}")
+            for name, least, most in _RANGES
+        ]
+        rules += [
+            (self.course in get_args(Course), "course", f"one of {get_args(Course)}"),
+            (on_line, "position_mm", f"at least 1, rising, in [0, {self.length_mm:g})"),
+            (abs(np.hypot(*self.direction) - 1) < 1e-6, "direction", "a unit vector"),
+            (owned, "feature", f"whole numbers, rising, in [0, {x.size})"),
+            (audible, "frequency_hz", "0 <= f <= fs/2, and B > 0 with each"),
+            (np.all((A >= 0) & (MOST * self.peak >= A)), "amplitude", f"0 <= A <= {MOST:g} peaks"),
+        ]
+        for kept, name, rule in rules:
+            if not kept:
+                raise ValueError(
+                    f"texture {self.name!r}: {name} is {getattr(self, name)}; the rule is {rule}"
+                )
 
     @property
     def n_features(self) -> int:
@@ -200,19 +187,17 @@ class SpatialRenderer:
         self.fs = texture.fs
         scaling = texture.scaling
         law = scaling.law
-        self._law = np.array(
-            [law.k_v, law.k_c, law.a_0, scaling.speed, scaling.force, scaling.compensated, scaling.limit],
-            float,
-        )
+        here = scaling.speed, scaling.force, scaling.compensated, scaling.limit
+        self._law = np.array([law.k_v, law.k_c, law.a_0, *here], float)
         quiet, loud = SILENT * texture.peak, LARGEST_OUTPUT * texture.peak
         course, line = texture.course == "travelled", (*texture.direction, texture.origin_mm)
         self._setting = np.array([texture.fs, texture.length_mm, *line, course, PLAY_MM, quiet, loud], float)
         self._position = np.array(texture.position_mm)
         owners = np.arange(texture.n_features + 1)
         self._first = np.searchsorted(texture.feature, owners).astype(np.int64)
-        self._modes = _table(
-            texture.frequency_hz, texture.decay_per_s, texture.amplitude, texture.phase, fs=texture.fs
-        )
+        start = texture.amplitude * np.exp(1j * texture.phase)
+        p = np.exp((-texture.decay_per_s + 2j * np.pi * texture.frequency_hz) / texture.fs)
+        self._modes = np.column_stack([start.real, start.imag, p.real, p.imag])
         self._pool = np.zeros((N_RINGING, 4))
         self._counts = np.zeros(3, np.int64)
         self._where = np.zeros(4)
@@ -258,13 +243,6 @@ def _block(values: ArrayLike) -> Samples:
     return array if array.flags.writeable else array.copy()  # one compiled version serves all
 
 
-def _table(f: Samples, B: Samples, A: Samples, phi: Samples, *, fs: float) -> Samples:
-    """Return a row per mode: its start (re, im) and its factor per sample (re, im)."""
-    start = A * np.exp(1j * phi)
-    p = np.exp((-B + 2j * np.pi * f) / fs)
-    return np.column_stack([start.real, start.imag, p.real, p.imag])
-
-
 Counts = NDArray[np.int64]
 
 RINGING, NEXT, STARTED = 0, 1, 2
@@ -281,15 +259,7 @@ LARGEST = 1e9
 def locate(s: float, position: Samples, length: float) -> int:
     """Return how many features lie before s on the surface repeated with period `length`."""
     turn = np.floor(s / length)
-    rest = s - turn * length
-    low, high = 0, position.size
-    while low < high:
-        middle = (low + high) // 2
-        if position[middle] < rest:
-            low = middle + 1
-        else:
-            high = middle
-    return int(turn) * position.size + low
+    return int(turn) * position.size + int(np.searchsorted(position, s - turn * length))
 
 
 @njit(cache=True, error_model="numpy")
@@ -311,7 +281,10 @@ def factor(speed: float, force: float, law: Samples) -> float:
 
 @njit(cache=True, error_model="numpy")
 def strike(k: int, A: float, first: Counts, modes: Samples, pool: Samples, counts: Counts) -> None:
-    """Put the modes of a feature into the pool. A full pool gives up its weakest mode for a stronger one."""
+    """Put the modes of a feature into the pool, (re, im, and by what they turn and shrink a sample).
+
+    A full pool gives up its weakest mode for a stronger one.
+    """
     for m in range(first[k], first[k + 1]):
         re, im = A * modes[m, 0], A * modes[m, 1]
         row = counts[0]
@@ -325,8 +298,7 @@ def strike(k: int, A: float, first: Counts, modes: Samples, pool: Samples, count
                     row, least = i, power
             if row < 0:
                 continue
-        pool[row, 0], pool[row, 1] = re, im
-        pool[row, 2], pool[row, 3] = modes[m, 2], modes[m, 3]
+        pool[row] = re, im, modes[m, 2], modes[m, 3]
 
 
 @njit(cache=True, error_model="numpy")
@@ -339,9 +311,7 @@ def ring(pool: Samples, counts: Counts, silent: float) -> float:
         total += re
         if re * re + im * im < silent * silent:
             counts[0] -= 1
-            last = counts[0]
-            for j in range(4):
-                pool[i, j] = pool[last, j]
+            pool[i] = pool[counts[0]]
             continue
         pool[i, 0], pool[i, 1] = re * pool[i, 2] - im * pool[i, 3], re * pool[i, 3] + im * pool[i, 2]
         i += 1

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import Delaunay
 
 from texclass.recording import Samples
+from texclass.textures.contract import freeze
 
 N_BORDER = 6
 """Nodes that `triangulate` puts on each side of the rectangle from rest to the largest speed and force."""
@@ -40,16 +41,12 @@ class Mesh:
     triangles: NDArray[np.integer | np.floating]
 
     def __post_init__(self) -> None:
-        for name in ("speed", "force", "triangles"):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-        n = self.speed.size
-        for name, axis in (("speed", self.speed), ("force", self.force)):
-            if axis.shape != (n,) or not np.all(np.isfinite(axis) & (axis >= 0)):
-                raise ValueError(f"{name} of the nodes, shape {axis.shape}; the rule is (n,), finite, >= 0")
-        found = self.triangles
-        if found.ndim != 2 or found.shape[1] != 3 or not 0 < len(found) <= MOST_TRIANGLES:
+        freeze(self, speed=("n_nodes",), force=("n_nodes",), triangles=("n_triangles", 3))
+        for name in ("speed", "force"):
+            if np.any(getattr(self, name) < 0):
+                raise ValueError(f"{name} of a node is {getattr(self, name).min()}; the rule is >= 0")
+        n, found = self.speed.size, self.triangles
+        if not 0 < len(found) <= MOST_TRIANGLES:
             raise ValueError(
                 f"triangles have shape {found.shape}; the rule is (n, 3), n in 1 ... {MOST_TRIANGLES}"
             )

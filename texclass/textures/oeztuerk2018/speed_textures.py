@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
 from texclass.signals import one_channel, positive
+from texclass.textures.contract import StoredFields
 from texclass.textures.gliding import checked_path
-from texclass.textures.storage import StoredFields
 from texclass.vibration import (
     Autoregression,
     MajorFrequencies,
@@ -44,6 +44,8 @@ UNKNOWN = -1.0
 """Place before the first sample, which takes its own at once."""
 
 Scale = Literal["peak", "rms", "none"]
+Player = Callable[[Samples, Samples], None]
+"""Fills samples (n,) along places among the speeds and loudness (n, 2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +77,14 @@ class SpeedTexture(StoredFields, ABC):
     @abstractmethod
     def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
         """Return the vibration at a constant speed (mm/s), shape (n_samples,); the seed is that of noise."""
+
+    @abstractmethod
+    def player(self, seed: int) -> Player:
+        """Return what plays along a course from the first sample on; the seed is that of noise."""
+
+    def renderer(self, *, seed: int = 0) -> "SpeedRenderer":
+        """Return a renderer at rest; the seed is that of the noise, if there is any."""
+        return SpeedRenderer(self, seed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,9 +166,19 @@ class LpcTexture(SpeedTexture):
         distance = np.abs(np.asarray(place)[..., np.newaxis] - np.arange(self.speeds.size))
         return self._blend.at(np.maximum(1 - distance, 0.0))
 
-    def renderer(self, *, seed: int = 0) -> "LpcRenderer":
-        """Return a renderer at rest; the seed is that of the noise."""
-        return LpcRenderer(self, seed)
+    def player(self, seed: int) -> Player:
+        """Return what drives the lattice of the place with noise, as if it had gone on for ever."""
+        rng, (rows, levels) = np.random.default_rng(seed), self.grid
+        (k, c), b = np.empty((2, self.order)), np.append(rng.standard_normal(self.order), 0.0)
+        hop, limit, count = self.update_samples, PEAK_FACTOR * self.peak, 0
+
+        def play(course: Samples, out: Samples) -> None:
+            nonlocal count
+            noise = rng.standard_normal(out.size)
+            _play_lattice(noise, course, rows, levels, count, hop, k, c, b, limit, out)
+            count = (count + out.size) % hop
+
+        return play
 
     def parameters(self) -> dict[str, Any]:
         """Return what is not an array; of the models all follows from reflection coefficients and gains."""
@@ -232,9 +252,16 @@ class FrequencyTexture(SpeedTexture):
         """Return the vibration at a constant speed (mm/s), shape (n_samples,); nothing in it is random."""
         return self.at(speed).synthesize(n_samples, self.fs)
 
-    def renderer(self, *, seed: int = 0) -> "FrequencyRenderer":
-        """Return a renderer at rest; it has no noise, so the seed changes nothing."""
-        return FrequencyRenderer(self)
+    def player(self, seed: int) -> Player:
+        """Return what adds up oscillators whose phases never jump; nothing is random in it."""
+        f, A, start = self.tracks
+        omega, amplitude = 2 * np.pi * np.minimum(f / self.fs, 0.5), np.where(f < self.fs / 2, A, 0.0)
+        phase, limit = start.copy(), PEAK_FACTOR * self.peak
+
+        def play(course: Samples, out: Samples) -> None:
+            _play_lines(course, omega, amplitude, phase, limit, out)
+
+        return play
 
 
 def fit_lpc(
@@ -381,20 +408,20 @@ def follow_lines(models: Sequence[MajorFrequencies]) -> tuple[Samples, Samples, 
     return f, A, phase
 
 
-class _SpeedRenderer(ABC):
-    """Follows the place of the speed among the recorded ones, and the loudness, along a path."""
+class SpeedRenderer:
+    """Plays a texture along a path, place and loudness following speed and contact; see `Renderer`."""
 
     def __init__(self, texture: SpeedTexture, seed: int) -> None:
-        self.fs, self._seed = texture.fs, seed
+        self.fs, self._begin = texture.fs, partial(texture.player, seed)
         still, share = STILL * float(texture.speeds[0]), -float(np.expm1(-1 / (GLIDE_S * texture.fs)))
         self._following = texture.speeds, still, share
-        self._limit = PEAK_FACTOR * texture.peak
         self._motion = np.empty(2)
         self.reset()
 
     def reset(self) -> None:
-        """Return to rest, with the random numbers or the phases of the first sample."""
+        """Return to rest, with the random numbers and the phases of the first sample."""
         self._motion[:] = UNKNOWN, 0.0
+        self._play = self._begin()
 
     def process(self, velocity: ArrayLike, force: ArrayLike, position: ArrayLike | None = None) -> Samples:
         """Return the vibration for the next samples; the position is not used."""
@@ -403,52 +430,6 @@ class _SpeedRenderer(ABC):
         _follow(v, f, *self._following, self._motion, course)
         self._play(course, out)
         return out
-
-    @abstractmethod
-    def _play(self, course: Samples, out: Samples) -> None:
-        """Fill `out` along places and loudness (n, 2)."""
-
-
-class LpcRenderer(_SpeedRenderer):
-    """Plays an `LpcTexture` along a path; see `Renderer`."""
-
-    def __init__(self, texture: LpcTexture, seed: int) -> None:
-        self._rows, self._levels = texture.grid
-        self._hop = texture.update_samples
-        (self._k, self._c), self._b = np.empty((2, texture.order)), np.empty(texture.order + 1)
-        super().__init__(texture, seed)
-
-    def reset(self) -> None:
-        """Return to rest, with the random numbers of the first sample."""
-        super().reset()
-        self._rng = np.random.default_rng(self._seed)
-        self._b[-1] = 0.0
-        self._b[:-1] = self._rng.standard_normal(self._b.size - 1)
-        self._count = 0
-
-    def _play(self, course: Samples, out: Samples) -> None:
-        noise, grid = self._rng.standard_normal(out.size), (self._rows, self._levels)
-        renewal, state = (self._count, self._hop), (self._k, self._c, self._b)
-        _play_lattice(noise, course, *grid, *renewal, *state, self._limit, out)
-        self._count = (self._count + out.size) % self._hop
-
-
-class FrequencyRenderer(_SpeedRenderer):
-    """Plays a `FrequencyTexture` along a path with oscillators whose phases never jump; see `Renderer`."""
-
-    def __init__(self, texture: FrequencyTexture) -> None:
-        f, A, self._start = texture.tracks
-        self._omega = 2 * np.pi * np.minimum(f / texture.fs, 0.5)
-        self._amplitude = np.where(f < texture.fs / 2, A, 0.0)
-        super().__init__(texture, 0)
-
-    def reset(self) -> None:
-        """Return to rest, with the phases of the recordings."""
-        super().reset()
-        self._phase = self._start.copy()
-
-    def _play(self, course: Samples, out: Samples) -> None:
-        _play_lines(course, self._omega, self._amplitude, self._phase, self._limit, out)
 
 
 @njit(cache=True, error_model="numpy")

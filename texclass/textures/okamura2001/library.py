@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from texclass.recording import Samples
+from texclass.textures.contract import StoredFields
 from texclass.textures.okamura2001.alignment import AlignedTaps, fit_aligned
-from texclass.textures.storage import StoredFields
 from texclass.vibration import TapModel
 
 
