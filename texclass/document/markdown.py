@@ -99,21 +99,19 @@ def _list(facts: Mapping[str, str]) -> Iterator[str]:
 
 
 def _table(table: Table) -> Iterator[str]:
-    yield _line(titles_of(table.frame))
+    yield _line([" ".join(filter(None, title)) for title in titles_of(table.frame)])
     n_columns = table.frame.shape[1]
     yield "|" + "---|" * table.n_words + "---:|" * (n_columns - table.n_words)
     for i, row in enumerate(texts_of(table.frame)):
         if i in table.instead:
             yield _line([row[0], table.instead[i], *[""] * (n_columns - 2)])
+        elif i in table.strong:
+            parted = (split_interval(text) for text in row)
+            yield _line([f"**{number}** {beside}".strip() if number else beside for number, beside in parted])
         else:
-            yield _line([_strong(text) for text in row] if i in table.strong else row)
+            yield _line(row)
     if table.caption:
         yield from ("", table.caption)
-
-
-def _strong(text: str) -> str:
-    number, interval = split_interval(text)
-    return " ".join(filter(None, (f"**{number}**" if number else "", interval)))
 
 
 def _line(texts: list[str]) -> str:

@@ -3,7 +3,7 @@
 import base64
 import hashlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -12,10 +12,16 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from texclass.document.blocks import Block, Document, Figure, Folded, Heading, Heat, Table
+from texclass.document.blocks import Document, Figure, Folded, Heading, Heat, Table
 from texclass.document.figure_style import NARROW, WIDTH
 from texclass.document.svg import inline_svg
-from texclass.document.wording import split_interval, texts_of
+from texclass.document.wording import split_interval, texts_of, titles_of
+
+MACROS: dict[type, str] = {
+    Heading: "heading", str: "text", Mapping: "facts", Table: "table", Figure: "figure", Heat: "heat",
+    Folded: "folded", Sequence: "notes",
+}  # fmt: skip
+"""Kind of a block -> the macro of the template that shows it; the first that fits."""
 
 
 def render_page(documents: Sequence[Document], title: str = "", *, written_by: str = "texclass") -> str:
@@ -41,11 +47,14 @@ def render_page(documents: Sequence[Document], title: str = "", *, written_by: s
     script, style = (
         templates.joinpath(name).read_text(encoding="utf-8").strip() for name in ("page.js", "page.css")
     )
+    data: dict[tuple[str, str], dict[str, str]] = {}  # what was measured on, each once
+    for name, facts in (document.data for document in documents if document.data):
+        data.setdefault((name, facts.get("Input hash", "")), {}).update(facts)
     again = pd.DataFrame([dict(document.again) for document in documents if document.again])
     return _environment().get_template("page.html").render(
         title=title or documents[0].title,
         documents=documents,
-        data=list(_data(documents)),
+        data=[(name, facts) for (name, _), facts in data.items()],
         again=None if again.empty else Table(again, "What the results came from", again.shape[1]),
         versions=_versions(documents),
         script=Markup(script),
@@ -53,14 +62,6 @@ def render_page(documents: Sequence[Document], title: str = "", *, written_by: s
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
         written_by=written_by,
     )  # fmt: skip
-
-
-def _data(documents: Sequence[Document]) -> Iterator[tuple[str, Mapping[str, str]]]:
-    """Yield name and facts of what was measured on, each once."""
-    found: dict[tuple[str, str], dict[str, str]] = {}
-    for name, facts in (document.data for document in documents if document.data):
-        found.setdefault((name, facts.get("Input hash", "")), {}).update(facts)
-    return ((name, facts) for (name, _), facts in found.items())
 
 
 def _versions(documents: Sequence[Document]) -> Table | None:
@@ -77,25 +78,9 @@ def _versions(documents: Sequence[Document]) -> Table | None:
     return Table(frame.rename_axis("Package").reset_index(), "Versions", n_words=1 + len(titles))
 
 
-def _kind(block: Block) -> str:
-    """Return the name of the macro that shows a block."""
-    match block:
-        case Heading():
-            return "heading"
-        case str():
-            return "text"
-        case Mapping():
-            return "facts"
-        case Table() | Figure() | Heat() | Folded():
-            return type(block).__name__.lower()
-    return "notes"
-
-
 def _heads(table: Table) -> list[list[dict[str, Any]]]:
     """Return the titles of the columns: one line, or, if they have two levels, groups and what is in each."""
-    titles: list[Any] = list(table.frame.columns)
-    columns = [title if isinstance(title, tuple) else (title, "") for title in titles]
-    columns = [(group.replace(" %", "\xa0%"), part.replace(" %", "\xa0%")) for group, part in columns]
+    columns = [tuple(title.replace(" %", "\xa0%") for title in parts) for parts in titles_of(table.frame)]
     below = [{"text": part, "span": 1, "rows": 1, "column": i} for i, (_, part) in enumerate(columns) if part]
     above: list[dict[str, Any]] = []
     for i, (group, part) in enumerate(columns):
@@ -105,11 +90,6 @@ def _heads(table: Table) -> list[list[dict[str, Any]]]:
             rows = 2 if below and not part else 1
             above.append({"text": group, "span": 1, "rows": rows, "column": None if part else i})
     return [line for line in (above, below) if line]
-
-
-def _code(text: str) -> Markup:
-    """Return text with what stands between backticks as code."""
-    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 
 @cache
@@ -122,7 +102,10 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {
-        "kind": _kind, "heads": _heads, "code": _code, "cells": lambda table: texts_of(table.frame),
+        "kind": lambda block: next(macro for kind, macro in MACROS.items() if isinstance(block, kind)),
+        "heads": _heads,
+        "cells": lambda table: texts_of(table.frame),
+        "code": lambda text: Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(text)))),
         "parted": split_interval,
         "drawings": lambda figure, name: [Markup(inline_svg(figure, w, name)) for w in (WIDTH, NARROW)],
     }  # fmt: skip

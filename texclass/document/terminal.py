@@ -13,7 +13,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from texclass.document.blocks import Block, Document, Figure, Folded, Heading, Heat, Table
-from texclass.document.wording import split_interval, texts_of
+from texclass.document.wording import split_interval, texts_of, titles_of
 
 LEAST_NAME, LEAST_WORDS = 16, 10
 """Characters that names, and other columns of words, keep at least, or their longest text if that is less."""
@@ -87,7 +87,12 @@ def _drawn(
 ) -> RichTable:
     drawn = RichTable(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
     cells: list[list[Any]] = []
-    titles = _titles(table)[:n_columns]
+    named = titles_of(table.frame)[:n_columns]
+    before = ["", *(group for group, _ in named)]  # a group is named over the first of its columns
+    titles = [
+        part if group == last and part else f"{group}\n{part}".strip()
+        for (group, part), last in zip(named, before, strict=False)
+    ]
     rows = [row[:n_columns] for row in texts_of(table.frame)]
     for i, why in table.instead.items():
         brief = re.sub(r" \([^)]*\)", "", why)
@@ -111,17 +116,6 @@ def _drawn(
     return drawn
 
 
-def _titles(table: Table) -> list[str]:
-    """Return the titles of the columns; a group is named over the first of its columns."""
-    titles: list[Any] = list(table.frame.columns)
-    parted = [title if isinstance(title, tuple) else (title, "") for title in titles]
-    before = ["", *(group for group, _ in parted)]
-    return [
-        part if group == last and part else f"{group}\n{part}".strip()
-        for (group, part), last in zip(parted, before, strict=False)
-    ]
-
-
 def _width(texts: Iterable[str]) -> int:
     return max(len(line) for text in texts for line in text.split("\n"))
 
@@ -129,15 +123,12 @@ def _width(texts: Iterable[str]) -> int:
 def _numbers(column: list[str], intervals: bool) -> list[Text]:
     """Return numbers, each with its interval faint beside it, their points in line."""
     parted = [split_interval(text) for text in column]
-    beside = [_brief(found) if intervals else "" for _, found in parted]
+    beside = [found if intervals else "" for _, found in parted]
+    for i, found in enumerate(beside):  # in whole numbers: [82.6, 94.5] is 83–95
+        if ends := re.fullmatch(r"\[(\d+\.\d), (\d+\.\d)\]", found):
+            beside[i] = "{:.0f}–{:.0f}".format(*map(float, ends.groups()))
     width = max(map(len, beside), default=0)
     return [
         Text.assemble(number, (f" {found:>{width}}" if width and number else "", "not bold dim"))
         for (number, _), found in zip(parted, beside, strict=True)
     ]
-
-
-def _brief(interval: str) -> str:
-    """Return an interval without sign in whole numbers: [82.6, 94.5] is 83–95."""
-    ends = re.fullmatch(r"\[(\d+\.\d), (\d+\.\d)\]", interval)
-    return "{:.0f}–{:.0f}".format(*map(float, ends.groups())) if ends else interval

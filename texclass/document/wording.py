@@ -70,10 +70,10 @@ def texts_of(frame: pd.DataFrame) -> list[list[str]]:
     return [[_text(value) for value in row] for row in frame.itertuples(index=False, name=None)]
 
 
-def titles_of(frame: pd.DataFrame) -> list[str]:
-    """Return the title of each column in one line; those of two levels are joined."""
+def titles_of(frame: pd.DataFrame) -> list[tuple[str, str]]:
+    """Return the title of each column: of a group and of its part, or a single one and nothing."""
     titles: list[Any] = list(frame.columns)
-    return [" ".join(filter(None, title)) if isinstance(title, tuple) else title for title in titles]
+    return [title if isinstance(title, tuple) else (title, "") for title in titles]
 
 
 def split_interval(text: str) -> tuple[str, str]:

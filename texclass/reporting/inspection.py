@@ -43,21 +43,7 @@ def draw_inspection(
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    samples = _main_direction(recording.acceleration, recording.fs)
-    with mpl.rc_context({"text.parse_math": False}):
-        figure = Figure(figsize=(14, 8.5), layout="constrained")
-        figure.suptitle(_title(recording, phases), fontsize=12)
-        grid = figure.add_gridspec(2, 2, width_ratios=[2.6, 1.0], height_ratios=[1.0, 1.0])
-        time_axes = figure.add_subplot(grid[0, 0])
-        _draw_signal(time_axes, samples, recording, phases)
-        _draw_spectrogram(figure.add_subplot(grid[1, 0], sharex=time_axes), samples, recording)
-        _draw_tap(figure.add_subplot(grid[0, 1]), samples, recording, phases)
-        _draw_values(figure.add_subplot(grid[1, 1]), feature_values)
-    return figure
-
-
-def _title(recording: Recording, phases: Phases) -> str:
-    n = len(phases.taps)
+    samples, n = _main_direction(recording.acceleration, recording.fs), len(phases.taps)
     facts = [
         recording.material or "material unknown",
         recording.recording_id,
@@ -65,8 +51,17 @@ def _title(recording: Recording, phases: Phases) -> str:
         f"{recording.duration_s:.3g} s",
         f"{phases.kind} ({n} tap{'s' * (n != 1)})" if n else phases.kind,
     ]
-    remarks = [f"note: {remark}" for remark in (*recording.flags, *phases.notes)]
-    return "\n".join(["  |  ".join(facts), *remarks[:3]])
+    with mpl.rc_context({"text.parse_math": False}):
+        figure = Figure(figsize=(14, 8.5), layout="constrained")
+        remarks = [f"note: {remark}" for remark in (*recording.flags, *phases.notes)]
+        figure.suptitle("\n".join(["  |  ".join(facts), *remarks[:3]]), fontsize=12)
+        grid = figure.add_gridspec(2, 2, width_ratios=[2.6, 1.0], height_ratios=[1.0, 1.0])
+        time_axes = figure.add_subplot(grid[0, 0])
+        _draw_signal(time_axes, samples, recording, phases)
+        _draw_spectrogram(figure.add_subplot(grid[1, 0], sharex=time_axes), samples, recording)
+        _draw_tap(figure.add_subplot(grid[0, 1]), samples, recording, phases)
+        _draw_values(figure.add_subplot(grid[1, 1]), feature_values)
+    return figure
 
 
 def _draw_signal(axes: "Axes", samples: Samples, recording: Recording, phases: Phases) -> None:

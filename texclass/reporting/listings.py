@@ -4,7 +4,7 @@ import pandas as pd
 
 from texclass import shipped
 from texclass.document import Document, Table
-from texclass.features.contract import Feature, registered
+from texclass.features.contract import registered
 from texclass.features.sets import load_feature_set
 from texclass.loaders import read_card
 from texclass.loaders.cards import AnyCard, SimulatedCard
@@ -13,11 +13,11 @@ from texclass.loaders.places import DataNotFoundError, find_folder
 
 def datasets_document() -> Document:
     """Return the shipped dataset cards: name, title, rate, and whether it is on this machine."""
-    cards = [read_card(name) for name in shipped.names("datasets")]
-    frame = pd.DataFrame(
-        [(card.path.stem, card.title, _rate(card), _presence(card)) for card in cards],
-        columns=["dataset", "what it is", "rate", "here"],
-    )
+    rows = []
+    for card in map(read_card, shipped.names("datasets")):
+        fs = card.recipe.fs if isinstance(card, SimulatedCard) else card.fs_hz
+        rows.append((card.path.stem, card.title, f"{fs:g} Hz", _presence(card)))
+    frame = pd.DataFrame(rows, columns=["dataset", "what it is", "rate", "here"])
     return Document("Shipped datasets", [Table(frame, n_words=4)])
 
 
@@ -33,24 +33,16 @@ def features_document(feature_set: str | None = None) -> Document:
         members = load_feature_set(feature_set)
         title = f"Features of {members.name}"
         named = [(member.name, member.feature, len(member.columns)) for member in members.members]
-    frame = pd.DataFrame(
-        [
-            (name, feature.phase, str(n_columns), feature.unit, f"{feature.summary}\n{_contract(feature)}\n")
-            for name, feature, n_columns in named
-        ],
-        columns=["feature", "phase", "columns", "unit", "what it is"],
-    )
+    rows = []
+    for name, feature, n_columns in named:
+        # Where it comes from, how it scales, and what else moves it.
+        contract = f"{feature.reference}; signal x g: {feature.gain}"
+        if feature.depends_on:
+            contract += f"; depends on {' and '.join(sorted(feature.depends_on))}"
+        told = f"{feature.summary}\n{contract}\n"
+        rows.append((name, feature.phase, str(n_columns), feature.unit, told))
+    frame = pd.DataFrame(rows, columns=["feature", "phase", "columns", "unit", "what it is"])
     return Document(title, [Table(frame, n_words=5)])
-
-
-def _contract(feature: Feature) -> str:
-    """Say in one line where a feature comes from, how it scales, and what else moves it."""
-    dependence = f"; depends on {' and '.join(sorted(feature.depends_on))}" if feature.depends_on else ""
-    return f"{feature.reference}; signal x g: {feature.gain}{dependence}"
-
-
-def _rate(card: AnyCard) -> str:
-    return f"{card.recipe.fs if isinstance(card, SimulatedCard) else card.fs_hz:g} Hz"
 
 
 def _presence(card: AnyCard) -> str:

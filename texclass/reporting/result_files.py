@@ -1,14 +1,16 @@
-"""What result files hold: read back and checked, so that a page tells nothing that no command wrote."""
+"""What result files hold, read back and checked, and a page of several: it tells only what commands wrote."""
 
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import GenericAlias
 from typing import Annotated, Any, NamedTuple
 
 from pydantic import ConfigDict, Field, create_model, model_validator
 
-from texclass.document import Document
+from texclass.document import Document, render_page
 from texclass.experiment.benchmark_document import benchmark_document
 from texclass.experiment.new_feature_document import new_feature_document
 from texclass.peers.peers_document import peers_document
@@ -18,6 +20,8 @@ from texclass.stability.stability_document import stability_document
 from texclass.tradeoff.tradeoff_document import tradeoff_document
 from texclass.validation import Written, checked
 
+TITLE = "Surfaces from what a tool felt"
+"""Of a page of several datasets."""
 WRITERS = (
     "JSON of texclass benchmark (also --peers, --feature), tradeoff, stability or the study of invariance"
 )
@@ -248,7 +252,10 @@ def read_document(path: str | Path) -> Document:
     kind = next(
         (kind for kind in KINDS.values() if isinstance(data, dict) and kind.keys <= data.keys()), None
     )
-    if kind is None or (kind.model is INVARIANCE and not _has_ratios(data["rows"])):
+    # The study of invariance is told from other studies by what its rows hold.
+    rows = data["rows"] if kind is KINDS["invariance"] else [{"ratio": None}]
+    has_ratios = isinstance(rows, list) and bool(rows) and isinstance(rows[0], dict) and "ratio" in rows[0]
+    if kind is None or not has_ratios:
         held = ", ".join(list(data)[:6]) if isinstance(data, dict) else type(data).__name__
         raise ValueError(f"{path}: holds no result ({held or 'nothing'}); the rule is {WRITERS}")
     checked(kind.model, data, path)
@@ -258,9 +265,48 @@ def read_document(path: str | Path) -> Document:
         raise ValueError(f"{path}: cannot be shown ({error}); the rule is what its command wrote") from error
 
 
-def _has_ratios(rows: Any) -> bool:
-    """Tell the study of invariance from other studies with rows."""
-    return isinstance(rows, Sequence) and bool(rows) and isinstance(rows[0], dict) and "ratio" in rows[0]
+def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "") -> Path:
+    """Read results and write a page that holds all it shows and asks for nothing outside.
+
+    Parameters
+    ----------
+    paths : sequence of str or path
+        JSON files, in the order of the page.
+    output : str or path
+        The HTML file; its folder is made if it does not exist.
+    title : str
+        Its title; by default the datasets'.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    ValueError
+        If there are none, a file is no result, or the page would replace one.
+    """
+    output = Path(output)
+    if output.resolve() in [Path(path).resolve() for path in paths]:
+        raise ValueError(f"{output} is one of the results; the rule is a file of its own")
+    read = [(Path(path).name, read_document(path)) for path in paths]
+    counts = Counter(document.title for _, document in read)
+    documents = []
+    for file, document in read:
+        # Results of equal titles are told apart by their pipelines, or else by their files.
+        told = document.subtitle.partition(":")[0] if document.data else file
+        told_apart = f"{document.title}: {told}" if counts[document.title] > 1 else document.title
+        documents.append(replace(document, title=told_apart, again={"File": file, **document.again}))
+    names = list(dict.fromkeys(document.data[0] for document in documents if document.data))
+    page = render_page(
+        documents,
+        title or (f"{TITLE}: {', '.join(names)}" if 0 < len(names) <= 3 else TITLE),
+        written_by="texclass report",
+    )
+    output.parent.mkdir(parents=True, exist_ok=True)
+    output.write_text(page, encoding="utf-8")
+    return output
 
 
 def _no_number(constant: str) -> float:
