@@ -16,17 +16,17 @@ def test_inputs_hold_what_the_issue_asks_for():
     assert {"zeros", "pure sine", "sine + 1e-8 noise", "low-passed by 20", "low-passed by 100"} <= names
     assert {"gain 1e-160", "gain 1e+150", "DC 1e6 + noise 1e-3", "full-scale square"} <= names
     assert {"int8", "int16", "float32", "read-only", "every third sample", "one NaN", "+inf"} <= names
-    assert [case.signal().size for case in lengths(False)] == list(range(601))
+    assert [case.x.size for case in lengths(False)] == list(range(601))
     assert {case.fs for case in rates(False)} >= {500.0, 50_000.0}
     assert (
         {case.order for case in beyond(False)} == set(ORDERS) == {1, 2, 10, 18, 50, 100, 128, 256, 400, 1000}
     )
-    sizes = {(case.order, case.signal().size) for case in beyond(False)}
+    sizes = {(case.order, case.x.size) for case in beyond(False)}
     assert {(400, 401), (400, 400), (400, 399), (400, 200)} <= sizes
 
 
 def test_names_tell_the_truth():
-    by_name = {case.name: np.asarray(case.signal()) for case in inputs()}
+    by_name = {case.name: np.asarray(case.x) for case in inputs()}
     assert np.abs(by_name["gain 1e-160"]).max() < 1e-157
     assert np.isfinite(by_name["gain 1e+150"]).all()
     assert not by_name["every third sample"].flags.c_contiguous
@@ -34,13 +34,13 @@ def test_names_tell_the_truth():
     assert by_name["int8 square, -128 to 127"].min() == -128
     assert np.isnan(by_name["gap of 100 NaN"]).sum() == 100
     assert all(x.size == N for x in by_name.values())
-    assert all(case.signal().size == LONG for case in inputs(LONG))
+    assert all(case.x.size == LONG for case in inputs(LONG))
     spectrum = np.abs(np.fft.rfft(by_name["low-passed by 20"]))
     assert spectrum[N // 40 + 1 :].max() < 1e-10 * spectrum.max()
 
 
 def test_broken_samples_reach_subjects_that_are_given_the_first_200():
-    assert all(not np.isfinite(c.signal()[:200]).all() for c in inputs() if c.family == "broken")
+    assert all(not np.isfinite(c.x[:200]).all() for c in inputs() if c.family == "broken")
 
 
 def test_each_case_comes_at_each_order():

@@ -10,8 +10,8 @@ from texclass.stability import rules
 from texclass.stability.inputs import Case, plain
 from texclass.stability.judging import Check, Documented, Mark, NoReferenceError, Subject, judge
 
-CASE = Case("some noise", "order", lambda: plain(64).copy(), order=2)
-REQUIRED = Case("plain", "plain", lambda: plain(64).copy(), order=2, required=True)
+CASE = Case("some noise", "order", plain(64).copy(), order=2)
+REQUIRED = Case("plain", "plain", plain(64).copy(), order=2, required=True)
 
 
 def subject(run, checks=None):

@@ -17,7 +17,7 @@ SUBJECTS = """
 
 
     def _case(name):
-        return Case(name, "plain", noise)
+        return Case(name, "plain", noise())
 
 
     def _attempt(x, case):

@@ -1,7 +1,7 @@
 """The inputs at which programs go wrong, by family, each with a name and a sampling rate: the battery."""
 
 import hashlib
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -37,7 +37,7 @@ FAMILIES = {
 """Columns of the report, in this order, and what each holds."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Case:
     """One input of the battery, with the order a model is asked for where it has one.
 
@@ -47,8 +47,8 @@ class Case:
         Unique, but for the order.
     family
         One of `FAMILIES`.
-    signal
-        Gives the samples; of any real dtype and layout, so the caller must not write to them.
+    x
+        The samples; of any real dtype and layout, so the caller must not write to them.
     fs
         Sampling rate in Hz.
     order
@@ -61,16 +61,11 @@ class Case:
 
     name: str
     family: str
-    signal: Callable[[], NDArray[np.generic]]
+    x: NDArray[Any]
     fs: float = 10_000.0
     order: int = 0
     required: bool = False
     gain: float = 1.0
-
-    @classmethod
-    def of(cls, name: str, family: str, x: NDArray[np.generic], **facts: Any) -> "Case":
-        """Return a case of samples that are at hand."""
-        return cls(name, family, lambda: x, **facts)
 
     def at_order(self, order: int) -> "Case":
         """Return the case with an order, which enters its name."""
@@ -108,32 +103,38 @@ def resonant(distance: float, n: int = N) -> NDArray[np.float64]:
     return np.asarray(signal.lfilter([1.0], [1.0, -2 * r * np.cos(0.7), r * r], noise(n)))
 
 
-def _sines(n: int) -> dict[str, NDArray[np.float64]]:
+GAINS = (1e-160, 1e-100, 1e-30, 1e-3, 1e3, 1e30, 1e100, 1e150)
+
+
+def _samples(n: int) -> dict[str, dict[str, NDArray[Any]]]:
+    """Return the samples of every input of length `n`: family -> name -> samples."""
     t = np.arange(n)
     sine = np.sin(0.3 * t)
-    return {
-        "pure sine": sine,
-        "sine at fs/4": np.tile([0.0, 1.0, 0.0, -1.0], n // 4),
-        "alternating": np.tile([1.0, -1.0], n // 2),
-        "sine + 1e-8 noise": sine + 1e-8 * noise(n),
-        "two sines + 1e-8 noise": sine + np.cos(2.9 * t) + 1e-8 * noise(n),
+    square = np.sign(np.sin(0.05 * t) + 1e-9)
+    full_scale = plain(n) / np.abs(plain(n)).max()
+    table = np.tile(plain(n)[:, np.newaxis], 3)
+    broken = {
+        "one NaN": (np.nan, slice(150, 151)),  # all within the first 200 samples: some are given no more
+        "NaN at the start": (np.nan, slice(0, 1)),
+        "gap of 100 NaN": (np.nan, slice(90, 190)),
+        "+inf": (np.inf, slice(150, 151)),
+        "-inf": (-np.inf, slice(20, 21)),
+        "all NaN": (np.nan, slice(None)),
     }
-
-
-def _values(n: int) -> dict[str, dict[str, NDArray[np.float64]]]:
-    square = np.sign(np.sin(0.05 * np.arange(n)) + 1e-9)
-    at = np.arange(n)
     return {
         "plain": {"plain": plain(n), "white": noise(n)},
         "silent": {
             "zeros": np.zeros(n),
-            "constant 1": np.ones(n),
-            "constant 0.1": np.full(n, 0.1),
-            "constant -1e6": np.full(n, -1e6),
-            "constant 1e-160": np.full(n, 1e-160),
+            **{f"constant {name}": np.full(n, float(name)) for name in ("1", "0.1", "-1e6", "1e-160")},
         },
-        "impulse": {f"impulse at {i}": np.where(at == i, 1.0, 0.0) for i in (0, n // 2, n - 1)},
-        "sine": _sines(n),
+        "impulse": {f"impulse at {i}": np.where(t == i, 1.0, 0.0) for i in (0, n // 2, n - 1)},
+        "sine": {
+            "pure sine": sine,
+            "sine at fs/4": np.tile([0.0, 1.0, 0.0, -1.0], n // 4),
+            "alternating": np.tile([1.0, -1.0], n // 2),
+            "sine + 1e-8 noise": sine + 1e-8 * noise(n),
+            "two sines + 1e-8 noise": sine + np.cos(2.9 * t) + 1e-8 * noise(n),
+        },
         "poles": {f"pole radius 1 - 1e-{d}": resonant(10.0**-d, n) for d in range(3, 13)},
         "oversampled": {
             "low-passed by 20": low_passed(20, n),
@@ -150,71 +151,40 @@ def _values(n: int) -> dict[str, dict[str, NDArray[np.float64]]]:
             "clipped noise": np.clip(plain(n), -1.0, 1.0),
             "quantised to one step": np.round(0.2 * plain(n)),
         },
+        "gain": {f"gain {g:g}": g * plain(n) for g in GAINS},
+        "dtype": {
+            "int8": np.round(127 * full_scale).astype(np.int8),
+            "int16": np.round(32767 * full_scale).astype(np.int16),
+            "int32": np.round(2**30 * full_scale).astype(np.int32),
+            "float32": full_scale.astype(np.float32),
+            "float16": full_scale.astype(np.float16),
+            "big-endian float64": full_scale.astype(">f8"),
+            "int8 square, -128 to 127": np.where(square > 0, 127, -128).astype(np.int8),
+            "int16 square, full scale": np.where(square > 0, 32767, -32768).astype(np.int16),
+            "bool": full_scale > 0,
+        },
+        "layout": {
+            "every third sample": np.repeat(plain(n), 3)[::3],
+            "backwards": plain(n)[::-1].copy()[::-1],
+            "column of a table": table[:, 1],
+            "read-only": plain(n),
+        },
+        "broken": {
+            name: np.where(np.isin(t, t[where]), value, plain(n)) for name, (value, where) in broken.items()
+        },
     }
-
-
-def _dtypes(n: int) -> dict[str, NDArray[np.generic]]:
-    x = plain(n) / np.abs(plain(n)).max()
-    square = np.sign(np.sin(0.05 * np.arange(n)) + 1e-9)
-    return {
-        "int8": np.round(127 * x).astype(np.int8),
-        "int16": np.round(32767 * x).astype(np.int16),
-        "int32": np.round(2**30 * x).astype(np.int32),
-        "float32": x.astype(np.float32),
-        "float16": x.astype(np.float16),
-        "big-endian float64": x.astype(">f8"),
-        "int8 square, -128 to 127": np.where(square > 0, 127, -128).astype(np.int8),
-        "int16 square, full scale": np.where(square > 0, 32767, -32768).astype(np.int16),
-        "bool": x > 0,
-    }
-
-
-def _layouts(n: int) -> dict[str, NDArray[np.generic]]:
-    every_third = np.zeros(3 * n)
-    every_third[::3] = plain(n)
-    column = np.asfortranarray(np.zeros((n, 3)))
-    column[:, 1] = plain(n)
-    return {
-        "every third sample": every_third[::3],
-        "backwards": plain(n)[::-1].copy()[::-1],
-        "column of a table": np.ascontiguousarray(column)[:, 1],
-        "read-only": plain(n),
-    }
-
-
-def _broken(n: int) -> dict[str, NDArray[np.float64]]:
-    # all within the first 200 samples: some subjects are given no more
-    def with_(value: float, where: slice) -> NDArray[np.float64]:
-        x = plain(n).copy()
-        x[where] = value
-        return x
-
-    return {
-        "one NaN": with_(np.nan, slice(150, 151)),
-        "NaN at the start": with_(np.nan, slice(0, 1)),
-        "gap of 100 NaN": with_(np.nan, slice(90, 190)),
-        "+inf": with_(np.inf, slice(150, 151)),
-        "-inf": with_(-np.inf, slice(20, 21)),
-        "all NaN": np.full(n, np.nan),
-    }
-
-
-GAINS = (1e-160, 1e-100, 1e-30, 1e-3, 1e3, 1e30, 1e100, 1e150)
 
 
 @cache
 def inputs(n: int = N) -> tuple[Case, ...]:
     """Return every input of length `n`, a multiple of 4, without orders."""
-    cases = [
-        Case.of(name, family, x, required=family == "plain")
-        for family, named in _values(n).items()
+    ordinary = ("plain", "layout", "float32", "big-endian float64")
+    gains = {f"gain {g:g}": g for g in GAINS}
+    return tuple(
+        Case(name, family, x, required=family in ordinary or name in ordinary, gain=gains.get(name, 1.0))
+        for family, named in _samples(n).items()
         for name, x in named.items()
-    ]
-    cases += [Case.of(f"gain {g:g}", "gain", g * plain(n), gain=g) for g in GAINS]
-    required = ("float32", "big-endian float64")
-    cases += [Case.of(name, "dtype", x, required=name in required) for name, x in _dtypes(n).items()]
-    cases += [Case.of(name, "layout", x, required=True) for name, x in _layouts(n).items()]
-    return tuple(cases) + tuple(Case.of(name, "broken", x) for name, x in _broken(n).items())
+    )
 
 
 def in_families(*families: str, quick: bool = False, n: int = N) -> tuple[Case, ...]:
@@ -222,10 +192,7 @@ def in_families(*families: str, quick: bool = False, n: int = N) -> tuple[Case, 
     chosen = [case for case in inputs(n) if case.family in families]
     if not quick:
         return tuple(chosen)
-    kept: list[Case] = []
-    for family in families:
-        kept += [case for case in chosen if case.family == family][::3]
-    return tuple(kept)
+    return tuple(c for family in families for c in [c for c in chosen if c.family == family][::3])
 
 
 VALUES = ("plain", "silent", "impulse", "sine", "poles", "oversampled", "gain", "offset", "clipped")
@@ -259,22 +226,22 @@ def lengths(quick: bool, longest: int = 600) -> tuple[Case, ...]:
     """Return the first n samples of plain noise for every n from 0 to 600 (quick: some of them)."""
     few = (0, 1, 2, 3, 8, 11, 32, 64, 129, 543, 544, 600)
     chosen = [n for n in few if n <= longest] if quick else range(longest + 1)
-    return tuple(Case.of(f"{n} samples", "length", plain()[:n]) for n in chosen)
+    return tuple(Case(f"{n} samples", "length", plain()[:n]) for n in chosen)
 
 
 def rates(quick: bool, n: int = N) -> tuple[Case, ...]:
     """Return plain noise declared at rates from 500 Hz to 50 kHz."""
     chosen = RATES_HZ[:: 4 if quick else 1]
-    return tuple(Case.of(f"fs {fs:g} Hz", "rate", plain(n), fs=fs) for fs in chosen)
+    return tuple(Case(f"fs {fs:g} Hz", "rate", plain(n), fs=fs) for fs in chosen)
 
 
 def beyond(quick: bool) -> tuple[Case, ...]:
     """Return signals hardly longer than the order, and shorter: order n - 1, n, n + 1, 2 n."""
-    cases = []
-    for p in (2, 18) if quick else ORDERS:
-        for n in sorted({p + 1, p, p - 1, (p + 1) // 2} - {0}):
-            cases.append(Case.of(f"{n} samples", "order", noise()[:n]).at_order(p))
-    return tuple(cases)
+    return tuple(
+        Case(f"{n} samples", "order", noise()[:n]).at_order(p)
+        for p in ((2, 18) if quick else ORDERS)
+        for n in sorted({p + 1, p, p - 1, (p + 1) // 2} - {0})
+    )
 
 
 def samples_of(x: Any) -> NDArray[np.float64]:
@@ -302,8 +269,8 @@ def battery_hash() -> str:
     """Return the hex digest of every input: names, rates, dtypes and samples."""
     digest = hashlib.sha256()
     for case in (*inputs(), *inputs(LONG), *lengths(False), *rates(False), *beyond(False)):
-        x = case.signal()
-        digest.update(f"{case.name} {case.family} {case.fs} {case.order} {x.dtype}".encode() + x.tobytes())
+        digest.update(f"{case.name} {case.family} {case.fs} {case.order} {case.x.dtype}".encode())
+        digest.update(case.x.tobytes())
     return digest.hexdigest()[:16]
 
 

@@ -93,8 +93,8 @@ class Subject:
     cases
         Inputs of the battery it is given; the argument says whether the run is a quick one.
     attempt
-        Generator over (signal, case): what stands before its first `yield` is tried, and judged if it raises;
-        what it yields after that are findings about the result.
+        Generator over (signal, case) that yields findings about the result; what stands before its first
+        `yield` is tried, and judged if it raises.
     """
 
     name: str
@@ -137,25 +137,37 @@ def judge(subject: Subject, case: Case) -> dict[str, Any]:
         error, limit and what: those of the check that comes nearest to its limit (or exceeds it most), None
         and "" where nothing was measured; seconds.
     """
-    x = case.signal()
-    before = _bytes_of(x)
+    x = case.x
+    before = x.tobytes()
     attempt = subject.attempt(x, case)
     start = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            next(attempt)
+            findings = [next(attempt)]
         except Exception as error:
             mark, reason = _refusal(error, subject.library, case)
-            return cell_of(subject, case, mark, reason=reason, seconds=time.perf_counter() - start)
+            return cell_of(subject, case, mark, reason, seconds=time.perf_counter() - start)
     seconds = time.perf_counter() - start
-    if _bytes_of(x) != before:
-        return cell_of(subject, case, Mark.WRONG, reason="the input was written to", seconds=seconds)
+    if x.tobytes() != before:
+        return cell_of(subject, case, Mark.WRONG, "the input was written to", seconds=seconds)
+    unchecked = ""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
-        findings, unchecked = _findings(attempt)
+        try:
+            findings.extend(attempt)
+        except NoReferenceError as error:
+            unchecked = str(error)
+        except Exception as error:
+            what = f"a result of the expected form ({type(error).__name__}: {error})"
+            findings.append(Check(what, np.inf, 0.0))
     said = [str(warning.message) for warning in caught]
-    return cell_of(subject, case, **_weigh(case, findings, unchecked, said), seconds=seconds)
+    checks = [f for f in findings if isinstance(f, Check)]
+    reasons = [f.reason for f in findings if isinstance(f, Documented)]
+    worst = max(checks, key=lambda check: check.excess, default=None)  # of equals the first: finite numbers
+    mark, reason = _weigh(worst, reasons, said, unchecked, required=case.required)
+    measured = {"error": worst.error, "limit": worst.limit, "what": worst.what} if worst else {}
+    return cell_of(subject, case, mark, reason, seconds=seconds, **measured)
 
 
 def is_clear(error: Exception, library: str) -> bool:
@@ -179,7 +191,7 @@ def is_clear(error: Exception, library: str) -> bool:
     return (kind or own) and on_purpose and len(str(error)) >= 10
 
 
-def cell_of(subject: Subject, case: Case, mark: Mark, *, reason: str = "", **found: Any) -> dict[str, Any]:
+def cell_of(subject: Subject, case: Case, mark: Mark, reason: str = "", **found: Any) -> dict[str, Any]:
     """Return a cell; its reason loses colours and what differs from machine to machine."""
     text = " ".join(_ABSOLUTE.sub("", _COLOUR.sub("", reason)).split())[:_CUT]
     about = {"library": subject.library, "group": subject.group, "subject": subject.name}
@@ -199,43 +211,22 @@ def _refusal(error: Exception, library: str, case: Case) -> tuple[Mark, str]:
     return (Mark.DOCUMENTED if undefined else Mark.REFUSED), text
 
 
-def _findings(attempt: Attempt) -> tuple[list[Finding], str]:
-    """Return what the attempt finds about its result, and why checks were not made, if any were not."""
-    findings: list[Finding] = []
-    try:
-        findings.extend(attempt)
-    except NoReferenceError as error:
-        return findings, str(error)
-    except Exception as error:
-        what = f"a result of the expected form ({type(error).__name__}: {error})"
-        findings.append(Check(what, np.inf, 0.0))
-    return findings, ""
-
-
-def _weigh(case: Case, findings: list[Finding], unchecked: str, said: list[str]) -> dict[str, Any]:
-    """Return mark, reason and the check nearest to its limit."""
+def _weigh(
+    worst: Check | None, reasons: list[str], said: list[str], unchecked: str, *, required: bool
+) -> tuple[Mark, str]:
+    """Return mark and reason of a result, from its worst check, its reasons and the warnings it gave."""
     noisy = [text for text in said if _FLOATING_POINT.search(text)]
-    checks = [f for f in findings if isinstance(f, Check)]
-    reasons = [f.reason for f in findings if isinstance(f, Documented)]
-    reasons += [text for text in said if text not in noisy and _UNDEFINED.search(text)]
-    worst = max(checks, key=lambda check: check.excess, default=None)  # of equals the first: finite numbers
+    reasons = [*reasons, *(text for text in said if text not in noisy and _UNDEFINED.search(text))]
     if worst is not None and not worst.holds:
-        no_number = not np.isfinite(worst.error) and worst.what.startswith("finite")
-        if no_number and reasons:
-            mark, reason = (Mark.WRONG if case.required else Mark.DOCUMENTED), reasons[0]
-        elif not np.isfinite(worst.error):
-            mark, reason = (Mark.SILENT if no_number else Mark.WRONG), f"not so: {worst.what}"
-        else:
-            mark, reason = Mark.WRONG, f"{worst.what}: {worst.error:.3g}; the limit is {worst.limit:.3g}"
-    elif noisy:
-        mark, reason = Mark.WARNED, noisy[0]
-    elif reasons:
-        mark, reason = Mark.DOCUMENTED, reasons[0]
-    else:
-        mark, reason = (Mark.UNCHECKED if unchecked and not checks else Mark.EXACT), unchecked
-    measured = {"error": worst.error, "limit": worst.limit, "what": worst.what} if worst else {}
-    return {"mark": mark, "reason": reason} | measured
-
-
-def _bytes_of(x: Any) -> bytes:
-    return np.asarray(x).tobytes() if isinstance(x, np.ndarray) else repr(x).encode()
+        if np.isfinite(worst.error):
+            return Mark.WRONG, f"{worst.what}: {worst.error:.3g}; the limit is {worst.limit:.3g}"
+        if not worst.what.startswith("finite"):
+            return Mark.WRONG, f"not so: {worst.what}"
+        if not reasons:
+            return Mark.SILENT, f"not so: {worst.what}"
+        return (Mark.WRONG if required else Mark.DOCUMENTED), reasons[0]
+    if noisy:
+        return Mark.WARNED, noisy[0]
+    if reasons:
+        return Mark.DOCUMENTED, reasons[0]
+    return (Mark.UNCHECKED if unchecked and worst is None else Mark.EXACT), unchecked

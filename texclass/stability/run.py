@@ -7,15 +7,15 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from multiprocessing.connection import Connection
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, ThreadPoolExecutor
+from functools import cache
 from typing import Any, Literal
 
 import pandas as pd
 
 from texclass.provenance import versions
-from texclass.stability.inputs import battery_hash
-from texclass.stability.judging import Mark, Subject, judge
+from texclass.stability.inputs import Case, battery_hash
+from texclass.stability.judging import Mark, Subject, cell_of, judge
 from texclass.stability.result import StabilityResult
 
 Group = Literal["models", "filters", "transforms", "features", "peers"]
@@ -112,93 +112,86 @@ def supervise(
     progress, left_out
         As in `run_stability`; `left_out` receives a line for each subject that was given up.
     """
+    task = (places, group, quick)
     cells: list[dict[str, Any]] = []
     failures: Counter[str] = Counter()
-    done: int | None = 0
-    while done is not None:
-        given_up = [name for name, times in failures.items() if times >= GIVE_UP]
-        done, died = _one_process((places, group, quick, done, given_up), cell_s, cells, progress)
-        if died is not None:
-            cells.append(died)
-            failures[died["subject"]] += 1
-            if failures[died["subject"]] == GIVE_UP and left_out is not None:
-                about = f"{died['library']} {died['subject']}"
-                left_out.append(f"{about}: given up after {GIVE_UP} crashes or hangs")
+    worker = _Worker()
+    try:
+        begun = worker.ask(START_S, _begun, *task)
+    except Exception as error:
+        told = f"the process {worker.end()}" if isinstance(error, BrokenExecutor) else error
+        raise ValueError(f"{places}: {told}; the rule is that it can be imported") from error
+    for number, cell in enumerate(begun):
+        name = cell["subject"]
+        if failures[name] >= GIVE_UP:
+            continue
+        if progress:
+            progress(number + 1, len(begun), f"{cell['library']} {group}")
+        is_first = number == 0 or begun[number - 1]["subject"] != name
+        limit = max(START_S if is_first else cell_s, STREAM_S * (cell["family"] == "stream"))
+        try:
+            cells.append(worker.ask(limit, _judged, *task, number))
+            continue
+        except TimeoutError:
+            found = {"mark": Mark.HANG, "reason": f"no answer within {limit:g} s"}
+            worker.end()
+        except BrokenExecutor:
+            found = {"mark": Mark.CRASH, "reason": f"the process {worker.end()}"}
+        cells.append(cell | found)
+        worker = _Worker()
+        failures[name] += 1
+        if failures[name] == GIVE_UP and left_out is not None:
+            left_out.append(f"{cell['library']} {name}: given up after {GIVE_UP} crashes or hangs")
+    worker.end()
     return cells
 
 
-def _one_process(
-    task: tuple[Any, ...], cell_s: float, cells: list[dict[str, Any]], progress: Progress | None
-) -> tuple[int | None, dict[str, Any] | None]:
-    """Read the cells of one process; return where to go on (None: all done) and the cell it died in."""
-    context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe(duplex=False)
-    with tempfile.NamedTemporaryFile("r", encoding="utf-8", errors="replace") as said:
-        process = context.Process(target=_work, args=(task, there, said.name), daemon=True)
-        process.start()
-        there.close()
-        number, begun, limit = -1, None, START_S
-        try:
-            while here.poll(limit):
-                message = here.recv()
-                if message is None:
-                    return None, None
-                if "mark" in message:
-                    cells.append(message)
-                    continue
-                first = begun is None or begun["subject"] != message["about"]["subject"]
-                number, begun = message["number"], message["about"]
-                limit = max(START_S if first else cell_s, STREAM_S * (begun["family"] == "stream"))
-                if progress:
-                    progress(number + 1, message["of"], f"{begun['library']} {begun['group']}")
-            mark, reason = Mark.HANG, f"no answer within {limit:g} s"
-        except EOFError:
-            process.join()
+class _Worker:
+    """A process of one thread that is asked; what is printed in it stands in a file."""
+
+    def __init__(self) -> None:
+        self._said = tempfile.NamedTemporaryFile("r", encoding="utf-8", errors="replace")
+        context = multiprocessing.get_context("spawn")
+        self._pool = ProcessPoolExecutor(1, context, _one_thread, (self._said.name,))
+        pid = self._pool.submit(os.getpid).result()
+        (self._process,) = (child for child in multiprocessing.active_children() if child.pid == pid)
+
+    def ask(self, limit_s: float, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Return what a function gives there; TimeoutError if it takes longer, BrokenExecutor if it dies."""
+        return self._pool.submit(function, *arguments).result(limit_s)
+
+    def end(self) -> str:
+        """Kill the process if it still runs; return its exit code and the last line it printed."""
+        self._process.kill()
+        self._pool.shutdown()
+        with self._said as said:
             last = said.read().strip().splitlines()
-            mark = Mark.CRASH
-            reason = f"the process ended with {process.exitcode}: {last[-1] if last else 'no message'}"
-        finally:
-            process.kill()
-            process.join()
-            here.close()
-    if begun is None:
-        raise ValueError(f"{task[0]}: {reason}; the rule is that it can be imported")
-    unmeasured = {"error": None, "limit": None, "what": "", "seconds": 0.0}
-    return number + 1, begun | {"mark": mark, "reason": reason} | unmeasured
+        return f"ended with {self._process.exitcode}: {last[-1] if last else 'no message'}"
 
 
-def _work(task: tuple[Any, ...], out: Connection, said: str) -> None:
-    """Judge all cells of a group from number `done` on, but for those of subjects that were given up.
-
-    Before each cell its number and name are sent, so that whoever reads knows what did not come back. What a
-    library prints goes to the file `said`.
-    """
+def _one_thread(said: str) -> None:
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-    places, group, quick, done, given_up = task
     printed = os.open(said, os.O_WRONLY | os.O_APPEND)
     os.dup2(printed, 1)
     os.dup2(printed, 2)
-    with threadpool_limits(1):
-        subjects = [subject for place in places.split() for subject in _subjects_at(place)]
-        pairs = [(s, case) for s in subjects if s.group == group for case in s.cases(quick)]
-        for number, (subject, case) in enumerate(pairs):
-            if number < done or subject.name in given_up:
-                continue
-            about = {
-                "library": subject.library,
-                "group": subject.group,
-                "subject": subject.name,
-                "family": case.family,
-                "case": case.name,
-            }
-            out.send({"number": number, "of": len(pairs), "about": about})
-            out.send(judge(subject, case))
-    out.send(None)
+    threadpool_limits(1)
 
 
-def _subjects_at(place: str) -> list[Subject]:
-    module, name = place.split(":")
-    found = getattr(importlib.import_module(module), name)
-    subjects: list[Subject] = found() if callable(found) else found
-    return subjects
+@cache
+def _pairs(places: str, group: str, quick: bool) -> list[tuple[Subject, Case]]:
+    subjects: list[Subject] = []
+    for place in places.split():
+        module, name = place.split(":")
+        found = getattr(importlib.import_module(module), name)
+        subjects += found() if callable(found) else found
+    return [(subject, case) for subject in subjects if subject.group == group for case in subject.cases(quick)]
+
+
+def _begun(*task: Any) -> list[dict[str, Any]]:
+    """Return all cells as they are before they are judged."""
+    return [cell_of(subject, case, Mark.HANG) for subject, case in _pairs(*task)]
+
+
+def _judged(places: str, group: str, quick: bool, number: int) -> dict[str, Any]:
+    return judge(*_pairs(places, group, quick)[number])

@@ -169,7 +169,7 @@ def handmade(quick: bool, largest: int) -> Iterator[Case]:
             "k = 1 - 1e-12, random sign": (1 - 1e-12) * random,
             "k = 1 - 2^-53": np.full(p, 1 - 2.0**-53),
         }.items():
-            yield Case.of(name, "poles", k).at_order(p)
+            yield Case(name, "poles", k).at_order(p)
 
 
 def models(quick: bool, largest: int) -> tuple[Case, ...]:

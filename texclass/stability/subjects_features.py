@@ -181,7 +181,7 @@ def extraction(
         return memory[gain, case.fs]
 
     def reference(case: Case) -> Case:
-        return Case.of("plain", "plain", plain(LONG), fs=case.fs)
+        return Case("plain", "plain", plain(LONG), fs=case.fs)
 
     def attempt(x: Any, case: Case) -> Attempt:
         result, reasons = extract(x, case)

@@ -36,7 +36,7 @@ def known(what: str, synthesize: Callable[[float], Any], rates_hz: Any, quick: b
     for fs in rates_hz[:: 3 if quick else 1]:
         for gain in (1e-160, 1.0, 1e150):
             name = f"{what} at {fs:g} Hz, gain {gain:g}"
-            yield Case.of(name, "rate", synthesize(fs) * gain, fs=fs, gain=gain)
+            yield Case(name, "rate", synthesize(fs) * gain, fs=fs, gain=gain)
 
 
 # Modes ------------------------------------------------------------------------------------------------------
