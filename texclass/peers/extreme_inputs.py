@@ -12,7 +12,7 @@ import numpy as np
 from scipy import linalg, ndimage, signal
 
 from texclass.recording import Samples
-from texclass.stability import exact, exact_models, rules
+from texclass.stability import exact, rules
 from texclass.stability.inputs import (
     FORMS,
     VALUES,
@@ -133,7 +133,7 @@ def _line_spectrum(library: str, name: str, convert: Callable[[Samples], tuple[S
         lsf, a = convert(k_of(x, case))
         yield lsf, a
         whole = a.size == case.order + 1 and np.all(np.isfinite(a))
-        yield from rules.line_spectrum(k_of(x, case), lsf, exact_models.step_down(a) if whole else None)
+        yield from rules.line_spectrum(k_of(x, case), lsf, exact.step_down(a) if whole else None)
 
     return Subject(name, "peers", library, _models, attempt)
 
@@ -168,11 +168,10 @@ def _windows(quick: bool) -> tuple[Case, ...]:
 def _direct_form(x: Any, case: Case) -> Attempt:
     k = k_of(x, case)
     out = np.asarray(signal.lfilter([1.0], _step_up(k), EXCITATION))
-    yield out
-    if case.order <= 50:
-        yield from rules.response("synthesis", out, k, EXCITATION)
-        return
     yield rules.finite("synthesis", out)
+    if case.order <= 50:
+        yield rules.response("synthesis", out, k, EXCITATION)
+        return
     level = float(unit_model(k).level)
     if np.isfinite(level):
         bound = level * float(np.linalg.norm(EXCITATION))
@@ -189,7 +188,7 @@ def _filtfilt(x: Any, case: Case) -> Attempt:
     samples = samples_of(x[:SHORT])
     yield rules.finite("output", out)
     sections: Any = signal.butter(**band, output="sos")
-    right = exact_models.zero_phase(sections, samples, 27)
+    right = exact.zero_phase(sections, samples, 27)
     yield rules.close("output, against 60 digits", out, right, rules.RESPONSE, scale=largest(samples))
 
 

@@ -4,9 +4,10 @@ import re
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -107,14 +108,15 @@ class Subject:
 def tried(
     subjects: list[Subject],
     group: str,
-    name: str,
+    named: str | Mapping[str, Mapping[str, Any]],
     cases: Callable[[bool], Iterable[Case]],
     library: str = "texclass",
-) -> Callable[[Callable[[Any, Case], Attempt]], Callable[[Any, Case], Attempt]]:
-    """Return a decorator that adds an attempt to `subjects` as a `Subject`."""
+) -> Callable[[Callable[..., Attempt]], Callable[..., Attempt]]:
+    """Return a decorator that adds an attempt to `subjects`: once, or by name with further arguments."""
 
-    def add(attempt: Callable[[Any, Case], Attempt]) -> Callable[[Any, Case], Attempt]:
-        subjects.append(Subject(name, group, library, cases, attempt))
+    def add(attempt: Callable[..., Attempt]) -> Callable[..., Attempt]:
+        for name, given in ({named: {}} if isinstance(named, str) else named).items():
+            subjects.append(Subject(name, group, library, cases, partial(attempt, **given)))
         return attempt
 
     return add
@@ -220,10 +222,9 @@ def _weigh(
     if worst is not None and not worst.holds:
         if np.isfinite(worst.error):
             return Mark.WRONG, f"{worst.what}: {worst.error:.3g}; the limit is {worst.limit:.3g}"
-        if not worst.what.startswith("finite"):
-            return Mark.WRONG, f"not so: {worst.what}"
-        if not reasons:
-            return Mark.SILENT, f"not so: {worst.what}"
+        no_number = worst.what.startswith("finite")
+        if not (no_number and reasons):
+            return (Mark.SILENT if no_number else Mark.WRONG), f"not so: {worst.what}"
         return (Mark.WRONG if required else Mark.DOCUMENTED), reasons[0]
     if noisy:
         return Mark.WARNED, noisy[0]

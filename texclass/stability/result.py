@@ -14,6 +14,7 @@ from texclass.stability.judging import BAD, Mark
 
 OURS = "texclass"
 FAULTY = (*BAD, Mark.WARNED)
+ENDS = ("library", "subject", "family", "mark")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +59,12 @@ class StabilityResult:
 
     def to_dict(self) -> dict[str, Any]:
         """Return versions, tallies by subject and family, and every cell that is a finding, for JSON."""
+        over = _over_limit(self.cells)
         theirs = self.cells[self.cells["library"] != OURS]
         refused = (Mark.DOCUMENTED, Mark.REFUSED, Mark.UNCHECKED)
+        near = self.ours.assign(over=over).query("over > 0 or error == 0 and limit > 0")
+        near = near.loc[near.groupby("subject", sort=False)["over"].idxmax()]
+        faulty = _records(self.ours[self.ours["mark"].isin(FAULTY)])
         return {
             "versions": self.versions,
             "machine": platform.platform(),
@@ -68,18 +73,28 @@ class StabilityResult:
             "quick": self.quick,
             "seconds": round(self.seconds, 1),
             "left_out": list(self.left_out),
-            "tallies": _tallies(self.cells),
-            "ours_wrong": [_finite(cell) for cell in _records(self.ours[self.ours["mark"].isin(FAULTY)])],
+            "tallies": [
+                key
+                | {
+                    "cells": len(cells),
+                    "worst_over_limit": float(over[cells.index].max()),
+                    "marks": dict(Counter(map(str, cells["mark"]))),
+                }
+                for key, cells in _by(self.cells, "library", "group", "subject", "family")
+            ],
+            "ours_wrong": [  # an infinite error becomes a word
+                {k: repr(v) if v in (math.inf, -math.inf) else v for k, v in cell.items()} for cell in faulty
+            ],
             "theirs_wrong": [
                 key
                 | {"cases": "; ".join(cells["case"]), "reason": cells["reason"].iloc[0], "cells": len(cells)}
-                for key, cells in _by(theirs[theirs["mark"].isin(FAULTY)], "mark")
+                for key, cells in _by(theirs[theirs["mark"].isin(FAULTY)], *ENDS)
             ],
             "reasons": [
                 key | {"cells": len(cells), "first": cells["case"].iloc[0], "reason": cells["reason"].iloc[0]}
-                for key, cells in _by(self.cells[self.cells["mark"].isin(refused)], "mark")
+                for key, cells in _by(self.cells[self.cells["mark"].isin(refused)], *ENDS)
             ],
-            "nearest": _nearest(self.ours),
+            "nearest": _records(near[["subject", "what", "error", "limit", "case"]]),
         }
 
     def to_json(self) -> str:
@@ -91,33 +106,10 @@ def _records(cells: pd.DataFrame) -> list[dict[str, Any]]:
     return cells.astype(object).where(cells.notna(), None).to_dict("records")  # type: ignore[return-value]
 
 
-def _by(cells: pd.DataFrame, last: str) -> list[tuple[dict[str, Any], pd.DataFrame]]:
-    """Return the cells of each subject and family by another column, in the order of their first."""
-    names = ["library", "subject", "family", last]
-    return [
-        (dict(zip(names, map(str, key), strict=True)), group)
-        for key, group in cells.groupby(names, sort=False)
-    ]
-
-
-def _tallies(cells: pd.DataFrame) -> list[dict[str, Any]]:
-    names = ["library", "group", "subject", "family"]
-    found = []
-    for key, group in cells.groupby(names, sort=False):
-        tally = {
-            "cells": len(group),
-            "worst_over_limit": float(_over_limit(group).max()),
-            "marks": dict(Counter(map(str, group["mark"]))),
-        }
-        found.append(dict(zip(names, key, strict=True)) | tally)
-    return found
-
-
-def _nearest(cells: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the right cell of each subject that comes nearest to its limit."""
-    near = cells.assign(over=_over_limit(cells)).query("over > 0 or error == 0 and limit > 0")
-    first = near.loc[near.groupby("subject", sort=False)["over"].idxmax()]
-    return _records(first[["subject", "what", "error", "limit", "case"]])
+def _by(cells: pd.DataFrame, *names: str) -> list[tuple[dict[str, Any], pd.DataFrame]]:
+    """Return the cells of each combination of some columns, in the order of their first."""
+    groups = cells.groupby(list(names), sort=False)
+    return [(dict(zip(names, map(str, key), strict=True)), group) for key, group in groups]
 
 
 def _over_limit(cells: pd.DataFrame) -> pd.Series:
@@ -125,8 +117,3 @@ def _over_limit(cells: pd.DataFrame) -> pd.Series:
     limit = cells["limit"].astype(float)
     share = cells["error"].astype(float) / limit.where(limit > 0)
     return share.where(~cells["mark"].isin(BAD)).fillna(0.0)
-
-
-def _finite(cell: dict[str, Any]) -> dict[str, Any]:
-    """Return a cell that JSON can hold: an infinite error becomes a word."""
-    return {k: repr(v) if isinstance(v, float) and not math.isfinite(v) else v for k, v in cell.items()}

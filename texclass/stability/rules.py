@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from texclass.recording import Samples
-from texclass.stability import exact, exact_models
+from texclass.stability import exact
 from texclass.stability.judging import Check, Documented, Finding
 from texclass.vibration.line_spectrum import log_spectrum
 
@@ -61,7 +61,7 @@ def stable_coefficients(a: Samples) -> Iterator[Finding]:
     """Check that 1, a_1 ... a_p are finite and, by a 60-digit step-down, a stable filter."""
     yield finite("coefficients", a)
     if np.all(np.isfinite(a)):
-        yield holds(STABLE, exact_models.is_stable(a))
+        yield holds(STABLE, exact.is_stable(a))
 
 
 def stable_sections(denominators: Samples) -> Check:
@@ -128,12 +128,9 @@ def line_spectrum(k: Samples, lsf: Samples, back: Samples | None) -> Iterator[Fi
         yield Check("round trip, dB RMS of the spectrum", float(np.sqrt(np.mean(difference**2))), limit)
 
 
-def response(
-    what: str, out: Samples, k: Samples, excitation: Samples, limit: float = RESPONSE
-) -> Iterator[Finding]:
-    """Check that the sound of a model is finite, and that of 60-digit arithmetic."""
-    yield finite(what, out)
-    yield close(f"{what}, against 60 digits", out, exact_models.all_pole_response(k, excitation), limit)
+def response(what: str, out: Samples, k: Samples, excitation: Samples) -> Check:
+    """Check the sound of a model against that of 60-digit arithmetic."""
+    return close(f"{what}, against 60 digits", out, exact.all_pole_response(k, excitation), RESPONSE)
 
 
 # Features ---------------------------------------------------------------------------------------------------
@@ -157,15 +154,12 @@ def features(
     """
     missing = [name for name in expected if name not in values] + [n for n in values if n not in expected]
     yield Check(f"as many columns as for noise ({len(missing)} differ)", float(len(missing)), 0.0)
-    silent = [n for n, v in values.items() if not np.isfinite(v) and n not in reasons and _was(n, expected)]
+    unsaid = [name for name, value in values.items() if not np.isfinite(value) and name not in reasons]
+    silent = [name for name in unsaid if np.isfinite(expected.get(name, 0.0))]
     what = f"finite outputs, or a reason: {len(silent)} of {len(values)} {undefined_is}"
     yield Check(f"{what}, {', '.join(silent[:3])}" if silent else what, np.inf if silent else 0.0, 0.0)
     if reasons:
         yield Documented(f"{len(reasons)} of {len(values)}: {next(iter(reasons.values()))}")
-
-
-def _was(name: str, expected: Values) -> bool:
-    return bool(np.isfinite(expected.get(name, 0.0)))
 
 
 def same_values(

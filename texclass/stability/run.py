@@ -115,44 +115,45 @@ def supervise(
     task = (places, group, quick)
     cells: list[dict[str, Any]] = []
     failures: Counter[str] = Counter()
-    worker = _Worker()
-    try:
-        begun = worker.ask(START_S, _begun, *task)
-    except Exception as error:
-        told = f"the process {worker.end()}" if isinstance(error, BrokenExecutor) else error
-        raise ValueError(f"{places}: {told}; the rule is that it can be imported") from error
-    for number, cell in enumerate(begun):
-        name = cell["subject"]
-        if failures[name] >= GIVE_UP:
-            continue
-        if progress:
-            progress(number + 1, len(begun), f"{cell['library']} {group}")
-        is_first = number == 0 or begun[number - 1]["subject"] != name
-        limit = max(START_S if is_first else cell_s, STREAM_S * (cell["family"] == "stream"))
+    with tempfile.NamedTemporaryFile("r", encoding="utf-8", errors="replace") as said:
+        worker, known = _Worker(said), ""
         try:
-            cells.append(worker.ask(limit, _judged, *task, number))
-            continue
-        except TimeoutError:
-            found = {"mark": Mark.HANG, "reason": f"no answer within {limit:g} s"}
-            worker.end()
-        except BrokenExecutor:
-            found = {"mark": Mark.CRASH, "reason": f"the process {worker.end()}"}
-        cells.append(cell | found)
-        worker = _Worker()
-        failures[name] += 1
-        if failures[name] == GIVE_UP and left_out is not None:
-            left_out.append(f"{cell['library']} {name}: given up after {GIVE_UP} crashes or hangs")
-    worker.end()
+            begun = worker.ask(START_S, _begun, *task)
+        except Exception as error:
+            told = f"the process {worker.end()}" if isinstance(error, BrokenExecutor) else error
+            raise ValueError(f"{places}: {told}; the rule is that it can be imported") from error
+        for number, cell in enumerate(begun):
+            name = cell["subject"]
+            if failures[name] >= GIVE_UP:
+                continue
+            if progress:
+                progress(number + 1, len(begun), f"{cell['library']} {group}")
+            limit = max(cell_s if name == known else START_S, STREAM_S * (cell["family"] == "stream"))
+            known = name
+            try:
+                cells.append(worker.ask(limit, _judged, *task, number))
+                continue
+            except TimeoutError:
+                found = {"mark": Mark.HANG, "reason": f"no answer within {limit:g} s"}
+                worker.end()
+            except BrokenExecutor:
+                found = {"mark": Mark.CRASH, "reason": f"the process {worker.end()}"}
+            cells.append(cell | found)
+            worker, known = _Worker(said), ""
+            failures[name] += 1
+            if failures[name] == GIVE_UP and left_out is not None:
+                left_out.append(f"{cell['library']} {name}: given up after {GIVE_UP} crashes or hangs")
+        worker.end()
     return cells
 
 
 class _Worker:
-    """A process of one thread that is asked; what is printed in it stands in a file."""
+    """A process of one thread that is asked; what is printed in it is read from a file."""
 
-    def __init__(self) -> None:
-        self._said = tempfile.NamedTemporaryFile("r", encoding="utf-8", errors="replace")
+    def __init__(self, said: Any) -> None:
+        self._said = said
         context = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(1, context, _one_thread, (self._said.name,))
+        self._pool = ProcessPoolExecutor(1, context, _one_thread, (said.name,))
         pid = self._pool.submit(os.getpid).result()
         (self._process,) = (child for child in multiprocessing.active_children() if child.pid == pid)
 
@@ -164,8 +165,7 @@ class _Worker:
         """Kill the process if it still runs; return its exit code and the last line it printed."""
         self._process.kill()
         self._pool.shutdown()
-        with self._said as said:
-            last = said.read().strip().splitlines()
+        last = self._said.read().strip().splitlines()
         return f"ended with {self._process.exitcode}: {last[-1] if last else 'no message'}"
 
 
@@ -185,7 +185,9 @@ def _pairs(places: str, group: str, quick: bool) -> list[tuple[Subject, Case]]:
         module, name = place.split(":")
         found = getattr(importlib.import_module(module), name)
         subjects += found() if callable(found) else found
-    return [(subject, case) for subject in subjects if subject.group == group for case in subject.cases(quick)]
+    return [
+        (subject, case) for subject in subjects if subject.group == group for case in subject.cases(quick)
+    ]
 
 
 def _begun(*task: Any) -> list[dict[str, Any]]:

@@ -1,14 +1,14 @@
 """Subjects: fits of autoregressive models, and what is derived from reflection coefficients."""
 
 from collections.abc import Callable, Iterator
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from texclass import vibration
 from texclass.recording import Samples
-from texclass.stability import exact, exact_models, rules
+from texclass.stability import exact, rules
 from texclass.stability.inputs import (
     VALUES,
     Case,
@@ -27,6 +27,7 @@ SUBJECTS: list[Subject] = []
 METHODS = {"burg": "Burg", "autocorrelation": "the autocorrelation method"}
 """Those with an optimum that can be had in many digits."""
 EXCITATION = noise(192, 7)
+Derivation = Callable[[Samples, Case], Attempt]
 OMEGA_FEW = np.array([1e-6, 0.05, 0.3, 0.7, 1.5, 2.9, np.pi])
 
 
@@ -38,76 +39,74 @@ def at_orders(quick: bool, largest: int) -> tuple[Case, ...]:
 # Fits -------------------------------------------------------------------------------------------------------
 
 
+@tried(
+    SUBJECTS,
+    "models",
+    {f"fit, {name}": {"method": name} for name in METHODS},
+    partial(at_orders, largest=1000),
+)
 def _fit(x: Any, case: Case, *, method: Any) -> Attempt:
     model = vibration.fit(x, case.order, method=method)
-    yield model
-    signal = samples_of(x)
-    if method in METHODS:
-        yield from rules.predictor(signal, case.order, METHODS[method], k=model.reflection)
-    else:
-        yield from _both_ways(signal, case.order, model)
-    yield from _gain(signal, model, method)
-    louder = vibration.fit(np.ldexp(_unit(signal), 40), case.order, method=method)
-    alone = vibration.fit(_unit(signal), case.order, method=method)
-    yield rules.close("k free of gain", louder.reflection, alone.reflection, 0.0)
-    if case.family in ("dtype", "layout"):
-        copy = vibration.fit(signal, case.order, method=method)
-        yield rules.close("k as of the float64 copy", model.reflection, copy.reflection, 0.0)
-
-
-def _covariance_cases(quick: bool) -> Iterator[Case]:
-    largest = 18 if quick else 128  # O(n p^2)
-    return (case for case in at_orders(quick, largest) if case.order <= largest)
-
-
-for _method in METHODS:
-    tried(SUBJECTS, "models", f"fit, {_method}", partial(at_orders, largest=1000))(
-        partial(_fit, method=_method)
-    )
-tried(SUBJECTS, "models", "fit, modified covariance", _covariance_cases)(
-    partial(_fit, method="modified_covariance")
-)
-
-
-def _unit(x: Samples) -> Samples:
-    return np.ldexp(x, -int(np.frexp(np.max(np.abs(x), initial=0.0))[1]))
-
-
-def _gain(x: Samples, model: Autoregression, method: str) -> Iterator[Finding]:
     yield rules.finite("gain", model.gain)
-    if not np.any(x):
+    signal = samples_of(x)
+    yield from rules.predictor(signal, case.order, METHODS[method], k=model.reflection)
+    yield from _free_of_gain(signal, case, model, method)
+    if not np.any(signal):
         yield Check("gain of silence", float(model.gain), 0.0)
         return
-    rms = exact.root(exact.mean_square(x))
-    if method not in METHODS:
-        yield rules.holds("a gain no larger than the signal", model.gain <= 1.01 * np.sqrt(x.size) * rms)
-        return
+    rms = exact.root(exact.mean_square(signal))
     yield rules.close("residual of order 0 = RMS", model.residual[0], rms, 1e-12)
     if exact.EXTENDED:
         padding = 0 if method == "burg" else model.order
-        energies = exact.lattice_energies(x, model.reflection, padding)
+        energies = exact.lattice_energies(signal, model.reflection, padding)
         m = min(model.order, energies.size - 1)
-        samples = x.size - m if method == "burg" else x.size
-        measured = float(rms * np.sqrt(energies[m] * x.size / samples))
+        samples = signal.size - m if method == "burg" else signal.size
+        measured = float(rms * np.sqrt(energies[m] * signal.size / samples))
         limit, floor = 1e-6, 1e-8 * rms  # of a residual below 1e-14 of the signal only that it is so small
         yield rules.close("residual as the samples give it", model.residual[m], measured, limit, scale=floor)
 
 
-def _both_ways(x: Samples, order: int, model: Autoregression) -> Iterator[Finding]:
-    """Check modified covariance: stable, and no more residual than Burg's, or Burg's fit itself."""
+@tried(
+    SUBJECTS,
+    "models",
+    "fit, modified covariance",
+    lambda quick: (case for case in at_orders(quick, 18 if quick else 128) if case.order <= 128),  # O(n p^2)
+)
+def _fit_both_ways(x: Any, case: Case) -> Attempt:
+    """Check that it is stable, and leaves no more residual than Burg's, or is Burg's fit itself."""
+    model = vibration.fit(x, case.order, method="modified_covariance")
+    yield rules.finite("gain", model.gain)
+    signal = samples_of(x)
     yield rules.finite("reflection coefficients", model.reflection)
     yield rules.stable(model.reflection)
+    yield from _free_of_gain(signal, case, model, "modified_covariance")
+    if not np.any(signal):
+        yield Check("gain of silence", float(model.gain), 0.0)
+    else:
+        most = 1.01 * np.sqrt(x.size) * exact.root(exact.mean_square(signal))
+        yield rules.holds("a gain no larger than the signal", model.gain <= most)
     if model.fallback:
-        burg = vibration.fit(x, order, method="burg")
+        burg = vibration.fit(signal, case.order, method="burg")
         yield rules.close("the fallback is Burg's fit", model.reflection, burg.reflection, 0.0)
         yield Documented(
             "fallback: modified covariance is unstable or undetermined here, Burg's fit returned"
         )
-    elif np.any(x) and exact.EXTENDED:
-        energy = exact.lattice_energies(x, model.reflection)[-1]
-        best = exact.burg_energies(x, order)[-1]
-        above = max((energy - best) / (best + rules.FLOOR), 0.0)
-        yield Check("residual energy above Burg's", float(above), rules.EXCESS)
+    elif np.any(signal) and exact.EXTENDED:
+        above = rules.excess(signal, case.order, "Burg", k=model.reflection)
+        yield Check("residual energy above Burg's", above, rules.EXCESS)
+
+
+def _free_of_gain(x: Samples, case: Case, model: Autoregression, method: Any) -> Iterator[Finding]:
+    louder = vibration.fit(np.ldexp(_unit(x), 40), case.order, method=method)
+    alone = vibration.fit(_unit(x), case.order, method=method)
+    yield rules.close("k free of gain", louder.reflection, alone.reflection, 0.0)
+    if case.family in ("dtype", "layout"):
+        copy = vibration.fit(x, case.order, method=method)
+        yield rules.close("k as of the float64 copy", model.reflection, copy.reflection, 0.0)
+
+
+def _unit(x: Samples) -> Samples:
+    return np.ldexp(x, -int(np.frexp(np.max(np.abs(x), initial=0.0))[1]))
 
 
 @tried(SUBJECTS, "models", "from_autocorrelation", partial(at_orders, largest=400))
@@ -118,15 +117,14 @@ def _from_lags(x: Any, case: Case) -> Attempt:
         raise ValueError("from_autocorrelation got no sample in this battery; the rule is one")
     r = autocorrelation(samples[np.newaxis], case.order)[0] if np.all(np.isfinite(samples)) else samples
     model = from_autocorrelation(r)
-    yield model
+    yield rules.finite("gain", model.gain)
     fitted = int(model.fitted_order)
     yield rules.stable(model.reflection)
-    yield rules.finite("gain", model.gain)
     if fitted < case.order:
         yield Documented(f"fitted_order: the lags determine {fitted} orders of {case.order}")
     if fitted > 18 or not np.any(r):
         return
-    a = exact_models.coefficients(model.reflection[:fitted])
+    a = exact.coefficients(model.reflection[:fitted])
     size = sum(abs(c) for c in a)
     equations = [
         abs(sum(c * float(r[abs(m - i)]) for i, c in enumerate(a))) / (size * float(r[0]))
@@ -135,16 +133,16 @@ def _from_lags(x: Any, case: Case) -> Attempt:
     yield Check("Yule-Walker equations", float(max(equations, default=0.0)), 1e-13)
 
 
-def _few_orders(quick: bool) -> tuple[Case, ...]:
-    return with_orders(battery(quick, longest=0, with_rates=False), quick, 50)
-
-
-@tried(SUBJECTS, "models", "select_order", _few_orders)
+@tried(
+    SUBJECTS,
+    "models",
+    "select_order",
+    lambda quick: with_orders(battery(quick, longest=0, with_rates=False), quick, 50),
+)
 def _select_order(x: Any, case: Case) -> Attempt:
     criteria: Any = ("spectral_error", "aicc")
-    chosen = [vibration.select_order(x, case.order, criterion=c) for c in criteria]
-    yield chosen
-    for criterion, selection in zip(criteria, chosen, strict=True):
+    chosen = {c: vibration.select_order(x, case.order, criterion=c) for c in criteria}
+    for criterion, selection in chosen.items():
         yield Check("orders looked at", abs(selection.values.size - case.order - 1), 0.0)
         yield Check(f"{criterion} is no number", float(np.isnan(selection.values).sum()), 0.0)
         yield Check("order of the model", abs(selection.model.order - selection.order), 0.0)
@@ -180,22 +178,13 @@ def models(quick: bool, largest: int) -> tuple[Case, ...]:
 
 def k_of(x: Any, case: Case) -> Samples:
     """Return the reflection coefficients a case stands for: those given by hand, or Burg's of its signal."""
-    if case.name.startswith(("k =", "all k =")):
-        return samples_of(x)
-    return _burg(samples_of(x).tobytes(), case.order)
-
-
-@lru_cache(maxsize=4096)
-def _burg(samples: bytes, order: int) -> Samples:
-    return vibration.fit(np.frombuffer(samples), order).reflection
+    is_given = case.name.startswith(("k =", "all k ="))
+    return samples_of(x) if is_given else vibration.fit(samples_of(x), case.order).reflection
 
 
 def unit_model(k: Samples) -> Autoregression:
     """Return the model of reflection coefficients at unit gain."""
     return Autoregression(k, np.asarray(1.0))
-
-
-Derivation = Callable[[Samples, Case], Attempt]
 
 
 def derived(name: str, largest: int) -> Callable[[Derivation], Derivation]:
@@ -218,12 +207,11 @@ def derived(name: str, largest: int) -> Callable[[Derivation], Derivation]:
 def _line_spectrum(k: Samples, case: Case) -> Attempt:
     lsf = line_spectrum.from_reflection(k)
     back = line_spectrum.to_reflection(lsf)
-    yield lsf, back
     yield from rules.line_spectrum(k, lsf, back)
     if line_spectrum.conditioning(lsf) >= 1:
         yield Documented("conditioning >= 1: two frequencies that float64 cannot tell apart")
     if case.order <= 50:
-        yield Check("frequencies, against 60 digits", exact_models.line_spectrum_error(k, lsf), 1e-12)
+        yield Check("frequencies, against 60 digits", exact.line_spectrum_error(k, lsf), 1e-12)
 
 
 @derived("lattice synthesis", 1000)
@@ -235,7 +223,7 @@ def _lattice_synthesis(k: Samples, case: Case) -> Attempt:
     cut = [EXCITATION[:50], EXCITATION[50:51], EXCITATION[51:51], EXCITATION[51:]]
     pieced = np.concatenate([pieces.process(piece) for piece in cut])
     single = np.asarray(LatticeSynthesis(model, level=1.0, dtype=np.float32).process(EXCITATION))
-    yield out
+    yield rules.finite("synthesis", out)
     size = float(np.linalg.norm(EXCITATION))  # rotations: no state exceeds the energy that went in
     yield rules.holds("bounded in float64", np.max(np.abs(out)) <= level * size)
     yield rules.holds("bounded in float32", np.max(np.abs(single)) <= size)
@@ -244,9 +232,7 @@ def _lattice_synthesis(k: Samples, case: Case) -> Attempt:
         limit = 1e-6 * case.order + 1e-4
         yield rules.close("float32 against float64", single * level, out, limit)
     if case.order <= 50 and np.isfinite(model.level):
-        yield from rules.response("synthesis", out, k, EXCITATION)
-    else:
-        yield rules.finite("synthesis", out)
+        yield rules.response("synthesis", out, k, EXCITATION)
 
 
 @derived("lattice inverse filter", 400)
@@ -267,9 +253,8 @@ def _lattice_inverse(k: Samples, case: Case) -> Attempt:
 @derived("log spectrum", 1000)
 def _log_spectrum(k: Samples, case: Case) -> Attempt:
     db = unit_model(k).log_spectrum_db(OMEGA_FEW)
-    yield db
     yield rules.finite("log spectrum", db)
-    right = exact_models.log_spectrum_db(k, OMEGA_FEW)
+    right = exact.log_spectrum_db(k, OMEGA_FEW)
     yield rules.close("log spectrum, against 60 digits", db, right, 1e-9, scale=10.0)
 
 
@@ -277,7 +262,6 @@ def _log_spectrum(k: Samples, case: Case) -> Attempt:
 def _poles(k: Samples, case: Case) -> Attempt:
     """Check that they lie inside the unit circle, and that their product has the spectrum of the model."""
     poles = unit_model(k).poles()
-    yield poles
     yield rules.finite("poles", np.abs(poles))
     yield rules.holds("poles inside the unit circle", np.max(np.abs(poles)) < 1)
     at = rules.OMEGA[:, np.newaxis]
@@ -289,24 +273,23 @@ def _poles(k: Samples, case: Case) -> Attempt:
 @derived("cepstrum", 128)
 def _cepstrum(k: Samples, case: Case) -> Attempt:
     c = unit_model(k).cepstrum(20)[1:]
-    yield c
     yield rules.finite("cepstrum", c)
-    yield rules.close("cepstrum, against 60 digits", c, exact_models.cepstrum(k, 20), 1e-9, scale=1.0)
+    yield rules.close("cepstrum, against 60 digits", c, exact.cepstrum(k, 20), 1e-9, scale=1.0)
 
 
 @derived("direct form, or its refusal", 256)
 def _direct_form(k: Samples, case: Case) -> Attempt:
     a = unit_model(k).direct_form()
-    yield a
-    yield from rules.stable_coefficients(a)
+    yield rules.finite("coefficients", a)
+    back = exact.step_down(a)
+    yield rules.holds(rules.STABLE, not np.isnan(back).any())
     if case.order <= 128:
-        yield rules.close("k of the coefficients", exact_models.step_down(a), k, 2e-6, scale=1.0)
+        yield rules.close("k of the coefficients", back, k, 2e-6, scale=1.0)
 
 
 @derived("log area ratios", 1000)
 def _log_area_ratios(k: Samples, case: Case) -> Attempt:
     areas = unit_model(k).log_area_ratios
-    yield areas
     yield rules.finite("log area ratios", areas)
     right = np.log((1 + k.astype(np.longdouble)) / (1 - k.astype(np.longdouble)))
     error = np.max(np.abs(areas - right) / np.maximum(np.abs(right), 1e-300), initial=0.0)

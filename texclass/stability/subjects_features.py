@@ -70,7 +70,6 @@ def _feature(member: Member, x: Any, case: Case) -> Attempt:
         values = np.atleast_1d(np.asarray(given, dtype=np.float64))
     else:
         values = member.values(views_of(x, case.fs))
-    yield values
     yield rules.finite("value", values)
     yield Check("as many values as declared", abs(values.size - len(member.columns)), 0.0)
     if not np.any(signal):
@@ -90,8 +89,7 @@ def _feature(member: Member, x: Any, case: Case) -> Attempt:
     if case.family == "gain":
         law = feature.gain.apply(_value(member, plain(LONG), case.fs), case.gain)
         yield _law("the declared gain law, from gain 1", values, law)
-    if feature.name in REFERENCES:
-        yield from REFERENCES[feature.name](signal, values)
+    yield from _references(feature.name, signal, values)
 
 
 def _value(member: Member, samples: Any, fs: float) -> Samples:
@@ -120,36 +118,24 @@ def _usual(name: str) -> Samples:
     return np.nan_to_num(_value(Member(name, registered()[name]), plain(LONG), 10_000.0))
 
 
-# References of features whose value, or an invariant of it, can be had in many digits -----------------------
-
-
-def _mean_of_magnitude(x: Samples, values: Samples) -> Iterable[Finding]:
-    yield rules.close("mean |x|, against exact sums", values[0], exact.mean(np.abs(x)), 1e-13)
-
-
-def _mean_of_deviation(x: Samples, values: Samples) -> Iterable[Finding]:
-    wide = x.astype(np.longdouble)
-    right = float(np.abs(wide - wide.mean()).mean())
-    yield rules.close("mean |x - mean|", values[0], right, 1e-13, scale=1e-4 * float(np.max(np.abs(x))))
-
-
-def _variance(x: Samples, values: Samples) -> Iterable[Finding]:
-    right = exact.variance(x)
-    if 1e-290 < right < 1e290:
-        rounding = (1e-13 * float(np.max(np.abs(x)))) ** 2 / float(right)  # of an offset, in the deviation
-        yield rules.close("variance, against exact sums", values[0], float(right), 1e-13 + rounding)
-
-
-def _stable_predictor(x: Samples, values: Samples) -> Iterable[Finding]:
-    yield from rules.stable_coefficients(np.concatenate([[1.0], -values]))
-
-
-REFERENCES: dict[str, Callable[[Samples, Samples], Iterable[Finding]]] = {
-    "friction": _mean_of_magnitude,
-    "mean_magnitude": _mean_of_deviation,
-    "variance": _variance,
-    "lpc_coefficients": _stable_predictor,
-}
+def _references(name: str, x: Samples, values: Samples) -> Iterable[Finding]:
+    """Check a feature whose value, or an invariant of it, can be had in many digits."""
+    match name:
+        case "friction":
+            yield rules.close("mean |x|, against exact sums", values[0], exact.mean(np.abs(x)), 1e-13)
+        case "mean_magnitude":
+            wide = x.astype(np.longdouble)
+            right = float(np.abs(wide - wide.mean()).mean())
+            scale = 1e-4 * float(np.max(np.abs(x)))
+            yield rules.close("mean |x - mean|", values[0], right, 1e-13, scale=scale)
+        case "variance":
+            square = exact.variance(x)
+            if 1e-290 < square < 1e290:
+                rounding = (1e-13 * float(np.max(np.abs(x)))) ** 2 / float(square)  # of an offset
+                limit = 1e-13 + rounding
+                yield rules.close("variance, against exact sums", values[0], float(square), limit)
+        case "lpc_coefficients":
+            yield from rules.stable_coefficients(np.concatenate([[1.0], -values]))
 
 
 # A feature library: one cell an input, all outputs together -------------------------------------------------

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from texclass import vibration
-from texclass.stability import exact, exact_models, rules
+from texclass.stability import exact, rules
 from texclass.stability.inputs import (
     RATES_HZ,
     VALUES,
@@ -42,19 +42,15 @@ def known(what: str, synthesize: Callable[[float], Any], rates_hz: Any, quick: b
 # Modes ------------------------------------------------------------------------------------------------------
 
 
-def _segments(quick: bool, longest: int) -> tuple[Case, ...]:
+def _segments(quick: bool, longest: int, largest: int = 0) -> tuple[Case, ...]:
     decays = known("decay", lambda fs: MODE.synthesize(SEGMENT, fs), RATES_HZ, quick)
-    return (*battery(quick, longest=longest, with_rates=False), *decays)
+    at_orders = with_orders(in_families(*VALUES, quick=quick), quick, largest)
+    return (*battery(quick, longest=longest, with_rates=False), *decays, *at_orders)
 
 
-def _segments_at_orders(quick: bool) -> tuple[Case, ...]:
-    return (*_segments(quick, 300), *with_orders(in_families(*VALUES, quick=quick), quick, 100))
-
-
-@tried(SUBJECTS, "models", "matrix pencil", _segments_at_orders)
+@tried(SUBJECTS, "models", "matrix pencil", partial(_segments, longest=300, largest=100))
 def _matrix_pencil(x: Any, case: Case) -> Attempt:
     modes = vibration.fit_matrix_pencil(x[:SEGMENT], case.fs, order=case.order or None)
-    yield modes
     segment = samples_of(x[:SEGMENT])
     for name in ("frequency_hz", "decay_per_s", "amplitude", "phase"):
         yield rules.finite(name, getattr(modes, name))
@@ -80,7 +76,6 @@ def _prony(x: Any, case: Case) -> Attempt:
     largest = float(np.max(np.abs(np.asarray(segment, dtype=np.float64)), initial=0.0))
     resolution = largest / 512 if np.isfinite(largest) and largest > 0 else 1.0
     fitted = vibration.fit_prony(segment, resolution, max_order=min(40, max(len(segment) - 1, 1)))
-    yield fitted
     yield rules.finite("coefficients", np.concatenate([fitted.a, fitted.b]))
     size = largest or 1.0
     response = fitted.synthesize(len(segment))
@@ -92,7 +87,7 @@ def _prony(x: Any, case: Case) -> Attempt:
     elif not fitted.resolved:
         yield Documented("resolved is False: no order met the resolution")
     if fitted.order <= 20 and abs(fitted.pole_radius - 1) > 1e-6:
-        yield Check("stability as stated", float(exact_models.is_stable(fitted.a) != fitted.is_stable), 0.0)
+        yield Check("stability as stated", float(exact.is_stable(fitted.a) != fitted.is_stable), 0.0)
 
 
 # Taps -------------------------------------------------------------------------------------------------------
@@ -104,9 +99,16 @@ def _taps(quick: bool) -> tuple[Case, ...]:
     return (*taps, *(replace(case, required=False) for case in others))  # they need not decay
 
 
+# Okamura's fit is one by eye: a spectral peak, and a line through some peaks.
+TAP_FITS = {
+    "tap model, Okamura": {"fit": vibration.fit_okamura, "limit": 0.1},
+    "tap model, maximum likelihood": {"fit": vibration.fit_tap_model, "limit": 1e-6},
+}
+
+
+@tried(SUBJECTS, "models", TAP_FITS, _taps)
 def _tap(x: Any, case: Case, *, fit: Callable[..., TapModel], limit: float) -> Attempt:
     tap = fit([x[:LONGEST_TAP], x[: LONGEST_TAP // 2]], [1.0, 1.0], case.fs)
-    yield tap
     yield rules.finite("parameters", [tap.amplitude_slope, tap.decay_per_s, tap.frequency_hz])
     least = min(tap.decay_per_s, tap.frequency_hz)
     yield Check("decay rate or frequency not above 0", float(least <= 0), 0.0)
@@ -117,21 +119,12 @@ def _tap(x: Any, case: Case, *, fit: Callable[..., TapModel], limit: float) -> A
         yield rules.close("its frequency", tap.frequency_hz, TAP.frequency_hz, limit)
 
 
-# Okamura's fit is one by eye: a spectral peak, and a line through some peaks.
-for _name, _tap_fit, _limit in (
-    ("Okamura", vibration.fit_okamura, 0.1),
-    ("maximum likelihood", vibration.fit_tap_model, 1e-6),
-):
-    tried(SUBJECTS, "models", f"tap model, {_name}", _taps)(partial(_tap, fit=_tap_fit, limit=_limit))
-
-
 # Lines ------------------------------------------------------------------------------------------------------
 
 
 @tried(SUBJECTS, "models", "major frequencies", battery)
 def _major_frequencies(x: Any, case: Case) -> Attempt:
     lines = vibration.fit_major_frequencies(x, case.fs)
-    yield lines
     for name in ("frequency_hz", "amplitude", "phase"):
         yield rules.finite(name, getattr(lines, name))
     f = lines.frequency_hz
@@ -143,26 +136,32 @@ def _major_frequencies(x: Any, case: Case) -> Attempt:
         yield Check("lines in a constant", float(f.size), 0.0)
     elif f.size:
         scale = float(np.max(np.abs(signal)))
-        right = _amplitudes(signal / scale, f / case.fs)
+        # the Fourier transform at each frequency, in 80-bit floats
+        wide = (signal / scale).astype(np.longdouble)
+        t = np.arange(signal.size, dtype=np.longdouble)
+        cycles = np.round(f / case.fs * signal.size).astype(np.longdouble)
+        turns = (cycles[:, np.newaxis] * t) % signal.size
+        angle = turns * (2 * np.arctan2(np.longdouble(0), np.longdouble(-1)) / signal.size)
+        transform = np.exp(1j * angle) @ (wide - wide.mean())
+        right = np.abs(transform).astype(np.float64) * 2 / signal.size
         yield rules.close("amplitudes", lines.amplitude / scale, right, 1e-12, scale=1.0)
-
-
-def _amplitudes(x: Any, cycles_per_sample: Any) -> Any:
-    """Return the amplitude of the Fourier transform at each frequency, in 80-bit floats."""
-    wide = x.astype(np.longdouble)
-    wide = wide - wide.mean()
-    t = np.arange(x.size, dtype=np.longdouble)
-    cycles = np.round(cycles_per_sample * x.size).astype(np.longdouble)
-    turns = (cycles[:, np.newaxis] * t) % x.size
-    angle = turns * (2 * np.arctan2(np.longdouble(0), np.longdouble(-1)) / x.size)
-    transform = (np.cos(angle) @ wide) + 1j * (np.sin(angle) @ wide)
-    return np.abs(transform).astype(np.float64) * 2 / x.size
 
 
 # Scores -----------------------------------------------------------------------------------------------------
 
 
-def _score(x: Any, case: Case, *, name: str, perfect: float) -> Attempt:
+PERFECT = {
+    "rms_spectral_error": 0.0,
+    "goodness_of_fit": 1.0,
+    "mean_absolute_difference": 0.0,
+    "log_spectral_distance": 0.0,
+    "band_energy_distance": 0.0,
+}
+"""Scores, and what a signal gets against itself."""
+
+
+@tried(SUBJECTS, "models", {f"score, {name}": {"name": name} for name in PERFECT}, battery)
+def _score(x: Any, case: Case, *, name: str) -> Attempt:
     def rated(a: Any, b: Any) -> float:
         rate = (case.fs,) if name == "band_energy_distance" else ()
         return float(getattr(vibration.scores, name)(a, b, *rate))
@@ -171,9 +170,8 @@ def _score(x: Any, case: Case, *, name: str, perfect: float) -> Attempt:
         return signal * (1 + 0.1 * noise(N, 5)[: len(signal)])
 
     alone, rating = rated(x, x), rated(x, other(samples_of(x)))
-    yield rating
     yield rules.finite("score", (alone, rating))
-    yield Check("score of a signal against itself", abs(alone - perfect), 1e-12)
+    yield Check("score of a signal against itself", abs(alone - PERFECT[name]), 1e-12)
     signal = samples_of(x)
     if name == "mean_absolute_difference":
         right = exact.mean(np.abs(signal - other(signal)))
@@ -182,13 +180,3 @@ def _score(x: Any, case: Case, *, name: str, perfect: float) -> Attempt:
         shift = 60 - int(np.frexp(np.max(np.abs(signal)))[1])
         louder = rated(np.ldexp(signal, shift), np.ldexp(other(signal), shift))
         yield rules.close("free of a common gain", louder, rating, 1e-9, scale=1.0)
-
-
-for _name, _perfect in {
-    "rms_spectral_error": 0.0,
-    "goodness_of_fit": 1.0,
-    "mean_absolute_difference": 0.0,
-    "log_spectral_distance": 0.0,
-    "band_energy_distance": 0.0,
-}.items():
-    tried(SUBJECTS, "models", f"score, {_name}", battery)(partial(_score, name=_name, perfect=_perfect))
