@@ -22,7 +22,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from texclass.loaders import load_recording
-from texclass.loaders.bag_files import MOST_EXPANSION, Budget
+from texclass.loaders.bag_files import MOST_EXPANSION, Expansion
 from texclass.loaders.ros_messages import (
     TYPES,
     MessageError,
@@ -117,14 +117,14 @@ def test_a_bomb_is_refused_before_it_fills_the_memory(how):
     del zeros
     tracemalloc.start()
     with pytest.raises(ValueError, match="expands to more than"):
-        Budget(len(packed)).expand(packed, how)
+        Expansion(len(packed)).expand(packed, how)
     assert tracemalloc.get_traced_memory()[1] < 5 * (1 << 26)
     tracemalloc.stop()
 
 
 def test_many_chunks_may_not_expand_to_more_than_their_share():
     packed = zstandard.compress(bytes(1 << 24))
-    budget = Budget(len(packed))
+    budget = Expansion(len(packed))
     for _ in range(4):
         budget.expand(packed, "zstd", 1 << 24)
     with pytest.raises(ValueError, match=f"{MOST_EXPANSION} times"):

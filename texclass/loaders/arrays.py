@@ -21,7 +21,7 @@ import numpy as np
 import soundfile
 from scipy import io as scipy_io
 
-from texclass.loaders.columns import UNNAMED, ReadOptions, Signals, as_samples, check_held, require
+from texclass.loaders.columns import UNNAMED, ReadOptions, ReadSignals, as_samples, check_held, require
 from texclass.recording import RecordingError
 
 RATE = "fs"
@@ -48,19 +48,26 @@ def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
     """
     if path.suffix.lower() in (".wav", ".flac"):
         return (UNNAMED,)
+    found: list[str] = []
+
+    def visit(name: str, node: Any) -> None:
+        is_numeric = isinstance(node, h5py.Dataset) and node.dtype.kind in "iuf"
+        if is_numeric and not name.startswith("#") and node.attrs.get("MATLAB_class") != b"char":
+            found.append(name)
+
     with _readable(path):
         if path.suffix.lower() == ".npz":
             with zipfile.ZipFile(path) as archive:
                 found = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
         elif h5py.is_hdf5(path) or path.suffix.lower() != ".mat":
             with h5py.File(path) as file:
-                found = _numeric_datasets(file)
+                file.visititems(visit)
         else:
             found = list(_matlab_sizes(path))
     return tuple(name for name in found if name != RATE)
 
 
-def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Signals:
+def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
     """Read the wanted arrays, and the sampling rate if it is stored.
 
     Raises
@@ -76,10 +83,14 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Signals:
         elif path.suffix.lower() == ".npz":
             stored, fs = _read_npz(path, wanted)
         elif h5py.is_hdf5(path) or path.suffix.lower() != ".mat":
-            stored, fs = _read_hdf5(path, wanted)
+            with h5py.File(path) as file:
+                stored = {name: _inside(file, name, path) for name in wanted}
+                is_here = isinstance(file.get(RATE, getlink=True), h5py.HardLink)
+                rate = file[RATE] if is_here else file.attrs.get(RATE)
+                fs = _scalar(rate[()] if isinstance(rate, h5py.Dataset) and rate.size == 1 else rate)
         else:
             stored, fs = _read_matlab(path, wanted)
-        return Signals({name: as_samples(stored[name], name, path) for name in wanted}, fs)
+        return ReadSignals({name: as_samples(stored[name], name, path) for name in wanted}, fs)
 
 
 @contextmanager
@@ -124,25 +135,6 @@ def _read_npz(path: Path, wanted: tuple[str, ...]) -> Stored:
         warnings.simplefilter("ignore", UserWarning)  # of headers that Python 2 wrote
         rate = archive[RATE] if RATE in archive.files else None
         return {name: archive[name] for name in wanted}, _scalar(rate)
-
-
-def _read_hdf5(path: Path, wanted: tuple[str, ...]) -> Stored:
-    with h5py.File(path) as file:
-        stored = {name: _inside(file, name, path) for name in wanted}
-        rate = file[RATE] if isinstance(file.get(RATE, getlink=True), h5py.HardLink) else file.attrs.get(RATE)
-        return stored, _scalar(rate[()] if isinstance(rate, h5py.Dataset) and rate.size == 1 else rate)
-
-
-def _numeric_datasets(file: h5py.File) -> list[str]:
-    found: list[str] = []
-
-    def visit(name: str, node: Any) -> None:
-        is_numeric = isinstance(node, h5py.Dataset) and node.dtype.kind in "iuf"
-        if is_numeric and not name.startswith("#") and node.attrs.get("MATLAB_class") != b"char":
-            found.append(name)
-
-    file.visititems(visit)
-    return found
 
 
 def _inside(file: h5py.File, name: str, path: Path) -> Any:
@@ -232,24 +224,23 @@ def _check_matlab_tags(path: Path, wanted: Collection[str]) -> None:
                 head = head[8:]
             if kind != _MATRIX:
                 return  # scipy refuses it
-            _check_matlab_array(head.ljust(_LONGEST_HEAD, b"\0"), order, wanted)
+            head = head.ljust(_LONGEST_HEAD, b"\0")
+            (flags,) = struct.unpack_from(f"{order}I", head, 8)
             file.seek(after)
-
-
-def _check_matlab_array(head: bytes, order: str, wanted: Collection[str]) -> None:
-    (flags,) = struct.unpack_from(f"{order}I", head, 8)
-    if flags & 0xFF == _OPAQUE:
-        return  # bears no name
-    _, _, at = _matlab_element(head, order, 16)
-    _, name, at = _matlab_element(head, order, at)
-    shown = name.decode("latin1")
-    if shown not in wanted:
-        return
-    if flags & 0xFF not in _CLASSES or flags >> 11 & 1:
-        raise ValueError(f"{shown} is another array; the rule is real numbers")
-    kind, _, _ = _matlab_element(head, order, at)
-    if kind not in _NUMBERS:
-        raise ValueError(f"the numbers of {shown} are of type {kind}; the rule is one of {sorted(_NUMBERS)}")
+            if flags & 0xFF == _OPAQUE:
+                continue  # bears no name
+            _, _, at = _matlab_element(head, order, 16)
+            _, name, at = _matlab_element(head, order, at)
+            shown = name.decode("latin1")
+            if shown not in wanted:
+                continue
+            if flags & 0xFF not in _CLASSES or flags >> 11 & 1:
+                raise ValueError(f"{shown} is another array; the rule is real numbers")
+            kind, _, _ = _matlab_element(head, order, at)
+            if kind not in _NUMBERS:
+                raise ValueError(
+                    f"the numbers of {shown} are of type {kind}; the rule is one of {sorted(_NUMBERS)}"
+                )
 
 
 def _matlab_element(head: bytes, order: str, at: int) -> tuple[int, bytes, int]:

@@ -25,7 +25,7 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader
 from rosbags.rosbag1.reader import Header, RecordType, read_bytes, read_uint32
 
-from texclass.loaders.columns import BAG_FOLDER
+from texclass.loaders.columns import BAG_FOLDER, STORAGE, storage_suffix
 from texclass.recording import RecordingError
 
 MOST_BYTES = 1 << 27
@@ -49,8 +49,8 @@ BagMessage = tuple[Connection, int, bytes]
 """Connection, time of receipt in nanoseconds, serialised message."""
 
 
-class Budget:
-    """How much a bag may still expand.
+class Expansion:
+    """What a bag may still expand to.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Budget:
     """
 
     def __init__(self, size: int) -> None:
-        self._left = _most_expanded(size)
+        self.left = max(MOST_EXPANSION * size, 1 << 26)
 
     def expand(self, data: bytes, how: str, most: int = MOST_BYTES) -> bytes:
         """Return data decompressed ("", "none", "bz2", "lz4", "zstd").
@@ -73,9 +73,9 @@ class Budget:
             return data
         if how not in _EXPANDERS:
             raise ValueError(f"compression is {how!r}; the rule is one of none, bz2, lz4, zstd")
-        most = min(most, MOST_BYTES, self._left)
+        most = min(most, MOST_BYTES, self.left)
         expanded = _EXPANDERS[how](data, most + 1)
-        self._left -= len(expanded)
+        self.left -= len(expanded)
         if len(expanded) > most:
             raise ValueError(f"it expands to more than {most} bytes or {MOST_EXPANSION} times")
         return expanded
@@ -91,10 +91,6 @@ _EXPANDERS: dict[str, Callable[[bytes, int], bytes]] = {
 def _zstd() -> zstandard.ZstdDecompressor:
     """Return a decompressor that refuses frames which ask for more than 128 MB to look back on."""
     return zstandard.ZstdDecompressor(max_window_size=1 << 27)
-
-
-def _most_expanded(size: int) -> int:
-    return max(MOST_EXPANSION * size, 1 << 26)
 
 
 def bag_topics(path: Path) -> dict[str, Connection]:
@@ -125,7 +121,7 @@ def bag_messages(path: Path, chosen: Connection) -> Iterator[tuple[int, bytes]]:
     """
     for part in _storage_files(path):
         with _storage(part) as (file, suffix):
-            budget = Budget(file.stat().st_size)
+            budget = Expansion(file.stat().st_size)
             for connection, received, raw in _READERS[suffix][1](file, chosen.topic, budget):
                 if connection != chosen:
                     sent = f"{chosen.topic} carries {connection.type_name} and {chosen.type_name}"
@@ -133,17 +129,12 @@ def bag_messages(path: Path, chosen: Connection) -> Iterator[tuple[int, bytes]]:
                 yield received, raw
 
 
-def storage_suffix(file: Path) -> str:
-    """Return the kind of a storage file, compressed or not: ".bag", ".mcap", ".db3"."""
-    return Path(file.name.lower().removesuffix(".zstd")).suffix
-
-
 def _storage_files(path: Path) -> tuple[Path, ...]:
     """Return the files that hold a bag's messages, in order."""
     folder = path if path.is_dir() else path.parent if path.name == BAG_FOLDER else None
     if folder is None:
         return (path,)
-    files = [file for file in folder.iterdir() if storage_suffix(file) in (".mcap", ".db3")]
+    files = [file for file in folder.iterdir() if storage_suffix(file.name) in STORAGE]
     if not files:
         raise RecordingError(f"{folder}: holds no .mcap or .db3 file; the rule is a folder of rosbag2")
     return tuple(sorted(files, key=lambda file: [int(n) for n in re.findall(r"\d+", file.name)]))
@@ -156,12 +147,12 @@ def _storage(path: Path) -> Iterator[tuple[Path, str]]:
     Whatever damaged bytes make the libraries raise meanwhile becomes one error.
     """
     try:
-        suffix = storage_suffix(path)
+        suffix = storage_suffix(path.name)
         if suffix == path.suffix.lower():
             yield path, suffix
             return
         with tempfile.TemporaryDirectory() as folder, path.open("rb") as packed:
-            target, most = Path(folder) / f"bag{suffix}", _most_expanded(path.stat().st_size)
+            target, most = Path(folder) / f"bag{suffix}", Expansion(path.stat().st_size).left
             with target.open("wb") as file, _zstd().stream_reader(packed, read_across_frames=True) as stream:
                 while piece := stream.read(1 << 20):
                     file.write(piece)
@@ -175,14 +166,14 @@ def _storage(path: Path) -> Iterator[tuple[Path, str]]:
         raise RecordingError(f"{path}: not a readable bag ({told}); is it cut short?") from error
 
 
-def _bag1_topics(path: Path) -> list[Connection]:
+def _bag1_topics(path: Path) -> Iterator[Connection]:
     with path.open("rb") as file:
         index_at, n = _bag1_start(file)
         file.seek(index_at)
-        return [_bag1_connection(Header.read(file, RecordType.CONNECTION), file)[1] for _ in range(n)]
+        yield from (_bag1_connection(Header.read(file, RecordType.CONNECTION), file)[1] for _ in range(n))
 
 
-def _bag1_messages(path: Path, topic: str, budget: Budget) -> Iterator[BagMessage]:
+def _bag1_messages(path: Path, topic: str, budget: Expansion) -> Iterator[BagMessage]:
     with path.open("rb") as file:
         index_at, _ = _bag1_start(file)
         connections: dict[int, Connection] = {}
@@ -193,9 +184,26 @@ def _bag1_messages(path: Path, topic: str, budget: Budget) -> Iterator[BagMessag
                 file.seek(size, 1)
                 continue
             chunk = budget.expand(read_bytes(file, size), header.get_string("compression"))
-            if len(chunk) != header.get_uint32("size"):
-                raise ValueError(f"a chunk holds {len(chunk)} bytes, not {header.get_uint32('size')}")
-            yield from _bag1_chunk(chunk, connections, topic)
+            _check_size(chunk, header.get_uint32("size"))
+            inner = io.BytesIO(chunk)
+            while inner.tell() < len(chunk):
+                header = Header.read(inner)
+                kind = header.get_uint8("op")
+                if kind == RecordType.CONNECTION:
+                    number, connection = _bag1_connection(header, inner)
+                    connections[number] = connection
+                    continue
+                data = read_bytes(inner, read_uint32(inner))
+                if kind != RecordType.MSGDATA:
+                    continue
+                connection = connections[header.get_uint32("conn")]
+                if connection.topic == topic:
+                    yield connection, header.get_time("time"), data
+
+
+def _check_size(chunk: bytes, announced: int) -> None:
+    if len(chunk) != announced:
+        raise ValueError(f"a chunk holds {len(chunk)} bytes, not {announced}")
 
 
 def _bag1_start(file: BinaryIO) -> tuple[int, int]:
@@ -212,38 +220,20 @@ def _bag1_start(file: BinaryIO) -> tuple[int, int]:
 def _bag1_connection(header: Header, file: BinaryIO) -> tuple[int, Connection]:
     told = Header.read(file)
     name = told.get_string("type")
-    type_name = name if "/msg/" in name else name.replace("/", "/msg/")
-    return header.get_uint32("conn"), Connection(header.get_string("topic"), type_name, ros1=True)
-
-
-def _bag1_chunk(chunk: bytes, connections: dict[int, Connection], topic: str) -> Iterator[BagMessage]:
-    file = io.BytesIO(chunk)
-    while file.tell() < len(chunk):
-        header = Header.read(file)
-        kind = header.get_uint8("op")
-        if kind == RecordType.CONNECTION:
-            number, connection = _bag1_connection(header, file)
-            connections[number] = connection
-            continue
-        data = read_bytes(file, read_uint32(file))
-        if kind == RecordType.MSGDATA:
-            connection = connections[header.get_uint32("conn")]
-            if connection.topic == topic:
-                yield connection, header.get_time("time"), data
+    return header.get_uint32("conn"), Connection(header.get_string("topic"), _with_msg(name), ros1=True)
 
 
 def _mcap_topics(path: Path) -> Iterator[Connection]:
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
         if summary is None or not summary.channels:
-            yield from (
-                connection for connection, _, _ in _mcap_messages(path, None, Budget(path.stat().st_size))
-            )
+            messages = _mcap_messages(path, None, Expansion(path.stat().st_size))
+            yield from (connection for connection, _, _ in messages)
         else:
             yield from (_mcap_connection(channel, summary.schemas) for channel in summary.channels.values())
 
 
-def _mcap_messages(path: Path, topic: str | None, budget: Budget) -> Iterator[BagMessage]:
+def _mcap_messages(path: Path, topic: str | None, budget: Expansion) -> Iterator[BagMessage]:
     schemas: dict[int, Schema] = {}
     connections: dict[int, Connection] = {}
     with path.open("rb") as file:
@@ -257,10 +247,9 @@ def _mcap_messages(path: Path, topic: str | None, budget: Budget) -> Iterator[Ba
                     yield connections[record.channel_id], record.log_time, record.data
 
 
-def _mcap_chunk(chunk: Chunk, budget: Budget) -> Iterator[Schema | Channel | Message]:
+def _mcap_chunk(chunk: Chunk, budget: Expansion) -> Iterator[Schema | Channel | Message]:
     data = budget.expand(chunk.data, chunk.compression, chunk.uncompressed_size)
-    if len(data) != chunk.uncompressed_size:
-        raise ValueError(f"a chunk holds {len(data)} bytes, not {chunk.uncompressed_size}")
+    _check_size(data, chunk.uncompressed_size)
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
         raise ValueError("the checksum of a chunk is wrong")
     stream = ReadDataStream(io.BytesIO(data))
@@ -279,7 +268,11 @@ def _mcap_chunk(chunk: Chunk, budget: Budget) -> Iterator[Schema | Channel | Mes
 def _mcap_connection(channel: Channel, schemas: dict[int, Schema]) -> Connection:
     ros1 = channel.message_encoding == "ros1"
     name = schemas[channel.schema_id].name if channel.schema_id in schemas else ""
-    return Connection(channel.topic, name if "/msg/" in name else name.replace("/", "/msg/"), ros1)
+    return Connection(channel.topic, _with_msg(name), ros1)
+
+
+def _with_msg(name: str) -> str:
+    return name if "/msg/" in name else name.replace("/", "/msg/")
 
 
 def _db3_topics(path: Path) -> list[Connection]:
@@ -288,7 +281,7 @@ def _db3_topics(path: Path) -> list[Connection]:
         return [Connection(str(name), str(type_name), ros1=False) for name, type_name in rows]
 
 
-def _db3_messages(path: Path, topic: str, budget: Budget) -> Iterator[BagMessage]:
+def _db3_messages(path: Path, topic: str, budget: Expansion) -> Iterator[BagMessage]:
     with _database(path) as database:
         (found,) = database.execute("PRAGMA quick_check(1)").fetchone()
         if found != "ok":

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from texclass.loaders.bag_files import Connection, bag_messages, bag_topics
-from texclass.loaders.columns import ReadOptions, Signals, check_size, listed, require
+from texclass.loaders.columns import ReadOptions, ReadSignals, check_size, listed, require
 from texclass.loaders.ros_messages import (
     MULTI_ARRAY,
     READABLE,
@@ -43,7 +43,13 @@ def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
     if chosen.type_name in TYPES:
         own = tuple(TYPES[chosen.type_name].columns)
     else:
-        own = _channel_names(_n_channels(path, chosen))
+        _, first = next(bag_messages(path, chosen), (0, None))
+        if first is None:
+            raise RecordingError(f"{path}: topic {chosen.topic!r} holds no message")
+        try:
+            own = _channel_names(decode_multi_array(first, ros1=chosen.ros1).shape[1])
+        except ValueError as error:
+            raise RecordingError(f"{path}: {error}") from error
     others = (c for c in topics.values() if c.topic != chosen.topic and c.type_name in TYPES)
     return (*own, *(f"{c.topic}/{column}" for c in others for column in TYPES[c.type_name].columns))
 
@@ -71,7 +77,7 @@ def stated_unit(path: Path, options: ReadOptions) -> str | None:
     return TYPES[chosen.type_name].unit if chosen.type_name in TYPES else None
 
 
-def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Signals:
+def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
     """Read columns at a uniform rate: the one given if the stamps agree, else the one the stamps say.
 
     Raises
@@ -84,7 +90,15 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Signals:
     where = f"{path}?topic={chosen.topic}"
     own = tuple(name for name in wanted if not name.startswith("/"))
     stamps, received, samples = _messages(path, chosen, own)
-    _check_values(samples, own, where)
+    if not (np.isfinite(samples).all() and np.abs(samples).max(initial=0.0) < MOST_LARGE):
+        raise RecordingError(
+            f"{where}: holds values that are NaN or beyond {MOST_LARGE:g}; the rule is finite"
+        )
+    turn = [own.index(name) for name in TURN_RATE if name in own]
+    if turn and not samples[:, :, turn].any():  # no gyroscope is so quiet: the sensor has none
+        raise RecordingError(
+            f"{where}: the turn rate is 0 in each of its messages; the rule is a sensor that measures it"
+        )
     by_header = stamps is not None and bool(np.any(stamps != 0))
     order = np.argsort(received, kind="stable")
     samples, received = samples[order], received[order]
@@ -97,8 +111,14 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Signals:
     named = {name: np.ascontiguousarray(uniform[:, i]) for i, name in enumerate(own)}
     t = sampling.start_s + np.arange(len(uniform)) / fs
     named |= {name: _other(path, topics, name, t) for name in wanted if name not in named}
-    absent = ("stamps: none in the headers",) if stamps is not None and not by_header else ()
-    return Signals(named, fs, (*absent, *sampling.flags, *flags, *_looks_like_g(named, chosen)))
+    said = ["stamps: none in the headers"] if stamps is not None and not by_header else []
+    said += [*sampling.flags, *flags]
+    axes = [named[name] for name in ("ax", "ay", "az") if name in named]
+    rest = float(np.median(np.sqrt(sum(axis**2 for axis in axes)))) if len(axes) == 3 else 0.0
+    if abs(rest - 1) <= 0.05 and chosen.type_name in TYPES:
+        told = f"unit: rests at {rest:.3g} m/s^2, gravity is {STANDARD_GRAVITY:.3g}"
+        said.append(f"{told}: does the driver send g?")
+    return ReadSignals(named, fs, tuple(said))
 
 
 def choose_topic(topics: Mapping[str, Connection], wanted: str | None, path: Path) -> Connection:
@@ -131,16 +151,6 @@ def choose_topic(topics: Mapping[str, Connection], wanted: str | None, path: Pat
         f"{path}: its topics are {listed([f'{c.topic} ({c.type_name})' for c in topics.values()])}; the rule "
         f"is one with an acceleration ({', '.join(n for n in READABLE if n == MULTI_ARRAY or TYPES[n].unit)})"
     )
-
-
-def _n_channels(path: Path, chosen: Connection) -> int:
-    """Return how many channels the first message of an array has."""
-    for _, raw in bag_messages(path, chosen):
-        try:
-            return int(decode_multi_array(raw, ros1=chosen.ros1).shape[1])
-        except ValueError as error:
-            raise RecordingError(f"{path}: {error}") from error
-    raise RecordingError(f"{path}: topic {chosen.topic!r} holds no message")
 
 
 def _channel_names(n: int) -> tuple[str, ...]:
@@ -186,22 +196,6 @@ def _messages(
     return np.concatenate(heads) if heads else None, np.array(received, np.int64), samples
 
 
-def _check_values(samples: Samples, own: tuple[str, ...], where: str) -> None:
-    """Check that no sample is NaN, infinite or beyond `MOST_LARGE`, and that a turn rate is not 0 throughout.
-
-    No gyroscope is so quiet: the sensor has none.
-    """
-    if not (np.isfinite(samples).all() and np.abs(samples).max(initial=0.0) < MOST_LARGE):
-        raise RecordingError(
-            f"{where}: holds values that are NaN or beyond {MOST_LARGE:g}; the rule is finite"
-        )
-    turn = [own.index(name) for name in TURN_RATE if name in own]
-    if turn and not samples[:, :, turn].any():
-        raise RecordingError(
-            f"{where}: the turn rate is 0 in each of its messages; the rule is a sensor that measures it"
-        )
-
-
 def _other(path: Path, topics: Mapping[str, Connection], name: str, t: Samples) -> Samples:
     """Return a column of another topic at given instants; beyond its ends it keeps its last value."""
     topic, _, column = name.rpartition("/")
@@ -215,14 +209,3 @@ def _other(path: Path, topics: Mapping[str, Connection], name: str, t: Samples) 
     if at[0] > t[-1] or at[-1] < t[0]:
         raise RecordingError(f"{path}: {topic} and the acceleration share no time; the rule is one clock")
     return np.asarray(np.interp(t, at, samples[order, 0, 0]))
-
-
-def _looks_like_g(named: Mapping[str, Samples], chosen: Connection) -> tuple[str, ...]:
-    """Say so when an acceleration that should be in m/s^2 rests at 1."""
-    axes = [named[name] for name in ("ax", "ay", "az") if name in named]
-    if len(axes) < 3 or chosen.type_name not in TYPES or not len(axes[0]):
-        return ()
-    rest = float(np.median(np.hypot(np.hypot(axes[0], axes[1]), axes[2])))
-    if abs(rest - 1) > 0.05:
-        return ()
-    return (f"unit: rests at {rest:.3g} m/s^2, gravity is {STANDARD_GRAVITY:.3g}: does the driver send g?",)

@@ -27,17 +27,14 @@ else:  # taken from `texclass.recording`, where alone they are listed
     Role = Literal["acceleration", *AUXILIARY_UNITS]
 
 
-def _as_tuple(given: Any) -> Any:
-    match given:
-        case str():
-            return (given,)
-        case list():
-            return tuple(given)
-    return given
-
-
 Texts = Annotated[
-    tuple[str, ...], BeforeValidator(_as_tuple), Field(min_length=1, description="text or a list of text")
+    tuple[str, ...],
+    BeforeValidator(
+        lambda given: (
+            (given,) if isinstance(given, str) else tuple(given) if isinstance(given, list) else given
+        )
+    ),
+    Field(min_length=1, description="text or a list of text"),
 ]
 """One text, or several."""
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,8 @@ MOST_EXPANSION = 1000
 """A file that announces more than so many times its bytes (and more than 64 MB) is refused, too."""
 BAG_FOLDER = "metadata.yaml"
 """The file that stands for a bag that is a folder."""
+STORAGE = (".mcap", ".db3")
+"""Kinds of the files that hold its messages."""
 UNNAMED = "acceleration"
 """Name of the only column of a format that does not name its columns."""
 CONVENTIONAL = ((UNNAMED,), ("x", "y", "z"), ("ax", "ay", "az"), ("acc_x", "acc_y", "acc_z"))
@@ -23,7 +25,7 @@ CONVENTIONAL = ((UNNAMED,), ("x", "y", "z"), ("ax", "ay", "az"), ("acc_x", "acc_
 
 
 @dataclass(frozen=True)
-class Signals:
+class ReadSignals:
     """Signals read from files.
 
     Attributes
@@ -138,6 +140,11 @@ def as_samples(array: Any, name: str, path: Path) -> Samples:
     if samples.ndim > 2:
         raise RecordingError(f"{path}: {name} has shape {array.shape}; the rule is (n,) or (n, channels)")
     return samples.T if samples.ndim == 2 and samples.shape[0] < samples.shape[1] else samples
+
+
+def storage_suffix(name: str) -> str:
+    """Return the kind of a bag's storage file, compressed or not: ".bag", ".mcap", ".db3"."""
+    return PurePosixPath(name.lower().removesuffix(".zstd")).suffix
 
 
 def listed(names: Sequence[str], most: int = 8) -> str:

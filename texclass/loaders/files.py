@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, Signals, choose_acceleration
+from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, ReadSignals, choose_acceleration
 from texclass.recording import (
     ACCELERATION_UNITS,
     AUXILIARY_UNITS,
@@ -137,7 +137,7 @@ def stated_rate(path: Path, options: ReadOptions) -> float | None:
     RecordingError
         As `column_names`.
     """
-    signals: Signals = _reader(path).read(path, column_names(path, options)[:1], options)
+    signals: ReadSignals = _reader(path).read(path, column_names(path, options)[:1], options)
     return signals.fs
 
 
@@ -237,7 +237,7 @@ def axis_files(path: Path) -> dict[str, Path]:
 
 def read_signals(
     axes: Mapping[str, Path], roles: Mapping[str, Sequence[str]], options: ReadOptions, *, trim: bool = False
-) -> Signals:
+) -> ReadSignals:
     """Read a recording's signals from one file, or join one file per axis.
 
     Parameters
@@ -261,7 +261,17 @@ def read_signals(
         raise RecordingError(
             f"signals {sorted(unknown)} are unknown; the rule is one of {', '.join(AUXILIARY_UNITS)}"
         )
-    parts = {axis: _read_file(path, roles, options) for axis, path in axes.items()}
+    parts = {}
+    for axis, path in axes.items():
+        chosen = tuple(roles.get(UNNAMED, ())) or choose_acceleration(column_names(path, options), path)
+        groups = {UNNAMED: chosen, **{field: names for field, names in roles.items() if field != UNNAMED}}
+        wanted = tuple(dict.fromkeys(name for names in groups.values() for name in names))
+        read: ReadSignals = _reader(path).read(path, wanted, options)
+        columns = {field: [read.named[name] for name in names] for field, names in groups.items()}
+        fields = {
+            field: read_only(c[0] if len(c) == 1 else np.column_stack(c)) for field, c in columns.items()
+        }
+        parts[axis] = replace(read, named=fields, channels=chosen if len(chosen) > 1 else ())
     first = next(iter(parts.values()))
     if len(parts) == 1:
         axis = next(iter(parts))
@@ -271,17 +281,22 @@ def read_signals(
     lengths = {axis: len(part.named[UNNAMED]) for axis, part in parts.items()}
     if len(set(lengths.values())) > 1 and not trim:
         raise RecordingError(f"{where}: its axes have {lengths} samples; the rule is one length")
-    if len({part.fs for part in parts.values()}) > 1:
-        raise RecordingError(
-            f"{where}: its axes have rates {[part.fs for part in parts.values()]}; the rule is one"
-        )
+    rates = [part.fs for part in parts.values()]
+    if len(set(rates)) > 1:
+        raise RecordingError(f"{where}: its axes have rates {rates}; the rule is one")
     n = min(lengths.values())
     acceleration = read_only(np.column_stack([part.named[UNNAMED][:n] for part in parts.values()]))
-    return Signals({**first.named, UNNAMED: acceleration}, first.fs, channels=tuple(parts))
+    return ReadSignals({**first.named, UNNAMED: acceleration}, first.fs, channels=tuple(parts))
 
 
 def build_recording(
-    signals: Signals, *, fs: float | None, unit: str, source: str, flags: tuple[str, ...] = (), **facts: Any
+    signals: ReadSignals,
+    *,
+    fs: float | None,
+    unit: str,
+    source: str,
+    flags: tuple[str, ...] = (),
+    **facts: Any,
 ) -> Recording:
     """Check signals and return them as a recording; `facts` are further fields of `Recording`.
 
@@ -352,41 +367,23 @@ def clipped_share(signal: Samples) -> float:
     share : float
         Between 0 and 1.
     """
-    runs = [run for extreme in (signal.min(), signal.max()) for run in _runs_at(signal, extreme)]
-    if not runs:
+    firsts, lasts = [], []
+    for extreme in (signal.min(), signal.max()):
+        starts = range(0, len(signal), _BLOCK)
+        where = np.concatenate([k + np.flatnonzero(signal[k : k + _BLOCK] == extreme) for k in starts])
+        ends = np.flatnonzero(np.diff(where, append=np.inf) > 1)
+        firsts.append(where[np.concatenate(([0], ends[:-1] + 1))])
+        lasts.append(where[ends] + 1)
+    first, last = np.concatenate(firsts), np.concatenate(lasts)
+    long = last - first >= CLIPPED_RUN
+    first, last = first[long], last[long]
+    if not len(first):
         return 0.0
     levels = np.unique(signal[:_MOST_LEVELS])
     step = float(np.diff(levels).min()) if len(levels) > 1 else 0.0
-    clipped = sum(last - first for first, last in runs if _jump(signal, first, last) > 2 * step)
-    return clipped / len(signal)
-
-
-def _runs_at(signal: Samples, extreme: float) -> list[tuple[int, int]]:
-    """Return half-open ranges of at least `CLIPPED_RUN` samples that equal `extreme`."""
-    starts = range(0, len(signal), _BLOCK)
-    where = np.concatenate([k + np.flatnonzero(signal[k : k + _BLOCK] == extreme) for k in starts])
-    ends = np.flatnonzero(np.diff(where, append=np.inf) > 1)
-    last = where[ends] + 1
-    first = where[np.concatenate(([0], ends[:-1] + 1))]
-    long = last - first >= CLIPPED_RUN
-    return list(zip(first[long].tolist(), last[long].tolist(), strict=True))
-
-
-def _jump(signal: Samples, first: int, last: int) -> float:
-    """Return the larger of the steps by which the signal enters and leaves a run."""
-    before = abs(signal[first - 1] - signal[first]) if first > 0 else 0.0
-    after = abs(signal[last] - signal[last - 1]) if last < len(signal) else 0.0
-    return float(max(before, after))
-
-
-def _read_file(path: Path, roles: Mapping[str, Sequence[str]], options: ReadOptions) -> Signals:
-    chosen = tuple(roles.get(UNNAMED, ())) or choose_acceleration(column_names(path, options), path)
-    groups = {UNNAMED: chosen, **{field: names for field, names in roles.items() if field != UNNAMED}}
-    wanted = tuple(dict.fromkeys(name for names in groups.values() for name in names))
-    read: Signals = _reader(path).read(path, wanted, options)
-    columns = {field: [read.named[name] for name in names] for field, names in groups.items()}
-    fields = {field: read_only(c[0] if len(c) == 1 else np.column_stack(c)) for field, c in columns.items()}
-    return replace(read, named=fields, channels=chosen if len(chosen) > 1 else ())
+    before = np.abs(signal[np.maximum(first - 1, 0)] - signal[first])
+    after = np.abs(signal[np.minimum(last, len(signal) - 1)] - signal[last - 1])
+    return float((last - first)[np.maximum(before, after) > 2 * step].sum() / len(signal))
 
 
 def _tuple(names: str | Sequence[str] | None) -> tuple[str, ...]:

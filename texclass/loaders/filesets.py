@@ -5,14 +5,15 @@ import hashlib
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
 from texclass.loaders.cards import CardError, DeclaredPhases, FileReading, Reading, RowCard
-from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, Signals
+from texclass.loaders.columns import BAG_FOLDER, STORAGE, UNNAMED, ReadOptions, ReadSignals, storage_suffix
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.files import agreed_unit, build_recording, is_bag, read_signals, topics
 from texclass.loaders.places import cache_root, write_atomically
@@ -22,67 +23,47 @@ Groups = dict[str, str]
 """What names, topics and tables tell of a recording: group -> text."""
 
 
-@dataclass(frozen=True)
-class FileLoader:
-    """Loads recordings that are files; a `Dataset`'s `load`, picklable.
+def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
+    """Load one recording that is a file, or several.
 
     Parameters
     ----------
     reading : FileReading
         How the files become recordings.
     root : Path
-        Folder to which the entries' paths are relative.
+        Folder to which the entry's paths are relative.
+    entry : Entry
+        Which recording.
+
+    Raises
+    ------
+    RecordingError
+        If it is bad; the message names file, value and rule.
     """
-
-    reading: FileReading
-    root: Path
-
-    def __call__(self, entry: Entry) -> Recording:
-        """Load one recording.
-
-        Raises
-        ------
-        RecordingError
-            If it is bad; the message names file, value and rule.
-        """
-        told = self.reading
-        axes, companions = self._parts(entry)
-        topic = entry.topic or told.topic
-        options = ReadOptions(told.delimiter, codes=told.unit == "counts", topic=topic, fs=told.fs_hz)
-        for path in axes.values():
-            agreed_unit(path, options, told.unit)
-        signals = read_signals(axes, told.channels, options, trim=told.trim)
-        signals = self._with_companions(signals, companions, options)
-        return _recording(signals, told, entry, str(self.root / entry.paths[0]))
-
-    def _parts(self, entry: Entry) -> tuple[dict[str, Path], dict[str, Path]]:
-        """Return axis -> file, and auxiliary signal -> file."""
-        axes, companions = {}, {}
-        for name in entry.paths:
-            if (matched := match_name(self.reading.files, name)) is not None:
-                groups, _ = matched
-                axes[groups.get("axis", "").lower()] = self.root / name
-                for signal, candidates in _companion_names(self.reading, groups).items():
-                    for companion in set(candidates) & set(entry.paths):
-                        companions[signal] = self.root / companion
-        return axes, companions
-
-    def _with_companions(
-        self, signals: Signals, companions: Mapping[str, Path], options: ReadOptions
-    ) -> Signals:
-        """Add the signals that have files of their own; say which are absent or were cut."""
-        named = dict(signals.named)
-        flags = [
-            f"absent: no file with the {name}" for name in self.reading.companions if name not in companions
-        ]
-        for name, path in companions.items():
-            named[name] = read_signals({"": path}, {}, options).named[UNNAMED]
-        lengths = {name: len(signal) for name, signal in named.items()}
-        if self.reading.trim and len(set(lengths.values())) > 1:
-            shortest = min(lengths.values())
-            named = {name: signal[:shortest] for name, signal in named.items()}
-            flags.append(f"trimmed: {lengths} samples cut to {shortest}")
-        return replace(signals, named=named, flags=(*flags, *signals.flags))
+    axes, companions = {}, {}
+    for name in entry.paths:
+        if (matched := match_name(reading.files, name)) is not None:
+            groups, _ = matched
+            axes[groups.get("axis", "").lower()] = root / name
+            for signal, candidates in _companion_names(reading, groups).items():
+                for companion in set(candidates) & set(entry.paths):
+                    companions[signal] = root / companion
+    topic = entry.topic or reading.topic
+    options = ReadOptions(reading.delimiter, codes=reading.unit == "counts", topic=topic, fs=reading.fs_hz)
+    for path in axes.values():
+        agreed_unit(path, options, reading.unit)
+    signals = read_signals(axes, reading.channels, options, trim=reading.trim)
+    named = dict(signals.named)
+    flags = [f"absent: no file with the {name}" for name in reading.companions if name not in companions]
+    for name, path in companions.items():
+        named[name] = read_signals({"": path}, {}, options).named[UNNAMED]
+    lengths = {name: len(signal) for name, signal in named.items()}
+    if reading.trim and len(set(lengths.values())) > 1:
+        shortest = min(lengths.values())
+        named = {name: signal[:shortest] for name, signal in named.items()}
+        flags.append(f"trimmed: {lengths} samples cut to {shortest}")
+    signals = replace(signals, named=named, flags=(*flags, *signals.flags))
+    return _recording(signals, reading, entry, str(root / entry.paths[0]))
 
 
 def open_files(
@@ -108,18 +89,23 @@ def open_files(
     """
     table = _read_labels(reading, root)
     left_out: list[str] = []
-    entries = [
-        _entry(reading, root, names, groups, table, topic)
-        for names, groups in _find(reading, root)
-        for topic, groups in _by_topic(reading.topic, root / names[0], groups, left_out, skip_bad=skip_bad)
-    ]
+    entries = []
+    for names, groups in _find(reading, root):
+        try:
+            entries += _entries(reading, root, names, groups, table)
+        except RecordingError as error:
+            if not skip_bad:
+                raise
+            left_out.append(f"left out: {error}")
     absent = sorted(set(table) - {entry.recording_id for entry in entries})
     digested = [name for entry in entries for name in entry.paths]
-    digested += _inside_folders(root, digested)
+    for folder in [(root / name).parent for name in digested if PurePosixPath(name).name == BAG_FOLDER]:
+        inside = [file for file in sorted(folder.iterdir()) if storage_suffix(file.name) in STORAGE]
+        digested += [file.relative_to(root).as_posix() for file in inside]
     digested += [reading.labels.file] if reading.labels else []
     return Dataset(
         entries=_unique(entries, root),
-        load=FileLoader(reading, root),
+        load=partial(load_files, reading, root),
         input_hash=digest_files(root, digested, reading.facts),
         notes=(*notes, *(f"{i} is in the table of labels, but has no file" for i in absent), *left_out),
         skip_bad=skip_bad,
@@ -127,36 +113,29 @@ def open_files(
     )
 
 
-@dataclass(frozen=True)
-class RowLoader:
-    """Gives the recordings of a card of rows; a `Dataset`'s `load`, picklable.
+def load_row(card: RowCard, where: str, samples: Mapping[str, Samples], entry: Entry) -> Recording:
+    """Return one recording that is a row.
 
     Parameters
     ----------
-    reading : RowCard
+    card : RowCard
         How the rows become recordings.
     where : str
         File of the first channel.
     samples : mapping of str to ndarray of shape (n_samples, n_channels)
         Recording id -> its samples, in the order of the rows.
+    entry : Entry
+        Which recording.
+
+    Raises
+    ------
+    RecordingError
+        If it is bad; the message names file, value and rule.
     """
-
-    reading: RowCard
-    where: str
-    samples: Mapping[str, Samples]
-
-    def __call__(self, entry: Entry) -> Recording:
-        """Return one recording.
-
-        Raises
-        ------
-        RecordingError
-            If it is bad; the message names file, value and rule.
-        """
-        row = 1 + list(self.samples).index(entry.recording_id)
-        samples = self.samples[entry.recording_id]
-        signals = Signals({UNNAMED: samples}, channels=tuple(f"c{i + 1}" for i in range(samples.shape[1])))
-        return _recording(signals, self.reading, entry, f"{self.where} row {row}")
+    row = 1 + list(samples).index(entry.recording_id)
+    rows = samples[entry.recording_id]
+    signals = ReadSignals({UNNAMED: rows}, channels=tuple(f"c{i + 1}" for i in range(rows.shape[1])))
+    return _recording(signals, card, entry, f"{where} row {row}")
 
 
 def open_rows(card: RowCard, root: Path, **about: Any) -> Dataset:
@@ -192,7 +171,7 @@ def open_rows(card: RowCard, root: Path, **about: Any) -> Dataset:
     ids = [entry.recording_id for entry in entries]
     return Dataset(
         entries=_unique(entries, root),
-        load=RowLoader(card, str(root / card.files[0]), dict(zip(ids, samples, strict=True))),
+        load=partial(load_row, card, str(root / card.files[0]), dict(zip(ids, samples, strict=True))),
         input_hash=digest_files(root, card.files, card.facts),
         **about,
     )
@@ -219,12 +198,13 @@ def not_recordings(files: Iterable[str]) -> set[str]:
     A `metadata.yaml` stands for the bag files beside it; without any it is somebody else's.
     """
     paths = [PurePosixPath(name) for name in files]
-    holding = {path.parent for path in paths if _is_storage(path)}
+    storing = {path for path in paths if storage_suffix(path.name) in STORAGE}
+    holding = {path.parent for path in storing}
     described = {path.parent for path in paths if path.name == BAG_FOLDER}
     return {
         str(path)
         for path in paths
-        if (_is_storage(path) and path.parent in described)
+        if (path in storing and path.parent in described)
         or (path.name == BAG_FOLDER and path.parent not in holding)
     }
 
@@ -292,7 +272,7 @@ def contact(acceleration: Samples, share: float = 0.1) -> int:
     return 1 + int(np.argmax(is_large))
 
 
-def _recording(signals: Signals, told: Reading, entry: Entry, source: str) -> Recording:
+def _recording(signals: ReadSignals, told: Reading, entry: Entry, source: str) -> Recording:
     known = ("recording_id", "material", "operator", "session", "repetition")
     facts = {name: getattr(entry, name) for name in known}
     recording = build_recording(signals, fs=told.fs_hz, unit=told.unit, source=source, **facts)
@@ -320,7 +300,12 @@ def _find(reading: FileReading, root: Path) -> Iterator[tuple[tuple[str, ...], G
     joined: dict[str, tuple[list[str], Groups]] = {}
     files = {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()}
     files -= not_recordings(files)
-    for name in sorted(files, key=_natural):
+    # 2 before 10
+    naturally = {
+        name: [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
+        for name in files
+    }
+    for name in sorted(files, key=naturally.__getitem__):
         if (matched := match_name(reading.files, name)) is not None:
             groups, shared = matched
             shortened = shared.removesuffix(f"/{BAG_FOLDER}")
@@ -334,11 +319,6 @@ def _find(reading: FileReading, root: Path) -> Iterator[tuple[tuple[str, ...], G
         yield (*names, *(found[0] for found in present if found)), groups
 
 
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Return a sorting key under which 2 comes before 10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
-
-
 def _companion_names(reading: FileReading, groups: Groups) -> dict[str, tuple[str, ...]]:
     """Return auxiliary signal -> relative names its file may have, the groups filled in."""
     return {
@@ -350,77 +330,44 @@ def _companion_names(reading: FileReading, groups: Groups) -> dict[str, tuple[st
     }
 
 
-def _by_topic(
-    topic: str | None, path: Path, groups: Groups, left_out: list[str], *, skip_bad: bool
-) -> list[tuple[str | None, Groups]]:
-    """Return (topic, what names tell) of every recording in a file.
+def _entries(
+    reading: FileReading, root: Path, names: tuple[str, ...], groups: Groups, table: Mapping[str, Groups]
+) -> Iterator[Entry]:
+    """Yield the recordings in a file (or one per axis): one, or of a bag one per topic that a pattern matches.
 
-    There is one, or, of a bag, one per topic that matches a pattern (which has named groups; else `topic` is
-    a name). A bag that cannot be read is an error, or with `skip_bad` added to `left_out`.
+    A pattern has named groups; else `topic` is a name.
     """
-    if not (topic and re.compile(topic).groupindex and is_bag(path)):
-        return [(None, groups)]
-    try:
+    path, pattern = root / names[0], reading.topic
+    told: dict[str | None, Groups] = {None: groups}
+    if pattern and re.compile(pattern).groupindex and is_bag(path):
         present = topics(path)
-        matched = {name: found for name in sorted(present) if (found := re.fullmatch(topic, name))}
+        matched = {name: found for name in sorted(present) if (found := re.fullmatch(pattern, name))}
         if not matched:
-            raise RecordingError(f"{path}: no topic matches {topic!r}; its topics are {', '.join(present)}")
-    except RecordingError as error:
-        if not skip_bad:
-            raise
-        left_out.append(f"left out: {error}")
-        return []
-    told = {
-        name: {group: text for group, text in found.groupdict().items() if text is not None}
-        for name, found in matched.items()
-    }
-    return [
-        (name, groups | {"recording": f"{groups['recording']}/{name.strip('/')}"} | told[name])
-        for name in told
-    ]
-
-
-def _inside_folders(root: Path, names: Iterable[str]) -> list[str]:
-    """Return the relative names of the files in those bags that are folders."""
-    folders = [(root / name).parent for name in names if PurePosixPath(name).name == BAG_FOLDER]
-    return [
-        file.relative_to(root).as_posix()
-        for folder in folders
-        for file in sorted(folder.iterdir())
-        if _is_storage(PurePosixPath(file.name))
-    ]
-
-
-def _is_storage(path: PurePosixPath) -> bool:
-    return PurePosixPath(path.name.lower().removesuffix(".zstd")).suffix in (".mcap", ".db3")
-
-
-def _entry(
-    reading: FileReading,
-    root: Path,
-    names: tuple[str, ...],
-    groups: Groups,
-    table: Mapping[str, Groups],
-    topic: str | None,
-) -> Entry:
-    recording_id = groups["recording"]
-    if reading.labels and recording_id not in table:
-        raise CardError(
-            f"{root / reading.labels.file}: has no row for {recording_id!r}; the rule is one each"
+            raise RecordingError(f"{path}: no topic matches {pattern!r}; its topics are {', '.join(present)}")
+        told = {
+            name: groups
+            | {"recording": f"{groups['recording']}/{name.strip('/')}"}
+            | {group: text for group, text in found.groupdict().items() if text is not None}
+            for name, found in matched.items()
+        }
+    for topic, known in told.items():
+        recording_id = known["recording"]
+        if reading.labels and recording_id not in table:
+            lacking = f"{root / reading.labels.file}: has no row for {recording_id!r}"
+            raise CardError(f"{lacking}; the rule is one each")
+        facts = known | table.get(recording_id, {})
+        repetition = facts.get("repetition")
+        if repetition is not None and not repetition.isdecimal():
+            raise CardError(f"{path}: repetition is {repetition!r}; the rule is a whole number")
+        yield Entry(
+            recording_id=recording_id,
+            material=facts["material"],
+            operator=facts.get("operator"),
+            session=facts.get("session"),
+            repetition=int(repetition) if repetition is not None else None,
+            paths=names,
+            topic=topic,
         )
-    told = groups | table.get(recording_id, {})
-    repetition = told.get("repetition")
-    if repetition is not None and not repetition.isdecimal():
-        raise CardError(f"{root / names[0]}: repetition is {repetition!r}; the rule is a whole number")
-    return Entry(
-        recording_id=recording_id,
-        material=told["material"],
-        operator=told.get("operator"),
-        session=told.get("session"),
-        repetition=int(repetition) if repetition is not None else None,
-        paths=names,
-        topic=topic,
-    )
 
 
 def _read_labels(reading: FileReading, root: Path) -> dict[str, Groups]:

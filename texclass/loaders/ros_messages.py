@@ -4,7 +4,7 @@ The same bytes stand in bags and go over the wire: CDR of ROS 2, and the packed 
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
@@ -176,7 +176,9 @@ def decode_multi_array(raw: bytes, *, ros1: bool) -> Samples:
 
 def _decoded(raw: bytes, type_name: str, ros1: bool) -> Any:
     try:
-        return _decoder(ros1)(raw, type_name)
+        store = _store(ros1)
+        decode = store.deserialize_ros1 if ros1 else store.deserialize_cdr
+        return decode(raw, type_name)
     except Exception as error:  # damaged bytes make the library raise almost anything
         raise MessageError(
             f"{type_name}: a message of {len(raw)} bytes is damaged ({error}); the rule is a whole message "
@@ -185,8 +187,7 @@ def _decoded(raw: bytes, type_name: str, ros1: bool) -> Any:
 
 
 @functools.cache
-def _decoder(ros1: bool) -> Callable[[bytes, str], Any]:
+def _store(ros1: bool) -> Any:
     from rosbags.typesys import Stores, get_typestore  # of the extra `robot`
 
-    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
-    return store.deserialize_ros1 if ros1 else store.deserialize_cdr
+    return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)

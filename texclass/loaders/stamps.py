@@ -98,7 +98,12 @@ def place(stamps_ns: Stamps, received_ns: Stamps, repeats: NDArray[np.bool_], wh
     RecordingError
         If fewer than two different instants are left.
     """
-    kept, t, flags = _in_order(stamps_ns, received_ns, repeats)
+    again = (np.diff(stamps_ns, prepend=stamps_ns[:1] - 1) == 0) & repeats  # equal stamps alone are a burst
+    kept = np.flatnonzero(~again)
+    t, jumps = _bridged(_seconds(stamps_ns[kept]), _seconds(received_ns[kept]))
+    order = np.argsort(t, kind="stable")
+    n_moved = int(np.count_nonzero(np.diff(t) < 0))
+    kept, t = kept[order], t[order]
     period = _period(t, where)
     lost = _lost_before(t, period)
     first, last, cut = _longest_stretch(lost, max(MOST_LOST, int(MOST_LOST_S / period)), period)
@@ -110,57 +115,33 @@ def place(stamps_ns: Stamps, received_ns: Stamps, repeats: NDArray[np.bool_], wh
         raise RecordingError(
             f"{where}: {lost.sum()} of {index[-1] + 1} messages are missing; the rule is half"
         )
-    gaps = f"gaps: {{}} messages missing in {np.count_nonzero(lost)} gaps, interpolated"
-    said = (*flags, _said(int(lost.sum()), gaps), cut)
-    return _fitted(kept, t, index, stamps_ns[kept], tuple(filter(None, said)))
-
-
-def _fitted(
-    kept: NDArray[np.intp], t: Samples, index: NDArray[np.int64], stamps_ns: Stamps, flags: tuple[str, ...]
-) -> Sampling:
-    """Fit t = T i + t0 by least squares; what is left over is the jitter."""
+    said = {
+        f"duplicates: {again.sum()} messages repeat stamp and values of the one before, dropped": again.any(),
+        jumps: jumps,
+        f"out of order: {n_moved} messages, put in the order of their stamps": n_moved,
+        f"gaps: {lost.sum()} messages missing in {np.count_nonzero(lost)} gaps, interpolated": lost.any(),
+        cut: cut,
+    }
+    # t = T i + t0 by least squares; what is left over is the jitter
     centred = index - index.mean()
-    period, level = np.polyfit(centred, t, 1)
-    offset = (t - level) / period - centred
+    step, level = np.polyfit(centred, t, 1)
+    offset = (t - level) / step - centred
+    used = stamps_ns[kept]
     return Sampling(
         messages=kept,
         index=index,
         offset=offset,
-        start_s=float(stamps_ns[0]) / 1e9,
-        rate=float(1 / period),
+        start_s=float(used[0]) / 1e9,
+        rate=float(1 / step),
         jitter=float(np.sqrt(np.mean(offset**2))),
-        resolution=float(np.gcd.reduce(np.diff(stamps_ns))) / 1e9 / float(period),
-        flags=flags,
+        resolution=float(np.gcd.reduce(np.diff(used))) / 1e9 / float(step),
+        flags=tuple(text for text, holds in said.items() if holds),
     )
-
-
-def _in_order(
-    stamps_ns: Stamps, received_ns: Stamps, repeats: NDArray[np.bool_]
-) -> tuple[NDArray[np.intp], Samples, tuple[str, ...]]:
-    """Return which messages are used, their stamps in seconds, rising, and what had to be done."""
-    kept, n_dropped = _without_duplicates(stamps_ns, repeats)
-    t, jumps = _bridged(_seconds(stamps_ns[kept]), _seconds(received_ns[kept]))
-    order = np.argsort(t, kind="stable")
-    n_moved = int(np.count_nonzero(np.diff(t) < 0))
-    dropped = "duplicates: {} messages repeat stamp and values of the one before, dropped"
-    moved = "out of order: {} messages, put in the order of their stamps"
-    return kept[order], t[order], (_said(n_dropped, dropped), jumps, _said(n_moved, moved))
 
 
 def _seconds(stamps_ns: Stamps) -> Samples:
     """Return nanoseconds as seconds after the first; differences of hostile stamps may exceed 64 bits."""
     return (stamps_ns.astype(np.longdouble) - np.longdouble(stamps_ns[0])).astype(np.float64) / 1e9
-
-
-def _said(n: int, words: str) -> str:
-    return words.format(n) if n else ""
-
-
-def _without_duplicates(stamps: Stamps, repeats: NDArray[np.bool_]) -> tuple[NDArray[np.intp], int]:
-    """Return which messages are no repetition of the one before; equal stamps alone are a burst."""
-    again = np.zeros(len(stamps), bool)
-    again[1:] = (np.diff(stamps) == 0) & repeats[1:]
-    return np.flatnonzero(~again), int(again.sum())
 
 
 def _bridged(t: Samples, received: Samples) -> tuple[Samples, str]:
@@ -192,9 +173,9 @@ def _period(t: Samples, where: str) -> float:
     if not len(step) or not t[-1] > t[0] or not np.isfinite(t[-1]):
         raise RecordingError(f"{where}: {len(t)} messages at one instant; the rule is at least two instants")
     typical, mean = float(np.median(step)), float(t[-1] - t[0]) / len(step)
-    if typical > 0.2 * mean or (typical > 0 and _is_gap(step, typical, mean)):
-        return usual_step(step)
-    return mean
+    # the mean step is long because of a few long gaps, not because messages come in bursts
+    gaps = np.count_nonzero(step > mean) < 0.01 * len(step) and np.percentile(step, 10) > 0.5 * typical
+    return usual_step(step) if typical > 0.2 * mean or (typical > 0 and gaps) else mean
 
 
 def usual_step(step: Samples) -> float:
@@ -202,11 +183,6 @@ def usual_step(step: Samples) -> float:
     typical = float(np.median(step))
     near = step[np.abs(step - typical) <= 0.6 * typical]
     return float(near.mean()) if len(near) else typical
-
-
-def _is_gap(step: Samples, typical: float, mean: float) -> bool:
-    """Whether the mean step is long because of a few long gaps, not because messages come in bursts."""
-    return bool(np.count_nonzero(step > mean) < 0.01 * len(step) and np.percentile(step, 10) > 0.5 * typical)
 
 
 def _lost_before(t: Samples, period: float) -> NDArray[np.int64]:

@@ -10,7 +10,7 @@ from pyarrow import parquet
 from texclass.loaders.columns import (
     UNNAMED,
     ReadOptions,
-    Signals,
+    ReadSignals,
     as_samples,
     check_held,
     check_size,
@@ -40,7 +40,7 @@ def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
     return tuple(name.strip() for name in header)
 
 
-def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Signals:
+def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
     """Read the wanted columns; blank lines of a text are skipped.
 
     Raises
@@ -69,7 +69,7 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> Signals:
     except (pa.ArrowException, ValueError, TypeError, KeyError) as error:
         said = _first_bad_line(path) if is_text else ""
         raise RecordingError(f"{path}: {said or f'{error}; the rule is a number in every cell'}") from error
-    return Signals({name: table[name].to_numpy() for name in wanted})
+    return ReadSignals({name: table[name].to_numpy() for name in wanted})
 
 
 def _first_bad_line(path: Path) -> str:
@@ -81,7 +81,7 @@ def _first_bad_line(path: Path) -> str:
     return ""
 
 
-def _read_parquet(path: Path, wanted: tuple[str, ...]) -> Signals:
+def _read_parquet(path: Path, wanted: tuple[str, ...]) -> ReadSignals:
     file, _ = _parquet(path)
     check_held(file.metadata.num_rows * len(wanted), path)
     try:
@@ -92,7 +92,7 @@ def _read_parquet(path: Path, wanted: tuple[str, ...]) -> Signals:
         raise _unreadable(path, error) from error
     for name, n in lacking.items():
         raise RecordingError(f"{path}: {name} lacks {n} values; the rule is a number in every cell")
-    return Signals({name: as_samples(stored[name], name, path) for name in wanted})
+    return ReadSignals({name: as_samples(stored[name], name, path) for name in wanted})
 
 
 def _parquet(path: Path) -> tuple[parquet.ParquetFile, tuple[str, ...]]:

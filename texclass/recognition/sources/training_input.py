@@ -11,7 +11,7 @@ import numpy as np
 from texclass.features.phase_view import TURN
 from texclass.loaders import find_recording
 from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
-from texclass.loaders.columns import BAG_FOLDER, ReadOptions, Signals, choose_acceleration
+from texclass.loaders.columns import BAG_FOLDER, ReadOptions, ReadSignals, choose_acceleration
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.files import (
     READERS,
@@ -207,7 +207,7 @@ class TrainingFiles(Written):
         scale = self.scale if stated == self.unit else 1.0
         return conditioned(recording, scale, self.phases, remove_resting_level=self.remove_resting_level)
 
-    def _read(self, axes: Mapping[str, Path], options: ReadOptions) -> Signals:
+    def _read(self, axes: Mapping[str, Path], options: ReadOptions) -> ReadSignals:
         path, roles = next(iter(axes.values())), {"acceleration": self.acceleration, **self.auxiliary}
         if not is_bag(path):
             return read_signals(axes, roles, options)
