@@ -29,11 +29,8 @@ else:  # taken from `texclass.recording`, where alone they are listed
 
 Texts = Annotated[
     tuple[str, ...],
-    BeforeValidator(
-        lambda given: (
-            (given,) if isinstance(given, str) else tuple(given) if isinstance(given, list) else given
-        )
-    ),
+    BeforeValidator(lambda given: (given,) if isinstance(given, str) else given),
+    BeforeValidator(lambda given: tuple(given) if isinstance(given, list) else given),
     Field(min_length=1, description="text or a list of text"),
 ]
 """One text, or several."""

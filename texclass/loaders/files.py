@@ -267,10 +267,10 @@ def read_signals(
         groups = {UNNAMED: chosen, **{field: names for field, names in roles.items() if field != UNNAMED}}
         wanted = tuple(dict.fromkeys(name for names in groups.values() for name in names))
         read: ReadSignals = _reader(path).read(path, wanted, options)
-        columns = {field: [read.named[name] for name in names] for field, names in groups.items()}
-        fields = {
-            field: read_only(c[0] if len(c) == 1 else np.column_stack(c)) for field, c in columns.items()
-        }
+        fields = {}
+        for field, names in groups.items():
+            columns = [read.named[name] for name in names]
+            fields[field] = read_only(columns[0] if len(columns) == 1 else np.column_stack(columns))
         parts[axis] = replace(read, named=fields, channels=chosen if len(chosen) > 1 else ())
     first = next(iter(parts.values()))
     if len(parts) == 1:

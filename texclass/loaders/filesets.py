@@ -89,7 +89,7 @@ def open_files(
     """
     table = _read_labels(reading, root)
     left_out: list[str] = []
-    entries = []
+    entries: list[Entry] = []
     for names, groups in _find(reading, root):
         try:
             entries += _entries(reading, root, names, groups, table)
@@ -333,7 +333,7 @@ def _companion_names(reading: FileReading, groups: Groups) -> dict[str, tuple[st
 def _entries(
     reading: FileReading, root: Path, names: tuple[str, ...], groups: Groups, table: Mapping[str, Groups]
 ) -> Iterator[Entry]:
-    """Yield the recordings in a file (or one per axis): one, or of a bag one per topic that a pattern matches.
+    """Yield the recordings in a file (or one per axis): one, or one per topic of a bag that a pattern fits.
 
     A pattern has named groups; else `topic` is a name.
     """
