@@ -34,7 +34,7 @@ from texclass.document.figure_style import FAINT, INK, OTHER, OURS
 from texclass.loaders import DataNotFoundError, open_dataset
 from texclass.provenance import versions
 from texclass.textures.okamura2001 import (
-    Device,
+    ForceDevice,
     TapLibrary,
     VirtualWall,
     fit_aligned,
@@ -51,7 +51,7 @@ N_EXPERIMENTS, PUBLISHED_CORRECT, LONG_RUN = 42, 35, 20_000
 TAP_DEPTH_MM, TAP_S = 3.0, 0.12
 CHANNEL = 1
 """Of `taps5`: the second, whose swing the converter cuts least."""
-DEVICE = Device()
+DEVICE = ForceDevice()
 
 
 def main(out: Path, seed: int = 0, small: bool = False) -> list[Path]:

@@ -285,7 +285,7 @@ def fitted_taps() -> tuple[Any, Any, np.ndarray]:
         {name: velocity for name, (_, velocity) in made.items()},
         FS["wood"],
     )
-    device = okamura2001.Device(limit_n=50.0)
+    device = okamura2001.ForceDevice(limit_n=50.0)
     scaled = okamura2001.scale_into(library, device, 0.4)
     wall = okamura2001.VirtualWall(scaled["wood"], device)
     t = np.arange(4000)

@@ -13,8 +13,7 @@ from texclass.features import load_feature_set
 from texclass.loaders import open_dataset, read_card
 from texclass.loaders.filesets import match_name
 from texclass.reporting import read_document
-from texclass.scene.definition import EXAMPLES, read_scene
-from texclass.scene.hand_paths import read_path
+from texclass.scene.definition import EXAMPLES, read_path, read_scene
 
 _TOML = trees(lambda data: tomllib.loads(data.decode()), toml_of)
 _CARD = """title = "Toy"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from texclass.scene import observations, read_scene, search
+from texclass.scene import observations, plan, read_scene
 
 TOML = """
 [device]
@@ -53,5 +53,5 @@ def few():
         patch.setattr(observations, "N_SPEEDS", 4)
         patch.setattr(observations, "N_FORCES", 2)
         for name, value in small.items():
-            patch.setattr(search, name, value)
+            patch.setattr(plan, name, value)
         yield

@@ -35,7 +35,7 @@ def test_a_plan_takes_shares_and_tells_the_cheapest_and_sounds_the_same_when_wri
     assert plan.met
     assert found["other"].model.order in (1, 2)
     assert found["other"].model.n_nodes == (1, 1)
-    assert all(one.verdict.within for one in plan.surfaces)
+    assert all(one.verdict["within"] for one in plan.surfaces)
     assert found["faint"].model.kind == "silence"  # what the device cannot make felt
     assert plan.scene.assigned["loud"] == plan.scene.assigned["twin"]  # what does not differ
     assert len({plan.scene.assigned[name] for name in ("loud", "other", "faint")}) == 3
@@ -90,7 +90,7 @@ def test_an_impossible_tolerance_or_budget_is_told_not_hidden(tmp_path, toml):
     changes = ("limit = 4", "limit = 0.01"), ("1_000_000", "10")
     hard = plan_scene(toml(*changes, surfaces=texture(tmp_path, "loud")))
     assert not hard.met
-    assert not hard.surfaces[0].verdict.within
+    assert not hard.surfaces[0].verdict["within"]
     assert not hard.proof["met"]
     assert hard.surfaces[0].why == "the best there is: nothing met the tolerance"
 

@@ -9,11 +9,10 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from texclass.recording import Samples
-from texclass.scene.judge import Judge
-from texclass.scene.observations import Observed, Points
-from texclass.scene.patterns import split
+from texclass.scene.observations import Judge, Observed, Points
 from texclass.textures.grid import GridModel, mixed_power, shares
 from texclass.vibration import recursions
 from texclass.vibration.autoregressive import from_autocorrelation
@@ -28,6 +27,16 @@ TIE = 1e-3
 """Weight that ties powers of nodes to their neighbours: it decides only where no point does."""
 SHARPNESS = 12.0
 """Weights of spectra fall with exp(-12 octaves^2) of speed and force: to half at 0.24 octaves."""
+SMOOTH_HZ = 40.0
+"""Width of the median that stands for the noise about a line."""
+LEAST_EXCESS = np.log(1.5)
+"""A line stands out of the noise by 1.8 dB at least at half of the speeds and forces: what keeps its
+frequency does so at few."""
+LEAST_SEEN = 1 / 3
+"""Part of the points in whose band it must lie."""
+WIDTH = 0.03
+"""A line reaches this part of its frequency to each side, beyond the window's own two bins: people's gratings
+are never quite regular."""
 
 Axes = tuple[Samples, Samples]
 """Speeds (mm/s) and forces (N) of the nodes."""
@@ -112,7 +121,14 @@ def fit_lattices(
     lines = np.zeros(0) if per_mm is None else per_mm
     noise, tonal = split(observed.fit, lines, judge)
     X = node_spectra(noise, axes, judge)
-    r = np.fft.irfft(_continued(X, judge), axis=-1)[:, : order + 1]
+    # within the band at least the device's noise; beyond it as at its ends, and falling by 6 dB an octave
+    f, (low, high) = judge.frequencies, judge.device.band_hz
+    within = np.flatnonzero((f >= low) & (f <= high))
+    first, last = int(within[0]), int(within[-1])
+    S = np.maximum(X, judge.floor)
+    S[:, :first] = S[:, [first]]
+    S[:, last + 1 :] = S[:, [last]] * (f[last] / f[last + 1 :]) ** 2
+    r = np.fft.irfft(S, axis=-1)[:, : order + 1]
     k = from_autocorrelation(r).reflection
     unit = np.stack([judge.power(unit_spectra(row, judge)) for row in k])
     share = shares(axes, (noise.speed, noise.force))
@@ -142,13 +158,22 @@ def fit_lines(observed: Observed, judge: Judge, axes: Axes, n: int, course: Cour
         None where the band has not so many lines.
     """
     middle, along = float(np.exp(np.mean(np.log(observed.fit.speed)))), course == "along"
-    found = _strongest(observed.fit, judge, n, observed.fit.speed / middle if along else None)
+    f, (low, high) = judge.frequencies, judge.device.band_hz
+    scale = observed.fit.speed / middle if along else np.ones(len(observed.fit))
+    spectra = zip(scale, observed.fit.spectra, judge.power(observed.fit.spectra), strict=True)
+    rows = [np.interp(f * r, f, S, right=0.0) / P for r, S, P in spectra if P]
+    within = (f >= low) & (f <= high) & (f > 0)
+    shape = np.where(within, np.mean(rows, axis=0) if rows else 0.0, 0.0)
+    found = np.sort(f[_picked(shape, f, n)])
     if len(found) < n:
         return None
     X = node_spectra(observed.fit, axes, judge)
     node_speed = np.repeat(axes[0], axes[1].size)
     ratio = node_speed / middle if along else np.ones(node_speed.size)
-    power = np.stack([_cells(x, found * r, judge) for x, r in zip(X, ratio, strict=True)])
+    power = np.zeros((len(X), n))
+    for row, x, hz in zip(power, X, np.multiply.outer(ratio, found), strict=True):
+        nearest = np.searchsorted((hz[1:] + hz[:-1]) / 2, judge.frequencies, side="right")
+        row[:] = np.bincount(nearest, x * judge.in_band, minlength=n)
     total = power.sum(axis=1)
     hz, per_mm = (np.zeros(n), found / middle) if along else (found, np.zeros(n))
     return _on_grid(axes, _amplitudes(power, total), total, observed.peak, hz=hz, per_mm=per_mm)
@@ -205,14 +230,6 @@ def line_shapes(hz: Samples, judge: Judge) -> Samples:
     return np.asarray(np.where(hz[..., np.newaxis] < judge.device.rate_hz / 2, shape, 0.0))
 
 
-def axis(values: Samples, n: int, within: tuple[float, float]) -> Samples:
-    """Return n nodes at equal ratios between the ends of what is expected, as far as `values` reach."""
-    low, high = max(within[0], values.min()), min(within[1], values.max())
-    if n == 1 or low >= high:
-        return np.array([np.sqrt(values.min() * values.max())])
-    return np.geomspace(low, high, n)
-
-
 def node_spectra(points: Points, axes: Axes, judge: Judge) -> Samples:
     """Return the spectra at the nodes, (n_nodes, n_bins): shapes from the nearest points, powers from all.
 
@@ -258,44 +275,60 @@ def node_powers(share: Samples, power: Samples, axes: Axes) -> Samples:
     return np.asarray(np.exp(theta))
 
 
-def _continued(spectra: Samples, judge: Judge) -> Samples:
-    """Return spectra (n, n_bins) as they are within the band, at least the device's noise, smooth beyond.
+def _picked(values: Samples, f: Samples, most: int, *, least: float = 0.0, width: float = 0.0) -> list[int]:
+    """Return places of the largest values, above `least`, whose frequencies neither beat nor overlap.
 
-    Below the band the value at its lower end; above it that at its upper end, falling by 6 dB an octave.
+    A line reaches `width` of its frequency to each side.
     """
-    f = judge.frequencies
-    within = np.flatnonzero((f >= judge.device.band_hz[0]) & (f <= judge.device.band_hz[1]))
-    first, last = int(within[0]), int(within[-1])
-    S = np.maximum(spectra, judge.floor)
-    S[:, :first] = S[:, [first]]
-    S[:, last + 1 :] = S[:, [last]] * (f[last] / f[last + 1 :]) ** 2
-    return np.asarray(S)
+    found: list[int] = []
+    left = values.copy()
+    while len(found) < most and left.max() > least:
+        found.append(int(np.argmax(left)))
+        g = f[found[-1]]
+        left[np.abs(f - g) < np.maximum(beat_threshold_hz(np.minimum(f, g)), 2 * width * g)] = 0.0
+    return found
 
 
-def _strongest(points: Points, judge: Judge, n: int, ratio: Samples | None) -> Samples:
-    """Return up to n frequencies, rising, none closer than the threshold of beats.
+def pattern_frequencies(points: Points, judge: Judge, most: int) -> Samples:
+    """Return up to `most` spatial frequencies, 1/mm, the most outstanding first."""
+    if not len(points) or np.ptp(np.log(points.speed)) < np.log(1.5):
+        return np.zeros(0)  # at one speed nothing tells what follows it
+    middle = float(np.exp(np.mean(np.log(points.speed))))
+    low, high = judge.device.band_hz
+    s = np.geomspace(max(low, judge.frequencies[2]) / middle, high / middle, 1000)
+    excess = np.full((len(points), s.size), np.nan)
+    for row, S, v in zip(excess, points.spectra, points.speed, strict=True):
+        above = np.log(S + judge.floor) - np.log(smoothed(S, judge) + judge.floor)
+        within = (s * v >= low) & (s * v <= high)
+        row[within] = np.interp(s[within] * v, judge.frequencies, above)
+    often = np.isfinite(excess).sum(axis=0) >= max(2, LEAST_SEEN * len(points))
+    middling = np.zeros(s.size)
+    middling[often] = np.nanmedian(excess[:, often], axis=0)
+    return s[_picked(middling, s * middle, most, least=LEAST_EXCESS, width=WIDTH)]
 
-    With the ratios of the speeds to the middle one, of lines that follow the speed, at the middle speed.
+
+def smoothed(spectrum: Samples, judge: Judge) -> Samples:
+    """Return the noise that lines stand in: the running median."""
+    n = max(3, round(SMOOTH_HZ / judge.frequencies[1]))
+    return np.asarray(ndimage.median_filter(spectrum, n, mode="nearest"), dtype=np.float64)
+
+
+def split(points: Points, per_mm: Samples, judge: Judge) -> tuple[Points, Samples]:
+    """Return the points without the lines, and the power of each line, (n_points, n_lines).
+
+    About a line only the median stays; what is above it is the line's. Of two lines that reach into each
+    other the nearer one takes it.
     """
-    f, level = judge.frequencies, judge.power(points.spectra)
-    scale = np.ones(len(points)) if ratio is None else ratio
-    rows = [
-        np.interp(f * r, f, S, right=0.0) / P
-        for r, S, P in zip(scale, points.spectra, level, strict=True)
-        if P
-    ]
-    within = (f >= judge.device.band_hz[0]) & (f <= judge.device.band_hz[1]) & (f > 0)
-    free = np.where(within, np.mean(rows, axis=0) if rows else 0.0, 0.0)
-    taken: list[float] = []
-    while len(taken) < n and free.any():
-        taken.append(float(f[np.argmax(free)]))
-        free[np.abs(f - taken[-1]) < beat_threshold_hz(np.minimum(f, taken[-1]))] = 0
-    return np.sort(taken)
-
-
-def _cells(spectrum: Samples, hz: Samples, judge: Judge) -> Samples:
-    """Return the power within the band that is nearest to each line."""
-    edges = np.concatenate([[-np.inf], (hz[1:] + hz[:-1]) / 2, [np.inf]])
-    nearest = np.searchsorted(edges, judge.frequencies, side="right") - 1
-    power = np.bincount(nearest, spectrum * judge.in_band, minlength=hz.size)
-    return np.asarray(power, dtype=np.float64)[: hz.size]
+    noise, power = points.spectra.copy(), np.zeros((len(points), per_mm.size))
+    if not per_mm.size:
+        return points, power
+    f, own = judge.frequencies, 2 * judge.device.rate_hz / judge.n_segment
+    for i, (S, v) in enumerate(zip(points.spectra, points.speed, strict=True)):
+        hz = per_mm * v
+        distance = np.abs(f - hz[:, np.newaxis])
+        reach = distance <= (own + WIDTH * hz)[:, np.newaxis]
+        nearest = reach & (distance == distance.min(axis=0))
+        floor = np.minimum(S, smoothed(S, judge))
+        power[i] = (nearest * (S - floor)) @ judge.in_band
+        noise[i] = np.where(nearest.any(axis=0), floor, S)
+    return Points(noise, points.speed, points.force), power

@@ -1,24 +1,50 @@
-"""The choice: for each surface the cheapest model within the tolerance, one model where two do not differ."""
+"""The choice: for each surface the cheapest model within the tolerance, one model where two do not differ.
+
+All that could stand for a surface is fitted, from cheap to dear, and judged on what it was not fitted to.
+"""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
-from texclass.scene.definition import SceneDefinition, SurfaceDefinition, read_scene
-from texclass.scene.fits import LARGEST_ORDER, model_spectra
-from texclass.scene.judge import Judge, Verdict
-from texclass.scene.observations import Observed, observe
-from texclass.scene.planned import PlannedScene
+import numpy as np
+
+from texclass.recording import Samples
+from texclass.scene.definition import Expected, SceneDefinition, SurfaceDefinition, read_scene
+from texclass.scene.fits import (
+    LARGEST_ORDER,
+    Axes,
+    Course,
+    LatticeGrid,
+    fit_lattices,
+    fit_lines,
+    model_spectra,
+    pattern_frequencies,
+)
+from texclass.scene.observations import Judge, Observed, Scored, observe
 from texclass.scene.proof import measure, prove
-from texclass.scene.search import MOST_SPEEDS, Search, search
+from texclass.scene.renderer import PlannedScene
 from texclass.textures.grid import GridModel, operations
-from texclass.textures.oeztuerk2018 import speed_intervals
 
 MARGINS = (0.95, 0.85, 0.75, 0.65, 0.55, 0.45, 0.35)
 """Parts of the tolerance that a choice is given, one after the other, until the proof holds."""
+N_SPEEDS, N_FORCES = (1, 2, 3, 4, 6, 8), (1, 2, 3, 4)
+"""Nodes tried."""
+MOST_SPEEDS = N_SPEEDS[-1]
+FEW_GRIDS = ((2, 2), (4, 3), (8, 4))
+"""Nodes tried for lines and for high orders."""
+STAGES = (range(1, 33), range(40, 129, 8), range(160, LARGEST_ORDER + 1, 40))
+"""Orders tried, one stage after the other, until one is within."""
+COMFORTABLE = 0.75
+"""Part of the tolerance at which no higher order is tried."""
+N_LINES = (1, 2, 3, 4, 6, 8, 10, 13, 16, 20, 25, 30)
+"""Lines without a lattice; `oeztuerk2018`, section 3.2: from 2 to 30 were tried."""
+N_TONES = (2, 4, 8)
+MOST_TONES = 12
+"""Lines that follow the speed tried beside a lattice, where a pattern is found."""
 Progress = Callable[[int, int, str], None]
 
 
@@ -30,8 +56,8 @@ class PlannedSurface:
     ----------
     name : str
     model : GridModel
-    verdict : Verdict
-        Of the rendered model on the held-out speeds and forces.
+    verdict : dict
+        Of the rendered model on the held-out speeds and forces, see `Judge.verdict`.
     why : str
         In words.
     held_out : str
@@ -42,7 +68,7 @@ class PlannedSurface:
 
     name: str
     model: GridModel
-    verdict: Verdict
+    verdict: Scored
     why: str
     held_out: str
     shares: str | None = None
@@ -70,7 +96,7 @@ class ScenePlan:
     @property
     def met(self) -> bool:
         """Whether every surface is within the tolerance, and the budget holds."""
-        return self.proof["met"] and all(one.verdict.within for one in self.surfaces)
+        return self.proof["met"] and all(one.verdict["within"] for one in self.surfaces)
 
     @property
     def everything(self) -> float:
@@ -97,24 +123,39 @@ class ScenePlan:
 
     def to_json(self) -> str:
         """Return all of it as JSON."""
-        return json.dumps(
+        surfaces = [
             {
-                "scene": self.scene.name,
-                "met": self.met,
-                "tolerance": self.definition.tolerance.model_dump(),
-                "device": self.definition.device.model_dump(),
-                "surfaces": [_row(one, self.scene.fs) for one in self.surfaces],
-                "operations_per_sample": self.scene.operations,
-                "operations_at_order_400": self.everything,
-                "saving": self.saving,
-                "models": len(self.scene.models),
-                "bytes": self.scene.n_bytes,
-                "budget": self.proof,
-                "recognition": self.recognition,
-                "seed": self.definition.seed,
-            },
-            indent=1,
-        )
+                "surface": one.name,
+                "family": one.model.kind,
+                "order": one.model.order,
+                "lines": one.model.n_lines,
+                "speeds": one.model.speeds.tolist(),
+                "forces": one.model.forces.tolist(),
+                "operations": one.model.operations(self.scene.fs),
+                "bytes": one.model.n_bytes,
+                **one.verdict,
+                "held_out": one.held_out,
+                "why": one.why,
+                "shares": one.shares,
+            }
+            for one in self.surfaces
+        ]
+        told = {
+            "scene": self.scene.name,
+            "met": self.met,
+            "tolerance": self.definition.tolerance.model_dump(),
+            "device": self.definition.device.model_dump(),
+            "surfaces": surfaces,
+            "operations_per_sample": self.scene.operations,
+            "operations_at_order_400": self.everything,
+            "saving": self.saving,
+            "models": len(self.scene.models),
+            "bytes": self.scene.n_bytes,
+            "budget": self.proof,
+            "recognition": self.recognition,
+            "seed": self.definition.seed,
+        }
+        return json.dumps(told, indent=1)
 
 
 def plan_scene(
@@ -160,45 +201,136 @@ def plan_scene(
         {one.name: index[one.shares or one.name] for one in chosen},
         tuple(one.model for one in owners),
     )
-    expected = definition.expected
-    proof = measure(planned, definition.budget, expected.speeds_mm_s, expected.forces_n)
-    return ScenePlan(definition, chosen, planned, proof)
+    return ScenePlan(definition, chosen, planned, measure(planned, definition))
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Everything that was fitted to one surface.
+
+    Attributes
+    ----------
+    observed : Observed
+    judge : Judge
+    expected : Expected
+        Speeds and forces, between which nodes lie.
+    fitted : list of (LatticeGrid, ndarray of shape (p + 1,))
+        Grids of nodes, and what their orders score, in parts of the tolerance; infinity where one was not
+        tried.
+    """
+
+    observed: Observed
+    judge: Judge
+    expected: Expected
+    fitted: list[tuple[LatticeGrid, Samples]]
+
+    def cheapest(self, margin: float, most_speeds: int = MOST_SPEEDS) -> GridModel | None:
+        """Return the model of the fewest operations, then bytes, that scores at most `margin`."""
+        if self.silence <= margin:
+            return GridModel.silence()
+        lattice, fs = self._lattice(margin, most_speeds), self.judge.device.rate_hz
+        limit = np.inf if lattice is None else lattice.operations(fs)
+        for n, course, (n_v, n_f) in product(N_LINES, get_args(Course), FEW_GRIDS):
+            if operations(0, n, fs) >= limit:
+                break
+            axes = _axes(self.observed, self.expected, (min(n_v, most_speeds), n_f))
+            model = fit_lines(self.observed, self.judge, axes, n, course)
+            if model and _chosen_by(model, self.observed, self.judge)["relative"] <= margin:
+                return model
+        return lattice
+
+    def nearest(self) -> GridModel:
+        """Return the model of the best score, whatever it costs; 5 % of it may be given away."""
+        found = self._lattice(1.05 * min(float(row[1:].min()) for _, row in self.fitted), MOST_SPEEDS)
+        assert found is not None
+        return found
+
+    @property
+    def silence(self) -> float:
+        """What silence scores."""
+        return float(_chosen_by(GridModel.silence(), self.observed, self.judge)["relative"])
+
+    def _lattice(self, margin: float, most_speeds: int) -> GridModel | None:
+        fs, best, found = self.judge.device.rate_hz, (np.inf, np.inf), None
+        for grid, row in self.fitted:
+            if grid.axes[0].size <= most_speeds and np.any(row[1:] <= margin):
+                order = int(np.argmax(row[1:] <= margin)) + 1
+                cost = operations(order, grid.per_mm.size, fs), grid.n_nodes
+                if cost < best:
+                    best, found = cost, (grid, order)
+        return None if found is None else found[0].model(found[1])
+
+
+def search(observed: Observed, judge: Judge, expected: Expected) -> Search:
+    """Fit models of every order on every grid of nodes to a surface, and judge them where it is chosen.
+
+    Beyond the first stage of orders only a few grids are tried.
+    """
+    most = [np.unique(np.round(at, 3)).size for at in (observed.fit.speed, observed.fit.force)]
+    sizes = [(n_v, n_f) for n_v, n_f in product(N_SPEEDS, N_FORCES) if n_v <= most[0] and n_f <= most[1]]
+    pattern = pattern_frequencies(observed.fit, judge, MOST_TONES)
+    tones = [pattern[:n] for n in (*N_TONES, pattern.size) if 0 < n <= pattern.size]
+    few = [size for size in sizes if size in FEW_GRIDS]
+    found = Search(observed, judge, expected, [])
+    for stage in STAGES:
+        orders = np.array([order for order in stage if order < judge.n_segment])
+        for n, lines in (*product(sizes, [pattern[:0]]), *product(few, tones)):
+            grid = fit_lattices(observed, judge, _axes(observed, expected, n), int(orders[-1]), lines)
+            seen = grid.spectra(observed.choose, judge, orders)
+            relative = np.full(orders[-1] + 1, np.inf)
+            relative[orders] = judge.relative(*judge.errors(observed.choose.spectra[:, np.newaxis], seen))
+            found.fitted.append((grid, relative))
+        if found.cheapest(COMFORTABLE) is not None:
+            break
+        sizes, tones = few, tones[-1:]
+    return found
+
+
+def _axes(observed: Observed, expected: Expected, size: tuple[int, int]) -> Axes:
+    """Return nodes at equal ratios between the ends of what is expected, as far as was observed."""
+    speeds = expected.speeds_mm_s, observed.fit.speed, size[0]
+    axes = []
+    for within, values, n in (speeds, (expected.forces_n, observed.fit.force, size[1])):
+        low, high = max(within[0], values.min()), min(within[1], values.max())
+        alone = n == 1 or low >= high
+        axes.append(np.array([np.sqrt(values.min() * values.max())]) if alone else np.geomspace(low, high, n))
+    return axes[0], axes[1]
+
+
+def _chosen_by(model: GridModel, observed: Observed, judge: Judge) -> Scored:
+    """Return what a model scores where models are chosen."""
+    choose = observed.choose
+    return judge.verdict(choose.spectra, model_spectra(model, choose, judge))
 
 
 def choose(
     observed: Observed, surface: SurfaceDefinition, definition: SceneDefinition, judge: Judge
 ) -> PlannedSurface:
     """Return the cheapest model of a surface whose rendered form is within the tolerance where held out."""
-    found = search(observed, judge, definition.expected)
-    allowed, bound = MOST_SPEEDS, ""
+    found, limits = search(observed, judge, definition.expected), [(MOST_SPEEDS, "")]
     if surface.friction is not None:
+        from texclass.textures.oeztuerk2018 import speed_intervals
+
         n = speed_intervals(surface.friction).n_intervals
-        allowed, bound = min(n, MOST_SPEEDS), f"friction {surface.friction:g} allows {n} speeds"
-    for most, words in dict.fromkeys(((allowed, bound), (MOST_SPEEDS, f"{bound}, too few" if bound else ""))):
-        if (planned := _within(found, most, words)) is not None:
-            return planned
+        bound = f"friction {surface.friction:g} allows {n} speeds"
+        limits = [(min(n, MOST_SPEEDS), bound), (MOST_SPEEDS, f"{bound}, too few")]
+    for most, bound in limits:
+        tried = set()
+        for margin in MARGINS:  # narrowed until the model holds in the proof
+            model = found.cheapest(margin, most)
+            if model is None:
+                break
+            key = model.kind, model.order, model.n_nodes
+            if key not in tried:
+                tried.add(key)
+                verdict = prove(model, observed.prove, judge)
+                if verdict["within"]:
+                    why = _why(found, model, margin, bound)
+                    return PlannedSurface(observed.name, model, verdict, why, observed.how)
     nearest = found.nearest()
     verdict = prove(nearest, observed.prove, judge)
-    why = "the best there is"
-    why += "; all cheaper ones failed in the proof" if verdict.within else ": nothing met the tolerance"
-    return PlannedSurface(observed.name, nearest, verdict, why, observed.how)
-
-
-def _within(found: Search, most_speeds: int, bound: str) -> PlannedSurface | None:
-    """Return the cheapest that holds in the proof, the margin of the choice narrowed until one does."""
-    tried: set[tuple[str, int, tuple[int, ...]]] = set()
-    for margin in MARGINS:
-        model = found.cheapest(margin, most_speeds)
-        if model is None:
-            return None
-        if (key := (model.kind, model.order, model.n_nodes)) in tried:
-            continue
-        tried.add(key)
-        verdict = prove(model, found.observed.prove, found.judge)
-        if verdict.within:
-            why = _why(found, model, margin, bound)
-            return PlannedSurface(found.observed.name, model, verdict, why, found.observed.how)
-    return None
+    why = "; all cheaper ones failed in the proof" if verdict["within"] else ": nothing met the tolerance"
+    return PlannedSurface(observed.name, nearest, verdict, f"the best there is{why}", observed.how)
 
 
 def _why(found: Search, model: GridModel, margin: float, bound: str) -> str:
@@ -230,43 +362,15 @@ def share(found: Sequence[tuple[PlannedSurface, Observed]], judge: Judge) -> tup
     serves: dict[str, dict[str, PlannedSurface]] = {name: {name: one} for name, one in chosen.items()}
     for giver, (taker, observed) in product(chosen.values(), found):
         cheaper = giver.model.operations(fs) <= taker.model.operations(fs)
-        if taker is not giver and cheaper and giver.verdict.within:
-            verdict = _served(giver.model, observed, judge)
-            if verdict is not None:
-                why = f"does not differ from {giver.name} within the tolerance"
-                served = replace(taker, model=giver.model, verdict=verdict, why=why, shares=giver.name)
-                serves[giver.name][taker.name] = served
+        if taker is giver or not (cheaper and giver.verdict["within"]):
+            continue
+        verdict = _chosen_by(giver.model, observed, judge)
+        if verdict["within"] and (verdict := prove(giver.model, observed.prove, judge))["within"]:
+            why = f"does not differ from {giver.name} within the tolerance"
+            served = replace(taker, model=giver.model, verdict=verdict, why=why, shares=giver.name)
+            serves[giver.name][taker.name] = served
     final: dict[str, PlannedSurface] = {}
     while left := [name for name in chosen if name not in final]:
         best = max(left, key=lambda g: (sum(n in serves[g] for n in left), -chosen[g].model.n_bytes))
         final.update({name: serves[best][name] for name in left if name in serves[best]})
     return tuple(final[name] for name in chosen)
-
-
-def _served(model: GridModel, observed: Observed, judge: Judge) -> Verdict | None:
-    """Return the verdict of a model on a surface it was not made for, if it is within the tolerance twice."""
-    choose = observed.choose
-    if not judge.verdict(choose.spectra, model_spectra(model, choose, judge)).within:
-        return None
-    verdict = prove(model, observed.prove, judge)
-    return verdict if verdict.within else None
-
-
-def _row(one: PlannedSurface, fs: float) -> Mapping[str, Any]:
-    return {
-        "surface": one.name,
-        "family": one.model.kind,
-        "order": one.model.order,
-        "lines": one.model.n_lines,
-        "speeds": one.model.speeds.tolist(),
-        "forces": one.model.forces.tolist(),
-        "operations": one.model.operations(fs),
-        "bytes": one.model.n_bytes,
-        "scores": one.verdict.scores,
-        "levels_db": one.verdict.levels_db,
-        "relative": one.verdict.relative,
-        "within": one.verdict.within,
-        "held_out": one.held_out,
-        "why": one.why,
-        "shares": one.shares,
-    }

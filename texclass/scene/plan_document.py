@@ -10,8 +10,8 @@ from texclass.document import Document, Table
 
 if TYPE_CHECKING:
     from texclass.scene.plan import ScenePlan
-    from texclass.scene.planned import PlannedScene
     from texclass.scene.proof import Played
+    from texclass.scene.renderer import PlannedScene
 
 UNITS = {"log_spectral_db": "dB", "band_db": "dB", "gfc": "GFC"}
 

@@ -10,12 +10,9 @@ from typing import Any
 import numpy as np
 
 from texclass.recording import Samples
-from texclass.scene.definition import Budget, Device
-from texclass.scene.hand_paths import HandPath, sweep
-from texclass.scene.judge import Judge, Verdict
-from texclass.scene.observations import Points
-from texclass.scene.planned import PlannedScene
-from texclass.scene.renderer import SceneRenderer
+from texclass.scene.definition import Device, HandPath, SceneDefinition, sweep
+from texclass.scene.observations import Judge, Points, Scored
+from texclass.scene.renderer import PlannedScene, SceneRenderer
 from texclass.textures.grid import GridModel
 
 PROOF_S, SETTLE_S = 6.0, 0.3
@@ -26,7 +23,7 @@ N_RUNS = 5
 """Each sample counts with the least of so many runs: what else the machine did is left out."""
 
 
-def prove(model: GridModel, points: Points, judge: Judge) -> Verdict:
+def prove(model: GridModel, points: Points, judge: Judge) -> Scored:
     """Return what a model scores, rendered sample by sample, at speeds and forces it has not seen."""
     rendered = np.stack([judge.spectrum(x) for x in render_at(model, points, judge.device)])
     return judge.verdict(points.spectra, rendered)
@@ -46,9 +43,7 @@ def render_at(model: GridModel, points: Points, device: Device) -> Samples:
     return renderer.process(velocity, force)[:, round(SETTLE_S * device.rate_hz) :]
 
 
-def measure(
-    scene: PlannedScene, budget: Budget, speeds: tuple[float, float], forces: tuple[float, float]
-) -> dict[str, Any]:
+def measure(scene: PlannedScene, definition: SceneDefinition) -> dict[str, Any]:
     """Measure a planned scene with as many contacts as the budget says, one sample a call.
 
     Each contact passes from one surface to the next, so that crossfades count; speed and force move within
@@ -62,7 +57,8 @@ def measure(
         machine did; "bytes" of models and state in the renderer; "microseconds_each", surface -> median of
         one contact; "met", whether 99.9 % of the samples and all bytes are within the budget.
     """
-    names, motion = list(scene.assigned), (speeds, forces)
+    budget, expected, names = definition.budget, definition.expected, list(scene.assigned)
+    motion = expected.speeds_mm_s, expected.forces_n
     renderer, alone = SceneRenderer(scene, n_contacts=budget.contacts), SceneRenderer(scene, n_contacts=1)
     with without_garbage_collection():
         runs = np.stack([run_steps(renderer, names, *motion, N_SAMPLES) for _ in range(N_RUNS)])

@@ -1,14 +1,21 @@
-"""A scene being felt: several contacts at once, one sample per call, no click whatever changes."""
+"""A planned scene, kept in one file, and being felt: several contacts, one sample per call, no click."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from texclass.exchange.container import read_stored, write_stored
 from texclass.recording import Samples
 from texclass.scene import render_kernels as kernels
-from texclass.scene.planned import PlannedScene
+from texclass.signals import positive
+from texclass.textures.contract import StoredFields
 from texclass.textures.grid import LEAST_POWER, GridModel, renewal
+
+MOST_CONTACTS = 1000
 
 GLIDE_S = 0.01
 """Time constant with which a contact follows the speed and force of the hand."""
@@ -18,6 +25,99 @@ STILL = 0.25
 """Below this part of the slowest speed of a model it fades linearly to silence at rest."""
 PEAK_FACTOR = 3.0
 """No rendered sample exceeds this times the largest recorded one (sqrt(2) of it within a crossfade)."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedScene(StoredFields):
+    """What `plan_scene` chose, ready to be rendered.
+
+    Parameters
+    ----------
+    name : str
+        Of the scene.
+    fs : float
+        Rate of the device, Hz.
+    unit : str
+        Of the vibration.
+    band_hz : (float, float)
+        Of the device.
+    largest_output : float
+        Of the device, in `unit`: no rendered sample exceeds it.
+    contacts : int
+        Simultaneous ones.
+    assigned : mapping of str to int
+        Surface -> index of its model; surfaces that do not differ share one.
+    models : sequence of GridModel
+        Over logarithms of speed and force.
+
+    Raises
+    ------
+    ValueError
+        If something breaks a rule.
+    """
+
+    family: ClassVar[str] = "scene"
+    name: str
+    fs: float
+    unit: str
+    band_hz: tuple[float, float]
+    largest_output: float
+    contacts: int
+    assigned: Mapping[str, int]
+    models: tuple[GridModel, ...]
+
+    def __post_init__(self) -> None:
+        low, high = self.band_hz
+        if not (0 <= low < high <= self.fs / 2 and np.isfinite(self.fs)):
+            raise ValueError(
+                f"band is {self.band_hz} Hz, fs {self.fs} Hz; the rule is 0 <= low < high <= fs/2"
+            )
+        positive(self.largest_output, "largest output")
+        if not 1 <= self.contacts <= MOST_CONTACTS:
+            raise ValueError(f"contacts are {self.contacts!r:.40}; the rule is 1 to {MOST_CONTACTS}")
+        if not self.assigned or any(not 0 <= i < len(self.models) for i in self.assigned.values()):
+            raise ValueError(
+                f"surfaces have models {list(self.assigned.values())} of {len(self.models)}; "
+                "the rule is a surface at least, each with one of the models"
+            )
+        odd = [model for model in self.models if (len(model.axes), model.scale) != (2, "log")]
+        if odd:
+            found = f"{len(odd[0].axes)} axes, scale {odd[0].scale!r}"
+            raise ValueError(f"a model has {found}; the rule is speed and force, 'log'")
+
+    def model_of(self, surface: str) -> GridModel:
+        """Return the model of a surface."""
+        if surface not in self.assigned:
+            raise ValueError(f"surface is {surface!r}; the rule is one of {', '.join(self.assigned)}")
+        return self.models[self.assigned[surface]]
+
+    @property
+    def n_bytes(self) -> int:
+        """Of the models."""
+        return sum(model.n_bytes for model in self.models)
+
+    @property
+    def operations(self) -> float:
+        """Multiplications and additions per sample of one contact: mean over the surfaces."""
+        return float(np.mean([self.model_of(name).operations(self.fs) for name in self.assigned]))
+
+    def save(self, path: str | Path) -> Path:
+        """Write the scene as one `.texture` file."""
+        return write_stored(self, path, unit=self.unit)
+
+
+def load_scene(path: str | Path) -> PlannedScene:
+    """Return the planned scene of a file, as `texclass scene plan` or `PlannedScene.save` wrote it.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged, breaks a rule, or holds no scene; the message names file, value and rule.
+    OSError
+        If it cannot be read.
+    """
+    scene: PlannedScene = read_stored(path, {PlannedScene.family: PlannedScene})
+    return scene
 
 
 class SceneRenderer:
@@ -69,10 +169,20 @@ class SceneRenderer:
         facts[kernels.STILL] = STILL
         facts[kernels.RADIANS] = 2 * np.pi / self.fs
         facts[kernels.OUTPUT] = scene.largest_output
-        columns = max((model.rows.shape[-1] for model in scene.models), default=0)
+        index, parts = np.zeros((len(scene.models), kernels.N_INDEX), dtype=np.int64), [facts]
+        for row, model in zip(index, scene.models, strict=True):
+            row[: kernels.AT_SPEEDS] = model.n_lines, model.order, *model.n_nodes
+            ln_power = np.log(np.maximum(model.power, LEAST_POWER))
+            bounds = np.array([model.speeds[0], model.forces[0], PEAK_FACTOR * model.peak])
+            course = np.concatenate([model.frequency_hz, model.per_mm])
+            arrays = np.log(model.speeds), np.log(model.forces), model.rows, ln_power, course, bounds
+            begins = np.cumsum([0, *(array.size for array in arrays)]) + sum(part.size for part in parts)
+            row[kernels.AT_SPEEDS :] = begins[:-1]
+            parts += [array.ravel() for array in arrays]
+        columns = max(model.rows.shape[-1] for model in scene.models)
         self._state = np.zeros((n, kernels.VOICES + 6 * (columns + 1)))
         self._phase = np.zeros((n, kernels.N_COUNTS), dtype=np.int64)
-        self._arrays = *_laid_out(scene.models, facts), self._state, self._phase
+        self._arrays = np.concatenate(parts), index, self._state, self._phase
         self.motion, self.out = self._state[:, : kernels.OUT], self._state[:, kernels.OUT]
         self.reset()
         # Compile, or load what was compiled, before the first sample is due.
@@ -191,19 +301,3 @@ class SceneRenderer:
         if not 0 <= contact < self.n_contacts:
             raise ValueError(f"contact is {contact}; the rule is 0 ... {self.n_contacts - 1}")
         return contact
-
-
-def _laid_out(models: Sequence[GridModel], facts: Samples) -> tuple[Samples, NDArray[np.int64]]:
-    """Return the facts and all models in one array, and where their parts begin."""
-    index, parts, at = np.zeros((len(models), kernels.N_INDEX), dtype=np.int64), [facts], facts.size
-    for row, model in zip(index, models, strict=True):
-        row[: kernels.AT_SPEEDS] = model.n_lines, model.order, *model.n_nodes
-        ln_power = np.log(np.maximum(model.power, LEAST_POWER))
-        bounds = np.array([model.speeds[0], model.forces[0], PEAK_FACTOR * model.peak])
-        course = np.concatenate([model.frequency_hz, model.per_mm])
-        arrays = (np.log(model.speeds), np.log(model.forces), model.rows, ln_power, course, bounds)
-        for where, array in enumerate(arrays, kernels.AT_SPEEDS):
-            row[where] = at
-            parts.append(array.ravel())
-            at += array.size
-    return np.concatenate(parts), index

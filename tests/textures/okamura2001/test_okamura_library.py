@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from okamura2001_taps import FS, MATERIALS, TABLE_I, TABLE_II, simulate_taps
 
 from texclass.textures.okamura2001 import (
-    Device,
+    ForceDevice,
     TapLibrary,
     find_onset,
     fit_aligned,
@@ -128,7 +128,7 @@ def test_the_peak_of_a_tap_is_its_largest_sample(model):
 
 
 def test_a_scaled_library_lies_in_the_band_and_the_forces_and_keeps_its_order():
-    device = Device()
+    device = ForceDevice()
     scaled = scale_into(TABLE_I, device, 0.4)
     w, before = scaled.table[:, 2], TABLE_I.table[:, 2]
     assert_allclose([w.min(), w.max()], device.band_hz)
@@ -142,7 +142,7 @@ def test_a_scaled_library_lies_in_the_band_and_the_forces_and_keeps_its_order():
 
 def test_a_library_that_fits_already_stays_as_it_is():
     library = TapLibrary(("a", "b"), (TapModel(-100.0, 50.0, 60.0), TapModel(-150.0, 70.0, 200.0)))
-    scaled = scale_into(library, Device(), 0.4)
+    scaled = scale_into(library, ForceDevice(), 0.4)
     for m in library:
         assert_allclose(_values(scaled[m]), _values(library[m]))
 
@@ -152,4 +152,4 @@ def test_a_library_that_fits_already_stays_as_it_is():
 )
 def test_impossible_devices_are_refused(change):
     with pytest.raises(ValueError, match="rule is"):
-        Device(**change)
+        ForceDevice(**change)

@@ -3,9 +3,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from okamura2001_taps import TABLE_II
 
-from texclass.textures.okamura2001 import Device, VirtualWall
+from texclass.textures.okamura2001 import ForceDevice, VirtualWall
 
-DEVICE = Device(limit_n=50.0)
+DEVICE = ForceDevice(limit_n=50.0)
 WALL = VirtualWall(TABLE_II["aluminum"], DEVICE)
 FS = DEVICE.rate_hz
 
@@ -70,7 +70,7 @@ def test_neither_impact_nor_release_jumps_beyond_spring_and_vibration():
 
 
 def test_force_never_exceeds_the_limit():
-    wall = VirtualWall(TABLE_II["aluminum"], Device(limit_n=4.0))
+    wall = VirtualWall(TABLE_II["aluminum"], ForceDevice(limit_n=4.0))
     force = wall.renderer().process(*_press(7.9, 400.0, 2000))
     assert force.max() == 4.0
     assert force.min() >= -4.0
@@ -98,6 +98,6 @@ def test_bad_paths_are_refused(depth, velocity):
 
 def test_a_frequency_above_half_the_rate_is_refused():
     with pytest.raises(ValueError, match="rule is"):
-        VirtualWall(TABLE_II["aluminum"], Device(rate_hz=601.0, band_hz=(30.0, 250.0)), -1.0)
+        VirtualWall(TABLE_II["aluminum"], ForceDevice(rate_hz=601.0, band_hz=(30.0, 250.0)), -1.0)
     with pytest.raises(ValueError, match="below half"):
-        VirtualWall(TABLE_II["aluminum"], Device(rate_hz=590.0, band_hz=(30.0, 250.0)))
+        VirtualWall(TABLE_II["aluminum"], ForceDevice(rate_hz=590.0, band_hz=(30.0, 250.0)))

@@ -5,7 +5,7 @@ from .alignment import slope_through_origin as slope_through_origin
 from .library import TapLibrary as TapLibrary
 from .library import fit_library as fit_library
 from .library import tap_peak as tap_peak
-from .wall import Device as Device
+from .wall import ForceDevice as ForceDevice
 from .wall import VirtualWall as VirtualWall
 from .wall import WallRenderer as WallRenderer
 from .wall import scale_into as scale_into

@@ -21,7 +21,7 @@ _RE, _IM, _GATE, _INSIDE = range(4)
 
 
 @dataclass(frozen=True)
-class Device:
+class ForceDevice:
     """A force-feedback device that taps are displayed on.
 
     Attributes
@@ -79,7 +79,7 @@ class Device:
         return float(self.mass_kg * abs(model.amplitude_slope * velocity) * tap_peak(model))
 
 
-def scale_into(library: TapLibrary, device: Device, largest_velocity: float) -> TapLibrary:
+def scale_into(library: TapLibrary, device: ForceDevice, largest_velocity: float) -> TapLibrary:
     """Return the library with frequencies, decay rates and slopes that the device can display.
 
     - Frequencies: the smallest and the largest are put on the band's bounds if they lie outside; those
@@ -92,7 +92,7 @@ def scale_into(library: TapLibrary, device: Device, largest_velocity: float) -> 
     ----------
     library : TapLibrary
         As measured, m/s^2.
-    device : Device
+    device : ForceDevice
         What displays it.
     largest_velocity : float
         m/s, above 0.
@@ -147,7 +147,7 @@ class VirtualWall:
     ----------
     tap : TapModel
         In the device's range, see `scale_into`.
-    device : Device
+    device : ForceDevice
         Gives rate, mass and force limit.
     stiffness_n_mm : float
         k, N/mm; the paper takes one for all materials.
@@ -165,7 +165,7 @@ class VirtualWall:
     """
 
     tap: TapModel
-    device: Device
+    device: ForceDevice
     stiffness_n_mm: float = 0.5
 
     def __post_init__(self) -> None:
