@@ -124,7 +124,7 @@ def test_the_picture_shows_phase_level_surfaces_and_latency(linear_model, sample
         for k in range(0, 9000, 100):
             flags = ("gaps: 3 samples interpolated",) if k == 5000 else ()
             block = Block(k / FS, samples[k : k + 100, None], FS, "m/s^2", 0, flags)
-            shown.show(session.take(block), block)
+            shown.show(session.take(block))
         text = Console(width=100, file=io.StringIO())
         text.print(shown.picture())
     drawn = text.file.getvalue()

@@ -1,14 +1,13 @@
 """What a researcher asks for: benchmark, extract, tradeoff, stability, report, reproduce."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from texclass.cli import options
 from texclass.cli.app import app
-from texclass.cli.options import open_recordings, progress_bar, tell, write_json, wrote
+from texclass.cli.options import progress_bar, tell, write_json, wrote
 
 
 @app.command()
@@ -25,8 +24,14 @@ def benchmark(
             help="A feature of yours to put against the table: module:function or file.py:function."
         ),
     ] = None,
-    touch: options.Touch = None,
-    touches: options.Touches = None,
+    touch: Annotated[
+        float | None,
+        typer.Option(help="Classify single windows of so many seconds of movement, not recordings."),
+    ] = None,
+    touches: Annotated[
+        int | None,
+        typer.Option(help="At most so many windows of each recording, the first; all by default."),
+    ] = None,
     folds: Annotated[int | None, typer.Option(help="Number of folds; the pipeline's own by default.")] = None,
     choose: Annotated[
         bool,
@@ -34,16 +39,39 @@ def benchmark(
             "--choose", help="Also choose row and classifier inside each training part, unseen by tests."
         ),
     ] = False,
-    peers: options.Peers = False,
-    peers_python: options.PeersPython = None,
-    peers_only: options.PeersOnly = None,
-    peers_limit: options.PeersLimit = None,
-    peers_seconds: options.PeersSeconds = 900.0,
-    peers_signals: options.PeersSignals = "same",
+    peers: Annotated[
+        bool,
+        typer.Option(
+            "--peers",
+            help="Run librosa MFCC, TSFEL, tsfresh, catch22, QUANT and the rockets on the same folds, too.",
+        ),
+    ] = False,
+    peers_python: Annotated[
+        Path | None,
+        typer.Option(
+            help="The interpreter that has the peers and scikit-learn; this one by default (extra `peers`)."
+        ),
+    ] = None,
+    peers_only: Annotated[
+        str | None, typer.Option(help="Only these peers, separated by commas: mfcc,minirocket.")
+    ] = None,
+    peers_limit: Annotated[
+        int | None,
+        typer.Option(help="At most so many recordings: materials are left out whole, for ours as well."),
+    ] = None,
+    peers_seconds: Annotated[
+        float, typer.Option(help="Time limit for each peer, in seconds; the folds it finished count.")
+    ] = 900.0,
+    peers_signals: Annotated[
+        str,
+        typer.Option(
+            help="What peers are given: the `same` signals as our features, or `each` channel by itself."
+        ),
+    ] = "same",
     fs: options.Fs = None,
     unit: options.Unit = None,
     jobs: options.Jobs = -1,
-    backend: options.RunOn = options.Backend.LOCAL,
+    backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
     skip_bad: options.SkipBad = False,
     out: Annotated[
@@ -57,22 +85,31 @@ def benchmark(
     from texclass.experiment.benchmark_document import benchmark_document, write_benchmark
     from texclass.experiment.new_feature_document import new_feature_document, write_new_feature
     from texclass.features import load_feature
+    from texclass.loaders import open_dataset
 
     if peers and feature:
         raise ValueError("--peers and --feature are given; the rule is one of them at a time")
     if touches is not None and touch is None:
         raise ValueError(f"--touches is {touches}, but there is no --touch; the rule is both")
-    settings = _peer_settings(peers_python, peers_only, peers_seconds, peers_signals) if peers else None
+    if peers:
+        from texclass.peers import PeerSettings, compare_with_peers, whole_materials
+        from texclass.peers.peers_document import peers_document, write_peers
+
+        given: dict[str, Any] = {"time_limit_s": peers_seconds, "signals": peers_signals}
+        if peers_python is not None:
+            # Not resolved: the interpreter of a virtual environment is a link.
+            given["python"] = peers_python.expanduser().absolute()
+        if peers_only is not None:
+            given["names"] = tuple(name.strip() for name in peers_only.split(","))
+        settings = PeerSettings(**given)
     definition = load_pipeline(pipeline)
     new = load_feature(feature) if feature else None
-    recordings = open_recordings(dataset, fs, unit, skip_bad)
-    if settings is not None and peers_limit is not None:
-        from texclass.peers import whole_materials
-
+    recordings = open_dataset(dataset, fs=fs, unit=unit, skip_bad=skip_bad)
+    if peers and peers_limit is not None:
         recordings = whole_materials(recordings, peers_limit)
     work: dict[str, Any] = {"n_folds": folds, "n_jobs": jobs, "skip_bad": skip_bad}
-    asked = {"protocol": protocol.value if protocol else None, "choose": choose, **work}
-    with running_on(backend.value, scheduler), progress_bar() as progress:
+    asked = {"protocol": protocol, "choose": choose, **work}
+    with running_on(backend, scheduler), progress_bar() as progress:
         if touch is not None:
             recordings = cut_touches(recordings, touch, per_recording=touches, n_jobs=jobs, progress=progress)
         study = new and study_feature(recordings, definition, new, **asked, progress=progress)
@@ -80,27 +117,11 @@ def benchmark(
     tell(new_feature_document(study.to_dict()) if study else benchmark_document(result.to_dict()))
     write_json(json_file, (study or result).to_json())
     wrote(write_new_feature(study, study.result, out) if study else write_benchmark(result, out))
-    if settings is not None:
-        from texclass.peers import compare_with_peers
-        from texclass.peers.peers_document import peers_document, write_peers
-
+    if peers:
         with progress_bar() as progress:
             compared = compare_with_peers(recordings, definition, result, settings, **work, progress=progress)
         tell(peers_document(compared.to_dict()))
         wrote(write_peers(compared, out))
-
-
-def _peer_settings(python: Path | None, only: str | None, seconds: float, signals: str) -> Any:
-    """Return how the peers are run."""
-    from texclass.peers import PeerSettings
-
-    asked: dict[str, Any] = {"time_limit_s": seconds, "signals": signals}
-    if python is not None:
-        # Not resolved: the interpreter of a virtual environment is a link.
-        asked["python"] = python.expanduser().absolute()
-    if only is not None:
-        asked["names"] = tuple(name.strip() for name in only.split(","))
-    return PeerSettings(**asked)
 
 
 @app.command()
@@ -111,17 +132,18 @@ def extract(
     fs: options.Fs = None,
     unit: options.Unit = None,
     jobs: options.Jobs = -1,
-    backend: options.RunOn = options.Backend.LOCAL,
+    backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
     skip_bad: options.SkipBad = False,
 ) -> None:
     """Compute a feature table; a run that was killed goes on where it stopped."""
     from texclass.experiment import extract_table, running_on
     from texclass.features import load_feature_set
+    from texclass.loaders import open_dataset
 
     feature_set = load_feature_set(features)
-    recordings = open_recordings(dataset, fs, unit, skip_bad)
-    with running_on(backend.value, scheduler), progress_bar() as progress:
+    recordings = open_dataset(dataset, fs=fs, unit=unit, skip_bad=skip_bad)
+    with running_on(backend, scheduler), progress_bar() as progress:
         table = extract_table(
             recordings, feature_set, output, n_jobs=jobs, skip_bad=skip_bad, progress=progress
         )
@@ -143,14 +165,14 @@ def tradeoff(
         str | None,
         typer.Option(help="Materials of a scene, separated by commas: the fewest columns for these."),
     ] = None,
-    protocol: options.Split = options.ProtocolName.RECORDING,
+    protocol: Annotated[options.ProtocolName, typer.Option(help="How recordings are split.")] = "recording",
     curves: Annotated[
         bool, typer.Option(help="Also accuracy against touch, training, rate, bits and model order.")
     ] = True,
     fs: options.Fs = None,
     unit: options.Unit = None,
     jobs: options.Jobs = -1,
-    backend: options.RunOn = options.Backend.LOCAL,
+    backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
     out: Annotated[
         Path, typer.Option(help="Folder for the report (Markdown, JSON, PNG) and the pipeline (skops).")
@@ -160,18 +182,19 @@ def tradeoff(
     """Measure what accuracy costs on a dataset; save the pipeline at the budget, or at the knee."""
     from texclass.experiment import running_on
     from texclass.features import load_feature_set
+    from texclass.loaders import open_dataset
     from texclass.tradeoff import Limits, trade_off
     from texclass.tradeoff.tradeoff_document import tradeoff_document, tradeoff_stem, write_tradeoff
 
     scene = tuple(name.strip() for name in (materials or "").split(",") if name.strip())
-    recordings = open_recordings(dataset, fs, unit, skip_bad=True)
+    recordings = open_dataset(dataset, fs=fs, unit=unit, skip_bad=True)
     facts = {"name": recordings.name, "materials": scene, "max_seconds": max_seconds}
-    with running_on(backend.value, scheduler), progress_bar() as progress:
+    with running_on(backend, scheduler), progress_bar() as progress:
         result = trade_off(
             recordings,
             load_feature_set(features),
             Limits(max_ms, max_seconds, max_features, scene),
-            protocol=protocol.value,
+            protocol=protocol,
             with_curves=curves,
             n_jobs=jobs,
             progress=progress,
@@ -182,22 +205,15 @@ def tradeoff(
     wrote((*write_tradeoff(result, out), Path(result.data["chosen"]["file"])))
 
 
-class BatteryPart(StrEnum):
-    """What of the battery can be tried alone."""
-
-    MODELS = "models"
-    FILTERS = "filters"
-    TRANSFORMS = "transforms"
-    FEATURES = "features"
-    PEERS = "peers"
-
-
 @app.command()
 def stability(
     quick: Annotated[
         bool, typer.Option("--quick", help="A small part of the battery, in half a minute.")
     ] = False,
-    only: Annotated[BatteryPart | None, typer.Option(help="One part alone.")] = None,
+    only: Annotated[
+        Literal["models", "filters", "transforms", "features", "peers"] | None,
+        typer.Option(help="One part alone."),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for stability.md, .json and pictures.")] = Path("reports"),
     json_file: options.Json = None,
 ) -> None:
@@ -212,9 +228,7 @@ def stability(
 
     peers, left_out = extreme_inputs.installed(quick)
     with progress_bar() as progress:
-        result = run_stability(
-            quick=quick, only=only.value if only else None, peers=peers, left_out=left_out, progress=progress
-        )
+        result = run_stability(quick=quick, only=only, peers=peers, left_out=left_out, progress=progress)
     found = result.to_dict()
     document = stability_document(found)
     tell(document, wrong_lines(found))
@@ -242,19 +256,15 @@ def report(
     typer.echo(f"wrote {write_page(results, output, title)}")
 
 
-class Paper(StrEnum):
-    """The papers whose textures are reproduced."""
-
-    GURUSWAMY2011 = "guruswamy2011"
-    ABDULALI2016 = "abdulali2016"
-    OEZTUERK2018 = "oeztuerk2018"
-    OKAMURA2001 = "okamura2001"
-
-
 @app.command()
-def reproduce(paper: Annotated[Paper, typer.Argument(help="Which paper.")]) -> None:
+def reproduce(
+    paper: Annotated[
+        Literal["guruswamy2011", "abdulali2016", "oeztuerk2018", "okamura2001"],
+        typer.Argument(help="Which paper."),
+    ],
+) -> None:
     """Say how the tables and figures of a paper are computed beside the published ones."""
     raise ValueError(
         "the reproductions are scripts of the source distribution now: "
-        f"python examples/papers/{paper.value}.py --out DIR"
+        f"python examples/papers/{paper}.py --out DIR"
     )

@@ -7,7 +7,7 @@ import typer
 
 from texclass.cli import options
 from texclass.cli.app import app
-from texclass.cli.options import open_recordings, progress_bar, tell
+from texclass.cli.options import progress_bar, tell
 
 
 @app.command()
@@ -43,10 +43,11 @@ def train(
     skip_bad: options.SkipBad = False,
 ) -> None:
     """Train a model on all recordings; what is chosen is chosen by cross-validation."""
+    from texclass.loaders import open_dataset
     from texclass.recognition import train as train_model
     from texclass.recognition.model_document import model_document
 
-    recordings = open_recordings(dataset, fs, unit, skip_bad)
+    recordings = open_dataset(dataset, fs=fs, unit=unit, skip_bad=skip_bad)
     with progress_bar() as progress:
         model = train_model(
             recordings,
@@ -56,7 +57,7 @@ def train(
             max_ms=max_ms,
             max_features=max_features,
             touch_s=touch,
-            protocol=None if protocol is None else protocol.value,
+            protocol=protocol,
             false_alarms=false_alarms,
             n_jobs=jobs,
             skip_bad=skip_bad,

@@ -1,8 +1,7 @@
-"""What the commands share: arguments and options, opening a dataset, telling a result, the progress bar."""
+"""What the commands share: arguments and options, telling a result, the progress bar."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -10,25 +9,12 @@ import typer
 
 if TYPE_CHECKING:
     from texclass.document import Document
-    from texclass.loaders import Dataset
 
 
-class ProtocolName(StrEnum):
-    """How recordings are divided into training and test."""
-
-    RECORDING = "recording"
-    OPERATOR = "operator"
-    BLOCKS = "blocks"
-    FEW_SHOT = "few-shot"
-    RUN = "run"
-    PAPER = "paper"
-
-
-class Backend(StrEnum):
-    """Where the work runs."""
-
-    LOCAL = "local"
-    DASK = "dask"
+ProtocolName = Literal["recording", "operator", "blocks", "few-shot", "run", "paper"]
+"""How recordings are divided into training and test."""
+RunsOn = Literal["local", "dask"]
+"""Where the work is done."""
 
 
 def shipped(folder: Literal["feature_defs", "pipelines", "datasets"]) -> Callable[[str], list[str]]:
@@ -62,7 +48,7 @@ Unit = Annotated[
 ]
 Jobs = Annotated[int, typer.Option("--jobs", help="Processes; -1 uses every core.")]
 RunOn = Annotated[
-    Backend, typer.Option("--backend", help="Run on processes of this machine, or on a Dask cluster.")
+    RunsOn, typer.Option("--backend", help="Run on processes of this machine, or on a Dask cluster.")
 ]
 Scheduler = Annotated[
     str | None,
@@ -79,53 +65,8 @@ Pipeline = Annotated[
     typer.Option(help="A shipped pipeline, or a TOML of yours.", autocompletion=shipped("pipelines")),
 ]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON here.")]
-Split = Annotated[ProtocolName, typer.Option(help="How recordings are split.")]
 MaxMs = Annotated[float | None, typer.Option(help="Milliseconds that the features of a recording may take.")]
 MaxFeatures = Annotated[int | None, typer.Option(help="Columns that may reach the classifier.")]
-Touch = Annotated[
-    float | None,
-    typer.Option("--touch", help="Classify single windows of so many seconds of movement, not recordings."),
-]
-Touches = Annotated[
-    int | None,
-    typer.Option("--touches", help="At most so many windows of each recording, the first; all by default."),
-]
-Peers = Annotated[
-    bool,
-    typer.Option(
-        "--peers",
-        help="Run librosa MFCC, TSFEL, tsfresh, catch22, QUANT and the rockets on the same folds, too.",
-    ),
-]
-PeersPython = Annotated[
-    Path | None,
-    typer.Option(
-        help="The interpreter that has the peers and scikit-learn; this one by default (extra `peers`)."
-    ),
-]
-PeersOnly = Annotated[
-    str | None, typer.Option(help="Only these peers, separated by commas: mfcc,minirocket.")
-]
-PeersLimit = Annotated[
-    int | None,
-    typer.Option(help="At most so many recordings: materials are left out whole, for ours as well."),
-]
-PeersSeconds = Annotated[
-    float, typer.Option(help="Time limit for each peer, in seconds; the folds it finished count.")
-]
-PeersSignals = Annotated[
-    str,
-    typer.Option(
-        help="What peers are given: the `same` signals as our features, or `each` channel by itself."
-    ),
-]
-
-
-def open_recordings(dataset: str, fs: float | None, unit: str | None, skip_bad: bool) -> "Dataset":
-    """Open a shipped card, a card of the user's, or a folder."""
-    from texclass.loaders import open_dataset
-
-    return open_dataset(dataset, fs=fs, unit=unit, skip_bad=skip_bad)
 
 
 def write_json(path: Path | None, text: str) -> None:

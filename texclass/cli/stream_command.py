@@ -97,12 +97,13 @@ def stream(
         with view_of(session, source, as_json) as shown:
             try:
                 for block in blocks:
-                    shown.show(session.take(block), block)
+                    shown.show(session.take(block))
             except KeyboardInterrupt:
                 pass
             finally:
                 blocks.close()
-            answered = shown.end(session.finish())
+            shown.show(session.finish())
+        answered = shown.end()
     except BrokenPipeError:  # nobody reads any more
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     else:

@@ -12,7 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from texclass.recognition import Block, Event, Notice, Session, Verdict, WindowAnswer
+from texclass.recognition import ContactVerdict, Event, Notice, Session, WindowAnswer
 
 REFRESH_S = 0.1
 N_SHOWN = 5
@@ -21,8 +21,8 @@ LEVEL_DB = 60.0
 """Full length of the level's bar."""
 
 
-class StreamView:
-    """Follows a session; what is the same for all ways to show it.
+class Lines:
+    """Follows a session in lines, for where nothing can be drawn: events, notices, each verdict that differs.
 
     Parameters
     ----------
@@ -35,9 +35,10 @@ class StreamView:
     def __init__(self, session: Session, source: str) -> None:
         self.session, self.source = session, source
         self.heard: WindowAnswer | None = None
-        self.final: tuple[Verdict, float, float] | None = None
+        self.final: tuple[ContactVerdict, float, float] | None = None
         """The last verdict, and from when to when it was felt (s)."""
         self.n_answers = 0
+        self._said: tuple[object, ...] = ()
 
     def __enter__(self) -> Self:
         return self
@@ -45,7 +46,7 @@ class StreamView:
     def __exit__(self, *error: object) -> None:
         """Nothing is open."""
 
-    def show(self, found: Iterable[Event | WindowAnswer | Notice], block: Block | None = None) -> None:
+    def show(self, found: Iterable[Event | WindowAnswer | Notice]) -> None:
         """Take in what a block has told."""
         for update in found:
             if isinstance(update, WindowAnswer):
@@ -58,13 +59,13 @@ class StreamView:
             else:
                 self.noticed(update)
 
-    def end(self, found: Iterable[Event | WindowAnswer | Notice]) -> bool:
-        """Take in the last of it, say the final answer, and return whether there is one."""
-        self.show(found)
-        self.ended()
+    def end(self) -> bool:
+        """Say the final answer, below all that was shown, and return whether there is one."""
         if self.final is None:
             typer.echo("no answer: nothing was felt for long enough", err=True)
-        return self.final is not None
+            return False
+        self.ended(*self.final)
+        return True
 
     def seconds(self, sample: int) -> float:
         """Return when a sample was, in seconds since the start of the stream."""
@@ -72,19 +73,27 @@ class StreamView:
         return sample / live.fs if live else 0.0
 
     def answered(self, update: WindowAnswer) -> None:
-        """Show an answer."""
+        """Show an answer: its verdict when the surface changes, or when it becomes sure."""
+        verdict = update.verdict
+        if (now := (update.onset, verdict.surface, verdict.sure, verdict.unknown)) != self._said:
+            self._said = now
+            typer.echo(f"{self.seconds(update.known):9.3f} s  {told(verdict)}")
 
     def happened(self, event: Event) -> None:
         """Show an event."""
+        what = f" ({event.what})" if event.what else ""
+        typer.echo(f"{self.seconds(event.sample):9.3f} s  {event.kind}{what}")
 
     def noticed(self, notice: Notice) -> None:
-        """Show what is wrong."""
+        """Show what is wrong, on standard error."""
+        typer.echo(f"notice: {notice.what}", err=True)
 
-    def ended(self) -> None:
+    def ended(self, verdict: ContactVerdict, start_s: float, stop_s: float) -> None:
         """Show the final answer."""
+        typer.echo(f"final: {told(verdict)}, felt from {start_s:.3f} s to {stop_s:.3f} s")
 
 
-class JsonLines(StreamView):
+class JsonLines(Lines):
     """A JSON object a line; `type` is answer, event, notice or final."""
 
     def answered(self, update: WindowAnswer) -> None:
@@ -113,46 +122,17 @@ class JsonLines(StreamView):
         """Print what is wrong."""
         self._print("notice", t_s=notice.t_s, what=notice.what)
 
-    def ended(self) -> None:
+    def ended(self, verdict: ContactVerdict, start_s: float, stop_s: float) -> None:
         """Print the final answer."""
-        if self.final is not None:
-            verdict, start, stop = self.final
-            self._print("final", onset_s=start, stop_s=stop, n_lost=self.session.n_lost, **verdict.to_dict())
+        n_lost = self.session.n_lost
+        self._print("final", onset_s=start_s, stop_s=stop_s, n_lost=n_lost, **verdict.to_dict())
 
     def _print(self, type_: str, /, **facts: Any) -> None:
         rounded = {k: round(v, 6) if isinstance(v, float) else v for k, v in facts.items()}
         print(json.dumps({"type": type_, **rounded}), flush=True)
 
 
-class Lines(StreamView):
-    """Lines for where nothing can be drawn: events, notices, and each verdict that differs."""
-
-    _said: tuple[object, ...] = ()
-
-    def answered(self, update: WindowAnswer) -> None:
-        """Print a verdict when its surface changes, or when it becomes sure."""
-        verdict = update.verdict
-        if (now := (update.onset, verdict.surface, verdict.sure, verdict.unknown)) != self._said:
-            self._said = now
-            typer.echo(f"{self.seconds(update.known):9.3f} s  {told(verdict)}")
-
-    def happened(self, event: Event) -> None:
-        """Print an event."""
-        what = f" ({event.what})" if event.what else ""
-        typer.echo(f"{self.seconds(event.sample):9.3f} s  {event.kind}{what}")
-
-    def noticed(self, notice: Notice) -> None:
-        """Print what is wrong, on standard error."""
-        typer.echo(f"notice: {notice.what}", err=True)
-
-    def ended(self) -> None:
-        """Print the final answer."""
-        if self.final is not None:
-            verdict, start, stop = self.final
-            typer.echo(f"final: {told(verdict)}, felt from {start:.3f} s to {stop:.3f} s")
-
-
-class Picture(StreamView):
+class Picture(Lines):
     """A picture in the terminal, drawn anew ten times a second at most."""
 
     def __init__(self, session: Session, source: str, console: Console) -> None:
@@ -169,11 +149,12 @@ class Picture(StreamView):
 
     def __exit__(self, *error: object) -> None:
         """Leave the last picture."""
+        self._live.update(self.picture(), refresh=True)
         self._live.stop()
 
-    def show(self, found: Iterable[Event | WindowAnswer | Notice], block: Block | None = None) -> None:
+    def show(self, found: Iterable[Event | WindowAnswer | Notice]) -> None:
         """Take in what a block has told, and draw if it is time."""
-        super().show(found, block)
+        super().show(found)
         now = time.monotonic()
         if now - self._drawn >= REFRESH_S:
             self._drawn = now
@@ -193,16 +174,6 @@ class Picture(StreamView):
         """Remember what is wrong."""
         self._notices.append(notice.what)
 
-    def ended(self) -> None:
-        """Draw the last picture and say the final answer."""
-        self._live.update(self.picture(), refresh=True)
-        self._live.stop()
-        if self.final is not None:
-            verdict, start, stop = self.final
-            self._live.console.print(
-                f"final: {told(verdict)}, felt from {start:.3f} s to {stop:.3f} s", highlight=False
-            )
-
     def picture(self) -> Group:
         """Return what is drawn now."""
         live = self.session.live
@@ -214,32 +185,18 @@ class Picture(StreamView):
             "  level ", (bar(above / LEVEL_DB, 20) if above else "", "cyan"), f" {level:.3g} {unit}",
             f" ({above:+.0f} dB over rest)" if above else "",
         )  # fmt: skip
-        lines: list[Any] = [head, *([self._surfaces()] if self.heard else [Text("nothing felt yet", "dim")])]
+        lines: list[Any] = [head, _surfaces(self.heard) if self.heard else Text("nothing felt yet", "dim")]
         typical = sorted(self._ms)[len(self._ms) // 2] if self._ms else 0.0
         foot = f"{self.n_answers} answers, {typical:.2f} ms each, lost {self.session.n_lost}"
         lines.append(Text("; ".join([foot, *self._events]), "dim"))
         lines += [Text(f"notice: {what}", "yellow") for what in self._notices]
         return Group(*lines)
 
-    def _surfaces(self) -> Table:
-        heard = self.heard
-        assert heard is not None
-        verdict = heard.verdict
-        best = sorted(verdict.probabilities.items(), key=lambda pair: -pair[1])[:N_SHOWN]
-        table = Table.grid(padding=(0, 1))
-        for i, (surface, p) in enumerate(best):
-            style = "bold green" if i == 0 and verdict.sure else "bold" if i == 0 else ""
-            mark = "unknown?" if i == 0 and verdict.unknown else "sure" if i == 0 and verdict.sure else ""
-            table.add_row(Text(surface, style), Text(bar(p, BAR), "green"), f"{100 * p:5.1f} %", mark)
-        for reason in heard.answer.reasons[:2]:
-            table.add_row(Text(reason, "yellow"))
-        return table
-
 
 PHASE_STYLE = {"moving": "bold green", "touched": "bold", "pause": "yellow"}
 
 
-def view_of(session: Session, source: str, as_json: bool) -> StreamView:
+def view_of(session: Session, source: str, as_json: bool) -> Lines:
     """Return the way to show a session: JSON if asked for, a picture in a terminal, else lines."""
     if as_json:
         return JsonLines(session, source)
@@ -247,7 +204,21 @@ def view_of(session: Session, source: str, as_json: bool) -> StreamView:
     return Picture(session, source, console) if console.is_terminal else Lines(session, source)
 
 
-def told(verdict: Verdict) -> str:
+def _surfaces(heard: WindowAnswer) -> Table:
+    """Return the likeliest surfaces of a contact with their probabilities, and what is to be known of it."""
+    verdict = heard.verdict
+    best = sorted(verdict.probabilities.items(), key=lambda pair: -pair[1])[:N_SHOWN]
+    table = Table.grid(padding=(0, 1))
+    for i, (surface, p) in enumerate(best):
+        style = "bold green" if i == 0 and verdict.sure else "bold" if i == 0 else ""
+        mark = "unknown?" if i == 0 and verdict.unknown else "sure" if i == 0 and verdict.sure else ""
+        table.add_row(Text(surface, style), Text(bar(p, BAR), "green"), f"{100 * p:5.1f} %", mark)
+    for reason in heard.answer.reasons[:2]:
+        table.add_row(Text(reason, "yellow"))
+    return table
+
+
+def told(verdict: ContactVerdict) -> str:
     """Return a verdict in words."""
     unknown = "unknown surface, most like " if verdict.unknown else ""
     sure = ", sure" if verdict.sure else f" (or {verdict.runner_up})"

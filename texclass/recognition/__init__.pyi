@@ -4,8 +4,8 @@ from .export.parity import ParityError as ParityError
 from .export.parity import check_parity as check_parity
 from .live.contact import ContactRules as ContactRules
 from .live.contact import Event as Event
+from .live.evidence import ContactVerdict as ContactVerdict
 from .live.evidence import Evidence as Evidence
-from .live.evidence import Verdict as Verdict
 from .live.session import Notice as Notice
 from .live.session import OnlineRecogniser as OnlineRecogniser
 from .live.session import OnlineSettings as OnlineSettings

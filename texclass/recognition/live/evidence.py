@@ -17,7 +17,7 @@ DISCOUNT = 0.5
 
 
 @dataclass(frozen=True)
-class Verdict:
+class ContactVerdict:
     """Which surface the contact is with, after all windows so far.
 
     Attributes
@@ -115,9 +115,9 @@ class Evidence:
         self._weight = self._worth = 0.0
         self._n = self._n_unknown = 0
         self._sure = False
-        self.verdict: Verdict | None = None
+        self.verdict: ContactVerdict | None = None
 
-    def add(self, answer: Answer, felt_s: float) -> Verdict:
+    def add(self, answer: Answer, felt_s: float) -> ContactVerdict:
         """Take in the answer of a window that ends `felt_s` after the onset; return what is known now."""
         p = np.array([answer.probabilities[m] for m in self.materials])
         self._n += 1
@@ -125,7 +125,7 @@ class Evidence:
         together = self._voted(p) if self.kind == "majority" else self._summed(p)
         together /= together.sum()
         self._sure = self._sure or bool(together.max() >= self.confidence)
-        self.verdict = Verdict(
+        self.verdict = ContactVerdict(
             unknown=2 * self._n_unknown >= self._n,
             sure=self._sure,
             n_windows=self._n,

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from texclass.recognition.live.contact import Contact, ContactRules, Event
-from texclass.recognition.live.evidence import CONFIDENCE, DISCOUNT, Evidence, Kind, Verdict
+from texclass.recognition.live.evidence import CONFIDENCE, DISCOUNT, ContactVerdict, Evidence, Kind
 from texclass.recognition.live.level import Level, Ring
 from texclass.recognition.live.windows import Stretches, TapMemory, Tapped
 from texclass.recognition.model import RATE_TOLERANCE, Answer, Model, load_model
@@ -101,7 +101,7 @@ class WindowAnswer:
     stop: int
     known: int
     answer: Answer
-    verdict: Verdict
+    verdict: ContactVerdict
     onset: int
     ms: float
 
@@ -245,7 +245,7 @@ class OnlineRecogniser:
             self._next = self._ring.stop + self.window
 
     @property
-    def verdict(self) -> Verdict | None:
+    def verdict(self) -> ContactVerdict | None:
         """What is known of the contact at hand; None before its first window."""
         return self.evidence.verdict
 
