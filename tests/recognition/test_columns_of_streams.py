@@ -229,11 +229,7 @@ def rubbing_model():
     friction = load_feature_set("texclass").restricted_to(["friction", "prediction_gain"])
     rows = (RowDefinition(name="Friction", features=("friction", "prediction_gain")),)
     return train(
-        rubbed(),
-        pipeline(features=friction, rows=rows),
-        row="Friction",
-        classifier="lda",
-        false_alarms=0.2,
+        rubbed(), pipeline(features=friction, rows=rows), row="Friction", classifier="lda", false_alarms=0.2
     )
 
 
@@ -266,10 +262,7 @@ def test_a_stream_without_friction_is_refused_before_it_begins(rubbing_model, tm
 
     with pytest.raises(RecordingError, match=f"ros2:/imu: sensor_msgs/msg/Imu has {told}"):
         topic_blocks(
-            "/imu",
-            type_name="sensor_msgs/msg/Imu",
-            reliability="reliable",
-            needs=rubbing_model.needs,
+            "/imu", type_name="sensor_msgs/msg/Imu", reliability="reliable", needs=rubbing_model.needs
         )
     with pytest.raises(ValueError, match="has 3 columns; the rule is 4, ax, ay, az, friction"):
         Stretches(rubbing_model, 3, FS, "m/s^2")

@@ -6,15 +6,9 @@ from numpy.testing import assert_array_equal
 from scipy import signal as scipy_signal
 from toy_surfaces import FS, SURFACES, signal
 
-from texclass.recognition import (
-    ContactRules,
-    Event,
-    OnlineRecogniser,
-    OnlineSettings,
-    WindowAnswer,
-)
+from texclass.recognition import ContactRules, Event, OnlineRecogniser, OnlineSettings, WindowAnswer
 from texclass.recognition.export.parity import reference
-from texclass.recognition.live.level import Level, Ring
+from texclass.recognition.live.contact import Level, Ring
 from texclass.recording import Phases, Recording
 from texclass.signals import butterworth
 

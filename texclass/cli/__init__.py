@@ -1,13 +1,7 @@
 """The command line: parse, call one function, print. Nothing heavy is imported before a command needs it."""
 
 # Importing commands puts them into the program, in this order.
-from texclass.cli import (
-    experiment_commands,
-    listing_commands,
-    model_commands,
-    scene_commands,
-    stream_command,
-)
+from texclass.cli import experiment_commands, listing_commands, model_commands, scene_commands, stream_command
 from texclass.cli.app import app, main
 
 __all__ = ["app", "main"]

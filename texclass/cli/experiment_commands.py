@@ -29,8 +29,7 @@ def benchmark(
         typer.Option(help="Classify single windows of so many seconds of movement, not recordings."),
     ] = None,
     touches: Annotated[
-        int | None,
-        typer.Option(help="At most so many windows of each recording, the first; all by default."),
+        int | None, typer.Option(help="At most so many windows of each recording, the first; all by default.")
     ] = None,
     folds: Annotated[int | None, typer.Option(help="Number of folds; the pipeline's own by default.")] = None,
     choose: Annotated[

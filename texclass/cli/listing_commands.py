@@ -20,8 +20,7 @@ def inspect(
         Path | None, typer.Option(help="Picture to write; <recording>.inspect.png here by default.")
     ] = None,
     features: Annotated[
-        str,
-        typer.Option(help="Feature set whose values are shown.", autocompletion=shipped("feature_defs")),
+        str, typer.Option(help="Feature set whose values are shown.", autocompletion=shipped("feature_defs"))
     ] = "strese2015",
     fs: options.Fs = None,
     unit: options.Unit = None,

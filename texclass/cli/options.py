@@ -43,8 +43,7 @@ Fs = Annotated[
     float | None, typer.Option("--fs", help="Sampling rate in Hz, where the files do not state it.")
 ]
 Unit = Annotated[
-    str | None,
-    typer.Option("--unit", help="Unit of the acceleration: m/s^2, g, mg, counts, V or arbitrary."),
+    str | None, typer.Option("--unit", help="Unit of the acceleration: m/s^2, g, mg, counts, V or arbitrary.")
 ]
 Jobs = Annotated[int, typer.Option("--jobs", help="Processes; -1 uses every core.")]
 RunOn = Annotated[
@@ -61,8 +60,7 @@ SkipBad = Annotated[
     bool, typer.Option("--skip-bad", help="Leave bad recordings out and list them, instead of stopping.")
 ]
 Pipeline = Annotated[
-    str,
-    typer.Option(help="A shipped pipeline, or a TOML of yours.", autocompletion=shipped("pipelines")),
+    str, typer.Option(help="A shipped pipeline, or a TOML of yours.", autocompletion=shipped("pipelines"))
 ]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON here.")]
 MaxMs = Annotated[float | None, typer.Option(help="Milliseconds that the features of a recording may take.")]

@@ -92,14 +92,7 @@ def convert(
     order: Annotated[int, typer.Option(help="To XML: largest order of the models.", min=1, max=100)] = 20,
 ) -> None:
     """Convert a texture between our format and Penn HaTT XML."""
-    from texclass.exchange import (
-        describe,
-        load_texture,
-        read_hatt,
-        save_texture,
-        to_hatt,
-        write_hatt,
-    )
+    from texclass.exchange import describe, load_texture, read_hatt, save_texture, to_hatt, write_hatt
 
     kinds = source.suffix.lower(), target.suffix.lower()
     if kinds == (".xml", ".texture"):

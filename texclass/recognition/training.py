@@ -126,12 +126,7 @@ def train(
     splits = splits_of(held_out_by, known, defined.seed)
     check_false_alarms(false_alarms, sum(len(test) for _, test in splits))
     table = cached_table(
-        felt,
-        *defined.needed,
-        channels=defined.channels,
-        n_jobs=n_jobs,
-        skip_bad=skip_bad,
-        progress=progress,
+        felt, *defined.needed, channels=defined.channels, n_jobs=n_jobs, skip_bad=skip_bad, progress=progress
     )
     meter = CostMeter.on(felt, table.frame["recording_id"].tolist(), defined.channels)
     candidates = candidates_of(

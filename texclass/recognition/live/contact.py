@@ -1,19 +1,149 @@
-"""Contact, strokes, taps and lift-off as they happen: a level against a noise floor, with hysteresis."""
+"""What the tool does, as it happens: how strongly it vibrates; contacts, strokes, taps and lift-offs of that.
+
+Vibration is measured bin by bin (`Level`); a level against a noise floor, with hysteresis, says the rest.
+"""
 
 import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
-from texclass.phases import AT_REST_M_S2
-from texclass.recognition.live.level import Bin
+import numpy as np
 
+from texclass.phases import AT_REST_M_S2, LEAST_SAMPLES
+from texclass.recording import Samples
+from texclass.signals import butterworth, causal
+
+HAND_HZ = 60.0
+"""Motion below belongs to hand, tremor and gravity, as in `texclass.phases`; 0.2 fs for slow sensors."""
+BIN_S = 0.005
 Kind = Literal["contact", "stroke", "tap", "lift-off", "break"]
 _DEAD = 1e-14
 """Power below this share of the strongest is rounding."""
 _WHITE = 0.25
 """Correlation of neighbouring samples up to which a steady signal without scale counts as noise."""
+
+
+class Ring:
+    """The last rows of a stream, any stretch of them in one piece.
+
+    Rows are numbered from the first one ever pushed. They are written one after another; where there is no
+    place left, the last `capacity` of them go to the front.
+
+    Parameters
+    ----------
+    capacity : int
+        Rows that are kept.
+    n_columns : int
+        Numbers a row.
+    """
+
+    def __init__(self, capacity: int, n_columns: int) -> None:
+        self.capacity = capacity
+        self._rows = np.zeros((2 * capacity, n_columns))
+        self._front = 0
+        """Number of the row that stands first."""
+        self.start = self.stop = 0
+        """The rows [start, stop) are at hand."""
+
+    def push(self, rows: Samples) -> None:
+        """Append rows of shape (n, n_columns), n at most the capacity; the oldest ones make place."""
+        if self.stop + len(rows) - self._front > len(self._rows):
+            self._rows[: self.stop - self.start] = self.view(self.start, self.stop)
+            self._front = self.start
+        at = self.stop - self._front
+        self._rows[at : at + len(rows)] = rows
+        self.stop += len(rows)
+        self.start = max(self.start, self.stop - self.capacity)
+
+    def skip(self, n: int) -> None:
+        """Go on `n` rows later: those between, and all before, are not at hand."""
+        self._front = self.start = self.stop = self.stop + n
+
+    def view(self, start: int, stop: int) -> Samples:
+        """Return rows [start, stop), shape (stop - start, n_columns); valid until the next push.
+
+        Raises
+        ------
+        ValueError
+            If they are not at hand.
+        """
+        if not self.start <= start <= stop <= self.stop:
+            raise ValueError(f"rows {start} to {stop}; the rule is from {self.start} to {self.stop}")
+        return self._rows[start - self._front : stop - self._front]
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory it takes."""
+        return self._rows.nbytes
+
+
+class Bin(NamedTuple):
+    """Samples [start, stop) of the stream, and their mean square vibration."""
+
+    start: int
+    stop: int
+    power: float
+
+
+class Level:
+    """Mean square of what a causal high-pass leaves, summed over axes, in bins of some milliseconds.
+
+    The filter runs from sample to sample and bins are counted from the first sample after a break, so they
+    do not depend on how samples come in blocks.
+
+    Parameters
+    ----------
+    fs : float
+        Sampling rate in Hz.
+    n_axes : int
+        Columns of what is pushed.
+    keep_s : float
+        Seconds of the vibration that are remembered.
+
+    Attributes
+    ----------
+    bin_size : int
+        Samples a bin.
+    vibration : Ring
+        What the high-pass leaves, shape (n, n_axes).
+    """
+
+    def __init__(self, fs: float, n_axes: int, keep_s: float) -> None:
+        self.bin_size = max(LEAST_SAMPLES, round(BIN_S * fs))
+        self.vibration = Ring(round(keep_s * fs) + 4 * self.bin_size, n_axes)
+        self._sos = butterworth("highpass", min(HAND_HZ, 0.2 * fs), fs)
+        self._state: Samples | None = None
+
+    def push(self, rows: Samples) -> list[Bin]:
+        """Filter finite samples (n, n_axes), n a multiple of `bin_size`, and return their bins."""
+        if not len(rows):
+            return []
+        # Without a state the filter is at rest on the first sample: gravity causes no transient.
+        filtered, self._state = causal(self._sos, rows, self._state)
+        start, size = self.vibration.stop, self.bin_size
+        self.vibration.push(filtered)
+        starts = range(0, len(rows), size)
+        # Each segment is summed by itself: the order does not depend on how many there are.
+        sums = np.add.reduceat(self.power(start, self.vibration.stop), starts).tolist()
+        return [Bin(start + k, start + k + size, s / size) for k, s in zip(starts, sums, strict=True)]
+
+    def power(self, start: int, stop: int) -> Samples:
+        """Return the square of the vibration, summed over axes, of samples [start, stop)."""
+        near = self.vibration.view(start, stop)
+        return np.asarray(np.einsum("ij,ij->i", near, near))
+
+    def correlation(self, start: int, stop: int) -> float:
+        """Return how far samples [start, stop) resemble those before them: about 0 for white noise."""
+        v = self.vibration.view(start, stop)
+        power = float((v**2).sum())
+        return float((v[1:] * v[:-1]).sum()) / power if power > 0 else 0.0
+
+    def skip(self, n: int) -> None:
+        """Go on `n` samples later, at rest on what comes then."""
+        self.vibration.skip(n)
+        self._state = None
 
 
 @dataclass(frozen=True)
@@ -135,8 +265,7 @@ class Contact:
         """Level of a contact that the stream began in; 0 where the floor is known from a rest."""
         self._opening: list[Bin] = []
         self._recent: deque[float] = deque(maxlen=self._n["smooth_s"])
-        self._active: deque[bool] = deque([False] * self._n["window_s"])
-        self._n_active = 0
+        self._active: deque[bool] = deque(maxlen=self._n["window_s"])
         self._on, self._quiet_for, self._since_tap = False, 0, 1 << 30
         self._run: list[int] = []
         """Start and end of the activity at hand, while it is not known what it is."""
@@ -194,7 +323,13 @@ class Contact:
         if len(self._opening) < self._n["quiet_s"]:
             return said
         mean = math.fsum(b.power for b in self._opening) / len(self._opening)
-        if self._asked or (self._asked is None and not self._is_rest(mean)):
+        in_contact = self._asked
+        if in_contact is None:
+            steady = max(b.power for b in self._opening) <= 10 * mean
+            small = self.unit == "m/s^2" and mean < AT_REST_M_S2**2
+            white = abs(self._correlation(self._opening[0].start, new.stop)) <= _WHITE
+            in_contact = mean > 0 and not (steady and (small or white))
+        if in_contact:
             if not self.moving:
                 start = self.onset
                 said = [Event("contact", start, new.stop, start, "no rest at the start: taken as movement")]
@@ -203,12 +338,6 @@ class Contact:
             self.floor = mean or 1e-300
         self._opening = []
         return said
-
-    def _is_rest(self, mean: float) -> bool:
-        steady = max(b.power for b in self._opening) <= 10 * mean
-        small = self.unit == "m/s^2" and mean < AT_REST_M_S2**2
-        white = abs(self._correlation(self._opening[0].start, self._opening[-1].stop)) <= _WHITE
-        return mean == 0 or (steady and (small or white))
 
     def _begun_in_contact(self, new: Bin) -> list[Event]:
         """Follow a contact whose noise floor nobody knows: it ends where its level drops by far."""
@@ -223,14 +352,14 @@ class Contact:
         return self._lift(new.stop)
 
     def _against_floor(self, new: Bin) -> list[Event]:
-        rules, floor = self.rules, self._floor()
+        """Tell activity from noise, and a movement, which lasts, from a tap."""
+        rules, n, floor = self.rules, self._n, self._floor()
         self._on = self.level > (rules.off_ratio if self._on else rules.on_ratio) * floor
         self._active.append(self._on)
-        self._n_active += self._on - self._active.popleft()
         self._since_tap += 1
         said: list[Event] = []
         if self._on:
-            if self.moving and self._quiet_for >= self._n["turn_s"]:
+            if self.moving and self._quiet_for >= n["turn_s"]:
                 said.append(Event("stroke", new.start, new.stop, new.start))
             self._quiet_for, self.active_until = 0, new.stop
             self._run = [self._run[0] if self._run else new.start, new.stop]
@@ -239,27 +368,21 @@ class Contact:
             self._quiet_for += 1
             if not self._run:
                 self.floor += self._forget * (new.power - self.floor)
-        if not self.moving and self._n_active >= rules.share * self._n["window_s"] and self._run:
-            return [*said, self._begin(new)]
         if self.moving:
-            return said + (self._lift(new.stop) if self._quiet_for >= self._n["pause_s"] else [])
-        if self._run and self._quiet_for >= self._n["gap_s"]:
-            said += self._end_of_run(new, floor)
+            return said + (self._lift(new.stop) if self._quiet_for >= n["pause_s"] else [])
+        if not self._run:
+            return said
+        start, stop = self._run
+        if sum(self._active) >= rules.share * n["window_s"]:
+            self.moving, self.onset = True, start
+            said.append(Event("contact", start, new.stop, start))
+        elif self._quiet_for < n["gap_s"]:
+            return said  # it may go on
+        elif self._run_peak >= rules.tap_ratio * floor and self._since_tap >= n["tap_spacing_s"] + n["gap_s"]:
+            self._since_tap = 0
+            said.append(Event("tap", start, new.stop, stop))
+        self._run, self._run_peak = [], 0.0
         return said
-
-    def _begin(self, new: Bin) -> Event:
-        self.moving, self.onset = True, self._run[0]
-        self._run, self._run_peak = [], 0.0
-        return Event("contact", self.onset, new.stop, self.onset)
-
-    def _end_of_run(self, new: Bin, floor: float) -> list[Event]:
-        """Say whether an activity that is over was a tap."""
-        (start, stop), strong = self._run, self._run_peak >= self.rules.tap_ratio * floor
-        self._run, self._run_peak = [], 0.0
-        if not strong or self._since_tap < self._n["tap_spacing_s"] + self._n["gap_s"]:
-            return []
-        self._since_tap = 0
-        return [Event("tap", start, new.stop, stop)]
 
     def _lift(self, known: int) -> list[Event]:
         self.moving = False
@@ -268,7 +391,7 @@ class Contact:
 
     def _forget_activity(self) -> None:
         self._run, self._run_peak = [], 0.0
-        self._active, self._n_active = deque([False] * len(self._active)), 0
+        self._active.clear()
 
     def _floor(self) -> float:
         return max(self.floor, _DEAD * self._peak, 1e-300)

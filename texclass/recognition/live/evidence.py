@@ -8,7 +8,6 @@ from typing import Any, Literal
 import numpy as np
 
 from texclass.recognition.model import Answer, ranked
-from texclass.recording import Samples
 
 Kind = Literal["majority", "sequential"]
 CONFIDENCE = 0.95
@@ -122,7 +121,17 @@ class Evidence:
         p = np.array([answer.probabilities[m] for m in self.materials])
         self._n += 1
         self._n_unknown += answer.unknown
-        together = self._voted(p) if self.kind == "majority" else self._summed(p)
+        if self.kind == "majority":
+            self._votes[int(np.argmax(p))] += 1
+            self._sum += p
+            tie_break = 1e-6 * self._sum / self._n
+            together = (self._votes + 1 + tie_break) / (self._n + len(p))
+        else:
+            self._sum = self._g * self._sum + np.log(np.maximum(p, 1e-12))
+            self._sum -= self._sum.max()
+            self._weight = self._g * self._weight + 1
+            self._worth = self._g * self._worth + (1.0 if self._n == 1 else self._later)
+            together = np.exp(self._worth / self._weight * self._sum)  # the largest is 1: no overflow
         together /= together.sum()
         self._sure = self._sure or bool(together.max() >= self.confidence)
         self.verdict = ContactVerdict(
@@ -133,16 +142,3 @@ class Evidence:
             **ranked(together, self.materials),
         )
         return self.verdict
-
-    def _voted(self, p: Samples) -> Samples:
-        self._votes[int(np.argmax(p))] += 1
-        self._sum += p
-        tie_break = 1e-6 * self._sum / self._n
-        return np.asarray((self._votes + 1 + tie_break) / (self._n + len(p)))
-
-    def _summed(self, p: Samples) -> Samples:
-        worth = 1.0 if self._n == 1 else self._later
-        self._sum = self._g * self._sum + np.log(np.maximum(p, 1e-12))
-        self._sum -= self._sum.max()
-        self._weight, self._worth = self._g * self._weight + 1, self._g * self._worth + worth
-        return np.asarray(np.exp(self._worth / self._weight * self._sum))  # the largest is 1: no overflow

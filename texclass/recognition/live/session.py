@@ -1,10 +1,9 @@
 """From samples to answers as they come: blocks in; events, answers, verdicts and notices out.
 
 A sample comes in a `Block` (`texclass.recognition.sources`) to `Session.take`, which says what is wrong with
-the stream and passes finite samples on to `OnlineRecogniser.push`. There it is conditioned and kept
-(`windows`), becomes part of a level (`level`), which tells movement, taps and lift-off (`contact`). A window
-that is due is answered by the model as any recording is, and the answers of a contact are put together
-(`evidence`).
+the stream and passes finite samples on to `OnlineRecogniser.push`. There it is conditioned, kept, and part of
+a level, which tells movement, taps and lift-off (`contact`). A window that is due becomes a recording
+(`windows`), which the model answers as any other, and the answers of a contact are put together (`evidence`).
 """
 
 import math
@@ -18,9 +17,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from texclass.recognition.live.contact import Contact, ContactRules, Event
+from texclass.recognition.live.contact import Contact, ContactRules, Event, Level, Ring
 from texclass.recognition.live.evidence import CONFIDENCE, DISCOUNT, ContactVerdict, Evidence, Kind
-from texclass.recognition.live.level import Level, Ring
 from texclass.recognition.live.windows import Stretches, TapMemory, Tapped
 from texclass.recognition.model import RATE_TOLERANCE, Answer, Model, load_model
 from texclass.recognition.sources.blocks import Block
@@ -210,7 +208,14 @@ class OnlineRecogniser:
             raise ValueError(f"samples have {rows.shape[1]} columns; the rule is {self.n_columns}, as before")
         rows, found = self._stretches.conditioned(rows), list[Update]()
         for first in range(0, len(rows), self._piece):
-            found += self._take(rows[first : first + self._piece])
+            self._ring.push(rows[first : first + self._piece])
+            heard = self._level.vibration.stop
+            whole = self._ring.stop - (self._ring.stop - heard) % self._level.bin_size
+            for new in self._level.push(self._ring.view(heard, whole)[:, : self._stretches.n_axes]):
+                for event in self._contact.step(new):
+                    found += self._after(event)
+                if self._contact.moving and not self._taps_only:
+                    found += self._windows(new.stop)
         return tuple(found)
 
     def interrupt(self, n_missing: int) -> tuple[Update, ...]:
@@ -235,14 +240,6 @@ class OnlineRecogniser:
             found += last
             self._free_from = 0
         return (*found, *self._short_contact(self._ring.stop))
-
-    def reset(self) -> None:
-        """Forget the contact at hand: windows begin with the next sample."""
-        self.evidence.reset()
-        self._due.clear()
-        if self._ready:
-            self._contact_from = self._ring.stop
-            self._next = self._ring.stop + self.window
 
     @property
     def verdict(self) -> ContactVerdict | None:
@@ -286,17 +283,6 @@ class OnlineRecogniser:
         spread = max(round(SPREAD_S * self.fs), self._level.bin_size)
         self._spread = spread if 2 * spread <= self.hop else 0  # else more would come than go
         self._ready = True
-
-    def _take(self, rows: Samples) -> list[Update]:
-        self._ring.push(rows)
-        heard, found = self._level.vibration.stop, list[Update]()
-        whole = self._ring.stop - (self._ring.stop - heard) % self._level.bin_size
-        for new in self._level.push(self._ring.view(heard, whole)[:, : self._stretches.n_axes]):
-            for event in self._contact.step(new):
-                found += self._after(event)
-            if self._contact.moving and not self._taps_only:
-                found += self._windows(new.stop)
-        return found
 
     def _after(self, event: Event) -> list[Update]:
         """Act on an event: what it means for windows and evidence."""

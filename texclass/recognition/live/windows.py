@@ -4,8 +4,7 @@ import numpy as np
 
 from texclass.features.phase_view import TURN
 from texclass.phases import CLEAR, HAND_RATE_HZ, LEAST_PUSH, Hand, Segmenter, block_mean
-from texclass.recognition.live.contact import Event
-from texclass.recognition.live.level import Level, Ring
+from texclass.recognition.live.contact import Event, Level, Ring
 from texclass.recognition.model import Model
 from texclass.recording import ACCELERATION_UNITS, Phases, Recording, Samples, Tap
 
@@ -66,38 +65,27 @@ class Stretches:
     def window(self, samples: Samples, start: int, tapped: Tapped | None = None) -> Recording:
         """Return samples (n, n_columns), all movement, as a recording, after what was tapped before."""
         before, taps = tapped or (samples[:0], ())
-        whole = np.concatenate([self._at_rest_removed(before), self._at_rest_removed(samples)])
-        phases = Phases(taps, (len(before), len(whole)))
-        return self._recording(whole, phases, f"window at {start / self.fs:.3f} s")
+        phases = Phases(taps, (len(before), len(before) + len(samples)))
+        return self._recording(before, samples, phases, f"window at {start / self.fs:.3f} s")
 
     def tap(self, tapped: Tapped, start: int) -> Recording:
         """Return taps alone as a recording."""
         samples, taps = tapped
-        name = f"tap at {start / self.fs:.3f} s"
-        return self._recording(self._at_rest_removed(samples), Phases(taps), name)
+        return self._recording(samples, samples[:0], Phases(taps), f"tap at {start / self.fs:.3f} s")
 
-    def hand(self, rows: Samples) -> Hand:
-        """Follow the hand through samples (n, n_columns)."""
-        step = max(1, round(self.fs / HAND_RATE_HZ))
-        return Hand(block_mean(rows[:, : self.n_axes], step), self.fs / step, step)
-
-    def _at_rest_removed(self, samples: Samples) -> Samples:
-        """Remove what files of the training data had lost too: the resting level, by its median."""
-        if not (self._rest_is_removed and len(samples)):
-            return samples
-        levelled = samples.copy()
-        levelled[:, : self.n_axes] -= np.median(samples[:, : self.n_axes], axis=0)
-        return levelled
-
-    def _recording(self, samples: Samples, phases: Phases, name: str) -> Recording:
-        axes, turn = samples[:, : self.n_axes], samples[:, self.n_axes : self.n_axes + self._n_turn]
+    def _recording(self, before: Samples, samples: Samples, phases: Phases, name: str) -> Recording:
+        """Return two stretches as one recording, each without the level that training files had lost, too."""
+        whole, n = np.concatenate([before, samples]), self.n_axes
+        for part in np.split(whole, [len(before)]):
+            if self._rest_is_removed and len(part):
+                part[:, :n] -= np.median(part[:, :n], axis=0)
         return Recording(
-            axes[:, 0] if self.n_axes == 1 else axes,
+            whole[:, 0] if n == 1 else whole[:, :n],
             self.fs,
             self.unit,
             name,
-            turn_rate=turn if self._n_turn else None,
-            friction=samples[:, -1] if self._has_friction else None,
+            turn_rate=whole[:, n : n + self._n_turn] if self._n_turn else None,
+            friction=whole[:, -1] if self._has_friction else None,
             channels=self._channels,
             phases=phases,
         )
@@ -131,11 +119,17 @@ class TapMemory:
         An impulse far weaker than the strongest before it is one only if it pushes against the hand: a tool
         that is lifted goes the way the hand accelerates.
         """
-        impact, peak = self._impact(event.sample, event.end, floor)
-        fs, last = self._stretches.fs, self._taps[-1].end if self._taps else 0
+        # The vibration leaves the noise at the impact.
+        fs = self._stretches.fs
+        start = max(self._level.vibration.start, event.sample - round(0.01 * fs))
+        power = self._level.power(start, event.end)
+        peak = float(power.max())
+        impact = start + int(np.argmax(power >= min(max(CLEAR * floor, 1e-3 * peak), peak)))
+        last = self._taps[-1].end if self._taps else 0
         earliest = max(self._ring.start, last, impact - round(TAP_RULES.hand_s * fs))
-        stop = min(event.known, impact + round(0.02 * fs))
-        hand = self._stretches.hand(self._ring.view(earliest, stop))
+        stop, step = min(event.known, impact + round(0.02 * fs)), max(1, round(fs / HAND_RATE_HZ))
+        axes = self._ring.view(earliest, stop)[:, : self._stretches.n_axes]
+        hand = Hand(block_mean(axes, step), fs / step, step)
         push = hand.push(impact - earliest)
         weaker_db = 10 * np.log10(max(self._strongest, 1e-300) / max(peak, 1e-300))
         pushes = push >= LEAST_PUSH * self._greatest
@@ -163,10 +157,3 @@ class TapMemory:
 
     def _start(self, tap: Tap) -> int:
         return max(self._ring.start, tap.start - round(QUIET_S * self._stretches.fs))
-
-    def _impact(self, first: int, end: int, floor: float) -> tuple[int, float]:
-        """Return the sample at which the vibration leaves the noise, and its greatest power."""
-        start = max(self._level.vibration.start, first - round(0.01 * self._stretches.fs))
-        power = self._level.power(start, end)
-        peak = float(power.max())
-        return start + int(np.argmax(power >= min(max(CLEAR * floor, 1e-3 * peak), peak))), peak

@@ -12,14 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import firwin, upfirdn
 
-from texclass.loaders.stamps import (
-    CLOCK_JUMP_S,
-    MOST_LATE,
-    MOST_LOST,
-    NEAR_RATE,
-    nominal_rate,
-    usual_step,
-)
+from texclass.loaders.stamps import CLOCK_JUMP_S, MOST_LATE, MOST_LOST, NEAR_RATE, nominal_rate, usual_step
 from texclass.recording import RecordingError, Samples
 
 Stamps = NDArray[np.int64]
