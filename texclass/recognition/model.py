@@ -1,7 +1,7 @@
 """A trained model: a recording in, an answer out, and with it what a user should know of the answer."""
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -22,10 +22,10 @@ from texclass.recognition.model_files import (
     read_model_file,
     write_model_file,
 )
-from texclass.recognition.probabilities import Calibration, deciding
+from texclass.recognition.probabilities import Calibration, decided
 from texclass.recognition.sources.training_input import Beside, Needs
 from texclass.recognition.unknown import Novelty, strangeness
-from texclass.recording import Phases, Recording, Samples
+from texclass.recording import Recording, Samples
 from texclass.tradeoff.recogniser import Recogniser
 
 SAME_ANSWER = 1e-6
@@ -229,11 +229,19 @@ class Model:
         ValueError
             If it lacks a channel, or nothing fills what is undefined; the message names the recording.
         """
-        unlike = self._unlike_in_kind(recording)
+        unlike = self.unlike(recording.fs, recording.unit)
         phases = segment(recording)
         row = self.plan.compute(recording.with_(phases=phases))
         nothing = ["no feature has a value"] if np.isnan(row.values).all() else []
-        told = [*unlike, *nothing, *self._too_short(recording, phases), *_undefined(row.reasons)]
+        told = [*unlike, *nothing]
+        start, stop = phases.movement or (0, 0)
+        felt_s, least = (stop - start) / recording.fs, self.manifest.shortest_s
+        if "movement" in self.manifest.phases and least is not None and felt_s < SHORTER * least:
+            told.append(f"too short: {felt_s:.3g} s of movement, trained on {least:.3g} s and more")
+        undefined: dict[str, list[str]] = {}
+        for feature, reason in row.reasons:
+            undefined.setdefault(reason, []).append(feature)
+        told += [f"undefined: {_named(names)} ({reason})" for reason, names in undefined.items()]
         return self.answer_values(
             row.values,
             reasons=(*told, *recording.flags),
@@ -269,12 +277,20 @@ class Model:
             )
         p, p_known = (one[0] for one in self.judge(row[None]))
         strange = bool(p_known <= self.novelty.false_alarms)
-        said = (f"unlike every known surface (p = {p_known:.2g})",) if strange else ()
+        said = [f"unlike every known surface (p = {p_known:.2g})"] if strange else []
+        said += reasons
+        far = self.ranges.far(row)
+        order = np.argsort(-far, kind="stable")[: np.count_nonzero(far > MARGIN)].tolist()
+        if judged and order:
+            worst, names = order[0], _named([self.columns[i] for i in order])
+            seen = f"{self.ranges.low[worst]:.3g} to {self.ranges.high[worst]:.3g}"
+            trained = f"{self.columns[worst]} is {row[worst]:.3g}, trained on {seen}"
+            said.append(f"outside the range of training: {names} ({trained})")
         return Answer(
             recording_id=recording_id,
             unknown=strange or not judged,
             p_known=float(p_known),
-            reasons=(*said, *reasons, *(self._outside(row) if judged else ())),
+            reasons=tuple(said),
             **ranked(p, self.materials),
         )
 
@@ -286,7 +302,8 @@ class Model:
         ValueError
             If nothing fills what is undefined.
         """
-        prepared, decisions = self._decide(X)
+        steps = [step for _, step in self.recogniser.steps[1:-1]]
+        prepared, decisions = decided(steps, self.recogniser[-1], X)
         strange = strangeness(self.novelty.kind, decisions, prepared, self.novelty.nearness)
         return self.calibration(decisions), self.novelty.p_value(strange)
 
@@ -330,42 +347,15 @@ class Model:
         probabilities, _ = self.judge(np.nan_to_num(self.ranges.median)[None])
         return np.asarray(probabilities[0])
 
-    @cached_property
-    def _decide(self) -> Callable[[Samples], tuple[Samples, Samples]]:
-        return deciding([step for _, step in self.recogniser.steps[1:-1]], self.recogniser[-1])
-
-    def _unlike_in_kind(self, recording: Recording) -> list[str]:
-        """Return why a recording cannot be judged at all: another sampling rate, another unit."""
-        fs, unit = self.manifest.fs, self.manifest.unit
+    def unlike(self, fs: float, unit: str) -> list[str]:
+        """Return why recordings of such a sampling rate (Hz) and unit cannot be judged at all."""
+        trained = self.manifest
         found = []
-        if abs(recording.fs / fs - 1) > RATE_TOLERANCE:
-            found.append(f"wrong rate: {recording.fs:g} Hz, trained at {fs:g} Hz")
-        if recording.unit != unit:
-            found.append(f"wrong unit: {recording.unit}, trained with {unit}")
+        if abs(fs / trained.fs - 1) > RATE_TOLERANCE:
+            found.append(f"wrong rate: {fs:g} Hz, trained at {trained.fs:g} Hz")
+        if unit != trained.unit:
+            found.append(f"wrong unit: {unit}, trained with {trained.unit}")
         return found
-
-    def _too_short(self, recording: Recording, phases: Phases) -> list[str]:
-        """Return whether less was felt than in training."""
-        least = self.manifest.shortest_s
-        start, stop = phases.movement or (0, 0)
-        felt_s = (stop - start) / recording.fs
-        if "movement" not in self.manifest.phases or least is None or felt_s >= SHORTER * least:
-            return []
-        return [f"too short: {felt_s:.3g} s of movement, trained on {least:.3g} s and more"]
-
-    def _outside(self, row: Samples) -> list[str]:
-        """Return which features have values far from all that were seen in training, the farthest first."""
-        low, high = self.ranges.low, self.ranges.high
-        if not ((row < low) | (row > high)).any():
-            return []
-        far = self.ranges.far(row)
-        order = [int(i) for i in np.argsort(-far, kind="stable") if far[i] > MARGIN]
-        if not order:
-            return []
-        worst = order[0]
-        trained = f"{row[worst]:.3g}, trained on {low[worst]:.3g} to {high[worst]:.3g}"
-        names = _named([self.columns[i] for i in order])
-        return [f"outside the range of training: {names} ({self.columns[worst]} is {trained})"]
 
 
 def joined(answers: Sequence[Answer], recording_id: str) -> Answer:
@@ -436,7 +426,20 @@ def load_model(path: str | Path) -> Model:
     document, manifest = read_model_file(path)
     try:
         with np.errstate(all="ignore"):  # of damaged numbers, whose answers are then others
-            model, changed = _model_of(document, manifest)
+            recogniser, same_code = Recogniser.of_document(document["recogniser"])
+            calibration = Calibration(*(float(document["calibration"][name]) for name in ("beta", "lapse")))
+            edges = {name: np.asarray(a, dtype=np.float64) for name, a in document["ranges"].items()}
+            novelty = Novelty.of_document(document["novelty"])
+            model = Model(recogniser, calibration, novelty, Ranges(**edges), manifest)
+            if sorted(model.materials) != sorted(manifest.materials):
+                raise ValueError("it knows other materials than its manifest says; the rule is the same")
+            if not np.allclose(model._typical(), document["probe"]["probabilities"], atol=SAME_ANSWER):
+                by = f"scikit-learn {manifest.versions.get('scikit-learn', 'unknown')}"
+                raise ValueError(f"it gives other answers than when it was trained with {by}; train it again")
+            changed = None
+            if not same_code:
+                now = probe_values(model.plan, manifest.fs, manifest.unit)
+                changed = changed_value(np.asarray(document["probe"]["values"]), now, model.columns)
     except Exception as error:  # its parts are known classes, but may not fit each other
         raise ModelFileError(f"{path}: not a model of texclass ({error})") from error
     if changed is not None:
@@ -446,34 +449,6 @@ def load_model(path: str | Path) -> Model:
             stacklevel=2,
         )
     return model
-
-
-def _model_of(document: Any, manifest: Manifest) -> tuple[Model, str | None]:
-    """Return the model of a document, and which feature has another value than in training, if one has."""
-    recogniser, same_code = Recogniser.of_document(document["recogniser"])
-    ranges = Ranges(**{name: np.asarray(a, dtype=np.float64) for name, a in document["ranges"].items()})
-    calibration = Calibration(*(float(document["calibration"][name]) for name in ("beta", "lapse")))
-    model = Model(recogniser, calibration, Novelty.of_document(document["novelty"]), ranges, manifest)
-    if sorted(model.materials) != sorted(manifest.materials):
-        raise ValueError("it knows other materials than its manifest says; the rule is the same")
-    if not np.allclose(model._typical(), document["probe"]["probabilities"], atol=SAME_ANSWER):
-        trained_with = manifest.versions.get("scikit-learn", "unknown")
-        raise ValueError(
-            f"it gives other answers than when it was trained with scikit-learn {trained_with}; "
-            "train it again"
-        )
-    if same_code:
-        return model, None
-    now = probe_values(model.plan, manifest.fs, manifest.unit)
-    return model, changed_value(np.asarray(document["probe"]["values"]), now, model.columns)
-
-
-def _undefined(reasons: Sequence[tuple[str, str]]) -> list[str]:
-    """Return which features have no value, by reason."""
-    by_reason: dict[str, list[str]] = {}
-    for feature, reason in reasons:
-        by_reason.setdefault(reason, []).append(feature)
-    return [f"undefined: {_named(names)} ({reason})" for reason, names in by_reason.items()]
 
 
 def _named(names: Sequence[str]) -> str:

@@ -3,7 +3,6 @@
 import hashlib
 import io
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,6 +11,7 @@ from zipfile import ZipFile
 import numpy as np
 from pydantic import Field
 
+from texclass.experiment.feature_table import write_whole
 from texclass.experiment.trusted import check_archive, foreign_in, load_trusted, members_of, read_bounded
 from texclass.features.extractor import Plan
 from texclass.features.phase_view import TURN
@@ -151,14 +151,6 @@ def unsafe_classes(document: Mapping[str, Any]) -> list[str]:
     import skops.io
 
     return foreign_in(skops.io.dumps(dict(document)))
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file: complete, or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    unfinished.write_bytes(data)
-    unfinished.replace(path)
 
 
 def read_manifest_of(path: str | Path) -> Manifest:

@@ -1,8 +1,8 @@
 """From what a classifier decides to probabilities that mean what they say: decisions, temperature scaling."""
 
-import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -23,10 +23,10 @@ LOG_BOUNDS = (-8.0, 8.0)
 """Of log(beta): decisions span some 1e-3 (a kernel) to 1e3 (naive Bayes over many columns)."""
 N_BINS = 15
 """Bins of equal width over the confidence, as Guo et al. (2017) have them."""
-UNCHECKED = {"assume_finite": True, "skip_parameter_validation": True}
-"""How scikit-learn is asked about rows that were checked already."""
 LEAST_PROBABILITY = 1e-12
 """Of which a logarithm is still taken."""
+_libraries = cache(ThreadpoolController)
+"""The libraries with threads of their own; looking for them takes milliseconds."""
 
 
 def class_scores(classifier: Any, rows: Samples) -> Samples:
@@ -42,7 +42,7 @@ def class_scores(classifier: Any, rows: Samples) -> Samples:
     return np.asarray(np.asarray(classifier.predict(rows))[:, None] == classifier.classes_, dtype=np.float64)
 
 
-def deciding(steps: Sequence[Any], classifier: Any) -> Callable[[Samples], tuple[Samples, Samples]]:
+def decided(steps: Sequence[Any], classifier: Any, X: Samples) -> tuple[Samples, Samples]:
     """Return what fitted steps make of rows (n, n_columns): prepared rows, and decisions (n, n_classes).
 
     Single rows are asked in microseconds: the arithmetic of scikit-learn without its checks. Steps and
@@ -55,72 +55,43 @@ def deciding(steps: Sequence[Any], classifier: Any) -> Callable[[Samples], tuple
         Fitted, in order; None and "passthrough" do nothing.
     classifier : classifier
         Fitted.
+    X : ndarray of shape (n, n_columns)
+        Features; NaN where undefined.
 
     Raises
     ------
     ValueError
-        From that function, if a prepared value is not finite.
+        If a prepared value is not finite.
     """
-    active = [step for step in steps if step not in (None, "passthrough")]
-    known = [found for step in active if (found := _transforming(step))]
-    decide = _decision(classifier)
-    if decide is None or len(known) < len(active):
-
-        def asked(X: Samples) -> tuple[Samples, Samples]:
-            with _libraries().limit(limits=1), config_context(**UNCHECKED):
-                for step in active:
-                    X = step.transform(X)
-                return _finite(X), class_scores(classifier, X)
-
-        return asked
-
-    def computed(X: Samples) -> tuple[Samples, Samples]:
-        for transform in known:
-            X = transform(X)
-        return _finite(X), decide(X)
-
-    return computed
-
-
-def _finite(prepared: Samples) -> Samples:
-    if not np.isfinite(prepared).all():
+    for step in steps:
+        match step:
+            case None | "passthrough":
+                pass
+            case SimpleImputer(add_indicator=False, missing_values=gap) if (
+                np.isnan(gap) and not np.isnan(step.statistics_).any()  # else columns are left out
+            ):
+                X = np.where(np.isnan(X), step.statistics_, X)
+            case MinMaxScaler(clip=False):
+                X = X * step.scale_ + step.min_
+            case StandardScaler(with_mean=True, with_std=True):
+                X = (X - step.mean_) / step.scale_
+            case _:
+                X = _asked(step.transform, X)
+    if not np.isfinite(X).all():
         raise ValueError("features are undefined; the rule is a pipeline with a step that fills them")
-    return prepared
-
-
-@functools.cache
-def _libraries() -> Any:
-    """Return the libraries with threads of their own; looking for them takes milliseconds."""
-    return ThreadpoolController()
-
-
-def _transforming(step: Any) -> Callable[[Samples], Samples] | None:
-    """Return what a fitted step computes; None for one that is not known."""
-    match step:
-        case SimpleImputer(add_indicator=False) if np.isnan(step.missing_values):
-            # Columns without a median are left out, or filled in some other way.
-            median = step.statistics_
-            return None if np.isnan(median).any() else lambda X: np.where(np.isnan(X), median, X)
-        case MinMaxScaler(clip=False):
-            return lambda X: X * step.scale_ + step.min_
-        case StandardScaler(with_mean=True, with_std=True):
-            return lambda X: (X - step.mean_) / step.scale_
-    return None
-
-
-def _decision(classifier: Any) -> Callable[[Samples], Samples] | None:
-    """Return how a fitted classifier of more than two classes decides; None for one that is not known."""
-    if isinstance(classifier, LinearDiscriminantAnalysis) and len(classifier.classes_) > 2:
-        return lambda X: np.asarray(X @ classifier.coef_.T + classifier.intercept_)
-    if isinstance(classifier, KernelDiscriminant) and len(classifier.classes_) > 2:
-        pairs = list(zip(classifier.views_, classifier.prototypes_, strict=True))
-
-        def from_prototypes(X: Samples) -> Samples:
+    match classifier:
+        case LinearDiscriminantAnalysis() if len(classifier.classes_) > 2:
+            return X, np.asarray(X @ classifier.coef_.T + classifier.intercept_)
+        case KernelDiscriminant() if len(classifier.classes_) > 2:
+            pairs = zip(classifier.views_, classifier.prototypes_, strict=True)
             kernels = [matern(view(X), prototypes, classifier.length) for view, prototypes in pairs]
-            return np.asarray(sum(kernels) / len(kernels) @ classifier.dual_)
+            return X, np.asarray(sum(kernels) / len(kernels) @ classifier.dual_)
+    return X, _asked(partial(class_scores, classifier), X)
 
-        return from_prototypes
-    return None
+
+def _asked(question: Callable[[Samples], Samples], X: Samples) -> Samples:
+    with _libraries().limit(limits=1), config_context(assume_finite=True, skip_parameter_validation=True):
+        return question(X)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from texclass.recognition.live.contact import Contact, ContactRules, Event, Level, Ring
 from texclass.recognition.live.evidence import CONFIDENCE, DISCOUNT, ContactVerdict, Evidence, Kind
 from texclass.recognition.live.windows import Stretches, TapMemory, Tapped
-from texclass.recognition.model import RATE_TOLERANCE, Answer, Model, load_model
+from texclass.recognition.model import Answer, Model, load_model
 from texclass.recognition.sources.blocks import Block
 from texclass.recognition.sources.open import is_live, open_source
 from texclass.recording import ACCELERATION_UNITS, Recording, Samples
@@ -408,7 +408,7 @@ class Session:
         return self.live.finish() if self.live else ()
 
     def _begin(self, block: Block) -> list[Notice]:
-        manifest, said = self.model.manifest, []
+        said = []
         if self.live is not None:
             said.append(f"the stream is now {block.fs:g} Hz, {block.unit}: begun anew")
         self._given = (block.fs, block.unit)
@@ -416,11 +416,10 @@ class Session:
             self.model, fs=block.fs, unit=block.unit, raw=self.raw, settings=self.settings
         )
         self.start_s = block.t_s
-        if abs(block.fs / manifest.fs - 1) > RATE_TOLERANCE:
-            said.append(f"wrong rate: {block.fs:g} Hz, trained at {manifest.fs:g} Hz; --resample converts")
         kept = "m/s^2" if block.unit in ACCELERATION_UNITS else block.unit
-        if kept != manifest.unit:
-            said.append(f"wrong unit: {block.unit}, trained with {manifest.unit}; nothing converts these")
+        for unlike in self.model.unlike(block.fs, kept):
+            way_out = "--resample converts" if unlike.startswith("wrong rate") else "nothing converts these"
+            said.append(f"{unlike}; {way_out}")
         return [Notice(block.t_s, what) for what in said]
 
 
