@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 
@@ -49,6 +50,11 @@ class Candidate:
     preparation: Pipeline
     classifier: Any
     ms: float
+
+    def trained_on(self, frame: pd.DataFrame) -> tuple[Samples, Labels]:
+        """Return its columns of a table, shape (n, n_columns), and the materials, shape (n,)."""
+        X = frame[list(self.plan.columns)].to_numpy(dtype=np.float64)
+        return X, frame["material"].to_numpy(dtype=str)
 
     @property
     def steps(self) -> list[tuple[str, Any]]:
@@ -167,20 +173,19 @@ def _selected(
     return Candidate(BUDGET, "lda", plan, steps, discriminant(), max_ms or costs.total)
 
 
-def hold_out(candidate: Candidate, X: Samples, y: Labels, splits: Sequence[Split]) -> HeldOut:
+def hold_out(candidate: Candidate, frame: pd.DataFrame, splits: Sequence[Split]) -> HeldOut:
     """Fit preparation and classifier on each fold's training part, decide on its test part.
 
     Parameters
     ----------
     candidate : Candidate
         What is fitted.
-    X : ndarray of shape (n, n_columns)
-        Its columns.
-    y : ndarray of shape (n,)
-        Materials.
+    frame : DataFrame
+        A feature table with the materials.
     splits : sequence of (train, test)
         Rows.
     """
+    X, y = candidate.trained_on(frame)
     classes, labels = np.unique(y, return_inverse=True)
 
     def said(fold: Fold) -> tuple[NDArray[Any], ...]:

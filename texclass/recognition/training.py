@@ -1,10 +1,9 @@
 """Recordings and a pipeline in, a trained model out; what is chosen is chosen by cross-validation alone."""
 
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
+from timeit import repeat
 from typing import Any
 
 import numpy as np
@@ -12,12 +11,11 @@ import pandas as pd
 from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 
-from texclass.experiment.accuracy import Accuracy
 from texclass.experiment.cost import CostMeter
-from texclass.experiment.feature_table import FeatureTable, cached_table, metadata
+from texclass.experiment.feature_table import cached_table, metadata
 from texclass.experiment.folds import without_remarks
 from texclass.experiment.pipeline import PipelineDefinition, load_pipeline
-from texclass.experiment.protocols import Protocol, Split, find_protocol, splits_of
+from texclass.experiment.protocols import Protocol, find_protocol, splits_of
 from texclass.experiment.windows import parents, touches
 from texclass.experiment.workers import Progress, each
 from texclass.features.extractor import Plan
@@ -30,7 +28,6 @@ from texclass.recognition.model_files import Manifest, unsafe_classes
 from texclass.recognition.probabilities import expected_calibration_error, fit_calibration
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recognition.unknown import (
-    Nearness,
     Novelty,
     check_false_alarms,
     fit_nearness,
@@ -132,16 +129,33 @@ def train(
     candidates = candidates_of(
         defined, table, meter, row=row, classifier=classifier, max_ms=max_ms, max_features=max_features
     )
-    given = _Training(felt, table, meter, defined, held_out_by, why)
-    candidate, held_out, recogniser, accuracy = given.best(candidates, n_jobs, progress)
-    far, stretch = given.distances(candidate, held_out)
-    X = given.values(recogniser[0].plan_)
-    near = given.nearness(recogniser, X)
-    novelty = Novelty(kind_for(recogniser[-1]), np.sort(far), false_alarms, near)
+    frame = table.frame
+    splits = splits_of(held_out_by, frame, defined.seed)
+    calls = [partial(hold_out, candidate, frame, splits) for candidate in candidates]
+    jobs = n_jobs if len(calls) > 1 else 1
+    said = each(calls, n_jobs=jobs, progress=progress, what="candidates", total=len(calls))
+    tried = list(zip(candidates, said, strict=True))
+    clusters = held_out_by.clusters(frame)[tried[0][1].rows]
+    candidate, held_out, recogniser, expected = _best(tried, frame, clusters, defined.seed)
+    far, stretch = held_out.strange, 1.0
+    if held_out_by.name == IN_TIME and kind_for(candidate.classifier) == "distance":
+        far, stretch = _stretched(candidate, frame, far, defined.seed)
+    plan = recogniser[0].plan_
+    X = frame[list(plan.columns)].to_numpy(dtype=np.float64)
+    kind, near = kind_for(recogniser[-1]), None
+    if kind == "distance":
+        prepared = X
+        for _, step in recogniser.steps[1:-1]:
+            prepared = step.transform(prepared)
+        near = fit_nearness(prepared, np.unique(frame["material"], return_inverse=True)[1])
+    novelty = Novelty(kind, np.sort(far), false_alarms, near)
     calibration = fit_calibration(held_out.decisions, held_out.labels)
     p = calibration(held_out.decisions)
+    tested = "touches" if "parent" in frame else "recordings"
+    after_features = Pipeline(recogniser.steps[1:])
     manifest = Manifest(
-        materials=tuple(np.unique(given.y).tolist()),
+        **_recordings(felt, meter, plan),
+        materials=tuple(recogniser.classes_.tolist()),
         pipeline={
             "name": defined.name,
             "hash": defined.hash,
@@ -149,7 +163,21 @@ def train(
             "row": candidate.row,
             "classifier": candidate.classifier_name,
         },
-        accuracy=accuracy,
+        trained_on={
+            "name": felt.name,
+            "hash": felt.input_hash,
+            "n_recordings": int(parents(frame).nunique()),
+            "n_windows": len(frame),
+            "left_out": [item.recording_id for item in table.left_out],
+        },
+        accuracy={
+            **expected,
+            "protocol": held_out_by.name,
+            "why": why,
+            "n_folds": len(splits),
+            "how": f"held-out {tested}"
+            + ", the choice among candidates included" * (expected["n_candidates"] > 1),
+        },
         calibration={
             "method": "temperature",
             **vars(calibration),
@@ -157,17 +185,75 @@ def train(
             "n": len(p),
         },
         unknown={
-            "score": novelty.kind,
+            "score": kind,
             "false_alarms": false_alarms,
             "threshold": novelty.threshold,
             "n": len(far),
             "stretch": stretch,
         },
+        cost={
+            "features_ms": meter.measured(plan)[0],
+            "classifier_ms": 1e3 * min(repeat(partial(after_features.predict, X[:1]), number=1, repeat=5)),
+        },
         touch_s=touch_s,
         versions=versions(*LIBRARIES),
-        **given.facts(recogniser, X),
     )
     return Model(recogniser, calibration, novelty, Ranges.of(X), manifest, table.left_out)
+
+
+def _best(
+    tried: Sequence[tuple[Candidate, HeldOut]], frame: pd.DataFrame, clusters: NDArray[Any], seed: int
+) -> tuple[Candidate, HeldOut, Recogniser, dict[str, Any]]:
+    """Return the best candidate that can be saved, trained on everything, and its expected accuracy."""
+    left = list(tried)
+    while left:
+        hits, ms = np.array([held_out.hits for _, held_out in left]), [candidate.ms for candidate, _ in left]
+        best, accuracy = accuracy_of_choice(hits, ms, clusters, seed)
+        candidate, held_out = left[best]
+        with without_remarks():
+            X, y = candidate.trained_on(frame)
+            recogniser = Recogniser.fitted_on(candidate.plan, X, y, candidate.steps).prune()
+        if not (unsafe := unsafe_classes(recogniser.document())):
+            low, high = accuracy.interval
+            expected = {"mean": accuracy.mean, "low": low, "high": high, "n_tested": accuracy.n_tested}
+            return candidate, held_out, recogniser, expected | {"n_candidates": len(left)}
+        left = [pair for pair in left if pair[0].classifier_name != candidate.classifier_name]
+    raise ValueError(
+        f"{candidate} holds {unsafe[0]}; the rule is a classifier whose file can be loaded safely"
+    )
+
+
+def _stretched(chosen: Candidate, frame: pd.DataFrame, later: Samples, seed: int) -> tuple[Samples, float]:
+    """Return how far recordings held out at random lie, stretched by drift, shape (n,), and the factor.
+
+    Distances shrink with every recording that trains: those of blocks in time, for which a half trains,
+    tell of the smaller half and of drift in one. Folds at random tell of neither. Their distances are
+    stretched by what later recordings are farther, in the median, than as many drawn at random. On twelve
+    pairs of `biotac20`, at 5 %, 3.3 % of later known recordings were then called unknown, and 85 % of
+    strangers (by blocks: 0.3 % and 59 %; by folds: 8.4 % and 94 %).
+    """
+    at_random = find_protocol(AT_RANDOM)
+    halves = hold_out(chosen, frame, at_random.split(frame, 2, seed)).strange
+    folds = hold_out(chosen, frame, splits_of(at_random, frame, seed)).strange
+    stretch = max(1.0, float(np.median(later) / max(np.median(halves), 1e-300)))
+    return stretch * folds, stretch
+
+
+def _recordings(felt: Dataset, meter: CostMeter, plan: Plan) -> dict[str, Any]:
+    """Return what the manifest states of the recordings a model is for: rate, unit, phases, length."""
+    like = meter.recordings[0]
+    if others := {recording.fs for recording in meter.recordings} - {like.fs}:
+        raise RecordingError(f"{felt.name}: rates are {like.fs:g} and {others.pop():g} Hz; the rule is one")
+    spans = [r.phases.movement for r in meter.recordings if r.phases and r.phases.movement]
+    members = [member for _, part in plan.parts for member in part.members]
+    return {
+        "features": tuple(dict.fromkeys(member.name for member in members)),
+        "phases": tuple(sorted({member.feature.phase for member in members})),
+        "fs": like.fs,
+        "unit": like.unit,
+        "input": TrainingFiles.of(felt, like),
+        "shortest_s": min(((stop - start) / like.fs for start, stop in spans), default=None),
+    }
 
 
 def holding_out(
@@ -192,151 +278,17 @@ def holding_out(
     """
     if asked is not None:
         return find_protocol(asked), "asked for"
-    if own == AT_RANDOM and (fewest := _fewest_in_time(table, false_alarms)):
-        why = f"{fewest} numbered repetitions of each surface or more: the sensor may drift"
-        return find_protocol(IN_TIME), why
-    return find_protocol(own), "the pipeline's"
-
-
-def _fewest_in_time(table: pd.DataFrame, false_alarms: float) -> int:
-    """Return how many repetitions each material has at least, if they are one sequence in time; else 0."""
     recordings = table[~parents(table).duplicated()]
-    if table["repetition"].isna().any() or recordings.duplicated(["material", "repetition"]).any():
-        return 0
-    if len(recordings["operator"].unique()) > 1:  # repetitions then follow the people, not a clock
-        return 0
     counts = recordings["material"].value_counts()
     n_held_out = int((counts - counts // 2).sum())
+    # One sequence in time, unless repetitions follow the people, not a clock.
+    is_sequence = (
+        table["repetition"].notna().all()
+        and not recordings.duplicated(["material", "repetition"]).any()
+        and len(recordings["operator"].unique()) == 1
+    )
     is_enough = counts.min() >= ENOUGH_REPETITIONS and n_held_out >= least_held_out(false_alarms)
-    return int(counts.min()) if is_enough else 0
-
-
-@dataclass(frozen=True, eq=False)
-class _Training:
-    """What is trained on, and how recordings are held out."""
-
-    felt: Dataset
-    table: FeatureTable
-    meter: CostMeter
-    pipeline: PipelineDefinition
-    protocol: Protocol
-    why: str
-
-    @cached_property
-    def splits(self) -> tuple[Split, ...]:
-        """Training and test rows of the table."""
-        return splits_of(self.protocol, self.table.frame, self.pipeline.seed)
-
-    @property
-    def y(self) -> NDArray[np.str_]:
-        """Materials, shape (n,)."""
-        return self.table.frame["material"].to_numpy(dtype=str)
-
-    def values(self, plan: Plan) -> Samples:
-        """Return the columns of a plan, shape (n, n_columns)."""
-        return self.table.frame[list(plan.columns)].to_numpy(dtype=np.float64)
-
-    def best(
-        self, candidates: Sequence[Candidate], n_jobs: int, progress: Progress | None
-    ) -> tuple[Candidate, HeldOut, Recogniser, dict[str, Any]]:
-        """Return the best candidate that can be saved, trained on everything, and its expected accuracy."""
-        calls = [partial(hold_out, c, self.values(c.plan), self.y, self.splits) for c in candidates]
-        jobs = n_jobs if len(candidates) > 1 else 1
-        found = list(each(calls, n_jobs=jobs, progress=progress, what="candidates", total=len(calls)))
-        clusters = self.protocol.clusters(self.table.frame)[found[0].rows]
-        left = list(zip(candidates, found, strict=True))
-        while left:
-            hits, ms = np.array([h.hits for _, h in left]), [c.ms for c, _ in left]
-            best, accuracy = accuracy_of_choice(hits, ms, clusters, self.pipeline.seed)
-            candidate, held_out = left[best]
-            with without_remarks():
-                whole = Recogniser.fitted_on(
-                    candidate.plan, self.values(candidate.plan), self.y, candidate.steps
-                )
-            recogniser = whole.prune()
-            if not (unsafe := unsafe_classes(recogniser.document())):
-                return candidate, held_out, recogniser, self._accuracy(accuracy, len(left))
-            left = [pair for pair in left if pair[0].classifier_name != candidate.classifier_name]
-        raise ValueError(
-            f"{candidate} holds {unsafe[0]}; the rule is a classifier whose file can be loaded safely"
-        )
-
-    def distances(self, chosen: Candidate, held_out: HeldOut) -> tuple[Samples, float]:
-        """Return how far held-out recordings lie, shape (n,), and the factor that drift has put on it.
-
-        Distances shrink with every recording that trains: those of blocks in time, for which a half trains,
-        tell of the smaller half and of drift in one. Folds at random tell of neither. Their distances are
-        stretched by what later recordings are farther, in the median, than as many drawn at random. On twelve
-        pairs of `biotac20`, at 5 %, 3.3 % of later known recordings were then called unknown, and 85 % of
-        strangers (by blocks: 0.3 % and 59 %; by folds: 8.4 % and 94 %).
-        """
-        later = held_out.strange
-        if self.protocol.name != IN_TIME or kind_for(chosen.classifier) == "decision":
-            return later, 1.0
-        X, at_random, frame = self.values(chosen.plan), find_protocol(AT_RANDOM), self.table.frame
-        halves = hold_out(chosen, X, self.y, at_random.split(frame, 2, self.pipeline.seed)).strange
-        folds = hold_out(chosen, X, self.y, splits_of(at_random, frame, self.pipeline.seed)).strange
-        stretch = max(1.0, float(np.median(later) / max(np.median(halves), 1e-300)))
-        return stretch * folds, stretch
-
-    def nearness(self, recogniser: Recogniser, X: Samples) -> Nearness | None:
-        """Return what tells how near the recordings X (n, n_columns) are, where a classifier does not."""
-        if kind_for(recogniser[-1]) == "decision":
-            return None
-        prepared = X
-        for _, step in recogniser.steps[1:-1]:
-            prepared = step.transform(prepared)
-        return fit_nearness(prepared, np.unique(self.y, return_inverse=True)[1])
-
-    def facts(self, recogniser: Recogniser, X: Samples) -> dict[str, Any]:
-        """Return what the manifest states of the recordings: source, rate, unit, phases, costs."""
-        like, frame, plan = self.meter.recordings[0], self.table.frame, recogniser[0].plan_
-        if others := {r.fs for r in self.meter.recordings} - {like.fs}:
-            raise RecordingError(
-                f"{self.felt.name}: rates are {like.fs:g} and {others.pop():g} Hz; the rule is one"
-            )
-        spans = [r.phases.movement for r in self.meter.recordings if r.phases and r.phases.movement]
-        members = [member for _, part in plan.parts for member in part.members]
-        return {
-            "trained_on": {
-                "name": self.felt.name,
-                "hash": self.felt.input_hash,
-                "n_recordings": int(parents(frame).nunique()),
-                "n_windows": len(frame),
-                "left_out": [item.recording_id for item in self.table.left_out],
-            },
-            "features": tuple(dict.fromkeys(member.name for member in members)),
-            "phases": tuple(sorted({member.feature.phase for member in members})),
-            "fs": like.fs,
-            "unit": like.unit,
-            "input": TrainingFiles.of(self.felt, like),
-            "shortest_s": min(((stop - start) / like.fs for start, stop in spans), default=None),
-            "cost": {
-                "features_ms": self.meter.measured(plan)[0],
-                "classifier_ms": _classifier_ms(recogniser, X),
-            },
-        }
-
-    def _accuracy(self, expected: Accuracy, n_candidates: int) -> dict[str, Any]:
-        tested = "touches" if "parent" in self.table.frame else "recordings"
-        return {
-            "mean": expected.mean,
-            "low": expected.interval[0],
-            "high": expected.interval[1],
-            "n_tested": expected.n_tested,
-            "protocol": self.protocol.name,
-            "why": self.why,
-            "n_folds": len(self.splits),
-            "n_candidates": n_candidates,
-            "how": f"held-out {tested}" + ", the choice among candidates included" * (n_candidates > 1),
-        }
-
-
-def _classifier_ms(recogniser: Recogniser, X: Samples) -> float:
-    """Return what everything after the features takes for one recording: the best of a few."""
-    after_features, best = Pipeline(recogniser.steps[1:]), np.inf
-    for row in X[:5]:
-        start = time.perf_counter()
-        after_features.predict(row[None])
-        best = min(best, 1e3 * (time.perf_counter() - start))
-    return float(best)
+    if own == AT_RANDOM and is_sequence and is_enough:
+        why = f"{counts.min()} numbered repetitions of each surface or more: the sensor may drift"
+        return find_protocol(IN_TIME), why
+    return find_protocol(own), "the pipeline's"
