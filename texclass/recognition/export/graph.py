@@ -20,7 +20,6 @@ from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.vote_of_pieces import VoteOfPieces
 from texclass.recognition.model import Model
 from texclass.recognition.probabilities import LEAST_PROBABILITY
-from texclass.recognition.unknown import Novelty
 from texclass.recording import Samples
 
 OPSETS: Mapping[str, int] = {"": 18, "ai.onnx.ml": 3}
@@ -79,9 +78,14 @@ class Graph:
         **attributes
             Of the operator.
         """
-        from onnx import helper
+        from onnx import helper, numpy_helper
 
-        names = [one if isinstance(one, str) else self._constant(one) for one in operands]
+        names = []
+        for one in operands:
+            if not isinstance(one, str):
+                values = one if isinstance(one, np.ndarray) else np.array(one, dtype=np.float64)
+                self.constants.append(numpy_helper.from_array(values, self._new("constant")))
+            names.append(one if isinstance(one, str) else self.constants[-1].name)
         output = name or self._new(operator)
         self.nodes.append(helper.make_node(operator, names, [output], **attributes))
         return output
@@ -109,7 +113,13 @@ class Graph:
         """
         from onnx import checker, helper
 
-        self._multiply_single_columns()
+        # Products with matrices of one row are products of elements. onnxruntime moves a scalar factor into
+        # the matrix product beside it, and keeps it there in single precision: a scale, where there is one
+        # column.
+        single = {one.name for one in self.constants if len(one.dims) == 2 and one.dims[0] == 1}
+        for node in self.nodes:
+            if node.op_type == "MatMul" and node.input[1] in single:
+                node.op_type = "Mul"
         used = {node.domain for node in self.nodes} | {""}
         graph = helper.make_graph(self.nodes, name, inputs, outputs, self.constants, doc)
         opsets = [helper.make_opsetid(domain, OPSETS[domain]) for domain in OPSETS if domain in used]
@@ -121,24 +131,6 @@ class Graph:
                 f"the graph is not valid ({error}); the rule is opset {OPSETS['']}"
             ) from error
         return model
-
-    def _multiply_single_columns(self) -> None:
-        """Make products with matrices of one row products of elements, which they are.
-
-        onnxruntime moves a scalar factor into the matrix product beside it, and keeps it there in single
-        precision: a scale, where there is one column.
-        """
-        single = {one.name for one in self.constants if len(one.dims) == 2 and one.dims[0] == 1}
-        for node in self.nodes:
-            if node.op_type == "MatMul" and node.input[1] in single:
-                node.op_type = "Mul"
-
-    def _constant(self, value: float | NDArray[Any]) -> str:
-        from onnx import numpy_helper
-
-        array = value if isinstance(value, np.ndarray) else np.array(value, dtype=np.float64)
-        self.constants.append(numpy_helper.from_array(array, self._new("constant")))
-        return str(self.constants[-1].name)
 
     def _new(self, kind: str) -> str:
         self._n_names += 1
@@ -190,7 +182,21 @@ def build(model: Model) -> Any:
     names = graph.add("Gather", np.array(model.materials, dtype=object), best)
     graph.add("Where", undefined, np.array(UNDEFINED, dtype=object), names, name="label")
     graph.add("Where", graph.add("Unsqueeze", undefined, along(1)), np.nan, p, name="probabilities")
-    _add_verdict(model.novelty, _strangeness(model.novelty, decisions, prepared, graph), undefined, graph)
+    # p = (1 + #{held-out scores >= score}) / (n + 1), and whether false alarms may have it as small
+    novelty, near = model.novelty, model.novelty.nearness
+    if novelty.kind == "decision" or near is None:
+        strange = graph.add("Neg", graph.add("ReduceMax", decisions, along(1), keepdims=0))
+    else:
+        seen = graph.add("MatMul", graph.add("Sub", prepared, near.mean), near.view)
+        squares = _squared_distances(seen, near.means, graph)
+        strange = graph.add("ReduceMin", squares, along(1), keepdims=0)
+    at_least = graph.add("LessOrEqual", graph.add("Unsqueeze", strange, along(1)), novelty.held_out[None])
+    count = graph.add("ReduceSum", _as_number(at_least, graph), along(1), keepdims=0)
+    p_known = graph.add("Div", graph.add("Add", count, 1.0), float(len(novelty.held_out) + 1))
+    small = graph.add("LessOrEqual", p_known, novelty.false_alarms)
+    empty = _of_rows("ReduceMin", graph.add("IsNaN", FEATURES), graph)
+    graph.add("Where", undefined, np.nan, p_known, name="p_known")
+    graph.add("Or", graph.add("Or", small, empty), undefined, name="unknown")
 
     tensor, double = helper.make_tensor_value_info, TensorProto.DOUBLE
     outputs = [
@@ -200,25 +206,6 @@ def build(model: Model) -> Any:
         tensor("unknown", TensorProto.BOOL, ["n"]),
     ]
     return graph.model([tensor(FEATURES, double, ["n", len(model.columns)])], outputs, "surfaces", DOC)
-
-
-def _strangeness(novelty: Novelty, decisions: str, prepared: str, graph: Graph) -> str:
-    near = novelty.nearness
-    if novelty.kind == "decision" or near is None:
-        return graph.add("Neg", graph.add("ReduceMax", decisions, along(1), keepdims=0))
-    seen = graph.add("MatMul", graph.add("Sub", prepared, near.mean), near.view)
-    return graph.add("ReduceMin", _squared_distances(seen, near.means, graph), along(1), keepdims=0)
-
-
-def _add_verdict(novelty: Novelty, strange: str, undefined: str, graph: Graph) -> None:
-    """Add p = (1 + #{held-out scores >= score}) / (n + 1), and whether false alarms may have it as small."""
-    at_least = graph.add("LessOrEqual", graph.add("Unsqueeze", strange, along(1)), novelty.held_out[None])
-    count = graph.add("ReduceSum", _as_number(at_least, graph), along(1), keepdims=0)
-    p = graph.add("Div", graph.add("Add", count, 1.0), float(len(novelty.held_out) + 1))
-    small = graph.add("LessOrEqual", p, novelty.false_alarms)
-    empty = _of_rows("ReduceMin", graph.add("IsNaN", FEATURES), graph)
-    graph.add("Where", undefined, np.nan, p, name="p_known")
-    graph.add("Or", graph.add("Or", small, empty), undefined, name="unknown")
 
 
 def _of_rows(reduction: str, truths: str, graph: Graph) -> str:
@@ -348,7 +335,12 @@ def _(classifier: KernelDiscriminant, graph: Graph, rows: str) -> str:
     for view, prototypes in zip(classifier.views_, classifier.prototypes_, strict=True):
         Z = graph.add("Div", graph.add("Sub", rows, view.mean), view.scale)
         seen = graph.add("Mul" if view.weights.ndim == 1 else "MatMul", Z, view.weights)
-        kernels.append(_matern(seen, prototypes, classifier.length, graph))
+        # (1 + s) exp(-s), s = sqrt(3) |a - b| / length, with |a - b|^2 = |a|^2 - 2 a b + |b|^2
+        products = graph.add("MatMul", seen, np.ascontiguousarray(-2 * prototypes.T))
+        squares = graph.add("Add", products, graph.add("ReduceSumSquare", seen, along(1), keepdims=1))
+        squares = graph.add("Add", squares, np.einsum("ij,ij->i", prototypes, prototypes))
+        s = graph.add("Sqrt", graph.add("Mul", graph.add("Max", squares, 0.0), 3 / classifier.length**2))
+        kernels.append(graph.add("Mul", graph.add("Add", s, 1.0), graph.add("Exp", graph.add("Neg", s))))
     scores = graph.add("MatMul", graph.add("Sum", *kernels), classifier.dual_ / len(kernels))
     return _both(scores, len(classifier.classes_), graph)
 
@@ -404,15 +396,6 @@ def _both(decision: str, n_classes: int, graph: Graph) -> str:
         return decision
     second = graph.add("Gather", decision, along(-1), axis=1)
     return graph.add("Concat", graph.add("Neg", second), second, axis=1)
-
-
-def _matern(seen: str, prototypes: Samples, length: float, graph: Graph) -> str:
-    """Add (1 + s) exp(-s), s = sqrt(3) |a - b| / length, with |a - b|^2 = |a|^2 - 2 a b + |b|^2."""
-    products = graph.add("MatMul", seen, np.ascontiguousarray(-2 * prototypes.T))
-    squares = graph.add("Add", products, graph.add("ReduceSumSquare", seen, along(1), keepdims=1))
-    squares = graph.add("Add", squares, np.einsum("ij,ij->i", prototypes, prototypes))
-    s = graph.add("Sqrt", graph.add("Mul", graph.add("Max", squares, 0.0), 3 / length**2))
-    return graph.add("Mul", graph.add("Add", s, 1.0), graph.add("Exp", graph.add("Neg", s)))
 
 
 def _converted(part: Any, graph: Graph, rows: str, *choices: dict[str, bool]) -> str:

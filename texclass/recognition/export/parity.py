@@ -17,7 +17,7 @@ from sklearn.neighbors import KNeighborsClassifier
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.vote_of_pieces import VoteOfPieces
 from texclass.recognition.export.graph import FEATURES, OUTPUTS, UNDEFINED, OnnxExportError
-from texclass.recognition.model import Model, Ranges
+from texclass.recognition.model import Model
 from texclass.recognition.probabilities import class_scores
 from texclass.recognition.unknown import strangeness
 from texclass.recording import Samples
@@ -109,31 +109,36 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     X, kinds = check_rows(model, seed)
     expected, found = reference(model, X), run(graph, X)
     defined, tied = expected["label"] != UNDEFINED, expected["tied"]
-    gap = np.abs(found["probabilities"] - expected["probabilities"])
-    silent = ~defined & np.isnan(found["probabilities"]).all(axis=1)
-    largest = np.where(silent, 0.0, np.nan_to_num(gap.max(axis=1), nan=np.inf))
-    at = np.arange(len(X)), np.nan_to_num(gap, nan=np.inf).argmax(axis=1)
-    verdict = _verdict(model, X, np.nan_to_num(found["p_known"]))
-    for what, differs, one, other in (
-        ("label", ~_labels_agree(model, expected, found), found["label"], expected["label"]),
-        (
-            "probability",
-            ~(largest <= TOLERANCE) & ~tied,
-            found["probabilities"][at],
-            expected["probabilities"][at],
-        ),
-        ("p_known", ~_p_values_agree(model, expected, found), found["p_known"], expected["p_known"]),
-        ("unknown =", found["unknown"] != verdict, found["unknown"], verdict),
+    p, other = found["probabilities"], expected["probabilities"]
+    gap = np.nan_to_num(np.abs(p - other), nan=np.inf)
+    gap[~defined & np.isnan(p).all(axis=1)] = 0.0
+    largest, at = gap.max(axis=1), (np.arange(len(X)), gap.argmax(axis=1))
+    # A label is the largest of its own probabilities, and of the expected ones but for a tie.
+    place = {material: k for k, material in enumerate(model.materials)}
+    k = np.array([place.get(label, -1) for label in found["label"].tolist()])
+    own, chosen = (np.where(k >= 0, one[at[0], k], np.nan) for one in (p, other))
+    right = (own == p.max(axis=1)) & (tied | (chosen >= other.max(axis=1) - 2 * TOLERANCE))
+    # A p-value is that of the expected strangeness, within its rounding.
+    strange, p_known = expected["strange"], found["p_known"]
+    rounding = TOLERANCE * np.maximum(np.abs(strange), LEAST_STRANGENESS)
+    low, high = (model.novelty.p_value(strange + side * rounding) for side in (1, -1))
+    between = (low <= p_known) & (p_known <= high)
+    verdict = _verdict(model, X, np.nan_to_num(p_known))
+    for what, agree, one, wanted in (
+        ("label", np.where(defined, right, found["label"] == UNDEFINED), found["label"], expected["label"]),
+        ("probability", (largest <= TOLERANCE) | tied, p[at], other[at]),
+        ("p_known", np.where(defined, between, np.isnan(p_known)), p_known, expected["p_known"]),
+        ("unknown =", found["unknown"] == verdict, found["unknown"], verdict),
     ):
-        if differs.any():
-            i = int(np.flatnonzero(differs)[0])
+        if not agree.all():
+            i = int(np.argmin(agree))
             raise ParityError(
-                f"ONNX differs from scikit-learn in {int(differs.sum())} of {len(X)} rows; row {i} "
-                f"({kinds[i]}) has {what} {one[i]} in ONNX, {other[i]} in scikit-learn; "
+                f"ONNX differs from scikit-learn in {int((~agree).sum())} of {len(X)} rows; row {i} "
+                f"({kinds[i]}) has {what} {one[i]} in ONNX, {wanted[i]} in scikit-learn; "
                 f"the rule is the same label and verdict, and probabilities within {TOLERANCE:g}"
             )
     decided = (found["label"] != expected["label"]) | (largest > TOLERANCE)
-    decided |= defined & (found["p_known"] != expected["p_known"])
+    decided |= defined & (p_known != expected["p_known"])
     names, counts = np.unique(kinds, return_counts=True)
     return Parity(
         rows=dict(zip(names.tolist(), counts.tolist(), strict=True)),
@@ -162,19 +167,22 @@ def reference(model: Model, X: Samples) -> Said:
     decisions = class_scores(classifier, seen)
     strange = strangeness(model.novelty.kind, decisions, seen, model.novelty.nearness)
     p = model.calibration(decisions)
-    best = np.zeros(len(X), dtype=int)
-    best[defined] = 1 + p.argmax(axis=1)
-    said: Said = {
-        "label": np.array([UNDEFINED, *model.materials])[best],
-        "tied": np.zeros(len(X), dtype=bool),
-    }
-    said["tied"][defined] = _neighbours_tied(classifier, seen)
-    for name, values in (
-        ("probabilities", p),
-        ("strange", strange),
-        ("p_known", model.novelty.p_value(strange)),
+    tied = np.zeros(len(seen), dtype=bool)
+    n = getattr(classifier, "n_neighbors", 0)
+    if isinstance(classifier, KNeighborsClassifier) and n < classifier.n_samples_fit_:
+        # The last neighbour that counts and the next one are equally far.
+        squares = classifier.kneighbors(seen, n + 1)[0] ** 2
+        rounding = TOLERANCE * squares[:, n] + ROUNDING * np.einsum("ij,ij->i", seen, seen)
+        tied = squares[:, n] - squares[:, n - 1] <= rounding
+    said: Said = {}
+    for name, values, undefined in (
+        ("label", np.array(model.materials)[p.argmax(axis=1)], UNDEFINED),
+        ("probabilities", p, np.nan),
+        ("strange", strange, np.nan),
+        ("p_known", model.novelty.p_value(strange), np.nan),
+        ("tied", tied, False),
     ):
-        said[name] = np.full((len(X), *values.shape[1:]), np.nan)
+        said[name] = np.full((len(X), *values.shape[1:]), undefined, dtype=values.dtype)
         said[name][defined] = values
     return said | {"unknown": _verdict(model, X, np.nan_to_num(said["p_known"]))}
 
@@ -221,19 +229,32 @@ def check_rows(model: Model, seed: int = SEED) -> tuple[Samples, NDArray[np.str_
         "ordinary", "extreme", "undefined" or "boundary".
     """
     rng, order = np.random.default_rng(seed), (UNDEFINED, *sorted(model.materials))
+    low, median, high = model.ranges.low, model.ranges.median, model.ranges.high
+    n_columns = len(median)
 
     def numbered(X: Samples) -> NDArray[np.intp]:
         said = reference(model, X)
         return np.asarray(2 * np.searchsorted(order, said["label"]) + said["unknown"])
 
-    anywhere = _drawn(model.ranges, rng)
-    ordinary = np.concatenate([anywhere, _like(remembered(model), anywhere, rng)])
-    rows = {
-        "ordinary": ordinary,
-        "extreme": _extreme(model.ranges, rng),
-        "undefined": _with_gaps(ordinary, rng),
-        "boundary": _near_boundaries(ordinary, numbered, rng),
-    }
+    # Between the ends of the ranges; how far a row strays from the median is drawn as well.
+    u = rng.uniform(-1, 1, (N_DRAWN, n_columns)) * rng.uniform(0, 1, (N_DRAWN, 1))
+    ordinary = median + u * np.where(u < 0, median - low, high - median)
+    # What the model remembers, and rows on the way from there to each other and to others.
+    known = remembered(model)
+    if len(known):
+        every = np.concatenate([known, ordinary])
+        A, B = (rows[rng.integers(len(rows), size=N_KNOWN)] for rows in (known, every))
+        some = known[rng.permutation(len(known))[:N_KNOWN]]
+        ordinary = np.concatenate([ordinary, some, _mixed(A, B, rng.uniform(0, 1, N_KNOWN) ** 2)])
+    # The ends, corners of the ranges, and as far outside again.
+    corners = np.where(rng.random((N_CORNERS, n_columns)) < 0.5, low, high)
+    extreme = np.concatenate([[low, median, high], corners, corners + (corners - median)])
+    # Without a fifth of their values, or without one; and a row without any.
+    gaps = rng.random(ordinary.shape) < SHARE_UNDEFINED
+    gaps[::2] = np.arange(n_columns) == rng.integers(n_columns, size=(len(gaps[::2]), 1))
+    undefined = np.concatenate([np.where(gaps, np.nan, ordinary), np.full((1, n_columns), np.nan)])
+    boundary = _near_boundaries(ordinary, numbered, rng)
+    rows = {"ordinary": ordinary, "extreme": extreme, "undefined": undefined, "boundary": boundary}
     return np.concatenate(list(rows.values())), np.repeat(list(rows), [len(X) for X in rows.values()])
 
 
@@ -271,72 +292,9 @@ def _of_classifier(classifier: Any) -> list[Samples]:
     return [np.asarray(getattr(classifier, name)) for name in FITTED if hasattr(classifier, name)]
 
 
-def _labels_agree(model: Model, expected: Said, found: Said) -> NDArray[np.bool_]:
-    """Whether each label is the largest of its own probabilities, and of the expected ones but for a tie."""
-    place = {material: k for k, material in enumerate(model.materials)}
-    k = np.array([place.get(label, -1) for label in found["label"].tolist()])
-    at = np.arange(len(k)), k
-    own, chosen = (np.where(k >= 0, said["probabilities"][at], np.nan) for said in (found, expected))
-    largest = expected["tied"] | (chosen >= expected["probabilities"].max(axis=1) - 2 * TOLERANCE)
-    right = largest & (own == found["probabilities"].max(axis=1))
-    return np.asarray(np.where(expected["label"] != UNDEFINED, right, found["label"] == UNDEFINED))
-
-
-def _p_values_agree(model: Model, expected: Said, found: Said) -> NDArray[np.bool_]:
-    """Whether each p-value is that of the expected strangeness, within its rounding."""
-    strange, p_known = expected["strange"], found["p_known"]
-    rounding = TOLERANCE * np.maximum(np.abs(strange), LEAST_STRANGENESS)
-    low, high = (model.novelty.p_value(strange + side * rounding) for side in (1, -1))
-    between = (low <= p_known) & (p_known <= high)
-    return np.where(expected["label"] != UNDEFINED, between, np.isnan(p_known))
-
-
 def _verdict(model: Model, X: Samples, p_known: Samples) -> NDArray[np.bool_]:
     """Return which rows are unknown, of their p-values."""
     return np.asarray((p_known <= model.novelty.false_alarms) | np.isnan(X).all(axis=1))
-
-
-def _neighbours_tied(classifier: Any, rows: Samples) -> NDArray[np.bool_]:
-    """Return where the last neighbour that counts and the next one are equally far, shape (n,)."""
-    k = getattr(classifier, "n_neighbors", 0)
-    if not isinstance(classifier, KNeighborsClassifier) or k >= classifier.n_samples_fit_:
-        return np.zeros(len(rows), dtype=bool)
-    squares = classifier.kneighbors(rows, k + 1)[0] ** 2
-    rounding = TOLERANCE * squares[:, k] + ROUNDING * np.einsum("ij,ij->i", rows, rows)
-    return np.asarray(squares[:, k] - squares[:, k - 1] <= rounding)
-
-
-def _drawn(ranges: Ranges, rng: np.random.Generator) -> Samples:
-    """Return rows between the ends of the ranges; how far each strays from the median is drawn as well."""
-    u = rng.uniform(-1, 1, (N_DRAWN, len(ranges.median))) * rng.uniform(0, 1, (N_DRAWN, 1))
-    reach = np.where(u < 0, ranges.median - ranges.low, ranges.high - ranges.median)
-    return np.asarray(ranges.median + u * reach)
-
-
-def _like(known: Samples, others: Samples, rng: np.random.Generator) -> Samples:
-    """Return some of the known rows, and rows on the way from them to each other and to others."""
-    if not len(known):
-        return known
-    every = np.concatenate([known, others])
-    A, B = (rows[rng.integers(len(rows), size=N_KNOWN)] for rows in (known, every))
-    some = known[rng.permutation(len(known))[:N_KNOWN]]
-    return np.concatenate([some, _mixed(A, B, rng.uniform(0, 1, N_KNOWN) ** 2)])
-
-
-def _extreme(ranges: Ranges, rng: np.random.Generator) -> Samples:
-    """Return the lowest, the median, the highest, corners of the ranges, and rows as far outside again."""
-    corner = rng.random((N_CORNERS, len(ranges.median))) < 0.5
-    corners = np.where(corner, ranges.low, ranges.high)
-    outside = corners + (corners - ranges.median)
-    return np.concatenate([[ranges.low, ranges.median, ranges.high], corners, outside])
-
-
-def _with_gaps(rows: Samples, rng: np.random.Generator) -> Samples:
-    """Return the rows without a fifth of their values, or without one, and a row without any."""
-    n, n_columns = rows.shape
-    gaps = rng.random((n, n_columns)) < SHARE_UNDEFINED
-    gaps[::2] = np.arange(n_columns) == rng.integers(n_columns, size=(len(gaps[::2]), 1))
-    return np.concatenate([np.where(gaps, np.nan, rows), np.full((1, n_columns), np.nan)])
 
 
 def _near_boundaries(
