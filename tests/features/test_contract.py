@@ -1,5 +1,6 @@
 """What every registered feature keeps, whoever wrote it; a new feature gets these tests for free."""
 
+import functools
 import pickle
 import re
 import warnings
@@ -7,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from feature_signals import FS, noise, tone, view_of
+from feature_signals import FS, noise, tone
 from scipy import signal
 
 from texclass import features
 from texclass.features.contract import Feature, UndefinedFeatureError, find, registered
+from texclass.features.examination import degenerate_inputs
 from texclass.features.phase_view import PhaseView, TapSignal, TapView, views_of
 from texclass.features.sets import load_feature_set
 from texclass.recording import Recording
@@ -19,6 +21,7 @@ from texclass.recording import Recording
 FEATURES = registered()
 
 
+@functools.cache
 def stroke(duration_s, fs, seed=0):
     """Stationary noise up to 1 kHz with a 60 Hz grating: the same signal whatever the rate."""
     sos = signal.butter(4, (15, 1000), "bandpass", fs=5000, output="sos")
@@ -43,8 +46,14 @@ def taps(fs, gain=1.0, n=3):
 MOVEMENT = stroke(5.0, FS)
 
 
-def normal(feature, gain=1.0):
-    return taps(FS, gain) if feature.phase == "tap" else PhaseView(gain * MOVEMENT, FS)
+def normal(phase, gain=1.0, fs=FS, **length_and_seed):
+    """A view that nothing was computed on."""
+    recorded = {"duration_s": 5.0, "fs": fs, **length_and_seed}
+    return taps(fs, gain) if phase == "tap" else PhaseView(gain * stroke(**recorded), fs)
+
+
+shared = functools.cache(normal)
+"""Views that all features share, and the transforms that one of them has computed."""
 
 
 def each(*, phase=None, free_of=None):
@@ -69,46 +78,41 @@ def test_declaration_is_whole_and_values_are_finite_repeatable_and_as_many_as_th
     assert feature.unit
     assert feature.reference
     assert feature.summary.endswith(".")
-    view = normal(feature)
+    view = normal(feature.phase)
     parts = [view] if isinstance(view, PhaseView) else view.taps
     for array in (array for part in parts for array in vars(part).values() if isinstance(array, np.ndarray)):
         array.flags.writeable = False  # whoever writes to the input fails
     values = np.atleast_1d(feature.function(view))
     assert np.isfinite(values).all()
     assert values.shape == (len(columns),)
-    np.testing.assert_array_equal(feature.function(normal(feature)), values)
+    np.testing.assert_array_equal(feature.function(normal(feature.phase)), values)
 
 
 @each()
 def test_gain_law_holds(feature):
-    value = feature.function(normal(feature))
+    value = feature.function(shared(feature.phase))
     for gain in (1e-100, 1e-6, 1e-2, 1e3, 1e100):
         expected = feature.gain.apply(value, gain)
-        np.testing.assert_allclose(
-            feature.function(normal(feature, gain)), expected, rtol=2e-6, atol=1e-300, err_msg=f"gain {gain}"
-        )
+        found = feature.function(shared(feature.phase, gain))
+        np.testing.assert_allclose(found, expected, rtol=2e-6, atol=1e-300, err_msg=f"gain {gain}")
 
 
 @pytest.mark.parametrize("phase", ["movement", "tap", "friction"])
 def test_values_do_not_depend_on_what_was_computed_before_on_the_view(phase):
     every = [f for f in FEATURES.values() if f.phase == phase]
-    shared = normal(every[0])
+    one = normal(phase)
     for f in (*every, *every[::-1]):
-        np.testing.assert_array_equal(f.function(shared), f.function(normal(f)), err_msg=f.name)
-
-
-def spread(feature, fs=FS, duration_s=5.0):
-    """Values over independent recordings of one surface, shape (8, n_outputs)."""
-    views = [PhaseView(stroke(duration_s, fs, seed), fs) for seed in range(8)]
-    return np.array([np.atleast_1d(feature.function(view)) for view in views])
+        np.testing.assert_array_equal(f.function(one), f.function(normal(phase)), err_msg=f.name)
 
 
 @each(phase="movement", free_of="length")
 def test_value_does_not_depend_on_length_unless_declared(feature):
     if feature.name == "spectral_peaks":
         pytest.skip("the order of peaks of equal height is chance; its own test covers it")
-    short = spread(feature)
-    long = np.array([np.atleast_1d(feature.function(PhaseView(stroke(20.0, FS, s), FS))) for s in (20, 21)])
+    short, long = (
+        np.array([np.atleast_1d(feature.function(shared("movement", duration_s=s, seed=i))) for i in seeds])
+        for s, seeds in ((5.0, range(8)), (20.0, (20, 21)))
+    )
     error = np.abs(short.mean(axis=0) - long.mean(axis=0))
     scatter = short.std(axis=0, ddof=1)
     assert (error <= 4 * scatter + 1e-3 * np.abs(long.mean(axis=0))).all()
@@ -116,10 +120,7 @@ def test_value_does_not_depend_on_length_unless_declared(feature):
 
 @each(free_of="rate")
 def test_value_does_not_depend_on_rate_unless_declared(feature):
-    slow, fast = (
-        feature.function(taps(fs) if feature.phase == "tap" else PhaseView(stroke(5.0, fs), fs))
-        for fs in (10_000.0, 20_000.0)
-    )
+    slow, fast = (feature.function(shared(feature.phase, fs=fs)) for fs in (10_000.0, 20_000.0))
     if feature.name == "discretized_spectrogram":  # cells at the edge of the band hold other frames and bins
         np.testing.assert_allclose(fast, slow, atol=0.5)
     else:
@@ -144,19 +145,19 @@ def test_corrected_set_depends_on_neither_length_nor_rate_but_for_bands_that_sca
         assert member.feature.depends_on <= ({"rate"} if member.name in scaling else set()), member.name
 
 
-IMPULSE = np.eye(1, 20_000, 9000)[0]
-DEGENERATE = {
-    "silence": np.zeros(20_000),
-    "constant": np.full(20_000, 0.1),
-    "clipped square": np.sign(tone(50, 20_000) + 1e-9),
-    "one impulse": IMPULSE,
-    "one impulse, mean removed": IMPULSE - IMPULSE.mean(),
-    "pure tone": tone(123.4, 20_000),
-    "half silent": np.append(np.zeros(10_000), noise(10_000, 1)),
-    "quantised to one step": np.round(0.6 * noise(20_000, 2)),
-    "ramp": np.linspace(-1, 1, 20_000),
-    "alternating": np.tile([1.0, -1.0], 10_000),
-} | {f"{n} samples": noise(n, n) for n in (0, 1, 2, 3, 5, 8, 31, 32, 64, 99, 199, 250, 400, 543, 544, 600)}
+DEGENERATE = dict(degenerate_inputs())
+BAD = {name: DEGENERATE.pop(name) for name in ("one NaN", "one infinite sample")}
+BAD["one of minus infinity"] = -BAD["one infinite sample"]
+DEGENERATE["one impulse, mean removed"] = DEGENERATE["one impulse"] - DEGENERATE["one impulse"].mean()
+DEGENERATE["alternating"] = np.tile([1.0, -1.0], 10_000)
+DEGENERATE |= {f"{n} samples": noise(n, n) for n in (3, 5, 8, 31, 32, 64, 99, 199, 250, 400, 543, 544, 600)}
+
+
+@functools.cache
+def degenerate(kind, phase, fs=FS):
+    samples = (DEGENERATE | BAD)[kind]
+    parts = np.split(samples, [samples.size // 4])  # a tap has its contact after a quarter
+    return TapView((TapSignal(*parts),), fs) if phase == "tap" else PhaseView(samples, fs)
 
 
 def reason_of(feature, view):
@@ -174,15 +175,13 @@ def reason_of(feature, view):
 
 @each()
 def test_degenerate_input_gives_a_value_or_a_reason(feature):
-    for kind, samples in DEGENERATE.items():
+    for kind in DEGENERATE:
         for fs in (FS, 100.0):
-            reason = reason_of(feature, view_of(feature, samples, fs))
+            reason = reason_of(feature, degenerate(kind, feature.phase, fs))
             assert reason is None or re.search("rule|silen(ce|t)", reason), (kind, fs, reason)
             assert (kind, fs) != ("silence", FS) or "silence" in reason
-    for bad in (np.nan, np.inf, -np.inf):
-        samples = MOVEMENT[:20_000].copy()
-        samples[12_345] = bad
-        assert "NaN or infinite" in reason_of(feature, view_of(feature, samples))
+    for kind in BAD:
+        assert "NaN or infinite" in reason_of(feature, degenerate(kind, feature.phase))
 
 
 @each(phase="tap")
