@@ -6,9 +6,12 @@ from pathlib import Path
 
 import pytest
 
-# As many workers as cores, each of one thread: set before BLAS is loaded, inherited by what tests start.
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+# As many workers as cores, each of one thread, and one process where all cores are asked for (`n_jobs=-1`):
+# set before BLAS is loaded, inherited by what tests start.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LOKY_MAX_CPU_COUNT"):
     os.environ.setdefault(_name, "1")
+# Compiled tests are kept: rewriting their assertions is half of what collecting them takes.
+sys.dont_write_bytecode = False
 
 
 @pytest.fixture(autouse=True, scope="session")
