@@ -1,9 +1,11 @@
 """What `import texclass as tx` offers, as a user types it."""
 
+import ast
 import importlib
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -35,6 +37,14 @@ def test_importing_it_loads_nothing_and_one_room_not_the_others():
     )
     loaded = subprocess.check_output([sys.executable, "-c", code], text=True)
     assert not {"experiment", "recognition", "reporting", "textures", "scene", "cli"} & set(eval(loaded))
+
+
+def test_private_names_stay_in_their_module():
+    for path in Path(tx.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and path.name != "__init__.py":
+                names = [found.name for found in node.names if not found.name.endswith("__")]
+                assert not [name for name in names if name.startswith("_")], path
 
 
 @pytest.mark.parametrize("old", sorted(MOVED))
