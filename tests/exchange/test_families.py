@@ -1,13 +1,14 @@
 import pkgutil
-from itertools import product
+from dataclasses import replace
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from texclass.exchange import describe, load_texture, save_texture
+from texclass.exchange import describe, load_texture, save_texture, to_hatt
 from texclass.exchange.texture_file import TAPS, TEXTURES
-from texclass.textures import Texture
+from texclass.textures import Renderer, Texture
 from texclass.textures.abdulali2016 import DelaunayTexture, Frame, NetworkTexture, RadialNetwork, bake
 from texclass.textures.guruswamy2011 import Amplitude, LevelLaw, SinusoidTexture, SpatialTexture
 from texclass.textures.oeztuerk2018 import FrequencyTexture, LpcTexture
@@ -85,6 +86,41 @@ def test_every_family_renders_the_same_samples_again(family, tmp_path):
     assert (shown["family"], shown["name"], shown["fs"]) == (family, "slate", texture.fs)
     assert shown["bytes"] == path.stat().st_size
     assert shown["operations per sample"] == texture.operations
+
+
+VARIANTS = MADE | {
+    "abdulali2016 as published": lambda: replace(network(), loudness="variance", buffer=5, glide=False),
+    "guruswamy2011 travelled": lambda: replace(spatial(SpatialTexture), course="travelled"),
+    "hatt": lambda: to_hatt(network(), order=2),
+}
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_every_renderer_takes_a_path_in_any_pieces_and_kinds_and_refuses_bad_ones(variant):
+    texture = VARIANTS[variant]()
+    assert texture.operations > 0
+    n = 5000
+    t = np.arange(n) / 70
+    v, f = np.column_stack([90 + 80 * np.sin(t), 20 * np.cos(t / 3)]), 1 + 1.5 * np.cos(t / 4)
+    renderer = texture.renderer(seed=3)
+    assert isinstance(renderer, Renderer)
+    whole = renderer.process(v, f)
+    assert whole.any()
+    for size, last in ((1, 60), (7, 700), (16, 700), (1999, n)):
+        renderer.reset()
+        cuts = [0, 0, *range(size, last, size), last]
+        pieces = [renderer.process(v[a:b], f[a:b]) for a, b in pairwise(cuts)]
+        assert_array_equal(np.concatenate(pieces), whole[:last])
+    renderer.reset()
+    broken = [(v[:3], f[:2]), (v[0], f[:2]), (v[:2] * np.nan, f[:2]), (v[:2], [1.0, np.inf])]
+    for velocity, force in broken:
+        with pytest.raises(ValueError, match="the rule is"):
+            renderer.process(velocity, force)
+    assert_array_equal(renderer.process(v[:99], f[:99]), whole[:99])  # as if nothing had been asked
+    narrow = np.asfortranarray(v[:200].astype(np.float32))
+    narrow.setflags(write=False)
+    expected = texture.renderer().process(narrow.astype(np.float64), f[:200])
+    assert_array_equal(texture.renderer().process(narrow, f[:200].tolist()), expected)
 
 
 @pytest.mark.parametrize("family", MADE)

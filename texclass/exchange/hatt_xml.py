@@ -28,7 +28,6 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
 from texclass.exchange.container import printable, read_limited, replace_file
 from texclass.recording import Samples
@@ -100,51 +99,42 @@ def _texture(root: Element) -> HattTexture:
     for tag, unit in _UNITS.items():
         if (found := _text(root, tag, unit)) != unit:
             raise ValueError(f"<{tag}> is {found!r:.40}; the rule is {unit!r}")
-    models, mesh = root.findall("model"), _mesh(root)
+    models, triangles = root.findall("model"), root.findall("tri")
+    n, n_triangles = _count(root, "numMod"), _count(root, "numTri")
+    speed, force = (_numbers(_child(root, tag), n) for tag in ("speedList", "forceList"))
+    if not 0 < n <= MOST_MODELS or len(models) != n or len(triangles) != n_triangles:
+        raise ValueError(
+            f"holds {len(models)} models, {len(triangles)} triangles, numMod is {n}, numTri {n_triangles}; "
+            f"the rule is the same, 1 to {MOST_MODELS} models"
+        )
+    corners = np.array([_numbers(triangle, 3) for triangle in triangles]).reshape(-1, 3)
+    # in the published files the models stand in the order of the lists
+    places = {(_number(m, "speedMod"), _number(m, "forceMod")): m for m in models}
+    points = list(zip(speed.tolist(), force.tolist(), strict=True))
+    if len(places) != n or set(points) != set(places):
+        raise ValueError(
+            "the speeds and forces of the models are not those of speedList and forceList; "
+            "the rule is the same, none twice"
+        )
     p, q = _count(root, "numARCoeff"), _count(root, "numMACoeff", 0)
-    order = _places(models, mesh.speed, mesh.force)
+    models = [places[point] for point in points]
     return HattTexture(
-        mesh,
-        ar_lsf=np.array([_frequencies(model, "AR", p) for model in models])[order],
-        ma_lsf=np.array([_frequencies(model, "MA", q) for model in models])[order],
-        variance=np.array([_number(model, "var") for model in models])[order],
-        gain=np.array([_number(model, "gain") if q else 1.0 for model in models])[order],
+        Mesh(speed, force, corners - 1),
+        ar_lsf=np.array([_frequencies(model, "AR", p) for model in models]),
+        ma_lsf=np.array([_frequencies(model, "MA", q) for model in models]),
+        variance=np.array([_number(model, "var") for model in models]),
+        gain=np.array([_number(model, "gain") if q else 1.0 for model in models]),
         fs=_number(root, "SampleRate"),
         name=printable(_text(root, "material", "")),
         mu=_number(root, "mu", 0.0),
     )
 
 
-def _mesh(root: Element) -> Mesh:
-    n, n_triangles = _count(root, "numMod"), _count(root, "numTri")
-    speed, force = (_numbers(_only(root, tag), n) for tag in ("speedList", "forceList"))
-    n_models, triangles = len(root.findall("model")), root.findall("tri")
-    if not 0 < n <= MOST_MODELS or n_models != n or len(triangles) != n_triangles:
-        raise ValueError(
-            f"holds {n_models} models, {len(triangles)} triangles, numMod is {n}, numTri {n_triangles}; "
-            f"the rule is the same, 1 to {MOST_MODELS} models"
-        )
-    corners = np.array([_numbers(triangle, 3) for triangle in triangles]).reshape(-1, 3)
-    return Mesh(speed, force, corners - 1)
-
-
-def _places(models: list[Element], speed: Samples, force: Samples) -> NDArray[np.int64]:
-    """Return which model stands at each point of the lists; in the published files that of the same place."""
-    places = {(_number(m, "speedMod"), _number(m, "forceMod")): i for i, m in enumerate(models)}
-    points = list(zip(speed.tolist(), force.tolist(), strict=True))
-    if len(places) != len(points) or set(points) != set(places):
-        raise ValueError(
-            "the speeds and forces of the models are not those of speedList and forceList; "
-            "the rule is the same, none twice"
-        )
-    return np.array([places[point] for point in points])
-
-
 def _frequencies(model: Element, part: str, order: int) -> Samples:
     """Return the line spectral frequencies (order,) of the AR or MA part of a model."""
     if not order:
         return np.zeros(0)
-    given = {tag: _optional(model, tag) for tag in (f"{part}lsf", f"{part}coeff")}
+    given = {tag: _found(model, tag) for tag in (f"{part}lsf", f"{part}coeff")}
     try:
         lsf, coefficients = (
             None if element is None else _numbers(element, n)
@@ -170,16 +160,15 @@ def _frequencies(model: Element, part: str, order: int) -> Samples:
         raise ValueError(f"model {_text(model, 'modNum', '?')!r:.20}: {part}: {error}") from error
 
 
-def _optional(element: Element, tag: str) -> Element | None:
+def _found(element: Element, tag: str) -> Element | None:
     found = element.findall(tag)
     if len(found) > 1:
         raise ValueError(f"<{element.tag}> holds {len(found)} <{tag}>; the rule is one")
     return found[0] if found else None
 
 
-def _only(element: Element, tag: str) -> Element:
-    found = _optional(element, tag)
-    if found is None:
+def _child(element: Element, tag: str) -> Element:
+    if (found := _found(element, tag)) is None:
         raise ValueError(f"<{element.tag}> holds no <{tag}>; the rule is one")
     return found
 
@@ -192,9 +181,9 @@ def _numbers(element: Element, n: int) -> Samples:
 
 
 def _number(element: Element, tag: str, default: float | None = None) -> float:
-    if default is not None and _optional(element, tag) is None:
+    if default is not None and _found(element, tag) is None:
         return default
-    return _parsed(_only(element, tag))
+    return _parsed(_child(element, tag))
 
 
 def _count(element: Element, tag: str, default: float | None = None) -> int:
@@ -205,7 +194,7 @@ def _count(element: Element, tag: str, default: float | None = None) -> int:
 
 
 def _text(element: Element, tag: str, default: str) -> str:
-    found = _optional(element, tag)
+    found = _found(element, tag)
     return default if found is None else (found.text or "").strip()
 
 
@@ -234,11 +223,8 @@ def write_hatt(texture: HattTexture, path: str | Path) -> Path:
     path = Path(path)
     if path.suffix.lower() != ".xml":
         raise ValueError(f"{path}: ends in {path.suffix!r}; the rule is '.xml'")
-    root, mesh, image = (
-        Element("modelSet", texture="0"),
-        texture.mesh,
-        f"{printable(texture.name)}_square.bmp",
-    )
+    root, mesh = Element("modelSet", texture="0"), texture.mesh
+    image = f"{printable(texture.name)}_square.bmp"
     content: list[tuple[str, str | float | Samples]] = [
         ("material", texture.name),
         *_UNITS.items(),
@@ -260,26 +246,22 @@ def write_hatt(texture: HattTexture, path: str | Path) -> Path:
     for tag, value in content:
         _add(root, tag, value, {"type": "array"})
     for i in range(mesh.speed.size):
-        _add_model(root, texture, i)
+        model = ElementTree.SubElement(root, "model")
+        _add(model, "modNum", i + 1)
+        for part, lsf in (("AR", texture.ar_lsf[i]), ("MA", texture.ma_lsf[i])):
+            k = line_spectrum.to_reflection(lsf) if lsf.size else lsf
+            _add(model, f"{part}coeff", Autoregression(k, np.array(1.0)).direct_form())
+            _add(model, f"{part}lsf", lsf)
+        # without an MA part the toolkit takes no gain
+        gain, taken = float(texture.gain[i]), bool(texture.ma_order)
+        _add(model, "var", float(texture.variance[i]) * (1.0 if taken else gain**2))
+        _add(model, "gain", gain if taken else 1.0)
+        _add(model, "speedMod", float(mesh.speed[i]))
+        _add(model, "forceMod", float(mesh.force[i]))
     ElementTree.indent(root, "")
     text = ElementTree.tostring(root, encoding="unicode", short_empty_elements=False)
     replace_file(path, f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'.encode())
     return path
-
-
-def _add_model(root: Element, texture: HattTexture, i: int) -> None:
-    model = ElementTree.SubElement(root, "model")
-    _add(model, "modNum", i + 1)
-    for part, lsf in (("AR", texture.ar_lsf[i]), ("MA", texture.ma_lsf[i])):
-        k = line_spectrum.to_reflection(lsf) if lsf.size else lsf
-        _add(model, f"{part}coeff", Autoregression(k, np.array(1.0)).direct_form())
-        _add(model, f"{part}lsf", lsf)
-    # without an MA part the toolkit takes no gain
-    gain = float(texture.gain[i])
-    _add(model, "var", float(texture.variance[i]) * (1.0 if texture.ma_order else gain**2))
-    _add(model, "gain", gain if texture.ma_order else 1.0)
-    _add(model, "speedMod", float(texture.mesh.speed[i]))
-    _add(model, "forceMod", float(texture.mesh.force[i]))
 
 
 def _add(

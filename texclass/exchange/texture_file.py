@@ -1,6 +1,5 @@
 """Texture files of our own: save a texture or a library of taps, load it, say what is in a file."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -102,7 +101,12 @@ def describe(path: str | Path) -> dict[str, Any]:
         header, arrays = read_container(path)
         written = {"written by": f"texclass {header.texclass}"}
         origin = {"format": f"texclass texture {header.version}", **written}
-    shapes = _shapes(arrays)
+    shapes: dict[
+        str, list[int]
+    ] = {}  # by the last part of the name; where several share it, how many numbers
+    for name, array in arrays.items():
+        last = name.rpartition(".")[2]
+        shapes[last] = [int(np.prod(shapes[last])) + array.size] if last in shapes else list(array.shape)
     return {
         "family": header.family,
         "name": header.name,
@@ -115,12 +119,3 @@ def describe(path: str | Path) -> dict[str, Any]:
         "bytes": path.stat().st_size,
         "arrays": shapes,
     }
-
-
-def _shapes(arrays: Mapping[str, NDArray[Any]]) -> dict[str, list[int]]:
-    """Return the shapes by the last part of the names; where several share it, how many numbers all hold."""
-    found: dict[str, list[int]] = {}
-    for name, array in arrays.items():
-        last = name.rpartition(".")[2]
-        found[last] = [int(np.prod(found[last])) + array.size] if last in found else list(array.shape)
-    return found

@@ -121,7 +121,15 @@ def read_wav(path: str | Path) -> Vibration:
     if '"texclass"' not in comment:
         x = stored / 32768.0 if stored.dtype == np.int16 else stored
         return Vibration(x, rate, "arbitrary", float(np.abs(x).max()))
-    note = _noted(comment, rate, f"{path}: comment")
+    try:
+        content = from_json(comment, allow_inf_nan=False)
+    except ValueError as error:
+        raise ValueError(f"{path}: comment is not the JSON it should be ({error})") from error
+    note = checked(_Note, content, f"{path}: comment")
+    if not abs(note.fs - rate) <= 0.5:
+        raise ValueError(
+            f"{path}: comment has fs {note.fs!r:.40}, the header {rate:g}; the rule is the same, rounded"
+        )
     x = stored * (note.peak / FULL_SCALE) if stored.dtype == np.int16 else stored
     return Vibration(x, note.fs, note.unit, note.peak)
 
@@ -133,19 +141,6 @@ class _Note(Written):
     unit: Unit
     peak: float = Field(ge=0, lt=1e39)
     fs: float
-
-
-def _noted(comment: str, rate: float, where: str) -> _Note:
-    try:
-        content = from_json(comment, allow_inf_nan=False)
-    except ValueError as error:
-        raise ValueError(f"{where}: is not the JSON it should be ({error})") from error
-    note = checked(_Note, content, where)
-    if not abs(note.fs - rate) <= 0.5:
-        raise ValueError(
-            f"{where} has fs {note.fs!r:.40}, the header {rate:g}; the rule is the same, rounded"
-        )
-    return note
 
 
 def _check_whole(path: Path) -> None:

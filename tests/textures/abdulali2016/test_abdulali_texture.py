@@ -1,4 +1,3 @@
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +7,7 @@ from abdulali2016_study import cross_validate, study_held_out
 from numpy.testing import assert_allclose, assert_array_equal
 
 from texclass.loaders import open_dataset
-from texclass.textures import Renderer, Scan, Texture
+from texclass.textures import Scan
 from texclass.textures.abdulali2016 import bake, condition, fit_as_published, fit_texture, model_scan
 from texclass.textures.abdulali2016.network_fit import growth_of
 from texclass.textures.abdulali2016.network_texture import level_of
@@ -47,30 +46,6 @@ def textures(training, modelled):
 @pytest.fixture(params=["network", "delaunay", "baked", "published"])
 def texture(request, textures):
     return textures[request.param]
-
-
-def test_every_way_keeps_the_contract_and_survives_being_written_down(texture, validation):
-    assert isinstance(texture, Texture)
-    assert isinstance(texture.renderer(), Renderer)
-    assert texture.family.startswith("abdulali2016")
-    assert texture.operations > 12 * 20 / 2
-    back = type(texture).restore(json.loads(json.dumps(texture.parameters())), texture.arrays())
-    v, f = validation.velocity[:300], validation.force[:300]
-    assert_array_equal(back.renderer(seed=1).process(v, f), texture.renderer(seed=1).process(v, f))
-
-
-def test_pieces_of_a_path_are_the_whole_path(texture, validation):
-    v, f = np.tile(validation.velocity, (2, 1)), np.tile(validation.force, 2)
-    renderer = texture.renderer(seed=3)
-    whole = texture.renderer(seed=3).process(v, f)
-    for pieces in (1, 7, 16, 333, 5000):
-        n = 12_000 if pieces == 5000 else 700
-        parts = [
-            renderer.process(v[i : min(i + pieces, n)], f[i : min(i + pieces, n)])
-            for i in range(0, n, pieces)
-        ]
-        assert_array_equal(np.concatenate(parts), whole[:n])
-        renderer.reset()
 
 
 def test_a_broken_file_is_refused(texture):
@@ -123,19 +98,6 @@ def test_a_jump_of_speed_force_or_direction_does_not_click(textures):
         for seed in range(8):
             difference = np.abs(np.diff(textures[family].renderer(seed=seed).process(velocity, force)))
             assert difference[n - 1 : n + 60].max() < 1.5 * difference[n // 2 : n].max(), family
-
-
-def test_paths_of_other_kinds_are_taken_and_bad_ones_refused(texture, validation):
-    v = np.asfortranarray(validation.velocity[:200].astype(np.float32))
-    f = validation.force[:400:2].astype(np.float32)
-    v.setflags(write=False)
-    expected = texture.renderer().process(v.astype(float), f.astype(float))
-    assert_array_equal(texture.renderer().process(v, f), expected)
-    renderer = texture.renderer()
-    for velocity, force in ((np.zeros(3), np.zeros(3)), (np.full((2, 2), np.nan), np.zeros(2))):
-        with pytest.raises(ValueError, match="the rule is"):
-            renderer.process(velocity, force)
-    assert renderer.process(np.zeros((0, 2)), np.zeros(0)).size == 0
 
 
 def test_a_rendered_recording_has_the_spectrum_and_level_of_a_new_one(textures, validation):

@@ -5,7 +5,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from texclass.textures.contract import Renderer
 from texclass.textures.guruswamy2011 import Amplitude, LevelLaw, SpatialTexture
 from texclass.textures.guruswamy2011 import texture as kernels
 from texclass.textures.guruswamy2011.texture import LARGEST_OUTPUT, N_RINGING, PLAY_MM, SILENT
@@ -168,15 +167,6 @@ def test_far_from_the_origin_the_surface_repeats():
         assert np.abs(there - here).max() < 1e-9
 
 
-def test_reset_brings_back_the_first_sample():
-    renderer = surface().renderer()
-    assert isinstance(renderer, Renderer)
-    path = stroke(50.0, 400)
-    first = renderer.process(*path)
-    renderer.reset()
-    assert np.array_equal(renderer.process(*path), first)
-
-
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e10])
 def test_broken_input_is_refused_and_changes_nothing(bad):
     texture = surface()
@@ -193,15 +183,3 @@ def test_broken_input_is_refused_and_changes_nothing(bad):
     )
     with pytest.raises(ValueError, match=re.escape("the rule is (n, 2), (n,), (n, 2)")):
         renderer.process(v, f[:-1], x)
-
-
-def test_input_of_any_real_kind_and_layout_is_fine():
-    texture = surface()
-    v, f, x = stroke(50.0, 200)
-    expected = texture.renderer().process(v, f, x)
-    frozen = [np.asfortranarray(a) for a in (v, f, x)]
-    for a in frozen:
-        a.setflags(write=False)
-    assert np.array_equal(texture.renderer().process(*frozen), expected)
-    assert np.abs(texture.renderer().process(v.astype(np.float32), f.tolist(), x) - expected).max() < 1e-6
-    assert texture.renderer().process(v[:0], f[:0]).shape == (0,)

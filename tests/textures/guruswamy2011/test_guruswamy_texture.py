@@ -1,20 +1,11 @@
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from texclass.textures.contract import Texture
 from texclass.textures.guruswamy2011 import SinusoidTexture, SpatialTexture, fit_texture
 from texclass.textures.guruswamy2011.texture import SILENT
 from texclass.textures.scan import Scan
-
-
-def test_a_fitted_texture_keeps_the_contract(rubber_fit):
-    texture = rubber_fit.texture
-    assert isinstance(texture, Texture)
-    assert texture.family == "guruswamy2011"
-    assert texture.operations > 0
 
 
 def test_rendered_along_the_scan_it_is_the_scan(rubber_fit):
@@ -37,15 +28,6 @@ def test_rendered_level_obeys_equation_2_at_other_speeds(rubber_fit):
             texture.scaling.speed, texture.scaling.force
         )
         assert rms == pytest.approx(expected, rel=0.15)
-
-
-def test_it_survives_json(rubber_fit):
-    texture = rubber_fit.texture
-    parameters = json.loads(json.dumps(texture.parameters()))
-    again = SpatialTexture.restore(parameters, texture.arrays())
-    scan = rubber_fit.scan
-    path = scan.velocity, scan.force, scan.position
-    assert np.array_equal(again.renderer().process(*path), texture.renderer().process(*path))
 
 
 @pytest.mark.parametrize(

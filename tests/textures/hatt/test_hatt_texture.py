@@ -1,10 +1,7 @@
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import freqz, lfilter
 
@@ -119,21 +116,6 @@ def test_the_lattice_is_that_of_the_mixed_line_spectra_and_its_taps_hold_the_rms
     assert np.linalg.norm(taps) == pytest.approx(factor * np.sqrt(np.mean(np.abs(h) ** 2)), rel=1e-9)
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
-@given(cuts=st.lists(st.integers(0, 1500), max_size=6))
-def test_any_pieces_are_the_same_samples_and_reset_starts_anew(cuts):
-    v = np.column_stack([90 + 80 * np.sin(np.arange(1500) / 70), 20 * np.cos(np.arange(1500) / 50)])
-    f = 1.5 + 2 * np.sin(np.arange(1500) / 90)
-    renderer = TEXTURE.renderer(seed=1)
-    whole = renderer.process(v, f)
-    renderer.reset()
-    pieces = [renderer.process(v[a:b], f[a:b]) for a, b in pairwise([0, *sorted(cuts), 1500])]
-    assert_array_equal(np.concatenate(pieces), whole)
-    renderer.reset()
-    single = [renderer.process(v[i : i + 1], f[i : i + 1]) for i in range(60)]
-    assert_array_equal(np.concatenate(single), whole[:60])
-
-
 @pytest.mark.parametrize(("speed", "force"), [(0.0, 1.0), (80.0, 0.0), (80.0, -1.0), (0.0, 0.0)])
 def test_rest_and_no_contact_are_silent_at_once_and_within_two_hops(speed, force):
     loud = replace(TEXTURE, variance=np.ones_like(TEXTURE.variance))  # at the nodes of rest, too
@@ -181,9 +163,3 @@ def test_broken_textures_are_refused_with_the_rule(monkeypatch):
     monkeypatch.setattr("texclass.textures.hatt.arma_texture.MOST_WORK", 100)
     with pytest.raises(ValueError, match=r"p\^2"):
         replace(TEXTURE)
-
-
-def test_wrong_paths_are_refused():
-    for v, f in ((np.ones((3, 2)), np.ones(2)), (np.ones(3), np.ones(3)), stroke(5, np.nan, 1.0)):
-        with pytest.raises(ValueError, match="the rule is"):
-            TEXTURE.renderer().process(v, f)

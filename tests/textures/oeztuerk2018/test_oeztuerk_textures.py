@@ -1,4 +1,3 @@
-import json
 from itertools import product
 
 import numpy as np
@@ -7,7 +6,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from oeztuerk2018_study import click
 from scipy import signal
 
-from texclass.textures import Renderer, Texture
 from texclass.textures.oeztuerk2018 import FrequencyTexture, LpcTexture, fit_frequencies, fit_lpc
 from texclass.textures.oeztuerk2018.speed_textures import PEAK_FACTOR, STILL, follow_lines
 from texclass.vibration import Autoregression, MajorFrequencies, fit, interpolation
@@ -41,18 +39,6 @@ def _path(n=4000, seed=0):
     t = np.linspace(0, 5, n)
     velocity = np.column_stack([np.interp(t, np.arange(6), k) for k in knots.T])
     return velocity, np.where(np.sin(3 * t) > -0.8, 1.0, 0.0)
-
-
-def test_any_blocking_and_a_reset_give_the_same_samples(texture):
-    velocity, force = _path()
-    renderer = texture.renderer(seed=3)
-    whole = renderer.process(velocity, force)
-    for size in (1, 7, 1000):
-        renderer.reset()
-        cuts = range(0, force.size, size)
-        pieces = [renderer.process(velocity[i : i + size], force[i : i + size]) for i in cuts]
-        assert_array_equal(np.concatenate(pieces), whole)
-    assert renderer.process(np.zeros((0, 2)), []).size == 0
 
 
 def test_output_is_finite_and_bounded_over_random_paths(texture):
@@ -140,16 +126,6 @@ def test_lines_are_scaled_to_the_peak_of_their_recording():
             assert_allclose(measure(model.synthesize(x.size, FS)), measure(x - x.mean()), rtol=1e-9)
 
 
-def test_what_is_written_down_is_restored_by_a_texture(texture):
-    assert isinstance(texture, Texture)
-    assert isinstance(texture.renderer(), Renderer)
-    assert texture.operations > 0
-    again = type(texture).restore(json.loads(json.dumps(texture.parameters())), texture.arrays())
-    renderers = again.renderer(seed=5), texture.renderer(seed=5)
-    assert_array_equal(*(renderer.process(*_path(500)) for renderer in renderers))
-    assert again.name == "felt"
-
-
 def test_broken_files_are_refused(texture):
     whole = texture.parameters(), texture.arrays()
     for parameters, arrays in (
@@ -199,15 +175,3 @@ def test_bad_recordings_are_refused():
     ):
         with pytest.raises(ValueError, match="rule is"):
             fit_texture(signals, speeds, FS)
-
-
-def test_bad_paths_are_refused_and_leave_the_state_and_others_are_taken(texture):
-    renderer = texture.renderer()
-    for velocity, force in (([[1.0, np.nan]], [1.0]), ([[1.0, 2.0]], [np.inf]), ([1.0, 2.0], [1.0])):
-        with pytest.raises(ValueError, match="rule is"):
-            renderer.process(velocity, force)
-    velocity, force = _path(200)
-    narrow = np.asfortranarray(velocity.astype(np.float32))
-    narrow.setflags(write=False)
-    same = texture.renderer().process(narrow.astype(np.float64), force)
-    assert_array_equal(renderer.process(narrow, force), same)

@@ -28,7 +28,7 @@ from texclass.textures.abdulali2016.network_texture import (
     RadialNetwork,
 )
 from texclass.textures.scan import Scan
-from texclass.vibration import line_spectrum
+from texclass.vibration import line_spectrum, recursions
 from texclass.vibration.autoregressive import Method, from_autocorrelation
 
 Solver = Literal["exact", "sparse"]
@@ -235,7 +235,21 @@ def model_scan(
     if loudness == "level":
         g = fit_exact(points.u, points.loudness[:, np.newaxis])
         silent = silent._replace(loudness=g.at(silent.u)[:, 0])
-    frame = _frame(points, scaling, cut.pieces(scan.acceleration), float(np.abs(scan.acceleration).max()))
+    u = points.u * scaling[1] + scaling[0]
+    speed = u[:, 0] if isotropic else np.hypot(u[:, 0], u[:, 1])
+    narrowest = np.diff(points.lsf, axis=1, prepend=0.0, append=np.pi).min(axis=1)
+    frame = Frame(
+        isotropic,
+        tuple(scaling[0].tolist()),
+        tuple(scaling[1].tolist()),
+        fastest=float(speed.max()),
+        hardest=float(u[:, -1].max()),
+        slow=HUSH * float(speed.min()),
+        light=HUSH * float(u[:, -1].min()),
+        loudest=max(float(np.sqrt(np.mean(x**2))) for x in cut.pieces(scan.acceleration)),
+        peak=float(np.abs(scan.acceleration).max()),
+        gap=float(min(np.quantile(narrowest, SHARP), 0.9 * np.pi / (points.lsf.shape[1] + 1))),
+    )
     return ModelledScan(scan.name, scan.fs, cut, frame, loudness, growth, points, silent, reach, symmetric)
 
 
@@ -250,26 +264,6 @@ def segment_enough(scan: Scan) -> InputSegments:
         if segments.n_samples.sum() >= COVERAGE * len(scan) or variation >= LOOSEST:
             return segments
         variation *= 2
-
-
-def _frame(points: ModelPoints, scaling: Samples, pieces: list[Samples], peak: float) -> Frame:
-    """Return the frame of model points (without the silent ones) and of the vibration in the segments."""
-    u = points.u * scaling[1] + scaling[0]
-    isotropic = u.shape[1] == 2
-    speed = u[:, 0] if isotropic else np.hypot(u[:, 0], u[:, 1])
-    narrowest = np.diff(points.lsf, axis=1, prepend=0.0, append=np.pi).min(axis=1)
-    return Frame(
-        isotropic,
-        tuple(map(float, scaling[0])),
-        tuple(map(float, scaling[1])),
-        fastest=float(speed.max()),
-        hardest=float(u[:, -1].max()),
-        slow=HUSH * float(speed.min()),
-        light=HUSH * float(u[:, -1].min()),
-        loudest=max(float(np.sqrt(np.mean(x**2))) for x in pieces),
-        peak=peak,
-        gap=float(min(np.quantile(narrowest, SHARP), 0.9 * np.pi / (points.lsf.shape[1] + 1))),
-    )
 
 
 def growth_of(speed: Samples, force: Samples, level: Samples, weight: Samples) -> tuple[float, float]:
@@ -370,11 +364,7 @@ def pool_spectra(points: ModelPoints) -> tuple[ModelPoints, float]:
 
 def _prediction_error(k: Samples, T: Samples, weight: Samples) -> float:
     """Return sum_i n_i ln(a^T T_i a) / sum_i n_i of the models with reflection coefficients (n, p)."""
-    order = T.shape[1] - 1
-    a = np.zeros((len(k), order + 1))
-    a[:, 0] = 1.0
-    for m in range(order):
-        a[:, 1 : m + 2] += k[:, m : m + 1] * a[:, m::-1]
+    a = recursions.step_up(np.ascontiguousarray(k[:, : T.shape[1] - 1]))
     error = np.maximum(np.einsum("ni,nij,nj->n", a, T, a), np.finfo(np.float64).tiny)
     return float(weight @ np.log(error) / weight.sum())
 

@@ -17,6 +17,7 @@ from texclass.textures.contract import StoredFields, freeze
 from texclass.textures.gliding import GlidingRenderer
 from texclass.textures.grid import GridModel, cell
 from texclass.vibration import line_spectrum
+from texclass.vibration.autoregressive import log_cosines
 
 LIMIT = 2.0
 """No rendered sample exceeds this many times the recorded peak."""
@@ -468,8 +469,8 @@ def level_of(
         alpha and beta.
     """
     if kind == "variance":
-        log_cosines = (np.log1p(k) + np.log1p(-k)).sum(axis=1) / 2
-        return np.asarray(np.sqrt(np.maximum(output, 0.0)) * np.exp(np.minimum(-log_cosines, 700.0)))
+        loss = log_cosines(k).sum(axis=1)
+        return np.asarray(np.sqrt(np.maximum(output, 0.0)) * np.exp(np.minimum(-loss, 700.0)))
     law = motion[0] ** growth[0] * motion[1] ** growth[1]
     return np.asarray(law * np.exp(np.minimum(output, 300.0)))
 

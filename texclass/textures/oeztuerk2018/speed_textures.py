@@ -68,11 +68,12 @@ class SpeedTexture(StoredFields, ABC):
         positive(self.fs, "fs")
         positive(self.peak, "peak")
 
-    def place(self, speed: float) -> float:
-        """Return where a speed (mm/s) lies among the recorded ones, 0 ... n_speeds - 1, held at both ends."""
-        if not (np.isfinite(speed) and speed >= 0):
-            raise ValueError(f"speed is {speed}; the rule is finite and at least 0")
-        return float(np.interp(speed, self.speeds, np.arange(self.speeds.size)))
+    def place(self, speed: ArrayLike) -> Samples:
+        """Return where speeds (mm/s) lie among the recorded ones, 0 ... n_speeds - 1, held at both ends."""
+        v = np.asarray(speed, dtype=np.float64)
+        if not np.all(np.isfinite(v) & (v >= 0)):
+            raise ValueError(f"speed is {speed!r}; the rule is finite and at least 0")
+        return np.asarray(np.interp(v, self.speeds, np.arange(self.speeds.size)))
 
     @abstractmethod
     def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
@@ -146,8 +147,8 @@ class LpcTexture(SpeedTexture):
         """Samples between two renewals of k."""
         return max(1, round(self.fs / UPDATE_HZ))
 
-    def at(self, speed: float) -> Autoregression:
-        """Return the model at a speed (mm/s)."""
+    def at(self, speed: ArrayLike) -> Autoregression:
+        """Return the models at speeds (mm/s), of their shape."""
         return self._at_places(self.place(speed))
 
     def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:

@@ -101,7 +101,9 @@ def fit_aligned(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Al
     v = one_channel(velocity, "velocity")
     if v.size != len(taps) or not np.any(v):
         raise ValueError(f"velocity is {v} for {len(taps)} taps; the rule is one for each, not all zero")
-    x, exponent = _in_one_scale(taps)
+    arrays = [one_channel(tap, f"tap {i}", at_least=4) for i, tap in enumerate(taps)]
+    unit, exponent = to_unit_scale(np.concatenate(arrays))
+    x = np.split(unit, np.cumsum([tap.size for tap in arrays])[:-1])
     start = [find_onset(one) for one in x]
     cut = [one[min(max(round(t), 0), one.size - 4) :] for one, t in zip(x, start, strict=True)]
     first = _start(cut, v, fs)
@@ -121,7 +123,15 @@ def fit_aligned(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Al
         ftol=1e-10,
         max_nfev=60,
     )
-    return _summary(problem, end.x, v, fs, exponent)
+    a, rest = problem.amplitudes(problem.shapes(end.x)[1]), problem.residual(end.x)
+    A, r_squared = slope_through_origin(v, a)
+    return AlignedTaps(
+        TapModel(float(np.ldexp(A, exponent)), float(end.x[0] * fs), float(end.x[1] * fs / (2 * np.pi))),
+        np.ldexp(a, exponent),
+        end.x[2:].copy(),
+        r_squared,
+        float(1 - rest @ rest / (problem.x @ problem.x)),
+    )
 
 
 def _start(taps: list[Samples], v: Samples, fs: float) -> TapModel:
@@ -184,25 +194,6 @@ class _Problem:
             along = (self.sums(phi * d_phi) / energy)[self.which] * phi
             out[np.arange(self.x.size), column] = a * (d_phi - along)
         return out
-
-
-def _summary(problem: _Problem, p: Samples, v: Samples, fs: float, exponent: int) -> AlignedTaps:
-    a = problem.amplitudes(problem.shapes(p)[1])
-    A, r_squared = slope_through_origin(v, a)
-    rest = problem.residual(p)
-    return AlignedTaps(
-        TapModel(float(np.ldexp(A, exponent)), float(p[0] * fs), float(p[1] * fs / (2 * np.pi))),
-        np.ldexp(a, exponent),
-        p[2:].copy(),
-        r_squared,
-        float(1 - rest @ rest / (problem.x @ problem.x)),
-    )
-
-
-def _in_one_scale(taps: Sequence[ArrayLike]) -> tuple[list[Samples], int]:
-    arrays = [one_channel(tap, f"tap {i}", at_least=4) for i, tap in enumerate(taps)]
-    unit, exponent = to_unit_scale(np.concatenate(arrays))
-    return np.split(unit, np.cumsum([tap.size for tap in arrays])[:-1]), exponent
 
 
 def _crossing(magnitude: Samples, level: float) -> float:
