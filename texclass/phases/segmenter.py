@@ -73,12 +73,18 @@ class Segmenter:
         opening = [strike for strike in strikes if strike.impact < found.n_bins(_OPENING_S)]
         strikes = strikes[len(opening) :]  # cut off by the start of the recording: no tap to measure
         if span is not None:
-            if opening and opening[0].end > 2 * found.n_bins(_OPENING_S):
-                span, strikes = _absorb_before(span, strikes, found.n_bins(self.pause_s))
-            span, strikes = _absorb_after(span, strikes, found.n_bins(self.pause_s))
+            pause = found.n_bins(self.pause_s)
+            opens_with_vibration = opening and opening[0].end > 2 * found.n_bins(_OPENING_S)
+            if opens_with_vibration and span[0] <= pause:  # both are one movement
+                span, strikes = (0, span[1]), [s for s in strikes if s.impact >= span[1]]
+            span, strikes = _absorb_after(span, strikes, pause)
         taps = self._taps(recording, found, strikes)
         if span is not None and (found.steady or taps):
-            movement = self._movement(recording, found, span, strikes)
+            first, last = (min(edge * found.bin_samples, recording.n_samples) for edge in span)
+            taps_follow = any(strike.impact >= span[1] for strike in strikes)
+            if recording.n_samples - last < self.pause_s * recording.fs and not taps_follow:
+                last = recording.n_samples
+            movement = (first, last)
             return Phases(taps, movement, movement[0] or None, () if movement[0] else (_STARTS_MOVING,))
         if span is None and (taps or _at_rest(recording, found)):
             return Phases(taps, notes=() if taps else (_NOTHING,))
@@ -98,16 +104,6 @@ class Segmenter:
             )
         hand = follow_hand(recording)
         return only_taps(strikes, hand, found, range_db=self.tap_range_db, sure_db=self.tap_sure_db)
-
-    def _movement(
-        self, recording: Recording, found: Track, span: tuple[int, int], strikes: list[Strike]
-    ) -> tuple[int, int]:
-        first, last = (edge * found.bin_samples for edge in span)
-        n = recording.n_samples
-        taps_follow = any(strike.impact >= span[1] for strike in strikes)
-        if n - last < self.pause_s * recording.fs and not taps_follow:
-            last = n
-        return first, min(last, n)
 
     def _taps(self, recording: Recording, found: Track, strikes: list[Strike]) -> tuple[Tap, ...]:
         if not strikes:
@@ -155,15 +151,6 @@ def segment(recording: Recording) -> Phases:
     linear in the length of the recording.
     """
     return Segmenter()(recording)
-
-
-def _absorb_before(
-    span: tuple[int, int], strikes: list[Strike], pause: int
-) -> tuple[tuple[int, int], list[Strike]]:
-    """Give a movement that follows within a pause the start of a recording that opens with vibration."""
-    if span[0] > pause:
-        return span, strikes
-    return (0, span[1]), [strike for strike in strikes if strike.impact >= span[1]]
 
 
 def _absorb_after(

@@ -45,8 +45,13 @@ def find_strikes(
     strikes: list[Strike] = []
     limit = len(level)
     for peak in (int(p) - 1 for p in reversed(peaks)):
-        impact = _rise(level, peak, found, end_ratio)
-        end = _decay(level[:limit], peak, end_ratio)
+        # back to the first bin that is above the noise and within 20 dB of the peak; on to where the level
+        # has come down to the noise, or to 30 dB below the peak
+        start = max(0, peak - found.n_bins(LOOK_BACK_S))
+        (below,) = np.nonzero(level[start:peak] < max(end_ratio, 1e-2 * level[peak]))
+        impact = start + (int(below[-1]) + 1 if len(below) else 0)
+        (below,) = np.nonzero(level[peak:limit] < max(end_ratio, 1e-3 * level[peak]))
+        end = peak + int(below[0]) if len(below) else limit
         around = (first + peak - found.n_bins(0.01), first + peak + found.n_bins(0.01))
         near = found.vibration.between(around[0] * found.bin_size, around[1] * found.bin_size)
         power = max(np.einsum("ij,ij->i", near, near).max(), 1e-300)
@@ -170,16 +175,3 @@ def _at_rest(part: Samples, whole: Samples) -> tuple[bool, Samples]:
     median = np.median(part, axis=0)
     peak = float(((whole - median) ** 2).sum(axis=1).max())
     return peak > 0.0 and float(((part - median) ** 2).sum(axis=1).max()) < 3e-3 * peak, median
-
-
-def _rise(level: Samples, peak: int, found: Track, end_ratio: float) -> int:
-    """Walk back from the peak to the first bin that is above the noise and within 20 dB of the peak."""
-    start = max(0, peak - found.n_bins(LOOK_BACK_S))
-    (below,) = np.nonzero(level[start:peak] < max(end_ratio, 1e-2 * level[peak]))
-    return start + (int(below[-1]) + 1 if len(below) else 0)
-
-
-def _decay(level: Samples, peak: int, end_ratio: float) -> int:
-    """Walk on from the peak to where the level has come down to the noise, or to 30 dB below the peak."""
-    (below,) = np.nonzero(level[peak:] < max(end_ratio, 1e-3 * level[peak]))
-    return peak + int(below[0]) if len(below) else len(level)

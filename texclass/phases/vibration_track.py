@@ -178,7 +178,10 @@ def track(recording: Recording, *, hand_hz: float, bin_s: float, quiet_s: float)
     vibration = Filtered(axes, (step,), sos, _n_rest(rate), BLOCK // bin_size * bin_size)
     level = vibration.power(bin_size)
     noise, steady = _quietest(level, n_quiet)
-    noise = max(noise, _rounding(axes), _DEAD * float(level.max()))
+    # mean square error of the converter's rounding, from its smallest step
+    steps = np.abs(np.diff(axes[:50_000], axis=0))
+    rounding = sum(float(s[s > 0].min()) ** 2 / 12 for s in steps.T if (s > 0).any())
+    noise = max(noise, rounding, _DEAD * float(level.max()))
     ratio = np.divide(level, noise, out=level) if noise > 0 else np.zeros_like(level)
     in_soft_band = strokes = ratio
     if rate > 6 * SOFT_BAND_HZ[1] and noise > 0:
@@ -264,9 +267,3 @@ def _quietest(level: Samples, n: int) -> tuple[float, bool]:
     stretch = level[int(np.argmin(means)) :][:n]
     fifths = [float(part.mean()) for part in np.array_split(stretch, min(5, n))]
     return float(stretch.mean()), max(fifths) <= ALIKE * min(fifths)
-
-
-def _rounding(axes: Samples) -> float:
-    """Mean square error of the converter's rounding, from its smallest step, summed over channels."""
-    steps = np.abs(np.diff(axes[:50_000], axis=0))
-    return sum(float(s[s > 0].min()) ** 2 / 12 for s in steps.T if (s > 0).any())

@@ -71,7 +71,25 @@ def record_freehand(
     rngs = generators(seed)
     rng = rngs[0]
     person = operator.redrawn(rng)
-    path = _freehand_gesture(surface, person, duration_s, with_taps, rng)
+    n_knots = int(np.ceil(duration_s * hand.CONTROL_RATE)) + 2
+    force = person.force_n * np.exp(person.force_spread * hand.smooth_noise(n_knots, 1.2, rng))
+    normal = -pressing_depth(surface, person, force)
+    quiet_s = rng.uniform(0.32, 0.5)
+    times: tuple[tuple[float, float], ...] = ()
+    begin = int(quiet_s * hand.CONTROL_RATE)
+    if with_taps:
+        most = 6 if duration_s >= 5.0 else 3
+        taps = hand.draw_taps(person, int(rng.integers(3, most + 1)), rng)
+        depth = float(pressing_depth(surface, person, 0.3 * person.force_n))
+        tapping, times = hand.tap_path(taps, quiet_s, depth, stay=True)
+        begin = len(tapping) + int(rng.uniform(0.2, 0.4) * hand.CONTROL_RATE)
+        normal[: len(tapping)] = tapping
+        normal[len(tapping) : begin] = hand.least_jerk(-depth, float(normal[begin]), begin - len(tapping))
+    velocity, lateral, line = np.zeros(n_knots), np.zeros(n_knots), np.zeros(n_knots)
+    velocity[begin:], lateral[begin:], line[begin:] = hand.draw_strokes(person, n_knots - begin, rng)
+    tremble = [hand.tremor(person, n_knots, rng) for _ in range(2)]
+    velocity += np.gradient(tremble[1]) * hand.CONTROL_RATE
+    path = hand.Gesture(normal + tremble[0], velocity, line, times, begin / hand.CONTROL_RATE, lateral)
     return perform(
         path,
         surface,
@@ -114,8 +132,16 @@ def perform(
     motion = move_tool(path, profile, mechanics(surface, person), n_samples=n_samples, fs=fs, sos=sos)
     phases = true_phases(path, motion, surface, fs)
     in_tool = _pose(motion.acceleration, person, fs, pose_rng)
-    noise = _noise_for(motion.acceleration, phases, snr_db)
+    noise = 0.0
+    if snr_db is not None and phases.movement is not None:
+        vibration = motion.acceleration[slice(*phases.movement)]
+        noise = float(np.sqrt(vibration.var(axis=0).mean()) * 10.0 ** (-snr_db / 20.0))
     acceleration = sensor.read(in_tool, fs, sensor_rng, extra_noise=noise)
+    # as a position tracker reports it, without the tip's own vibration
+    speed = signal.sosfiltfilt(signal.butter(2, _TRACKER_HZ, fs=fs, output="sos"), motion.speed)
+    if path.lateral_m_s is not None:
+        knots = np.arange(path.lateral_m_s.size) / hand.CONTROL_RATE
+        speed = np.hypot(speed, np.interp(np.arange(n_samples) / fs, knots, path.lateral_m_s))
     return Recording(
         acceleration=acceleration,
         fs=fs,
@@ -126,7 +152,7 @@ def perform(
         repetition=repetition,
         friction=sensor.read_bridge(motion.grip_force, fs, sensor_rng),
         normal_force=motion.contact_force,
-        speed=1e3 * _tracked_speed(motion.speed, path, fs),
+        speed=1e3 * np.abs(speed),
         phases=phases,
         source="simulated",
     )
@@ -159,52 +185,26 @@ def pressing_depth(surface: Surface, person: Operator, force_n: float | Samples)
 
 
 def true_phases(path: hand.Gesture, motion: Motion, surface: Surface, fs: float) -> Phases:
-    """Return the phases from the hand's intention and from what the tip felt."""
-    taps = tuple(_true_tap(round(a * fs), round(b * fs), motion, fs) for a, b in path.taps_s)
+    """Return the phases from the hand's intention and from what the tip felt.
+
+    The impact of a tap is the first touch; its decay ends when the vibration of 5 ms stays below 3 % of its
+    peak, or when the hand does something else.
+    """
+    taps = []
+    for start, stop in (np.round(np.multiply(span, fs)).astype(int).tolist() for span in path.taps_s):
+        impact = start + int(np.argmax(motion.contact_force[start:stop] > 0.0))
+        power = (motion.acceleration[impact:stop] ** 2).sum(axis=1)
+        n = max(round(0.005 * fs), 1)
+        envelope = np.sqrt(np.convolve(power, np.ones(n) / n)[: power.size])
+        loud = np.flatnonzero(envelope > 0.03 * np.sqrt(power.max()))
+        taps.append(Tap(start, impact, impact + int(loud[-1]) + 1))
     if path.strokes_s is None:
-        return Phases(taps=taps)
+        return Phases(taps=tuple(taps))
     start = round(path.strokes_s * fs)
     limit = surface.static_friction * max(float(motion.contact_force[start]), 0.1)
     travelled = np.abs(np.cumsum(motion.speed[start:])) / fs
     onset = start + int(np.argmax(travelled > 1.5 * limit / BRISTLE_N_M))
-    return Phases(taps=taps, movement=(onset, motion.speed.size), onset=onset)
-
-
-def _true_tap(start: int, stop: int, motion: Motion, fs: float) -> Tap:
-    """Impact is the first touch; the decay ends when the vibration of 5 ms stays below 3 % of its peak.
-
-    It also ends when the hand does something else.
-    """
-    impact = start + int(np.argmax(motion.contact_force[start:stop] > 0.0))
-    power = (motion.acceleration[impact:stop] ** 2).sum(axis=1)
-    n = max(round(0.005 * fs), 1)
-    envelope = np.sqrt(np.convolve(power, np.ones(n) / n)[: power.size])
-    loud = np.flatnonzero(envelope > 0.03 * np.sqrt(power.max()))
-    return Tap(start, impact, impact + int(loud[-1]) + 1)
-
-
-def _freehand_gesture(
-    surface: Surface, person: Operator, duration_s: float, with_taps: bool, rng: np.random.Generator
-) -> hand.Gesture:
-    n_knots = int(np.ceil(duration_s * hand.CONTROL_RATE)) + 2
-    force = person.force_n * np.exp(person.force_spread * hand.smooth_noise(n_knots, 1.2, rng))
-    normal = -pressing_depth(surface, person, force)
-    quiet_s = rng.uniform(0.32, 0.5)
-    times: tuple[tuple[float, float], ...] = ()
-    begin = int(quiet_s * hand.CONTROL_RATE)
-    if with_taps:
-        most = 6 if duration_s >= 5.0 else 3
-        taps = hand.draw_taps(person, int(rng.integers(3, most + 1)), rng)
-        depth = float(pressing_depth(surface, person, 0.3 * person.force_n))
-        tapping, times = hand.tap_path(taps, quiet_s, depth, stay=True)
-        begin = len(tapping) + int(rng.uniform(0.2, 0.4) * hand.CONTROL_RATE)
-        normal[: len(tapping)] = tapping
-        normal[len(tapping) : begin] = hand.least_jerk(-depth, float(normal[begin]), begin - len(tapping))
-    velocity, lateral, line = np.zeros(n_knots), np.zeros(n_knots), np.zeros(n_knots)
-    velocity[begin:], lateral[begin:], line[begin:] = hand.draw_strokes(person, n_knots - begin, rng)
-    tremble = [hand.tremor(person, n_knots, rng) for _ in range(2)]
-    velocity += np.gradient(tremble[1]) * hand.CONTROL_RATE
-    return hand.Gesture(normal + tremble[0], velocity, line, times, begin / hand.CONTROL_RATE, lateral)
+    return Phases(taps=tuple(taps), movement=(onset, motion.speed.size), onset=onset)
 
 
 def _pose(acceleration: Samples, person: Operator, fs: float, rng: np.random.Generator) -> Samples:
@@ -226,24 +226,6 @@ def _pose(acceleration: Samples, person: Operator, fs: float, rng: np.random.Gen
             sin_tilt * forward + cos_tilt * normal,
         ]
     )
-
-
-def _tracked_speed(along: Samples, path: hand.Gesture, fs: float) -> Samples:
-    """Return the speed (m/s) as a position tracker reports it, without the tip's own vibration."""
-    tracked = signal.sosfiltfilt(signal.butter(2, _TRACKER_HZ, fs=fs, output="sos"), along)
-    if path.lateral_m_s is None:
-        return np.abs(tracked)
-    time = np.arange(along.size) / fs
-    across = np.interp(time, np.arange(path.lateral_m_s.size) / hand.CONTROL_RATE, path.lateral_m_s)
-    return np.hypot(tracked, across)
-
-
-def _noise_for(acceleration: Samples, phases: Phases, snr_db: float | None) -> float:
-    """Return the deviation of white noise per axis that leaves the strokes `snr_db` above it."""
-    if snr_db is None or phases.movement is None:
-        return 0.0
-    vibration = acceleration[slice(*phases.movement)]
-    return float(np.sqrt(vibration.var(axis=0).mean()) * 10.0 ** (-snr_db / 20.0))
 
 
 def check_duration_and_rate(duration_s: float, fs: float, *, shortest_s: float) -> None:

@@ -93,30 +93,29 @@ def operator_catalogue(n: int, seed: int) -> tuple[Operator, ...]:
     seed : int
         Of the catalogue.
     """
-    return tuple(_operator(i, np.random.default_rng(np.random.SeedSequence((seed, 1, i)))) for i in range(n))
-
-
-def _operator(index: int, rng: np.random.Generator) -> Operator:
-    def around(value: float, spread: float) -> float:
-        return value * _factor(spread, rng)
-
-    return Operator(
-        name=f"operator-{index + 1}",
-        speed_mm_s=around(110.0, 0.18),
-        force_n=around(1.0, 0.18),
-        stroke_mm=around(65.0, 0.25),
-        roundness=rng.uniform(0.15, 0.45),
-        speed_spread=rng.uniform(0.15, 0.35),
-        force_spread=rng.uniform(0.12, 0.30),
-        grip_stiffness_n_m=around(700.0, 0.25),
-        grip_damping=around(0.9, 0.2),
-        tilt_deg=rng.uniform(10.0, 40.0),
-        azimuth_deg=rng.uniform(-35.0, 35.0),
-        direction_deg=rng.uniform(-12.0, 12.0),
-        tap_speed_mm_s=around(20.0, 0.2),
-        tremor_m_s2=around(0.05, 0.3),
-        tremor_hz=rng.uniform(8.0, 12.0),
-    )
+    operators = []
+    for index in range(n):
+        rng = np.random.default_rng(np.random.SeedSequence((seed, 1, index)))
+        operators.append(
+            Operator(
+                name=f"operator-{index + 1}",
+                speed_mm_s=110.0 * _factor(0.18, rng),
+                force_n=1.0 * _factor(0.18, rng),
+                stroke_mm=65.0 * _factor(0.25, rng),
+                roundness=rng.uniform(0.15, 0.45),
+                speed_spread=rng.uniform(0.15, 0.35),
+                force_spread=rng.uniform(0.12, 0.30),
+                grip_stiffness_n_m=700.0 * _factor(0.25, rng),
+                grip_damping=0.9 * _factor(0.2, rng),
+                tilt_deg=rng.uniform(10.0, 40.0),
+                azimuth_deg=rng.uniform(-35.0, 35.0),
+                direction_deg=rng.uniform(-12.0, 12.0),
+                tap_speed_mm_s=20.0 * _factor(0.2, rng),
+                tremor_m_s2=0.05 * _factor(0.3, rng),
+                tremor_hz=rng.uniform(8.0, 12.0),
+            )
+        )
+    return tuple(operators)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,54 +156,24 @@ class Gesture:
         return int(np.ceil(self.line.max())) + 1
 
 
-@dataclass(frozen=True)
-class IntendedTap:
-    """One tap as the hand means it.
-
-    Attributes
-    ----------
-    speed_m_s
-        At contact.
-    approach_s, hold_s, lift_s, pause_s
-        Acceleration towards the surface, pressing, retreat, waiting for the next.
-    """
-
-    speed_m_s: float
-    approach_s: float
-    hold_s: float
-    lift_s: float
-    pause_s: float
-
-    @property
-    def height_m(self) -> float:
-        """From which it starts: the velocity rises as half a cosine from 0 to `speed_m_s`."""
-        return 0.5 * self.speed_m_s * self.approach_s
-
-
-def draw_taps(operator: Operator, n: int, rng: np.random.Generator) -> tuple[IntendedTap, ...]:
-    """Return n taps of different strength, each in the operator's rhythm."""
+def draw_taps(operator: Operator, n: int, rng: np.random.Generator) -> Samples:
+    """Return n taps of different strength, each in the operator's rhythm, as `tap_path` takes them."""
     strengths = rng.permutation(np.linspace(0.55, 1.6, n)) * np.exp(0.08 * rng.standard_normal(n))
-    return tuple(
-        IntendedTap(
-            speed_m_s=1e-3 * operator.tap_speed_mm_s * float(strength),
-            approach_s=rng.uniform(0.05, 0.08),
-            hold_s=rng.uniform(0.08, 0.12),
-            lift_s=rng.uniform(0.22, 0.30),
-            pause_s=rng.uniform(0.02, 0.08),
-        )
-        for strength in strengths
-    )
+    speed = 1e-3 * operator.tap_speed_mm_s * strengths
+    least, most = (0.05, 0.08, 0.22, 0.02), (0.08, 0.12, 0.30, 0.08)
+    return np.column_stack([speed, rng.uniform(least, most, (n, 4))])
 
 
 def tap_path(
-    taps: tuple[IntendedTap, ...], quiet_s: float, depth: float, *, stay: bool
+    taps: Samples, quiet_s: float, depth: float, *, stay: bool
 ) -> tuple[Samples, tuple[tuple[float, float], ...]]:
     """Return the hand's height while it waits and taps, and the times of the taps.
 
     Parameters
     ----------
-    taps : tuple of IntendedTap
-        At least one.
+    taps : ndarray of shape (n_taps, 5)
+        Of each, at least one: speed at contact (m/s), and the seconds of acceleration towards the surface,
+        of pressing, of retreat, and of waiting for the next.
     quiet_s : float
         Time before the first.
     depth : float
@@ -212,23 +181,21 @@ def tap_path(
     stay : bool
         Whether the hand stays on the surface after the last tap.
     """
-    pieces = [np.full(_knots(quiet_s), taps[0].height_m)]
+    height_m = 0.5 * taps[:, 0] * taps[:, 1]  # the velocity rises as half a cosine from 0 to the speed
+    pieces = [np.full(_knots(quiet_s), height_m[0])]
     times = []
-    for i, tap in enumerate(taps):
+    for i, (speed, approach_s, hold_s, lift_s, pause_s) in enumerate(taps.tolist()):
         start = sum(map(len, pieces)) / CONTROL_RATE
-        approach, press = _tau(tap.approach_s), _tau(2.0 * depth / tap.speed_m_s)
+        approach, press = _tau(approach_s), _tau(2.0 * depth / speed)
         pieces += [
-            tap.height_m * (1.0 - approach + np.sin(np.pi * approach) / np.pi),
+            height_m[i] * (1.0 - approach + np.sin(np.pi * approach) / np.pi),
             -depth * (press + np.sin(np.pi * press) / np.pi),
-            np.full(_knots(tap.hold_s), -depth),
+            np.full(_knots(hold_s), -depth),
         ]
         times.append((start, sum(map(len, pieces)) / CONTROL_RATE))
         if i + 1 < len(taps) or not stay:
-            following = taps[min(i + 1, len(taps) - 1)].height_m
-            pieces += [
-                least_jerk(-depth, following, _knots(tap.lift_s)),
-                np.full(_knots(tap.pause_s), following),
-            ]
+            following = float(height_m[min(i + 1, len(taps) - 1)])
+            pieces += [least_jerk(-depth, following, _knots(lift_s)), np.full(_knots(pause_s), following)]
     return np.concatenate(pieces), tuple(times)
 
 

@@ -178,29 +178,21 @@ def surface_catalogue(n: int, seed: int) -> tuple[Surface, ...]:
     seed : int
         Of the catalogue.
     """
-    return tuple(_surface(i, np.random.default_rng(np.random.SeedSequence((seed, 0, i)))) for i in range(n))
-
-
-def _surface(index: int, rng: np.random.Generator) -> Surface:
-    category = _ORDER[index % len(_ORDER)]
-    family = dict(zip(_PROPERTIES, _FAMILIES[category], strict=True))
-
-    def drawn(*names: str) -> dict[str, float]:
-        return {name: _draw(rng, family[name]) for name in names}
-
-    kinetic = drawn("kinetic_friction")
-    return Surface(
-        name=f"{category}-{index + 1:02d}",
-        category=category,
-        **drawn("rms_um", "slope", "corner_mm"),
-        gratings=_gratings(family, rng),
-        bumps=_bumps(family, rng),
-        **drawn("stiffness_n_m", "dissipation_s_m"),
-        **kinetic,
-        static_friction=kinetic["kinetic_friction"] * rng.uniform(1.1, 1.5),
-        stribeck_mm_s=rng.uniform(3.0, 10.0),
-        **drawn("body_hz", "body_damping", "body_mass_kg"),
-    )
+    surfaces = []
+    for index in range(n):
+        rng = np.random.default_rng(np.random.SeedSequence((seed, 0, index)))
+        category = _ORDER[index % len(_ORDER)]
+        family = dict(zip(_PROPERTIES, _FAMILIES[category], strict=True))
+        drawn = {"kinetic_friction": _draw(rng, family["kinetic_friction"])}
+        drawn |= {name: _draw(rng, family[name]) for name in ("rms_um", "slope", "corner_mm")}
+        gratings, bumps = _gratings(family, rng), _bumps(family, rng)
+        drawn |= {name: _draw(rng, family[name]) for name in ("stiffness_n_m", "dissipation_s_m")}
+        drawn["static_friction"] = drawn["kinetic_friction"] * rng.uniform(1.1, 1.5)
+        drawn["stribeck_mm_s"] = rng.uniform(3.0, 10.0)
+        drawn |= {name: _draw(rng, family[name]) for name in ("body_hz", "body_damping", "body_mass_kg")}
+        name = f"{category}-{index + 1:02d}"
+        surfaces.append(Surface(name=name, category=category, gratings=gratings, bumps=bumps, **drawn))
+    return tuple(surfaces)
 
 
 def _gratings(family: dict[str, Any], rng: np.random.Generator) -> tuple[Grating, ...]:

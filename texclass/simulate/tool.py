@@ -22,7 +22,6 @@ from scipy import signal
 
 from texclass.recording import STANDARD_GRAVITY, Samples
 from texclass.simulate.hand import CONTROL_RATE, Gesture
-from texclass.simulate.profile import Profile
 
 BRISTLE_N_M = 2.0e4
 """Stiffness of the contact along the stroke before it slides (N/m)."""
@@ -171,7 +170,13 @@ def steps_per_sample(fs: float) -> int:
 
 
 def move_tool(
-    gesture: Gesture, profile: Profile, mechanics: Mechanics, *, n_samples: int, fs: float, sos: Samples
+    gesture: Gesture,
+    profile: tuple[Samples, float],
+    mechanics: Mechanics,
+    *,
+    n_samples: int,
+    fs: float,
+    sos: Samples,
 ) -> Motion:
     """Let the hand carry the tool through `gesture` over `profile`.
 
@@ -179,8 +184,8 @@ def move_tool(
     ----------
     gesture : Gesture
         Path of the hand.
-    profile : Profile
-        Heights under the tip.
+    profile : (ndarray of shape (n_lines, n_points), float)
+        Heights under the tip and distance of two points along a line (m).
     mechanics : Mechanics
         Constants.
     n_samples : int
@@ -194,11 +199,10 @@ def move_tool(
     other = np.empty((n_samples, 3))
     across = np.zeros_like(gesture.line) if gesture.lateral_m_s is None else gesture.lateral_m_s
     path = np.column_stack([gesture.normal_m_s, gesture.tangential_m_s, across, gesture.line])
-    surface = (profile.heights_m, profile.step_m)
     n_substeps = steps_per_sample(fs)
     _run(
         mechanics,
-        (path, float(gesture.normal_m[0]), surface),
+        (path, float(gesture.normal_m[0]), profile),
         np.ascontiguousarray(sos),
         (n_substeps, 1.0 / (fs * n_substeps)),
         (acceleration, other),
@@ -232,13 +236,6 @@ def _under_tip(heights, step, x, line):  # type: ignore[no-untyped-def]
         h += weight * (h_next - h)
         slope += weight * (slope_next - slope)
     return h, slope
-
-
-@njit(cache=True, inline="always", error_model="numpy")
-def _contact_force(p, depth, rate):  # type: ignore[no-untyped-def]
-    if depth <= 0.0:
-        return 0.0
-    return p.hertz * depth * np.sqrt(depth) * min(max(1.0 + p.dissipation * rate, 0.0), 4.0)
 
 
 @njit(cache=True, inline="always", error_model="numpy")
@@ -276,7 +273,10 @@ def _advance(p, state, hand, surface, dt):  # type: ignore[no-untyped-def]
     state[_X_HAND] += v_hand_x * dt
     h, slope = _under_tip(heights, grid, state[_X], line)
     depth = h + state[_B] - state[_Z]
-    force = _contact_force(p, depth, slope * state[_VX] + state[_VB] - state[_VZ])
+    force = 0.0
+    if depth > 0.0:
+        rate = slope * state[_VX] + state[_VB] - state[_VZ]
+        force = p.hertz * depth * np.sqrt(depth) * min(max(1.0 + p.dissipation * rate, 0.0), 4.0)
     friction, state[_BRISTLE] = _friction(p, force, state[_VX], v_across, state[_BRISTLE], dt)
     lateral = -friction - force * min(max(ASPERITY_SLOPE * slope, -1.0), 1.0)
     lift = p.stiffness * (state[_Z_HAND] - state[_Z]) + p.damping * (v_hand_z - state[_VZ])
