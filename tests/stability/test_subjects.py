@@ -7,25 +7,10 @@ import pytest
 
 from texclass.features import registered
 from texclass.peers import extreme_inputs
-from texclass.stability import (
-    inputs,
-    subjects_autoregression,
-    subjects_features,
-    subjects_modes,
-    subjects_signals,
-)
+from texclass.stability import inputs, subjects_features, subjects_models, subjects_signals
 from texclass.stability.judging import BAD, Mark, judge
 
-EVERY = [
-    subject
-    for subjects in (
-        subjects_autoregression.SUBJECTS,
-        subjects_modes.SUBJECTS,
-        subjects_signals.SUBJECTS,
-        subjects_features.subjects(),
-    )
-    for subject in subjects
-]
+EVERY = [*subjects_models.SUBJECTS, *subjects_signals.SUBJECTS, *subjects_features.subjects()]
 SUBJECTS = {subject.name: subject for subject in EVERY}
 HARD = ("plain", "zeros", "gain 1e-160", "int8", "one NaN", "3 samples")
 

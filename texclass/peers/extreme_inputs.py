@@ -22,9 +22,9 @@ from texclass.stability.inputs import (
     samples_of,
 )
 from texclass.stability.judging import Attempt, Check, Subject, tried
-from texclass.stability.subjects_autoregression import EXCITATION, at_orders, k_of, models, unit_model
 from texclass.stability.subjects_features import cases as feature_cases
 from texclass.stability.subjects_features import extraction
+from texclass.stability.subjects_models import EXCITATION, at_orders, k_of, models, unit_model
 from texclass.stability.subjects_signals import SHORT, largest
 
 LIBRARIES = ("librosa", "scipy", "spectrum", "statsmodels", "pysptk", "tsfel", "tsfresh", "pycatch22")

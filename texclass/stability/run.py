@@ -27,7 +27,7 @@ STREAM_S = 900.0
 GIVE_UP = 3
 """Crashes and hangs of one subject after which the rest of its cells is left out."""
 OURS = {
-    "models": "autoregression:SUBJECTS modes:SUBJECTS",
+    "models": "models:SUBJECTS",
     "filters": "signals:SUBJECTS",
     "transforms": "signals:SUBJECTS",
     "features": "features:subjects",
@@ -64,10 +64,10 @@ def run_stability(
         Called with (done, total, what), from several threads.
     """
     start = time.monotonic()
-    ours = [group for group in OURS if only in (None, group)]
     tasks = [
-        (" ".join(f"texclass.stability.subjects_{where}" for where in OURS[group].split()), group)
-        for group in ours
+        (f"texclass.stability.subjects_{place}", group)
+        for group, place in OURS.items()
+        if only in (None, group)
     ]
     if only in (None, "peers"):
         tasks += [(place, "peers") for place in (peers or {}).values()]
@@ -89,7 +89,7 @@ def run_stability(
 
 
 def supervise(
-    places: str,
+    place: str,
     group: str,
     *,
     quick: bool,
@@ -101,8 +101,8 @@ def supervise(
 
     Parameters
     ----------
-    places : str
-        "module:name" of a list of subjects, or of a function that returns one; several with blanks between.
+    place : str
+        "module:name" of a list of subjects, or of a function that returns one.
     group : str
         Only the subjects of this group are tried.
     quick : bool
@@ -112,7 +112,7 @@ def supervise(
     progress, left_out
         As in `run_stability`; `left_out` receives a line for each subject that was given up.
     """
-    task = (places, group, quick)
+    task = (place, group, quick)
     cells: list[dict[str, Any]] = []
     failures: Counter[str] = Counter()
     with tempfile.NamedTemporaryFile("r", encoding="utf-8", errors="replace") as said:
@@ -120,8 +120,9 @@ def supervise(
         try:
             begun = worker.ask(START_S, _begun, *task)
         except Exception as error:
-            told = f"the process {worker.end()}" if isinstance(error, BrokenExecutor) else error
-            raise ValueError(f"{places}: {told}; the rule is that it can be imported") from error
+            ended = f"the process {worker.end()}"
+            told = ended if isinstance(error, BrokenExecutor) else error
+            raise ValueError(f"{place}: {told}; the rule is that it can be imported") from error
         for number, cell in enumerate(begun):
             name = cell["subject"]
             if failures[name] >= GIVE_UP:
@@ -179,12 +180,10 @@ def _one_thread(said: str) -> None:
 
 
 @cache
-def _pairs(places: str, group: str, quick: bool) -> list[tuple[Subject, Case]]:
-    subjects: list[Subject] = []
-    for place in places.split():
-        module, name = place.split(":")
-        found = getattr(importlib.import_module(module), name)
-        subjects += found() if callable(found) else found
+def _pairs(place: str, group: str, quick: bool) -> list[tuple[Subject, Case]]:
+    module, name = place.split(":")
+    found = getattr(importlib.import_module(module), name)
+    subjects: list[Subject] = found() if callable(found) else found
     return [
         (subject, case) for subject in subjects if subject.group == group for case in subject.cases(quick)
     ]
@@ -195,5 +194,5 @@ def _begun(*task: Any) -> list[dict[str, Any]]:
     return [cell_of(subject, case, Mark.HANG) for subject, case in _pairs(*task)]
 
 
-def _judged(places: str, group: str, quick: bool, number: int) -> dict[str, Any]:
-    return judge(*_pairs(places, group, quick)[number])
+def _judged(place: str, group: str, quick: bool, number: int) -> dict[str, Any]:
+    return judge(*_pairs(place, group, quick)[number])
