@@ -8,7 +8,6 @@ import pytest
 from texclass.features import load_feature_set
 from texclass.tradeoff.front import Limits, estimate, knee
 from texclass.tradeoff.recogniser import load_recogniser
-from texclass.tradeoff.tradeoff_document import write_tradeoff
 from texclass.tradeoff.trading import trade_off
 
 SET = load_feature_set("strese2015").restricted_to(["variance", "mean_magnitude", "spikiness"])
@@ -76,7 +75,7 @@ def test_curves_are_measured_where_the_dataset_allows(noises):
 def test_reports_are_written_and_read_back(noises, tmp_path):
     limits = Limits(materials=("m0", "m1"))
     result = trade_off(noises, SET, limits, n_folds=3, n_repeats=2, with_curves=False)
-    paths = write_tradeoff(result, tmp_path)
+    paths = result.save(tmp_path)
     assert {path.suffix for path in paths} == {".json", ".md", ".png"}
     assert json.loads(paths[0].read_text()) == json.loads(result.to_json())
     assert "chosen inside each training part, for m0, m1" in paths[1].read_text(encoding="utf-8")

@@ -81,8 +81,6 @@ def benchmark(
     """Classify a dataset with every row of a pipeline's table, beside the published figures."""
     from texclass.experiment import load_pipeline, run_benchmark, running_on, study_feature
     from texclass.experiment import touches as cut_touches
-    from texclass.experiment.benchmark_document import benchmark_document, write_benchmark
-    from texclass.experiment.new_feature_document import new_feature_document, write_new_feature
     from texclass.features import load_feature
     from texclass.loaders import open_dataset
 
@@ -92,7 +90,6 @@ def benchmark(
         raise ValueError(f"--touches is {touches}, but there is no --touch; the rule is both")
     if peers:
         from texclass.peers import PeerSettings, compare_with_peers, whole_materials
-        from texclass.peers.peers_document import peers_document, write_peers
 
         given: dict[str, Any] = {"time_limit_s": peers_seconds, "signals": peers_signals}
         if peers_python is not None:
@@ -111,16 +108,18 @@ def benchmark(
     with running_on(backend, scheduler), progress_bar() as progress:
         if touch is not None:
             recordings = cut_touches(recordings, touch, per_recording=touches, n_jobs=jobs, progress=progress)
-        study = new and study_feature(recordings, definition, new, **asked, progress=progress)
-        result = study.result if study else run_benchmark(recordings, definition, **asked, progress=progress)
-    tell(new_feature_document(study.to_dict()) if study else benchmark_document(result.to_dict()))
-    write_json(json_file, (study or result).to_json())
-    wrote(write_new_feature(study, study.result, out) if study else write_benchmark(result, out))
+        if new is None:
+            result = run_benchmark(recordings, definition, **asked, progress=progress)
+        else:
+            result = study_feature(recordings, definition, new, **asked, progress=progress)
+    tell(result.document())
+    write_json(json_file, result.to_json())
+    wrote(result.save(out))
     if peers:
         with progress_bar() as progress:
             compared = compare_with_peers(recordings, definition, result, settings, **work, progress=progress)
-        tell(peers_document(compared.to_dict()))
-        wrote(write_peers(compared, out))
+        tell(compared.document())
+        wrote(compared.save(out))
 
 
 @app.command()
@@ -183,7 +182,7 @@ def tradeoff(
     from texclass.features import load_feature_set
     from texclass.loaders import open_dataset
     from texclass.tradeoff import Limits, trade_off
-    from texclass.tradeoff.tradeoff_document import tradeoff_document, tradeoff_stem, write_tradeoff
+    from texclass.tradeoff.trading import tradeoff_stem
 
     scene = tuple(name.strip() for name in (materials or "").split(",") if name.strip())
     recordings = open_dataset(dataset, fs=fs, unit=unit, skip_bad=True)
@@ -199,9 +198,9 @@ def tradeoff(
             progress=progress,
             model_file=out / f"{tradeoff_stem(facts)}.skops",
         )
-    tell(tradeoff_document(result.to_dict()))
+    tell(result.document())
     write_json(json_file, result.to_json())
-    wrote((*write_tradeoff(result, out), Path(result.data["chosen"]["file"])))
+    wrote((*result.save(out), Path(result.data["chosen"]["file"])))
 
 
 @app.command()

@@ -2,31 +2,19 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pandas as pd
 
-from texclass.document import Document, Figure, Finding, Heading, Heat, Shade, Table, write_document
-from texclass.document.blocks import Block, Savable
-from texclass.document.wording import (
-    aligned,
-    digits,
-    estimate,
-    interval,
-    percent,
-    points,
-    sentence,
-)
-from texclass.experiment.benchmark_figures import draw_rows
+from texclass.document import Document, Figure, Finding, Heading, Heat, Shade, Table
+from texclass.document.blocks import Block
+from texclass.document.figure_style import MUTED, OTHER, OURS, PAPER, legend_above, per_cent_limits, row_axes
+from texclass.document.wording import aligned, digits, estimate, interval, percent, points, sentence
 from texclass.experiment.gains_document import gains_blocks
-from texclass.experiment.result_words import (
-    again_facts,
-    classifier_title,
-    dataset_facts,
-    protocol_title,
-    size,
-)
+from texclass.experiment.result import again_facts, classifier_title, dataset_facts, protocol_title, size
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
 
 MOST_LISTED = 6
 """Recordings, flags or features that a note lists one by one; the JSON holds all of them."""
@@ -38,17 +26,6 @@ class _Best(NamedTuple):
     row: Data
     classifier: str
     accuracy: Data
-
-
-def write_benchmark(result: Savable, folder: str | Path) -> tuple[Path, ...]:
-    """Write a benchmark's JSON, Markdown and pictures into a folder, named dataset-pipeline-protocol."""
-    data = result.to_dict()
-    return write_document(benchmark_document(data), folder, benchmark_stem(data), json=result.to_json())
-
-
-def benchmark_stem(data: Data) -> str:
-    """Return what the names of a benchmark's files begin with."""
-    return f"{data['dataset']['name']}-{data['pipeline']['name']}-{data['protocol']}"
 
 
 def benchmark_document(data: Data) -> Document:
@@ -214,26 +191,45 @@ def _ranking(data: Data, best: _Best) -> Figure:
     ]
     gaps = [ours["mean"] - theirs for _, ours, theirs in found if theirs is not None]
     reached = f"; {sum(gap >= 0 for gap in gaps)} of {len(gaps)} rows reach their published figure"
+    rows = []
+    for row, ours, theirs in found:
+        against = ("", "") if theirs is None else (f"{100 * theirs:.0f}", points(ours["mean"] - theirs))
+        rows.append((row["name"], estimate(ours), *against))
     return Figure(
         "ranking",
         f"Every row with {classifier_title(name)}",
         f"The best of {len(found)} rows is {best.row['name']} with {percent(best.accuracy['mean'])} %"
         f"{reached if gaps else ''}.",
         lambda width: draw_rows(data, name, width),
-        Table(
-            pd.DataFrame(
-                [
-                    (row["name"], estimate(ours), *_against(ours["mean"], theirs))
-                    for row, ours, theirs in found
-                ],
-                columns=["Row", "Ours, % [95 %]", "Published, %", "Points"],
-            )
-        ),
+        Table(pd.DataFrame(rows, columns=["Row", "Ours, % [95 %]", "Published, %", "Points"])),
     )
 
 
-def _against(ours: float, theirs: float | None) -> tuple[str, str]:
-    return ("", "") if theirs is None else (f"{100 * theirs:.0f}", points(ours - theirs))
+def draw_rows(data: Data, classifier: str, width: float) -> "Drawing":
+    """Draw each row's accuracy with its interval beside the published figure, and chance where in sight."""
+    rows = [row for row in data["rows"] if classifier in row["accuracy"]]
+    figure, axes = row_axes(width, [row["name"] for row in rows], "accuracy, %")
+    lows = []
+    for y, row in enumerate(rows):
+        found, theirs = row["accuracy"][classifier], row.get("paper", {}).get(classifier)
+        mean, low, high = (100 * found[key] for key in ("mean", "low", "high"))
+        lows.append(low)
+        axes.plot([low, high], [y, y], color=OURS)
+        if theirs is not None:
+            lows.append(100 * theirs)
+            axes.plot(
+                100 * theirs, y, "D", color=OTHER, markerfacecolor=PAPER, markersize=5.5,
+                gid=f"{row['name']}: published {100 * theirs:.0f} %", label="published",
+            )  # fmt: skip
+        said = f"{row['name']}: ours {estimate(found)}"
+        axes.plot(mean, y, "o", color=OURS, gid=said, label="ours, 95 % interval")
+    low, high = per_cent_limits(lows)
+    chance = 100 / data["dataset"]["n_materials"]
+    if low <= chance:
+        axes.axvline(chance, color=MUTED, linewidth=1, linestyle=":", label="chance")
+    axes.set_xlim(low, high)
+    legend_above(figure, axes)
+    return figure
 
 
 def _confusion(found: Data, tested: str) -> Heat:

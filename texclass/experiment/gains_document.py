@@ -1,16 +1,21 @@
 """What groups of features add to a row, as blocks of a document."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from texclass.document import Figure, Table
 from texclass.document.blocks import Block
+from texclass.document.figure_style import INK, OURS, PAPER, legend_above, row_axes
 from texclass.document.wording import aligned, gain, p_value, percent, points
-from texclass.experiment.benchmark_figures import LEVEL, draw_gains
-from texclass.experiment.result_words import classifier_title
+from texclass.experiment.result import classifier_title
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+LEVEL = 0.05
+"""Corrected p-value below which a gain is called significant."""
 COLUMNS = ("With", "Dim", "%", "Points [95 %]", "Folds +/-", "p", "p, Holm", "ms")
 Gains = Mapping[str, Any]
 
@@ -27,6 +32,23 @@ def gains_blocks(gains: Gains, seed: int) -> Iterator[Block]:
             lambda width: draw_gains(measured, width),
         )
     yield list(_notes(gains, measured, seed))
+
+
+def draw_gains(groups: list[Gains], width: float) -> "Drawing":
+    """Draw what each measured group adds, with its interval; filled where it is significant, corrected."""
+    figure, axes = row_axes(width, [f"+ {group['name']}" for group in groups], "gain, points")
+    for y, group in enumerate(groups):
+        paired, p = group["paired"], group["p_corrected"]
+        sure = p is not None and p < LEVEL
+        axes.plot([100 * paired["low"], 100 * paired["high"]], [y, y], color=OURS)
+        axes.plot(
+            100 * paired["difference"], y, "o", color=OURS, markerfacecolor=OURS if sure else PAPER,
+            gid=f"{group['name']}: {gain(paired)} points, p {p_value(p)}",
+            label="significant, 95 % interval" if sure else "not significant",
+        )  # fmt: skip
+    axes.axvline(0, color=INK, linewidth=1)
+    legend_above(figure, axes)
+    return figure
 
 
 def verdict(gains: Gains) -> str:

@@ -14,6 +14,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from texclass.document import Document, write_document
 from texclass.experiment.benchmark import run_benchmark
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import FeatureTable, cached_table
@@ -42,11 +43,17 @@ class FeatureStudy(BenchmarkResult):
         """The benchmark alone."""
         return BenchmarkResult({key: value for key, value in self.data.items() if key != "new_feature"})
 
+    def document(self) -> Document:
+        """Return the study as a document."""
+        from texclass.experiment.new_feature_document import new_feature_document
+
+        return new_feature_document(self.data)
+
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write the benchmark, and beside it what was found about the feature."""
-        from texclass.experiment.new_feature_document import write_new_feature
-
-        return write_new_feature(self, self.result, folder)
+        stem = f"{self.stem}-feature"
+        written = write_document(self.document(), folder, stem, json=self.to_json(), pictures=False)
+        return (*self.result.save(folder), *written)
 
 
 def study_feature(

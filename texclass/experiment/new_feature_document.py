@@ -1,34 +1,19 @@
 """A new feature against the table, as a document: what to know of it before it goes into a paper."""
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from texclass.document import Document, Finding, Folded, Heading, Table, write_document
-from texclass.document.blocks import Block, Savable
+from texclass.document import Document, Finding, Folded, Heading, Table
+from texclass.document.blocks import Block
 from texclass.document.wording import digits, estimate, p_value, percent, points, points_interval
-from texclass.experiment.benchmark_document import (
-    benchmark_blocks,
-    benchmark_document,
-    benchmark_stem,
-    write_benchmark,
-)
-from texclass.experiment.result_words import classifier_title
+from texclass.experiment.benchmark_document import benchmark_blocks, benchmark_document
+from texclass.experiment.result import classifier_title
 from texclass.features.contract import Gain
 from texclass.features.examination import EXACT
 
 Data = Mapping[str, Any]
-
-
-def write_new_feature(study: Savable, table: Savable, folder: str | Path) -> tuple[Path, ...]:
-    """Write the report of the table with the feature in it, and beside it what was found about it."""
-    data = study.to_dict()
-    written = write_benchmark(table, folder)
-    stem = f"{benchmark_stem(data)}-feature"
-    found = write_document(new_feature_document(data), folder, stem, json=study.to_json(), pictures=False)
-    return (*written, *found)
 
 
 def new_feature_document(data: Data) -> Document:

@@ -1,4 +1,4 @@
-"""What a study found: plain JSON values, tables of them, and the document they make."""
+"""What a study found: plain JSON values, the document they make, and how that names what it was done with."""
 
 import json
 from collections.abc import Mapping
@@ -10,6 +10,25 @@ import pandas as pd
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from texclass.document import Document
+
+CLASSIFIERS = {
+    "naive_bayes": "Naive Bayes",
+    "lda": "LDA",
+    "shrinkage_lda": "Shrinkage LDA",
+    "euclidean": "Euclidean",
+    "nearest_neighbour": "Nearest neighbour",
+}
+PROTOCOLS = {
+    "recording": "folds over recordings",
+    "operator": "leave one operator out",
+    "run": "folds over whole runs",
+    "blocks": "first half of the repetitions to second half",
+    "few-shot": "three repetitions to second half",
+    "paper": "the paper's protocol",
+}
+COUNTS = ("operators", "sessions", "tests")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,6 +53,21 @@ class Result:
     def to_json(self) -> str:
         """Return the result as JSON text."""
         return json.dumps(self.data, indent=1, allow_nan=False) + "\n"
+
+    @property
+    def stem(self) -> str:
+        """What the names of its files begin with."""
+        return f"{self.data['dataset']['name']}-{self.data['pipeline']['name']}-{self.data['protocol']}"
+
+    def document(self) -> "Document":
+        """Return the result as a document."""
+        raise NotImplementedError
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write JSON, Markdown and pictures into a folder; their names begin with `stem`."""
+        from texclass.document import write_document
+
+        return write_document(self.document(), folder, self.stem, json=self.to_json())
 
 
 class BenchmarkResult(Result):
@@ -73,11 +107,11 @@ class BenchmarkResult(Result):
         ]
         return pd.DataFrame(lines)
 
-    def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write JSON, Markdown and pictures into a folder, named dataset-pipeline-protocol."""
-        from texclass.experiment.benchmark_document import write_benchmark
+    def document(self) -> "Document":
+        """Return the benchmark as a document."""
+        from texclass.experiment.benchmark_document import benchmark_document
 
-        return write_benchmark(self, folder)
+        return benchmark_document(self.data)
 
     def plot(self, classifier: str | None = None, width: float = 8.0) -> "Figure":
         """Draw each row's accuracy beside the published figure.
@@ -94,7 +128,7 @@ class BenchmarkResult(Result):
         ValueError
             If no row was computed.
         """
-        from texclass.experiment.benchmark_figures import draw_rows
+        from texclass.experiment.benchmark_document import draw_rows
 
         if self.best is None:
             raise ValueError("no row was computed; the rule is at least one accuracy to draw")
@@ -103,9 +137,56 @@ class BenchmarkResult(Result):
     @property
     def best(self) -> tuple[str, str] | None:
         """Row and classifier of the highest accuracy, the first of equals; None if no row was computed."""
-        pairs = {
-            (row["name"], name): accuracy["mean"]
-            for row in self.data["rows"]
-            for name, accuracy in row["accuracy"].items()
-        }
-        return max(pairs, key=pairs.__getitem__, default=None)
+        return best_of(self.data)
+
+
+def best_of(data: Mapping[str, Any]) -> tuple[str, str] | None:
+    """Return row and classifier of the highest accuracy, the first of equals; None if no row was computed."""
+    pairs = {
+        (row["name"], name): accuracy["mean"]
+        for row in data["rows"]
+        for name, accuracy in row["accuracy"].items()
+    }
+    return max(pairs, key=pairs.__getitem__, default=None)
+
+
+def classifier_title(name: str) -> str:
+    """Return a classifier in words."""
+    return CLASSIFIERS.get(name, name.replace("_", " ").capitalize())
+
+
+def protocol_title(name: str) -> str:
+    """Return a protocol in words."""
+    return PROTOCOLS.get(name, name)
+
+
+def size(facts: Mapping[str, Any]) -> str:
+    """Return how many recordings of how many materials a dataset has."""
+    windows = f"{facts['n_windows']:,} windows of " if "n_windows" in facts else ""
+    return f"{windows}{facts['n_recordings']:,} recordings of {facts['n_materials']} materials"
+
+
+def dataset_facts(data: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
+    """Return name and facts of the dataset that a result was measured on."""
+    facts = data["dataset"]
+    counts = [f"{facts[f'n_{what}']} {what}" for what in COUNTS if facts.get(f"n_{what}")]
+    told = {
+        "What it is": facts.get("title"),
+        "Size": ", ".join([size(facts), *counts]),
+        "Materials": ", ".join(facts.get("materials") or ()),
+        "Source": facts.get("source"),
+        "Licence": facts.get("licence"),
+        "Input hash": data["input_hash"],
+    }
+    return facts["name"], {what: fact for what, fact in told.items() if fact}
+
+
+def again_facts(data: Mapping[str, Any], pipeline: str) -> dict[str, str]:
+    """Return what is needed to compute a result again; its dataset's facts have the whole hash."""
+    hashed = data["input_hash"]
+    return {
+        "Pipeline or features": pipeline,
+        "Protocol": data["protocol"],
+        "Seed": str(data["seed"]),
+        "Input hash": f"{hashed[:12]}\N{HORIZONTAL ELLIPSIS}" if len(hashed) > 12 else hashed,
+    }

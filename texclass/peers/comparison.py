@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from texclass.document import Document
 from texclass.experiment.accuracy import score
 from texclass.experiment.feature_table import FeatureTable, cached_table
 from texclass.experiment.paired import compare
@@ -74,11 +75,16 @@ class PeerComparison(Result):
     the `difference` of our first row from it, on the same tests.
     """
 
-    def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write JSON, Markdown and a picture into a folder, named dataset-pipeline-protocol-peers."""
-        from texclass.peers.peers_document import write_peers
+    @property
+    def stem(self) -> str:
+        """What the names of its files begin with."""
+        return f"{self.data['dataset']['name']}-{self.data['pipeline']}-{self.data['protocol']}-peers"
 
-        return write_peers(self, folder)
+    def document(self) -> Document:
+        """Return the comparison as a document."""
+        from texclass.peers.peers_document import peers_document
+
+        return peers_document(self.data)
 
     @property
     def best_peer(self) -> Mapping[str, Any] | None:

@@ -1,13 +1,12 @@
 """A comparison with public libraries as a document: accuracy against time, every tool and classifier."""
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from texclass.document import Document, Figure, Finding, Folded, Heading, Table, write_document
-from texclass.document.blocks import Block, Savable
+from texclass.document import Document, Figure, Finding, Folded, Heading, Table
+from texclass.document.blocks import Block
 from texclass.document.figure_style import (
     OTHER,
     OURS,
@@ -28,13 +27,7 @@ from texclass.document.wording import (
     points_interval,
     sentence,
 )
-from texclass.experiment.result_words import (
-    again_facts,
-    classifier_title,
-    dataset_facts,
-    protocol_title,
-    size,
-)
+from texclass.experiment.result import again_facts, classifier_title, dataset_facts, protocol_title, size
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -51,13 +44,6 @@ COST_NOTE = (
     "all that learns, one fold; Total: features of all recordings of a fold, fit, predictions; MB: growth of "
     "the process at its largest, after the first call."
 )
-
-
-def write_peers(comparison: Savable, folder: str | Path) -> tuple[Path, ...]:
-    """Write a comparison's JSON, Markdown and picture into a folder, dataset-pipeline-protocol-peers."""
-    data = comparison.to_dict()
-    stem = f"{data['dataset']['name']}-{data['pipeline']}-{data['protocol']}-peers"
-    return write_document(peers_document(data), folder, stem, json=comparison.to_json())
 
 
 def peers_document(data: Data) -> Document:

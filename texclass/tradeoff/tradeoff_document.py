@@ -1,32 +1,36 @@
 """A trade-off as a document: what a millisecond buys, and accuracy against whatever else costs."""
 
-from collections.abc import Iterator, Mapping
-from pathlib import Path
-from typing import Any
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
-from texclass.document import Document, Figure, Finding, Folded, Heading, Table, write_document
-from texclass.document.blocks import Block, Savable
+from texclass.document import Document, Figure, Finding, Folded, Heading, Table
+from texclass.document.blocks import Block
+from texclass.document.figure_style import (
+    FAINT,
+    INK,
+    LOOKS,
+    MUTED,
+    NARROW,
+    OTHER,
+    OURS,
+    legend_above,
+    new_figure,
+    per_cent_limits,
+    row_axes,
+)
 from texclass.document.wording import aligned, digits, estimate, interval, percent, points, sentence
-from texclass.experiment.result_words import again_facts, classifier_title, dataset_facts, size
-from texclass.tradeoff.tradeoff_figures import draw_costs, draw_curves, draw_front
+from texclass.experiment.result import again_facts, classifier_title, dataset_facts, size
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Drawing
 
 Data = Mapping[str, Any]
-
-
-def write_tradeoff(result: Savable, folder: str | Path) -> tuple[Path, ...]:
-    """Write a trade-off's JSON, Markdown and pictures into a folder, named by `tradeoff_stem`."""
-    data = result.to_dict()
-    stem = tradeoff_stem(data["dataset"])
-    return write_document(tradeoff_document(data), folder, stem, json=result.to_json())
-
-
-def tradeoff_stem(dataset: Data) -> str:
-    """Return what the names of a trade-off's files begin with, from the facts of its dataset."""
-    scene = f"-{len(dataset['materials'])}-materials" if dataset.get("materials") else ""
-    seconds = f"-{dataset['max_seconds']:g}s" if dataset.get("max_seconds") else ""
-    return f"{dataset['name']}{scene}{seconds}-tradeoff"
+LOG_FROM = 8
+"""Ratio of the largest to the smallest value from which an axis is logarithmic."""
 
 
 def tradeoff_document(data: Data) -> Document:
@@ -198,3 +202,103 @@ def _costs(data: Data) -> Figure:
             frame, "ms per recording; share: shared transforms split equally between those that need them."
         ),
     )
+
+
+def draw_front(data: Data, width: float) -> "Drawing":
+    """Draw accuracy against ms: the cost-aware choice, plain selection, the full set, the knee."""
+    figure, axes = new_figure(width, 3.4)
+    front, knee, full = data["front"], data["knee"], data["full"]
+    ms = [point["budget_ms"] for point in front]
+    for key, colour, shape, what in (
+        ("plain", OTHER, "s", "plain sequential selection"),
+        ("accuracy", OURS, "o", "cost-aware choice, 95 % interval"),
+    ):
+        found = [point[key] for point in front]
+        says = [
+            f"{what.split(',')[0]}, {digits(x)} ms: {estimate(a)} %" for x, a in zip(ms, found, strict=True)
+        ]
+        _line(axes, ms, found, colour, shape, what, says, band=key == "accuracy")
+    axes.axhline(100 * full["mean"], color=MUTED, linewidth=1, linestyle=":", label="full set")
+    at = (knee["budget_ms"], 100 * knee["accuracy"]["mean"])
+    told = f"knee: {percent(knee['accuracy']['mean'])} %, {digits(knee['budget_ms'])} ms"
+    axes.plot(*at, "o", markersize=13, fillstyle="none", color=INK, label=told, clip_on=False)
+    axes.set(xlabel="features of one recording, ms", ylabel="accuracy, %")
+    axes.set_xlim(0, 1.04 * max(data["total_ms"], ms[-1]))
+    lows = [100 * point[key][end] for point in front for key, end in (("accuracy", "low"), ("plain", "mean"))]
+    axes.set_ylim(*per_cent_limits(lows))
+    legend_above(figure, axes)
+    return figure
+
+
+def draw_costs(costs: Sequence[Data], bought: Collection[str], width: float) -> "Drawing":
+    """Draw a bar for each feature: its share of the full set, behind it what it costs alone."""
+    names = [f"{'● ' if cost['feature'] in bought else ''}{cost['feature']}" for cost in costs]
+    figure, axes = row_axes(width, names, "ms (● bought at the budget)")
+    for key, colour, height, what in (
+        ("alone", FAINT, 0.55, "alone"),
+        ("share", OURS, 0.3, "share of the full set"),
+    ):
+        bars = axes.barh(range(len(costs)), [cost[key] for cost in costs], height, color=colour, label=what)
+        for bar, cost in zip(bars, costs, strict=True):
+            bar.set_gid(f"{cost['feature']}, {what}: {digits(cost[key])} ms")
+    legend_above(figure, axes)
+    return figure
+
+
+def draw_curves(curves: Sequence[Data], width: float) -> "Drawing":
+    """Draw accuracy against everything that is varied, one panel each."""
+    panels: dict[str, list[Data]] = {}
+    for curve in curves:
+        title = f"{curve['name']}, {curve['unit']}" if curve["unit"] else curve["name"]
+        panels.setdefault(title, []).append(curve)
+    from matplotlib.figure import Figure as Drawing
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    n_columns = 1 if width <= NARROW else min(3, len(panels))
+    n_rows = -(-len(panels) // n_columns)
+    figure = Drawing(figsize=(width, 2.7 * n_rows), layout=ConstrainedLayoutEngine(h_pad=0.1))
+    every = figure.subplots(n_rows, n_columns, squeeze=False).ravel()
+    for axes, (title, members) in zip(every, panels.items(), strict=False):
+        _panel(axes, title, members)
+    for axes in every[len(panels) :]:
+        axes.set_axis_off()
+    return figure
+
+
+def _panel(axes: "Axes", title: str, curves: Sequence[Data]) -> None:
+    ticks: dict[float, str] = {}
+    for curve, (colour, shape) in zip(curves, LOOKS, strict=False):
+        labels = curve.get("labels") or [f"{x:g}" for x in curve["x"]]
+        says = [
+            f"{curve['series']}, {label}: {estimate(found)} %"
+            for label, found in zip(labels, curve["accuracy"], strict=True)
+        ]
+        _line(axes, curve["x"], curve["accuracy"], colour, shape, curve["series"], says)
+        ticks |= dict(zip(curve["x"], labels, strict=True))
+    if min(ticks) > 0 and max(ticks) / min(ticks) >= LOG_FROM:
+        axes.set_xscale("log")
+    axes.set_xticks(list(ticks), list(ticks.values()), fontsize=8)
+    axes.minorticks_off()
+    axes.set_ylim(*per_cent_limits([100 * found["low"] for curve in curves for found in curve["accuracy"]]))
+    axes.set_title(title[0].upper() + title[1:])
+    axes.legend(loc="lower right", fontsize=8)
+
+
+def _line(
+    axes: "Axes",
+    x: Sequence[float],
+    found: Sequence[Data],
+    colour: str,
+    shape: str,
+    label: str,
+    says: Sequence[str],
+    *,
+    band: bool = True,
+) -> None:
+    """Draw accuracies along a line, their intervals as a band, and what each point says."""
+    mean, low, high = (100 * np.array([one[key] for one in found]) for key in ("mean", "low", "high"))
+    if band:
+        axes.fill_between(x, low, high, color=colour, alpha=0.12, linewidth=0)
+    axes.plot(x, mean, "-" if band else "--", marker=shape, markersize=5, color=colour, label=label)
+    for place, value, said in zip(x, mean, says, strict=True):
+        axes.plot(place, value, shape, markersize=5, color=colour, gid=said)

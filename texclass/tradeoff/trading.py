@@ -10,6 +10,7 @@ import numpy as np
 from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 
+from texclass.document import Document
 from texclass.experiment.cost import CostMeter, CostModel, classifier_cost
 from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.protocols import find_protocol
@@ -62,11 +63,23 @@ class Tradeoff(Result):
     what is needed to do it again.
     """
 
-    def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write JSON, Markdown and pictures into a folder."""
-        from texclass.tradeoff.tradeoff_document import write_tradeoff
+    @property
+    def stem(self) -> str:
+        """What the names of its files begin with: dataset, materials of a scene, seconds, "tradeoff"."""
+        return tradeoff_stem(self.data["dataset"])
 
-        return write_tradeoff(self, folder)
+    def document(self) -> Document:
+        """Return the trade-off as a document."""
+        from texclass.tradeoff.tradeoff_document import tradeoff_document
+
+        return tradeoff_document(self.data)
+
+
+def tradeoff_stem(dataset: Facts) -> str:
+    """Return what the names of a trade-off's files begin with, from the facts of its dataset."""
+    scene = f"-{len(dataset['materials'])}-materials" if dataset.get("materials") else ""
+    seconds = f"-{dataset['max_seconds']:g}s" if dataset.get("max_seconds") else ""
+    return f"{dataset['name']}{scene}{seconds}-tradeoff"
 
 
 def trade_off(
