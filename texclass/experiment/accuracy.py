@@ -2,12 +2,13 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
+from scipy.stats import binomtest
+from sklearn.metrics import recall_score
 
 Labels = NDArray[Any]
 N_RESAMPLES = 2000
@@ -69,12 +70,9 @@ def wilson_interval(n_hits: int, n_tested: int, confidence: float = 0.95) -> tup
 
     (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n), with p = n_hits/n and z the normal quantile.
     """
-    n, p, z = n_tested, n_hits / n_tested, float(ndtri(0.5 + confidence / 2))
-    centre = p + z**2 / (2 * n)
-    half = z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-    low, high = (centre - half) / (1 + z**2 / n), (centre + half) / (1 + z**2 / n)
-    # Rounding must not part an extreme proportion from its own limit.
-    return min(p, max(0.0, float(low))), max(p, min(1.0, float(high)))
+    found = binomtest(n_hits, n_tested).proportion_ci(confidence, method="wilson")
+    # Rounding must not part a proportion from its own limits.
+    return min(float(found.low), n_hits / n_tested), max(float(found.high), n_hits / n_tested)
 
 
 def cluster_interval(
@@ -106,13 +104,6 @@ def cluster_interval(
     p = n_hits[drawn].sum(axis=1) / n_tests[drawn].sum(axis=1)
     low, high = np.quantile(p, [0.5 - confidence / 2, 0.5 + confidence / 2])
     return float(low), float(high)
-
-
-def balanced_accuracy(truth: Labels, predicted: Labels) -> float:
-    """Return the mean over the tested materials of the share of their tests that was recognised."""
-    return float(
-        np.mean([np.mean(predicted[truth == material] == material) for material in np.unique(truth)])
-    )
 
 
 def majority(predicted: Labels, clusters: Labels) -> dict[Any, Any]:
@@ -148,27 +139,24 @@ def score(
     """
     hits = [t == p for t, p in zip(truth, predicted, strict=True)]
     every_truth, every_hit = np.concatenate(truth), np.concatenate(hits)
-    _, counts = np.unique(every_truth, return_counts=True)
+    materials, counts = np.unique(every_truth, return_counts=True)
+    balanced = None
+    if np.ptp(counts):
+        of_all = np.concatenate(predicted)
+        balanced = float(recall_score(every_truth, of_all, labels=materials, average="macro"))
     accuracy = Accuracy(
         n_hits=int(every_hit.sum()),
         n_tested=every_hit.size,
         folds=tuple(float(h.mean()) for h in hits),
-        balanced=None if np.ptp(counts) == 0 else balanced_accuracy(every_truth, np.concatenate(predicted)),
+        balanced=balanced,
     )
     if clusters is None or all(np.unique(c).size == c.size for c in clusters):
         return accuracy
-    votes = [_vote(*fold) for fold in zip(truth, predicted, clusters, strict=True)]
-    return Accuracy(
-        **{
-            **vars(accuracy),
-            "bounds": cluster_interval(every_hit, np.concatenate(clusters), seed),
-            "voted": score(*zip(*votes, strict=True)),
-        }
-    )
-
-
-def _vote(truth: Labels, predicted: Labels, clusters: Labels) -> tuple[Labels, Labels]:
-    """Return the labels and the majorities of a fold's clusters; a cluster of two materials counts as two."""
-    names = np.array([f"{t}\0{c}" for t, c in zip(truth, clusters, strict=True)])
-    votes = majority(predicted, names)
-    return np.array([name.split("\0")[0] for name in votes]), np.array(list(votes.values()))
+    felt, taken = [], []
+    for materials_of, labels, of in zip(truth, predicted, clusters, strict=True):
+        # A cluster of two materials counts as two.
+        votes = majority(labels, np.array([f"{t}\0{c}" for t, c in zip(materials_of, of, strict=True)]))
+        felt.append(np.array([name.split("\0")[0] for name in votes]))
+        taken.append(np.array(list(votes.values())))
+    bounds = cluster_interval(every_hit, np.concatenate(clusters), seed)
+    return replace(accuracy, bounds=bounds, voted=score(felt, taken))

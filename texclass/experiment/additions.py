@@ -113,22 +113,22 @@ def measure_additions(
         }
         for one, h in zip(rows, hits, strict=True)
     ]
-    corrected = holm([p.p_value for p in paired]).tolist()
-    measured = iter(zip(sums[1:], paired, corrected, strict=True))
-    told = []
-    for group in groups:
-        joined, pair, p = next(measured) if group.columns else (None, None, None)
-        told.append(
-            {
-                "name": group.definition.name,
-                "n_columns": group.n_features,
-                "joined": joined,
-                "paired": pair and pair.to_dict(),
-                "p_corrected": p,
-                "missing": group.missing,
-                "reference": group.definition.reference,
-            }
-        )
+    corrected = holm([pair["p_value"] for pair in paired]).tolist()
+    told: list[dict[str, Any]] = [
+        {
+            "name": group.definition.name,
+            "n_columns": group.n_features,
+            "joined": None,
+            "paired": None,
+            "p_corrected": None,
+            "missing": group.missing,
+            "reference": group.definition.reference,
+        }
+        for group in groups
+    ]
+    measured = [line for line, group in zip(told, groups, strict=True) if group.columns]
+    for line, joined, pair, p in zip(measured, sums[1:], paired, corrected, strict=True):
+        line |= {"joined": joined, "paired": pair, "p_corrected": p}
     return {
         "row": row.definition.name,
         "classifier": classifier,

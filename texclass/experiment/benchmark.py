@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.stats import spearmanr
 from sklearn.metrics import confusion_matrix
 
@@ -17,9 +18,10 @@ from texclass.experiment.folds import Evaluation
 from texclass.experiment.nested_choice import choose_inside, inner_splits
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition, load_pipeline
 from texclass.experiment.protocols import Protocol, find_protocol
-from texclass.experiment.result import BenchmarkResult
+from texclass.experiment.result import BenchmarkResult, best_of
 from texclass.experiment.windows import parents
 from texclass.experiment.workers import Progress, each
+from texclass.features.extractor import Reason
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import versions
@@ -86,14 +88,15 @@ def run_benchmark(
     splits = chosen.split(table.frame, folds, pipeline.seed)
     rows = [MatchedRow.of(row, pipeline.features, table) for row in pipeline.rows]
     meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
-    costs = [_cost(row, meter, pipeline) for row in rows]
     evaluations = _evaluate(rows, table, splits, pipeline, chosen, **work)
     base = choose_base(pipeline, rows, evaluations) if pipeline.additions else None
     lines = [
-        _line(row, cost, evaluations.get(row.definition.name, {}), chosen.unit)
-        for row, cost in zip(rows, costs, strict=True)
+        _line(row, pipeline, meter, evaluations.get(row.definition.name, {}), chosen.unit) for row in rows
     ]
     tested = "windows" if "parent" in table.frame else "recordings"
+    # By feature: the commonest reason, and the number of recordings.
+    reasons = pd.DataFrame(table.reasons, columns=Reason._fields).groupby("feature", sort=False)["reason"]
+    undefined = reasons.agg(reason=lambda of: Counter(of).most_common(1)[0][0], n_recordings="size")
     return BenchmarkResult(
         {
             "dataset": _facts(dataset, table),
@@ -104,26 +107,19 @@ def run_benchmark(
             "accuracy_unit": f"fraction of {tested}; low and high are the 95 % interval by `interval`",
             "rows": lines,
             "rank_agreement": {name: _rank_agreement(lines, name) for name in pipeline.classifiers},
-            "confusion": _confusion(evaluations, dataset.materials),
+            "confusion": _confusion(lines, evaluations, dataset.materials),
             "gains": base and measure_additions(pipeline, table, base, chosen, folds, meter, **work),
             "choice": choose_inside(rows, table, splits, pipeline, chosen, evaluations, **work)
             if choose
             else None,
             "left_out": [list(item) for item in table.left_out],
             "flags": [list(item) for item in table.flags],
-            "undefined": _undefined(table),
+            "undefined": undefined.reset_index().to_dict("records"),
             "versions": versions(*LIBRARIES),
             "seed": pipeline.seed,
             "input_hash": dataset.input_hash,
         }
     )
-
-
-def _cost(row: MatchedRow, meter: CostMeter, pipeline: PipelineDefinition) -> float | None:
-    """Return the milliseconds of a row's features (of the whole pool, where columns are selected)."""
-    if not row.columns:
-        return None
-    return meter.milliseconds(pipeline.features.restricted_to(row.definition.features))
 
 
 def _evaluate(
@@ -148,9 +144,15 @@ def _evaluate(
 
 
 def _line(
-    row: MatchedRow, cost: float | None, evaluations: Mapping[str, Evaluation], unit: str
+    row: MatchedRow,
+    pipeline: PipelineDefinition,
+    meter: CostMeter,
+    evaluations: Mapping[str, Evaluation],
+    unit: str,
 ) -> dict[str, Any]:
     """Return a line of the table; published figures as fractions."""
+    # Of the whole pool, where columns are selected.
+    features = pipeline.features.restricted_to(row.definition.features)
     shares = {name: zip(row.columns, e.support.tolist(), strict=True) for name, e in evaluations.items()}
     selects = row.definition.select is not None
     return {
@@ -158,7 +160,7 @@ def _line(
         "n_features": row.n_features,
         "accuracy": {name: e.accuracy.to_dict(unit) for name, e in evaluations.items()},
         "paper": {name: value / 100 for name, value in row.definition.published.items()},
-        "ms_per_recording": cost,
+        "ms_per_recording": meter.milliseconds(features) if row.columns else None,
         "missing": row.missing,
         "selected": {name: {c: s for c, s in pairs if s > 0} for name, pairs in shares.items() if selects},
         "reference": row.definition.reference,
@@ -178,14 +180,17 @@ def _rank_agreement(lines: Sequence[Mapping[str, Any]], classifier: str) -> floa
 
 
 def _confusion(
-    evaluations: Mapping[str, Mapping[str, Evaluation]], materials: Sequence[str]
+    lines: Sequence[Mapping[str, Any]],
+    evaluations: Mapping[str, Mapping[str, Evaluation]],
+    materials: Sequence[str],
 ) -> dict[str, Any] | None:
     """Return who is taken for whom by the row and classifier with the highest accuracy."""
-    pairs = [(row, name) for row, found in evaluations.items() for name in found]
-    if not pairs:
+    best = best_of({"rows": lines})
+    if best is None:
         return None
-    row, name = max(pairs, key=lambda pair: evaluations[pair[0]][pair[1]].accuracy.mean)
-    truth, predicted = map(np.concatenate, (evaluations[row][name].truth, evaluations[row][name].predicted))
+    row, name = best
+    found = evaluations[row][name]
+    truth, predicted = np.concatenate(found.truth), np.concatenate(found.predicted)
     counts = confusion_matrix(truth, predicted, labels=list(materials)).tolist()
     return {"row": row, "classifier": name, "materials": list(materials), "counts": counts}
 
@@ -205,14 +210,3 @@ def _facts(dataset: Dataset, table: FeatureTable) -> dict[str, Any]:
         "source": dataset.source,
         "notes": list(dataset.notes),
     }
-
-
-def _undefined(table: FeatureTable) -> list[dict[str, Any]]:
-    """Summarise undefined values by feature: the commonest reason, and the number of recordings."""
-    by_feature: dict[str, Counter[str]] = {}
-    for reason in table.reasons:
-        by_feature.setdefault(reason.feature, Counter())[reason.reason] += 1
-    return [
-        {"feature": feature, "reason": reasons.most_common(1)[0][0], "n_recordings": reasons.total()}
-        for feature, reasons in by_feature.items()
-    ]

@@ -22,10 +22,25 @@ SHADES = {"d1 d2 d3 d4 d5": "right", "e1 e2 e3 e4 e5": "wrong; each step a fifth
 Data = Mapping[str, Any]
 
 
-class _Best(NamedTuple):
+class _Pair(NamedTuple):
     row: Data
     classifier: str
     accuracy: Data
+    published: Any
+
+
+def _pairs(data: Data) -> list[_Pair]:
+    """Return every pair of row and classifier that was computed, and the published accuracy or None."""
+    return [
+        _Pair(row, name, found, row.get("paper", {}).get(name))
+        for row in data["rows"]
+        for name, found in row["accuracy"].items()
+    ]
+
+
+def _best_of(data: Data) -> _Pair | None:
+    """Return the pair of row and classifier of the highest accuracy; the first of equals."""
+    return max(_pairs(data), key=lambda pair: float(pair.accuracy["mean"]), default=None)
 
 
 def benchmark_document(data: Data) -> Document:
@@ -73,53 +88,45 @@ def benchmark_blocks(data: Data) -> Iterator[Block]:
         yield notes
 
 
-def _finding(data: Data, best: _Best) -> Finding:
-    name = classifier_title(best.classifier)
-    n_pairs = sum(len(row["accuracy"]) for row in data["rows"])
-    said = [
+def _finding(data: Data, best: _Pair) -> Finding:
+    name, n_pairs = classifier_title(best.classifier), len(_pairs(data))
+    folds = f", {data['n_folds']} folds" if data["n_folds"] > 1 else ""
+    said = (
         f"of the {_tested(data)} recognised among {data['dataset']['n_materials']} materials, by "
-        f"{best.row['name']} with {name} (95 % interval).",
-        f"Protocol: {data['protocol_description']}{_folds(data)}.",
-    ]
+        f"{best.row['name']} with {name} (95 % interval). Protocol: {data['protocol_description']}{folds}."
+    )
     if n_pairs > 1:
-        said.append(
-            f"It is the highest of {n_pairs} pairs of row and classifier on the same tests, so it is a "
+        said += (
+            f" It is the highest of {n_pairs} pairs of row and classifier on the same tests, so it is a "
             "little optimistic."
         )
     if choice := data.get("choice"):
-        said.append(
-            "Chosen inside each training part, where tests have no say: "
+        said += (
+            " Chosen inside each training part, where tests have no say: "
             f"{_chosen_accuracy(choice['accuracy'])}."
         )
     beside, brief = _beside_paper(data, best)
     return Finding(
-        percent(best.accuracy["mean"]), "%", interval(best.accuracy), " ".join(said), beside,
+        percent(best.accuracy["mean"]), "%", interval(best.accuracy), said, beside,
         f"{best.row['name']} with {name}; {brief}",
     )  # fmt: skip
 
 
-def _beside_paper(data: Data, best: _Best) -> tuple[str, str]:
+def _beside_paper(data: Data, best: _Pair) -> tuple[str, str]:
     """Return how far the best row, or else the best published one, is from its published figure, twice."""
-    theirs, row = best.row.get("paper", {}).get(best.classifier), best
-    if theirs is None:
-        pairs = [
-            (figure, _Best(one, name, one["accuracy"][name]))
-            for one in data["rows"]
-            for name, figure in one.get("paper", {}).items()
-            if name in one["accuracy"]
-        ]
-        if not pairs:
-            return "No row of this table has a published figure.", "no published figure."
-        theirs, row = max(pairs, key=lambda pair: pair[0])
-    low, high = (points(row.accuracy[end] - theirs) for end in ("low", "high"))
     what, which = "for this row with this classifier", ""
-    if row is not best:
+    if best.published is None:
+        published = [pair for pair in _pairs(data) if pair.published is not None]
+        if not published:
+            return "No row of this table has a published figure.", "no published figure."
+        best = max(published, key=lambda pair: float(pair.published))
         what = (
-            f"for {row.row['name']} with {classifier_title(row.classifier)}, the best published row here, "
-            f"where ours is {percent(row.accuracy['mean'])} %"
+            f"for {best.row['name']} with {classifier_title(best.classifier)}, the best published row here, "
+            f"where ours is {percent(best.accuracy['mean'])} %"
         )
-        which = f" of {row.row['name']}, for that row"
-    difference = points(row.accuracy["mean"] - theirs)
+        which = f" of {best.row['name']}, for that row"
+    theirs = best.published
+    difference, low, high = (points(best.accuracy[key] - theirs) for key in ("mean", "low", "high"))
     return (
         f"{difference} points [{low}, {high}] against the {100 * theirs:.0f} % published {what}. The "
         "published figure has no interval and comes from other recordings.",
@@ -127,7 +134,7 @@ def _beside_paper(data: Data, best: _Best) -> tuple[str, str]:
     )
 
 
-def _rows(data: Data, best: _Best | None) -> Table:
+def _rows(data: Data, best: _Pair | None) -> Table:
     """Return each classifier's accuracy in every row, and the published one beside it."""
     names = _classifiers(data) or ["accuracy"]
     published = [name for name in names if any(name in row.get("paper", {}) for row in data["rows"])]
@@ -159,7 +166,7 @@ def _rows(data: Data, best: _Best | None) -> Table:
 
 def _beside(data: Data) -> Table | None:
     """Return balanced accuracies and votes of a recording's (or run's) windows; None if they add nothing."""
-    every = [found for row in data["rows"] for found in row["accuracy"].values()]
+    every = [pair.accuracy for pair in _pairs(data)]
     unit = next((u for u in ("recording", "run") if any(f"per_{u}" in found for found in every)), None)
     balanced = any(abs(found.get("balanced", found["mean"]) - found["mean"]) > 1e-9 for found in every)
     if unit is None and not balanced:
@@ -167,32 +174,26 @@ def _beside(data: Data) -> Table | None:
     rows = [row for row in data["rows"] if row["accuracy"]]
     columns: dict[tuple[str, str], list[str]] = {("Row", ""): [row["name"] for row in rows]}
     for name in _classifiers(data):
-        found = [row["accuracy"].get(name) for row in rows]
+        found = [row["accuracy"].get(name, {}) for row in rows]
         if balanced:
-            values = [percent(one.get("balanced", one["mean"])) if one else "" for one in found]
-            columns[classifier_title(name), "balanced"] = values
+            means = [one.get("balanced", one.get("mean")) for one in found]
+            columns[classifier_title(name), "balanced"] = [percent(m) if m is not None else "" for m in means]
         if unit is not None:
-            votes = [one and one.get(f"per_{unit}") for one in found]
-            columns[classifier_title(name), f"per {unit}"] = [
-                estimate(vote) if vote else "" for vote in votes
-            ]
+            votes = [one.get(f"per_{unit}") for one in found]
+            columns[classifier_title(name), f"per {unit}"] = [estimate(v) if v else "" for v in votes]
     caption = "The same in other terms, in %. " + "Balanced: mean over materials. " * balanced
     caption += f"Per {unit}: by majority of its {_tested(data)} [95 %]." if unit else ""
     return Table(pd.DataFrame(columns), caption)
 
 
-def _ranking(data: Data, best: _Best) -> Figure:
+def _ranking(data: Data, best: _Pair) -> Figure:
     """Return all rows as a picture: ours and the published figures."""
     name = best.classifier
-    found = [
-        (row, row["accuracy"][name], row.get("paper", {}).get(name))
-        for row in data["rows"]
-        if name in row["accuracy"]
-    ]
-    gaps = [ours["mean"] - theirs for _, ours, theirs in found if theirs is not None]
+    found = [pair for pair in _pairs(data) if pair.classifier == name]
+    gaps = [pair.accuracy["mean"] - pair.published for pair in found if pair.published is not None]
     reached = f"; {sum(gap >= 0 for gap in gaps)} of {len(gaps)} rows reach their published figure"
     rows = []
-    for row, ours, theirs in found:
+    for row, _, ours, theirs in found:
         against = ("", "") if theirs is None else (f"{100 * theirs:.0f}", points(ours["mean"] - theirs))
         rows.append((row["name"], estimate(ours), *against))
     return Figure(
@@ -268,12 +269,10 @@ def _confusion(found: Data, tested: str) -> Heat:
     )
 
 
-def _notes(data: Data, best: _Best | None) -> Iterator[str]:
+def _notes(data: Data, best: _Pair | None) -> Iterator[str]:
     """Yield what a reader of the table must know."""
-    every = [found for row in data["rows"] for found in row["accuracy"].values()]
-    if bootstrap := next(
-        (a["interval"] for a in every if a.get("interval", "").startswith("bootstrap")), None
-    ):
+    intervals = [pair.accuracy.get("interval", "") for pair in _pairs(data)]
+    if bootstrap := next((how for how in intervals if how.startswith("bootstrap")), None):
         unit = bootstrap.split()[-1]
         yield (
             f"Accuracy is the share of {_tested(data)}; its interval is a {bootstrap}, as those of one "
@@ -324,19 +323,9 @@ def _chosen_accuracy(accuracy: Data) -> str:
     return f"{mean} % [{low}, {high}]"
 
 
-def _best_of(data: Data) -> _Best | None:
-    """Return row and classifier of the highest accuracy; the first of equals."""
-    pairs = [_Best(row, name, found) for row in data["rows"] for name, found in row["accuracy"].items()]
-    return max(pairs, key=lambda best: best.accuracy["mean"], default=None)
-
-
 def _classifiers(data: Data) -> list[str]:
-    return list(dict.fromkeys(name for row in data["rows"] for name in row["accuracy"]))
+    return list(dict.fromkeys(pair.classifier for pair in _pairs(data)))
 
 
 def _tested(data: Data) -> str:
     return "windows" if "n_windows" in data["dataset"] else "recordings"
-
-
-def _folds(data: Data) -> str:
-    return f", {data['n_folds']} folds" if data["n_folds"] > 1 else ""

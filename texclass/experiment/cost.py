@@ -4,7 +4,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, TypeVar
 
@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.extractor import Plan
-from texclass.features.phase_view import Channels, channels_apart, views_of
+from texclass.features.phase_view import Channels, Views, channels_apart, views_of
 from texclass.features.sets import FeatureSet, Member
 from texclass.loaders.dataset import Dataset
 from texclass.phases import segment
@@ -84,6 +84,11 @@ class CostModel:
         """Cost of all columns."""
         return self.cost(self.columns)
 
+    @property
+    def cheapest(self) -> float:
+        """Cost of the cheapest column."""
+        return min(self.of([i]) for i in range(len(self.columns)))
+
     def shares(self) -> Mapping[str, float]:
         """Return feature -> its share of the total cost; the shares add up to `total`.
 
@@ -108,9 +113,7 @@ class CostModel:
         """Return the model of some of the columns, in the order given."""
         chosen = [self._index[c] for c in columns]
         features = tuple(self.features[i] for i in chosen)
-        return CostModel(
-            tuple(columns), features, self.parts, self.ms, self.needs[chosen], self.segmentation_ms
-        )
+        return replace(self, columns=tuple(columns), features=features, needs=self.needs[chosen])
 
     @cached_property
     def _index(self) -> dict[str, int]:
@@ -145,15 +148,9 @@ class CostMeter:
         apart = channels_apart(recordings[0], channels)
         return cls(recordings, apart, float(np.mean([ms for _, ms in timed])))
 
-    def milliseconds(self, feature_set: FeatureSet, n_repeats: int = 3) -> float:
-        """Return the median over recordings of the best of a few runs; each run begins with fresh views.
-
-        Segmentation is not included, being the same for every set; combining the axes is.
-        """
-        plan = Plan.of(feature_set, self.channels)
-        with threadpool_limits(1):
-            best = [min(plan.compute(r).ms for _ in range(n_repeats)) for r in self.recordings]
-        return float(np.median(best))
+    def milliseconds(self, feature_set: FeatureSet) -> float:
+        """Return what a set takes; segmentation is not included, being the same for all; axes are."""
+        return self.measured(Plan.of(feature_set, self.channels), n_repeats=3)[0]
 
     def measured(self, *plans: Plan, n_repeats: int = 5) -> tuple[float, ...]:
         """Return what plans take: lower quartiles of a few runs, means over recordings.
@@ -181,7 +178,9 @@ class CostMeter:
                 times: dict[Hashable, list[float]] = defaultdict(list)
                 for _ in range(1 + n_repeats):  # the first run warms up
                     for i, (prefix, member) in enumerate(members):
-                        watch = self._watch(recording, prefix, member)
+                        watch = _Stopwatch()
+                        with suppress(UndefinedFeatureError):
+                            watch.read(member, views_of(recording, self.channels)[prefix], prefix)
                         for part, seconds in watch.seconds.items():
                             times[part].append(1e3 * seconds)
                             users[part].add(i)
@@ -197,16 +196,6 @@ class CostMeter:
             np.array([[i in who for who in users.values()] for i in owner], dtype=bool).reshape(-1, len(ms)),
             self.segmentation_ms,
         )
-
-    def _watch(self, recording: Recording, prefix: str, member: Member) -> "_Stopwatch":
-        """Compute one feature on fresh views, timing the conditioning, each transform and the rest."""
-        watch, phase = _Stopwatch(), member.feature.phase
-        with suppress(UndefinedFeatureError):
-            views = views_of(recording, self.channels)[prefix]
-            view = watch((prefix, phase), lambda: views.of(phase))
-            view.memory.timed = lambda key, compute: watch((prefix, phase, key), compute)
-            watch((prefix, member.name, ""), lambda: member.values(views))
-        return watch
 
 
 @dataclass
@@ -225,6 +214,13 @@ class _Stopwatch:
             elapsed = clock() - start
             self.seconds[part] += elapsed - self._inside.pop()
             self._inside[-1] += elapsed
+
+    def read(self, member: Member, views: Views, prefix: str) -> None:
+        """Compute a feature on fresh views, timing the conditioning, each transform and the rest."""
+        phase = member.feature.phase
+        view = self((prefix, phase), lambda: views.of(phase))
+        view.memory.timed = lambda key, compute: self((prefix, phase, key), compute)
+        self((prefix, member.name, ""), lambda: member.values(views))
 
 
 def classifier_cost(classifier: Any, X: Samples, y: NDArray[Any], n_repeats: int = 5) -> dict[str, float]:

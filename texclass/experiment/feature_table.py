@@ -10,7 +10,7 @@ import json
 import os
 import shutil
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial, reduce
@@ -47,13 +47,6 @@ class LeftOut(NamedTuple):
         return f"{self.recording_id}: {self.reason}"
 
 
-class Flag(NamedTuple):
-    """What a loader noticed about a recording that is used all the same ("clipped: 3.1 % ...")."""
-
-    recording_id: str
-    flag: str
-
-
 @dataclass(frozen=True, eq=False)
 class FeatureTable:
     """The features of a dataset.
@@ -69,8 +62,8 @@ class FeatureTable:
         Milliseconds that each recording took, segmentation included, loading not.
     reasons : tuple of Reason
         Why features are undefined.
-    flags : tuple of Flag
-        What loaders noticed.
+    flags : tuple of (str, str)
+        What loaders noticed of recordings that are used all the same ("clipped: 3.1 % ...").
     left_out : tuple of LeftOut
         Bad recordings that were skipped.
     key : str
@@ -81,7 +74,7 @@ class FeatureTable:
     columns: tuple[str, ...]
     ms: Samples
     reasons: tuple[Reason, ...] = ()
-    flags: tuple[Flag, ...] = ()
+    flags: tuple[tuple[str, str], ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     key: str = ""
 
@@ -104,6 +97,11 @@ class FeatureTable:
     def materials(self) -> Any:
         """The label of each row, shape (n_recordings,)."""
         return self.frame["material"].to_numpy(dtype=str)
+
+    @property
+    def defined(self) -> tuple[str, ...]:
+        """The feature columns that some recording has."""
+        return tuple(c for c in self.columns if self.frame[c].notna().any())
 
     def of(self, columns: Sequence[str]) -> Samples:
         """Return some of the columns, shape (n_recordings, n_chosen)."""
@@ -217,7 +215,20 @@ def read_table(path: str | Path) -> FeatureTable:
     """
     try:
         arrow = pq.read_table(path, use_threads=False)
-        return _checked(arrow, json.loads((arrow.schema.metadata or {})[b"texclass"]))
+        facts = json.loads((arrow.schema.metadata or {})[b"texclass"])
+        columns, ms = tuple(facts["columns"]), np.array(facts["ms"], dtype=np.float64)
+        lacking = [name for name in (*METADATA, *columns) if arrow.schema.names.count(name) != 1]
+        if lacking or ms.shape != (arrow.num_rows,) or not isinstance(facts["key"], str):
+            raise ValueError(f"{lacking or ms.shape}; the rule is each column once, as many times as rows")
+        frame = arrow.to_pandas()
+        if list(frame.columns) != arrow.schema.names:
+            raise ValueError(f"columns {list(frame.columns)!r:.80}; the rule is those of the schema")
+        reasons = tuple(Reason(*reason) for reason in facts["reasons"])
+        flags = tuple((name, flag) for name, flag in facts["flags"])
+        left_out = tuple(LeftOut(*bad) for bad in facts["left_out"])
+        table = FeatureTable(frame, columns, ms, reasons, flags, left_out, facts["key"])
+        table.of(columns)  # or raises: a column holds no numbers
+        return table
     except FileNotFoundError:
         raise
     except Exception as error:  # damaged bytes make pyarrow and pandas raise almost anything
@@ -278,42 +289,18 @@ def read_part(path: Path, n_columns: int) -> list[Part]:
     return rows
 
 
-def _checked(arrow: pa.Table, facts: Mapping[str, Any]) -> FeatureTable:
-    """Return the table that the columns and facts of a file make, if they fit each other."""
-    columns, ms = tuple(facts["columns"]), np.array(facts["ms"], dtype=np.float64)
-    lacking = [name for name in (*METADATA, *columns) if arrow.schema.names.count(name) != 1]
-    if lacking or ms.shape != (arrow.num_rows,) or not isinstance(facts["key"], str):
-        raise ValueError(f"{lacking or ms.shape}; the rule is each column once, as many times as rows")
-    frame = arrow.to_pandas()
-    if list(frame.columns) != arrow.schema.names:
-        raise ValueError(f"columns {list(frame.columns)!r:.80}; the rule is those of the schema")
-    table = FeatureTable(
-        frame,
-        columns,
-        ms,
-        tuple(Reason(*r) for r in facts["reasons"]),
-        tuple(Flag(*f) for f in facts["flags"]),
-        tuple(LeftOut(*b) for b in facts["left_out"]),
-        facts["key"],
-    )
-    table.of(columns)  # or raises: a column holds no numbers
-    return table
-
-
 def _plan(dataset: Dataset, feature_set: FeatureSet, channels: Channels, skip_bad: bool) -> Plan:
     """Decide what is computed on which channel; only channels kept apart need a recording to look at."""
-    if len(dataset) == 0:
-        raise RecordingError(f"{dataset.name}: no recording; the rule is at least one")
-    if channels == "combine":
-        return Plan.of(feature_set)
+    problem = "there is none; the rule is at least one"
     for entry in dataset.entries:
         try:
-            return Plan.of(feature_set, channels_apart(dataset.load(entry), channels))
+            apart = () if channels == "combine" else channels_apart(dataset.load(entry), channels)
+            return Plan.of(feature_set, apart)
         except RecordingError as error:
             if not skip_bad:
                 raise
-            last = error
-    raise RecordingError(f"{dataset.name}: no recording can be used; the last: {last}")
+            problem = str(error)
+    raise RecordingError(f"{dataset.name}: no recording can be used; {problem}")
 
 
 def _files(dataset: Dataset, folder: Path) -> list[tuple[tuple[Entry, ...], Path]]:
@@ -329,7 +316,7 @@ def _compute_missing(
     every = _files(dataset, folder)
     missing = [(entries, part) for entries, part in every if not part.is_file()]
     done = len(every) - len(missing)
-    if progress is not None:
+    if progress:
         progress(done, len(every), "features")
     calls = (partial(_compute, dataset.load, entries, plan, part) for entries, part in missing)
     bad: list[LeftOut] = []
@@ -348,8 +335,7 @@ def _compute(
     """Compute one recording, or its windows, into its part; return why not if it is bad."""
     rows = []
     try:
-        for entry in entries:
-            recording = load(entry)
+        for recording in map(load, entries):
             row = plan.compute(recording)
             values: list[float] = row.values.tolist()  # noqa: PD011  (no pandas object)
             rows.append({"features": values, "reasons": row.reasons, "flags": recording.flags, "ms": row.ms})
@@ -373,16 +359,10 @@ def _join(
         raise RecordingError(f"{dataset.name}: no recording can be used; the first: {left_out[0].reason}")
     entries, rows = zip(*found, strict=True)
     values = pd.DataFrame(np.array([row.features for row in rows]), columns=plan.columns)
-    flags = (Flag(parent_id(entry), flag) for entry, row in found for flag in row.flags)
-    return FeatureTable(
-        pd.concat([metadata(entries), values], axis=1),
-        plan.columns,
-        np.array([row.ms for row in rows]),
-        tuple(Reason(entry.recording_id, *pair) for entry, row in found for pair in row.reasons),
-        tuple(dict.fromkeys(flags)),
-        left_out,
-        key,
-    )
+    frame, ms = pd.concat([metadata(entries), values], axis=1), np.array([row.ms for row in rows])
+    reasons = tuple(Reason(entry.recording_id, *pair) for entry, row in found for pair in row.reasons)
+    flags = dict.fromkeys((parent_id(entry), flag) for entry, row in found for flag in row.flags)
+    return FeatureTable(frame, plan.columns, ms, reasons, tuple(flags), left_out, key)
 
 
 def _beside(table: FeatureTable, other: FeatureTable) -> FeatureTable:

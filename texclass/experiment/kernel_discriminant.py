@@ -110,7 +110,8 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             raise ValueError("y holds 1 class; the rule is at least 2")
         kept = thinned(labels, self.max_samples)
         rows, labels = rows[kept], labels[kept]
-        self.views_ = tuple(view_of(rows, labels, part, self.relevance) for part in self._shrinkages())
+        shrinkages = (1.0,) if self.shrinkage == 1 else (1.0, self.shrinkage)
+        self.views_ = tuple(view_of(rows, labels, part, self.relevance) for part in shrinkages)
         self.prototypes_ = tuple(view(rows) for view in self.views_)
         K = self._kernel(self.prototypes_)
         weight = (labels.size / n_classes / np.bincount(labels))[labels]
@@ -148,9 +149,6 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         pairs = zip(rows, self.prototypes_, strict=True)
         return np.asarray(sum(matern(a, b, self.length) for a, b in pairs) / len(self.views_))
 
-    def _shrinkages(self) -> tuple[float, ...]:
-        return (1.0,) if self.shrinkage == 1 else (1.0, self.shrinkage)
-
 
 class View:
     """A linear map of features: standardise, then multiply.
@@ -185,7 +183,11 @@ def view_of(X: Samples, labels: Labels, shrinkage: float, relevance: float) -> V
         weights = _weights(Z, labels, relevance)
         seen = Z * weights
     else:
-        root = _inverse_root(_within(Z, labels), shrinkage)
+        residual = _residual(Z, labels)
+        S = residual.T @ residual / len(Z)
+        level = np.trace(S) / len(S) or 1.0
+        values, vectors = linalg.eigh((1 - shrinkage) * S + shrinkage * level * np.eye(len(S)))
+        root = vectors / np.sqrt(np.maximum(values, 1e-12 * level)) @ vectors.T
         weights = root * _weights(Z @ root, labels, relevance)
         seen = Z @ weights
     size = np.sqrt(np.mean(np.einsum("ij,ij->i", seen, seen)))
@@ -225,17 +227,6 @@ def thinned(labels: Labels, max_samples: int) -> Labels:
 
 def _weights(Z: Samples, labels: Labels, relevance: float) -> Samples:
     return np.asarray(np.maximum(correlation_ratio(Z, labels), LEAST_RELEVANCE) ** relevance)
-
-
-def _inverse_root(S: Samples, shrinkage: float) -> Samples:
-    level = np.trace(S) / len(S)
-    values, vectors = linalg.eigh((1 - shrinkage) * S + shrinkage * (level or 1.0) * np.eye(len(S)))
-    return np.asarray(vectors / np.sqrt(np.maximum(values, 1e-12 * (level or 1.0))) @ vectors.T)
-
-
-def _within(Z: Samples, labels: Labels) -> Samples:
-    residual = _residual(Z, labels)
-    return np.asarray(residual.T @ residual / len(Z))
 
 
 def _residual(Z: Samples, labels: Labels) -> Samples:

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from sklearn.impute import SimpleImputer
 from sklearn.linear_model import RidgeCV
 from sklearn.model_selection import KFold, cross_val_predict
@@ -84,6 +83,11 @@ def study_feature(
     table = cached_table(dataset, *extended.needed, channels=pipeline.channels, **kept)
     meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
     alone = extended.features.restricted_to([feature.name])
+    views: list[View] = []
+    for recording in meter.recordings:
+        for of_channel in views_of(recording, meter.channels).values():
+            with suppress(UndefinedFeatureError):
+                views.append(of_channel.of(feature.phase))
     gains = result.data["gains"]
     joined = gains and gains["groups"][0]["joined"]
     found = {
@@ -95,7 +99,7 @@ def study_feature(
         "ms_alone": meter.model(alone).total,
         # It may share transforms with the row that it is added to.
         "ms_added": joined and joined["ms_per_recording"] - gains["without"]["ms_per_recording"],
-        "gain_law": gain_law(feature, _views(meter, feature)),
+        "gain_law": gain_law(feature, views),
         "behaviour": behaviour(feature),
         "redundancy": redundancy(table, table.matching(alone.column_names)),
     }
@@ -124,25 +128,25 @@ def redundancy(table: FeatureTable, new: Sequence[str]) -> list[dict[str, Any]]:
     existing = values.drop(columns=list(new)).dropna(axis=1, how="all")
     existing = existing.loc[:, existing.max() > existing.min()]
     varying = [column for column in new if values[column].max() > values[column].min()]
-    return [_compared(values[column].dropna(), existing) for column in varying]
-
-
-def _compared(column: "pd.Series[float]", existing: pd.DataFrame) -> dict[str, Any]:
-    if existing.empty:
-        return {"column": str(column.name), "nearest": [], "explained": None}
-    others = existing.loc[column.index]
-    rho = others.corrwith(column, method="spearman").dropna()
-    nearest = rho.reindex(rho.abs().sort_values(ascending=False, kind="stable").index)[:N_NEAREST]
-    return {
-        "column": str(column.name),
-        "nearest": [{"column": str(c), "rank_correlation": float(r)} for c, r in nearest.items()],
-        "explained": _explained(others.to_numpy(np.float64), np.asarray(column, dtype=np.float64)),
-    }
+    found: list[dict[str, Any]] = []
+    for name in varying:
+        column = values[name].dropna()
+        others = existing.loc[column.index]
+        rho = others.corrwith(column, method="spearman").dropna()
+        nearest = rho.reindex(rho.abs().sort_values(ascending=False, kind="stable").index)[:N_NEAREST]
+        found.append(
+            {
+                "column": name,
+                "nearest": [{"column": str(c), "rank_correlation": float(r)} for c, r in nearest.items()],
+                "explained": _explained(others.to_numpy(np.float64), column.to_numpy(np.float64)),
+            }
+        )
+    return found
 
 
 def _explained(X: Samples, y: Samples) -> float | None:
     """Return R^2 = 1 - sum (y - y^)^2 / sum (y - mean y)^2, y^ from five-fold cross-validation."""
-    if y.size < 10:
+    if y.size < 10 or not X.size:
         return None
     model = make_pipeline(SimpleImputer(strategy="median"), StandardScaler(), RidgeCV(np.logspace(-3, 3, 7)))
     folds = KFold(5, shuffle=True, random_state=0)
@@ -150,13 +154,3 @@ def _explained(X: Samples, y: Samples) -> float | None:
     with threadpool_limits(1):
         predicted = cross_val_predict(model, X, z, cv=folds)
     return float(1 - np.mean((z - predicted) ** 2))
-
-
-def _views(meter: CostMeter, feature: Feature) -> list[View]:
-    """Return the views of the meter's recordings that the feature reads, where they have its phase."""
-    found: list[View] = []
-    for recording in meter.recordings:
-        for views in views_of(recording, meter.channels).values():
-            with suppress(UndefinedFeatureError):
-                found.append(views.of(feature.phase))
-    return found

@@ -1,7 +1,6 @@
 """Two pipelines on the same splits: their difference, its interval, and how likely chance alone makes it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,49 +14,6 @@ from texclass.recording import Samples
 Hits = Sequence[Sequence[NDArray[np.bool_]]]
 """Repeat -> fold -> whether each test was right."""
 N_RESAMPLES = 4000
-
-
-@dataclass(frozen=True)
-class Paired:
-    """A pipeline compared with another one on the same test recordings.
-
-    Attributes
-    ----------
-    difference
-        Mean accuracy of the one minus that of the other, as a fraction.
-    interval
-        95 % confidence interval of the difference.
-    p_value
-        Two-sided: how likely chance alone makes such a difference or a larger one.
-    test
-        How p-value and interval were computed.
-    folds
-        Difference in each fold of each repeat.
-    n_gained, n_lost
-        Tests (of all repeats) in which only the one, only the other was right.
-    """
-
-    difference: float
-    interval: tuple[float, float]
-    p_value: float
-    test: str
-    folds: tuple[tuple[float, ...], ...]
-    n_gained: int
-    n_lost: int
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the comparison as JSON values."""
-        low, high = self.interval
-        return {
-            "low": low,
-            "high": high,
-            "difference": self.difference,
-            "p_value": self.p_value,
-            "test": self.test,
-            "folds": [list(repeat) for repeat in self.folds],
-            "n_gained": self.n_gained,
-            "n_lost": self.n_lost,
-        }
 
 
 def corrected_resampled_t(
@@ -176,7 +132,7 @@ def compare(
     protocol: Protocol,
     clusters: NDArray[np.str_],
     seed: int,
-) -> Paired:
+) -> dict[str, Any]:
     """Compare two pipelines on the same tests.
 
     Folds that the protocol draws are resampled: `corrected_resampled_t` takes the differences of all folds
@@ -195,29 +151,44 @@ def compare(
         Which recording (or run) each row comes from.
     seed : int
         Of the bootstrap and of the flips.
+
+    Returns
+    -------
+    dict
+        As JSON: `difference` of the mean accuracies, a fraction, with its 95 % interval from `low` to `high`;
+        two-sided `p_value`: how likely chance alone makes such a difference or a larger one; the `test` that
+        gave them; the difference in each of the `folds` of each repeat; tests (of all repeats) in which only
+        the one, only the other was right: `n_gained`, `n_lost`.
     """
-    folds, gained, lost = _differences(hits, other)
+    folds = [
+        [float(a.mean() - b.mean()) for a, b in zip(*pair, strict=True)]
+        for pair in zip(hits, other, strict=True)
+    ]
+    one, two = (np.concatenate([fold for repeat in of for fold in repeat]) for of in (hits, other))
+    gained, lost = int((one & ~two).sum()), int((two & ~one).sum())
     if protocol.drawn and len(hits[0]) > 1:
-        differences = [d for repeat in folds for d in repeat]
+        differences = np.concatenate(folds)
         ratio = float(np.mean([test.size / train.size for train, test in splits]))
         interval, p = corrected_resampled_t(differences, ratio)
-        test = "corrected resampled t-test over folds and repeats"
-        return Paired(float(np.mean(differences)), interval, p, test, folds, gained, lost)
-    d = np.concatenate([a.astype(int) - b for a, b in zip(hits[0], other[0], strict=True)])
-    tested = np.concatenate([clusters[test] for _, test in splits[: len(hits[0])]])
-    _, cluster = np.unique(tested, return_inverse=True)
-    n_tests, sums = np.bincount(cluster), np.bincount(cluster, weights=d)
-    rng = np.random.default_rng(seed)
-    interval = paired_bootstrap(sums, n_tests, rng)
-    single = n_tests.max() == 1
-    p = exact_mcnemar(gained, lost) if single else sign_flip(sums, rng)
-    test = f"{'exact McNemar' if single else 'sign-flip'} test and paired bootstrap over {protocol.unit}s"
-    return Paired(float(d.mean()), interval, p, test, folds, gained, lost)
-
-
-def _differences(hits: Hits, other: Hits) -> tuple[tuple[tuple[float, ...], ...], int, int]:
-    """Return the difference in each fold of each repeat, and the numbers of discordant tests."""
-    pairs = [list(zip(one, two, strict=True)) for one, two in zip(hits, other, strict=True)]
-    folds = tuple(tuple(float(a.mean() - b.mean()) for a, b in repeat) for repeat in pairs)
-    flat = [pair for repeat in pairs for pair in repeat]
-    return folds, sum(int((a & ~b).sum()) for a, b in flat), sum(int((b & ~a).sum()) for a, b in flat)
+        difference, test = differences.mean(), "corrected resampled t-test over folds and repeats"
+    else:
+        d = one.astype(int) - two
+        tested = np.concatenate([clusters[test] for _, test in splits[: len(hits[0])]])
+        _, cluster = np.unique(tested, return_inverse=True)
+        n_tests, sums = np.bincount(cluster), np.bincount(cluster, weights=d)
+        rng = np.random.default_rng(seed)
+        interval = paired_bootstrap(sums, n_tests, rng)
+        single = n_tests.max() == 1
+        p = exact_mcnemar(gained, lost) if single else sign_flip(sums, rng)
+        name = "exact McNemar" if single else "sign-flip"
+        difference, test = d.mean(), f"{name} test and paired bootstrap over {protocol.unit}s"
+    return {
+        "low": interval[0],
+        "high": interval[1],
+        "difference": float(difference),
+        "p_value": p,
+        "test": test,
+        "folds": folds,
+        "n_gained": gained,
+        "n_lost": lost,
+    }

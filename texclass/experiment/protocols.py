@@ -4,7 +4,7 @@ import functools
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -89,12 +89,7 @@ def stratified(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Split, ...
     ValueError
         If a material has fewer recordings than there are folds, or there is one material.
     """
-    counts = _counts(table)
-    if counts.min() < n_folds:
-        raise ValueError(
-            f"material {counts.idxmin()} has {_number(counts.min(), 'recording')}; "
-            f"{n_folds} folds need at least {n_folds} of each{_possible(counts.min())}"
-        )
+    _require(table["material"].value_counts(), n_folds, "recording")
     folds = StratifiedKFold(n_folds, shuffle=True, random_state=seed)
     return tuple(folds.split(table, table["material"]))
 
@@ -107,14 +102,9 @@ def grouped_by_run(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Split,
     ValueError
         If a material has fewer runs than there are folds, or a run's absence leaves a material untrained.
     """
-    _counts(table)
     run = runs(table)
     n_runs = run.groupby(table["material"]).nunique()
-    if n_runs.min() < n_folds:
-        raise ValueError(
-            f"material {n_runs.idxmin()} has {_number(n_runs.min(), 'run')}; {n_folds} folds grouped by run "
-            f"need at least {n_folds} of each{_possible(n_runs.min())}"
-        )
+    _require(n_runs, n_folds, "run")
     folds = StratifiedGroupKFold(n_folds, shuffle=True, random_state=seed)
     with warnings.catch_warnings():
         # A material with fewer rows than folds: the rule above has been kept, in runs.
@@ -134,8 +124,14 @@ def leave_operator_out(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Sp
     ValueError
         If there are not two groups, or a material would be tested without having been trained.
     """
-    _counts(table)
-    group = _grouping(table)
+    _require(table["material"].value_counts())
+    known = (name for name in ("operator", "session") if table[name].notna().all())
+    group = next((name for name in known if table[name].nunique() >= 2), None)
+    if group is None:
+        raise ValueError(
+            f"the dataset names {table['operator'].nunique()} operators and {table['session'].nunique()} "
+            "sessions; the protocol `operator` needs at least 2 of one of them, named for every recording"
+        )
     split = tuple(LeaveOneGroupOut().split(table, groups=table[group]))
     for train, test in split:
         _require_known(table, train, test, f"without {group} {table[group].iloc[test[0]]}")
@@ -151,8 +147,7 @@ def first_half_trains(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Spl
     ValueError
         If repetitions are not numbered, or a material has only one recording.
     """
-    rank, half = _in_order(table, "blocks", at_least=2)
-    return ((np.flatnonzero(rank <= half), np.flatnonzero(rank > half)),)
+    return _in_order(table, "blocks", at_least=2)
 
 
 @of_recordings
@@ -164,8 +159,7 @@ def first_few_train(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Split
     ValueError
         If repetitions are not numbered, or a material has fewer than six: its first three would be tested.
     """
-    rank, half = _in_order(table, "few-shot", at_least=2 * N_SHOTS)
-    return ((np.flatnonzero(rank <= N_SHOTS), np.flatnonzero(rank > half)),)
+    return _in_order(table, "few-shot", at_least=2 * N_SHOTS, n_train=N_SHOTS)
 
 
 PROTOCOLS = {
@@ -268,50 +262,34 @@ def fewest(protocol: Protocol, table: pd.DataFrame) -> int:
     return int(unit.groupby(table["material"]).nunique().min())
 
 
-def _in_order(table: pd.DataFrame, protocol: str, at_least: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return each row's rank among the repetitions of its material, and half the number of these."""
-    counts = _counts(table)
-    if table["repetition"].isna().any():
-        without = table.loc[table["repetition"].isna(), "recording_id"].iloc[0]
-        raise ValueError(
-            f"recording {without} has no repetition number; the protocol `{protocol}` needs it on each"
-        )
-    if counts.min() < at_least:
-        raise ValueError(
-            f"material {counts.idxmin()} has {_number(counts.min(), 'recording')}; "
-            f"the protocol `{protocol}` needs {at_least} of each"
-        )
-    rank = table.groupby("material")["repetition"].rank(method="first").to_numpy(dtype=np.float64)
-    return rank, table["material"].map(counts // 2).to_numpy(dtype=np.intp)
-
-
-def _number(n: int, what: str) -> str:
-    return f"{n} {what}{'' if n == 1 else 's'}"
-
-
-def _possible(least: int) -> str:
-    return (
-        f"; 2 to {least} folds are possible" if least > 2 else "; 2 folds are possible" if least == 2 else ""
-    )
-
-
-def _counts(table: pd.DataFrame) -> "pd.Series[int]":
+def _in_order(
+    table: pd.DataFrame, protocol: str, at_least: int, n_train: int | None = None
+) -> tuple[Split, ...]:
+    """Train on the first repetitions of each material (half of them by default), test on its second half."""
     counts = table["material"].value_counts()
+    missing = table["repetition"].isna()
+    if missing.any():
+        raise ValueError(
+            f"recording {table.loc[missing, 'recording_id'].iloc[0]} has no repetition number; the protocol "
+            f"`{protocol}` needs it on each"
+        )
+    _require(counts, at_least, protocol=protocol)
+    rank = table.groupby("material")["repetition"].rank(method="first").to_numpy(dtype=np.float64)
+    half = table["material"].map(counts // 2).to_numpy(dtype=np.intp)
+    return ((np.flatnonzero(rank <= (n_train or half)), np.flatnonzero(rank > half)),)
+
+
+def _require(counts: "pd.Series[int]", least: int = 1, unit: str = "recording", protocol: str = "") -> None:
+    """Refuse fewer than two materials, and one with fewer recordings (or runs) than folds, or than needed."""
     if len(counts) < 2:
         raise ValueError(f"the dataset has {len(counts)} material; classification needs at least 2")
-    return counts
-
-
-def _grouping(table: pd.DataFrame) -> str:
-    for group in ("operator", "session"):
-        known = table[group].notna().all()
-        if known and table[group].nunique() >= 2:
-            return group
-    n_operators, n_sessions = table["operator"].nunique(), table["session"].nunique()
-    raise ValueError(
-        f"the dataset names {n_operators} operators and {n_sessions} sessions; the protocol `operator` needs "
-        "at least 2 of one of them, named for every recording"
-    )
+    if (n := int(counts.min())) < least:
+        needs = f"the protocol `{protocol}` needs" if protocol else f"{least} folds need"
+        possible = f"; 2 to {n} folds are possible" if n >= 2 and not protocol else ""
+        raise ValueError(
+            f"material {counts.idxmin()} has {n} {unit}{'' if n == 1 else 's'}; {needs} at least {least} of "
+            f"each{possible}"
+        )
 
 
 def _require_known(table: pd.DataFrame, train: Indices, test: Indices, how: str) -> None:

@@ -5,8 +5,7 @@ once a subset (`closed_form`); all others are fitted again.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,8 +185,7 @@ class SubsetScore:
         return float(np.log(np.maximum(told, np.finfo(np.float64).tiny)).mean())
 
 
-@dataclass(frozen=True, eq=False)
-class ClosedForm:
+class ClosedForm(NamedTuple):
     """A classifier fitted on one fold, able to answer for any subset of columns.
 
     Attributes
@@ -220,63 +218,49 @@ def closed_form(estimator: Any, train: Samples, labels: Labels, test: Samples) -
     labels : ndarray of shape (n_train,)
         0 ... n_classes - 1.
     """
-    kind = type(estimator)
+    kind, classes = type(estimator), np.arange(labels.max() + 1)
+    shares = np.log(np.bincount(labels) / len(labels))
     if kind is GaussianNB and estimator.priors is None:
-        terms = _gaussian_terms(train, labels, test, estimator.var_smoothing)
-        return _additive(terms, _log_priors(labels), np.arange(labels.max() + 1))
-    if kind is NearestCentroid and _plain_centroid(estimator):
-        means = _class_means(train, labels)
-        return _additive(_distance_terms(means, test), np.zeros(len(means)), np.arange(len(means)))
-    if kind is KNeighborsClassifier and _plain_neighbour(estimator):
-        return _additive(_distance_terms(train, test), np.zeros(len(train)), labels)
-    if kind is LinearDiscriminantAnalysis and _plain_discriminant(estimator):
-        return _discriminant(train, labels, test, float(estimator.shrinkage or 0.0))
+        # log N(x; mean, variance) of each column, sample and class, without -log(2 pi) / 2.
+        mean = _class_means(train, labels)
+        smoothing = estimator.var_smoothing * train.var(axis=0).max()
+        variance = _class_means((train - mean[labels]) ** 2, labels) + smoothing
+        variance = np.maximum(variance, np.finfo(np.float64).tiny).T[:, None, :]
+        terms = -0.5 * (np.log(variance) + (test.T[:, :, None] - mean.T[:, None, :]) ** 2 / variance)
+        return ClosedForm(_sums(terms, shares), classes)
+    if kind is NearestCentroid:
+        uniform = getattr(estimator, "priors", "uniform") == "uniform"
+        if estimator.metric == "euclidean" and estimator.shrink_threshold is None and uniform:
+            return ClosedForm(_sums(_distance_terms(_class_means(train, labels), test)), classes)
+    if kind is KNeighborsClassifier:
+        euclidean = (estimator.metric, estimator.p) == ("minkowski", 2) or estimator.metric == "euclidean"
+        if estimator.n_neighbors == 1 and euclidean:
+            return ClosedForm(_sums(_distance_terms(train, test)), labels)
+    if kind is LinearDiscriminantAnalysis:
+        plain = estimator.priors is None and estimator.covariance_estimator is None
+        if plain and (estimator.shrinkage is None or isinstance(estimator.shrinkage, int | float)):
+            shrinkage = float(estimator.shrinkage or 0.0)
+            return ClosedForm(_discriminant(train, labels, test, shares, shrinkage), classes)
     return None
 
 
-def _plain_centroid(estimator: Any) -> bool:
-    uniform = getattr(estimator, "priors", "uniform") == "uniform"
-    return bool(estimator.metric == "euclidean" and estimator.shrink_threshold is None and uniform)
-
-
-def _plain_neighbour(estimator: Any) -> bool:
-    euclidean = estimator.metric == "euclidean" or (estimator.metric == "minkowski" and estimator.p == 2)
-    return bool(estimator.n_neighbors == 1 and euclidean)
-
-
-def _plain_discriminant(estimator: Any) -> bool:
-    plain = estimator.priors is None and estimator.covariance_estimator is None
-    return bool(plain) and (estimator.shrinkage is None or isinstance(estimator.shrinkage, int | float))
-
-
-def _additive(terms: Samples, constant: Samples, labels: Labels) -> ClosedForm:
+def _sums(terms: Samples, constant: Samples | float = 0.0) -> Callable[[list[int], Labels], Samples]:
     """Scores that are sums of terms (n_columns, n_test, n_prototypes) over columns."""
-
-    def scores(selected: list[int], candidates: Labels) -> Samples:
-        return np.asarray(terms[candidates] + (terms[selected].sum(axis=0) + constant))
-
-    return ClosedForm(scores, labels)
-
-
-def _gaussian_terms(train: Samples, labels: Labels, test: Samples, smoothing: float) -> Samples:
-    # log N(x; mean, variance) of each column, sample and class, without -log(2 pi) / 2.
-    mean = _class_means(train, labels)
-    variance = _class_means((train - mean[labels]) ** 2, labels) + smoothing * train.var(axis=0).max()
-    variance = np.maximum(variance, np.finfo(np.float64).tiny)
-    mean, variance = mean.T[:, None, :], variance.T[:, None, :]
-    return np.asarray(-0.5 * (np.log(variance) + (test.T[:, :, None] - mean) ** 2 / variance))
+    return lambda selected, candidates: terms[candidates] + (terms[selected].sum(axis=0) + constant)
 
 
 def _distance_terms(prototypes: Samples, test: Samples) -> Samples:
     return np.asarray(-((test.T[:, :, None] - prototypes.T[:, None, :]) ** 2))
 
 
-def _discriminant(train: Samples, labels: Labels, test: Samples, shrinkage: float) -> ClosedForm:
+def _discriminant(
+    train: Samples, labels: Labels, test: Samples, log_priors: Samples, shrinkage: float
+) -> Callable[[list[int], Labels], Samples]:
     """Linear discriminants of any subset of columns, from class means m and the within-class covariance W.
 
     score = (x - m / 2)' W^-1 m + log prior, W shrunk towards a multiple of the identity within the subset.
     """
-    means, log_priors = _class_means(train, labels), _log_priors(labels)
+    means = _class_means(train, labels)
     residual = train - means[labels]
     # The divisor is sklearn's: n - n_classes in its svd solver, n where shrinkage asks for another solver.
     within = residual.T @ residual / (len(train) - (0 if shrinkage else len(means)))
@@ -289,7 +273,7 @@ def _discriminant(train: Samples, labels: Labels, test: Samples, shrinkage: floa
         bias = log_priors - 0.5 * np.einsum("ckp,cpk->ck", m, weights)
         return np.asarray(test[:, columns].swapaxes(0, 1) @ weights + bias[:, None, :])
 
-    return ClosedForm(scores, np.arange(len(means)))
+    return scores
 
 
 def _inverse(covariance: Samples, shrinkage: float) -> Samples:
@@ -308,7 +292,3 @@ def _inverse(covariance: Samples, shrinkage: float) -> Samples:
 def _class_means(values: Samples, labels: Labels) -> Samples:
     one_hot = np.eye(int(labels.max()) + 1)[labels]
     return np.asarray(one_hot.T @ values / one_hot.sum(axis=0)[:, None])
-
-
-def _log_priors(labels: Labels) -> Samples:
-    return np.asarray(np.log(np.bincount(labels) / len(labels)))

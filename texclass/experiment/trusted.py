@@ -52,29 +52,18 @@ def load_trusted(data: bytes, *, beside: frozenset[str] = frozenset()) -> Any:
 
     check_archive(data, beside)
     try:
-        refuse_foreign(skops.io.get_untrusted_types(data=data))
-        return skops.io.loads(data, trusted=sorted(TRUSTED))
-    except UntrustedFileError:
-        raise
+        foreign = foreign_in(data)
+        made = None if foreign else skops.io.loads(data, trusted=sorted(TRUSTED))
     except Exception as error:  # whatever a made-up description of objects leads to, RecursionError included
         raise UntrustedFileError(f"it cannot be read ({type(error).__name__}: {error})") from error
-
-
-def refuse_foreign(names: list[str]) -> None:
-    """Refuse classes that are not trusted.
-
-    Raises
-    ------
-    UntrustedFileError
-        Naming them.
-    """
-    if foreign := sorted(set(names) - TRUSTED):
+    if foreign:
         ours = any(name.startswith("texclass.") for name in foreign)
         moved = "; if an earlier texclass made it, make it again with `texclass train` or `texclass tradeoff`"
         raise UntrustedFileError(
             f"it names {', '.join(foreign[:3])}; the rule is classes of scikit-learn and texclass that are "
             f"known to be safe{moved if ours else ''}"
         )
+    return made
 
 
 def foreign_in(data: bytes) -> list[str]:

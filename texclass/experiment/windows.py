@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -100,16 +100,11 @@ def touches(
         raise ValueError(f"{dataset.name} holds windows already; the rule is to cut whole recordings")
     stride = seconds if step is None else step
     found = zip(dataset.entries, _movements(dataset, n_jobs, progress), strict=True)
-    return Dataset(
+    return replace(
+        dataset,
         name=f"{dataset.name}-touch{seconds:g}s{'' if per_recording is None else f'-first{per_recording}'}",
         entries=tuple(w for e, m in found for w in _cut(e, m, seconds, stride, per_recording)),
         load=WindowLoader(dataset.load),
-        input_hash=dataset.input_hash,
-        title=dataset.title,
-        licence=dataset.licence,
-        source=dataset.source,
-        notes=dataset.notes,
-        skip_bad=dataset.skip_bad,
     )
 
 
@@ -187,7 +182,10 @@ def _cut(
 
 def _movements(dataset: Dataset, n_jobs: int, progress: Progress | None) -> tuple[Movement, ...]:
     """Return where each recording moves; found once for a dataset, then read from the cache folder."""
-    path = cache_root() / "movements" / f"{_key(dataset)}.json"
+    ids = [(entry.recording_id, entry.paths) for entry in dataset.entries]
+    facts = [dataset.input_hash, ids, code_hash("recording", "signals", "phases")]
+    key = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
+    path = cache_root() / "movements" / f"{key}.json"
     with suppress(OSError, ValueError):  # not there, or damaged: it is found again
         return read_movements(path, len(dataset))
     calls = [partial(_movement, dataset.load, entry) for entry in dataset.entries]
@@ -209,12 +207,10 @@ def read_movements(path: Path, n: int) -> tuple[Movement, ...]:
     """
     try:
         found = MOVEMENTS.validate_json(path.read_bytes())
+        if len(found) != n or any(one.start > one.stop for one in found):
+            raise ValueError(f"{len(found)} movements")
     except ValueError as error:
-        raise ValueError(
-            f"{path}: holds no movements; the rule is a list of [start, stop, fs, problem]"
-        ) from error
-    if len(found) != n or any(one.start > one.stop for one in found):
-        raise ValueError(f"{path}: holds {len(found)} movements; the rule is {n}, each start <= stop")
+        raise ValueError(f"{path}: {error}; the rule is {n} of [start, stop, fs, problem]") from error
     return found
 
 
@@ -227,10 +223,3 @@ def _movement(load: Callable[[Entry], Recording], entry: Entry) -> Movement:
     if movement is None:
         return Movement(0, 0, recording.fs, f"{entry.recording_id}: no movement found; the rule is some")
     return Movement(*movement, recording.fs)
-
-
-def _key(dataset: Dataset) -> str:
-    """Digest of the recordings and of the code that finds movements."""
-    ids = [(entry.recording_id, entry.paths) for entry in dataset.entries]
-    code = code_hash("recording", "signals", "phases")
-    return hashlib.sha256(json.dumps([dataset.input_hash, ids, code]).encode()).hexdigest()[:16]

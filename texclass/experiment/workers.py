@@ -46,7 +46,13 @@ def running_on(backend: Backend, scheduler: str | None = None) -> Iterator[None]
     if backend == "local":
         yield
         return
-    with _client(scheduler) as client:
+    try:
+        from distributed import Client
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"backend 'dask' needs {error.name}, which is not installed; install texclass[distributed]"
+        ) from None
+    with Client(scheduler) as client:  # type: ignore[no-untyped-call]
         token = _cluster.set(client)
         try:
             yield
@@ -104,13 +110,3 @@ def _single_threaded(call: Callable[[], R]) -> R:
 def _libraries() -> Any:
     """Return the libraries with threads of their own; looking for them takes as long as a short recording."""
     return ThreadpoolController()
-
-
-def _client(scheduler: str | None) -> Any:
-    try:
-        from distributed import Client
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            f"backend 'dask' needs {error.name}, which is not installed; install texclass[distributed]"
-        ) from None
-    return Client(scheduler)  # type: ignore[no-untyped-call]

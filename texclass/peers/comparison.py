@@ -25,10 +25,8 @@ from texclass.peers.peer_worker.files import write_task
 from texclass.peers.peer_worker.peers import PEERS, Peer
 from texclass.peers.worker_process import Outcome, run_worker
 
-Predictions = Sequence[NDArray[Any]]
-"""Fold -> labels."""
-Entrant = tuple[dict[str, Any], Predictions]
-"""A line of the comparison and the predictions behind it; empty where there are none."""
+Entrant = Mapping[str, Any]
+"""What a classifier is, what it `predicted` in each fold, and what it took: see `measure_ours`."""
 
 
 @dataclass(frozen=True)
@@ -89,9 +87,9 @@ class PeerComparison(Result):
     @property
     def best_peer(self) -> Mapping[str, Any] | None:
         """The most accurate peer of those that finished every fold; the first of equals."""
-        finished = [c for c in self.data["contestants"] if not c["ours"] and c["accuracy"]]
-        whole = [c for c in finished if c["n_folds"] == self.data["n_folds"]]
-        return max(whole, key=lambda c: c["accuracy"]["mean"], default=None)
+        from texclass.peers.peers_document import best_peer
+
+        return best_peer(self.data)
 
 
 def compare_with_peers(
@@ -139,8 +137,8 @@ def compare_with_peers(
     total = len(settings.names) + 1
     report(0, total, "peers")
     entrants = [
-        _ours(row, classifier, pipeline, dataset, table, splits, protocol)
-        for row, classifier in _candidates(result, pipeline, table)
+        _ours(*pair, measure_ours(*pair, pipeline, dataset, table, splits, nested=protocol.nested))
+        for pair in _candidates(result, pipeline, table)
     ]
     report(1, total, "peers")
     versions: dict[str, str] = {}
@@ -149,10 +147,20 @@ def compare_with_peers(
         lengths = _hand_over(task, settings.signals, dataset, pipeline, table, splits)
         for done, name in enumerate(settings.names, start=2):
             outcome = run_worker(settings.python, task, name, Path(folder) / name, settings.time_limit_s)
-            entrants += _theirs(PEERS[name], outcome, np.unique(table.materials), splits)
+            entrants += _theirs(PEERS[name], outcome, np.unique(table.materials))
             versions |= outcome.versions
             report(done, total, "peers")
-    benchmark = result.data
+    notes, benchmark = list[str](), result.data
+    if len(result.table) > 1:
+        notes.append(
+            "our first row is the most accurate of our table on these very test folds, so its figure is a "
+            "little too high; so is that of the best peer, for the same reason"
+        )
+    if not protocol.nested:
+        notes.append(
+            "ours is prepared on all recordings, test folds included, as the protocol says; peers never are"
+        )
+    notes += _length_notes(lengths)
     return PeerComparison(
         {
             "dataset": {**benchmark["dataset"], "n_tests": sum(test.size for _, test in splits)},
@@ -161,14 +169,16 @@ def compare_with_peers(
             "protocol": protocol.name,
             "protocol_description": protocol.description,
             "n_folds": len(splits),
-            "contestants": _judged(entrants, table, protocol, splits, pipeline.seed),
+            "contestants": [
+                _judged(found, entrants[0], table, protocol, splits, pipeline.seed) for found in entrants
+            ],
             "signals": DESCRIPTIONS[settings.signals],
             "time_limit_s": settings.time_limit_s,
             "versions": benchmark["versions"],
             "peer_versions": versions,
             "seed": pipeline.seed,
             "input_hash": benchmark["input_hash"],
-            "notes": [*_notes(result, protocol), *_length_notes(lengths)],
+            "notes": notes,
             "accuracy_unit": "fraction of tests; low and high are the 95 % interval",
         }
     )
@@ -230,68 +240,53 @@ def _hand_over(
     return write_task(task, signals, labels, splits, first.fs, pipeline.seed)
 
 
-def _ours(
-    row: MatchedRow,
-    classifier: str,
-    pipeline: PipelineDefinition,
-    dataset: Dataset,
-    table: FeatureTable,
-    splits: Sequence[Split],
-    protocol: Protocol,
-) -> Entrant:
-    """Measure a row of ours."""
-    found = measure_ours(row, classifier, pipeline, dataset, table, splits, nested=protocol.nested)
+def _ours(row: MatchedRow, classifier: str, found: Mapping[str, Any]) -> Entrant:
+    """Return a row of ours; `found` is what `measure_ours` returned."""
     name, reference = row.definition.name, row.definition.reference
-    line = _line(name, name, True, "done", "", reference)
-    line |= {"classifier": classifier, "n_columns": row.n_features, "cost": _cost(found, splits)}
-    return line, found["predicted"]
+    facts = {"name": name, "title": name, "ours": True, "reference": reference, "classifier": classifier}
+    return {**facts, "status": "done", "message": "", "n_columns": row.n_features, **found}
 
 
-def _theirs(
-    peer: Peer, outcome: Outcome, names: NDArray[np.str_], splits: Sequence[Split]
-) -> Iterator[Entrant]:
-    """Yield a line for each classifier of a peer; one that says why, where there is nothing to show."""
-    line = _line(peer.name, peer.title, False, outcome.status, outcome.message, peer.reference)
+def _theirs(peer: Peer, outcome: Outcome, names: NDArray[np.str_]) -> Iterator[Entrant]:
+    """Yield each classifier of a peer; the peer itself, if it has predicted nothing."""
+    facts = {"name": peer.name, "title": peer.title, "ours": False, "reference": peer.reference}
+    facts |= {"status": outcome.status, "message": outcome.message}
     if not outcome.folds:
-        yield line, ()
+        yield {**facts, "classifier": "", "n_columns": 0, "predicted": ()}
         return
-    feature_s = np.mean([fold["feature_s"] for fold in outcome.folds])
     for classifier in peer.classifiers:
         ran = [fold["classifiers"][classifier] for fold in outcome.folds]
-        found = {
-            "feature_s": feature_s,
+        yield {
+            **facts,
+            "classifier": classifier,
+            "n_columns": outcome.folds[0]["n_columns"],
+            "predicted": tuple(names[fold["predicted"]] for fold in ran),
+            "feature_s": np.mean([fold["feature_s"] for fold in outcome.folds]),
             "fit_s": np.mean([fold["fit_s"] for fold in ran]),
             "predict_s": np.mean([fold["predict_s"] for fold in ran]),
             "first_s": outcome.first_s or 0.0,
             "memory_mb": outcome.folds[-1]["memory_mb"],
         }
-        facts = {"n_columns": outcome.folds[0]["n_columns"], "cost": _cost(found, splits)}
-        yield line | {"classifier": classifier} | facts, tuple(names[fold["predicted"]] for fold in ran)
 
 
-def _line(name: str, title: str, ours: bool, status: str, message: str, reference: str) -> dict[str, Any]:
-    """Return a line of the comparison before anything is known of its accuracy."""
-    return {
-        "name": name,
-        "classifier": "",
-        "title": title,
-        "ours": ours,
-        "status": status,
-        "message": message,
-        "reference": reference,
-        "n_columns": 0,
-        "n_folds": 0,
-        "accuracy": None,
-        "cost": None,
-        "difference": None,
-    }
-
-
-def _cost(found: Mapping[str, Any], splits: Sequence[Split]) -> dict[str, float]:
-    """Return what one fold costs, from signals to answers, and the parts of that."""
+def _judged(
+    found: Entrant,
+    first: Entrant,
+    table: FeatureTable,
+    protocol: Protocol,
+    splits: Sequence[Split],
+    seed: int,
+) -> dict[str, Any]:
+    """Return a line of the comparison: its accuracy, its cost, and what the first one is ahead of it."""
+    told = ("name", "classifier", "title", "ours", "status", "message", "reference", "n_columns")
+    line: dict[str, Any] = {key: found[key] for key in told}
+    line |= {"n_folds": len(found["predicted"]), "accuracy": None, "cost": None, "difference": None}
+    tests = [test for _, test in splits[: line["n_folds"]]]
+    if not tests:
+        return line
     n_train, n_test = np.mean([[train.size, test.size] for train, test in splits], axis=0)
     features_s = (n_train + n_test) * found["feature_s"]
-    return {
+    line["cost"] = {  # of one fold, from signals to answers, and the parts of that
         "feature_ms": float(1e3 * found["feature_s"]),
         "fit_s": float(found["fit_s"]),
         "predict_ms": float(1e3 * found["predict_s"]),
@@ -299,36 +294,16 @@ def _cost(found: Mapping[str, Any], splits: Sequence[Split]) -> dict[str, float]
         "memory_mb": found["memory_mb"],
         "first_s": found["first_s"],
     }
-
-
-def _judged(
-    entrants: Sequence[Entrant],
-    table: FeatureTable,
-    protocol: Protocol,
-    splits: Sequence[Split],
-    seed: int,
-) -> list[dict[str, Any]]:
-    """Return every line with its accuracy, and with what the first one is ahead of it."""
-    clusters, judged = protocol.clusters(table.frame), []
-    reference = entrants[0][1]
-    for line, predicted in entrants:
-        tests = [test for _, test in splits[: len(predicted)]]
-        if not tests:
-            judged.append(line)
-            continue
-        truth = [table.materials[test] for test in tests]
-        accuracy = score(truth, predicted, [clusters[test] for test in tests], seed=seed)
-        low, high = accuracy.interval
-        difference = None
-        if predicted is not reference:
-            # On the folds that both have.
-            hits, others = (
-                [[t == p for t, p in zip(truth, of, strict=False)]] for of in (reference, predicted)
-            )
-            difference = compare(hits, others, splits, protocol, clusters, seed).to_dict()
-        told = {"mean": accuracy.mean, "low": low, "high": high, **asdict(accuracy)}
-        judged.append(line | {"n_folds": len(predicted), "accuracy": told, "difference": difference})
-    return judged
+    clusters, truth = protocol.clusters(table.frame), [table.materials[test] for test in tests]
+    accuracy = score(truth, found["predicted"], [clusters[test] for test in tests], seed=seed)
+    low, high = accuracy.interval
+    line["accuracy"] = {"mean": accuracy.mean, "low": low, "high": high, **asdict(accuracy)}
+    if found is not first:
+        hits, others = (  # on the folds that both have
+            [[t == p for t, p in zip(truth, of["predicted"], strict=False)]] for of in (first, found)
+        )
+        line["difference"] = compare(hits, others, splits, protocol, clusters, seed)
+    return line
 
 
 def _length_notes(lengths: tuple[int, ...]) -> Iterator[str]:
@@ -342,13 +317,3 @@ def _length_notes(lengths: tuple[int, ...]) -> Iterator[str]:
             f"{median}): longer ones lose equal parts at both ends, shorter ones ({short:.0%}) are followed "
             "by zeros, which may tell the peer how long they were"
         )
-
-
-def _notes(result: BenchmarkResult, protocol: Protocol) -> Iterator[str]:
-    if sum(len(row["accuracy"]) for row in result.data["rows"]) > 1:
-        yield (
-            "our first row is the most accurate of our table on these very test folds, so its figure is a "
-            "little too high; so is that of the best peer, for the same reason"
-        )
-    if not protocol.nested:
-        yield "ours is prepared on all recordings, test folds included, as the protocol says; peers never are"

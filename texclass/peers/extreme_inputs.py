@@ -13,14 +13,7 @@ from scipy import linalg, ndimage, signal
 
 from texclass.recording import Samples
 from texclass.stability import exact, rules
-from texclass.stability.inputs import (
-    FORMS,
-    VALUES,
-    Case,
-    in_families,
-    lengths,
-    samples_of,
-)
+from texclass.stability.inputs import FORMS, VALUES, Case, in_families, lengths, samples_of
 from texclass.stability.judging import Attempt, Check, Subject, tried
 from texclass.stability.subjects_features import cases as feature_cases
 from texclass.stability.subjects_features import extraction
@@ -156,12 +149,8 @@ _FILTERS: list[Subject] = []
 _scipy = partial(tried, _FILTERS, "peers", library="scipy")
 
 
-def _few_lengths(quick: bool) -> tuple[Case, ...]:
-    return (*in_families(*VALUES, *FORMS, quick=quick), *lengths(True))
-
-
-def _windows(quick: bool) -> tuple[Case, ...]:
-    return tuple(case.at_order(n) for case in in_families(*VALUES, *FORMS, quick=quick) for n in (3, 101))
+def _hard(quick: bool) -> tuple[Case, ...]:
+    return tuple(in_families(*VALUES, *FORMS, quick=quick))
 
 
 @_scipy("lfilter (all-pole synthesis)", _models)
@@ -178,7 +167,7 @@ def _direct_form(x: Any, case: Case) -> Attempt:
         yield Check("output over its bound", largest(out) / bound, 1.0)
 
 
-@_scipy("butter + filtfilt, (b, a) form", _few_lengths)
+@_scipy("butter + filtfilt, (b, a) form", lambda quick: (*_hard(quick), *lengths(True)))
 def _filtfilt(x: Any, case: Case) -> Attempt:
     """Compare with the same Butterworth band-pass in sections, in 60 digits."""
     band: Any = {"N": 4, "Wn": (50.0, 200.0), "btype": "bandpass", "fs": case.fs}
@@ -192,7 +181,9 @@ def _filtfilt(x: Any, case: Case) -> Attempt:
     yield rules.close("output, against 60 digits", out, right, rules.RESPONSE, scale=largest(samples))
 
 
-@_scipy("ndimage.uniform_filter1d", _windows)
+@_scipy(
+    "ndimage.uniform_filter1d", lambda quick: tuple(c.at_order(n) for c in _hard(quick) for n in (3, 101))
+)
 def _uniform_filter(x: Any, case: Case) -> Attempt:
     """Compare inside the signal, where no rule for the ends matters."""
     out = np.asarray(ndimage.uniform_filter1d(x, case.order, mode="nearest", output=np.float64))

@@ -1,13 +1,14 @@
 """What peers are given: the movement signals that our features read, or every channel of the sensor."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.phase_view import Channels, PhaseView, TapView, Views, channels_apart, views_of
+from texclass.features.phase_view import Channels, Views, channels_apart, views_of
 from texclass.phases import segment
 from texclass.recording import Phases, Recording, Samples
 
@@ -66,15 +67,9 @@ def every_channel(recording: Recording) -> Samples:
 
 
 def _felt(view: Views) -> Samples:
-    for phase in ("movement", "tap"):
-        try:
-            found = view.of(phase)
-        except UndefinedFeatureError:
-            continue
-        match found:
-            case PhaseView():
-                return found.samples
-            case TapView():
-                return np.concatenate([part for tap in found.taps for part in (tap.hand, tap.impulse)])
+    with suppress(UndefinedFeatureError):
+        return view.movement.samples
+    with suppress(UndefinedFeatureError):
+        return np.concatenate([part for tap in view.tap.taps for part in (tap.hand, tap.impulse)])
     whole = Phases(movement=(0, view.recording.n_samples))
     return Views(view.recording, whole, view.channel).movement.samples

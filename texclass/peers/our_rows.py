@@ -1,6 +1,7 @@
 """Our rows, timed in a process of their own with the clock and the memory gauge of the peers' worker."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -66,26 +67,18 @@ def _measure(
     first = dataset.load(entries[0])
     plan = Plan.of(features, channels_apart(first, channels))
     with threadpool_limits(1):
-        with timed() as warming:
-            for _ in range(2):
-                plan.compute(first)
-        memory = PeakMemory()
-        feature_s = float(np.mean([_seconds(plan, dataset, entry) for entry in entries]))
+        _, first_s = timed(lambda: [plan.compute(first) for _ in range(2)])
+        memory, seconds = PeakMemory(), []
+        for recording in map(dataset.load, entries):
+            # Peers are given movements that have been found already.
+            known = recording.with_(phases=segment(recording))
+            seconds.append(timed(partial(plan.compute, known))[1])
         found = trial(splits, nested=nested)
     return {
         "predicted": found.predicted,
-        "feature_s": feature_s,
+        "feature_s": float(np.mean(seconds)),
         "fit_s": found.fit_s,
         "predict_s": found.predict_s,
-        "first_s": warming.seconds,
+        "first_s": first_s,
         "memory_mb": memory.megabytes,
     }
-
-
-def _seconds(plan: Plan, dataset: Dataset, entry: Entry) -> float:
-    recording = dataset.load(entry)
-    # Peers are given movements that have been found already.
-    known = recording.with_(phases=segment(recording))
-    with timed() as clock:
-        plan.compute(known)
-    return clock.seconds

@@ -66,12 +66,16 @@ def peers_document(data: Data) -> Document:
     )
 
 
+def best_peer(data: Data) -> Data | None:
+    """Return the most accurate peer of those that finished every fold; the first of equals."""
+    peers = [c for c in data["contestants"] if not c["ours"] and c["accuracy"]]
+    finished = [c for c in peers if c["n_folds"] == data["n_folds"]]
+    return max(finished, key=lambda c: float(c["accuracy"]["mean"]), default=None)
+
+
 def _finding(data: Data) -> Finding:
     ours = data["contestants"][0]
-    finished = [
-        c for c in data["contestants"] if not c["ours"] and c["accuracy"] and c["n_folds"] == data["n_folds"]
-    ]
-    best = max(finished, key=lambda c: float(c["accuracy"]["mean"]), default=None)
+    best = best_peer(data)
     if best is None or best["difference"] is None or not ours["accuracy"]:
         return Finding("none", "", "", "of the peers finished every fold.")
     difference = best["difference"]

@@ -123,8 +123,7 @@ class CostAwareSelector(SelectorMixin, MetaEstimatorMixin, BaseEstimator):  # ty
         self.path_ = self.explore(model, SubsetScore(judge, X, labels, splits, self.scoring))
         chosen = self.within(np.inf)
         if chosen is None:
-            least = min(model.of([i]) for i in range(X.shape[1]))
-            raise ValueError(f"max_cost is {self.max_cost}; the rule is at least {least:.3g}")
+            raise ValueError(f"max_cost is {self.max_cost}; the rule is at least {model.cheapest:.3g}")
         self.support_ = np.isin(np.arange(X.shape[1]), chosen.columns)
         self.cost_, self.score_ = chosen.cost, chosen.score
         return self
@@ -210,19 +209,34 @@ class _Search:
                 yield now
 
     def backward(self, thrift: float) -> Iterator[Subset]:
-        """Yield the full set and what is left of it as the feature that earns least goes, to the last."""
+        """Yield the full set and what is left of it as features go, to the last.
+
+        The next to go is the feature that loses least for what its going saves.
+        """
         now: Subset | None = self._choice(range(len(self.model.columns)))
         while now is not None:
             if now.cost <= self.budget and len(now.columns) <= self.most:
                 yield now
-            now = self._leave(now, thrift)
+            lighter, price = self._without_each(now, columns=False), []
+            for choice in lighter:
+                loss, saved = now.score - choice.score, max(now.cost - choice.cost, self.least)
+                price.append((loss / saved**thrift if loss > 0 else loss, choice.cost))
+            now = lighter[price.index(min(price))] if lighter else None
 
     def _choice(self, columns: Iterable[int]) -> Subset:
         chosen = tuple(sorted(columns))
         return Subset(chosen, self.model.of(chosen), self.score.of(chosen))
 
     def _add(self, now: Subset, thrift: float) -> Subset | None:
-        moves = [m for m in self._moves(now) if len(m) <= self.most and self.model.of(m) <= self.budget]
+        have = set(now.columns)
+        left = [[i for i in feature if i not in have] for feature in self.features]
+        if self.unit == "feature":
+            added = [rest for rest in left if rest]
+        else:  # every single column, then all that is left of every feature
+            added = [[i] for i in range(len(self.model.columns)) if i not in have]
+            added += [rest for rest in left if len(rest) > 1]
+        every = [[*now.columns, *some] for some in added]
+        moves = [m for m in every if len(m) <= self.most and self.model.of(m) <= self.budget]
         if not moves:
             return None
         scores = self._scores(now, moves)
@@ -235,15 +249,6 @@ class _Search:
         if worth[best] == -np.inf:
             return None
         return Subset(tuple(sorted(moves[best])), self.model.of(moves[best]), float(scores[best]))
-
-    def _moves(self, now: Subset) -> list[list[int]]:
-        """Return every single column added, then all that is left of every feature (two columns or more)."""
-        have = set(now.columns)
-        single = [[*now.columns, i] for i in range(len(self.model.columns)) if i not in have]
-        left = [[i for i in feature if i not in have] for feature in self.features]
-        if self.unit == "feature":
-            return [[*now.columns, *rest] for rest in left if rest]
-        return single + [[*now.columns, *rest] for rest in left if len(rest) > 1]
 
     def _scores(self, now: Subset, moves: Sequence[list[int]]) -> Samples:
         """Return the score of every move; single columns come first and are compared at once."""
@@ -269,13 +274,3 @@ class _Search:
             if (c.score, now.cost) > (now.score, c.cost) or (c.score >= now.score and c.cost < now.cost)
         ]
         return max(kept, key=lambda c: (now.cost - c.cost, c.score), default=None)
-
-    def _leave(self, now: Subset, thrift: float) -> Subset | None:
-        """Return the choice without the feature that loses least for what its going saves."""
-        lighter = self._without_each(now, columns=False)
-
-        def price(choice: Subset) -> float:
-            loss, saved = now.score - choice.score, max(now.cost - choice.cost, self.least)
-            return loss / saved**thrift if loss > 0 else loss
-
-        return min(lighter, key=lambda c: (price(c), c.cost), default=None)

@@ -75,8 +75,7 @@ class Conditions:
 
     def data(self, table: FeatureTable) -> Labelled:
         """Return the columns that some recording has, with labels and groups."""
-        columns = [c for c in table.columns if table.frame[c].notna().any()]
-        return Labelled(table.of(columns), table.materials, self.protocol.clusters(table.frame))
+        return Labelled(table.of(table.defined), table.materials, self.protocol.clusters(table.frame))
 
     def accuracy(self, table: FeatureTable) -> Facts:
         """Return the accuracy of the trade's classifier on all columns of a table."""
@@ -125,10 +124,11 @@ def touch_curve(conditions: Conditions, whole: FeatureTable) -> Facts | None:
     points: list[tuple[float, str, Facts]] = []
     for seconds in SECONDS:
         try:
-            found = conditions.table(
-                touches(conditions.dataset, seconds, per_recording=1, n_jobs=conditions.n_jobs)
-            )
-            points.append((seconds, f"{seconds:g}", _all_of(conditions, found, len(whole.frame))))
+            felt = touches(conditions.dataset, seconds, per_recording=1, n_jobs=conditions.n_jobs)
+            found = conditions.table(felt)
+            if len(found.frame) < 0.9 * len(whole.frame):  # the others are too short
+                break
+            points.append((seconds, f"{seconds:g}", conditions.accuracy(found)))
         except (RecordingError, ValueError):
             break
     if not points:
@@ -140,27 +140,18 @@ def touch_curve(conditions: Conditions, whole: FeatureTable) -> Facts | None:
     )
 
 
-def _all_of(conditions: Conditions, table: FeatureTable, n: int) -> Facts:
-    """Evaluate touches, unless a tenth of the recordings is too short for them."""
-    if len(table.frame) < 0.9 * n:
-        raise ValueError(f"{len(table.frame)} of {n} recordings are long enough; the rule is nine in ten")
-    return conditions.accuracy(table)
-
-
 def sensor_curves(conditions: Conditions) -> list[Facts]:
     """Accuracy against sampling rate and against bit depth, trained and tested alike."""
-    few = replace(conditions, dataset=_fewer(conditions.dataset))
+    dataset, note = _fewer(conditions.dataset)
+    few = replace(conditions, dataset=dataset)
     own = few.dataset[0].fs
     scale = full_scale_of(few.dataset)
     rates = [fs for fs in RATES_HZ if fs <= own / 1.5]
     at_rate = {fs: degraded(few.dataset, fs=fs) for fs in rates} | {own: few.dataset}
     at_bits = {float(bits): degraded(few.dataset, bits=bits, full_scale=scale) for bits in BITS}
-    note = "" if len(few.dataset) == len(conditions.dataset) else f"from {len(few.dataset)} of the recordings"
     curves = []
     for name, unit, variants in (("sampling rate", "Hz", at_rate), ("bit depth", "bits", at_bits)):
-        points = []
-        for x, dataset in variants.items():
-            points.append((x, f"{x:g}", few.accuracy(few.table(dataset))))
+        points = [(x, f"{x:g}", few.accuracy(few.table(varied))) for x, varied in variants.items()]
         curves.append(_curve(name, unit, points, LINEAR, note))
     return curves
 
@@ -170,7 +161,7 @@ def order_curve(conditions: Conditions) -> Facts | None:
 
     A model of order p is the first p coefficients of one of a higher order, so each movement is fitted once.
     """
-    dataset = _fewer(conditions.dataset)
+    dataset, note = _fewer(conditions.dataset)
     found = list(each([partial(_model, dataset.load, e) for e in dataset.entries], n_jobs=conditions.n_jobs))
     kept = [i for i, row in enumerate(found) if row is not None]
     if len(kept) < 0.9 * len(found):
@@ -183,7 +174,6 @@ def order_curve(conditions: Conditions) -> Facts | None:
         (float(p), str(p), cross_validated(Labelled(models[:, : p + 1], y, clusters), splits, discriminant()))
         for p in ORDERS
     ]
-    note = "" if len(dataset) == len(conditions.dataset) else f"from {len(dataset)} of the recordings"
     return _curve("order of the movement model", "", points, "AR coefficients alone", note)
 
 
@@ -198,25 +188,18 @@ def _model(load: Callable[[Entry], Any], entry: Entry) -> Samples | None:
     return np.concatenate([[log_gain], np.arctanh(model.reflection)])
 
 
-def _fewer(dataset: Dataset) -> Dataset:
+def _fewer(dataset: Dataset) -> tuple[Dataset, str]:
     """Return at most `MOST` recordings, as many of each material as there is room for, at least four."""
     per_material = max(4, MOST // max(len(dataset.materials), 1))
     materials = pd.Series([e.material for e in dataset.entries])
     rank = materials.groupby(materials).cumcount()
-    return replace(
-        dataset, entries=tuple(e for e, r in zip(dataset.entries, rank, strict=True) if r < per_material)
-    )
+    kept = tuple(e for e, r in zip(dataset.entries, rank, strict=True) if r < per_material)
+    note = "" if len(kept) == len(dataset) else f"from {len(kept)} of the recordings"
+    return replace(dataset, entries=kept), note
 
 
 def _curve(name: str, unit: str, points: Sequence[tuple[float, str, Facts]], series: str, note: str) -> Facts:
     """Return a curve of (value, its label, accuracy); `series` names it where several share a panel."""
     x, labels, accuracy = map(list, zip(*points, strict=True))
-    return {
-        "name": name,
-        "unit": unit,
-        "x": x,
-        "accuracy": accuracy,
-        "labels": labels,
-        "series": series,
-        "note": note,
-    }
+    facts = {"name": name, "unit": unit, "series": series, "note": note}
+    return {**facts, "x": x, "accuracy": accuracy, "labels": labels}

@@ -2,7 +2,8 @@
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from math import ceil
 from typing import Any
 
@@ -14,42 +15,21 @@ from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import AUXILIARY_UNITS, Phases, Recording, Samples, Tap
 
 
-@dataclass(frozen=True)
-class Degraded:
-    """A dataset's `load` through a cheaper sensor; picklable when `load` is.
-
-    Attributes
-    ----------
-    load
-        Entry -> Recording.
-    fs
-        Sampling rate in Hz, at most the recording's; None keeps it.
-    bits
-        Of the acceleration's converter; None keeps what there is.
-    full_scale
-        Largest magnitude that the converter holds; what is beyond is clipped.
-    """
-
-    load: Callable[[Entry], Recording]
-    fs: float | None = None
-    bits: int | None = None
-    full_scale: float = 1.0
-
-    def __call__(self, entry: Entry) -> Recording:
-        """Load one recording, resample it, then quantise it."""
-        recording = self.load(entry)
-        if self.fs is not None and self.fs < recording.fs:
-            recording = resampled(recording, self.fs)
-        if self.bits is not None:
-            coarse = quantised(recording.acceleration, self.bits, self.full_scale)
-            recording = recording.with_(acceleration=coarse)
-        return recording
-
-
 def degraded(
     dataset: Dataset, *, fs: float | None = None, bits: int | None = None, full_scale: float = 1.0
 ) -> Dataset:
-    """Return a dataset as a cheaper sensor would have recorded it; see `Degraded`.
+    """Return a dataset as a cheaper sensor would have recorded it.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        As it was recorded.
+    fs : float, optional
+        Sampling rate in Hz; recordings that have a lower one keep it.
+    bits : int, optional
+        Of the acceleration's converter.
+    full_scale : float
+        Largest magnitude that the converter holds; what is beyond is clipped.
 
     Raises
     ------
@@ -62,9 +42,20 @@ def degraded(
     how = f"{dataset.input_hash} fs {fs} bits {bits} of {full_scale}"
     return replace(
         dataset,
-        load=Degraded(dataset.load, fs, bits, full_scale),
+        load=partial(_degraded, dataset.load, fs, bits, full_scale),
         input_hash=hashlib.sha256(how.encode()).hexdigest(),
     )
+
+
+def _degraded(
+    load: Callable[[Entry], Recording], fs: float | None, bits: int | None, full_scale: float, entry: Entry
+) -> Recording:
+    recording = load(entry)
+    if fs is not None and fs < recording.fs:
+        recording = resampled(recording, fs)
+    if bits is not None:
+        recording = recording.with_(acceleration=quantised(recording.acceleration, bits, full_scale))
+    return recording
 
 
 def quantised(x: Samples, bits: int, full_scale: float) -> Samples:
@@ -90,35 +81,23 @@ def resampled(recording: Recording, fs: float) -> Recording:
     by its mirror image, so that it does not jump at its ends.
     """
     n = max(1, round(recording.n_samples * fs / recording.fs))
-    ratio = n / recording.n_samples
-    signals = {name: getattr(recording, name) for name in ("acceleration", *AUXILIARY_UNITS)}
-    changes: dict[str, Any] = {
-        name: _cut_band(signal, n) for name, signal in signals.items() if signal is not None
-    }
-    return recording.with_(**changes, fs=ratio * recording.fs, phases=_scaled(recording.phases, ratio, n))
+    ratio, changes = n / recording.n_samples, dict[str, Any]()
+    for name in ("acceleration", *AUXILIARY_UNITS):
+        if (signal := getattr(recording, name)) is not None:
+            # DCT-II is the Fourier transform of signal and mirror image; its first n bins lie below fs/2.
+            spectrum = fft.dct(signal, axis=0, norm="ortho")[:n]
+            changes[name] = fft.idct(spectrum, axis=0, norm="ortho") * np.sqrt(ratio)
+    if (phases := recording.phases) is not None:
 
+        def at(sample: int) -> int:
+            return min(n, round(sample * ratio))
 
-def _cut_band(x: Samples, n: int) -> Samples:
-    # DCT-II is the Fourier transform of the signal and its mirror image; its first n bins lie below fs/2.
-    spectrum = fft.dct(x, axis=0, norm="ortho")[:n]
-    return np.asarray(fft.idct(spectrum, axis=0, norm="ortho") * np.sqrt(n / x.shape[0]))
-
-
-def _scaled(phases: Phases | None, ratio: float, n: int) -> Phases | None:
-    if phases is None:
-        return None
-
-    def at(sample: int) -> int:
-        return min(n, round(sample * ratio))
-
-    taps = tuple(
-        Tap(at(t.start), at(t.impact), max(at(t.end), at(t.impact) + 1))
-        for t in phases.taps
-        if at(t.impact) < n
-    )
-    movement = None if phases.movement is None else (at(phases.movement[0]), at(phases.movement[1]))
-    onset = None if phases.onset is None else at(phases.onset)
-    return Phases(taps, movement, onset, phases.notes)
+        kept = (tap for tap in phases.taps if at(tap.impact) < n)
+        taps = tuple(Tap(at(t.start), at(t.impact), max(at(t.end), at(t.impact) + 1)) for t in kept)
+        movement = phases.movement and (at(phases.movement[0]), at(phases.movement[1]))
+        onset = None if phases.onset is None else at(phases.onset)
+        changes["phases"] = Phases(taps, movement, onset, phases.notes)
+    return recording.with_(**changes, fs=ratio * recording.fs)
 
 
 def full_scale_of(dataset: Dataset, n: int = 12) -> float:

@@ -64,20 +64,6 @@ class Limits:
             if value is not None and not 0 < value < np.inf:
                 raise ValueError(f"{name} is {value!r}; the rule is above 0, and finite")
 
-    def check_affordable(self, costs: CostModel) -> None:
-        """Refuse a budget that buys nothing.
-
-        Raises
-        ------
-        ValueError
-            If it does not.
-        """
-        cheapest = _cheapest(costs)
-        if self.max_ms is not None and self.max_ms < cheapest:
-            raise ValueError(
-                f"max_ms is {self.max_ms:g}; the rule is at least {cheapest:.3g}, the cheapest feature"
-            )
-
 
 class Labelled(NamedTuple):
     """What is learnt from: X (n, n_columns) with NaN where undefined, y (n,), groups (n,) never divided."""
@@ -128,10 +114,19 @@ def estimate(folds: ArrayLike, splits: Sequence[Split]) -> dict[str, float]:
 
 
 def budgets_of(costs: CostModel, max_ms: float | None = None) -> tuple[float, ...]:
-    """Return the budgets of a front in ms, rising: `FRACTIONS` of the total that buy, and `max_ms`."""
-    cheapest = _cheapest(costs)
+    """Return the budgets of a front in ms, rising: `FRACTIONS` of the total that buy, and `max_ms`.
+
+    Raises
+    ------
+    ValueError
+        If `max_ms` buys nothing.
+    """
+    if max_ms is not None and max_ms < costs.cheapest:
+        raise ValueError(
+            f"max_ms is {max_ms:g}; the rule is at least {costs.cheapest:.3g}, the cheapest feature"
+        )
     given = set() if max_ms is None else {min(max_ms, costs.total)}
-    return tuple(sorted({f * costs.total for f in FRACTIONS if f * costs.total >= cheapest} | given))
+    return tuple(sorted({f * costs.total for f in FRACTIONS if f * costs.total >= costs.cheapest} | given))
 
 
 def nested_front(
@@ -218,10 +213,6 @@ def fewest_path(X: Samples, y: Labels, groups: Labels, most: int) -> list[list[i
         for n in range(1, most + 1)
     ]
     return [list(choice.columns) for choice in best]
-
-
-def _cheapest(costs: CostModel) -> float:
-    return min(costs.of([i]) for i in range(len(costs.columns)))
 
 
 def _at_budgets(

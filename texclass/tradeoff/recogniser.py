@@ -82,12 +82,15 @@ class Recogniser(Pipeline):  # type: ignore[misc]
         steps = list(_flat(self.steps[1:-1]))
         wanted: NDArray[np.intp] | None = None  # columns of a step's output that later steps need; None: all
         pruned: list[tuple[str, Any]] = []
-        for name, step in reversed(steps):
-            if isinstance(step, SelectorMixin) and not _mixes_before(steps, step):
+        mixing = [not isinstance(step, SelectorMixin) and type(step) not in COLUMN_WISE for _, step in steps]
+        for i, (name, step) in reversed(list(enumerate(steps))):
+            if isinstance(step, SelectorMixin) and not any(mixing[:i]):
                 kept = np.flatnonzero(step.get_support())
                 wanted = kept if wanted is None else kept[wanted]
             elif type(step) in COLUMN_WISE and not getattr(step, "add_indicator", False):
-                kept = _outputs(step)
+                kept = np.arange(step.n_features_in_)
+                if isinstance(step, SimpleImputer) and not step.keep_empty_features:
+                    kept = np.flatnonzero(~np.isnan(step.statistics_))  # empty columns are left out
                 wanted = kept if wanted is None else kept[wanted]
                 pruned.insert(0, (name, _sliced(step, wanted)))
             else:
@@ -174,19 +177,6 @@ def _flat(steps: Sequence[tuple[str, Any]]) -> list[tuple[str, Any]]:
         inside = _flat(step.steps) if isinstance(step, Pipeline) else [(name, step)]
         flat += [(f"{name}-{n}" if step is not s else n, s) for n, s in inside]
     return [(name, step) for name, step in flat if step not in (None, "passthrough")]
-
-
-def _mixes_before(steps: Sequence[tuple[str, Any]], selector: Any) -> bool:
-    """Whether a step before this selector mixes columns, so that the selector still has work to do."""
-    before = steps[: [step is selector for _, step in steps].index(True)]
-    return any(not isinstance(step, SelectorMixin) and type(step) not in COLUMN_WISE for _, step in before)
-
-
-def _outputs(step: Any) -> NDArray[np.intp]:
-    """Return which inputs a column-wise step passes on: an imputer leaves out columns without any value."""
-    if isinstance(step, SimpleImputer) and not step.keep_empty_features:
-        return np.flatnonzero(~np.isnan(step.statistics_))
-    return np.arange(step.n_features_in_)
 
 
 def _sliced(step: Any, columns: NDArray[np.intp]) -> Any:

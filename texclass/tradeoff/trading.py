@@ -138,8 +138,10 @@ def trade_off(
     conditions = Conditions(
         dataset, features, channels, find_protocol(protocol), n_folds, n_repeats, seed, n_jobs, progress
     )
-    offer = Offer.of(conditions, _felt(conditions, limits))
-    limits.check_affordable(offer.costs)
+    felt = dataset
+    if limits.max_seconds is not None:  # the first touch of each recording
+        felt = touches(dataset, limits.max_seconds, per_recording=1, n_jobs=n_jobs, progress=progress)
+    offer = Offer.of(conditions, felt)
     splits = conditions.splits(offer.table.frame)
     front, full = nested_front(
         offer.data, splits, offer.costs, budgets_of(offer.costs, limits.max_ms),
@@ -147,7 +149,7 @@ def trade_off(
     )  # fmt: skip
     fewest: list[tuple[int, Facts]] = []
     if limits.materials:
-        most = min(MOST_COLUMNS, limits.max_features or MOST_COLUMNS, len(offer.columns))
+        most = min(MOST_COLUMNS, limits.max_features or MOST_COLUMNS, len(offer.costs.columns))
         fewest = nested_fewest(offer.data, splits, most, n_jobs=n_jobs)
     half = [p for p in front if p["budget_ms"] <= offer.costs.total / 2 * (1 + 1e-9)]
     n_drawn = n_repeats if conditions.protocol.drawn else 1
@@ -189,20 +191,17 @@ class Offer:
     ----------
     table
         Features of the recordings as they are felt.
-    columns
-        Those that some recording has.
     data
-        The same as X, with labels and groups.
+        Those that some recording has as X, with labels and groups.
     meter
         Measures costs.
     plan, whole
         What computes all columns, and their costs.
     costs
-        Those of `columns`.
+        Those of the columns of X.
     """
 
     table: FeatureTable
-    columns: tuple[str, ...]
     data: Labelled
     meter: CostMeter
     plan: Plan
@@ -213,11 +212,10 @@ class Offer:
     def of(cls, conditions: Conditions, felt: Dataset) -> "Offer":
         """Compute the features of a dataset, and measure what they cost."""
         table = conditions.table(felt)
-        columns = tuple(c for c in table.columns if table.frame[c].notna().any())
         meter = CostMeter.on(felt, table.frame["recording_id"].tolist(), conditions.channels)
         plan, whole = Plan.of(conditions.features, meter.channels), meter.model(conditions.features)
         data = conditions.data(table)
-        return cls(table, columns, data, meter, plan, whole, whole.restricted_to(columns))
+        return cls(table, data, meter, plan, whole, whole.restricted_to(table.defined))
 
     def in_ms(self, part: Plan) -> float:
         """Return what a part takes over what the whole takes at the same time, in ms of the cost model."""
@@ -227,7 +225,7 @@ class Offer:
     def fitted(self, columns: Sequence[str]) -> Recogniser:
         """Return the pruned pipeline of some columns, fitted on all recordings."""
         plan = self.plan.restricted_to(columns)
-        X = self.data.X[:, [self.columns.index(c) for c in plan.columns]]
+        X = self.table.of(plan.columns)
         steps = [*preparation().steps, ("classifier", discriminant())]
         return Recogniser.fitted_on(plan, X, self.data.y, steps)
 
@@ -254,14 +252,6 @@ def _of_materials(dataset: Dataset, materials: Sequence[str]) -> Dataset:
     if len(set(materials)) < 2:
         raise ValueError(f"materials are {', '.join(materials)}; the rule is at least two to tell apart")
     return replace(dataset, entries=tuple(e for e in dataset.entries if e.material in materials))
-
-
-def _felt(conditions: Conditions, limits: Limits) -> Dataset:
-    """Return the recordings, or the first touch of each where its seconds are limited."""
-    if limits.max_seconds is None:
-        return conditions.dataset
-    work: dict[str, Any] = {"n_jobs": conditions.n_jobs, "progress": conditions.progress}
-    return touches(conditions.dataset, limits.max_seconds, per_recording=1, **work)
 
 
 def _prices(offer: Offer, seed: int) -> dict[str, Any]:

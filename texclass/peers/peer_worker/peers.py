@@ -5,7 +5,7 @@ Each turns the signals of some recordings into a table of features. What it need
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,23 +45,6 @@ CLASSIFIERS: dict[str, Callable[[int], Any]] = {
 DISCRIMINANTS = ("lda", "shrinkage_lda", "random_forest")
 
 
-class Extractor(Protocol):
-    """Turns signals into features."""
-
-    @property
-    def learns(self) -> bool:
-        """Whether `fit` takes values from its signals; if not, every recording is computed only once."""
-
-    def fit(self, signals: Sequence[Signal]) -> Any:
-        """Learn from training signals."""
-
-    def transform(self, signals: Sequence[Signal]) -> Table:
-        """Return the features, one row a recording."""
-
-    def scaler(self) -> Any:
-        """Return the unfitted scikit-learn step that comes before the classifier."""
-
-
 @dataclass(frozen=True)
 class PerRecording:
     """Features that are a function of one recording: computed channel by channel, joined.
@@ -72,6 +55,8 @@ class PerRecording:
         (samples of one channel, shape (n_samples,); fs in Hz) -> values, shape (n_columns,).
     fs : float
         Sampling rate in Hz.
+    learns : bool
+        Whether `fit` takes values from its signals; if not, every recording is computed only once.
     """
 
     describe: Callable[[Signal, float], Table]
@@ -137,6 +122,10 @@ class OfEqualLength:
     def scaler(self) -> Any:
         """Return the scaling of aeon's own classifier."""
         return self.scale(self.widths)
+
+
+Extractor = PerRecording | OfEqualLength
+"""Turns signals into features: `fit`, `transform`, and `scaler`, the step before the classifier."""
 
 
 def equal_lengths(signals: Sequence[Signal], n_samples: int) -> NDArray[np.float32]:

@@ -4,9 +4,8 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -48,70 +47,49 @@ def work(peer: Peer, task: Task, out: Path) -> None:
     if known := missing(peer):
         raise ModuleNotFoundError(", ".join(known))
     extractor = peer.make(task.fs, task.seed)
-    with timed() as first:
-        extractor.fit(task.signals[:N_WARM]).transform(task.signals[:N_WARM])
-    packages = ("numpy", "scikit-learn", *peer.packages)
-    write_json(
-        out / "started.json", {"first_s": first.seconds, "versions": {p: _version(p) for p in packages}}
-    )
+    few = task.signals[:N_WARM]
+    _, first_s = timed(lambda: extractor.fit(few).transform(few))
+    versions = {package: _version(package) for package in ("numpy", "scikit-learn", *peer.packages)}
+    write_json(out / "started.json", {"first_s": first_s, "versions": versions})
     memory = PeakMemory()
-    once = None if extractor.learns else _Once(extractor, task)
+    table, seconds = (None, 0.0) if extractor.learns else _of_all(extractor, task)
     for k, (train, test) in enumerate(task.splits):
-        fold = _fold(peer, extractor, task, once, train, test)
-        write_json(out / f"fold_{k}.json", {**fold, "memory_mb": memory.megabytes})
+        if table is not None:
+            learnt, asked, fit_s, feature_s = table[train], table[test], 0.0, seconds
+        else:
+            _, fit_s = timed(partial(extractor.fit, task.of(train)))
+            learnt, learnt_s = timed(partial(extractor.transform, task.of(train)))
+            asked, asked_s = timed(partial(extractor.transform, task.of(test)))
+            feature_s = (learnt_s + asked_s) / (len(train) + len(test))
+        ran = {
+            name: _classify(extractor, name, task.seed, learnt, task.labels[train], asked, fit_s)
+            for name in peer.classifiers
+        }
+        facts = {"n_columns": learnt.shape[1], "feature_s": feature_s, "memory_mb": memory.megabytes}
+        write_json(out / f"fold_{k}.json", {**facts, "classifiers": ran})
     write_json(out / "done.json", {})
 
 
-class _Once:
-    """Features of every recording that some fold uses, computed before the first fold."""
-
-    def __init__(self, extractor: Extractor, task: Task) -> None:
-        used = np.unique(np.concatenate([rows for split in task.splits for rows in split]))
-        self.position = np.zeros(len(task.signals), dtype=np.intp)
-        self.position[used] = np.arange(len(used))
-        extractor.fit(task.of(used))
-        rows, self.seconds = [], 0.0
-        for signal in task.of(used):
-            with timed() as clock:
-                rows.append(extractor.transform([signal]))
-            self.seconds += clock.seconds / len(used)
-        self.table = np.concatenate(rows)
-
-
-def _fold(
-    peer: Peer, extractor: Extractor, task: Task, once: _Once | None, train: Any, test: Any
-) -> dict[str, Any]:
-    """Return what a fold took and, for each classifier, what it predicted."""
-    if once is not None:
-        learnt, asked = once.table[once.position[train]], once.table[once.position[test]]
-        fit_s, feature_s = 0.0, once.seconds
-    else:
-        with timed() as fitting:
-            extractor.fit(task.of(train))
-        with timed() as transforming:
-            learnt, asked = extractor.transform(task.of(train)), extractor.transform(task.of(test))
-        fit_s, feature_s = fitting.seconds, transforming.seconds / (len(train) + len(test))
-    return {
-        "n_columns": learnt.shape[1],
-        "feature_s": feature_s,
-        "classifiers": {
-            name: _classify(extractor, name, task.seed, learnt, task.labels[train], asked, fit_s)
-            for name in peer.classifiers
-        },
-    }
+def _of_all(extractor: Extractor, task: Task) -> tuple[Table, float]:
+    """Return the features of every recording (NaN where no fold uses it), and the seconds of each."""
+    used = np.unique(np.concatenate([rows for split in task.splits for rows in split]))
+    extractor.fit(task.of(used))
+    timings = [timed(partial(extractor.transform, [signal])) for signal in task.of(used)]
+    rows = np.concatenate([row for row, _ in timings])
+    table = np.full((len(task.signals), rows.shape[1]), np.nan, dtype=rows.dtype)
+    table[used] = rows
+    return table, sum(seconds for _, seconds in timings) / len(used)
 
 
 def _classify(
     extractor: Extractor, name: str, seed: int, learnt: Table, labels: Any, asked: Table, fit_s: float
 ) -> dict[str, Any]:
     recogniser = make_pipeline(extractor.scaler(), CLASSIFIERS[name](seed))
-    with timed() as fitting:
-        recogniser.fit(learnt, labels)
-    with timed() as predicting:
-        predicted = recogniser.predict(asked)
+    _, fitting_s = timed(lambda: recogniser.fit(learnt, labels))
+    predicted, predict_s = timed(lambda: recogniser.predict(asked))
     return {
-        "fit_s": fit_s + fitting.seconds,
-        "predict_s": predicting.seconds / len(asked),
+        "fit_s": fit_s + fitting_s,
+        "predict_s": predict_s / len(asked),
         "predicted": predicted.tolist(),
     }
 
@@ -123,20 +101,11 @@ def _version(package: str) -> str | None:
         return None
 
 
-@dataclass
-class Clock:
-    """CPU seconds of this process (all threads), once the block that it times has ended."""
-
-    seconds: float = 0.0
-
-
-@contextmanager
-def timed() -> Iterator[Clock]:
-    """Time a block."""
-    clock = Clock()
+def timed(call: Callable[[], Any]) -> tuple[Any, float]:
+    """Return what a call returns, and the CPU seconds that it took of this process (all threads)."""
     start = time.process_time()
-    yield clock
-    clock.seconds = time.process_time() - start
+    found = call()
+    return found, time.process_time() - start
 
 
 class PeakMemory:
