@@ -23,7 +23,21 @@ Gains = Mapping[str, Any]
 def gains_blocks(gains: Gains, seed: int) -> Iterator[Block]:
     """Yield table, figure and notes of what each group adds."""
     measured = [group for group in gains["groups"] if group["paired"]]
-    yield _table(gains)
+    instead = {}
+    joined = [gains["without"], *(group["joined"] for group in gains["groups"])]
+    ms = aligned(found and found["ms_per_recording"] for found in joined)
+    rows = [[gains["row"], *_sum(gains["without"]), "", "", "", "", ms[0]]]
+    for i, group in enumerate(gains["groups"], start=1):
+        paired, name = group["paired"], f"+ {group['name']}"
+        if not paired:
+            instead[i] = f"not computed: {group['missing'] or 'no reason given'}"
+            rows.append([name, *[""] * (len(COLUMNS) - 1)])
+            continue
+        folds = [difference for repeat in paired["folds"] for difference in repeat]
+        better, worse = sum(d > 0 for d in folds), sum(d < 0 for d in folds)
+        p_values = map(p_value, (paired["p_value"], group["p_corrected"]))
+        rows.append([name, *_sum(group["joined"]), gain(paired), f"{better}/{worse}", *p_values, ms[i]])
+    yield Table(pd.DataFrame(rows, columns=list(COLUMNS)), instead=instead)
     if measured:
         yield Figure(
             "gains",
@@ -67,24 +81,6 @@ def verdict(gains: Gains) -> str:
         f"{len(sure)} of {len(measured)} groups change the accuracy significantly (corrected p below "
         f"{LEVEL}): {listed}."
     )
-
-
-def _table(gains: Gains) -> Table:
-    instead = {}
-    joined = [gains["without"], *(group["joined"] for group in gains["groups"])]
-    ms = aligned(found and found["ms_per_recording"] for found in joined)
-    rows = [[gains["row"], *_sum(gains["without"]), "", "", "", "", ms[0]]]
-    for i, group in enumerate(gains["groups"], start=1):
-        paired, name = group["paired"], f"+ {group['name']}"
-        if not paired:
-            instead[i] = f"not computed: {group['missing'] or 'no reason given'}"
-            rows.append([name, *[""] * (len(COLUMNS) - 1)])
-            continue
-        folds = [difference for repeat in paired["folds"] for difference in repeat]
-        better, worse = sum(d > 0 for d in folds), sum(d < 0 for d in folds)
-        p_values = map(p_value, (paired["p_value"], group["p_corrected"]))
-        rows.append([name, *_sum(group["joined"]), gain(paired), f"{better}/{worse}", *p_values, ms[i]])
-    return Table(pd.DataFrame(rows, columns=list(COLUMNS)), instead=instead)
 
 
 def _sum(found: Gains) -> tuple[str, str]:

@@ -1,6 +1,7 @@
 """Skops archives that a stranger may have written: known classes by name, bounded memory, never a pickle."""
 
 import io
+import math
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -105,9 +106,19 @@ def check_archive(data: bytes, beside: frozenset[str] = frozenset()) -> None:
                 raise UntrustedFileError(problem)
             if (broken := archive.testzip()) is not None:
                 raise UntrustedFileError(f"{broken} is damaged; the rule is an untouched file")
-            for member in members:
-                if ARRAY.fullmatch(member.filename):
-                    _check_array(archive.read(member), member.filename)
+            for name in filter(ARRAY.fullmatch, archive.namelist()):
+                content = archive.read(name)
+                buffer = io.BytesIO(content)
+                first = np.lib.format.read_magic(buffer) == (1, 0)
+                read = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
+                shape, _, dtype = read(buffer)
+                # Of Python's integers: a product that does not overflow.
+                size, follows = math.prod((dtype.itemsize, *shape)), len(content) - buffer.tell()
+                if dtype.hasobject or size != follows:
+                    raise UntrustedFileError(
+                        f"{name} announces {shape} of {dtype}, {follows} bytes follow; "
+                        "the rule is numbers, all of them"
+                    )
     except UntrustedFileError:
         raise
     except BadZipFile as error:
@@ -137,19 +148,3 @@ def _problems(members: list[ZipInfo], n_bytes: int, beside: frozenset[str]) -> I
             yield f"{member.filename} has {member.file_size} bytes; the rule is at most {MOST_SCHEMA_BYTES}"
     if sum(member.file_size for member in members) > n_bytes:
         yield "its members overlap; the rule is members side by side"
-
-
-def _check_array(content: bytes, name: str) -> None:
-    """Refuse an array that announces another size than it has, or objects."""
-    buffer = io.BytesIO(content)
-    version = np.lib.format.read_magic(buffer)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, dtype = read(buffer)
-    size = dtype.itemsize
-    for length in shape:
-        size *= length  # a Python integer: a product that does not overflow
-    if dtype.hasobject or size != len(content) - buffer.tell():
-        raise UntrustedFileError(
-            f"{name} announces {shape} of {dtype}, {len(content) - buffer.tell()} bytes follow; "
-            "the rule is numbers, all of them"
-        )

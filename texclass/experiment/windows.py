@@ -100,9 +100,10 @@ def touches(
         raise ValueError(f"{dataset.name} holds windows already; the rule is to cut whole recordings")
     stride = seconds if step is None else step
     found = zip(dataset.entries, _movements(dataset, n_jobs, progress), strict=True)
+    first = "" if per_recording is None else f"-first{per_recording}"
     return replace(
         dataset,
-        name=f"{dataset.name}-touch{seconds:g}s{'' if per_recording is None else f'-first{per_recording}'}",
+        name=f"{dataset.name}-touch{seconds:g}s{first}",
         entries=tuple(w for e, m in found for w in _cut(e, m, seconds, stride, per_recording)),
         load=WindowLoader(dataset.load),
     )

@@ -226,7 +226,11 @@ def _at_budgets(
     plain = blind.explore(costs, score)
     rows = []
     for budget in budgets:
-        columns = _bought(costs, score, budget, max_features)
+        columns: tuple[int, ...] = tuple(range(len(costs.columns)))
+        if max_features is not None or budget < costs.total:  # something has to be given up
+            aware = cost_aware(costs, max_cost=budget, max_features=max_features)
+            choice = best_within(aware.explore(costs, score), budget)
+            columns = choice.columns if choice else ()
         few = best_within(plain, budget)
         accuracy, of_plain = (
             fold.accuracy(discriminant(), list(c)) for c in (columns, few.columns if few else ())
@@ -234,15 +238,6 @@ def _at_budgets(
         n_features = len({costs.features[i] for i in columns})
         rows.append([accuracy, costs.of(columns), n_features, len(columns), of_plain])
     return rows, fold.accuracy(discriminant())
-
-
-def _bought(costs: CostModel, score: SubsetScore, budget: float, max_features: int | None) -> tuple[int, ...]:
-    """Return the columns that a budget buys; all of them where nothing has to be given up."""
-    if max_features is None and budget >= costs.total:
-        return tuple(range(len(costs.columns)))
-    aware = cost_aware(costs, max_cost=budget, max_features=max_features)
-    choice = best_within(aware.explore(costs, score), budget)
-    return choice.columns if choice else ()
 
 
 def _few(groups: Labels, most: int, fold: Fold) -> list[float]:

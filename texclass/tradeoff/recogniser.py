@@ -112,9 +112,13 @@ class Recogniser(Pipeline):  # type: ignore[misc]
     def document(self) -> dict[str, Any]:
         """Return the fitted recogniser as what skops writes: plain data and scikit-learn objects."""
         plan: Plan = self[0].plan_
+        described = []
+        for prefix, part in plan.parts:  # functions by their registered names
+            members = [[m.name, m.feature.name, dict(m.parameters), list(m.columns)] for m in part.members]
+            described.append([prefix, {"name": part.name, "members": members, "code": code_hash(part)}])
         return {
             "texclass": __version__,
-            "plan": json.dumps([[prefix, _described(part)] for prefix, part in plan.parts]),
+            "plan": json.dumps(described),
             "channels": list(plan.channels),
             "signal": {"fs": self[0].fs, "unit": self[0].unit},
             "steps": [list(step) for step in self.steps[1:]],
@@ -191,12 +195,6 @@ def _sliced(step: Any, columns: NDArray[np.intp]) -> Any:
     if hasattr(sliced, "feature_names_in_"):
         sliced.feature_names_in_ = sliced.feature_names_in_[columns]
     return sliced
-
-
-def _described(feature_set: FeatureSet) -> dict[str, Any]:
-    """Return a feature set as plain data: functions by their registered names."""
-    members = [[m.name, m.feature.name, dict(m.parameters), list(m.columns)] for m in feature_set.members]
-    return {"name": feature_set.name, "members": members, "code": code_hash(feature_set)}
 
 
 def _restored(stated: Mapping[str, Any]) -> FeatureSet:

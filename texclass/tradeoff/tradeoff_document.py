@@ -42,21 +42,9 @@ def tradeoff_document(data: Data) -> Document:
         As `Tradeoff.to_dict` returns it, or its JSON read back.
     """
     felt = data["dataset"].get("max_seconds")
-    return Document(
-        f"{data['dataset']['name']}, speed against accuracy",
-        list(_blocks(data)),
-        f"Features {data['features']}: {size(data['dataset'])}{f', {felt:g} s of each' if felt else ''}",
-        _finding(data),
-        dataset_facts(data),
-        again_facts(data, data["features"]),
-        data["versions"],
-    )
-
-
-def _finding(data: Data) -> Finding:
     knee, full, half, total = data["knee"], data["full"], data["at_half_cost"], data["total_ms"]
     against = f"{points(knee['accuracy']['mean'] - full['mean'])} points against the full set"
-    return Finding(
+    finding = Finding(
         percent(knee["accuracy"]["mean"]),
         "%",
         interval(knee["accuracy"]),
@@ -68,6 +56,15 @@ def _finding(data: Data) -> Finding:
         f"{points(half['plain']['mean'] - full['mean'])} by plain sequential selection, which does not look "
         "at costs and ends at the budget.",
         f"At the knee, for {digits(knee['budget_ms'])} ms per recording; {against}, {digits(total)} ms.",
+    )
+    return Document(
+        f"{data['dataset']['name']}, speed against accuracy",
+        list(_blocks(data)),
+        f"Features {data['features']}: {size(data['dataset'])}{f', {felt:g} s of each' if felt else ''}",
+        finding,
+        dataset_facts(data),
+        again_facts(data, data["features"]),
+        data["versions"],
     )
 
 
@@ -119,14 +116,8 @@ def _front(data: Data) -> Table:
         ("full set", digits(data["total_ms"]), str(every), "", estimate(data["full"]), "", "full set")
     )
     titles = [
-        "Budget, ms",
-        "Used, ms",
-        "Features",
-        "Columns",
-        "Accuracy, % [95 %]",
-        "Plain, % [95 %]",
-        "Mark",
-    ]
+        "Budget, ms", "Used, ms", "Features", "Columns", "Accuracy, % [95 %]", "Plain, % [95 %]", "Mark",
+    ]  # fmt: skip
     return Table(
         pd.DataFrame(rows, columns=titles),
         "Features and columns: mean over folds; ms: one recording, one thread, this machine, conditioning "
