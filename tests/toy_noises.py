@@ -68,7 +68,7 @@ def row(name, *features, **facts):
     return RowDefinition(name=name, features=features, **facts)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def pipeline(feature_set):
     """Make a pipeline of some rows, in four folds."""
 
@@ -79,7 +79,7 @@ def pipeline(feature_set):
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def feature_set():
     return FeatureSet(
         "toy",
@@ -92,7 +92,7 @@ def feature_set():
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def toy_dataset():
     def make(n_materials=3, n_repetitions=4, *, input_hash="toy", operators=2, **loader):
         entries = tuple(

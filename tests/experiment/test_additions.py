@@ -74,12 +74,9 @@ def test_splits_that_are_not_drawn_are_compared_once_over_recordings(gains):
         assert paired["low"] < paired["difference"] < paired["high"]
 
 
-def test_a_row_that_selects_keeps_its_number_of_columns(gains):
+def test_a_row_that_selects_keeps_its_number_of_columns_and_no_group_gives_no_gains(gains):
     selected = row("Selected", "rarely", "peaks", select=Selection(n=2, folds=2))
     found = gains(selected)[1]
     assert found["selects"]
     assert found["groups"][0]["joined"]["n_features"] == found["without"]["n_features"] == 2
-
-
-def test_without_additions_there_are_no_gains(gains):
     assert gains(additions=())[1] is None

@@ -119,13 +119,8 @@ def test_training_samples_in_one_place_do_no_harm() -> None:
 
 
 def test_a_parameter_out_of_range_is_refused_by_name() -> None:
-    for name, wrong in (
-        ("length", 0.0),
-        ("ridge", -1.0),
-        ("shrinkage", 0.0),
-        ("relevance", -1.0),
-        ("max_samples", 1),
-    ):
+    wrongs = {"length": 0.0, "ridge": -1.0, "shrinkage": 0.0, "relevance": -1.0, "max_samples": 1}
+    for name, wrong in wrongs.items():
         with pytest.raises(ValueError, match=f"{name} == {wrong}, must be"):
             KernelDiscriminant(**{name: wrong}).fit(*drifting(3, 12))
     with pytest.raises(TypeError, match="ridge must be an instance of"):

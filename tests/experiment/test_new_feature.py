@@ -19,13 +19,13 @@ def loud(view):
 LOUD = Feature("loud", loud, "movement", "g", "test", gain=Gain(power=1))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def few(pipeline):
     euclidean = {"euclidean": CLASSIFIERS["euclidean"]}
     return pipeline(row("Chance", "rarely"), row("Peaks", "peaks"), classifiers=euclidean, seed=5)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def study(toy_dataset, few):
     return study_feature(toy_dataset(n_materials=4, n_repetitions=8), few, LOUD)
 
@@ -50,13 +50,10 @@ def test_law_cost_and_repetition_are_measured(study):
     assert {a["input"]: a["answer"] for a in found["behaviour"]}["one NaN"] == "no reason"
 
 
-def test_a_name_that_the_set_has_is_refused(few):
+def test_a_name_that_the_set_has_is_refused_and_a_new_one_changes_the_hash(few):
+    assert few.with_feature(LOUD).hash != few.hash
     with pytest.raises(ValueError, match="'level' is in the feature set 'toy'; the rule is a new name"):
         few.with_feature(Feature("level", loud, "movement", "g", "test"))
-
-
-def test_the_hash_tells_the_pipeline_with_the_feature_from_the_one_without(few):
-    assert few.with_feature(LOUD).hash != few.hash
 
 
 def test_a_phase_that_the_dataset_lacks_is_said(toy_dataset, few):

@@ -111,14 +111,10 @@ def test_no_protocol_parts_the_windows_of_a_recording_and_they_are_split_as_reco
     assert whole.dtypes["repetition"] == pd.Int64Dtype()
 
 
-@pytest.fixture
-def result(toy_dataset, pipeline):
+def test_the_benchmark_of_windows_reports_them_their_interval_and_their_vote(toy_dataset, pipeline):
     euclidean = {"euclidean": CLASSIFIERS["euclidean"]}
     few = pipeline(row("Level", "level"), classifiers=euclidean, steps=(), protocol=FoldSettings(folds=3))
-    return run_benchmark(touches(toy_dataset(3, 6), 0.02), few, protocol="run")
-
-
-def test_the_benchmark_of_windows_reports_them_their_interval_and_their_vote(result):
+    result = run_benchmark(touches(toy_dataset(3, 6), 0.02), few, protocol="run")
     facts = result.data["dataset"]
     assert (facts["n_windows"], facts["n_recordings"]) == (3 * 6 * 15, 3 * 6)
     told = result.data["rows"][0]["accuracy"]["euclidean"]

@@ -36,28 +36,18 @@ def test_budgets_and_numbers_of_columns_are_kept(noises):
     result = study(noises, Limits(max_ms=1e6, max_features=2))
     assert len(result["chosen"]["columns"]) <= 2
     assert all(point["ms"] <= point["budget_ms"] * (1 + 1e-9) for point in result["front"])
-    with pytest.raises(ValueError, match="max_ms is 1e-09; the rule is at least"):
-        study(noises, Limits(max_ms=1e-9))
-    for name in ("max_features", "max_ms"):
-        with pytest.raises(ValueError, match=f"{name} is 0; the rule is above 0"):
-            Limits(**{name: 0})
 
 
-def test_a_scene_needs_only_what_separates_its_materials(noises):
-    result = study(noises, Limits(materials=("m0", "m2")))
-    assert result["dataset"]["n_materials"] == 2
-    assert len(result["chosen"]["columns"]) == 1
-    assert [n for n, _ in result["fewest"]] == [1, 2, 3]
-    with pytest.raises(ValueError, match="toy has no material 'm7'; its materials are m0, m1, m2"):
-        study(noises, Limits(materials=("m0", "m7")))
-    with pytest.raises(ValueError, match="at least two"):
-        study(noises, Limits(materials=("m0",)))
-
-
-def test_seconds_limit_what_is_felt(noises):
-    result = study(noises, Limits(max_seconds=0.25))
-    assert result["dataset"]["max_seconds"] == 0.25
-    assert result["dataset"]["n_recordings"] == 18
+def test_a_scene_needs_only_what_separates_its_materials(noises, tmp_path):
+    limits = Limits(materials=("m0", "m2"))
+    result = trade_off(noises, SET, limits, n_folds=3, n_repeats=2, with_curves=False)
+    assert result.data["dataset"]["n_materials"] == 2
+    assert len(result.data["chosen"]["columns"]) == 1
+    assert [n for n, _ in result.data["fewest"]] == [1, 2, 3]
+    paths = result.save(tmp_path)
+    assert {path.suffix for path in paths} == {".json", ".md", ".png"}
+    assert json.loads(paths[0].read_text()) == json.loads(result.to_json())
+    assert "chosen inside each training part, for m0, m2" in paths[1].read_text(encoding="utf-8")
 
 
 def test_curves_are_measured_where_the_dataset_allows(noises):
@@ -70,15 +60,6 @@ def test_curves_are_measured_where_the_dataset_allows(noises):
         assert all(0 <= a["low"] <= a["mean"] <= a["high"] <= 1 for a in curve["accuracy"])
     assert result.data["knee"] in result.data["front"]
     assert result.data["at_half_cost"]["budget_ms"] <= result.data["total_ms"] / 2 * (1 + 1e-9)
-
-
-def test_reports_are_written_and_read_back(noises, tmp_path):
-    limits = Limits(materials=("m0", "m1"))
-    result = trade_off(noises, SET, limits, n_folds=3, n_repeats=2, with_curves=False)
-    paths = result.save(tmp_path)
-    assert {path.suffix for path in paths} == {".json", ".md", ".png"}
-    assert json.loads(paths[0].read_text()) == json.loads(result.to_json())
-    assert "chosen inside each training part, for m0, m1" in paths[1].read_text(encoding="utf-8")
 
 
 def test_the_knee_is_the_cheapest_point_within_one_per_cent_of_the_best():
