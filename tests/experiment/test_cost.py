@@ -32,16 +32,17 @@ def test_a_shared_part_is_paid_once_and_columns_of_a_feature_share_its_cost():
 
 
 def test_shares_are_the_mean_marginal_cost_over_all_orders():
-    column, shares = {"a": "a", "b": "b.1", "c": "c"}, MODEL.shares()
+    column, found = {"a": "a", "b": "b.1", "c": "c"}, MODEL.by_feature()
     marginal = {feature: [] for feature in column}
     for order in permutations(column):
         costs = [MODEL.cost([column[f] for f in order[:n]]) for n in range(4)]
         for feature, added in zip(order, np.diff(costs), strict=True):
             marginal[feature].append(added)
-    assert shares == pytest.approx({feature: np.mean(added) for feature, added in marginal.items()})
-    assert sum(shares.values()) == pytest.approx(MODEL.total)
-    assert MODEL.alone()["a"] == 7
-    assert MODEL.last()["a"] == 1
+    expected = {feature: np.mean(added) for feature, added in marginal.items()}
+    assert found["share"].to_dict() == pytest.approx(expected)
+    assert found["share"].sum() == pytest.approx(MODEL.total)
+    assert found["alone"].to_dict() == {"a": 7, "b": 8, "c": 4}
+    assert found["last"].to_dict() == {"a": 1, "b": 2, "c": 4}
 
 
 class Ticks:
@@ -91,7 +92,7 @@ def test_measures_every_transform_once_without_what_is_inside_it(ticks, toy_data
     assert parts["outer()"] == pytest.approx(5)
     assert parts["inner(2)"] == pytest.approx(20)
     assert parts["second"] == pytest.approx(2)
-    assert model.alone() == pytest.approx({"first": 36, "second": 67})
+    assert model.by_feature()["alone"].to_dict() == pytest.approx({"first": 36, "second": 67})
     assert model.total == pytest.approx(68)
     assert meter.measured(Plan.of(ticks))[0] == pytest.approx(model.total)
 

@@ -2,13 +2,14 @@
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from sklearn.base import clone
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
@@ -89,25 +90,24 @@ class CostModel:
         """Cost of the cheapest column."""
         return min(self.of([i]) for i in range(len(self.columns)))
 
-    def shares(self) -> Mapping[str, float]:
-        """Return feature -> its share of the total cost; the shares add up to `total`.
+    def by_feature(self) -> pd.DataFrame:
+        """Return what each feature costs: its `share` of the total, `alone`, and as the `last`, by name.
 
         A part's cost is split equally between the features that need it. That is the Shapley value: the mean
-        marginal cost of a feature over all orders in which features could be bought.
+        marginal cost of a feature over all orders in which features could be bought; the shares add up to
+        `total`. `last` is what leaving the feature out of the full set would save.
         """
         users = {f: self.needs[self.features.index(f)] for f in dict.fromkeys(self.features)}
         n_users = np.sum(list(users.values()), axis=0)
-        return {f: float((self.ms[needs] / n_users[needs]).sum()) for f, needs in users.items()}
-
-    def alone(self) -> Mapping[str, float]:
-        """Return feature -> its cost when nothing else is computed."""
-        return {f: self.of([self.features.index(f)]) for f in dict.fromkeys(self.features)}
-
-    def last(self) -> Mapping[str, float]:
-        """Return feature -> what leaving it out of the full set would save."""
-        every = np.arange(len(self.columns))
-        names = np.array(self.features)
-        return {f: self.total - self.of(every[names != f]) for f in dict.fromkeys(self.features)}
+        costs = [
+            (
+                (self.ms[needs] / n_users[needs]).sum(),
+                self.ms[needs].sum(),
+                self.ms[needs & (n_users == 1)].sum(),
+            )
+            for needs in users.values()
+        ]
+        return pd.DataFrame(costs, index=pd.Index(users, name="feature"), columns=["share", "alone", "last"])
 
     def restricted_to(self, columns: Sequence[str]) -> "CostModel":
         """Return the model of some of the columns, in the order given."""

@@ -257,14 +257,13 @@ def _of_materials(dataset: Dataset, materials: Sequence[str]) -> Dataset:
 def _prices(offer: Offer, seed: int) -> dict[str, Any]:
     """Return what things cost, dearest first."""
     costs = offer.costs
-    alone, last = costs.alone(), costs.last()
-    shares = sorted(costs.shares().items(), key=lambda pair: -pair[1])
+    by_feature = costs.by_feature().sort_values("share", ascending=False, kind="stable")
     used = np.atleast_1d(costs.needs.any(axis=0))
     parts = {n: float(ms) for n, ms, u in zip(costs.parts, costs.ms, used, strict=True) if u}
     shared = sorted(parts.items(), key=lambda part: -part[1])
     X = preparation().fit_transform(offer.data.X)
     return {
-        "costs": [{"feature": f, "share": s, "alone": alone[f], "last": last[f]} for f, s in shares],
+        "costs": by_feature.reset_index().to_dict("records"),
         "parts": {name: ms for name, ms in shared if name not in costs.features},
         "segmentation_ms": offer.whole.segmentation_ms,
         "total_ms": costs.total,
