@@ -29,9 +29,8 @@ def covered(interval_of, n_trials=200, n_clusters=60, size=12):
 
 
 def test_bootstrap_over_recordings_covers_where_an_interval_over_windows_does_not():
-    assert covered(lambda hits, clusters: cluster_interval(hits, clusters, 0)) == pytest.approx(
-        0.95, abs=0.05
-    )
+    bootstrap = covered(lambda hits, clusters: cluster_interval(hits, clusters, 0))
+    assert bootstrap == pytest.approx(0.95, abs=0.05)
     assert covered(lambda hits, _: wilson_interval(hits.sum(), hits.size)) < 0.7
 
 
@@ -41,8 +40,9 @@ def test_with_clusters_of_one_the_bootstrap_is_the_binomial_interval():
 
 
 def test_windows_that_agree_altogether_count_as_their_recordings():
-    assert cluster_interval(np.ones(90), np.repeat(np.arange(30), 3), 0) == wilson_interval(30, 30)
-    assert cluster_interval(np.zeros(90), np.repeat(np.arange(30), 3), 0) == wilson_interval(0, 30)
+    for right in (0, 1):
+        found = cluster_interval(np.full(90, right), np.repeat(np.arange(30), 3), 0)
+        assert found == wilson_interval(30 * right, 30)
 
 
 def test_balanced_accuracy_agrees_with_sklearn():
@@ -64,11 +64,8 @@ def test_score_of_windows_holds_bounds_balance_and_vote():
     found = score(truth, predicted, clusters)
     assert (found.n_hits, found.n_tested, found.folds) == (4, 8, (2 / 5, 2 / 3))
     assert found.balanced == pytest.approx((3 / 7 + 1) / 2)
-    assert (
-        found.bounds
-        == found.interval
-        == cluster_interval([1, 1, 0, 0, 0, 1, 0, 1], [1, 1, 1, 2, 2, 3, 3, 4], 0)
-    )
+    hits, of = [1, 1, 0, 0, 0, 1, 0, 1], [1, 1, 1, 2, 2, 3, 3, 4]
+    assert found.bounds == found.interval == cluster_interval(hits, of, 0)
     assert (found.voted.n_hits, found.voted.n_tested, found.voted.folds) == (3, 4, (0.5, 1.0))
     assert found.voted.balanced == pytest.approx((2 / 3 + 1) / 2)
     assert found.voted.bounds is None

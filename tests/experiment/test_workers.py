@@ -44,17 +44,8 @@ def cluster(tmp_path_factory):
     folder, quiet = tmp_path_factory.mktemp("cluster"), subprocess.DEVNULL
 
     def start(what, *options):
-        command = [
-            sys.executable,
-            "-m",
-            "dask",
-            what,
-            "--scheduler-file",
-            "s.json",
-            "--no-dashboard",
-            *options,
-        ]
-        return subprocess.Popen(command, cwd=folder, stdout=quiet, stderr=quiet)
+        command = [sys.executable, "-m", "dask", what, "--scheduler-file", "s.json", "--no-dashboard"]
+        return subprocess.Popen([*command, *options], cwd=folder, stdout=quiet, stderr=quiet)
 
     processes = [start("scheduler", "--port", "0")]
     processes += [start("worker", "--nthreads", "1", "--no-nanny") for _ in range(2)]

@@ -103,9 +103,8 @@ def test_each_channel_by_itself_includes_the_turn_rate_and_no_mean(recording):
     given = signal_reader("each", recording, "auto")(recording)
     assert given.shape == (6, 3000)
     assert np.abs(given.mean(axis=1)).max() < 1e-12
-    np.testing.assert_allclose(
-        given[4], recording.turn_rate[500:3500, 1] - recording.turn_rate[500:3500, 1].mean()
-    )
+    turn = recording.turn_rate[500:3500, 1]
+    np.testing.assert_allclose(given[4], turn - turn.mean())
     with pytest.raises(ValueError, match=r"'raw'.*'same' or 'each'"):
         signal_reader("raw", recording, "auto")
 

@@ -14,17 +14,14 @@ from texclass.peers.peer_worker.peers import (
     CLASSIFIERS,
     PEERS,
     CountScaler,
+    OfEqualLength,
     PerRecording,
-    common_length,
     equal_lengths,
 )
 from texclass.peers.peer_worker.run import PeakMemory, timed
 from texclass.peers.worker_process import run_worker
 
-SPLITS = (
-    (np.arange(0, 18), np.arange(18, 24)),
-    (np.arange(6, 24), np.arange(0, 6)),
-)
+SPLITS = ((np.arange(0, 18), np.arange(18, 24)), (np.arange(6, 24), np.arange(0, 6)))
 
 
 @pytest.fixture
@@ -71,7 +68,7 @@ def test_equal_lengths_crop_the_middle_and_pad_with_zeros():
     found = equal_lengths([long, short], 5)
     assert found[0, 0].tolist() == [2, 3, 4, 5, 6]
     assert found[1, 0].tolist() == [1, 1, 1, 0, 0]
-    assert common_length([long, short, short]) == 3
+    assert OfEqualLength(list, list).fit([long, short, short]).n_samples == 3
 
 
 def test_channels_are_described_apart_and_what_is_not_finite_takes_the_training_median():
@@ -96,15 +93,12 @@ def test_every_classifier_of_every_peer_exists():
     assert {name for peer in PEERS.values() for name in peer.classifiers} <= set(CLASSIFIERS)
 
 
-def test_peak_memory_sees_an_array_that_came_and_went():
+def test_memory_that_came_and_went_and_the_time_of_this_process_are_measured():
     memory = PeakMemory()
     grown = np.ones(40 * 2**17)
     assert grown.sum() > 0
     del grown
     assert 35 < memory.megabytes < 120
-
-
-def test_timed_counts_this_process():
     found, seconds = timed(lambda: np.linalg.svd(np.random.default_rng(0).normal(size=(200, 200))))
     assert 0 < seconds < 20
     assert found.S.shape == (200,)

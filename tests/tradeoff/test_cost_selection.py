@@ -95,16 +95,12 @@ def test_groups_are_never_divided():
     assert not CostAwareSelector(judge).fit(X, y, groups).get_support()[1]
 
 
-def test_a_lonely_class_or_group_is_refused():
+def test_a_lonely_class_or_group_is_refused_and_costs_that_do_not_fit_the_columns_too():
     X, y = columns_of_classes()
     with pytest.raises(ValueError, match="class 3 has 1 sample to train on"):
         CostAwareSelector().fit(X[:61], y[:61])
     with pytest.raises(ValueError, match="class 0 has 1 group to train on"):
         CostAwareSelector().fit(X, y, y)
-
-
-def test_costs_must_fit_the_columns():
-    X, y = columns_of_classes()
     for costs in ([1.0], [1.0, 1, 1, 1, 1, -1]):
         with pytest.raises(ValueError, match="the rule is a finite cost of at least 0 for each"):
             CostAwareSelector(costs=costs).fit(X, y)

@@ -1,5 +1,7 @@
 """A pruned recogniser computes only what it needs, and says the same to the last bit."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from sklearn.decomposition import PCA
@@ -25,17 +27,15 @@ SET = load_feature_set("texclass").restricted_to(["waviness", "fineness", "mfcc"
 def recordings():
     """Noise through filters that differ from material to material; no taps, so hardness is undefined."""
     made = []
-    for material in range(3):
-        for repetition in range(6):
-            noise = RNG.normal(size=4000)
-            signal = np.convolve(noise, np.ones(1 + 3 * material), "same") + 0.1 * RNG.normal(size=4000)
-            friction = RNG.normal(size=4000) + material
-            made.append(
-                Recording(
-                    signal, fs=4000.0, unit="g", recording_id=f"{material}-{repetition}",
-                    material=f"m{material}", friction=friction, phases=Phases(movement=(0, 4000)),
-                )
-            )  # fmt: skip
+    for material, repetition in product(range(3), range(6)):
+        noise = RNG.normal(size=4000)
+        made.append(
+            Recording(
+                np.convolve(noise, np.ones(1 + 3 * material), "same") + 0.1 * RNG.normal(size=4000),
+                fs=4000.0, unit="g", recording_id=f"{material}-{repetition}", material=f"m{material}",
+                friction=RNG.normal(size=4000) + material, phases=Phases(movement=(0, 4000)),
+            )
+        )  # fmt: skip
     return made, np.array([r.material for r in made])
 
 
@@ -78,19 +78,17 @@ def test_pruned_predictions_are_the_same_to_the_last_bit(steps):
 def test_pruned_computes_only_what_is_selected():
     recogniser = fitted(STEPS["forward"])
     support = recogniser[3].get_support()
-    assert recogniser.prune().columns == tuple(np.array(recogniser.columns)[support])
-    assert [type(step) for _, step in recogniser.prune().steps[1:]] == [
-        SimpleImputer,
-        MinMaxScaler,
-        GaussianNB,
-    ]
-    assert recogniser.prune().prune().columns == recogniser.prune().columns
+    pruned = recogniser.prune()
+    assert pruned.columns == tuple(np.array(recogniser.columns)[support])
+    assert [type(step) for _, step in pruned.steps[1:]] == [SimpleImputer, MinMaxScaler, GaussianNB]
+    assert pruned.prune().columns == pruned.columns
 
 
 @pytest.mark.filterwarnings("ignore:Skipping features")
 def test_what_a_mixing_step_needs_is_kept():
-    assert "hardness" not in fitted(STEPS["mixed"]).prune().columns
-    assert len(fitted(STEPS["mixed"]).prune().columns) == 16
+    pruned = fitted(STEPS["mixed"]).prune()
+    assert "hardness" not in pruned.columns
+    assert len(pruned.columns) == 16
 
 
 def test_channels_are_pruned_one_by_one():

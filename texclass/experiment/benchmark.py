@@ -89,17 +89,29 @@ def run_benchmark(
     rows = [MatchedRow.of(row, pipeline.features, table) for row in pipeline.rows]
     meter = CostMeter.on(dataset, table.frame["recording_id"].tolist(), pipeline.channels)
     evaluations = _evaluate(rows, table, splits, pipeline, chosen, **work)
+    choice = choose_inside(rows, table, splits, pipeline, chosen, evaluations, **work) if choose else None
     base = choose_base(pipeline, rows, evaluations) if pipeline.additions else None
     lines = [
         _line(row, pipeline, meter, evaluations.get(row.definition.name, {}), chosen.unit) for row in rows
     ]
-    tested = "windows" if "parent" in table.frame else "recordings"
+    frame, windows = table.frame, "parent" in table.frame
+    tested = "windows" if windows else "recordings"
     # By feature: the commonest reason, and the number of recordings.
     reasons = pd.DataFrame(table.reasons, columns=Reason._fields).groupby("feature", sort=False)["reason"]
     undefined = reasons.agg(reason=lambda of: Counter(of).most_common(1)[0][0], n_recordings="size")
     return BenchmarkResult(
         {
-            "dataset": _facts(dataset, table),
+            "dataset": {
+                "name": dataset.name,
+                "title": dataset.title,
+                "n_recordings": int(parents(frame).nunique()),
+                **({"n_windows": len(frame)} if windows else {}),
+                **{f"n_{of}s": int(frame[of].nunique()) for of in ("material", "operator", "session")},
+                "materials": list(dataset.materials),
+                "licence": dataset.licence,
+                "source": dataset.source,
+                "notes": list(dataset.notes),
+            },
             "pipeline": {"name": pipeline.name, "hash": pipeline.hash, "features": pipeline.features.name},
             "protocol": chosen.name,
             "protocol_description": chosen.description,
@@ -109,9 +121,7 @@ def run_benchmark(
             "rank_agreement": {name: _rank_agreement(lines, name) for name in pipeline.classifiers},
             "confusion": _confusion(lines, evaluations, dataset.materials),
             "gains": base and measure_additions(pipeline, table, base, chosen, folds, meter, **work),
-            "choice": choose_inside(rows, table, splits, pipeline, chosen, evaluations, **work)
-            if choose
-            else None,
+            "choice": choice,
             "left_out": [list(item) for item in table.left_out],
             "flags": [list(item) for item in table.flags],
             "undefined": undefined.reset_index().to_dict("records"),
@@ -193,20 +203,3 @@ def _confusion(
     truth, predicted = np.concatenate(found.truth), np.concatenate(found.predicted)
     counts = confusion_matrix(truth, predicted, labels=list(materials)).tolist()
     return {"row": row, "classifier": name, "materials": list(materials), "counts": counts}
-
-
-def _facts(dataset: Dataset, table: FeatureTable) -> dict[str, Any]:
-    frame = table.frame
-    return {
-        "name": dataset.name,
-        "title": dataset.title,
-        "n_recordings": int(parents(frame).nunique()),
-        **({"n_windows": len(frame)} if "parent" in frame else {}),
-        "n_materials": int(frame["material"].nunique()),
-        "n_operators": int(frame["operator"].nunique()),
-        "n_sessions": int(frame["session"].nunique()),
-        "materials": list(dataset.materials),
-        "licence": dataset.licence,
-        "source": dataset.source,
-        "notes": list(dataset.notes),
-    }

@@ -276,15 +276,12 @@ class PipelineDefinition(Written):
         bases = [row.name for row in self.bases]
         if self.additions and not bases:
             raise ValueError("every row has features of an addition; the rule is one row without any")
-        if self.gain.base not in (None, *bases):
-            raise ValueError(
-                f"gain.base is {self.gain.base!r}; the rule is a row without features of an addition: "
-                f"{', '.join(bases)}"
-            )
-        if self.gain.classifier not in (None, *self.classifiers):
-            raise ValueError(
-                f"gain.classifier is {self.gain.classifier!r}; the rule is a classifier: {judges}"
-            )
+        for key, rule, known in (
+            ("base", f"a row without features of an addition: {', '.join(bases)}", bases),
+            ("classifier", f"a classifier: {judges}", self.classifiers),
+        ):
+            if (named := getattr(self.gain, key)) not in (None, *known):
+                raise ValueError(f"gain.{key} is {named!r}; the rule is {rule}")
         return self
 
     @property

@@ -284,12 +284,12 @@ def _require(counts: "pd.Series[int]", least: int = 1, unit: str = "recording", 
     if len(counts) < 2:
         raise ValueError(f"the dataset has {len(counts)} material; classification needs at least 2")
     if (n := int(counts.min())) < least:
-        needs = f"the protocol `{protocol}` needs" if protocol else f"{least} folds need"
-        possible = f"; 2 to {n} folds are possible" if n >= 2 and not protocol else ""
-        raise ValueError(
-            f"material {counts.idxmin()} has {n} {unit}{'' if n == 1 else 's'}; {needs} at least {least} of "
-            f"each{possible}"
-        )
+        if protocol:
+            rule = f"the protocol `{protocol}` needs {least} of each"
+        else:
+            rule = f"{least} folds{' grouped by run' * (unit == 'run')} need at least {least} of each"
+            rule += f"; 2 to {n} folds are possible" if n >= 2 else ""
+        raise ValueError(f"material {counts.idxmin()} has {n} {unit}{'' if n == 1 else 's'}; {rule}")
 
 
 def _require_known(table: pd.DataFrame, train: Indices, test: Indices, how: str) -> None:

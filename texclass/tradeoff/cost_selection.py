@@ -1,7 +1,6 @@
 """Selection that buys accuracy per millisecond: columns cost what their feature and its transforms cost."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from functools import cached_property
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -181,22 +180,13 @@ class _Search:
     """One search: what columns cost, how good they are, and the settings of the selector."""
 
     def __init__(self, settings: CostAwareSelector, model: CostModel, score: SubsetScore) -> None:
-        self.model, self.score = model, score
+        self.settings, self.model, self.score = settings, model, score
         self.budget = np.inf if settings.max_cost is None else settings.max_cost
         self.most = len(model.columns) if settings.max_features is None else settings.max_features
-        self.floating, self.unit = settings.floating, settings.unit
-        self.tolerance = settings.tolerance
-
-    @cached_property
-    def features(self) -> list[list[int]]:
-        """The columns of each feature, by number."""
-        names = np.array(self.model.features)
-        return [np.flatnonzero(names == f).tolist() for f in dict.fromkeys(self.model.features)]
-
-    @cached_property
-    def least(self) -> float:
-        """What a move costs at least."""
-        return max(FREE * self.model.total, np.finfo(np.float64).tiny)
+        names = np.array(model.features)
+        # The columns of each feature, by number; what a move costs at least.
+        self.features = [np.flatnonzero(names == f).tolist() for f in dict.fromkeys(model.features)]
+        self.least = max(FREE * model.total, np.finfo(np.float64).tiny)
 
     def forward(self, thrift: float) -> Iterator[Subset]:
         """Yield each better choice: add the move that is worth most, then drop what earns nothing."""
@@ -204,7 +194,7 @@ class _Search:
         while (better := self._add(now, thrift)) is not None:
             now = better
             yield now
-            while self.floating and (lighter := self._drop(now)) is not None:
+            while self.settings.floating and (lighter := self._drop(now)) is not None:
                 now = lighter
                 yield now
 
@@ -230,7 +220,7 @@ class _Search:
     def _add(self, now: Subset, thrift: float) -> Subset | None:
         have = set(now.columns)
         left = [[i for i in feature if i not in have] for feature in self.features]
-        if self.unit == "feature":
+        if self.settings.unit == "feature":
             added = [rest for rest in left if rest]
         else:  # every single column, then all that is left of every feature
             added = [[i] for i in range(len(self.model.columns)) if i not in have]
@@ -242,8 +232,8 @@ class _Search:
         scores = self._scores(now, moves)
         gain = scores - now.score
         price = np.array([max(self.model.of(m) - now.cost, self.least) for m in moves])
-        worth = np.where(gain > self.tolerance, gain / price**thrift, -np.inf)
-        if not now.columns and (gain <= self.tolerance).all():
+        worth = np.where(gain > self.settings.tolerance, gain / price**thrift, -np.inf)
+        if not now.columns and (gain <= self.settings.tolerance).all():
             worth = gain  # something has to be selected
         best = int(worth.argmax())
         if worth[best] == -np.inf:
@@ -267,7 +257,7 @@ class _Search:
 
     def _drop(self, now: Subset) -> Subset | None:
         """Return the best choice that is cheaper and no worse, or better and no dearer; None without one."""
-        lighter = self._without_each(now, columns=self.unit == "column")
+        lighter = self._without_each(now, columns=self.settings.unit == "column")
         kept = [
             c
             for c in lighter

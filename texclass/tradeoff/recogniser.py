@@ -127,10 +127,16 @@ class Recogniser(Pipeline):  # type: ignore[misc]
     @classmethod
     def of_document(cls, document: Mapping[str, Any]) -> tuple[Self, bool]:
         """Return the recogniser of a `document`, and whether the code of its features is still the same."""
-        stated = json.loads(document["plan"])
-        parts = tuple((str(prefix), _restored(part)) for prefix, part in stated)
-        same = all(code_hash(one) == part["code"] for (_, one), (_, part) in zip(parts, stated, strict=True))
-        extractor = _extractor(Plan(parts, tuple(document["channels"])), **document["signal"])
+        parts, same = [], True
+        for prefix, stated in json.loads(document["plan"]):
+            members = []
+            for name, feature, parameters, columns in stated["members"]:
+                values = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()}
+                members.append(Member(name, find(feature), values, tuple(columns)))
+            feature_set = FeatureSet(stated["name"], tuple(members))
+            parts.append((str(prefix), feature_set))
+            same = same and code_hash(feature_set) == stated["code"]
+        extractor = _extractor(Plan(tuple(parts), tuple(document["channels"])), **document["signal"])
         return cls([("features", extractor), *((name, step) for name, step in document["steps"])]), same
 
 
@@ -195,11 +201,3 @@ def _sliced(step: Any, columns: NDArray[np.intp]) -> Any:
     if hasattr(sliced, "feature_names_in_"):
         sliced.feature_names_in_ = sliced.feature_names_in_[columns]
     return sliced
-
-
-def _restored(stated: Mapping[str, Any]) -> FeatureSet:
-    members = []
-    for name, feature, parameters, columns in stated["members"]:
-        values = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()}
-        members.append(Member(name, find(feature), values, tuple(columns)))
-    return FeatureSet(stated["name"], tuple(members))

@@ -105,7 +105,7 @@ class OfEqualLength:
 
     def fit(self, signals: Sequence[Signal]) -> Self:
         """Draw kernels and biases, or lay out intervals."""
-        self.n_samples = common_length(signals)
+        self.n_samples = int(np.median([signal.shape[1] for signal in signals]))
         self.transformers = [t.fit(equal_lengths(signals[:n], self.n_samples)) for t, n in self.make()]
         return self
 
@@ -139,11 +139,6 @@ def equal_lengths(signals: Sequence[Signal], n_samples: int) -> NDArray[np.float
         kept = signal[:, skipped : skipped + n_samples]
         row[:, : kept.shape[1]] = kept
     return same
-
-
-def common_length(signals: Sequence[Signal]) -> int:
-    """Return the median length of the training signals."""
-    return int(np.median([signal.shape[1] for signal in signals]))
 
 
 def cepstra(x: Signal, fs: float) -> Table:
