@@ -117,26 +117,19 @@ class Timing:
         if self.fs is None:
             self._waiting.append((stamps_ns, sent_ns, samples))
             stamps_ns, sent_ns, samples = (np.concatenate(all_) for all_ in zip(*self._waiting, strict=True))
-            self.fs = self._learnt(stamps_ns)
-            if self.fs is None:
+            at = np.unique(stamps_ns) / 1e9
+            is_enough = len(at) > LEARNED_MESSAGES and at[-1] - at[0] >= LEARNED_S
+            if not is_enough and len(stamps_ns) < MOST_WAITING:
                 return []
-            self._waiting = []
+            if len(at) < 2:
+                raise RecordingError(
+                    f"{len(stamps_ns)} messages bear one stamp; the rule is stamps that advance, or --fs"
+                )
+            step = np.diff(at)
+            period = usual_step(step) if np.median(step) > 0.2 * step.mean() else float(step.mean())
+            self.fs, self._waiting = nominal_rate(self._shape[0] / period), []
         t, sent = (stamps_ns - self._start_ns) / 1e9, (sent_ns - self._start_ns) / 1e9
         return self._blocks(t, sent, samples, self._start_ns / 1e9, self.fs)
-
-    def _learnt(self, stamps_ns: Stamps) -> float | None:
-        """Return the rate, if the messages that wait are enough to measure it."""
-        t = np.unique(stamps_ns) / 1e9
-        is_enough = len(t) > LEARNED_MESSAGES and t[-1] - t[0] >= LEARNED_S
-        if not is_enough and len(stamps_ns) < MOST_WAITING:
-            return None
-        if len(t) < 2:
-            raise RecordingError(
-                f"{len(stamps_ns)} messages bear one stamp; the rule is stamps that advance, or --fs"
-            )
-        step = np.diff(t)
-        period = usual_step(step) if np.median(step) > 0.2 * step.mean() else float(step.mean())
-        return nominal_rate(self._shape[0] / period)
 
     def _blocks(self, t: Samples, sent: Samples, samples: Samples, start_s: float, fs: float) -> list[Block]:
         period = samples.shape[1] / fs

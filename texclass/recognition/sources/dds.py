@@ -63,17 +63,14 @@ def message_class(type_name: str) -> Any:
     type of IdlStruct
         A dataclass with the members of the message, zero or empty by default.
     """
-    members = {name: _member(kind) for name, kind in _definitions().get_msgdef(type_name).fields}
+    members = {
+        name: _member(kind) for name, kind in get_typestore(Stores.ROS2_HUMBLE).get_msgdef(type_name).fields
+    }
     body = {"__annotations__": {name: kind for name, (kind, _) in members.items()}, "__module__": __name__}
     body |= {name: field(default_factory=default) for name, (_, default) in members.items()}
     name = {"typename": dds_type(type_name)}
     made = types.new_class(type_name.rpartition("/")[2], (idl.IdlStruct,), name, lambda ns: ns.update(body))
     return dataclass(made)
-
-
-@cache
-def _definitions() -> Any:
-    return get_typestore(Stores.ROS2_HUMBLE)
 
 
 def _member(described: Any) -> tuple[Any, Any]:

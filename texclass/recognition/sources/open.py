@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
@@ -122,20 +122,9 @@ def _played(recording: Recording, signal: Samples, n: int, paced: bool) -> Block
 
 
 def _text(file: BinaryIO, fs: float, unit: str, n: int) -> BlockSource:
+    """Yield the numbers of every line that is not blank, n lines a block."""
     rows: list[list[float]] = []
-    done = 0
-    for row in _lines(file):
-        rows.append(row)
-        if len(rows) == n:
-            yield Block(done / fs, np.array(rows), fs, unit)
-            done, rows = done + n, []
-    if rows:
-        yield Block(done / fs, np.array(rows), fs, unit)
-
-
-def _lines(file: BinaryIO) -> Iterator[list[float]]:
-    """Yield the numbers of every line that is not blank."""
-    width, number = 0, 0
+    done = number = width = 0
     while line := file.readline(LONGEST_LINE):
         number += 1
         if not line.strip():
@@ -151,7 +140,12 @@ def _lines(file: BinaryIO) -> Iterator[list[float]]:
         if len(row) != width or width > MOST_CHANNELS:
             rule = min(width, MOST_CHANNELS)
             raise RecordingError(f"{STDIN}: line {number} holds {len(row)} numbers; the rule is {rule}")
-        yield row
+        rows.append(row)
+        if len(rows) == n:
+            yield Block(done / fs, np.array(rows), fs, unit)
+            done, rows = done + n, []
+    if rows:
+        yield Block(done / fs, np.array(rows), fs, unit)
 
 
 def _binary(file: BinaryIO, fs: float, unit: str, n_channels: int, n: int) -> BlockSource:

@@ -117,8 +117,14 @@ def topic_blocks(
         reliability = reliability or ("reliable" if are_reliable else "best effort")
     if type_name not in SIGNALS:
         raise RecordingError(f"ros2:{topic}: carries {type_name!r}; the rule is one of {', '.join(SIGNALS)}")
-    columns = _columns(topic, type_name, needs)
-    stated = (TYPES[type_name].unit if type_name in TYPES else None) or "arbitrary"
+    columns, stated = (), "arbitrary"  # of an array of numbers
+    if type_name in TYPES:
+        type_ = TYPES[type_name]
+        turn = TURN_RATE if "turn_rate" in needs.beside else ()
+        for name in needs.beside:
+            if name != "turn_rate" or not set(turn) <= set(type_.columns):
+                raise RecordingError(f"ros2:{topic}: {type_name} has {needs.lacks(name)}")
+        columns, stated = (*type_.acceleration, *turn), type_.unit or stated
     if stated != "arbitrary" and unit not in (None, stated):
         raise RecordingError(
             f"ros2:{topic}: unit is {stated!r} by its type, {unit!r} was given; the rule is one"
@@ -342,18 +348,6 @@ def _samples(
         return None, np.stack(blocks)
     stamps, samples = decode_stamped(TYPES[type_name], raws, columns, ros1=False)
     return stamps, samples[:, None, :]
-
-
-def _columns(topic: str, type_name: str, needs: Needs) -> tuple[str, ...]:
-    """Return the columns of a type of messages that are needed."""
-    if type_name == MULTI_ARRAY:
-        return ()
-    type_ = TYPES[type_name]
-    turn = TURN_RATE if "turn_rate" in needs.beside else ()
-    for name in needs.beside:
-        if name != "turn_rate" or not set(turn) <= set(type_.columns):
-            raise RecordingError(f"ros2:{topic}: {type_name} has {needs.lacks(name)}")
-    return (*type_.acceleration, *turn)
 
 
 def _blocks(subscriber: Subscriber, timing: Timing, end_s: float | None) -> BlockSource:

@@ -11,7 +11,7 @@ import numpy as np
 from texclass.features.phase_view import TURN
 from texclass.loaders import find_recording
 from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
-from texclass.loaders.columns import BAG_FOLDER, ReadOptions, ReadSignals, choose_acceleration
+from texclass.loaders.columns import BAG_FOLDER, ReadOptions, choose_acceleration
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.files import (
     READERS,
@@ -192,10 +192,21 @@ class TrainingFiles(Written):
             If the file is bad, or contradicts `fs` or `unit`.
         """
         path, asked = located(name) if _is_bag(name) else (Path(name).expanduser(), None)
-        options = ReadOptions(self.delimiter, topic=asked or self._topic_of(path), fs=fs)
+        if not asked and self.topic is not None and is_bag(path) and self.topic in topics(path):
+            asked = self.topic
+        options = ReadOptions(self.delimiter, topic=asked, fs=fs)
         stated = checked_unit(path, fs, agreed_unit(path, options, unit) or self.unit)
         axes = axis_files(path)
-        signals = self._read(axes, replace(options, codes=stated == "counts"))
+        first, options = next(iter(axes.values())), replace(options, codes=stated == "counts")
+        roles = {"acceleration": self.acceleration, **self.auxiliary}
+        if is_bag(first):
+            roles = self._roles_in(first, options)
+        signals = read_signals(axes, roles, options)
+        if is_bag(first):
+            if fs is None and 0 < abs(float(signals.fs or 0) / self.fs - 1) <= NEAR_RATE:
+                signals = read_signals(axes, roles, replace(options, fs=self.fs))
+            if len(signals.channels) == len(self.axes):
+                signals = replace(signals, channels=self.axes)
         named = path.parent if path.name == BAG_FOLDER else path
         recording = build_recording(
             signals,
@@ -206,18 +217,6 @@ class TrainingFiles(Written):
         )
         scale = self.scale if stated == self.unit else 1.0
         return conditioned(recording, scale, self.phases, remove_resting_level=self.remove_resting_level)
-
-    def _read(self, axes: Mapping[str, Path], options: ReadOptions) -> ReadSignals:
-        path, roles = next(iter(axes.values())), {"acceleration": self.acceleration, **self.auxiliary}
-        if not is_bag(path):
-            return read_signals(axes, roles, options)
-        roles = self._roles_in(path, options)
-        signals = read_signals(axes, roles, options)
-        if options.fs is None and 0 < abs(float(signals.fs or 0) / self.fs - 1) <= NEAR_RATE:
-            signals = read_signals(axes, roles, replace(options, fs=self.fs))
-        if len(signals.channels) == len(self.axes):
-            signals = replace(signals, channels=self.axes)
-        return signals
 
     def _roles_in(self, path: Path, options: ReadOptions) -> dict[str, tuple[str, ...]]:
         """Return which columns of a bag are what: as in the training files if it has those, else its own."""
@@ -233,12 +232,6 @@ class TrainingFiles(Written):
             turn = {"turn_rate": tuple(own[n_axes:])} if n_turn else {}
             return {"acceleration": tuple(own[:n_axes]), **auxiliary, **turn}
         return {"acceleration": choose_acceleration(own, path), **auxiliary}
-
-    def _topic_of(self, path: Path) -> str | None:
-        """Return the topic of the training files, if a bag has it."""
-        if self.topic is None or not is_bag(path):
-            return None
-        return self.topic if self.topic in topics(path) else None
 
 
 def _is_bag(name: str | Path) -> bool:
