@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -142,10 +143,10 @@ class TrainingFiles(Written):
     def of(cls, dataset: Dataset, like: Recording) -> "TrainingFiles":
         """Return what is to be known of the files of a dataset, one of whose recordings is `like`."""
         loader: Any = dataset.load
-        while loader is not None and getattr(loader, "reading", None) is None:
-            loader = getattr(loader, "load", None)  # of windows, which wrap the loader of their recordings
-        told: Reading | None = getattr(loader, "reading", None)
-        if told is None:
+        while hasattr(loader, "load"):  # of windows, which wrap the loader of their recordings
+            loader = loader.load
+        told = loader.args[0] if isinstance(loader, partial) else None  # what `load_files` is to read
+        if not isinstance(told, Reading):
             return cls(fs=like.fs, unit=like.unit, axes=like.channels)
         facts: dict[str, Any] = {}
         if isinstance(told, FileReading):
