@@ -9,7 +9,7 @@ import inspect
 import itertools
 import string
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -130,8 +130,12 @@ class Feature:
         if callable(self.outputs):
             outputs = self.outputs(**given)
         else:
-            written = (self.outputs,) if isinstance(self.outputs, str) else self.outputs
-            outputs = tuple(output for template in written for output in _filled_in(template, given))
+            outputs = ()
+            for template in (self.outputs,) if isinstance(self.outputs, str) else self.outputs:
+                keys = [key for _, key, _, _ in string.Formatter().parse(template) if key]
+                held = [given[key] for key in keys]
+                ways = itertools.product(*(h if isinstance(h, tuple) else range(1, h + 1) for h in held))
+                outputs += tuple(template.format(**dict(zip(keys, way, strict=True))) for way in ways)
         if n_pieces > 1:
             outputs = tuple(f"{output}.piece{i}" for output in outputs for i in range(1, n_pieces + 1))
         return tuple(f"{name}.{output}" for output in outputs) or (name,)
@@ -142,14 +146,6 @@ class Feature:
         if module == "__main__" or getattr(_REGISTRY.get(self.name), "function", None) is not self.function:
             return super().__reduce_ex__(protocol)
         return load_feature, (f"{self.source if module.startswith(OWN) else module}:{self.name}",)
-
-
-def _filled_in(template: str, parameters: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a name for every combination of what the parameters in it hold."""
-    keys = [key for _, key, _, _ in string.Formatter().parse(template) if key]
-    held = (parameters[key] for key in keys)
-    for values in itertools.product(*(h if isinstance(h, tuple) else range(1, h + 1) for h in held)):
-        yield template.format(**dict(zip(keys, values, strict=True)))
 
 
 _REGISTRY: dict[str, Feature] = {}

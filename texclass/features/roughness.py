@@ -208,7 +208,14 @@ def regularity(
     frames = sliding_window_view(x.astype(np.float32), length)
     frames = frames[spread(x.size - length, length // 2, n_frames)]
     frames -= frames.mean(axis=1, keepdims=True)
-    r = _autocorrelations(frames[np.ptp(frames, axis=1) > 0])
+    frames = frames[np.ptp(frames, axis=1) > 0]
+    # Zeros for half the length keep lags up to there apart from those that wrap around; twice the rate,
+    # since near half a rate the extrema of a curve lie between its samples.
+    n_fft = 2 * fft.next_fast_len(-(-3 * length // 4), real=True)
+    spectra = fft.rfft(frames, n_fft)
+    r = fft.irfft(spectra.real**2 + spectra.imag**2, 2 * n_fft)[:, : 2 * (length // 2)]
+    r = r / r[:, :1] * (length / (length - np.arange(r.shape[1], dtype=np.float32) / 2))
+    # The height of each rise, from a minimum to the next maximum.
     up = np.diff(r, axis=1) > 0
     turn = np.flatnonzero(up[:, 1:] != up[:, :-1])
     row = turn // (r.shape[1] - 2)
@@ -218,20 +225,6 @@ def regularity(
     heights = square[total > 0] / (2 * total[total > 0])
     undefined_if(not heights.any(), "the autocorrelation has no rise; the rule is at least one")
     return float(np.mean(heights[heights > 0]))
-
-
-def _autocorrelations(frames: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Unbiased autocorrelation of each frame up to half its length, r_0 = 1, at twice the rate.
-
-    Zeros for half the length keep lags up to there apart from those that wrap around. Twice the rate, since
-    near half a rate the extrema of a curve lie between its samples.
-    """
-    length = frames.shape[1]
-    n_fft = 2 * fft.next_fast_len(-(-3 * length // 4), real=True)
-    spectra = fft.rfft(frames, n_fft)
-    r = fft.irfft(spectra.real**2 + spectra.imag**2, 2 * n_fft)[:, : 2 * (length // 2)]
-    unbiased = length / (length - np.arange(r.shape[1], dtype=np.float32) / 2)
-    return np.asarray(r / r[:, :1] * unbiased)
 
 
 @feature("movement", "log10(m/s^2)", "strese2015, eq. 3", gain=Gain(shift=1), depends_on=("rate",))

@@ -7,7 +7,7 @@ from texclass.document import Document, Table
 from texclass.features.contract import registered
 from texclass.features.sets import load_feature_set
 from texclass.loaders import read_card
-from texclass.loaders.cards import AnyCard, SimulatedCard
+from texclass.loaders.cards import SimulatedCard
 from texclass.loaders.places import DataNotFoundError, find_folder
 
 
@@ -15,8 +15,15 @@ def datasets_document() -> Document:
     """Return the shipped dataset cards: name, title, rate, and whether it is on this machine."""
     rows = []
     for card in map(read_card, shipped.names("datasets")):
-        fs = card.recipe.fs if isinstance(card, SimulatedCard) else card.fs_hz
-        rows.append((card.path.stem, card.title, f"{fs:g} Hz", _presence(card)))
+        if isinstance(card, SimulatedCard):
+            fs, here = card.recipe.fs, "always"
+        else:
+            fs, here = card.fs_hz, "yes"
+            try:
+                find_folder(card.folder, card_path=card.path, source=card.source)
+            except DataNotFoundError:
+                here = "no"
+        rows.append((card.path.stem, card.title, f"{fs:g} Hz", here))
     frame = pd.DataFrame(rows, columns=["dataset", "what it is", "rate", "here"])
     return Document("Shipped datasets", [Table(frame, n_words=4)])
 
@@ -43,13 +50,3 @@ def features_document(feature_set: str | None = None) -> Document:
         rows.append((name, feature.phase, str(n_columns), feature.unit, told))
     frame = pd.DataFrame(rows, columns=["feature", "phase", "columns", "unit", "what it is"])
     return Document(title, [Table(frame, n_words=5)])
-
-
-def _presence(card: AnyCard) -> str:
-    if card.format == "simulated":
-        return "always"
-    try:
-        find_folder(card.folder, card_path=card.path, source=card.source)
-    except DataNotFoundError:
-        return "no"
-    return "yes"

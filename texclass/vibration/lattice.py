@@ -117,7 +117,11 @@ class Lattice:
         while start < out.size:
             if self._done < self._total:
                 stop = min(start + few, start + self._total - self._done, out.size)
-                self._pass_rows(out[start:stop], *self._glide(stop - start))
+                w = np.arange(self._done + 1, self._done + 1 + stop - start) / self._total
+                k, c = np.empty((2, w.size, self.order), dtype=self.dtype)
+                kernels.glide_rows(self._k, self._target[0], w, self._shrink, k, c)
+                level = _between(self._level, self._target[1], w).astype(self.dtype)
+                self._pass_rows(out[start:stop], k, c, level)
                 self._done += stop - start
                 if self._done == self._total:
                     self._k, self._level = self._target
@@ -165,14 +169,6 @@ class Lattice:
 
     def _pass_rows(self, x: Real, k: Real, c: Real, level: Real) -> None:
         raise NotImplementedError
-
-    def _glide(self, n: int) -> tuple[Real, Real, Real]:
-        """Return k and c (n, p) and the level (n,) of the next n samples."""
-        w = np.arange(self._done + 1, self._done + 1 + n) / self._total
-        k, c = np.empty((2, n, self.order), dtype=self.dtype)
-        end, level = self._target
-        kernels.glide_rows(self._k, end, w, self._shrink, k, c)
-        return k, c, _between(self._level, level, w).astype(self.dtype)
 
     def _fix(self) -> None:
         """Make the parameters constant from here on."""
