@@ -13,15 +13,6 @@ FS = 10_000.0
 THREE = DecayingModes([100.0, 340.0, 900.0], [60.0, 150.0, 20.0], [2.0, 1.0, 0.5], [-1.5, 0.4, 2.0])
 
 
-def _random_modes(rng, n_modes):
-    return DecayingModes(
-        rng.uniform(20, 2000, n_modes),
-        rng.uniform(10, 800, n_modes),
-        rng.uniform(0.3, 1, n_modes),
-        rng.uniform(-np.pi, np.pi, n_modes),
-    )
-
-
 def _noisy(x, snr_db, rng):
     return x + np.sqrt(np.mean(x**2)) * 10 ** (-snr_db / 20) * rng.standard_normal(x.size)
 
@@ -119,16 +110,7 @@ def test_error_at_20_db_lies_within_1_5_times_the_cramer_rao_bound():
     assert abs(errors[:, 1].mean()) < 1.0
 
 
-def test_no_fit_to_noisy_segments_is_unstable_at_any_order():
-    rng = np.random.default_rng(5)
-    for i in range(120):
-        n = int(rng.integers(40, 401))
-        x = _noisy(_random_modes(rng, int(rng.integers(1, 5))).synthesize(n, FS), rng.uniform(0, 60), rng)
-        order = None if i % 2 else int(rng.integers(1, n // 2 + 1))
-        assert _is_stable(fit_matrix_pencil(x, FS, order=order).sections(FS))
-
-
-@given(st.integers(4, 60), st.integers(0, 10_000), st.sampled_from([1e-12, 1e-3, 1.0, 30.0]))
+@given(st.integers(4, 150), st.integers(0, 10_000), st.sampled_from([1e-12, 1e-3, 1.0, 30.0]))
 @settings(deadline=None, max_examples=60)
 def test_any_short_signal_gives_stable_sections_at_any_rate(n, seed, growth):
     rng = np.random.default_rng(seed)

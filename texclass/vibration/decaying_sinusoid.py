@@ -40,10 +40,9 @@ class TapModel:
     frequency_hz: float
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.amplitude_slope) and 0 < self.decay_per_s < np.inf):
-            raise ValueError(f"{self}; the rule is a finite amplitude slope and a decay rate above 0")
-        if not 0 < self.frequency_hz < np.inf:
-            raise ValueError(f"{self}; the rule is a frequency above 0")
+        numbers = (self.amplitude_slope, self.decay_per_s, self.frequency_hz)
+        if not (np.isfinite(numbers).all() and min(numbers[1:]) > 0):
+            raise ValueError(f"{self}; the rule is finite numbers, decay rate and frequency above 0")
 
     def modes(self, velocity: float) -> DecayingModes:
         """Return the tap at one impact velocity as a decaying mode, to be filtered or mixed with others."""
