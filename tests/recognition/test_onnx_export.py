@@ -1,8 +1,6 @@
 """Models as ONNX: the answers of scikit-learn in double precision, or no file."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import onnx
@@ -326,13 +324,3 @@ def test_models_remember_rows_that_are_answered_right(kernel_model, linear_model
         p, p_known = model.judge(known)
         assert set(p.argmax(axis=1)) == set(range(len(SURFACES)))
         assert (p_known > model.novelty.false_alarms).mean() > 0.4
-
-
-def test_importing_the_export_imports_no_part_of_onnx():
-    code = (
-        "import sys, texclass.cli, texclass.recognition.export.onnx_file; "
-        "print([name for name in ('onnx', 'onnxruntime', 'skl2onnx') if name in sys.modules])"
-    )
-    assert (
-        subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout.strip() == b"[]"
-    )

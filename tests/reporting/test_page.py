@@ -48,9 +48,8 @@ class Outline(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    written = write_page(FILES, tmp_path_factory.mktemp("results") / "page.html")
-    return written.read_text(encoding="utf-8")
+def page(page_file):
+    return page_file.read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")

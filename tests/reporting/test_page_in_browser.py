@@ -4,9 +4,6 @@ import shutil
 
 import pytest
 from chromium import Browser
-from told import FILES
-
-from texclass.reporting import write_page
 
 CHROMIUM = next(
     (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))),
@@ -62,8 +59,8 @@ FOCUSED = """(() => {
 
 
 @pytest.fixture(scope="module")
-def path(tmp_path_factory):
-    return write_page(FILES, tmp_path_factory.mktemp("page") / "report.html")
+def path(page_file):
+    return page_file
 
 
 @pytest.fixture(scope="module")

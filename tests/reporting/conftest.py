@@ -1,0 +1,12 @@
+"""The page that several modules look at."""
+
+import pytest
+from told import FILES
+
+from texclass.reporting import write_page
+
+
+@pytest.fixture(scope="session")
+def page_file(tmp_path_factory):
+    """One page of a result of each kind."""
+    return write_page(FILES, tmp_path_factory.mktemp("page") / "report.html")
