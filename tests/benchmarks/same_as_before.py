@@ -49,21 +49,10 @@ DEFAULT_TOLERANCE = 1e-9
 FLOOR = 1.0
 """Numbers this far below the typical size of their array count as 0, in units of the tolerance."""
 UNTOLD = {
-    *(
-        "bytes",
-        "classifiers_ms",
-        "file",
-        "fit_ms",
-        "hash",
-        "input_hash",
-        "machine",
-        "measured_ms",
-        "met",
-        "ms",
-    ),
-    *("model_check", "ms_added", "ms_alone", "ms_per_recording", "predict_ms", "seconds", "segmentation_ms"),
-    "versions",
-}
+    "bytes", "classifiers_ms", "file", "fit_ms", "hash", "input_hash", "machine", "measured_ms", "met",
+    "model_check", "ms", "ms_added", "ms_alone", "ms_per_recording", "predict_ms", "seconds",
+    "segmentation_ms", "versions",
+}  # fmt: skip
 """Keys of results that say how long something took, where it is, or with which code."""
 
 
@@ -245,16 +234,12 @@ def vibration() -> SimpleNamespace:
 
 def fitted_textures(plates: Sequence[np.ndarray], speeds: Sequence[float]) -> dict[str, Any]:
     """Return a texture of each way of the four papers, fitted to simulated recordings."""
+    from abdulali2016_simulated import simulate_scan as stroke_by_hand
+    from abdulali2016_simulated import surface
     from guruswamy2011_objects import OBJECTS, lay_out, simulate_scan
 
     from texclass.textures import abdulali2016, guruswamy2011, oeztuerk2018
 
-    try:
-        from abdulali2016_simulated import simulate_scan as stroke_by_hand
-        from abdulali2016_simulated import surface
-    except ImportError:  # as it was before
-        from texclass.textures.abdulali2016.simulated import simulate_scan as stroke_by_hand
-        from texclass.textures.abdulali2016.simulated import surface
     hand = stroke_by_hand(surface("S7"), 10.0, 1000.0, np.random.default_rng(0))
     modelled = abdulali2016.model_scan(hand)
     network = modelled.network()
@@ -415,19 +400,8 @@ def benchmark(name: str | Path, pipeline: str, *options: object) -> Any:
     """Return the JSON of `texclass benchmark`, what is measured left out."""
     file = SCRATCH / "benchmark.json"
     file.unlink(missing_ok=True)
-    ended = command(
-        "benchmark",
-        name,
-        "--pipeline",
-        pipeline,
-        "--jobs",
-        1,
-        "--out",
-        SCRATCH / "out",
-        "--json",
-        file,
-        *options,
-    )
+    asked = ("--pipeline", pipeline, "--jobs", 1, "--out", SCRATCH / "out", "--json", file)
+    ended = command("benchmark", name, *asked, *options)
     if not file.exists():
         return {"code": ended.code, "error": ended.err.strip().splitlines()[-1:]}
     return json.loads(file.read_text(encoding="utf-8"))
@@ -980,6 +954,7 @@ class Columns:
 
 def flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """Yield every leaf of nested results under its path; lists of numbers are arrays."""
+    is_list = isinstance(value, list | tuple)
     if isinstance(value, Mapping):
         for key, inner in value.items():
             if key not in UNTOLD:
@@ -988,16 +963,10 @@ def flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         yield f"{path} (by column)", shortened(value.values)
     elif isinstance(value, np.ndarray | np.generic):
         yield path, shortened(np.asarray(value))
-    elif (
-        isinstance(value, list | tuple)
-        and any(map(_is_number, value))
-        and all(map(_is_number_or_none, value))
-    ):
+    elif is_list and any(map(_is_number, value)) and all(v is None or _is_number(v) for v in value):
         whole = all(isinstance(v, int) for v in value)
         yield path, shortened(np.array(value, dtype=np.int64 if whole else np.float64))
-    elif isinstance(value, list | tuple) and any(
-        isinstance(v, Mapping | list | tuple | np.ndarray) for v in value
-    ):
+    elif is_list and any(isinstance(v, Mapping | list | tuple | np.ndarray) for v in value):
         for i, inner in enumerate(value):
             yield from flat(inner, f"{path} > {i}")
     elif isinstance(value, float):
@@ -1008,10 +977,6 @@ def flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _is_number_or_none(value: Any) -> bool:
-    return value is None or _is_number(value)
 
 
 def shortened(x: np.ndarray) -> np.ndarray:
@@ -1077,11 +1042,8 @@ def differences(
         elif old.dtype.kind in "iub" and new.dtype.kind in "iub":
             if not np.array_equal(old, new):
                 at, n = np.argwhere(np.atleast_1d(old != new))[0], int((old != new).sum())
-                yield (
-                    path,
-                    f"{_at(old, at)} before, {_at(new, at)} now {_place(old, at)}, {n} differ",
-                    math.inf,
-                )
+                told = f"{_at(old, at)} before, {_at(new, at)} now {_place(old, at)}, {n} differ"
+                yield path, told, math.inf
         else:
             columns = before.get(path.replace("values (by column)", "columns"), ())
             yield from _numbers(path, old.astype(np.float64), new.astype(np.float64), allowed, columns)

@@ -28,10 +28,6 @@ MODEL = Path(__file__).parents[1] / "recognition" / "data" / "surface-2.0.skops"
 _JSON = trees(json.loads, json_of)
 
 
-def _models() -> list[bytes]:
-    return [MODEL.read_bytes()]
-
-
 def _sealed(rng: random.Random, members: dict[str, bytes]) -> dict[str, bytes]:
     """Change what a model file says, or holds, and make its digest right again."""
     name = rng.choice(["schema.json", "schema.json", "manifest.json", *sorted(members)])
@@ -83,10 +79,6 @@ def _manifest(data: bytes) -> Manifest:
     return found
 
 
-def _manifests() -> list[bytes]:
-    return [members_of(MODEL.read_bytes())["manifest.json"]]
-
-
 def _tables() -> list[bytes]:
     frame = pd.DataFrame({"recording_id": ["a", "b"], "material": ["oak", "felt"], "operator": [None, "o"],
                           "session": [None, None], "repetition": pd.array([1, None], dtype="Int64"),
@@ -119,10 +111,6 @@ def _table_facts(rng: random.Random, data: bytes) -> bytes:
         return sink.getvalue().to_pybytes()
     except Exception:
         return of_bytes(rng, data)
-
-
-def _parts() -> list[bytes]:
-    return [b'[{"features": [1.0, NaN], "reasons": [["mfcc", "short"]], "flags": ["clipped"], "ms": 2.0}]']
 
 
 def _part(path: Path) -> object:
@@ -172,21 +160,17 @@ def _outcome(path: Path) -> object:
     return None
 
 
-def _outcomes() -> list[bytes]:
-    return [
-        b'{"first_s": 1.0, "versions": {"aeon": "1"}, "missing": false, "message": "x", "predicted": [0]}'
-    ]
-
-
+_PART = b'[{"features": [1.0, NaN], "reasons": [["mfcc", "short"]], "flags": ["clipped"], "ms": 2.0}]'
+_OUTCOME = b'{"first_s": 1.0, "versions": {"aeon": "1"}, "missing": false, "message": "x", "predicted": [0]}'
 _SEALED = archives(_sealed, deflate=False)
 TARGETS = (
-    Target("model", _models, load_model, _SEALED, "fuzzed.skops", (UserWarning,)),
+    Target("model", lambda: [MODEL.read_bytes()], load_model, _SEALED, "fuzzed.skops", (UserWarning,)),
     Target("recogniser", _recognisers, load_recogniser, _SEALED, "recogniser.skops", (UserWarning,)),
-    Target("manifest", _manifests, _manifest, _JSON, ""),
+    Target("manifest", lambda: [members_of(MODEL.read_bytes())["manifest.json"]], _manifest, _JSON),
     Target("feature table", _tables, _table, either(_table_facts, of_bytes), "table.parquet"),
-    Target("part of an extraction", _parts, _part, _JSON, "part.json"),
+    Target("part of an extraction", lambda: [_PART], _part, _JSON, "part.json"),
     Target("cached movements", lambda: [b"[[0, 10, 1000.0, \"\"], [3, 9, 1000.0, \"\"]]"], _movements, _JSON,
            "movements.json"),
     Target("cached recording", _remembered, _recall, archives(_facts, deflate=False), "r.npz"),
-    Target("outcome of a peer", _outcomes, _outcome, _JSON, "outcome.json"),
+    Target("outcome of a peer", lambda: [_OUTCOME], _outcome, _JSON, "outcome.json"),
 )  # fmt: skip

@@ -2,11 +2,11 @@
 
     python tests/fuzz/run.py [--inputs 1000000] [--targets text,csv] [--engine atheris|own]
 
+`--inputs`: in all, divided by the targets' shares; `--targets`: names, divided by commas, all by default.
 Each target runs in processes of its own, one after another. What is done stays in the folder `--state` (in
 memory by default), so that a run that is started again goes on. Inputs that broke a promise are there, too.
 """
 
-import argparse
 import importlib.util
 import json
 import os
@@ -20,7 +20,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
-from study import table, write
+from study import command_line, table, write
 
 from fuzz.contract import MOST_GROWTH_MB, MOST_SECONDS
 from fuzz.targets import parts_of
@@ -39,16 +39,8 @@ SUMMED = ("inputs", "accepted", "refused", "broken", "timeouts", "crashes")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--inputs", type=int, default=1_000_000, help="in all, divided by the targets' shares"
-    )
-    parser.add_argument("--targets", default="", help="names, divided by commas; all by default")
-    parser.add_argument("--engine", choices=["atheris", "own"], default=None)
-    parser.add_argument("--state", type=Path, default=Path("/dev/shm/texclass-fuzz"))
-    parser.add_argument("--output", type=Path, default=Path("reports/studies/fuzzing"))
+    parser = command_line(__doc__, inputs=1_000_000, targets="", state=Path("/dev/shm/texclass-fuzz"))
+    parser.add_argument("--engine", choices=["atheris", "own"])
     asked = parser.parse_args()
     there = importlib.util.find_spec("atheris") is not None
     engine = asked.engine or ("atheris" if there else "own")
@@ -59,11 +51,11 @@ def main() -> None:
     for name in asked.targets.split(",") if asked.targets else parts:
         n = -(-parts[name] * asked.inputs // sum(parts.values()))
         found[name] = run_target(name, n, asked.state / name.replace(" ", "_"), engine)
-        report(asked.output, found, {"engine": engine, "seed": SEED, "inputs_asked_for": asked.inputs})
+        report(asked.out, found, {"engine": engine, "seed": SEED, "inputs_asked_for": asked.inputs})
 
 
-def report(output: Path, found: dict[str, Any], facts: dict[str, Any]) -> None:
-    """Write OUTPUT.json and OUTPUT.md; called after each target, so that partial results stay."""
+def report(folder: Path, found: dict[str, Any], facts: dict[str, Any]) -> None:
+    """Write fuzzing.json and fuzzing.md; called after each target, so that partial results stay."""
     total = {key: sum(one[key] for one in found.values()) for key in SUMMED}
     result = {
         **facts,
@@ -96,7 +88,7 @@ def report(output: Path, found: dict[str, Any], facts: dict[str, Any]) -> None:
     broken = [f"{row['name']}: {times} x {what}" for row in rows for what, times in row["findings"].items()]
     if broken:
         blocks += ["What broke a promise:", broken]
-    write(output.parent, output.name, result, "Readers fed with rubbish", blocks)
+    write(folder, "fuzzing", result, "Readers fed with rubbish", blocks)
 
 
 def run_target(name: str, n: int, folder: Path, engine: str) -> dict[str, Any]:
