@@ -165,7 +165,13 @@ class Recording:
         object.__setattr__(self, "channels", self._channel_names(where))
         for name in AUXILIARY_UNITS:
             if (signal := getattr(self, name)) is not None:
-                object.__setattr__(self, name, self._auxiliary(name, signal, where))
+                array = _frozen(signal, name, where)
+                if len(array) != self.n_samples:
+                    raise RecordingError(
+                        f"{where}: {name} has {len(array)} samples, acceleration {self.n_samples}; "
+                        "the rule is one rate and one length for all signals of a recording"
+                    )
+                object.__setattr__(self, name, array)
 
     @property
     def n_samples(self) -> int:
@@ -224,15 +230,6 @@ class Recording:
             )
         return names
 
-    def _auxiliary(self, name: str, signal: ArrayLike, where: str) -> Samples:
-        array = _frozen(signal, name, where)
-        if array.shape[0] != self.n_samples:
-            raise RecordingError(
-                f"{where}: {name} has {array.shape[0]} samples, acceleration {self.n_samples}; "
-                "the rule is one rate and one length for all signals of a recording"
-            )
-        return array
-
 
 def _sampling_rate(fs: Any, where: str) -> float:
     try:
@@ -253,14 +250,6 @@ def read_only(array: A) -> A:
     return array
 
 
-def _is_read_only(array: NDArray[np.float64]) -> bool:
-    """Whether neither an array nor what it is a view of can be written to."""
-    whole: object = array
-    while isinstance(whole, np.ndarray) and not whole.flags.writeable:
-        whole = whole.base
-    return whole is None
-
-
 def _frozen(signal: ArrayLike, name: str, where: str) -> Samples:
     try:
         array = np.asarray(signal, dtype=np.float64)
@@ -275,4 +264,8 @@ def _frozen(signal: ArrayLike, name: str, where: str) -> Samples:
             f"{where}: {name} holds {n_bad} values that are NaN or infinite (first at {first}); "
             "the rule is finite samples"
         )
-    return array if array.flags.c_contiguous and _is_read_only(array) else read_only(np.array(array))
+    whole: object = array
+    while isinstance(whole, np.ndarray) and not whole.flags.writeable:
+        whole = whole.base
+    # Neither the array nor what it is a view of can be written to: it is kept as it is.
+    return array if array.flags.c_contiguous and whole is None else read_only(np.array(array))

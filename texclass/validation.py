@@ -7,7 +7,7 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -110,10 +110,6 @@ def checked(model: type[M], content: Any, where: object, *, context: object = No
         raise ValueError(f"{where}: {_told(first, model)}{more}") from None
 
 
-def _one_of(names: Sequence[str]) -> str:
-    return f"one of {', '.join(names)}" if names else "no key at all"
-
-
 def _told(error: ErrorDetails, model: type[BaseModel]) -> str:
     """Return one fault in words: the key as people write it, the value, the rule."""
     kind, place, context = error["type"], error["loc"], error.get("ctx", {})
@@ -122,8 +118,8 @@ def _told(error: ErrorDetails, model: type[BaseModel]) -> str:
         known = _quoted(context["expected"]) if kind == "literal_error" else [*_keys(tables)]
         near = difflib.get_close_matches(key.rpartition(".")[2], known, n=1)
         beside = f"{key.rpartition('.')[0]}." if "." in key else ""
-        rule = f"did you mean {beside}{near[0]}?" if near else f"the rule is {_one_of(known)}"
-        return f"unknown key {key}; {rule}"
+        rule = f"the rule is one of {', '.join(known)}" if known else "the rule is no key at all"
+        return f"unknown key {key}; " + (f"did you mean {beside}{near[0]}?" if near else rule)
     if kind.startswith("union_tag"):
         key = ".".join(filter(None, [key, *_quoted(context["discriminator"])]))
     if kind in ("missing", "union_tag_not_found"):
