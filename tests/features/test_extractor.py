@@ -40,7 +40,7 @@ TOY = FeatureSet(
         for f, phase in ((rms, "movement"), (strongest, "tap"), (voltage, "friction"))
     ),
 )
-FEW = load_feature_set("texclass").restricted_to(["mfcc", "waviness"])
+FEW = load_feature_set("texclass").restricted_to(["slope_level", "waviness"])
 
 
 def exploration(seed=0, **changes):
