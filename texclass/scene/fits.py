@@ -5,7 +5,7 @@ at in one go, and a few lines; and both together.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,9 +78,9 @@ class LatticeGrid:
 
     def model(self, order: int) -> GridModel:
         """Return the model of one order, 1 ... p."""
-        power = self.noise[:, order] + self.tones.sum(axis=1)
-        rows = np.hstack([self.reflection[:, :order], _amplitudes(self.tones, power)])
-        return _on_grid(self.axes, rows, power, self.peak, per_mm=self.per_mm)
+        power, still = self.noise[:, order] + self.tones.sum(axis=1), np.zeros_like(self.per_mm)
+        facts = {"peak": self.peak, "frequency_hz": still, "per_mm": self.per_mm}
+        return _on_grid(self.axes, self.reflection[:, :order], self.tones, power, **facts)
 
     def spectra(self, points: Points, judge: Judge, orders: NDArray[np.int64]) -> Samples:
         """Return what the models of some orders sound like at points: (n_points, n_orders, n_bins)."""
@@ -174,22 +174,16 @@ def fit_lines(observed: Observed, judge: Judge, axes: Axes, n: int, course: Cour
     for row, x, hz in zip(power, X, np.multiply.outer(ratio, found), strict=True):
         nearest = np.searchsorted((hz[1:] + hz[:-1]) / 2, judge.frequencies, side="right")
         row[:] = np.bincount(nearest, x * judge.in_band, minlength=n)
-    total = power.sum(axis=1)
     hz, per_mm = (np.zeros(n), found / middle) if along else (found, np.zeros(n))
-    return _on_grid(axes, _amplitudes(power, total), total, observed.peak, hz=hz, per_mm=per_mm)
+    facts = {"peak": observed.peak, "frequency_hz": hz, "per_mm": per_mm}
+    return _on_grid(axes, np.zeros((len(X), 0)), power, power.sum(axis=1), **facts)
 
 
-def _amplitudes(lines: Samples, total: Samples) -> Samples:
-    """Return the amplitudes of lines of powers (n_nodes, n_lines) in vibrations of unit RMS."""
-    return np.asarray(np.sqrt(2 * lines / np.where(total > 0, total, 1.0)[:, np.newaxis]))
-
-
-def _on_grid(
-    axes: Axes, rows: Samples, power: Samples, peak: float, *, per_mm: Samples, hz: Samples | None = None
-) -> GridModel:
+def _on_grid(axes: Axes, k: Samples, lines: Samples, power: Samples, **facts: Any) -> GridModel:
+    """Return the model of reflection coefficients, powers of lines and whole powers (n_nodes, ...)."""
     size = axes[0].size, axes[1].size
-    fixed = np.zeros_like(per_mm) if hz is None else hz
-    return GridModel(axes, rows.reshape(*size, -1), power.reshape(size), peak, fixed, per_mm)
+    amplitudes = np.sqrt(2 * lines / np.where(power > 0, power, 1.0)[:, np.newaxis])
+    return GridModel(axes, np.hstack([k, amplitudes]).reshape(*size, -1), power.reshape(size), **facts)
 
 
 def model_spectra(model: GridModel, points: Points, judge: Judge) -> Samples:

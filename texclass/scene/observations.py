@@ -6,7 +6,7 @@ The spectra are apart for fitting, choosing and proving; they are compared as th
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import count, product
 from pathlib import Path
 from typing import Any
 
@@ -227,8 +227,20 @@ def observe(name: str, surface: SurfaceDefinition, scene: SceneDefinition, judge
     if surface.simulated is not None:
         return _felt(name, scene, judge, _simulated(surface.simulated, scene))
     if surface.dataset is not None:
-        found = _of_material(name, surface)
-        pieces = [p for r in found for p in _cut(r, r.speed, r.normal_force, scene, judge)]
+        from texclass.loaders import open_dataset
+
+        material = surface.material or name
+        pieces: list[Piece] = []
+        found = [r for r in open_dataset(str(surface.dataset)) if r.material == material]
+        for r in found:
+            if r.speed is None or r.normal_force is None:
+                raise ValueError(f"surface {name}: {r.recording_id} lacks speed or force; the rule is both")
+            pieces += _cut(r, r.speed, r.normal_force, scene, judge)
+        if not found:
+            rule = "the rule is one of its materials"
+            raise ValueError(
+                f"surface {name}: dataset {surface.dataset} has no material {material!r}; {rule}"
+            )
         return divide_in_time(name, pieces, judge)
     steady = [not isinstance(r.speed, str) and not isinstance(r.force, str) for r in surface.recordings]
     pieces = [p for r in surface.recordings for p in _recorded(r, scene, judge)]
@@ -245,15 +257,12 @@ def _felt(name: str, scene: SceneDefinition, judge: Judge, felt: Felt) -> Observ
     between = [np.sqrt(axis[:-1] * axis[1:]) if axis.size > 1 else axis for axis in grid]
     low, high = np.log(ranges).T
     drawn = np.exp(np.random.default_rng((scene.seed, 1)).uniform(low, high, (N_PROOFS, 2)))
-    pieces: list[list[Piece]] = []
-    seed = 0
-    for places in (product(*grid), product(*between), drawn):
-        pieces.append([])
-        for speed, force in places:
-            seed += 1
-            pieces[-1].append((felt(float(speed), float(force), seed), float(speed), float(force)))
-    how = f"{N_PROOFS} random speeds and forces"
-    return _observed(name, pieces, judge, how)
+    seeds = count(1)
+    pieces = [
+        [(felt(float(v), float(f), next(seeds)), float(v), float(f)) for v, f in places]
+        for places in (product(*grid), product(*between), drawn)
+    ]
+    return _observed(name, pieces, judge, f"{N_PROOFS} random speeds and forces")
 
 
 def _observed(name: str, parts: Sequence[Sequence[Piece]], judge: Judge, how: str) -> Observed:
@@ -374,33 +383,13 @@ def _recorded(recording: RecordingDefinition, scene: SceneDefinition, judge: Jud
     return _cut(found, speed, force, scene, judge)
 
 
-def _of_material(name: str, surface: SurfaceDefinition) -> list[Recording]:
-    from texclass.loaders import open_dataset
-
-    material = surface.material or name
-    wanted = [r for r in open_dataset(str(surface.dataset)) if r.material == material]
-    if not wanted:
-        raise ValueError(
-            f"surface {name}: dataset {surface.dataset} has no material {material!r}; "
-            "the rule is one of its materials"
-        )
-    lacking = [r.recording_id for r in wanted if r.speed is None or r.normal_force is None]
-    if lacking:
-        raise ValueError(f"surface {name}: recording {lacking[0]} has no speed or no force; the rule is both")
-    return wanted
-
-
 def _cut(
-    found: Recording,
-    speed: Samples | None,
-    force: Samples | None,
-    scene: SceneDefinition,
-    judge: Judge,
+    found: Recording, speed: Samples, force: Samples, scene: SceneDefinition, judge: Judge
 ) -> list[Piece]:
     """Cut a freehand recording into pieces of one segment each, within what is expected of the hand."""
     x, n = _vibration(found, scene), judge.n_segment
     when, clock = np.arange(x.size) / scene.device.rate_hz, np.arange(len(found.acceleration)) / found.fs
-    v, f = (np.interp(when, clock, np.asarray(one)) for one in (speed, force))
+    v, f = (np.interp(when, clock, one) for one in (speed, force))
     cut = [slice(i, i + n) for i in range(0, x.size - n + 1, n)]
     pieces = [(x[s], float(v[s].mean()), float(f[s].mean())) for s in cut]
     (slow, fast), (light, hard) = scene.expected.speeds_mm_s, scene.expected.forces_n

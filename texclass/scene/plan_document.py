@@ -26,9 +26,10 @@ def plan_document(plan: "ScenePlan") -> Document:
         worst = min(scores) if tolerance["score"] == "gfc" else max(scores)
         judged = worst if tolerance["over"] == "worst" else sum(scores) / len(scores)
         nodes = "" if one["family"] == "silence" else f"{len(one['speeds'])}x{len(one['forces'])}"
+        words = one["family"].replace("AR", f"AR {one['order']}").replace("lines", f"{one['lines']} lines")
         rows.append(
             (
-                one["surface"], _model(one), nodes, f"{judged:.2f}", f"{100 * one['relative']:.0f} %",
+                one["surface"], words, nodes, f"{judged:.2f}", f"{100 * one['relative']:.0f} %",
                 f"{one['operations']:.0f}", "shared" if one["shares"] else str(one["bytes"]),
                 f"{each[one['surface']]:.1f}",
             )
@@ -41,11 +42,6 @@ def plan_document(plan: "ScenePlan") -> Document:
         strong=[i for i, one in enumerate(data["surfaces"]) if not one["within"]],
     )
     return Document(f"Scene {data['scene']}", [table, list(_notes(data))])
-
-
-def _model(one: Mapping[str, Any]) -> str:
-    parts = [f"AR {one['order']}"] * bool(one["order"]) + [f"{one['lines']} lines"] * bool(one["lines"])
-    return " + ".join(parts) or "silence"
 
 
 def _notes(data: Mapping[str, Any]) -> Iterator[str]:

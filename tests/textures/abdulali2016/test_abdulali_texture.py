@@ -181,7 +181,7 @@ def test_silence_extreme_gains_and_extreme_orders_are_modelled(training):
             assert np.isfinite(y).all()
             assert (np.abs(y).max() > 0) == (gain > 0)
     for order in (1, 400):
-        texture = fit_texture(training, order=order)
+        texture = fit_texture(training.part(0, 6000), order=order)
         assert np.abs(texture.models(training.velocity[::1000], training.force[::1000])[0]).max() < 1
         assert texture.order == order
 

@@ -26,9 +26,6 @@ def test_regression_finds_a_known_law(weighting, k_c):
     assert fit.law.k_c == pytest.approx(0.117, rel=2e-2)
     assert fit.law.a_0 == pytest.approx(0.435, rel=2e-3)
     assert fit.r_squared > 0.9999
-
-
-def test_level_is_that_of_equation_2():
     assert LAW.rms(21.6, 0.443) == pytest.approx(18.5 * 0.0216 + 0.117 * 0.443 + 0.435)
 
 
@@ -56,20 +53,13 @@ def test_a_law_needs_finite_factors_that_are_not_negative(values):
         LevelLaw(*values)
 
 
-def test_amplitude_is_one_where_the_surface_was_scanned():
-    amplitude = Amplitude(LAW, 21.6, 0.443)
-    assert amplitude.factor(21.6, 0.443) == pytest.approx(1.0)
-
-
-def test_amplitude_as_printed_is_the_ratio_of_levels_and_the_compensated_one_less_by_the_root_of_speed():
+def test_amplitude_is_the_ratio_of_levels_limited_and_if_compensated_less_by_the_root_of_speed():
     printed, ours = (Amplitude(LAW, 20.0, 0.4, compensated=c).factor(80.0, 0.4) for c in (False, True))
     assert printed == pytest.approx(LAW.rms(80, 0.4) / LAW.rms(20, 0.4))
     assert ours == pytest.approx(printed / 2)
     slow = [Amplitude(LAW, 20.0, 0.4, compensated=c).factor(5.0, 0.4) for c in (False, True)]
     assert slow[0] == slow[1]
-
-
-def test_amplitude_is_limited():
+    assert Amplitude(LAW, 21.6, 0.443).factor(21.6, 0.443) == pytest.approx(1.0)
     assert Amplitude(LAW, 20.0, 0.4, compensated=False).factor(1e8, 1e8) == 4.0
 
 

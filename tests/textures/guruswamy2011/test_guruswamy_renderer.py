@@ -61,15 +61,6 @@ def test_kernel_scales_as_the_law_says(speed, force, compensated):
     assert kernels.factor(speed, force, law) == pytest.approx(float(scaling.factor(speed, force)))
 
 
-def test_features_are_fixed_in_space_and_decay_in_time():
-    texture = surface()
-    slow, fast = (texture.renderer().process(*stroke(v, int(18 / v * FS))) for v in (20.0, 60.0))
-    begin = [int(np.argmax(np.abs(y) > 0)) for y in (slow, fast)]
-    assert begin == [250, 84]
-    ratio = slow[begin[0] : begin[0] + 60] / fast[begin[1] : begin[1] + 60]
-    assert np.ptp(ratio) < 1e-6 * abs(ratio[0])
-
-
 def test_any_blocking_gives_the_same_samples():
     rng = np.random.default_rng(0)
     v = 80 * np.cumsum(rng.standard_normal((600, 2)), axis=0) / 10

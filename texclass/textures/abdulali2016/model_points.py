@@ -43,35 +43,35 @@ LINE, STEADY = 0, 1
 """What a union of neighbours costs: `_line_cost` or `_steady_cost`."""
 
 
-def smooth_motion(x: ArrayLike, fs: float, *, cutoff_hz: float = MOTION_HZ) -> Samples:
+def smooth_motion(x: ArrayLike, fs: float) -> Samples:
     """Low-pass what a hand does: Bessel, forwards and backwards, so that nothing is delayed.
+
+    The two passes together take away 6 dB at `MOTION_HZ`.
 
     Parameters
     ----------
     x : array_like of shape (n_samples, ...)
         Position, velocity or force.
     fs : float
-        Hz.
-    cutoff_hz : float
-        Where the two passes together take away 6 dB.
+        Hz, above twice `MOTION_HZ`.
 
     Raises
     ------
     ValueError
-        If the cut-off is not between 0 and fs/2, there is no sample, or one is not finite.
+        If the rate is too low, there is no sample, or one is not finite.
 
     References
     ----------
     `abdulali2016`, section 2.2, which gives neither the order (`BESSEL_ORDER` a pass here) nor the direction.
     """
-    if not 0 < cutoff_hz < fs / 2:
-        raise ValueError(f"cutoff_hz is {cutoff_hz}; the rule is above 0 and below fs/2 = {fs / 2:g} Hz")
-    sos = signal.bessel(BESSEL_ORDER, cutoff_hz, fs=fs, norm="mag", output="sos")
+    if not fs > 2 * MOTION_HZ:
+        raise ValueError(f"fs is {fs}; the rule is above {2 * MOTION_HZ:g} Hz, twice the band of the motion")
+    sos = signal.bessel(BESSEL_ORDER, MOTION_HZ, fs=fs, norm="mag", output="sos")
     return zero_phase(np.asarray(sos), x)
 
 
-def limit_vibration(x: ArrayLike, fs: float, *, band_hz: tuple[float, float] = VIBRATION_HZ) -> Samples:
-    """Keep the band of the vibration, without delay: gravity and the hand go below it, noise above.
+def limit_vibration(x: ArrayLike, fs: float) -> Samples:
+    """Keep `VIBRATION_HZ` alone, without delay: gravity and the hand go below it, noise above.
 
     Parameters
     ----------
@@ -80,8 +80,6 @@ def limit_vibration(x: ArrayLike, fs: float, *, band_hz: tuple[float, float] = V
     fs : float
         Hz. Where the upper edge reaches fs/2 (as the printed 1000 Hz does at the printed 1 kHz) the sampling
         has already cut there, and the lower edge alone is left.
-    band_hz : tuple of float
-        Lower and upper edge.
 
     Raises
     ------
@@ -92,9 +90,9 @@ def limit_vibration(x: ArrayLike, fs: float, *, band_hz: tuple[float, float] = V
     ----------
     `abdulali2016`, section 2.2.
     """
-    if band_hz[1] >= 0.99 * fs / 2:
-        return zero_phase(butterworth("highpass", band_hz[0], fs), x)
-    return zero_phase(butterworth("bandpass", band_hz, fs), x)
+    if VIBRATION_HZ[1] >= 0.99 * fs / 2:
+        return zero_phase(butterworth("highpass", VIBRATION_HZ[0], fs), x)
+    return zero_phase(butterworth("bandpass", VIBRATION_HZ, fs), x)
 
 
 def condition(scan: Scan) -> Scan:
@@ -222,14 +220,7 @@ class InputSegments:
         return InputSegments(self.lines, self.start[which], self.stop[which])
 
 
-def segment_input(
-    scan: Scan,
-    *,
-    line_mm: float = LINE_MM,
-    variation: float = VARIATION,
-    nothing: float = NOTHING,
-    shortest_s: float = SHORTEST_S,
-) -> InputSegments:
+def segment_input(scan: Scan, *, variation: float = VARIATION) -> InputSegments:
     """Cut a scan by its input alone: first into straight lines, then into pieces of steady speed and force.
 
     Neighbours whose union costs least are merged, until every union costs too much. Phase 1 merges while
@@ -243,19 +234,14 @@ def segment_input(
     ----------
     scan : Scan
         Conditioned, see `condition`.
-    line_mm : float
-        tau_1, mm.
     variation : float
-        tau_2.
-    nothing : float
-        epsilon: segments with a mean speed (m/s) or force (N) up to this do not merge.
-    shortest_s : float
-        Shorter segments are dropped, s.
+        tau_2. (tau_1 is `LINE_MM`; segments with a mean speed or force up to `NOTHING` do not merge, and
+        those shorter than `SHORTEST_S` are dropped.)
 
     Raises
     ------
     ValueError
-        If a threshold is negative or not finite.
+        If the threshold is negative or not finite.
 
     Notes
     -----
@@ -270,27 +256,25 @@ def segment_input(
     `abdulali2016`, section 3.1, eq. (1)-(3); Keogh et al., "An online algorithm for segmenting time series",
     2001.
     """
-    given = {"line_mm": line_mm, "variation": variation, "nothing": nothing, "shortest_s": shortest_s}
-    for name, value in given.items():
-        if not (np.isfinite(value) and value >= 0):
-            raise ValueError(f"{name} is {value}; the rule is finite and at least 0")
+    if not 0 <= variation < np.inf:
+        raise ValueError(f"variation is {variation}; the rule is finite and at least 0")
     step = max(int(scan.fs // MOTION_FS), 1)
-    lines = straight_lines(scan.position[::step], line_mm)
+    lines = straight_lines(scan.position[::step])
     felt = np.column_stack([scan.speed[::step] / 1000, scan.force[::step]])
     sums = np.zeros((len(felt) + 1, 4))
     np.cumsum(np.concatenate([felt, felt**2], axis=1), axis=0, out=sums[1:])
-    bounds = [_bottom_up(STEADY, sums, a, b, variation, nothing) for a, b in pairwise(lines)]
+    bounds = [_bottom_up(STEADY, sums, a, b, variation, NOTHING) for a, b in pairwise(lines)]
     ends = np.concatenate([np.column_stack([b[:-1], b[1:]]) for b in bounds])
     start, stop = np.minimum(ends * step, len(scan)).T
     every = InputSegments(np.minimum(lines * step, len(scan)), start, stop)
-    touching = (every.means(scan.speed) / 1000 > nothing) & (every.means(scan.force) > nothing)
-    return every.chosen((every.n_samples >= shortest_s * scan.fs) & touching)
+    touching = (every.means(scan.speed) / 1000 > NOTHING) & (every.means(scan.force) > NOTHING)
+    return every.chosen((every.n_samples >= SHORTEST_S * scan.fs) & touching)
 
 
-def straight_lines(position: Samples, line_mm: float = LINE_MM) -> Indices:
+def straight_lines(position: Samples) -> Indices:
     """Return the bounds of the straight lines of a path (n, 2) in mm, shape (n_lines + 1,); phase 1."""
     xy = np.ascontiguousarray(position, dtype=np.float64)
-    return np.asarray(_bottom_up(LINE, xy, 0, len(xy), line_mm, FOOT * line_mm))
+    return np.asarray(_bottom_up(LINE, xy, 0, len(xy), LINE_MM, FOOT * LINE_MM))
 
 
 class ModelPoints(NamedTuple):
@@ -356,13 +340,11 @@ def segment_points(
     pieces = segments.pieces(scan.acceleration)
     models = [autoregressive.fit(x, order, method=method, variance="yule_walker") for x in pieces]
     lsf = line_spectrum.spread(line_spectrum.from_reflection(np.stack([m.reflection for m in models])))
-    loud = (
-        [np.sqrt(np.mean(x**2)) for x in pieces]
-        if loudness == "level"
-        else [float(m.gain) ** 2 for m in models]
-    )
+    loud = np.array([m.gain**2 for m in models])
+    if loudness == "level":
+        loud = np.array([np.sqrt(np.mean(x**2)) for x in pieces])
     kind = np.zeros(len(segments), np.int64)
-    return ModelPoints(segments.means(u), lsf, np.array(loud), segments.n_samples / scan.fs, kind)
+    return ModelPoints(segments.means(u), lsf, loud, segments.n_samples / scan.fs, kind)
 
 
 def zero_force_points(points: ModelPoints, scaling: Samples) -> ModelPoints:

@@ -49,7 +49,7 @@ class BandedVibration:
     segmentation: Segmentation
 
 
-def band_of(acceleration: ArrayLike, fs: float, *, smoothing_hz: float = SMOOTHING_HZ) -> VibrationBand:
+def band_of(acceleration: ArrayLike, fs: float) -> VibrationBand:
     """Return major frequency and automatic upper cut-off of a vibration.
 
     Parameters
@@ -58,8 +58,6 @@ def band_of(acceleration: ArrayLike, fs: float, *, smoothing_hz: float = SMOOTHI
         Any unit; a linear trend is left out.
     fs : float
         Hz.
-    smoothing_hz : float
-        Standard deviation of the low-pass of the spectrum, Hz.
 
     References
     ----------
@@ -68,7 +66,7 @@ def band_of(acceleration: ArrayLike, fs: float, *, smoothing_hz: float = SMOOTHI
     a = np.asarray(acceleration, dtype=np.float64)
     n_fft = max(a.size, int(2 ** np.ceil(np.log2(fs / LOWER_HZ))))
     f, power = signal.periodogram(signal.detrend(a), fs, nfft=n_fft, detrend=False)
-    return vibration_band(f[f >= LOWER_HZ], power[f >= LOWER_HZ], smoothing_hz=smoothing_hz)
+    return vibration_band(f[f >= LOWER_HZ], power[f >= LOWER_HZ], smoothing_hz=SMOOTHING_HZ)
 
 
 def profile_of(
@@ -77,7 +75,6 @@ def profile_of(
     *,
     resolution: float = RESOLUTION,
     phase: Phase = "causal",
-    smoothing_hz: float = SMOOTHING_HZ,
 ) -> BandedVibration:
     """Band-pass an acceleration by a 4th-order Butterworth filter and cut it where peaks rise.
 
@@ -92,8 +89,6 @@ def profile_of(
     phase : {"causal", "zero"}
         "causal": forwards once, then moved back by the delay at the major frequency (whole samples). "zero":
         forwards and backwards. See the notes.
-    smoothing_hz : float
-        See `band_of`.
 
     Returns
     -------
@@ -121,7 +116,7 @@ def profile_of(
             f"acceleration of shape {a.shape}: the rule is 8 samples or more of one channel, "
             "finite, not constant"
         )
-    band = band_of(a, fs, smoothing_hz=smoothing_hz)
+    band = band_of(a, fs)
     is_wide = band.upper_hz > HIGHEST * fs / 2
     cutoff = fs / 2 if is_wide else band.upper_hz
     edges = LOWER_HZ if is_wide else (LOWER_HZ, cutoff)
@@ -362,7 +357,6 @@ def fit_texture(
     method: Method = "modes",
     phase: Phase = "causal",
     tails: Literal["subtracted", "ignored"] = "subtracted",
-    smoothing_hz: float = SMOOTHING_HZ,
     compensated: bool = True,
     course: Course = "line",
 ) -> FittedScan:
@@ -382,8 +376,6 @@ def fit_texture(
         Of the band-pass, see `profile_of`.
     tails : {"subtracted", "ignored"}
         See `fit_responses`.
-    smoothing_hz : float
-        Low-pass of the spectrum, see `band_of`.
     compensated : bool
         See `Amplitude`.
     course : {"line", "travelled"}
@@ -410,7 +402,7 @@ def fit_texture(
         )
     scaling = Amplitude(law, speed, max(float(scan.force.mean()), 0.0), compensated)
     a = normalised(scan, scaling)
-    profile = profile_of(a, scan.fs, resolution=resolution, phase=phase, smoothing_hz=smoothing_hz)
+    profile = profile_of(a, scan.fs, resolution=resolution, phase=phase)
     responses = fit_responses(
         profile.samples, profile.segmentation.bounds.tolist(), scan.fs, resolution, method=method, tails=tails
     )
