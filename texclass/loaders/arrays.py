@@ -21,7 +21,15 @@ import numpy as np
 import soundfile
 from scipy import io as scipy_io
 
-from texclass.loaders.columns import UNNAMED, ReadOptions, ReadSignals, as_samples, check_held, require
+from texclass.loaders.columns import (
+    UNNAMED,
+    ReadOptions,
+    ReadSignals,
+    as_samples,
+    check_held,
+    refused,
+    require,
+)
 from texclass.recording import RecordingError
 
 RATE = "fs"
@@ -81,7 +89,17 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
         if path.suffix.lower() in (".wav", ".flac"):
             stored, fs = _read_audio(path, codes=options.codes)
         elif path.suffix.lower() == ".npz":
-            stored, fs = _read_npz(path, wanted)
+            with zipfile.ZipFile(path) as members:
+                for name in {*wanted, RATE} & {member.removesuffix(".npy") for member in members.namelist()}:
+                    check_held(members.getinfo(f"{name}.npy").file_size // 8, path)
+            with (
+                warnings.catch_warnings(),
+                path.open("rb") as raw,
+                np.load(raw, allow_pickle=False) as archive,
+            ):
+                warnings.simplefilter("ignore", UserWarning)  # of headers that Python 2 wrote
+                fs = _scalar(archive[RATE] if RATE in archive.files else None)
+                stored = {name: archive[name] for name in wanted}
         elif h5py.is_hdf5(path) or path.suffix.lower() != ".mat":
             with h5py.File(path) as file:
                 stored = {name: _inside(file, name, path) for name in wanted}
@@ -112,39 +130,25 @@ def _read_audio(path: Path, *, codes: bool) -> Stored:
     size, announced = path.stat().st_size, int.from_bytes(head[4:8], "little")
     if head[:4] == b"RIFF" and announced != _STREAMED and announced + 8 > size:
         # libsndfile would read it without a word.
-        raise RecordingError(
-            f"{path}: holds {size} of {announced + 8} bytes that its header announces; the rule is all"
-        )
+        raise refused(path, f"holds {size} of {announced + 8} bytes that its header announces", "all")
     with soundfile.SoundFile(path) as file:
         check_held(file.frames * file.channels, path)
         bits = CODE_BITS.get(file.subtype) if codes else None
         samples = file.read(dtype="int32" if bits else "float64")
         frames, fs = file.frames, float(file.samplerate)
     if len(samples) < frames:
-        raise RecordingError(
-            f"{path}: holds {len(samples)} of {frames} frames that its header announces; the rule is all"
-        )
+        raise refused(path, f"holds {len(samples)} of {frames} frames that its header announces", "all")
     return {UNNAMED: np.right_shift(samples, 32 - bits, out=samples) if bits else samples}, fs
-
-
-def _read_npz(path: Path, wanted: tuple[str, ...]) -> Stored:
-    with zipfile.ZipFile(path) as archive:
-        for name in {*wanted, RATE} & {member.removesuffix(".npy") for member in archive.namelist()}:
-            check_held(archive.getinfo(f"{name}.npy").file_size // 8, path)
-    with warnings.catch_warnings(), path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-        warnings.simplefilter("ignore", UserWarning)  # of headers that Python 2 wrote
-        rate = archive[RATE] if RATE in archive.files else None
-        return {name: archive[name] for name in wanted}, _scalar(rate)
 
 
 def _inside(file: h5py.File, name: str, path: Path) -> Any:
     """Return the values of a dataset whose bytes are in this file."""
     dataset = file[name]
     if dataset.external or dataset.is_virtual:
-        raise RecordingError(f"{path}: {name} is kept in another file; the rule is one file")
+        raise refused(path, f"{name} is kept in another file", "one file")
     check_held(dataset.size, path)
     if dataset.fletcher32 and dataset.id.chunk_iter(lambda chunk: chunk.size <= _CHECKSUM or None):
-        raise RecordingError(f"{path}: {name} has a chunk without data; the rule is more than its checksum")
+        raise refused(path, f"{name} has a chunk without data", "more than its checksum")
     # h5py converts piece by piece: stored floats of 4 bytes never stand in memory beside those of 8.
     return dataset.astype(np.float64)[()] if dataset.dtype.kind in "iuf" else dataset[()]
 

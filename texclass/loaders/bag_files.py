@@ -25,7 +25,7 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader
 from rosbags.rosbag1.reader import Header, RecordType, read_bytes, read_uint32
 
-from texclass.loaders.columns import BAG_FOLDER, STORAGE, storage_suffix
+from texclass.loaders.columns import BAG_FOLDER, STORAGE, refused, storage_suffix
 from texclass.recording import RecordingError
 
 MOST_BYTES = 1 << 27
@@ -125,7 +125,7 @@ def bag_messages(path: Path, chosen: Connection) -> Iterator[tuple[int, bytes]]:
             for connection, received, raw in _READERS[suffix][1](file, chosen.topic, budget):
                 if connection != chosen:
                     sent = f"{chosen.topic} carries {connection.type_name} and {chosen.type_name}"
-                    raise RecordingError(f"{path}: {sent}; the rule is one type a topic")
+                    raise refused(path, sent, "one type a topic")
                 yield received, raw
 
 
@@ -136,7 +136,7 @@ def _storage_files(path: Path) -> tuple[Path, ...]:
         return (path,)
     files = [file for file in folder.iterdir() if storage_suffix(file.name) in STORAGE]
     if not files:
-        raise RecordingError(f"{folder}: holds no .mcap or .db3 file; the rule is a folder of rosbag2")
+        raise refused(folder, "holds no .mcap or .db3 file", "a folder of rosbag2")
     return tuple(sorted(files, key=lambda file: [int(n) for n in re.findall(r"\d+", file.name)]))
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from texclass.loaders.bag_files import Connection, bag_messages, bag_topics
-from texclass.loaders.columns import ReadOptions, ReadSignals, check_size, listed, require
+from texclass.loaders.columns import ReadOptions, ReadSignals, check_size, listed, refused, require
 from texclass.loaders.ros_messages import (
     MULTI_ARRAY,
     READABLE,
@@ -91,14 +91,10 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     own = tuple(name for name in wanted if not name.startswith("/"))
     stamps, received, samples = _messages(path, chosen, own)
     if not (np.isfinite(samples).all() and np.abs(samples).max(initial=0.0) < MOST_LARGE):
-        raise RecordingError(
-            f"{where}: holds values that are NaN or beyond {MOST_LARGE:g}; the rule is finite"
-        )
+        raise refused(where, f"holds values that are NaN or beyond {MOST_LARGE:g}", "finite")
     turn = [own.index(name) for name in TURN_RATE if name in own]
     if turn and not samples[:, :, turn].any():  # no gyroscope is so quiet: the sensor has none
-        raise RecordingError(
-            f"{where}: the turn rate is 0 in each of its messages; the rule is a sensor that measures it"
-        )
+        raise refused(where, "the turn rate is 0 in each of its messages", "a sensor that measures it")
     by_header = stamps is not None and bool(np.any(stamps != 0))
     order = np.argsort(received, kind="stable")
     samples, received = samples[order], received[order]
@@ -134,9 +130,7 @@ def choose_topic(topics: Mapping[str, Connection], wanted: str | None, path: Pat
         if found is None:
             raise RecordingError(f"{path}: topic {wanted!r} is not there; its topics are {listed([*topics])}")
         if found.type_name not in READABLE:
-            raise RecordingError(
-                f"{path}: topic {wanted!r} carries {found.type_name!r}; the rule is {', '.join(READABLE)}"
-            )
+            raise refused(path, f"topic {wanted!r} carries {found.type_name!r}", ", ".join(READABLE))
         return found
     for kinds in (tuple(name for name, type_ in TYPES.items() if type_.acceleration), (MULTI_ARRAY,)):
         fitting = [connection for connection in topics.values() if connection.type_name in kinds]
@@ -183,11 +177,11 @@ def _messages(
             raise RecordingError(f"{where}: {error}") from error
         check_size(len(received) * parts[-1][0].size, path)
     if len(received) < 2:
-        raise RecordingError(f"{where}: holds {len(received)} messages; the rule is at least 2")
+        raise refused(where, f"holds {len(received)} messages", "at least 2")
     if not 0 <= min(received) <= max(received) < 2**63:
-        raise RecordingError(f"{where}: a message was received at {max(received)} ns; the rule is 63 bits")
+        raise refused(where, f"a message was received at {max(received)} ns", "63 bits")
     if len({samples.shape[1:] for samples in parts}) > 1:
-        raise RecordingError(f"{where}: its messages differ in size; the rule is one number of samples")
+        raise refused(where, "its messages differ in size", "one number of samples")
     samples = np.concatenate(parts)
     if type_ is None:
         present = _channel_names(samples.shape[2])
@@ -200,12 +194,12 @@ def _other(path: Path, topics: Mapping[str, Connection], name: str, t: Samples) 
     """Return a column of another topic at given instants; beyond its ends it keeps its last value."""
     topic, _, column = name.rpartition("/")
     if topic not in topics or column not in getattr(TYPES.get(topics[topic].type_name), "columns", ()):
-        raise RecordingError(f"{path}: column {name!r} is not there; the rule is /topic/column of a bag")
+        raise refused(path, f"column {name!r} is not there", "/topic/column of a bag")
     stamps, _, samples = _messages(path, topics[topic], (column,))
     if stamps is None or not stamps.any():
-        raise RecordingError(f"{path}: {topic} has no stamps in its headers; the rule is those of one clock")
+        raise refused(path, f"{topic} has no stamps in its headers", "those of one clock")
     order = np.argsort(stamps, kind="stable")
     at = stamps[order] / 1e9
     if at[0] > t[-1] or at[-1] < t[0]:
-        raise RecordingError(f"{path}: {topic} and the acceleration share no time; the rule is one clock")
+        raise refused(path, f"{topic} and the acceleration share no time", "one clock")
     return np.asarray(np.interp(t, at, samples[order, 0, 0]))

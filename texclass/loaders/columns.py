@@ -83,9 +83,7 @@ def choose_acceleration(names: Sequence[str], path: Path) -> tuple[str, ...]:
             return tuple(by_lower[name] for name in convention)
     if len(names) == 1:
         return tuple(names)
-    raise RecordingError(
-        f"{path}: its columns are {listed(names)}; the rule is to say which hold the acceleration (--column)"
-    )
+    raise refused(path, f"its columns are {listed(names)}", "to say which hold the acceleration (--column)")
 
 
 def require(wanted: Sequence[str], names: Sequence[str], path: Path, *, hint: str = "") -> None:
@@ -107,18 +105,14 @@ def require(wanted: Sequence[str], names: Sequence[str], path: Path, *, hint: st
 def check_size(n_values: int, path: Path) -> None:
     """Refuse a file that announces more than `MAX_VALUES` values, before they are read."""
     if n_values > MAX_VALUES:
-        raise RecordingError(
-            f"{path}: announces {n_values} values; the rule is at most {MAX_VALUES} a recording, split it"
-        )
+        raise refused(path, f"announces {n_values} values", f"at most {MAX_VALUES} a recording, split it")
 
 
 def check_held(n_values: int, path: Path) -> None:
     """Refuse a file that announces more values than `MAX_VALUES`, or than its bytes can hold."""
     check_size(n_values, path)
     if 8 * n_values > max(1 << 26, MOST_EXPANSION * (size := path.stat().st_size)):
-        raise RecordingError(
-            f"{path}: announces {n_values} values in {size} bytes; the rule is at most {MOST_EXPANSION} times"
-        )
+        raise refused(path, f"announces {n_values} values in {size} bytes", f"at most {MOST_EXPANSION} times")
 
 
 def as_samples(array: Any, name: str, path: Path) -> Samples:
@@ -133,18 +127,23 @@ def as_samples(array: Any, name: str, path: Path) -> Samples:
     """
     array = np.asarray(array)
     if array.dtype.kind not in "iuf":
-        raise RecordingError(f"{path}: {name} holds {array.dtype}; the rule is real numbers")
+        raise refused(path, f"{name} holds {array.dtype}", "real numbers")
     check_size(array.size, path)
     with np.errstate(over="ignore", invalid="ignore"):  # of wider floats: infinite, and refused as such
         samples = np.atleast_1d(np.squeeze(array)).astype(np.float64, copy=False)
     if samples.ndim > 2:
-        raise RecordingError(f"{path}: {name} has shape {array.shape}; the rule is (n,) or (n, channels)")
+        raise refused(path, f"{name} has shape {array.shape}", "(n,) or (n, channels)")
     return samples.T if samples.ndim == 2 and samples.shape[0] < samples.shape[1] else samples
 
 
 def storage_suffix(name: str) -> str:
     """Return the kind of a bag's storage file, compressed or not: ".bag", ".mcap", ".db3"."""
     return PurePosixPath(name.lower().removesuffix(".zstd")).suffix
+
+
+def refused(where: object, found: str, rule: str) -> RecordingError:
+    """Return the error of a file: what was found there, and the rule that it breaks."""
+    return RecordingError(f"{where}: {found}; the rule is {rule}")
 
 
 def listed(names: Sequence[str], most: int = 8) -> str:

@@ -11,7 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, ReadSignals, choose_acceleration
+from texclass.loaders.columns import (
+    BAG_FOLDER,
+    UNNAMED,
+    ReadOptions,
+    ReadSignals,
+    choose_acceleration,
+    refused,
+)
 from texclass.recording import (
     ACCELERATION_UNITS,
     AUXILIARY_UNITS,
@@ -111,7 +118,7 @@ def located(name: str | Path) -> tuple[Path, str | None]:
         rest, _, query = str(name).removeprefix(BAG).partition("?")
         path, topic = Path(rest).expanduser(), query.removeprefix("topic=") or None
         if query and not query.startswith("topic="):
-            raise RecordingError(f"{name}: asks for {query!r}; the rule is bag:FILE?topic=/name")
+            raise refused(name, f"asks for {query!r}", "bag:FILE?topic=/name")
     if not path.exists():
         raise RecordingError(f"{path}: cannot be opened (no such file)")
     return path / BAG_FOLDER if (path / BAG_FOLDER).is_file() else path, topic
@@ -165,12 +172,12 @@ def _reader(path: Path) -> ModuleType:
     except OSError as error:
         raise RecordingError(f"{path}: cannot be opened ({error.strerror})") from error
     if not path.is_file():
-        raise RecordingError(f"{path}: is not a file; the rule is one file per recording (or axis)")
+        raise refused(path, "is not a file", "one file per recording (or axis)")
     if size == 0:
-        raise RecordingError(f"{path}: is empty (0 bytes); the rule is at least two samples")
+        raise refused(path, "is empty (0 bytes)", "at least two samples")
     kind = "bags" if is_bag(path) else READERS.get(path.suffix.lower())
     if kind is None:
-        raise RecordingError(f"{path}: suffix is {path.suffix!r}; the rule is one of {', '.join(READERS)}")
+        raise refused(path, f"suffix is {path.suffix!r}", f"one of {', '.join(READERS)}")
     try:
         return importlib.import_module(f"texclass.loaders.{kind}")
     except ImportError as error:
@@ -210,11 +217,11 @@ def checked_unit(where: Path, fs: float | None, unit: str | None) -> str:
         If the unit is missing or unknown, or the rate is not above 0.
     """
     if unit is None:
-        raise RecordingError(f"{where}: unit is missing; the rule is {UNIT_RULE}, never guessed: give --unit")
+        raise refused(where, "unit is missing", f"{UNIT_RULE}, never guessed: give --unit")
     if unit not in (*ACCELERATION_UNITS, *SCALELESS_UNITS):
-        raise RecordingError(f"{where}: unit is {unit!r}; the rule is {UNIT_RULE}")
+        raise refused(where, f"unit is {unit!r}", UNIT_RULE)
     if fs is not None and not (np.isfinite(fs) and fs > 0):
-        raise RecordingError(f"{where}: fs is {fs}; the rule is a sampling rate in Hz above 0")
+        raise refused(where, f"fs is {fs}", "a sampling rate in Hz above 0")
     return unit
 
 
@@ -280,10 +287,10 @@ def read_signals(
     where = str(next(iter(axes.values())))
     lengths = {axis: len(part.named[UNNAMED]) for axis, part in parts.items()}
     if len(set(lengths.values())) > 1 and not trim:
-        raise RecordingError(f"{where}: its axes have {lengths} samples; the rule is one length")
+        raise refused(where, f"its axes have {lengths} samples", "one length")
     rates = [part.fs for part in parts.values()]
     if len(set(rates)) > 1:
-        raise RecordingError(f"{where}: its axes have rates {rates}; the rule is one")
+        raise refused(where, f"its axes have rates {rates}", "one")
     n = min(lengths.values())
     acceleration = read_only(np.column_stack([part.named[UNNAMED][:n] for part in parts.values()]))
     return ReadSignals({**first.named, UNNAMED: acceleration}, first.fs, channels=tuple(parts))
@@ -321,11 +328,9 @@ def agreed_rate(stated: float | None, given: float | None, where: str) -> float:
         If it is missing or contradicted.
     """
     if stated is None and given is None:
-        raise RecordingError(f"{where}: fs is missing; the rule is a rate in Hz, never guessed: give --fs")
+        raise refused(where, "fs is missing", "a rate in Hz, never guessed: give --fs")
     if stated is not None and given is not None and not math.isclose(stated, given, rel_tol=1e-9):
-        raise RecordingError(
-            f"{where}: fs is {stated:g} Hz there, {given:g} Hz was given; the rule is one rate"
-        )
+        raise refused(where, f"fs is {stated:g} Hz there, {given:g} Hz was given", "one rate")
     return stated if stated is not None else given  # type: ignore[return-value]
 
 
@@ -339,12 +344,10 @@ def check_acceleration(acceleration: Samples, channels: Sequence[str], where: st
     """
     columns = acceleration.reshape(len(acceleration), -1)
     if len(columns) < 2:
-        raise RecordingError(f"{where}: holds {len(columns)} sample; the rule is at least 2")
+        raise refused(where, f"holds {len(columns)} sample", "at least 2")
     constant = np.ptp(columns, axis=0) == 0
     if constant.all():
-        raise RecordingError(
-            f"{where}: acceleration is {columns[0].tolist()} throughout; the rule is a channel that varies"
-        )
+        raise refused(where, f"acceleration is {columns[0].tolist()} throughout", "a channel that varies")
     dead = [f"constant: channel {name}" for name, is_dead in zip(channels, constant, strict=True) if is_dead]
     share = max(clipped_share(columns[:, i]) for i in np.flatnonzero(~constant))
     clipped = [f"clipped: {100 * share:.1f} % of the samples at full scale"] if share >= CLIPPED_SHARE else []

@@ -13,7 +13,15 @@ from typing import Any
 import numpy as np
 
 from texclass.loaders.cards import CardError, DeclaredPhases, FileReading, Reading, RowCard
-from texclass.loaders.columns import BAG_FOLDER, STORAGE, UNNAMED, ReadOptions, ReadSignals, storage_suffix
+from texclass.loaders.columns import (
+    BAG_FOLDER,
+    STORAGE,
+    UNNAMED,
+    ReadOptions,
+    ReadSignals,
+    refused,
+    storage_suffix,
+)
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.files import agreed_unit, build_recording, is_bag, read_signals, topics
 from texclass.loaders.places import cache_root, write_atomically
@@ -282,16 +290,12 @@ def _recording(signals: ReadSignals, told: Reading, entry: Entry, source: str) -
 def _unique(entries: Sequence[Entry], root: Path) -> tuple[Entry, ...]:
     """Check that there are recordings, and that no two bear the same id."""
     if not entries:
-        raise RecordingError(
-            f"{root}: holds no recording; the rule is at least one file as the card describes"
-        )
+        raise refused(root, "holds no recording", "at least one file as the card describes")
     seen: dict[str, Entry] = {}
     for entry in entries:
         if (first := seen.setdefault(entry.recording_id, entry)) is not entry:
             files = ", ".join((*first.paths, *entry.paths))
-            raise RecordingError(
-                f"{root}: recording id {entry.recording_id!r} occurs twice ({files}); the rule is once"
-            )
+            raise refused(root, f"recording id {entry.recording_id!r} occurs twice ({files})", "once")
     return tuple(entries)
 
 
@@ -399,9 +403,7 @@ def _read_rows(path: Path, label_column: str) -> tuple[tuple[str, ...], Samples]
         labels = tuple(table.pop(label_column).astype(str))
         return labels, table.to_numpy(dtype=np.float64)
     except FileNotFoundError as error:
-        raise RecordingError(
-            f"{path}: is missing; the rule is one file per channel, as the card says"
-        ) from error
+        raise refused(path, "is missing", "one file per channel, as the card says") from error
     except KeyError as error:
         raise RecordingError(f"{path}: lacks the column {label_column!r} of the labels") from error
     except (ValueError, TypeError, OverflowError, OSError) as error:

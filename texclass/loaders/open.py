@@ -7,7 +7,7 @@ from typing import Any
 
 from texclass import shipped
 from texclass.loaders.cards import FileReading, RowCard, SimulatedCard, read_card
-from texclass.loaders.columns import BAG_FOLDER, ReadOptions
+from texclass.loaders.columns import BAG_FOLDER, ReadOptions, refused
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.files import (
     READERS,
@@ -105,9 +105,7 @@ def find_recording(name: str | Path, *, fs: float | None = None, unit: str | Non
     ids = [entry.recording_id for entry in dataset.entries]
     if recording_id not in ids:
         near = ", ".join(difflib.get_close_matches(recording_id, ids, n=3) or ids[:3])
-        raise RecordingError(
-            f"{dataset_name}: no recording is {recording_id!r}; the rule is an id like {near}"
-        )
+        raise refused(dataset_name, f"no recording is {recording_id!r}", f"an id like {near}")
     return dataset[ids.index(recording_id)]
 
 
@@ -149,4 +147,4 @@ def _check_agreement(
 ) -> None:
     agreed_rate(stated_fs, fs, str(where))
     if unit not in (None, stated_unit):
-        raise RecordingError(f"{where}: unit is {stated_unit!r}, {unit!r} was given; the rule is one unit")
+        raise refused(where, f"unit is {stated_unit!r}, {unit!r} was given", "one unit")

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.signal import resample_poly
 
-from texclass.recording import RecordingError, Samples
+from texclass.loaders.columns import refused
+from texclass.recording import Samples
 
 Stamps = NDArray[np.int64]
 
@@ -104,17 +105,22 @@ def place(stamps_ns: Stamps, received_ns: Stamps, repeats: NDArray[np.bool_], wh
     order = np.argsort(t, kind="stable")
     n_moved = int(np.count_nonzero(np.diff(t) < 0))
     kept, t = kept[order], t[order]
-    period = _period(t, where)
+    step = np.diff(t)
+    if not len(step) or not t[-1] > t[0] or not np.isfinite(t[-1]):
+        raise refused(where, f"{len(t)} messages at one instant", "at least two instants")
+    typical, period = float(np.median(step)), float(t[-1] - t[0]) / len(step)
+    # the mean step is long because of a few long gaps, not because messages come in bursts
+    gaps = np.count_nonzero(step > period) < 0.01 * len(step) and np.percentile(step, 10) > 0.5 * typical
+    if typical > 0.2 * period or (typical > 0 and gaps):
+        period = usual_step(step)
     lost = _lost_before(t, period)
     first, last, cut = _longest_stretch(lost, max(MOST_LOST, int(MOST_LOST_S / period)), period)
     kept, t, lost = kept[first:last], t[first:last], np.append(0, lost[first + 1 : last])
     index = np.arange(len(t)) + np.cumsum(lost)
     if len(t) < 2 or t[-1] <= t[0]:
-        raise RecordingError(f"{where}: all its stamps are {stamps_ns[0]} ns; the rule is two instants")
+        raise refused(where, f"all its stamps are {stamps_ns[0]} ns", "two instants")
     if index[-1] >= 2 * len(t) + MOST_LOST:
-        raise RecordingError(
-            f"{where}: {lost.sum()} of {index[-1] + 1} messages are missing; the rule is half"
-        )
+        raise refused(where, f"{lost.sum()} of {index[-1] + 1} messages are missing", "half")
     said = {
         f"duplicates: {again.sum()} messages repeat stamp and values of the one before, dropped": again.any(),
         jumps: jumps,
@@ -124,17 +130,17 @@ def place(stamps_ns: Stamps, received_ns: Stamps, repeats: NDArray[np.bool_], wh
     }
     # t = T i + t0 by least squares; what is left over is the jitter
     centred = index - index.mean()
-    step, level = np.polyfit(centred, t, 1)
-    offset = (t - level) / step - centred
+    spacing, level = np.polyfit(centred, t, 1)
+    offset = (t - level) / spacing - centred
     used = stamps_ns[kept]
     return Sampling(
         messages=kept,
         index=index,
         offset=offset,
         start_s=float(used[0]) / 1e9,
-        rate=float(1 / step),
+        rate=float(1 / spacing),
         jitter=float(np.sqrt(np.mean(offset**2))),
-        resolution=float(np.gcd.reduce(np.diff(used))) / 1e9 / float(step),
+        resolution=float(np.gcd.reduce(np.diff(used))) / 1e9 / float(spacing),
         flags=tuple(text for text, holds in said.items() if holds),
     )
 
@@ -165,17 +171,6 @@ def _bridged(t: Samples, received: Samples) -> tuple[Samples, str]:
         f"clock jumps: {np.count_nonzero(jumped)} (largest {largest:+.3g} s), bridged by the times of receipt"
     )
     return np.concatenate(([t[0]], t[0] + np.cumsum(step))), told
-
-
-def _period(t: Samples, where: str) -> float:
-    """Return the usual step; of messages that come in bursts, the mean one."""
-    step = np.diff(t)
-    if not len(step) or not t[-1] > t[0] or not np.isfinite(t[-1]):
-        raise RecordingError(f"{where}: {len(t)} messages at one instant; the rule is at least two instants")
-    typical, mean = float(np.median(step)), float(t[-1] - t[0]) / len(step)
-    # the mean step is long because of a few long gaps, not because messages come in bursts
-    gaps = np.count_nonzero(step > mean) < 0.01 * len(step) and np.percentile(step, 10) > 0.5 * typical
-    return usual_step(step) if typical > 0.2 * mean or (typical > 0 and gaps) else mean
 
 
 def usual_step(step: Samples) -> float:
@@ -289,9 +284,7 @@ def at_uniform_rate(
     measured = sampling.rate * per_message
     fs = nominal_rate(measured) if given is None else given
     if abs(measured - fs) > NEAR_RATE * fs:
-        raise RecordingError(
-            f"{where}: fs is {measured:.6g} Hz by its stamps, {fs:g} Hz was given; the rule is one rate"
-        )
+        raise refused(where, f"fs is {measured:.6g} Hz by its stamps, {fs:g} Hz was given", "one rate")
     is_jittery = sampling.jitter > KEPT_JITTER
     tells = sampling.jitter <= MOST_JITTER and sampling.resolution <= MOST_RESOLUTION
     at_stamps = is_jittery and by_header and tells and per_message == 1

@@ -14,6 +14,7 @@ from texclass.loaders.columns import (
     as_samples,
     check_held,
     check_size,
+    refused,
     require,
 )
 from texclass.recording import RecordingError
@@ -91,7 +92,7 @@ def _read_parquet(path: Path, wanted: tuple[str, ...]) -> ReadSignals:
     except Exception as error:  # damaged bytes make pyarrow raise almost anything
         raise _unreadable(path, error) from error
     for name, n in lacking.items():
-        raise RecordingError(f"{path}: {name} lacks {n} values; the rule is a number in every cell")
+        raise refused(path, f"{name} lacks {n} values", "a number in every cell")
     return ReadSignals({name: as_samples(stored[name], name, path) for name in wanted})
 
 

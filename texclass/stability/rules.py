@@ -162,20 +162,25 @@ def features(
         yield Documented(f"{len(reasons)} of {len(values)}: {next(iter(reasons.values()))}")
 
 
+def _worst(what: str, errors: Mapping[str, float], limit: float) -> Check:
+    """Check the largest of some outputs' errors, naming the output that exceeds its limit."""
+    where = max(errors, key=lambda name: errors[name], default="")
+    worst = float(errors.get(where, 0.0))
+    return Check(f"{what} ({where})" if worst > limit else what, worst, limit)
+
+
 def same_values(
     what: str, values: Values, reference: Values, limit: float, *, scale: Values | None = None
 ) -> Check:
     """Check the worst relative difference of outputs that both have a value; `scale` says what is small."""
-    worst, where = 0.0, ""
+    errors = {}
     for name, right in reference.items():
         given = values.get(name, np.nan)
-        if not (np.isfinite(given) and np.isfinite(right)) or given == right:
-            continue
-        small = abs((scale or {}).get(name, 0.0))
-        error = abs(given - right) / max(abs(right), abs(given), small if np.isfinite(small) else 0.0)
-        if error > worst:
-            worst, where = float(error), f" ({name})"
-    return Check(what + (where if worst > limit else ""), worst, limit)
+        if np.isfinite(given) and np.isfinite(right) and given != right:
+            small = abs((scale or {}).get(name, 0.0))
+            size = max(abs(right), abs(given), small if np.isfinite(small) else 0.0)
+            errors[name] = abs(given - right) / size
+    return _worst(what, errors, limit)
 
 
 def inferred_laws(outputs: Sequence[Values]) -> dict[str, tuple[float, float]]:
@@ -200,18 +205,14 @@ def under_gain(
     values: Values, once: Values, laws: Mapping[str, tuple[float, float]], gain: float, limit: float
 ) -> Check:
     """Check that outputs keep their law at any gain; values out of the range of float64 do not count."""
-    worst, where = 0.0, ""
+    errors = {}
     for name, (power, shift) in laws.items():
         exponent = power * np.log10(gain) + np.log10(abs(once[name])) if once[name] else 0.0
         given = values.get(name, np.nan)
-        if not np.isfinite(given) or abs(exponent) > 290:
-            continue
-        y = once[name] * gain**power + shift * np.log10(gain)
-        error = float(abs(given - y) / max(abs(y), abs(shift * np.log10(gain)), 1e-300))
-        if error > worst:
-            worst, where = error, f" ({name})"
-    what = "the gain law it follows from 1e-6 to 1e6"
-    return Check(what + (where if worst > limit else ""), worst, limit)
+        if np.isfinite(given) and abs(exponent) <= 290:
+            y = once[name] * gain**power + shift * np.log10(gain)
+            errors[name] = abs(given - y) / max(abs(y), abs(shift * np.log10(gain)), 1e-300)
+    return _worst("the gain law it follows from 1e-6 to 1e6", errors, limit)
 
 
 def plain_numbers(values: Any) -> dict[str, float]:
