@@ -104,7 +104,7 @@ def bag_topics(path: Path) -> dict[str, Connection]:
     found: dict[str, Connection] = {}
     for part in _storage_files(path):
         with _storage(part) as (file, suffix):
-            for connection in _READERS[suffix][0](file):
+            for connection in _connections(file, suffix):
                 found.setdefault(connection.topic, connection)
                 if len(found) > MOST_TOPICS:
                     raise ValueError(f"more than {MOST_TOPICS} topics")
@@ -122,7 +122,7 @@ def bag_messages(path: Path, chosen: Connection) -> Iterator[tuple[int, bytes]]:
     for part in _storage_files(path):
         with _storage(part) as (file, suffix):
             budget = Expansion(file.stat().st_size)
-            for connection, received, raw in _READERS[suffix][1](file, chosen.topic, budget):
+            for connection, received, raw in _MESSAGES[suffix](file, chosen.topic, budget):
                 if connection != chosen:
                     sent = f"{chosen.topic} carries {connection.type_name} and {chosen.type_name}"
                     raise refused(path, sent, "one type a topic")
@@ -166,11 +166,27 @@ def _storage(path: Path) -> Iterator[tuple[Path, str]]:
         raise RecordingError(f"{path}: not a readable bag ({told}); is it cut short?") from error
 
 
-def _bag1_topics(path: Path) -> Iterator[Connection]:
-    with path.open("rb") as file:
-        index_at, n = _bag1_start(file)
-        file.seek(index_at)
-        yield from (_bag1_connection(Header.read(file, RecordType.CONNECTION), file)[1] for _ in range(n))
+def _connections(path: Path, suffix: str) -> Iterator[Connection]:
+    """Yield the connections that a storage file names, or an MCAP file without a summary uses."""
+    match suffix:
+        case ".bag":
+            with path.open("rb") as file:
+                index_at, n = _bag1_start(file)
+                file.seek(index_at)
+                for _ in range(n):
+                    yield _bag1_connection(Header.read(file, RecordType.CONNECTION), file)[1]
+        case ".mcap":
+            with path.open("rb") as file:
+                summary = make_reader(file).get_summary()
+            if summary is not None and summary.channels:
+                yield from (_mcap_connection(each, summary.schemas) for each in summary.channels.values())
+            else:
+                messages = _mcap_messages(path, None, Expansion(path.stat().st_size))
+                yield from (connection for connection, _, _ in messages)
+        case ".db3":
+            with _database(path) as database:
+                rows = database.execute("SELECT name, type FROM topics").fetchmany(MOST_TOPICS + 1)
+            yield from (Connection(str(name), str(type_name), ros1=False) for name, type_name in rows)
 
 
 def _bag1_messages(path: Path, topic: str, budget: Expansion) -> Iterator[BagMessage]:
@@ -223,16 +239,6 @@ def _bag1_connection(header: Header, file: BinaryIO) -> tuple[int, Connection]:
     return header.get_uint32("conn"), Connection(header.get_string("topic"), _with_msg(name), ros1=True)
 
 
-def _mcap_topics(path: Path) -> Iterator[Connection]:
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-        if summary is None or not summary.channels:
-            messages = _mcap_messages(path, None, Expansion(path.stat().st_size))
-            yield from (connection for connection, _, _ in messages)
-        else:
-            yield from (_mcap_connection(channel, summary.schemas) for channel in summary.channels.values())
-
-
 def _mcap_messages(path: Path, topic: str | None, budget: Expansion) -> Iterator[BagMessage]:
     schemas: dict[int, Schema] = {}
     connections: dict[int, Connection] = {}
@@ -275,12 +281,6 @@ def _with_msg(name: str) -> str:
     return name if "/msg/" in name else name.replace("/", "/msg/")
 
 
-def _db3_topics(path: Path) -> list[Connection]:
-    with _database(path) as database:
-        rows = database.execute("SELECT name, type FROM topics").fetchmany(MOST_TOPICS + 1)
-        return [Connection(str(name), str(type_name), ros1=False) for name, type_name in rows]
-
-
 def _db3_messages(path: Path, topic: str, budget: Expansion) -> Iterator[BagMessage]:
     with _database(path) as database:
         (found,) = database.execute("PRAGMA quick_check(1)").fetchone()
@@ -311,9 +311,9 @@ def _database(path: Path) -> Iterator[sqlite3.Connection]:
         yield database
 
 
-_READERS = {
-    ".bag": (_bag1_topics, _bag1_messages),
-    ".mcap": (_mcap_topics, _mcap_messages),
-    ".db3": (_db3_topics, _db3_messages),
+_MESSAGES: dict[str, Callable[[Path, str, Expansion], Iterator[BagMessage]]] = {
+    ".bag": _bag1_messages,
+    ".mcap": _mcap_messages,
+    ".db3": _db3_messages,
 }
-"""Suffix -> what gives the connections of a file, and what gives the messages of one of its topics."""
+"""Suffix -> what gives the messages of a topic of a file."""

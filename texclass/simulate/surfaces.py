@@ -185,7 +185,7 @@ def surface_catalogue(n: int, seed: int) -> tuple[Surface, ...]:
         family = dict(zip(_PROPERTIES, _FAMILIES[category], strict=True))
         drawn = {"kinetic_friction": _draw(rng, family["kinetic_friction"])}
         drawn |= {name: _draw(rng, family[name]) for name in ("rms_um", "slope", "corner_mm")}
-        gratings, bumps = _gratings(family, rng), _bumps(family, rng)
+        gratings, bumps = _structures(family, rng)
         drawn |= {name: _draw(rng, family[name]) for name in ("stiffness_n_m", "dissipation_s_m")}
         drawn["static_friction"] = drawn["kinetic_friction"] * rng.uniform(1.1, 1.5)
         drawn["stribeck_mm_s"] = rng.uniform(3.0, 10.0)
@@ -195,29 +195,24 @@ def surface_catalogue(n: int, seed: int) -> tuple[Surface, ...]:
     return tuple(surfaces)
 
 
-def _gratings(family: dict[str, Any], rng: np.random.Generator) -> tuple[Grating, ...]:
-    if rng.random() >= family["grating_chance"]:
-        return ()
-    first = Grating(
-        wavelength_mm=_draw(rng, family["grating_mm"]),
-        depth_um=_draw(rng, family["depth_um"]),
-        sharpness=rng.uniform(0.0, 0.8),
-        jitter=rng.uniform(0.05, 0.6),
-    )
-    if rng.random() < 0.7:
-        return (first,)
-    ratio = rng.uniform(1.7, 3.5)  # a weave or an embossing has a second, coarser period
-    return (first, Grating(first.wavelength_mm * ratio, first.depth_um, rng.uniform(0.0, 0.5), first.jitter))
-
-
-def _bumps(family: dict[str, Any], rng: np.random.Generator) -> Bumps | None:
+def _structures(family: dict[str, Any], rng: np.random.Generator) -> tuple[tuple[Grating, ...], Bumps | None]:
+    """Draw what stands out of the random heights: gratings, bumps, both or neither."""
+    gratings: tuple[Grating, ...] = ()
+    if rng.random() < family["grating_chance"]:
+        first = Grating(
+            wavelength_mm=_draw(rng, family["grating_mm"]),
+            depth_um=_draw(rng, family["depth_um"]),
+            sharpness=rng.uniform(0.0, 0.8),
+            jitter=rng.uniform(0.05, 0.6),
+        )
+        gratings = (first,)
+        if rng.random() >= 0.7:  # a weave or an embossing has a second, coarser period
+            wavelength_mm = first.wavelength_mm * rng.uniform(1.7, 3.5)
+            gratings += (Grating(wavelength_mm, first.depth_um, rng.uniform(0.0, 0.5), first.jitter),)
     if rng.random() >= family["bumps_chance"]:
-        return None
-    return Bumps(
-        density_per_mm=_draw(rng, (0.08, 0.7)),
-        height_um=_draw(rng, family["bumps_um"]),
-        width_mm=_draw(rng, (0.7, 0.35)),
-    )
+        return gratings, None
+    density_per_mm, height_um = _draw(rng, (0.08, 0.7)), _draw(rng, family["bumps_um"])
+    return gratings, Bumps(density_per_mm, height_um, _draw(rng, (0.7, 0.35)))
 
 
 def _draw(rng: np.random.Generator, median_and_spread: tuple[float, float]) -> float:

@@ -291,20 +291,6 @@ def _advance(p, state, hand, surface, dt):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _hand_at(path, knot_time):  # type: ignore[no-untyped-def]
-    """Velocities and line of the hand, linear between knots."""
-    knot = min(int(knot_time), path.shape[0] - 2)
-    w = knot_time - knot
-    now, then = path[knot], path[knot + 1]
-    return (
-        now[0] + w * (then[0] - now[0]),
-        now[1] + w * (then[1] - now[1]),
-        now[2] + w * (then[2] - now[2]),
-        now[3] + w * (then[3] - now[3]),
-    )
-
-
-@njit(cache=True, inline="always", error_model="numpy")
 def _filter(sos, memory, channel, value):  # type: ignore[no-untyped-def]
     """Second-order sections, transposed direct form II."""
     for s in range(sos.shape[0]):
@@ -329,7 +315,15 @@ def _run(p, drive, sos, clock, out):  # type: ignore[no-untyped-def]
     for i in range(acceleration.shape[0]):
         row, sums = acceleration[i], other[i]
         for _ in range(n_substeps):
-            hand = _hand_at(path, k * dt * CONTROL_RATE)
+            knot_time = k * dt * CONTROL_RATE
+            knot = min(int(knot_time), path.shape[0] - 2)
+            w, now, then = knot_time - knot, path[knot], path[knot + 1]
+            hand = (  # velocities and line, linear between knots
+                now[0] + w * (then[0] - now[0]),
+                now[1] + w * (then[1] - now[1]),
+                now[2] + w * (then[2] - now[2]),
+                now[3] + w * (then[3] - now[3]),
+            )
             az, ax, aq, force, grip = _advance(p, state, hand, surface, dt)
             row[0] = _filter(sos, memory, 0, az + 0.4 * aq)
             row[1] = _filter(sos, memory, 1, ax + 0.6 * aq)

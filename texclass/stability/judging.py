@@ -148,8 +148,16 @@ def judge(subject: Subject, case: Case) -> dict[str, Any]:
         try:
             findings = [next(attempt)]
         except Exception as error:
-            mark, reason = _refusal(error, subject.library, case)
-            return cell_of(subject, case, mark, reason, seconds=time.perf_counter() - start)
+            seconds, text = time.perf_counter() - start, f"{type(error).__name__}: {error}"
+            if not is_clear(error, subject.library):
+                frames = traceback.extract_tb(error.__traceback__)
+                where = f" ({frames[-1].filename.rsplit('/', 1)[-1]}:{frames[-1].lineno})" if frames else ""
+                return cell_of(subject, case, Mark.CRASH, text + where, seconds=seconds)
+            undefined = type(error).__name__ == "UndefinedFeatureError"  # by name: its import takes a second
+            mark = Mark.DOCUMENTED if undefined else Mark.REFUSED
+            if case.required:
+                mark, text = Mark.WRONG, f"refuses an ordinary input: {text}"
+            return cell_of(subject, case, mark, text, seconds=seconds)
     seconds = time.perf_counter() - start
     if x.tobytes() != before:
         return cell_of(subject, case, Mark.WRONG, "the input was written to", seconds=seconds)
@@ -199,18 +207,6 @@ def cell_of(subject: Subject, case: Case, mark: Mark, reason: str = "", **found:
     about = {"library": subject.library, "group": subject.group, "subject": subject.name}
     empty = {"error": None, "limit": None, "what": "", "seconds": 0.0}
     return about | {"family": case.family, "case": case.name, "mark": mark, "reason": text} | empty | found
-
-
-def _refusal(error: Exception, library: str, case: Case) -> tuple[Mark, str]:
-    text = f"{type(error).__name__}: {error}"
-    if not is_clear(error, library):
-        frames = traceback.extract_tb(error.__traceback__)
-        where = f" ({frames[-1].filename.rsplit('/', 1)[-1]}:{frames[-1].lineno})" if frames else ""
-        return Mark.CRASH, text + where
-    if case.required:
-        return Mark.WRONG, f"refuses an ordinary input: {text}"
-    undefined = type(error).__name__ == "UndefinedFeatureError"  # by name: its import takes a second
-    return (Mark.DOCUMENTED if undefined else Mark.REFUSED), text
 
 
 def _weigh(

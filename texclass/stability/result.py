@@ -59,7 +59,9 @@ class StabilityResult:
 
     def to_dict(self) -> dict[str, Any]:
         """Return versions, tallies by subject and family, and every cell that is a finding, for JSON."""
-        over = _over_limit(self.cells)
+        limit = self.cells["limit"].astype(float)
+        share = self.cells["error"].astype(float) / limit.where(limit > 0)
+        over = share.where(~self.cells["mark"].isin(BAD)).fillna(0.0)  # of what is right and was measured
         theirs = self.cells[self.cells["library"] != OURS]
         refused = (Mark.DOCUMENTED, Mark.REFUSED, Mark.UNCHECKED)
         near = self.ours.assign(over=over).query("over > 0 or error == 0 and limit > 0")
@@ -110,10 +112,3 @@ def _by(cells: pd.DataFrame, *names: str) -> list[tuple[dict[str, Any], pd.DataF
     """Return the cells of each combination of some columns, in the order of their first."""
     groups = cells.groupby(list(names), sort=False)
     return [(dict(zip(names, map(str, key), strict=True)), group) for key, group in groups]
-
-
-def _over_limit(cells: pd.DataFrame) -> pd.Series:
-    """Return error over limit of what is right and was measured, 0 elsewhere."""
-    limit = cells["limit"].astype(float)
-    share = cells["error"].astype(float) / limit.where(limit > 0)
-    return share.where(~cells["mark"].isin(BAD)).fillna(0.0)

@@ -118,7 +118,7 @@ def supervise(
     with tempfile.NamedTemporaryFile("r", encoding="utf-8", errors="replace") as said:
         worker, known = _Worker(said), ""
         try:
-            begun = worker.ask(START_S, _begun, *task)
+            begun = worker.ask(START_S, _answer, *task)
         except Exception as error:
             ended = f"the process {worker.end()}"
             told = ended if isinstance(error, BrokenExecutor) else error
@@ -132,7 +132,7 @@ def supervise(
             limit = max(cell_s if name == known else START_S, STREAM_S * (cell["family"] == "stream"))
             known = name
             try:
-                cells.append(worker.ask(limit, _judged, *task, number))
+                cells.append(worker.ask(limit, _answer, *task, number))
                 continue
             except TimeoutError:
                 found = {"mark": Mark.HANG, "reason": f"no answer within {limit:g} s"}
@@ -189,10 +189,9 @@ def _pairs(place: str, group: str, quick: bool) -> list[tuple[Subject, Case]]:
     ]
 
 
-def _begun(*task: Any) -> list[dict[str, Any]]:
-    """Return all cells as they are before they are judged."""
-    return [cell_of(subject, case, Mark.HANG) for subject, case in _pairs(*task)]
-
-
-def _judged(place: str, group: str, quick: bool, number: int) -> dict[str, Any]:
-    return judge(*_pairs(place, group, quick)[number])
+def _answer(place: str, group: str, quick: bool, number: int | None = None) -> Any:
+    """Return a cell; without a number all cells, as they are before they are judged."""
+    pairs = _pairs(place, group, quick)
+    if number is None:
+        return [cell_of(subject, case, Mark.HANG) for subject, case in pairs]
+    return judge(*pairs[number])

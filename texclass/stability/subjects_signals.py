@@ -22,7 +22,8 @@ SHORT = 400
 """Samples that are filtered: as many as 60-digit arithmetic does in reasonable time."""
 BANDS: dict[str, Any] = {"lowpass": 100.0, "highpass": 20.0, "bandpass": (50.0, 200.0)}
 BLOCK = 1_000_000
-FULL_STREAM, QUICK_STREAM = 100_000_000, 2_000_000
+STREAM = {True: 2_000_000, False: 100_000_000}
+"""Samples of a stream, in a quick run and in a full one."""
 SINGLE = 5e-6
 """Error of what is computed in single precision, over its largest value."""
 
@@ -161,12 +162,14 @@ STREAMS: dict[str, Callable[[], Callable[[Samples], Any]]] = {
 }
 
 
-def _streams(quick: bool) -> list[Case]:
-    n = QUICK_STREAM if quick else FULL_STREAM
-    return [Case(f"{n:.0e} samples in a stream", "stream", noise(BLOCK, 8), order=n)]
-
-
-@tried(SUBJECTS, "filters", {name: {"start": start} for name, start in STREAMS.items()}, _streams)
+@tried(
+    SUBJECTS,
+    "filters",
+    {name: {"start": start} for name, start in STREAMS.items()},
+    lambda quick: [
+        Case(f"{STREAM[quick]:.0e} samples in a stream", "stream", noise(BLOCK, 8), order=STREAM[quick])
+    ],
+)
 def _stream(x: Samples, case: Case, *, start: Callable[[], Callable[[Samples], Any]]) -> Attempt:
     process, last = start(), x
     for _ in range(case.order // BLOCK):
