@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import sys
 from glob import glob
 from pathlib import Path
@@ -27,15 +28,23 @@ def surface_recording(frequency_hz: float, seed: int) -> np.ndarray:
     return rng.standard_normal(t.size) * (1 + np.sin(2 * np.pi * frequency_hz * t))
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
     """A folder with recordings of two surfaces, and one more recording."""
+    place = tmp_path_factory.mktemp("recorded")
     for surface, frequency_hz in (("grid", 30.0), ("mesh", 90.0)):
-        (tmp_path / "recordings" / surface).mkdir(parents=True)
+        (place / "recordings" / surface).mkdir(parents=True)
         for i in range(6):
-            name = tmp_path / "recordings" / surface / f"{surface}_{i}.txt"
+            name = place / "recordings" / surface / f"{surface}_{i}.txt"
             np.savetxt(name, surface_recording(frequency_hz, seed=i), fmt="%.6g")
-    np.savetxt(tmp_path / "felt.txt", surface_recording(90.0, seed=99), fmt="%.6g")
+    np.savetxt(place / "felt.txt", surface_recording(90.0, seed=99), fmt="%.6g")
+    return place
+
+
+@pytest.fixture
+def folder(recorded, tmp_path, monkeypatch):
+    """A copy of the folder, where a page works, and a cache of its own."""
+    shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path / "cache"))
     return tmp_path
