@@ -245,21 +245,25 @@ def rms(x: ArrayLike) -> float:
     return float(np.ldexp(np.sqrt(np.dot(unit, unit) / unit.size), exponent))
 
 
-def all_finite(x: Samples, who: str) -> Samples:
-    """Return `x`, or refuse NaN and infinity: in a filter or a mean they would spread without a word.
+def all_finite(x: ArrayLike, who: str, *, at_least: int = 0) -> Samples:
+    """Return `x` as float64; refuse NaN and infinity: in a filter or a mean they would spread without a word.
 
     Raises
     ------
     ValueError
-        Naming `who`, how many samples are not finite, and the place of the first.
+        Naming `who`, and how many samples are not finite with the place of the first, or the shape of fewer
+        samples than `at_least`.
     """
-    if not np.isfinite(x).all():
-        bad = np.argwhere(~np.isfinite(x))
+    samples = np.asarray(x, dtype=np.float64)
+    if at_least and (samples.ndim == 0 or len(samples) < at_least):
+        raise ValueError(f"{who} got shape {samples.shape}; the rule is at least one sample")
+    if not np.isfinite(samples).all():
+        bad = np.argwhere(~np.isfinite(samples))
         raise ValueError(
             f"{who} got {len(bad)} samples that are NaN or infinite (first at {bad[0].tolist()}); "
             "the rule is finite samples"
         )
-    return x
+    return samples
 
 
 def one_channel(x: ArrayLike, name: str, *, at_least: int = 1) -> Samples:
@@ -357,7 +361,7 @@ def zero_phase(sos: Samples, x: ArrayLike) -> Samples:
     ValueError
         If there is no sample, or one is NaN or infinite: it would spread over the whole signal.
     """
-    samples = _at_least_one(all_finite(np.asarray(x, dtype=np.float64), "zero_phase"), "zero_phase")
+    samples = all_finite(x, "zero_phase", at_least=1)
     wished = 3 * (2 * len(sos) + 1)
     return np.asarray(signal.sosfiltfilt(sos, samples, axis=0, padlen=min(wished, len(samples) - 1)))
 
@@ -386,7 +390,7 @@ def causal(sos: Samples, x: ArrayLike, state: Samples | None = None) -> tuple[Sa
     ValueError
         If a sample is NaN or infinite: it would stay in the state for ever.
     """
-    samples = all_finite(np.asarray(x, dtype=np.float64), "causal")
+    samples = all_finite(x, "causal")
     if len(samples) == 0:
         return samples.copy(), state
     if state is None:
@@ -451,7 +455,7 @@ def highpass_fir(x: ArrayLike, cutoff_hz: float, fs: float, *, transition_hz: fl
     >>> bool(np.abs(highpass_fir(np.full(2000, 9.81), 100.0, 10_000.0)).max() < 1e-12)
     True
     """
-    samples = _at_least_one(all_finite(np.asarray(x, dtype=np.float64), "highpass_fir"), "highpass_fir")
+    samples = all_finite(x, "highpass_fir", at_least=1)
     if samples.ndim != 1:
         raise ValueError(f"highpass_fir got shape {samples.shape}; the rule is (n_samples,)")
     _check_cutoffs(np.array([cutoff_hz]), fs, n_edges=1)
@@ -460,7 +464,11 @@ def highpass_fir(x: ArrayLike, cutoff_hz: float, fs: float, *, transition_hz: fl
         raise ValueError(f"transition_hz is {width}; the rule is a width above 0 Hz")
     half = int(np.ceil(3.3 * fs / width / 2))
     smooth = signal.firwin(2 * half + 1, cutoff_hz, fs=fs, window="hamming")  # sums to 1
-    return np.asarray(samples - signal.oaconvolve(_continued(samples, half), smooth, mode="valid"))
+    # Continued at both ends: reflected in the end points, then constant.
+    mirrored = min(half, samples.size - 1)
+    longer = np.pad(samples, mirrored, mode="reflect", reflect_type="odd") if mirrored else samples
+    longer = np.pad(longer, half - mirrored, mode="edge")
+    return np.asarray(samples - signal.oaconvolve(longer, smooth, mode="valid"))
 
 
 def _check_cutoffs(edges: Samples, fs: float, n_edges: int) -> None:
@@ -474,16 +482,3 @@ def _check_cutoffs(edges: Samples, fs: float, n_edges: int) -> None:
             f"cut-off is {shown} Hz at fs = {fs:g} Hz; "
             f"the rule is 0 < cut-off < fs/2 = {fs / 2:g} Hz, the edges of a band rising"
         )
-
-
-def _at_least_one(x: Samples, who: str) -> Samples:
-    if x.ndim == 0 or len(x) == 0:
-        raise ValueError(f"{who} got shape {x.shape}; the rule is at least one sample")
-    return x
-
-
-def _continued(x: Samples, half: int) -> Samples:
-    """Continue `x` by `half` samples at both ends: reflected in its end points, then constant."""
-    mirrored = min(half, x.size - 1)
-    reflected = np.pad(x, mirrored, mode="reflect", reflect_type="odd") if mirrored else x
-    return np.pad(reflected, half - mirrored, mode="edge")
