@@ -1,9 +1,11 @@
 """Models as ONNX: the answers of scikit-learn in double precision, or no file."""
 
 import json
+import sys
 
 import numpy as np
 import onnx
+import onnxruntime
 import pytest
 from onnx import numpy_helper
 from sklearn.decomposition import PCA
@@ -18,12 +20,14 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
 from sklearn.svm import SVC
 from toy_models import model_of, plan_of, rows_of
-from toy_surfaces import STRANGER, SURFACES, recording
+from toy_surfaces import FS, STRANGER, SURFACES, recording, signal
 
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.pipeline import load_pipeline
 from texclass.experiment.vote_of_pieces import VoteOfPieces
-from texclass.recognition import OnnxExportError, ParityError, check_parity, export_onnx
+from texclass.phases import segment
+from texclass.recognition import OnnxExportError, ParityError, check_parity, export_onnx, load_model
+from texclass.recognition.export import onnx_file as export
 from texclass.recognition.export.graph import build
 from texclass.recognition.export.onnx_file import single_precision
 from texclass.recognition.export.parity import check_rows, reference, remembered, run
@@ -70,19 +74,23 @@ def assert_same_answers(model, graph, X):
     np.testing.assert_array_equal(got["unknown"], p_known <= model.novelty.false_alarms)
 
 
+def checked(model, X):
+    """Export a model, compare the answers for X, and return what the export's own check says."""
+    graph = build(model).SerializeToString()
+    assert_same_answers(model, graph, X)
+    return check_parity(model, graph)
+
+
 @pytest.mark.parametrize("n_classes", [2, 5])
 @pytest.mark.parametrize(("steps", "use"), [c[1:] for c in COMBINATIONS], ids=[c[0] for c in COMBINATIONS])
 def test_whatever_shipped_pipelines_name_answers_as_scikit_learn_does(steps, use, n_classes):
     plan = plan_of(PIECES, "multiscale") if "Vote" in use.use else plan_of()
     model = model_of([step.make() for step in steps], use.make(), n_classes=n_classes, plan=plan)
-    graph = build(model)
-    X = rows_of(len(model.columns), n_classes, seed=7)[0]
-    assert_same_answers(model, graph.SerializeToString(), X)
-    parity = check_parity(model, graph.SerializeToString())
+    parity = checked(model, rows_of(len(model.columns), n_classes, seed=7)[0])
     assert parity.difference < 1e-12
     assert parity.n_answered == parity.n_materials == n_classes
     assert 0 < parity.n_unknown < sum(parity.rows.values())
-    assert single_precision(graph) == ()
+    assert single_precision(build(model)) == ()
 
 
 def test_the_shipped_classifiers_are_all_there():
@@ -107,17 +115,10 @@ def test_the_shipped_classifiers_are_all_there():
         ([filled()], make_pipeline(StandardScaler(), KernelDiscriminant())),
         ([filled(), StandardScaler()], NearestCentroid(shrink_threshold=0.5)),
     ],
-    ids=lambda part: type(part).__name__ if not isinstance(part, list) else "-".join(map(_short, part)),
 )
 def test_steps_and_classifiers_of_pipelines_of_ones_own(steps, classifier):
     model = model_of(steps, classifier)
-    graph = build(model).SerializeToString()
-    assert_same_answers(model, graph, columns_of(model, rows_of(N_COLUMNS, 4, seed=7)[0]))
-    assert check_parity(model, graph).n_ties == 0
-
-
-def _short(step):
-    return step if isinstance(step, str) else type(step).__name__
+    assert checked(model, columns_of(model, rows_of(N_COLUMNS, 4, seed=7)[0])).n_ties == 0
 
 
 @pytest.mark.parametrize("estimator", [None, GaussianNB(), make_pipeline(StandardScaler(), lda())])
@@ -127,11 +128,9 @@ def test_votes_of_any_voter_count_as_they_do_in_scikit_learn(estimator, n_classe
     model = model_of(
         [filled()], VoteOfPieces(estimator, n_pieces=4, whole_weight=0.3), plan=plan, n_classes=n_classes
     )
-    graph = build(model).SerializeToString()
     X = rows_of(len(plan.columns), n_classes, seed=7)[0]
     X[::3] = np.repeat(X[::3, ::4], 4, axis=1)  # pieces all the same: one vote
-    assert_same_answers(model, graph, X)
-    check_parity(model, graph)
+    checked(model, X)
 
 
 @pytest.mark.parametrize("keep", [True, False])
@@ -142,9 +141,7 @@ def test_columns_without_any_value_in_training_are_left_out_or_filled(keep):
     imputer = SimpleImputer(strategy="median", keep_empty_features=keep)
     for steps in ([imputer, StandardScaler()], [imputer, PCA(4)]):
         model = model_of(steps, lda(), X=X)
-        graph = build(model).SerializeToString()
-        assert check_parity(model, graph).n_ties == 0
-        assert_same_answers(model, graph, columns_of(model, rows_of(N_COLUMNS, 4, seed=7)[0]))
+        assert checked(model, columns_of(model, rows_of(N_COLUMNS, 4, seed=7)[0])).n_ties == 0
 
 
 def refused(model, graph, changed, said=r"ONNX differs from scikit-learn in \d+ of \d+ rows"):
@@ -214,10 +211,7 @@ def test_equally_far_neighbours_of_two_materials_are_a_tie_and_no_difference():
 @pytest.mark.parametrize(
     ("classifier", "message"),
     [
-        (
-            QuadraticDiscriminantAnalysis(reg_param=0.5),
-            r"QuadraticDiscriminantAnalysis has no export to ONNX \(",
-        ),
+        (QuadraticDiscriminantAnalysis(reg_param=0.5), r"Analysis has no export to ONNX \("),
         (NearestCentroid(metric="manhattan"), r"NearestCentroid as it is set has answers alone; the rule is"),
     ],
 )
@@ -324,3 +318,65 @@ def test_models_remember_rows_that_are_answered_right(kernel_model, linear_model
         p, p_known = model.judge(known)
         assert set(p.argmax(axis=1)) == set(range(len(SURFACES)))
         assert (p_known > model.novelty.false_alarms).mean() > 0.4
+
+
+# As a user calls it: texclass export.
+
+
+@pytest.fixture
+def folder(linear_model, tmp_path, monkeypatch):
+    linear_model.save(tmp_path / "surfaces.skops")
+    for surface, hum_hz in (*SURFACES.items(), ("stranger", STRANGER)):
+        np.savetxt(tmp_path / f"{surface}.txt", signal(hum_hz, [*map(ord, surface), 50]))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_exported_file_answers_files_as_predict_does(command, folder):
+    code, out, err = command("export", "surfaces.skops", "-o", "surfaces.onnx")
+    assert code == 0, err
+    assert "no label differs" in out
+    assert "wrote surfaces.onnx" in out
+    onnx.checker.check_model("surfaces.onnx", full_check=True)
+    files = [f"{surface}.txt" for surface in (*SURFACES, "stranger")]
+    code, out, err = command("predict", "surfaces.skops", *files, "--fs", str(FS), "--json")
+    assert code == 0, err
+    answers = [json.loads(line) for line in out.splitlines()]
+    session = onnxruntime.InferenceSession("surfaces.onnx", providers=["CPUExecutionProvider"])
+    model = load_model("surfaces.skops")
+    felt = [model.manifest.input.find(name, fs=FS) for name in files]
+    rows = [model.plan.compute(one.with_(phases=segment(one))).values for one in felt]
+    labels, p, p_known, unknown = session.run(None, {"features": np.stack(rows)})
+    assert labels.tolist() == [answer["surface"] for answer in answers]
+    assert unknown.tolist() == [answer["unknown"] for answer in answers]
+    # `predict` prints six digits.
+    assert p.max(axis=1).tolist() == pytest.approx([answer["probability"] for answer in answers], abs=1e-6)
+    assert p_known.tolist() == pytest.approx([answer["p_known"] for answer in answers], abs=1e-6)
+
+
+def test_a_graph_that_differs_is_refused_and_nothing_is_left(command, folder, monkeypatch):
+    def tampered(model):
+        graph = export_build(model)
+        weights = max(graph.graph.initializer, key=lambda c: len(c.raw_data))
+        values = numpy_helper.to_array(weights) * (1 + 1e-3)
+        weights.CopyFrom(numpy_helper.from_array(values, weights.name))
+        return graph
+
+    export_build = export.build
+    monkeypatch.setattr(export, "build", tampered)
+    before = set(folder.iterdir())
+    code, out, err = command("export", "surfaces.skops", "-o", "surfaces.onnx")
+    assert code == 1
+    assert err.startswith("error: surfaces.onnx: not written: ONNX differs from scikit-learn in")
+    assert "the rule is the same label and verdict" in err
+    assert not out
+    assert set(folder.iterdir()) == before
+
+
+@pytest.mark.parametrize("missing", ["onnx", "onnxruntime", "skl2onnx"])
+def test_a_missing_extra_is_told_how_to_install(command, folder, monkeypatch, missing):
+    monkeypatch.setitem(sys.modules, missing, None)
+    code, _, err = command("export", "surfaces.skops", "-o", "surfaces.onnx")
+    assert code == 1
+    assert f"needs {missing}, which is not installed: pip install 'texclass[onnx]'" in err
+    assert not (folder / "surfaces.onnx").exists()

@@ -1,14 +1,19 @@
 import dataclasses
 
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (the extra `robot`)")
 pytest.importorskip("rosbags", reason="rosbags is not installed (the extra `robot`)")
 
 from rosbags.typesys import Stores, get_typestore
 
+from texclass.loaders.ros_messages import MULTI_ARRAY
 from texclass.recognition import AnswerPublisher
 from texclass.recognition.sources.dds import dds_topic, dds_type, message_class, ros_type
+from texclass.recognition.sources.topic import SIGNALS, decoded_messages
 
 
 def made(name, *values):
@@ -86,3 +91,53 @@ def test_an_unknown_surface_is_a_warning():
         "unknown": "true",
         "reasons": '["x"]',
     }
+
+
+IMU = "sensor_msgs/msg/Imu"
+AXES = ("ax", "ay", "az")
+
+
+def _imu(x):
+    header = made("std_msgs/msg/Header", made("builtin_interfaces/msg/Time", 1, x), "imu")
+    a = made("geometry_msgs/msg/Vector3", x, 0, 0)
+    return message_class(IMU)(header, linear_acceleration=a).serialize(use_version_2=False)
+
+
+def test_damaged_messages_are_left_out_and_counted():
+    raws = [_imu(1), b"", _imu(2)[:50], _imu(3), b"\x00\x09" + _imu(4)[2:]]
+    received = decoded_messages(raws, [10, 20, 30, 40, 50], IMU, AXES)
+    assert received.n_bad == 3
+    np.testing.assert_array_equal(received.samples[:, 0, 0], [1, 3])
+    np.testing.assert_array_equal(received.stamps_ns, [1_000_000_001, 1_000_000_003])
+    np.testing.assert_array_equal(received.sent_ns, [10, 40])
+    assert decoded_messages([b"", b"\0"], [1, 2], IMU, AXES) is None
+
+
+def test_blocks_of_another_size_than_the_first_are_left_out():
+    def block(n):
+        sizes = (("samples", n, 2 * n), ("channels", 2, 2))
+        dims = [made("std_msgs/msg/MultiArrayDimension", *size) for size in sizes]
+        layout = made("std_msgs/msg/MultiArrayLayout", dims, 0)
+        return made(MULTI_ARRAY, layout, [float(n)] * 2 * n).serialize(use_version_2=False)
+
+    received = decoded_messages([block(3), block(4), block(3)], [1, 2, 3], MULTI_ARRAY, ())
+    assert received.samples.shape == (2, 3, 2)
+    assert received.n_bad == 1
+    np.testing.assert_array_equal(received.stamps_ns, [1, 3])
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.binary(max_size=340), min_size=1, max_size=4), st.sampled_from(sorted(SIGNALS)))
+def test_any_bytes_are_messages_or_left_out(raws, name):
+    sent = list(range(len(raws)))
+    received = decoded_messages(raws, sent, name, AXES if name != MULTI_ARRAY else ())
+    assert received is None or len(received.samples) + received.n_bad == len(raws)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.binary(min_size=1, max_size=12), st.integers(0, 330))
+def test_changed_bytes_are_messages_or_left_out(piece, at):
+    raw = bytearray(_imu(7))
+    raw[at : at + len(piece)] = piece
+    received = decoded_messages([_imu(1), bytes(raw)], [1, 2], IMU, AXES)
+    assert len(received.samples) + received.n_bad == 2
