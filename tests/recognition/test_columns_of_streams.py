@@ -1,5 +1,6 @@
 """A model that was trained on more than accelerations hears the rest on a stream, or says what is missing."""
 
+import importlib
 import io
 import json
 import sys
@@ -43,22 +44,32 @@ turn_rate = ["wx", "wy", "wz"]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """Bags with an Imu and a topic that nobody asks for, labelled by a table; a model trained on them."""
+def bags():
     pytest.importorskip("rosbags", reason="the extra `robot` is not installed")
-    from bag_writer import IMU, Topic, regular, write_bag
+    return importlib.import_module("bag_writer")
 
+
+@pytest.fixture(scope="module")
+def imu_bag(bags):
+    """Return a function that writes a bag with an Imu."""
+
+    def write(folder, both, name="bag", kind=bags.IMU, **others):
+        topics = {"/imu": bags.Topic(kind, both, bags.regular(N, FS)), **others}
+        return bags.write_bag(folder, "mcap", topics, name=name)
+
+    return write
+
+
+@pytest.fixture(scope="module")
+def folder(bags, imu_bag, tmp_path_factory):
+    """Bags with an Imu and a topic that nobody asks for, labelled by a table; a model trained on them."""
     root = tmp_path_factory.mktemp("terrains")
     labels = ["bag,terrain,run"]
     for terrain in TERRAINS:
         for run in range(1, 7):
-            name = f"{terrain}{run}"
-            topics = {
-                "/imu": Topic(IMU, values(terrain, run), regular(N, FS)),
-                "/spare": Topic(IMU, np.ones((20, 6)), regular(20, FS)),
-            }
-            write_bag(root / "bags", "mcap", topics, name=name)
-            labels.append(f"{name},{terrain},{run}")
+            spare = bags.Topic(bags.IMU, np.ones((20, 6)), bags.regular(20, FS))
+            imu_bag(root / "bags", values(terrain, run), f"{terrain}{run}", **{"/spare": spare})
+            labels.append(f"{terrain}{run},{terrain},{run}")
     (root / "bags/labels.csv").write_text("\n".join(labels))
     (root / "terrains.toml").write_text(IMU_CARD)
     with pytest.MonkeyPatch.context() as patch:
@@ -86,13 +97,10 @@ def _answers(out):
     return [one for one in map(json.loads, out.splitlines()) if one.get("type") == "answer"]
 
 
-def test_a_stream_of_a_bag_gives_the_answers_of_predict(run, folder):
-    from bag_writer import IMU, Topic, regular, write_bag
-
+def test_a_stream_of_a_bag_gives_the_answers_of_predict(run, folder, imu_bag):
     for terrain in TERRAINS:
         both = values(terrain, 50)
-        bag = write_bag(folder, "mcap", {"/imu": Topic(IMU, both, regular(N, FS))}, name=f"new_{terrain}")
-        name = f"bag:{bag}?topic=/imu"
+        name = f"bag:{imu_bag(folder, both, f'new_{terrain}')}?topic=/imu"
         code, out, err = run("predict", "terrains.skops", name, "--json")
         assert (code, err) == (0, "")
         (asked,) = map(json.loads, out.splitlines())
@@ -120,17 +128,14 @@ def test_a_bag_is_conditioned_as_the_bags_of_training_were(folder):
         assert by_file.answer.probabilities == pytest.approx(by_card.answer.probabilities)
 
 
-def test_a_bag_stands_for_files_whose_columns_have_other_names(model, tmp_path):
-    pytest.importorskip("rosbags", reason="the extra `robot` is not installed")
-    from bag_writer import ARRAY, IMU, Topic, regular, write_bag
-
+def test_a_bag_stands_for_files_whose_columns_have_other_names(bags, imu_bag, tmp_path):
     axes = ("a1", "a2", "a3")
     roles = {"acceleration": axes, "auxiliary": {"turn_rate": ("g1", "g2", "g3")}, "axes": axes}
     csv = TrainingFiles(fs=FS, unit="m/s^2", scale=2.0, **roles)
     both = values("sand", 3)
-    imu = write_bag(tmp_path, "mcap", {"/imu": Topic(IMU, both, regular(N, FS))}, name="imu")
-    numbers = Topic(ARRAY, list(both.reshape(40, 10, 6)), None, regular(40, FS / 10))
-    array = write_bag(tmp_path, "mcap", {"/imu": numbers}, name="array")
+    imu = imu_bag(tmp_path, both)
+    numbers = bags.Topic(bags.ARRAY, list(both.reshape(40, 10, 6)), None, bags.regular(40, FS / 10))
+    array = bags.write_bag(tmp_path, "mcap", {"/imu": numbers}, name="array")
     for bag in (imu, array):
         found = csv.find(str(bag))
         assert found.channels == ("a1", "a2", "a3")
@@ -149,27 +154,18 @@ def test_a_bag_stands_for_files_whose_columns_have_other_names(model, tmp_path):
     ],
 )
 def test_a_bag_without_turn_rates_is_refused_before_the_stream_begins(
-    model, tmp_path, monkeypatch, change, told
+    bags, imu_bag, model, tmp_path, monkeypatch, change, told
 ):
-    pytest.importorskip("rosbags", reason="the extra `robot` is not installed")
-    import bag_writer
-
     both = values("sand", 3)
     both[:, 3:] = 0
     if change == "disclaimed":
-        monkeypatch.setattr(bag_writer, "message", _disclaiming(bag_writer.message))
-    kind = bag_writer.IMU if change != "type" else "geometry_msgs/msg/AccelStamped"
-    bag = bag_writer.write_bag(
-        tmp_path, "mcap", {"/imu": bag_writer.Topic(kind, both, bag_writer.regular(N, FS))}
-    )
-    model = replace(model, manifest=model.manifest.model_copy(update={"input": _of_imu()}))
+        monkeypatch.setattr(bags, "message", _disclaiming(bags.message))
+    bag = imu_bag(tmp_path, both, kind=bags.IMU if change != "type" else "geometry_msgs/msg/AccelStamped")
+    roles = {"turn_rate": ("wx", "wy", "wz")}
+    files = TrainingFiles(fs=FS, unit="m/s^2", acceleration=("ax", "ay", "az"), auxiliary=roles)
+    model = replace(model, manifest=model.manifest.model_copy(update={"input": files}))
     with pytest.raises(RecordingError, match=told):
         open_source(f"bag:{bag}", model=model)
-
-
-def _of_imu():
-    roles = {"turn_rate": ("wx", "wy", "wz")}
-    return TrainingFiles(fs=FS, unit="m/s^2", acceleration=("ax", "ay", "az"), auxiliary=roles)
 
 
 def _disclaiming(make):
@@ -183,16 +179,10 @@ def _disclaiming(make):
     return message
 
 
-def test_a_disclaimer_beside_real_numbers_is_not_believed(tmp_path, monkeypatch):
-    pytest.importorskip("rosbags", reason="the extra `robot` is not installed")
-    import bag_writer
-
-    monkeypatch.setattr(bag_writer, "message", _disclaiming(bag_writer.message))
+def test_a_disclaimer_beside_real_numbers_is_not_believed(bags, imu_bag, tmp_path, monkeypatch):
+    monkeypatch.setattr(bags, "message", _disclaiming(bags.message))
     both = values("sand", 3)
-    bag = bag_writer.write_bag(
-        tmp_path, "mcap", {"/i": bag_writer.Topic(bag_writer.IMU, both, bag_writer.regular(N, FS))}
-    )
-    found = load_recording(bag, auxiliary={"turn_rate": ("wx", "wy", "wz")})
+    found = load_recording(imu_bag(tmp_path, both), auxiliary={"turn_rate": ("wx", "wy", "wz")})
     np.testing.assert_array_equal(found.turn_rate, both[:, 3:])
 
 
