@@ -107,7 +107,13 @@ def read_wav(path: str | Path) -> Vibration:
         If it cannot be read.
     """
     path = Path(path)
-    _check_whole(path)
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path}: is not a file; the rule is a regular file")
+    with path.open("rb") as begin:
+        head = begin.read(12)
+    size, announced = path.stat().st_size, int.from_bytes(head[4:8], "little") + 8
+    if head[:4] != b"RIFF" or head[8:] != b"WAVE" or announced > size:  # libsndfile would read a part
+        raise ValueError(f"{path}: holds {size} bytes, no WAV of {announced}; the rule is a whole RIFF WAVE")
     try:
         with soundfile.SoundFile(path) as file:
             if file.format not in ("WAV", "WAVEX") or file.subtype not in _SUBTYPES.values():
@@ -141,14 +147,3 @@ class _Note(Written):
     unit: Unit
     peak: float = Field(ge=0, lt=1e39)
     fs: float
-
-
-def _check_whole(path: Path) -> None:
-    """Refuse what is no file, no RIFF, or cut short, which libsndfile would read without a word."""
-    if path.exists() and not path.is_file():
-        raise ValueError(f"{path}: is not a file; the rule is a regular file")
-    with path.open("rb") as file:
-        head = file.read(12)
-    size, announced = path.stat().st_size, int.from_bytes(head[4:8], "little") + 8
-    if head[:4] != b"RIFF" or head[8:] != b"WAVE" or announced > size:
-        raise ValueError(f"{path}: holds {size} bytes, no WAV of {announced}; the rule is a whole RIFF WAVE")
