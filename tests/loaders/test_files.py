@@ -190,9 +190,8 @@ def test_one_value_per_line_in_its_spellings(tmp_path):
         assert load(tmp_path / "r.txt", content) == [1, 2, 3]
 
 
-@pytest.mark.parametrize(
-    ("content", "line"),
-    [
+def test_a_line_that_is_not_one_number_is_named(tmp_path):
+    for content, line in (
         ("1\nabc\n3\n", "line 2 is 'abc'"),
         ("time\n1\n2\n", "line 1 is 'time'"),
         ("1\n2\n3 4\n", "line 3 is '3 4'"),
@@ -200,11 +199,9 @@ def test_one_value_per_line_in_its_spellings(tmp_path):
         ("1;2\n", "line 1 is '1;2'"),
         ("1\n2\n1_000\n", "line 3 is '1_000'"),
         ("1\n0x10\n", "line 2 is '0x10'"),
-    ],
-)
-def test_a_line_that_is_not_one_number_is_named(tmp_path, content, line):
-    with pytest.raises(RecordingError, match=f"r.txt: {line}; the rule is one number per line"):
-        load(tmp_path / "r.txt", content)
+    ):
+        with pytest.raises(RecordingError, match=f"r.txt: {line}; the rule is one number per line"):
+            load(tmp_path / "r.txt", content)
 
 
 def test_text_that_is_not_finite_or_too_short_is_refused(tmp_path):
@@ -224,9 +221,8 @@ def test_a_stated_delimiter_is_used_and_a_wrong_one_suspected(tmp_path):
     assert load(tmp_path / "r.csv", "note, a\nfirst,1\nsecond,2\n") == [1, 2], "others may hold text"
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
+def test_a_bad_table_is_refused_with_its_line(tmp_path):
+    for content, message in (
         ("a,b\n1,2\nx,4\n", "Row #3.*'x'.*a number in every cell"),
         ("a,b\n1,2\n,4\n", "Row #3.*a number in every cell"),
         ("a,b\n1,2\n3\n", "Row #3: Expected 2 columns, got 1"),
@@ -235,11 +231,9 @@ def test_a_stated_delimiter_is_used_and_a_wrong_one_suspected(tmp_path):
         ("a,b\n", "acceleration is empty"),
         ("a,b\n1,2\nNA,4\n", "Row #3"),
         (b"\xff\xfe\x00a", "line 1 is not a header"),
-    ],
-)
-def test_a_bad_table_is_refused_with_its_line(tmp_path, content, message):
-    with pytest.raises(RecordingError, match=f"(?s)r.csv: .*{message}"):
-        load(tmp_path / "r.csv", content)
+    ):
+        with pytest.raises(RecordingError, match=f"(?s)r.csv: .*{message}"):
+            load(tmp_path / "r.csv", content)
 
 
 def test_a_parquet_column_of_text_or_with_a_gap_is_refused(tmp_path):

@@ -11,7 +11,7 @@ title = "small"
 source = "here"
 licence = "MIT"
 format = "simulated"
-recipe = {{ n_surfaces = {}, n_recordings = 2, n_operators = 2, duration_s = 4.0, fs = 10000, seed = 3 }}
+recipe = {{ n_surfaces = {}, n_recordings = 2, n_operators = 2, duration_s = 4.0, fs = 2000, seed = 3 }}
 """
 
 
@@ -51,14 +51,14 @@ def test_a_remembered_recording_is_the_fresh_one_to_the_last_bit(small):
     assert_same(remembered, fresh)
 
 
-@pytest.mark.parametrize("damage", [lambda content: content[:1000], lambda _: b"", lambda _: b"rubbish" * 99])
-def test_a_damaged_cache_file_is_made_again(small, damage):
+def test_a_damaged_cache_file_is_made_again(small):
     expected = small[0]
     path = small.load.cache / f"{small.entries[0].recording_id}.npz"
-    path.write_bytes(damage(path.read_bytes()))
-    assert recall(path) is None
-    assert_same(small[0], expected)
-    assert recall(path) is not None
+    for damaged in (path.read_bytes()[:1000], b"", b"rubbish" * 99):
+        path.write_bytes(damaged)
+        assert recall(path) is None
+        assert_same(small[0], expected)
+        assert recall(path) is not None
 
 
 def test_a_cache_that_cannot_be_written_is_no_error(small, tmp_path):

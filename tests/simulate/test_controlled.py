@@ -89,7 +89,7 @@ def test_controlled_runs_take_any_rate(fs):
     assert recording.speed[recording.n_samples // 2 :].mean() == pytest.approx(80.0, rel=0.02)
 
 
-@pytest.mark.parametrize("wrong", [{"n_taps": 0}, {"tap_speed_mm_s": (0.0, 10.0)}])
-def test_impossible_taps_are_refused(wrong):
-    with pytest.raises(ValueError, match="at least one, above 0"):
-        record_rising_taps(ROUGH, OPERATOR, seed=1, **wrong)
+def test_impossible_taps_are_refused():
+    for wrong in ({"n_taps": 0}, {"tap_speed_mm_s": (0.0, 10.0)}):
+        with pytest.raises(ValueError, match="at least one, above 0"):
+            record_rising_taps(ROUGH, OPERATOR, seed=1, **wrong)

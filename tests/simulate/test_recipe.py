@@ -10,11 +10,11 @@ import pytest
 
 from texclass.simulate import Recipe
 
-SMALL = Recipe(n_surfaces=3, n_recordings=4, n_operators=2, duration_s=3.0, fs=10_000, seed=5)
+SMALL = Recipe(n_surfaces=3, n_recordings=4, n_operators=2, duration_s=3.0, fs=2_000, seed=5)
 PROGRAM = """
 import hashlib
 from texclass.simulate import Recipe
-recipe = Recipe(n_surfaces=3, n_recordings=4, n_operators=2, duration_s=3.0, fs=10_000, seed=5)
+recipe = Recipe(n_surfaces=3, n_recordings=4, n_operators=2, duration_s=3.0, fs=2_000, seed=5)
 print(hashlib.sha256(recipe.record(2, 3).acceleration.tobytes()).hexdigest())
 """
 
@@ -63,7 +63,7 @@ def test_fingerprint_changes_with_the_recipe():
     assert SMALL.fingerprint() != changed(seed=6).fingerprint()
 
 
-@pytest.mark.parametrize(("surface", "repetition"), [(-1, 1), (3, 1), (0, 0), (0, 5)])
-def test_recordings_outside_the_recipe_are_refused(surface, repetition):
-    with pytest.raises(IndexError, match=r"surface 0\.\.2, repetition 1\.\.4"):
-        SMALL.record(surface, repetition)
+def test_recordings_outside_the_recipe_are_refused():
+    for surface, repetition in ((-1, 1), (3, 1), (0, 0), (0, 5)):
+        with pytest.raises(IndexError, match=r"surface 0\.\.2, repetition 1\.\.4"):
+            SMALL.record(surface, repetition)

@@ -57,45 +57,36 @@ def test_writing_to_the_input_is_found():
     assert "written to" in cell["reason"]
 
 
-def test_an_unstable_predictor_is_found():
-    def run(x, case):
-        return np.array([1.0, -2.5, 1.2])
-
-    def checks(x, case, a):
+def test_models_that_break_a_rule_are_found():
+    def direct_form(x, case, a):
         yield from rules.predictor(x, case.order, "Burg", a=a)
 
-    assert mark_of(run, checks) is Mark.WRONG
-
-
-def test_a_predictor_that_leaves_more_than_the_optimum_is_found():
-    def checks(x, case, k):
+    def reflection(x, case, k):
         yield from rules.predictor(x, case.order, "Burg", k=k)
 
-    assert mark_of(lambda x, case: np.array([0.1, 0.1]), checks) is Mark.WRONG
-
-
-def test_frequencies_out_of_order_are_found():
-    def checks(x, case, lsf):
+    def frequencies(x, case, lsf):
         yield from rules.line_spectrum(np.array([0.1, 0.2]), lsf, np.array([0.1, 0.2]))
 
-    assert mark_of(lambda x, case: np.array([2.0, 1.0]), checks) is Mark.WRONG
+    for result, checks in (
+        ([1.0, -2.5, 1.2], direct_form),  # unstable
+        ([0.1, 0.1], reflection),  # more energy left than the optimum
+        ([2.0, 1.0], frequencies),  # out of order
+    ):
+        assert mark_of(lambda x, case, result=result: np.array(result), checks) is Mark.WRONG
 
 
 def test_an_accident_is_a_crash_and_an_error_on_purpose_is_not():
     def refuse(x, case):
         raise ValueError(f"{x.size} samples; the rule is 100")
 
+    def say_nothing(x, case):
+        raise ValueError("bad")
+
     assert mark_of(lambda x, case: 1 / 0) is Mark.CRASH
     assert mark_of(lambda x, case: {}[case.name]) is Mark.CRASH
     assert mark_of(lambda x, case: x @ np.ones(3)) is Mark.CRASH  # NumPy's own ValueError, from within
+    assert mark_of(say_nothing) is Mark.CRASH
     assert mark_of(refuse) is Mark.REFUSED
-
-
-def test_an_error_that_says_nothing_is_a_crash():
-    def refuse(x, case):
-        raise ValueError("bad")
-
-    assert mark_of(refuse) is Mark.CRASH
 
 
 def test_a_reason_is_documented_but_nobody_may_refuse_an_ordinary_input():
@@ -118,20 +109,17 @@ def test_a_flag_explains_but_does_not_excuse_a_failed_check():
     assert mark_of(lambda x, case: 0.0, flagged_and_wrong) is Mark.WRONG
 
 
-def test_a_library_that_warns_of_its_nan_has_documented_it():
-    def run(x, case):
+def test_a_warning_explains_a_nan_and_of_floating_point_is_a_finding_even_if_the_result_is_right():
+    def undefined(x, case):
         warnings.warn("input is constant, the result is undefined", stacklevel=1)
         return np.nan
 
-    assert mark_of(run) is Mark.DOCUMENTED
-
-
-def test_a_floating_point_warning_is_a_finding_even_if_the_result_is_right():
-    def run(x, case):
+    def noisy(x, case):
         np.log(np.zeros(1))
         return 1.0
 
-    cell = judge(subject(run), CASE)
+    assert mark_of(undefined) is Mark.DOCUMENTED
+    cell = judge(subject(noisy), CASE)
     assert cell["mark"] is Mark.WARNED
     assert "divide by zero" in cell["reason"]
 
