@@ -24,25 +24,31 @@ def fold(k, shift=0):
     every = {{name: ran for name in {classifiers}}}
     write(f"fold_{{k}}.json", dict(n_columns=7, feature_s=0.002, memory_mb=3.0, classifiers=every))
 write("started.json", dict(first_s=9.0, versions={{"fake": "1.0"}}))
-{body}
+behaviour = {behaviours}.get(peer.name, {behaviour!r})
+if behaviour == "absent":
+    write("failed.json", dict(missing=True, message="needs aeon"))
+    sys.exit(1)
+if behaviour == "crash":
+    sys.exit("Killed by its own hand")
+fold(0, behaviour == "first fold wrong")
+fold(1)
+if behaviour == "slow":
+    signal.pause()
+fold(2)
+fold(3)
+write("done.json", {{}})
 """
-BODIES = {
-    "perfect": "[fold(k) for k in range(4)]; write('done.json', {})",
-    "first fold wrong": "fold(0, 1); [fold(k) for k in range(1, 4)]; write('done.json', {})",
-    "slow": "fold(0); fold(1); signal.pause()",
-    "crash": "sys.exit('Killed by its own hand')",
-    "absent": "write('failed.json', dict(missing=True, message='needs aeon')); sys.exit(1)",
-}
 CLASSIFIERS = ("lda", "shrinkage_lda", "random_forest", "naive_bayes", "ridge", "extra_trees")
 
 
-@pytest.fixture
-def interpreter(tmp_path):
-    """Make an executable that behaves like an interpreter whose peers all do as told."""
+@pytest.fixture(scope="session")
+def interpreter(tmp_path_factory):
+    """Make an executable that behaves like an interpreter whose peers do as told, all alike or by name."""
 
-    def make(behaviour):
-        path = tmp_path / f"fake-{behaviour.replace(' ', '-')}"
-        path.write_text(FAKE.format(python=sys.executable, classifiers=CLASSIFIERS, body=BODIES[behaviour]))
+    def make(behaviour="perfect", **behaviours):
+        path = tmp_path_factory.mktemp("fake") / "python"
+        facts = {"classifiers": CLASSIFIERS, "behaviour": behaviour, "behaviours": behaviours}
+        path.write_text(FAKE.format(python=sys.executable, **facts))
         path.chmod(path.stat().st_mode | stat.S_IXUSR)
         return path
 

@@ -6,31 +6,32 @@ import numpy as np
 import pytest
 
 from texclass.features.phase_view import views_of
-from texclass.peers import PEERS, PeerSettings, compare_with_peers, whole_materials
+from texclass.peers import PEERS, PeerComparison, PeerSettings, compare_with_peers, whole_materials
 from texclass.peers.comparison import _length_notes
 from texclass.peers.given_signals import every_channel, same_signals, signal_reader
 from texclass.recording import Phases, Recording, Tap
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def compared(bench, interpreter):
-    """Compare the benchmark with peers that all do as told."""
+    """Compare the benchmark with a peer of each behaviour."""
+    peers = {"tsfel": "absent", "minirocket": "perfect", "mfcc": "first fold wrong", "quant": "slow"}
+    return compare_with_peers(*bench, PeerSettings(tuple(peers), interpreter(**peers), time_limit_s=6.0))
 
-    def run(behaviour, *names, **settings):
-        return compare_with_peers(*bench, PeerSettings(names, interpreter(behaviour), **settings))
 
-    return run
+def of_peer(compared, name):
+    return next(c for c in compared.data["contestants"] if c["name"] == name)
 
 
 def test_a_perfect_peer_is_level_with_a_perfect_row_at_the_cost_of_one_fold(bench, compared):
-    found, (*_, result) = compared("perfect", "minirocket"), bench
-    ours, *_, peer = found.data["contestants"]
-    assert found.best_peer is peer
+    *_, result = bench
+    ours, peer = compared.data["contestants"][0], of_peer(compared, "minirocket")
+    assert compared.best_peer is peer
     assert (peer["accuracy"]["mean"], peer["n_folds"], peer["classifier"]) == (1.0, 4, "ridge")
     assert peer["difference"]["difference"] == ours["accuracy"]["mean"] - 1.0
     assert (ours["name"], ours["classifier"], ours["ours"], ours["difference"]) == (*result.best, True, None)
     assert ours["accuracy"]["mean"] == result.table["mean"].max()
-    assert found.data["peer_versions"] == {"fake": "1.0"}
+    assert compared.data["peer_versions"] == {"fake": "1.0"}
     cost = peer["cost"]
     assert (cost["feature_ms"], cost["fit_s"], cost["predict_ms"], cost["memory_mb"]) == (2.0, 0.5, 1.0, 3.0)
     # 9 + 3 recordings of a fold, fit, 3 predictions.
@@ -38,24 +39,24 @@ def test_a_perfect_peer_is_level_with_a_perfect_row_at_the_cost_of_one_fold(benc
 
 
 def test_a_missing_peer_is_a_line_and_no_error_and_our_widest_row_competes_beside_the_best(compared):
-    kept = json.loads(compared("absent", "quant", "tsfel").to_json())
+    kept = json.loads(compared.to_json())
     assert {"dataset", "protocol", "versions", "peer_versions", "seed", "input_hash"} <= set(kept)
-    ours, lines = ([c for c in kept["contestants"] if c["ours"] is is_ours] for is_ours in (True, False))
+    ours = [c for c in kept["contestants"] if c["ours"]]
     assert all(c["cost"]["feature_ms"] > 0 and c["cost"]["fit_s"] > 0 for c in ours)
     assert "Modified MFCC, Constant Mel Filter Bank" in {c["name"] for c in ours}
-    absent = ("not installed", "needs aeon", None)
-    assert [(c["status"], c["message"], c["accuracy"]) for c in lines] == [absent] * 2
+    absent = of_peer(compared, "tsfel")
+    told = ("not installed", "needs aeon", None)
+    assert (absent["status"], absent["message"], absent["accuracy"]) == told
 
 
 def test_a_wrong_fold_costs_what_it_tests_and_one_that_is_not_finished_nothing(compared):
-    peer = compared("first fold wrong", "quant").data["contestants"][-1]
-    assert peer["accuracy"]["folds"] == (0.0, 1.0, 1.0, 1.0)
-    assert peer["difference"]["test"].startswith("corrected resampled")
-    found = compared("slow", "quant", time_limit_s=3.0)
-    peer = found.data["contestants"][-1]
-    assert (peer["status"], peer["n_folds"], peer["accuracy"]["n_tested"]) == ("out of time", 2, 6)
-    assert len(peer["difference"]["folds"][0]) == 2
-    assert found.best_peer is None
+    wrong, slow = of_peer(compared, "mfcc"), of_peer(compared, "quant")
+    assert wrong["accuracy"]["folds"] == (0.0, 1.0, 1.0, 1.0)
+    assert wrong["difference"]["test"].startswith("corrected resampled")
+    assert (slow["status"], slow["n_folds"], slow["accuracy"]["n_tested"]) == ("out of time", 2, 6)
+    assert len(slow["difference"]["folds"][0]) == 2
+    contestants = [c for c in compared.data["contestants"] if c["ours"] or c is slow]
+    assert PeerComparison({**compared.data, "contestants": contestants}).best_peer is None
 
 
 def test_settings_are_checked():
