@@ -53,11 +53,15 @@ def _itself(new: Data, data: Data) -> Iterator[Block]:
     """Yield what was found about the feature itself."""
     alone = data["rows"][-1]
     accuracies = [f"{classifier_title(n)} {estimate(a)} %" for n, a in alone["accuracy"].items()]
-    added = (
-        ""
-        if new["ms_added"] is None
-        else f"; {digits(max(new['ms_added'], 0.0))} ms more beside the best row"
-    )
+    cost = f"{digits(new['ms_alone'])} ms per recording alone"
+    if new["ms_added"] is not None:
+        cost += f"; {digits(max(new['ms_added'], 0.0))} ms more beside the best row"
+    repeats = []
+    for found in new["redundancy"]:
+        kin = [f"{near['column']} {near['rank_correlation']:+.2f}" for near in found["nearest"]]
+        repeats.append(f"{found['column']}: rank correlation with {', '.join(kin) or 'nothing'}")
+        if (explained := found["explained"]) is not None:
+            repeats[-1] += f"; all columns together explain R\N{SUPERSCRIPT TWO} = {explained:.2f}"
     answers = pd.DataFrame(
         [(a["input"], a["answer"], a["detail"], "kept" if a["kept"] else "BROKEN") for a in new["behaviour"]],
         columns=["Input", "Answer", "Detail", "Contract"],
@@ -68,9 +72,9 @@ def _itself(new: Data, data: Data) -> Iterator[Block]:
         "Feature": f"{new['name']}: {new.get('summary', '')} Phase {new['phase']}, unit {new['unit']}, "
         f"{new['reference']}.",
         "Alone": alone["missing"] or ", ".join(accuracies),
-        "Cost": f"{digits(new['ms_alone'])} ms per recording alone{added}",
+        "Cost": cost,
         "Gain law": _law(new["gain_law"]),
-        "Repeats": "; ".join(map(_repeats, new["redundancy"])) or "nothing: it does not vary",
+        "Repeats": "; ".join(repeats) or "nothing: it does not vary",
         "Degenerate input": title,
     }
     if len(broken):
@@ -88,12 +92,3 @@ def _law(law: Data | None) -> str:
     if law.get("measured_deviation", 0.0) > EXACT:
         found = "another, of no power and no shift"
     return f"{declared}; BROKEN by {digits(law['deviation'])}; measured {found}"
-
-
-def _repeats(found: Data) -> str:
-    kin = ", ".join(f"{k['column']} {k['rank_correlation']:+.2f}" for k in found["nearest"]) or "nothing"
-    explained = found["explained"]
-    more = (
-        "" if explained is None else f"; all columns together explain R\N{SUPERSCRIPT TWO} = {explained:.2f}"
-    )
-    return f"{found['column']}: rank correlation with {kin}{more}"

@@ -36,14 +36,7 @@ def signal_reader(given: Given, first: Recording, channels: Channels) -> Callabl
     -------
     callable
         Recording -> ndarray of shape (n_channels, n_samples).
-
-    Raises
-    ------
-    ValueError
-        If `given` is neither.
     """
-    if given not in DESCRIPTIONS:
-        raise ValueError(f"signals of peers are {given!r}; the rule is 'same' or 'each'")
     return every_channel if given == "each" else partial(same_signals, apart=channels_apart(first, channels))
 
 

@@ -1,6 +1,6 @@
 """Selection that buys accuracy per millisecond: columns cost what their feature and its transforms cost."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -229,7 +229,11 @@ class _Search:
         moves = [m for m in every if len(m) <= self.most and self.model.of(m) <= self.budget]
         if not moves:
             return None
-        scores = self._scores(now, moves)
+        # Single columns are compared at once.
+        n = len(now.columns)
+        single = [m[-1] for m in moves if len(m) == n + 1]
+        found = iter(self.score.adding(now.columns, single) if single else ())
+        scores = np.array([next(found) if len(m) == n + 1 else self.score.of(m) for m in moves])
         gain = scores - now.score
         price = np.array([max(self.model.of(m) - now.cost, self.least) for m in moves])
         worth = np.where(gain > self.settings.tolerance, gain / price**thrift, -np.inf)
@@ -239,14 +243,6 @@ class _Search:
         if worth[best] == -np.inf:
             return None
         return Subset(tuple(sorted(moves[best])), self.model.of(moves[best]), float(scores[best]))
-
-    def _scores(self, now: Subset, moves: Sequence[list[int]]) -> Samples:
-        """Return the score of every move; single columns come first and are compared at once."""
-        n = len(now.columns)
-        single = [m[-1] for m in moves if len(m) == n + 1]
-        added = self.score.adding(now.columns, single) if single else np.empty(0)
-        more = iter(added)
-        return np.array([next(more) if len(m) == n + 1 else self.score.of(m) for m in moves])
 
     def _without_each(self, now: Subset, *, columns: bool) -> list[Subset]:
         """Return what is left when one feature (or one column) goes, unless nothing is."""
