@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from texclass.experiment.pipeline import FoldSettings, PipelineDefinition, RowDefinition, Use
@@ -12,6 +13,26 @@ from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import Phases, Recording, RecordingError
 
 FS = 1000.0
+TINY = """
+title = "Two simulated surfaces"
+format = "simulated"
+[recipe]
+n_surfaces = 2
+n_recordings = 4
+n_operators = 2
+duration_s = 4.0
+fs = 10000
+seed = 11
+"""
+
+
+def a_table(n_materials=3, n_repetitions=10, **columns):
+    """What is known of recordings before they are loaded."""
+    rows = [(f"m{m}", r) for m in range(n_materials) for r in range(1, n_repetitions + 1)]
+    table = pd.DataFrame(rows, columns=["material", "repetition"])
+    table["recording_id"] = table["material"] + "_" + table["repetition"].astype(str)
+    table["operator"] = [f"o{r % 5}" for r in table["repetition"]]
+    return table.assign(session=None, **columns)
 
 
 @dataclass

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from toy_noises import row
+from toy_noises import TINY, row
 
 from texclass.experiment.benchmark import run_benchmark
 from texclass.experiment.pipeline import Selection
@@ -18,17 +18,6 @@ ROWS = (
 )
 
 
-RECIPE = """
-title = "Two simulated surfaces"
-format = "simulated"
-[recipe]
-n_surfaces = 2
-n_recordings = 2
-n_operators = 2
-duration_s = 4.0
-fs = 10000
-seed = 11
-"""
 PIPELINE = """
 features = "strese2015"
 seed = 1
@@ -135,7 +124,7 @@ def test_bad_recordings_stop_the_run_or_are_listed(toy_dataset, several):
 
 
 def test_dataset_and_pipeline_may_be_named(tmp_path):
-    (tmp_path / "two.toml").write_text(RECIPE)
+    (tmp_path / "two.toml").write_text(TINY)
     (tmp_path / "few.toml").write_text(PIPELINE)
     result = run_benchmark(tmp_path / "two.toml", str(tmp_path / "few.toml"), n_folds=2)
     assert (result.data["dataset"]["n_materials"], result.data["pipeline"]["name"]) == (2, "few")

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from toy_noises import CLASSIFIERS, STEPS, row
+from toy_noises import CLASSIFIERS, STEPS, a_table, row
 
 from texclass.experiment.benchmark import run_benchmark
 from texclass.experiment.feature_table import FeatureTable
@@ -12,18 +12,6 @@ from texclass.experiment.pipeline import MatchedRow
 from texclass.experiment.protocols import find_protocol
 
 EUCLIDEAN = {"euclidean": CLASSIFIERS["euclidean"]}
-
-
-def table_of(n_materials, n_repetitions, **columns):
-    n = n_materials * n_repetitions
-    frame = {
-        "recording_id": [f"r{i}" for i in range(n)],
-        "material": np.repeat([f"m{k}" for k in range(n_materials)], n_repetitions),
-        "operator": None,
-        "session": None,
-        "repetition": np.tile(np.arange(1, n_repetitions + 1), n_materials),
-    }
-    return pd.DataFrame(frame | columns)
 
 
 @pytest.fixture
@@ -38,7 +26,7 @@ def test_the_row_that_fits_the_tests_by_chance_is_not_chosen(two):
     level, *peaks = (column for name in ("level", "peaks") for column in _columns(two, name))
     values = {level: np.where(later, noise[0], truth)}
     values |= {peak: np.where(later, truth, noise[1]) for peak in peaks}
-    frame = pd.concat([table_of(4, 20), pd.DataFrame(values)], axis=1)
+    frame = pd.concat([a_table(4, 20), pd.DataFrame(values)], axis=1)
     table = FeatureTable(frame, tuple(values), np.zeros(80))
     protocol = find_protocol("blocks")
     splits = protocol.split(table.frame, 0, 0)
@@ -71,12 +59,12 @@ def test_of_rows_that_do_equally_well_the_widest_is_chosen(toy_dataset, pipeline
 
 
 def test_training_parts_are_split_as_the_whole_where_possible():
-    two_operators = table_of(3, 6).assign(operator=np.tile(["a", "a", "a", "b", "b", "b"], 3))
+    two_operators = a_table(3, 6).assign(operator=np.tile(["a", "a", "a", "b", "b", "b"], 3))
     for protocol, frame, inner in (
-        ("recording", table_of(3, 6), "recording"),
-        ("blocks", table_of(3, 8), "blocks"),
-        ("blocks", table_of(3, 6), "recording"),
-        ("few-shot", table_of(3, 8), "recording"),
+        ("recording", a_table(3, 6), "recording"),
+        ("blocks", a_table(3, 8), "blocks"),
+        ("blocks", a_table(3, 6), "recording"),
+        ("few-shot", a_table(3, 8), "recording"),
         ("operator", two_operators, "recording"),  # one is left, and cannot be left out
     ):
         ((train, _), *_) = find_protocol(protocol).split(frame, 3, 0)
@@ -91,7 +79,7 @@ def test_the_papers_protocol_is_refused_and_a_part_of_single_recordings_too(toy_
     with pytest.raises(ValueError, match="'paper'; the rule is one whose test recordings stay unseen"):
         run_benchmark(toy_dataset(), two, protocol="paper", choose=True)
     with pytest.raises(ValueError, match="cannot be split again"):
-        inner_splits(find_protocol("recording"), table_of(3, 2), [(np.arange(6), None)], 0)
+        inner_splits(find_protocol("recording"), a_table(3, 2), [(np.arange(6), None)], 0)
 
 
 def _columns(pipeline, feature):

@@ -3,16 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
+from toy_noises import a_table
 
 from texclass.experiment.protocols import PROTOCOLS, find_protocol, repeated
-
-
-def a_table(n_materials=3, n_repetitions=10, **columns):
-    rows = [(f"m{m}", r) for m in range(n_materials) for r in range(1, n_repetitions + 1)]
-    table = pd.DataFrame(rows, columns=["material", "repetition"])
-    table["recording_id"] = table["material"] + "_" + table["repetition"].astype(str)
-    table["operator"] = [f"o{r % 5}" for r in table["repetition"]]
-    return table.assign(session=None, **columns)
 
 
 def split(name, table, n_folds=10, seed=0):

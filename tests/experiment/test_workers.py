@@ -10,23 +10,12 @@ from functools import partial
 import pandas as pd
 import pytest
 from threadpoolctl import threadpool_info
+from toy_noises import TINY
 
 from texclass.experiment.feature_table import extract_table
 from texclass.experiment.workers import each, running_on
 from texclass.features import load_feature_set
 from texclass.loaders import open_dataset
-
-TINY = """
-title = "Three simulated surfaces"
-format = "simulated"
-[recipe]
-n_surfaces = 3
-n_recordings = 4
-n_operators = 2
-duration_s = 4.0
-fs = 10000
-seed = 11
-"""
 
 
 def square(i):
