@@ -142,11 +142,6 @@ def along(*axes: int) -> NDArray[np.int64]:
     return np.array(axes, dtype=np.int64)
 
 
-def repeated(value: float, n: int) -> NDArray[np.float64]:
-    """Return a factor as a constant of shape (n,), n > 1; a scalar would lose digits as single columns do."""
-    return np.full(n, value)
-
-
 def build(model: Model) -> Any:
     """Return a trained model as an ONNX model, without metadata.
 
@@ -172,9 +167,9 @@ def build(model: Model) -> Any:
     for _, step in model.recogniser.steps[1:-1]:
         prepared = add_step(step, graph, prepared)
     decisions = add_class_scores(model.recogniser[-1], graph, prepared)
-    # (1 - lapse) softmax(beta s) + lapse / K
+    # (1 - lapse) softmax(beta s) + lapse / K; a scalar beta would lose digits as single columns do
     n, calibration = len(model.materials), model.calibration
-    p = graph.add("Softmax", graph.add("Mul", decisions, repeated(calibration.beta, n)), axis=1)
+    p = graph.add("Softmax", graph.add("Mul", decisions, np.full(n, calibration.beta)), axis=1)
     p = graph.add("Add", graph.add("Mul", p, 1 - calibration.lapse), calibration.lapse / n)
     bad = graph.add("Or", graph.add("IsNaN", prepared), graph.add("IsInf", prepared))
     undefined = _of_rows("ReduceMax", bad, graph)
@@ -360,7 +355,7 @@ def _(classifier: VoteOfPieces, graph: Graph, rows: str) -> str:
     mean = graph.add("Div", graph.add("Sum", *votes), n)
     if classifier.whole_ is None:
         return mean
-    weight = repeated(classifier.whole_weight, len(classifier.classes_))
+    weight = np.full(len(classifier.classes_), classifier.whole_weight)
     whole = graph.add("Mul", _vote(classifier.whole_, graph, rows), weight)
     return graph.add("Div", graph.add("Add", mean, whole), 1 + classifier.whole_weight)
 

@@ -315,19 +315,19 @@ def decoded_messages(
     RecordingError
         If the messages say that a column is not measured.
     """
+    good = list(range(len(raws)))
     try:
         stamps, samples = _samples(raws, type_name, columns)
     except MessageError:
         shapes = [_shape(raw, type_name) for raw in raws]
-        first = next((shape for shape in shapes if shape is not None), None)
-        good = [i for i, shape in enumerate(shapes) if first is not None and shape == first]
+        first = next(filter(None, shapes), None)
+        good = [i for i, shape in enumerate(shapes) if shape is not None and shape == first]
         if not good:
             return None
-        found = decoded_messages([raws[i] for i in good], [sent[i] for i in good], type_name, columns)
-        assert found is not None
-        return found._replace(n_bad=len(raws) - len(good))
-    sent_ns = np.array(sent, np.int64)
-    return Received(sent_ns if stamps is None else np.where(stamps == 0, sent_ns, stamps), sent_ns, samples)
+        stamps, samples = _samples([raws[i] for i in good], type_name, columns)
+    sent_ns = np.array([sent[i] for i in good], np.int64)
+    stamps_ns = sent_ns if stamps is None else np.where(stamps == 0, sent_ns, stamps)
+    return Received(stamps_ns, sent_ns, samples, len(raws) - len(good))
 
 
 def _shape(raw: bytes, type_name: str) -> tuple[int, ...] | None:
