@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from texclass.loaders import open_dataset
 from texclass.textures import Scan
 from texclass.textures.abdulali2016 import bake, condition, fit_as_published, fit_texture, model_scan
-from texclass.textures.abdulali2016.network_fit import growth_of
+from texclass.textures.abdulali2016.model_points import growth_of
 from texclass.textures.abdulali2016.network_texture import level_of
 from texclass.textures.resonant_surfaces import surface
 from texclass.vibration import Autoregression

@@ -39,6 +39,8 @@ MOTION_FS = 1000.0
 """The motion has no content beyond 25 Hz: at higher rates it is segmented at about this one."""
 N_STILL = 10
 """Points of zero speed; the paper leaves their number open."""
+STEEPEST = 2.0
+"""Largest exponent of speed or force in the level: above, a few segments have misled the regression."""
 LINE, STEADY = 0, 1
 """What a union of neighbours costs: `_line_cost` or `_steady_cost`."""
 
@@ -345,6 +347,23 @@ def segment_points(
         loud = np.array([np.sqrt(np.mean(x**2)) for x in pieces])
     kind = np.zeros(len(segments), np.int64)
     return ModelPoints(segments.means(u), lsf, loud, segments.n_samples / scan.fs, kind)
+
+
+def growth_of(speed: Samples, force: Samples, level: Samples, weight: Samples) -> tuple[float, float]:
+    """Return alpha and beta of segments, each 0 ... `STEEPEST`; 0 where speed or force never changed.
+
+    Parameters
+    ----------
+    speed, force, level : ndarray of shape (n_segments,)
+        mm/s, N and the unit of the acceleration; all above 0.
+    weight : ndarray of shape (n_segments,)
+        Of each segment in the regression.
+    """
+    columns = np.log(np.column_stack([speed, force, level]))
+    centred = (columns - np.average(columns, axis=0, weights=weight)) * np.sqrt(weight)[:, np.newaxis]
+    powers = np.linalg.lstsq(centred[:, :2], centred[:, 2], rcond=1e-6)[0]
+    alpha, beta = np.clip(powers, 0.0, STEEPEST).tolist()
+    return alpha, beta
 
 
 def zero_force_points(points: ModelPoints, scaling: Samples) -> ModelPoints:

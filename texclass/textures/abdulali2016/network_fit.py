@@ -14,6 +14,7 @@ from texclass.textures.abdulali2016.model_points import (
     InputSegments,
     Loudness,
     ModelPoints,
+    growth_of,
     mirrored,
     segment_input,
     segment_points,
@@ -21,7 +22,6 @@ from texclass.textures.abdulali2016.model_points import (
     zero_speed_points,
 )
 from texclass.textures.abdulali2016.network_texture import (
-    STEEPEST,
     DelaunayTexture,
     Frame,
     NetworkTexture,
@@ -264,23 +264,6 @@ def segment_enough(scan: Scan) -> InputSegments:
         if segments.n_samples.sum() >= COVERAGE * len(scan) or variation >= LOOSEST:
             return segments
         variation *= 2
-
-
-def growth_of(speed: Samples, force: Samples, level: Samples, weight: Samples) -> tuple[float, float]:
-    """Return alpha and beta of segments, each 0 ... `STEEPEST`; 0 where speed or force never changed.
-
-    Parameters
-    ----------
-    speed, force, level : ndarray of shape (n_segments,)
-        mm/s, N and the unit of the acceleration; all above 0.
-    weight : ndarray of shape (n_segments,)
-        Of each segment in the regression.
-    """
-    columns = np.log(np.column_stack([speed, force, level]))
-    centred = (columns - np.average(columns, axis=0, weights=weight)) * np.sqrt(weight)[:, np.newaxis]
-    powers = np.linalg.lstsq(centred[:, :2], centred[:, 2], rcond=1e-6)[0]
-    alpha, beta = np.clip(powers, 0.0, STEEPEST).tolist()
-    return alpha, beta
 
 
 def _by_law(

@@ -12,7 +12,7 @@ from scipy import interpolate, spatial
 
 from texclass.recording import Samples
 from texclass.signals import positive
-from texclass.textures.abdulali2016.model_points import MOTION_HZ, Loudness
+from texclass.textures.abdulali2016.model_points import MOTION_HZ, STEEPEST, Loudness
 from texclass.textures.contract import StoredFields, freeze
 from texclass.textures.gliding import GlidingRenderer
 from texclass.textures.grid import GridModel, cell
@@ -23,8 +23,6 @@ LIMIT = 2.0
 """No rendered sample exceeds this many times the recorded peak."""
 BUFFER = 16
 """Samples between two readings of the map; `abdulali2016`, section 4.2."""
-STEEPEST = 2.0
-"""Largest exponent of speed or force in the level: above, a few segments have misled the regression."""
 LATTICE_OPERATIONS = 12
 """Per stage and sample: k between two, sqrt(1 - k^2), and the rotation."""
 ANISOTROPIC, ISOTROPIC = (17, 17, 8), (24, 10)
@@ -78,11 +76,10 @@ class Frame:
             raise ValueError(
                 f"frame has {len(self.mean)} inputs, isotropic {self.isotropic}; the rule is {n}"
             )
-        numbers = [self.fastest, self.hardest, self.slow, self.light, self.loudest, self.peak, self.gap]
-        if not np.all(np.isfinite([*numbers, *self.mean])) or min(numbers) < 0:
-            raise ValueError(f"frame holds {numbers}; the rule is finite, at least 0")
-        if not (np.all(np.isfinite(self.deviation)) and min(self.deviation) > 0):
-            raise ValueError(f"frame has deviations {self.deviation}; the rule is finite, above 0")
+        sizes = [self.fastest, self.hardest, self.slow, self.light, self.loudest, self.peak, self.gap]
+        finite = np.isfinite([*sizes, *self.mean, *self.deviation]).all()
+        if not finite or min(sizes) < 0 or min(self.deviation) <= 0:
+            raise ValueError(f"{self}; the rule is finite numbers, sizes at least 0, deviations above 0")
 
     @property
     def n_inputs(self) -> int:
