@@ -95,8 +95,8 @@ def test_correlation_ratio_is_near_zero_for_noise_and_near_one_for_labels() -> N
 
 def test_probabilities_are_those_of_a_known_mixture() -> None:
     rng = np.random.default_rng(11)
-    y = rng.integers(0, 2, 3000)
-    X = rng.standard_normal((3000, 1)) + 2.0 * y[:, None]
+    y = rng.integers(0, 2, 1500)
+    X = rng.standard_normal((1500, 1)) + 2.0 * y[:, None]
     grid = np.linspace(-1, 3, 9)[:, None]
     p = KernelDiscriminant(ridge=5.0).fit(X, y).predict_proba(grid)
     np.testing.assert_allclose(p.sum(axis=1), 1)
