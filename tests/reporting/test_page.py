@@ -188,6 +188,14 @@ def test_results_of_equal_titles_are_told_apart(tmp_path):
     assert page.count("<h3>toy</h3>") == 1
 
 
+def test_committed_markdown_says_what_the_results_beside_it_hold(tmp_path):
+    folder = REPORTS / "tables"
+    for told in sorted(folder.glob("*.md")):
+        results = sorted(folder.glob(f"{told.stem}-*.json"))
+        again = write_page(results, tmp_path / told.name)
+        assert again.read_text(encoding="utf-8") == told.read_text(encoding="utf-8"), told.name
+
+
 def test_committed_results_are_read_and_become_one_page(tmp_path):
     files = [REPORTS / "studies" / f"{name}.json" for name in ("stability", "invariance")]
     files += sorted((REPORTS / "tables").glob("*.json"))

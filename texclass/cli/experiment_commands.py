@@ -245,7 +245,9 @@ def report(
             help="JSON files that benchmark, tradeoff, stability or the study of invariance wrote."
         ),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The page.")] = Path("report.html"),
+    output: Annotated[Path, typer.Option("--output", "-o", help="HTML, or Markdown (.md).")] = Path(
+        "report.html"
+    ),
     title: Annotated[str, typer.Option(help="Its title; the datasets' names by default.")] = "",
 ) -> None:
     """Write results as one HTML page that needs no network: tables, figures, datasets, versions."""

@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import ConfigDict, Field, create_model, model_validator
 
-from texclass.document import Document, render_page
+from texclass.document import Document, render_markdown, render_page
 from texclass.experiment.benchmark_document import benchmark_document
 from texclass.experiment.new_feature_document import new_feature_document
 from texclass.peers.peers_document import peers_document
@@ -266,14 +266,15 @@ def read_document(path: str | Path) -> Document:
 
 
 def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "") -> Path:
-    """Read results and write a page that holds all it shows and asks for nothing outside.
+    """Read results and write a page that holds all it shows and asks for nothing outside, or their Markdown.
 
     Parameters
     ----------
     paths : sequence of str or path
         JSON files, in the order of the page.
     output : str or path
-        The HTML file; its folder is made if it does not exist.
+        The file; its folder is made if it does not exist. It holds HTML, or Markdown without pictures if its
+        name ends in `.md`.
     title : str
         Its title; by default the datasets'.
 
@@ -299,11 +300,11 @@ def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "")
         told_apart = f"{document.title}: {told}" if counts[document.title] > 1 else document.title
         documents.append(replace(document, title=told_apart, again={"File": file, **document.again}))
     names = list(dict.fromkeys(document.data[0] for document in documents if document.data))
-    page = render_page(
-        documents,
-        title or (f"{TITLE}: {', '.join(names)}" if 0 < len(names) <= 3 else TITLE),
-        written_by="texclass report",
-    )
+    title = title or (f"{TITLE}: {', '.join(names)}" if 0 < len(names) <= 3 else TITLE)
+    if output.suffix == ".md":
+        page = "\n".join(map(render_markdown, documents))
+    else:
+        page = render_page(documents, title, written_by="texclass report")
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_text(page, encoding="utf-8")
     return output
