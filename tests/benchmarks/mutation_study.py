@@ -3,7 +3,7 @@
 `nice python tests/benchmarks/mutation_study.py` goes on with reports/studies/mutation.json, or draws new
 faults where there is none; `--again survived --files 25` runs those that survived against more tests;
 `--equivalent 17 --reason "..."` says why no test can see a fault. Faults are those of mutmut (operators,
-numbers, booleans), and the ones that array code invites: min for max, a mean that becomes a sum, another axis.
+numbers, booleans), and what array code invites: min for max, a mean that becomes a sum, another axis.
 mutmut and cosmic-ray themselves run the whole suite, or the same tests, for every fault: days here.
 
 A fault meets the test files nearest to it by the names they use, in a copy of the last commit, one after the

@@ -19,25 +19,46 @@ def two(pipeline):
     return pipeline(row("Peaks", "peaks"), row("Level", "level"), classifiers=EUCLIDEAN, steps=STEPS[1:])
 
 
+def choice_of(pipeline, frame):
+    """Choose a row and a classifier for some values, blocks first; return it beside every evaluation."""
+    table = FeatureTable(frame, pipeline.features.column_names, np.zeros(len(frame)))
+    protocol = find_protocol("blocks")
+    splits = protocol.split(table.frame, 0, 0)
+    rows = [MatchedRow.of(definition, pipeline.features, table) for definition in pipeline.rows]
+    evaluations = {
+        one.definition.name: {name: pipeline.trial(one, name, table)(splits) for name in pipeline.classifiers}
+        for one in rows
+    }
+    return choose_inside(rows, table, splits, pipeline, protocol, evaluations), evaluations
+
+
 def test_the_row_that_fits_the_tests_by_chance_is_not_chosen(two):
     """`level` tells materials apart in training; `peaks` only in the tests, where `level` is noise."""
     rng, later = np.random.default_rng(0), np.tile(np.arange(20) >= 10, 4)
     truth, noise = np.repeat(np.arange(4.0), 20) + rng.normal(0, 0.05, 80), rng.uniform(0, 3, (2, 80))
     level, *peaks = (column for name in ("level", "peaks") for column in _columns(two, name))
-    values = {level: np.where(later, noise[0], truth)}
+    values = dict.fromkeys(two.features.column_names, np.zeros(80))
+    values |= {level: np.where(later, noise[0], truth)}
     values |= {peak: np.where(later, truth, noise[1]) for peak in peaks}
-    frame = pd.concat([a_table(4, 20), pd.DataFrame(values)], axis=1)
-    table = FeatureTable(frame, tuple(values), np.zeros(80))
-    protocol = find_protocol("blocks")
-    splits = protocol.split(table.frame, 0, 0)
-    rows = [MatchedRow.of(definition, two.features, table) for definition in two.rows]
-    evaluations = {
-        one.definition.name: {"euclidean": two.trial(one, "euclidean", table)(splits)} for one in rows
-    }
-    choice = choose_inside(rows, table, splits, two, protocol, evaluations)
+    choice, evaluations = choice_of(two, a_table(4, 20).assign(**values))
     assert choice["chosen"] == [["Level", "euclidean"]]
     assert choice["protocol"] == "blocks"
     assert choice["accuracy"]["mean"] == evaluations["Level"]["euclidean"].accuracy.mean
+
+
+def test_permuted_labels_leave_the_choice_at_chance_where_the_best_of_the_table_is_above(pipeline):
+    names = "level", "peaks", "rarely"
+    rows = (*(row(name.title(), name) for name in names), row("All", *names))
+    every = pipeline(*rows, classifiers=EUCLIDEAN, steps=STEPS[1:])
+    chosen, best = [], []
+    for seed in range(10):
+        values = np.random.default_rng(seed).normal(size=(80, len(every.features.column_names)))
+        noises = pd.DataFrame(values, columns=every.features.column_names)
+        choice, evaluations = choice_of(every, pd.concat([a_table(4, 20), noises], axis=1))
+        chosen.append(choice["accuracy"]["mean"])
+        best.append(max(found.accuracy.mean for of in evaluations.values() for found in of.values()))
+    assert np.mean(chosen) == pytest.approx(0.25, abs=0.04)
+    assert np.mean(best) > 0.31
 
 
 def test_each_fold_counts_with_what_it_chose(toy_dataset, two):

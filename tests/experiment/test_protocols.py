@@ -3,9 +3,13 @@
 import numpy as np
 import pandas as pd
 import pytest
+from sklearn.naive_bayes import GaussianNB
+from sklearn.preprocessing import StandardScaler
 from toy_noises import a_table
 
+from texclass.experiment.folds import evaluate
 from texclass.experiment.protocols import PROTOCOLS, find_protocol, repeated
+from texclass.experiment.selection import ForwardSelector
 
 
 def split(name, table, n_folds=10, seed=0):
@@ -22,6 +26,26 @@ def test_no_recording_trains_and_tests_in_one_fold_and_each_is_tested_once_where
         if name not in ("blocks", "few-shot"):
             assert sorted(np.concatenate([test for _, test in folds])) == list(range(30))
     assert [p.name for p in PROTOCOLS.values() if not p.nested] == ["paper"]
+
+
+def test_permuted_labels_stay_at_chance_under_every_protocol():
+    """What a recording (or run) has of its own names it; labels say nothing, so parting it would show."""
+    recordings = a_table(4, 20).assign(session=[f"{m}/{r // 2}" for m in range(4) for r in range(20)])
+    table = recordings.loc[recordings.index.repeat(3)].rename(columns={"recording_id": "parent"})
+    table = table.assign(recording_id=[f"w{i}" for i in range(240)]).reset_index(drop=True)
+    for name, protocol in PROTOCOLS.items():
+        _, unit = np.unique(protocol.clusters(table), return_inverse=True)
+        chooser = (
+            ForwardSelector(GaussianNB(), n_features_to_select=2) if protocol.nested else StandardScaler()
+        )
+        right = []
+        for seed in range(5):
+            X = np.random.default_rng(seed).normal(size=(unit.max() + 1, 8))[unit]
+            splits = protocol.split(table, 4, seed)
+            right.append(
+                evaluate(X, table["material"].to_numpy(), splits, chooser, GaussianNB()).accuracy.mean
+            )
+        assert np.mean(right) == pytest.approx(0.25, abs=0.1), name
 
 
 def test_operator_leaves_one_out_entirely_and_falls_back_to_sessions():

@@ -51,6 +51,13 @@ def test_band_ends_at_half_a_low_rate():
     np.testing.assert_array_equal(mfcc(slow), mfcc(slow, high_hz=1100.0))
 
 
+def test_a_movement_without_energy_in_the_band_is_silence():
+    # Zeros where the movement is not 0: frames are silent, the whole is not.
+    for values in (mfcc, mfcc_deviation):
+        with pytest.raises(UndefinedFeatureError, match="silence: no energy between 0 and 1400 Hz"):
+            values(PhaseView(np.append(np.zeros(3000), 1.0), FS))
+
+
 def test_a_filter_without_a_bin_and_a_coefficient_beyond_the_filters_are_named():
     with pytest.raises(UndefinedFeatureError, match=r"mel filter 1 .* holds no bin"):
         mfcc(VIEW, n_filters=80)

@@ -78,16 +78,17 @@ def test_damping_as_printed_is_equation_2_written_out():
 
 
 def test_one_bad_tap_changes_neither_a_mean_nor_a_median():
-    good, silent, odd = (
-        TapSignal(HAND, bounces(10)),
-        TapSignal(HAND, np.zeros(100)),
-        ringing(500, 3000).taps[0],
-    )
-    alone = TapView((good,), FS)
-    assert h.hardness_as_printed(TapView((good, silent, good), FS)) == pytest.approx(
-        h.hardness_as_printed(alone)
-    )
-    assert h.damping(TapView((good, odd, good), FS)) == h.damping(alone)
+    good, silent = TapSignal(HAND, ringing(60, 400).taps[0].impulse), TapSignal(HAND, np.zeros(100))
+    odd = TapSignal(7 * HAND, ringing(500, 3000).taps[0].impulse)
+    alone, other = TapView((good,), FS), TapView((odd,), FS)
+    medians = h.hardness, h.damping, h.tap_band, h.tap_course, h.tap_decay_rate, h.tap_strength, h.tap_crest
+    for median in medians:
+        assert np.all(median(alone) != median(other))
+        np.testing.assert_array_equal(median(TapView((good, odd, good), FS)), median(alone))
+    for mean in (h.hardness_as_printed, h.damping_as_printed):
+        assert mean(TapView((good, silent, good), FS)) == pytest.approx(mean(alone))
+        expected = (2 * mean(alone) + mean(other)) / 3
+        assert mean(TapView((good, odd, good), FS)) == pytest.approx(expected)
 
 
 def test_a_decaying_sinusoid_has_its_decay_its_frequency_and_its_course():

@@ -55,6 +55,8 @@ def test_spikiness_as_printed_is_equation_6_and_has_a_floor_where_it_is_correcte
     smooth = view(tone(50, 30_000))  # never reaches 2 sigma
     with pytest.raises(UndefinedFeatureError, match="spike threshold"):
         r.spikiness_as_printed(smooth)
+    expected = np.log10(np.maximum(slow - threshold, 0).mean() + 1e-3 * np.std(slow))
+    assert r.spikiness(view(x - x.mean())) == pytest.approx(expected, abs=0.03)
     sigma = np.sqrt(0.5) / (1 + 0.5**4)
     assert r.spikiness(smooth) == pytest.approx(np.log10(1e-3 * sigma), abs=0.01)
 
@@ -105,6 +107,13 @@ def test_ratio_of_two_tones_in_the_bands_is_that_of_their_amplitudes():
     assert r.roughness_ratio(view(0.1 * tone(700) + tone(210))) == pytest.approx(-1, abs=0.02)
     with pytest.raises(UndefinedFeatureError, match="fs is 2000 Hz; the rule is fs/2 above 1000 Hz"):
         r.temporal_roughness(view(noise(5000), 2000.0))
+
+
+def test_roughness_in_time_is_that_of_the_fine_band_whatever_the_level_of_the_coarse_one():
+    fine, coarse = tone(700), tone(210)
+    level = r.temporal_roughness(view(fine + coarse))
+    assert r.temporal_roughness(view(0.1 * fine + coarse)) == pytest.approx(level - 1, abs=0.02)
+    assert r.temporal_roughness(view(fine + 10 * coarse)) == pytest.approx(level, abs=0.02)
 
 
 def changes(x, length, shift):

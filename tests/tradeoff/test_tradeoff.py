@@ -4,9 +4,22 @@ import json
 
 import numpy as np
 import pytest
+from sklearn.model_selection import StratifiedGroupKFold
 
+from texclass.experiment.cost import CostModel
+from texclass.experiment.windows import touches
 from texclass.features import load_feature_set
-from texclass.tradeoff.front import Limits, estimate, knee
+from texclass.tradeoff import cost_selection, front
+from texclass.tradeoff.curves import cross_validated
+from texclass.tradeoff.front import (
+    Labelled,
+    Limits,
+    discriminant,
+    estimate,
+    knee,
+    nested_fewest,
+    nested_front,
+)
 from texclass.tradeoff.recogniser import load_recogniser
 from texclass.tradeoff.trading import trade_off
 
@@ -66,6 +79,41 @@ def test_the_knee_is_the_cheapest_point_within_one_per_cent_of_the_best():
     for means, best in (((0.5, 0.95, 0.955, 0.96), 2), ((0.5, 0.9, 0.96), 3)):
         front = [{"budget_ms": n, "accuracy": {"mean": mean}} for n, mean in enumerate(means, start=1)]
         assert knee(front)["budget_ms"] == best
+
+
+def test_permuted_labels_stay_at_chance_at_every_point_of_a_trade():
+    """Each recording has three alike windows: whoever parts them, or asks what was learnt, does better."""
+    every = []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        groups, y = np.arange(180) // 3, rng.permutation(np.arange(60) % 3).repeat(3)
+        X = rng.normal(size=(60, 8)).repeat(3, axis=0) + 0.01 * rng.normal(size=(180, 8))
+        splits = list(StratifiedGroupKFold(3, shuffle=True, random_state=seed).split(X, y, groups))
+        data, names = Labelled(X, y, groups), tuple("abcdefgh")
+        costs = CostModel(names, names, names, np.ones(8), np.eye(8, dtype=bool))
+        points, full = nested_front(data, splits, costs, (2.0, 4.0), max_features=3)
+        fewest = [accuracy for _, accuracy in nested_fewest(data, splits, 2)]
+        curve = cross_validated(data, splits, discriminant())
+        found = [*(p[of] for p in points for of in ("accuracy", "plain")), full, *fewest, curve]
+        every.append([accuracy["mean"] for accuracy in found])
+    np.testing.assert_allclose(np.mean(every, axis=0), 1 / 3, atol=0.1)
+
+
+def test_no_choice_of_a_trade_parts_windows_of_one_recording(noises, monkeypatch):
+    divided = []
+
+    def watched(y, groups, cv):
+        divided.append(None if groups is None else (len(groups), len(set(groups))))
+        return inner_splits(y, groups, cv)
+
+    inner_splits = cost_selection.inner_splits
+    for module in (cost_selection, front):
+        monkeypatch.setattr(module, "inner_splits", watched)
+    windows = touches(noises, 0.15)
+    for limits in (Limits(max_features=1), Limits(materials=("m0", "m2"))):
+        trade_off(windows, SET, limits, n_folds=2, n_repeats=1, with_curves=False)
+    assert None not in divided
+    assert {n_windows / n_recordings for n_windows, n_recordings in divided} == {2.0}
 
 
 def test_intervals_hold_the_mean_and_do_not_collapse():
