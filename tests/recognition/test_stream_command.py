@@ -84,7 +84,7 @@ def test_nothing_felt_ends_with_its_own_exit_code(run):
     ("arguments", "text", "message"),
     [
         ((), "1\n", "fs is missing"),
-        (("--rate", "4000", "--unit", "m/s^2"), "1\nabc\n", "line 2 is 'abc'"),
+        (("--rate", "4000", "--unit", "m/s^2"), "abc\n", "line 1 is 'abc'"),
         (("--rate", "4000", "--unit", "m/s^2", "--evidence", "mean"), "1\n2\n", "majority"),
         (("--source", "nothing.wav", "--rate", "4000"), "", "nothing.wav"),
         (("--rate", "4000", "--unit", "m/s^2", "--hop", "-1"), "1\n", "hop_s"),

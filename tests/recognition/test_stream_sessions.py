@@ -5,7 +5,7 @@ import pytest
 from toy_surfaces import FS, SURFACES, signal
 
 from texclass.recognition import Block, Event, Notice, OnlineSettings, Session, WindowAnswer, listen
-from texclass.recognition.live.session import finite_stretches
+from texclass.recognition.live.defects import FAR, MOST_LOST, Defects
 from texclass.recording import Recording, RecordingError
 
 MOVING = OnlineSettings(window_s=0.25, assume_contact=True)
@@ -40,19 +40,91 @@ def test_lost_samples_and_flags_are_said_and_survived(linear_model, oak):
     assert of(WindowAnswer, found)[-1].verdict.surface == "oak"
 
 
-def test_samples_that_are_not_finite_are_left_out(linear_model, oak):
+def test_samples_that_are_not_finite_are_bridged_or_lost(linear_model, oak):
     bad = oak.copy()
     bad[2500:2510] = np.nan
     session, found = run(linear_model, blocks(bad))
     assert session.n_lost == 10
     assert "not finite: 10 samples" in of(Notice, found)[0].what
+    assert [e.kind for e in of(Event, found)] == ["contact"]
     assert of(WindowAnswer, found)[-1].verdict.surface == "oak"
+    bad[2500:2520] = np.nan
+    assert [e.kind for e in of(Event, run(linear_model, blocks(bad))[1])] == ["contact", "break"]
 
 
-def test_finite_stretches_cover_every_row_once():
-    rows = np.array([np.nan, 1, 2, np.inf, np.nan, 3, np.nan])[:, None]
-    told = [(lost, kept[:, 0].tolist()) for lost, kept in finite_stretches(rows)]
-    assert told == [(1, [1, 2]), (2, [3]), (1, [])]
+@pytest.mark.parametrize("glitch", [1e9, 3.4e38, -1e5, np.inf])
+@pytest.mark.parametrize("settings", [MOVING, OnlineSettings(window_s=0.25)], ids=["moving", "from rest"])
+def test_one_wild_sample_is_told_and_the_answer_is_back_within_a_second(linear_model, oak, glitch, settings):
+    x = np.concatenate([0.001 * np.random.default_rng(0).standard_normal(2000), oak])
+    at = 4000
+    expected = of(WindowAnswer, run(linear_model, blocks(x), settings)[1])
+    x[at] = glitch
+    session, found = run(linear_model, blocks(x), settings)
+    (notice,) = of(Notice, found)
+    assert notice.what.startswith("not finite: 1" if abs(glitch) > 1e15 else "glitch: 1 samples")
+    assert session.n_lost == 1
+    told = of(WindowAnswer, found)
+    assert [w.stop for w in told] == [w.stop for w in expected]
+    after = [w for w in told if at < w.stop <= at + FS]
+    assert len(after) >= 4
+    assert {w.answer.surface for w in after} == {"oak"}
+    again = [(w.answer, e.answer) for w, e in zip(told, expected, strict=True) if w.start > at]
+    assert all(now.probabilities == before.probabilities for now, before in again)
+
+
+def test_a_wire_that_stays_loose_is_told_a_few_times_and_the_stream_goes_on(linear_model, oak):
+    x = np.tile(oak, 4)
+    loose = slice(2000, 18_000)
+    x[loose] = np.random.default_rng(1).choice([-1e9, 1e9, np.nan], 16_000)
+    session, found = run(linear_model, blocks(x))
+    assert 2 <= len(of(Notice, found)) <= 6
+    assert "like it" in of(Notice, found)[-1].what
+    assert session.n_lost >= 15_000
+    last = of(WindowAnswer, found)[-1]
+    assert last.answer.surface == "oak"
+    assert last.stop >= len(x) - 1000
+
+
+def test_a_new_level_is_no_glitch_for_long(linear_model, oak):
+    x = np.concatenate([oak, oak + 1e6])
+    session, found = run(linear_model, blocks(x))
+    assert session.n_lost == round(0.1 * FS) - 1
+    assert [e.kind for e in of(Event, found)] == ["contact", "break"]
+    assert of(WindowAnswer, found)[-1].stop >= len(x) - 1000
+
+
+@pytest.mark.parametrize("size", [1, 7, 400])
+def test_mended_samples_do_not_depend_on_blocks(linear_model, size):
+    rng = np.random.default_rng(2)
+    rows = rng.standard_normal((400, 2))
+    for start, n in ((0, 2), (50, 1), (60, MOST_LOST), (100, MOST_LOST + 1), (200, 90), (300, 3)):
+        rows[start : start + n] = rng.choice([np.nan, 1e9 if start else np.inf], (n, 2))
+    rows[150] = [3.0, 1e9]  # of which only the first is acceleration
+
+    def mended(size):
+        defects, parts, lost = Defects(linear_model, 1, FS, 1.0), [], []
+        for k in range(0, len(rows), size):
+            for n, part in defects.mended(rows[k : k + size])[0]:
+                lost += [n] * (n > 0)
+                parts.append(part)
+        return lost, np.concatenate(parts)
+
+    lost, whole = mended(size)
+    assert lost == [2, MOST_LOST + 1, 90]
+    np.testing.assert_array_equal(whole, mended(400)[1])
+    np.testing.assert_allclose(whole[48], (rows[49] + rows[51]) / 2)
+    assert len(whole) + sum(lost) == 400
+    assert Defects(linear_model, 1, FS, 0.5).far == 2 * max(FAR * linear_model.manifest.loudest, 1000)
+
+
+def test_notices_of_one_kind_are_said_once_in_five_seconds_and_counted(linear_model, oak):
+    given = [Block(k / 10, oak[:2, None], FS, "m/s^2", 0, (f"gaps: {k}", "odd")) for k in range(120)]
+    _, found = run(linear_model, given)
+    assert [n.what for n in of(Notice, found)] == [
+        "gaps: 0", "odd", "gaps: 50 (49 like it in between)", "odd (49 like it in between)",
+        "gaps: 100 (49 like it in between)", "odd (49 like it in between)",
+        "gaps: 119 (19 like it)", "odd (19 like it)",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

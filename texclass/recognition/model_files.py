@@ -19,10 +19,11 @@ from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.validation import Written, checked
 
-FORMAT = (2, 0)
+FORMAT = (2, 1)
 """Major and minor version; a minor step adds facts that a reader can do without.
 
 2.0: feature code and classes of texclass 0.2 stand elsewhere than before.
+2.1: how large accelerations were; how far windows of one contact agree by their contact (calibration).
 """
 MANIFEST = "manifest.json"
 Positive = Annotated[float, Field(gt=0, le=1e12)]
@@ -73,6 +74,8 @@ class Manifest(Written):
         Of texclass, Python and libraries.
     shortest_s
         Movement of about the shortest recording trained on, in seconds.
+    loudest
+        Largest acceleration of the recordings trained on, from the median of its axis.
     schema
         Of the file: major and minor version.
     """
@@ -92,6 +95,7 @@ class Manifest(Written):
     touch_s: Positive | None
     versions: Mapping[str, str]
     shortest_s: Positive | None = None
+    loudest: Annotated[float, Field(gt=0)] | None = None
     format_version: tuple[int, int] = Field(default=FORMAT, alias="schema")
 
     def to_json(self) -> str:

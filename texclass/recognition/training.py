@@ -246,12 +246,14 @@ def _recordings(felt: Dataset, meter: CostMeter, plan: Plan) -> dict[str, Any]:
         raise RecordingError(f"{felt.name}: rates are {like.fs:g} and {others.pop():g} Hz; the rule is one")
     spans = [r.phases.movement for r in meter.recordings if r.phases and r.phases.movement]
     members = [member for _, part in plan.parts for member in part.members]
+    sizes = [np.abs(r.acceleration - np.median(r.acceleration, axis=0)).max() for r in meter.recordings]
     return {
         "features": tuple(dict.fromkeys(member.name for member in members)),
         "phases": tuple(sorted({member.feature.phase for member in members})),
         "fs": like.fs,
         "unit": like.unit,
         "input": TrainingFiles.of(felt, like),
+        "loudest": float(max(sizes)) or None,
         "shortest_s": min(((stop - start) / like.fs for start, stop in spans), default=None),
     }
 

@@ -18,12 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from texclass.recognition.live.contact import Contact, ContactRules, Event, Level, Ring
+from texclass.recognition.live.defects import Defects
 from texclass.recognition.live.evidence import CONFIDENCE, DISCOUNT, ContactVerdict, Evidence, Kind
-from texclass.recognition.live.windows import Stretches, TapMemory, Tapped
+from texclass.recognition.live.windows import Stretches, TapMemory, Tapped, scale_of
 from texclass.recognition.model import Answer, Model, load_model
 from texclass.recognition.sources.blocks import Block
 from texclass.recognition.sources.open import is_live, open_source
-from texclass.recording import ACCELERATION_UNITS, Recording, Samples
+from texclass.recording import ACCELERATION_UNITS, Recording
 
 DEFAULT_WINDOW_S, LONGEST_WINDOW_S = 1.0, 30.0
 HOPS = 2
@@ -34,6 +35,8 @@ SPREAD_S = 0.025
 """Windows that were waiting are answered one after the other, this far apart: no block has to do them all."""
 PIECE_S = 0.1
 """Longer blocks are taken in in pieces, so that the memory does not depend on their length."""
+NOTICE_S = 5.0
+"""Notices of one kind are said once in so many seconds of the stream; others are counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -344,8 +347,9 @@ class OnlineRecogniser:
 class Session:
     """Feeds an online recogniser from blocks.
 
-    Lost samples and samples that are not finite interrupt the stream. A rate or unit other than the model's
-    is said once; answers then count as unknown. A rate that changes begins the stream anew.
+    Samples that are no measurements are bridged, or interrupt the stream as lost ones do; see `Defects`. A
+    rate or unit other than the model's is said; answers then count as unknown. A rate that changes begins the
+    stream anew. Of notices of one kind, one in `NOTICE_S` is said, with how many there were.
 
     Parameters
     ----------
@@ -361,7 +365,7 @@ class Session:
     live : OnlineRecogniser or None
         None before the first block.
     n_lost : int
-        Samples that were lost or not finite.
+        Samples that were lost or no measurements.
     start_s : float
         Instant of sample 0 by the source.
     """
@@ -370,6 +374,14 @@ class Session:
         self.model, self.raw, self.settings = model, raw, settings
         self.live: OnlineRecogniser | None = None
         self.n_lost, self.start_s = 0, 0.0
+        self._sent_s = -math.inf
+        self._said: dict[str, tuple[float, int, str]] = {}
+        """Kind of a notice -> when it was said, how many like it came since, the last of these."""
+
+    @property
+    def age_s(self) -> float:
+        """How old the last sample is, in seconds, as far as the source knows; infinite before the first."""
+        return time.monotonic() - self._sent_s
 
     def run(self, blocks: Iterable[Block]) -> Iterator[Update | Notice]:
         """Yield what is known, block by block, and the last of it when they end; let go of them then."""
@@ -386,41 +398,65 @@ class Session:
         ValueError
             If its columns are not those the model was trained with.
         """
-        found: list[Update | Notice] = [Notice(block.t_s, flag) for flag in block.flags]
+        found: list[Update | Notice] = []
+        for flag in block.flags:
+            found += self._noticed(block.t_s, flag)
         if not len(block.samples):
             return tuple(found)
+        self._sent_s = time.monotonic() - block.age_s
         if self.live is None or (block.fs, block.unit) != self._given:
             found += self._begin(block)
         assert self.live is not None
         if block.lost:
             self.n_lost += block.lost
             found += self.live.interrupt(block.lost)
-        for lost, samples in finite_stretches(block.samples):
+        rows = block.samples.reshape(len(block.samples), -1)
+        stretches, n_broken, n_far = self._defects.mended(rows)
+        self.n_lost += n_broken + n_far
+        if n_broken:
+            found += self._noticed(block.t_s, f"not finite: {n_broken} samples left out")
+        if n_far:
+            what = f"glitch: {n_far} samples left out, steps above {self._defects.far:.3g} {block.unit}"
+            found += self._noticed(block.t_s, f"{what} (no recording of the training was near that)")
+        for lost, samples in stretches:
             if lost:
-                self.n_lost += lost
-                found.append(Notice(block.t_s, f"not finite: {lost} samples left out"))
                 found += self.live.interrupt(lost)
             found += self.live.push(samples)
         return tuple(found)
 
-    def finish(self) -> tuple[Update, ...]:
+    def finish(self) -> tuple[Update | Notice, ...]:
         """Say that the stream has ended, and return the last of what is known."""
-        return self.live.finish() if self.live else ()
+        unsaid = [Notice(at, f"{what} ({n} like it)") for at, n, what in self._said.values() if n]
+        self._said.clear()
+        return (*unsaid, *(self.live.finish() if self.live else ()))
 
-    def _begin(self, block: Block) -> list[Notice]:
-        said = []
+    def _noticed(self, t_s: float, what: str) -> list[Notice]:
+        """Return a notice, or none if one like it was said a moment ago."""
+        kind = what.partition(":")[0]
+        said_s, n, _ = self._said.get(kind, (-math.inf, 0, ""))
+        if abs(t_s - said_s) < NOTICE_S:
+            self._said[kind] = (said_s, n + 1, what)
+            return []
+        self._said[kind] = (t_s, 0, "")
+        return [Notice(t_s, what + f" ({n} like it in between)" * (n > 0))]
+
+    def _begin(self, block: Block) -> list[Update | Notice]:
+        found: list[Update | Notice] = []
         if self.live is not None:
-            said.append(f"the stream is now {block.fs:g} Hz, {block.unit}: begun anew")
+            found += self.live.finish()
+            found += self._noticed(block.t_s, f"begun anew: the stream is now {block.fs:g} Hz, {block.unit}")
         self._given = (block.fs, block.unit)
         self.live = OnlineRecogniser(
             self.model, fs=block.fs, unit=block.unit, raw=self.raw, settings=self.settings
         )
         self.start_s = block.t_s
+        n_axes = self.model.needs.n_axes(block.samples[0].size)
+        self._defects = Defects(self.model, n_axes, block.fs, scale_of(self.model, block.unit, self.raw))
         kept = "m/s^2" if block.unit in ACCELERATION_UNITS else block.unit
         for unlike in self.model.unlike(block.fs, kept):
             way_out = "--resample converts" if unlike.startswith("wrong rate") else "nothing converts these"
-            said.append(f"{unlike}; {way_out}")
-        return [Notice(block.t_s, what) for what in said]
+            found += self._noticed(block.t_s, f"{unlike}; {way_out}")
+        return found
 
 
 def listen(
@@ -463,14 +499,3 @@ def listen(
         source, fs=fs, unit=unit, rate=rate, paced=paced, raw_channels=raw_channels, model=trained
     )
     return Session(trained, raw=is_live(source), settings=settings).run(blocks)
-
-
-def finite_stretches(samples: Samples) -> Iterator[tuple[int, Samples]]:
-    """Yield (number of rows left out before it, rows) of stretches whose numbers are finite."""
-    rows, before = samples.reshape(len(samples), -1), 0
-    good = np.isfinite(rows).all(axis=1)
-    edges = np.flatnonzero(np.diff(good, prepend=False, append=False)).reshape(-1, 2).tolist()
-    for start, stop in [*edges, (len(rows), len(rows))]:
-        if stop > before:
-            yield start - before, rows[start:stop]
-        before = stop

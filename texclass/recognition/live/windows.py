@@ -18,6 +18,13 @@ Tapped = tuple[Samples, tuple[Tap, ...]]
 """What was felt before a movement: a stretch of samples with its taps, counted from its start."""
 
 
+def scale_of(model: Model, unit: str, raw: bool) -> float:
+    """Return the factor from the acceleration of a stream to that of the model's recordings."""
+    files = model.manifest.input
+    scale = files.scale if raw and unit == files.unit else 1.0
+    return ACCELERATION_UNITS.get(unit, 1.0) * scale
+
+
 class Stretches:
     """How samples of a stream become recordings that a model answers.
 
@@ -43,15 +50,14 @@ class Stretches:
     """
 
     def __init__(self, model: Model, n_columns: int, fs: float, unit: str, raw: bool = True) -> None:
-        needs, files = model.needs, model.manifest.input
+        needs = model.needs
         self.n_axes = needs.n_axes(n_columns)
         self._n_turn = len(TURN) * ("turn_rate" in needs.beside)
         self._has_friction = "friction" in needs.beside
         self.fs, self.unit = fs, "m/s^2" if unit in ACCELERATION_UNITS else unit
-        scale = files.scale if raw and unit == files.unit else 1.0
-        self._factor = ACCELERATION_UNITS.get(unit, 1.0) * scale
+        self._factor = scale_of(model, unit, raw)
         self._channels = needs.axes if model.plan.channels else ()
-        self._rest_is_removed = files.remove_resting_level
+        self._rest_is_removed = model.manifest.input.remove_resting_level
 
     def conditioned(self, rows: Samples) -> Samples:
         """Return samples (n, n_columns) as recordings keep them: in their unit, scaled as the files were.

@@ -45,6 +45,8 @@ class Block:
         Samples missing between the block before and this one: what is not to be bridged must start anew.
     flags : tuple of str
         What was wrong since the block before: gaps, duplicates, clock jumps, a wrong rate.
+    age_s : float
+        Seconds that the last sample took to come, as far as the source knows.
     """
 
     t_s: float
@@ -53,6 +55,7 @@ class Block:
     unit: str
     lost: int = 0
     flags: tuple[str, ...] = ()
+    age_s: float = 0.0
 
 
 BlockSource = Generator[Block, None, None]

@@ -1,8 +1,11 @@
 """Sources of blocks by name: standard input, a recording, a bag, a ROS 2 topic."""
 
+import math
 import sys
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
 
@@ -20,6 +23,8 @@ BLOCK_S = 0.025
 """Seconds of a block, by default."""
 LONGEST_LINE = 1 << 16
 MOST_CHANNELS = 1024
+FIRST_LINES, MOST_GARBLED = 3, 100
+"""So many first lines of numbers tell how many a line holds; after so many lines without, there are none."""
 STDIN = "standard input"
 
 
@@ -74,7 +79,7 @@ def open_source(
     ------
     RecordingError
         If a fact is missing or contradicted, the file is bad, or the source has not what the model needs; on
-        the way, if a line or sample is not what it should be.
+        the way, if the first lines of a text hold no numbers.
     ValueError
         If a block has no length, or there is no such number of channels.
     """
@@ -122,30 +127,49 @@ def _played(recording: Recording, signal: Samples, n: int, paced: bool) -> Block
 
 
 def _text(file: BinaryIO, fs: float, unit: str, n: int) -> BlockSource:
-    """Yield the numbers of every line that is not blank, n lines a block."""
-    rows: list[list[float]] = []
-    done = number = width = 0
+    """Yield the numbers of lines that are not blank, n lines a block; NaN, a lost sample, of a garbled one.
+
+    A line holds as many numbers as most of the first ones do: these may be cut, or name columns.
+    """
+    lines, first = _lines(file), list[tuple[int, list[float], str]]()
+    while sum(bool(row) for _, row, _ in first) < FIRST_LINES and len(first) < MOST_GARBLED:
+        if (line := next(lines, None)) is None:
+            break
+        first.append(line)
+    if not first:
+        return
+    widths = Counter(len(row) for _, row, _ in first if row).most_common(1)
+    width = widths[0][0] if widths else 0
+    if not 1 <= width <= MOST_CHANNELS:
+        number, _, shown = first[0]
+        raise RecordingError(
+            f"{STDIN}: line {number} is {shown!r}, of {width} numbers, like those after it; the rule is a "
+            f"sample a line, 1 to {MOST_CHANNELS} numbers (float32 takes --channels)"
+        )
+    said, rows, done = list[str](), list[list[float]](), 0
+    for number, row, shown in chain(first, lines):
+        if not (is_whole := len(row) == width):
+            said.append(f"garbled: line {number} is {shown!r}; the rule is {width} numbers")
+        if is_whole or rows or done:  # what comes before the first sample is none
+            rows.append(row if is_whole else [math.nan] * width)
+        if len(rows) == n:
+            yield Block(done / fs, np.array(rows), fs, unit, 0, tuple(said))
+            done, rows, said = done + n, [], []
+    if rows or said:
+        yield Block(done / fs, np.array(rows).reshape(-1, width), fs, unit, 0, tuple(said))
+
+
+def _lines(file: BinaryIO) -> Iterator[tuple[int, list[float], str]]:
+    """Yield number, numbers (none if it is garbled) and beginning of every line that is not blank."""
+    number = 0
     while line := file.readline(LONGEST_LINE):
         number += 1
-        if not line.strip():
-            continue
-        try:
-            row = [float(word) for word in line.replace(b",", b" ").split()]
-        except ValueError:
-            row = [float("nan")]
-        if not np.isfinite(row).all():
-            shown = line[:40].decode("utf-8", "replace").strip()
-            raise RecordingError(f"{STDIN}: line {number} is {shown!r}; the rule is finite numbers")
-        width = width or len(row)
-        if len(row) != width or width > MOST_CHANNELS:
-            rule = min(width, MOST_CHANNELS)
-            raise RecordingError(f"{STDIN}: line {number} holds {len(row)} numbers; the rule is {rule}")
-        rows.append(row)
-        if len(rows) == n:
-            yield Block(done / fs, np.array(rows), fs, unit)
-            done, rows = done + n, []
-    if rows:
-        yield Block(done / fs, np.array(rows), fs, unit)
+        if words := line.replace(b",", b" ").split():
+            try:
+                row = [float(word) for word in words]
+            except ValueError:
+                row = []
+            yield number, row, line[:40].decode("utf-8", "replace").strip()
 
 
 def _binary(file: BinaryIO, fs: float, unit: str, n_channels: int, n: int) -> BlockSource:
@@ -155,13 +179,8 @@ def _binary(file: BinaryIO, fs: float, unit: str, n_channels: int, n: int) -> Bl
     while piece := read(n * size - len(left)):
         left += piece
         whole = len(left) // size * size
-        with np.errstate(invalid="ignore"):  # a signalling NaN warns; it is refused below
+        with np.errstate(invalid="ignore"):  # a signalling NaN warns
             samples = np.frombuffer(left[:whole], "<f4").astype(np.float64).reshape(-1, n_channels)
-        if not (good := np.isfinite(samples).all(axis=1)).all():
-            bad = int(np.argmin(good))
-            raise RecordingError(
-                f"{STDIN}: sample {done + bad} is {samples[bad]}; the rule is finite numbers"
-            )
         left = left[whole:]
         if whole:
             yield Block(done / fs, samples, fs, unit)
