@@ -101,7 +101,8 @@ class Recording:
         Sampling rate in Hz of every signal of the recording. Never guessed.
     unit : str, default "arbitrary"
         "m/s^2", "g" or "mg" (converted to m/s^2), or "counts", "V", "arbitrary" (kept as they are). Of a
-        physical unit, gravity and the path of the hand are known and removed before features of a movement.
+        physical unit, gravity is known, and where it is felt, sets of corrected features leave out the path
+        of the hand.
     recording_id : str, default "recording"
         Unique within its dataset.
     material, operator, session : str, optional

@@ -73,8 +73,8 @@ def sets(knee: Path) -> dict[str, FeatureSet]:
 def fresh(recording: Recording, phases: Phases) -> Views:
     """Views that remember nothing yet, their samples conditioned."""
     views = Views(recording, phases)
-    for phase in ("movement", "tap", "friction"):
-        views.of(phase)
+    for phase in ("movement", "without_hand", "tap", "friction"):
+        getattr(views, phase)
     return views
 
 

@@ -46,9 +46,8 @@ def test_shipped_pipelines_load():
 def test_the_rows_of_table_one_stand_in_order_with_their_dimensions_and_figures():
     pipeline = load_pipeline("strese2015")
     published = [row for row in pipeline.rows if row.published]
-    widths = [
-        row.select.n if row.select else len(pipeline.features.columns_of(row.features)) for row in published
-    ]
+    assert not any(row.select for row in published)
+    widths = [len(pipeline.features.columns_of(row.features)) for row in published]
     assert widths == [3, 2, 2, 5, 1, 13, 13, 30, 125, 1, 1, 10, 3, 5, 12, 13]
     columns = {name: [row.published[name] for row in published] for name in pipeline.classifiers}
     assert columns == {
@@ -56,6 +55,25 @@ def test_the_rows_of_table_one_stand_in_order_with_their_dimensions_and_figures(
         "lda": [38, 31, 11, 60, 8, 87, 88, 30, 62, 8, 10, 4, 10, 12, 87, 92],
         "euclidean": [32, 22, 10, 47, 7, 74, 71, 26, 15, 8, 10, 4, 7, 6, 70, 83],
     }
+
+
+@pytest.mark.parametrize("name", ["strese2015", "strese2015+models", "texclass"])
+def test_combined_rows_hold_the_columns_that_table_one_names_and_selected_ones_stand_beside_them(name):
+    pipeline = load_pipeline(name)
+    rows = {row.name: row for row in pipeline.rows}
+    parts = ("Macroscopic Roughness", "Microscopic Roughness", "Hardness", "5 Modified MFCC (2, 5, 6, 8, 12)")
+    named = [column for part in parts for column in rows[part].features]
+    combined = rows["Micro- / Macro-Roughness, Hardness, 5 MFCC"]
+    with_friction = rows["Micro- / Macro-Roughness, Hardness, 5 MFCC, Friction"]
+    assert combined.select is with_friction.select is None
+    assert list(combined.features) == named
+    assert list(with_friction.features) == [*named, "friction"]
+    selected = {row.name: row for row in pipeline.rows if row.select}
+    assert [row.select.n for row in selected.values()] == [12, 13]
+    for title, row in selected.items():
+        n = len(pipeline.features.columns_of(row.features))
+        assert title.startswith(f"Selected {row.select.n} of {n}: ")
+        assert not row.published
 
 
 def test_preparation_imputes_then_scales_then_selects_with_the_rows_classifier():

@@ -114,15 +114,36 @@ def exploration(**changes):
     return Recording(axes, FS, "m/s^2", phases=phases).with_(**changes)
 
 
-def test_movement_is_the_combined_movement_without_the_hand_where_gravity_is_felt():
+def test_movement_is_the_combined_axes_and_the_hand_is_left_out_only_where_asked_for_and_felt():
     movement = combine(exploration().acceleration[400:])
+    views = views_of(exploration())[""]
+    np.testing.assert_array_equal(views.of("movement").samples, movement)
     np.testing.assert_array_equal(
-        views_of(exploration())[""].movement.samples, remove_hand_motion(movement, FS)
+        views.of("movement", without_hand=True).samples, remove_hand_motion(movement, FS)
     )
     for unit in ("m/s^2", "counts"):
         level = exploration().acceleration - [0.0, 0.0, 9.81 * (unit == "m/s^2")]
-        found = views_of(exploration(acceleration=level, unit=unit))[""].movement.samples
-        np.testing.assert_array_equal(found, combine(level[400:]))
+        found = views_of(exploration(acceleration=level, unit=unit))[""].of("movement", without_hand=True)
+        np.testing.assert_array_equal(found.samples, combine(level[400:]))
+
+
+def test_values_as_printed_keep_what_lies_below_10_hz_and_do_not_depend_on_the_name_of_the_unit():
+    rng, n = np.random.default_rng(0), 12_000
+    axes = 0.3 * rng.normal(size=(n, 3)) + [0.0, 3.0, 9.0]
+    axes[:, 0] += 2 * np.sin(2 * np.pi * 1.5 * np.arange(n) / 10_000)  # how the hand moves the tool
+    phases = Phases(taps=(Tap(180, 200, 260),), movement=(1000, n))
+    felt = {
+        unit: views_of(Recording(axes, 10_000, unit, friction=axes[:, 1], phases=phases))[""]
+        for unit in ("m/s^2", "V", "counts", "arbitrary")
+    }
+    for name in ("strese2015", "strese2015+models"):
+        values = [load_feature_set(name).compute(views)[0] for views in felt.values()]
+        np.testing.assert_array_equal(values, values[:1] * len(values))
+    printed, corrected = (
+        load_feature_set(name).restricted_to(["waviness"]).compute(felt["m/s^2"])[0][0]
+        for name in ("strese2015", "texclass")
+    )
+    assert printed > corrected + 0.5  # the stroke of 1.5 Hz is in it
 
 
 def test_taps_are_split_at_the_contact_on_their_resting_level():

@@ -121,6 +121,7 @@ def test_saved_and_loaded_it_says_the_same(tmp_path):
         loaded = load_recogniser(path)
         np.testing.assert_array_equal(loaded.predict_proba(X), recogniser.predict_proba(X))
         assert loaded.columns == recogniser.columns
+        assert loaded[0].plan_.parts[0][1].without_hand  # as the set `texclass` says
         assert loaded.prune().columns == whole.prune().columns
 
 

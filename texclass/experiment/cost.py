@@ -218,7 +218,7 @@ class _Stopwatch:
     def read(self, member: Member, views: Views, prefix: str) -> None:
         """Compute a feature on fresh views, timing the conditioning, each transform and the rest."""
         phase = member.feature.phase
-        view = self((prefix, phase), lambda: views.of(phase))
+        view = self((prefix, phase), lambda: member.view(views))
         view.memory.timed = lambda key, compute: self((prefix, phase, key), compute)
         self((prefix, member.name, ""), lambda: member.values(views))
 

@@ -331,7 +331,7 @@ class PipelineDefinition(Written):
         known, name = self.features, feature.name
         if name in known.columns or name in known.column_names:
             raise ValueError(f"feature {name!r} is in the feature set {known.name!r}; the rule is a new name")
-        members = (*known.members, Member(name, feature))
+        members = (*known.members, Member(name, feature, without_hand=known.without_hand))
         added = RowDefinition(name=name, features=(name,), reference=feature.reference)
         changed = {
             "name": f"{self.name}+{name}",

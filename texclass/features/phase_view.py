@@ -63,7 +63,7 @@ class PhaseView:
     Attributes
     ----------
     samples : ndarray of shape (n,)
-        The movement's acceleration (without gravity and the hand's path) or the friction voltage during it.
+        The movement's acceleration (without its mean) or the friction voltage during it.
     fs : float
         Sampling rate in Hz.
     """
@@ -184,8 +184,8 @@ class Views:
     phases: Phases
     channel: int | None = None
 
-    def of(self, phase: Phase) -> PhaseView | TapView:
-        """Return the view of a phase.
+    def of(self, phase: Phase, *, without_hand: bool = False) -> PhaseView | TapView:
+        """Return the view of a phase, the movement `without_hand` if that is asked for.
 
         Raises
         ------
@@ -193,27 +193,30 @@ class Views:
             If the recording does not have it; the message is the reason.
         """
         view: PhaseView | TapView = getattr(self, phase)  # a phase is the name of its view
-        return view
+        return self.without_hand if without_hand and phase == "movement" else view
 
     @cached_property
     def movement(self) -> PhaseView:
-        """Acceleration during the movement: mean removed, and with gravity the path of the hand.
+        """Acceleration during the movement, its mean removed and nothing else: the same in any unit.
 
-        A sensor that feels gravity feels how the hand turns and moves it, too; one that does not (a
-        microphone, an accelerometer behind a high-pass) has nothing to remove: its low frequencies are the
-        surface's.
+        What lies below 10 Hz is kept [strese2015, section IV-D].
         """
-        if self.phases.movement is None:
-            raise UndefinedFeatureError("no movement found")
-        start, stop = self.phases.movement
-        if stop - start > LONG:
-            stop = start + fft.prev_fast_len(stop - start)
-        axes = self._axes(start, stop)
-        vibration = combine(axes)
+        return PhaseView(combine(self._moving), self.recording.fs)
+
+    @cached_property
+    def without_hand(self) -> PhaseView:
+        """The movement without the path of the hand, where the sensor is known to have felt it.
+
+        Known it is where the unit is one of acceleration and the mean is gravity's, above half of 9.81 m/s^2:
+        such a sensor feels how the hand turns and moves it, too, and `remove_hand_motion` subtracts a moving
+        average. One that does not (a microphone, an accelerometer behind a high-pass) has nothing to remove:
+        its low frequencies are the surface's.
+        """
+        axes = self._moving
         mean = np.ones(len(axes)) @ axes / len(axes)  # numpy's mean of short rows takes ten times as long
-        holds_gravity = math.hypot(*np.atleast_1d(mean)) > STANDARD_GRAVITY / 2
-        if self.recording.unit == "m/s^2" and holds_gravity:
-            vibration = remove_hand_motion(vibration, self.recording.fs)
+        if self.recording.unit != "m/s^2" or math.hypot(*np.atleast_1d(mean)) <= STANDARD_GRAVITY / 2:
+            return self.movement
+        vibration = remove_hand_motion(self.movement.samples, self.recording.fs)
         return PhaseView(vibration, self.recording.fs)
 
     @cached_property
@@ -238,6 +241,14 @@ class Views:
         start, stop = self.phases.movement or (0, self.recording.n_samples)
         return PhaseView(self.recording.friction[start:stop], self.recording.fs)
 
+    @property
+    def _moving(self) -> Samples:
+        """The axes during the movement."""
+        if self.phases.movement is None:
+            raise UndefinedFeatureError("no movement found")
+        start, stop = self.phases.movement
+        return self._axes(start, start + fft.prev_fast_len(stop - start) if stop - start > LONG else stop)
+
     def _axes(self, start: int, stop: int) -> Samples:
         axes, turn = self.recording.acceleration[start:stop], self.recording.turn_rate
         n_axes = len(self.recording.channels)
@@ -260,7 +271,8 @@ def view_of(
     fs : float
         Sampling rate in Hz.
     unit : str
-        See `Recording`; gravity and the hand's path are removed where it is one of acceleration.
+        See `Recording`. It changes no value of a movement: its mean is removed, the path of the hand is not
+        (see `texclass.signals.remove_hand_motion`).
 
     Raises
     ------

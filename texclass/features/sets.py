@@ -17,7 +17,7 @@ from pydantic import ConfigDict, Field, create_model
 
 from texclass import provenance
 from texclass.features.contract import Feature, find
-from texclass.features.phase_view import Phase, UndefinedFeatureError, Views
+from texclass.features.phase_view import Phase, PhaseView, TapView, UndefinedFeatureError, Views
 from texclass.recording import Samples
 from texclass.shipped import locate
 from texclass.validation import Written, checked, read_toml
@@ -44,12 +44,15 @@ class Member:
         Overrides of its defaults.
     columns
         The columns that are kept, in order; all of the feature's columns unless the set was restricted.
+    without_hand
+        Whether a movement is read without the path of the hand, see `Views.without_hand`.
     """
 
     name: str
     feature: Feature
     parameters: Mapping[str, Any] = field(default_factory=dict)
     columns: tuple[str, ...] = ()
+    without_hand: bool = False
 
     def __post_init__(self) -> None:
         # A plain dict (not a mapping proxy) keeps the member picklable for worker processes.
@@ -65,6 +68,10 @@ class Member:
     def _kept(self) -> list[int]:
         return [self.all_columns.index(column) for column in self.columns]
 
+    def view(self, views: Views) -> PhaseView | TapView:
+        """Return what the feature reads of a channel of a recording."""
+        return views.of(self.feature.phase, without_hand=self.without_hand)
+
     def values(self, views: Views) -> Samples:
         """Return the kept columns of one channel of one recording, shape (n_columns,).
 
@@ -75,7 +82,7 @@ class Member:
         ValueError
             If the feature breaks its declaration or fails otherwise; the message names recording and feature.
         """
-        view = views.of(self.feature.phase)
+        view = self.view(views)
         where = f"{views.recording.recording_id}: feature {self.name}"
         try:
             given = np.atleast_1d(
@@ -122,6 +129,11 @@ class FeatureSet:
         return MappingProxyType({member.name: member.columns for member in self.members})
 
     @property
+    def without_hand(self) -> bool:
+        """Whether its movements are read without the path of the hand."""
+        return any(member.without_hand for member in self.members)
+
+    @property
     def column_names(self) -> tuple[str, ...]:
         """All columns in order."""
         return tuple(column for member in self.members for column in member.columns)
@@ -134,6 +146,7 @@ class FeatureSet:
                 f"{m.feature.function.__module__}.{m.feature.function.__qualname__}",
                 sorted((k, repr(v)) for k, v in {**m.feature.defaults, **m.parameters}.items()),
                 m.columns,
+                m.without_hand,
             ]
             for m in self.members
         ]
@@ -212,6 +225,7 @@ class SetFile(Written):
     name: str = ""
     reference: str = ""
     description: str = ""
+    without_hand: bool = False
     features: Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
 
 
@@ -227,7 +241,10 @@ def load_feature_set(name_or_path: str | Path) -> FeatureSet:
     """
     path = locate("feature_defs", name_or_path)
     written = checked(SetFile, read_toml(path), path.name)
-    members = tuple(_member(name, table, path.name) for name, table in written.features.items())
+    members = tuple(
+        replace(_member(name, table, path.name), without_hand=written.without_hand)
+        for name, table in written.features.items()
+    )
     times = Counter(column for member in members for column in member.columns)
     if twice := [column for column, n in times.items() if n > 1]:
         raise ValueError(f"{path.name}: two columns are named {twice[0]!r:.80}; the rule is one a name")

@@ -234,7 +234,7 @@ def _hand_over(
     entries = {entry.recording_id: entry for entry in dataset.entries}
     ordered = [entries[recording_id] for recording_id in table.frame["recording_id"]]
     first = dataset.load(ordered[0])
-    read = signal_reader(given, first, pipeline.channels)
+    read = signal_reader(given, first, pipeline.channels, without_hand=pipeline.features.without_hand)
     signals = (read(dataset.load(entry)) for entry in ordered)
     labels = np.unique(table.materials, return_inverse=True)[1]
     return write_task(task, signals, labels, splits, first.fs, pipeline.seed)

@@ -9,6 +9,7 @@ from texclass.features.sets import load_feature_set
 from texclass.loaders import read_card
 from texclass.loaders.cards import SimulatedCard
 from texclass.loaders.places import DataNotFoundError, find_folder
+from texclass.signals import HAND_SPAN_S
 
 
 def datasets_document() -> Document:
@@ -31,7 +32,7 @@ def datasets_document() -> Document:
 def features_document(feature_set: str | None = None) -> Document:
     """Return every registered feature, or those of a set: phase, outputs, unit, gain law, source."""
     if feature_set is None:
-        title = "All features"
+        title, said = "All features", []
         named = [
             (feature.name, feature, len(feature.columns(feature.name, {})))
             for feature in registered().values()
@@ -39,7 +40,8 @@ def features_document(feature_set: str | None = None) -> Document:
     else:
         members = load_feature_set(feature_set)
         title = f"Features of {members.name}"
-        named = [(member.name, member.feature, len(member.columns)) for member in members.members]
+        hand = f"; where gravity is felt in m/s^2, less what a moving average over {HAND_SPAN_S:g} s holds"
+        said = [f"{members.description}. Movements: mean removed{hand if members.without_hand else ''}."]
     rows = []
     for name, feature, n_columns in named:
         # Where it comes from, how it scales, and what else moves it.
@@ -49,4 +51,4 @@ def features_document(feature_set: str | None = None) -> Document:
         told = f"{feature.summary}\n{contract}\n"
         rows.append((name, feature.phase, str(n_columns), feature.unit, told))
     frame = pd.DataFrame(rows, columns=["feature", "phase", "columns", "unit", "what it is"])
-    return Document(title, [Table(frame, n_words=5)])
+    return Document(title, [*said, Table(frame, n_words=5)])

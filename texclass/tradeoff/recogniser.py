@@ -114,7 +114,10 @@ class Recogniser(Pipeline):  # type: ignore[misc]
         plan: Plan = self[0].plan_
         described = []
         for prefix, part in plan.parts:  # functions by their registered names
-            members = [[m.name, m.feature.name, dict(m.parameters), list(m.columns)] for m in part.members]
+            members = [
+                [m.name, m.feature.name, dict(m.parameters), list(m.columns), m.without_hand]
+                for m in part.members
+            ]
             described.append([prefix, {"name": part.name, "members": members, "code": code_hash(part)}])
         return {
             "texclass": __version__,
@@ -130,9 +133,9 @@ class Recogniser(Pipeline):  # type: ignore[misc]
         parts, same = [], True
         for prefix, stated in json.loads(document["plan"]):
             members = []
-            for name, feature, parameters, columns in stated["members"]:
+            for name, feature, parameters, columns, without_hand in stated["members"]:
                 values = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()}
-                members.append(Member(name, find(feature), values, tuple(columns)))
+                members.append(Member(name, find(feature), values, tuple(columns), without_hand))
             feature_set = FeatureSet(stated["name"], tuple(members))
             parts.append((str(prefix), feature_set))
             same = same and code_hash(feature_set) == stated["code"]
