@@ -34,6 +34,13 @@ def test_separable_classes_are_recovered():
     np.testing.assert_array_equal(found.truth, found.predicted)
 
 
+def test_a_constant_column_takes_nothing_from_the_others_and_alone_names_the_commonest():
+    told = np.unique(Y, return_inverse=True)[1] * 10.0 + np.random.default_rng(0).normal(size=60)
+    beside = np.column_stack([told, np.ones(60)])
+    assert evaluate(beside, Y, SPLITS, SCALE, GaussianNB()).accuracy.mean == 1.0
+    assert evaluate(np.ones((60, 2)), Y, SPLITS, SCALE, GaussianNB()).accuracy.mean == 0.25
+
+
 def test_overlap_gives_the_accuracy_of_the_best_possible_rule():
     # Two unit normals 2 apart: the best rule is right with probability Phi(1) = 0.841.
     rng = np.random.default_rng(1)

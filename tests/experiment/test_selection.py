@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sklearn.covariance import EmpiricalCovariance
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.feature_selection import SequentialFeatureSelector
 from sklearn.naive_bayes import GaussianNB
@@ -35,6 +36,22 @@ def test_closed_form_predicts_what_the_classifier_predicts():
         predicted = form.predict(columns[:2], np.array(columns[2:]))
         expected = classifier.fit(X[train][:, columns], y[train]).predict(X[test][:, columns])
         np.testing.assert_array_equal(predicted[0], expected)
+
+
+def test_what_has_no_closed_form_is_fitted_again():
+    X, y = classes(0)
+    for other in (
+        GaussianNB(priors=np.full(5, 0.2)),
+        NearestCentroid(metric="manhattan"),
+        NearestCentroid(shrink_threshold=0.5),
+        NearestCentroid(priors="empirical"),
+        KNeighborsClassifier(3),
+        KNeighborsClassifier(1, metric="manhattan"),
+        LinearDiscriminantAnalysis(priors=np.full(5, 0.2)),
+        LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto"),
+        LinearDiscriminantAnalysis(solver="lsqr", covariance_estimator=EmpiricalCovariance()),
+    ):
+        assert closed_form(other, X, y, X) is None, other
 
 
 def test_selects_the_columns_that_scikit_learn_selects_and_those_that_carry_the_classes():

@@ -39,6 +39,13 @@ def test_what_is_lost_is_counted_and_bridged():
     assert flags == ("gaps: 5 messages missing in 3 gaps, interpolated", "rate: 100 Hz by the header stamps")
 
 
+def test_stamps_of_today_say_what_stamps_from_zero_say():
+    stamps = np.arange(N) * T + RNG.integers(-T // 5, T // 5, N)
+    (signal, *told), (later, *said) = (_uniform(stamps + at, _slow()) for at in (0, 1_700_000_000 * 10**9))
+    np.testing.assert_allclose(later, signal, atol=1e-9)
+    assert said == told
+
+
 def test_a_long_gap_leaves_the_longest_stretch():
     stamps = np.arange(N) * T
     kept = np.r_[0:150, 180:N]
@@ -73,11 +80,12 @@ def test_jittering_headers_put_samples_where_they_were_taken():
 
 
 def test_times_of_receipt_that_come_in_bursts_count_samples_only():
-    received = np.sort((np.arange(N) // 8 * 8 + 8) * T + RNG.integers(0, 20_000, N))
-    signal, fs, flags = _uniform(received, np.arange(N), by_header=False)
-    np.testing.assert_array_equal(signal, np.arange(N))
-    assert fs == pytest.approx(FS, rel=0.01)
-    assert flags[-1].endswith("samples taken as evenly spaced")
+    for after_first in (np.sort(RNG.integers(0, 20_000, (N // 8, 8)), axis=1), 20_000 * np.arange(8)):
+        received = ((np.arange(N).reshape(-1, 8) // 8 * 8 + 8) * T + after_first).ravel()
+        signal, fs, flags = _uniform(received, np.arange(N), by_header=False)
+        np.testing.assert_array_equal(signal, np.arange(N))
+        assert fs == pytest.approx(FS, rel=0.01)
+        assert flags[-1].endswith("samples taken as evenly spaced")
 
 
 @pytest.mark.parametrize("fs", [400.0, 333.0, 150.0])

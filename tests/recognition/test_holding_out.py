@@ -105,6 +105,7 @@ def test_blocks_raise_fewer_false_alarms_when_a_sensor_drifts(drifting, tmp_path
     (told,) = model_document(load_model(tmp_path / "m.skops")).blocks
     assert told["Held out"].startswith("protocol blocks, 1 fold (20 numbered repetitions")
     assert ("drift makes distances" in told["Held out"]) == (classifier == "lda")
+    assert "best of" not in told["Pipeline"]  # one candidate was asked for
 
 
 def test_without_drift_distances_are_those_of_folds_at_random():

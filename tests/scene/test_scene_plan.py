@@ -1,12 +1,13 @@
 """A plan is the cheapest that serves, proved on what it has not seen, and survives being written down."""
 
+import itertools
 import json
 
 import numpy as np
 import pytest
 
 from texclass.exchange import save_texture
-from texclass.scene import PlannedScene, load_scene, plan_scene, play_path, read_path, sweep_of
+from texclass.scene import PlannedScene, load_scene, plan_scene, play_path, proof, read_path, sweep_of
 from texclass.textures.grid import GridModel
 from texclass.textures.hatt import HattTexture
 
@@ -84,6 +85,21 @@ def test_a_scene_that_breaks_a_rule_is_not_restored_nor_a_texture_nor_a_path_els
     (tmp_path / "path.csv").write_text("time,x,y,force,surface\n0,0,0,1,ice\n1,50,0,1,ice\n")
     with pytest.raises(ValueError, match="surface is 'ice'; the rule is one of a"):
         play_path(good, read_path(tmp_path / "path.csv"))
+
+
+def test_each_sample_counts_with_the_least_time_of_several_runs(scene, tmp_path, monkeypatch):
+    turns = itertools.count()
+
+    def slow_at_times(renderer, names, speeds, forces, n):
+        return 1000.0 * (1 + np.arange(n)) + 1e9 * (np.arange(n) % 3 == next(turns) % 3)
+
+    monkeypatch.setattr(proof, "run_steps", slow_at_times)
+    model = GridModel(([50.0], [1.0]), [[[0.5]]], [[1.0]], 1.0)
+    planned = PlannedScene("s", 1000.0, "m/s^2", (20.0, 450.0), 5.0, 2, {"a": 0}, (model,))
+    found = proof.measure(planned, scene(surfaces=texture(tmp_path, "loud")))
+    assert found["microseconds_each"] == {"a": pytest.approx((1 + proof.N_EACH) / 2)}
+    assert found["microseconds"]["worst"] == proof.N_SAMPLES
+    assert found["microseconds"]["p50"] == pytest.approx((1 + proof.N_SAMPLES) / 2)
 
 
 def test_an_impossible_tolerance_or_budget_is_told_not_hidden(tmp_path, toml):

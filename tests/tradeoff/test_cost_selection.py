@@ -7,6 +7,7 @@ import pytest
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.model_selection import cross_val_score
 from sklearn.naive_bayes import GaussianNB
+from sklearn.neighbors import KNeighborsClassifier
 from sklearn.tree import DecisionTreeClassifier
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
@@ -59,6 +60,16 @@ def test_floating_drops_what_a_better_purchase_made_idle():
     selector = CostAwareSelector(costs=[3.0, 1.0, 1.0], thrift=3.0, direction="forward").fit(X, y)
     assert selector.path_[0].columns == (1,) or selector.get_support(indices=True).tolist() == [0]
     assert selector.get_support(indices=True).tolist() == [0]
+
+
+def test_columns_that_tell_only_together_are_found_from_the_full_set():
+    rng = np.random.default_rng(4)
+    bits = rng.integers(0, 2, (120, 3))
+    X = np.column_stack([bits + 0.1 * rng.normal(size=(120, 3)), 0.3 * rng.normal(size=(120, 2))])
+    judge, parity = KNeighborsClassifier(1), bits.sum(axis=1) % 2
+    onward = CostAwareSelector(judge, direction="forward").fit(X, parity)
+    assert onward.score_ < 0.7
+    assert CostAwareSelector(judge).fit(X, parity).get_support(indices=True).tolist() == [0, 1, 2]
 
 
 def test_a_smaller_budget_gets_the_best_choice_on_the_way():

@@ -14,6 +14,7 @@ from texclass.tradeoff.curves import cross_validated
 from texclass.tradeoff.front import (
     Labelled,
     Limits,
+    budgets_of,
     discriminant,
     estimate,
     knee,
@@ -73,6 +74,16 @@ def test_curves_are_measured_where_the_dataset_allows(noises):
         assert all(0 <= a["low"] <= a["mean"] <= a["high"] <= 1 for a in curve["accuracy"])
     assert result.data["knee"] in result.data["front"]
     assert result.data["at_half_cost"]["budget_ms"] <= result.data["total_ms"] / 2 * (1 + 1e-9)
+
+
+def test_no_budget_is_more_than_everything_or_less_than_the_cheapest():
+    names = tuple("abcd")
+    costs = CostModel(names, names, names, np.array([1.0, 2.0, 3.0, 4.0]), np.eye(4, dtype=bool))
+    assert budgets_of(costs) == pytest.approx([1, 2, 3, 4, 5, 6.5, 8, 10])
+    assert budgets_of(costs, 1e9) == budgets_of(costs)
+    assert set(budgets_of(costs, 3.3)) - set(budgets_of(costs)) == {3.3}
+    with pytest.raises(ValueError, match=r"max_ms is 0\.5; the rule is at least 1"):
+        budgets_of(costs, 0.5)
 
 
 def test_the_knee_is_the_cheapest_point_within_one_per_cent_of_the_best():

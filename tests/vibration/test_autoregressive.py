@@ -203,6 +203,7 @@ def test_from_autocorrelation_inverts_the_autocorrelation_of_a_model():
     assert_allclose(found.reflection, model.reflection, atol=1e-9)
     assert_allclose(found.gain, model.gain, rtol=1e-8)
     assert_allclose(found.level, model.level, rtol=1e-8)
+    assert_allclose(from_autocorrelation([4.0]).gain, 2.0)  # of order 0
 
 
 def test_truncated_is_the_fit_of_the_lower_order():

@@ -53,6 +53,7 @@ REFUSED = {
         lambda: ar.from_direct_form([0.5, 0.1], 1.0),
         lambda: ar.from_autocorrelation([0.0, 1.0]),
         lambda: ar.from_autocorrelation([1.0, NAN]),
+        lambda: ar.from_autocorrelation(np.ones((2, 0))),
     ],
     "Autoregression": [
         *(lambda k=k, g=g: Autoregression(k, g) for k, g in (([1.0], 1.0), ([NAN], 1.0), ([0.5], -1.0))),
@@ -89,6 +90,7 @@ REFUSED = {
         *(lambda m=m: ModelBlend(m) for m in ([], [A, THREE], [Autoregression([], 1.0)], A)),
         lambda: ModelBlend([Autoregression([[0.5]], [1.0])]),
         lambda: ModelBlend([ENDLESS], loudness="level"),
+        lambda: ModelBlend([ENDLESS, Autoregression(np.zeros(1000), 1.0)], loudness="level"),
         lambda: ModelBlend([A], loudness="rms"),
         lambda: interpolate(A, B, 0.5, min_gap=1.0),
         lambda: from_line_spectrum([1.0], 1e4),
