@@ -5,8 +5,10 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
+import typer
 
 from texclass import __version__
+from texclass.cli import app
 
 TINY = """
 title = "Three simulated surfaces"
@@ -157,3 +159,21 @@ def test_listings_name_what_is_shipped(run, words):
     code, out, _ = run(*words)
     assert code == 0
     assert ("simulated69" if words == ("datasets",) else "waviness") in out
+
+
+def test_every_command_that_takes_files_takes_what_says_how_they_are_read(run, tmp_path):
+    commands = typer.main.get_command(app).commands
+    how = {"--column", "--delimiter", "--time-column", "--resample", "--fs", "--unit"}
+    for name in ("inspect", "extract", "benchmark", "tradeoff", "train", "predict", "stream"):
+        assert how <= {flag for option in commands[name].params for flag in option.opts}, name
+    for material in ("wood", "steel"):
+        (tmp_path / "felt" / material).mkdir(parents=True)
+        rows = np.random.default_rng(0).normal(size=(2000, 3))
+        np.savetxt(tmp_path / "felt" / material / "r.csv", rows, delimiter=";")
+    told = ("--fs", "1000", "--unit", "m/s^2", "--jobs", "1", "--features", "coarse", "-o", "t.parquet")
+    code, _, said = run("extract", "felt", *told)
+    assert (code, "--delimiter ';'" in said) == (1, True)
+    code, _, said = run("extract", "felt", *told, "--delimiter", ";")
+    assert (code, "--column c1,c2,c3" in said) == (1, True)
+    code, out, said = run("extract", "felt", *told, "--delimiter", ";", "--column", "1,2,3")
+    assert (code, out.startswith("wrote t.parquet: 2 recordings")) == (0, True), said

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from texclass.experiment.feature_table import METADATA, cached_table, extract_table, read_table
-from texclass.features.extractor import FeatureExtractor
+from texclass.experiment.feature_table import METADATA, FeatureTable, cached_table, extract_table, read_table
+from texclass.features.extractor import FeatureExtractor, Reason
 from texclass.recording import RecordingError
 
 JOB = """
@@ -136,3 +136,11 @@ def test_tables_kept_apart_are_one_and_only_the_new_part_is_computed(toy_dataset
     assert joined.ms.shape == whole.ms.shape
     spoilt = cached_table(toy_dataset(bad=("m1_3",), input_hash="spoilt"), old, new, skip_bad=True)
     assert ([item.recording_id for item in spoilt.left_out], spoilt.n_recordings) == (["m1_3"], 11)
+
+
+def test_a_channel_with_a_slash_in_its_name_keeps_its_features_and_reasons():
+    reason = Reason("r", "force/left/hardness", "no tap")
+    frame = pd.DataFrame({"force/left/mfcc.m1": [1.0], "mfcc.m1": [2.0]})
+    table = FeatureTable(frame, tuple(frame.columns), np.zeros(1), (reason,))
+    assert table.matching(["mfcc.m1"]) == ("force/left/mfcc.m1", "mfcc.m1")
+    assert table.reason_of("hardness") == "no tap"

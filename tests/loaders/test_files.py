@@ -1,5 +1,7 @@
 """One recording from a file of any format: what was written comes back, what is missing or bad is named."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -196,7 +198,6 @@ def test_a_line_that_is_not_one_number_is_named(tmp_path):
         ("time\n1\n2\n", "line 1 is 'time'"),
         ("1\n2\n3 4\n", "line 3 is '3 4'"),
         ("1\n2,5\n3\n", "line 2 is '2,5'"),
-        ("1;2\n", "line 1 is '1;2'"),
         ("1\n2\n1_000\n", "line 3 is '1_000'"),
         ("1\n0x10\n", "line 2 is '0x10'"),
     ):
@@ -230,7 +231,7 @@ def test_a_bad_table_is_refused_with_its_line(tmp_path):
         ("b,c\n1,2\n", "column 'a' occurs 0 times"),
         ("a,b\n", "acceleration is empty"),
         ("a,b\n1,2\nNA,4\n", "Row #3"),
-        (b"\xff\xfe\x00a", "line 1 is not a header"),
+        (b"\xff\xfe\x00a", "line 1 is not a header.*the rule is UTF-8"),
     ):
         with pytest.raises(RecordingError, match=f"(?s)r.csv: .*{message}"):
             load(tmp_path / "r.csv", content)
@@ -242,3 +243,82 @@ def test_a_parquet_column_of_text_or_with_a_gap_is_refused(tmp_path):
         pd.DataFrame({"a": column}).to_parquet(tmp_path / "r.parquet")
         with pytest.raises(RecordingError, match=said):
             load_recording(tmp_path / "r.parquet", fs=1000, unit="counts", column="a")
+
+
+def table(path, columns, header=None, sep=","):
+    """Write columns of numbers as text."""
+    lines = [sep.join(f"{value:.9g}" for value in row) for row in np.column_stack(columns)]
+    path.write_text("\n".join([header, *lines] if header else lines))
+    return path
+
+
+TIMES = np.arange(500) / 250.0
+
+
+def test_the_first_line_of_a_table_without_header_is_a_sample(tmp_path, axes):
+    one = table(tmp_path / "one.csv", [axes[:, :1]])
+    np.testing.assert_array_equal(load_recording(one, fs=FS, unit="counts").acceleration, axes[:, 0])
+    for path, sep in ((tmp_path / "three.csv", ","), (tmp_path / "three.txt", "   ")):
+        with pytest.raises(RecordingError, match=r"columns are 'c1', 'c2', 'c3'.*--column c1,c2,c3"):
+            load_recording(table(path, [axes], sep=sep), fs=FS, unit="counts")
+        for column in (("1", "2", "3"), ("c1", "c2", "c3")):
+            recording = load_recording(path, fs=FS, unit="counts", column=column)
+            np.testing.assert_array_equal(recording.acceleration, axes)
+    with pytest.raises(RecordingError, match=r"column '4' occurs 0 times.*by number from 1 to 3"):
+        load_recording(path, fs=FS, unit="counts", column="4")
+
+
+def test_another_delimiter_is_asked_for_by_the_option_that_takes_it(tmp_path, axes):
+    path = table(tmp_path / "r.csv", [axes], "x;y;z", ";")
+    with pytest.raises(RecordingError, match=r"one column is 'x;y;z'.*--delimiter ';'"):
+        load_recording(path, fs=FS, unit="counts")
+    assert load_recording(path, fs=FS, unit="counts", delimiter=";").channels == ("x", "y", "z")
+
+
+@pytest.mark.parametrize(("name", "unit_s"), [("time", 1.0), ("t (ms)", 1e-3), ("timestamp_us", 1e-6)])
+def test_a_time_column_gives_the_rate_or_contradicts_the_given_one_with_both_figures(
+    tmp_path, axes, name, unit_s
+):
+    times = TIMES / unit_s
+    path = table(tmp_path / "r.csv", [times, axes], f"{name},x,y,z")
+    for options in ({}, {"fs": 250}, {"time_column": "1"}, {"fs": 250, "time_column": name}):
+        recording = load_recording(path, unit="counts", **options)
+        assert recording.fs == 250
+        np.testing.assert_allclose(recording.acceleration, axes, atol=1e-6)
+    with pytest.raises(
+        RecordingError, match=rf"fs is 250 Hz by its column '{re.escape(name)}'.*1000 Hz was given"
+    ):
+        load_recording(path, unit="counts", fs=1000)
+
+
+def test_a_time_without_a_unit_that_may_be_milliseconds_is_asked_about(tmp_path, axes):
+    path = table(tmp_path / "r.csv", [1e3 * TIMES, axes], "t,x,y,z")
+    with pytest.raises(RecordingError, match=r"fs is 0.25 Hz if its column 't' is in s.*--fs"):
+        load_recording(path, unit="counts")
+    assert load_recording(path, fs=250, unit="counts").fs == 250
+
+
+def test_samples_are_put_where_an_asked_for_time_column_has_them_and_losses_are_told(tmp_path):
+    kept = np.delete(np.arange(500), [100, 101, 300])
+    path = table(tmp_path / "r.csv", [TIMES[kept], np.sin(6 * TIMES[kept])], "time,a")
+    recording = load_recording(path, unit="counts", time_column="time")
+    np.testing.assert_allclose(recording.acceleration, np.sin(6 * TIMES), atol=1e-3)
+    assert recording.flags[0] == "gaps: 3 messages missing in 2 gaps, interpolated"
+
+
+def test_names_with_units_in_brackets_are_conventional_and_units_no_part_of_a_channel(tmp_path, axes):
+    header = ",".join(f"ACCELEROMETER {axis} (m/s^2)" for axis in "XYZ")
+    recording = load_recording(table(tmp_path / "r.csv", [axes], header), fs=FS, unit="m/s^2")
+    np.testing.assert_array_equal(recording.acceleration, axes)
+    assert recording.channels == ("ACCELEROMETER X", "ACCELEROMETER Y", "ACCELEROMETER Z")
+    with pytest.raises(RecordingError, match="to say which hold the acceleration"):
+        load_recording(table(tmp_path / "r.csv", [axes], "x (mm),y (mm),z (mm)"), fs=FS, unit="m/s^2")
+
+
+def test_a_resampled_recording_keeps_what_both_rates_hold_and_nothing_else(tmp_path):
+    t = np.arange(4000) / 4000
+    low, high = np.sin(2 * np.pi * 50 * t), np.sin(2 * np.pi * 1800 * t)
+    path = table(tmp_path / "r.csv", [low + high], "a")
+    recording = load_recording(path, fs=4000, unit="counts", resample=1000)
+    assert (recording.fs, recording.n_samples) == (1000, 1000)
+    np.testing.assert_allclose(recording.acceleration[50:-50], low[::4][50:-50], atol=0.01)

@@ -96,6 +96,24 @@ def test_a_script_trains_and_asks_as_the_commands_do(run, trained):
     assert model.predict(files[0]) == answers[0]
 
 
+def test_a_file_unlike_the_training_files_is_answered_with_the_options_that_say_how_to_read_it(
+    run, trained, work
+):
+    samples, _ = soundfile.read(work / "plates/oak/oak_3.wav", dtype="int16")
+    columns = [np.arange(len(samples)) / FS, np.zeros(len(samples)), samples]
+    np.savetxt(work / "odd.csv", np.column_stack(columns), delimiter=";")
+    told = ("--delimiter", ";", "--column", "3", "--time-column", "1")
+    answers = [
+        json.loads(run("predict", trained.name, *asked, "--json")[1])
+        for asked in (("odd.csv", *told), ("plates/oak/oak_3.wav",))
+    ]
+    assert answers[0]["probability"] == pytest.approx(answers[1]["probability"], rel=1e-6)
+    soundfile.write(work / "dense.wav", np.repeat(samples, 2), 2 * round(FS))
+    answer = json.loads(run("predict", trained.name, "dense.wav", "--resample", "4000", "--json")[1])
+    assert answer["surface"] == "oak"
+    assert not any("wrong rate" in reason for reason in answer["reasons"])
+
+
 def test_a_stranger_is_called_unknown(run, trained):
     code, out, _ = run("predict", trained.name, "stranger/stranger_1.wav", "plates/oak/oak_1.wav")
     assert code == 0

@@ -11,6 +11,7 @@ from texclass.cli.options import progress_bar, tell, write_json, wrote
 
 
 @app.command()
+@options.reads_files
 def benchmark(
     dataset: options.Recordings = "simulated",
     pipeline: options.Pipeline = "strese2015",
@@ -67,8 +68,6 @@ def benchmark(
             help="What peers are given: the `same` signals as our features, or `each` channel by itself."
         ),
     ] = "same",
-    fs: options.Fs = None,
-    unit: options.Unit = None,
     jobs: options.Jobs = -1,
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
@@ -77,6 +76,8 @@ def benchmark(
         Path, typer.Option(help="Folder for the table (Markdown), the pictures (PNG) and the JSON.")
     ] = Path("reports"),
     json_file: options.Json = None,
+    *,
+    reading: dict[str, Any],
 ) -> None:
     """Classify a dataset with every row of a pipeline's table, beside the published figures."""
     from texclass.experiment import load_pipeline, run_benchmark, running_on, study_feature
@@ -100,7 +101,7 @@ def benchmark(
         settings = PeerSettings(**given)
     definition = load_pipeline(pipeline)
     new = load_feature(feature) if feature else None
-    recordings = open_dataset(dataset, fs=fs, unit=unit, skip_bad=skip_bad)
+    recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
     if peers and peers_limit is not None:
         recordings = whole_materials(recordings, peers_limit)
     work: dict[str, Any] = {"n_folds": folds, "n_jobs": jobs, "skip_bad": skip_bad}
@@ -123,16 +124,17 @@ def benchmark(
 
 
 @app.command()
+@options.reads_files
 def extract(
     dataset: options.Recordings,
     output: Annotated[Path, typer.Option("-o", "--output", help="Parquet file to write.")],
     features: options.FeatureSet = "texclass",
-    fs: options.Fs = None,
-    unit: options.Unit = None,
     jobs: options.Jobs = -1,
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
     skip_bad: options.SkipBad = False,
+    *,
+    reading: dict[str, Any],
 ) -> None:
     """Compute a feature table; a run that was killed goes on where it stopped."""
     from texclass.experiment import extract_table, running_on
@@ -140,7 +142,7 @@ def extract(
     from texclass.loaders import open_dataset
 
     feature_set = load_feature_set(features)
-    recordings = open_dataset(dataset, fs=fs, unit=unit, skip_bad=skip_bad)
+    recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
     with running_on(backend, scheduler), progress_bar() as progress:
         table = extract_table(
             recordings, feature_set, output, n_jobs=jobs, skip_bad=skip_bad, progress=progress
@@ -151,6 +153,7 @@ def extract(
 
 
 @app.command()
+@options.reads_files
 def tradeoff(
     dataset: options.Recordings = "simulated",
     features: options.FeatureSet = "texclass",
@@ -167,8 +170,6 @@ def tradeoff(
     curves: Annotated[
         bool, typer.Option(help="Also accuracy against touch, training, rate, bits and model order.")
     ] = True,
-    fs: options.Fs = None,
-    unit: options.Unit = None,
     jobs: options.Jobs = -1,
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
@@ -176,6 +177,8 @@ def tradeoff(
         Path, typer.Option(help="Folder for the report (Markdown, JSON, PNG) and the pipeline (skops).")
     ] = Path("reports"),
     json_file: options.Json = None,
+    *,
+    reading: dict[str, Any],
 ) -> None:
     """Measure what accuracy costs on a dataset; save the pipeline at the budget, or at the knee."""
     from texclass.experiment import running_on
@@ -185,7 +188,7 @@ def tradeoff(
     from texclass.tradeoff.trading import tradeoff_stem
 
     scene = tuple(name.strip() for name in (materials or "").split(",") if name.strip())
-    recordings = open_dataset(dataset, fs=fs, unit=unit, skip_bad=True)
+    recordings = open_dataset(dataset, **reading, skip_bad=True)
     facts = {"name": recordings.name, "materials": scene, "max_seconds": max_seconds}
     with running_on(backend, scheduler), progress_bar() as progress:
         result = trade_off(

@@ -1,7 +1,7 @@
 """What there is, to look at: one recording, datasets, features."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -11,6 +11,7 @@ from texclass.cli.options import shipped, tell
 
 
 @app.command()
+@options.reads_files
 def inspect(
     recording: Annotated[
         str,
@@ -22,8 +23,8 @@ def inspect(
     features: Annotated[
         str, typer.Option(help="Feature set whose values are shown.", autocompletion=shipped("feature_defs"))
     ] = "strese2015",
-    fs: options.Fs = None,
-    unit: options.Unit = None,
+    *,
+    reading: dict[str, Any],
 ) -> None:
     """Draw one recording: signal, phases, taps, spectrogram and feature values."""
     from texclass.features import FeatureExtractor
@@ -31,7 +32,7 @@ def inspect(
     from texclass.phases import segment
     from texclass.reporting import draw_inspection
 
-    found = find_recording(recording, fs=fs, unit=unit)
+    found = find_recording(recording, **reading)
     phases = segment(found)
     declared = [found.with_(phases=phases)]
     extraction = FeatureExtractor(features).fit(declared).extract(declared)

@@ -1,7 +1,7 @@
 """Models that are trained, asked, looked at and exported: train, predict, model, export."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -11,6 +11,7 @@ from texclass.cli.options import progress_bar, tell
 
 
 @app.command()
+@options.reads_files
 def train(
     dataset: options.Recordings,
     output: Annotated[Path, typer.Option("-o", "--output", help="Model file to write (.skops).")],
@@ -37,17 +38,17 @@ def train(
     false_alarms: Annotated[
         float, typer.Option(help="Share of known surfaces that may be called unknown.")
     ] = 0.05,
-    fs: options.Fs = None,
-    unit: options.Unit = None,
     jobs: options.Jobs = -1,
     skip_bad: options.SkipBad = False,
+    *,
+    reading: dict[str, Any],
 ) -> None:
     """Train a model on all recordings; what is chosen is chosen by cross-validation."""
     from texclass.loaders import open_dataset
     from texclass.recognition import train as train_model
     from texclass.recognition.model_document import model_document
 
-    recordings = open_dataset(dataset, fs=fs, unit=unit, skip_bad=skip_bad)
+    recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
     with progress_bar() as progress:
         model = train_model(
             recordings,
@@ -69,17 +70,16 @@ def train(
 
 
 @app.command()
+@options.reads_files
 def predict(
     model: Annotated[Path, typer.Argument(help="A model file that `texclass train` wrote.")],
     files: Annotated[list[str], typer.Argument(help="Recordings: files, or DATASET:RECORDING.")],
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line, as answers come.")] = False,
-    fs: options.Fs = None,
-    unit: Annotated[
-        str | None, typer.Option("--unit", help="Unit in the files; that of the training files by default.")
-    ] = None,
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="Exit with 0 although some files were bad; they are named.")
     ] = False,
+    *,
+    reading: dict[str, Any],
 ) -> None:
     """Say which surface each recording is of; bad files are named, the others answered."""
     import json
@@ -89,7 +89,7 @@ def predict(
     from texclass.recognition.model_document import answers_document
 
     trained, found = load_model(model), []
-    for prediction in predict_files(trained, files, fs=fs, unit=unit):
+    for prediction in predict_files(trained, files, **reading):
         found.append(prediction)
         if prediction.answer is None:
             typer.echo(f"error: {prediction.problem}", err=True)

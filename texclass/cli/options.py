@@ -1,5 +1,7 @@
 """What the commands share: arguments and options, telling a result, the progress bar."""
 
+import functools
+import inspect
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -45,6 +47,20 @@ Fs = Annotated[
 Unit = Annotated[
     str | None, typer.Option("--unit", help="Unit of the acceleration: m/s^2, g, mg, counts, V or arbitrary.")
 ]
+Column = Annotated[
+    str | None,
+    typer.Option(
+        "--column",
+        help="Columns of the acceleration, by name or by number from 1: --column ax,ay,az or 2,3,4.",
+    ),
+]
+Delimiter = Annotated[
+    str | None, typer.Option("--delimiter", help="What divides the columns of text files: ';', 'tab'.")
+]
+TimeColumn = Annotated[
+    str | None,
+    typer.Option("--time-column", help="Column that says when each sample was taken, by name or number."),
+]
 Jobs = Annotated[int, typer.Option("--jobs", help="Processes; -1 uses every core.")]
 RunOn = Annotated[
     RunsOn, typer.Option("--backend", help="Run on processes of this machine, or on a Dask cluster.")
@@ -65,6 +81,43 @@ Pipeline = Annotated[
 Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON here.")]
 MaxMs = Annotated[float | None, typer.Option(help="Milliseconds that the features of a recording may take.")]
 MaxFeatures = Annotated[int | None, typer.Option(help="Columns that may reach the classifier.")]
+
+
+def _reading(
+    *,
+    fs: Fs = None,
+    unit: Unit = None,
+    column: Column = None,
+    delimiter: Delimiter = None,
+    time_column: TimeColumn = None,
+    resample: Annotated[
+        float | None,
+        typer.Option("--resample", help="Rate in Hz to which all files are brought, band-limited."),
+    ] = None,
+) -> None:
+    """Say how files are read: what `reads_files` gives to a command."""
+
+
+def reads_files(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options that say how files are read; it gets them as one mapping, `reading`."""
+    shared = inspect.signature(_reading).parameters
+
+    @functools.wraps(command)
+    def called(**given: Any) -> None:
+        reading = {name: given.pop(name) for name in shared}
+        command(**given, reading=columns_read(**reading))
+
+    own = [p for name, p in inspect.signature(command).parameters.items() if name != "reading"]
+    parameters = [*(p.replace(kind=p.KEYWORD_ONLY) for p in own), *shared.values()]
+    vars(called)["__signature__"] = inspect.Signature(parameters)
+    called.__annotations__ = {p.name: p.annotation for p in parameters}
+    return called
+
+
+def columns_read(*, column: str | None, delimiter: str | None, **others: Any) -> dict[str, Any]:
+    """Return how files are read, several columns and a tab as people write them on a command line."""
+    columns = tuple(name.strip() for name in column.split(",")) if column else None
+    return {"column": columns, "delimiter": "\t" if delimiter in ("tab", "\\t") else delimiter, **others}
 
 
 def write_json(path: Path | None, text: str) -> None:

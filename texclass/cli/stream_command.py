@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from texclass.cli import options
 from texclass.cli.app import app
 
 NO_ANSWER = 3
@@ -34,6 +35,9 @@ def stream(
     resample: Annotated[
         bool, typer.Option("--resample", help="Convert another rate to the model's, band-limited.")
     ] = False,
+    column: options.Column = None,
+    delimiter: options.Delimiter = None,
+    time_column: options.TimeColumn = None,
     window: Annotated[
         float | None, typer.Option(help="Seconds of one answer; as trained by default.")
     ] = None,
@@ -90,6 +94,7 @@ def stream(
         rate=trained.manifest.fs if resample else None,
         paced=paced,
         raw_channels=channels,
+        **options.columns_read(column=column, delimiter=delimiter, time_column=time_column),
         model=trained,
     )
     session = Session(trained, raw=is_live(source), settings=settings)

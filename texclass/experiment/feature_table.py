@@ -109,12 +109,12 @@ class FeatureTable:
 
     def matching(self, base: Sequence[str]) -> tuple[str, ...]:
         """Return the columns named in `base`, under every channel prefix, in the order of `base`."""
-        return tuple(c for b in base for c in self.columns if c == b or c.split("/", 1)[-1] == b)
+        return tuple(c for b in base for c in self.columns if c == b or c.rpartition("/")[2] == b)
 
     def reason_of(self, name: str) -> str:
         """Return the commonest reason why a feature, or the feature of a column, has no value."""
         names = (name, name.split(".", 1)[0])
-        reasons = Counter(r.reason for r in self.reasons if r.feature.split("/", 1)[-1] in names)
+        reasons = Counter(r.reason for r in self.reasons if r.feature.rpartition("/")[2] in names)
         return reasons.most_common(1)[0][0]
 
 

@@ -36,6 +36,20 @@ Texts = Annotated[
 """One text, or several."""
 
 
+def _named(given: Any) -> Any:
+    """Return columns as text, also those that are told by number."""
+    listed = given if isinstance(given, list | tuple) else [given]
+    return tuple(str(one) if isinstance(one, int) and one is not True else one for one in listed)
+
+
+Columns = Annotated[
+    tuple[str, ...],
+    BeforeValidator(_named),
+    Field(min_length=1, description="a column or a list of columns, by name or by number from 1"),
+]
+"""Columns of a file."""
+
+
 class CardError(ValueError):
     """A dataset card breaks a rule; the message names the file, the key and the rule."""
 
@@ -107,7 +121,7 @@ class Reading(Written):
         auxiliary = dict(told["channels"])
         acceleration = auxiliary.pop("acceleration", ())
         roles = f"ColumnRoles(acceleration={acceleration}, auxiliary={auxiliary})"
-        keys = [key for key in _UNSAID if key != "topic" or told["topic"]]
+        keys = [key for key in _UNSAID if key not in _LATER or told[key] != _UNSAID[key]]
         parts = (f"({key!r}, {roles if key == 'channels' else repr(told[key])})" for key in keys)
         return f"[{', '.join(parts)}]"
 
@@ -129,8 +143,12 @@ _UNSAID = {
     "remove_resting_level": False,
     "trim": False,
     "recipe": {},
+    "time_column": None,
+    "resample_hz": None,
 }
 """What `Reading.facts` tells of a key that a format has not."""
+_LATER = ("topic", "time_column", "resample_hz")
+"""Keys that cards got later."""
 
 
 class LabelTable(Written):
@@ -172,11 +190,16 @@ class FileReading(Reading):
     labels
         Table with labels and groups that the names do not tell.
     channels
-        Which columns are acceleration and auxiliary signals.
+        Which columns are acceleration and auxiliary signals, by name or by number from 1.
     companions
         Auxiliary signal -> names its file may have, with {group} in place of groups.
     delimiter
-        Of CSV files.
+        Of text files.
+    time_column
+        Which says when each sample was taken, by name or number.
+    resample_hz
+        Rate to which recordings are brought, band-limited; then each file may state its own, and `fs_hz` is
+        that of files which state none.
     topic
         Of bags: a topic's name, or a pattern of names with the named groups of `GROUPS`; every topic that
         matches is then a recording.
@@ -185,9 +208,11 @@ class FileReading(Reading):
     """
 
     labels: LabelTable | None = None
-    channels: dict[Role, Texts] = Field(default_factory=dict)
+    channels: dict[Role, Columns] = Field(default_factory=dict)
     companions: dict[Signal, Texts] = Field(default_factory=dict)
     delimiter: str | None = Field(default=None, pattern=r'^[^"\r\n]$', description="one character, no quote")
+    time_column: Annotated[str | None, BeforeValidator(lambda given: given and _named(given)[0])] = None
+    resample_hz: float | None = Field(default=None, gt=0, le=MOST_LARGE, description="a rate in Hz above 0")
     topic: str | None = None
     trim: bool = False
 

@@ -1,5 +1,6 @@
 """What readers of every format share: what they are asked for, what they return, what they refuse."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -20,8 +21,14 @@ STORAGE = (".mcap", ".db3")
 """Kinds of the files that hold its messages."""
 UNNAMED = "acceleration"
 """Name of the only column of a format that does not name its columns."""
-CONVENTIONAL = ((UNNAMED,), ("x", "y", "z"), ("ax", "ay", "az"), ("acc_x", "acc_y", "acc_z"))
-"""Columns that are the acceleration when nobody says which ones are; matched without regard to case."""
+CONVENTIONAL = (
+    (UNNAMED,),
+    *(tuple(f"{stem}{axis}" for axis in "xyz") for stem in ("", "a", "acc ", "accel ", "accelerometer ")),
+    *(tuple(f"{stem} {axis}" for axis in "xyz") for stem in (UNNAMED, "linear acceleration")),
+)
+"""Columns that are the acceleration when nobody says which ones are, see `plain`."""
+TIMES = ("time", "t", "timestamp", "seconds", "seconds elapsed", "elapsed")
+"""Columns that say when samples were taken, see `plain`."""
 
 
 @dataclass(frozen=True)
@@ -60,13 +67,34 @@ class ReadOptions:
     topic : str, optional
         Of a bag; by default the only one that carries an acceleration.
     fs : float, optional
-        Rate in Hz at which a bag is wanted; by default the one that its stamps say.
+        Rate in Hz at which what bears stamps is wanted; by default the one that they say.
+    time_column : str, optional
+        Column or array that says when each sample was taken; by default one of a conventional name.
     """
 
     delimiter: str | None = None
     codes: bool = False
     topic: str | None = None
     fs: float | None = None
+    time_column: str | None = None
+
+
+_UNIT = re.compile(r"[(\[]\s*(?:m/s\^?2|m/s²|m/s/s|m ?s-2|g|mg|counts|s|ms|us|µs|ns)\s*[)\]]", re.IGNORECASE)
+
+
+def without_unit(name: str) -> str:
+    """Return a column's name without the unit in brackets behind it."""
+    return _UNIT.sub("", name).strip()
+
+
+def plain(name: str) -> str:
+    """Return a column's name as conventions are told: "ACCELEROMETER_X (m/s^2)" is "accelerometer x"."""
+    return re.sub(r"[\s_]+", " ", without_unit(name).lower())
+
+
+def is_time(name: str) -> bool:
+    """Whether a column is, by its name, one of times: "time", "timestamp_us", "t (ms)"."""
+    return re.sub(r" (s|ms|us|µs|ns)$", "", plain(name)) in TIMES
 
 
 def choose_acceleration(names: Sequence[str], path: Path) -> tuple[str, ...]:
@@ -77,13 +105,29 @@ def choose_acceleration(names: Sequence[str], path: Path) -> tuple[str, ...]:
     RecordingError
         If neither a conventional name nor a single column settles it.
     """
-    by_lower = {name.lower(): name for name in names}
+    meant = [plain(name) for name in names]
     for convention in CONVENTIONAL:
-        if all(name in by_lower for name in convention):
-            return tuple(by_lower[name] for name in convention)
-    if len(names) == 1:
-        return tuple(names)
-    raise refused(path, f"its columns are {listed(names)}", "to say which hold the acceleration (--column)")
+        if all(meant.count(name) == 1 for name in convention):
+            return tuple(names[meant.index(name)] for name in convention)
+    others = [name for name in names if not is_time(name)] or names
+    if len(others) == 1:
+        return tuple(others)
+    raise refused(
+        path,
+        f"its columns are {listed(names)}",
+        f"to say which hold the acceleration, by name or number: --column {','.join(others[:3])} "
+        "(`acceleration` under [channels] in a card)",
+    )
+
+
+def numbered(wanted: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """Return columns by name: one that is a number and no name is counted from 1."""
+
+    def named(name: str) -> str:
+        is_number = name not in names and name.isdecimal() and 1 <= int(name) <= len(names)
+        return names[int(name) - 1] if is_number else name
+
+    return tuple(map(named, wanted))
 
 
 def require(wanted: Sequence[str], names: Sequence[str], path: Path, *, hint: str = "") -> None:
@@ -98,7 +142,7 @@ def require(wanted: Sequence[str], names: Sequence[str], path: Path, *, hint: st
         if (count := list(names).count(name)) != 1:
             raise RecordingError(
                 f"{path}: column {name!r} occurs {count} times; its columns are {listed(names)}; "
-                f"the rule is once{hint}"
+                f"the rule is once, by name or by number from 1 to {len(names)}{hint}"
             )
 
 

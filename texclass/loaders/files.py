@@ -17,8 +17,13 @@ from texclass.loaders.columns import (
     ReadOptions,
     ReadSignals,
     choose_acceleration,
+    is_time,
+    numbered,
     refused,
+    without_unit,
 )
+from texclass.loaders.stamps import by_times
+from texclass.loaders.stamps import resample as band_limited
 from texclass.recording import (
     ACCELERATION_UNITS,
     AUXILIARY_UNITS,
@@ -58,6 +63,8 @@ def load_recording(
     column: str | Sequence[str] | None = None,
     auxiliary: Mapping[str, str | Sequence[str]] | None = None,
     delimiter: str | None = None,
+    time_column: str | None = None,
+    resample: float | None = None,
     topic: str | None = None,
 ) -> Recording:
     """Load one recording from a file.
@@ -65,21 +72,26 @@ def load_recording(
     Parameters
     ----------
     path : str or Path
-        Text (one value per line), CSV, TSV, Parquet, WAV, FLAC, MATLAB 5 or 7.3, NPZ, HDF5, or a bag of ROS
-        (.bag, .mcap, .db3, a folder of rosbag2, also as "bag:FILE?topic=/name"), by suffix. If its name says
-        `_X`, `_Y` or `_Z` and files of the other axes are beside it, they form one recording.
+        Text (one value per line, or columns), CSV, TSV, Parquet, WAV, FLAC, MATLAB 5 or 7.3, NPZ, HDF5, or a
+        bag of ROS (.bag, .mcap, .db3, a folder of rosbag2, also as "bag:FILE?topic=/name"), by suffix. If its
+        name says `_X`, `_Y` or `_Z` and files of the other axes are beside it, they form one recording.
     fs : float, optional
-        Sampling rate in Hz; needed unless the file states it. The stamps of a bag must agree.
+        Sampling rate in Hz; needed unless the file states it. Stamps of a bag, times of a table must agree.
     unit : str, optional
         Unit of the acceleration: "m/s^2", "g", "mg", "counts", "V" or "arbitrary". Needed unless the type of
         a bag's messages states it. Integer audio keeps its codes when this is "counts"; else full scale is 1.
     column : str or sequence of str, optional
-        Column(s) or array of the acceleration; by default the conventional names (x, y, z; ax, ay, az;
-        acceleration) or the only column.
+        Column(s) or array of the acceleration, by name or by number from 1; by default the conventional names
+        (x, y, z; ax, ay, az; acceleration) or the only column.
     auxiliary : mapping of str to str or sequence of str, optional
         Signals beside the acceleration: field of `Recording` -> column(s), in the unit the field is kept in.
     delimiter : str, optional
-        Of a CSV file; a comma by default.
+        Of a text; by default a comma (CSV), a tab (TSV), what its first line has (text).
+    time_column : str, optional
+        Column that says when each sample was taken; samples are put there. By default one named time, t or
+        timestamp tells the rate, or must agree with `fs`.
+    resample : float, optional
+        Rate in Hz to which the signals are brought, band-limited.
     topic : str, optional
         Of a bag; by default the only one that carries an acceleration.
 
@@ -94,14 +106,16 @@ def load_recording(
         If a fact is missing or contradicted, or the file is not what it should be.
     """
     path, asked = located(path)
-    options = ReadOptions(delimiter, topic=topic or asked, fs=fs)
+    options = ReadOptions(delimiter, topic=topic or asked, fs=fs, time_column=time_column)
     unit = checked_unit(path, fs, agreed_unit(path, options, unit))
-    roles = {UNNAMED: _tuple(column), **{name: _tuple(names) for name, names in (auxiliary or {}).items()}}
+    roles = {name: columns_of(names) for name, names in {UNNAMED: column, **(auxiliary or {})}.items()}
     axes = axis_files(path)
     signals = read_signals(axes, roles, replace(options, codes=unit == "counts"))
     named = path.parent if path.name == BAG_FOLDER else path
     recording_id = named.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0]
-    return build_recording(signals, fs=fs, unit=unit, recording_id=recording_id, source=str(path))
+    return build_recording(
+        signals, fs=fs, unit=unit, resample=resample, recording_id=recording_id, source=str(path)
+    )
 
 
 def located(name: str | Path) -> tuple[Path, str | None]:
@@ -134,18 +148,6 @@ def column_names(path: Path, options: ReadOptions) -> tuple[str, ...]:
     """
     names: tuple[str, ...] = _reader(path).names(path, options)
     return names
-
-
-def stated_rate(path: Path, options: ReadOptions) -> float | None:
-    """Return the sampling rate in Hz that a file states, None if it states none.
-
-    Raises
-    ------
-    RecordingError
-        As `column_names`.
-    """
-    signals: ReadSignals = _reader(path).read(path, column_names(path, options)[:1], options)
-    return signals.fs
 
 
 def topics(path: Path) -> tuple[str, ...]:
@@ -270,15 +272,19 @@ def read_signals(
         )
     parts = {}
     for axis, path in axes.items():
-        chosen = tuple(roles.get(UNNAMED, ())) or choose_acceleration(column_names(path, options), path)
-        groups = {UNNAMED: chosen, **{field: names for field, names in roles.items() if field != UNNAMED}}
-        wanted = tuple(dict.fromkeys(name for names in groups.values() for name in names))
-        read: ReadSignals = _reader(path).read(path, wanted, options)
+        is_known = is_bag(path) and roles.get(UNNAMED)
+        present = () if is_known else column_names(path, options)
+        chosen = numbered(roles.get(UNNAMED, ()), present) or choose_acceleration(present, path)
+        beside = {field: numbered(names, present) for field, names in roles.items() if field != UNNAMED}
+        groups = {UNNAMED: chosen, **beside}
+        read = _read(path, tuple(dict.fromkeys(name for names in groups.values() for name in names)), options)
         fields = {}
         for field, names in groups.items():
             columns = [read.named[name] for name in names]
             fields[field] = read_only(columns[0] if len(columns) == 1 else np.column_stack(columns))
-        parts[axis] = replace(read, named=fields, channels=chosen if len(chosen) > 1 else ())
+        parts[axis] = replace(
+            read, named=fields, channels=tuple(map(without_unit, chosen)) if len(chosen) > 1 else ()
+        )
     first = next(iter(parts.values()))
     if len(parts) == 1:
         axis = next(iter(parts))
@@ -296,16 +302,64 @@ def read_signals(
     return ReadSignals({**first.named, UNNAMED: acceleration}, first.fs, channels=tuple(parts))
 
 
+def _read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
+    """Read columns of a file, at the rate that its times tell if there are any."""
+    reader, asked = _reader(path), options.time_column
+    if is_bag(path):  # it has stamps
+        return reader.read(path, wanted, options)  # type: ignore[no-any-return]
+    present = reader.names(path, options)
+    times = numbered((asked,) if asked else (), present)
+    times = times or tuple(name for name in present if is_time(name) and name not in wanted)[:1]
+    try:
+        read: ReadSignals = reader.read(path, tuple(dict.fromkeys((*wanted, *times))), options)
+    except RecordingError:
+        if asked or not times:
+            raise
+        return reader.read(path, wanted, options)  # type: ignore[no-any-return]  # its times are no numbers
+    named = {name: read.named[name] for name in wanted}
+    n_times = len(read.named[times[0]]) if times else 0
+    if not times or (not asked and (read.fs is not None or any(len(s) != n_times for s in named.values()))):
+        return replace(read, named=named)
+    columns = [named[name].reshape(n_times, -1) for name in wanted]
+    given = options.fs if read.fs is None else read.fs
+    uniform, fs, flags = by_times(
+        np.column_stack(columns),
+        read.named[times[0]],
+        times[0],
+        given,
+        resampled=asked is not None,
+        where=str(path),
+    )
+    parts = np.split(uniform, np.cumsum([column.shape[1] for column in columns])[:-1], axis=1)
+    named = {
+        name: part.reshape(len(part), *named[name].shape[1:])
+        for name, part in zip(wanted, parts, strict=True)
+    }
+    return replace(read, named=named, fs=fs, flags=(*read.flags, *flags))
+
+
 def build_recording(
     signals: ReadSignals,
     *,
     fs: float | None,
     unit: str,
     source: str,
+    resample: float | None = None,
     flags: tuple[str, ...] = (),
     **facts: Any,
 ) -> Recording:
-    """Check signals and return them as a recording; `facts` are further fields of `Recording`.
+    """Check signals and return them as a recording.
+
+    Parameters
+    ----------
+    signals : ReadSignals
+        As read.
+    fs : float or None
+        Rate in Hz that user or card state; if files may have different ones, of those that state none.
+    unit, source, flags, **facts
+        Fields of `Recording`.
+    resample : float, optional
+        Rate in Hz to which they are brought; then each file may have its own.
 
     Raises
     ------
@@ -313,9 +367,13 @@ def build_recording(
         If the sampling rate is missing or contradicted, the acceleration too short, constant or not finite.
     """
     facts |= {**signals.named, "channels": signals.channels, "unit": unit, "source": source}
-    recording = Recording(fs=agreed_rate(signals.fs, fs, source), **facts)
-    found = check_acceleration(recording.acceleration, recording.channels, source)
-    flags = (*flags, *signals.flags, *found)
+    rate = agreed_rate(signals.fs, fs if resample is None or signals.fs is None else None, source)
+    recording = Recording(fs=rate, **facts)
+    flags = (*flags, *signals.flags, *check_acceleration(recording.acceleration, recording.channels, source))
+    if resample is not None and resample != rate:
+        changed = {name: band_limited(getattr(recording, name), rate, resample) for name in signals.named}
+        recording = recording.with_(fs=resample, **changed)
+        flags = (*flags, f"resampled: from {rate:g} Hz to {resample:g} Hz, band-limited")
     return recording.with_(flags=flags) if flags else recording
 
 
@@ -330,7 +388,8 @@ def agreed_rate(stated: float | None, given: float | None, where: str) -> float:
     if stated is None and given is None:
         raise refused(where, "fs is missing", "a rate in Hz, never guessed: give --fs")
     if stated is not None and given is not None and not math.isclose(stated, given, rel_tol=1e-9):
-        raise refused(where, f"fs is {stated:g} Hz there, {given:g} Hz was given", "one rate")
+        found = f"fs is {stated:g} Hz there, {given:g} Hz was given (or is another file's)"
+        raise refused(where, found, "one rate: --resample HZ brings files to one (`resample_hz` in a card)")
     return stated if stated is not None else given  # type: ignore[return-value]
 
 
@@ -389,5 +448,6 @@ def clipped_share(signal: Samples) -> float:
     return float((last - first)[np.maximum(before, after) > 2 * step].sum() / len(signal))
 
 
-def _tuple(names: str | Sequence[str] | None) -> tuple[str, ...]:
+def columns_of(names: str | Sequence[str] | None) -> tuple[str, ...]:
+    """Return columns that are given as one, several, or not at all."""
     return () if names is None else (names,) if isinstance(names, str) else tuple(names)

@@ -57,14 +57,20 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
                 for companion in set(candidates) & set(entry.paths):
                     companions[signal] = root / companion
     topic = entry.topic or reading.topic
-    options = ReadOptions(reading.delimiter, codes=reading.unit == "counts", topic=topic, fs=reading.fs_hz)
+    options = ReadOptions(
+        reading.delimiter,
+        codes=reading.unit == "counts",
+        topic=topic,
+        fs=reading.fs_hz if reading.resample_hz is None else None,
+        time_column=reading.time_column,
+    )
     for path in axes.values():
         agreed_unit(path, options, reading.unit)
     signals = read_signals(axes, reading.channels, options, trim=reading.trim)
     named = dict(signals.named)
     flags = [f"absent: no file with the {name}" for name in reading.companions if name not in companions]
     for name, path in companions.items():
-        named[name] = read_signals({"": path}, {}, options).named[UNNAMED]
+        named[name] = read_signals({"": path}, {}, replace(options, time_column=None)).named[UNNAMED]
     lengths = {name: len(signal) for name, signal in named.items()}
     if reading.trim and len(set(lengths.values())) > 1:
         shortest = min(lengths.values())
@@ -283,7 +289,10 @@ def contact(acceleration: Samples, share: float = 0.1) -> int:
 def _recording(signals: ReadSignals, told: Reading, entry: Entry, source: str) -> Recording:
     known = ("recording_id", "material", "operator", "session", "repetition")
     facts = {name: getattr(entry, name) for name in known}
-    recording = build_recording(signals, fs=told.fs_hz, unit=told.unit, source=source, **facts)
+    resample = told.resample_hz if isinstance(told, FileReading) else None
+    recording = build_recording(
+        signals, fs=told.fs_hz, unit=told.unit, source=source, resample=resample, **facts
+    )
     return conditioned(recording, told.scale, told.phases, remove_resting_level=told.remove_resting_level)
 
 

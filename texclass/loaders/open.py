@@ -2,23 +2,24 @@
 
 import difflib
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from texclass import shipped
-from texclass.loaders.cards import FileReading, RowCard, SimulatedCard, read_card
-from texclass.loaders.columns import BAG_FOLDER, ReadOptions, refused
+from texclass.loaders.cards import FileCard, FileReading, RowCard, SimulatedCard, read_card
+from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, refused
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.files import (
     READERS,
     agreed_rate,
     agreed_unit,
-    axis_files,
     checked_unit,
+    columns_of,
     is_bag,
     is_bag_name,
     load_recording,
-    stated_rate,
+    read_signals,
 )
 from texclass.loaders.filesets import not_recordings, open_files, open_rows
 from texclass.loaders.places import find_folder
@@ -38,6 +39,10 @@ def open_dataset(
     *,
     fs: float | None = None,
     unit: str | None = None,
+    column: str | Sequence[str] | None = None,
+    delimiter: str | None = None,
+    time_column: str | None = None,
+    resample: float | None = None,
     skip_bad: bool = False,
 ) -> Dataset:
     """Return a lazy dataset; no recording is read before it is asked for.
@@ -48,11 +53,15 @@ def open_dataset(
         Name of a shipped card, path of a card (.toml), or a folder with one subfolder per material. There,
         every file with a known suffix is a recording, or one of its axes.
     fs : float, optional
-        Sampling rate in Hz, for a folder whose files do not state it; all recordings share it. What a card
-        says must agree.
+        Sampling rate in Hz, for a folder whose files do not state it; all recordings share it, unless they
+        are resampled. What a card says must agree.
     unit : str, optional
         Unit of the acceleration, for a folder; not needed for bags whose messages state it. What a card says
         must agree.
+    column, delimiter, time_column : optional
+        Of the files of a folder, as `load_recording` takes them; a card says these itself.
+    resample : float, optional
+        Rate in Hz to which recordings of files are brought, band-limited; then each file may state its own.
     skip_bad : bool
         Let `Dataset.attempt` return the error of a bad recording instead of raising it.
 
@@ -71,9 +80,17 @@ def open_dataset(
         If a fact is missing or contradicted, or the folder holds no recording.
     """
     path = Path(name_or_path).expanduser()
+    how: dict[str, Any] = {"delimiter": delimiter, "time_column": time_column, "resample_hz": resample}
     if str(name_or_path) not in shipped.names("datasets") and path.is_dir():
-        return _open_folder(path, fs, unit, skip_bad=skip_bad)
+        acceleration = columns_of(column)
+        how["channels"] = {UNNAMED: acceleration} if acceleration else {}
+        return _open_folder(path, fs, unit, how, skip_bad=skip_bad)
     card = read_card(name_or_path)
+    for key, given in {"delimiter": delimiter, "time_column": time_column, "[channels]": column}.items():
+        if given is not None:
+            raise refused(card.path, f"{given!r} was given beside a card", f"to say it in the card: {key}")
+    if resample is not None and not isinstance(card, FileCard):
+        raise refused(card.path, f"resampling to {resample:g} Hz was asked for", "a card of files")
     about: dict[str, Any] = {"name": card.name, "title": card.title, "licence": card.licence}
     about |= {"source": card.source, "notes": card.notes, "skip_bad": skip_bad}
     if isinstance(card, SimulatedCard):
@@ -85,11 +102,17 @@ def open_dataset(
     root = find_folder(card.folder, card_path=card.path, source=card.source).absolute()
     if isinstance(card, RowCard):
         return open_rows(card, root, **about)
+    if resample is not None:
+        card = card.model_copy(update={"resample_hz": resample})
     return open_files(card, root, **about)
 
 
-def find_recording(name: str | Path, *, fs: float | None = None, unit: str | None = None) -> Recording:
+def find_recording(
+    name: str | Path, *, fs: float | None = None, unit: str | None = None, **reading: Any
+) -> Recording:
     """Return one recording: a file, "bag:FILE?topic=/name", or "DATASET:RECORDING" for one of a dataset.
+
+    `reading` is what else `load_recording` and `open_dataset` take: column, delimiter, time_column, resample.
 
     Raises
     ------
@@ -100,8 +123,8 @@ def find_recording(name: str | Path, *, fs: float | None = None, unit: str | Non
     """
     dataset_name, colon, recording_id = str(name).rpartition(":")
     if not colon or Path(name).exists() or is_bag_name(name):
-        return load_recording(name, fs=fs, unit=unit)
-    dataset = open_dataset(dataset_name, fs=fs, unit=unit)
+        return load_recording(name, fs=fs, unit=unit, **reading)
+    dataset = open_dataset(dataset_name, fs=fs, unit=unit, **reading)
     ids = [entry.recording_id for entry in dataset.entries]
     if recording_id not in ids:
         near = ", ".join(difflib.get_close_matches(recording_id, ids, n=3) or ids[:3])
@@ -109,8 +132,9 @@ def find_recording(name: str | Path, *, fs: float | None = None, unit: str | Non
     return dataset[ids.index(recording_id)]
 
 
-def _open_folder(root: Path, fs: float | None, unit: str | None, *, skip_bad: bool) -> Dataset:
-
+def _open_folder(
+    root: Path, fs: float | None, unit: str | None, how: Mapping[str, Any], *, skip_bad: bool
+) -> Dataset:
     found = [path for path in sorted(root.rglob("*")) if path.is_file()]
     recordings = [path for path in found if path.parent != root and _is_recording(path)]
     within = not_recordings(map(str, recordings))
@@ -122,11 +146,10 @@ def _open_folder(root: Path, fs: float | None, unit: str | None, *, skip_bad: bo
             f"{', '.join(READERS)}"
         )
     if fs is None:
-        first = next(iter(axis_files(files[0]).values()))
-        fs = agreed_rate(stated_rate(first, ReadOptions(codes=unit == "counts")), None, str(root))
+        fs = _first_rate(files, how, codes=unit == "counts", skip_bad=skip_bad)
     n_others = sum(not (path.name.startswith(".") or _is_recording(path)) for path in found)
     return open_files(
-        FileReading(fs_hz=fs, unit=unit, files=PATTERNS),
+        FileReading(fs_hz=fs, unit=unit, files=PATTERNS, **how),
         # A process that works elsewhere, such as one kept from an earlier call, finds the files too.
         root.absolute(),
         notes=(f"{n_others} files of other kinds are ignored",) if n_others else (),
@@ -136,6 +159,18 @@ def _open_folder(root: Path, fs: float | None, unit: str | None, *, skip_bad: bo
         licence="not stated",
         source=str(root),
     )
+
+
+def _first_rate(files: Sequence[Path], how: Mapping[str, Any], *, codes: bool, skip_bad: bool) -> float:
+    """Return the rate in Hz that the first file states, or the first good one."""
+    options = ReadOptions(how["delimiter"], codes=codes, time_column=how["time_column"])
+    for path in files:
+        try:
+            return agreed_rate(read_signals({"": path}, how["channels"], options).fs, None, str(path))
+        except RecordingError:
+            if not skip_bad or path == files[-1]:
+                raise
+    raise AssertionError("there is a file")
 
 
 def _is_recording(path: Path) -> bool:

@@ -5,6 +5,7 @@ and miss what was lost. `place` finds which sample of a uniform signal each mess
 samples there.
 """
 
+import re
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -38,6 +39,10 @@ MOST_JITTER = 0.5
 """Stamps that deviate by more, in periods (root mean square), say nothing of when a sample was taken."""
 MOST_RESOLUTION = 0.05
 """Stamps in coarser units, in periods (whole milliseconds at 100 Hz and more), say too little, too."""
+LEAST_RATE = 20.0
+"""Hz; a lower one, by times that do not say their unit, may as well be a thousand times as high."""
+TIME_UNITS = {"s": 1e9, "ms": 1e6, "us": 1e3, "µs": 1e3, "ns": 1.0}
+"""Nanoseconds."""
 KEPT_JITTER = 0.02
 """Stamps that deviate by less are taken as evenly spaced."""
 
@@ -247,7 +252,7 @@ def resample(samples: Samples, fs: float, to: float) -> Samples:
 
 
 def at_uniform_rate(
-    samples: Samples, sampling: Sampling, given: float | None, *, by_header: bool, where: str
+    samples: Samples, sampling: Sampling, given: float | None, *, by_header: bool, where: str, by: str = ""
 ) -> tuple[Samples, float, tuple[str, ...]]:
     """Return samples at a uniform rate.
 
@@ -264,8 +269,8 @@ def at_uniform_rate(
         Rate in Hz that the user states; None: the nominal rate nearest to the measured one.
     by_header : bool
         Whether the stamps are of headers.
-    where : str
-        For messages of errors.
+    where, by : str
+        For messages of errors and flags: the file, and what the stamps are.
 
     Returns
     -------
@@ -289,7 +294,7 @@ def at_uniform_rate(
     tells = sampling.jitter <= MOST_JITTER and sampling.resolution <= MOST_RESOLUTION
     at_stamps = is_jittery and by_header and tells and per_message == 1
     uniform = _on_grid(samples, sampling, at_stamps=at_stamps)
-    by = "header stamps" if by_header else "times of receipt"
+    by = by or ("header stamps" if by_header else "times of receipt")
     flags = [f"rate: {measured:.6g} Hz by the {by}"]
     if sampling.jitter > SHOWN_JITTER:
         chosen = "samples interpolated at their stamps" if at_stamps else "samples taken as evenly spaced"
@@ -300,6 +305,83 @@ def at_uniform_rate(
     elif f"{measured:.6g}" != f"{fs:.6g}":
         flags[0] += f", taken as {fs:g} Hz"
     return uniform, fs, tuple(flags)
+
+
+def by_times(
+    samples: Samples, times: Samples, name: str, given: float | None, *, resampled: bool, where: str
+) -> tuple[Samples, float, tuple[str, ...]]:
+    """Return samples at a uniform rate, by a column that says when each was taken.
+
+    Its unit is the one in its name ("time (ms)", "t_us"), else the one by which it agrees with the given
+    rate, else seconds (of dates since 1970: what their size says).
+
+    Parameters
+    ----------
+    samples : ndarray of shape (n, n_columns)
+        As stored.
+    times : ndarray of shape (n,)
+        The column.
+    name : str
+        Its name.
+    given : float or None
+        Rate in Hz that the user states.
+    resampled : bool
+        Whether samples are put where their times say; else these only have to agree with the given rate.
+    where : str
+        For messages of errors.
+
+    Returns
+    -------
+    uniform : ndarray of shape (n_uniform, n_columns)
+    fs : float
+    flags : tuple of str
+        As `at_uniform_rate`.
+
+    Raises
+    ------
+    RecordingError
+        If the column contradicts the given rate, or does not tell one.
+    """
+    n, told = len(times), re.search(r"(?:\b|_)(s|ms|us|µs|ns|seconds)\b", name.lower())
+    steps = [float(np.median(np.diff(times))), float(times[-1] - times[0]) / max(n - 1, 1)] if n > 1 else []
+    steps = [step for step in steps if 0 < step < np.inf]
+    if not steps:
+        raise refused(where, f"its column {name!r} does not rise", "a time for each sample")
+    units = [told[1].replace("seconds", "s")] if told else [*TIME_UNITS]
+    if given is not None:
+        rates = {unit: [1e9 / (step * TIME_UNITS[unit]) for step in steps] for unit in units}
+        near = (u for u, found in rates.items() if any(abs(f - given) <= NEAR_RATE * given for f in found))
+        if (unit := next(near, None)) is None:
+            by = f"{rates[units[0]][0]:.6g} Hz by its column {name!r} (in {units[0]})"
+            raise refused(
+                where, f"fs is {by}, {given:g} Hz was given", "one rate; without --fs it is the column's"
+            )
+        if not resampled:
+            return samples, given, ()
+    else:
+        unit = units[0] if told else next((u for u, size in _SIZES.items() if abs(times[0]) > size), "s")
+        rate = 1e9 / (steps[0] * TIME_UNITS[unit])
+        if not told and rate < LEAST_RATE:
+            raise refused(
+                where,
+                f"fs is {rate:.4g} Hz if its column {name!r} is in {unit}",
+                "a unit in its name, or --fs",
+            )
+    span = (times - times[0]) * TIME_UNITS[unit]
+    if not np.abs(span).max() < 2**62:
+        raise refused(where, f"its column {name!r} spans {np.ptp(times):g} {unit}", "less than a century")
+    stamps = np.rint(span).astype(np.int64)
+    repeats = np.append(False, np.all(samples[1:] == samples[:-1], axis=1))
+    sampling = place(stamps, stamps, repeats, where)
+    rows = samples[sampling.messages][:, None, :]
+    uniform, fs, flags = at_uniform_rate(
+        rows, sampling, given, by_header=True, where=where, by=f"column {name!r}"
+    )
+    return uniform, fs, (*sampling.flags, *flags)
+
+
+_SIZES = {"ns": 1e17, "us": 1e14, "ms": 1e11}
+"""Dates since 1970 in this unit are larger."""
 
 
 def _on_grid(samples: Samples, sampling: Sampling, *, at_stamps: bool) -> Samples:

@@ -1,6 +1,10 @@
-"""Read numbers from text: one value per line (.txt), or columns by name (CSV, TSV; and Parquet)."""
+"""Read numbers from text: one value per line, or columns (.txt, CSV, TSV; and Parquet).
+
+The first line of a text names the columns, unless each of its cells is a number: then they are c1, c2, ....
+"""
 
 import csv
+import re
 from pathlib import Path
 
 import pyarrow as pa
@@ -21,24 +25,14 @@ from texclass.recording import RecordingError
 
 
 def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
-    """Return the names of the columns: the first line of a CSV, the schema of a Parquet file.
+    """Return the names of the columns: the first line of a text, the schema of a Parquet file.
 
     Raises
     ------
     RecordingError
         If the first line is not text.
     """
-    match path.suffix.lower():
-        case ".txt":
-            return (UNNAMED,)
-        case ".parquet":
-            return _parquet(path)[1]
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            header = next(csv.reader(file, delimiter=_delimiter(path, options)), [])
-    except (ValueError, TypeError, csv.Error) as error:
-        raise RecordingError(f"{path}: line 1 is not a header of column names ({error})") from error
-    return tuple(name.strip() for name in header)
+    return _parquet(path)[1] if path.suffix.lower() == ".parquet" else _layout(path, options)[0]
 
 
 def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
@@ -49,26 +43,31 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     RecordingError
         If a column is not there, a cell or line is not a number, or a line has other cells than the header.
     """
-    present = names(path, options)
-    hint = f" (is {_delimiter(path, options)!r} the delimiter?)" if len(present) == 1 else ""
-    require(wanted, present, path, hint=hint)
     if path.suffix.lower() == ".parquet":
+        require(wanted, names(path, options), path)
         return _read_parquet(path, wanted)
+    present, delimiter, n_before = _layout(path, options)
+    is_one = len(present) == 1
+    hint = f" (is {delimiter!r} the delimiter? --delimiter, `delimiter` in a card)" if is_one else ""
+    require(wanted, present, path, hint=hint)
+    if is_one and (other := next((mark for mark in ";\t|" if mark in present[0]), "")):
+        raise refused(path, f"its one column is {present[0]!r}", f"one that is parted: --delimiter '{other}'")
     check_size(path.stat().st_size // 2, path)
-    is_text = path.suffix.lower() == ".txt"
     try:
+        text: Path | pa.BufferReader = path
+        if delimiter == " ":  # any number of blanks, as they align numbers
+            lines = re.sub(rb"(?m)^[ \t]+|[ \t\r]+$", b"", path.read_bytes())
+            text = pa.BufferReader(re.sub(rb"[ \t]+", b" ", lines))
         table = arrow_csv.read_csv(
-            path,
-            read_options=arrow_csv.ReadOptions(
-                column_names=present, skip_rows=not is_text, use_threads=False
-            ),
-            parse_options=arrow_csv.ParseOptions(delimiter=_delimiter(path, options)),
+            text,
+            read_options=arrow_csv.ReadOptions(column_names=present, skip_rows=n_before, use_threads=False),
+            parse_options=arrow_csv.ParseOptions(delimiter=delimiter),
             convert_options=arrow_csv.ConvertOptions(
                 include_columns=wanted, column_types=dict.fromkeys(wanted, pa.float64()), null_values=[]
             ),
         )
     except (pa.ArrowException, ValueError, TypeError, KeyError) as error:
-        said = _first_bad_line(path) if is_text else ""
+        said = _first_bad_line(path) if path.suffix.lower() == ".txt" and is_one else ""
         raise RecordingError(f"{path}: {said or f'{error}; the rule is a number in every cell'}") from error
     return ReadSignals({name: table[name].to_numpy() for name in wanted})
 
@@ -109,5 +108,33 @@ def _unreadable(path: Path, error: Exception) -> RecordingError:
     return RecordingError(f"{path}: not a readable Parquet file ({error})")
 
 
-def _delimiter(path: Path, options: ReadOptions) -> str:
-    return options.delimiter or ("\t" if path.suffix.lower() == ".tsv" else ",")
+def _layout(path: Path, options: ReadOptions) -> tuple[tuple[str, ...], str, int]:
+    """Return the columns of a text, what divides them, and how many lines there are up to their names."""
+    suffix = path.suffix.lower()
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            delimiter = options.delimiter or {".tsv": "\t", ".csv": ","}.get(suffix, "")
+            if not delimiter:
+                begin = next((line.strip() for line in file if line.strip()), "")
+                delimiter = next((mark for mark in "\t;, " if mark in begin), "")
+                file.seek(0)
+            lines = (line.strip(" ") for line in file) if delimiter == " " else file
+            rows = csv.reader(lines, delimiter=delimiter or ",", skipinitialspace=delimiter == " ")
+            first = next((row for row in rows if row), [])
+    except (ValueError, TypeError, csv.Error) as error:
+        told = f"{path}: line 1 is not a header of column names, nor of numbers ({error}); the rule is UTF-8"
+        raise RecordingError(told) from error
+    if not delimiter:
+        return (UNNAMED,), ",", 0
+    header = tuple(name.strip() for name in first)
+    if not header or not all(map(_is_number, header)):
+        return header, delimiter, rows.line_num
+    return (UNNAMED,) if len(header) == 1 else tuple(f"c{i + 1}" for i in range(len(header))), delimiter, 0
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace("_", "x"))
+    except ValueError:
+        return False
+    return True

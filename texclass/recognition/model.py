@@ -185,14 +185,19 @@ class Model:
         return Needs(axes, tuple(beside), of_friction)
 
     @overload
-    def predict(  # type: ignore[overload-overlap]  # a text is iterable, too
-        self, felt: Recording | str | Path, *, fs: float | None = ..., unit: str | None = ...
+    def predict(
+        self, felt: Recording | str | Path, *, fs: float | None = ..., unit: str | None = ..., **reading: Any
     ) -> Answer: ...
     @overload
     def predict(
-        self, felt: Iterable[Recording | str | Path], *, fs: float | None = ..., unit: str | None = ...
+        self,
+        felt: Iterable[Recording | str | Path],
+        *,
+        fs: float | None = ...,
+        unit: str | None = ...,
+        **reading: Any,
     ) -> list[Answer]: ...
-    def predict(self, felt: Any, *, fs: float | None = None, unit: str | None = None) -> Any:
+    def predict(self, felt: Any, *, fs: float | None = None, unit: str | None = None, **reading: Any) -> Any:
         """Say which surface was felt, in touches where the model was trained on touches.
 
         Parameters
@@ -201,6 +206,9 @@ class Model:
             A recording, a file, "DATASET:RECORDING"; or several, a dataset for example.
         fs, unit : optional
             Of files that do not state them; by default those of the training files.
+        **reading : optional
+            What else `load_recording` takes where a file is not like the training files: column, delimiter,
+            time_column, resample.
 
         Returns
         -------
@@ -212,9 +220,10 @@ class Model:
             If a file is bad, or as `answer`; see the function `predict` for files of which some may be bad.
         """
         if not isinstance(felt, Recording | str | Path):
-            return [self.predict(one, fs=fs, unit=unit) for one in felt]
-        found = felt if isinstance(felt, Recording) else self.manifest.input.find(felt, fs=fs, unit=unit)
-        return self.answer_touches(found)
+            return [self.predict(one, fs=fs, unit=unit, **reading) for one in felt]
+        if not isinstance(felt, Recording):
+            felt = self.manifest.input.find(felt, fs=fs, unit=unit, **reading)
+        return self.answer_touches(felt)
 
     def answer(self, recording: Recording) -> Answer:
         """Say which surface a recording (or one touch) is of.
@@ -386,7 +395,7 @@ def ranked(p: Samples, materials: Sequence[str]) -> dict[str, Any]:
 
 
 def predict(
-    model: Model, names: Iterable[str], *, fs: float | None = None, unit: str | None = None
+    model: Model, names: Iterable[str], *, fs: float | None = None, unit: str | None = None, **reading: Any
 ) -> Iterator[Prediction]:
     """Yield what a model says of each file, in their order, as soon as it is known; a bad one stops nothing.
 
@@ -396,12 +405,12 @@ def predict(
         Trained on whole recordings, or on touches, into which longer recordings are cut.
     names : iterable of str
         Files, or DATASET:RECORDING.
-    fs, unit : optional
-        Of files that do not state them; by default those of the training files.
+    fs, unit, **reading : optional
+        As `Model.predict` takes them.
     """
     for name in names:
         try:
-            yield Prediction(name, model.predict(name, fs=fs, unit=unit))
+            yield Prediction(name, model.predict(name, fs=fs, unit=unit, **reading))
         except (ValueError, OSError) as error:
             problem = str(error)
             yield Prediction(name, None, problem if name in problem else f"{name}: {problem}")

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -44,6 +44,7 @@ def open_source(
     raw_channels: int | None = None,
     file: BinaryIO | None = None,
     model: Model | None = None,
+    **reading: Any,
 ) -> BlockSource:
     """Return a source of blocks by its name.
 
@@ -70,6 +71,8 @@ def open_source(
     model : Model, optional
         Whose columns are wanted: with turn rate or friction beside the acceleration if it needs them. Files
         and bags are then read and conditioned as those it was trained on; what `is_live` is as it comes.
+    **reading : optional
+        Of files, what else `load_recording` takes: column, delimiter, time_column.
 
     Returns
     -------
@@ -110,7 +113,7 @@ def open_source(
         blocks = topic_blocks(source.removeprefix(ROS2), fs=fs, unit=unit, needs=needs)
     else:
         find = find_recording if model is None else model.manifest.input.find
-        recording = source if isinstance(source, Recording) else find(source, fs=fs, unit=unit)
+        recording = source if isinstance(source, Recording) else find(source, fs=fs, unit=unit, **reading)
         n = max(1, round(block_s * recording.fs))
         blocks = _played(recording, needs.columns_of(recording), n, paced)
     return blocks if rate is None else resampled(blocks, rate)

@@ -21,6 +21,7 @@ from texclass.loaders.files import (
     build_recording,
     checked_unit,
     column_names,
+    columns_of,
     is_bag,
     is_bag_name,
     located,
@@ -126,6 +127,10 @@ class TrainingFiles(Written):
         Names of the channels of the recordings.
     topic
         Of bags, where these hold several.
+    time_column
+        Which says when each sample was taken.
+    resample
+        Whether files at other rates are brought to `fs`.
     """
 
     fs: float
@@ -138,6 +143,8 @@ class TrainingFiles(Written):
     auxiliary: Mapping[str, tuple[str, ...]] = {}
     axes: tuple[str, ...] = ()
     topic: str | None = None
+    time_column: str | None = None
+    resample: bool = False
 
     @classmethod
     def of(cls, dataset: Dataset, like: Recording) -> "TrainingFiles":
@@ -156,6 +163,8 @@ class TrainingFiles(Written):
                 "acceleration": told.channels.get("acceleration", ()),
                 "auxiliary": {name: told.channels[name] for name in told.channels if name != "acceleration"},
                 "topic": None if is_pattern else told.topic,
+                "time_column": told.time_column,
+                "resample": told.resample_hz is not None,
             }
         return cls(
             fs=like.fs,
@@ -167,8 +176,12 @@ class TrainingFiles(Written):
             **facts,
         )
 
-    def find(self, name: str | Path, *, fs: float | None = None, unit: str | None = None) -> Recording:
+    def find(
+        self, name: str | Path, *, fs: float | None = None, unit: str | None = None, **reading: Any
+    ) -> Recording:
         """Return a file or bag, read as the training files were, or "DATASET:RECORDING" as its card has it.
+
+        `reading` is what else `load_recording` takes: column, delimiter, time_column, resample.
 
         Raises
         ------
@@ -178,10 +191,20 @@ class TrainingFiles(Written):
         path = Path(name).expanduser()
         is_file = path.suffix.lower() in READERS and (path.exists() or ":" not in str(name))
         if is_file or _is_bag(name):
-            return self.load(name, fs=fs, unit=unit)
-        return find_recording(name, fs=fs, unit=unit)
+            resample = reading.pop("resample", None)
+            told = {"acceleration": columns_of(reading.pop("column", None)), **reading}
+            like = self.model_copy(update={key: value for key, value in told.items() if value})
+            return like.load(name, fs=fs, unit=unit, resample=resample)
+        return find_recording(name, fs=fs, unit=unit, **reading)
 
-    def load(self, name: str | Path, *, fs: float | None = None, unit: str | None = None) -> Recording:
+    def load(
+        self,
+        name: str | Path,
+        *,
+        fs: float | None = None,
+        unit: str | None = None,
+        resample: float | None = None,
+    ) -> Recording:
         """Load a file: what it states of rate and unit counts, then what is given, then that of training.
 
         A bag whose columns have other names than the training files is read by its own: acceleration and turn
@@ -195,7 +218,7 @@ class TrainingFiles(Written):
         path, asked = located(name) if _is_bag(name) else (Path(name).expanduser(), None)
         if not asked and self.topic is not None and is_bag(path) and self.topic in topics(path):
             asked = self.topic
-        options = ReadOptions(self.delimiter, topic=asked, fs=fs)
+        options = ReadOptions(self.delimiter, topic=asked, fs=fs, time_column=self.time_column)
         stated = checked_unit(path, fs, agreed_unit(path, options, unit) or self.unit)
         axes = axis_files(path)
         first, options = next(iter(axes.values())), replace(options, codes=stated == "counts")
@@ -213,6 +236,7 @@ class TrainingFiles(Written):
             signals,
             fs=fs or (self.fs if signals.fs is None else None),
             unit=stated,
+            resample=resample or (self.fs if self.resample else None),
             recording_id=named.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0],
             source=str(path),
         )
