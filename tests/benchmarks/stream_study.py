@@ -45,7 +45,7 @@ N_REFERENCE = 250_000
 BLOCKS = (1, 7, 250, 4096)
 """Samples a block, in which streams must be equal."""
 SECONDS = (0.25, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
-DISCOUNTS = (1.0, 0.5, 0.25, 0.1)
+CORRELATIONS = (0.0, 0.1, 0.3, 1.0)
 SEED = 2015
 
 
@@ -198,12 +198,21 @@ def accuracy(model: Model, every: int = 1) -> dict[str, Any]:
         answers = [update for update in heard if isinstance(update, WindowAnswer)]
         streams.append((str(recording.material), answers, recording.fs))
 
-    def verdicts(kind: Any, discount: float) -> pd.DataFrame:
+    found = {"correlation": 1.0, "n_contacts": len(streams), **model.manifest.calibration}
+
+    def verdicts(kind: Any, correlation: float) -> pd.DataFrame:
         """Return what the evidence says after each answer: seconds known, whether right, how sure."""
         rows = []
         for i, (material, answers, fs) in enumerate(streams):
             window_s = float(model.manifest.touch_s or 1)
-            evidence = Evidence(model.materials, kind, window_s=window_s, hop_s=HOP_S, discount=discount)
+            evidence = Evidence(
+                model.materials,
+                kind,
+                window_s=window_s,
+                hop_s=HOP_S,
+                correlation=correlation,
+                lapse=1 / (found["n_contacts"] + 2),
+            )
             for a in answers:
                 said = evidence.add(a.answer, (a.stop - a.onset) / fs)
                 rows.append(
@@ -225,7 +234,7 @@ def accuracy(model: Model, every: int = 1) -> dict[str, Any]:
             "calibration_error": error,
         }
 
-    said = verdicts("sequential", 0.5)
+    said = verdicts("sequential", found["correlation"])
     # Stopped at the first sure verdict, or at the end.
     stopped = said[said["sure"] | ~said["stream"].duplicated(keep="last")].groupby("stream").first()
     first = [answers[0] for _, answers, _ in streams]
@@ -241,12 +250,13 @@ def accuracy(model: Model, every: int = 1) -> dict[str, Any]:
             "and milliseconds of computing, 99 %": np.quantile([a.ms for a in first], 0.99),
         },
         "curves": {
-            kind: [at(verdicts(kind, 0.5), seconds) for seconds in SECONDS]
+            kind: [at(verdicts(kind, found["correlation"]), seconds) for seconds in SECONDS]
             for kind in ("sequential", "majority")
         },
-        "discounts": {
-            str(d): [at(verdicts("sequential", d), s)["calibration_error"] for s in SECONDS]
-            for d in DISCOUNTS
+        "correlation": found["correlation"],
+        "correlations": {
+            str(r): [at(verdicts("sequential", r), s)["calibration_error"] for s in SECONDS]
+            for r in CORRELATIONS
         },
         "stopped": {
             "accuracy": stopped["right"].mean(),
@@ -322,7 +332,7 @@ def told_accuracy(a: dict[str, Any]) -> list[Any]:
         {"s": s, "m": m, "own": interval(s), "other": interval(m)}
         for s, m in zip(curves["sequential"], curves["majority"], strict=True)
     ]
-    discounts = pd.DataFrame(a["discounts"], index=[f"{s:g} s" for s in SECONDS]).T
+    correlations = pd.DataFrame(a["correlations"], index=[f"{s:g} s" for s in SECONDS]).T
     return [
         Heading("Accuracy against seconds"),
         f"{a['n_recordings']} recordings of `{a['dataset']}`, trained on {a['trained_on']}; windows of "
@@ -339,9 +349,9 @@ def told_accuracy(a: dict[str, Any]) -> list[Any]:
         f"Stopped when sure (95 %): {100 * stopped['accuracy']:.1f} % right after {stopped['median_s']:.2f} "
         f"s (median; {stopped['p90_s']:.2f} s for nine in ten), {100 * stopped['share_sure']:.0f} % became "
         "sure.",
-        "Calibration error of the sequential evidence by the weight of a second of touch against an "
-        "independent one:",
-        Table(discounts.reset_index(names="weight")),
+        "Calibration error of the sequential evidence by the correlation of windows of one contact "
+        f"(training finds {a['correlation']:.2f}):",
+        Table(correlations.reset_index(names="correlation")),
     ]
 
 

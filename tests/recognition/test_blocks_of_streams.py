@@ -107,6 +107,46 @@ def test_a_wrong_rate_is_said_once():
     ]
 
 
+@pytest.mark.parametrize("factor", [0.5, 2.0, 3.0])
+@pytest.mark.parametrize("size", [1, 13])
+def test_a_rate_that_changes_gives_blocks_of_the_new_rate(factor, size):
+    """Half the rate is not every second message lost, twice the rate no wrong clock."""
+    before = START + np.arange(400) * STEP
+    after = before[-1] + np.rint(np.arange(1, 401) * STEP / factor).astype(int)
+    samples = np.arange(800.0).reshape(800, 1, 1)
+    blocks = _run(Timing(None, "g"), np.append(before, after), samples, size=size)
+    assert [fs for i, block in enumerate(blocks) if (fs := block.fs) != (blocks[i - 1].fs if i else 0)] == [
+        FS,
+        FS * factor,
+    ]
+    told = _signal([block for block in blocks if block.fs != FS])
+    np.testing.assert_array_equal(np.diff(told), 1)
+    assert told[-1] == 799
+    assert len(told) >= 400 - max(40, 0.5 * FS * factor)
+    (slower,) = {b.fs for b in resampled((b for b in blocks), FS)}
+    assert slower == FS
+    assert [b.lost for b in resampled((b for b in blocks), FS) if any("anew" in f for f in b.flags)] == [1]
+
+
+@pytest.mark.parametrize("kind", ["a third lost", "whole milliseconds", "bursts", "jitter"])
+def test_loss_bursts_and_jitter_are_no_new_rate(kind):
+    rng = np.random.default_rng(4)
+    n = 3000
+    stamps = START + np.arange(n) * (STEP // 10)
+    samples = np.arange(float(n)).reshape(n, 1, 1)
+    if kind == "a third lost":
+        kept = np.sort(rng.choice(n, 2 * n // 3, replace=False))
+        stamps, samples = stamps[kept], samples[kept]
+    elif kind == "whole milliseconds":
+        stamps = START + (np.arange(n) * 1.43).astype(int) * 1_000_000
+    elif kind == "bursts":
+        stamps = np.repeat(stamps[::30], 30) + np.tile(np.arange(30), n // 30) * 20_000
+    else:
+        stamps += rng.integers(0, 600_000, n)
+    fs = {"whole milliseconds": 1000 / 1.43}.get(kind, 1000.0)
+    assert {block.fs for block in _run(Timing(fs, "g"), stamps, samples)} == {fs}
+
+
 def test_messages_of_another_size_are_refused():
     timing = Timing(FS, "g")
     stamps, samples = _messages(10)

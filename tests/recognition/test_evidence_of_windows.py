@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from texclass.recognition import Answer, Evidence
+from texclass.recognition import Answer, Evidence, expected_calibration_error, fit_calibration
+from texclass.recognition.live.evidence import fit_correlation
 
 MATERIALS = ("cork", "felt", "oak")
 
@@ -22,20 +23,79 @@ def together(rows, kind="sequential", **settings):
 def test_sequential_evidence_of_independent_windows_is_bayes_rule():
     rows = np.random.default_rng(0).dirichlet(np.ones(3), 6)
     posterior = np.prod(rows, axis=0) / np.prod(rows, axis=0).sum()
-    verdict = together(rows, discount=1.0)[-1]
+    verdict = together(rows, correlation=0.0)[-1]
     assert list(verdict.probabilities.values()) == pytest.approx(posterior.tolist(), rel=1e-9)
 
 
 def test_the_first_window_alone_keeps_its_calibrated_probability():
-    verdict = together([[0.2, 0.7, 0.1]], discount=0.3)[0]
+    verdict = together([[0.2, 0.7, 0.1]], correlation=0.3)[0]
     assert dict(verdict.probabilities) == pytest.approx({"cork": 0.2, "felt": 0.7, "oak": 0.1})
 
 
 def test_windows_that_overlap_count_by_what_they_add():
     rows = [[0.5, 0.3, 0.2]] * 5
-    halves = together(rows, discount=1.0, window_s=1.0, hop_s=0.5)[-1]
+    halves = together(rows, correlation=0.0, window_s=1.0, hop_s=0.5)[-1]
     log = 3 * np.log(rows[0])  # 1 + 4 halves
     assert list(halves.probabilities.values()) == pytest.approx((np.exp(log) / np.exp(log).sum()).tolist())
+
+
+def test_windows_of_one_contact_are_worth_no_more_than_their_correlation_allows():
+    rows = [[0.5, 0.3, 0.2]] * 400
+    squared = np.array(rows[0]) ** 2
+    worth_two = together(rows, correlation=0.5)[-1]
+    assert list(worth_two.probabilities.values()) == pytest.approx(
+        (squared / squared.sum()).tolist(), rel=1e-2
+    )
+    unknown = together(rows)[-1]  # nothing is known of how they agree
+    assert list(unknown.probabilities.values()) == pytest.approx(rows[0])
+    certain = together([[1.0, 0.0, 0.0]] * 50, correlation=0.0, lapse=0.03)[-1]
+    assert certain.probability == pytest.approx(0.98)
+
+
+def test_what_a_contact_says_in_the_end_is_as_often_right_as_it_says():
+    """Contacts whose windows share a deviation of their own: fitted on some, asked of others."""
+    n_contacts, n_windows, K = 300, 15, len(MATERIALS)
+    rng = np.random.default_rng(5)
+
+    def contacts():
+        labels = rng.integers(0, K, n_contacts)
+        own = rng.normal(0, 1.2, (n_contacts, 1, K))
+        s = 1.5 * np.eye(K)[labels][:, None] + own + rng.normal(0, 1.0, (n_contacts, n_windows, K))
+        return s.reshape(-1, K), np.repeat(labels, n_windows), np.repeat(np.arange(n_contacts), n_windows)
+
+    scores, labels, numbers = contacts()
+    calibration = fit_calibration(scores, labels)
+    found = fit_correlation(calibration(scores), labels, numbers)
+    assert 0.3 < found < 0.9
+    scores, labels, numbers = contacts()
+
+    def said(correlation):
+        last = []
+        for p in calibration(scores).reshape(n_contacts, n_windows, K):
+            lapse = 1 / (n_contacts + 2)
+            evidence = Evidence(MATERIALS, window_s=1.0, hop_s=1.0, correlation=correlation, lapse=lapse)
+            last.append([evidence.add(answer(one.tolist()), 1.0) for one in p][-1])
+        right = [v.surface == MATERIALS[k] for v, k in zip(last, labels[::n_windows], strict=True)]
+        return expected_calibration_error([v.probability for v in last], right, 10), np.mean(right)
+
+    error, share = said(found)
+    assert error < 0.06
+    assert 0.5 < share < 0.9
+    assert said(0.0)[0] > 0.15  # as if they were independent
+
+
+def test_the_correlation_of_windows_that_share_nothing_is_none():
+    rng = np.random.default_rng(6)
+    labels, numbers = np.repeat(rng.integers(0, 3, 300), 6), np.repeat(np.arange(300), 6)
+    scores = 1.0 * np.eye(3)[labels] + rng.normal(0, 1.0, (1800, 3))
+    assert fit_correlation(fit_calibration(scores, labels)(scores), labels, numbers) < 0.1
+    order = rng.permutation(1800)  # in which recordings are told does not matter
+    order = order[np.argsort(rng.permutation(300)[numbers[order]], kind="stable")]
+    p = fit_calibration(scores, labels)(scores)
+    one, other = (fit_correlation(p[i], labels[i], numbers[i]) for i in (np.arange(1800), order))
+    assert one == pytest.approx(other, abs=0.05)
+    with pytest.raises(ValueError, match="several windows"):
+        fit_correlation(p, labels, np.arange(1800))
 
 
 def test_a_majority_counts_votes_and_breaks_ties_by_probability():
@@ -46,7 +106,7 @@ def test_a_majority_counts_votes_and_breaks_ties_by_probability():
 
 
 def test_evidence_becomes_sure_and_stays_so_until_reset():
-    evidence = Evidence(MATERIALS, confidence=0.9, discount=1.0)
+    evidence = Evidence(MATERIALS, confidence=0.9, correlation=0.0)
     sure = [evidence.add(answer(p), 1.0).sure for p in ([0.7, 0.2, 0.1], [0.8, 0.1, 0.1], [0.05, 0.9, 0.05])]
     assert sure == [False, True, True]
     evidence.reset()
@@ -68,7 +128,11 @@ def test_half_of_the_windows_unknown_makes_the_contact_unknown():
 
 @pytest.mark.parametrize(
     ("settings", "message"),
-    [({"kind": "mean"}, "majority"), ({"confidence": 1.0}, "confidence"), ({"discount": 0.0}, "discount")],
+    [
+        ({"kind": "mean"}, "majority"),
+        ({"confidence": 1.0}, "confidence"),
+        ({"correlation": 1.5}, "correlation"),
+    ],
 )
 def test_impossible_settings_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):

@@ -31,6 +31,18 @@ def test_no_number_of_right_answers_makes_certain():
     assert 0.95 < p.max() <= 1 - 2 / 3 / 32 + 1e-12
 
 
+@pytest.mark.parametrize("n", [40, 800])
+def test_probabilities_rank_answers_where_every_one_was_right(n):
+    labels = np.arange(n) % 4
+    margins = RNG.uniform(0.2, 3.0, n)
+    scores = margins[:, None] * np.eye(4)[labels]
+    p = fit_calibration(scores, labels)(scores)[np.arange(n), labels]
+    assert (np.diff(p[np.argsort(margins)]) >= -1e-12).all()
+    assert len(np.unique(np.round(p, 6))) > n / 5
+    assert p.min() < 0.9
+    assert 1 - 5 / n < p.mean() < 1 - 1 / n
+
+
 def test_calibration_keeps_the_order():
     scores = RNG.normal(size=(50, 5))
     np.testing.assert_array_equal(np.argsort(Calibration(3.0, 0.1)(scores)), np.argsort(scores))

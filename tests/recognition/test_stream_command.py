@@ -2,13 +2,19 @@
 
 import io
 import json
+import os
+import signal
 import sys
+import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from rich.console import Console
-from toy_surfaces import FS, SURFACES, signal
+from toy_surfaces import FS, SURFACES
+from toy_surfaces import signal as felt
 
+from texclass import recognition
 from texclass.cli.stream_view import Picture
 from texclass.recognition import OnlineSettings, Session
 from texclass.recognition.sources import open as sources
@@ -25,7 +31,7 @@ def model_file(linear_model, tmp_path_factory):
 def samples():
     rng = np.random.default_rng(7)
     x = 0.001 * rng.standard_normal(12_000)
-    x[4000:10_000] += signal(SURFACES["oak"], 3, 6000)
+    x[4000:10_000] += felt(SURFACES["oak"], 3, 6000)
     return x
 
 
@@ -63,7 +69,7 @@ def test_lines_say_contact_and_surface(run):
 
 
 def test_another_rate_is_resampled_when_asked(run):
-    up = np.repeat(signal(SURFACES["oak"], 3, 6000), 2)  # twice the rate
+    up = np.repeat(felt(SURFACES["oak"], 3, 6000), 2)  # twice the rate
     options = ("--rate", 2 * FS, "--unit", "m/s^2", "--window", 0.5, "--in-contact")
     code, out, err = run(*options, "--resample", x=up)
     assert code == 0
@@ -78,6 +84,7 @@ def test_nothing_felt_ends_with_its_own_exit_code(run):
     code, out, err = run("--rate", FS, "--unit", "m/s^2", "--at-rest", x=np.zeros(4000))
     assert (code, out) == (3, "")
     assert "no answer" in err
+    assert err.startswith("listening to -")
 
 
 @pytest.mark.parametrize(
@@ -93,6 +100,7 @@ def test_nothing_felt_ends_with_its_own_exit_code(run):
 def test_a_bad_input_ends_in_one_line(run, arguments, text, message):
     code, _, err = run(*arguments, text=text or "\n")
     assert code == 1
+    err = err.removeprefix("listening to -\n")
     assert err.startswith("error: ")
     assert message in err
     assert err.count("\n") == 1
@@ -110,8 +118,73 @@ def test_control_c_ends_with_the_answer_so_far(run, monkeypatch, tmp_path, sampl
     monkeypatch.setattr(sources, "_played", interrupted)
     np.savetxt(tmp_path / "oak.txt", samples)
     code, out, err = run("--source", tmp_path / "oak.txt", "--rate", FS, "--window", 0.5)
-    assert (code, err) == (0, "")
+    assert (code, err) == (0, f"listening to {tmp_path / 'oak.txt'}\n")
     assert "final: oak" in out
+
+
+def test_sigterm_ends_with_the_answer_so_far_and_gives_the_signal_back(run, monkeypatch, samples):
+    whole = sources._text
+    before = signal.getsignal(signal.SIGTERM)
+
+    def ended(*given):
+        for number, block in enumerate(whole(*given)):
+            if number == 90:
+                os.kill(os.getpid(), signal.SIGTERM)
+                time.sleep(5)
+            yield block
+
+    monkeypatch.setattr(sources, "_text", ended)
+    code, out, _ = run("--rate", FS, "--unit", "m/s^2", "--window", 0.5, "--json")
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert (code, lines[-1]["type"], lines[-1]["surface"]) == (0, "final", "oak")
+    assert lines[-1]["stop_s"] < 2.3
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_json_tells_that_it_listens_that_it_lives_and_how_old_answers_are(run, monkeypatch, samples):
+    whole = sources._text
+
+    def stuck(*given):
+        time.sleep(0.1)  # before the first sample
+        for number, block in enumerate(whole(*given)):
+            if number == 80:
+                time.sleep(0.2)
+            yield replace(block, age_s=0.25)
+
+    monkeypatch.setattr(sources, "_text", stuck)
+    _, out, _ = run("--rate", FS, "--unit", "m/s^2", "--window", 0.5, "--json", "--heartbeat", 0.05)
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert lines[0] == {"type": "listening", "source": "-"}
+    beats = [one for one in lines if one["type"] == "heartbeat"]
+    assert beats[0]["age_s"] is None
+    assert beats[0]["phase"] == "waiting"
+    assert max(one["age_s"] or 0 for one in beats) > 0.25
+    answers = [one for one in lines if one["type"] == "answer"]
+    assert all(0.25 <= one["age_s"] < 5 for one in answers)
+
+
+def test_answers_are_published_where_the_command_says(run, monkeypatch):
+    published = []
+
+    class Publisher:
+        def __init__(self, topic, diagnostics, *, domain):
+            self.named = (topic, diagnostics, domain)
+
+        def publish(self, answer):
+            published.append((*self.named, answer))
+
+        def close(self):
+            published.append("closed")
+
+    monkeypatch.setattr(recognition, "AnswerPublisher", Publisher, raising=False)
+    options = ("--publish", "/surface", "--diagnostics", "/diagnostics", "--domain", 7)
+    _, out, _ = run("--rate", FS, "--unit", "m/s^2", "--window", 0.5, "--json", *options)
+    answers = [one for line in out.splitlines() if (one := json.loads(line))["type"] == "answer"]
+    *told, last = published
+    assert last == "closed"
+    assert {one[:3] for one in told} == {("/surface", "/diagnostics", 7)}
+    assert [one[3]["surface"] for one in told] == [one["surface"] for one in answers]
+    assert all(one[3]["age_s"] >= 0 for one in told)
 
 
 def test_the_picture_shows_phase_level_surfaces_and_latency(linear_model, samples):

@@ -1,6 +1,7 @@
 """texclass stream: a model and a live source in, surfaces out as they are felt."""
 
 import os
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -71,11 +72,31 @@ def stream(
         bool,
         typer.Option("--json", help="One JSON object a line: answers, events, notices, the final answer."),
     ] = False,
+    heartbeat: Annotated[
+        float, typer.Option(help="With --json, a line says every so many seconds that it listens; 0: never.")
+    ] = 5.0,
+    domain: Annotated[int | None, typer.Option(help="DDS domain; $ROS_DOMAIN_ID or 0 by default.")] = None,
+    reliability: Annotated[
+        str | None,
+        typer.Option(help="Of ros2:/TOPIC: reliable or 'best effort'; what its publishers offer by default."),
+    ] = None,
+    depth: Annotated[
+        int | None,
+        typer.Option(help="Of ros2:/TOPIC: messages kept until they are taken; 20,000 by default."),
+    ] = None,
+    publish: Annotated[
+        str | None, typer.Option(help="Publish answers as JSON (std_msgs/String) on this ROS 2 topic.")
+    ] = None,
+    diagnostics: Annotated[
+        str | None, typer.Option(help="With --publish: diagnostic_msgs/DiagnosticArray on this topic, too.")
+    ] = None,
 ) -> None:
-    """Say which surface is felt while it is felt; Ctrl-C ends it."""
-    from texclass.cli.stream_view import view_of
+    """Say which surface is felt while it is felt; Ctrl-C, or SIGTERM, ends it with the final answer."""
+    from texclass.cli.stream_view import tell, view_of
     from texclass.recognition import OnlineSettings, Session, is_live, load_model, open_source
 
+    if publish:
+        from texclass.recognition import AnswerPublisher  # of the extra `robot`
     kind: Any = evidence
     settings = OnlineSettings(
         window_s=window,
@@ -87,6 +108,9 @@ def stream(
         assume_contact=in_contact,
     )
     trained = load_model(model)
+    of_topic: dict[str, Any] = {"reliability": reliability, "depth": depth}
+    if source.startswith("ros2:") or not publish:  # else the domain is that of the answers alone
+        of_topic["domain"] = domain
     blocks = open_source(
         source,
         fs=rate,
@@ -96,21 +120,29 @@ def stream(
         raw_channels=channels,
         **options.columns_read(column=column, delimiter=delimiter, time_column=time_column),
         model=trained,
+        **of_topic,
     )
+    publisher = AnswerPublisher(publish, diagnostics, domain=domain) if publish else None
     session = Session(trained, raw=is_live(source), settings=settings)
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        with view_of(session, source, as_json) as shown:
+        with view_of(session, source, as_json, heartbeat) as shown:
             try:
+                shown.listening()
                 for block in blocks:
-                    shown.show(session.take(block))
+                    tell(shown, session.take(block), publisher)
             except KeyboardInterrupt:
                 pass
             finally:
                 blocks.close()
-            shown.show(session.finish())
+            tell(shown, session.finish(), publisher)
         answered = shown.end()
     except BrokenPipeError:  # nobody reads any more
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     else:
         if not answered:
             raise typer.Exit(NO_ANSWER)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        if publisher is not None:
+            publisher.close()

@@ -1,10 +1,12 @@
 """What `texclass stream` shows: a live picture in a terminal, lines elsewhere, JSON for machines."""
 
 import json
+import math
+import threading
 import time
 from collections import deque
 from collections.abc import Iterable
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import typer
 from rich.console import Console, Group
@@ -13,6 +15,9 @@ from rich.table import Table
 from rich.text import Text
 
 from texclass.recognition import ContactVerdict, Event, Notice, Session, WindowAnswer
+
+if TYPE_CHECKING:
+    from texclass.recognition import AnswerPublisher
 
 REFRESH_S = 0.1
 N_SHOWN = 5
@@ -45,6 +50,23 @@ class Lines:
 
     def __exit__(self, *error: object) -> None:
         """Nothing is open."""
+
+    def listening(self) -> None:
+        """Say that the source is open, on standard error."""
+        typer.echo(f"listening to {self.source}", err=True)
+
+    def facts(self, update: WindowAnswer) -> dict[str, Any]:
+        """Return what a machine reads of an answer; `age_s` is how old the last sample it felt is."""
+        fs = self.session.live.fs if self.session.live else math.nan
+        return {
+            "t_s": self.seconds(update.known),
+            "start_s": self.seconds(update.start),
+            "stop_s": self.seconds(update.stop),
+            "onset_s": self.seconds(update.onset),
+            "age_s": (update.known - update.stop) / fs + self.session.age_s,
+            **update.verdict.to_dict(),
+            "reasons": list(update.answer.reasons),
+        }
 
     def show(self, found: Iterable[Event | WindowAnswer | Notice]) -> None:
         """Take in what a block has told."""
@@ -94,22 +116,48 @@ class Lines:
 
 
 class JsonLines(Lines):
-    """A JSON object a line; `type` is answer, event, notice or final."""
+    """A JSON object a line; `type` is listening, answer, event, notice, heartbeat or final.
+
+    Parameters
+    ----------
+    session, source
+        See `Lines`.
+    heartbeat_s : float
+        A line says that the program lives, and how old the last sample is, every so many seconds; 0: never.
+    """
+
+    def __init__(self, session: Session, source: str, heartbeat_s: float = 0.0) -> None:
+        super().__init__(session, source)
+        self._heartbeat_s, self._over, self._lock = heartbeat_s, threading.Event(), threading.Lock()
+
+    def __enter__(self) -> Self:
+        """Begin the heartbeat, which does not depend on samples that come."""
+        if self._heartbeat_s > 0:
+            threading.Thread(target=self._beat, daemon=True).start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """End the heartbeat."""
+        self._over.set()
+
+    def _beat(self) -> None:
+        while not self._over.wait(self._heartbeat_s):
+            live, age_s = self.session.live, self.session.age_s
+            t_s, phase = (self.seconds(live.n_samples), live.phase) if live else (0.0, "waiting")
+            age = age_s if math.isfinite(age_s) else None
+            try:
+                self._print("heartbeat", t_s=t_s, phase=phase, age_s=age, n_answers=self.n_answers)
+            except OSError:  # nobody reads any more: the main thread will see it
+                return
+
+    def listening(self) -> None:
+        """Print that the source is open."""
+        self._print("listening", source=self.source)
 
     def answered(self, update: WindowAnswer) -> None:
         """Print an answer: its window, what it says alone, and the verdict of the contact."""
-        answer = update.answer
-        self._print(
-            "answer",
-            t_s=self.seconds(update.known),
-            start_s=self.seconds(update.start),
-            stop_s=self.seconds(update.stop),
-            onset_s=self.seconds(update.onset),
-            **update.verdict.to_dict(),
-            reasons=list(answer.reasons),
-            window={k: v for k, v in answer.to_dict().items() if k not in ("recording", "reasons")},
-            ms=round(update.ms, 3),
-        )
+        alone = {k: v for k, v in update.answer.to_dict().items() if k not in ("recording", "reasons")}
+        self._print("answer", **self.facts(update), window=alone, ms=round(update.ms, 3))
 
     def happened(self, event: Event) -> None:
         """Print an event: when it was, and when it was known."""
@@ -129,7 +177,8 @@ class JsonLines(Lines):
 
     def _print(self, type_: str, /, **facts: Any) -> None:
         rounded = {k: round(v, 6) if isinstance(v, float) else v for k, v in facts.items()}
-        print(json.dumps({"type": type_, **rounded}), flush=True)
+        with self._lock:
+            print(json.dumps({"type": type_, **rounded}), flush=True)
 
 
 class Picture(Lines):
@@ -146,6 +195,10 @@ class Picture(Lines):
         """Begin to draw."""
         self._live.start()
         return self
+
+    def listening(self) -> None:
+        """Draw that nothing was felt yet."""
+        self._live.update(self.picture(), refresh=True)
 
     def __exit__(self, *error: object) -> None:
         """Leave the last picture."""
@@ -196,12 +249,24 @@ class Picture(Lines):
 PHASE_STYLE = {"moving": "bold green", "touched": "bold", "pause": "yellow"}
 
 
-def view_of(session: Session, source: str, as_json: bool) -> Lines:
+def view_of(session: Session, source: str, as_json: bool, heartbeat_s: float) -> Lines:
     """Return the way to show a session: JSON if asked for, a picture in a terminal, else lines."""
     if as_json:
-        return JsonLines(session, source)
+        return JsonLines(session, source, heartbeat_s)
     console = Console()
     return Picture(session, source, console) if console.is_terminal else Lines(session, source)
+
+
+def tell(
+    shown: Lines, found: Iterable[Event | WindowAnswer | Notice], publisher: "AnswerPublisher | None"
+) -> None:
+    """Show what a block has told, and publish its answers where somebody wants them."""
+    found = tuple(found)
+    shown.show(found)
+    if publisher is not None:
+        for update in found:
+            if isinstance(update, WindowAnswer):
+                publisher.publish(shown.facts(update))
 
 
 def _surfaces(heard: WindowAnswer) -> Table:

@@ -63,7 +63,8 @@ class Manifest(Written):
     accuracy
         mean, low, high (95 %), n_tested, protocol, why it, how: of held-out recordings, the choice included.
     calibration
-        method, beta, lapse, expected calibration error on held-out recordings, n_bins.
+        method, beta, lapse, expected calibration error on held-out recordings, n_bins; of touches also
+        correlation (of those of one recording) and n_contacts (recordings).
     unknown
         score, false_alarms, threshold, n of held-out recordings, stretch (of distances, by drift).
     cost

@@ -123,7 +123,10 @@ class Calibration:
 
 
 def fit_calibration(scores: Samples, labels: Labels) -> Calibration:
-    """Return the temperature under which held-out labels are likeliest.
+    """Return the temperature under which held-out labels are likeliest, a share `lapse` of each being wrong.
+
+    Where every answer was right, probabilities so rank answers by their margin, however many recordings
+    there were; else every one of them would be 1 - lapse [targets of Platt].
 
     Parameters
     ----------
@@ -131,15 +134,18 @@ def fit_calibration(scores: Samples, labels: Labels) -> Calibration:
         Decisions of a classifier on recordings it was not trained on.
     labels : ndarray of int, shape (n,)
         Which column is right.
+
+    References
+    ----------
+    Platt: Probabilistic outputs for support vector machines, in: Advances in large margin classifiers, 2000.
     """
-    n, n_classes = scores.shape
+    n = len(scores)
     lapse, chosen = 1 / (n + 2), np.arange(n)
 
     def loss(log_beta: float) -> float:
-        p = np.exp(log_softmax(np.exp(log_beta) * scores, axis=1)[chosen, labels])
-        return -float(np.mean(np.log((1 - lapse) * p + lapse / n_classes)))
+        p = log_softmax(np.exp(log_beta) * scores, axis=1)
+        return -float(np.mean((1 - lapse) * p[chosen, labels] + lapse * p.mean(axis=1)))
 
-    # Where every answer was right the loss falls for ever: the largest beta that still changes it will do.
     found = minimize_scalar(loss, bounds=LOG_BOUNDS, method="bounded", options={"xatol": 1e-4})
     return Calibration(float(np.exp(found.x)), lapse)
 

@@ -23,6 +23,7 @@ from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import versions
 from texclass.recognition.candidates import Candidate, HeldOut, accuracy_of_choice, candidates_of, hold_out
+from texclass.recognition.live.evidence import fit_correlation
 from texclass.recognition.model import Model, Ranges
 from texclass.recognition.model_files import Manifest, unsafe_classes
 from texclass.recognition.probabilities import expected_calibration_error, fit_calibration
@@ -183,6 +184,7 @@ def train(
             **vars(calibration),
             "expected_error": expected_calibration_error(p.max(axis=1), held_out.hits),
             "n": len(p),
+            **_of_contacts(p, held_out, frame),
         },
         unknown={
             "score": kind,
@@ -237,6 +239,15 @@ def _stretched(chosen: Candidate, frame: pd.DataFrame, later: Samples, seed: int
     folds = hold_out(chosen, frame, splits_of(at_random, frame, seed)).strange
     stretch = max(1.0, float(np.median(later) / max(np.median(halves), 1e-300)))
     return stretch * folds, stretch
+
+
+def _of_contacts(p: Samples, held_out: HeldOut, frame: pd.DataFrame) -> dict[str, float]:
+    """Return how windows of one recording agree by their recording; nothing where each has but one."""
+    contacts = parents(frame).to_numpy()[held_out.rows]
+    n_contacts = len(set(contacts))
+    if n_contacts == len(contacts):
+        return {}
+    return {"correlation": fit_correlation(p, held_out.labels, contacts), "n_contacts": n_contacts}
 
 
 def _recordings(felt: Dataset, meter: CostMeter, plan: Plan) -> dict[str, Any]:

@@ -109,6 +109,37 @@ def test_answers_arrive_as_json_and_as_diagnostics(child):
     assert (told[0].header.stamp.sec, told[0].header.stamp.nanosec) == (5, 7)
 
 
+def test_several_publishers_are_named():
+    one, other = ImuPublisher("/two"), ImuPublisher("/two")
+    source = topic_blocks("/two", fs=1000, end_s=0.5)
+    with closing(Subscriber("/two")) as subscriber:
+        assert until(lambda: len(subscriber.publishers()) == 2)
+        names = subscriber.publishers()
+    assert until(lambda: one.n_subscribers and other.n_subscribers)
+    for i in range(50):
+        one.publish(10**9 + i * 10**6, (i, 0, 0))
+    blocks = list(source)
+    told = [flag for block in blocks for flag in block.flags if flag.startswith("publishers: 2")]
+    assert len(told) == 1
+    assert all(name in told[0] for name in names)
+    assert all(0 <= block.age_s < 10 for block in blocks)
+    one.close()
+    other.close()
+
+
+@pytest.mark.parametrize("given", ["999", "-1", "two"])
+def test_a_domain_that_cannot_be_is_refused_with_its_source(given, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", given)
+    with pytest.raises(ValueError, match=f"ROS_DOMAIN_ID is '{given}'; the rule is 0 to 232"):
+        open_source("ros2:/imu", wait_s=0.1)
+    with pytest.raises(ValueError, match="domain is '1000'; the rule is 0 to 232"):
+        open_source("ros2:/imu", domain=1000, column=None, depth=None)
+    with pytest.raises(ValueError, match="the rule is 'reliable' or 'best effort'"):
+        open_source("ros2:/imu", reliability="fast")
+    with pytest.raises(ValueError, match="depth given with -; the rule is a source ros2:/TOPIC"):
+        open_source("-", fs=100, unit="g", depth=5)
+
+
 def test_nobody_there_is_said():
     with pytest.raises(RecordingError, match=r"ros2:/nothing: nobody publishes there; waited 0.1 s"):
         topic_blocks("/nothing", wait_s=0.1)

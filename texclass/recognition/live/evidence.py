@@ -6,13 +6,19 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from scipy.optimize import minimize_scalar
+from scipy.special import log_softmax
 
 from texclass.recognition.model import Answer, ranked
+from texclass.recognition.probabilities import LEAST_PROBABILITY, Labels
+from texclass.recording import Samples
 
 Kind = Literal["majority", "sequential"]
 CONFIDENCE = 0.95
-DISCOUNT = 0.5
-"""Weight of a second of touch against an independent one: windows of one stroke resemble each other."""
+CORRELATION = 1.0
+"""Where nothing is known of how windows of one contact agree by their contact: they add no certainty."""
 
 
 @dataclass(frozen=True)
@@ -51,17 +57,65 @@ class ContactVerdict:
         return facts | {name: round(facts[name], 6) for name in ("probability", "felt_s")}
 
 
+def independent(n: Any, correlation: float) -> Any:
+    """Return how many independent windows n of one contact are worth, n / (1 + r (n - 1)): at most 1 / r."""
+    return n / (1 + correlation * np.maximum(n - 1, 0))
+
+
+def fit_correlation(p: Samples, labels: Labels, contacts: ArrayLike) -> float:
+    """Return the correlation of windows under which what contacts say in the end is likeliest.
+
+    The mean log posterior of the first n windows of each contact, times what they are worth, is to be the
+    probability of the right material; every contact counts once, however many windows it has.
+
+    Parameters
+    ----------
+    p : ndarray of shape (n, n_classes)
+        Calibrated probabilities of windows that were held out, in the order in which they were felt.
+    labels : ndarray of int, shape (n,)
+        Which column is right.
+    contacts : array_like of shape (n,)
+        Which contact (recording) each one is of.
+
+    Raises
+    ------
+    ValueError
+        If no contact has several windows.
+    """
+    number = pd.factorize(np.asarray(contacts))[0]
+    order = np.argsort(number, kind="stable")
+    number, right = number[order], labels[order]
+    felt = np.bincount(number)
+    if felt.max(initial=0) < 2:
+        raise ValueError("no contact has two windows; the rule is several windows of some")
+    starts = np.repeat(np.cumsum(felt) - felt, felt)
+    n = np.arange(len(number)) - starts + 1
+    summed = np.cumsum(np.log(np.maximum(p[order], LEAST_PROBABILITY)), axis=0)
+    before = np.vstack([np.zeros(p.shape[1]), summed])[starts]
+    mean = (summed - before) / n[:, None]
+    lapse, n_classes = 1 / (len(felt) + 2), p.shape[1]
+
+    def loss(correlation: float) -> float:
+        told = log_softmax(independent(n, correlation)[:, None] * mean, axis=1)[np.arange(len(n)), right]
+        return -float(np.sum(np.log((1 - lapse) * np.exp(told) + lapse / n_classes) / felt[number]))
+
+    return float(minimize_scalar(loss, bounds=(0, 1), method="bounded", options={"xatol": 1e-3}).x)
+
+
 class Evidence:
     """All windows of one contact.
 
     By "majority", every window has one vote; of equally many, the larger sum of probabilities wins.
     "sequential" is the mean log posterior of the windows, times how many independent ones they are worth:
 
-        log P(m) = W/N sum_k g^(n-k) log p_k(m) + constant, N = sum_k g^(n-k), W = sum_k g^(n-k) w_k,
+        log P(m) = W/N sum_k g^(n-k) log p_k(m) + constant, N = sum_k g^(n-k),
+        W = V / (1 + r max(V - 1, 0)), V = sum_k g^(n-k) w_k,
 
-    where p_k are the calibrated probabilities of window k under a flat prior, w_k what it adds to what was
-    felt (1 for the first), and g what is remembered from one window to the next. Windows that share nothing
-    and are independent add up to Bayes' rule; no window counts more than another.
+    where p_k are the calibrated probabilities of window k under a flat prior, w_k the share of it not felt
+    before, g what is remembered from one window to the next, and r the correlation of windows that share
+    a contact: its speed, its force, its spot, which all of them hold against the training [design effect of a
+    cluster]. Windows that are independent (r = 0) add up to Bayes' rule; however many there are, they are
+    worth at most 1/r. Of the whole, a share `lapse` is left to all materials alike.
 
     Parameters
     ----------
@@ -71,8 +125,10 @@ class Evidence:
         How windows are put together.
     window_s, hop_s : float
         Length of a window, and time from one to the next: overlapping windows share what they felt.
-    discount : float
-        Weight of a second of touch against an independent one.
+    correlation : float
+        Of windows of one contact that share nothing, from 0 to 1; see `fit_correlation`.
+    lapse : float
+        What the contacts of the training do not rule out: 1 / (n + 2) after n of them.
     forget_s : float
         Time constant of forgetting, for tools that slide from one surface to another; infinite for never.
     confidence : float
@@ -91,7 +147,8 @@ class Evidence:
         *,
         window_s: float = 1.0,
         hop_s: float = 1.0,
-        discount: float = DISCOUNT,
+        correlation: float = CORRELATION,
+        lapse: float = 0.0,
         forget_s: float = math.inf,
         confidence: float = CONFIDENCE,
     ) -> None:
@@ -99,12 +156,14 @@ class Evidence:
             raise ValueError(f"evidence is {kind!r}; the rule is 'majority' or 'sequential'")
         if not 0 < confidence < 1:
             raise ValueError(f"confidence is {confidence!r}; the rule is above 0 and below 1")
-        if not (0 < discount <= 1 and forget_s > 0):
+        if not (0 <= correlation <= 1 and 0 <= lapse < 1 and forget_s > 0):
             raise ValueError(
-                f"discount is {discount!r}, forget_s {forget_s!r}; the rule is above 0 (a discount at most 1)"
+                f"correlation is {correlation!r}, lapse {lapse!r}, forget_s {forget_s!r}; the rule is 0 to "
+                "1, and a time above 0"
             )
         self.materials, self.kind, self.confidence = materials, kind, confidence
-        self._later = min(1.0, hop_s / window_s) * discount
+        self._correlation, self._lapse = correlation, lapse
+        self._later = min(1.0, hop_s / window_s)
         self._g = math.exp(-hop_s / forget_s)
         self.reset()
 
@@ -131,8 +190,9 @@ class Evidence:
             self._sum -= self._sum.max()
             self._weight = self._g * self._weight + 1
             self._worth = self._g * self._worth + (1.0 if self._n == 1 else self._later)
-            together = np.exp(self._worth / self._weight * self._sum)  # the largest is 1: no overflow
-        together /= together.sum()
+            worth = independent(self._worth, self._correlation)
+            together = np.exp(worth / self._weight * self._sum)  # the largest is 1: no overflow
+        together = (1 - self._lapse) * together / together.sum() + self._lapse / len(p)
         self._sure = self._sure or bool(together.max() >= self.confidence)
         self.verdict = ContactVerdict(
             unknown=2 * self._n_unknown >= self._n,

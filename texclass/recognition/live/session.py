@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from texclass.recognition.live.contact import Contact, ContactRules, Event, Level, Ring
 from texclass.recognition.live.defects import Defects
-from texclass.recognition.live.evidence import CONFIDENCE, DISCOUNT, ContactVerdict, Evidence, Kind
+from texclass.recognition.live.evidence import CONFIDENCE, CORRELATION, ContactVerdict, Evidence, Kind
 from texclass.recognition.live.windows import Stretches, TapMemory, Tapped, scale_of
 from texclass.recognition.model import Answer, Model, load_model
 from texclass.recognition.sources.blocks import Block
@@ -51,8 +51,10 @@ class OnlineSettings:
         Seconds from one answer to the next; None: half a window.
     evidence
         How windows of a contact are put together; see `Evidence`.
-    confidence, discount, forget_s
+    confidence, forget_s
         See `Evidence`.
+    correlation
+        See `Evidence`; None: as found in training, where contacts had several windows, else 1.
     stop_when_sure
         No more windows of a contact are computed once its verdict is sure.
     assume_contact
@@ -66,7 +68,7 @@ class OnlineSettings:
     hop_s: float | None = None
     evidence: Kind = "sequential"
     confidence: float = CONFIDENCE
-    discount: float = DISCOUNT
+    correlation: float | None = None
     forget_s: float = math.inf
     stop_when_sure: bool = False
     assume_contact: bool | None = None
@@ -172,12 +174,14 @@ class OnlineRecogniser:
         self._needs_taps = "tap" in manifest.phases
         self._taps_only = self._needs_taps and "movement" not in manifest.phases
         self._ready = False
+        found = manifest.calibration.get("correlation")
         self.evidence = Evidence(
             model.materials,
             settings.evidence,
             window_s=self.window / self.fs,
             hop_s=self.hop / self.fs,
-            discount=settings.discount,
+            correlation=next(r for r in (settings.correlation, found, CORRELATION) if r is not None),
+            lapse=0.0 if found is None else 1 / (manifest.calibration["n_contacts"] + 2),
             forget_s=settings.forget_s,
             confidence=settings.confidence,
         )

@@ -23,6 +23,8 @@ MOST_WAITING = 100_000
 """Messages that may wait for the rate to be known."""
 CHECKED_S = 2.0
 """The rate is checked against the stated one over so many seconds."""
+CHANGED_S, OTHER_RATE, SAME_STEP = 0.25, 0.25, 0.2
+"""The rate has changed when stamps of so many seconds say so: nine steps in ten alike within `SAME_STEP`."""
 HALF_WIDTH = 10
 """Samples of the slower rate on either side that count for one sample; as in `scipy.signal.resample_poly`."""
 
@@ -66,11 +68,12 @@ class Timing:
     """Turns batches of stamped messages into blocks.
 
     A gap of up to `MOST_LOST` messages is interpolated; after a longer one, the next block says what is lost.
+    Where the stamps advance by another step than before, and regularly, blocks are of that rate from then on.
 
     Parameters
     ----------
     fs : float or None
-        Rate of the samples in Hz; None: measured first, from the stamps.
+        Rate of the samples in Hz; None: measured first, from the stamps. It follows them where it changes.
     unit : str
         Of the samples.
 
@@ -88,6 +91,7 @@ class Timing:
         self._start_ns: int | None = None
         self._shape: tuple[int, ...] = ()
         self._periods: list[float] = []
+        self._steps = np.empty(0)
         self._is_wrong = False
 
     def push(self, stamps_ns: Stamps, sent_ns: Stamps, samples: Samples) -> list[Block]:
@@ -152,6 +156,7 @@ class Timing:
                 f"clock jumps: {np.count_nonzero(jumped)} (largest {np.max(np.abs(step[jumped])):.3g} s)"
             )
             step = np.where(jumped, np.maximum(real, period), step)
+        changed = self._changed(step, period)
         lost = np.where(step > 1.5 * period, np.rint(step / period) - 1, 0).astype(np.int64)
         flags += self._contradicted(step / (1 + lost), period, fs)
         first_s = start_s - period + 1 / fs  # the last sample of a message stands at its stamp
@@ -171,7 +176,24 @@ class Timing:
             made.append(Block(at, pieces, fs, self.unit, missing, tuple(flags)))
             flags = []
         self._last = (float(t[-1]), float(sent[-1]), samples[-1])
+        if changed is not None:
+            self.fs, self._last, self._is_wrong = nominal_rate(samples.shape[1] / changed), None, False
+            self._periods, self._steps = [], np.empty(0)
         return made
+
+    def _changed(self, step: Samples, period: float) -> float | None:
+        """Return the period of the last messages, if it is another; messages lost here and there are not."""
+        self._steps = np.append(self._steps, step)
+        n = max(LEARNED_MESSAGES, int(np.searchsorted(np.cumsum(self._steps[::-1]), CHANGED_S)) + 1)
+        self._steps = self._steps[-n:]
+        typical = float(np.median(self._steps))
+        is_old = abs(typical - period) <= OTHER_RATE * period
+        if len(self._steps) < n or is_old or not 1e-2 < typical / period < 1e2:
+            return None
+        alike = self._steps[np.abs(self._steps - typical) <= SAME_STEP * typical]
+        # Stamps of receipt come in bursts: alike within one, and their mean is the old period.
+        is_even = abs(self._steps.mean() - typical) <= OTHER_RATE * typical
+        return float(alike.mean()) if is_even and len(alike) >= 0.9 * n else None
 
     def _usable(self, t: Samples, samples: Samples, period: float) -> tuple[NDArray[np.bool_], list[str]]:
         """Return which messages neither come twice nor after a later one, and what is left out."""
@@ -269,20 +291,22 @@ class Resampler:
 
 
 def resampled(source: BlockSource, rate: float) -> BlockSource:
-    """Return a source at another rate in Hz, band-limited; it starts anew after a loss."""
-    resampler, start_s = None, 0.0
+    """Return a source at another rate in Hz, band-limited; it starts anew after a loss, and at a new rate."""
+    resampler, start_s, was = None, 0.0, 0.0
     with closing(source):
         for block in source:
             if not len(block.samples):  # it only reports, perhaps before any rate is known
                 yield replace(block, fs=rate)
                 continue
-            flags = block.flags
-            if resampler is None or block.lost:
-                if resampler is None and block.fs != rate:
+            flags, lost = block.flags, round(block.lost * rate / block.fs)
+            if resampler is None or block.lost or block.fs != was:
+                if block.fs not in (was, rate):
                     flags = (*flags, f"resampled (band-limited) from {block.fs:g} Hz to {rate:g} Hz")
-                resampler, start_s = Resampler(block.fs, rate), block.t_s
+                if was not in (0.0, block.fs):
+                    flags = (*flags, f"begun anew: the source is now {block.fs:g} Hz, was {was:g} Hz")
+                    lost = max(lost, 1)
+                resampler, start_s, was = Resampler(block.fs, rate), block.t_s, block.fs
             at = start_s + resampler.n_out / rate
             y = resampler.push(block.samples)
-            lost = round(block.lost * rate / block.fs)
             if len(y) or flags or lost:
-                yield Block(at, y, rate, block.unit, lost, flags)
+                yield Block(at, y, rate, block.unit, lost, flags, block.age_s)

@@ -28,6 +28,8 @@ from texclass.recording import Samples
 Reliability = Literal["reliable", "best effort"]
 DEPTH = 20_000
 """Messages kept until they are taken: 2 s at 10 kHz. ROS 2 keeps 5 of sensor data by default."""
+LAST_DOMAIN = 232
+"""Of DDS: the ports of later ones do not exist."""
 OK, WARN = 0, 1
 """Levels of diagnostics."""
 
@@ -90,8 +92,20 @@ def _member(described: Any) -> tuple[Any, Any]:
 
 
 def participant(domain: int | None = None) -> DomainParticipant:
-    """Join a domain: the given one, else $ROS_DOMAIN_ID, else 0."""
-    return DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID") or 0) if domain is None else domain)
+    """Join a domain: the given one, else $ROS_DOMAIN_ID, else 0.
+
+    Raises
+    ------
+    ValueError
+        If it is no domain.
+    """
+    given = str(os.environ.get("ROS_DOMAIN_ID") or 0 if domain is None else domain)
+    if not (given.isascii() and given.isdigit() and int(given) <= LAST_DOMAIN):
+        where = "ROS_DOMAIN_ID" if domain is None else "domain"
+        raise ValueError(
+            f"{where} is {given!r}; the rule is 0 to {LAST_DOMAIN} (--domain goes before ROS_DOMAIN_ID)"
+        )
+    return DomainParticipant(int(given))
 
 
 def quality(reliability: Reliability, depth: int = DEPTH) -> Qos:

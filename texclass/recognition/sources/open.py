@@ -23,6 +23,7 @@ BLOCK_S = 0.025
 """Seconds of a block, by default."""
 LONGEST_LINE = 1 << 16
 MOST_CHANNELS = 1024
+OF_FILES = ("column", "delimiter", "time_column")
 FIRST_LINES, MOST_GARBLED = 3, 100
 """So many first lines of numbers tell how many a line holds; after so many lines without, there are none."""
 STDIN = "standard input"
@@ -72,7 +73,8 @@ def open_source(
         Whose columns are wanted: with turn rate or friction beside the acceleration if it needs them. Files
         and bags are then read and conditioned as those it was trained on; what `is_live` is as it comes.
     **reading : optional
-        Of files, what else `load_recording` takes: column, delimiter, time_column.
+        Of files, what else `load_recording` takes: column, delimiter, time_column. Of a ROS 2 topic, what
+        else `topic_blocks` takes: domain, reliability, depth, wait_s, end_s.
 
     Returns
     -------
@@ -84,8 +86,14 @@ def open_source(
         If a fact is missing or contradicted, the file is bad, or the source has not what the model needs; on
         the way, if the first lines of a text hold no numbers.
     ValueError
-        If a block has no length, or there is no such number of channels.
+        If a block has no length, there is no such number of channels, or options of a topic come with another
+        source.
     """
+    is_topic = isinstance(source, str) and source.startswith(ROS2)
+    reading = {name: value for name, value in reading.items() if value is not None}
+    if wrong := [name for name in reading if (name in OF_FILES) == is_topic]:
+        rule = "a file" if is_topic else "a source ros2:/TOPIC"
+        raise ValueError(f"{', '.join(wrong)} given with {source}; the rule is {rule}")
     needs = ACCELERATION_ONLY if model is None else model.needs
     if not block_s > 0:
         raise ValueError(f"block_s is {block_s}; the rule is above 0")
@@ -103,14 +111,14 @@ def open_source(
                 raise ValueError(f"n_channels is {raw_channels}; the rule is 1 to {MOST_CHANNELS}")
             needs.n_axes(raw_channels)
             blocks = _binary(opened, fs, unit, raw_channels, n)
-    elif isinstance(source, str) and source.startswith(ROS2):
+    elif isinstance(source, str) and is_topic:
         try:
             from texclass.recognition.sources.topic import topic_blocks
         except ImportError as error:
             raise RecordingError(
                 f"{source}: needs the extra `robot` ({error}): pip install texclass[robot]"
             ) from error
-        blocks = topic_blocks(source.removeprefix(ROS2), fs=fs, unit=unit, needs=needs)
+        blocks = topic_blocks(source.removeprefix(ROS2), fs=fs, unit=unit, needs=needs, **reading)
     else:
         find = find_recording if model is None else model.manifest.input.find
         recording = source if isinstance(source, Recording) else find(source, fs=fs, unit=unit, **reading)

@@ -1,5 +1,6 @@
 """A ROS 2 topic as a source of blocks, heard over DDS without ROS (extra `robot`)."""
 
+import math
 import time
 from contextlib import closing
 from dataclasses import replace
@@ -72,6 +73,7 @@ def topic_blocks(
     unit: str | None = None,
     type_name: str | None = None,
     reliability: Reliability | None = None,
+    depth: int = DEPTH,
     domain: int | None = None,
     wait_s: float = 10.0,
     end_s: float | None = None,
@@ -79,7 +81,7 @@ def topic_blocks(
 ) -> BlockSource:
     """Return the acceleration of a ROS 2 topic, and the turn rate where it is needed, as it arrives.
 
-    A second of silence, and a gyroscope that stands still for a second, are told.
+    A second of silence, a gyroscope that stands still for a second, and several publishers are told.
 
     Parameters
     ----------
@@ -93,6 +95,8 @@ def topic_blocks(
         "sensor_msgs/msg/Imu"; by default what is published there.
     reliability : str, optional
         By default "reliable" if every publisher offers it, else "best effort".
+    depth : int
+        Messages kept until they are taken.
     domain : int, optional
         $ROS_DOMAIN_ID or 0 by default.
     wait_s : float
@@ -107,7 +111,14 @@ def topic_blocks(
     RecordingError
         If nobody publishes there, a type that cannot be read or lacks what is needed, or the unit is missing
         or contradicted.
+    ValueError
+        If the reliability, depth or domain is none.
     """
+    if reliability not in (None, "reliable", "best effort") or depth < 1:
+        raise ValueError(
+            f"ros2:{topic}: reliability is {reliability!r}, depth {depth}; the rule is 'reliable' or 'best "
+            "effort', and 1 or more"
+        )
     if type_name is None or reliability is None:
         offered = discover(topic, domain=domain, timeout_s=wait_s)
         if not offered:
@@ -129,7 +140,9 @@ def topic_blocks(
         raise RecordingError(
             f"ros2:{topic}: unit is {stated!r} by its type, {unit!r} was given; the rule is one"
         )
-    subscriber = Subscriber(topic, type_name, reliability=reliability, domain=domain, columns=columns)
+    subscriber = Subscriber(
+        topic, type_name, reliability=reliability, depth=depth, domain=domain, columns=columns
+    )
     return _blocks(subscriber, Timing(fs, unit or stated), end_s)
 
 
@@ -223,6 +236,12 @@ class Subscriber:
     def n_publishers(self) -> int:
         """How many publishers are heard."""
         return len(self._reader.get_matched_publications())
+
+    def publishers(self) -> list[str]:
+        """Return who publishes, by the identifiers (GID) that `ros2 topic info --verbose` shows, sorted."""
+        handles = self._reader.get_matched_publications()
+        found = [self._reader.get_matched_publication_data(handle) for handle in handles]
+        return sorted(endpoint.key.hex for endpoint in found if endpoint is not None)
 
     @property
     def n_lost(self) -> int:
@@ -355,7 +374,7 @@ def _blocks(subscriber: Subscriber, timing: Timing, end_s: float | None) -> Bloc
     heard, is_silent, n_lost, ended_s = time.monotonic(), False, 0, 0.0
     said: list[str] = []
     turn = [subscriber.columns.index(name) for name in TURN_RATE if name in subscriber.columns]
-    unturned_s = 0.0
+    unturned_s, looked, several = 0.0, -math.inf, list[str]()
     with closing(subscriber):
         while True:
             received = subscriber.take(0.1)
@@ -371,6 +390,12 @@ def _blocks(subscriber: Subscriber, timing: Timing, end_s: float | None) -> Bloc
             heard, is_silent = time.monotonic(), False
             if received.n_bad:
                 said.append(f"damaged: {received.n_bad} messages left out")
+            if heard - looked >= SILENT_S:
+                looked, before, several = heard, several, subscriber.publishers()
+                if len(several) > 1 and several != before:
+                    said.append(
+                        f"publishers: {len(several)} mix their samples: {', '.join(several)}; the rule is one"
+                    )
             if subscriber.n_lost > n_lost:
                 said.append(f"lost: {subscriber.n_lost - n_lost} messages on the network")
                 n_lost = subscriber.n_lost
@@ -384,5 +409,6 @@ def _blocks(subscriber: Subscriber, timing: Timing, end_s: float | None) -> Bloc
                 elif turn and unturned_s >= UNTURNED_S:
                     said.append(f"turn rate: 0 for the first {UNTURNED_S:g} s, does the sensor measure it?")
                     turn = []
-                yield replace(block, flags=(*said, *block.flags))
+                age_s = max(0.0, (time.time_ns() - int(received.sent_ns[-1])) / 1e9)
+                yield replace(block, flags=(*said, *block.flags), age_s=age_s)
                 said.clear()
