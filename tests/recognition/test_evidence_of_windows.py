@@ -120,6 +120,18 @@ def test_forgetting_lets_a_new_surface_win():
     assert (kept, fading) == ("cork", "felt")
 
 
+@pytest.mark.parametrize("kind", ["sequential", "majority"])
+def test_where_evidence_fades_all_of_a_verdict_is_of_what_was_felt_lately(kind):
+    evidence = Evidence(MATERIALS, kind, forget_s=3.0, confidence=0.5, correlation=0.2)
+    for _ in range(200):
+        evidence.add(answer([0.98, 0.01, 0.01], unknown=True), 1.0)
+    assert (evidence.verdict.unknown, evidence.verdict.sure) == (True, True)
+    told = [evidence.add(answer([0.3, 0.4, 0.3]), 1.0) for _ in range(12)]
+    last = told[-1]
+    assert (last.surface, last.unknown) == ("felt", False)
+    assert kind == "majority" or not last.sure
+
+
 def test_half_of_the_windows_unknown_makes_the_contact_unknown():
     evidence = Evidence(MATERIALS)
     told = [evidence.add(answer([0.8, 0.1, 0.1], unknown=u), 1.0).unknown for u in (True, False, False)]

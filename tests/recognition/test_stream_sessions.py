@@ -1,5 +1,7 @@
 """A session: blocks in, what is wrong with the stream said and survived."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from toy_surfaces import FS, SURFACES, signal
@@ -141,6 +143,29 @@ def test_a_rate_that_changes_begins_the_stream_anew(linear_model, oak):
     _, found = run(linear_model, [*blocks(oak), *blocks(oak[:3000], fs=2 * FS)])
     assert any("begun anew" in n.what for n in of(Notice, found))
     assert sum(e.kind == "contact" for e in of(Event, found)) == 2
+
+
+def test_wheels_are_always_in_contact_and_go_on_to_the_next_ground(linear_model, oak):
+    quiet = 1e-4 * np.random.default_rng(3).standard_normal(4000)
+    x = np.concatenate([oak, quiet, signal(SURFACES["slate"], 5, 6000)])
+    settings = OnlineSettings(window_s=0.25, always_in_contact=True)
+    _, found = run(linear_model, blocks(x), settings)
+    assert [e.kind for e in of(Event, found)] == ["contact"]
+    told = of(WindowAnswer, found)
+    assert [w.start for w in told] == list(range(0, len(x) - 1000 + 1, 500))
+    assert told[-1].verdict.surface == "slate"
+    hand = of(Event, run(linear_model, blocks(x))[1])  # a hand-held tool, on the other hand, was lifted
+    assert [e.kind for e in hand][:2] == ["contact", "lift-off"]
+
+
+def test_a_model_of_runs_of_minutes_answers_windows_of_seconds_and_says_so(linear_model, oak):
+    runs = replace(linear_model, manifest=linear_model.manifest.model_copy(update={"shortest_s": 52.0}))
+    session, found = run(runs, blocks(np.tile(oak, 4)), OnlineSettings(assume_contact=True))
+    assert session.live.window == 5 * FS
+    assert [n.what.startswith("window: 5 s, trained on runs of 52 s") for n in of(Notice, found)] == [True]
+    assert of(WindowAnswer, found)
+    asked = run(runs, blocks(oak), OnlineSettings(assume_contact=True, window_s=1.0))
+    assert (asked[0].live.window, of(Notice, asked[1])) == (FS, [])
 
 
 def test_a_block_that_only_reports_changes_nothing(linear_model, oak):

@@ -54,7 +54,10 @@ def stream(
     ] = False,
     forget: Annotated[
         float | None,
-        typer.Option(help="Seconds after which evidence fades, for tools that slide on to other surfaces."),
+        typer.Option(
+            help="Seconds after which evidence fades, for tools that slide on to other surfaces; 4 windows "
+            "with --always-in-contact, else never."
+        ),
     ] = None,
     in_contact: Annotated[
         bool | None,
@@ -63,6 +66,12 @@ def stream(
             help="The stream begins in a movement, or at rest; found out by default.",
         ),
     ] = None,
+    always_in_contact: Annotated[
+        bool,
+        typer.Option(
+            "--always-in-contact", help="Wheels and legs: no lift-off, and evidence fades (see --forget)."
+        ),
+    ] = False,
     channels: Annotated[
         int | None,
         typer.Option(help="Standard input is little-endian float32 of so many channels, not text."),
@@ -106,6 +115,7 @@ def stream(
         forget_s=forget or float("inf"),
         stop_when_sure=stop_when_sure,
         assume_contact=in_contact,
+        always_in_contact=always_in_contact,
     )
     trained = load_model(model)
     of_topic: dict[str, Any] = {"reliability": reliability, "depth": depth}

@@ -33,7 +33,8 @@ class ContactVerdict:
     unknown
         Whether at least half of the windows are of no known surface.
     sure
-        Whether the probability has reached the confidence asked for, now or before in this contact.
+        Whether the probability has reached the confidence asked for, now or before in this contact; where
+        evidence fades, now.
     n_windows
         How many have spoken.
     felt_s
@@ -130,7 +131,7 @@ class Evidence:
     lapse : float
         What the contacts of the training do not rule out: 1 / (n + 2) after n of them.
     forget_s : float
-        Time constant of forgetting, for tools that slide from one surface to another; infinite for never.
+        Time constant of forgetting (votes, too), for what goes on to other surfaces; infinite for never.
     confidence : float
         From which probability on the verdict is sure.
 
@@ -170,32 +171,32 @@ class Evidence:
     def reset(self) -> None:
         """Forget everything: another contact."""
         self._votes, self._sum = np.zeros((2, len(self.materials)))
-        self._weight = self._worth = 0.0
-        self._n = self._n_unknown = 0
+        self._weight = self._worth = self._unknown = 0.0
+        self._n = 0
         self._sure = False
         self.verdict: ContactVerdict | None = None
 
     def add(self, answer: Answer, felt_s: float) -> ContactVerdict:
         """Take in the answer of a window that ends `felt_s` after the onset; return what is known now."""
         p = np.array([answer.probabilities[m] for m in self.materials])
-        self._n += 1
-        self._n_unknown += answer.unknown
+        g, self._n = self._g, self._n + 1
+        self._weight = g * self._weight + 1
+        self._unknown = g * self._unknown + answer.unknown
         if self.kind == "majority":
+            self._votes *= g
             self._votes[int(np.argmax(p))] += 1
-            self._sum += p
-            tie_break = 1e-6 * self._sum / self._n
-            together = (self._votes + 1 + tie_break) / (self._n + len(p))
+            self._sum = g * self._sum + p
+            together = self._votes + 1 + 1e-6 * self._sum / self._weight
         else:
-            self._sum = self._g * self._sum + np.log(np.maximum(p, 1e-12))
+            self._sum = g * self._sum + np.log(np.maximum(p, LEAST_PROBABILITY))
             self._sum -= self._sum.max()
-            self._weight = self._g * self._weight + 1
-            self._worth = self._g * self._worth + (1.0 if self._n == 1 else self._later)
+            self._worth = g * self._worth + (1.0 if self._n == 1 else self._later)
             worth = independent(self._worth, self._correlation)
             together = np.exp(worth / self._weight * self._sum)  # the largest is 1: no overflow
         together = (1 - self._lapse) * together / together.sum() + self._lapse / len(p)
-        self._sure = self._sure or bool(together.max() >= self.confidence)
+        self._sure = bool(together.max() >= self.confidence) or (self._sure and g == 1)
         self.verdict = ContactVerdict(
-            unknown=2 * self._n_unknown >= self._n,
+            unknown=2 * self._unknown >= self._weight,
             sure=self._sure,
             n_windows=self._n,
             felt_s=felt_s,

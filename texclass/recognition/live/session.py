@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,12 @@ from texclass.recognition.sources.open import is_live, open_source
 from texclass.recording import ACCELERATION_UNITS, Recording
 
 DEFAULT_WINDOW_S, LONGEST_WINDOW_S = 1.0, 30.0
+RUN_WINDOW_S = 5.0
+"""Of a model whose recordings are runs, longer than the longest window: who waits so long for an answer?"""
+ENDLESS = 1e300
+"""How far a level falls only where it is exactly 0."""
+FADING_WINDOWS = 4
+"""Windows after which evidence fades where contact never ends."""
 HOPS = 2
 """Windows that overlap, by default: a new answer after each half of a window."""
 TAPS_S = 6.0
@@ -46,7 +52,7 @@ class OnlineSettings:
     Attributes
     ----------
     window_s
-        Seconds of one answer; None: those the model was trained on.
+        Seconds of one answer; None: those the model was trained on, or `RUN_WINDOW_S` where these were runs.
     hop_s
         Seconds from one answer to the next; None: half a window.
     evidence
@@ -60,6 +66,9 @@ class OnlineSettings:
     assume_contact
         Whether the stream begins in a movement; None: it does if the model was trained on movement only, else
         the first tenth of a second decides.
+    always_in_contact
+        Wheels and legs: there is no lift-off but digital silence, and evidence fades after `FADING_WINDOWS`
+        windows, or `forget_s`.
     rules
         Which levels and durations make a contact, a tap, a lift-off.
     """
@@ -72,6 +81,7 @@ class OnlineSettings:
     forget_s: float = math.inf
     stop_when_sure: bool = False
     assume_contact: bool | None = None
+    always_in_contact: bool = False
     rules: ContactRules = field(default_factory=ContactRules)
 
     def __post_init__(self) -> None:
@@ -168,13 +178,16 @@ class OnlineRecogniser:
         manifest, settings = model.manifest, settings or OnlineSettings()
         self.model, self.settings, self._raw = model, settings, raw
         self.fs, self.unit = float(fs or manifest.fs), unit or manifest.unit
-        trained_s = min(manifest.touch_s or manifest.shortest_s or DEFAULT_WINDOW_S, LONGEST_WINDOW_S)
+        trained_s = manifest.touch_s or manifest.shortest_s or DEFAULT_WINDOW_S
+        if trained_s > LONGEST_WINDOW_S and settings.window_s is None:
+            trained_s = RUN_WINDOW_S
         self.window = max(1, round(self.fs * (settings.window_s or trained_s)))
         self.hop = max(1, round(self.fs * (settings.hop_s or self.window / self.fs / HOPS)))
         self._needs_taps = "tap" in manifest.phases
         self._taps_only = self._needs_taps and "movement" not in manifest.phases
         self._ready = False
         found = manifest.calibration.get("correlation")
+        fades = settings.always_in_contact and settings.forget_s == math.inf
         self.evidence = Evidence(
             model.materials,
             settings.evidence,
@@ -182,7 +195,7 @@ class OnlineRecogniser:
             hop_s=self.hop / self.fs,
             correlation=next(r for r in (settings.correlation, found, CORRELATION) if r is not None),
             lapse=0.0 if found is None else 1 / (manifest.calibration["n_contacts"] + 2),
-            forget_s=settings.forget_s,
+            forget_s=FADING_WINDOWS * self.window / self.fs if fades else settings.forget_s,
             confidence=settings.confidence,
         )
         self._due = deque[int]()  # ends of windows that wait for a pause to end
@@ -278,6 +291,8 @@ class OnlineRecogniser:
         rules, asked = self.settings.rules, self.settings.assume_contact
         if asked is None and self.model.manifest.input.phases == "movement":
             asked = True  # all that the model knows is movement
+        if self.settings.always_in_contact:
+            asked, rules = True, replace(rules, drop_ratio=ENDLESS)
         self._stretches = Stretches(self.model, n_columns, self.fs, self.unit, self._raw)
         self.unit, self.n_columns = self._stretches.unit, n_columns
         self._piece = max(1, round(PIECE_S * self.fs))
@@ -456,6 +471,13 @@ class Session:
         self.start_s = block.t_s
         n_axes = self.model.needs.n_axes(block.samples[0].size)
         self._defects = Defects(self.model, n_axes, block.fs, scale_of(self.model, block.unit, self.raw))
+        felt_s, trained_s = self.live.window / block.fs, self.model.manifest.shortest_s or 0.0
+        if felt_s == RUN_WINDOW_S < LONGEST_WINDOW_S < trained_s and self.model.manifest.touch_s is None:
+            found += self._noticed(
+                block.t_s,
+                f"window: {felt_s:g} s, trained on runs of {trained_s:.3g} s and more; a model of such "
+                f"windows (texclass train --touch {felt_s:g}) knows how sure it may be",
+            )
         kept = "m/s^2" if block.unit in ACCELERATION_UNITS else block.unit
         for unlike in self.model.unlike(block.fs, kept):
             way_out = "--resample converts" if unlike.startswith("wrong rate") else "nothing converts these"
