@@ -23,6 +23,21 @@ seed = 11
 """
 
 
+FEW = """
+features = "coarse"
+seed = 1
+channels = "combine"
+[[steps]]
+use = "sklearn.impute.SimpleImputer"
+keep_empty_features = true
+[classifiers.bayes]
+use = "sklearn.naive_bayes.GaussianNB"
+[[rows]]
+name = "Level"
+features = ["band_level"]
+"""
+
+
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory):
     return tmp_path_factory.mktemp("cache")
@@ -159,6 +174,24 @@ def test_listings_name_what_is_shipped(run, words):
     code, out, _ = run(*words)
     assert code == 0
     assert ("simulated69" if words == ("datasets",) else "waviness") in out
+
+
+def test_benchmark_trains_on_these_and_tests_on_those(run, tmp_path):
+    (tmp_path / "few.toml").write_text(FEW)
+    asked = ("benchmark", "tiny.toml", "--pipeline", "few.toml", "--jobs", "1", "--out", "here")
+    code, _, said = run(*asked, "--train", "repetition=0-1", "--test", "repetition=3")
+    assert code == 0, said
+    result = json.loads((tmp_path / "here/tiny-few-repetition-0-1-to-repetition-3.json").read_text())
+    assert (result["protocol"], result["n_folds"]) == ("repetition=0-1 -> repetition=3", 1)
+    assert np.sum(result["confusion"]["counts"]) == 3
+    assert run(*asked, "--leave-out", "operator")[0] == 0
+    for wrong, rule in (
+        (("--train", "repetition=0"), "the rule is both"),
+        (("--leave-out", "operator", "--protocol", "blocks"), "are alternatives"),
+        (("--leave-out", "hand"), "no label of recordings is 'hand'"),
+    ):
+        code, _, said = run(*asked, *wrong)
+        assert (code, rule in said) == (1, True), said
 
 
 def test_every_command_that_takes_files_takes_what_says_how_they_are_read(run, tmp_path):

@@ -114,3 +114,36 @@ def test_an_impossible_split_names_value_and_rule():
     ):
         with pytest.raises(ValueError, match=message):
             split(name, table.reset_index(drop=True))
+
+
+def test_these_recordings_train_and_those_test_by_any_label():
+    table = a_table().assign(session=["a", "b"] * 15)
+    ((train, test),) = split("repetition=1-3,5 -> repetition=6-9 & session=a", table)
+    assert set(table["repetition"][train]) == {1, 2, 3, 5}
+    assert set(table["repetition"][test]) <= {6, 7, 8, 9}
+    assert set(table["session"][test]) == {"a"}
+    assert len(train) == 12
+    folds = split("leave-out session", table)
+    assert [set(table["session"][test]) for _, test in folds] == [{"a"}, {"b"}]
+    for train, test in folds:
+        assert not set(table["session"][train]) & set(table["session"][test])
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("repetition=0-4 -> repetition=4-9", "recording .* is of repetition=0-4 and of repetition=4-9"),
+        ("repetition=0-4 -> repetition=40-49", "no recording has repetition '40-49'; there are 1, 2, 3"),
+        (
+            "repetition=0-4 -> smell=a",
+            "no label of recordings is 'smell'; the rule is one of material, operator",
+        ),
+        ("repetition=0-4 -> session", "chosen by 'session'; the rule is LABEL=VALUE,VALUE"),
+        ("leave-out session", "0 sessions, 30 recordings without one; leaving one out needs at least 2"),
+        ("leave-one", "no protocol is named 'leave-one'.*leave-out LABEL"),
+        ("leave-out material", "has no recording without material"),
+    ],
+)
+def test_a_protocol_by_labels_that_is_impossible_says_why(name, said):
+    with pytest.raises(ValueError, match=said):
+        split(name, a_table().assign(session=None))

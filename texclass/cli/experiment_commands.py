@@ -12,13 +12,10 @@ from texclass.cli.options import progress_bar, tell, write_json, wrote
 
 @app.command()
 @options.reads_files
+@options.holds_out
 def benchmark(
     dataset: options.Recordings = "simulated",
     pipeline: options.Pipeline = "strese2015",
-    protocol: Annotated[
-        options.ProtocolName | None,
-        typer.Option(help="How recordings are split; the pipeline's own by default."),
-    ] = None,
     feature: Annotated[
         str | None,
         typer.Option(
@@ -77,6 +74,7 @@ def benchmark(
     ] = Path("reports"),
     json_file: options.Json = None,
     *,
+    protocol: str | None,
     reading: dict[str, Any],
 ) -> None:
     """Classify a dataset with every row of a pipeline's table, beside the published figures."""
@@ -154,6 +152,7 @@ def extract(
 
 @app.command()
 @options.reads_files
+@options.holds_out
 def tradeoff(
     dataset: options.Recordings = "simulated",
     features: options.FeatureSet = "texclass",
@@ -166,7 +165,6 @@ def tradeoff(
         str | None,
         typer.Option(help="Materials of a scene, separated by commas: the fewest columns for these."),
     ] = None,
-    protocol: Annotated[options.ProtocolName, typer.Option(help="How recordings are split.")] = "recording",
     curves: Annotated[
         bool, typer.Option(help="Also accuracy against touch, training, rate, bits and model order.")
     ] = True,
@@ -178,6 +176,7 @@ def tradeoff(
     ] = Path("reports"),
     json_file: options.Json = None,
     *,
+    protocol: str | None,
     reading: dict[str, Any],
 ) -> None:
     """Measure what accuracy costs on a dataset; save the pipeline at the budget, or at the knee."""
@@ -195,7 +194,7 @@ def tradeoff(
             recordings,
             load_feature_set(features),
             Limits(max_ms, max_seconds, max_features, scene),
-            protocol=protocol,
+            protocol=protocol or "recording",
             with_curves=curves,
             n_jobs=jobs,
             progress=progress,

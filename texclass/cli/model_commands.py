@@ -12,6 +12,7 @@ from texclass.cli.options import progress_bar, tell
 
 @app.command()
 @options.reads_files
+@options.holds_out
 def train(
     dataset: options.Recordings,
     output: Annotated[Path, typer.Option("-o", "--output", help="Model file to write (.skops).")],
@@ -28,19 +29,13 @@ def train(
         float | None,
         typer.Option("--touch", help="Seconds of movement of one answer; whole recordings by default."),
     ] = None,
-    protocol: Annotated[
-        options.ProtocolName | None,
-        typer.Option(
-            help="How recordings are held out; by default as the pipeline says, or, from 20 numbered "
-            "repetitions of each surface on, the later ones (`blocks`): a sensor may drift."
-        ),
-    ] = None,
     false_alarms: Annotated[
         float, typer.Option(help="Share of known surfaces that may be called unknown.")
     ] = 0.05,
     jobs: options.Jobs = -1,
     skip_bad: options.SkipBad = False,
     *,
+    protocol: str | None,
     reading: dict[str, Any],
 ) -> None:
     """Train a model on all recordings; what is chosen is chosen by cross-validation."""

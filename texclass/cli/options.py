@@ -83,6 +83,67 @@ MaxMs = Annotated[float | None, typer.Option(help="Milliseconds that the feature
 MaxFeatures = Annotated[int | None, typer.Option(help="Columns that may reach the classifier.")]
 
 
+def _shared(name: str, made: Callable[..., Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return what gives a command the options of a function, whose result the command gets under a name."""
+    shared = inspect.signature(made).parameters
+
+    def with_options(command: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(command)
+        def called(**given: Any) -> None:
+            told = made(**{option: given.pop(option) for option in shared})
+            command(**given, **{name: told})
+
+        own = [p for other, p in inspect.signature(command).parameters.items() if other != name]
+        parameters = [*(p.replace(kind=p.KEYWORD_ONLY) for p in own), *shared.values()]
+        vars(called)["__signature__"] = inspect.Signature(parameters)
+        called.__annotations__ = {p.name: p.annotation for p in parameters}
+        return called
+
+    return with_options
+
+
+def _protocol(
+    *,
+    protocol: Annotated[
+        ProtocolName | None,
+        typer.Option(
+            help="How recordings are held out; by default as the pipeline says. `texclass train` takes the "
+            "later ones (`blocks`) from 20 numbered repetitions of each surface on: a sensor may drift."
+        ),
+    ] = None,
+    train: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--train",
+            metavar="LABEL=VALUES",
+            help="Instead, train on these recordings alone: repetition=1-20, session=a,b; several all hold.",
+        ),
+    ] = None,
+    test: Annotated[
+        list[str] | None,
+        typer.Option("--test", metavar="LABEL=VALUES", help="And test on those: repetition=31-40."),
+    ] = None,
+    leave_out: Annotated[
+        str | None,
+        typer.Option(
+            "--leave-out", metavar="LABEL", help="Or test on each operator, session or repetition in turn."
+        ),
+    ] = None,
+) -> str | None:
+    """Return the name of a protocol."""
+    if bool(train) != bool(test):
+        raise ValueError("--train without --test, or --test without --train; the rule is both")
+    if sum(map(bool, (protocol, train, leave_out))) > 1:
+        raise ValueError("--protocol, --train with --test and --leave-out are alternatives; the rule is one")
+    if train and test:
+        return f"{' & '.join(train)} -> {' & '.join(test)}"
+    return f"leave-out {leave_out}" if leave_out else protocol
+
+
+holds_out = _shared("protocol", _protocol)
+"""Gives a command the options that say what trains and what tests; it gets the name of a protocol."""
+
+
 def _reading(
     *,
     fs: Fs = None,
@@ -94,30 +155,21 @@ def _reading(
         float | None,
         typer.Option("--resample", help="Rate in Hz to which all files are brought, band-limited."),
     ] = None,
-) -> None:
-    """Say how files are read: what `reads_files` gives to a command."""
+) -> dict[str, Any]:
+    """Return how files are read."""
+    read = columns_read(column=column, delimiter=delimiter, time_column=time_column)
+    return {"fs": fs, "unit": unit, "resample": resample, **read}
 
 
-def reads_files(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options that say how files are read; it gets them as one mapping, `reading`."""
-    shared = inspect.signature(_reading).parameters
-
-    @functools.wraps(command)
-    def called(**given: Any) -> None:
-        reading = {name: given.pop(name) for name in shared}
-        command(**given, reading=columns_read(**reading))
-
-    own = [p for name, p in inspect.signature(command).parameters.items() if name != "reading"]
-    parameters = [*(p.replace(kind=p.KEYWORD_ONLY) for p in own), *shared.values()]
-    vars(called)["__signature__"] = inspect.Signature(parameters)
-    called.__annotations__ = {p.name: p.annotation for p in parameters}
-    return called
+reads_files = _shared("reading", _reading)
+"""Gives a command the options that say how files are read; it gets them as one mapping."""
 
 
-def columns_read(*, column: str | None, delimiter: str | None, **others: Any) -> dict[str, Any]:
+def columns_read(column: str | None, delimiter: str | None, time_column: str | None) -> dict[str, Any]:
     """Return how files are read, several columns and a tab as people write them on a command line."""
     columns = tuple(name.strip() for name in column.split(",")) if column else None
-    return {"column": columns, "delimiter": "\t" if delimiter in ("tab", "\\t") else delimiter, **others}
+    divided_by = "\t" if delimiter in ("tab", "\\t") else delimiter
+    return {"column": columns, "delimiter": divided_by, "time_column": time_column}
 
 
 def write_json(path: Path | None, text: str) -> None:

@@ -1,6 +1,7 @@
 """Evaluation protocols: which recordings train and which test; windows of one recording are never parted."""
 
 import functools
+import re
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,6 +21,10 @@ UNSEEN_FOLDS = 5
 """Folds of `splits_of` where a protocol draws them; fewer where a material has fewer recordings (or runs)."""
 N_SHOTS = 3
 """Repetitions of each material that train under `few-shot`."""
+LABELS = ("material", "operator", "session", "repetition")
+"""What recordings can be chosen by."""
+RANGE = re.compile(r"(\d{1,9})-(\d{1,9})")
+"""Repetitions 1-20."""
 
 
 def runs(table: pd.DataFrame) -> "pd.Series[str]":
@@ -132,10 +137,7 @@ def leave_operator_out(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Sp
             f"the dataset names {table['operator'].nunique()} operators and {table['session'].nunique()} "
             "sessions; the protocol `operator` needs at least 2 of one of them, named for every recording"
         )
-    split = tuple(LeaveOneGroupOut().split(table, groups=table[group]))
-    for train, test in split:
-        _require_known(table, train, test, f"without {group} {table[group].iloc[test[0]]}")
-    return split
+    return _leave_out(group, table, n_folds, seed)
 
 
 @of_recordings
@@ -206,17 +208,38 @@ PROTOCOLS = {
 }
 
 
+LEAVE_OUT, TO = "leave-out ", " -> "
+"""What the names of protocols by label are made with."""
+
+
 def find_protocol(name: str) -> Protocol:
-    """Return the protocol of that name.
+    """Return the protocol of that name: one of `PROTOCOLS`, or by any label of the recordings.
+
+    "leave-out session" tests on each session in turn. "repetition=1-20 -> repetition=31-40" trains on these
+    and tests on those; "operator=2,5 & session=a" are the recordings of operators 2 and 5 in session a.
 
     Raises
     ------
     ValueError
         If there is none; the message lists the known names.
     """
-    if name not in PROTOCOLS:
-        raise ValueError(f"no protocol is named {name!r}; the protocols are {', '.join(PROTOCOLS)}")
-    return PROTOCOLS[name]
+    if name in PROTOCOLS:
+        return PROTOCOLS[name]
+    if name.startswith(LEAVE_OUT):
+        label = _label(name.removeprefix(LEAVE_OUT))
+        told = f"leave one {label} out; scaling and selection fitted inside each fold"
+        return Protocol(name, told, of_recordings(functools.partial(_leave_out, label)))
+    train, arrow, test = name.partition(TO)
+    if not arrow:
+        raise ValueError(
+            f"no protocol is named {name!r}; the protocols are {', '.join(PROTOCOLS)}, {LEAVE_OUT}LABEL, "
+            f"LABEL=VALUES{TO}LABEL=VALUES"
+        )
+    for chosen in (train, test):
+        _terms(chosen)
+    return Protocol(
+        name, f"trains on {train}, tests on {test}", functools.partial(_these_to_those, train, test)
+    )
 
 
 def repeated(
@@ -277,6 +300,72 @@ def _in_order(
     rank = table.groupby("material")["repetition"].rank(method="first").to_numpy(dtype=np.float64)
     half = table["material"].map(counts // 2).to_numpy(dtype=np.intp)
     return ((np.flatnonzero(rank <= (n_train or half)), np.flatnonzero(rank > half)),)
+
+
+def _label(name: str) -> str:
+    if name not in LABELS:
+        raise ValueError(f"no label of recordings is {name!r}; the rule is one of {', '.join(LABELS)}")
+    return name
+
+
+def _terms(chosen: str) -> list[tuple[str, list[str]]]:
+    """Return label and values of each term of "repetition=1-20,25 & session=a"."""
+    terms = [term.partition("=") for term in chosen.split("&")]
+    if wrong := next((label for label, equals, values in terms if not (equals and values.strip())), None):
+        raise ValueError(
+            f"recordings are chosen by {wrong.strip()!r}; the rule is LABEL=VALUE,VALUE or LABEL=1-20"
+        )
+    return [(_label(label.strip()), [v.strip() for v in values.split(",")]) for label, _, values in terms]
+
+
+def _chosen(table: pd.DataFrame, chosen: str) -> NDArray[np.bool_]:
+    """Return which rows are of the recordings that labels choose."""
+    mask = np.ones(len(table), dtype=bool)
+    for label, values in _terms(chosen):
+        present = table[label].astype("string").fillna("")
+        numbers = pd.to_numeric(present, errors="coerce")
+        one = np.zeros(len(table), dtype=bool)
+        for value in values:
+            span = RANGE.fullmatch(value)
+            if span and not (present == value).any():
+                found = numbers.between(int(span[1]), int(span[2]))
+            else:
+                found = present == value
+            if not found.any():
+                known = ", ".join(sorted(set(present) - {""}, key=lambda v: (len(v), v))[:8]) or "none"
+                raise ValueError(f"no recording has {label} {value!r}; there are {known}")
+            one |= found.to_numpy(dtype=bool)
+        mask &= one
+    return mask
+
+
+def _these_to_those(train: str, test: str, table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Split, ...]:
+    """Train on the recordings that some labels choose, test on those that others do."""
+    trains, tests = _chosen(table, train), _chosen(table, test)
+    if not trains.any() or not tests.any():
+        raise ValueError(
+            f"no recording is of {test if trains.any() else train}; the rule is some of each part"
+        )
+    if (both := trains & tests).any():
+        named = table["recording_id"][both].iloc[0]
+        raise ValueError(f"recording {named} is of {train} and of {test}; the rule is one of them")
+    split = np.flatnonzero(trains), np.flatnonzero(tests)
+    _require(table["material"].value_counts())
+    _require_known(table, *split, f"in {train}")
+    return (split,)
+
+
+def _leave_out(label: str, table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Split, ...]:
+    """Test on each group of a label in turn."""
+    if table[label].isna().any() or table[label].nunique() < 2:
+        found = f"{table[label].nunique()} {label}s, {table[label].isna().sum()} recordings without one"
+        raise ValueError(
+            f"the dataset names {found}; leaving one out needs at least 2, named for every recording"
+        )
+    split = tuple(LeaveOneGroupOut().split(table, groups=table[label]))
+    for train, test in split:
+        _require_known(table, train, test, f"without {label} {table[label].iloc[test[0]]}")
+    return split
 
 
 def _require(counts: "pd.Series[int]", least: int = 1, unit: str = "recording", protocol: str = "") -> None:

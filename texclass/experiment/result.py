@@ -1,6 +1,7 @@
 """What a study found: plain JSON values, the document they make, and how that names what it was done with."""
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,7 +58,8 @@ class Result:
     @property
     def stem(self) -> str:
         """What the names of its files begin with."""
-        return f"{self.data['dataset']['name']}-{self.data['pipeline']['name']}-{self.data['protocol']}"
+        named = re.sub(r"[^\w.+-]+", "-", self.data["protocol"].replace("->", "to"))
+        return f"{self.data['dataset']['name']}-{self.data['pipeline']['name']}-{named}"
 
     def document(self) -> "Document":
         """Return the result as a document."""
