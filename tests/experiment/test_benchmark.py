@@ -63,8 +63,10 @@ def test_a_result_is_told_in_a_line_and_a_table_written_and_drawn(result, tmp_pa
     written = result.save(tmp_path)
     assert {path.suffix for path in written} >= {".json", ".md", ".png"}
     assert json.loads(next(tmp_path.glob("*.json")).read_text()) == json.loads(result.to_json())
-    rows = [label.get_text() for label in result.plot("euclidean").axes[0].get_yticklabels()]
-    assert "Level" in " ".join(rows)
+    (axes,) = result.plot("naive_bayes").axes
+    assert "Level" in " ".join(label.get_text() for label in axes.get_yticklabels())
+    published = [line.get_xdata()[0] for line in axes.lines if line.get_marker() == "D"]
+    assert published == pytest.approx([90, 95, 20])
 
 
 def test_separable_levels_are_recognised_and_confused_with_nothing(result):

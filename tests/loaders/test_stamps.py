@@ -52,6 +52,10 @@ def test_a_long_gap_leaves_the_longest_stretch():
     signal, _, flags = _uniform(stamps[kept], np.arange(N)[kept])
     np.testing.assert_array_equal(signal, np.arange(180, N))
     assert flags[0].startswith("divided: 1 gaps of up to 0.3 s; only the longest stretch")
+    away = stamps + 10**10 * (np.arange(N) >= 150)  # nothing was sent for 10 s: no clock was set
+    signal, _, flags = _uniform(away, np.arange(N))
+    np.testing.assert_array_equal(signal, np.arange(150, N))
+    assert flags[0].startswith("divided: 1 gaps of up to 10 s; only the longest stretch")
 
 
 def test_duplicates_are_dropped_and_a_swapped_pair_is_put_in_order():
