@@ -166,7 +166,7 @@ def nearest_tests(mutant: Mutant, root: Path, n: int) -> list[str]:
     scores = []
     for path in sorted((root / "tests").rglob("test_*.py")):
         words = set(re.findall(r"\w+", path.read_text(encoding="utf-8")))
-        if re.search("dds|ros2|browser", path.stem):  # other processes, for seconds
+        if re.search("dds|ros2|browser", path.stem) and module.stem not in path.stem:  # seconds each
             continue
         near = mutant["room"] in path.parts
         score = 8 * (path.stem == f"test_{module.stem}") + 3 * len(words & set(mutant["function"].split(".")))

@@ -71,6 +71,25 @@ def test_regularity_as_printed_is_equation_7_and_grows_with_length_as_the_correc
     assert r.regularity(long) == pytest.approx(r.regularity(short), rel=0.1)
 
 
+def test_the_average_that_spikes_stand_above_is_as_long_as_said():
+    x = noise(30_000) + 6 * tone(1, 30_000)  # what half a second follows, and longer ones do not
+    x[1500::3000] += 800
+    slow = low(x - x.mean())
+    excess = np.maximum(slow - 2 * np.std(slow) - slow.mean() - sma(slow, 5000), 0).mean()
+    assert r.spikiness_as_printed(view(x - x.mean())) == pytest.approx(np.log10(excess), abs=0.01)
+    expected = np.log10(excess + 1e-3 * np.std(slow))
+    assert r.spikiness(view(x - x.mean())) == pytest.approx(expected, abs=0.01)
+
+
+def test_regularity_is_the_mean_over_frames_of_what_each_says_alone():
+    x = np.concatenate(
+        [tone(60, 5000), centred(5000), signal.square(0.1 * np.arange(5000)) + centred(5000, 1)]
+    )
+    alone = [r.regularity(view(x[start : start + 5000]), band_hz=FS) for start in range(0, 10_001, 2500)]
+    assert np.ptp(alone) > 0.5
+    assert r.regularity(view(x), band_hz=FS) == pytest.approx(np.mean(alone), rel=1e-3)
+
+
 def test_regularity_tells_a_grating_from_noise_at_any_pitch_and_is_one_for_a_sine():
     some = centred(30_000)
     for pitch_hz in (20.0, 80.0, 300.0):

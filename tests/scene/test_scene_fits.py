@@ -1,5 +1,7 @@
 """What a scene's models are fitted and judged by recovers what is known."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -14,7 +16,7 @@ from texclass.scene.fits import (
     split,
     unit_spectra,
 )
-from texclass.scene.observations import Judge, Observed, Points, at_rate, divide_by_speed
+from texclass.scene.observations import Judge, Observed, Points, _factor, at_rate, divide_by_speed
 from texclass.scene.proof import render_at
 from texclass.textures.grid import GridModel, mixed_power, shares
 from texclass.vibration.autoregressive import Autoregression
@@ -138,6 +140,14 @@ def test_lines_that_do_not_beat_by_the_threshold_of_the_lower_one_are_picked_tog
     for strong, weak, n in ((505, 480, 2), (505, 495, 1), (480, 505, 2), (600, 530, 1), (600, 515, 2)):
         values = 2.0 * (f == strong) + 1.0 * (f == weak)
         assert [f[i] for i in _picked(values, f, 5)] == [strong, weak][:n]
+
+
+def test_units_of_acceleration_are_changed_and_others_refused():
+    assert _factor("g", "m/s^2", "it") == pytest.approx(9.80665)
+    assert _factor("m", "m", "it") == 1
+    for unit, wanted in (("m", "m/s^2"), ("g", "m")):
+        with pytest.raises(ValueError, match=f"it: unit is {unit}, the device's {re.escape(wanted)}; the"):
+            _factor(unit, wanted, "it")
 
 
 def test_held_out_speeds_are_in_no_fit():

@@ -151,6 +151,7 @@ def test_silence_is_order_zero_with_gain_zero(method):
     assert_array_equal(model.reflection, np.zeros(10))
     assert model.gain == 0
     assert not model.clipped
+    assert not model.fallback
     assert np.all(np.isneginf(model.log_spectrum_db([0.1, 1.0])))
 
 
