@@ -5,8 +5,11 @@ pytest.importorskip("rosbags", reason="the extra `robot` is not installed")
 pytest.importorskip("mcap", reason="the extra `robot` is not installed")
 
 from bag_writer import ARRAY, IMU, KINDS, START_NS, Topic, regular, write_bag
+from rosbags import rosbag1, rosbag2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from texclass.loaders import find_recording, load_recording, open_dataset
+from texclass.loaders.ros_messages import type_of
 from texclass.recording import RecordingError
 
 FS = 200.0
@@ -247,3 +250,71 @@ def test_stamps_before_and_after_the_epoch_of_the_bag_are_fine(tmp_path, values)
     path = write_bag(tmp_path, "bag", {"/imu": Topic(IMU, values, regular(N, FS, 5 * 10**9), regular(N, FS))})
     assert START_NS > 5 * 10**9
     assert load_recording(path).fs == FS
+
+
+CUSTOM = """std_msgs/Header header
+geometry_msgs/Vector3 angular_velocity
+float64[9] angular_velocity_covariance
+geometry_msgs/Vector3 linear_acceleration
+string frame
+float32 roll
+================================================================================
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+"""
+FIELDS = tuple(f"linear_acceleration.{axis}" for axis in "xyz")
+
+
+def custom_bag(folder, kind, values, definition=CUSTOM):
+    ros1 = kind == "bag"
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    own = get_types_from_msg(definition, "tm200/msg/Imu")
+    store.register({name: told for name, told in own.items() if name not in store.fielddefs})
+    types = store.types
+    path = folder / ("own.bag" if ros1 else "own/own.mcap")
+    plugin = rosbag2.StoragePlugin.MCAP
+    writer = (
+        rosbag1.Writer(path) if ros1 else rosbag2.Writer(folder / "own", version=9, storage_plugin=plugin)
+    )
+    vector = types["geometry_msgs/msg/Vector3"]
+    with writer:
+        connection = writer.add_connection("/tm200", "tm200/msg/Imu", typestore=store)
+        for at, row in zip(regular(len(values), 100.0).tolist(), values.tolist(), strict=True):
+            time = types["builtin_interfaces/msg/Time"](at // 10**9, at % 10**9)
+            header = types["std_msgs/msg/Header"](*([7] if ros1 else []), time, "imu")
+            content = types["tm200/msg/Imu"](header, vector(1, 2, 3), np.zeros(9), vector(*row), "f", row[0])
+            serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
+            writer.write(connection, at + 1000, serialize(content, "tm200/msg/Imu"))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_messages_of_a_type_of_their_own_are_read_by_naming_their_fields(tmp_path, kind):
+    values = np.random.default_rng(0).standard_normal((60, 3))
+    path = custom_bag(tmp_path, kind, values)
+    found = load_recording(f"bag:{path}?topic=/tm200", column=FIELDS, unit="m/s^2")
+    assert (found.fs, found.channels) == (100.0, FIELDS)
+    np.testing.assert_array_equal(found.acceleration, values)
+    with pytest.raises(RecordingError, match=r"bag:own\..*\?topic=NAME, --column FIELD\.x"):
+        load_recording(path)
+    with pytest.raises(RecordingError, match="unit is missing"):
+        load_recording(f"bag:{path}?topic=/tm200", column=FIELDS)
+    with pytest.raises(RecordingError, match=r"linear_acceleration\.x"):
+        load_recording(f"bag:{path}?topic=/tm200", column=("pitch",), unit="m/s^2")
+
+
+@pytest.mark.parametrize(
+    "definition",
+    [
+        "",
+        "float64 x",
+        "Header header\nWhat x",
+        "Header header\nImu again\nfloat64 x",
+        "\x00" * 99,
+        "#" * 99_999,
+    ],
+)
+def test_a_definition_that_says_nothing_makes_no_type(definition):
+    assert type_of("own/msg/Imu", definition, True) is None

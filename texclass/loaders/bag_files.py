@@ -38,11 +38,17 @@ _ZSTD = b"\x28\xb5\x2f\xfd"
 
 
 class Connection(NamedTuple):
-    """A topic and what is sent there ("package/msg/Type"), and whether in the layout of ROS 1."""
+    """A topic, what is sent there ("package/msg/Type"), whether in the layout of ROS 1, its definition."""
 
     topic: str
     type_name: str
     ros1: bool
+    definition: str = ""
+
+    @property
+    def of_type(self) -> tuple[str, str, bool]:
+        """Name, definition and layout of what is sent."""
+        return self.type_name, self.definition, self.ros1
 
 
 BagMessage = tuple[Connection, int, bytes]
@@ -123,7 +129,7 @@ def bag_messages(path: Path, chosen: Connection) -> Iterator[tuple[int, bytes]]:
         with _storage(part) as (file, suffix):
             budget = Expansion(file.stat().st_size)
             for connection, received, raw in _MESSAGES[suffix](file, chosen.topic, budget):
-                if connection != chosen:
+                if connection[:3] != chosen[:3]:
                     sent = f"{chosen.topic} carries {connection.type_name} and {chosen.type_name}"
                     raise refused(path, sent, "one type a topic")
                 yield received, raw
@@ -235,8 +241,9 @@ def _bag1_start(file: BinaryIO) -> tuple[int, int]:
 
 def _bag1_connection(header: Header, file: BinaryIO) -> tuple[int, Connection]:
     told = Header.read(file)
-    name = told.get_string("type")
-    return header.get_uint32("conn"), Connection(header.get_string("topic"), _with_msg(name), ros1=True)
+    name, definition = told.get_string("type"), told.get_string("message_definition")
+    connection = Connection(header.get_string("topic"), _with_msg(name), True, definition)
+    return header.get_uint32("conn"), connection
 
 
 def _mcap_messages(path: Path, topic: str | None, budget: Expansion) -> Iterator[BagMessage]:
@@ -273,8 +280,11 @@ def _mcap_chunk(chunk: Chunk, budget: Expansion) -> Iterator[Schema | Channel | 
 
 def _mcap_connection(channel: Channel, schemas: dict[int, Schema]) -> Connection:
     ros1 = channel.message_encoding == "ros1"
-    name = schemas[channel.schema_id].name if channel.schema_id in schemas else ""
-    return Connection(channel.topic, _with_msg(name), ros1)
+    if (schema := schemas.get(channel.schema_id)) is None:
+        return Connection(channel.topic, "", ros1)
+    is_message = schema.encoding in ("ros1msg", "ros2msg")
+    definition = schema.data.decode("utf-8", "replace") if is_message else ""
+    return Connection(channel.topic, _with_msg(schema.name), ros1, definition)
 
 
 def _with_msg(name: str) -> str:

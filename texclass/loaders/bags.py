@@ -20,6 +20,7 @@ from texclass.loaders.ros_messages import (
     Stamps,
     decode_multi_array,
     decode_stamped,
+    type_of,
 )
 from texclass.loaders.stamps import at_uniform_rate, place
 from texclass.recording import STANDARD_GRAVITY, RecordingError, Samples
@@ -40,8 +41,8 @@ def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
     """
     topics = bag_topics(path)
     chosen = choose_topic(topics, options.topic, path)
-    if chosen.type_name in TYPES:
-        own = tuple(TYPES[chosen.type_name].columns)
+    if (type_ := type_of(*chosen.of_type)) is not None:
+        own = tuple(type_.columns)
     else:
         _, first = next(bag_messages(path, chosen), (0, None))
         if first is None:
@@ -73,8 +74,8 @@ def stated_unit(path: Path, options: ReadOptions) -> str | None:
     RecordingError
         As `names`.
     """
-    chosen = choose_topic(bag_topics(path), options.topic, path)
-    return TYPES[chosen.type_name].unit if chosen.type_name in TYPES else None
+    type_ = type_of(*choose_topic(bag_topics(path), options.topic, path).of_type)
+    return type_.unit if type_ is not None else None
 
 
 def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
@@ -129,8 +130,9 @@ def choose_topic(topics: Mapping[str, Connection], wanted: str | None, path: Pat
         found = topics.get(wanted) or topics.get(f"/{wanted}")
         if found is None:
             raise RecordingError(f"{path}: topic {wanted!r} is not there; its topics are {listed([*topics])}")
-        if found.type_name not in READABLE:
-            raise refused(path, f"topic {wanted!r} carries {found.type_name!r}", ", ".join(READABLE))
+        if found.type_name not in READABLE and type_of(*found.of_type) is None:
+            rule = f"{', '.join(READABLE)}, or a type with a header and numbers that the bag defines"
+            raise refused(path, f"topic {wanted!r} carries {found.type_name!r}", rule)
         return found
     for kinds in (tuple(name for name, type_ in TYPES.items() if type_.acceleration), (MULTI_ARRAY,)):
         fitting = [connection for connection in topics.values() if connection.type_name in kinds]
@@ -141,9 +143,11 @@ def choose_topic(topics: Mapping[str, Connection], wanted: str | None, path: Pat
                 f"{path}: topics {listed([c.topic for c in fitting])} can be the acceleration; the rule is "
                 f"to say which (bag:{path.name}?topic=NAME, `topic` in a card)"
             )
+    there = listed([f"{c.topic} ({c.type_name})" for c in topics.values()])
+    known = ", ".join(name for name in READABLE if name == MULTI_ARRAY or TYPES[name].unit)
     raise RecordingError(
-        f"{path}: its topics are {listed([f'{c.topic} ({c.type_name})' for c in topics.values()])}; the rule "
-        f"is one with an acceleration ({', '.join(n for n in READABLE if n == MULTI_ARRAY or TYPES[n].unit)})"
+        f"{path}: its topics are {there}; the rule is one with an acceleration ({known}), or to name another "
+        f"and its fields (bag:{path.name}?topic=NAME, --column FIELD.x,FIELD.y,FIELD.z, --unit)"
     )
 
 
@@ -156,7 +160,7 @@ def _messages(
 ) -> tuple[Stamps | None, Stamps, Samples]:
     """Return stamps (None without headers), times of receipt and samples (n, k, columns) as wanted."""
     where = f"{path}?topic={chosen.topic}"
-    type_ = TYPES.get(chosen.type_name)
+    type_ = type_of(*chosen.of_type)
     if type_ is not None:
         require(wanted, tuple(type_.columns), path)
     received: list[int] = []
@@ -193,7 +197,7 @@ def _messages(
 def _other(path: Path, topics: Mapping[str, Connection], name: str, t: Samples) -> Samples:
     """Return a column of another topic at given instants; beyond its ends it keeps its last value."""
     topic, _, column = name.rpartition("/")
-    if topic not in topics or column not in getattr(TYPES.get(topics[topic].type_name), "columns", ()):
+    if topic not in topics or column not in getattr(type_of(*topics[topic].of_type), "columns", ()):
         raise refused(path, f"column {name!r} is not there", "/topic/column of a bag")
     stamps, _, samples = _messages(path, topics[topic], (column,))
     if stamps is None or not stamps.any():

@@ -17,6 +17,8 @@ from texclass.recording import RecordingError, Samples
 Stamps = NDArray[np.int64]
 
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
+MOST_DEFINITION = 1 << 16
+"""Characters of the definition of a type."""
 MOST_CHANNELS = 1024
 """Channels of a `Float64MultiArray`; more is taken for a damaged message."""
 TURN_RATE = ("wx", "wy", "wz")
@@ -45,6 +47,8 @@ class MessageType:
         Column -> factor to the unit `Recording` keeps it in, where that is not 1.
     disclaimers
         Column -> covariance whose first number is -1 where the sender lacks the column.
+    definition
+        As a bag tells it, of a type that is not known here.
     """
 
     name: str
@@ -53,6 +57,7 @@ class MessageType:
     unit: str | None = None
     factors: dict[str, float] = field(default_factory=dict)
     disclaimers: dict[str, str] = field(default_factory=dict)
+    definition: str = ""
 
 
 def _axes(vector: str, *names: str) -> dict[str, tuple[str, ...]]:
@@ -91,6 +96,53 @@ TYPES = {
 READABLE = (*TYPES, MULTI_ARRAY)
 
 
+@functools.cache
+def type_of(name: str, definition: str, ros1: bool) -> MessageType | None:
+    """Return what messages of a type hold: of one not known here, every number by its place ("angle.roll").
+
+    Parameters
+    ----------
+    name : str
+        "package/msg/Type".
+    definition : str
+        As a bag tells it; "" if it does not.
+    ros1 : bool
+        Packed as by ROS 1, not in CDR.
+
+    Returns
+    -------
+    type_ : MessageType or None
+        None without a definition that can be read, with a header and numbers.
+    """
+    if name in TYPES or not 0 < len(definition) <= MOST_DEFINITION:
+        return TYPES.get(name)
+    try:
+        store = _store(ros1, name, definition)
+        columns = {place: (place,) for place in _numbers(store, name)}
+        has_header = dict(store.get_msgdef(name).fields)["header"][1] == "std_msgs/msg/Header"
+    except Exception:  # of a damaged definition the library raises almost anything
+        return None
+    return MessageType(name, columns, definition=definition) if has_header and columns else None
+
+
+def _numbers(store: Any, name: str) -> tuple[str, ...]:
+    """Return the places of the numbers of a message, those of its header and of arrays left out."""
+
+    @functools.cache
+    def places_of(type_name: str) -> tuple[str, ...]:
+        places: list[str] = []
+        for own, (kind, described) in store.get_msgdef(type_name).fields:
+            if kind.name == "NAME" and described != "std_msgs/msg/Header":
+                places += [f"{own}.{place}" for place in places_of(described)]
+            elif kind.name == "BASE" and described[0].startswith(("float", "int", "uint")):
+                places.append(own)
+            if len(places) > MOST_CHANNELS:
+                raise ValueError(f"{type_name} has more than {MOST_CHANNELS} numbers")
+        return tuple(places)
+
+    return places_of(name)
+
+
 def decode_stamped(
     type_: MessageType, raws: Sequence[bytes], columns: Sequence[str], *, ros1: bool
 ) -> tuple[Stamps, Samples]:
@@ -125,7 +177,7 @@ def decode_stamped(
         If the messages say that a column is not measured.
     """
     places = list(dict.fromkeys(place for column in columns for place in type_.columns[column]))
-    messages = [_decoded(raw, type_.name, ros1) for raw in raws]
+    messages = [_decoded(raw, type_.name, ros1, type_.definition) for raw in raws]
     stamp = attrgetter("header.stamp.sec", "header.stamp.nanosec")
     stamps = np.array([stamp(message) for message in messages], np.int64) @ (1_000_000_000, 1)
     numbers = {place: np.array([*map(attrgetter(place), messages)], np.float64) for place in places}
@@ -174,9 +226,9 @@ def decode_multi_array(raw: bytes, *, ros1: bool) -> Samples:
     return np.asarray(data, np.float64).reshape(shape)
 
 
-def _decoded(raw: bytes, type_name: str, ros1: bool) -> Any:
+def _decoded(raw: bytes, type_name: str, ros1: bool, definition: str = "") -> Any:
     try:
-        store = _store(ros1)
+        store = _store(ros1, type_name, definition) if definition else _store(ros1)
         decode = store.deserialize_ros1 if ros1 else store.deserialize_cdr
         return decode(raw, type_name)
     except Exception as error:  # damaged bytes make the library raise almost anything
@@ -187,7 +239,11 @@ def _decoded(raw: bytes, type_name: str, ros1: bool) -> Any:
 
 
 @functools.cache
-def _store(ros1: bool) -> Any:
-    from rosbags.typesys import Stores, get_typestore  # of the extra `robot`
+def _store(ros1: bool, name: str = "", definition: str = "") -> Any:
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # of the extra `robot`
 
-    return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    if definition:
+        told = get_types_from_msg(definition, name)
+        store.register({key: value for key, value in told.items() if key not in store.fielddefs})
+    return store
