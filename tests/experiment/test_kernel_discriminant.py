@@ -44,9 +44,11 @@ def test_coefficients_solve_kernel_ridge_regression() -> None:
 
 def test_whitened_view_has_identity_within_classes_when_hardly_shrunk() -> None:
     X, y = drifting(200, 3)
-    seen = view_of(X, y, 1e-6, relevance=0.0)(X)
-    within = sum(np.cov(seen[y == c].T, bias=True) for c in range(6)) / 6
-    np.testing.assert_allclose(within / np.trace(within) * 30, np.eye(30), atol=5e-3)
+    for apart in (0.0, 1e4):  # also where all variation within classes is small beside their distance
+        moved = X + apart * np.random.default_rng(4).standard_normal((6, 30))[y]
+        seen = view_of(moved, y, 1e-6, relevance=0.0)(moved)
+        within = sum(np.cov(seen[y == c].T, bias=True) for c in range(6)) / 6
+        np.testing.assert_allclose(within / np.trace(within) * 30, np.eye(30), atol=5e-3)
 
 
 def test_common_variation_costs_little_with_few_recordings() -> None:

@@ -53,6 +53,12 @@ def exploration(seed=0, **changes):
 RECORDINGS = [exploration(seed) for seed in range(6)]
 
 
+def test_one_array_is_a_signal_from_64_samples_on_and_a_row_of_numbers_below():
+    assert FeatureExtractor(FEW, fs=FS, unit="g").fit_transform(noise(64)).shape[0] == 1
+    with pytest.raises(ValueError, match="Expected 2D array"):
+        FeatureExtractor(FEW, fs=FS, unit="g").fit_transform(noise(63))
+
+
 # Named by the check alone: the estimator's representation holds addresses, which differ between processes.
 @pytest.mark.parametrize(
     ("estimator", "check"),

@@ -153,6 +153,7 @@ def test_a_tone_stands_out_of_its_band_alone():
 def test_what_does_not_bend_or_is_too_short_is_refused_with_the_rule():
     for feature, x, reason in (
         (curvature_shape, np.linspace(-1, 1, 2000), "over 1 samples is .* of the largest sample"),
+        (curvature_shape, NOISE[:127], "127 samples; the rule is at least 128"),
         (curvature_level, NOISE[:127], "127 samples; the rule is at least 128"),
         (slope_agreement, NOISE[:255], "255 samples; the rule is at least 256"),
         (slopes.curvature_agreement, NOISE[:319], "319 samples; the rule is at least 320"),
