@@ -1,5 +1,6 @@
 """Cost: parts counted once, shares that add up, and selection that knows what is free."""
 
+from datetime import date
 from itertools import permutations
 
 import numpy as np
@@ -111,3 +112,22 @@ def test_predicts_the_cost_of_what_is_left_out_and_changes_no_value(ticks, toy_d
 def test_classifiers_cost_time_to_fit_and_to_predict():
     X = np.random.default_rng(0).normal(size=(40, 3))
     assert all(ms > 0 for ms in classifier_cost(GaussianNB(), X, np.arange(40) % 4).values())
+
+
+def test_costs_that_decide_are_measured_once(ticks, toy_dataset, monkeypatch, tmp_path):
+    monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path))
+    dataset = toy_dataset()
+    meter = CostMeter.on(dataset, [dataset.entries[0].recording_id], "combine")
+    first = meter.kept(ticks)
+    monkeypatch.setattr(CostMeter, "model", None)  # not asked again
+    again = meter.kept(ticks)
+    assert again.machine == first.machine
+    assert again.machine.endswith(str(date.today()))
+    assert (again.columns, again.features, again.parts) == (first.columns, first.features, first.parts)
+    np.testing.assert_array_equal(again.ms, first.ms)
+    np.testing.assert_array_equal(again.needs, first.needs)
+    monkeypatch.undo()
+    (kept,) = (tmp_path / "costs").iterdir()
+    kept.write_bytes(kept.read_bytes()[:-9])  # damaged: measured anew
+    monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path))
+    assert meter.kept(ticks).columns == first.columns

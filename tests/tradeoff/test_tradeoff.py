@@ -1,11 +1,13 @@
 """The trade-off study: nested, within limits, and the pipeline it saves is the one it describes."""
 
 import json
+from itertools import count
 
 import numpy as np
 import pytest
 from sklearn.model_selection import StratifiedGroupKFold
 
+from texclass.experiment import cost
 from texclass.experiment.cost import CostModel
 from texclass.experiment.windows import touches
 from texclass.features import load_feature_set
@@ -132,3 +134,18 @@ def test_intervals_hold_the_mean_and_do_not_collapse():
     assert estimate([1.0, 1.0, 1.0], splits)["low"] < 0.95
     some = estimate([0.8, 0.9, 0.7], splits)
     assert some["low"] < some["mean"] < some["high"]
+
+
+def test_what_is_bought_does_not_depend_on_how_busy_the_machine_is_when_it_is_done_again(
+    noises, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path / "cache"))
+    first = study(noises, Limits(max_ms=1e6), model_file=tmp_path / "first.skops")
+    ticks = count(1)
+    monkeypatch.setattr(cost, "clock", lambda: 1e3 * next(ticks) ** 2)  # ever slower
+    again = study(noises, Limits(max_ms=1e6), model_file=tmp_path / "again.skops")
+    for key in ("front", "knee", "costs", "total_ms", "costs_of"):
+        assert again[key] == first[key]
+    assert first["costs_of"] in first["chosen"]["why"]
+    assert again["chosen"]["measured_ms"] != first["chosen"]["measured_ms"]
+    assert (tmp_path / "again.skops").read_bytes() == (tmp_path / "first.skops").read_bytes()

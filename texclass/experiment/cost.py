@@ -1,11 +1,16 @@
 """What features and classifiers cost: measured milliseconds per recording, shared transforms counted once."""
 
+import hashlib
+import json
+import platform
 import time
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from datetime import date
 from functools import cached_property, partial
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,9 +22,11 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.extractor import Plan
 from texclass.features.phase_view import Channels, Views, channels_apart, views_of
-from texclass.features.sets import FeatureSet, Member
+from texclass.features.sets import FeatureSet, Member, code_hash
 from texclass.loaders.dataset import Dataset
+from texclass.loaders.places import cache_root, write_atomically
 from texclass.phases import segment
+from texclass.provenance import versions
 from texclass.recording import Recording, Samples
 
 R = TypeVar("R")
@@ -55,6 +62,8 @@ class CostModel:
         Which column needs which part.
     segmentation_ms : float
         Finding the phases: the same whatever is chosen, so not part of any cost.
+    machine : str
+        On which machine, and when, the milliseconds were measured.
     """
 
     columns: tuple[str, ...]
@@ -63,6 +72,7 @@ class CostModel:
     ms: Samples
     needs: NDArray[np.bool_]
     segmentation_ms: float = 0.0
+    machine: str = ""
 
     def cost(self, columns: Sequence[str]) -> float:
         """Return the milliseconds that these columns cost together, 0.0 for none.
@@ -132,11 +142,14 @@ class CostMeter:
         Channels kept apart; see `FeatureExtractor`.
     segmentation_ms
         Mean time of finding the phases.
+    input_hash
+        Of the dataset that they are of.
     """
 
     recordings: tuple[Recording, ...]
     channels: tuple[str, ...] = ()
     segmentation_ms: float = 0.0
+    input_hash: str = ""
 
     @classmethod
     def on(cls, dataset: Dataset, usable: Sequence[str], channels: Channels, n: int = 3) -> "CostMeter":
@@ -146,7 +159,7 @@ class CostMeter:
         timed = [_timed(partial(segment, r)) for r in (loaded[0], *loaded)][1:]  # the first is warm-up
         recordings = tuple(r.with_(phases=phases) for r, (phases, _) in zip(loaded, timed, strict=True))
         apart = channels_apart(recordings[0], channels)
-        return cls(recordings, apart, float(np.mean([ms for _, ms in timed])))
+        return cls(recordings, apart, float(np.mean([ms for _, ms in timed])), dataset.input_hash)
 
     def milliseconds(self, feature_set: FeatureSet) -> float:
         """Return what a set takes; segmentation is not included, being the same for all; axes are."""
@@ -162,6 +175,27 @@ class CostMeter:
             for i, k, j in np.ndindex(runs.shape):
                 runs[i, k, j] = _timed(partial(plans[j].compute, self.recordings[i]))[1]
         return tuple(map(float, np.quantile(runs, QUARTILE, axis=1).mean(axis=0)))
+
+    def kept(self, feature_set: FeatureSet) -> CostModel:
+        """Return what `model` measured when it was first asked for here: what is decided by costs stays so.
+
+        The table is kept in the cache folder, for a machine, a dataset, features, their code and the versions
+        of libraries; who wants it measured anew removes `costs` there.
+        """
+        names = [member.name for member in feature_set.members]
+        known = (platform.node(), self.input_hash, [r.recording_id for r in self.recordings], names)
+        made_by = (self.channels, code_hash(feature_set), versions("numpy", "scipy", "PyWavelets", "librosa"))
+        key = hashlib.sha256(repr((known, made_by)).encode()).hexdigest()[:16]
+        path = cache_root() / "costs" / f"{feature_set.name}-{key}.json"
+        with suppress(OSError, ValueError, TypeError):
+            facts: dict[str, Any] = json.loads(path.read_bytes())
+            facts |= {name: tuple(facts[name]) for name in ("columns", "features", "parts")}
+            facts |= {"ms": np.array(facts["ms"], float), "needs": np.array(facts["needs"], bool)}
+            return CostModel(**facts)
+        model = replace(self.model(feature_set), machine=f"{_processor()}, {date.today()}")
+        facts = vars(model) | {"ms": model.ms.tolist(), "needs": model.needs.astype(int).tolist()}
+        write_atomically(path, json.dumps(facts).encode())
+        return model
 
     def model(self, feature_set: FeatureSet, n_repeats: int = 5) -> CostModel:
         """Measure every part of a set, each feature by itself on fresh views.
@@ -237,6 +271,13 @@ def classifier_cost(classifier: Any, X: Samples, y: NDArray[Any], n_repeats: int
         rows = X[np.linspace(0, len(X) - 1, 4 * n_repeats).astype(int)]
         predictions = [_timed(partial(fitted.predict, row[None]))[1] for row in rows]
     return {"fit_ms": float(np.median([ms for _, ms in fits])), "predict_ms": float(np.median(predictions))}
+
+
+def _processor() -> str:
+    with suppress(OSError, StopIteration):
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return platform.processor() or platform.machine()
 
 
 def _timed(call: Callable[[], R]) -> tuple[R, float]:

@@ -186,7 +186,8 @@ def view_of(X: Samples, labels: Labels, shrinkage: float, relevance: float) -> V
         residual = _residual(Z, labels)
         S = residual.T @ residual / len(Z)
         level = np.trace(S) / len(S) or 1.0
-        values, vectors = linalg.eigh((1 - shrinkage) * S + shrinkage * level * np.eye(len(S)))
+        # Few samples leave many equal values: LAPACK's default driver can fail on those.
+        values, vectors = linalg.eigh((1 - shrinkage) * S + shrinkage * level * np.eye(len(S)), driver="evd")
         root = vectors / np.sqrt(np.maximum(values, 1e-12 * level)) @ vectors.T
         weights = root * _weights(Z @ root, labels, relevance)
         seen = Z @ weights

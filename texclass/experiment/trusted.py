@@ -1,6 +1,7 @@
 """Skops archives that a stranger may have written: known classes by name, bounded memory, never a pickle."""
 
 import io
+import json
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -32,6 +33,33 @@ SCHEMA, ARRAY = "schema.json", re.compile(r"\d+\.npy")
 
 class UntrustedFileError(ValueError):
     """A file is not what we write: it is refused before any object is made of it."""
+
+
+def archive_of(document: Any) -> bytes:
+    """Return a skops archive: the same bytes for the same content.
+
+    skops names objects by their addresses; here they are numbered as they come, and members bear no date.
+    """
+    import skops.io
+
+    with ZipFile(io.BytesIO(skops.io.dumps(document))) as archive:
+        members = {member.filename: archive.read(member) for member in archive.infolist()}
+    number: dict[str, int] = {}
+
+    def numbered(node: dict[str, Any]) -> dict[str, Any]:
+        if "__id__" in node:
+            node["__id__"] = number.setdefault(str(node["__id__"]), len(number) + 1)
+        if (array := node.get("file")) in members:
+            node["file"] = f"{number.setdefault(Path(array).stem, len(number) + 1)}.npy"
+        return node
+
+    schema = json.dumps(json.loads(members.pop(SCHEMA), object_hook=numbered), indent=2)
+    arrays = {f"{number[Path(name).stem]}.npy": content for name, content in members.items()}
+    buffer = io.BytesIO()
+    with ZipFile(buffer, "w") as archive:
+        for name, content in {**arrays, SCHEMA: schema.encode()}.items():
+            archive.writestr(ZipInfo(name), content)
+    return buffer.getvalue()
 
 
 def load_trusted(data: bytes, *, beside: frozenset[str] = frozenset()) -> Any:

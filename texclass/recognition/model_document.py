@@ -14,6 +14,11 @@ def model_document(model: Model) -> Document:
     accuracy, calibration, unknown, on = m.accuracy, m.calibration, m.unknown, m.trained_on
     windows = f", {on['n_windows']} touches of {m.touch_s:g} s" if m.touch_s is not None else ""
     best_of = f", best of {accuracy['n_candidates']}" if accuracy["n_candidates"] > 1 else ""
+    if few := m.pipeline.get("few"):
+        best_of += f"; {few}: too few to choose by, margins are wider"
+    best_of += f"; within {m.pipeline['budget']}" if "budget" in m.pipeline else ""
+    untold = accuracy.get("untold", ())
+    only = "; later ones: cannot be told" if untold and untold[0].startswith("later") else ""
     felt = f", movements of about {m.shortest_s:.2g} s and more" if m.shortest_s is not None else ""
     if m.touch_s is not None:
         felt = f", touches of {m.touch_s:g} s"
@@ -26,13 +31,15 @@ def model_document(model: Model) -> Document:
         "Pipeline": f"{m.pipeline['name']}: {m.pipeline['row']} with {m.pipeline['classifier']}{best_of}",
         "Features": f"{len(model.columns)} columns of {', '.join(m.features)}",
         "Recordings": f"{', '.join(m.phases)}; {m.fs:g} Hz, {m.unit}{felt}",
-        "Accuracy": f"{mean} % ({low} to {high}) of {accuracy['n_tested']} {accuracy['how']}",
+        "Accuracy": f"{mean} % ({low} to {high}) of {accuracy['n_tested']} {accuracy['how']}{only}",
         "Held out": f"protocol {accuracy['protocol']}, {n_folds} ({accuracy['why']}){drift}",
+        "Cannot be told": "; ".join(untold) or "nothing of what the recordings name",
         "Probabilities": f"{calibration['method']} scaling, beta {calibration['beta']:.3g}; expected "
         f"calibration error {calibration['expected_error']:.3f} on {calibration['n']} held out",
         "Unknown surfaces": f"by {unknown['score']}, {100 * unknown['false_alarms']:g} % false alarms, "
         f"threshold {unknown['threshold']:.4g} from {unknown['n']} held out",
-        "Cost": f"{m.cost['features_ms']:.2f} ms features, {m.cost['classifier_ms']:.2f} ms classifier",
+        "Cost": f"{m.cost['features_ms']:.2f} ms features, {m.cost['classifier_ms']:.2f} ms classifier, "
+        "on the machine that trained it",
         "Versions": ", ".join(f"{name} {version}" for name, version in m.versions.items()),
         "Format": ".".join(map(str, m.format_version)),
     }

@@ -6,13 +6,20 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
-from zipfile import ZipFile
+from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 from pydantic import Field
 
 from texclass.experiment.feature_table import write_whole
-from texclass.experiment.trusted import check_archive, foreign_in, load_trusted, members_of, read_bounded
+from texclass.experiment.trusted import (
+    archive_of,
+    check_archive,
+    foreign_in,
+    load_trusted,
+    members_of,
+    read_bounded,
+)
 from texclass.features.extractor import Plan
 from texclass.features.phase_view import TURN
 from texclass.recognition.sources.training_input import TrainingFiles
@@ -47,7 +54,8 @@ class Manifest(Written):
     materials
         Surfaces it knows, sorted.
     pipeline
-        name, row, classifier and hash of what was trained.
+        name, row, classifier and hash of what was trained; few, where recordings were too few to choose by;
+        the budget in ms, and whose ms they are.
     features
         Features it computes.
     phases
@@ -61,12 +69,14 @@ class Manifest(Written):
     trained_on
         name, hash and number of recordings (and windows) of the dataset.
     accuracy
-        mean, low, high (95 %), n_tested, protocol, why it, how: of held-out recordings, the choice included.
+        mean, low, high (95 %), n_tested, protocol, why it, how: of held-out recordings, the choice included;
+        untold: what of the recordings to come they cannot tell.
     calibration
         method, beta, lapse, expected calibration error on held-out recordings, n_bins; of touches also
         correlation (of those of one recording) and n_contacts (recordings).
     unknown
-        score, false_alarms, threshold, n of held-out recordings, stretch (of distances, by drift).
+        score, false_alarms, level (p-value of the threshold), threshold, n of held-out recordings,
+        stretch (of distances, by drift).
     cost
         features_ms and classifier_ms per recording, on the machine that trained it.
     touch_s
@@ -131,31 +141,27 @@ def read_manifest(text: bytes | str) -> Manifest:
 
 
 def write_model_file(path: str | Path, document: Mapping[str, Any], manifest: Manifest) -> None:
-    """Write a model file: complete, or not at all.
+    """Write a model file: complete, or not at all; the same bytes for the same model.
 
     Raises
     ------
     ValueError
         If it would hold a class that nobody could load again.
     """
-    import skops.io
-
-    data = skops.io.dumps(dict(document))
+    data = archive_of(dict(document))
     if foreign := foreign_in(data):
         raise ValueError(f"{path}: {foreign[0]} cannot be saved; the rule is classes that load safely")
     stated = json.loads(manifest.to_json())
     stated["digest"] = digest_of(stated, members_of(data))
     buffer = io.BytesIO(data)
     with ZipFile(buffer, "a") as archive:
-        archive.writestr(MANIFEST, json.dumps(stated, sort_keys=True, indent=1))
+        archive.writestr(ZipInfo(MANIFEST), json.dumps(stated, sort_keys=True, indent=1))
     write_whole(Path(path), buffer.getvalue())
 
 
 def unsafe_classes(document: Mapping[str, Any]) -> list[str]:
     """Return the classes in a document that nobody could load again, sorted."""
-    import skops.io
-
-    return foreign_in(skops.io.dumps(dict(document)))
+    return foreign_in(archive_of(dict(document)))
 
 
 def read_manifest_of(path: str | Path) -> Manifest:

@@ -10,19 +10,27 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import cached_table, metadata
 from texclass.experiment.folds import without_remarks
 from texclass.experiment.pipeline import PipelineDefinition, load_pipeline
-from texclass.experiment.protocols import Protocol, find_protocol, splits_of
+from texclass.experiment.protocols import Protocol, fewest, find_protocol, splits_of
 from texclass.experiment.windows import parents, touches
 from texclass.experiment.workers import Progress, each
 from texclass.features.extractor import Plan
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import versions
-from texclass.recognition.candidates import Candidate, HeldOut, accuracy_of_choice, candidates_of, hold_out
+from texclass.recognition.candidates import (
+    Candidate,
+    HeldOut,
+    accuracy_of_choice,
+    candidates_of,
+    hold_out,
+    without_choice,
+)
 from texclass.recognition.live.evidence import fit_correlation
 from texclass.recognition.model import Model, Ranges
 from texclass.recognition.model_files import Manifest, unsafe_classes
@@ -30,6 +38,7 @@ from texclass.recognition.probabilities import expected_calibration_error, fit_c
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recognition.unknown import (
     Novelty,
+    cautious,
     check_false_alarms,
     fit_nearness,
     kind_for,
@@ -41,6 +50,8 @@ from texclass.tradeoff.recogniser import Recogniser
 FALSE_ALARMS = 0.05
 ENOUGH_REPETITIONS = 20
 """Of each material: half of them, ten, still train, as where the drift of `biotac20` was measured."""
+FEW = 10
+"""Recordings (or runs) of each material below which nothing is chosen, and margins are wider."""
 AT_RANDOM, IN_TIME = "recording", "blocks"
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa")
 
@@ -64,6 +75,8 @@ def train(
 ) -> Model:
     """Choose a row and a classifier by cross-validation, train them on everything, calibrate.
 
+    The same recordings, options and versions give the same model file, byte for byte but for the costs that
+    its manifest reports. Below ten recordings (or runs) of a material nothing is chosen (`without_choice`).
     Held-out decisions of the choice also give its probabilities, the threshold for unknown surfaces, and the
     accuracy the manifest states, from which the luck of being chosen is taken out.
 
@@ -77,7 +90,8 @@ def train(
     row, classifier : str, optional
         Of the pipeline; the best by cross-validation by default.
     max_ms : float, optional
-        Milliseconds that the features of a recording may take.
+        Milliseconds that the features of a recording may take on this machine, as measured when such a
+        limit was first asked for here; see `CostMeter.kept`.
     max_features : int, optional
         Columns that may reach the classifier.
     touch_s : float, optional
@@ -132,6 +146,10 @@ def train(
     )
     frame = table.frame
     splits = splits_of(held_out_by, frame, defined.seed)
+    few_of = {}
+    if (n := fewest(held_out_by, frame)) < FEW:
+        few_of = {"few": f"{n} {held_out_by.unit}s of a surface"}
+        candidates = without_choice(candidates)
     calls = [partial(hold_out, candidate, frame, splits) for candidate in candidates]
     jobs = n_jobs if len(calls) > 1 else 1
     said = each(calls, n_jobs=jobs, progress=progress, what="candidates", total=len(calls))
@@ -146,10 +164,12 @@ def train(
     kind, near = kind_for(recogniser[-1]), None
     if kind == "distance":
         prepared = X
-        for _, step in recogniser.steps[1:-1]:
-            prepared = step.transform(prepared)
-        near = fit_nearness(prepared, np.unique(frame["material"], return_inverse=True)[1])
-    novelty = Novelty(kind, np.sort(far), false_alarms, near)
+        with threadpool_limits(1):
+            for _, step in recogniser.steps[1:-1]:
+                prepared = step.transform(prepared)
+            near = fit_nearness(prepared, np.unique(frame["material"], return_inverse=True)[1])
+    level = cautious(false_alarms, len(far)) if few_of else false_alarms
+    novelty = Novelty(kind, np.sort(far), level, near)
     calibration = fit_calibration(held_out.decisions, held_out.labels)
     p = calibration(held_out.decisions)
     tested = "touches" if "parent" in frame else "recordings"
@@ -163,6 +183,8 @@ def train(
             "feature_set": defined.features.name,
             "row": candidate.row,
             "classifier": candidate.classifier_name,
+            **few_of,
+            **({"budget": f"{max_ms:g} ms on {meter.kept(defined.features).machine}"} if max_ms else {}),
         },
         trained_on={
             "name": felt.name,
@@ -178,6 +200,7 @@ def train(
             "n_folds": len(splits),
             "how": f"held-out {tested}"
             + ", the choice among candidates included" * (expected["n_candidates"] > 1),
+            "untold": untold(held_out_by, frame),
         },
         calibration={
             "method": "temperature",
@@ -189,6 +212,7 @@ def train(
         unknown={
             "score": kind,
             "false_alarms": false_alarms,
+            "level": level,
             "threshold": novelty.threshold,
             "n": len(far),
             "stretch": stretch,
@@ -209,10 +233,10 @@ def _best(
     """Return the best candidate that can be saved, trained on everything, and its expected accuracy."""
     left = list(tried)
     while left:
-        hits, ms = np.array([held_out.hits for _, held_out in left]), [candidate.ms for candidate, _ in left]
-        best, accuracy = accuracy_of_choice(hits, ms, clusters, seed)
+        hits = np.array([held_out.hits for _, held_out in left])
+        best, accuracy = accuracy_of_choice(hits, [c.n_columns for c, _ in left], clusters, seed)
         candidate, held_out = left[best]
-        with without_remarks():
+        with without_remarks(), threadpool_limits(1):  # the number of threads would change last digits
             X, y = candidate.trained_on(frame)
             recogniser = Recogniser.fitted_on(candidate.plan, X, y, candidate.steps).prune()
         if not (unsafe := unsafe_classes(recogniser.document())):
@@ -305,3 +329,24 @@ def holding_out(
         why = f"{counts.min()} numbered repetitions of each surface or more: the sensor may drift"
         return find_protocol(IN_TIME), why
     return find_protocol(own), "the pipeline's"
+
+
+def untold(protocol: Protocol, table: pd.DataFrame) -> list[str]:
+    """Return what the held-out recordings of a table cannot tell of those to come, likeliest first.
+
+    Recordings that are drawn at random were made between those that train, by the same hand in the same
+    session: what changes later, or elsewhere, is in none of them.
+    """
+    found = []
+    if protocol.name not in (IN_TIME, "few-shot"):
+        n = int(table[~parents(table).duplicated()]["material"].value_counts().min())
+        found.append(
+            f"later recordings ({n} of each surface, held out at random; from {ENOUGH_REPETITIONS} numbered "
+            f"repetitions on, or with `--protocol {IN_TIME}`, the later half is held out)"
+        )
+    named = [name for name in ("operator", "session") if table[name].notna().all()]
+    several = [name for name in named if len(table[name].unique()) > 1]
+    told = several[:1] if protocol.name == "operator" else ["session"] * (protocol.unit == "run")
+    if others := [name for name in ("session", "operator") if name not in told or name not in several]:
+        found.append(f"another {' or '.join(others)} (named in a card, `--protocol operator` holds them out)")
+    return found

@@ -153,7 +153,8 @@ POINT = part(
 TRADEOFF = part(
     MEASURED,
     features=str, costs=listed(part(feature=str, share=NUMBER, alone=NUMBER, last=NUMBER), least=1),
-    parts=named(NUMBER), segmentation_ms=NUMBER, total_ms=ABOVE_0, model_check=some(tuple[NUMBER, ABOVE_0]),
+    parts=named(NUMBER), segmentation_ms=NUMBER, total_ms=ABOVE_0, costs_of=(str, ""),
+    model_check=some(tuple[NUMBER, ABOVE_0]),
     classifiers=listed(part(name=str, fit_ms=NUMBER, predict_ms=NUMBER)), full=INTERVAL,
     front=listed(POINT, least=1), knee=POINT, at_half_cost=POINT,
     fewest=some(GenericAlias(tuple, (COUNT, INTERVAL))),

@@ -15,7 +15,8 @@ from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
 
 from texclass import __version__
-from texclass.experiment.trusted import load_trusted, read_bounded
+from texclass.experiment.feature_table import write_whole
+from texclass.experiment.trusted import archive_of, load_trusted, read_bounded
 from texclass.features.contract import find
 from texclass.features.extractor import FeatureExtractor, Plan
 from texclass.features.phase_view import Channels
@@ -104,10 +105,7 @@ class Recogniser(Pipeline):  # type: ignore[misc]
 
     def save(self, path: str | Path) -> None:
         """Write the fitted recogniser with skops, which holds data and names of classes, and no code."""
-        import skops.io
-
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        skops.io.dump(self.document(), path)
+        write_whole(Path(path), archive_of(self.document()))
 
     def document(self) -> dict[str, Any]:
         """Return the fitted recogniser as what skops writes: plain data and scikit-learn objects."""

@@ -135,6 +135,8 @@ def _notes(data: Data) -> Iterator[str]:
         f"{digits(chosen['measured_ms'])} ms measured when pruned; {estimate(chosen['accuracy'])} %{saved}."
     )
     yield f"Finding the phases takes {digits(data['segmentation_ms'])} ms more, whatever is chosen."
+    if machine := data.get("costs_of"):
+        yield f"Milliseconds are of {machine}: measured once, and kept in the cache folder."
     if rule := data.get("knee_rule"):
         yield sentence(f"Knee: {rule}")
     if pairs := data.get("model_check"):

@@ -57,10 +57,10 @@ class Tradeoff(Result):
     """What accuracy costs on a dataset; see `trade_off`.
 
     `data` holds `costs` (a feature's `share` of the full set, `alone`, and what leaving it out would save:
-    `last`), shared `parts`, `total_ms`, the `front` (see `nested_front`) with its `knee` and the point
-    `at_half_cost`, the accuracy of the `full` set, the `fewest` columns for a scene's materials, `curves`
-    (accuracy against touch, training, rate, bits, order), what `classifiers` cost, what was `chosen`, and
-    what is needed to do it again.
+    `last`), shared `parts`, `total_ms`, whose milliseconds these are (`costs_of`), the `front` (see
+    `nested_front`) with its `knee` and the point `at_half_cost`, the accuracy of the `full` set, the `fewest`
+    columns for a scene's materials, `curves` (accuracy against touch, training, rate, bits, order), what
+    `classifiers` cost, what was `chosen`, and what is needed to do it again.
     """
 
     @property
@@ -213,7 +213,7 @@ class Offer:
         """Compute the features of a dataset, and measure what they cost."""
         table = conditions.table(felt)
         meter = CostMeter.on(felt, table.frame["recording_id"].tolist(), conditions.channels)
-        plan, whole = Plan.of(conditions.features, meter.channels), meter.model(conditions.features)
+        plan, whole = Plan.of(conditions.features, meter.channels), meter.kept(conditions.features)
         data = conditions.data(table)
         return cls(table, data, meter, plan, whole, whole.restricted_to(table.defined))
 
@@ -267,6 +267,7 @@ def _prices(offer: Offer, seed: int) -> dict[str, Any]:
         "parts": {name: ms for name, ms in shared if name not in costs.features},
         "segmentation_ms": offer.whole.segmentation_ms,
         "total_ms": costs.total,
+        "costs_of": costs.machine,
         "model_check": check_model(offer, seed),
         "classifiers": [
             {"name": name, **classifier_cost(classifier, X, offer.data.y)}
@@ -303,7 +304,7 @@ def _chosen(
             why = f"knee: the cheapest budget within {KNEE_LOSS:.0%} of the best accuracy"
         else:
             point = [p for p in front if p["budget_ms"] <= limits.max_ms * (1 + 1e-9)][-1]
-            why = f"the best for {limits.max_ms:g} ms"
+            why = f"the best for {limits.max_ms:g} ms on {costs.machine}"
         accuracy, most = point["accuracy"], limits.max_features
         if most is None and point["budget_ms"] >= costs.total:
             columns, why = range(len(costs.columns)), f"{why}: everything"

@@ -1,0 +1,70 @@
+"""With few recordings nothing is chosen by chance, margins are wider, and what cannot be told is said."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from toy_surfaces import pipeline, surfaces
+
+from texclass.experiment.feature_table import metadata
+from texclass.experiment.protocols import find_protocol
+from texclass.recognition import train
+from texclass.recognition.model_document import model_document
+from texclass.recognition.training import FEW, untold
+from texclass.recognition.unknown import Novelty, cautious
+
+
+@pytest.fixture(scope="module")
+def few():
+    return train(surfaces(FEW - 2), pipeline())
+
+
+def test_nothing_is_chosen_below_ten_recordings_of_a_surface(few):
+    assert (few.manifest.accuracy["n_candidates"], len(few.columns)) == (1, 13)
+    assert few.manifest.pipeline["classifier"] == "kernel"  # weighs columns itself
+    (told,) = model_document(few).blocks
+    assert told["Pipeline"].endswith("8 recordings of a surface: too few to choose by, margins are wider")
+    assert train(surfaces(FEW), pipeline()).manifest.accuracy["n_candidates"] == 4
+
+
+def test_what_is_named_is_trained_from_few_recordings_too():
+    model = train(surfaces(FEW - 2), pipeline(), row="Roughness", classifier="lda")
+    assert (model.manifest.pipeline["row"], model.manifest.pipeline["classifier"]) == ("Roughness", "lda")
+    assert train(surfaces(FEW - 2), pipeline(), classifier="lda").manifest.accuracy["n_candidates"] == 2
+
+
+def test_a_promise_says_that_later_recordings_and_other_sessions_cannot_be_told(few):
+    (told,) = model_document(few).blocks
+    assert told["Accuracy"].endswith("; later ones: cannot be told")
+    assert told["Cannot be told"].startswith(
+        "later recordings (8 of each surface, held out at random; from 20"
+    )
+    assert "another session or operator" in told["Cannot be told"]
+    table = metadata(surfaces(4).entries)
+    people = table.assign(operator=np.where(table["repetition"] > 2, "ann", "ben"))
+    assert [fact[:15] for fact in untold(find_protocol("operator"), people)] == [
+        "later recording",
+        "another session",
+    ]
+    days = table.assign(session=table["recording_id"])
+    assert untold(find_protocol("run"), days)[1].startswith("another operator (")
+    assert untold(find_protocol("blocks"), table)[0].startswith("another session or operator (")
+    assert len(untold(find_protocol("recording"), pd.concat([days, days]))) == 2
+
+
+@pytest.mark.parametrize(("n", "rate"), [(60, 0.05), (150, 0.05), (60, 0.1)])
+def test_few_held_out_recordings_keep_the_rate_of_false_alarms_in_95_of_100_trainings(n, rate):
+    """A recording that comes is above a threshold t with probability 1 - t: scores are uniform."""
+    held_out = np.sort(np.random.default_rng(0).random((4000, n)), axis=1)
+    plain, wide = (
+        np.array([1 - Novelty("decision", scores, level).threshold for scores in held_out])
+        for level in (rate, cautious(rate, n))
+    )
+    assert 0.93 < (wide <= rate).mean() <= 1
+    assert (plain <= rate).mean() < 0.7  # in the mean over trainings only
+    assert plain.mean() <= rate
+
+
+def test_the_widest_margin_is_the_strangest_recording_held_out():
+    assert cautious(0.05, 58) == 1 / 59 < cautious(0.05, 5000) < 0.05
+    scores = np.arange(30.0)
+    assert Novelty("decision", scores, cautious(0.05, 30)).threshold == 29
