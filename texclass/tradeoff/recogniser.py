@@ -131,8 +131,9 @@ class Recogniser(Pipeline):  # type: ignore[misc]
         parts, same = [], True
         for prefix, stated in json.loads(document["plan"]):
             members = []
-            for name, feature, parameters, columns, without_hand in stated["members"]:
+            for name, feature, parameters, columns, *later in stated["members"]:
                 values = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()}
+                without_hand = later[0] if later else True  # as all sets were read when it was not stated yet
                 members.append(Member(name, find(feature), values, tuple(columns), without_hand))
             feature_set = FeatureSet(stated["name"], tuple(members))
             parts.append((str(prefix), feature_set))
