@@ -1,12 +1,11 @@
 """With few recordings nothing is chosen by chance, margins are wider, and what cannot be told is said."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from toy_surfaces import pipeline, surfaces
 
 from texclass.experiment.feature_table import metadata
-from texclass.experiment.protocols import find_protocol
+from texclass.experiment.protocols import find_protocol, splits_of
 from texclass.recognition import train
 from texclass.recognition.model_document import model_document
 from texclass.recognition.training import FEW, untold
@@ -39,16 +38,25 @@ def test_a_promise_says_that_later_recordings_and_other_sessions_cannot_be_told(
         "later recordings (8 of each surface, held out at random; from 20"
     )
     assert "another session or operator" in told["Cannot be told"]
+
+
+def test_what_is_held_out_decides_what_can_be_told():
     table = metadata(surfaces(4).entries)
-    people = table.assign(operator=np.where(table["repetition"] > 2, "ann", "ben"))
-    assert [fact[:15] for fact in untold(find_protocol("operator"), people)] == [
-        "later recording",
-        "another session",
-    ]
-    days = table.assign(session=table["recording_id"])
-    assert untold(find_protocol("run"), days)[1].startswith("another operator (")
-    assert untold(find_protocol("blocks"), table)[0].startswith("another session or operator (")
-    assert len(untold(find_protocol("recording"), pd.concat([days, days]))) == 2
+
+    def told_not(protocol, **facts):
+        labelled = table.assign(**facts)
+        return [
+            fact.split("(")[0].strip()
+            for fact in untold(splits_of(find_protocol(protocol), labelled, 0), labelled)
+        ]
+
+    late = np.where(table["repetition"] > 2, "b", "a")
+    assert told_not("recording") == ["later recordings", "another session or operator"]
+    assert told_not("blocks") == ["another session or operator"]
+    assert told_not("repetition=1,2 -> repetition=4") == ["another session or operator"]
+    assert told_not("operator", operator=late) == ["later recordings", "another session"]
+    assert told_not("run", session=table["recording_id"]) == ["later recordings", "another operator"]
+    assert told_not("leave-out session", session=late) == ["later recordings", "another operator"]
 
 
 @pytest.mark.parametrize(("n", "rate"), [(60, 0.05), (150, 0.05), (60, 0.1)])

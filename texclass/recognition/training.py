@@ -16,7 +16,7 @@ from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import cached_table, metadata
 from texclass.experiment.folds import without_remarks
 from texclass.experiment.pipeline import PipelineDefinition, load_pipeline
-from texclass.experiment.protocols import Protocol, fewest, find_protocol, splits_of
+from texclass.experiment.protocols import Protocol, Split, fewest, find_protocol, splits_of
 from texclass.experiment.windows import parents, touches
 from texclass.experiment.workers import Progress, each
 from texclass.features.extractor import Plan
@@ -200,7 +200,7 @@ def train(
             "n_folds": len(splits),
             "how": f"held-out {tested}"
             + ", the choice among candidates included" * (expected["n_candidates"] > 1),
-            "untold": untold(held_out_by, frame),
+            "untold": untold(splits, frame),
         },
         calibration={
             "method": "temperature",
@@ -331,22 +331,28 @@ def holding_out(
     return find_protocol(own), "the pipeline's"
 
 
-def untold(protocol: Protocol, table: pd.DataFrame) -> list[str]:
-    """Return what the held-out recordings of a table cannot tell of those to come, likeliest first.
+def untold(splits: Sequence[Split], table: pd.DataFrame) -> list[str]:
+    """Return what the tests of a table's splits cannot tell of recordings to come, likeliest first.
 
     Recordings that are drawn at random were made between those that train, by the same hand in the same
     session: what changes later, or elsewhere, is in none of them.
     """
-    found = []
-    if protocol.name not in (IN_TIME, "few-shot"):
+    parts = [(table.iloc[train], table.iloc[test]) for train, test in splits]
+    found, names = [], ("session", "operator")
+    after = [
+        test.groupby("material")["repetition"].min() > learnt.groupby("material")["repetition"].max()
+        for learnt, test in parts
+    ]
+    if table["repetition"].isna().any() or not all(later.all() for later in after):
         n = int(table[~parents(table).duplicated()]["material"].value_counts().min())
         found.append(
             f"later recordings ({n} of each surface, held out at random; from {ENOUGH_REPETITIONS} numbered "
             f"repetitions on, or with `--protocol {IN_TIME}`, the later half is held out)"
         )
-    named = [name for name in ("operator", "session") if table[name].notna().all()]
-    several = [name for name in named if len(table[name].unique()) > 1]
-    told = several[:1] if protocol.name == "operator" else ["session"] * (protocol.unit == "run")
-    if others := [name for name in ("session", "operator") if name not in told or name not in several]:
-        found.append(f"another {' or '.join(others)} (named in a card, `--protocol operator` holds them out)")
+    if others := [
+        name
+        for name in names
+        if table[name].isna().any() or any(set(test[name]) & set(learnt[name]) for learnt, test in parts)
+    ]:
+        found.append(f"another {' or '.join(others)} (`--leave-out {others[0]}`, if the card names it)")
     return found
