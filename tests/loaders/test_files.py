@@ -8,7 +8,8 @@ import pytest
 import soundfile
 
 from texclass.loaders import load_recording
-from texclass.loaders.files import READERS, check_acceleration, clipped_share
+from texclass.loaders.files import READERS
+from texclass.loaders.plausibility import check_acceleration, clipped_share
 from texclass.recording import RecordingError
 
 FS = 10_000.0

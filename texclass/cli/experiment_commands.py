@@ -148,6 +148,8 @@ def extract(
     typer.echo(f"wrote {output}: {table.n_recordings} recordings, {table.n_columns} columns")
     for line in table.left_out:
         typer.echo(f"left out: {line}")
+    for note in (*recordings.notes, *table.doubts):
+        typer.echo(f"note: {note}")
 
 
 @app.command()

@@ -60,7 +60,8 @@ def train(
             progress=progress,
         )
     model.save(output)
-    tell(model_document(model), (f"left out: {line}" for line in model.left_out))
+    left_out = (f"left out: {line}" for line in model.left_out)
+    tell(model_document(model), (*left_out, *(f"note: {note}" for note in recordings.notes)))
     typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")
 
 

@@ -7,7 +7,9 @@ recording stands in a small file of its own beside it.
 import hashlib
 import io
 import json
+import logging
 import os
+import re
 import shutil
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -33,6 +35,8 @@ from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.places import cache_root
 from texclass.recording import Recording, RecordingError, Samples
 
+DOUBTS = ("unit:", "clipped:", "constant:")
+"""Flags that a user has to see before any table: what they begin with."""
 METADATA = ("recording_id", "material", "operator", "session", "repetition")
 """Columns of every table, before the features; tables of windows add `parent`, the recording."""
 
@@ -111,6 +115,19 @@ class FeatureTable:
         """Return the columns named in `base`, under every channel prefix, in the order of `base`."""
         return tuple(c for b in base for c in self.columns if c == b or c.rpartition("/")[2] == b)
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What loaders doubt of the recordings, each once, with how many it is true of."""
+        found: dict[str, list[tuple[str, str]]] = {}
+        for name, flag in self.flags:
+            if flag.startswith(DOUBTS):
+                found.setdefault(re.sub(r"[\d.]+", "", flag), []).append((name, flag))
+        n = self.frame["parent" if "parent" in self.frame else "recording_id"].nunique()
+        return tuple(
+            f"{len(same)} of {n} recordings: {same[0][1]}{f' (the first: {same[0][0]})' if n > 1 else ''}"
+            for same in found.values()
+        )
+
     def reason_of(self, name: str) -> str:
         """Return the commonest reason why a feature, or the feature of a column, has no value."""
         names = (name, name.split(".", 1)[0])
@@ -139,7 +156,10 @@ def cached_table(dataset: Dataset, *feature_sets: FeatureSet, **options: Any) ->
         key = table_key(dataset, one, options.get("channels", "combine"))
         path = cache_root() / "features" / f"{one.name}-{key}.parquet"
         tables.append(extract_table(dataset, one, path, **options))
-    return reduce(_beside, tables)
+    table = reduce(_beside, tables)
+    for doubt in table.doubts:
+        logging.getLogger(__name__).warning("note: %s", doubt)  # on standard error, unless logging is set up
+    return table
 
 
 def extract_table(

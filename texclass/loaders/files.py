@@ -22,6 +22,7 @@ from texclass.loaders.columns import (
     refused,
     without_unit,
 )
+from texclass.loaders.plausibility import MOST_HZ, check_acceleration, doubts
 from texclass.loaders.stamps import by_times
 from texclass.loaders.stamps import resample as band_limited
 from texclass.recording import (
@@ -30,7 +31,6 @@ from texclass.recording import (
     SCALELESS_UNITS,
     Recording,
     RecordingError,
-    Samples,
     read_only,
 )
 
@@ -45,14 +45,6 @@ AXIS = re.compile(r"_(?P<axis>[XYZxyz])(?=[_.])")
 BAG = "bag:"
 """Before the path of a bag whose topic is named, too: bag:FILE?topic=/name."""
 UNIT_RULE = f"one of {', '.join((*ACCELERATION_UNITS, *SCALELESS_UNITS))}"
-CLIPPED_RUN = 3
-"""Samples in a row at the extreme value that count as clipped."""
-CLIPPED_SHARE = 1e-3
-"""Share of clipped samples from which a recording is flagged."""
-_MOST_LEVELS = 10_000_000
-"""Samples in which the quantisation step is looked for."""
-_BLOCK = 1 << 20
-"""Samples searched for runs at a time."""
 
 
 def load_recording(
@@ -344,6 +336,7 @@ def build_recording(
     fs: float | None,
     unit: str,
     source: str,
+    scale: float = 1.0,
     resample: float | None = None,
     flags: tuple[str, ...] = (),
     **facts: Any,
@@ -358,6 +351,8 @@ def build_recording(
         Rate in Hz that user or card state; if files may have different ones, of those that state none.
     unit, source, flags, **facts
         Fields of `Recording`.
+    scale : float
+        Factor by which the acceleration will be scaled.
     resample : float, optional
         Rate in Hz to which they are brought; then each file may have its own.
 
@@ -370,6 +365,7 @@ def build_recording(
     rate = agreed_rate(signals.fs, fs if resample is None or signals.fs is None else None, source)
     recording = Recording(fs=rate, **facts)
     flags = (*flags, *signals.flags, *check_acceleration(recording.acceleration, recording.channels, source))
+    flags = (*flags, *doubts(signals.named, rate, unit, scale, flags))
     if resample is not None and resample != rate:
         changed = {name: band_limited(getattr(recording, name), rate, resample) for name in signals.named}
         recording = recording.with_(fs=resample, **changed)
@@ -390,62 +386,10 @@ def agreed_rate(stated: float | None, given: float | None, where: str) -> float:
     if stated is not None and given is not None and not math.isclose(stated, given, rel_tol=1e-9):
         found = f"fs is {stated:g} Hz there, {given:g} Hz was given (or is another file's)"
         raise refused(where, found, "one rate: --resample HZ brings files to one (`resample_hz` in a card)")
-    return stated if stated is not None else given  # type: ignore[return-value]
-
-
-def check_acceleration(acceleration: Samples, channels: Sequence[str], where: str) -> tuple[str, ...]:
-    """Return what a user should know of an acceleration ("clipped: ...", "constant: ...").
-
-    Raises
-    ------
-    RecordingError
-        If there are fewer than two samples, or no channel varies.
-    """
-    columns = acceleration.reshape(len(acceleration), -1)
-    if len(columns) < 2:
-        raise refused(where, f"holds {len(columns)} sample", "at least 2")
-    constant = np.ptp(columns, axis=0) == 0
-    if constant.all():
-        raise refused(where, f"acceleration is {columns[0].tolist()} throughout", "a channel that varies")
-    dead = [f"constant: channel {name}" for name, is_dead in zip(channels, constant, strict=True) if is_dead]
-    share = max(clipped_share(columns[:, i]) for i in np.flatnonzero(~constant))
-    clipped = [f"clipped: {100 * share:.1f} % of the samples at full scale"] if share >= CLIPPED_SHARE else []
-    return (*dead, *clipped)
-
-
-def clipped_share(signal: Samples) -> float:
-    """Return the share of samples that stand in a run at the signal's largest or smallest value.
-
-    A run is at least `CLIPPED_RUN` equal samples that the signal enters or leaves by more than two
-    quantisation steps: a slow wave that is merely quantised reaches its crest step by step.
-
-    Parameters
-    ----------
-    signal : ndarray of shape (n,)
-        Not constant.
-
-    Returns
-    -------
-    share : float
-        Between 0 and 1.
-    """
-    firsts, lasts = [], []
-    for extreme in (signal.min(), signal.max()):
-        starts = range(0, len(signal), _BLOCK)
-        where = np.concatenate([k + np.flatnonzero(signal[k : k + _BLOCK] == extreme) for k in starts])
-        ends = np.flatnonzero(np.diff(where, append=np.inf) > 1)
-        firsts.append(where[np.concatenate(([0], ends[:-1] + 1))])
-        lasts.append(where[ends] + 1)
-    first, last = np.concatenate(firsts), np.concatenate(lasts)
-    long = last - first >= CLIPPED_RUN
-    first, last = first[long], last[long]
-    if not len(first):
-        return 0.0
-    levels = np.unique(signal[:_MOST_LEVELS])
-    step = float(np.diff(levels).min()) if len(levels) > 1 else 0.0
-    before = np.abs(signal[np.maximum(first - 1, 0)] - signal[first])
-    after = np.abs(signal[np.minimum(last, len(signal) - 1)] - signal[last - 1])
-    return float((last - first)[np.maximum(before, after) > 2 * step].sum() / len(signal))
+    rate = float(stated if stated is not None else given)  # type: ignore[arg-type]
+    if rate > MOST_HZ:
+        raise refused(where, f"fs is {rate:g} Hz", f"a sampling rate in Hz, at most {MOST_HZ:g}")
+    return rate
 
 
 def columns_of(names: str | Sequence[str] | None) -> tuple[str, ...]:

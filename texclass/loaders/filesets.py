@@ -25,6 +25,7 @@ from texclass.loaders.columns import (
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.files import agreed_unit, build_recording, is_bag, read_signals, topics
 from texclass.loaders.places import cache_root, write_atomically
+from texclass.loaders.plausibility import doubtful_labels
 from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
 
 Groups = dict[str, str]
@@ -111,6 +112,7 @@ def open_files(
             if not skip_bad:
                 raise
             left_out.append(f"left out: {error}")
+    labels = doubtful_labels(entry.material for entry in entries)
     absent = sorted(set(table) - {entry.recording_id for entry in entries})
     digested = [name for entry in entries for name in entry.paths]
     for folder in [(root / name).parent for name in digested if PurePosixPath(name).name == BAG_FOLDER]:
@@ -121,7 +123,12 @@ def open_files(
         entries=_unique(entries, root),
         load=partial(load_files, reading, root),
         input_hash=digest_files(root, digested, reading.facts),
-        notes=(*notes, *(f"{i} is in the table of labels, but has no file" for i in absent), *left_out),
+        notes=(
+            *notes,
+            *labels,
+            *(f"{i} is in the table of labels, but has no file" for i in absent),
+            *left_out,
+        ),
         skip_bad=skip_bad,
         **about,
     )
@@ -291,7 +298,7 @@ def _recording(signals: ReadSignals, told: Reading, entry: Entry, source: str) -
     facts = {name: getattr(entry, name) for name in known}
     resample = told.resample_hz if isinstance(told, FileReading) else None
     recording = build_recording(
-        signals, fs=told.fs_hz, unit=told.unit, source=source, resample=resample, **facts
+        signals, fs=told.fs_hz, unit=told.unit, source=source, scale=told.scale, resample=resample, **facts
     )
     return conditioned(recording, told.scale, told.phases, remove_resting_level=told.remove_resting_level)
 

@@ -23,6 +23,7 @@ from texclass.loaders.files import (
 )
 from texclass.loaders.filesets import not_recordings, open_files, open_rows
 from texclass.loaders.places import find_folder
+from texclass.loaders.plausibility import doubtful_levels
 from texclass.recording import Recording, RecordingError
 
 _SUFFIXES = "|".join(re.escape(suffix[1:]) for suffix in READERS)
@@ -147,12 +148,13 @@ def _open_folder(
         )
     if fs is None:
         fs = _first_rate(files, how, codes=unit == "counts", skip_bad=skip_bad)
+    levels = doubtful_levels([path.relative_to(root).parts for path in files])
     n_others = sum(not (path.name.startswith(".") or _is_recording(path)) for path in found)
     return open_files(
         FileReading(fs_hz=fs, unit=unit, files=PATTERNS, **how),
         # A process that works elsewhere, such as one kept from an earlier call, finds the files too.
         root.absolute(),
-        notes=(f"{n_others} files of other kinds are ignored",) if n_others else (),
+        notes=(*levels, *([f"{n_others} files of other kinds are ignored"] if n_others else [])),
         skip_bad=skip_bad,
         name=root.resolve().name,
         title=f"Recordings in {root}",

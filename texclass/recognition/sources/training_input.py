@@ -232,15 +232,16 @@ class TrainingFiles(Written):
             if len(signals.channels) == len(self.axes):
                 signals = replace(signals, channels=self.axes)
         named = path.parent if path.name == BAG_FOLDER else path
+        scale = self.scale if stated == self.unit else 1.0
         recording = build_recording(
             signals,
+            scale=scale,
             fs=fs or (self.fs if signals.fs is None else None),
             unit=stated,
             resample=resample or (self.fs if self.resample else None),
             recording_id=named.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0],
             source=str(path),
         )
-        scale = self.scale if stated == self.unit else 1.0
         return conditioned(recording, scale, self.phases, remove_resting_level=self.remove_resting_level)
 
     def _roles_in(self, path: Path, options: ReadOptions) -> dict[str, tuple[str, ...]]:

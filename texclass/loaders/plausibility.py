@@ -1,0 +1,176 @@
+"""Whether signals can be what they are said to be: the impossible is refused, the unlikely is told."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from texclass.loaders.columns import UNNAMED, refused
+from texclass.recording import ACCELERATION_UNITS, STANDARD_GRAVITY, Samples
+
+MOST_HZ = 1e8
+"""No sensor that a hand holds is sampled faster."""
+MOST_VALUE = 1e30
+"""No sensor's value is larger; that of a damaged file often is."""
+RESTING_BLOCK_S = 0.25
+"""Over so long a mean, vibration averages out and gravity does not."""
+OWN_GRAVITY, NO_GRAVITY = (0.8, 1.2), 0.35
+"""Times gravity: levels at rest of a sensor that feels it, and of one from which it has been removed."""
+SAME_LEVEL = 0.1
+"""Relative difference of a level from gravity by which another unit is suspected."""
+CLIPPED_RUN = 3
+"""Samples in a row at the extreme value that count as clipped."""
+CLIPPED_SHARE = 1e-3
+"""Share of clipped samples from which a recording is flagged."""
+_MOST_LEVELS = 10_000_000
+"""Samples in which the quantisation step is looked for."""
+_BLOCK = 1 << 20
+"""Samples searched for runs at a time."""
+_SESSION = re.compile(
+    r"(session|run|day|trial|operator|subject|user|participant|person|s|p)[ _-]?\d+", re.IGNORECASE
+)
+
+
+def check_acceleration(acceleration: Samples, channels: Sequence[str], where: str) -> tuple[str, ...]:
+    """Return what a user should know of an acceleration ("clipped: ...", "constant: ...").
+
+    Raises
+    ------
+    RecordingError
+        If there are fewer than two samples, no channel varies, or a value is no sensor's.
+    """
+    columns = acceleration.reshape(len(acceleration), -1)
+    if len(columns) < 2:
+        raise refused(where, f"holds {len(columns)} sample", "at least 2")
+    if not (largest := np.abs(columns).max()) <= MOST_VALUE:
+        raise refused(
+            where, f"holds a value of {largest:.3g}", f"at most {MOST_VALUE:g}; what is larger is damage"
+        )
+    constant = np.ptp(columns, axis=0) == 0
+    if constant.all():
+        raise refused(where, f"acceleration is {columns[0].tolist()} throughout", "a channel that varies")
+    dead = [f"constant: channel {name}" for name, is_dead in zip(channels, constant, strict=True) if is_dead]
+    share = max(clipped_share(columns[:, i]) for i in np.flatnonzero(~constant))
+    clipped = [f"clipped: {100 * share:.1f} % of the samples at full scale"] if share >= CLIPPED_SHARE else []
+    return (*dead, *clipped)
+
+
+def clipped_share(signal: Samples) -> float:
+    """Return the share of samples that stand in a run at the signal's largest or smallest value.
+
+    A run is at least `CLIPPED_RUN` equal samples that the signal enters or leaves by more than two
+    quantisation steps: a slow wave that is merely quantised reaches its crest step by step.
+
+    Parameters
+    ----------
+    signal : ndarray of shape (n,)
+        Not constant.
+
+    Returns
+    -------
+    share : float
+        Between 0 and 1.
+    """
+    firsts, lasts = [], []
+    for extreme in (signal.min(), signal.max()):
+        starts = range(0, len(signal), _BLOCK)
+        where = np.concatenate([k + np.flatnonzero(signal[k : k + _BLOCK] == extreme) for k in starts])
+        ends = np.flatnonzero(np.diff(where, append=np.inf) > 1)
+        firsts.append(where[np.concatenate(([0], ends[:-1] + 1))])
+        lasts.append(where[ends] + 1)
+    first, last = np.concatenate(firsts), np.concatenate(lasts)
+    long = last - first >= CLIPPED_RUN
+    first, last = first[long], last[long]
+    if not len(first):
+        return 0.0
+    levels = np.unique(signal[:_MOST_LEVELS])
+    step = float(np.diff(levels).min()) if len(levels) > 1 else 0.0
+    before = np.abs(signal[np.maximum(first - 1, 0)] - signal[first])
+    after = np.abs(signal[np.minimum(last, len(signal) - 1)] - signal[last - 1])
+    return float((last - first)[np.maximum(before, after) > 2 * step].sum() / len(signal))
+
+
+def doubts(
+    named: Mapping[str, Samples], fs: float, unit: str, scale: float = 1.0, said: Iterable[str] = ()
+) -> tuple[str, ...]:
+    """Return what is unlikely of the signals of a recording: a level at rest, turn rates at their rails.
+
+    Parameters
+    ----------
+    named : mapping of str to ndarray of shape (n,) or (n, c)
+        As read: the acceleration in `unit` but for the scale.
+    fs : float
+        Sampling rate in Hz.
+    unit : str
+        Of the acceleration.
+    scale : float
+        Factor from what is stored to `unit`.
+    said : iterable of str
+        What the reader has told; it is not told twice.
+    """
+    found = []
+    for name in ("turn_rate", "friction"):
+        if (signal := named.get(name)) is not None and len(signal):
+            share = max(clipped_share(column) for column in signal.reshape(len(signal), -1).T)
+            if share >= CLIPPED_SHARE:
+                found.append(f"clipped: {100 * share:.1f} % of the samples of the {name} at full scale")
+    acceleration = named[UNNAMED]
+    if (
+        unit not in ACCELERATION_UNITS
+        or acceleration.shape[1:] != (3,)
+        or any(s.startswith("unit:") for s in said)
+    ):
+        return tuple(found)
+    n = max(1, min(round(RESTING_BLOCK_S * fs), len(acceleration)))
+    blocks = acceleration[: len(acceleration) // n * n].reshape(-1, n, 3).mean(axis=1)
+    level = float(np.median(np.linalg.norm(blocks, axis=1))) * abs(scale)
+    gravities = level * ACCELERATION_UNITS[unit] / STANDARD_GRAVITY
+    meant = [
+        other
+        for other, factor in ACCELERATION_UNITS.items()
+        if abs(level * factor / STANDARD_GRAVITY - 1) <= SAME_LEVEL
+    ]
+    if not (OWN_GRAVITY[0] <= gravities <= OWN_GRAVITY[1]):
+        rests = (
+            f"unit: rests at {level:.3g} {unit}, gravity is {STANDARD_GRAVITY / ACCELERATION_UNITS[unit]:.3g}"
+        )
+        if meant:
+            found.append(f"{rests}: is it in {meant[0]}? (--unit {meant[0]}, `unit` in a card)")
+        elif gravities > NO_GRAVITY:
+            found.append(f"{rests} or none: are unit, scale and columns right?")
+    return tuple(found)
+
+
+def doubtful_labels(materials: Iterable[str]) -> list[str]:
+    """Return what is unlikely of the names of materials: two that differ in case or blanks only."""
+    alike: dict[str, list[str]] = {}
+    for material in sorted(set(materials)):
+        alike.setdefault(" ".join(material.casefold().split()), []).append(material)
+    return [
+        f"materials {' and '.join(map(repr, names))} differ in case or blanks only: are they one surface?"
+        for names in alike.values()
+        if len(names) > 1
+    ]
+
+
+def doubtful_levels(files: Iterable[Sequence[str]]) -> list[str]:
+    """Return what is unlikely of a folder's levels, given the parts of its files' names.
+
+    The first level is the label. Where every folder of it holds the same folders, and these are more, or
+    where they are called session 1, session 2, the second level will be.
+    """
+    below: dict[str, set[str]] = {}
+    for parts in files:
+        below.setdefault(parts[0], set()).update(parts[1:2] if len(parts) > 2 else ())
+    shared = set.intersection(*below.values()) if below else set()
+    if (
+        len(below) < 2
+        or len(shared) < 2
+        or not (len(shared) > len(below) or all(map(_SESSION.fullmatch, below)))
+    ):
+        return []
+    labels, inside = (", ".join(sorted(names)[:4]) for names in (below, shared))
+    return [
+        f"the labels are {labels}, and each of these folders holds {inside}: "
+        "if those are the surfaces, say so in a card: files = '(?P<session>[^/]+)/(?P<material>[^/]+)/.+'"
+    ]
