@@ -118,7 +118,7 @@ def type_of(name: str, definition: str, ros1: bool) -> MessageType | None:
         return TYPES.get(name)
     try:
         store = _store(ros1, name, definition)
-        columns = {place: (place,) for place in _numbers(store, name)}
+        columns: dict[str, tuple[str, ...]] = {place: (place,) for place in _numbers(store, name)}
         has_header = dict(store.get_msgdef(name).fields)["header"][1] == "std_msgs/msg/Header"
     except Exception:  # of a damaged definition the library raises almost anything
         return None
