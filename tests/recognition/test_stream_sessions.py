@@ -8,6 +8,7 @@ from toy_surfaces import FS, SURFACES, signal
 
 from texclass.recognition import Block, Event, Notice, OnlineSettings, Session, WindowAnswer, listen
 from texclass.recognition.live.defects import FAR, MOST_LOST, Defects
+from texclass.recognition.sources.blocks import resampled
 from texclass.recording import Recording, RecordingError
 
 MOVING = OnlineSettings(window_s=0.25, assume_contact=True)
@@ -72,6 +73,17 @@ def test_one_wild_sample_is_told_and_the_answer_is_back_within_a_second(linear_m
     assert {w.answer.surface for w in after} == {"oak"}
     again = [(w.answer, e.answer) for w, e in zip(told, expected, strict=True) if w.start > at]
     assert all(now.probabilities == before.probabilities for now, before in again)
+
+
+def test_a_wild_sample_is_survived_where_the_stream_is_resampled(linear_model, oak):
+    x = np.repeat(oak, 2)
+    x[4000] = 3.4e38
+    source = resampled((block for block in blocks(x, fs=2 * FS)), FS)
+    _, found = run(linear_model, source)
+    assert any(n.what.startswith(("glitch", "not finite")) for n in of(Notice, found))
+    told = of(WindowAnswer, found)
+    assert next(w.stop for w in told if w.stop > 2000) <= 2000 + 0.3 * FS
+    assert (told[-1].answer.surface, told[-1].stop > 5400) == ("oak", True)
 
 
 def test_a_wire_that_stays_loose_is_told_a_few_times_and_the_stream_goes_on(linear_model, oak):
