@@ -1,5 +1,6 @@
 """What a result was computed with: versions of libraries, and a hash of the code that values depend on."""
 
+import ast
 import hashlib
 import platform
 from collections.abc import Iterable
@@ -22,7 +23,7 @@ def versions(*libraries: str) -> dict[str, str]:
     return found
 
 
-def code_hash(*places: str, files: Iterable[Path] = ()) -> str:
+def code_hash(*places: str, files: Iterable[Path] = (), words: bool = True) -> str:
     """Return a digest of code, so that what was computed by other code is never taken for today's.
 
     Parameters
@@ -31,6 +32,9 @@ def code_hash(*places: str, files: Iterable[Path] = ()) -> str:
         Rooms ("phases": every module in it) and modules at the top ("signals") of texclass.
     files : iterable of Path, optional
         More source files; one that is absent counts by its name.
+    words : bool
+        False leaves out comments, docstrings and the modules that put results into words: what was computed
+        by code that only reads differently is not stale.
 
     Returns
     -------
@@ -51,5 +55,20 @@ def code_hash(*places: str, files: Iterable[Path] = ()) -> str:
         found |= modules
     digest = hashlib.sha256()
     for file in sorted(found, key=lambda f: (f.name, str(f))):
-        digest.update(file.name.encode() + (file.read_bytes() if file.is_file() else b""))
+        source = file.read_bytes() if file.is_file() else b""
+        if not words and file.name.endswith("_document.py"):
+            continue
+        digest.update(file.name.encode() + (source if words else _without_words(source)))
     return digest.hexdigest()[:16]
+
+
+def _without_words(source: bytes) -> bytes:
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            docstrings = (
+                s for s in node.body if isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant)
+            )
+            for statement in docstrings:
+                statement.value = ast.Constant("")
+    return ast.unparse(tree).encode()

@@ -82,7 +82,7 @@ def measure(case: dict[str, Any]) -> dict[str, Any]:
         **case,
         "n": len(hits),
         "accuracy": hits.mean(),
-        "accuracy_interval": cluster_interval(hits, clusters, SEED),
+        "accuracy_interval": cluster_interval(hits, clusters),
         "confidence": confidence.mean(),
         "ece": ece,
         "ece_interval": [max(0.0, low), high],

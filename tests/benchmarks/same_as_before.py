@@ -154,7 +154,7 @@ def predictions(
     fold = np.full(len(y), -1, dtype=np.int16)
     for number, (_, test) in enumerate(splits):
         fold[test] = number
-    options = {"nested": split_by.nested, "clusters": split_by.clusters(table.frame), "seed": definition.seed}
+    options = {"nested": split_by.nested, "clusters": split_by.clusters(table.frame)}
     labels: dict[str, Any] = {}
     for declared in (row for row in definition.rows if row.select is None):
         row = MatchedRow.of(declared, definition.features, table)

@@ -2,11 +2,12 @@
 
 import json
 
+import numpy as np
 import pytest
 from scipy.stats import spearmanr
-from toy_noises import TINY, row
+from toy_noises import CLASSIFIERS, FS, TINY, row
 
-from texclass.experiment.benchmark import run_benchmark
+from texclass.experiment.benchmark import rank_agreement, run_benchmark
 from texclass.experiment.pipeline import Selection
 from texclass.recording import RecordingError
 
@@ -134,3 +135,34 @@ def test_dataset_and_pipeline_may_be_named(tmp_path):
     (tmp_path / "few.toml").write_text(PIPELINE)
     result = run_benchmark(tmp_path / "two.toml", str(tmp_path / "few.toml"), n_folds=2)
     assert (result.data["dataset"]["n_materials"], result.data["pipeline"]["name"]) == (2, "few")
+
+
+def test_a_result_carries_rate_unit_surfaces_chance_clusters_and_hashes_of_code_and_features(result, several):
+    facts = result.data["dataset"]
+    assert (facts["fs_hz"], facts["unit"], facts["n_materials"], facts["chance"]) == (FS, "m/s^2", 3, 1 / 3)
+    assert len(result.data["code_hash"]) == 16
+    assert result.data["pipeline"]["features_hash"] == several.features.hash
+    assert set(zip(result.table["clusters"], result.table["n_clusters"], strict=True)) == {("recording", 12)}
+
+
+def test_where_operators_are_left_out_interval_and_choice_are_over_operators(toy_dataset, pipeline):
+    few = pipeline(row("Chance", "rarely", "level"), classifiers={"euclidean": CLASSIFIERS["euclidean"]})
+    data = run_benchmark(toy_dataset(3, 12, operators=6), few, protocol="operator", choose=True).data
+    for found in (data["rows"][0]["accuracy"]["euclidean"], data["choice"]["accuracy"]):
+        assert (found["clusters"], found["n_clusters"]) == ("operator", 6)
+        assert found["interval"].endswith("over operators")
+
+
+def test_the_interval_of_rank_agreement_covers():
+    rng, rho, inside = np.random.default_rng(0), 0.8, 0
+    for _ in range(300):
+        x, noise = rng.normal(size=(2, 16))
+        ours = {"accuracy": x, "paper": rho * x + np.sqrt(1 - rho**2) * noise}
+        lines = [
+            {"accuracy": {"lda": {"mean": ours["accuracy"][i]}}, "paper": {"lda": ours["paper"][i]}}
+            for i in range(16)
+        ]
+        r, (low, high) = rank_agreement(lines, "lda")
+        assert low < r < high
+        inside += low <= 6 / np.pi * np.arcsin(rho / 2) <= high
+    assert inside / 300 == pytest.approx(0.95, abs=0.03)

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, ttest_1samp
 
+from texclass.experiment.accuracy import wilson_interval
 from texclass.experiment.paired import (
+    clustered_t,
     compare,
     corrected_resampled_t,
     exact_mcnemar,
     holm,
-    paired_bootstrap,
-    sign_flip,
+    least_difference,
 )
 from texclass.experiment.protocols import find_protocol
 
@@ -32,9 +33,9 @@ def test_overlap_widens_the_interval_by_the_printed_factor():
     assert np.ptp(corrected) / np.ptp(plain) == pytest.approx(np.sqrt((1 / 50 + 1 / 9) / (1 / 50)))
 
 
-def test_folds_that_all_agree_leave_no_doubt_and_one_fold_is_no_resampling():
-    for difference, p in ((0.0, 1.0), (0.1, 0.0)):
-        assert corrected_resampled_t([difference] * 4, 0.5) == ((difference, difference), p)
+def test_folds_that_all_agree_but_for_rounding_cannot_be_judged_and_one_fold_is_no_resampling():
+    for differences in ([0.0] * 4, [0.02] * 10, [0.1 + 0.2, 0.3, 0.3]):
+        assert corrected_resampled_t(differences, 1 / 9) == ((-1.0, 1.0), 1.0)
     with pytest.raises(ValueError, match="1 differences; the rule is at least 2 folds"):
         corrected_resampled_t([0.1], 0.5)
 
@@ -67,19 +68,45 @@ def test_mcnemar_is_a_fair_coin_over_discordant_recordings():
         assert exact_mcnemar(gained, lost) == pytest.approx(binomtest(gained, gained + lost).pvalue)
 
 
-def test_sign_flips_of_single_tests_agree_with_mcnemar_and_windows_of_one_recording_count_once():
-    d = np.concatenate([np.ones(14), -np.ones(5), np.zeros(40)])
-    assert sign_flip(d, np.random.default_rng(0)) == pytest.approx(exact_mcnemar(14, 5), abs=0.015)
-    d = np.zeros(20)
-    d[0] = 30  # windows of one recording
-    assert sign_flip(d, np.random.default_rng(0)) == 1.0
+def trials_of_pairs(n_operators, correlation, gain=0.0, n_trials=1000):
+    """Interval and p-value of trials in which two pipelines, both near 75 %, differ by `gain`."""
+    rng = np.random.default_rng([n_operators, int(100 * correlation)])
+    n_tests, a = rng.integers(5, 40, n_operators), 1 / max(correlation, 1e-3) - 1
+    hits = [
+        rng.binomial(n_tests, rng.beta(p * a, (1 - p) * a, (n_trials, n_operators)))
+        for p in (0.75 + gain / 2, 0.75 - gain / 2)
+    ]
+    return [clustered_t(d, n_tests) for d in hits[0] - hits[1]]
 
 
-def test_bootstrap_interval_has_the_width_of_the_normal_one():
+@pytest.mark.parametrize("n_operators", [5, 10, 40])
+def test_the_test_over_operators_is_wrong_in_seven_of_hundred_at_most_and_its_intervals_cover(n_operators):
+    for correlation in (0.0, 0.2):
+        found = trials_of_pairs(n_operators, correlation)
+        assert np.mean([p < 0.05 for _, p in found]) <= 0.07 + 0.008  # 1,000 trials tell it to 0.007
+        assert np.mean([low <= 0 <= high for (low, high), _ in found]) >= 0.93 - 0.008
+
+
+def test_the_least_difference_told_is_found_in_eight_of_ten_trials():
+    told = np.median([least_difference(interval, 19) for interval, _ in trials_of_pairs(20, 0.08)])
+    found = np.mean([p < 0.05 for _, p in trials_of_pairs(20, 0.08, told)])
+    assert 0.05 < told < 0.15
+    assert found == pytest.approx(0.8, abs=0.06)
+
+
+def test_clusters_of_one_are_a_t_test_and_those_that_agree_are_as_many_signs():
     d = np.concatenate([np.ones(60), -np.ones(30), np.zeros(310)])
-    low, high = paired_bootstrap(d, np.ones(400, dtype=int), np.random.default_rng(0))
-    assert (low + high) / 2 == pytest.approx(d.mean(), abs=0.003)
-    assert high - low == pytest.approx(2 * 1.96 * d.std() / 20, rel=0.05)
+    (low, high), p = clustered_t(d, np.ones(400, dtype=int))
+    reference = ttest_1samp(d, 0)
+    assert (low, high) == pytest.approx(tuple(reference.confidence_interval()))
+    assert p == pytest.approx(reference.pvalue)
+    five = np.full(5, 10)
+    assert clustered_t(2 * np.ones(5), five) == (
+        pytest.approx((0.2 - 0.4345, 0.2 + 0.4345), abs=1e-4),
+        0.0625,
+    )
+    nothing = clustered_t(np.zeros(30), np.full(30, 4))
+    assert nothing == ((-wilson_interval(0, 30)[1], wilson_interval(0, 30)[1]), 1.0)
 
 
 def test_holm_by_hand():
@@ -93,21 +120,35 @@ OTHER = [[np.array([True, False, False]), np.array([False, True, True])]]
 SPLITS = [(np.arange(3, 6), np.arange(3)), (np.arange(3), np.arange(3, 6))]
 
 
+def compared(protocol, groups="abcdef", hits=HITS, other=OTHER):
+    return compare(hits, other, SPLITS, find_protocol(protocol), ("recording", np.array(list(groups))))
+
+
 def test_folds_that_are_drawn_are_resampled_and_kept():
-    found = compare(HITS, OTHER, SPLITS, find_protocol("recording"), np.array(list("abcdef")), 0)
-    assert found["folds"] == [pytest.approx([1 / 3, 1 / 3])]
-    assert found["difference"] == pytest.approx(1 / 3)
-    assert (found["n_gained"], found["n_lost"]) == (2, 0)
+    hits = [[np.array([True, True, False]), np.array([False, True, True])]]
+    found = compared("recording", hits=hits)
+    assert found["folds"] == [pytest.approx([1 / 3, 0])]
+    assert found["difference"] == pytest.approx(1 / 6)
+    assert (found["n_gained"], found["n_lost"], found["n_clusters"]) == (1, 0, 6)
     assert found["test"] == "corrected resampled t-test over folds and repeats"
-    some = ([HITS[0][:1]], [OTHER[0][:1]], SPLITS, find_protocol("recording"))
-    one = compare(*some, np.array(list("abcdef")), 0)
-    assert one["test"].startswith("exact McNemar")  # one finished fold is no resampling
+    for some in ((HITS, OTHER), ([HITS[0][:1]], [OTHER[0][:1]])):  # folds that agree; one that was finished
+        assert compared("recording", "abcdef", *some)["test"].startswith("exact McNemar")
 
 
-def test_one_set_of_splits_says_which_test_was_used():
-    for clusters, test in (("abcdef", "exact McNemar test"), ("aabbcd", "sign-flip test")):
-        found = compare(HITS, OTHER, SPLITS, find_protocol("blocks"), np.array(list(clusters)), 0)
-        assert found["test"] == f"{test} and paired bootstrap over recordings"
+def test_one_set_of_splits_says_which_test_was_used_over_how_many_clusters():
+    for groups, test, n in (
+        ("abcdef", "exact McNemar test, t interval over recordings", 6),
+        ("aabbcd", "t-test over recordings", 4),
+    ):
+        found = compared("blocks", groups)
+        assert (found["test"], found["n_clusters"], found["clusters"]) == (test, n, "recording")
         assert found["difference"] == pytest.approx(1 / 3)
         assert found["low"] <= found["difference"] <= found["high"]
+        assert found["least"] > 0
         assert (found["n_gained"], found["n_lost"]) == (2, 0)
+
+
+def test_repeats_that_all_agree_are_judged_by_the_tests_of_the_first():
+    found = compared("recording", hits=HITS * 3, other=OTHER * 3)
+    assert found["p_value"] == exact_mcnemar(2, 0)
+    assert found["difference"] == pytest.approx(1 / 3)

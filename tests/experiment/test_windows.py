@@ -118,7 +118,7 @@ def test_the_benchmark_of_windows_reports_them_their_interval_and_their_vote(toy
     facts = result.data["dataset"]
     assert (facts["n_windows"], facts["n_recordings"]) == (3 * 6 * 15, 3 * 6)
     told = result.data["rows"][0]["accuracy"]["euclidean"]
-    assert told["interval"] == "bootstrap over runs"
+    assert (told["interval"], told["n_clusters"]) == ("t over runs", 18)
     assert told["low"] < told["mean"] < told["high"]
     assert told["per_run"]["interval"] == "Wilson"
     assert told["per_run"]["mean"] > told["mean"]

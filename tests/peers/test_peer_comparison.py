@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from texclass.experiment.result import CHOICE, BenchmarkResult
 from texclass.features.phase_view import views_of
 from texclass.peers import PEERS, PeerComparison, PeerSettings, compare_with_peers, whole_materials
 from texclass.peers.comparison import _length_notes
@@ -51,12 +52,33 @@ def test_a_missing_peer_is_a_line_and_no_error_and_our_widest_row_competes_besid
 
 def test_a_wrong_fold_costs_what_it_tests_and_one_that_is_not_finished_nothing(compared):
     wrong, slow = of_peer(compared, "mfcc"), of_peer(compared, "quant")
-    assert wrong["accuracy"]["folds"] == (0.0, 1.0, 1.0, 1.0)
+    assert wrong["accuracy"]["folds"] == [0.0, 1.0, 1.0, 1.0]
     assert wrong["difference"]["test"].startswith("corrected resampled")
     assert (slow["status"], slow["n_folds"], slow["accuracy"]["n_tested"]) == ("out of time", 2, 6)
     assert len(slow["difference"]["folds"][0]) == 2
     contestants = [c for c in compared.data["contestants"] if c["ours"] or c is slow]
     assert PeerComparison({**compared.data, "contestants": contestants}).best_peer is None
+
+
+def test_what_was_chosen_inside_the_training_parts_competes_first_and_is_compared(bench, interpreter):
+    dataset, pipeline, result = bench
+    (row, judge), other = result.best, result.table.iloc[-1]
+    folds = [[row, judge]] * 3 + [[other["row"], other["classifier"]]]
+    accuracy = result.data["rows"][0]["accuracy"][judge]
+    chosen = BenchmarkResult(
+        {**result.data, "choice": {"accuracy": accuracy, "chosen": folds, "protocol": "recording"}}
+    )
+    settings = PeerSettings(("mfcc",), interpreter("perfect"))
+    found = compare_with_peers(dataset, pipeline, chosen, settings)
+    first, best, *_ = found.data["contestants"]
+    assert (first["name"], first["classifier"], first["difference"]) == (CHOICE, "chosen, too", None)
+    assert first["accuracy"]["folds"][:3] == best["accuracy"]["folds"][:3]
+    hits = first["accuracy"]["mean"]
+    assert of_peer(found, "mfcc")["difference"]["difference"] == pytest.approx(hits - 1.0)
+    assert (
+        "Ours is chosen inside each training part. The best peer is the highest of"
+        in found.document().finding.rest
+    )
 
 
 def test_settings_are_checked():

@@ -12,7 +12,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
 from texclass.recognition import Calibration, expected_calibration_error, fit_calibration
-from texclass.recognition.probabilities import class_scores, decided
+from texclass.recognition.probabilities import calibration_error_of_chance, class_scores, decided
 
 RNG = np.random.default_rng(1)
 
@@ -64,6 +64,23 @@ def test_the_error_follows_its_definition():
     assert equal == pytest.approx((2 * 0.15 + 2 * 0.65) / 4)
     with pytest.raises(ValueError, match="the rule is one of each"):
         expected_calibration_error([], [])
+
+
+def test_the_error_of_bins_of_equal_counts_does_not_depend_on_the_order_of_ties():
+    hits = np.arange(200) % 5 > 0  # 80 %, as said
+    for order in (np.arange(200), np.argsort(hits)):
+        error = expected_calibration_error(np.full(200, 0.8), hits[order], equal_counts=True)
+        assert error == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("equal_counts", [False, True])
+def test_the_error_of_perfect_probabilities_is_the_one_told_as_that_of_chance(equal_counts):
+    rng, bins = np.random.default_rng(0), {"equal_counts": equal_counts}
+    trials = [(p := rng.uniform(0.3, 1, 200), rng.random(200) < p) for _ in range(200)]
+    found = np.mean([expected_calibration_error(p, hits, **bins) for p, hits in trials])
+    told = np.mean([calibration_error_of_chance(p, **bins) for p, _ in trials])
+    assert found > 0.05
+    assert told == pytest.approx(found, rel=0.05)
 
 
 @pytest.mark.parametrize("n_classes", [2, 3])

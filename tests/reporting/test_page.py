@@ -134,7 +134,8 @@ def test_the_key_message_is_the_best_accuracy_beside_the_published_one(tmp_path)
     assert (
         '<strong>90.0</strong> <span class="unit">%</span> <span class="interval">[82.6, 94.5]</span>' in page
     )
-    assert "by All with LDA (95 % interval). Protocol: leave one operator out, 2 folds." in page
+    assert "chosen with the tests in view, so optimistic" in page
+    assert "(95 % interval; chance 33.3 %). Protocol: leave one operator out, 2 folds." in page
     assert "+4.0 points [−3.4, +8.5] against the 86 % published" in page
 
 

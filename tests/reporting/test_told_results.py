@@ -77,12 +77,12 @@ def test_windows_have_their_balance_and_the_vote_of_each_run():
     data["dataset"]["n_windows"] = 800
     for row in data["rows"]:
         for accuracy in row["accuracy"].values():
-            accuracy |= {"interval": "bootstrap over runs"}
+            accuracy |= {"interval": "t over runs", "clusters": "run", "n_clusters": 8}
             accuracy["per_run"] = accuracy.pop("per_recording", {"mean": 1.0, "low": 0.4, "high": 1.0})
     told = document("benchmark", data)
     assert table(told, 1)["All"] == ["85.0", "90.0 [69.9, 97.2]", "80.0", "100.0 [40.0, 100.0]"]
     for text in everywhere(told):
-        for said in ("800 windows of 100 recordings", "share of windows", "bootstrap over runs", "majority"):
+        for said in ("800 windows of 100 recordings", "share of windows", "over 8 runs", "majority"):
             assert said in text
 
 
@@ -100,7 +100,10 @@ def test_what_was_chosen_inside_the_training_parts_is_told():
     choice = {"accuracy": {"mean": 0.7, "low": 0.604, "high": 0.781}, "protocol": "blocks",
               "chosen": [["All", "lda"], ["Level", "lda"], ["All", "lda"]]}  # fmt: skip
     told, _ = everywhere(document("benchmark", result("benchmark") | {"choice": choice}))
-    assert "where tests have no say: 70 % [60.4, 78.1]." in told
+    assert "70.0 % [60.4, 78.1] of the recordings recognised among 3 materials, by row and classifier" in told
+    assert (
+        "90.0 % by All with LDA: the highest of 3 pairs of row and classifier, chosen with the tests" in told
+    )
     assert "chosen: All, LDA (2 of 3 folds); Level, LDA (1 of 3 folds)." in told
 
 
@@ -143,8 +146,9 @@ def test_the_axis_of_all_rows_begins_below_all_that_it_shows(change, low, high):
         assert begin <= low
         assert low - begin <= 12
         assert end >= 100
-        chance = [line for line in axes.lines if line.get_label() == "chance"]
-        assert bool(chance) == (begin < 100 / 3)
+        labels = {line.get_label() for line in axes.lines}
+        assert ("chance, 33.3 %" in labels) == (begin < 100 / 3)
+        assert ("chance, 33.3 %, is below" in labels) == (begin > 100 / 3)
 
 
 def test_gains_claim_no_more_than_was_found():
@@ -153,7 +157,14 @@ def test_gains_claim_no_more_than_was_found():
         gains
     )
     gains["groups"][0]["p_corrected"] = 0.4
-    assert verdict(gains) == "No significant difference with taps (corrected p below 0.05)."
+    assert verdict(gains) == "No difference seen with taps (corrected p below 0.05)."
+    gains["groups"][0]["paired"] |= {"least": 0.07, "clusters": "recording", "n_clusters": 40}
+    assert verdict(gains) == (
+        "No difference seen with taps (corrected p below 0.05); with 40 recordings less than 7 points could "
+        "not be seen in 8 of 10 trials; try more recordings, or `--touch 1`."
+    )
+    gains["groups"][0]["paired"] |= {"clusters": "operator", "n_clusters": 5}
+    assert "5 operators cannot reach 5% by their signs alone (6.2%); try more operators" in verdict(gains)
     assert "nothing to gain" in verdict(gains | {"without": {"accuracy": 1}})
     assert verdict(gains | {"groups": gains["groups"][1:]}) == "The dataset has none of the groups."
     told = document("benchmark")
@@ -223,3 +234,56 @@ def test_the_features_of_the_study_are_ordered_by_their_worst_condition():
     (axes,) = drawn(shown).axes
     assert axes.get_yticklabels()[0].get_text() == "mfcc (texclass)"
     assert shown.table.frame["Ratio"].tolist() == ["2", "3", "0.5", "undefined"]
+
+
+def test_published_figures_are_a_measure_only_of_as_many_surfaces_under_the_same_protocol():
+    for changed, why in (
+        ({"protocol": "blocks"}, "protocol `blocks` here, `operator` there"),
+        ({"published_on": {"n_materials": 69, "protocols": ["operator"]}}, "3 surfaces here, 69 there"),
+        ({"published_on": None}, "it is not said on how many surfaces"),
+    ):
+        told = document("benchmark", result("benchmark") | changed)
+        for text in everywhere(told):
+            assert why in text
+            assert "points [" not in text.partition("Every row beside")[0]
+            assert "reach their published" not in text
+        assert not any(figure(told, "ranking").table.frame["Points"])
+
+
+def test_clusters_that_cannot_tell_are_said_to_in_words():
+    data = result("benchmark")
+    for row in data["rows"]:
+        for accuracy in row["accuracy"].values():
+            accuracy |= {"interval": "Wilson over operators", "clusters": "operator", "n_clusters": 3}
+    told, text = everywhere(document("benchmark", data))
+    assert "95 % interval over 3 operators" in told
+    assert "3 operators are too few, so their spread tells nothing" in text
+    for row in data["rows"]:
+        for accuracy in row["accuracy"].values():
+            accuracy |= {"interval": "t over operators", "n_clusters": 7, "mean": 0.97}
+    assert (
+        "So near the end of the scale 7 operators cannot tell well"
+        in everywhere(document("benchmark", data))[0]
+    )
+
+
+def test_chance_stands_beside_every_accuracy_in_text_and_picture():
+    for kind, name in (("benchmark", "ranking"), ("tradeoff", "front"), ("peers", "time")):
+        told = document(kind)
+        assert "chance" in told.finding.sentence
+        for text in everywhere(told):
+            assert text.count("chance is") + text.count("Chance is") >= 1
+        (axes,) = drawn(figure(told, name), WIDTH).axes
+        assert any("chance" in label for label in axes.get_legend_handles_labels()[1])
+
+
+def test_what_was_chosen_with_the_tests_in_view_is_named_and_the_inner_choice_comes_first():
+    choice = {"accuracy": {"mean": 0.818, "low": 0.777, "high": 0.853}, "protocol": "recording",
+              "chosen": [["All", "lda"]]}  # fmt: skip
+    told, _ = everywhere(document("peers", result("peers") | {"choice": choice, "n_pairs": 20}))
+    assert (
+        "Chosen inside each training part, ours has 81.8 [77.7, 85.3] %. Ours here is the highest of 20"
+        in told
+    )
+    assert "chosen with the tests in view" in everywhere(document("peers"))[0]
+    assert "picked on these very folds, so optimistic" in everywhere(document("tradeoff"))[0]

@@ -64,8 +64,8 @@ class Table:
     frame : DataFrame
         The cells: texts, numbers (shown to three digits; give texts where points are to stand in line), None
         for an empty one. The first column heads its rows. Columns of two levels are titled in two lines. In a
-        column of numbers, what follows a number in brackets is its interval, which is set smaller, and left
-        out on a narrow terminal.
+        column of numbers, what follows a number in brackets is its interval, which is set smaller, and
+        below it on a narrow terminal.
     caption : str
         What the columns mean; below the table.
     n_words : int

@@ -1,6 +1,6 @@
 """How figures look: one palette, which a page can exchange for a dark one, and rows of names."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -86,6 +86,14 @@ def per_cent_limits(lows: Sequence[float]) -> tuple[float, float]:
     """Return limits of an axis in per cent: from the ten below the least value to a little above 100."""
     low = min(90.0, 10 * float(np.floor(min(lows, default=0.0) / 10)))
     return low - (100 - low) / 50, 100 + (100 - low) / 50
+
+
+def chance_line(draw: Callable[..., object], chance: float, low: float) -> None:
+    """Draw the line of chance, in per cent, across axes that begin at `low`; out of sight, name it."""
+    if low <= chance:
+        draw(chance, color=MUTED, linewidth=1, linestyle=":", label=f"chance, {chance:.1f} %")
+    else:
+        draw(low, color="none", label=f"chance, {chance:.1f} %, is below")
 
 
 def log_x(axes: "Axes") -> None:

@@ -1,7 +1,7 @@
 """A document on a terminal: tables fit its width, words wrap between words, numbers never do."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -61,13 +61,13 @@ def _block(block: Block) -> Iterator[RenderableType]:
 
 @dataclass(frozen=True)
 class _Fitting:
-    """The widest of several ways to draw a table that a terminal has room for; the last if there is none."""
+    """The widest of several ways to draw a table that a terminal has room for; in parts if there is none."""
 
     table: Table
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
-        n_columns = self.table.n_kept or self.table.frame.shape[1]
-        narrow = partial(_drawn, self.table, intervals=False, break_titles=True)
+        n_words, n_columns = self.table.n_words, self.table.frame.shape[1]
+        narrow = partial(_drawn, self.table, below=True, break_titles=True)
         ways: list[Callable[[], RichTable]] = [
             partial(_drawn, self.table),
             partial(_drawn, self.table, break_titles=True),
@@ -79,34 +79,45 @@ class _Fitting:
             if Measurement.get(console, unlimited, made).minimum <= options.max_width:
                 yield made
                 return
-        yield narrow(n_columns=n_columns)
+        # Words at the left of every part, then as many columns as there is room for.
+
+        def fits(made: RichTable) -> bool:
+            return sum((column.min_width or 0) + 2 for column in made.columns) - 2 <= options.max_width
+
+        words, left = list(range(n_words)), list(range(n_words, self.table.n_kept or n_columns))
+        while left:
+            n = next((n for n in range(len(left), 1, -1) if fits(narrow(columns=words + left[:n]))), 1)
+            yield narrow(columns=words + left[:n])
+            left = left[n:]
 
 
 def _drawn(
-    table: Table, *, intervals: bool = True, break_titles: bool = False, n_columns: int | None = None
+    table: Table, *, below: bool = False, break_titles: bool = False, columns: Sequence[int] = ()
 ) -> RichTable:
     drawn = RichTable(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
     cells: list[list[Any]] = []
-    named = titles_of(table.frame)[:n_columns]
+    columns = columns or range(table.frame.shape[1])
+    every = titles_of(table.frame)
+    named = [every[i] for i in columns]
     before = ["", *(group for group, _ in named)]  # a group is named over the first of its columns
     titles = [
         part if group == last and part else f"{group}\n{part}".strip()
         for (group, part), last in zip(named, before, strict=False)
     ]
-    rows = [row[:n_columns] for row in texts_of(table.frame)]
+    rows = [[row[i] for i in columns] for row in texts_of(table.frame)]
     for i, why in table.instead.items():
         brief = re.sub(r" \([^)]*\)", "", why)
         rows[i] = [f"{rows[i][0]}\n  {brief}", *[""] * (len(titles) - 1)]
     for i, title in enumerate(titles):
         column = [row[i] for row in rows]
-        broken = title if intervals else split_interval(title)[0]
-        broken = re.sub(" (?!%)", "\n", broken) if break_titles else broken
+        broken = title.replace(" [", "\n[") if below else title
+        broken = re.sub(r"(?<!\d) (?!%)", "\n", broken) if break_titles else broken
         if i < table.n_words:
             longest = _width((title, *column))
             drawn.add_column(title, min_width=min(LEAST_WORDS if i else LEAST_NAME, longest))
             cells.append([Text(text) for text in column])
         else:
-            numbers = _numbers(column, intervals)
+            numbers = _numbers(column, below)
             width = _width((broken, *map(str, numbers)))
             drawn.add_column(broken, justify="right", no_wrap=True, min_width=width)
             cells.append(numbers)
@@ -120,15 +131,18 @@ def _width(texts: Iterable[str]) -> int:
     return max(len(line) for text in texts for line in text.split("\n"))
 
 
-def _numbers(column: list[str], intervals: bool) -> list[Text]:
-    """Return numbers, each with its interval faint beside it, their points in line."""
+def _numbers(column: list[str], below: bool) -> list[Text]:
+    """Return numbers, each with its interval faint beside or below it, their points in line."""
     parted = [split_interval(text) for text in column]
-    beside = [found if intervals else "" for _, found in parted]
+    beside = [found for _, found in parted]
     for i, found in enumerate(beside):  # in whole numbers: [82.6, 94.5] is 83–95
         if ends := re.fullmatch(r"\[(\d+\.\d), (\d+\.\d)\]", found):
             beside[i] = "{:.0f}–{:.0f}".format(*map(float, ends.groups()))
     width = max(map(len, beside), default=0)
     return [
-        Text.assemble(number, (f" {found:>{width}}" if width and number else "", "not bold dim"))
+        Text.assemble(
+            number,
+            (("\n" if below else " ") + f"{found:>{width}}" if width and number else "", "not bold dim"),
+        )
         for (number, _), found in zip(parted, beside, strict=True)
     ]

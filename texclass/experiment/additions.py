@@ -102,8 +102,8 @@ def measure_additions(
         e.hits for e in each(calls, n_jobs=n_jobs, progress=progress, what="additions", total=len(calls))
     ]
     hits = [found[i : i + n_repeats] for i in range(0, len(found), n_repeats)]
-    clusters = protocol.clusters(table.frame)
-    paired = [compare(h, hits[0], repeats[0], protocol, clusters, pipeline.seed) for h in hits[1:]]
+    independent = protocol.independent(table.frame)
+    paired = [compare(h, hits[0], repeats[0], protocol, independent) for h in hits[1:]]
     model = meter.model(pipeline.features.restricted_to(f for one in rows for f in one.definition.features))
     sums = [
         {

@@ -18,13 +18,13 @@ from texclass.experiment.folds import Evaluation
 from texclass.experiment.nested_choice import choose_inside, inner_splits
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition, load_pipeline
 from texclass.experiment.protocols import Protocol, find_protocol
-from texclass.experiment.result import BenchmarkResult, best_of
+from texclass.experiment.result import COMPUTED_BY, BenchmarkResult, best_of
 from texclass.experiment.windows import parents
 from texclass.experiment.workers import Progress, each
 from texclass.features.extractor import Reason
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
-from texclass.provenance import versions
+from texclass.provenance import code_hash, versions
 
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "pandas", "PyWavelets", "librosa", "joblib")
 
@@ -91,9 +91,9 @@ def run_benchmark(
     evaluations = _evaluate(rows, table, splits, pipeline, chosen, **work)
     choice = choose_inside(rows, table, splits, pipeline, chosen, evaluations, **work) if choose else None
     base = choose_base(pipeline, rows, evaluations) if pipeline.additions else None
-    lines = [
-        _line(row, pipeline, meter, evaluations.get(row.definition.name, {}), chosen.unit) for row in rows
-    ]
+    units = (chosen.unit, chosen.independent(table.frame)[0])
+    lines = [_line(row, pipeline, meter, evaluations.get(row.definition.name, {}), units) for row in rows]
+    agreement = {name: rank_agreement(lines, name) for name in pipeline.classifiers}
     frame, windows = table.frame, "parent" in table.frame
     tested = "windows" if windows else "recordings"
     # By feature: the commonest reason, and the number of recordings.
@@ -108,17 +108,27 @@ def run_benchmark(
                 **({"n_windows": len(frame)} if windows else {}),
                 **{f"n_{of}s": int(frame[of].nunique()) for of in ("material", "operator", "session")},
                 "materials": list(dataset.materials),
+                "chance": float(frame["material"].value_counts(normalize=True).max()),
+                "fs_hz": float(meter.recordings[0].fs),
+                "unit": meter.recordings[0].unit,
                 "licence": dataset.licence,
                 "source": dataset.source,
                 "notes": list(dataset.notes),
             },
-            "pipeline": {"name": pipeline.name, "hash": pipeline.hash, "features": pipeline.features.name},
+            "pipeline": {
+                "name": pipeline.name,
+                "hash": pipeline.hash,
+                "features": pipeline.features.name,
+                "features_hash": pipeline.features.hash,
+            },
             "protocol": chosen.name,
             "protocol_description": chosen.description,
             "n_folds": len(splits),
             "accuracy_unit": f"fraction of {tested}; low and high are the 95 % interval by `interval`",
             "rows": lines,
-            "rank_agreement": {name: _rank_agreement(lines, name) for name in pipeline.classifiers},
+            "published_on": pipeline.published_on and pipeline.published_on.model_dump(),
+            "rank_agreement": {name: found and found[0] for name, found in agreement.items()},
+            "rank_agreement_interval": {name: found and found[1] for name, found in agreement.items()},
             "confusion": _confusion(lines, evaluations, dataset.materials),
             "gains": base and measure_additions(pipeline, table, base, chosen, folds, meter, **work),
             "choice": choice,
@@ -128,6 +138,7 @@ def run_benchmark(
             "versions": versions(*LIBRARIES),
             "seed": pipeline.seed,
             "input_hash": dataset.input_hash,
+            "code_hash": code_hash(*COMPUTED_BY, words=False),
         }
     )
 
@@ -141,7 +152,8 @@ def _evaluate(
     **work: Any,
 ) -> dict[str, dict[str, Evaluation]]:
     """Evaluate every computable row with every classifier: row name -> classifier -> evaluation."""
-    options = {"nested": protocol.nested, "clusters": protocol.clusters(table.frame), "seed": pipeline.seed}
+    clusters, (_, independent) = protocol.clusters(table.frame), protocol.independent(table.frame)
+    options = {"nested": protocol.nested, "clusters": clusters, "independent": independent}
     tasks = [
         (row, name) for row in rows if row.columns for name in row.definition.judged_by(pipeline.classifiers)
     ]
@@ -158,7 +170,7 @@ def _line(
     pipeline: PipelineDefinition,
     meter: CostMeter,
     evaluations: Mapping[str, Evaluation],
-    unit: str,
+    units: tuple[str, str],
 ) -> dict[str, Any]:
     """Return a line of the table; published figures as fractions."""
     # Of the whole pool, where columns are selected.
@@ -168,7 +180,7 @@ def _line(
     return {
         "name": row.definition.name,
         "n_features": row.n_features,
-        "accuracy": {name: e.accuracy.to_dict(unit) for name, e in evaluations.items()},
+        "accuracy": {name: e.accuracy.to_dict(*units) for name, e in evaluations.items()},
         "paper": {name: value / 100 for name, value in row.definition.published.items()},
         "ms_per_recording": meter.milliseconds(features) if row.columns else None,
         "missing": row.missing,
@@ -177,8 +189,19 @@ def _line(
     }
 
 
-def _rank_agreement(lines: Sequence[Mapping[str, Any]], classifier: str) -> float | None:
-    """Spearman correlation of our accuracies with the published ones; None with fewer than three rows."""
+def rank_agreement(
+    lines: Sequence[Mapping[str, Any]], classifier: str
+) -> tuple[float, tuple[float, float] | None] | None:
+    """Return Spearman's correlation of our accuracies with the published ones, and its 95 % interval.
+
+    tanh(atanh(r) -+ 1.96 sqrt((1 + r^2/2)/(n - 3))) over n rows. None with fewer than three rows; no interval
+    with fewer than four, or of a perfect agreement.
+
+    References
+    ----------
+    Bonett, Wright (2000): Sample size requirements for estimating Pearson, Kendall and Spearman correlations.
+    Psychometrika 65.
+    """
     pairs = [
         (line["accuracy"][classifier]["mean"], line["paper"][classifier])
         for line in lines
@@ -186,7 +209,13 @@ def _rank_agreement(lines: Sequence[Mapping[str, Any]], classifier: str) -> floa
     ]
     if len(pairs) < 3 or any(len(set(values)) < 2 for values in zip(*pairs, strict=True)):
         return None
-    return float(spearmanr(*np.array(pairs).T).statistic)
+    r, n = float(spearmanr(*np.array(pairs).T).statistic), len(pairs)
+    if n < 4 or abs(r) > 1 - 1e-12:
+        return r, None
+    # tanh(atanh(r) -+ 1.96 sqrt((1 + r^2/2)/(n - 3)))
+    half = 1.96 * np.sqrt((1 + r**2 / 2) / (n - 3))
+    low, high = np.tanh(np.arctanh(r) + np.array([-half, half]))
+    return r, (float(low), float(high))
 
 
 def _confusion(

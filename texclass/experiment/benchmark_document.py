@@ -8,10 +8,27 @@ import pandas as pd
 
 from texclass.document import Document, Figure, Finding, Heading, Heat, Shade, Table
 from texclass.document.blocks import Block
-from texclass.document.figure_style import MUTED, OTHER, OURS, PAPER, legend_above, per_cent_limits, row_axes
+from texclass.document.figure_style import (
+    OTHER,
+    OURS,
+    PAPER,
+    chance_line,
+    legend_above,
+    per_cent_limits,
+    row_axes,
+)
 from texclass.document.wording import aligned, digits, estimate, interval, percent, points, sentence
 from texclass.experiment.gains_document import gains_blocks
-from texclass.experiment.result import again_facts, classifier_title, dataset_facts, protocol_title, size
+from texclass.experiment.result import (
+    again_facts,
+    caution,
+    chance_of,
+    classifier_title,
+    dataset_facts,
+    over,
+    protocol_title,
+    size,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -89,36 +106,42 @@ def benchmark_blocks(data: Data) -> Iterator[Block]:
 
 
 def _finding(data: Data, best: _Pair) -> Finding:
+    """Return the accuracy of the choice inside the training parts, if it was made, else the highest."""
     name, n_pairs = classifier_title(best.classifier), len(_pairs(data))
     folds = f", {data['n_folds']} folds" if data["n_folds"] > 1 else ""
-    said = (
-        f"of the {_tested(data)} recognised among {data['dataset']['n_materials']} materials, by "
-        f"{best.row['name']} with {name} (95 % interval). Protocol: {data['protocol_description']}{folds}."
-    )
-    if n_pairs > 1:
-        said += (
-            f" It is the highest of {n_pairs} pairs of row and classifier on the same tests, so it is a "
-            "little optimistic."
-        )
-    if choice := data.get("choice"):
-        said += (
-            " Chosen inside each training part, where tests have no say: "
-            f"{_chosen_accuracy(choice['accuracy'])}."
-        )
+    of = f"of the {_tested(data)} recognised among {data['dataset']['n_materials']} materials"
+    under = f"Protocol: {data['protocol_description']}{folds}."
+    highest = f"the highest of {n_pairs} pairs of row and classifier, chosen with the tests in view"
+    row, chance = f"{best.row['name']} with {name}", f"chance {percent(chance_of(data))} %"
     beside, brief = _beside_paper(data, best)
+    if choice := data.get("choice"):
+        found = choice["accuracy"]
+        said = f"{of}, by row and classifier chosen inside each training part"
+        beside = f"{percent(best.accuracy['mean'])} % by {row}: {highest}, so optimistic. {beside}".rstrip()
+        brief = f"Chosen inside the training parts; {percent(best.accuracy['mean'])} % by {row} is {highest}."
+    else:
+        found, said = best.accuracy, f"{of}, by {row}"
+        if n_pairs > 1:
+            said += f": {highest}, so optimistic (`--choose` says what the choice is worth)"
+        brief = f"{row}; {brief}" if brief else f"{row}."
     return Finding(
-        percent(best.accuracy["mean"]), "%", interval(best.accuracy), said, beside,
-        f"{best.row['name']} with {name}; {brief}",
+        percent(found["mean"]), "%", interval(found),
+        f"{said} (95 % interval{over(found)}; {chance}). {under}{_space(caution(found))}", beside, brief,
     )  # fmt: skip
 
 
 def _beside_paper(data: Data, best: _Pair) -> tuple[str, str]:
-    """Return how far the best row, or else the best published one, is from its published figure, twice."""
+    """Return how far the best row, or else the best published one, is from its published figure, twice.
+
+    Only where as many surfaces were told apart under the same protocol.
+    """
     what, which = "for this row with this classifier", ""
+    published = [pair for pair in _pairs(data) if pair.published is not None]
+    if not published:
+        return "No row of this table has a published figure.", "no published figure."
+    if unlike := unlike_published(data):
+        return f"The published figures are no measure of ours: {unlike}.", ""
     if best.published is None:
-        published = [pair for pair in _pairs(data) if pair.published is not None]
-        if not published:
-            return "No row of this table has a published figure.", "no published figure."
         best = max(published, key=lambda pair: float(pair.published))
         what = (
             f"for {best.row['name']} with {classifier_title(best.classifier)}, the best published row here, "
@@ -132,6 +155,26 @@ def _beside_paper(data: Data, best: _Pair) -> tuple[str, str]:
         "published figure has no interval and comes from other recordings.",
         f"{difference} points against the published {100 * theirs:.0f} %{which}.",
     )
+
+
+def unlike_published(data: Data) -> str:
+    """Return why published figures cannot be compared with ours; nothing if they can."""
+    theirs, n, tested = data.get("published_on"), data["dataset"]["n_materials"], _tested(data)
+    if not theirs:
+        return "it is not said on how many surfaces and under which protocol they were measured"
+    unlike = []
+    if n != theirs["n_materials"]:
+        unlike.append(f"{n} surfaces here, {theirs['n_materials']} there")
+    if data["protocol"] not in theirs["protocols"]:
+        there = " or ".join(f"`{name}`" for name in theirs["protocols"])
+        unlike.append(f"protocol `{data['protocol']}` here, {there} there")
+    if tested == "windows":
+        unlike.append("windows here, recordings there")
+    return "; ".join(unlike)
+
+
+def _space(text: str) -> str:
+    return text and f" {text}"
 
 
 def _rows(data: Data, best: _Pair | None) -> Table:
@@ -150,9 +193,13 @@ def _rows(data: Data, best: _Pair | None) -> Table:
             columns[title, "Paper %"] = ["" if value is None else f"{100 * value:.0f}" for value in theirs]
     columns["ms", ""] = aligned(row["ms_per_recording"] for row in data["rows"])
     tested, also = _tested(data), ", and the published one" if published else ""
+    if published and (unlike := unlike_published(data)):
+        also += f" (no measure of ours: {unlike})"
+    clusters = over(best.accuracy) if best else ""
     return Table(
         pd.DataFrame(columns),
-        f"Accuracy over {tested} in % with its 95 % interval{also}; the best row is bold. "
+        f"Accuracy over {tested} in % with its 95 % interval{clusters}{also}; chance is "
+        f"{percent(chance_of(data))} %; the best row is bold: it is chosen with the tests in view. "
         "Dim: columns that reach the classifier; ms: features of one "
         f"{tested[:-1]}, one thread, shared transforms counted once, without segmentation.",
         strong=[i for i, row in enumerate(data["rows"]) if best is not None and row is best.row],
@@ -190,17 +237,21 @@ def _ranking(data: Data, best: _Pair) -> Figure:
     """Return all rows as a picture: ours and the published figures."""
     name = best.classifier
     found = [pair for pair in _pairs(data) if pair.classifier == name]
+    unlike = unlike_published(data)
     gaps = [pair.accuracy["mean"] - pair.published for pair in found if pair.published is not None]
+    gaps = [] if unlike else gaps
     reached = f"; {sum(gap >= 0 for gap in gaps)} of {len(gaps)} rows reach their published figure"
     rows = []
     for row, _, ours, theirs in found:
         against = ("", "") if theirs is None else (f"{100 * theirs:.0f}", points(ours["mean"] - theirs))
+        against = (against[0], "") if unlike else against
         rows.append((row["name"], estimate(ours), *against))
     return Figure(
         "ranking",
         f"Every row with {classifier_title(name)}",
-        f"The best of {len(found)} rows is {best.row['name']} with {percent(best.accuracy['mean'])} %"
-        f"{reached if gaps else ''}.",
+        f"The best of {len(found)} rows, with the tests in view, is {best.row['name']} with "
+        f"{percent(best.accuracy['mean'])} %{reached if gaps else ''}; chance is "
+        f"{percent(chance_of(data))} %.",
         lambda width: draw_rows(data, name, width),
         Table(pd.DataFrame(rows, columns=["Row", "Ours, % [95 %]", "Published, %", "Points"])),
     )
@@ -225,9 +276,7 @@ def draw_rows(data: Data, classifier: str, width: float) -> "Drawing":
         said = f"{row['name']}: ours {estimate(found)}"
         axes.plot(mean, y, "o", color=OURS, gid=said, label="ours, 95 % interval")
     low, high = per_cent_limits(lows)
-    chance = 100 / data["dataset"]["n_materials"]
-    if low <= chance:
-        axes.axvline(chance, color=MUTED, linewidth=1, linestyle=":", label="chance")
+    chance_line(axes.axvline, 100 * chance_of(data), low)
     axes.set_xlim(low, high)
     legend_above(figure, axes)
     return figure
@@ -271,17 +320,23 @@ def _confusion(found: Data, tested: str) -> Heat:
 
 def _notes(data: Data, best: _Pair | None) -> Iterator[str]:
     """Yield what a reader of the table must know."""
-    intervals = [pair.accuracy.get("interval", "") for pair in _pairs(data)]
-    if bootstrap := next((how for how in intervals if how.startswith("bootstrap")), None):
-        unit = bootstrap.split()[-1]
+    clustered = [pair.accuracy for pair in _pairs(data) if " over " in pair.accuracy.get("interval", "")]
+    if clustered:
+        what = clustered[0].get("clusters", "recording")
         yield (
-            f"Accuracy is the share of {_tested(data)}; its interval is a {bootstrap}, as those of one "
-            f"{unit.removesuffix('s')} are no independent tests."
+            f"Accuracy is the share of {_tested(data)}; its interval is{over(clustered[0])}, as those of one "
+            f"{what} are no independent tests (t, jackknife of the logit)."
         )
+    yield from dict.fromkeys(filter(None, map(caution, clustered)))
     agreement = {n: value for n, value in data.get("rank_agreement", {}).items() if value is not None}
     if agreement:
-        listed = ", ".join(f"{classifier_title(n)} {digits(round(v, 2))}" for n, v in agreement.items())
-        yield f"Rank agreement of the rows with the published figures (Spearman): {listed}."
+        bounds = data.get("rank_agreement_interval", {})
+        listed = ", ".join(
+            f"{classifier_title(n)} {v:.2f}"
+            + (" [{:.2f}, {:.2f}]".format(*bounds[n]) if bounds.get(n) else "")
+            for n, v in agreement.items()
+        )
+        yield f"Rank agreement of the rows with the published figures (Spearman, 95 %): {listed}."
     if best is not None and (columns := best.row.get("selected", {}).get(best.classifier)):
         chosen = sorted(columns.items(), key=lambda item: -item[1])
         listed = ", ".join(f"{column} {share:.0%}" for column, share in chosen)

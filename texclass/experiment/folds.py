@@ -205,7 +205,7 @@ def evaluate(
     *,
     nested: bool = True,
     clusters: Labels | None = None,
-    seed: int = 0,
+    independent: Labels | None = None,
 ) -> Evaluation:
     """Fit on each fold's training recordings, predict its test recordings.
 
@@ -215,10 +215,9 @@ def evaluate(
         See `over_folds`.
     classifier : classifier
         Unfitted.
-    clusters : ndarray of shape (n_recordings,), optional
-        Which recording or run each row of X is a part of; see `score`.
-    seed : int
-        Of the bootstrap over clusters.
+    clusters, independent : ndarray of shape (n_recordings,), optional
+        Which recording or run each row of X is a part of, and which operator or whatever is independent; see
+        `score`.
     """
 
     def answers(fold: Fold) -> tuple[Labels, Labels, Samples, float, float]:
@@ -231,11 +230,13 @@ def evaluate(
 
     folds = over_folds(answers, X, y, splits, preparation, nested=nested)
     truth, predicted, support, fit_s, predict_s = zip(*folds, strict=True)
-    tested = None if clusters is None else [clusters[test] for _, test in splits]
+    tested, over = (
+        None if of is None else [of[test] for _, test in splits] for of in (clusters, independent)
+    )
     return Evaluation(
         truth,
         predicted,
-        score(truth, predicted, tested, seed=seed),
+        score(truth, predicted, tested, over),
         np.mean(support, axis=0),
         float(np.mean(fit_s)),
         float(np.mean(predict_s)),

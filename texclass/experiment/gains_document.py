@@ -9,7 +9,7 @@ from texclass.document import Figure, Table
 from texclass.document.blocks import Block
 from texclass.document.figure_style import INK, OURS, PAPER, legend_above, row_axes
 from texclass.document.wording import aligned, gain, p_value, percent, points
-from texclass.experiment.result import classifier_title
+from texclass.experiment.result import classifier_title, over
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -75,12 +75,26 @@ def verdict(gains: Gains) -> str:
     sure = [group for group in measured if group["p_corrected"] is not None and group["p_corrected"] < LEVEL]
     if not sure:
         groups = f"any of the {len(measured)} groups" if len(measured) > 1 else measured[0]["name"]
-        return f"No significant difference with {groups} (corrected p below {LEVEL})."
+        return f"No difference seen with {groups} (corrected p below {LEVEL}){unseen(measured)}."
     listed = ", ".join(f"{group['name']} {points(group['paired']['difference'])} points" for group in sure)
     return (
         f"{len(sure)} of {len(measured)} groups change the accuracy significantly (corrected p below "
         f"{LEVEL}): {listed}."
     )
+
+
+def unseen(groups: list[Gains]) -> str:
+    """Return what could not be seen with so few independent tests, as the end of a sentence."""
+    paired = max((group["paired"] for group in groups), key=lambda paired: paired.get("least") or 0.0)
+    if not paired.get("least"):  # an older result
+        return ""
+    n, what = paired["n_clusters"], f"{paired['clusters']}s"
+    least = f"{100 * paired['least']:.1f}".removesuffix(".0")
+    told = f"; with {n} {what} less than {least} points could not be seen in 8 of 10 trials"
+    if n <= 5:
+        told += f", and {n} {what} cannot reach {LEVEL:.0%} by their signs alone ({2.0 ** (1 - n):.1%})"
+    ways = {"recording": "more recordings, or `--touch 1`", "run": "more runs, or `--protocol recording`"}
+    return f"{told}; try {ways.get(paired['clusters'], f'more {what}, or `--protocol recording`')}"
 
 
 def _sum(found: Gains) -> tuple[str, str]:
@@ -99,7 +113,8 @@ def _notes(gains: Gains, measured: list[Gains], seed: int) -> Iterator[str]:
         folds = seeds if n_repeats > 1 else f"{n_folds} folds"
         yield f"{folds}; folds +/-: in how many the group helps, in how many it harms."
     if tests := sorted({group["paired"]["test"] for group in measured}):
-        yield f"Interval and p: {', '.join(tests)}; Holm: corrected for the number of groups."
+        n = over(measured[0]["paired"])
+        yield f"Interval and p: {', '.join(tests)}{n}; Holm: corrected for the number of groups."
     if gains.get("selects"):
         yield f"{gains['row']} selects its columns: a group competes for the same number of places."
     for group in measured:

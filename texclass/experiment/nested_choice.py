@@ -60,6 +60,7 @@ def choose_inside(
         return None
     inner = inner_splits(protocol, table.frame, splits, pipeline.seed)
     y, clusters = table.materials, protocol.clusters(table.frame)
+    over, independent = protocol.independent(table.frame)
     trials = [pipeline.trial(row, name, table) for row, name in pairs]
     calls = [
         partial(trial, [(train[a], train[b]) for a, b in found])
@@ -73,9 +74,9 @@ def choose_inside(
     best = (np.reshape(hits, (len(splits), len(pairs))) + wider).argmax(axis=1)
     chosen = [[pairs[k][0].definition.name, pairs[k][1]] for k in best]
     predicted = [evaluations[row][name].predicted[k] for k, (row, name) in enumerate(chosen)]
-    truth, tested = ([of[test] for _, test in splits] for of in (y, clusters))
+    truth, *tested = ([of[test] for _, test in splits] for of in (y, clusters, independent))
     return {
-        "accuracy": score(truth, predicted, tested, seed=pipeline.seed).to_dict(protocol.unit),
+        "accuracy": score(truth, predicted, *tested).to_dict(protocol.unit, over),
         "chosen": chosen,
         "protocol": ", ".join(dict.fromkeys(name for name, _ in inner)),
     }

@@ -9,7 +9,8 @@ from texclass.document import Document, Finding, Folded, Heading, Table
 from texclass.document.blocks import Block
 from texclass.document.wording import digits, estimate, p_value, percent, points, points_interval
 from texclass.experiment.benchmark_document import benchmark_blocks, benchmark_document
-from texclass.experiment.result import classifier_title
+from texclass.experiment.gains_document import LEVEL, unseen
+from texclass.experiment.result import classifier_title, over
 from texclass.features.contract import Gain
 from texclass.features.examination import EXACT
 
@@ -41,10 +42,13 @@ def _finding(data: Data) -> Finding:
         )
     paired, p = groups[0]["paired"], p_value(groups[0]["paired"]["p_value"])
     base = f"{gains['row']} with {classifier_title(gains['classifier'])}"
+    seen = paired["p_value"] < LEVEL
+    told = "" if seen else f" No difference seen{unseen(groups)}."
     return Finding(
         points(paired["difference"]), "points", points_interval(paired),
         f"of accuracy when {name} joins the best row, {base} "
-        f"({percent(gains['without']['accuracy'])} % without it); p {p} by {paired['test']}, 95 % interval.",
+        f"({percent(gains['without']['accuracy'])} % without it); p {p} by {paired['test']}, 95 % "
+        f"interval{over(paired)}.{told}",
         brief=f"Gain when it joins {base}; p {p}.",
     )  # fmt: skip
 

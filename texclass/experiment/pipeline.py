@@ -175,6 +175,26 @@ class FoldSettings(Written):
     folds: Annotated[int, Field(ge=2)] = 10
 
 
+class PublishedOn(Written):
+    """Under which conditions the published figures of a table were measured.
+
+    Attributes
+    ----------
+    n_materials
+        How many surfaces were told apart.
+    protocols
+        Those of ours that split as the publication did.
+    """
+
+    n_materials: Annotated[int, Field(ge=2)]
+    protocols: tuple[str, ...] = ()
+
+    @field_validator("protocols")
+    @classmethod
+    def _known(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(find_protocol(name).name for name in names)
+
+
 class AdditionSettings(Written):
     """How it is measured what each group adds to a row.
 
@@ -225,6 +245,9 @@ class PipelineDefinition(Written):
         See `FeatureExtractor`.
     protocol, gain
         How recordings are split, and how it is measured what groups add.
+    published_on
+        Under which conditions the published figures of the rows were measured; without it they are not
+        compared with ours.
     """
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
@@ -237,6 +260,7 @@ class PipelineDefinition(Written):
     channels: Channels = "combine"
     protocol: FoldSettings = FoldSettings()
     gain: AdditionSettings = AdditionSettings()
+    published_on: PublishedOn | None = None
     name: str = ""
     description: str = ""
     reference: str = ""

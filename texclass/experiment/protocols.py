@@ -51,8 +51,9 @@ class Protocol:
     drawn
         Whether the seed draws the folds, so that another seed gives others.
     unit
-        "recording" or "run": what is never parted, votes when it holds several rows, and is resampled for the
-        interval.
+        "recording" or "run": what is never parted, and votes when it holds several rows.
+    leaves_out
+        Whether operators (or sessions) are left out in turn: then they are what is independent.
     """
 
     name: str
@@ -61,10 +62,21 @@ class Protocol:
     nested: bool = True
     drawn: bool = False
     unit: Literal["recording", "run"] = "recording"
+    leaves_out: bool = False
 
     def clusters(self, table: pd.DataFrame) -> NDArray[np.str_]:
         """Return which `unit` each row belongs to."""
         return (runs if self.unit == "run" else parents)(table).to_numpy(dtype=str)
+
+    def independent(self, table: pd.DataFrame) -> tuple[str, NDArray[np.str_]]:
+        """Return what an interval or a test is taken over, and which of them each row belongs to.
+
+        Operators (or sessions) where they are left out, else the `unit`.
+        """
+        group = left_out_in_turn(table) if self.leaves_out else None
+        return (
+            (self.unit, self.clusters(table)) if group is None else (group, table[group].to_numpy(dtype=str))
+        )
 
 
 def of_recordings(split: Splitter) -> Splitter:
@@ -130,14 +142,19 @@ def leave_operator_out(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Sp
         If there are not two groups, or a material would be tested without having been trained.
     """
     _require(table["material"].value_counts())
-    known = (name for name in ("operator", "session") if table[name].notna().all())
-    group = next((name for name in known if table[name].nunique() >= 2), None)
+    group = left_out_in_turn(table)
     if group is None:
         raise ValueError(
             f"the dataset names {table['operator'].nunique()} operators and {table['session'].nunique()} "
             "sessions; the protocol `operator` needs at least 2 of one of them, named for every recording"
         )
     return _leave_out(group, table, n_folds, seed)
+
+
+def left_out_in_turn(table: pd.DataFrame) -> str | None:
+    """Return "operator", or "session" if operators are not named; None if neither has two groups."""
+    known = (name for name in ("operator", "session") if table[name].notna().all())
+    return next((name for name in known if table[name].nunique() >= 2), None)
 
 
 @of_recordings
@@ -177,6 +194,7 @@ PROTOCOLS = {
             "operator",
             "leave one operator (or session) out; scaling and selection fitted inside each fold",
             leave_operator_out,
+            leaves_out=True,
         ),
         Protocol(
             "blocks",

@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from texclass.experiment.accuracy import LEAST_CLUSTERS
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from texclass.document import Document
 
+ACCURACY_KEYS = ("mean", "low", "high", "interval", "clusters", "n_clusters", "balanced")
 CLASSIFIERS = {
     "naive_bayes": "Naive Bayes",
     "lda": "LDA",
@@ -30,6 +33,12 @@ PROTOCOLS = {
     "paper": "the paper's protocol",
 }
 COUNTS = ("operators", "sessions", "tests")
+COMPUTED_BY = ("recording", "signals", "phases", "features", "vibration", "experiment")
+"""Rooms and modules whose code the figures of a result depend on."""
+CHOICE = "row chosen inside the training parts"
+"""What the choice of a benchmark is called beside its rows."""
+FEW = 10
+"""Clusters below which an accuracy above 90 % (or below 10 %) is told with a caution."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -100,7 +109,7 @@ class BenchmarkResult(Result):
                 "row": row["name"],
                 "classifier": name,
                 "n_features": row["n_features"],
-                **{key: accuracy[key] for key in ("mean", "low", "high", "interval", "balanced")},
+                **{key: accuracy[key] for key in ACCURACY_KEYS},
                 "paper": row["paper"].get(name),
                 "ms_per_recording": row["ms_per_recording"],
             }
@@ -168,6 +177,28 @@ def size(facts: Mapping[str, Any]) -> str:
     return f"{windows}{facts['n_recordings']:,} recordings of {facts['n_materials']} materials"
 
 
+def chance_of(data: Mapping[str, Any]) -> float:
+    """Return the accuracy of answering always with the commonest material; an older result does not say."""
+    facts = data["dataset"]
+    return float(facts.get("chance") or 1 / facts["n_materials"])
+
+
+def over(found: Mapping[str, Any]) -> str:
+    """Return what the interval of an accuracy or a difference is over: " over 10 operators"."""
+    return f" over {found['n_clusters']:,} {found['clusters']}s" if found.get("n_clusters") else ""
+
+
+def caution(found: Mapping[str, Any]) -> str:
+    """Return what the clusters of an accuracy cannot tell; nothing where they can."""
+    n, what = found.get("n_clusters") or FEW, f"{found.get('clusters')}s"
+    if found.get("interval", "").startswith("Wilson over"):
+        why = "agree altogether" if n >= LEAST_CLUSTERS else "are too few"
+        return f"{n} {what} {why}, so their spread tells nothing: each counts as one test in the interval."
+    if n < FEW and found.get("interval", "").startswith("t over") and not 0.1 < found["mean"] < 0.9:
+        return f"So near the end of the scale {n} {what} cannot tell well: the interval may be too narrow."
+    return ""
+
+
 def dataset_facts(data: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
     """Return name and facts of the dataset that a result was measured on."""
     facts = data["dataset"]
@@ -176,6 +207,8 @@ def dataset_facts(data: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
         "What it is": facts.get("title"),
         "Size": ", ".join([size(facts), *counts]),
         "Materials": ", ".join(facts.get("materials") or ()),
+        "Signals": f"{facts['fs_hz']:g} Hz, {facts['unit']}" if facts.get("fs_hz") else "",
+        "Chance": f"{100 * chance_of(data):.1f} %",
         "Source": facts.get("source"),
         "Licence": facts.get("licence"),
         "Input hash": data["input_hash"],
@@ -191,4 +224,5 @@ def again_facts(data: Mapping[str, Any], pipeline: str) -> dict[str, str]:
         "Protocol": data["protocol"],
         "Seed": str(data["seed"]),
         "Input hash": f"{hashed[:12]}\N{HORIZONTAL ELLIPSIS}" if len(hashed) > 12 else hashed,
+        "Code": data.get("code_hash", ""),
     }

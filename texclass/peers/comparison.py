@@ -3,7 +3,7 @@
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from texclass.experiment.feature_table import FeatureTable, cached_table
 from texclass.experiment.paired import compare
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Protocol, Split, find_protocol
-from texclass.experiment.result import BenchmarkResult, Result
+from texclass.experiment.result import CHOICE, COMPUTED_BY, BenchmarkResult, Result
 from texclass.experiment.workers import Progress
 from texclass.loaders.dataset import Dataset
 from texclass.peers.given_signals import DESCRIPTIONS, Given, signal_reader
@@ -24,6 +24,7 @@ from texclass.peers.our_rows import measure_ours
 from texclass.peers.peer_worker.files import write_task
 from texclass.peers.peer_worker.peers import PEERS, Peer
 from texclass.peers.worker_process import Outcome, run_worker
+from texclass.provenance import code_hash
 
 Entrant = Mapping[str, Any]
 """What a classifier is, what it `predicted` in each fold, and what it took: see `measure_ours`."""
@@ -105,9 +106,10 @@ def compare_with_peers(
 ) -> PeerComparison:
     """Evaluate peers on the folds of a benchmark, and time our rows with the same clock.
 
-    Of ours, the most accurate row of the table competes, and the one with the most features. Each contestant
-    runs alone in a process of its own with one thread; peers run in another interpreter, if one is given, and
-    get signals and folds as files. Whatever learns is fitted on the training part of each fold.
+    Of ours, what was chosen inside the training parts competes, if the benchmark chose; the most accurate row
+    of the table; and the one with the most features. Each contestant runs alone in a process of its own with
+    one thread; peers run in another interpreter, if one is given, and get signals and folds as files.
+    Whatever learns is fitted on the training part of each fold.
 
     Parameters
     ----------
@@ -136,10 +138,17 @@ def compare_with_peers(
     report = progress or (lambda done, total, what: None)
     total = len(settings.names) + 1
     report(0, total, "peers")
-    entrants = [
-        _ours(*pair, measure_ours(*pair, pipeline, dataset, table, splits, nested=protocol.nested))
-        for pair in _candidates(result, pipeline, table)
-    ]
+    choice = result.data.get("choice")
+    pairs = _candidates(result, pipeline)
+    measured = {
+        pair: measure_ours(
+            *_matched(pair, pipeline, table), pipeline, dataset, table, splits, nested=protocol.nested
+        )
+        for pair in dict.fromkeys((*pairs, *map(tuple, choice["chosen"] if choice else ())))
+    }
+    entrants = [_ours(*_matched(pair, pipeline, table), measured[pair]) for pair in pairs]
+    if choice:
+        entrants.insert(0, _chosen([measured[tuple(pair)] for pair in choice["chosen"]]))
     report(1, total, "peers")
     versions: dict[str, str] = {}
     with tempfile.TemporaryDirectory(prefix="texclass-peers-") as folder:
@@ -151,11 +160,6 @@ def compare_with_peers(
             versions |= outcome.versions
             report(done, total, "peers")
     notes, benchmark = list[str](), result.data
-    if len(result.table) > 1:
-        notes.append(
-            "our first row is the most accurate of our table on these very test folds, so its figure is a "
-            "little too high; so is that of the best peer, for the same reason"
-        )
     if not protocol.nested:
         notes.append(
             "ours is prepared on all recordings, test folds included, as the protocol says; peers never are"
@@ -169,15 +173,16 @@ def compare_with_peers(
             "protocol": protocol.name,
             "protocol_description": protocol.description,
             "n_folds": len(splits),
-            "contestants": [
-                _judged(found, entrants[0], table, protocol, splits, pipeline.seed) for found in entrants
-            ],
+            "n_pairs": len(result.table),
+            "choice": choice,
+            "contestants": [_judged(found, entrants[0], table, protocol, splits) for found in entrants],
             "signals": DESCRIPTIONS[settings.signals],
             "time_limit_s": settings.time_limit_s,
             "versions": benchmark["versions"],
             "peer_versions": versions,
             "seed": pipeline.seed,
             "input_hash": benchmark["input_hash"],
+            "code_hash": code_hash(*COMPUTED_BY, words=False),
             "notes": notes,
             "accuracy_unit": "fraction of tests; low and high are the 95 % interval",
         }
@@ -206,20 +211,22 @@ def whole_materials(dataset: Dataset, limit: int) -> Dataset:
     raise ValueError(f"a limit of {limit} recordings leaves no two materials whole; the rule is at least two")
 
 
-def _candidates(
-    result: BenchmarkResult, pipeline: PipelineDefinition, table: FeatureTable
-) -> list[tuple[MatchedRow, str]]:
-    """Return our most accurate row and the widest one, each with its most accurate classifier."""
+def _candidates(result: BenchmarkResult, pipeline: PipelineDefinition) -> list[tuple[str, str]]:
+    """Return our most accurate row and the widest one, each with its most accurate classifier, by name."""
     if result.best is None:
         raise ValueError(f"no row of pipeline {pipeline.name} can be computed; the rule is at least one")
     accuracies = {row["name"]: row["accuracy"] for row in result.data["rows"] if row["accuracy"]}
     definitions = {row.name: row for row in pipeline.rows}
     widest = max(accuracies, key=lambda name: len(definitions[name].features))
     judge = max(accuracies[widest], key=lambda name: accuracies[widest][name]["mean"])
-    return [
-        (MatchedRow.of(definitions[row], pipeline.features, table), classifier)
-        for row, classifier in dict.fromkeys((result.best, (widest, judge)))
-    ]
+    return list(dict.fromkeys((result.best, (widest, judge))))
+
+
+def _matched(
+    pair: tuple[str, str], pipeline: PipelineDefinition, table: FeatureTable
+) -> tuple[MatchedRow, str]:
+    definition = next(row for row in pipeline.rows if row.name == pair[0])
+    return MatchedRow.of(definition, pipeline.features, table), pair[1]
 
 
 def _hand_over(
@@ -245,6 +252,17 @@ def _ours(row: MatchedRow, classifier: str, found: Mapping[str, Any]) -> Entrant
     name, reference = row.definition.name, row.definition.reference
     facts = {"name": name, "title": name, "ours": True, "reference": reference, "classifier": classifier}
     return {**facts, "status": "done", "message": "", "n_columns": row.n_features, **found}
+
+
+def _chosen(measured: Sequence[Mapping[str, Any]]) -> Entrant:
+    """Return what was chosen inside the training part of each fold; its costs are means over folds."""
+    facts = {"name": CHOICE, "title": CHOICE, "ours": True, "reference": "", "classifier": "chosen, too"}
+    costs = ("feature_s", "fit_s", "predict_s", "first_s", "memory_mb")
+    return {
+        **facts, "status": "done", "message": "", "n_columns": 0,
+        "predicted": tuple(found["predicted"][k] for k, found in enumerate(measured)),
+        **{key: float(np.mean([found[key] for found in measured])) for key in costs},
+    }  # fmt: skip
 
 
 def _theirs(peer: Peer, outcome: Outcome, names: NDArray[np.str_]) -> Iterator[Entrant]:
@@ -275,7 +293,6 @@ def _judged(
     table: FeatureTable,
     protocol: Protocol,
     splits: Sequence[Split],
-    seed: int,
 ) -> dict[str, Any]:
     """Return a line of the comparison: its accuracy, its cost, and what the first one is ahead of it."""
     told = ("name", "classifier", "title", "ours", "status", "message", "reference", "n_columns")
@@ -294,15 +311,16 @@ def _judged(
         "memory_mb": found["memory_mb"],
         "first_s": found["first_s"],
     }
-    clusters, truth = protocol.clusters(table.frame), [table.materials[test] for test in tests]
-    accuracy = score(truth, found["predicted"], [clusters[test] for test in tests], seed=seed)
-    low, high = accuracy.interval
-    line["accuracy"] = {"mean": accuracy.mean, "low": low, "high": high, **asdict(accuracy)}
+    truth, independent = [table.materials[test] for test in tests], protocol.independent(table.frame)
+    groups = ([of[test] for test in tests] for of in (protocol.clusters(table.frame), independent[1]))
+    accuracy = score(truth, found["predicted"], *groups)
+    counts = {"n_hits": accuracy.n_hits, "n_tested": accuracy.n_tested}
+    line["accuracy"] = counts | accuracy.to_dict(protocol.unit, independent[0])
     if found is not first:
         hits, others = (  # on the folds that both have
             [[t == p for t, p in zip(truth, of["predicted"], strict=False)]] for of in (first, found)
         )
-        line["difference"] = compare(hits, others, splits, protocol, clusters, seed)
+        line["difference"] = compare(hits, others, splits, protocol, independent)
     return line
 
 

@@ -11,6 +11,7 @@ from texclass.document.figure_style import (
     OTHER,
     OURS,
     PAPER,
+    chance_line,
     legend_above,
     log_x,
     new_figure,
@@ -27,7 +28,17 @@ from texclass.document.wording import (
     points_interval,
     sentence,
 )
-from texclass.experiment.result import again_facts, classifier_title, dataset_facts, protocol_title, size
+from texclass.experiment.result import (
+    CHOICE,
+    again_facts,
+    caution,
+    chance_of,
+    classifier_title,
+    dataset_facts,
+    over,
+    protocol_title,
+    size,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -94,8 +105,9 @@ def _finding(data: Data) -> Finding:
         points(difference["difference"]),
         "points",
         points_interval(difference),
-        f"for ours ({told_ours}) minus the best peer ({told_best}), on the same tests: {clear}. p "
-        f"{p_value(difference['p_value'])} by {difference['test']}. Protocol: "
+        f"for ours ({told_ours}) minus the best peer ({told_best}), on the same tests: {clear} (95 % "
+        f"interval{over(difference)}; chance {percent(chance_of(data))} %). p "
+        f"{p_value(difference['p_value'])} by {difference['test']}. {_in_view(data)} Protocol: "
         f"{data['protocol_description']}.",
         cost,
         f"Ours minus the best peer, {best['title']} with {classifier_title(best['classifier'])}, on the same "
@@ -103,12 +115,31 @@ def _finding(data: Data) -> Finding:
     )
 
 
+def _in_view(data: Data) -> str:
+    """Return what was chosen with the tests in view, after the choice inside the training parts."""
+    choice, n_peers = (
+        data.get("choice"),
+        sum(bool(not c["ours"] and c["accuracy"]) for c in data["contestants"]),
+    )
+    peer = f"The best peer is the highest of {n_peers}, chosen with the tests in view."
+    if choice and data["contestants"][0]["name"] == CHOICE:
+        return f"Ours is chosen inside each training part. {peer}"
+    pairs = f" of {data['n_pairs']} pairs of row and classifier" if data.get("n_pairs") else ""
+    ours = f"Ours here is the highest{pairs}, chosen with the tests in view"
+    if choice:
+        chosen = f"Chosen inside each training part, ours has {estimate(choice['accuracy'])} %."
+        return f"{chosen} {ours}: optimistic. {peer}"
+    if data.get("n_pairs") == 1:
+        return peer
+    return f"{ours}, so optimistic (`--choose` says what the choice is worth). {peer}"
+
+
 def _blocks(data: Data) -> Iterator[Block]:
     contestants = data["contestants"]
     yield Heading("Every tool and classifier")
     yield _every(data)
     if any(_placed(c) for c in contestants):
-        yield _accuracy_against_time(contestants)
+        yield _accuracy_against_time(contestants, 100 * chance_of(data))
     yield list(_notes(data))
     settings = dict.fromkeys((c["title"], c.get("reference", "")) for c in contestants if not c["ours"])
     frame = pd.DataFrame(list(settings), columns=["Tool", "Setting"])
@@ -152,6 +183,10 @@ def _notes(data: Data) -> Iterator[str]:
         f"Ours ahead by: points of {first['title']}, {classifier_title(first['classifier'])}, over the "
         f"line's, paired on the same tests ({', '.join(tests)}); p is not corrected for the number of lines."
     )
+    if accuracy := first["accuracy"]:
+        yield (
+            f"Chance is {percent(chance_of(data))} %; intervals are 95 %{over(accuracy)}. {caution(accuracy)}"
+        ).strip()
     yield f"A peer may take {digits(data['time_limit_s'])} s."
     for c in data["contestants"]:
         if c["status"] == "out of time" and c["accuracy"]:
@@ -162,7 +197,7 @@ def _notes(data: Data) -> Iterator[str]:
     yield from map(sentence, [*data.get("notes", ()), *data["dataset"].get("notes", ())])
 
 
-def _accuracy_against_time(contestants: list[Data]) -> Figure:
+def _accuracy_against_time(contestants: list[Data], chance: float) -> Figure:
     """Return the best classifier of each tool, numbered by accuracy."""
     best: dict[str, Data] = {}
     for c in sorted(filter(_placed, contestants), key=lambda c: -float(c["accuracy"]["mean"])):
@@ -180,13 +215,13 @@ def _accuracy_against_time(contestants: list[Data]) -> Figure:
         "time",
         "Accuracy against the time of features; up and left is better",
         f"The most accurate is {_tool(ranked[0])}, the fastest {_tool(fastest)}{ours}. With 95 % intervals; "
-        "the best classifier of each tool, numbered by accuracy.",
-        lambda width: _draw(ranked, names, width),
+        f"the best classifier of each tool, numbered by accuracy; chance is {chance:.1f} %.",
+        lambda width: _draw(ranked, names, width, chance),
         Table(pd.DataFrame(rows, columns=["Tool", "% [95 %]", "CPU ms"])),
     )
 
 
-def _draw(ranked: list[Data], names: list[str], width: float) -> "Drawing":
+def _draw(ranked: list[Data], names: list[str], width: float, chance: float) -> "Drawing":
     figure, axes = new_figure(width, 3.2 + 0.22 * len(ranked))
     for rank, (c, name) in enumerate(zip(ranked, names, strict=True), start=1):
         x, colour = c["cost"]["feature_ms"], OURS if c["ours"] else OTHER
@@ -198,7 +233,9 @@ def _draw(ranked: list[Data], names: list[str], width: float) -> "Drawing":
         axes.annotate(str(rank), (x, mean), color=PAPER, fontsize=8, weight="bold", ha="center", va="center")
     log_x(axes)
     axes.set(xlabel="CPU ms of features, one recording (log scale)", ylabel="accuracy, %")
-    axes.set_ylim(*per_cent_limits([100 * c["accuracy"]["low"] for c in ranked]))
+    low, high = per_cent_limits([100 * c["accuracy"]["low"] for c in ranked])
+    chance_line(axes.axhline, chance, low)
+    axes.set_ylim(low, high)
     legend_above(figure, axes)
     return figure
 

@@ -248,7 +248,7 @@ def accuracy_of_choice(
     """
     best = _best(hits.mean(axis=1)[None], n_columns)[0]
     if len(hits) == 1:
-        return best, score([np.ones(hits.shape[1], dtype=bool)], [hits[0]], [clusters], seed=seed)
+        return best, score([np.ones(hits.shape[1], dtype=bool)], [hits[0]], [clusters])
     _, cluster = np.unique(clusters, return_inverse=True)
     n_tests = np.bincount(cluster)
     by_cluster = np.array([np.bincount(cluster, weights=h) for h in hits])  # (n_candidates, n_clusters)

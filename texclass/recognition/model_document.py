@@ -35,7 +35,10 @@ def model_document(model: Model) -> Document:
         "Held out": f"protocol {accuracy['protocol']}, {n_folds} ({accuracy['why']}){drift}",
         "Cannot be told": "; ".join(untold) or "nothing of what the recordings name",
         "Probabilities": f"{calibration['method']} scaling, beta {calibration['beta']:.3g}; expected "
-        f"calibration error {calibration['expected_error']:.3f} on {calibration['n']} held out",
+        f"calibration error {calibration['expected_error']:.3f} on {calibration['n']} held out"
+        + (
+            f" ({of_chance:.3f} by chance alone)" if (of_chance := calibration.get("error_of_chance")) else ""
+        ),
         "Unknown surfaces": f"by {unknown['score']}, {100 * unknown['false_alarms']:g} % false alarms, "
         f"threshold {unknown['threshold']:.4g} from {unknown['n']} held out",
         "Cost": f"{m.cost['features_ms']:.2f} ms features, {m.cost['classifier_ms']:.2f} ms classifier, "

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import log_softmax
+from scipy.stats import rankdata
 from sklearn import config_context
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.impute import SimpleImputer
@@ -164,7 +165,8 @@ def expected_calibration_error(
     n_bins : int
         Bins.
     equal_counts : bool
-        Bins hold equally many answers instead of spanning equal widths of [0, 1].
+        Bins hold equally many answers instead of spanning equal widths of [0, 1]; answers of the same
+        confidence stay together.
 
     Raises
     ------
@@ -176,7 +178,23 @@ def expected_calibration_error(
         raise ValueError(
             f"confidence has shape {p.shape}, hits {right.shape}; the rule is one of each, n > 0"
         )
-    place = p.argsort(kind="stable").argsort(kind="stable") / p.size if equal_counts else p
-    bins = np.minimum((place * n_bins).astype(int), n_bins - 1)
-    gaps = np.bincount(bins, weights=right - p, minlength=n_bins)
+    gaps = np.bincount(_bins(p, n_bins, equal_counts), weights=right - p)
     return float(np.abs(gaps).sum() / p.size)
+
+
+def calibration_error_of_chance(
+    confidence: ArrayLike, n_bins: int = N_BINS, *, equal_counts: bool = False
+) -> float:
+    """Return what `expected_calibration_error` is on the average where probabilities are perfect.
+
+    Gaps of bins are absolute, so chance does not cancel: sum_b sqrt(2/pi sum_{i in b} p_i (1 - p_i)) / n, the
+    mean of as many absolute normal deviates. An error is one only as far as it is larger.
+    """
+    p = np.asarray(confidence, dtype=np.float64)
+    variances = np.bincount(_bins(p, n_bins, equal_counts), weights=p * (1 - p))
+    return float(np.sqrt(2 / np.pi * variances).sum() / p.size)
+
+
+def _bins(p: Samples, n_bins: int, equal_counts: bool) -> Labels:
+    place = (rankdata(p) - 0.5) / p.size if equal_counts else p
+    return np.minimum((place * n_bins).astype(np.intp), n_bins - 1)

@@ -34,7 +34,11 @@ from texclass.recognition.candidates import (
 from texclass.recognition.live.evidence import fit_correlation
 from texclass.recognition.model import Model, Ranges
 from texclass.recognition.model_files import Manifest, unsafe_classes
-from texclass.recognition.probabilities import expected_calibration_error, fit_calibration
+from texclass.recognition.probabilities import (
+    calibration_error_of_chance,
+    expected_calibration_error,
+    fit_calibration,
+)
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recognition.unknown import (
     Novelty,
@@ -206,6 +210,7 @@ def train(
             "method": "temperature",
             **vars(calibration),
             "expected_error": expected_calibration_error(p.max(axis=1), held_out.hits),
+            "error_of_chance": calibration_error_of_chance(p.max(axis=1)),
             "n": len(p),
             **_of_contacts(p, held_out, frame),
         },

@@ -93,19 +93,23 @@ ACCURACY = part(
     INTERVAL,
     balanced=maybe(FRACTION),
     interval=(str, ""),
+    clusters=(str, ""),
+    n_clusters=maybe(COUNT),
     per_recording=maybe(INTERVAL),
     per_run=maybe(INTERVAL),
 )
 DATASET = part(
     name=str, title=(str, ""), n_recordings=COUNT, n_materials=Annotated[int, Field(ge=1)],
     n_windows=maybe(COUNT), n_operators=maybe(COUNT), n_sessions=maybe(COUNT), n_tests=maybe(COUNT),
+    chance=maybe(FRACTION), fs_hz=maybe(ABOVE_0), unit=(str, ""),
     materials=some(str), licence=maybe(str), source=maybe(str), notes=some(str), max_seconds=maybe(NUMBER),
 )  # fmt: skip
-AGAIN = part(versions=named(str), seed=COUNT)
+AGAIN = part(versions=named(str), seed=COUNT, code_hash=(str, ""))
 MEASURED = part(AGAIN, dataset=DATASET, protocol=str, input_hash=str)
 PAIRED = part(
-    difference=NUMBER, low=NUMBER, high=NUMBER, p_value=FRACTION, test=str, folds=some(listed(NUMBER))
-)
+    difference=NUMBER, low=NUMBER, high=NUMBER, p_value=FRACTION, test=str, folds=some(listed(NUMBER)),
+    least=maybe(NUMBER), clusters=(str, ""), n_clusters=maybe(COUNT),
+)  # fmt: skip
 SUM = part(n_features=COUNT, accuracy=FRACTION, ms_per_recording=NUMBER)
 ROW = part(
     name=str, n_features=COUNT, accuracy=named(ACCURACY), paper=(named(FRACTION), {}),
@@ -117,15 +121,18 @@ GROUP = part(
 GAINS = part(
     row=str, classifier=str, chosen=str, without=SUM, n_repeats=COUNT, n_folds=COUNT, groups=listed(GROUP)
 )
+CHOICE = part(accuracy=ACCURACY, chosen=listed(tuple[str, str], least=1), protocol=str)
 BENCHMARK = part(
     MEASURED,
     pipeline=part(name=str, hash=str, features=str), protocol_description=str, n_folds=COUNT,
     rows=listed(ROW, least=1), rank_agreement=(named(NUMBER | None), {}),
+    rank_agreement_interval=(named(tuple[NUMBER, NUMBER] | None), {}),
+    published_on=maybe(part(n_materials=COUNT, protocols=listed(str))),
     confusion=part(
         row=str, classifier=str, materials=listed(str, least=1), counts=listed(listed(COUNT)), check=square
     ) | None,
     gains=maybe(GAINS),
-    choice=maybe(part(accuracy=ACCURACY, chosen=listed(tuple[str, str], least=1), protocol=str)),
+    choice=maybe(CHOICE),
     left_out=some(listed(str)), flags=some(listed(str)),
     undefined=some(part(feature=str, reason=str, n_recordings=COUNT)),
 )  # fmt: skip
@@ -175,7 +182,8 @@ COST = part(
 )
 PEERS = part(
     MEASURED,
-    pipeline=str, pipeline_hash=str, protocol_description=str, n_folds=COUNT,
+    pipeline=str, pipeline_hash=str, protocol_description=str, n_folds=COUNT, n_pairs=maybe(COUNT),
+    choice=maybe(CHOICE),
     contestants=listed(
         part(
             name=str, title=str, classifier=str, ours=bool, status=str, message=str, n_columns=COUNT,

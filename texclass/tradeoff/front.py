@@ -15,7 +15,7 @@ from sklearn.preprocessing import StandardScaler
 from texclass.experiment.accuracy import wilson_interval
 from texclass.experiment.cost import CostModel
 from texclass.experiment.folds import Fold, over_folds
-from texclass.experiment.paired import corrected_resampled_t
+from texclass.experiment.paired import agree, corrected_resampled_t
 from texclass.experiment.protocols import Split
 from texclass.experiment.selection import SubsetScore, inner_splits
 from texclass.experiment.workers import Progress, each
@@ -92,8 +92,8 @@ def cost_aware(costs: CostModel, **limits: Any) -> CostAwareSelector:
 def estimate(folds: ArrayLike, splits: Sequence[Split]) -> dict[str, float]:
     """Return mean and 95 % interval (low, high) of the accuracies of repeated cross-validation.
 
-    The interval is that of the corrected resampled t-test; where all folds agree, their spread tells nothing:
-    then it is Wilson's over the recordings of one repeat.
+    The interval is that of the corrected resampled t-test; where all folds agree, or there is one, their
+    spread tells nothing: then it is Wilson's over the recordings that were tested.
 
     Parameters
     ----------
@@ -105,9 +105,8 @@ def estimate(folds: ArrayLike, splits: Sequence[Split]) -> dict[str, float]:
     a = np.asarray(folds, dtype=np.float64)
     n_train, n_test = np.mean([[len(part) for part in split] for split in splits], axis=0)
     mean = float(a.mean())
-    if np.ptp(a) == 0:
-        n = round(n_test + n_train)
-        low, high = wilson_interval(round(mean * n), n)
+    if agree(a):
+        low, high = wilson_interval(mean * (n := np.unique(np.concatenate([t for _, t in splits])).size), n)
     else:
         (low, high), _ = corrected_resampled_t(a, n_test / n_train)
     return {"mean": mean, "low": max(0.0, low), "high": min(1.0, high)}

@@ -16,13 +16,14 @@ from texclass.document.figure_style import (
     NARROW,
     OTHER,
     OURS,
+    chance_line,
     legend_above,
     new_figure,
     per_cent_limits,
     row_axes,
 )
 from texclass.document.wording import aligned, digits, estimate, interval, percent, points, sentence
-from texclass.experiment.result import again_facts, classifier_title, dataset_facts, size
+from texclass.experiment.result import again_facts, chance_of, classifier_title, dataset_facts, over, size
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,9 +49,10 @@ def tradeoff_document(data: Data) -> Document:
         percent(knee["accuracy"]["mean"]),
         "%",
         interval(knee["accuracy"]),
-        f"of recordings recognised at the knee, for a budget of {digits(knee['budget_ms'])} ms per recording "
-        f"({100 * knee['budget_ms'] / total:.0f} % of the {digits(total)} ms of the full set). Protocol: "
-        f"{data['protocol']}; features are chosen inside each training part; 95 % interval.",
+        f"of recordings recognised at the knee (picked on these very folds, so optimistic), for a budget of "
+        f"{digits(knee['budget_ms'])} ms per recording ({100 * knee['budget_ms'] / total:.0f} % of the "
+        f"{digits(total)} ms of the full set). Protocol: {data['protocol']}; features are chosen inside each "
+        f"training part; 95 % interval{over(data)}; chance {percent(chance_of(data))} %.",
         f"{against} ({estimate(full)} %); at half its cost "
         f"{points(half['accuracy']['mean'] - full['mean'])} points, and "
         f"{points(half['plain']['mean'] - full['mean'])} by plain sequential selection, which does not look "
@@ -75,7 +77,7 @@ def _blocks(data: Data) -> Iterator[Block]:
     yield Figure(
         "front",
         "Accuracy against the cost of features",
-        f"From {_at(first)} to {_at(last)}; knee: {_at(knee)}.",
+        f"From {_at(first)} to {_at(last)}; knee: {_at(knee)}; chance is {percent(chance_of(data))} %.",
         lambda width: draw_front(data, width),
     )
     yield list(_notes(data))
@@ -87,7 +89,7 @@ def _blocks(data: Data) -> Iterator[Block]:
         yield Table(pd.DataFrame(rows, columns=["Columns", "% [95 %]"]), caption)
     if data.get("curves"):
         yield Heading("Accuracy against what else costs")
-        yield _curves(data)
+        yield _curves(data["curves"], 100 * chance_of(data))
     yield Heading("What each feature costs")
     yield _costs(data)
     parts = sorted(data["parts"].items(), key=lambda part: -part[1])
@@ -121,7 +123,8 @@ def _front(data: Data) -> Table:
     return Table(
         pd.DataFrame(rows, columns=titles),
         "Features and columns: mean over folds; ms: one recording, one thread, this machine, conditioning "
-        "included; plain: sequential selection that does not look at costs. Intervals: resampled t.",
+        "included; plain: sequential selection that does not look at costs. Intervals: resampled t"
+        f"{over(data)}; chance is {percent(chance_of(data))} %.",
         strong=[i for i, mark in enumerate(marked) if mark.startswith("knee")],
     )
 
@@ -148,9 +151,8 @@ def _notes(data: Data) -> Iterator[str]:
     yield from map(sentence, [*data.get("notes", ()), *data["dataset"].get("notes", ())])
 
 
-def _curves(data: Data) -> Figure:
+def _curves(curves: Sequence[Data], chance: float) -> Figure:
     """Return accuracy against everything that is varied: one panel each."""
-    curves = data["curves"]
     rows = [
         (curve["name"], curve["series"], label, estimate(found))
         for curve in curves
@@ -164,9 +166,9 @@ def _curves(data: Data) -> Figure:
     notes = dict.fromkeys(sentence(curve["note"]) for curve in curves if curve.get("note"))
     return Figure(
         "curves",
-        "Accuracy in %, with 95 % intervals",
+        f"Accuracy in %, with 95 % intervals; chance is {chance:.1f} %",
         " ".join([f"{'; '.join(said)}.", *notes]),
-        lambda width: draw_curves(curves, width),
+        lambda width: draw_curves(curves, width, chance),
         Table(pd.DataFrame(rows, columns=["Varied", "Curve", "Value", "% [95 %]"]), n_words=3),
     )
 
@@ -218,7 +220,9 @@ def draw_front(data: Data, width: float) -> "Drawing":
     axes.set(xlabel="features of one recording, ms", ylabel="accuracy, %")
     axes.set_xlim(0, 1.04 * max(data["total_ms"], ms[-1]))
     lows = [100 * point[key][end] for point in front for key, end in (("accuracy", "low"), ("plain", "mean"))]
-    axes.set_ylim(*per_cent_limits(lows))
+    low, high = per_cent_limits(lows)
+    chance_line(axes.axhline, 100 * chance_of(data), low)
+    axes.set_ylim(low, high)
     legend_above(figure, axes)
     return figure
 
@@ -238,7 +242,7 @@ def draw_costs(costs: Sequence[Data], bought: Collection[str], width: float) -> 
     return figure
 
 
-def draw_curves(curves: Sequence[Data], width: float) -> "Drawing":
+def draw_curves(curves: Sequence[Data], width: float, chance: float) -> "Drawing":
     """Draw accuracy against everything that is varied, one panel each."""
     panels: dict[str, list[Data]] = {}
     for curve in curves:
@@ -252,13 +256,13 @@ def draw_curves(curves: Sequence[Data], width: float) -> "Drawing":
     figure = Drawing(figsize=(width, 2.7 * n_rows), layout=ConstrainedLayoutEngine(h_pad=0.1))
     every = figure.subplots(n_rows, n_columns, squeeze=False).ravel()
     for axes, (title, members) in zip(every, panels.items(), strict=False):
-        _panel(axes, title, members)
+        _panel(axes, title, members, chance)
     for axes in every[len(panels) :]:
         axes.set_axis_off()
     return figure
 
 
-def _panel(axes: "Axes", title: str, curves: Sequence[Data]) -> None:
+def _panel(axes: "Axes", title: str, curves: Sequence[Data], chance: float) -> None:
     ticks: dict[float, str] = {}
     for curve, (colour, shape) in zip(curves, LOOKS, strict=False):
         labels = curve.get("labels") or [f"{x:g}" for x in curve["x"]]
@@ -272,7 +276,9 @@ def _panel(axes: "Axes", title: str, curves: Sequence[Data]) -> None:
         axes.set_xscale("log")
     axes.set_xticks(list(ticks), list(ticks.values()), fontsize=8)
     axes.minorticks_off()
-    axes.set_ylim(*per_cent_limits([100 * found["low"] for curve in curves for found in curve["accuracy"]]))
+    low, high = per_cent_limits([100 * found["low"] for curve in curves for found in curve["accuracy"]])
+    chance_line(axes.axhline, chance, low)
+    axes.set_ylim(low, high)
     axes.set_title(title[0].upper() + title[1:])
     axes.legend(loc="lower right", fontsize=8)
 

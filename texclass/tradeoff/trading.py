@@ -14,7 +14,7 @@ from texclass.document import Document
 from texclass.experiment.cost import CostMeter, CostModel, classifier_cost
 from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.protocols import find_protocol
-from texclass.experiment.result import Result
+from texclass.experiment.result import COMPUTED_BY, Result
 from texclass.experiment.windows import touches
 from texclass.experiment.workers import Progress
 from texclass.features.extractor import Plan
@@ -22,7 +22,7 @@ from texclass.features.phase_view import Channels
 from texclass.features.sets import FeatureSet, load_feature_set
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
-from texclass.provenance import versions
+from texclass.provenance import code_hash, versions
 from texclass.tradeoff.curves import Conditions, order_curve, sensor_curves, touch_curve, training_curves
 from texclass.tradeoff.front import (
     KNEE_LOSS,
@@ -151,6 +151,7 @@ def trade_off(
     if limits.materials:
         most = min(MOST_COLUMNS, limits.max_features or MOST_COLUMNS, len(offer.costs.columns))
         fewest = nested_fewest(offer.data, splits, most, n_jobs=n_jobs)
+    over, of = conditions.protocol.independent(offer.table.frame)
     half = [p for p in front if p["budget_ms"] <= offer.costs.total / 2 * (1 + 1e-9)]
     n_drawn = n_repeats if conditions.protocol.drawn else 1
     left_out = (f"left out: {item}" for item in offer.table.left_out[:4])
@@ -161,16 +162,24 @@ def trade_off(
                 "title": dataset.title,
                 "n_recordings": len(offer.table.frame),
                 "n_materials": int(offer.table.frame["material"].nunique()),
+                "chance": float(offer.table.frame["material"].value_counts(normalize=True).max()),
+                "fs_hz": float(offer.meter.recordings[0].fs),
+                "unit": offer.meter.recordings[0].unit,
                 "materials": list(limits.materials),
                 "max_seconds": limits.max_seconds,
             },
             "features": features.name,
+            "features_hash": features.hash,
+            "clusters": over,
+            "n_clusters": len(np.unique(of[np.concatenate([test for _, test in splits])])),
             "protocol": f"{protocol}, {n_drawn} x {n_folds} folds",
             **_prices(offer, seed),
             "full": full,
             "front": front,
             "knee": knee(front),
-            "knee_rule": f"cheapest point within {KNEE_LOSS:.0%} of the best accuracy",
+            "knee_rule": f"cheapest point within {KNEE_LOSS:.0%} of the best of {len(front)} accuracies, "
+            "picked on the very folds that measure it, so optimistic; a budget of yours (`--max-ms`) picks "
+            "nothing",
             "at_half_cost": half[-1] if half else front[0],
             "fewest": fewest,
             "curves": _curves(conditions, offer.table, limits) if with_curves else [],
@@ -178,6 +187,7 @@ def trade_off(
             "versions": {**versions(*LIBRARIES), "machine": platform.machine()},
             "seed": seed,
             "input_hash": dataset.input_hash,
+            "code_hash": code_hash(*COMPUTED_BY, "tradeoff", words=False),
             "notes": [*left_out, *dataset.notes],
         }
     )
