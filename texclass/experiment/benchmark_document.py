@@ -320,7 +320,8 @@ def _confusion(found: Data, tested: str) -> Heat:
 
 def _notes(data: Data, best: _Pair | None) -> Iterator[str]:
     """Yield what a reader of the table must know."""
-    clustered = [pair.accuracy for pair in _pairs(data) if " over " in pair.accuracy.get("interval", "")]
+    told = [pair.accuracy for pair in _pairs(data)]
+    clustered = [a for a in told if a.get("interval", "").startswith(("t over", "Wilson over"))]
     if clustered:
         what = clustered[0].get("clusters", "recording")
         yield (

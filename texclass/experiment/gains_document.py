@@ -90,7 +90,9 @@ def unseen(groups: list[Gains]) -> str:
         return ""
     n, what = paired["n_clusters"], f"{paired['clusters']}s"
     least = f"{100 * paired['least']:.1f}".removesuffix(".0")
-    told = f"; with {n} {what} less than {least} points could not be seen in 8 of 10 trials"
+    told = (
+        f"; with {n} {what} less than {least} point{'s' * (least != '1')} could not be seen in 8 of 10 trials"
+    )
     if n <= 5:
         told += f", and {n} {what} cannot reach {LEVEL:.0%} by their signs alone ({2.0 ** (1 - n):.1%})"
     ways = {"recording": "more recordings, or `--touch 1`", "run": "more runs, or `--protocol recording`"}
