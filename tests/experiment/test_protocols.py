@@ -147,3 +147,14 @@ def test_these_recordings_train_and_those_test_by_any_label():
 def test_a_protocol_by_labels_that_is_impossible_says_why(name, said):
     with pytest.raises(ValueError, match=said):
         split(name, a_table().assign(session=None))
+
+
+def test_what_is_left_out_is_independent_else_runs_or_recordings():
+    table = a_table().assign(session=[f"s{i % 3}" for i in range(30)])
+    for name, unit, n in (
+        ("operator", "operator", 5), ("leave-out session", "session", 3), ("run", "run", 3),
+        ("recording", "recording", 30), ("blocks", "recording", 30),
+    ):  # fmt: skip
+        found, of = find_protocol(name).independent(table)
+        assert (found, len(set(of))) == (unit, n)
+    assert find_protocol("operator").independent(table.assign(operator=None))[0] == "session"

@@ -53,7 +53,8 @@ class Protocol:
     unit
         "recording" or "run": what is never parted, and votes when it holds several rows.
     leaves_out
-        Whether operators (or sessions) are left out in turn: then they are what is independent.
+        The label whose groups are left out in turn, if any: then they are what is independent. "operator"
+        stands for sessions, too, if the table names sessions and no operators.
     """
 
     name: str
@@ -62,7 +63,7 @@ class Protocol:
     nested: bool = True
     drawn: bool = False
     unit: Literal["recording", "run"] = "recording"
-    leaves_out: bool = False
+    leaves_out: str = ""
 
     def clusters(self, table: pd.DataFrame) -> NDArray[np.str_]:
         """Return which `unit` each row belongs to."""
@@ -73,10 +74,8 @@ class Protocol:
 
         Operators (or sessions) where they are left out, else the `unit`.
         """
-        group = left_out_in_turn(table) if self.leaves_out else None
-        return (
-            (self.unit, self.clusters(table)) if group is None else (group, table[group].to_numpy(dtype=str))
-        )
+        group = left_out_in_turn(table) if self.leaves_out == "operator" else self.leaves_out
+        return (group, table[group].to_numpy(dtype=str)) if group else (self.unit, self.clusters(table))
 
 
 def of_recordings(split: Splitter) -> Splitter:
@@ -194,7 +193,7 @@ PROTOCOLS = {
             "operator",
             "leave one operator (or session) out; scaling and selection fitted inside each fold",
             leave_operator_out,
-            leaves_out=True,
+            leaves_out="operator",
         ),
         Protocol(
             "blocks",
@@ -246,7 +245,7 @@ def find_protocol(name: str) -> Protocol:
     if name.startswith(LEAVE_OUT):
         label = _label(name.removeprefix(LEAVE_OUT))
         told = f"leave one {label} out; scaling and selection fitted inside each fold"
-        return Protocol(name, told, of_recordings(functools.partial(_leave_out, label)))
+        return Protocol(name, told, of_recordings(functools.partial(_leave_out, label)), leaves_out=label)
     train, arrow, test = name.partition(TO)
     if not arrow:
         raise ValueError(
