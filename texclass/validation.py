@@ -20,6 +20,8 @@ LARGEST_TOML = 1 << 20
 """Bytes; the shipped definitions have a hundredth."""
 _DEEP = re.compile(rb"""(?:[\w"'-]++[ \t]*+\.[ \t]*+){32}""")
 """Keys of so many parts cost the parser the square of their number."""
+_STEERING = re.compile(r"(?<!\\)(?:\\\\)*(\\[bf]|\\u00(?:0[0-8be-f]|1[0-9a-f]|[89][0-9a-f])|\x7f)")
+"""What steers a terminal, in JSON: control characters but tabs and ends of lines."""
 _SHOWN = 60
 """Characters of a wrong value that a message shows."""
 _WORDS = {
@@ -103,7 +105,12 @@ def checked(model: type[M], content: Any, where: object, *, context: object = No
         )
     try:
         # Under the rules for JSON a list is good for a tuple, and all else stays strict.
-        return model.model_validate_json(json.dumps(content, default=str), context=context)
+        text = json.dumps(content, default=str)
+        if steering := _STEERING.search(text):
+            raise ValueError(
+                f"{where}: holds the control character {steering[1]}; the rule is printable text"
+            )
+        return model.model_validate_json(text, context=context)
     except ValidationError as error:
         first, *others = error.errors()
         more = f" (and {len(others)} more)" if others else ""

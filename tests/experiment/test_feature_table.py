@@ -8,7 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from texclass.experiment import feature_table as tables
 from texclass.experiment.feature_table import METADATA, FeatureTable, cached_table, extract_table, read_table
+from texclass.features import load_feature_set
 from texclass.features.extractor import FeatureExtractor, Reason
 from texclass.recording import RecordingError
 
@@ -144,3 +146,26 @@ def test_a_channel_with_a_slash_in_its_name_keeps_its_features_and_reasons():
     table = FeatureTable(frame, tuple(frame.columns), np.zeros(1), (reason,))
     assert table.matching(["mfcc.m1"]) == ("force/left/mfcc.m1", "mfcc.m1")
     assert table.reason_of("hardness") == "no tap"
+
+
+def test_parts_that_a_second_process_took_away_cost_no_recording(toy_dataset, tmp_path, monkeypatch):
+    data, features, path = (
+        toy_dataset(2, 3),
+        load_feature_set("strese2015").restricted_to(["variance"]),
+        tmp_path / "t.parquet",
+    )
+    whole = extract_table(data, features, path)
+    path.unlink()
+    joined = tables._join
+
+    def after_the_other(dataset, plan, folder, key, left_out):
+        if not path.is_file():  # the other one has finished: its table stands, half of the parts are gone
+            for part in sorted(folder.iterdir())[::2]:
+                part.unlink()
+            found = joined(dataset, plan, folder, key, left_out)
+            tables.write_table(whole, path)
+            return found
+        return joined(dataset, plan, folder, key, left_out)
+
+    monkeypatch.setattr(tables, "_join", after_the_other)
+    pd.testing.assert_frame_equal(extract_table(data, features, path).frame, whole.frame)

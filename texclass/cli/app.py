@@ -31,12 +31,17 @@ def _options(
     """Which surface is this, and how does it feel, from what a tool's accelerometer recorded."""
 
 
+def shown(text: str) -> str:
+    """Return a text that cannot steer a terminal: control characters of names in it stand escaped."""
+    return "".join(c if c.isprintable() or c in "\n\t" else repr(c)[1:-1] for c in text)
+
+
 def main() -> None:
     """Run the command line; a bad input ends with one clear line and exit code 1."""
     try:
         app()
     except (ValueError, OSError, ModuleNotFoundError) as error:
-        typer.echo(f"error: {error}", err=True)
+        typer.echo(f"error: {shown(str(error))}", err=True)
         sys.exit(1)
     except KeyboardInterrupt:
         typer.echo("interrupted; what was computed is kept", err=True)

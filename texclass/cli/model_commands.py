@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from texclass.cli import options
-from texclass.cli.app import app
+from texclass.cli.app import app, shown
 from texclass.cli.options import progress_bar, tell
 
 
@@ -88,7 +88,7 @@ def predict(
     for prediction in predict_files(trained, files, **reading):
         found.append(prediction)
         if prediction.answer is None:
-            typer.echo(f"error: {prediction.problem}", err=True)
+            typer.echo(f"error: {shown(str(prediction.problem))}", err=True)
         if as_json:
             told = {"error": prediction.problem} if prediction.answer is None else prediction.answer.to_dict()
             typer.echo(json.dumps({"file": prediction.name, **told}))

@@ -175,8 +175,9 @@ def columns_read(column: str | None, delimiter: str | None, time_column: str | N
 def write_json(path: Path | None, text: str) -> None:
     """Write a result as JSON where --json asked for it, if it did."""
     if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        from texclass.whole_files import write_whole
+
+        write_whole(path, text)
 
 
 def tell(document: "Document", lines: Iterable[str] = ()) -> None:

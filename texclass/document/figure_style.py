@@ -1,5 +1,6 @@
 """How figures look: one palette, which a page can exchange for a dark one, and rows of names."""
 
+import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from textwrap import fill
@@ -13,6 +14,7 @@ from matplotlib.image import imsave
 from matplotlib.ticker import LogLocator, NullLocator
 
 from texclass.document.blocks import Heat
+from texclass.whole_files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -128,7 +130,9 @@ def save_figure(figure: Drawing, path: str | Path, title: str = "") -> None:
             parts.insert(0, _pixels(strip))
     # Without the library's version in it, an unchanged picture is an unchanged file.
     metadata: Any = {"Software": None}
-    imsave(path, np.vstack(parts), dpi=DPI, metadata=metadata)
+    made = io.BytesIO()
+    imsave(made, np.vstack(parts), format="png", dpi=DPI, metadata=metadata)
+    write_whole(path, made.getvalue())
 
 
 def _pixels(figure: Drawing) -> Any:

@@ -6,6 +6,7 @@ from pathlib import Path
 from texclass.document.blocks import Block, Document, Figure, Folded, Heading, Heat, Table
 from texclass.document.figure_style import drawn, save_figure
 from texclass.document.wording import split_interval, texts_of, titles_of
+from texclass.whole_files import write_whole
 
 
 def write_document(
@@ -36,7 +37,7 @@ def write_document(
     texts = {"json": json, "md": render_markdown(document, stem if pictures else None)}
     written = [folder / f"{stem}.{suffix}" for suffix, text in texts.items() if text]
     for path in written:
-        path.write_text(texts[path.suffix[1:]], encoding="utf-8")
+        write_whole(path, texts[path.suffix[1:]])
     for block in document.blocks if pictures else ():
         if isinstance(block, Figure | Heat):
             written.append(folder / f"{stem}-{block.name}.png")

@@ -23,6 +23,7 @@ from texclass._version import __version__
 from texclass.recording import ACCELERATION_UNITS, SCALELESS_UNITS
 from texclass.textures.contract import Stored
 from texclass.validation import Written, checked
+from texclass.whole_files import write_whole
 
 if TYPE_CHECKING:  # a Literal of what another module lists is none to mypy
     Unit = str
@@ -109,7 +110,7 @@ def write_stored(stored: Stored, path: str | Path, *, unit: str) -> Path:
         raise ValueError(f"{path}: ends in {path.suffix!r}; the rule is {SUFFIX!r}")
     arrays = {name: np.array(array, order="C") for name, array in stored.arrays().items()}
     _check_arrays(arrays, path)
-    replace_file(path, sealed(header_of(stored, unit, path), arrays))
+    write_whole(path, sealed(header_of(stored, unit, path), arrays))
     return path
 
 
@@ -214,16 +215,6 @@ def read_limited(path: Path, limit: int) -> bytes:
         if size > limit:
             raise ValueError(f"{path}: holds {size} bytes; the rule is at most {limit}")
         return file.read(size)
-
-
-def replace_file(path: Path, data: bytes) -> None:
-    """Write a file under another name first, so that it is never half written."""
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        unfinished.write_bytes(data)
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def _check_arrays(arrays: Mapping[str, NDArray[Any]], path: Path) -> None:

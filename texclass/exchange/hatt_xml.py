@@ -29,11 +29,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from texclass.exchange.container import printable, read_limited, replace_file
+from texclass.exchange.container import printable, read_limited
 from texclass.recording import Samples
 from texclass.textures.hatt import HattTexture, Mesh
 from texclass.vibration import Autoregression, line_spectrum
 from texclass.vibration.autoregressive import from_direct_form
+from texclass.whole_files import write_whole
 
 LARGEST_FILE = 8 << 20
 """Bytes; the published textures have 120,000."""
@@ -260,7 +261,7 @@ def write_hatt(texture: HattTexture, path: str | Path) -> Path:
         _add(model, "forceMod", float(mesh.force[i]))
     ElementTree.indent(root, "")
     text = ElementTree.tostring(root, encoding="unicode", short_empty_elements=False)
-    replace_file(path, f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'.encode())
+    write_whole(path, f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'.encode())
     return path
 
 

@@ -8,7 +8,6 @@ import hashlib
 import io
 import json
 import logging
-import os
 import re
 import shutil
 from collections import Counter
@@ -34,6 +33,7 @@ from texclass.features.sets import FeatureSet, code_hash
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.places import cache_root
 from texclass.recording import Recording, RecordingError, Samples
+from texclass.whole_files import write_whole
 
 DOUBTS = ("unit:", "clipped:", "constant:")
 """Flags that a user has to see before any table: what they begin with."""
@@ -204,13 +204,18 @@ def extract_table(
     table: FeatureTable | None = None
     with suppress(FileNotFoundError, ValueError):  # not there, or damaged: it is computed
         table = read_table(path)
-    if table is None or table.key != key:
+    while table is None or table.key != key:
         folder = path.with_name(f"{path.name}.parts") / key
         plan = _plan(dataset, feature_set, channels, skip_bad)
         left_out = _compute_missing(dataset, plan, folder, n_jobs, skip_bad, progress)
         table = _join(dataset, plan, folder, key, left_out)
-        write_table(table, path)
-        shutil.rmtree(folder.parent, ignore_errors=True)
+        if table is not None:
+            write_table(table, path)
+            shutil.rmtree(folder.parent, ignore_errors=True)
+            break
+        # Another process finished the same table, and took the parts away.
+        with suppress(FileNotFoundError, ValueError):
+            table = read_table(path)
     if table.left_out and not skip_bad:
         raise RecordingError(table.left_out[0].reason)
     return table
@@ -270,14 +275,6 @@ def write_table(table: FeatureTable, path: Path) -> None:
     file = io.BytesIO()
     pq.write_table(arrow.replace_schema_metadata(stated), file)
     write_whole(path, file.getvalue())
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file that is either complete or not there, whenever the process is killed."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    unfinished.write_bytes(content)
-    unfinished.replace(path)
 
 
 class Part(BaseModel):
@@ -367,14 +364,17 @@ def _compute(
 
 def _join(
     dataset: Dataset, plan: Plan, folder: Path, key: str, left_out: tuple[LeftOut, ...]
-) -> FeatureTable:
-    """Join the parts in the dataset's order."""
-    found = [
-        row
-        for entries, part in _files(dataset, folder)
-        if part.is_file()
-        for row in zip(entries, read_part(part, len(plan.columns)), strict=True)
-    ]
+) -> FeatureTable | None:
+    """Join the parts in the dataset's order; None if one is not there any more."""
+    bad = {item.recording_id for item in left_out}
+    found: list[tuple[Entry, Part]] = []
+    for entries, part in _files(dataset, folder):
+        if parent_id(entries[0]) in bad:
+            continue
+        try:
+            found += zip(entries, read_part(part, len(plan.columns)), strict=True)
+        except FileNotFoundError:
+            return None
     if not found:
         raise RecordingError(f"{dataset.name}: no recording can be used; the first: {left_out[0].reason}")
     entries, rows = zip(*found, strict=True)

@@ -267,6 +267,8 @@ def read_signals(
         is_known = is_bag(path) and roles.get(UNNAMED)
         present = () if is_known else column_names(path, options)
         chosen = numbered(roles.get(UNNAMED, ()), present) or choose_acceleration(present, path)
+        if steering := next((name for name in chosen if not name.isprintable()), None):
+            raise refused(path, f"the column {steering!r} holds a control character", "printable names")
         beside = {field: numbered(names, present) for field, names in roles.items() if field != UNNAMED}
         groups = {UNNAMED: chosen, **beside}
         read = _read(path, tuple(dict.fromkeys(name for names in groups.values() for name in names)), options)

@@ -309,6 +309,11 @@ def _unique(entries: Sequence[Entry], root: Path) -> tuple[Entry, ...]:
         raise refused(root, "holds no recording", "at least one file as the card describes")
     seen: dict[str, Entry] = {}
     for entry in entries:
+        names = (entry.recording_id, entry.material, entry.operator, entry.session)
+        if steering := next((name for name in names if name and not name.isprintable()), None):
+            raise refused(
+                root, f"the name {steering!r} holds a control character", "printable names: rename it"
+            )
         if (first := seen.setdefault(entry.recording_id, entry)) is not entry:
             files = ", ".join((*first.paths, *entry.paths))
             raise refused(root, f"recording id {entry.recording_id!r} occurs twice ({files})", "once")

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import platformdirs
 
+from texclass.whole_files import write_whole
+
 APPLICATION = "texclass"
 
 
@@ -51,11 +53,5 @@ def find_folder(folder: str, *, card_path: Path, source: str) -> Path:
 
 def write_atomically(path: Path, content: bytes) -> None:
     """Write a cache file so that a reader sees all of it or nothing; a full or read-only disk is no error."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(content)
-        temporary.replace(path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
+    with contextlib.suppress(OSError):
+        write_whole(path, content)

@@ -11,7 +11,6 @@ from zipfile import ZipFile, ZipInfo
 import numpy as np
 from pydantic import Field
 
-from texclass.experiment.feature_table import write_whole
 from texclass.experiment.trusted import (
     archive_of,
     check_archive,
@@ -25,6 +24,7 @@ from texclass.features.phase_view import TURN
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.validation import Written, checked
+from texclass.whole_files import write_whole
 
 FORMAT = (2, 1)
 """Major and minor version; a minor step adds facts that a reader can do without.

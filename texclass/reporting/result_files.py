@@ -19,6 +19,7 @@ from texclass.stability.judging import Mark
 from texclass.stability.stability_document import stability_document
 from texclass.tradeoff.tradeoff_document import tradeoff_document
 from texclass.validation import Written, checked
+from texclass.whole_files import write_whole
 
 TITLE = "Surfaces from what a tool felt"
 """Of a page of several datasets."""
@@ -314,8 +315,7 @@ def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "")
         page = "\n".join(map(render_markdown, documents))
     else:
         page = render_page(documents, title, written_by="texclass report")
-    output.parent.mkdir(parents=True, exist_ok=True)
-    output.write_text(page, encoding="utf-8")
+    write_whole(output, page)
     return output
 
 

@@ -15,13 +15,13 @@ from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
 
 from texclass import __version__
-from texclass.experiment.feature_table import write_whole
 from texclass.experiment.trusted import archive_of, load_trusted, read_bounded
 from texclass.features.contract import find
 from texclass.features.extractor import FeatureExtractor, Plan
 from texclass.features.phase_view import Channels
 from texclass.features.sets import FeatureSet, Member, code_hash
 from texclass.recording import Samples
+from texclass.whole_files import write_whole
 
 COLUMN_WISE: Mapping[type, tuple[str, ...]] = {
     SimpleImputer: ("statistics_",),

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from texclass import __version__
-from texclass.experiment.feature_table import write_whole
 from texclass.recognition.export.graph import UNDEFINED, OnnxExportError, build
 from texclass.recognition.export.parity import Parity, check_parity, reference, remembered
 from texclass.recognition.model import Model
 from texclass.recording import Samples
+from texclass.whole_files import write_whole
 
 NEEDED = ("onnx", "onnxruntime", "skl2onnx")
 PREFIX = "texclass."

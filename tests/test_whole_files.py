@@ -1,0 +1,82 @@
+"""Files are whole or absent: on a full disk, when folders vanish; names steer no terminal."""
+
+import errno
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from texclass.cli.app import main
+from texclass.document import Document, write_document
+from texclass.loaders import load_recording, open_dataset
+from texclass.loaders.cards import CardError
+from texclass.recording import RecordingError
+from texclass.whole_files import write_whole
+
+
+@pytest.fixture
+def full_disk(monkeypatch):
+    """A disk on which half of a file finds room."""
+
+    def write_half(path, data):
+        with path.open("wb") as file:
+            file.write(data[: len(data) // 2])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", write_half)
+    monkeypatch.setattr(Path, "write_text", lambda path, text, **_: write_half(path, text.encode()))
+
+
+def test_a_full_disk_leaves_a_result_as_it_was_and_nothing_beside_it(tmp_path, full_disk):
+    (tmp_path / "r.json").touch()
+    for write in (
+        lambda: write_whole(tmp_path / "r.json", '{"new": 1}'),
+        lambda: write_document(Document("A result", ["text"]), tmp_path, "r", json='{"new": 1}'),
+    ):
+        with pytest.raises(OSError, match="No space left"):
+            write()
+        assert [(file.name, file.stat().st_size) for file in tmp_path.iterdir()] == [("r.json", 0)]
+
+
+def test_a_link_stays_a_link_and_what_is_no_file_is_written_to(tmp_path):
+    (tmp_path / "real").touch()
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    write_whole(tmp_path / "link", "text")
+    assert ((tmp_path / "link").is_symlink(), (tmp_path / "real").read_text()) == (True, "text")
+    write_whole(os.devnull, "text")
+    assert not Path(os.devnull).is_file()
+
+
+def test_a_folder_that_another_process_removes_is_made_again(tmp_path, monkeypatch):
+    there = iter([False, True])
+    made = Path.mkdir
+    monkeypatch.setattr(Path, "mkdir", lambda path, **how: next(there) and made(path, **how))
+    write_whole(tmp_path / "parts" / "1.json", "{}")
+    assert (tmp_path / "parts" / "1.json").read_text() == "{}"
+
+
+STEERING = "wood\x1b[2J"
+
+
+def test_control_characters_of_names_reach_no_terminal_and_no_page(tmp_path, capsys, monkeypatch):
+    (tmp_path / "felt" / STEERING).mkdir(parents=True)
+    rows = np.random.default_rng(0).normal(size=(100, 2))
+    np.savetxt(tmp_path / "felt" / STEERING / "r.txt", rows[:, 0])
+    with pytest.raises(
+        RecordingError, match=r"'wood\\x1b\[2J.* holds a control character; the rule is printable"
+    ):
+        open_dataset(tmp_path / "felt", fs=1000, unit="g")
+    table = tmp_path / "r.csv"
+    table.write_text(f"x\x1b[2J,y\n{rows[0, 0]},1\n2,3\n")
+    with pytest.raises(RecordingError, match=r"column 'x\\x1b\[2J' holds a control character"):
+        load_recording(table, fs=1000, unit="g", column="1")
+    card = tmp_path / "card.toml"
+    card.write_text(f"title = {json.dumps(STEERING)}\nformat = 'simulated'\n[recipe]\n")
+    with pytest.raises(CardError, match=r"card.toml: holds the control character \\u001b"):
+        open_dataset(card)
+    monkeypatch.setattr("sys.argv", ["texclass", "inspect", f"{STEERING}.csv"])
+    with pytest.raises(SystemExit):
+        main()
+    assert "wood\\x1b[2J.csv: cannot be opened" in capsys.readouterr().err

@@ -1,0 +1,46 @@
+"""Files that are whole or absent: whoever is killed, however full the disk is, whoever else writes."""
+
+import contextlib
+import os
+import uuid
+from pathlib import Path
+
+
+def write_whole(path: str | Path, content: bytes | str) -> None:
+    """Write a file that is either complete or what it was before; its folders are made.
+
+    It is written under a name of its own beside the file, so that two processes (on two machines, or in two
+    containers that count processes alike) may write the same one; the last one stands. What is no regular
+    file (a pipe, a terminal) is written to as it is.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    content : bytes or str
+        All that is to be in it; text is stored as UTF-8.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; nothing is left behind.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    path = Path(path)
+    if path.exists() and not path.is_file():
+        path.write_bytes(data)
+        return
+    path = path.resolve()  # what a link leads to, not the link
+    for attempt in range(3):
+        unfinished = path.with_name(f".{path.name[:100]}.{os.getpid()}.{uuid.uuid4().hex[:8]}")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            unfinished.write_bytes(data)
+            unfinished.replace(path)
+            return
+        except FileNotFoundError:  # another process removed the folder, having finished
+            if attempt == 2:
+                raise
+        finally:
+            with contextlib.suppress(OSError):
+                unfinished.unlink(missing_ok=True)
