@@ -37,11 +37,12 @@ from texclass.textures.okamura2001 import (
     ForceDevice,
     TapLibrary,
     VirtualWall,
+    find_onset,
     fit_aligned,
     scale_into,
     slope_through_origin,
 )
-from texclass.vibration import TapModel
+from texclass.vibration import TapModel, fit_okamura
 
 KEY = "okamura2001"
 N_SEEDS, N_TAPS = 50, 24
@@ -114,6 +115,21 @@ def recover(seed: int, n_seeds: int) -> pd.DataFrame:
     return pd.DataFrame(found, columns=["velocity", "material", "A", "B", "w", "r_squared"])
 
 
+def recover_as_published(seed: int, n_seeds: int) -> dict[str, Samples]:
+    """Fit the same taps, cut where they strike, by the paper's own steps: relative errors of A, B, w."""
+    found: dict[str, list[Samples]] = {m: [] for m in MATERIALS}
+    for m, truth in zip(MATERIALS, TABLE_I.table, strict=True):
+        for i in range(n_seeds):
+            rng = np.random.default_rng((seed, i))
+            taps, v = simulate_taps(TABLE_I[m], rng, FS[m], n_taps=N_TAPS, velocity_error=VELOCITY_ERRORS[0])
+            fast = np.flatnonzero(v > v.max() / 2)  # of the slowest, the noise leaves a single peak
+            cut = [taps[k][max(0, round(find_onset(taps[k]))) :] for k in fast]
+            model = fit_okamura(cut, v[fast], FS[m])
+            values = np.array([model.amplitude_slope, model.decay_per_s, model.frequency_hz])
+            found[m].append(values / truth - 1)
+    return {m: np.array(errors) for m, errors in found.items()}
+
+
 def measured(numbers: dict[str, Any], seed: int, n_seeds: int, scaled: TapLibrary) -> list[Any]:
     """Tell what is recovered of Table I."""
     found = recover(seed, n_seeds)
@@ -142,6 +158,17 @@ def measured(numbers: dict[str, Any], seed: int, n_seeds: int, scaled: TapLibrar
         "Material", "A (1/s)", "B (1/s)", "w (Hz)", "Velocity known to", "A off by", "B", "w", "R² of figure "
         "4",
     ]  # fmt: skip
+    printed = numbers["recovery_as_published_percent"] = {
+        m: {
+            "median": np.median(100 * e, axis=0).round(3).tolist(),
+            "largest": np.abs(100 * e).max(axis=0).round(3).tolist(),
+        }
+        for m, e in recover_as_published(seed, n_seeds).items()
+    }
+    by_steps = [
+        (m, *(f"{a:+.1f} % (≤ {b:.1f} %)" for a, b in zip(e["median"], e["largest"], strict=True)))
+        for m, e in printed.items()
+    ]
     examples = {m: simulate_taps(TABLE_I[m], np.random.default_rng((seed, 0)), FS[m]) for m in MATERIALS}
     fits = {m: fit_aligned(*examples[m], FS[m]) for m in MATERIALS}
     largest_g = abs(TABLE_I["aluminum"].amplitude_slope) * 0.4 / 9.80665
@@ -153,6 +180,13 @@ def measured(numbers: dict[str, Any], seed: int, n_seeds: int, scaled: TapLibrar
         "contradicts figure 3 (the vibration of wood lasts for milliseconds): read as 40 ... 1500 1/s.",
         Table(pd.DataFrame(rows, columns=columns)),
         " ".join(verdict) + " The scatter of 6 % has the published R² of 0.98.",
+        Table(
+            pd.DataFrame(by_steps, columns=["Material", "A off by", "B", "w"]),
+            "By the paper's own steps (`fit_okamura`: maximum of the spectrum, line through the logarithms "
+            "of the peaks, regression on velocity) on the taps above half the largest speed, velocities "
+            f"known to {VELOCITY_ERRORS[0]:.0%}: median (largest) of {n_seeds} seeds. The spectrum's maximum "
+            "lies at sqrt(w² - B²), which for a strongly damped tap is a little lower.",
+        ),
         f"With aluminum's A = -100,000 1/s a tap of 0.4 m/s would reach {largest_g:,.0f} g; the paper's "
         "accelerometer ends at 500 g. Its A is therefore an extrapolation from slow taps, or the unit is "
         "another one.",

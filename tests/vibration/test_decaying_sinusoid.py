@@ -36,11 +36,26 @@ def test_maximum_likelihood_recovers_noise_free_taps(truth):
 
 @pytest.mark.parametrize("truth", [RUBBER, WOOD, ALUMINIUM])
 def test_the_published_way_recovers_noise_free_taps_roughly(truth):
-    """The maximum of the spectrum lies near sqrt(w^2 - B^2)."""
+    """The maximum of the spectrum lies near sqrt(w^2 - B^2); a parabola is a little lower than a sine."""
     found = fit_okamura(_taps(truth), SPEEDS, FS)
-    assert_allclose([found.amplitude_slope, found.decay_per_s], _values(truth)[:2], rtol=0.02)
+    assert_allclose([found.amplitude_slope, found.decay_per_s], _values(truth)[:2], rtol=0.03)
     w = np.sqrt(truth.frequency_hz**2 - (truth.decay_per_s / (2 * np.pi)) ** 2)
     assert_allclose(found.frequency_hz, w, rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("noise_db", "within"), [(-34, (0.03, 0.03, 0.03)), (-30, (0.04, 0.05, 0.04)), (-20, (0.1, 0.2, 0.08))]
+)
+def test_the_published_way_ends_its_envelope_before_the_noise_however_long_the_recording(noise_db, within):
+    for truth in (WOOD, ALUMINIUM):
+        errors = []
+        for seed in range(12):
+            rng, n = np.random.default_rng(seed), int(60 / truth.decay_per_s * FS)
+            clean = [truth.synthesize(v, n, FS) for v in SPEEDS]
+            noise = [10 ** (noise_db / 20) * np.max(np.abs(tap)) * rng.standard_normal(n) for tap in clean]
+            found = fit_okamura([tap + e for tap, e in zip(clean, noise, strict=True)], SPEEDS, FS)
+            errors.append(np.divide(_values(found), _values(truth)) - 1)
+        assert np.all(np.sqrt(np.mean(np.square(errors), axis=0)) < within)
 
 
 def test_maximum_likelihood_reaches_the_cramer_rao_bound_over_several_taps():
