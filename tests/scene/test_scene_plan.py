@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import re
 
 import numpy as np
 import pytest
@@ -41,6 +42,9 @@ def test_a_plan_takes_shares_and_tells_the_cheapest_and_sounds_the_same_when_wri
     assert plan.scene.assigned["loud"] == plan.scene.assigned["twin"]  # what does not differ
     assert len({plan.scene.assigned[name] for name in ("loud", "other", "faint")}) == 3
     assert sum(one.shares is not None for one in plan.surfaces) == 1
+    less = re.match(r"with fewer operations ([0-9.]+) of the tolerance", found["other"].why)
+    assert float(less[1]) > 0.9  # what is cheaper misses what was asked for
+    assert "asked for, as the proof failed" not in found["other"].why
 
     told = json.loads(plan.to_json())
     assert told["saving"] == pytest.approx(told["operations_at_order_400"] / told["operations_per_sample"])

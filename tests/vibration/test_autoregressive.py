@@ -135,14 +135,16 @@ def test_hard_signals_give_stable_models(method, name):
 @pytest.mark.parametrize("method", METHODS)
 def test_a_stack_of_frames_equals_its_frames(method):
     frames = np.stack([_process(500, seed=s)[0] for s in range(3)] + [np.zeros(500), np.ones(500)])
-    stack = fit(frames, 10, method=method)
-    assert stack.reflection.shape == (5, 10)
-    for row, frame in enumerate(frames):
-        single = fit(frame, 10, method=method)
-        assert_allclose(stack.reflection[row], single.reflection, atol=1e-13)
-        assert_allclose(stack.gain[row], single.gain, rtol=1e-12)
-        assert stack.clipped[row] == single.clipped
-        assert stack.fallback[row] == single.fallback
+    for variance in ("residual", "yule_walker"):
+        stack = fit(frames, 10, method=method, variance=variance)
+        assert stack.reflection.shape == (5, 10)
+        for row, frame in enumerate(frames):
+            single = fit(frame, 10, method=method, variance=variance)
+            assert_allclose(stack.reflection[row], single.reflection, atol=1e-13)
+            assert_allclose(stack.residual[row], single.residual, rtol=1e-12)
+            assert_allclose(stack.gain[row], single.gain, rtol=1e-12)
+            assert stack.clipped[row] == single.clipped
+            assert stack.fallback[row] == single.fallback
 
 
 @pytest.mark.parametrize("method", METHODS)
