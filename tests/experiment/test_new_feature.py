@@ -50,6 +50,13 @@ def test_law_cost_and_repetition_are_measured(study):
     assert {a["input"]: a["answer"] for a in found["behaviour"]}["one NaN"] == "no reason"
 
 
+def test_a_study_is_written_beside_its_benchmark_without_pictures_of_its_own(study, tmp_path):
+    written = {path.name for path in study.save(tmp_path)}
+    assert {path.name for path in tmp_path.iterdir()} == written
+    assert {name.rpartition(".")[2] for name in written if "feature" in name} == {"json", "md"}
+    assert any(name.endswith(".png") for name in written)
+
+
 def test_a_name_that_the_set_has_is_refused_and_a_new_one_changes_the_hash(few):
     assert few.with_feature(LOUD).hash != few.hash
     with pytest.raises(ValueError, match="'level' is in the feature set 'toy'; the rule is a new name"):

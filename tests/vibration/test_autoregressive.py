@@ -252,6 +252,9 @@ def test_cepstrum_is_that_of_the_log_spectrum():
         expected[1:] *= 2
         assert_allclose(model.cepstrum(30), expected, atol=1e-10)
     assert model.cepstrum(1).shape == (1,)
+    stack = Autoregression(np.array([[0.3, -0.5], [0.9, 0.2], [-0.1, 0.4]]), np.array([1.0, 2.0, 3.0]))
+    for row, one in enumerate(zip(stack.reflection, stack.gain, strict=True)):
+        assert_allclose(stack.cepstrum(6)[row], Autoregression(*one).cepstrum(6), atol=1e-14)
 
 
 def test_area_ratios_levels_and_prediction_gain_follow_from_k():
