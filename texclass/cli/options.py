@@ -79,7 +79,9 @@ Pipeline = Annotated[
     str, typer.Option(help="A shipped pipeline, or a TOML of yours.", autocompletion=shipped("pipelines"))
 ]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON here.")]
-MaxMs = Annotated[float | None, typer.Option(help="Milliseconds that the features of a recording may take.")]
+MaxMs = Annotated[
+    float | None, typer.Option(help="Milliseconds that the features of a recording may take here.")
+]
 MaxFeatures = Annotated[int | None, typer.Option(help="Columns that may reach the classifier.")]
 
 
