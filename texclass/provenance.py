@@ -4,6 +4,7 @@ import ast
 import hashlib
 import platform
 from collections.abc import Iterable
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -62,6 +63,7 @@ def code_hash(*places: str, files: Iterable[Path] = (), words: bool = True) -> s
     return digest.hexdigest()[:16]
 
 
+@cache
 def _without_words(source: bytes) -> bytes:
     tree = ast.parse(source)
     for node in ast.walk(tree):

@@ -253,10 +253,20 @@ def report(
         "report.html"
     ),
     title: Annotated[str, typer.Option(help="Its title; the datasets' names by default.")] = "",
+    stale: Annotated[
+        bool,
+        typer.Option("--stale", help="List those whose code, pipeline or features have changed; no page."),
+    ] = False,
 ) -> None:
     """Write results as one HTML page that needs no network: tables, figures, datasets, versions."""
-    from texclass.reporting import write_page
+    from texclass.reporting import stale_results, write_page
 
+    if stale:
+        found = stale_results(results)
+        for path, why in found.items():
+            typer.echo(f"{path}: {why}")
+        typer.echo(f"{len(found)} of {len(results)} are to be made again")
+        return
     typer.echo(f"wrote {write_page(results, output, title)}")
 
 

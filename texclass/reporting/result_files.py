@@ -4,6 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache, partial
 from pathlib import Path
 from types import GenericAlias
 from typing import Annotated, Any, NamedTuple
@@ -13,7 +14,11 @@ from pydantic import ConfigDict, Field, create_model, model_validator
 from texclass.document import Document, render_markdown, render_page
 from texclass.experiment.benchmark_document import benchmark_document
 from texclass.experiment.new_feature_document import new_feature_document
+from texclass.experiment.pipeline import load_pipeline
+from texclass.experiment.result import COMPUTED_BY
+from texclass.features.sets import load_feature_set
 from texclass.peers.peers_document import peers_document
+from texclass.provenance import code_hash
 from texclass.reporting.invariance_document import invariance_document
 from texclass.stability.judging import Mark
 from texclass.stability.stability_document import stability_document
@@ -252,7 +257,15 @@ def read_document(path: str | Path) -> Document:
     OSError
         If it cannot be read.
     """
-    path = Path(path)
+    kind, data = _read(Path(path))
+    try:
+        return KINDS[kind].document(data)
+    except (ValueError, TypeError, LookupError, ArithmeticError) as error:  # numbers that fit no figure
+        raise ValueError(f"{path}: cannot be shown ({error}); the rule is what its command wrote") from error
+
+
+def _read(path: Path) -> tuple[str, Any]:
+    """Return kind and values of a result, checked."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number)
     except RecursionError as error:
@@ -260,19 +273,63 @@ def read_document(path: str | Path) -> Document:
     except ValueError as error:
         raise ValueError(f"{path}: no JSON ({error}); the rule is {WRITERS}") from error
     kind = next(
-        (kind for kind in KINDS.values() if isinstance(data, dict) and kind.keys <= data.keys()), None
+        (name for name, kind in KINDS.items() if isinstance(data, dict) and kind.keys <= data.keys()), None
     )
     # The study of invariance is told from other studies by what its rows hold.
-    rows = data["rows"] if kind is KINDS["invariance"] else [{"ratio": None}]
+    rows = data["rows"] if kind == "invariance" else [{"ratio": None}]
     has_ratios = isinstance(rows, list) and bool(rows) and isinstance(rows[0], dict) and "ratio" in rows[0]
     if kind is None or not has_ratios:
         held = ", ".join(list(data)[:6]) if isinstance(data, dict) else type(data).__name__
         raise ValueError(f"{path}: holds no result ({held or 'nothing'}); the rule is {WRITERS}")
-    checked(kind.model, data, path)
-    try:
-        return kind.document(data)
-    except (ValueError, TypeError, LookupError, ArithmeticError) as error:  # numbers that fit no figure
-        raise ValueError(f"{path}: cannot be shown ({error}); the rule is what its command wrote") from error
+    checked(KINDS[kind].model, data, path)
+    return kind, data
+
+
+def stale_results(paths: Sequence[str | Path]) -> dict[Path, str]:
+    """Return which results were made by other code, another pipeline or other features than today's, and why.
+
+    Comments, docstrings and the modules that put results into words are no such code.
+
+    Parameters
+    ----------
+    paths : sequence of str or path
+        JSON files.
+
+    Raises
+    ------
+    ValueError
+        As `read_document`.
+    """
+    now = cache(partial(code_hash, words=False))
+    found = {}
+    for path in map(Path, paths):
+        kind, data = _read(path)
+        rooms = (*COMPUTED_BY, kind) if kind in {"tradeoff", "stability"} else COMPUTED_BY
+        reasons = []
+        if not (made_by := data.get("code_hash")):
+            reasons.append("made before results carried a hash of their code")
+        elif made_by != now(*rooms):
+            reasons.append("made by other code")
+        pipeline, features = data.get("pipeline"), data.get("features")
+        hashed, features_hash = data.get("pipeline_hash"), data.get("features_hash")
+        if isinstance(pipeline, dict):
+            hashed, features = pipeline["hash"], pipeline["features"]
+            pipeline, features_hash = pipeline["name"], pipeline.get("features_hash")
+        if kind == "feature":  # the pipeline that the feature was added to
+            pipeline = pipeline.removesuffix(f"+{data['new_feature']['name']}")
+            hashed, features_hash = hashed.partition("+")[0], None
+        for what, name, its, load in (
+            ("pipeline", pipeline, hashed, load_pipeline),
+            ("feature set", features, features_hash, load_feature_set),
+        ):
+            if name and its:
+                try:
+                    reasons += [f"{what} {name} has changed"] if load(name).hash != its else []
+                except (ValueError, OSError):
+                    reasons.append(f"{what} {name} is not here")
+        if reasons:
+            found[path] = "; ".join(reasons)
+    return found
 
 
 def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "") -> Path:
