@@ -44,13 +44,22 @@ class Tap:
         First sample of the contact.
     end
         One past the last sample of the decay.
+    width
+        Samples from the impact until the vibration is 10 dB below its peak; 0 if that was not measured.
+    quality
+        How surely it is a tap, 0 to 1: 1 less the amplitude of what is around (noise, ringing, a stroke) over
+        that of its peak.
     """
 
     start: int
     impact: int
     end: int
+    width: int = 0
+    quality: float = 1.0
 
     def __post_init__(self) -> None:
+        if not (self.width >= 0 and 0.0 <= self.quality <= 1.0):
+            raise ValueError(f"a tap needs width >= 0 and a quality from 0 to 1, got {self}")
         if not 0 <= self.start <= self.impact < self.end:
             raise ValueError(f"a tap needs 0 <= start <= impact < end, got {self}")
 

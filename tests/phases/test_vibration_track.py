@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from texclass.phases import segment, vibration_track
+from texclass.phases.defects import Data
 from texclass.phases.vibration_track import Filtered, block_mean
 from texclass.recording import Recording
 from texclass.signals import butterworth, causal
@@ -11,17 +12,20 @@ from texclass.signals import butterworth, causal
 SOS = butterworth("highpass", 60.0, 2000.0)
 SIGNAL = np.random.default_rng(0).normal(size=(1003, 2)).cumsum(axis=0)
 
+DATA = Data(0, len(SIGNAL), SIGNAL[:20].mean(axis=0), False)
+GLITCHES = np.zeros(0, dtype=np.intp)
+
 
 def expected(steps):
     rows = SIGNAL
     for step in steps:
         rows = block_mean(rows, step)
-    return causal(SOS, rows - rows[:20].mean(axis=0), np.zeros((len(SOS), 2, 2)))[0]
+    return causal(SOS, rows - SIGNAL[:20].mean(axis=0), np.zeros((len(SOS), 2, 2)))[0]
 
 
 @pytest.mark.parametrize("steps", [(1,), (3,), (2, 5)])
 def test_blocks_give_what_the_whole_signal_gives_in_any_order(steps):
-    blocks, whole = Filtered(SIGNAL, steps, SOS, 20, size=30), expected(steps)
+    blocks, whole = Filtered(SIGNAL, steps, SOS, DATA, GLITCHES, size=30), expected(steps)
     assert len(blocks) == len(whole)
     for first, stop in ((70, 95), (0, 5), (25, 400), (-9, 3), (len(whole) - 4, len(whole) + 9)):
         np.testing.assert_array_equal(blocks.between(first, stop), whole[max(0, first) : stop])
@@ -32,7 +36,9 @@ def test_blocks_give_what_the_whole_signal_gives_in_any_order(steps):
 def test_correlation_is_taken_across_the_edges_of_blocks(lag):
     whole = expected((1,))
     direct = (whole[lag:] * whole[: len(whole) - lag]).sum(axis=1).mean()
-    assert Filtered(SIGNAL, (1,), SOS, 20, size=30).correlation(lag) == pytest.approx(direct, rel=1e-12)
+    assert Filtered(SIGNAL, (1,), SOS, DATA, GLITCHES, size=30).correlation(lag) == pytest.approx(
+        direct, rel=1e-12
+    )
 
 
 def test_phases_do_not_depend_on_the_blocks(monkeypatch):

@@ -89,7 +89,7 @@ def test_contacts_taps_and_lift_offs_are_found_as_they_happen(linear_model, stre
     rules = ContactRules()
     for event, at in zip(by_kind["tap"], TAPS, strict=True):
         assert abs(event.sample - at) <= 0.002 * FS
-        assert event.known - event.end <= (rules.gap_s + 0.01) * FS
+        assert event.known - at <= (0.12 + rules.gap_s + 0.01) * FS  # its 60 dB die away in 0.12 s
     for event, (start, _) in zip(by_kind["contact"], (FIRST, SECOND), strict=True):
         assert abs(event.sample - start) <= 0.015 * FS
         assert event.known - event.sample <= (rules.share * rules.window_s + 0.02) * FS
@@ -106,7 +106,7 @@ def test_windows_end_at_onset_plus_window_plus_hops_and_stay_inside_the_contact(
         assert (window.start - window.onset) % round(0.125 * FS) == 0
         assert window.stop - window.start == round(0.5 * FS)
         assert any(
-            start - 64 <= window.start and window.stop <= stop + 240 for start, stop in (FIRST, SECOND)
+            start - 64 <= window.start and window.stop <= stop + 520 for start, stop in (FIRST, SECOND)
         )
 
 
@@ -175,7 +175,7 @@ def test_physical_units_are_converted_and_a_scaleless_one_is_unknown(linear_mode
     assert [w.answer.surface for w in in_g] == [w.answer.surface for w in in_si]
     counts = windows(listen(linear_model, stream, 250, unit="counts"))
     assert counts
-    assert all(w.answer.unknown and "wrong unit" in w.answer.reasons[0] for w in counts)
+    assert all(w.answer.unknown and any("wrong unit" in why for why in w.answer.reasons) for w in counts)
 
 
 def test_stopping_when_sure_computes_no_more(linear_model, stream):

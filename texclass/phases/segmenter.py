@@ -1,17 +1,31 @@
 """Recording -> phases: taps (hand acceleration, impact, decay), static-friction onset, movement."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
-from texclass.phases.strikes import Strike, find_strikes, follow_hand, impact_sample, lone_tap, only_taps
-from texclass.phases.vibration_track import Track, sustained_span, track
-from texclass.recording import Phases, Recording, Tap
+from texclass.phases.hand import hand_start, lone_tap
+from texclass.phases.impulses import Impulse, Rules, divide, find_impulses, mean_over, only_taps, without
+from texclass.phases.vibration_track import Track, track
+from texclass.recording import Phases, Recording, Samples, Tap
 
+Holds = Literal["taps and strokes", "taps"]
 AT_REST_M_S2 = 0.06
 """A steady acceleration below this (rms of all axes, about 6 mg) is that of a resting sensor."""
 _OPENING_S = 0.03
 """An impulse that begins this early has no hand's acceleration before it; twice as long, it is a stroke."""
+CLEAR = 20.0
+"""Ratio to its mean that a single sample of noise does not reach."""
+FAINT_STROKES = 30.0
+"""Ratio to the noise that faint strokes nowhere reach as a mean over 0.1 s."""
+SURE_DB = 20.0
+"""Among faint strokes nothing is a tap unless one is so strong: with its impulses they pass for taps."""
+_KINK_S = 0.01
+"""So near to a kink of gravity the filter still answers to it."""
+_MARGIN_S = 0.003
+"""Of where the sample of an impact is looked for."""
+_NO_TAPS = "no taps: nothing stands out of the noise sharply enough"
 _NOTHING = "neither taps nor movement: nothing stands out of the noise"
 _NEVER_QUIET = "no quiet stretch, so the noise is unknown: the whole recording is taken as movement"
 _LONE_TAP = "too short for a stroke, at rest before or after: taken as one tap; the hand's part is unknown"
@@ -19,8 +33,8 @@ _STARTS_MOVING = "the recording starts in movement: no onset of sliding"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Segmenter:
-    """How phases are found; the defaults suit a hand-held tool. Durations in seconds, ratios of power.
+class Segmenter(Rules):
+    """How phases are found; the defaults suit a hand-held tool. Durations in seconds.
 
     Attributes
     ----------
@@ -30,34 +44,20 @@ class Segmenter:
         Resolution of the search.
     quiet_s
         The quietest stretch of this length gives the noise floor.
-    movement_ratio
-        Vibration stands this far above the noise floor.
-    tap_ratio
-        A tap's peak stands this far above it.
-    tap_range_db, tap_sure_db
-        The weakest tap against the strongest one; and down to where no other evidence is asked for.
-    tap_spacing_s
-        Impulses closer than this are one tap and its rebounds.
     hand_s
         Longest acceleration of the hand before an impact.
-    window_s, share
-        The tool strokes where at least this share of a window vibrates; a tap leaves most of it quiet.
-    pause_s
-        Longest pause at which a movement still reaches to the end of the recording.
+    rest_s
+        A rest at the end that is shorter is a turning point of the movement.
+    holds
+        What there is to be found: "taps and strokes", or "taps" alone, as many as there are.
     """
 
     hand_hz: float = 60.0
     bin_s: float = 0.001
     quiet_s: float = 0.1
-    movement_ratio: float = 2.0
-    tap_ratio: float = 40.0
-    tap_range_db: float = 22.0
-    tap_sure_db: float = 12.0
-    tap_spacing_s: float = 0.08
     hand_s: float = 0.25
-    window_s: float = 0.3
-    share: float = 0.65
-    pause_s: float = 1.0
+    rest_s: float = 0.3
+    holds: Holds = "taps and strokes"
 
     def __call__(self, recording: Recording) -> Phases:
         """Return the phases of `recording`; those it declares are returned as they are."""
@@ -66,80 +66,119 @@ class Segmenter:
         if recording.duration_s < self.window_s:
             return _short(recording)
         found = track(recording, hand_hz=self.hand_hz, bin_s=self.bin_s, quiet_s=self.quiet_s)
-        span = sustained_span(
-            found, ratio=self.movement_ratio, window_s=self.window_s, share=self.share, gap_s=0.03
-        )
-        strikes = self._strikes(recording, found, span)
-        opening = [strike for strike in strikes if strike.impact < found.n_bins(_OPENING_S)]
-        strikes = strikes[len(opening) :]  # cut off by the start of the recording: no tap to measure
-        if span is not None:
-            pause = found.n_bins(self.pause_s)
-            opens_with_vibration = opening and opening[0].end > 2 * found.n_bins(_OPENING_S)
-            if opens_with_vibration and span[0] <= pause:  # both are one movement
-                span, strikes = (0, span[1]), [s for s in strikes if s.impact >= span[1]]
-            span, strikes = _absorb_after(span, strikes, pause)
-        taps = self._taps(recording, found, strikes)
-        if span is not None and (found.steady or taps):
-            first, last = (min(edge * found.bin_samples, recording.n_samples) for edge in span)
-            taps_follow = any(strike.impact >= span[1] for strike in strikes)
-            if recording.n_samples - last < self.pause_s * recording.fs and not taps_follow:
-                last = recording.n_samples
-            movement = (first, last)
+        impulses, opening = self._impulses(found)
+        if self.holds == "taps":
+            taps = self._taps(recording, found, only_taps(impulses, found.levels, self))
+            return Phases(taps, notes=() if taps else (_NO_TAPS,))
+        begins = found.data[0] if self._opens_in_movement(found, opening) else None
+        struck, span = divide(found.levels, impulses, self, begins)
+        is_faint = mean_over(found.levels.strokes, found.levels.n_bins(self.quiet_s)).max() < FAINT_STROKES
+        if span is not None and is_faint and max((i.loud_db for i in struck), default=0.0) < SURE_DB:
+            struck = []
+        taps = self._taps(recording, found, struck)
+        if span is None:
+            if taps or _at_rest(recording, found):
+                return Phases(taps, notes=() if taps else (_NOTHING,))
+        elif found.steady or taps:
+            movement = self._movement(recording, found, span, struck, is_faint)
             return Phases(taps, movement, movement[0] or None, () if movement[0] else (_STARTS_MOVING,))
-        if span is None and (taps or _at_rest(recording, found)):
-            return Phases(taps, notes=() if taps else (_NOTHING,))
         return Phases((), (0, recording.n_samples), None, (_NEVER_QUIET,))
 
-    def _strikes(self, recording: Recording, found: Track, span: tuple[int, int] | None) -> list[Strike]:
-        n_bins = len(found.ratio)
-        strikes: list[Strike] = []
-        for first, last in [(0, n_bins)] if span is None else [(0, span[0]), (span[1], n_bins)]:
-            strikes += find_strikes(
-                found,
-                first,
-                last,
-                ratio=self.tap_ratio,
-                end_ratio=self.movement_ratio,
-                spacing_s=self.tap_spacing_s,
-            )
-        hand = follow_hand(recording)
-        return only_taps(strikes, hand, found, range_db=self.tap_range_db, sure_db=self.tap_sure_db)
+    def _impulses(self, found: Track) -> tuple[list[Impulse], list[Impulse]]:
+        """Return impulses but those at an edge of the data, and those with which the data begin.
 
-    def _taps(self, recording: Recording, found: Track, strikes: list[Strike]) -> tuple[Tap, ...]:
-        if not strikes:
-            return ()
-        hand = follow_hand(recording)
-        taps, free_from = [], 0
-        for strike in strikes:
-            impact = impact_sample(found, strike)
-            end = max(impact + 1, min(strike.end * found.bin_samples, recording.n_samples))
-            earliest = max(free_from, impact - round(self.hand_s * recording.fs))
-            taps.append(Tap(hand.start(earliest, impact), impact, end))
+        What is cut off by the start of the data cannot be measured, and the kink with which a fade of
+        gravity begins or ends is no impact.
+        """
+        levels, (first, _), (up, down) = found.levels, found.data, found.full
+        opening = first + levels.n_bins(_OPENING_S)
+        impulses = find_impulses(levels, self)
+        cut_off = [i for i in impulses if i.start < opening]
+        kinks = up + (up - first) + levels.n_bins(_KINK_S), down - levels.n_bins(_KINK_S)
+        kept = [
+            i
+            for i in impulses[len(cut_off) :]
+            if i.loud_db >= self.clear_db
+            or (kinks[0] if up > first else 0)
+            <= i.start
+            < (kinks[1] if down < found.data[1] else i.start + 1)
+        ]
+        return kept, cut_off
+
+    def _opens_in_movement(self, found: Track, opening: list[Impulse]) -> bool:
+        """Whether the data begin with vibration, what impulses leave not counted."""
+        levels, first = found.levels, found.data[0]
+        begin = without(levels.strokes, opening, 0.0)[first : first + levels.n_bins(2 * _OPENING_S)]
+        return len(begin) > 0 and found.full[0] == first and float(begin.mean()) > self.active_ratio
+
+    def _movement(
+        self, recording: Recording, found: Track, span: tuple[int, int], taps: list[Impulse], is_faint: bool
+    ) -> tuple[int, int]:
+        """Return the movement in samples: to the end unless the tool rests there.
+
+        Where strokes hardly leave the noise, the rest before and after them may be faint strokes, too.
+        """
+        (first, last), levels, rest_s = span, found.levels, self.rest_s
+        if not taps and is_faint:
+            rest_s = self.pause_s
+            first = first if first - found.data[0] >= levels.n_bins(rest_s) else found.data[0]
+        if found.data[1] - last < levels.n_bins(rest_s) and not (taps and taps[-1].start >= last):
+            last = found.data[1]
+        return first * found.bin_samples, min(last * found.bin_samples, recording.n_samples)
+
+    def _taps(self, recording: Recording, found: Track, impulses: list[Impulse]) -> tuple[Tap, ...]:
+        size, free_from, taps = found.bin_samples, found.data[0] * found.bin_samples, list[Tap]()
+        for impulse in impulses:
+            impact = self._impact(found, impulse)
+            end = max(impact + 1, min(impulse.end * size, recording.n_samples))
+            earliest = min(impact, max(free_from, impact - round(self.hand_s * recording.fs)))
+            start = earliest + hand_start(found.samples(earliest, impact), recording.fs)
+            taps.append(Tap(start, impact, end, impulse.width * size, impulse.quality))
             free_from = end
         return tuple(taps)
 
+    def _impact(self, found: Track, impulse: Impulse) -> int:
+        """Return the sample at which the vibration leaves the noise."""
+        margin = found.levels.n_bins(_MARGIN_S)
+        start = max(0, impulse.start - margin) * found.bin_size
+        stop = (max(impulse.start + margin, impulse.peak) + margin) * found.bin_size
+        near = found.vibration.between(start, stop)
+        power = np.einsum("ij,ij->i", near, near)
+        at = leaves_noise(power, found.noise)
+        return impulse.start * found.bin_samples if at is None else (start + at) * found.step
 
-def segment(recording: Recording) -> Phases:
+
+def leaves_noise(power: Samples, noise: float) -> int | None:
+    """Return the sample from which a power is no noise and within 25 dB of its peak; None if it hardly is."""
+    least = max(CLEAR * noise, 3e-3 * float(power.max()))
+    return int(np.argmax(power >= least)) if power.max() >= 2.0 * least else None
+
+
+def segment(recording: Recording, holds: Holds = "taps and strokes") -> Phases:
     """Find taps, static-friction onset and movement of a recording.
 
     Gravity, tremor and the hand's motion are filtered away; what is left is compared, millisecond by
-    millisecond, with the noise of the quietest stretch. Where it stays above the noise the tool strokes; an
-    isolated impulse is a tap, unless it is weak and goes the way the hand was accelerating (a tool that is
-    lifted).
+    millisecond, with the noise at rest. What rises sharply, by 10 dB or more, out of what was just before and
+    dies away is an impulse; where the level stays above the noise otherwise, the tool strokes. Impulses
+    inside a movement are the texture's; the others are taps, unless they are far weaker than the strongest (a
+    tool that is lifted). Values held at the ends of a file, a volume that is turned up or down, and single
+    wild samples are no noise and no impulses.
 
     Parameters
     ----------
     recording : Recording
         Any number of axes, any unit, rates from about 1 kHz; declared phases are returned untouched.
+    holds : {"taps and strokes", "taps"}
+        What is known of it; "taps" finds any number of them, and nothing else, however long they ring.
 
     Returns
     -------
     Phases
         Half-open ranges of samples. A tap starts where the hand starts to accelerate and ends when its
-        vibration is down in the noise or 30 dB below its peak. The movement reaches from the onset of sliding
-        to the last vibration (to the end of the recording, if less than a pause remains), pauses at turning
-        points included. `notes` say what is missing or was assumed: no quiet stretch, a start in the
-        middle of a movement, nothing at all.
+        vibration is down in the noise or 30 dB below its peak; it has a width and a quality. The movement
+        reaches from the onset of sliding to where the tool rests (to the end, if it rests for less than
+        0.3 s), pauses at turning points included. `notes` say what is missing or was assumed: no quiet
+        stretch, a start in the middle of a movement, nothing at all.
 
     See Also
     --------
@@ -150,21 +189,10 @@ def segment(recording: Recording) -> Phases:
     `strese2015` names the phases (Figs. 4 and 7) and gives no algorithm; this one is ours. Its cost is
     linear in the length of the recording.
     """
-    return Segmenter()(recording)
+    return (_DEFAULT if holds == _DEFAULT.holds else replace(_DEFAULT, holds=holds))(recording)
 
 
-def _absorb_after(
-    span: tuple[int, int], strikes: list[Strike], pause: int
-) -> tuple[tuple[int, int], list[Strike]]:
-    """Give the movement what follows it within a pause: strokes that had been too faint, not taps."""
-    first, last = span
-    taps = []
-    for strike in strikes:
-        if first <= strike.impact < last + pause:
-            last = max(last, strike.end)
-        else:
-            taps.append(strike)
-    return (first, last), taps
+_DEFAULT = Segmenter()
 
 
 def _short(recording: Recording) -> Phases:

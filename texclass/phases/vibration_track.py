@@ -1,29 +1,39 @@
 """How strongly the tool vibrates over time against the noise, and when it keeps vibrating."""
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
+from texclass.phases.defects import LONGEST_FADE_S, Data, fade, find_data, find_glitches, mended
+from texclass.phases.impulses import CALM_S, Levels, mean_over
 from texclass.recording import Recording, Samples
 from texclass.signals import butterworth, causal
 
 TRACK_RATE_HZ = 10_000.0
 """Faster recordings are averaged down to about this rate before they are searched."""
-SOFT_BAND_HZ = (30.0, 300.0)
-"""Where soft contacts ring: searched by itself, so that noise above it does not drown them."""
+SOFT_BAND_HZ = (30.0, 150.0)
+"""Where soft contacts push and ring: searched by itself, so that noise above it does not drown them."""
+SOFT_S = 0.008
+"""Its level is averaged over this: about the time in which it can change."""
 SOFT_MARGIN = 3.0
-"""The hand's unrest reaches into the soft band and varies: typical over quietest power."""
-SOFT_SHARE = 0.2
-"""Least noise of the soft band, relative to all noise: the hand's unrest is no vibration."""
+"""The hand's unrest reaches into the soft band and varies."""
+SURPRISE = 2.8
+"""How many times the distance (in dB) from the median to the 90 % quantile noise exceeds the median once in
+100,000 bins; so it is for chi-squared powers of 5 to 20 degrees of freedom (2.5 to 2.9)."""
+CLEAR = 50.0
+"""Ratio that stands for what is clear in the soft band: a little more than that of a tap."""
 UNREST = 1.4
 """Power over noise that the hand's unrest, felt in the soft band alone, does not reach."""
 LEAST_SAMPLES = 20
 """Samples without which a level is too uncertain to call vibration."""
-ALIKE = 2.5
-"""Power ratio up to which the fifths of a stretch are alike, and the stretch is steady."""
+ALIKE, ALIKE_SAMPLES = 2.5, 60.0
+"""Power ratio up to which the fifths of a stretch are alike, so that it is steady; more of few samples."""
+MOST_CHANCE, MOST_UNREST, FAR = 1.6, 6.0, 1000.0
+"""Power of all rest over that of its quietest stretch: by chance, and with vibration `FAR` above it, so that
+noise that comes and goes (a room, other machines) is no stroke."""
 _DEAD = 1e-14
 """Power below this share of the strongest is rounding."""
 BLOCK = 1 << 19
@@ -42,8 +52,10 @@ class Filtered:
         Factors by which it is averaged down first, one after the other.
     sos : ndarray of shape (n_sections, 6)
         The filter.
-    n_rest : int
-        The filter is at rest on the mean of so many rows at the start.
+    data : Data
+        What a sensor felt; the filter is at rest on what stands before it.
+    glitches : ndarray of int
+        Samples that are replaced by the mean of their neighbours.
     size : int
         Rows of a block.
     """
@@ -51,7 +63,8 @@ class Filtered:
     axes: Samples
     steps: tuple[int, ...]
     sos: Samples
-    n_rest: int
+    data: Data
+    glitches: NDArray[np.intp]
     size: int = BLOCK
     _states: list[Samples] = field(default_factory=list, repr=False)
     _newest: dict[int, Samples] = field(default_factory=dict, repr=False)
@@ -93,8 +106,8 @@ class Filtered:
         while k not in self._newest:
             i = min(k, len(self._states))
             state = self._states[i - 1] if i else np.zeros((len(self.sos), 2, self.axes.shape[1]))
-            rest = self._rows(0, self.n_rest).mean(axis=0)
-            block, after = causal(self.sos, self._rows(i * self.size, (i + 1) * self.size) - rest, state)
+            rows = self._rows(i * self.size, (i + 1) * self.size) - self.data.rest
+            block, after = causal(self.sos, rows, state)
             if i == len(self._states) and after is not None:
                 self._states.append(after)
             self._newest.clear()
@@ -103,7 +116,12 @@ class Filtered:
 
     def _rows(self, first: int, stop: int) -> Samples:
         step = int(np.prod(self.steps))
-        rows = self.axes[first * step : stop * step]
+        start = first * step
+        rows = self.axes[start : stop * step]
+        inside = self.glitches[(self.glitches >= start) & (self.glitches < start + len(rows))] - start
+        if len(inside) or start < self.data.first:
+            rows = mended(rows, inside)
+            rows = np.where((np.arange(len(rows)) + start < self.data.first)[:, None], self.data.rest, rows)
         for each in self.steps:
             rows = block_mean(rows, each)
         return rows
@@ -125,46 +143,39 @@ class Track:
 
     Attributes
     ----------
-    ratio : ndarray of shape (n_bins,)
-        Power of the vibration over the power of the noise.
-    soft : ndarray of shape (n_bins,)
-        The same in the band in which soft contacts ring; equal to `ratio` where that band is not to be had.
-    strokes : ndarray of shape (n_bins,)
-        The greater of both where all bands together stand out a little, so that it is not the hand's unrest.
+    levels : Levels
+        Against the noise.
     vibration : Filtered
         Acceleration above the hand's own motion, `step` samples of the recording a row.
     noise : float
-        Mean square vibration in the quietest stretch, summed over channels.
+        Mean square vibration at rest, summed over channels.
     steady : bool
         Whether the quietest stretch is steady enough to be called quiet.
+    data, full : tuple of int
+        Bins [first, stop) with data; of these, those whose volume is not turned up or down.
     step, bin_size : int
         Samples a row, rows a bin.
-    fs : float
-        Sampling rate of the recording in Hz.
     """
 
-    ratio: Samples
-    soft: Samples
-    strokes: Samples
+    levels: Levels
     vibration: Filtered
     noise: float
     steady: bool
+    data: tuple[int, int]
+    full: tuple[int, int]
     step: int
     bin_size: int
-    fs: float
 
     @property
     def bin_samples(self) -> int:
         """Samples of the recording a bin."""
         return self.bin_size * self.step
 
-    def n_bins(self, seconds: float) -> int:
-        """Return how many bins come nearest to `seconds`, at least one."""
-        return max(1, round(seconds * self.fs / self.bin_samples))
-
-    def impulses(self, seconds: float) -> Samples:
-        """Return the greater of both ratios, as a centred mean over about `seconds`."""
-        return smooth(np.maximum(self.ratio, self.soft), self.n_bins(seconds))
+    def samples(self, first: int, stop: int) -> Samples:
+        """Return samples [first, stop) without glitches, shape (stop - first, n_channels)."""
+        glitches = self.vibration.glitches
+        near = glitches[(glitches >= first) & (glitches < stop)] - first
+        return mended(self.vibration.axes[first:stop], near)
 
 
 def track(recording: Recording, *, hand_hz: float, bin_s: float, quiet_s: float) -> Track:
@@ -172,98 +183,103 @@ def track(recording: Recording, *, hand_hz: float, bin_s: float, quiet_s: float)
     axes = recording.acceleration.reshape(recording.n_samples, -1)
     step = max(1, int(recording.fs // TRACK_RATE_HZ))
     rate = recording.fs / step
-    n_rows, bin_size = -(-len(axes) // step), max(1, round(bin_s * rate))
-    n_quiet = max(1, min(round(quiet_s * rate / bin_size), n_rows // (16 * bin_size)))
-    sos = butterworth("highpass", min(hand_hz, 0.2 * rate), rate)
-    vibration = Filtered(axes, (step,), sos, _n_rest(rate), BLOCK // bin_size * bin_size)
-    level = vibration.power(bin_size)
-    noise, steady = _quietest(level, n_quiet)
-    # mean square error of the converter's rounding, from its smallest step
-    steps = np.abs(np.diff(axes[:50_000], axis=0))
-    rounding = sum(float(s[s > 0].min()) ** 2 / 12 for s in steps.T if (s > 0).any())
-    noise = max(noise, rounding, _DEAD * float(level.max()))
-    ratio = np.divide(level, noise, out=level) if noise > 0 else np.zeros_like(level)
-    in_soft_band = strokes = ratio
-    if rate > 6 * SOFT_BAND_HZ[1] and noise > 0:
-        soft = _soft_level(axes, step, rate, bin_size)
-        quiet = _quietest(soft, n_quiet)[0]
-        soft /= max(SOFT_MARGIN * quiet, SOFT_SHARE * noise, _DEAD * float(soft.max()))
-        felt = smooth(ratio, max(1, round(0.02 * rate / bin_size))) > UNREST
-        in_soft_band, strokes = soft, ratio.copy()
-        np.maximum(ratio, 0.5 * soft, out=strokes, where=felt)
-    return Track(ratio, in_soft_band, strokes, vibration, noise, steady, step, bin_size, recording.fs)
+    bin_size = max(1, round(bin_s * rate))
+    n_bins, bin_s = -(-len(axes) // (step * bin_size)), bin_size / rate
+    felt, glitches = find_data(axes, recording.fs), find_glitches(axes)
+    sos = _above_the_hand(hand_hz, rate)
+    vibration = Filtered(axes, (step,), sos, felt, glitches, BLOCK // bin_size * bin_size)
+    data = -(-felt.first // (step * bin_size)), n_bins
+    if felt.stop < len(axes):
+        data = data[0], max(data[0], felt.stop // (step * bin_size))
+    loud = _only(vibration.power(bin_size), data)
+    full = _full(axes[felt.first : felt.stop], loud, data, step * bin_size, bin_s)
+    n_quiet = max(1, min(round(quiet_s / bin_s), n_bins // 16))
+    usable = slice(*(full if full[1] - full[0] >= n_quiet else (data[0], max(data[1], data[0] + 1))))
+    noise, steady = _quietest(loud[usable], n_quiet, bin_size * axes.shape[1])
+    noise = max(noise, _rounding(axes), _DEAD * float(loud.max()))
+    found = vibration, noise, steady, data, full, step, bin_size
+    least = -(-LEAST_SAMPLES // (step * bin_size))
+    if noise == 0:
+        nothing = np.zeros_like(loud)
+        return Track(Levels(nothing, nothing, nothing, bin_s, least), *found)
+    loud /= noise
+    soft = Filtered(axes, (step, bin_size), _soft_band(1.0 / bin_s), felt, glitches).power(1)
+    return Track(_levels(loud, _only(soft, data), usable, bin_s, least), *found)
 
 
-def smooth(level: Samples, n: int) -> Samples:
-    """Centred mean over `n` bins, the ends repeated; not below zero (rounding)."""
-    mean = _running_mean(level, n)
-    return np.asarray(np.maximum(mean, 0.0, out=mean))
+def _levels(loud: Samples, soft: Samples, usable: slice, bin_s: float, least: int) -> Levels:
+    """Join what is felt in the soft band, in a unit of its own, to the level of all bands.
 
-
-def _running_mean(level: Samples, n: int) -> Samples:
-    """Centred mean over `n` bins, the ends repeated; in blocks, for scipy buffers all that it is given."""
-    mean = np.empty_like(level)
-    for k in range(0, len(level), BLOCK):
-        first = max(0, k - n)
-        near = ndimage.uniform_filter1d(level[first : k + BLOCK + n], n, mode="nearest")
-        mean[k : k + BLOCK] = near[k - first : k - first + BLOCK]
-    return mean
-
-
-def sustained_span(
-    found: Track, *, ratio: float, window_s: float, share: float, gap_s: float
-) -> tuple[int, int] | None:
-    """Return the bins [first, last) between which the tool keeps vibrating, pauses included; None if never.
-
-    It does where at least `share` of a window exceeds `ratio`: isolated impulses leave most of a window
-    quiet, however strong they are. The ends are then moved to the outermost vibration that hangs
-    together with them (gaps below `gap_s`).
+    Noise reaches a certain level now and then, the more often the more it is spread. Where the soft band
+    surpasses what it reaches once in 100,000 bins, that is an impulse, however weak.
     """
-    coarse = found.n_bins(max(0.005, LEAST_SAMPLES / found.fs))
-    level = block_mean(found.strokes, coarse)
-    window = max(1, round(found.n_bins(window_s) / coarse))
-    low = ndimage.percentile_filter(level, 100.0 * (1.0 - share), size=window, mode="constant")
-    (steady,) = np.nonzero(low > ratio)
-    if not len(steady):
-        return None
-    active = smooth(level, 3) > ratio
-    gap = max(1, round(found.n_bins(gap_s) / coarse))
-    first = len(active) - 1 - _outermost(active[::-1], len(active) - 1 - int(steady[0]), gap)
-    last = _outermost(active, int(steady[-1]), gap)
-    return first * coarse, min((last + 1) * coarse, len(found.ratio))
+    soft = mean_over(soft, max(1, round(SOFT_S / bin_s)))
+    calm = mean_over(loud, max(1, round(CALM_S / bin_s)))
+    at_rest = soft[usable][calm[usable] < UNREST]
+    if len(at_rest) * bin_s < 0.05:
+        return Levels(loud, loud, loud, bin_s, least)
+    middle, high = (float(q) for q in np.quantile(at_rest, (0.5, 0.9)))
+    if middle == 0.0:
+        return Levels(loud, loud, loud, bin_s, least)
+    surprising = middle * (high / middle) ** SURPRISE
+    clear = soft > surprising
+    soft /= max(SOFT_MARGIN * middle, _DEAD * float(soft.max()))
+    strokes = loud.copy()
+    np.maximum(loud, 0.5 * soft, out=strokes, where=calm > UNREST)
+    np.maximum(soft, CLEAR, out=soft, where=clear)
+    return Levels(loud, np.maximum(loud, soft, out=soft), strokes, bin_s, least)
 
 
-def _outermost(active: NDArray[np.bool_], start: int, gap: int) -> int:
-    """Follow `active` forwards from `start` to its last true element before a gap of `gap` elements."""
-    (where,) = np.nonzero(active[start:])
-    if not len(where):
-        return start
-    (breaks,) = np.nonzero(np.diff(where) > gap)
-    return start + int(where[breaks[0]] if len(breaks) else where[-1])
+@functools.cache
+def _above_the_hand(hand_hz: float, rate: float) -> Samples:
+    return butterworth("highpass", min(hand_hz, 0.2 * rate), rate)
 
 
-def _soft_level(axes: Samples, step: int, rate: float, bin_size: int) -> Samples:
-    """Level in the soft band, from rows averaged down, looked up at the centres of the bins."""
-    inner = max(1, bin_size // 2)
-    sos = butterworth("bandpass", SOFT_BAND_HZ, rate / inner, order=2)
-    power = Filtered(axes, (step, inner), sos, _n_rest(rate / inner)).power(1)
-    power = smooth(power, max(1, bin_size // inner))
-    soft = np.empty(-(-len(axes) // (step * bin_size)))
-    for k in range(0, len(soft), BLOCK):  # all centres at once would take the memory of a level
-        centres = (np.arange(k, min(k + BLOCK, len(soft))) * bin_size + bin_size // 2) // inner
-        soft[k : k + BLOCK] = power[np.minimum(centres, len(power) - 1)]
-    return soft
+@functools.cache
+def _soft_band(rate: float) -> Samples:
+    low, high = SOFT_BAND_HZ
+    return butterworth("bandpass", (min(low, 0.1 * rate), min(high, 0.4 * rate)), rate, order=2)
 
 
-def _n_rest(rate: float) -> int:
-    """Rows of the first 20 ms."""
-    return max(1, round(0.02 * rate))
+def _only(level: Samples, data: tuple[int, int]) -> Samples:
+    level[: data[0]] = level[data[1] :] = 0.0
+    return level
 
 
-def _quietest(level: Samples, n: int) -> tuple[float, bool]:
-    """Level of the quietest stretch of `n` bins, and whether its fifths are alike."""
+def _full(axes: Samples, loud: Samples, data: tuple[int, int], size: int, bin_s: float) -> tuple[int, int]:
+    """Return the bins of `data` between a volume that is turned up, and one that is turned down.
+
+    A fade is seen in the vibration, or in what gravity leaves of the samples.
+    """
+    n, bins = round(2 * LONGEST_FADE_S / bin_s) * size, loud[slice(*data)]
+    raw = [block_mean(np.einsum("ij,ij->i", end[:n], end[:n]), size) for end in (axes, axes[::-1])]
+    up, down = (max(fade(x, bin_s), fade(y, bin_s)) for x, y in zip(raw, (bins, bins[::-1]), strict=True))
+    return data[0] + up, data[1] - down
+
+
+def _quietest(level: Samples, n: int, per_bin: int) -> tuple[float, bool]:
+    """Return the level of rest, and whether the quietest stretch of `n` bins is steady: its fifths are alike.
+
+    Rest is the quietest stretch and, as noise comes and goes, what is up to 4 dB above the mean of what is
+    taken for rest so far; but without vibration far above it, what comes and goes may be the strokes.
+    """
     n = min(n, len(level))
-    means = _running_mean(level, n)[n // 2 : len(level) - (n - 1) // 2]
+    means = mean_over(level, n)[n // 2 : len(level) - (n - 1) // 2]
     stretch = level[int(np.argmin(means)) :][:n]
     fifths = [float(part.mean()) for part in np.array_split(stretch, min(5, n))]
-    return float(stretch.mean()), max(fifths) <= ALIKE * min(fifths)
+    steady = max(fifths) <= ALIKE * (1.0 + ALIKE_SAMPLES / (n * per_bin)) * min(fifths)
+    rest = quietest = float(stretch.mean())
+    some = means[:: max(1, n // 5)]
+    most = MOST_UNREST if some.max() > FAR * quietest else MOST_CHANCE
+    for _ in range(4):
+        alike = some[some <= min(2.5 * rest, most * quietest)]
+        rest = max(quietest, float(alike.mean()) if len(alike) else quietest)
+    return rest, steady
+
+
+def _rounding(axes: Samples) -> float:
+    """Mean square error of the converter's rounding, from its smallest step, summed over channels."""
+    steps = np.abs(np.diff(np.ascontiguousarray(axes[:50_000].T)))
+    steps[steps == 0] = np.inf
+    smallest = steps.min(axis=1, initial=np.inf)
+    return float((smallest[np.isfinite(smallest)] ** 2).sum()) / 12

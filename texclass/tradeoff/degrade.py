@@ -93,7 +93,10 @@ def resampled(recording: Recording, fs: float) -> Recording:
             return min(n, round(sample * ratio))
 
         kept = (tap for tap in phases.taps if at(tap.impact) < n)
-        taps = tuple(Tap(at(t.start), at(t.impact), max(at(t.end), at(t.impact) + 1)) for t in kept)
+        taps = tuple(
+            Tap(at(t.start), at(t.impact), max(at(t.end), at(t.impact) + 1), at(t.width), t.quality)
+            for t in kept
+        )
         movement = phases.movement and (at(phases.movement[0]), at(phases.movement[1]))
         onset = None if phases.onset is None else at(phases.onset)
         changes["phases"] = Phases(taps, movement, onset, phases.notes)

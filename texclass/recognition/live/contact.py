@@ -1,23 +1,35 @@
 """What the tool does, as it happens: how strongly it vibrates; contacts, strokes, taps and lift-offs of that.
 
-Vibration is measured bin by bin (`Level`); a level against a noise floor, with hysteresis, says the rest.
+Vibration is measured bin by bin (`Level`); a level against a noise floor, with hysteresis, says when something
+is going on. What that is, taps or strokes, says the core that recordings are segmented by (`texclass.phases`):
+it is asked of the activity at hand.
 """
 
 import math
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from texclass.phases import AT_REST_M_S2, LEAST_SAMPLES
+from texclass.phases import (
+    AT_REST_M_S2,
+    LEAST_SAMPLES,
+    Impulse,
+    Levels,
+    Rules,
+    block_mean,
+    divide,
+    find_impulses,
+    only_taps,
+)
 from texclass.recording import Samples
 from texclass.signals import butterworth, causal
 
 HAND_HZ = 60.0
 """Motion below belongs to hand, tremor and gravity, as in `texclass.phases`; 0.2 fs for slow sensors."""
-BIN_S = 0.005
+BIN_S, FINE_S = 0.005, 0.001
+"""Of the bins that are followed, and of those in which an activity is looked at."""
 Kind = Literal["contact", "stroke", "tap", "lift-off", "break"]
 _DEAD = 1e-14
 """Power below this share of the strongest is rounding."""
@@ -104,6 +116,8 @@ class Level:
 
     Attributes
     ----------
+    fs : float
+        Sampling rate in Hz.
     bin_size : int
         Samples a bin.
     vibration : Ring
@@ -111,6 +125,7 @@ class Level:
     """
 
     def __init__(self, fs: float, n_axes: int, keep_s: float) -> None:
+        self.fs = fs
         self.bin_size = max(LEAST_SAMPLES, round(BIN_S * fs))
         self.vibration = Ring(round(keep_s * fs) + 4 * self.bin_size, n_axes)
         self._sos = butterworth("highpass", min(HAND_HZ, 0.2 * fs), fs)
@@ -133,6 +148,14 @@ class Level:
         """Return the square of the vibration, summed over axes, of samples [start, stop)."""
         near = self.vibration.view(start, stop)
         return np.asarray(np.einsum("ij,ij->i", near, near))
+
+    def fine(self, start: int, stop: int) -> tuple[int, int, Samples]:
+        """Return the powers of bins of about a millisecond of what is at hand of samples [start, stop).
+
+        Before them stand the first sample, and how many there are in a bin.
+        """
+        start, size = max(start, self.vibration.start), max(1, round(FINE_S * self.fs))
+        return start, size, block_mean(self.power(start, stop), size)
 
     def correlation(self, start: int, stop: int) -> float:
         """Return how far samples [start, stop) resemble those before them: about 0 for white noise."""
@@ -163,6 +186,8 @@ class Event:
         Of a tap: one past its decay. Else `sample`.
     what
         In words.
+    width, quality
+        Of a tap: see `texclass.recording.Tap`.
     """
 
     kind: Kind
@@ -170,26 +195,22 @@ class Event:
     known: int
     end: int
     what: str = ""
+    width: int = 0
+    quality: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class ContactRules:
-    """Durations in seconds, ratios of power; those of `texclass.phases.Segmenter` where it has them, too.
+class ContactRules(Rules):
+    """`texclass.phases.Rules`, and what a stream needs besides. Durations in seconds, ratios of power.
 
     Attributes
     ----------
     quiet_s
         Length of the stretch at the start whose level is the first noise floor.
-    on_ratio, off_ratio
-        Vibration above the floor that begins, and that ends, an activity.
+    off_ratio
+        Vibration above the floor that ends an activity (`active_ratio` begins it).
     smooth_s
         Levels are averaged over about this time.
-    window_s, share
-        A movement is one where at least this share of such a window is active: known 0.2 s after it begins.
-    gap_s
-        Pauses below this are none.
-    tap_ratio, tap_spacing_s
-        A tap's peak stands this far above the floor; impulses closer than this are rebounds.
     turn_s
         A pause of this length ends a stroke.
     pause_s
@@ -201,14 +222,8 @@ class ContactRules:
     """
 
     quiet_s: float = 0.1
-    on_ratio: float = 2.0
     off_ratio: float = 1.6
     smooth_s: float = 0.015
-    window_s: float = 0.3
-    share: float = 0.65
-    gap_s: float = 0.03
-    tap_ratio: float = 40.0
-    tap_spacing_s: float = 0.08
     turn_s: float = 0.06
     pause_s: float = 0.5
     floor_s: float = 2.0
@@ -220,8 +235,8 @@ class Contact:
 
     Parameters
     ----------
-    bin_s : float
-        Seconds a bin.
+    level : Level
+        Whose bins come.
     rules : ContactRules
         Which levels and durations make a contact, a tap, a lift-off.
     in_contact : bool, optional
@@ -229,8 +244,6 @@ class Contact:
         level below 6 mg, or white, is rest.
     unit : str
         Of the acceleration.
-    correlation : callable
-        (start, stop) -> how far these samples resemble those before them.
 
     Attributes
     ----------
@@ -242,18 +255,12 @@ class Contact:
         Since when it strokes.
     """
 
-    def __init__(
-        self,
-        bin_s: float,
-        rules: ContactRules,
-        in_contact: bool | None,
-        unit: str,
-        correlation: Callable[[int, int], float],
-    ) -> None:
-        self.rules, self.unit, self._correlation = rules, unit, correlation
+    def __init__(self, level: Level, rules: ContactRules, in_contact: bool | None, unit: str) -> None:
+        self.rules, self.unit, self._heard = rules, unit, level
+        bin_s = level.bin_size / level.fs
         self._n = {
             name: max(1, round(getattr(rules, name) / bin_s))
-            for name in ("quiet_s", "smooth_s", "window_s", "gap_s", "tap_spacing_s", "turn_s", "pause_s")
+            for name in ("quiet_s", "smooth_s", "window_s", "gap_s", "turn_s", "pause_s")
         }
         self._forget = 1 - math.exp(-bin_s / rules.floor_s)
         self._asked = in_contact
@@ -266,10 +273,11 @@ class Contact:
         self._opening: list[Bin] = []
         self._recent: deque[float] = deque(maxlen=self._n["smooth_s"])
         self._active: deque[bool] = deque(maxlen=self._n["window_s"])
-        self._on, self._quiet_for, self._since_tap = False, 0, 1 << 30
+        self._on, self._quiet_for, self._tapped_until = False, 0, 0
+        self.struck: list[Impulse] = []
+        """What taps there were since the last lift-off."""
         self._run: list[int] = []
         """Start and end of the activity at hand, while it is not known what it is."""
-        self._run_peak = 0.0
 
     @property
     def phase(self) -> Literal["listening", "rest", "touched", "moving", "pause"]:
@@ -327,7 +335,7 @@ class Contact:
         if in_contact is None:
             steady = max(b.power for b in self._opening) <= 10 * mean
             small = self.unit == "m/s^2" and mean < AT_REST_M_S2**2
-            white = abs(self._correlation(self._opening[0].start, new.stop)) <= _WHITE
+            white = abs(self._heard.correlation(self._opening[0].start, new.stop)) <= _WHITE
             in_contact = mean > 0 and not (steady and (small or white))
         if in_contact:
             if not self.moving:
@@ -353,36 +361,51 @@ class Contact:
 
     def _against_floor(self, new: Bin) -> list[Event]:
         """Tell activity from noise, and a movement, which lasts, from a tap."""
-        rules, n, floor = self.rules, self._n, self._floor()
-        self._on = self.level > (rules.off_ratio if self._on else rules.on_ratio) * floor
+        rules, n = self.rules, self._n
+        self._on = self.level > (rules.off_ratio if self._on else rules.active_ratio) * self._floor()
         self._active.append(self._on)
-        self._since_tap += 1
         said: list[Event] = []
         if self._on:
             if self.moving and self._quiet_for >= n["turn_s"]:
                 said.append(Event("stroke", new.start, new.stop, new.start))
             self._quiet_for, self.active_until = 0, new.stop
             self._run = [self._run[0] if self._run else new.start, new.stop]
-            self._run_peak = max(self._run_peak, new.power)
         else:
             self._quiet_for += 1
             if not self._run:
                 self.floor += self._forget * (new.power - self.floor)
         if self.moving:
             return said + (self._lift(new.stop) if self._quiet_for >= n["pause_s"] else [])
-        if not self._run:
-            return said
-        start, stop = self._run
-        if sum(self._active) >= rules.share * n["window_s"]:
-            self.moving, self.onset = True, start
-            said.append(Event("contact", start, new.stop, start))
-        elif self._quiet_for < n["gap_s"]:
-            return said  # it may go on
-        elif self._run_peak >= rules.tap_ratio * floor and self._since_tap >= n["tap_spacing_s"] + n["gap_s"]:
-            self._since_tap = 0
-            said.append(Event("tap", start, new.stop, stop))
-        self._run, self._run_peak = [], 0.0
+        if self._run and self._quiet_for >= n["gap_s"]:
+            said += self._told(new.stop, is_over=True)
+            self._run = []
+        elif self._run and sum(self._active) >= rules.share * n["window_s"]:
+            said += self._told(new.stop, is_over=False)
         return said
+
+    def _told(self, known: int, *, is_over: bool) -> list[Event]:
+        """Say what the activity at hand is: taps once it is over; or what goes on, if it is a movement."""
+        rules = self.rules
+        before = round(2 * rules.before_s * self._heard.fs)
+        start, size, powers = self._heard.fine(self._run[0] - before, known)
+        ratio = powers / self._floor()
+        levels = Levels(ratio, ratio, ratio, size / self._heard.fs, -(-LEAST_SAMPLES // size))
+        impulses = find_impulses(levels, rules)
+        taps, span = (impulses, None) if is_over else divide(levels, impulses, rules)
+        if not is_over and span is None:
+            return []
+        told = []
+        for tap in taps:
+            if start + tap.start * size >= self._tapped_until and tap in only_taps(
+                [*self.struck, tap], levels, rules
+            ):
+                self.struck.append(tap)
+                at, self._tapped_until = start + tap.start * size, start + tap.end * size
+                told.append(Event("tap", at, known, self._tapped_until, "", tap.width * size, tap.quality))
+        if span is not None:
+            self.moving, self.onset, self._run = True, start + span[0] * size, []
+            told.append(Event("contact", self.onset, known, self.onset))
+        return told
 
     def _lift(self, known: int) -> list[Event]:
         self.moving = False
@@ -390,7 +413,7 @@ class Contact:
         return [Event("lift-off", self.active_until, known, self.active_until)]
 
     def _forget_activity(self) -> None:
-        self._run, self._run_peak = [], 0.0
+        self._run, self.struck = [], []
         self._active.clear()
 
     def _floor(self) -> float:

@@ -293,14 +293,15 @@ class OnlineRecogniser:
             asked = True  # all that the model knows is movement
         if self.settings.always_in_contact:
             asked, rules = True, replace(rules, drop_ratio=ENDLESS)
+        if self.model.manifest.input.phases == "taps":
+            rules = replace(rules, share=math.inf)  # nothing is a movement, however long it rings
         self._stretches = Stretches(self.model, n_columns, self.fs, self.unit, self._raw)
         self.unit, self.n_columns = self._stretches.unit, n_columns
         self._piece = max(1, round(PIECE_S * self.fs))
         behind_s = rules.pause_s + rules.window_s + (TAPS_S if self._needs_taps else 1.0)
         self._ring = Ring(self.window + round(behind_s * self.fs) + 2 * self._piece, n_columns)
         self._level = Level(self.fs, self._stretches.n_axes, behind_s)
-        bin_s = self._level.bin_size / self.fs
-        self._contact = Contact(bin_s, rules, asked, self.unit, self._level.correlation)
+        self._contact = Contact(self._level, rules, asked, self.unit)
         self._taps = TapMemory(self._stretches, self._ring, self._level)
         spread = max(round(SPREAD_S * self.fs), self._level.bin_size)
         self._spread = spread if 2 * spread <= self.hop else 0  # else more would come than go

@@ -1,9 +1,11 @@
 """Which stretches of a stream are answered, as recordings: windows of a movement, single taps."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from texclass.features.phase_view import TURN
-from texclass.phases import CLEAR, HAND_RATE_HZ, LEAST_PUSH, Hand, Segmenter, block_mean
+from texclass.phases import Segmenter, find_glitches, hand_start, leaves_noise, mended
 from texclass.recognition.live.contact import Event, Level, Ring
 from texclass.recognition.model import Model
 from texclass.recording import ACCELERATION_UNITS, Phases, Recording, Samples, Tap
@@ -13,6 +15,8 @@ MOST_TAPS = 16
 QUIET_S = 0.1
 """Rest that is kept before the first of them: it gives the noise."""
 TAP_RULES = Segmenter()
+MARGIN_S = 0.003
+"""Before an impulse begins: its impact is looked for from there."""
 
 Tapped = tuple[Samples, tuple[Tap, ...]]
 """What was felt before a movement: a stretch of samples with its taps, counted from its start."""
@@ -98,12 +102,12 @@ class Stretches:
 
 
 class TapMemory:
-    """The taps since the last lift-off, judged as `texclass.phases` does, by those that came before.
+    """The taps since the last lift-off, measured as `texclass.phases` does.
 
     Parameters
     ----------
     stretches : Stretches
-        Follows the hand.
+        How they become recordings.
     ring : Ring
         Samples of the stream.
     level : Level
@@ -117,35 +121,24 @@ class TapMemory:
     def clear(self) -> None:
         """Forget the taps: another contact, or samples are missing."""
         self._taps: list[Tap] = []
-        self._strongest = self._greatest = 0.0
 
     def add(self, event: Event, floor: float) -> Event | None:
-        """Remember a tap and return its event, the impact to the sample; None if it was none.
-
-        An impulse far weaker than the strongest before it is one only if it pushes against the hand: a tool
-        that is lifted goes the way the hand accelerates.
-        """
-        # The vibration leaves the noise at the impact.
-        fs = self._stretches.fs
-        start = max(self._level.vibration.start, event.sample - round(0.01 * fs))
-        power = self._level.power(start, event.end)
-        peak = float(power.max())
-        impact = start + int(np.argmax(power >= min(max(CLEAR * floor, 1e-3 * peak), peak)))
-        last = self._taps[-1].end if self._taps else 0
+        """Remember a tap and return its event, the impact to the sample; None if it was a wild sample."""
+        fs, last = self._stretches.fs, self._taps[-1].end if self._taps else 0
+        start = max(self._level.vibration.start, event.sample - round(MARGIN_S * fs))
+        stop = max(start + 1, event.sample + event.width)
+        at = leaves_noise(self._level.power(start, stop), floor)
+        impact = event.sample if at is None else start + at
         earliest = max(self._ring.start, last, impact - round(TAP_RULES.hand_s * fs))
-        stop, step = min(event.known, impact + round(0.02 * fs)), max(1, round(fs / HAND_RATE_HZ))
-        axes = self._ring.view(earliest, stop)[:, : self._stretches.n_axes]
-        hand = Hand(block_mean(axes, step), fs / step, step)
-        push = hand.push(impact - earliest)
-        weaker_db = 10 * np.log10(max(self._strongest, 1e-300) / max(peak, 1e-300))
-        pushes = push >= LEAST_PUSH * self._greatest
-        if weaker_db > TAP_RULES.tap_range_db or (weaker_db > TAP_RULES.tap_sure_db and not pushes):
+        axes = self._ring.view(earliest, event.end)[:, : self._stretches.n_axes]
+        glitches = find_glitches(axes)
+        if ((glitches >= start - earliest) & (glitches < stop - earliest)).any():
             return None
-        self._strongest, self._greatest = max(self._strongest, peak), max(self._greatest, abs(push))
-        began = earliest + hand.start(0, impact - earliest) if impact > earliest else impact
-        end = max(event.end, impact + 1)
-        self._taps = [*self._taps, Tap(began, impact, end)][-MOST_TAPS:]
-        return Event("tap", impact, event.known, end)
+        before = mended(axes, glitches)[: max(0, impact - earliest)]
+        began = min(impact, earliest + hand_start(before, fs))
+        tap = Tap(began, impact, max(event.end, impact + 1), event.width, event.quality)
+        self._taps = [*self._taps, tap][-MOST_TAPS:]
+        return replace(event, sample=impact, end=tap.end)
 
     def before(self, onset: int) -> Tapped | None:
         """Return what is kept of the taps before a movement; None without any at hand."""
@@ -159,7 +152,9 @@ class TapMemory:
     def _kept(self, taps: list[Tap]) -> Tapped:
         first = self._start(taps[0])
         samples = self._ring.view(first, taps[-1].end).copy()
-        return samples, tuple(Tap(t.start - first, t.impact - first, t.end - first) for t in taps)
+        return samples, tuple(
+            replace(t, start=t.start - first, impact=t.impact - first, end=t.end - first) for t in taps
+        )
 
     def _start(self, tap: Tap) -> int:
         return max(self._ring.start, tap.start - round(QUIET_S * self._stretches.fs))

@@ -1,0 +1,144 @@
+"""What files hold that no sensor felt: values held at an end, single wild samples, a volume that is faded."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from texclass.recording import Samples
+
+HELD_S = 0.005
+"""All channels keep their value so long at an end of a recording: padding, not a sensor."""
+LEAST_HELD = 8
+"""And at least for so many samples."""
+STEP = 8.0
+"""Ratio to their spread by which samples leave a held value if something steps in, as gravity does."""
+WILD = 6.0
+"""A glitch leaves its neighbours so many times as far as these lie apart."""
+NEAR = 4
+"""Samples on each side that are its neighbours."""
+FADE_DB = 2.5
+"""Least rise of the level, each time as much time has passed again, while a volume is turned up."""
+FADE_MOST_DB, FADE_TOTAL_DB = 25.0, 12.0
+LONGEST_FADE_S = 0.6
+_BLOCK = 1 << 18
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """The part of a recording that a sensor felt.
+
+    Attributes
+    ----------
+    first, stop : int
+        Data are the samples [first, stop); outside, a value is held.
+    rest : ndarray of shape (n_channels,)
+        What stands in for what is held before: the level at which the data begin.
+    steps_in : bool
+        Whether the data begin elsewhere than at the held value.
+    """
+
+    first: int
+    stop: int
+    rest: Samples
+    steps_in: bool
+
+
+def find_data(axes: Samples, fs: float) -> Data:
+    """Find the data of (n, n_channels) samples between values held at the ends.
+
+    Zeros before and after, or a first or last value repeated, say nothing of the noise, and a step from them
+    to what a sensor feels at rest is no impulse.
+    """
+    n = len(axes)
+    least = max(LEAST_HELD, round(HELD_S * fs))
+    before, after = _held(axes), _held(axes[::-1])
+    first = before if before >= least else 0
+    stop = n - after if after >= least and after < n else n
+    if first == n:
+        return Data(0, n, axes[0], False)
+    opening = axes[first : first + max(3, round(0.02 * fs))]
+    if not first:
+        return Data(0, stop, _start(opening), False)
+    level = np.median(opening, axis=0)
+    spread = np.median(np.abs(opening - level), axis=0)
+    steps_in = bool((np.abs(level - axes[0]) > STEP * spread).any() and spread.any())
+    return Data(first, stop, level if steps_in else axes[0], steps_in)
+
+
+def _held(axes: Samples) -> int:
+    """Return how many samples from the first on keep its value; 1 if the second differs."""
+    start, size = 1, 64
+    while start < len(axes):
+        differs = (axes[start : start + size] != axes[0]).any(axis=1)
+        at = int(np.argmax(differs))
+        if differs[at]:
+            return start + at
+        start, size = start + size, min(2 * size, _BLOCK)
+    return len(axes)
+
+
+def find_glitches(axes: Samples) -> NDArray[np.intp]:
+    """Return the samples of (n, n_channels) that leave alone, and by far, the line of their neighbours.
+
+    What strikes a tool moves it for longer than a sample, and it rings; a bit that flips, a loose contact or
+    a lost word do not.
+    """
+    if len(axes) < 2 * NEAR + 1:
+        return np.zeros(0, dtype=np.intp)
+    found = [np.zeros(0, dtype=np.intp)]
+    for start in range(0, len(axes) - 2 * NEAR, _BLOCK):
+        rows = np.ascontiguousarray(axes[max(0, start - 1) : start + _BLOCK + 1].T)
+        jump = np.diff(rows)
+        np.abs(jump, out=jump)
+        low = np.minimum(jump[:, 1:], jump[:, :-1])
+        channels, wild = np.nonzero(low > WILD * low.mean(axis=1, keepdims=True))
+        wild += max(0, start - 1) + 1
+        first = np.clip(wild - NEAR, 0, len(axes) - 2 * NEAR - 1)
+        near = axes[first[:, None] + np.arange(2 * NEAR + 1), channels[:, None]]
+        its = np.arange(len(wild)), wild - first
+        near[its] = near[its[0], its[1] - 1]
+        alone = np.abs(axes[wild, channels] - np.median(near, axis=1)) > WILD * np.ptp(near, axis=1)
+        found.append(wild[alone])
+    return np.unique(np.concatenate(found))
+
+
+def mended(axes: Samples, glitches: NDArray[np.intp]) -> Samples:
+    """Return samples with the mean of both neighbours in place of each glitch."""
+    if not len(glitches):
+        return axes
+    axes = axes.copy()
+    before, after = np.maximum(glitches - 1, 0), np.minimum(glitches + 1, len(axes) - 1)
+    axes[glitches] = (axes[before] + axes[after]) / 2
+    return axes
+
+
+def fade(level: Samples, bin_s: float) -> int:
+    """Return the bins at the start in which the level is turned up from nothing; 0 if it is not.
+
+    Such a level keeps rising each time as much time has passed again: a linear fade by 6 dB.
+    """
+    start, edge = 0, max(4, round(0.01 / bin_s))
+    if len(level) < edge:
+        return 0
+    first = last = _db(level[:edge])
+    while 2 * edge <= len(level) and edge * bin_s < LONGEST_FADE_S:
+        start, edge = edge, 2 * edge
+        now = _db(level[start:edge])
+        if not FADE_DB <= now - last <= FADE_MOST_DB:
+            break
+        last = now
+    else:
+        return 0
+    return start if last - first >= FADE_TOTAL_DB else 0
+
+
+def _db(level: Samples) -> float:
+    return 10.0 * float(np.log10(max(level.mean(), 1e-300)))
+
+
+def _start(rows: Samples) -> Samples:
+    """Return where the line through the rows begins."""
+    t = np.arange(len(rows)) - (len(rows) - 1) / 2
+    slope = t @ rows / max(float(t @ t), 1.0)
+    return np.asarray(rows.mean(axis=0) + slope * t[0])

@@ -1,0 +1,56 @@
+"""What the hand does before a tap, and single taps that were cut out of a longer recording."""
+
+import numpy as np
+from scipy import ndimage
+
+from texclass.phases.vibration_track import block_mean
+from texclass.recording import Recording, Samples, Tap
+
+HAND_RATE_HZ = 500.0
+"""Rate at which the hand's motion is followed."""
+STILL = 0.2
+"""Share of its greatest deviation below which the hand has not begun to accelerate."""
+
+
+def hand_start(axes: Samples, fs: float) -> int:
+    """Return the sample from which the hand accelerates towards an impact right after the last sample.
+
+    Parameters
+    ----------
+    axes : ndarray of shape (n_samples, n_channels)
+        What was felt before the impact, from the earliest time at which the hand can have begun.
+    fs : float
+        Sampling rate in Hz.
+    """
+    step = max(1, round(fs / HAND_RATE_HZ))
+    before = block_mean(axes[: len(axes) // step * step], step)
+    if len(before) < 3:
+        return 0
+    before = ndimage.uniform_filter1d(before, round(0.02 * fs / step), axis=0, mode="nearest")
+    deviation = np.linalg.norm(before - np.median(before, axis=0), axis=1)
+    half = len(before) // 2
+    peak = half + int(np.argmax(deviation[half:]))
+    (still,) = np.nonzero(deviation[:peak] < STILL * deviation[peak])
+    return min(len(axes), (int(still[-1]) + 1 if len(still) else 0) * step)
+
+
+def lone_tap(recording: Recording) -> Tap | None:
+    """Return the tap of a short recording that starts at rest, or starts in the contact and ends at rest."""
+    axes = recording.acceleration.reshape(recording.n_samples, -1)
+    n_start, n_end = max(3, len(axes) // 50), len(axes) // 10
+    if n_end < 3:
+        return None
+    starts, start = _at_rest(axes[:n_start], axes)
+    ends, end = _at_rest(axes[-n_end:], axes)
+    if not (starts or ends):
+        return None
+    power = ((axes - (start if starts else end)) ** 2).sum(axis=1)
+    loud = np.flatnonzero(power > 4e-3 * power.max())
+    return Tap(int(loud[0]), int(loud[0]), int(loud[-1]) + 1)
+
+
+def _at_rest(part: Samples, whole: Samples) -> tuple[bool, Samples]:
+    """Whether `part` stays 25 dB below the greatest distance from it, and its median."""
+    median = np.median(part, axis=0)
+    peak = float(((whole - median) ** 2).sum(axis=1).max())
+    return peak > 0.0 and float(((part - median) ** 2).sum(axis=1).max()) < 3e-3 * peak, median
