@@ -23,7 +23,7 @@ def scaled(view: View, gain: float) -> View:
     """Return the view of the signal multiplied by a gain, with nothing remembered."""
     if isinstance(view, PhaseView):
         return PhaseView(gain * view.samples, view.fs)
-    taps = tuple(TapSignal(gain * tap.hand, gain * tap.impulse) for tap in view.taps)
+    taps = tuple(TapSignal(gain * tap.hand, gain * tap.impulse, tap.quality) for tap in view.taps)
     return TapView(taps, view.fs, gain * view.noise)
 
 

@@ -4,6 +4,7 @@ The features named after taps can be computed at any, even a nominal, rate.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -39,7 +40,7 @@ def tap_level(view: TapView) -> float:
 def unit_taps(view: TapView) -> tuple[TapSignal, ...]:
     """Return the taps divided by `tap_level`."""
     scale = tap_level(view)
-    return tuple(TapSignal(tap.hand / scale, tap.impulse / scale) for tap in view.taps)
+    return tuple(replace(tap, hand=tap.hand / scale, impulse=tap.impulse / scale) for tap in view.taps)
 
 
 def per_tap(view: TapView, value: Callable[[TapSignal], T]) -> list[T]:
@@ -125,6 +126,9 @@ def hardness_as_printed(view: TapView, *, spacing: int = 100, prominence: float 
 def hardness(view: TapView, *, spacing_s: float = 0.01, prominence: float = 0.05) -> float:
     """Hardness max|i| / (t v): impact over its time and over the velocity of the hand; median over taps.
 
+    The median is weighted by how surely each is a tap (its quality): one that hardly leaves the noise, or
+    what rings and moves around it, counts less.
+
     t is the mean time of the three largest peaks after the contact (the fewer there are), in s, and
     v = integral of |h| dt the hand's velocity, in m/s, over where |h| exceeds three times the noise of rest.
     Gravity and resting level are removed from the view.
@@ -145,12 +149,32 @@ def hardness(view: TapView, *, spacing_s: float = 0.01, prominence: float = 0.05
     """
     noise = view.noise / tap_level(view)
 
-    def hardness_of(tap: TapSignal) -> float:
+    def hardness_of(tap: TapSignal) -> tuple[float, float]:
         i, h = np.abs(tap.impulse), np.abs(tap.hand)
         t = float(np.mean(impulse_peaks(i, round(spacing_s * view.fs), prominence) + 1)) / view.fs
-        return float(i.max()) / (t * _moved(float(h[h > 3 * noise].sum()) / view.fs))
+        return float(i.max()) / (t * _moved(float(h[h > 3 * noise].sum()) / view.fs)), tap.quality
 
-    return float(np.median(per_tap(view, hardness_of)))
+    values, qualities = np.transpose(per_tap(view, hardness_of))
+    return weighted_median(values, qualities)
+
+
+def weighted_median(values: Samples, weights: Samples) -> float:
+    """Return the value with half of the weight on each side, the mean of two where it lies between them.
+
+    Equal weights give the median.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> weighted_median(np.array([1.0, 5.0, 100.0]), np.array([1.0, 1.0, 0.1]))
+    5.0
+    """
+    order = np.argsort(values, kind="stable")
+    values, weights = values[order], weights[order]
+    left = np.cumsum(weights if weights.any() else np.ones(len(values)))
+    left /= left[-1]
+    low, high = np.searchsorted(left, (0.5 - 1e-9, 0.5 + 1e-9))
+    return float((values[low] + values[min(high, len(values) - 1)]) / 2)
 
 
 def _moved(velocity: float) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import fft
 
-from texclass.phases import segment
+from texclass.phases import find_data, find_glitches, mended, segment
 from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples
 from texclass.signals import combine, remove_hand_motion
 
@@ -88,10 +88,13 @@ class TapSignal:
         Acceleration of the hand towards the surface, before the contact; may be empty.
     impulse : ndarray of shape (m,)
         Impact and decay, from the contact on.
+    quality : float
+        How surely it is a tap, 0 to 1; see `texclass.recording.Tap`.
     """
 
     hand: Samples
     impulse: Samples
+    quality: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,16 +224,25 @@ class Views:
 
     @cached_property
     def tap(self) -> TapView:
-        """The taps, resting level removed, with the root mean square of the quiet stretch before them."""
+        """The taps, resting level removed, with the root mean square of the quiet stretch before them.
+
+        Single wild samples are mended, and a value that is held before the data begin is left out.
+        """
         taps = self.phases.taps
         undefined_if(not taps, "no tap found")
         # The quiet stretch, the taps and nothing of the movement: one signal, so that all share one level.
-        quiet = taps[0].start
-        signal = combine(self._axes(0, taps[-1].end))
+        axes = self._axes(0, taps[-1].end)
+        columns = axes.reshape(len(axes), -1)
+        first = min(find_data(columns, self.recording.fs).first, taps[0].start)
+        axes = mended(columns, find_glitches(columns))[first:].reshape(-1, *axes.shape[1:])
+        quiet, signal = taps[0].start - first, combine(axes)
         signal = signal - np.median(signal[:quiet] if quiet else signal)
-        parts = (TapSignal(signal[t.start : t.impact], signal[t.impact : t.end]) for t in taps)
+        parts = []
+        for tap in taps:
+            start, impact, end = (at - first for at in (tap.start, tap.impact, tap.end))
+            parts.append(TapSignal(signal[start:impact], signal[impact:end], tap.quality))
         # On the axes, not on their combination: DFT321 leaks the taps into the quiet stretch.
-        noise = float(np.sqrt(np.sum(np.var(self._axes(0, quiet), axis=0)))) if quiet else 0.0
+        noise = float(np.sqrt(np.sum(np.var(axes[:quiet], axis=0)))) if quiet else 0.0
         return TapView(tuple(parts), self.recording.fs, noise)
 
     @cached_property
