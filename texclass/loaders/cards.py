@@ -16,7 +16,7 @@ GROUPS = ("recording", "material", "operator", "session", "repetition", "axis")
 """What a pattern of file names, and (but for the axis) a table of labels, can tell."""
 MOST_LARGE = 1e100
 """Rates and factors beyond it are no measurement's."""
-DeclaredPhases = Literal["detect", "movement", "tap"]
+DeclaredPhases = Literal["detect", "movement", "tap", "taps"]
 if TYPE_CHECKING:
     Unit = str
     Signal = str
@@ -96,7 +96,8 @@ class Reading(Written):
     scale
         Factor from what is stored to `unit`.
     phases
-        What every recording holds: to "detect", "movement" only, one "tap".
+        What every recording holds: to "detect"; "movement" only (always in contact); one "tap"; or "taps"
+        only, as many as are found, however long they ring.
     remove_resting_level
         Subtract each channel's median.
     """

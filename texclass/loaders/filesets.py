@@ -26,6 +26,7 @@ from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.files import agreed_unit, build_recording, is_bag, read_signals, topics
 from texclass.loaders.places import cache_root, write_atomically
 from texclass.loaders.plausibility import doubtful_labels
+from texclass.phases import segment
 from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
 
 Groups = dict[str, str]
@@ -272,7 +273,8 @@ def conditioned(
         declared = Phases(movement=(0, n), notes=("the card declares the whole recording as movement",))
     elif phases == "tap":
         declared = Phases(taps=(Tap(0, contact(acceleration), n),), notes=("the card declares one tap",))
-    return recording.with_(acceleration=acceleration, phases=declared)
+    recording = recording.with_(acceleration=acceleration, phases=declared)
+    return recording if phases != "taps" else recording.with_(phases=segment(recording, "taps"))
 
 
 def contact(acceleration: Samples, share: float = 0.1) -> int:
