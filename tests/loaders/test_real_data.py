@@ -16,6 +16,8 @@ from texclass.loaders import open_dataset
         ("borealtc", (68, 5), (100, "m/s^2", 3, "movement only")),
         ("lmt_excerpts", (11, 10), (10_000, "arbitrary", 1, "movement only")),
         ("stylus6", (6, 6), (1000, "m/s^2", 1, "movement only")),
+        ("knocks30", (30, 3), (48_000, "arbitrary", 1, "taps only")),
+        ("dogsurf", (45, 5), (50, "counts", 3, "movement only")),
         ("fabric_speeds", (16, 4), (10_000, "arbitrary", 1, "movement only")),
     ],
 )

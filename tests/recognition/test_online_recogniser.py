@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from made_recordings import make
 from numpy.testing import assert_array_equal
 from scipy import signal as scipy_signal
 from toy_surfaces import FS, SURFACES, signal
 
 from texclass.recognition import ContactRules, Event, OnlineRecogniser, OnlineSettings, WindowAnswer
 from texclass.recognition.export.parity import reference
-from texclass.recognition.live.contact import Level, Ring
+from texclass.recognition.live.contact import Contact, Level, Ring
 from texclass.recording import Phases, Recording
 from texclass.signals import butterworth
 
@@ -232,3 +233,39 @@ def test_the_ring_gives_any_stretch_of_the_last_rows():
     assert ring.start == ring.stop == done + 10
     with pytest.raises(ValueError, match="the rule is from"):
         ring.view(done, done + 5)
+
+
+def events_of(recording):
+    """What a stream of these samples says of taps, contacts and lift-offs, without a model."""
+    axes = recording.acceleration.reshape(recording.n_samples, -1)
+    level = Level(recording.fs, axes.shape[1], 10.0)
+    contact = Contact(level, ContactRules(), None, recording.unit)
+    bins = level.push(axes[: len(axes) // level.bin_size * level.bin_size])
+    return [event for new in bins for event in contact.step(new)]
+
+
+@pytest.mark.parametrize("family", ["plain", "ringing taps only", "quick"])
+def test_a_stream_finds_the_taps_and_the_strokes_of_a_recording(family):
+    true = found = right = wrong = 0
+    for seed in range(500, 506):
+        recording = make(family, seed, fs=5000.0)
+        events, phases = events_of(recording), recording.phases
+        impacts = [event.sample for event in events if event.kind == "tap"]
+        begun = [event.sample for event in events if event.kind == "contact"]
+        wrong += len(begun) != (phases.movement is not None)
+        if phases.movement is not None:
+            assert all(abs(at - phases.onset) <= 0.06 * recording.fs for at in begun)
+        true, found = true + len(phases.taps), found + len(impacts)
+        right += sum(min((abs(t.impact - at) for at in impacts), default=9e9) < 60 for t in phases.taps)
+    assert wrong <= 1  # what rings on for 0.3 s is hard to tell from a stroke before it is over
+    assert min(right / true, right / found) >= 0.9
+
+
+def test_a_wild_sample_in_a_stream_is_no_tap(linear_model, stream):
+    wild = stream.copy()
+    wild[1000] += 5.0
+    clean, spoiled = (
+        [u.sample for u in listen(linear_model, x, 64) if isinstance(u, Event) and u.kind == "tap"]
+        for x in (stream, wild)
+    )
+    assert spoiled == clean

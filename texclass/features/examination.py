@@ -97,7 +97,7 @@ def behaviour(feature: Feature, fs: float = 10_000.0) -> list[dict[str, Any]]:
         views: dict[str, View] = {name: PhaseView(x, fs) for name, x in degenerate_inputs().items()}
     else:  # a tap has its contact after a quarter
         parted = {name: np.split(x, [x.size // 4]) for name, x in degenerate_inputs().items()}
-        views = {name: TapView((TapSignal(*parts),), fs) for name, parts in parted.items()}
+        views = {name: TapView((TapSignal(hand, impulse),), fs) for name, (hand, impulse) in parted.items()}
         views["no tap"] = TapView((), fs)
     answers = {name: _answer(feature, name, view) for name, view in views.items()}
     return [

@@ -1,8 +1,8 @@
 """What the tool does, as it happens: how strongly it vibrates; contacts, strokes, taps and lift-offs of that.
 
-Vibration is measured bin by bin (`Level`); a level against a noise floor, with hysteresis, says when something
-is going on. What that is, taps or strokes, says the core that recordings are segmented by (`texclass.phases`):
-it is asked of the activity at hand.
+Vibration is measured bin by bin (`Level`); a level against a noise floor, with hysteresis, says when there is
+some activity. Whether it is taps or strokes says the core that recordings are segmented by, asked of the
+activity at hand (`texclass.phases.divide`).
 """
 
 import math
