@@ -26,8 +26,8 @@ from texclass.phases import segment
 from texclass.provenance import code_hash, versions
 from texclass.recording import Recording
 
-SEED = 314_159
-"""Of the first recording of each family; seeds from 500 to 1039 led to changes of the method."""
+SEED = 271_828
+"""Of the first recording of each family; those from 500 to 1039, and 314159 and on, came before one."""
 
 
 def rows(n: int, families: list[str]) -> Iterator[dict[str, object]]:

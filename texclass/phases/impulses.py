@@ -43,8 +43,8 @@ class Rules:
 
     Attributes
     ----------
-    active_ratio
-        Vibration stands this far above the noise.
+    active_ratio, stroke_ratio
+        Vibration stands this far above the noise; vibration that lasts, so far.
     tap_ratio
         A tap's peak stands this far above it.
     stand_out_db
@@ -67,6 +67,7 @@ class Rules:
     """
 
     active_ratio: float = 2.0
+    stroke_ratio: float = 1.5
     tap_ratio: float = 40.0
     stand_out_db: float = 10.0
     spacing_s: float = 0.08
@@ -92,7 +93,8 @@ class Levels:
     felt : ndarray of shape (n_bins,)
         The greater of that and what is felt in the band in which soft contacts ring.
     strokes : ndarray of shape (n_bins,)
-        The same where everything stands out a little, so that it is not the hand's unrest.
+        The same where everything stands out a little, so that it is not the hand's unrest; less by a quarter
+        where the noise comes and goes.
     bin_s : float
         Seconds a bin.
     least : int
@@ -204,14 +206,14 @@ def find_movement(levels: Levels, impulses: Sequence[Impulse], rules: Rules) -> 
     window = max(1, round(levels.n_bins(rules.window_s) / size))
     rings = [i for i in impulses if i.fall_db >= RING_DB]
     level = _blocks(without(levels.strokes, rings, LASTING_DB), size)
-    share = ndimage.uniform_filter1d((level > rules.active_ratio).astype(float), window, mode="constant")
+    share = ndimage.uniform_filter1d((level > rules.stroke_ratio).astype(float), window, mode="constant")
     (lasting,) = np.nonzero(share > rules.share - 1e-9)
     if not len(lasting):
         return None
     begun, ended = int(lasting[0]), int(lasting[-1])
     strong = np.percentile(decibels(levels.strokes[begun * size : (ended + 1) * size]), 95) + STRONG_DB
     level = _blocks(without(levels.strokes, impulses, float(strong)), size)
-    active = ndimage.uniform_filter1d(level, 3, mode="nearest") > rules.active_ratio
+    active = ndimage.uniform_filter1d(level, 3, mode="nearest") > rules.stroke_ratio
     gap = max(1, round(levels.n_bins(rules.gap_s) / size))
     first = len(active) - 1 - _outermost(active[::-1], len(active) - 1 - begun, gap)
     last = _outermost(active, ended, gap)

@@ -19,8 +19,8 @@ CLEAR = 20.0
 """Ratio to its mean that a single sample of noise does not reach."""
 FAINT_STROKES = 30.0
 """Ratio to the noise that faint strokes nowhere reach as a mean over 0.1 s."""
-SURE_DB = 20.0
-"""Among faint strokes nothing is a tap unless one is so strong: with its impulses they pass for taps."""
+SURE_DB, FEW = 20.0, 3
+"""Fewer impulses, none so strong, may be those of faint strokes."""
 _KINK_S = 0.01
 """So near to a kink of gravity the filter still answers to it."""
 _MARGIN_S = 0.003
@@ -72,15 +72,14 @@ class Segmenter(Rules):
             return Phases(taps, notes=() if taps else (_NO_TAPS,))
         begins = found.data[0] if self._opens_in_movement(found, opening) else None
         struck, span = divide(found.levels, impulses, self, begins)
-        is_faint = mean_over(found.levels.strokes, found.levels.n_bins(self.quiet_s)).max() < FAINT_STROKES
-        if span is not None and is_faint and max((i.loud_db for i in struck), default=0.0) < SURE_DB:
-            struck = []
+        if span is not None and len(struck) < FEW and self._is_faint(found, (0, span[1])):
+            struck = [] if max((i.loud_db for i in struck), default=0.0) < SURE_DB else struck
         taps = self._taps(recording, found, struck)
         if span is None:
             if taps or _at_rest(recording, found):
                 return Phases(taps, notes=() if taps else (_NOTHING,))
         elif found.steady or taps:
-            movement = self._movement(recording, found, span, struck, is_faint)
+            movement = self._movement(recording, found, span, struck)
             return Phases(taps, movement, movement[0] or None, () if movement[0] else (_STARTS_MOVING,))
         return Phases((), (0, recording.n_samples), None, (_NEVER_QUIET,))
 
@@ -111,18 +110,25 @@ class Segmenter(Rules):
         begin = without(levels.strokes, opening, 0.0)[first : first + levels.n_bins(2 * _OPENING_S)]
         return len(begin) > 0 and found.full[0] == first and float(begin.mean()) > self.active_ratio
 
+    def _is_faint(self, found: Track, span: tuple[int, int]) -> bool:
+        """Whether vibration hardly leaves the noise."""
+        level = mean_over(found.levels.strokes, found.levels.n_bins(self.quiet_s))[slice(*span)]
+        return float(level.max()) < FAINT_STROKES
+
     def _movement(
-        self, recording: Recording, found: Track, span: tuple[int, int], taps: list[Impulse], is_faint: bool
+        self, recording: Recording, found: Track, span: tuple[int, int], taps: list[Impulse]
     ) -> tuple[int, int]:
         """Return the movement in samples: to the end unless the tool rests there.
 
-        Where strokes hardly leave the noise, the rest before and after them may be faint strokes, too.
+        Where strokes hardly leave the noise, a rest after them (and before, if there are no taps) may be
+        fainter strokes.
         """
-        (first, last), levels, rest_s = span, found.levels, self.rest_s
-        if not taps and is_faint:
-            rest_s = self.pause_s
-            first = first if first - found.data[0] >= levels.n_bins(rest_s) else found.data[0]
-        if found.data[1] - last < levels.n_bins(rest_s) and not (taps and taps[-1].start >= last):
+        (first, last), n_bins = span, found.levels.n_bins
+        is_faint = self._is_faint(found, span)
+        if is_faint and not taps and first - found.data[0] < n_bins(self.pause_s):
+            first = found.data[0]
+        rest_s = self.pause_s if is_faint else self.rest_s
+        if found.data[1] - last < n_bins(rest_s) and not (taps and taps[-1].start >= last):
             last = found.data[1]
         return first * found.bin_samples, min(last * found.bin_samples, recording.n_samples)
 

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,8 @@ ALIKE, ALIKE_SAMPLES = 2.5, 60.0
 MOST_CHANCE, MOST_UNREST, FAR = 1.6, 6.0, 1000.0
 """Power of all rest over that of its quietest stretch: by chance, and with vibration `FAR` above it, so that
 noise that comes and goes (a room, other machines) is no stroke."""
+VARYING = 0.75
+"""Where it does, vibration that lasts must stand so much further above it."""
 _DEAD = 1e-14
 """Power below this share of the strongest is rounding."""
 BLOCK = 1 << 19
@@ -195,7 +197,7 @@ def track(recording: Recording, *, hand_hz: float, bin_s: float, quiet_s: float)
     full = _full(axes[felt.first : felt.stop], loud, data, step * bin_size, bin_s)
     n_quiet = max(1, min(round(quiet_s / bin_s), n_bins // 16))
     usable = slice(*(full if full[1] - full[0] >= n_quiet else (data[0], max(data[1], data[0] + 1))))
-    noise, steady = _quietest(loud[usable], n_quiet, bin_size * axes.shape[1])
+    noise, steady, varies = _quietest(loud[usable], n_quiet, bin_size * axes.shape[1])
     noise = max(noise, _rounding(axes), _DEAD * float(loud.max()))
     found = vibration, noise, steady, data, full, step, bin_size
     least = -(-LEAST_SAMPLES // (step * bin_size))
@@ -204,7 +206,8 @@ def track(recording: Recording, *, hand_hz: float, bin_s: float, quiet_s: float)
         return Track(Levels(nothing, nothing, nothing, bin_s, least), *found)
     loud /= noise
     soft = Filtered(axes, (step, bin_size), _soft_band(1.0 / bin_s), felt, glitches).power(1)
-    return Track(_levels(loud, _only(soft, data), usable, bin_s, least), *found)
+    levels = _levels(loud, _only(soft, data), usable, bin_s, least)
+    return Track(replace(levels, strokes=VARYING * levels.strokes) if varies else levels, *found)
 
 
 def _levels(loud: Samples, soft: Samples, usable: slice, bin_s: float, least: int) -> Levels:
@@ -257,11 +260,12 @@ def _full(axes: Samples, loud: Samples, data: tuple[int, int], size: int, bin_s:
     return data[0] + up, data[1] - down
 
 
-def _quietest(level: Samples, n: int, per_bin: int) -> tuple[float, bool]:
-    """Return the level of rest, and whether the quietest stretch of `n` bins is steady: its fifths are alike.
+def _quietest(level: Samples, n: int, per_bin: int) -> tuple[float, bool, bool]:
+    """Return the level of rest, whether the quietest stretch of `n` bins is steady, and whether rest varies.
 
-    Rest is the quietest stretch and, as noise comes and goes, what is up to 4 dB above the mean of what is
-    taken for rest so far; but without vibration far above it, what comes and goes may be the strokes.
+    A stretch is steady if its fifths are alike. Rest is the quietest stretch and, as noise comes and goes,
+    what is up to 4 dB above the mean of what is taken for rest so far; but without vibration far above it,
+    what comes and goes may be the strokes.
     """
     n = min(n, len(level))
     means = mean_over(level, n)[n // 2 : len(level) - (n - 1) // 2]
@@ -274,7 +278,7 @@ def _quietest(level: Samples, n: int, per_bin: int) -> tuple[float, bool]:
     for _ in range(4):
         alike = some[some <= min(2.5 * rest, most * quietest)]
         rest = max(quietest, float(alike.mean()) if len(alike) else quietest)
-    return rest, steady
+    return rest, steady, rest > MOST_CHANCE * quietest
 
 
 def _rounding(axes: Samples) -> float:
