@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize_scalar
+from scipy.optimize import brentq, minimize_scalar
 from scipy.special import log_softmax
 from scipy.stats import rankdata
 from sklearn import config_context
@@ -124,10 +124,10 @@ class Calibration:
 
 
 def fit_calibration(scores: Samples, labels: Labels) -> Calibration:
-    """Return the temperature under which held-out labels are likeliest, a share `lapse` of each being wrong.
+    """Return the temperature under which held-out labels are likeliest, or one that claims less.
 
-    Where every answer was right, probabilities so rank answers by their margin, however many recordings
-    there were; else every one of them would be 1 - lapse [targets of Platt].
+    The mean confidence is at most (hits + 1) / (n + 2), Laplace's estimate of their share: where every answer
+    was right, labels get likelier without end, and every probability would be 1 - lapse, whatever its margin.
 
     Parameters
     ----------
@@ -135,20 +135,23 @@ def fit_calibration(scores: Samples, labels: Labels) -> Calibration:
         Decisions of a classifier on recordings it was not trained on.
     labels : ndarray of int, shape (n,)
         Which column is right.
-
-    References
-    ----------
-    Platt: Probabilistic outputs for support vector machines, in: Advances in large margin classifiers, 2000.
     """
-    n = len(scores)
+    n, n_classes = scores.shape
     lapse, chosen = 1 / (n + 2), np.arange(n)
+    most = (np.count_nonzero(scores.argmax(axis=1) == labels) + 1) / (n + 2)
 
     def loss(log_beta: float) -> float:
-        p = log_softmax(np.exp(log_beta) * scores, axis=1)
-        return -float(np.mean((1 - lapse) * p[chosen, labels] + lapse * p.mean(axis=1)))
+        p = np.exp(log_softmax(np.exp(log_beta) * scores, axis=1)[chosen, labels])
+        return -float(np.mean(np.log((1 - lapse) * p + lapse / n_classes)))
 
-    found = minimize_scalar(loss, bounds=LOG_BOUNDS, method="bounded", options={"xatol": 1e-4})
-    return Calibration(float(np.exp(found.x)), lapse)
+    def claimed(log_beta: float) -> float:
+        told: float = Calibration(float(np.exp(log_beta)), lapse)(scores).max(axis=1).mean()
+        return told - most
+
+    found = float(minimize_scalar(loss, bounds=LOG_BOUNDS, method="bounded", options={"xatol": 1e-4}).x)
+    if claimed(LOG_BOUNDS[0]) < 0 < claimed(found):
+        found = float(brentq(claimed, LOG_BOUNDS[0], found, xtol=1e-6))
+    return Calibration(float(np.exp(found)), lapse)
 
 
 def expected_calibration_error(
