@@ -1,6 +1,9 @@
 """A card of files, a card of rows and a folder become datasets; what does not fit is named."""
 
+import os
 import pickle
+import re
+import time
 
 import numpy as np
 import pandas as pd
@@ -346,3 +349,36 @@ def test_an_atomic_write_leaves_the_file_and_nothing_else(tmp_path):
     write_atomically(tmp_path / "below" / "file", b"content")
     assert [path.name for path in (tmp_path / "below").iterdir()] == ["file"]
     assert (tmp_path / "below" / "file").read_bytes() == b"content"
+
+
+def patterned(pattern, card=CARD):
+    return re.sub("(?m)^files = .*$", lambda _: f"files = '{pattern}'", card)
+
+
+def test_a_pattern_of_a_card_that_takes_for_ever_is_an_error_within_seconds(mine):
+    (mine.root / f"{'a' * 60}!.csv").touch()
+    began = time.process_time()
+    with pytest.raises(CardError, match=r"takes over 0.2 s on 'aaa.*no repetition inside a repetition"):
+        mine(card=patterned(r"(?P<material>(\w|\w)+)\.csv"))
+    assert time.process_time() - began < 2
+
+
+def test_a_card_that_fits_no_file_shows_one_beside_its_pattern(mine):
+    with pytest.raises(
+        RecordingError, match=r"holds no recording: 'steel_AB_2.csv' is not like '\(\?P<material>x\)"
+    ):
+        mine(card=patterned(r"(?P<material>x)\.csv"))
+
+
+def test_a_card_that_leaves_its_folder_says_so(mine, tmp_path_factory):
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    (elsewhere / "oak.csv").write_text("ax\n1\n2\n")
+    card = patterned(r"(?P<material>oak)\.csv")
+    for folder in (str(elsewhere), os.path.relpath(elsewhere, mine.root.parent)):
+        (told,) = mine(card=card.replace('folder = "mine"', f"folder = '{folder}'")).notes
+        assert told.startswith(f"the card's folder {folder!r} is outside of the card's own")
+    (elsewhere / "l.csv").write_text("id,what\nwood_AB_2,oak\nsteel_AB_2,brushed\n")
+    labels = LABELS.replace("l.csv", f"{elsewhere}/l.csv")
+    (told,) = mine(labels, patterned(r"(?P<recording>\w+)\.csv")).notes
+    assert told.endswith("is outside of the folder of the recordings")
+    assert mine().notes == ()

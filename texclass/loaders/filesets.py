@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
+import regex
 
 from texclass.loaders.cards import CardError, DeclaredPhases, FileReading, Reading, RowCard
 from texclass.loaders.columns import (
@@ -24,11 +25,13 @@ from texclass.loaders.columns import (
 )
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.files import agreed_unit, build_recording, is_bag, read_signals, topics
-from texclass.loaders.places import cache_root, write_atomically
+from texclass.loaders.places import cache_root, leaves, write_atomically
 from texclass.loaders.plausibility import doubtful_labels
 from texclass.phases import segment
 from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
 
+LONGEST_MATCH_S = 0.2
+"""Seconds of the processor that a pattern may take on one name; usual ones take microseconds."""
 Groups = dict[str, str]
 """What names, topics and tables tell of a recording: group -> text."""
 
@@ -113,7 +116,17 @@ def open_files(
             if not skip_bad:
                 raise
             left_out.append(f"left out: {error}")
+    if not entries and not left_out:
+        others = sorted(path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
+        beside = f": {others[0]!r} is not like {reading.files[0]!r}" if others else ""
+        raise refused(
+            root, f"holds no recording{beside}", "at least one file as `files` of the card describes"
+        )
     labels = doubtful_labels(entry.material for entry in entries)
+    if reading.labels and leaves(root / reading.labels.file, (root,)):
+        labels.append(
+            f"the table of labels {reading.labels.file!r} is outside of the folder of the recordings"
+        )
     absent = sorted(set(table) - {entry.recording_id for entry in entries})
     digested = [name for entry in entries for name in entry.paths]
     for folder in [(root / name).parent for name in digested if PurePosixPath(name).name == BAG_FOLDER]:
@@ -205,13 +218,24 @@ def match_name(patterns: Sequence[str], name: str) -> tuple[Groups, str] | None:
     The first pattern that matches the whole name counts; None if there is none.
     """
     for pattern in patterns:
-        if match := re.fullmatch(pattern, name):
+        if match := _match(pattern, name):
             groups = {group: text for group, text in match.groupdict().items() if text is not None}
             if "axis" not in groups:
                 return groups, name
             first, last = match.span("axis")
             return groups, name[:first].removesuffix("_") + name[last:]
     return None
+
+
+def _match(pattern: str, name: str) -> Any:
+    """Return how a pattern of a card matches a whole name; one that takes for ever is an error."""
+    try:
+        return regex.fullmatch(pattern, name, timeout=LONGEST_MATCH_S)
+    except (TimeoutError, regex.error) as error:
+        raise CardError(
+            f"files or topic holds {pattern!r:.200}, which is no pattern or takes over {LONGEST_MATCH_S:g} s "
+            f"on {name!r:.200} ({error}); the rule is no repetition inside a repetition, as in (a+)+"
+        ) from error
 
 
 def not_recordings(files: Iterable[str]) -> set[str]:
@@ -368,7 +392,7 @@ def _entries(
     told: dict[str | None, Groups] = {None: groups}
     if pattern and re.compile(pattern).groupindex and is_bag(path):
         present = topics(path)
-        matched = {name: found for name in sorted(present) if (found := re.fullmatch(pattern, name))}
+        matched = {name: found for name in sorted(present) if (found := _match(pattern, name))}
         if not matched:
             raise RecordingError(f"{path}: no topic matches {pattern!r}; its topics are {', '.join(present)}")
         told = {

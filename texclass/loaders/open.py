@@ -22,7 +22,7 @@ from texclass.loaders.files import (
     read_signals,
 )
 from texclass.loaders.filesets import not_recordings, open_files, open_rows
-from texclass.loaders.places import find_folder
+from texclass.loaders.places import data_roots, find_folder, leaves
 from texclass.loaders.plausibility import doubtful_levels
 from texclass.recording import Recording, RecordingError
 
@@ -101,6 +101,9 @@ def open_dataset(
         return open_simulated(card.recipe, **about)
     _check_agreement(card.path, card.fs_hz, card.unit, fs, unit)
     root = find_folder(card.folder, card_path=card.path, source=card.source).absolute()
+    if leaves(root, data_roots(card.path)):
+        outside = f"the card's folder {card.folder!r} is outside of the card's own and of the folders of data"
+        about["notes"] = (*card.notes, f"{outside}: {root}")
     if isinstance(card, RowCard):
         return open_rows(card, root, **about)
     if resample is not None:

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 import platformdirs
@@ -49,6 +50,12 @@ def find_folder(folder: str, *, card_path: Path, source: str) -> Path:
         f"{', '.join(map(str, candidates))}. Get them from {source or 'their owner'} and put them there, "
         "or set TEXCLASS_DATA to the folder that holds them"
     )
+
+
+def leaves(path: Path, roots: Iterable[Path]) -> bool:
+    """Whether a name (with `..` in it, or absolute) is of none of some folders; links are not followed."""
+    inside = Path(os.path.abspath(path))
+    return not any(inside.is_relative_to(os.path.abspath(root)) for root in roots)
 
 
 def write_atomically(path: Path, content: bytes) -> None:
