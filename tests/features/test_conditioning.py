@@ -16,7 +16,7 @@ from texclass.features.conditioning import (
     unit,
 )
 from texclass.features.phase_view import PhaseView
-from texclass.features.spectra import long_frames, power_frames, spectral_moments, spread
+from texclass.features.spectra import long_frames, mean_spectrum, power_frames, spectral_moments, spread
 
 
 def test_band_pass_halves_the_amplitude_at_its_edges_at_any_rate():
@@ -77,3 +77,16 @@ def test_starts_spread_from_the_first_to_the_last_and_no_closer_than_a_step():
     assert spread(1000, 100, 64).tolist() == list(range(0, 1001, 100))
     assert spread(1000, 1, 5).tolist() == [0, 250, 500, 750, 1000]
     assert spread(0, 10, 64).tolist() == [0]
+
+
+def test_mean_spectrum_holds_all_power_of_a_slow_sensor_also_at_half_its_rate():
+    for fs, n in ((2000.0, 4000), (2200.0, 13_000), (900.0, 600), (2000.0, 500)):
+        mixed = noise(n) + 2 * np.tile([1.0, -1.0], n // 2)
+        view = PhaseView(mixed - mixed.mean(), fs)
+        x = view.samples / np.abs(view.samples).max()
+        frequency, density = mean_spectrum(view)
+        width = np.diff(frequency).mean() * np.ones(density.size)
+        if width[0] > 1.0 + 1e-9:  # bin by bin, half of one at fs/2
+            assert frequency[-1] == fs / 2
+            width[-1] /= 2
+        assert density @ width == pytest.approx(np.mean(x**2), rel=2e-3)

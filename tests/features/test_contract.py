@@ -127,6 +127,17 @@ def test_value_does_not_depend_on_rate_unless_declared(feature):
         np.testing.assert_allclose(fast, slow, rtol=0.03, atol=0.02)
 
 
+@each()
+def test_a_sensor_mounted_the_other_way_round_gives_the_same_value_unless_declared(feature):
+    view = shared(feature.phase)
+    if isinstance(view, PhaseView):
+        turned = PhaseView(-view.samples, view.fs)
+    else:
+        turned = TapView(tuple(TapSignal(-t.hand, -t.impulse) for t in view.taps), view.fs, view.noise)
+    value, other = feature.function(view), feature.function(turned)
+    assert np.allclose(other, value, rtol=1e-6, atol=1e-9) == ("sign" not in feature.depends_on)
+
+
 def test_rows_of_table_i_have_the_published_dimension():
     table = load_feature_set("strese2015")
     for names, dimension in (
@@ -142,7 +153,8 @@ def test_rows_of_table_i_have_the_published_dimension():
 def test_corrected_set_depends_on_neither_length_nor_rate_but_for_bands_that_scale_with_the_rate():
     scaling = {member.name for member in load_feature_set("multiscale").members}
     for member in load_feature_set("texclass").members:
-        assert member.feature.depends_on <= ({"rate"} if member.name in scaling else set()), member.name
+        allowed = {"rate", "sign"} if member.name in scaling else {"sign"}
+        assert member.feature.depends_on <= allowed, member.name
 
 
 DEGENERATE = dict(degenerate_inputs())

@@ -61,6 +61,22 @@ def test_spikiness_as_printed_is_equation_6_and_has_a_floor_where_it_is_correcte
     assert r.spikiness(smooth) == pytest.approx(np.log10(1e-3 * sigma), abs=0.01)
 
 
+def test_spikiness_of_one_second_averages_what_there_is_at_the_ends_of_a_movement_in_silence():
+    x = 0.3 * noise(10_000) + np.linspace(-1, 1, 10_000)
+    x[[200, 3000, 9800]] += 60  # near the ends, too
+    x -= x.mean()
+    slow = signal.sosfiltfilt(signal.butter(2, 100, fs=FS, output="sos"), np.pad(x, 5000))[5000:-5000]
+    excess = {
+        rule: np.log10(np.maximum(slow - 2 * np.std(slow) - slow.mean() - average, 0).mean())
+        for rule, average in (
+            ("there", sma(slow, 5000)),
+            ("zeros", np.convolve(slow, np.ones(5000) / 5000, "same")),
+        )
+    }
+    assert r.spikiness_as_printed(view(x)) == pytest.approx(excess["there"], abs=0.02)
+    assert excess["zeros"] > excess["there"] + 0.05
+
+
 def test_regularity_as_printed_is_equation_7_and_grows_with_length_as_the_corrected_one_does_not():
     x = centred(3001)
     scaled = x / np.ptp(x)

@@ -31,7 +31,7 @@ __all__ = [
     "registered",
 ]
 
-Dependence = Literal["length", "rate"]
+Dependence = Literal["length", "rate", "sign"]
 Outputs = str | tuple[str, ...] | Callable[..., tuple[str, ...]]
 R = TypeVar("R")
 DIMENSIONS = (
@@ -88,7 +88,8 @@ class Feature:
     gain
         How it scales with the signal.
     depends_on
-        What its value is known to depend on, as printed: "length" of the phase, sampling "rate".
+        What its value is known to depend on: "length" of the phase, sampling "rate", "sign" of the samples,
+        which a sensor mounted the other way round turns over.
     divisible
         Whether a parameter `n_pieces` computes it of equal pieces of the movement; see `feature`.
     """

@@ -95,11 +95,13 @@ def _waviness(view: PhaseView, slow: Samples, factor: int, frame: int, average: 
     return log10_of(sigma, "the deviation of the frames' levels") + float(np.log10(level(view)))
 
 
-@feature("movement", "log10(m/s^2)", "strese2015, eq. 6", gain=Gain(shift=1), depends_on=("rate",))
+@feature("movement", "log10(m/s^2)", "strese2015, eq. 6", gain=Gain(shift=1), depends_on=("rate", "sign"))
 def spikiness_as_printed(view: PhaseView, *, cutoff_hz: float = 100.0, average: int = 5000) -> float:
     """Mean excess over a moving threshold, SP = log10 mean(max(x - x_th, 0)), average in samples.
 
     x is the low-passed movement and x_th = 2 sigma(x) + mean(x) + the moving average of x over 5000 samples.
+    Spikes count on the positive side alone. At the ends the average takes the samples there are, and the
+    low-pass what lies beyond as 0; on one second, other rules for the ends give other values.
 
     Parameters
     ----------
@@ -119,7 +121,7 @@ def spikiness_as_printed(view: PhaseView, *, cutoff_hz: float = 100.0, average: 
     return log10_of(excess, "the mean excess over the spike threshold") + float(np.log10(level(view)))
 
 
-@feature("movement", "log10(m/s^2)", "strese2015, eq. 6, corrected", gain=Gain(shift=1))
+@feature("movement", "log10(m/s^2)", "strese2015, eq. 6, corrected", gain=Gain(shift=1), depends_on=("sign",))
 def spikiness(
     view: PhaseView, *, cutoff_hz: float = 100.0, average_s: float = 0.5, floor: float = 1e-3
 ) -> float:

@@ -163,7 +163,7 @@ def moments(view: PhaseView, lag: int) -> tuple[float, Samples]:
     )
 
 
-@feature("movement", "1", MOMENTS, outputs=SHAPES, divisible=True)
+@feature("movement", "1", MOMENTS, outputs=SHAPES, depends_on=("sign",), divisible=True)
 def vibration_shape(view: PhaseView) -> Samples:
     """Lopsidedness, peakedness and evenness of the samples about their mean; see `curvature_shape`.
 
@@ -184,7 +184,10 @@ def vibration_shape(view: PhaseView) -> Samples:
 
 
 @feature_in_samples(
-    "1", MOMENTS, outputs=lambda lags: tuple(f"lag{lag}.{shape}" for lag in lags for shape in SHAPES)
+    "1",
+    MOMENTS,
+    outputs=lambda lags: tuple(f"lag{lag}.{shape}" for lag in lags for shape in SHAPES),
+    depends_on=("rate", "sign"),
 )
 def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """Lopsidedness, peakedness and evenness of the curvature over several spans of time.
@@ -192,7 +195,7 @@ def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
     With c the second difference over a lag: lopsidedness is mean(c |c|) / mean(c^2), 0 for what is the same
     upside down and +-1 for what bends to one side only; peakedness is log10(mean(c^4) / mean(c^2)^2), 0.48
     for noise and more for bursts; evenness is log10(mean |c| / rms c), -0.10 for noise, near 0 where c always
-    has the same size.
+    has the same size. The sign of lopsidedness is that of the sensor's mounting.
 
     Parameters
     ----------

@@ -26,18 +26,25 @@ BLOCK_SAMPLES = 1 << 16
 def mean_spectrum(view: PhaseView) -> tuple[Samples, Samples]:
     """Return frequency (Hz) and power density of `unit` (1/Hz), both of shape (n_bins,).
 
-    The periodogram of the whole movement up to `BAND_HZ`, averaged over each 1 Hz from 0 on; of a movement
-    shorter than 1 s, bin by bin.
+    The periodogram of the whole movement up to `BAND_HZ`, or fs/2 and what lies at it, averaged over each
+    1 Hz from 0 on; of a movement shorter than 1 s, bin by bin.
     """
     require(view, 64, "a spectrum")
     x = spectrum(view)
     step = view.fs / (2 * (x.size - 1))
     width = max(1.0, step)
-    n_bins = int(min(BAND_HZ, view.fs / 2) / width)
+    whole = view.fs / 2 <= BAND_HZ
+    n_bins = (
+        int(BAND_HZ / width) if not whole else x.size if width == step else int(np.ceil(view.fs / 2 - 1e-6))
+    )
     undefined_if(n_bins < 8, f"fs is {view.fs:g} Hz; the rule is a spectrum of 8 bins of {width:g} Hz")
     first = np.ceil(np.arange(n_bins + 1) * (width / step) - 1e-6).astype(np.intp)
-    x = x[: first[-1]]
-    power = np.add.reduceat(x.real**2 + x.imag**2, first[:-1], dtype=np.float64) / np.diff(first)
+    first[-1] = x.size if whole else first[-1]
+    power, n_in = x[: first[-1]].real ** 2 + x[: first[-1]].imag ** 2, np.diff(first).astype(np.float64)
+    if whole:  # the bin at fs/2 is its own mirror image, and ends the band
+        power[-1] /= 2
+        n_in[-1] = max(n_in[-1] - 1, 0.5)
+    power = np.add.reduceat(power, first[:-1], dtype=np.float64) / n_in
     offset = 0.5 if width > step else 0.0
     frequency = np.asarray((np.arange(n_bins) + offset) * width, dtype=np.float64)
     return frequency, np.asarray(power * (2 / (view.fs * view.n_samples)))
