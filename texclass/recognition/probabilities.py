@@ -145,8 +145,8 @@ def fit_calibration(scores: Samples, labels: Labels) -> Calibration:
         return -float(np.mean(np.log((1 - lapse) * p + lapse / n_classes)))
 
     def claimed(log_beta: float) -> float:
-        told: float = Calibration(float(np.exp(log_beta)), lapse)(scores).max(axis=1).mean()
-        return told - most
+        told = Calibration(float(np.exp(log_beta)), lapse)(scores).max(axis=1)
+        return float(told.mean()) - float(most)
 
     found = float(minimize_scalar(loss, bounds=LOG_BOUNDS, method="bounded", options={"xatol": 1e-4}).x)
     if claimed(LOG_BOUNDS[0]) < 0 < claimed(found):
