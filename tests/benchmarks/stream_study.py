@@ -387,7 +387,7 @@ def main() -> None:
             *(told_speed(result["speed"]) if "speed" in result else ()),
             *(told_memory(result["memory"]) if "memory" in result else ()),
             *told_equality([each for part, each in result.items() if part.startswith("equality")]),
-            *(told_accuracy(result["accuracy"]) if "accuracy" in result else ()),
+            *(told_accuracy(result["accuracy"]) if "correlations" in result.get("accuracy", {}) else ()),
         ]
         title = "Listening: speed, equality with batch, accuracy against seconds"
         write(asked.out, "stream", result, title, blocks, made=made)
