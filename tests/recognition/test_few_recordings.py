@@ -37,6 +37,7 @@ def test_what_is_named_is_trained_from_few_recordings_too():
 def test_a_promise_says_that_later_recordings_and_other_sessions_cannot_be_told(few):
     (told,) = model_document(few).blocks
     assert told["Accuracy"].endswith("; later ones: cannot be told")
+    assert told["Unknown surfaces"].endswith("from 32 held out; so few that strangers often pass")
     assert told["Cannot be told"].startswith(
         "later recordings (8 of each surface, held out at random; from 20"
     )

@@ -17,6 +17,7 @@ def model_document(model: Model) -> Document:
     if few := m.pipeline.get("few"):
         best_of += f"; {few}: too few to choose by, margins are wider"
     best_of += f"; within {m.pipeline['budget']}" if "budget" in m.pipeline else ""
+    wide = "; so few that strangers often pass" if unknown.get("level", 1) < unknown["false_alarms"] else ""
     untold = accuracy.get("untold", ())
     only = "; later ones: cannot be told" if untold and untold[0].startswith("later") else ""
     felt = f", movements of about {m.shortest_s:.2g} s and more" if m.shortest_s is not None else ""
@@ -40,7 +41,7 @@ def model_document(model: Model) -> Document:
             f" ({of_chance:.3f} by chance alone)" if (of_chance := calibration.get("error_of_chance")) else ""
         ),
         "Unknown surfaces": f"by {unknown['score']}, {100 * unknown['false_alarms']:g} % false alarms, "
-        f"threshold {unknown['threshold']:.4g} from {unknown['n']} held out",
+        f"threshold {unknown['threshold']:.4g} from {unknown['n']} held out{wide}",
         "Cost": f"{m.cost['features_ms']:.2f} ms features, {m.cost['classifier_ms']:.2f} ms classifier, "
         "on the machine that trained it",
         "Versions": ", ".join(f"{name} {version}" for name, version in m.versions.items()),
