@@ -165,6 +165,7 @@ POINT = part(
 )
 TRADEOFF = part(
     MEASURED,
+    clusters=(str, ""), n_clusters=maybe(COUNT), features_hash=(str, ""),
     features=str, costs=listed(part(feature=str, share=NUMBER, alone=NUMBER, last=NUMBER), least=1),
     parts=named(NUMBER), segmentation_ms=NUMBER, total_ms=ABOVE_0, costs_of=(str, ""),
     model_check=some(tuple[NUMBER, ABOVE_0]),
