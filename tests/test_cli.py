@@ -77,7 +77,7 @@ def test_benchmark_prints_the_table_and_writes_its_report(run, tmp_path):
     assert "Friction" in out
     result = json.loads((tmp_path / "here" / "x.json").read_text())
     assert {"dataset", "protocol", "rows", "versions", "seed", "input_hash"} <= set(result)
-    assert len(result["rows"]) == 17
+    assert len(result["rows"]) == 19
     for row in result["rows"]:
         assert {"name", "n_features", "accuracy", "paper", "ms_per_recording", "missing"} <= set(row)
         for accuracy in row["accuracy"].values():

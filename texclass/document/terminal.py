@@ -85,6 +85,8 @@ class _Fitting:
             return sum((column.min_width or 0) + 2 for column in made.columns) - 2 <= options.max_width
 
         words, left = list(range(n_words)), list(range(n_words, self.table.n_kept or n_columns))
+        if not left:
+            yield narrow()
         while left:
             n = next((n for n in range(len(left), 1, -1) if fits(narrow(columns=words + left[:n]))), 1)
             yield narrow(columns=words + left[:n])

@@ -40,6 +40,7 @@ def features_document(feature_set: str | None = None) -> Document:
     else:
         members = load_feature_set(feature_set)
         title = f"Features of {members.name}"
+        named = [(member.name, member.feature, len(member.columns)) for member in members.members]
         hand = f"; where gravity is felt in m/s^2, less what a moving average over {HAND_SPAN_S:g} s holds"
         said = [f"{members.description}. Movements: mean removed{hand if members.without_hand else ''}."]
     rows = []
