@@ -18,7 +18,8 @@ from texclass.experiment.folds import Evaluation
 from texclass.experiment.nested_choice import choose_inside, inner_splits
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition, load_pipeline
 from texclass.experiment.protocols import Protocol, find_protocol
-from texclass.experiment.result import COMPUTED_BY, BenchmarkResult, best_of
+from texclass.experiment.result import COMPUTED_BY, BenchmarkResult
+from texclass.experiment.result_words import best_of
 from texclass.experiment.windows import parents
 from texclass.experiment.workers import Progress, each
 from texclass.features.extractor import Reason

@@ -19,7 +19,7 @@ from texclass.document.figure_style import (
 )
 from texclass.document.wording import aligned, digits, estimate, interval, percent, points, sentence
 from texclass.experiment.gains_document import gains_blocks
-from texclass.experiment.result import (
+from texclass.experiment.result_words import (
     again_facts,
     caution,
     chance_of,

@@ -9,7 +9,7 @@ from texclass.document import Figure, Table
 from texclass.document.blocks import Block
 from texclass.document.figure_style import INK, OURS, PAPER, legend_above, row_axes
 from texclass.document.wording import aligned, gain, p_value, percent, points
-from texclass.experiment.result import classifier_title, over
+from texclass.experiment.result_words import classifier_title, over
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing

@@ -10,7 +10,7 @@ from texclass.document.blocks import Block
 from texclass.document.wording import digits, estimate, p_value, percent, points, points_interval
 from texclass.experiment.benchmark_document import benchmark_blocks, benchmark_document
 from texclass.experiment.gains_document import LEVEL, unseen
-from texclass.experiment.result import classifier_title, over
+from texclass.experiment.result_words import classifier_title, over
 from texclass.features.contract import Gain
 from texclass.features.examination import EXACT
 

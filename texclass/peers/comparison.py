@@ -16,7 +16,8 @@ from texclass.experiment.feature_table import FeatureTable, cached_table
 from texclass.experiment.paired import compare
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Protocol, Split, find_protocol
-from texclass.experiment.result import CHOICE, COMPUTED_BY, BenchmarkResult, Result
+from texclass.experiment.result import COMPUTED_BY, BenchmarkResult, Result
+from texclass.experiment.result_words import CHOICE
 from texclass.experiment.workers import Progress
 from texclass.loaders.dataset import Dataset
 from texclass.peers.given_signals import DESCRIPTIONS, Given, signal_reader

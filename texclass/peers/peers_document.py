@@ -28,7 +28,7 @@ from texclass.document.wording import (
     points_interval,
     sentence,
 )
-from texclass.experiment.result import (
+from texclass.experiment.result_words import (
     CHOICE,
     again_facts,
     caution,

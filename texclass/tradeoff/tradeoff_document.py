@@ -23,7 +23,14 @@ from texclass.document.figure_style import (
     row_axes,
 )
 from texclass.document.wording import aligned, digits, estimate, interval, percent, points, sentence
-from texclass.experiment.result import again_facts, chance_of, classifier_title, dataset_facts, over, size
+from texclass.experiment.result_words import (
+    again_facts,
+    chance_of,
+    classifier_title,
+    dataset_facts,
+    over,
+    size,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
