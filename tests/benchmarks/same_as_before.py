@@ -49,9 +49,9 @@ DEFAULT_TOLERANCE = 1e-9
 FLOOR = 1.0
 """Numbers this far below the typical size of their array count as 0, in units of the tolerance."""
 UNTOLD = {
-    "bytes", "classifiers_ms", "code_hash", "costs_of", "features_hash", "file", "fit_ms", "hash", "input_hash",
-    "machine", "measured_ms", "met", "model_check", "ms", "ms_added", "ms_alone", "ms_per_recording", "predict_ms", "seconds",
-    "segmentation_ms", "versions",
+    "bytes", "classifiers_ms", "code_hash", "costs_of", "features_hash", "file", "fit_ms", "hash",
+    "input_hash", "machine", "measured_ms", "met", "model_check", "ms", "ms_added", "ms_alone",
+    "ms_per_recording", "predict_ms", "seconds", "segmentation_ms", "versions",
 }  # fmt: skip
 """Keys of results that say how long something took, where it is, or with which code."""
 
