@@ -8,6 +8,7 @@ import wave
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -22,6 +23,7 @@ from texclass.loaders import load_recording
 from texclass.loaders.cards import FileReading, LabelTable
 from texclass.loaders.filesets import _read_labels, _read_rows
 from texclass.recognition import open_source
+from texclass.recognition.live.defects import Defects
 from texclass.recording import Recording
 
 FS = 1000.0
@@ -145,9 +147,14 @@ def _labels(path: Path) -> object:
 
 def _lines(data: bytes) -> object:
     blocks = list(open_source("-", file=io.BytesIO(data), fs=FS, unit="g", block_s=0.002))
-    # What is garbled or wild is the session's to judge: numbers of one width are all that a source promises.
+    # A garbled line is a lost sample, NaN: what goes on from there is finite, whatever stood in the lines.
     assert all(block.samples.ndim == 2 and block.samples.dtype == np.float64 for block in blocks)
     assert len({block.samples.shape[1] for block in blocks}) <= 1
+    trained: Any = SimpleNamespace(manifest=SimpleNamespace(loudest=1.0, unit="g"))
+    if blocks:
+        defects = Defects(trained, blocks[0].samples.shape[1], FS, 1.0)
+        stretches = [stretch for block in blocks for stretch in defects.mended(block.samples)[0]]
+        assert all(np.isfinite(rows).all() for _, rows in stretches)
     return blocks
 
 
