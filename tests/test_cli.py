@@ -9,6 +9,7 @@ import typer
 
 from texclass import __version__
 from texclass.cli import app
+from texclass.cli.app import GROUPS
 
 TINY = """
 title = "Three simulated surfaces"
@@ -38,6 +39,9 @@ features = ["band_level"]
 """
 
 
+COMMANDS = typer.main.get_command(app)
+
+
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory):
     return tmp_path_factory.mktemp("cache")
@@ -65,13 +69,55 @@ def test_version_and_help_import_nothing_heavy():
     assert "benchmark" in done.stdout
 
 
+LISTED = {
+    f"{group}{name}": command
+    for group, of in (("", COMMANDS), ("scene ", COMMANDS.commands["scene"]))
+    for name, command in of.commands.items()
+    if not command.hidden and name != "scene"
+}
+
+
+def test_help_lists_every_command_under_a_heading():
+    listed = [name for names in GROUPS.values() for name in names]
+    shown = {name for name, command in COMMANDS.commands.items() if not command.hidden}
+    assert len(listed) == len(set(listed))
+    assert set(listed) == shown
+
+
+@pytest.mark.parametrize("name", LISTED)
+def test_options_mean_one_thing_and_each_help_has_an_example(name):
+    command = LISTED[name]
+    options = {spelled: p for p in command.params for spelled in p.opts}
+    assert {"--out", "--window", "--rate"}.isdisjoint(options)
+    for spelled in {"-o", "--json", "--jsonl"} & set(options):
+        takes = {"-o": ("output", True), "--json": ("json", True), "--jsonl": ("jsonl", False)}[spelled]
+        assert ((f"--{takes[0]}" in options[spelled].opts), not options[spelled].is_flag) == (True, takes[1])
+    example = command.epilog.removeprefix("Example: ")
+    assert example.startswith(f"texclass {name}")
+    assert {word for word in example.split() if word.startswith("--")} <= set(options)
+
+
+@pytest.mark.parametrize(
+    ("shell", "asked", "offered"),
+    [
+        ("bash", {"COMP_WORDS": "texclass bench", "COMP_CWORD": "1"}, "benchmark"),
+        ("bash", {"COMP_WORDS": "texclass benchmark sim", "COMP_CWORD": "2"}, "simulated"),
+        ("zsh", {"_TYPER_COMPLETE_ARGS": "texclass extract --feat"}, "--features"),
+    ],
+)
+def test_a_shell_is_offered_what_begins_so(command, monkeypatch, shell, asked, offered):
+    for name, value in (("_TEXCLASS_COMPLETE", f"complete_{shell}"), *asked.items()):
+        monkeypatch.setenv(name, value)
+    assert offered in command()[1]
+
+
 def test_version(run):
     assert run("--version")[:2] == (0, f"texclass {__version__}\n")
 
 
 def test_benchmark_prints_the_table_and_writes_its_report(run, tmp_path):
     code, out, _ = run(
-        "benchmark", "tiny.toml", "--folds", "4", "--jobs", "1", "--out", "here", "--json", "here/x.json"
+        "benchmark", "tiny.toml", "--folds", "4", "--jobs", "1", "--output", "here", "--json", "here/x.json"
     )
     assert code == 0
     assert "Friction" in out
@@ -95,7 +141,7 @@ def test_benchmark_says_that_ten_folds_need_ten_recordings(run):
 
 def test_benchmark_of_touches_reports_windows_and_the_vote_of_each_run(run, tmp_path):
     told = ("--touch", "0.5", "--touches", "2", "--protocol", "run", "--folds", "4", "--jobs", "1")
-    code, out, _ = run("benchmark", "tiny.toml", *told, "--out", "here", "--json", "x.json")
+    code, out, _ = run("benchmark", "tiny.toml", *told, "--output", "here", "--json", "x.json")
     assert code == 0
     assert "24 windows of 12 recordings" in out
     result = json.loads((tmp_path / "x.json").read_text())
@@ -178,7 +224,7 @@ def test_listings_name_what_is_shipped(run, words):
 
 def test_benchmark_trains_on_these_and_tests_on_those(run, tmp_path):
     (tmp_path / "few.toml").write_text(FEW)
-    asked = ("benchmark", "tiny.toml", "--pipeline", "few.toml", "--jobs", "1", "--out", "here")
+    asked = ("benchmark", "tiny.toml", "--pipeline", "few.toml", "--jobs", "1", "--output", "here")
     code, _, said = run(*asked, "--train", "repetition=0-1", "--test", "repetition=3")
     assert code == 0, said
     result = json.loads((tmp_path / "here/tiny-few-repetition-0-1-to-repetition-3.json").read_text())
@@ -195,10 +241,9 @@ def test_benchmark_trains_on_these_and_tests_on_those(run, tmp_path):
 
 
 def test_every_command_that_takes_files_takes_what_says_how_they_are_read(run, tmp_path):
-    commands = typer.main.get_command(app).commands
     how = {"--column", "--delimiter", "--time-column", "--resample", "--fs", "--unit"}
     for name in ("inspect", "extract", "benchmark", "tradeoff", "train", "predict", "stream"):
-        assert how <= {flag for option in commands[name].params for flag in option.opts}, name
+        assert how <= {flag for option in COMMANDS.commands[name].params for flag in option.opts}, name
     for material in ("wood", "steel"):
         (tmp_path / "felt" / material).mkdir(parents=True)
         rows = np.random.default_rng(0).normal(size=(2000, 3))

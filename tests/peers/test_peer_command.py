@@ -32,7 +32,7 @@ def run(command, monkeypatch, tmp_path, noises):
 
 def test_peers_are_run_printed_and_reported(run, interpreter, tmp_path):
     code, out, err = run(
-        "--jobs", "1", "--out", "here", "--peers", "--peers-only", "quant, minirocket",
+        "--jobs", "1", "--output", "here", "--peers", "--peers-only", "quant, minirocket",
         "--peers-python", interpreter("perfect"),
     )  # fmt: skip
     assert code == 0, err

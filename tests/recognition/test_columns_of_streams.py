@@ -101,18 +101,18 @@ def test_a_stream_of_a_bag_gives_the_answers_of_predict(run, folder, imu_bag):
     for terrain in TERRAINS:
         both = values(terrain, 50)
         name = f"bag:{imu_bag(folder, both, f'new_{terrain}')}?topic=/imu"
-        code, out, err = run("predict", "terrains.skops", name, "--json")
+        code, out, err = run("predict", "terrains.skops", name, "--jsonl")
         assert (code, err) == (0, "")
         (asked,) = map(json.loads, out.splitlines())
         assert asked["surface"] == terrain
         assert asked["probability"] > 0.9
-        code, out, err = run("stream", "terrains.skops", "--source", name, "--json")
+        code, out, err = run("stream", "terrains.skops", name, "--jsonl")
         assert code == 0
         assert [a["probability"] for a in _answers(out)] == [pytest.approx(asked["probability"])]
         assert json.loads(out.splitlines()[-1])["surface"] == terrain
         # The same samples as text, not yet scaled.
         text = "\n".join(",".join(map(repr, row)) for row in both.tolist())
-        code, out, _ = run("stream", "terrains.skops", "--rate", 200, "--json", text=text)
+        code, out, _ = run("stream", "terrains.skops", "--fs", 200, "--jsonl", text=text)
         assert [a["probability"] for a in _answers(out)] == [pytest.approx(asked["probability"])]
 
 

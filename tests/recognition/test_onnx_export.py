@@ -339,7 +339,7 @@ def test_the_exported_file_answers_files_as_predict_does(command, folder):
     assert "wrote surfaces.onnx" in out
     onnx.checker.check_model("surfaces.onnx", full_check=True)
     files = [f"{surface}.txt" for surface in (*SURFACES, "stranger")]
-    code, out, err = command("predict", "surfaces.skops", *files, "--fs", str(FS), "--json")
+    code, out, err = command("predict", "surfaces.skops", *files, "--fs", str(FS), "--jsonl")
     assert code == 0, err
     answers = [json.loads(line) for line in out.splitlines()]
     session = onnxruntime.InferenceSession("surfaces.onnx", providers=["CPUExecutionProvider"])

@@ -1,6 +1,7 @@
 """texclass train, predict and model, as a user calls them."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -72,7 +73,7 @@ def trained(run, work):
 
 def test_files_are_read_as_the_training_files_were(run, trained):
     files = [f"plates/{surface}/{surface}_3.wav" for surface in SURFACES]
-    code, out, err = run("predict", trained.name, *files, "--json")
+    code, out, err = run("predict", trained.name, *files, "--jsonl")
     answers = [json.loads(line) for line in out.splitlines()]
     assert (code, err) == (0, "")
     assert [answer["surface"] for answer in answers] == list(SURFACES)
@@ -81,9 +82,14 @@ def test_files_are_read_as_the_training_files_were(run, trained):
         assert set(answer) >= {"surface", "probability", "runner_up", "unknown", "reasons"}
         assert answer["probability"] > 0.9
     # The same recordings through the card: the same answers.
-    code, out, _ = run("predict", trained.name, *(f"plates.toml:{s}_3" for s in SURFACES), "--json")
+    code, out, _ = run("predict", trained.name, *(f"plates.toml:{s}_3" for s in SURFACES), "--jsonl")
     by_card = [json.loads(line) for line in out.splitlines()]
     assert [a["probability"] for a in by_card] == [a["probability"] for a in answers]
+    # As one result, too, and in the spelling of 0.2.
+    told = run("predict", trained.name, *files, "--json", "answers.json")[1]
+    assert "oak" in told
+    assert json.loads(Path("answers.json").read_text()) == answers
+    assert run("predict", trained.name, "--json", *files)[1].splitlines() == [json.dumps(a) for a in answers]
 
 
 def test_a_script_trains_and_asks_as_the_commands_do(run, trained):
@@ -104,12 +110,12 @@ def test_a_file_unlike_the_training_files_is_answered_with_the_options_that_say_
     np.savetxt(work / "odd.csv", np.column_stack(columns), delimiter=";")
     told = ("--delimiter", ";", "--column", "3", "--time-column", "1")
     answers = [
-        json.loads(run("predict", trained.name, *asked, "--json")[1])
+        json.loads(run("predict", trained.name, *asked, "--jsonl")[1])
         for asked in (("odd.csv", *told), ("plates/oak/oak_3.wav",))
     ]
     assert answers[0]["probability"] == pytest.approx(answers[1]["probability"], rel=1e-6)
     soundfile.write(work / "dense.wav", np.repeat(samples, 2), 2 * round(FS))
-    answer = json.loads(run("predict", trained.name, "dense.wav", "--resample", "4000", "--json")[1])
+    answer = json.loads(run("predict", trained.name, "dense.wav", "--resample", "4000", "--jsonl")[1])
     assert answer["surface"] == "oak"
     assert not any("wrong rate" in reason for reason in answer["reasons"])
 
@@ -129,7 +135,7 @@ def test_bad_files_are_named_and_the_others_answered(run, trained, work):
     assert "oak" in out
     assert "error: empty.wav: " in err
     assert "error: none.wav: " in err
-    code, out, _ = run("predict", trained.name, *files, "--json", "--skip-bad")
+    code, out, _ = run("predict", trained.name, *files, "--jsonl", "--skip-bad")
     lines = [json.loads(line) for line in out.splitlines()]
     assert code == 0
     assert ["error" in line for line in lines] == [True, True, False]
@@ -138,14 +144,14 @@ def test_bad_files_are_named_and_the_others_answered(run, trained, work):
 def test_a_wrong_rate_is_told_and_never_trusted(run, trained, work):
     samples, _ = soundfile.read(work / "plates/oak/oak_1.wav", dtype="int16")
     soundfile.write(work / "fast.wav", samples, 8000)
-    _, out, _ = run("predict", trained.name, "fast.wav", "--json")
+    _, out, _ = run("predict", trained.name, "fast.wav", "--jsonl")
     answer = json.loads(out)
     assert answer["unknown"] is True
     assert "wrong rate: 8000 Hz, trained at 4000 Hz" in answer["reasons"]
 
 
 def test_what_is_inside_is_shown(run, trained):
-    code, out, _ = run("model", trained.name, "--json")
+    code, out, _ = run("model", trained.name, "--json", "-")
     facts = json.loads(out)
     assert code == 0
     assert facts["materials"] == sorted(SURFACES)

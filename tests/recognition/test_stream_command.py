@@ -48,7 +48,7 @@ def run(command, monkeypatch, model_file, samples):
 
 
 def test_json_lines_hold_events_answers_and_the_final_answer(run):
-    code, out, err = run("--rate", FS, "--unit", "m/s^2", "--window", 0.5, "--json")
+    code, out, err = run("--fs", FS, "--unit", "m/s^2", "--touch", 0.5, "--jsonl")
     lines = [json.loads(line) for line in out.splitlines()]
     assert (code, err) == (0, "")
     assert [one["kind"] for one in lines if one["type"] == "event"] == ["contact"]
@@ -61,8 +61,21 @@ def test_json_lines_hold_events_answers_and_the_final_answer(run):
     assert final["probability"] == answers[-1]["probability"]
 
 
+def test_the_result_of_a_stream_is_what_was_said_last_of_each_contact(run, tmp_path, samples):
+    x = np.concatenate([samples, samples])
+    np.savetxt(tmp_path / "oak.txt", x)
+    asked = (tmp_path / "oak.txt", "--fs", FS, "--touch", 0.5, "--json", tmp_path / "felt.json")
+    assert run(*asked)[0] == 0
+    contacts = json.loads((tmp_path / "felt.json").read_text())["contacts"]
+    assert [contact["surface"] for contact in contacts] == ["oak", "oak"]
+    assert [contact["onset_s"] for contact in contacts] == pytest.approx([1.0, 4.0], abs=0.05)
+    # In the spelling of 0.2.
+    older = ("--source", tmp_path / "oak.txt", "--rate", FS, "--window", 0.5, "--json")
+    assert json.loads(run(*older)[1].splitlines()[-1])["probability"] == contacts[-1]["probability"]
+
+
 def test_lines_say_contact_and_surface(run):
-    code, out, _ = run("--rate", FS, "--unit", "m/s^2", "--evidence", "majority")
+    code, out, _ = run("--fs", FS, "--unit", "m/s^2", "--evidence", "majority")
     assert code == 0
     assert "contact" in out
     assert "final: oak" in out
@@ -70,7 +83,7 @@ def test_lines_say_contact_and_surface(run):
 
 def test_another_rate_is_resampled_when_asked(run):
     up = np.repeat(felt(SURFACES["oak"], 3, 6000), 2)  # twice the rate
-    options = ("--rate", 2 * FS, "--unit", "m/s^2", "--window", 0.5, "--in-contact")
+    options = ("--fs", 2 * FS, "--unit", "m/s^2", "--touch", 0.5, "--in-contact")
     code, out, err = run(*options, "--resample", x=up)
     assert code == 0
     assert "resampled" in err
@@ -81,7 +94,7 @@ def test_another_rate_is_resampled_when_asked(run):
 
 
 def test_nothing_felt_ends_with_its_own_exit_code(run):
-    code, out, err = run("--rate", FS, "--unit", "m/s^2", "--at-rest", x=np.zeros(4000))
+    code, out, err = run("--fs", FS, "--unit", "m/s^2", "--at-rest", x=np.zeros(4000))
     assert (code, out) == (3, "")
     assert "no answer" in err
     assert err.startswith("listening to -")
@@ -91,10 +104,10 @@ def test_nothing_felt_ends_with_its_own_exit_code(run):
     ("arguments", "text", "message"),
     [
         ((), "1\n", "fs is missing"),
-        (("--rate", "4000", "--unit", "m/s^2"), "abc\n", "line 1 is 'abc'"),
-        (("--rate", "4000", "--unit", "m/s^2", "--evidence", "mean"), "1\n2\n", "majority"),
-        (("--source", "nothing.wav", "--rate", "4000"), "", "nothing.wav"),
-        (("--rate", "4000", "--unit", "m/s^2", "--hop", "-1"), "1\n", "hop_s"),
+        (("--fs", "4000", "--unit", "m/s^2"), "abc\n", "line 1 is 'abc'"),
+        (("--fs", "4000", "--unit", "m/s^2", "--evidence", "mean"), "1\n2\n", "majority"),
+        (("nothing.wav", "--fs", "4000"), "", "nothing.wav"),
+        (("--fs", "4000", "--unit", "m/s^2", "--hop", "-1"), "1\n", "hop_s"),
     ],
 )
 def test_a_bad_input_ends_in_one_line(run, arguments, text, message):
@@ -117,7 +130,7 @@ def test_control_c_ends_with_the_answer_so_far(run, monkeypatch, tmp_path, sampl
 
     monkeypatch.setattr(sources, "_played", interrupted)
     np.savetxt(tmp_path / "oak.txt", samples)
-    code, out, err = run("--source", tmp_path / "oak.txt", "--rate", FS, "--window", 0.5)
+    code, out, err = run(tmp_path / "oak.txt", "--fs", FS, "--touch", 0.5)
     assert (code, err) == (0, f"listening to {tmp_path / 'oak.txt'}\n")
     assert "final: oak" in out
 
@@ -134,7 +147,7 @@ def test_sigterm_ends_with_the_answer_so_far_and_gives_the_signal_back(run, monk
             yield block
 
     monkeypatch.setattr(sources, "_text", ended)
-    code, out, _ = run("--rate", FS, "--unit", "m/s^2", "--window", 0.5, "--json")
+    code, out, _ = run("--fs", FS, "--unit", "m/s^2", "--touch", 0.5, "--jsonl")
     lines = [json.loads(line) for line in out.splitlines()]
     assert (code, lines[-1]["type"], lines[-1]["surface"]) == (0, "final", "oak")
     assert lines[-1]["stop_s"] < 2.3
@@ -152,7 +165,7 @@ def test_json_tells_that_it_listens_that_it_lives_and_how_old_answers_are(run, m
             yield replace(block, age_s=0.25)
 
     monkeypatch.setattr(sources, "_text", stuck)
-    _, out, _ = run("--rate", FS, "--unit", "m/s^2", "--window", 0.5, "--json", "--heartbeat", 0.05)
+    _, out, _ = run("--fs", FS, "--unit", "m/s^2", "--touch", 0.5, "--jsonl", "--heartbeat", 0.05)
     lines = [json.loads(line) for line in out.splitlines()]
     assert lines[0] == {"type": "listening", "source": "-"}
     beats = [one for one in lines if one["type"] == "heartbeat"]
@@ -178,7 +191,7 @@ def test_answers_are_published_where_the_command_says(run, monkeypatch):
 
     monkeypatch.setattr(recognition, "AnswerPublisher", Publisher, raising=False)
     options = ("--publish", "/surface", "--diagnostics", "/diagnostics", "--domain", 7)
-    _, out, _ = run("--rate", FS, "--unit", "m/s^2", "--window", 0.5, "--json", *options)
+    _, out, _ = run("--fs", FS, "--unit", "m/s^2", "--touch", 0.5, "--jsonl", *options)
     answers = [one for line in out.splitlines() if (one := json.loads(line))["type"] == "answer"]
     *told, last = published
     assert last == "closed"

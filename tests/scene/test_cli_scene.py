@@ -24,7 +24,7 @@ def test_a_scene_is_planned_written_and_played(toml, tmp_path, monkeypatch):
     assert json.loads((tmp_path / "plan.json").read_text())["surfaces"][0]["surface"] == "wood"
     rows = ["time,x,y,force,surface", "0,0,0,1,wood", "0.5,50,0,1,", "1,100,0,1,"]
     (tmp_path / "path.csv").write_text("\n".join(rows))
-    played = run("render", "scene.texture", "path.csv", "--out", "scene.wav")
+    played = run("render", "scene.texture", "path.csv", "--output", "scene.wav")
     assert played.exit_code == 0, played.output
     assert "one sample a call" in played.output
     wav = read_wav(tmp_path / "scene.wav")

@@ -37,7 +37,7 @@ def result(*cells):
 @pytest.mark.parametrize(("cells", "code"), [((*RIGHT, *THEIRS), 0), ((*RIGHT, *WRONG), 1)])
 def test_exit_code_is_1_if_one_of_ours_is_wrong(cells, code, monkeypatch, tmp_path, command):
     monkeypatch.setattr("texclass.stability.run_stability", lambda **_: result(*cells))
-    options = ["--quick", "--out", tmp_path / "out", "--json", tmp_path / "there" / "r.json"]
+    options = ["--quick", "--output", tmp_path / "out", "--json", tmp_path / "there" / "r.json"]
     ended, out, _ = command("stability", *options)
     assert ended == code
     assert {"stability.md", "stability.json"} < {p.name for p in (tmp_path / "out").iterdir()}

@@ -46,7 +46,7 @@ def tradeoff(command, plates, monkeypatch):
 
 
 def test_without_limits_the_knee_is_saved_for_use(tradeoff, plates):
-    code, out, err = tradeoff("--out", "knee")
+    code, out, err = tradeoff("--output", "knee")
     assert (code, err) == (0, "")
     written = json.loads((plates / "knee" / "plates-tradeoff.json").read_text())
     assert written["chosen"]["why"].startswith("knee")
@@ -63,7 +63,7 @@ def test_without_limits_the_knee_is_saved_for_use(tradeoff, plates):
 def test_every_limit_is_kept_and_named_in_what_is_written(tradeoff, plates):
     code, out, err = tradeoff(
         "--max-ms", 1000, "--max-seconds", 0.25, "--max-features", 2, "--materials", "cork, oak",
-        "--protocol", "recording", "--backend", "local", "--out", "here", "--json", "there/x.json",
+        "--protocol", "recording", "--backend", "local", "--output", "here", "--json", "there/x.json",
     )  # fmt: skip
     assert (code, err) == (0, "")
     stem = "plates-2-materials-0.25s-tradeoff"
@@ -97,7 +97,7 @@ def test_every_limit_is_kept_and_named_in_what_is_written(tradeoff, plates):
     ],
 )
 def test_bad_input_ends_in_one_line_that_names_value_and_rule(tradeoff, options, told):
-    code, out, err = tradeoff(*options, "--out", "bad")
+    code, out, err = tradeoff(*options, "--output", "bad")
     assert (code, out) == (1, "")
     assert err.startswith("error: ")
     assert err.count("\n") == 1

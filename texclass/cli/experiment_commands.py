@@ -10,7 +10,7 @@ from texclass.cli.app import app
 from texclass.cli.options import progress_bar, tell, write_json, wrote
 
 
-@app.command()
+@app.command(epilog="Example: texclass benchmark recordings --fs 10000 --unit m/s^2 --jobs 1")
 @options.reads_files
 @options.holds_out
 def benchmark(
@@ -69,15 +69,18 @@ def benchmark(
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
     skip_bad: options.SkipBad = False,
-    out: Annotated[
-        Path, typer.Option(help="Folder for the table (Markdown), the pictures (PNG) and the JSON.")
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", help="Folder for the table (Markdown), the pictures (PNG) and the JSON."
+        ),
     ] = Path("reports"),
     json_file: options.Json = None,
     *,
     protocol: str | None,
     reading: dict[str, Any],
 ) -> None:
-    """Classify a dataset with every row of a pipeline's table, beside the published figures."""
+    """Classify a dataset with every row of a pipeline's table. Published figures stand beside ours."""
     from texclass.experiment import load_pipeline, run_benchmark, running_on, study_feature
     from texclass.experiment import touches as cut_touches
     from texclass.features import load_feature
@@ -113,15 +116,15 @@ def benchmark(
             result = study_feature(recordings, definition, new, **asked, progress=progress)
     tell(result.document())
     write_json(json_file, result.to_json())
-    wrote(result.save(out))
+    wrote(result.save(output))
     if peers:
         with progress_bar() as progress:
             compared = compare_with_peers(recordings, definition, result, settings, **work, progress=progress)
         tell(compared.document())
-        wrote(compared.save(out))
+        wrote(compared.save(output))
 
 
-@app.command()
+@app.command(epilog="Example: texclass extract recordings --fs 10000 --unit m/s^2 -o features.parquet")
 @options.reads_files
 def extract(
     dataset: options.Recordings,
@@ -134,7 +137,7 @@ def extract(
     *,
     reading: dict[str, Any],
 ) -> None:
-    """Compute a feature table; a run that was killed goes on where it stopped."""
+    """Compute a feature table. A run that was killed goes on where it stopped."""
     from texclass.experiment import extract_table, running_on
     from texclass.features import load_feature_set
     from texclass.loaders import open_dataset
@@ -152,7 +155,7 @@ def extract(
         typer.echo(f"note: {note}")
 
 
-@app.command()
+@app.command(epilog="Example: texclass tradeoff recordings --fs 10000 --unit m/s^2 --max-ms 5")
 @options.reads_files
 @options.holds_out
 def tradeoff(
@@ -173,15 +176,18 @@ def tradeoff(
     jobs: options.Jobs = -1,
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
-    out: Annotated[
-        Path, typer.Option(help="Folder for the report (Markdown, JSON, PNG) and the pipeline (skops).")
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", help="Folder for the report (Markdown, JSON, PNG) and the pipeline (skops)."
+        ),
     ] = Path("reports"),
     json_file: options.Json = None,
     *,
     protocol: str | None,
     reading: dict[str, Any],
 ) -> None:
-    """Measure what accuracy costs on a dataset; save the pipeline at the budget, or at the knee."""
+    """Measure what accuracy costs on a dataset. The pipeline at the budget, or at the knee, is saved."""
     from texclass.experiment import running_on
     from texclass.features import load_feature_set
     from texclass.loaders import open_dataset
@@ -200,14 +206,14 @@ def tradeoff(
             with_curves=curves,
             n_jobs=jobs,
             progress=progress,
-            model_file=out / f"{tradeoff_stem(facts)}.skops",
+            model_file=output / f"{tradeoff_stem(facts)}.skops",
         )
     tell(result.document())
     write_json(json_file, result.to_json())
-    wrote((*result.save(out), Path(result.data["chosen"]["file"])))
+    wrote((*result.save(output), Path(result.data["chosen"]["file"])))
 
 
-@app.command()
+@app.command(epilog="Example: texclass stability --quick")
 def stability(
     quick: Annotated[
         bool, typer.Option("--quick", help="A small part of the battery, in half a minute.")
@@ -216,12 +222,14 @@ def stability(
         Literal["models", "filters", "transforms", "features", "peers"] | None,
         typer.Option(help="One part alone."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for stability.md, .json and pictures.")] = Path("reports"),
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder for stability.md, .json and pictures.")
+    ] = Path("reports"),
     json_file: options.Json = None,
 ) -> None:
-    """Try hard inputs on every model, filter, transform and feature, and on public libraries installed here.
+    """Try hard inputs on every model, filter and feature.
 
-    Exit code 1 if any of ours is wrong.
+    Public libraries that are installed here answer the same inputs.     Exit code 1 if any of ours is wrong.
     """
     from texclass.document import write_document
     from texclass.peers import extreme_inputs
@@ -235,13 +243,13 @@ def stability(
     document = stability_document(found)
     tell(document, wrong_lines(found))
     write_json(json_file, result.to_json())
-    wrote(write_document(document, out, "stability", json=result.to_json()))
+    wrote(write_document(document, output, "stability", json=result.to_json()))
     typer.echo(f"texclass: {len(result.wrong)} of {len(result.ours)} cells wrong")
     if len(result.wrong):
         raise typer.Exit(1)
 
 
-@app.command()
+@app.command(epilog="Example: texclass report reports/*.json -o report.html")
 def report(
     results: Annotated[
         list[Path],
@@ -249,7 +257,7 @@ def report(
             help="JSON files that benchmark, tradeoff, stability or the study of invariance wrote."
         ),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="HTML, or Markdown (.md).")] = Path(
+    output: Annotated[Path, typer.Option("-o", "--output", help="HTML, or Markdown (.md).")] = Path(
         "report.html"
     ),
     title: Annotated[str, typer.Option(help="Its title; the datasets' names by default.")] = "",
@@ -258,7 +266,7 @@ def report(
         typer.Option("--stale", help="List those whose code, pipeline or features have changed; no page."),
     ] = False,
 ) -> None:
-    """Write results as one HTML page that needs no network: tables, figures, datasets, versions."""
+    """Write results as one page that needs no network. It holds tables, figures, datasets and versions."""
     from texclass.reporting import stale_results, write_page
 
     if stale:
@@ -270,7 +278,7 @@ def report(
     typer.echo(f"wrote {write_page(results, output, title)}")
 
 
-@app.command()
+@app.command(hidden=True)
 def reproduce(
     paper: Annotated[
         Literal["guruswamy2011", "abdulali2016", "oeztuerk2018", "okamura2001"],

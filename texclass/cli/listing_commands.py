@@ -10,15 +10,16 @@ from texclass.cli.app import app
 from texclass.cli.options import shipped, tell
 
 
-@app.command()
+@app.command(epilog="Example: texclass inspect recordings/oak/oak_01.txt --fs 10000 --unit m/s^2")
 @options.reads_files
 def inspect(
     recording: Annotated[
         str,
         typer.Argument(help="A file in any supported format, or DATASET:RECORDING (simulated:wood-03-01)."),
     ],
-    out: Annotated[
-        Path | None, typer.Option(help="Picture to write; <recording>.inspect.png here by default.")
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="Picture to write; <recording>.inspect.png here by default."),
     ] = None,
     features: Annotated[
         str, typer.Option(help="Feature set whose values are shown.", autocompletion=shipped("feature_defs"))
@@ -26,7 +27,7 @@ def inspect(
     *,
     reading: dict[str, Any],
 ) -> None:
-    """Draw one recording: signal, phases, taps, spectrogram and feature values."""
+    """Draw one recording: phases, taps, spectrum and features."""
     from texclass.features import FeatureExtractor
     from texclass.loaders import find_recording
     from texclass.phases import segment
@@ -37,7 +38,7 @@ def inspect(
     declared = [found.with_(phases=phases)]
     extraction = FeatureExtractor(features).fit(declared).extract(declared)
     values = dict(zip(extraction.columns, extraction.values[0], strict=True))
-    path = out or Path(f"{Path(found.recording_id).name}.inspect.png")
+    path = output or Path(f"{Path(found.recording_id).name}.inspect.png")
     draw_inspection(found, phases, values).savefig(path, dpi=130)
     moved = "none"
     if phases.movement is not None:
@@ -48,15 +49,15 @@ def inspect(
     typer.echo(f"wrote {path}")
 
 
-@app.command()
+@app.command(epilog="Example: texclass datasets")
 def datasets() -> None:
-    """List the shipped dataset cards, and which of them have their recordings on this machine."""
+    """List the dataset cards, and which have their data here."""
     from texclass.reporting import datasets_document
 
     tell(datasets_document())
 
 
-@app.command()
+@app.command(epilog="Example: texclass features strese2015")
 def features(
     name: Annotated[
         str | None,
@@ -65,7 +66,7 @@ def features(
         ),
     ] = None,
 ) -> None:
-    """List every feature with phase, unit, gain law and source; or those of one set."""
+    """List every feature with its source, or those of one set."""
     from texclass.reporting import features_document
 
     tell(features_document(name))

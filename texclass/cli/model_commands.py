@@ -7,10 +7,10 @@ import typer
 
 from texclass.cli import options
 from texclass.cli.app import app, shown
-from texclass.cli.options import progress_bar, tell
+from texclass.cli.options import progress_bar, tell, write_json
 
 
-@app.command()
+@app.command(epilog="Example: texclass train recordings --fs 10000 --unit m/s^2 -o surfaces.skops")
 @options.reads_files
 @options.holds_out
 def train(
@@ -38,7 +38,7 @@ def train(
     protocol: str | None,
     reading: dict[str, Any],
 ) -> None:
-    """Train a model on all recordings; what is chosen is chosen by cross-validation."""
+    """Train a model on all recordings. What is chosen is chosen by cross-validation."""
     from texclass.loaders import open_dataset
     from texclass.recognition import train as train_model
     from texclass.recognition.model_document import model_document
@@ -65,62 +65,64 @@ def train(
     typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")
 
 
-@app.command()
+@app.command(epilog="Example: texclass predict surfaces.skops felt.txt")
 @options.reads_files
 def predict(
     model: Annotated[Path, typer.Argument(help="A model file that `texclass train` wrote.")],
     files: Annotated[list[str], typer.Argument(help="Recordings: files, or DATASET:RECORDING.")],
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line, as answers come.")] = False,
+    as_lines: options.JsonLines = False,
+    json_file: options.Json = None,
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="Exit with 0 although some files were bad; they are named.")
     ] = False,
     *,
     reading: dict[str, Any],
 ) -> None:
-    """Say which surface each recording is of; bad files are named, the others answered."""
+    """Say which surface each recording is of. Bad files are named, the others answered."""
     import json
 
     from texclass.recognition import load_model
     from texclass.recognition import predict as predict_files
     from texclass.recognition.model_document import answers_document
 
-    trained, found = load_model(model), []
+    trained, found, facts = load_model(model), [], []
     for prediction in predict_files(trained, files, **reading):
         found.append(prediction)
         if prediction.answer is None:
             typer.echo(f"error: {shown(str(prediction.problem))}", err=True)
-        if as_json:
-            told = {"error": prediction.problem} if prediction.answer is None else prediction.answer.to_dict()
-            typer.echo(json.dumps({"file": prediction.name, **told}))
+        told = {"error": prediction.problem} if prediction.answer is None else prediction.answer.to_dict()
+        facts.append({"file": prediction.name, **told})
+        if as_lines:
+            typer.echo(json.dumps(facts[-1]))
+    write_json(json_file, json.dumps(facts, indent=1))
     answered = [(p.name, p.answer) for p in found if p.answer is not None]
-    if answered and not as_json:
+    if answered and not as_lines:
         tell(answers_document(answered))
     if len(answered) < len(found) and not skip_bad:
         raise typer.Exit(1)
 
 
-@app.command()
+@app.command(epilog="Example: texclass model surfaces.skops")
 def model(
     file: Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that `texclass train` wrote.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
+    json_file: options.Json = None,
 ) -> None:
-    """Show what is in a model: surfaces, features, accuracy, calibration, cost, versions."""
+    """Show what is in a model. Surfaces, features, accuracy, calibration, cost and versions."""
     from texclass.recognition import load_model
     from texclass.recognition.model_document import model_document
 
     loaded = load_model(file)
-    if as_json:
-        typer.echo(loaded.manifest.to_json())
-        return
-    tell(model_document(loaded))
+    write_json(json_file, loaded.manifest.to_json())
+    if json_file != Path("-"):
+        tell(model_document(loaded))
 
 
-@app.command()
+@app.command(epilog="Example: texclass export surfaces.skops -o surfaces.onnx")
 def export(
     model: Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that `texclass train` wrote.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="ONNX file to write (.onnx).")],
 ) -> None:
-    """Write what follows the features as ONNX; refused where its answers differ from scikit-learn's."""
+    """Write what follows the features as ONNX. It is refused where its answers differ from scikit-learn's."""
     from texclass.recognition import export_onnx, load_model
 
     exported = export_onnx(load_model(model), output)

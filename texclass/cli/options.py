@@ -78,7 +78,10 @@ SkipBad = Annotated[
 Pipeline = Annotated[
     str, typer.Option(help="A shipped pipeline, or a TOML of yours.", autocompletion=shipped("pipelines"))
 ]
-Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON here.")]
+Json = Annotated[
+    Path | None, typer.Option("--json", metavar="PATH", help="Write the result as JSON here; - prints it.")
+]
+JsonLines = Annotated[bool, typer.Option("--jsonl", help="Print the result as one JSON object a line.")]
 MaxMs = Annotated[
     float | None, typer.Option(help="Milliseconds that the features of a recording may take here.")
 ]
@@ -175,8 +178,10 @@ def columns_read(column: str | None, delimiter: str | None, time_column: str | N
 
 
 def write_json(path: Path | None, text: str) -> None:
-    """Write a result as JSON where --json asked for it, if it did."""
-    if path is not None:
+    """Write a result as JSON where --json asked for it, if it did; `-` is standard output."""
+    if path == Path("-"):
+        typer.echo(text)
+    elif path is not None:
         from texclass.whole_files import write_whole
 
         write_whole(path, text)

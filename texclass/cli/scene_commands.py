@@ -10,7 +10,7 @@ from texclass.cli.app import app
 from texclass.cli.options import progress_bar, tell, write_json
 
 scene = typer.Typer(
-    help="Plan the cheapest textures that serve a scene, and render it sample by sample.",
+    help="Plan the cheapest textures of a scene, and render it.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -22,15 +22,18 @@ SceneArgument = Annotated[
 ]
 
 
-@scene.command()
+@scene.command(epilog="Example: texclass scene plan example -o example.texture")
 def plan(
     definition: SceneArgument = "example",
-    out: Annotated[
-        Path | None, typer.Option(help="Where the planned models are written; SCENE.texture here by default.")
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", help="Where the planned models are written; SCENE.texture here by default."
+        ),
     ] = None,
     json_file: options.Json = None,
 ) -> None:
-    """Choose the cheapest model of each surface within the tolerance, and prove the budget by measuring.
+    """Choose the cheapest model of each surface. The budget is proved by measuring.
 
     Exit code 1 if a surface is outside the tolerance or the budget does not hold.
     """
@@ -42,13 +45,13 @@ def plan(
         found = plan_scene(read, progress=progress)
     tell(plan_document(found))
     write_json(json_file, found.to_json())
-    path = found.scene.save(out or Path(f"{read.source.stem}.texture"))
+    path = found.scene.save(output or Path(f"{read.source.stem}.texture"))
     typer.echo(f"wrote {path}, {path.stat().st_size} bytes")
     if not found.met:
         raise typer.Exit(1)
 
 
-@scene.command()
+@scene.command(epilog="Example: texclass scene render example.texture -o example.wav")
 def render(
     definition: Annotated[
         str,
@@ -60,40 +63,46 @@ def render(
         Path | None,
         typer.Argument(help="CSV with time (s), x, y (mm), force (N), surface; a sweep over all by default."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="The WAV to be written, in the unit of the scene.")] = Path(
-        "scene.wav"
-    ),
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="The WAV to be written, in the unit of the scene.")
+    ] = Path("scene.wav"),
     seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
 ) -> None:
-    """Play a path over a scene to WAV, one sample a call, and say how long the samples took."""
+    """Play a path over a scene to WAV. It is rendered one sample a call, and timed."""
     from texclass.exchange import write_wav
     from texclass.scene import load_scene, plan_scene, play_path, read_path, read_scene, sweep_of
     from texclass.scene.plan_document import played_lines
 
-    planned = (
-        load_scene(definition)
-        if definition.endswith(".texture")
-        else plan_scene(read_scene(definition)).scene
-    )
+    if definition.endswith(".texture"):
+        planned = load_scene(definition)
+    else:
+        with progress_bar() as progress:
+            planned = plan_scene(read_scene(definition), progress=progress).scene
     played = play_path(planned, sweep_of(planned) if path is None else read_path(path), seed=seed)
-    write_wav(out, played.samples, planned.fs, unit=planned.unit)
+    write_wav(output, played.samples, planned.fs, unit=planned.unit)
     for line in played_lines(played, planned):
         typer.echo(line)
-    typer.echo(f"wrote {out}")
+    typer.echo(f"wrote {output}")
 
 
-@app.command()
+@app.command(epilog="Example: texclass convert wood.texture -o wood.xml")
 def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="A .texture, or the .xml of a HaTT texture.")],
-    target: Annotated[Path, typer.Argument(metavar="OUT", help="The other one of the two, to be written.")],
+    older_target: Annotated[Path | None, typer.Argument(metavar="OUT", hidden=True)] = None,
+    target: Annotated[
+        Path | None, typer.Option("-o", "--output", help="The other one of the two, to be written.")
+    ] = None,
     fs: Annotated[
         float, typer.Option("--fs", help="To XML: sampling rate of the models, Hz; HaTT renders 1000.")
     ] = 1000.0,
     order: Annotated[int, typer.Option(help="To XML: largest order of the models.", min=1, max=100)] = 20,
 ) -> None:
-    """Convert a texture between our format and Penn HaTT XML."""
+    """Convert a texture between our format and Penn's XML."""
     from texclass.exchange import describe, load_texture, read_hatt, save_texture, to_hatt, write_hatt
 
+    target = target or older_target
+    if target is None:
+        raise ValueError(f"{source}: where to is missing; the rule is -o OUT")
     kinds = source.suffix.lower(), target.suffix.lower()
     if kinds == (".xml", ".texture"):
         save_texture(read_hatt(source), target)
@@ -105,12 +114,12 @@ def convert(
     typer.echo(f"wrote {target}, {target.stat().st_size} bytes")
 
 
-@app.command()
+@app.command(epilog="Example: texclass texture wood.texture")
 def texture(
     file: Annotated[Path, typer.Argument(help="A .texture, or the .xml of a HaTT texture.")],
     json_file: options.Json = None,
 ) -> None:
-    """Show what is in a texture file: family, points, order, sampling rate, unit, bytes."""
+    """Show what is in a texture file. Family, points, order, sampling rate, unit and bytes."""
     import json
 
     from texclass.document import Document

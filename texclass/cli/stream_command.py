@@ -1,5 +1,6 @@
 """texclass stream: a model and a live source in, surfaces out as they are felt."""
 
+import json
 import os
 import signal
 import sys
@@ -15,20 +16,21 @@ NO_ANSWER = 3
 """Exit code of a stream in which nothing was felt long enough for an answer."""
 
 
-@app.command()
+@app.command(epilog="Example: texclass stream surfaces.skops felt.txt --fs 10000 --unit m/s^2")
 def stream(
     model: Annotated[Path, typer.Argument(help="A model file that `texclass train` wrote.")],
     source: Annotated[
         str,
-        typer.Option(
+        typer.Argument(
             help="- (standard input: text, a sample a line), FILE or DATASET:RECORDING, "
             "bag:FILE?topic=/NAME, ros2:/TOPIC. Columns: axes of the acceleration, then, where the model "
             "needs them, 3 of the turn rate (rad/s), 1 of the friction."
         ),
     ] = "-",
-    rate: Annotated[
+    older_source: Annotated[str | None, typer.Option("--source", hidden=True)] = None,
+    fs: Annotated[
         float | None,
-        typer.Option("--rate", "--fs", help="Sampling rate of the source in Hz, where it does not state it."),
+        typer.Option("--fs", help="Sampling rate of the source in Hz, where it does not state it."),
     ] = None,
     unit: Annotated[
         str | None, typer.Option("--unit", help="Of the source; that of the training files by default.")
@@ -39,11 +41,11 @@ def stream(
     column: options.Column = None,
     delimiter: options.Delimiter = None,
     time_column: options.TimeColumn = None,
-    window: Annotated[
-        float | None, typer.Option(help="Seconds of one answer; as trained by default.")
+    touch: Annotated[
+        float | None, typer.Option(help="Seconds of movement of one answer; as trained by default.")
     ] = None,
     hop: Annotated[
-        float | None, typer.Option(help="Seconds from answer to answer; half a window by default.")
+        float | None, typer.Option(help="Seconds from answer to answer; half a touch by default.")
     ] = None,
     evidence: Annotated[
         str, typer.Option(help="How answers of one contact are put together: sequential or majority.")
@@ -77,12 +79,15 @@ def stream(
         typer.Option(help="Standard input is little-endian float32 of so many channels, not text."),
     ] = None,
     paced: Annotated[bool, typer.Option("--paced", help="Play a file at its own speed.")] = False,
-    as_json: Annotated[
+    as_lines: Annotated[
         bool,
-        typer.Option("--json", help="One JSON object a line: answers, events, notices, the final answer."),
+        typer.Option(
+            "--jsonl", help="Print one JSON object a line: answers, events, notices, the final answer."
+        ),
     ] = False,
+    json_file: options.Json = None,
     heartbeat: Annotated[
-        float, typer.Option(help="With --json, a line says every so many seconds that it listens; 0: never.")
+        float, typer.Option(help="With --jsonl, a line says every so many seconds that it listens; 0: never.")
     ] = 5.0,
     domain: Annotated[int | None, typer.Option(help="DDS domain; $ROS_DOMAIN_ID or 0 by default.")] = None,
     reliability: Annotated[
@@ -100,15 +105,16 @@ def stream(
         str | None, typer.Option(help="With --publish: diagnostic_msgs/DiagnosticArray on this topic, too.")
     ] = None,
 ) -> None:
-    """Say which surface is felt while it is felt; Ctrl-C, or SIGTERM, ends it with the final answer."""
+    """Say which surface is felt while it is felt. Ctrl-C, or SIGTERM, ends it with the final answer."""
     from texclass.cli.stream_view import tell, view_of
     from texclass.recognition import OnlineSettings, Session, is_live, load_model, open_source
 
     if publish:
         from texclass.recognition import AnswerPublisher  # of the extra `robot`
     kind: Any = evidence
+    source = older_source or source
     settings = OnlineSettings(
-        window_s=window,
+        window_s=touch,
         hop_s=hop,
         evidence=kind,
         confidence=confidence,
@@ -123,7 +129,7 @@ def stream(
         of_topic["domain"] = domain
     blocks = open_source(
         source,
-        fs=rate,
+        fs=fs,
         unit=unit,
         rate=trained.manifest.fs if resample else None,
         paced=paced,
@@ -136,7 +142,7 @@ def stream(
     session = Session(trained, raw=is_live(source), settings=settings)
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        with view_of(session, source, as_json, heartbeat) as shown:
+        with view_of(session, source, as_lines, heartbeat) as shown:
             try:
                 shown.listening()
                 for block in blocks:
@@ -147,6 +153,9 @@ def stream(
                 blocks.close()
             tell(shown, session.finish(), publisher)
         answered = shown.end()
+        options.write_json(
+            json_file, json.dumps({"source": source, "contacts": [*shown.contacts.values()]}, indent=1)
+        )
     except BrokenPipeError:  # nobody reads any more
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     else:

@@ -42,6 +42,8 @@ class Lines:
         self.heard: WindowAnswer | None = None
         self.final: tuple[ContactVerdict, float, float] | None = None
         """The last verdict, and from when to when it was felt (s)."""
+        self.contacts: dict[int, dict[str, Any]] = {}
+        """What was said last of each contact, by its onset."""
         self.n_answers = 0
         self._said: tuple[object, ...] = ()
 
@@ -74,6 +76,7 @@ class Lines:
             if isinstance(update, WindowAnswer):
                 self.n_answers += 1
                 self.heard = update
+                self.contacts[update.onset] = self.facts(update)
                 self.final = (update.verdict, self.seconds(update.onset), self.seconds(update.stop))
                 self.answered(update)
             elif isinstance(update, Event):
@@ -249,9 +252,9 @@ class Picture(Lines):
 PHASE_STYLE = {"moving": "bold green", "touched": "bold", "pause": "yellow"}
 
 
-def view_of(session: Session, source: str, as_json: bool, heartbeat_s: float) -> Lines:
+def view_of(session: Session, source: str, as_lines: bool, heartbeat_s: float) -> Lines:
     """Return the way to show a session: JSON if asked for, a picture in a terminal, else lines."""
-    if as_json:
+    if as_lines:
         return JsonLines(session, source, heartbeat_s)
     console = Console()
     return Picture(session, source, console) if console.is_terminal else Lines(session, source)
