@@ -138,6 +138,7 @@ def extract(
     reading: dict[str, Any],
 ) -> None:
     """Compute a feature table. A run that was killed goes on where it stopped."""
+    from texclass.document.wording import counted
     from texclass.experiment import extract_table, running_on
     from texclass.features import load_feature_set
     from texclass.loaders import open_dataset
@@ -148,7 +149,9 @@ def extract(
         table = extract_table(
             recordings, feature_set, output, n_jobs=jobs, skip_bad=skip_bad, progress=progress
         )
-    typer.echo(f"wrote {output}: {table.n_recordings} recordings, {table.n_columns} columns")
+    typer.echo(
+        f"wrote {output}: {counted(table.n_recordings, 'recording')}, {counted(table.n_columns, 'column')}"
+    )
     for line in table.left_out:
         typer.echo(f"left out: {line}")
     for note in (*recordings.notes, *table.doubts):

@@ -28,6 +28,7 @@ def inspect(
     reading: dict[str, Any],
 ) -> None:
     """Draw one recording: phases, taps, spectrum and features."""
+    from texclass.document.wording import counted
     from texclass.features import FeatureExtractor
     from texclass.loaders import find_recording
     from texclass.phases import segment
@@ -43,7 +44,7 @@ def inspect(
     moved = "none"
     if phases.movement is not None:
         moved = "{:.2f} to {:.2f} s".format(*(sample / found.fs for sample in phases.movement))
-    typer.echo(f"{phases.kind}: {len(phases.taps)} taps, movement {moved}")
+    typer.echo(f"{phases.kind}: {counted(len(phases.taps), 'tap')}, movement {moved}")
     for note in (*found.flags, *phases.notes):
         typer.echo(f"note: {note}")
     typer.echo(f"wrote {path}")

@@ -14,6 +14,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from texclass.document.wording import counted
 from texclass.recognition import ContactVerdict, Event, Notice, Session, WindowAnswer
 
 if TYPE_CHECKING:
@@ -243,7 +244,7 @@ class Picture(Lines):
         )  # fmt: skip
         lines: list[Any] = [head, _surfaces(self.heard) if self.heard else Text("nothing felt yet", "dim")]
         typical = sorted(self._ms)[len(self._ms) // 2] if self._ms else 0.0
-        foot = f"{self.n_answers} answers, {typical:.2f} ms each, lost {self.session.n_lost}"
+        foot = f"{counted(self.n_answers, 'answer')}, {typical:.2f} ms each, lost {self.session.n_lost}"
         lines.append(Text("; ".join([foot, *self._events]), "dim"))
         lines += [Text(f"notice: {what}", "yellow") for what in self._notices]
         return Group(*lines)
@@ -292,7 +293,7 @@ def told(verdict: ContactVerdict) -> str:
     sure = ", sure" if verdict.sure else f" (or {verdict.runner_up})"
     return (
         f"{unknown}{verdict.surface}, {100 * verdict.probability:.1f} %{sure}, "
-        f"after {verdict.felt_s:.2f} s, {verdict.n_windows} windows"
+        f"after {verdict.felt_s:.2f} s, {counted(verdict.n_windows, 'window')}"
     )
 
 

@@ -8,6 +8,11 @@ import pandas as pd
 MINUS = "\N{MINUS SIGN}"
 
 
+def counted(n: int, noun: str) -> str:
+    """Return how many there are of a thing: 1 tap, 1,200 taps."""
+    return f"{n:,} {noun}" if n == 1 else f"{n:,} {noun}s"
+
+
 def percent(fraction: float) -> str:
     """Return a fraction as per cents, without the sign."""
     return f"{100 * fraction:.1f}"

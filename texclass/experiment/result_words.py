@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from texclass.document.wording import counted
 from texclass.experiment.accuracy import LEAST_CLUSTERS
 
 CLASSIFIERS = {
@@ -49,8 +50,8 @@ def protocol_title(name: str) -> str:
 
 def size(facts: Mapping[str, Any]) -> str:
     """Return how many recordings of how many materials a dataset has."""
-    windows = f"{facts['n_windows']:,} windows of " if "n_windows" in facts else ""
-    return f"{windows}{facts['n_recordings']:,} recordings of {facts['n_materials']} materials"
+    windows = f"{counted(facts['n_windows'], 'window')} of " if "n_windows" in facts else ""
+    return f"{windows}{counted(facts['n_recordings'], 'recording')} of {facts['n_materials']} materials"
 
 
 def chance_of(data: Mapping[str, Any]) -> float:

@@ -84,6 +84,11 @@ def best_peer(data: Data) -> Data | None:
     return max(finished, key=lambda c: float(c["accuracy"]["mean"]), default=None)
 
 
+def _speed(share: float) -> str:
+    """Return in words what a share of another's time is."""
+    return f"{digits(1 / share)} times as fast" if share <= 1 else f"{digits(share)} times as slow"
+
+
 def _finding(data: Data) -> Finding:
     ours = data["contestants"][0]
     best = best_peer(data)
@@ -95,8 +100,8 @@ def _finding(data: Data) -> Finding:
         clear = f"ours is {'ahead' if difference['low'] > 0 else 'behind'}"
     cost = ""
     if best["cost"] and ours["cost"] and best["cost"]["total_s"] > 0 and best["cost"]["feature_ms"] > 0:
-        whole, part = (digits(ours["cost"][key] / best["cost"][key]) for key in ("total_s", "feature_ms"))
-        cost = f"Ours takes {whole} times its total time and {part} times its time for features."
+        whole, part = (_speed(ours["cost"][key] / best["cost"][key]) for key in ("total_s", "feature_ms"))
+        cost = f"Ours is {whole} in all, and {part} in its features."
     told_ours, told_best = (
         f"{c['title']}, {classifier_title(c['classifier'])}: {percent(c['accuracy']['mean'])} %"
         for c in (ours, best)

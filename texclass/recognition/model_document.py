@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from texclass.document import Document, Table
+from texclass.document.wording import counted
 from texclass.recognition.model import Answer, Model
 
 
@@ -25,12 +26,12 @@ def model_document(model: Model) -> Document:
         felt = f", touches of {m.touch_s:g} s"
     drift = f"; drift makes distances {unknown['stretch']:.2g} times as large" * (unknown["stretch"] > 1)
     low, mean, high = (f"{100 * accuracy[name]:.1f}" for name in ("low", "mean", "high"))
-    n_folds = f"{accuracy['n_folds']} fold{'s' * (accuracy['n_folds'] > 1)}"
+    n_recordings, n_folds = counted(on["n_recordings"], "recording"), counted(accuracy["n_folds"], "fold")
     facts = {
         "Surfaces": f"{len(m.materials)}: {', '.join(m.materials)}",
-        "Trained on": f"{on['name']}, {on['n_recordings']} recordings{windows} ({on['hash'][:12]})",
+        "Trained on": f"{on['name']}, {n_recordings}{windows} ({on['hash'][:12]})",
         "Pipeline": f"{m.pipeline['name']}: {m.pipeline['row']} with {m.pipeline['classifier']}{best_of}",
-        "Features": f"{len(model.columns)} columns of {', '.join(m.features)}",
+        "Features": f"{counted(len(model.columns), 'column')} of {', '.join(m.features)}",
         "Recordings": f"{', '.join(m.phases)}; {m.fs:g} Hz, {m.unit}{felt}",
         "Accuracy": f"{mean} % ({low} to {high}) of {accuracy['n_tested']} {accuracy['how']}{only}",
         "Held out": f"protocol {accuracy['protocol']}, {n_folds} ({accuracy['why']}){drift}",
@@ -47,7 +48,7 @@ def model_document(model: Model) -> Document:
         "Versions": ", ".join(f"{name} {version}" for name, version in m.versions.items()),
         "Format": ".".join(map(str, m.format_version)),
     }
-    return Document(f"Model of {len(m.materials)} surfaces", [facts])
+    return Document(f"Model of {counted(len(m.materials), 'surface')}", [facts])
 
 
 def answers_document(answers: Sequence[tuple[str, Answer]]) -> Document:
@@ -69,4 +70,4 @@ def answers_document(answers: Sequence[tuple[str, Answer]]) -> Document:
     frame = pd.DataFrame(rows, columns=["Recording", "Surface", "Runner-up", "%"])
     strange = [i for i, (_, answer) in enumerate(named) if answer.unknown]
     reasons = [f"{name}: {reason}" for name, answer in named for reason in answer.reasons]
-    return Document(f"{len(named)} recordings", [Table(frame, n_words=3, strong=strange), reasons])
+    return Document(counted(len(named), "recording"), [Table(frame, n_words=3, strong=strange), reasons])

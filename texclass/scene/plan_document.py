@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from texclass.document import Document, Table
+from texclass.document.wording import counted
 
 if TYPE_CHECKING:
     from texclass.scene.plan import ScenePlan
@@ -54,10 +55,11 @@ def _notes(data: Mapping[str, Any]) -> Iterator[str]:
         f"{data['operations_per_sample']:.0f} operations per sample and contact, "
         f"{data['operations_at_order_400']:.0f} at order 400 everywhere: {data['saving']:.1f} times fewer"
     )
-    yield f"models for {len(surfaces)} surfaces: {data['models']}, {data['bytes']} bytes"
+    yield f"models for {counted(len(surfaces), 'surface')}: {data['models']}, {data['bytes']} bytes"
     yield (
-        f"{budget['contacts']} contacts: {quiet['p50']:.1f} us a sample (median), {quiet['p999']:.1f} us "
-        f"(99.9 %), each sample the least of 5 runs; one run by itself {once['p999']:.1f} us (99.9 %), "
+        f"{counted(budget['contacts'], 'contact')}: {quiet['p50']:.1f} us a sample (median), "
+        f"{quiet['p999']:.1f} us (99.9 %), each sample the least of 5 runs; "
+        f"one run by itself {once['p999']:.1f} us (99.9 %), "
         f"{once['worst']:.0f} us (worst); budget {budget['microseconds']:g} us: "
         f"{'met' if quiet['p999'] <= budget['microseconds'] else 'NOT met'}"
     )

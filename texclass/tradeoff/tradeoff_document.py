@@ -22,7 +22,7 @@ from texclass.document.figure_style import (
     per_cent_limits,
     row_axes,
 )
-from texclass.document.wording import aligned, digits, estimate, interval, percent, points, sentence
+from texclass.document.wording import aligned, counted, digits, estimate, interval, percent, points, sentence
 from texclass.experiment.result_words import (
     again_facts,
     chance_of,
@@ -140,7 +140,7 @@ def _notes(data: Data) -> Iterator[str]:
     chosen = data["chosen"]
     saved = f"; saved as {chosen['file']}" if chosen.get("file") else ""
     yield (
-        f"Pipeline at the budget ({chosen['why']}): {len(chosen['columns'])} columns of "
+        f"Pipeline at the budget ({chosen['why']}): {counted(len(chosen['columns']), 'column')} of "
         f"{', '.join(chosen['features'])}; {digits(chosen['predicted_ms'])} ms by the cost model, "
         f"{digits(chosen['measured_ms'])} ms measured when pruned; {estimate(chosen['accuracy'])} %{saved}."
     )
@@ -152,7 +152,7 @@ def _notes(data: Data) -> Iterator[str]:
     if pairs := data.get("model_check"):
         worst = max(abs(predicted / measured - 1) for predicted, measured in pairs)
         yield (
-            f"The cost model misses the measured cost of {len(pairs)} random subsets by at most "
+            f"The cost model misses the measured cost of {counted(len(pairs), 'random subset')} by at most "
             f"{100 * worst:.0f} %."
         )
     yield from map(sentence, [*data.get("notes", ()), *data["dataset"].get("notes", ())])
