@@ -10,6 +10,7 @@ import pytest
 
 from texclass.cli.app import main
 from texclass.document import Document, write_document
+from texclass.exchange import write_wav
 from texclass.loaders import load_recording, open_dataset
 from texclass.loaders.cards import CardError
 from texclass.recording import RecordingError
@@ -34,10 +35,22 @@ def test_a_full_disk_leaves_a_result_as_it_was_and_nothing_beside_it(tmp_path, f
     for write in (
         lambda: write_whole(tmp_path / "r.json", '{"new": 1}'),
         lambda: write_document(Document("A result", ["text"]), tmp_path, "r", json='{"new": 1}'),
+        lambda: write_wav(tmp_path / "r.wav", np.ones(1000), 1000, unit="g"),
     ):
         with pytest.raises(OSError, match="No space left"):
             write()
         assert [(file.name, file.stat().st_size) for file in tmp_path.iterdir()] == [("r.json", 0)]
+
+
+def test_a_full_disk_leaves_no_half_of_a_picture(tmp_path, full_disk, monkeypatch, capsys):
+    np.savetxt(tmp_path / "r.txt", np.random.default_rng(0).normal(size=2000))
+    given = ["r.txt", "--fs", "1000", "--unit", "counts", "--features", "coarse"]
+    monkeypatch.setattr("sys.argv", ["texclass", "inspect", *given])
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit):
+        main()
+    assert "No space left on device" in capsys.readouterr().err
+    assert [file.name for file in tmp_path.iterdir()] == ["r.txt"]
 
 
 def test_a_link_stays_a_link_and_what_is_no_file_is_written_to(tmp_path):

@@ -14,10 +14,10 @@ from fuzz.contract import BAG_IN_FOLDER, Target
 from fuzz.mutate import either, of_bytes
 from fuzz.recordings import valid, written
 from texclass.loaders import load_recording
-from texclass.loaders.bags import stated_unit
-from texclass.loaders.columns import BAG_FOLDER, ReadOptions
+from texclass.loaders.columns import BAG_FOLDER
 from texclass.loaders.ros_messages import MULTI_ARRAY, TYPES, decode_multi_array, decode_stamped
 from texclass.recognition.sources.topic import decoded_messages
+from texclass.recording import RecordingError
 
 IMU, ACCEL = "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped"
 N_NUMBERS = dict.fromkeys(TYPES, 6) | {IMU: 37}
@@ -115,9 +115,10 @@ def bag1(compression: str = "none") -> bytes:
 
 
 def _read(path: Path) -> object:
-    stated = stated_unit(path, ReadOptions())
-    column = None if stated else ("c1", "c2", "c3")
-    return valid(load_recording(path, unit=stated or "arbitrary", column=column))
+    try:
+        return valid(load_recording(path))
+    except RecordingError:  # the messages of arrays state no unit
+        return valid(load_recording(path, unit="arbitrary", column=("c1", "c2", "c3")))
 
 
 def _read_folder(path: Path) -> object:

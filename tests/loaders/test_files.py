@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import soundfile
 
-from texclass.loaders import load_recording
+from texclass.loaders import load_recording, open_dataset
 from texclass.loaders.files import READERS
 from texclass.loaders.plausibility import check_acceleration, clipped_share
 from texclass.recording import RecordingError
@@ -215,11 +215,11 @@ def test_text_that_is_not_finite_or_too_short_is_refused(tmp_path):
 
 
 def test_a_stated_delimiter_is_used_and_a_wrong_one_suspected(tmp_path):
-    assert load(tmp_path / "r.csv", "a;b\n1;2\n3;4\n", delimiter=";") == [1, 3]
+    assert load(tmp_path / "r.csv", "a;b,c\n1;2\n3;4\n", delimiter=";") == [1, 3]
     with pytest.raises(
         RecordingError, match=r"column 'a' occurs 0 times; its columns are 'a;b'.*is ',' the delimiter"
     ):
-        load(tmp_path / "r.csv", "a;b\n1;2\n3;4\n")
+        load(tmp_path / "r.csv", "a;b\n1;2\n3;4\n", delimiter=",")
     assert load(tmp_path / "r.csv", "note, a\nfirst,1\nsecond,2\n") == [1, 2], "others may hold text"
 
 
@@ -228,7 +228,9 @@ def test_a_bad_table_is_refused_with_its_line(tmp_path):
         ("a,b\n1,2\nx,4\n", "Row #3.*'x'.*a number in every cell"),
         ("a,b\n1,2\n,4\n", "Row #3.*a number in every cell"),
         ("a,b\n1,2\n3\n", "Row #3: Expected 2 columns, got 1"),
-        ("a,a\n1,2\n", "column 'a' occurs 2 times"),
+        ("a,a\n1,2\n", "column 'a' occurs 0 times; its columns are 'a#1', 'a#2'"),
+        ("a;b\n1.234,5;2\n", "invalid value '1.234,5'"),
+        ("\n\n", "column 'a' occurs 0 times; its columns are none"),
         ("b,c\n1,2\n", "column 'a' occurs 0 times"),
         ("a,b\n", "acceleration is empty"),
         ("a,b\n1,2\nNA,4\n", "Row #3"),
@@ -248,6 +250,7 @@ def test_a_parquet_column_of_text_or_with_a_gap_is_refused(tmp_path):
 
 def table(path, columns, header=None, sep=","):
     """Write columns of numbers as text."""
+    path.parent.mkdir(exist_ok=True)
     lines = [sep.join(f"{value:.9g}" for value in row) for row in np.column_stack(columns)]
     path.write_text("\n".join([header, *lines] if header else lines))
     return path
@@ -269,14 +272,72 @@ def test_the_first_line_of_a_table_without_header_is_a_sample(tmp_path, axes):
         load_recording(path, fs=FS, unit="counts", column="4")
 
 
-def test_another_delimiter_is_asked_for_by_the_option_that_takes_it(tmp_path, axes):
-    path = table(tmp_path / "r.csv", [axes], "x;y;z", ";")
-    with pytest.raises(RecordingError, match=r"one column is 'x;y;z'.*--delimiter ';'"):
-        load_recording(path, fs=FS, unit="counts")
-    assert load_recording(path, fs=FS, unit="counts", delimiter=";").channels == ("x", "y", "z")
+@pytest.mark.parametrize(("name", "sep"), [("r.csv", ";"), ("r.txt", ";"), ("r.tsv", "\t")])
+def test_what_divides_columns_is_found_and_decimal_points_may_be_commas(tmp_path, axes, name, sep):
+    path = table(tmp_path / name, [TIMES, axes / 100], "t,x,y,z".replace(",", sep), sep)
+    assert load_recording(path, unit="counts").flags == ("rate: 250 Hz by the column 't'",)
+    path.write_text(path.read_text().replace(".", ","))
+    recording = load_recording(path, unit="counts")
+    np.testing.assert_array_equal(recording.acceleration, axes / 100)
+    assert (recording.fs, recording.channels) == (250, ("x", "y", "z"))
+    assert recording.flags[0] == "decimals: commas are read as decimal points"
 
 
-@pytest.mark.parametrize(("name", "unit_s"), [("time", 1.0), ("t (ms)", 1e-3), ("timestamp_us", 1e-6)])
+def test_lines_of_one_number_with_a_decimal_comma_need_a_delimiter_and_are_told(tmp_path):
+    for name in ("r.csv", "r.txt"):
+        with pytest.raises(RecordingError, match=r"'c1', 'c2'.*or --delimiter ';' where 0,98 is one number"):
+            load(tmp_path / name, "0,5\n0,25\n", column=None)
+        assert load(tmp_path / name, "0,5\n0,25\n", column=None, delimiter=";") == [0.5, 0.25]
+
+
+def test_columns_of_one_name_are_told_apart_by_their_numbers(tmp_path, axes):
+    path = table(tmp_path / "r.csv", [axes], "x,x,z")
+    for column in (("1", "2", "3"), ("x#1", "x#2", "z")):
+        recording = load_recording(path, fs=FS, unit="counts", column=column)
+        np.testing.assert_array_equal(recording.acceleration, axes)
+
+
+@pytest.mark.parametrize("bracket", ["(m/s^2)", "[m/s2]", "[g]"])
+def test_a_unit_in_the_names_of_columns_is_used_and_may_not_be_contradicted(tmp_path, axes, bracket):
+    unit, other = ("g", "mg") if "g" in bracket else ("m/s^2", "g")
+    path = table(tmp_path / "oak" / "r.csv", [axes], ",".join(f"acc_{axis} {bracket}" for axis in "xyz"))
+    recording = load_recording(path, fs=FS)
+    given = load_recording(path, fs=FS, unit=unit)
+    np.testing.assert_array_equal(recording.acceleration, given.acceleration)
+    assert recording.flags[0] == f"in {unit}: the names of its columns say so"
+    assert f"in {unit}" not in given.flags
+    with pytest.raises(RecordingError, match=rf"unit is '{re.escape(unit)}' by .*, '{other}' was given"):
+        load_recording(path, fs=FS, unit=other)
+    dataset = open_dataset(tmp_path, fs=FS)
+    np.testing.assert_array_equal(dataset[0].acceleration, given.acceleration)
+    assert any(note.startswith(f"in {unit}: ") for note in dataset.notes)
+    table(path, [axes], "acc_x [mg],acc_y [g],acc_z [g]")
+    with pytest.raises(RecordingError, match=r"its columns are in g and mg; the rule is one unit"):
+        load_recording(path, fs=FS)
+
+
+@pytest.mark.parametrize(("between", "zone"), [("T", ""), (" ", ""), ("T", "Z"), (" ", "+02:00")])
+@pytest.mark.parametrize("name", ["timestamp", "datetime", "time_ms"])
+def test_dates_in_a_time_column_give_the_rate(tmp_path, axes, name, between, zone):
+    stamps = np.datetime64("2024-01-01T23:59:59") + (1e6 * TIMES).astype("m8[us]")
+    dates = [f"{str(stamp).replace('T', between)}{zone}" for stamp in stamps]
+    lines = [f"{date},{x:g},{y:g},{z:g}" for date, (x, y, z) in zip(dates, axes, strict=True)]
+    (tmp_path / "r.csv").write_text("\n".join([f"{name},x,y,z", *lines]))
+    pd.DataFrame({name: stamps, **dict(zip("xyz", axes.T, strict=True))}).to_parquet(tmp_path / "r.parquet")
+    for suffix in ("csv", "parquet"):
+        recording = load_recording(tmp_path / f"r.{suffix}", unit="counts")
+        np.testing.assert_array_equal(recording.acceleration, axes)
+        assert recording.fs == 250
+        with pytest.raises(RecordingError, match=r"fs is 250 Hz by its column.*, 250000 Hz was given"):
+            load_recording(tmp_path / f"r.{suffix}", unit="counts", fs=250_000)
+        with pytest.raises(RecordingError, match=f"{name} holds datetime64.*the rule is real numbers"):
+            load_recording(tmp_path / f"r.{suffix}", fs=250, unit="counts", column=name)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit_s"),
+    [("time", 1.0), ("Time (sec)", 1.0), ("t (ms)", 1e-3), ("timestamp_us", 1e-6), ("epoch_ns", 1e-9)],
+)
 def test_a_time_column_gives_the_rate_or_contradicts_the_given_one_with_both_figures(
     tmp_path, axes, name, unit_s
 ):

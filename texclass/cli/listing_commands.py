@@ -1,5 +1,6 @@
 """What there is, to look at: one recording, datasets, features."""
 
+import io
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -33,6 +34,7 @@ def inspect(
     from texclass.loaders import find_recording
     from texclass.phases import segment
     from texclass.reporting import draw_inspection
+    from texclass.whole_files import write_whole
 
     found = find_recording(recording, **reading)
     phases = segment(found)
@@ -40,7 +42,9 @@ def inspect(
     extraction = FeatureExtractor(features).fit(declared).extract(declared)
     values = dict(zip(extraction.columns, extraction.values[0], strict=True))
     path = output or Path(f"{Path(found.recording_id).name}.inspect.png")
-    draw_inspection(found, phases, values).savefig(path, dpi=130)
+    picture = io.BytesIO()
+    draw_inspection(found, phases, values).savefig(picture, dpi=130, format=path.suffix[1:] or "png")
+    write_whole(path, picture.getvalue())
     moved = "none"
     if phases.movement is not None:
         moved = "{:.2f} to {:.2f} s".format(*(sample / found.fs for sample in phases.movement))

@@ -4,6 +4,7 @@ A comment (LIST/INFO ICMT) holds, as JSON, the unit, the peak and the exact samp
 holds the samples in their unit; 16-bit PCM holds them divided by the peak, so that code 32767 is the peak.
 """
 
+import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from pydantic_core import from_json
 from texclass.exchange.container import Unit
 from texclass.recording import ACCELERATION_UNITS, SCALELESS_UNITS, Samples
 from texclass.validation import Written, checked
+from texclass.whole_files import write_whole
 
 Encoding = Literal["float32", "pcm16"]
 FULL_SCALE = 32767
@@ -70,6 +72,8 @@ def write_wav(
     ------
     ValueError
         If a value breaks a rule; the message names it.
+    OSError
+        If it cannot be written; nothing is left behind.
     """
     path, x = Path(path), np.asarray(samples, dtype=np.float64)
     if path.suffix.lower() != ".wav" or encoding not in get_args(Encoding) or unit not in UNITS:
@@ -90,9 +94,11 @@ def write_wav(
     )
     channels = 1 if x.ndim == 1 else x.shape[1]
     note = _Note(texclass=1, unit=unit, peak=peak, fs=float(fs))
-    with soundfile.SoundFile(path, "w", round(fs), channels, _SUBTYPES[encoding], format="WAV") as file:
+    made = io.BytesIO()
+    with soundfile.SoundFile(made, "w", round(fs), channels, _SUBTYPES[encoding], format="WAV") as file:
         file.comment = json.dumps(note.model_dump())
         file.write(codes)
+    write_whole(path, made.getvalue())
     return path
 
 

@@ -66,18 +66,6 @@ def readable_topics(path: Path) -> tuple[str, ...]:
     return tuple(topic for topic, sent in bag_topics(path).items() if sent.type_name in READABLE)
 
 
-def stated_unit(path: Path, options: ReadOptions) -> str | None:
-    """Return the unit of the acceleration if the type of the messages says it.
-
-    Raises
-    ------
-    RecordingError
-        As `names`.
-    """
-    type_ = type_of(*choose_topic(bag_topics(path), options.topic, path).of_type)
-    return type_.unit if type_ is not None else None
-
-
 def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
     """Read columns at a uniform rate: the one given if the stamps agree, else the one the stamps say.
 
@@ -115,7 +103,8 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     if abs(rest - 1) <= 0.05 and chosen.type_name in TYPES:
         told = f"unit: rests at {rest:.3g} m/s^2, gravity is {STANDARD_GRAVITY:.3g}"
         said.append(f"{told}: does the driver send g?")
-    return ReadSignals(named, fs, tuple(said))
+    type_ = type_of(*chosen.of_type)
+    return ReadSignals(named, fs, type_.unit if type_ is not None else None, tuple(said))
 
 
 def choose_topic(topics: Mapping[str, Connection], wanted: str | None, path: Path) -> Connection:

@@ -1,7 +1,7 @@
 """What readers of every format share: what they are asked for, what they return, what they refuse."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -27,8 +27,18 @@ CONVENTIONAL = (
     *(tuple(f"{stem} {axis}" for axis in "xyz") for stem in (UNNAMED, "linear acceleration")),
 )
 """Columns that are the acceleration when nobody says which ones are, see `plain`."""
-TIMES = ("time", "t", "timestamp", "seconds", "seconds elapsed", "elapsed")
+TIMES = ("time", "t", "timestamp", "datetime", "date time", "epoch", "seconds", "seconds elapsed", "elapsed")
 """Columns that say when samples were taken, see `plain`."""
+TIME_UNITS = {"s": 1e9, "ms": 1e6, "us": 1e3, "µs": 1e3, "ns": 1.0, "sec": 1e9, "seconds": 1e9}
+"""Nanoseconds, by the end of a column's name."""
+_BRACKETED = {
+    **dict.fromkeys(("m/s^2", "m/s2", "m/s²", "m/s/s", "m s-2", "ms-2"), "m/s^2"),
+    **{unit: unit for unit in ("g", "mg", "counts")},
+}
+"""Unit as it stands in brackets behind a column's name -> unit of an acceleration."""
+_UNIT = re.compile(
+    rf"[(\[]\s*({'|'.join(map(re.escape, (*_BRACKETED, *TIME_UNITS)))})\s*[)\]]", re.IGNORECASE
+)
 
 
 @dataclass(frozen=True)
@@ -39,9 +49,11 @@ class ReadSignals:
     ----------
     named : mapping of str to ndarray of shape (n,) or (n, c)
         As stored: by the names of a file's columns, or once it is known what they are by the fields of a
-        `Recording`.
+        `Recording`. A column of dates is of kind `datetime64[ns]`.
     fs : float or None
         Sampling rate in Hz if the files state it.
+    unit : str or None
+        Of the acceleration, if the type of messages or the names of columns state it.
     flags : tuple of str
         What a user should know of how they were read.
     channels : tuple of str
@@ -50,6 +62,7 @@ class ReadSignals:
 
     named: Mapping[str, Samples]
     fs: float | None = None
+    unit: str | None = None
     flags: tuple[str, ...] = ()
     channels: tuple[str, ...] = ()
 
@@ -61,7 +74,7 @@ class ReadOptions:
     Attributes
     ----------
     delimiter : str, optional
-        Of a CSV file; by default a comma, and a tab in a TSV file.
+        Of a text; by default what its first line has.
     codes : bool
         Keep the integer codes of integer audio; else full scale is 1.
     topic : str, optional
@@ -79,9 +92,6 @@ class ReadOptions:
     time_column: str | None = None
 
 
-_UNIT = re.compile(r"[(\[]\s*(?:m/s\^?2|m/s²|m/s/s|m ?s-2|g|mg|counts|s|ms|us|µs|ns)\s*[)\]]", re.IGNORECASE)
-
-
 def without_unit(name: str) -> str:
     """Return a column's name without the unit in brackets behind it."""
     return _UNIT.sub("", name).strip()
@@ -92,9 +102,29 @@ def plain(name: str) -> str:
     return re.sub(r"[\s_]+", " ", without_unit(name).lower())
 
 
+def unit_of(names: Iterable[str], path: Path) -> str | None:
+    """Return the unit that stands in brackets behind the names of an acceleration's columns, if one does.
+
+    Raises
+    ------
+    RecordingError
+        If there are two.
+    """
+    found = {_BRACKETED.get(told[1].lower()) for name in names if (told := _UNIT.search(name))} - {None}
+    if len(found) > 1:
+        raise refused(path, f"its columns are in {' and '.join(sorted(map(str, found)))}", "one unit")
+    return next(iter(found), None)
+
+
+def time_unit(name: str) -> str | None:
+    """Return the unit, of `TIME_UNITS`, in which a column of times is by its name: "t (ms)", "time_us"."""
+    told = re.search(rf"(?:\b|_)({'|'.join(TIME_UNITS)})\b", name.lower())
+    return told and told[1]
+
+
 def is_time(name: str) -> bool:
     """Whether a column is, by its name, one of times: "time", "timestamp_us", "t (ms)"."""
-    return re.sub(r" (s|ms|us|µs|ns)$", "", plain(name)) in TIMES
+    return re.sub(rf" ({'|'.join(TIME_UNITS)})$", "", plain(name)) in TIMES
 
 
 def choose_acceleration(names: Sequence[str], path: Path) -> tuple[str, ...]:
@@ -112,11 +142,16 @@ def choose_acceleration(names: Sequence[str], path: Path) -> tuple[str, ...]:
     others = [name for name in names if not is_time(name)] or names
     if len(others) == 1:
         return tuple(others)
+    if not others:
+        raise refused(path, "holds no column", "at least one, of numbers")
+    is_parted = tuple(names) == ("c1", "c2")
     raise refused(
         path,
         f"its columns are {listed(names)}",
         f"to say which hold the acceleration, by name or number: --column {','.join(others[:3])} "
-        "(`acceleration` under [channels] in a card)",
+        "(`acceleration` under [channels] in a card)"
+        + ", or --delimiter ';' where 0,98 is one number"
+        * is_parted,
     )
 
 

@@ -16,10 +16,12 @@ from texclass.loaders.columns import (
     UNNAMED,
     ReadOptions,
     ReadSignals,
+    as_samples,
     choose_acceleration,
     is_time,
     numbered,
     refused,
+    unit_of,
     without_unit,
 )
 from texclass.loaders.plausibility import MOST_HZ, check_acceleration, doubts
@@ -71,17 +73,18 @@ def load_recording(
         Sampling rate in Hz; needed unless the file states it. Stamps of a bag, times of a table must agree.
     unit : str, optional
         Unit of the acceleration: "m/s^2", "g", "mg", "counts", "V" or "arbitrary". Needed unless the type of
-        a bag's messages states it. Integer audio keeps its codes when this is "counts"; else full scale is 1.
+        a bag's messages or the name of a column ("x [g]") states it. Integer audio keeps its codes when this
+        is "counts"; else full scale is 1.
     column : str or sequence of str, optional
         Column(s) or array of the acceleration, by name or by number from 1; by default the conventional names
         (x, y, z; ax, ay, az; acceleration) or the only column.
     auxiliary : mapping of str to str or sequence of str, optional
         Signals beside the acceleration: field of `Recording` -> column(s), in the unit the field is kept in.
     delimiter : str, optional
-        Of a text; by default a comma (CSV), a tab (TSV), what its first line has (text).
+        Of a text; by default what its first line has. Decimal points may be commas where it is none.
     time_column : str, optional
-        Column that says when each sample was taken; samples are put there. By default one named time, t or
-        timestamp tells the rate, or must agree with `fs`.
+        Column that says when each sample was taken, by numbers or dates; samples are put there. By default
+        one named time, t or timestamp tells the rate, or must agree with `fs`.
     resample : float, optional
         Rate in Hz to which the signals are brought, band-limited.
     topic : str, optional
@@ -98,15 +101,24 @@ def load_recording(
         If a fact is missing or contradicted, or the file is not what it should be.
     """
     path, asked = located(path)
-    options = ReadOptions(delimiter, topic=topic or asked, fs=fs, time_column=time_column)
-    unit = checked_unit(path, fs, agreed_unit(path, options, unit))
+    check_stated(path, fs, unit)
+    options = ReadOptions(
+        delimiter, codes=unit == "counts", topic=topic or asked, fs=fs, time_column=time_column
+    )
     roles = {name: columns_of(names) for name, names in {UNNAMED: column, **(auxiliary or {})}.items()}
     axes = axis_files(path)
-    signals = read_signals(axes, roles, replace(options, codes=unit == "counts"))
+    signals = read_signals(axes, roles, options)
+    by_name = unit is None and signals.unit is not None and not is_bag(path)
     named = path.parent if path.name == BAG_FOLDER else path
     recording_id = named.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0]
     return build_recording(
-        signals, fs=fs, unit=unit, resample=resample, recording_id=recording_id, source=str(path)
+        signals,
+        fs=fs,
+        unit=unit,
+        resample=resample,
+        flags=(f"in {signals.unit}: the names of its columns say so",) * by_name,
+        recording_id=recording_id,
+        source=str(path),
     )
 
 
@@ -185,38 +197,18 @@ def is_bag_name(name: str | Path) -> bool:
     return str(name).startswith(BAG) and not Path(name).exists()
 
 
-def agreed_unit(path: Path, options: ReadOptions, given: str | None) -> str | None:
-    """Return the unit that a file states, or else the given one.
+def check_stated(where: object, fs: float | None, unit: str | None) -> None:
+    """Check what a user states of files, before any is read.
 
     Raises
     ------
     RecordingError
-        If they contradict each other.
+        If the unit is unknown, or the rate not above 0.
     """
-    stated = _reader(path).stated_unit(path, options) if is_bag(path) else None
-    if stated is not None and given not in (None, stated):
-        raise RecordingError(
-            f"{path}: unit is {stated!r} by the type of its messages, {given!r} was given; the rule is one "
-            "unit (for a driver that sends another, `scale` in a card)"
-        )
-    return stated if stated is not None else given
-
-
-def checked_unit(where: Path, fs: float | None, unit: str | None) -> str:
-    """Check rate and unit that a user states for files without a card, before any is read; return the unit.
-
-    Raises
-    ------
-    RecordingError
-        If the unit is missing or unknown, or the rate is not above 0.
-    """
-    if unit is None:
-        raise refused(where, "unit is missing", f"{UNIT_RULE}, never guessed: give --unit")
-    if unit not in (*ACCELERATION_UNITS, *SCALELESS_UNITS):
+    if unit not in (None, *ACCELERATION_UNITS, *SCALELESS_UNITS):
         raise refused(where, f"unit is {unit!r}", UNIT_RULE)
     if fs is not None and not (np.isfinite(fs) and fs > 0):
         raise refused(where, f"fs is {fs}", "a sampling rate in Hz above 0")
-    return unit
 
 
 def without_axis(name: str) -> str:
@@ -262,7 +254,7 @@ def read_signals(
         raise RecordingError(
             f"signals {sorted(unknown)} are unknown; the rule is one of {', '.join(AUXILIARY_UNITS)}"
         )
-    parts = {}
+    parts, names = {}, list[str]()
     for axis, path in axes.items():
         is_known = is_bag(path) and roles.get(UNNAMED)
         present = () if is_known else column_names(path, options)
@@ -272,12 +264,16 @@ def read_signals(
         beside = {field: numbered(names, present) for field, names in roles.items() if field != UNNAMED}
         groups = {UNNAMED: chosen, **beside}
         read = _read(path, tuple(dict.fromkeys(name for names in groups.values() for name in names)), options)
+        names += chosen
         fields = {}
-        for field, names in groups.items():
-            columns = [read.named[name] for name in names]
+        for field, its in groups.items():
+            columns = [read.named[name] for name in its]
             fields[field] = read_only(columns[0] if len(columns) == 1 else np.column_stack(columns))
         parts[axis] = replace(
-            read, named=fields, channels=tuple(map(without_unit, chosen)) if len(chosen) > 1 else ()
+            read,
+            named=fields,
+            unit=read.unit or unit_of(names, path),
+            channels=tuple(map(without_unit, chosen)) if len(chosen) > 1 else (),
         )
     first = next(iter(parts.values()))
     if len(parts) == 1:
@@ -293,7 +289,8 @@ def read_signals(
         raise refused(where, f"its axes have rates {rates}", "one")
     n = min(lengths.values())
     acceleration = read_only(np.column_stack([part.named[UNNAMED][:n] for part in parts.values()]))
-    return ReadSignals({**first.named, UNNAMED: acceleration}, first.fs, channels=tuple(parts))
+    named = {**first.named, UNNAMED: acceleration}
+    return ReadSignals(named, first.fs, parts[axis].unit, channels=tuple(parts))
 
 
 def _read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
@@ -310,7 +307,7 @@ def _read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSign
         if asked or not times:
             raise
         return reader.read(path, wanted, options)  # type: ignore[no-any-return]  # its times are no numbers
-    named = {name: read.named[name] for name in wanted}
+    named = {name: as_samples(read.named[name], name, path) for name in wanted}
     n_times = len(read.named[times[0]]) if times else 0
     if not times or (not asked and (read.fs is not None or any(len(s) != n_times for s in named.values()))):
         return replace(read, named=named)
@@ -336,7 +333,7 @@ def build_recording(
     signals: ReadSignals,
     *,
     fs: float | None,
-    unit: str,
+    unit: str | None,
     source: str,
     scale: float = 1.0,
     resample: float | None = None,
@@ -351,7 +348,9 @@ def build_recording(
         As read.
     fs : float or None
         Rate in Hz that user or card state; if files may have different ones, of those that state none.
-    unit, source, flags, **facts
+    unit : str or None
+        That user or card state; what the files state must agree, unless it is scaled to another.
+    source, flags, **facts
         Fields of `Recording`.
     scale : float
         Factor by which the acceleration will be scaled.
@@ -361,8 +360,10 @@ def build_recording(
     Raises
     ------
     RecordingError
-        If the sampling rate is missing or contradicted, the acceleration too short, constant or not finite.
+        If unit or sampling rate are missing or contradicted, the acceleration too short, constant or not
+        finite.
     """
+    unit = agreed_unit(signals.unit if scale == 1.0 else None, unit, source)
     facts |= {**signals.named, "channels": signals.channels, "unit": unit, "source": source}
     rate = agreed_rate(signals.fs, fs if resample is None or signals.fs is None else None, source)
     recording = Recording(fs=rate, **facts)
@@ -384,7 +385,7 @@ def agreed_rate(stated: float | None, given: float | None, where: str) -> float:
         If it is missing or contradicted.
     """
     if stated is None and given is None:
-        raise refused(where, "fs is missing", "a rate in Hz, never guessed: give --fs")
+        raise refused(where, "fs is missing", "a rate in Hz, never guessed: give --fs or --time-column")
     if stated is not None and given is not None and not math.isclose(stated, given, rel_tol=1e-9):
         found = f"fs is {stated:g} Hz there, {given:g} Hz was given (or is another file's)"
         raise refused(where, found, "one rate: --resample HZ brings files to one (`resample_hz` in a card)")
@@ -392,6 +393,22 @@ def agreed_rate(stated: float | None, given: float | None, where: str) -> float:
     if rate > MOST_HZ:
         raise refused(where, f"fs is {rate:g} Hz", f"a sampling rate in Hz, at most {MOST_HZ:g}")
     return rate
+
+
+def agreed_unit(stated: str | None, given: str | None, where: object) -> str:
+    """Return the unit of the acceleration, from the file, from the user or card, or from both if they agree.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing or contradicted.
+    """
+    if (unit := stated if given is None else given) is None:
+        raise refused(where, "unit is missing", f"{UNIT_RULE}, never guessed: give --unit")
+    if stated not in (None, unit):
+        found = f"unit is {stated!r} by its messages or the names of its columns, {unit!r} was given"
+        raise refused(where, f"{found} (or is another file's)", "one unit (`scale` in a card for another)")
+    return unit
 
 
 def columns_of(names: str | Sequence[str] | None) -> tuple[str, ...]:

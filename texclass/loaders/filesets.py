@@ -24,7 +24,7 @@ from texclass.loaders.columns import (
     storage_suffix,
 )
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.loaders.files import agreed_unit, build_recording, is_bag, read_signals, topics
+from texclass.loaders.files import build_recording, is_bag, read_signals, topics
 from texclass.loaders.places import cache_root, leaves, write_atomically
 from texclass.loaders.plausibility import doubtful_labels
 from texclass.phases import segment
@@ -69,8 +69,6 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
         fs=reading.fs_hz if reading.resample_hz is None else None,
         time_column=reading.time_column,
     )
-    for path in axes.values():
-        agreed_unit(path, options, reading.unit)
     signals = read_signals(axes, reading.channels, options, trim=reading.trim)
     named = dict(signals.named)
     flags = [f"absent: no file with the {name}" for name in reading.companions if name not in companions]

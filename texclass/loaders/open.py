@@ -8,13 +8,13 @@ from typing import Any
 
 from texclass import shipped
 from texclass.loaders.cards import FileCard, FileReading, RowCard, SimulatedCard, read_card
-from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, refused
+from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, ReadSignals, refused
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.files import (
     READERS,
     agreed_rate,
     agreed_unit,
-    checked_unit,
+    check_stated,
     columns_of,
     is_bag,
     is_bag_name,
@@ -57,8 +57,8 @@ def open_dataset(
         Sampling rate in Hz, for a folder whose files do not state it; all recordings share it, unless they
         are resampled. What a card says must agree.
     unit : str, optional
-        Unit of the acceleration, for a folder; not needed for bags whose messages state it. What a card says
-        must agree.
+        Unit of the acceleration, for a folder; not needed where messages of bags or names of columns state
+        it. What a card says must agree.
     column, delimiter, time_column : optional
         Of the files of a folder, as `load_recording` takes them; a card says these itself.
     resample : float, optional
@@ -143,21 +143,26 @@ def _open_folder(
     recordings = [path for path in found if path.parent != root and _is_recording(path)]
     within = not_recordings(map(str, recordings))
     files = [path for path in recordings if str(path) not in within]
-    unit = checked_unit(root, fs, agreed_unit(files[0], ReadOptions(), unit) if files else unit)
+    check_stated(root, fs, unit)
     if not files:
         raise RecordingError(
             f"{root}: holds no recording; the rule is one subfolder per material with files of "
             f"{', '.join(READERS)}"
         )
-    if fs is None:
-        fs = _first_rate(files, how, codes=unit == "counts", skip_bad=skip_bad)
-    levels = doubtful_levels([path.relative_to(root).parts for path in files])
-    n_others = sum(not (path.name.startswith(".") or _is_recording(path)) for path in found)
+    notes = doubtful_levels([path.relative_to(root).parts for path in files])
+    if fs is None or unit is None:
+        first, where = _first_good(files, how, codes=unit == "counts", skip_bad=skip_bad)
+        if unit is None:
+            unit = agreed_unit(first.unit, None, where)
+            notes.append(f"in {unit}: the messages or the names of the columns of {where} say so")
+        fs = agreed_rate(first.fs, None, where) if fs is None else fs
+    if n_others := sum(not (path.name.startswith(".") or _is_recording(path)) for path in found):
+        notes.append(f"{n_others} files of other kinds are ignored")
     return open_files(
         FileReading(fs_hz=fs, unit=unit, files=PATTERNS, **how),
         # A process that works elsewhere, such as one kept from an earlier call, finds the files too.
         root.absolute(),
-        notes=(*levels, *([f"{n_others} files of other kinds are ignored"] if n_others else [])),
+        notes=tuple(notes),
         skip_bad=skip_bad,
         name=root.resolve().name,
         title=f"Recordings in {root}",
@@ -166,12 +171,14 @@ def _open_folder(
     )
 
 
-def _first_rate(files: Sequence[Path], how: Mapping[str, Any], *, codes: bool, skip_bad: bool) -> float:
-    """Return the rate in Hz that the first file states, or the first good one."""
+def _first_good(
+    files: Sequence[Path], how: Mapping[str, Any], *, codes: bool, skip_bad: bool
+) -> tuple[ReadSignals, str]:
+    """Return the signals of the first file, or of the first good one, and its name."""
     options = ReadOptions(how["delimiter"], codes=codes, time_column=how["time_column"])
     for path in files:
         try:
-            return agreed_rate(read_signals({"": path}, how["channels"], options).fs, None, str(path))
+            return read_signals({"": path}, how["channels"], options), str(path)
         except RecordingError:
             if not skip_bad or path == files[-1]:
                 raise

@@ -5,7 +5,6 @@ and miss what was lost. `place` finds which sample of a uniform signal each mess
 samples there.
 """
 
-import re
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.signal import resample_poly
 
-from texclass.loaders.columns import refused
+from texclass.loaders.columns import TIME_UNITS, refused, time_unit
 from texclass.recording import Samples
 
 Stamps = NDArray[np.int64]
@@ -41,8 +40,6 @@ MOST_RESOLUTION = 0.05
 """Stamps in coarser units, in periods (whole milliseconds at 100 Hz and more), say too little, too."""
 LEAST_RATE = 20.0
 """Hz; a lower one, by times that do not say their unit, may as well be a thousand times as high."""
-TIME_UNITS = {"s": 1e9, "ms": 1e6, "us": 1e3, "µs": 1e3, "ns": 1.0}
-"""Nanoseconds."""
 KEPT_JITTER = 0.02
 """Stamps that deviate by less are taken as evenly spaced."""
 
@@ -312,15 +309,15 @@ def by_times(
 ) -> tuple[Samples, float, tuple[str, ...]]:
     """Return samples at a uniform rate, by a column that says when each was taken.
 
-    Its unit is the one in its name ("time (ms)", "t_us"), else the one by which it agrees with the given
-    rate, else seconds (of dates since 1970: what their size says).
+    Dates are dates. Else its unit is the one in its name ("time (ms)", "t_us"), else the one by which it
+    agrees with the given rate, else seconds (since 1970: what their size says).
 
     Parameters
     ----------
     samples : ndarray of shape (n, n_columns)
         As stored.
     times : ndarray of shape (n,)
-        The column.
+        The column: numbers, or datetime64[ns].
     name : str
         Its name.
     given : float or None
@@ -342,12 +339,14 @@ def by_times(
     RecordingError
         If the column contradicts the given rate, or does not tell one.
     """
-    n, told = len(times), re.search(r"(?:\b|_)(s|ms|us|µs|ns|seconds)\b", name.lower())
+    n, told = len(times), time_unit(name)
+    if times.dtype.kind == "M":
+        times, told = (times - times[:1]).astype(np.float64), "ns"
     steps = [float(np.median(np.diff(times))), float(times[-1] - times[0]) / max(n - 1, 1)] if n > 1 else []
     steps = [step for step in steps if 0 < step < np.inf]
     if not steps:
         raise refused(where, f"its column {name!r} does not rise", "a time for each sample")
-    units = [told[1].replace("seconds", "s")] if told else [*TIME_UNITS]
+    units = [told] if told else [*TIME_UNITS]
     if given is not None:
         rates = {unit: [1e9 / (step * TIME_UNITS[unit]) for step in steps] for unit in units}
         near = (u for u, found in rates.items() if any(abs(f - given) <= NEAR_RATE * given for f in found))

@@ -1,10 +1,12 @@
 """Read numbers from text: one value per line, or columns (.txt, CSV, TSV; and Parquet).
 
 The first line of a text names the columns, unless each of its cells is a number: then they are c1, c2, ....
+Decimal points may be commas, and a column of times may hold dates (ISO 8601).
 """
 
 import csv
 import re
+from collections import Counter
 from pathlib import Path
 
 import pyarrow as pa
@@ -22,6 +24,10 @@ from texclass.loaders.columns import (
     require,
 )
 from texclass.recording import RecordingError
+
+DIVIDING = "\t;|,"
+"""What may divide columns; the first of these that is in the first line does."""
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d[\d:.]*(Z|[+-]\d\d:?\d*)?")
 
 
 def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
@@ -46,30 +52,45 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     if path.suffix.lower() == ".parquet":
         require(wanted, names(path, options), path)
         return _read_parquet(path, wanted)
-    present, delimiter, n_before = _layout(path, options)
+    present, delimiter, n_before, first = _layout(path, options)
     is_one = len(present) == 1
     hint = f" (is {delimiter!r} the delimiter? --delimiter, `delimiter` in a card)" if is_one else ""
     require(wanted, present, path, hint=hint)
-    if is_one and (other := next((mark for mark in ";\t|" if mark in present[0]), "")):
-        raise refused(path, f"its one column is {present[0]!r}", f"one that is parted: --delimiter '{other}'")
     check_size(path.stat().st_size // 2, path)
-    try:
-        text: Path | pa.BufferReader = path
-        if delimiter == " ":  # any number of blanks, as they align numbers
-            lines = re.sub(rb"(?m)^[ \t]+|[ \t\r]+$", b"", path.read_bytes())
-            text = pa.BufferReader(re.sub(rb"[ \t]+", b" ", lines))
-        table = arrow_csv.read_csv(
-            text,
-            read_options=arrow_csv.ReadOptions(column_names=present, skip_rows=n_before, use_threads=False),
-            parse_options=arrow_csv.ParseOptions(delimiter=delimiter),
-            convert_options=arrow_csv.ConvertOptions(
-                include_columns=wanted, column_types=dict.fromkeys(wanted, pa.float64()), null_values=[]
-            ),
-        )
-    except (pa.ArrowException, ValueError, TypeError, KeyError) as error:
-        said = _first_bad_line(path) if path.suffix.lower() == ".txt" and is_one else ""
-        raise RecordingError(f"{path}: {said or f'{error}; the rule is a number in every cell'}") from error
-    return ReadSignals({name: table[name].to_numpy() for name in wanted})
+    types = {name: _type(cell) for name, cell in zip(present, first, strict=False)}
+    text: Path | bytes = path
+    if delimiter == " ":  # any number of blanks, as they align numbers
+        lines = re.sub(rb"(?m)^[ \t]+|[ \t\r]+$", b"", path.read_bytes())
+        text = re.sub(rb"[ \t]+", b" ", lines)
+    problem: Exception | None = None
+    for decimal in ".,":
+        try:
+            table = arrow_csv.read_csv(
+                pa.BufferReader(text) if isinstance(text, bytes) else text,
+                read_options=arrow_csv.ReadOptions(
+                    column_names=present, skip_rows=n_before, use_threads=False
+                ),
+                parse_options=arrow_csv.ParseOptions(delimiter=delimiter),
+                convert_options=arrow_csv.ConvertOptions(
+                    include_columns=wanted,
+                    column_types={name: types.get(name, pa.float64()) for name in wanted},
+                    null_values=[],
+                    decimal_point=decimal,
+                ),
+            )
+        except (pa.ArrowException, ValueError, TypeError, KeyError) as error:
+            problem = problem or error
+            continue
+        said = ("decimals: commas are read as decimal points",) if decimal == "," else ()
+        return ReadSignals({name: table[name].to_numpy() for name in wanted}, flags=said)
+    bad = _first_bad_line(path) if path.suffix.lower() == ".txt" and is_one else ""
+    raise RecordingError(f"{path}: {bad or f'{problem}; the rule is a number in every cell'}") from problem
+
+
+def _type(cell: str) -> pa.DataType:
+    """Return the type of a column by its first cell: numbers, or dates with or without a zone."""
+    date = _DATE.fullmatch(cell.strip())
+    return pa.timestamp("ns", "UTC" if date[1] else None) if date else pa.float64()
 
 
 def _first_bad_line(path: Path) -> str:
@@ -92,7 +113,13 @@ def _read_parquet(path: Path, wanted: tuple[str, ...]) -> ReadSignals:
         raise _unreadable(path, error) from error
     for name, n in lacking.items():
         raise refused(path, f"{name} lacks {n} values", "a number in every cell")
-    return ReadSignals({name: as_samples(stored[name], name, path) for name in wanted})
+    is_date = {name: stored[name].dtype.kind == "M" for name in wanted}
+    return ReadSignals(
+        {
+            name: stored[name].astype("M8[ns]") if is_date[name] else as_samples(stored[name], name, path)
+            for name in wanted
+        }
+    )
 
 
 def _parquet(path: Path) -> tuple[parquet.ParquetFile, tuple[str, ...]]:
@@ -108,33 +135,40 @@ def _unreadable(path: Path, error: Exception) -> RecordingError:
     return RecordingError(f"{path}: not a readable Parquet file ({error})")
 
 
-def _layout(path: Path, options: ReadOptions) -> tuple[tuple[str, ...], str, int]:
-    """Return the columns of a text, what divides them, and how many lines there are up to their names."""
-    suffix = path.suffix.lower()
+def _layout(path: Path, options: ReadOptions) -> tuple[tuple[str, ...], str, int, list[str]]:
+    """Return the columns of a text, what divides them, how many lines name them, and the first line of cells.
+
+    Of a name that stands twice, the column's number is a part.
+    """
+    is_txt = path.suffix.lower() == ".txt"
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            delimiter = options.delimiter or {".tsv": "\t", ".csv": ","}.get(suffix, "")
-            if not delimiter:
-                begin = next((line.strip() for line in file if line.strip()), "")
-                delimiter = next((mark for mark in "\t;, " if mark in begin), "")
-                file.seek(0)
+            begin = next((line.strip() for line in file if line.strip()), "")
+            found = next((mark for mark in DIVIDING + " " * is_txt if mark in begin), "")
+            delimiter = options.delimiter or found
+            file.seek(0)
             lines = (line.strip(" ") for line in file) if delimiter == " " else file
             rows = csv.reader(lines, delimiter=delimiter or ",", skipinitialspace=delimiter == " ")
-            first = next((row for row in rows if row), [])
+            filled = (row for row in rows if row)
+            header, n_before = tuple(name.strip() for name in next(filled, [])), rows.line_num
+            first = next(filled, [])
     except (ValueError, TypeError, csv.Error) as error:
         told = f"{path}: line 1 is not a header of column names, nor of numbers ({error}); the rule is UTF-8"
         raise RecordingError(told) from error
-    if not delimiter:
-        return (UNNAMED,), ",", 0
-    header = tuple(name.strip() for name in first)
-    if not header or not all(map(_is_number, header)):
-        return header, delimiter, rows.line_num
-    return (UNNAMED,) if len(header) == 1 else tuple(f"c{i + 1}" for i in range(len(header))), delimiter, 0
+    if is_txt and not delimiter:
+        return (UNNAMED,), ",", 0, []
+    if header and all(map(_is_number, header)):
+        names = tuple(f"c{i}" for i in range(1, len(header) + 1)) if len(header) > 1 else (UNNAMED,)
+        return names, delimiter or ",", 0, list(header)
+    times = Counter(header)
+    names = tuple(name if times[name] == 1 else f"{name}#{i}" for i, name in enumerate(header, 1))
+    return names, delimiter or ",", n_before, first
 
 
 def _is_number(cell: str) -> bool:
+    """Whether a cell of the first line is none of a header."""
     try:
-        float(cell.replace("_", "x"))
+        float(cell.replace("_", "x").replace(",", "."))
     except ValueError:
-        return False
+        return bool(_DATE.fullmatch(cell))
     return True

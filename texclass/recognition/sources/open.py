@@ -6,13 +6,12 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import chain
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from texclass.loaders import find_recording
-from texclass.loaders.files import checked_unit
+from texclass.loaders.files import agreed_unit, check_stated
 from texclass.recognition.model import Model
 from texclass.recognition.sources.blocks import Block, BlockSource, resampled
 from texclass.recognition.sources.training_input import ACCELERATION_ONLY
@@ -98,7 +97,8 @@ def open_source(
     if not block_s > 0:
         raise ValueError(f"block_s is {block_s}; the rule is above 0")
     if source == "-":
-        unit = checked_unit(Path(STDIN), fs, unit or (None if model is None else model.manifest.input.unit))
+        check_stated(STDIN, fs, unit)
+        unit = agreed_unit(None, unit or (None if model is None else model.manifest.input.unit), STDIN)
         if fs is None:
             raise RecordingError(
                 f"{STDIN}: fs is missing; the rule is a rate in Hz, never guessed: give --fs"

@@ -19,7 +19,7 @@ from texclass.loaders.files import (
     agreed_unit,
     axis_files,
     build_recording,
-    checked_unit,
+    check_stated,
     column_names,
     columns_of,
     is_bag,
@@ -218,10 +218,11 @@ class TrainingFiles(Written):
         path, asked = located(name) if _is_bag(name) else (Path(name).expanduser(), None)
         if not asked and self.topic is not None and is_bag(path) and self.topic in topics(path):
             asked = self.topic
-        options = ReadOptions(self.delimiter, topic=asked, fs=fs, time_column=self.time_column)
-        stated = checked_unit(path, fs, agreed_unit(path, options, unit) or self.unit)
+        check_stated(path, fs, unit)
+        codes = (unit or self.unit) == "counts"
+        options = ReadOptions(self.delimiter, codes=codes, topic=asked, fs=fs, time_column=self.time_column)
         axes = axis_files(path)
-        first, options = next(iter(axes.values())), replace(options, codes=stated == "counts")
+        first = next(iter(axes.values()))
         roles = {"acceleration": self.acceleration, **self.auxiliary}
         if is_bag(first):
             roles = self._roles_in(first, options)
@@ -232,6 +233,8 @@ class TrainingFiles(Written):
             if len(signals.channels) == len(self.axes):
                 signals = replace(signals, channels=self.axes)
         named = path.parent if path.name == BAG_FOLDER else path
+        own = signals.unit if is_bag(first) or self.scale == 1.0 else None  # else it was scaled to another
+        stated = agreed_unit(own, unit or own or self.unit, path)
         scale = self.scale if stated == self.unit else 1.0
         recording = build_recording(
             signals,
