@@ -83,6 +83,12 @@ def test_a_small_pool_is_kept_and_a_lonely_class_is_refused():
         ForwardSelector(GaussianNB(), n_features_to_select=2).fit(X[:37], y[:37])
 
 
+def test_discriminants_of_one_sample_a_class_choose_by_the_nearest_mean():
+    y, misleads, tells = [0, 1, 0, 1], [0.0, 1.0, 1.0, 0.0], [0.0, 1.0, 0.1, 1.1]
+    selector = ForwardSelector(LinearDiscriminantAnalysis(), n_features_to_select=1)
+    assert selector.fit(np.column_stack([misleads, tells]), y).get_support(indices=True) == [1]
+
+
 @parametrize_with_checks([ForwardSelector(GaussianNB(), n_features_to_select=1)])
 def test_selector_is_a_scikit_learn_transformer(estimator, check):
     check(estimator)

@@ -263,7 +263,9 @@ def _discriminant(
     means = _class_means(train, labels)
     residual = train - means[labels]
     # The divisor is sklearn's: n - n_classes in its svd solver, n where shrinkage asks for another solver.
-    within = residual.T @ residual / (len(train) - (0 if shrinkage else len(means)))
+    free = len(train) - (0 if shrinkage else len(means))
+    # One sample a class has no spread; then the nearest class mean is meant, all columns counting alike.
+    within = residual.T @ residual / free if free else np.eye(train.shape[1])
 
     def scores(selected: list[int], candidates: Labels) -> Samples:
         columns = np.column_stack([np.tile(selected, (len(candidates), 1)).astype(int), candidates])
