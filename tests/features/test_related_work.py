@@ -74,6 +74,8 @@ def test_peaks_are_the_tones_in_order_of_their_power():
     tones = (300.0, 900.0, 120.0, 600.0, 1200.0)
     x = sum((5.0 - i) * tone(f) for i, f in enumerate(tones)) + 0.1 * NOISE
     np.testing.assert_allclose(work.spectral_peaks(view(x)), tones, atol=11)
+    # The band ends with the bin at its end: a peak in the last but one has a neighbour there.
+    assert work.spectral_peaks(view(tone(300.5)), n_peaks=1, smooth_hz=1, high_hz=301.5) == 300.5
 
 
 def test_fineness_of_a_sine_is_its_frequency_and_spread_that_of_two_their_half_distance():

@@ -9,7 +9,7 @@ from toy_surfaces import FS, SURFACES, signal
 
 from texclass.recognition import ContactRules, Event, OnlineRecogniser, OnlineSettings, WindowAnswer
 from texclass.recognition.export.parity import reference
-from texclass.recognition.live.contact import Contact, Level, Ring
+from texclass.recognition.live.contact import Bin, Contact, Level, Ring
 from texclass.recording import Phases, Recording
 from texclass.signals import butterworth
 
@@ -233,6 +233,18 @@ def test_the_ring_gives_any_stretch_of_the_last_rows():
     assert ring.start == ring.stop == done + 10
     with pytest.raises(ValueError, match="the rule is from"):
         ring.view(done, done + 5)
+
+
+def test_what_stays_within_ten_times_its_mean_at_the_start_is_rest():
+    for ratio, phase in ((9.5, "rest"), (10.5, "moving")):
+        level = Level(1000.0, 1, 1.0)
+        level.push(np.ones((20 * level.bin_size, 1)))
+        contact = Contact(level, ContactRules(quiet_s=20 * level.bin_size / 1000), None, "m/s^2")
+        powers = np.full(20, 1e-6)
+        powers[7] *= ratio * 19 / (20 - ratio)  # the mean of all times the ratio
+        for k, power in enumerate(powers):
+            contact.step(Bin(k * level.bin_size, (k + 1) * level.bin_size, power))
+        assert contact.phase == phase
 
 
 def events_of(recording):

@@ -16,9 +16,9 @@ pytestmark = pytest.mark.usefixtures("few")
 
 
 def texture(folder, name, variance=1.0, lsf=(0.6, 1.1)):
-    """An AR(2) texture, alike at all speeds and forces; return the lines that put it into a scene."""
+    """An AR(2) texture, its shape alike at all speeds and forces; return its lines of a scene."""
     speed, force = (grid.ravel() for grid in np.meshgrid([20.0, 200.0], [0.5, 2.0]))
-    models = np.tile(lsf, (4, 1)), np.full(4, variance)
+    models = np.tile(lsf, (4, 1)), np.full((2, 2), variance).ravel()
     save_texture(
         HattTexture.from_models(speed, force, *models, 1000.0, name=name), folder / f"{name}.texture"
     )
@@ -62,6 +62,13 @@ def test_a_plan_takes_shares_and_tells_the_cheapest_and_sounds_the_same_when_wri
     np.testing.assert_array_equal(one.samples, other.samples)
     assert np.isfinite(one.samples).all()
     assert one.microseconds["worst"] > 0
+
+
+def test_what_has_fewer_nodes_misses_what_was_asked_for(scene, tmp_path):
+    louder = texture(tmp_path, "louder", np.array([0.1, 100.0]))  # with speed
+    (found,) = plan_scene(scene(("limit = 4", "limit = 2.2"), surfaces=louder)).surfaces
+    told = re.search(r"with fewer nodes ([0-9.]+); ([0-9.]+) asked for", found.why)
+    assert float(told[1]) > float(told[2])
 
 
 def test_a_scene_that_breaks_a_rule_is_not_restored_nor_a_texture_nor_a_path_elsewhere(tmp_path):
