@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from sklearn.base import clone
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from texclass.experiment.workers import one_thread
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.extractor import Plan
 from texclass.features.phase_view import Channels, Views, channels_apart, views_of
@@ -171,7 +171,7 @@ class CostMeter:
         They take turns, so that a machine that gets slower or faster meanwhile does so for all of them.
         """
         runs = np.empty((len(self.recordings), n_repeats, len(plans)))
-        with threadpool_limits(1):
+        with one_thread():
             for i, k, j in np.ndindex(runs.shape):
                 runs[i, k, j] = _timed(partial(plans[j].compute, self.recordings[i]))[1]
         return tuple(map(float, np.quantile(runs, QUARTILE, axis=1).mean(axis=0)))
@@ -207,7 +207,7 @@ class CostMeter:
         members = [(prefix, member) for prefix, part in plan.parts for member in part.members]
         by_recording: list[dict[Hashable, float]] = []
         users: dict[Hashable, set[int]] = defaultdict(set)
-        with threadpool_limits(1):
+        with one_thread():
             for recording in self.recordings:
                 times: dict[Hashable, list[float]] = defaultdict(list)
                 for _ in range(1 + n_repeats):  # the first run warms up
@@ -265,7 +265,7 @@ def classifier_cost(classifier: Any, X: Samples, y: NDArray[Any], n_repeats: int
     dict
         `fit_ms`: fitting all recordings once; `predict_ms`: one recording at a time, as a robot asks.
     """
-    with threadpool_limits(1):
+    with one_thread():
         fits = [_timed(lambda: clone(classifier).fit(X, y)) for _ in range(n_repeats)]
         fitted = fits[-1][0]
         rows = X[np.linspace(0, len(X) - 1, 4 * n_repeats).astype(int)]

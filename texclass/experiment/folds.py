@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from sklearn import config_context
 from sklearn.base import clone
 from sklearn.dummy import DummyClassifier
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from texclass.experiment.accuracy import Accuracy, score
 from texclass.experiment.protocols import Indices, Split
+from texclass.experiment.workers import one_thread
 from texclass.recording import Samples
 
 Labels = NDArray[Any]
@@ -140,7 +140,7 @@ def over_folds(
     """
     with (
         without_remarks(),
-        threadpool_limits(1),
+        one_thread(),
         config_context(assume_finite=True, skip_parameter_validation=True),
     ):
         if preparation is not None and not nested:

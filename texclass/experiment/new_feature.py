@@ -11,7 +11,6 @@ from sklearn.linear_model import RidgeCV
 from sklearn.model_selection import KFold, cross_val_predict
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from texclass.document import Document, write_document
 from texclass.experiment.benchmark import run_benchmark
@@ -19,6 +18,7 @@ from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import FeatureTable, cached_table
 from texclass.experiment.pipeline import PipelineDefinition
 from texclass.experiment.result import BenchmarkResult
+from texclass.experiment.workers import one_thread
 from texclass.features.contract import Feature, UndefinedFeatureError
 from texclass.features.examination import View, behaviour, gain_law
 from texclass.features.phase_view import views_of
@@ -151,6 +151,6 @@ def _explained(X: Samples, y: Samples) -> float | None:
     model = make_pipeline(SimpleImputer(strategy="median"), StandardScaler(), RidgeCV(np.logspace(-3, 3, 7)))
     folds = KFold(5, shuffle=True, random_state=0)
     z = (y - y.mean()) / y.std()
-    with threadpool_limits(1):
+    with one_thread():
         predicted = cross_val_predict(model, X, z, cv=folds)
     return float(1 - np.mean((z - predicted) ** 2))

@@ -3,7 +3,7 @@
 import functools
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from contextvars import ContextVar
 from typing import Any, Literal, TypeVar
 
@@ -101,8 +101,13 @@ def each(
                 yield outcome
 
 
+def one_thread() -> AbstractContextManager[Any]:
+    """Keep numerical libraries at one thread inside: starting more takes longer than short work shared."""
+    return _libraries().limit(limits=1)
+
+
 def _single_threaded(call: Callable[[], R]) -> R:
-    with _libraries().limit(limits=1):
+    with one_thread():
         return call()
 
 

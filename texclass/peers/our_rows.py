@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.folds import Evaluation
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Split
+from texclass.experiment.workers import one_thread
 from texclass.features.extractor import Plan
 from texclass.features.phase_view import channels_apart
 from texclass.features.sets import FeatureSet
@@ -66,7 +66,7 @@ def _measure(
 ) -> dict[str, Any]:
     first = dataset.load(entries[0])
     plan = Plan.of(features, channels_apart(first, channels))
-    with threadpool_limits(1):
+    with one_thread():
         _, first_s = timed(lambda: [plan.compute(first) for _ in range(2)])
         memory, seconds = PeakMemory(), []
         for recording in map(dataset.load, entries):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,9 @@ from sklearn import config_context
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.impute import SimpleImputer
 from sklearn.preprocessing import MinMaxScaler, StandardScaler
-from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 from texclass.experiment.kernel_discriminant import KernelDiscriminant, matern
+from texclass.experiment.workers import one_thread
 from texclass.recording import Samples
 
 Labels = NDArray[np.intp]
@@ -26,8 +26,6 @@ N_BINS = 15
 """Bins of equal width over the confidence, as Guo et al. (2017) have them."""
 LEAST_PROBABILITY = 1e-12
 """Of which a logarithm is still taken."""
-_libraries = cache(ThreadpoolController)
-"""The libraries with threads of their own; looking for them takes milliseconds."""
 
 
 def class_scores(classifier: Any, rows: Samples) -> Samples:
@@ -91,7 +89,7 @@ def decided(steps: Sequence[Any], classifier: Any, X: Samples) -> tuple[Samples,
 
 
 def _asked(question: Callable[[Samples], Samples], X: Samples) -> Samples:
-    with _libraries().limit(limits=1), config_context(assume_finite=True, skip_parameter_validation=True):
+    with one_thread(), config_context(assume_finite=True, skip_parameter_validation=True):
         return question(X)
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import cached_table, metadata
@@ -18,7 +17,7 @@ from texclass.experiment.folds import without_remarks
 from texclass.experiment.pipeline import PipelineDefinition, load_pipeline
 from texclass.experiment.protocols import Protocol, Split, fewest, find_protocol, splits_of
 from texclass.experiment.windows import parents, touches
-from texclass.experiment.workers import Progress, each
+from texclass.experiment.workers import Progress, each, one_thread
 from texclass.features.extractor import Plan
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
@@ -168,7 +167,7 @@ def train(
     kind, near = kind_for(recogniser[-1]), None
     if kind == "distance":
         prepared = X
-        with threadpool_limits(1):
+        with one_thread():
             for _, step in recogniser.steps[1:-1]:
                 prepared = step.transform(prepared)
             near = fit_nearness(prepared, np.unique(frame["material"], return_inverse=True)[1])
@@ -241,7 +240,7 @@ def _best(
         hits = np.array([held_out.hits for _, held_out in left])
         best, accuracy = accuracy_of_choice(hits, [c.n_columns for c, _ in left], clusters, seed)
         candidate, held_out = left[best]
-        with without_remarks(), threadpool_limits(1):  # the number of threads would change last digits
+        with without_remarks(), one_thread():  # the number of threads would change last digits
             X, y = candidate.trained_on(frame)
             recogniser = Recogniser.fitted_on(candidate.plan, X, y, candidate.steps).prune()
         if not (unsafe := unsafe_classes(recogniser.document())):
