@@ -3,7 +3,7 @@
 import functools
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import AbstractContextManager, closing, contextmanager
+from contextlib import closing, contextmanager
 from contextvars import ContextVar
 from typing import Any, Literal, TypeVar
 
@@ -101,9 +101,11 @@ def each(
                 yield outcome
 
 
-def one_thread() -> AbstractContextManager[Any]:
+@contextmanager
+def one_thread() -> Iterator[None]:
     """Keep numerical libraries at one thread inside: starting more takes longer than short work shared."""
-    return _libraries().limit(limits=1)
+    with _libraries().limit(limits=1):
+        yield
 
 
 def _single_threaded(call: Callable[[], R]) -> R:
