@@ -1,8 +1,9 @@
-"""Find the TOML definitions shipped with texclass, and let a user's own file stand in for any of them."""
+"""Find the TOML definitions that are shipped, or that other packages add; a user's own file may stand in."""
 
 from pathlib import Path
 from typing import Any, Literal
 
+from texclass.plugins import definition_folders
 from texclass.validation import read_toml
 
 Kind = Literal["feature_defs", "pipelines", "datasets"]
@@ -16,21 +17,26 @@ def folder(kind: Kind) -> Path:
 
 
 def names(kind: Kind) -> tuple[str, ...]:
-    """Return the names of the shipped definitions of a kind, sorted."""
-    return tuple(sorted(path.stem for path in folder(kind).glob("*.toml")))
+    """Return the names of the definitions of a kind, sorted."""
+    return tuple(sorted(_files(kind)))
+
+
+def _files(kind: Kind) -> dict[str, Path]:
+    """Return the file of each name; where a package repeats one of ours, ours."""
+    folders = [*(added / kind for added in definition_folders()), folder(kind)]
+    return {path.stem: path for one in folders for path in one.glob("*.toml")}
 
 
 def locate(kind: Kind, name_or_path: str | Path) -> Path:
-    """Return the file of a shipped name, or the given path of a user's own TOML.
+    """Return the file of a known name, or the given path of a user's own TOML.
 
     Raises
     ------
     FileNotFoundError
         If there is neither; the message lists the shipped names.
     """
-    shipped = folder(kind) / f"{name_or_path}.toml"
-    if shipped.is_file() and Path(name_or_path).name == str(name_or_path):
-        return shipped
+    if known := _files(kind).get(str(name_or_path)):
+        return known
     path = Path(name_or_path).expanduser()
     if path.suffix == ".toml" and path.is_file():
         return path

@@ -84,7 +84,7 @@ def main() -> None:
     """Run the command line; a bad input ends with one clear line and exit code 1."""
     try:
         app(as_spelled_now(sys.argv[1:]))
-    except (ValueError, OSError, ModuleNotFoundError) as error:
+    except (ValueError, OSError, ImportError) as error:
         typer.echo(f"error: {shown(str(error))}", err=True)
         sys.exit(1)
     except KeyboardInterrupt:

@@ -17,6 +17,7 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
+from texclass import plugins
 from texclass.features.phase_view import Phase, PhaseView, TapView, UndefinedFeatureError, pieces, view_of
 from texclass.recording import Samples
 
@@ -229,6 +230,8 @@ def registered() -> dict[str, Feature]:
     """Return every registered feature by name, sorted by name."""
     for module in DIMENSIONS:
         importlib.import_module(f"texclass.features.{module}")
+    for name in plugins.added("features"):
+        plugins.module_of("features", name)
     return dict(sorted(_REGISTRY.items()))
 
 

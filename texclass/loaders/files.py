@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from texclass import plugins
 from texclass.loaders.columns import (
     BAG_FOLDER,
     UNNAMED,
@@ -166,6 +167,11 @@ def topics(path: Path) -> tuple[str, ...]:
     return found
 
 
+def suffixes() -> tuple[str, ...]:
+    """Return the suffixes of files that can be read, those of other packages last."""
+    return (*READERS, *(f".{suffix}" for suffix in plugins.added("readers")))
+
+
 def is_bag(path: Path) -> bool:
     """Whether a file is, by its name, a bag."""
     return READERS.get(path.suffix.lower()) == "bags" or path.name == BAG_FOLDER
@@ -183,7 +189,9 @@ def _reader(path: Path) -> ModuleType:
         raise refused(path, "is empty (0 bytes)", "at least two samples")
     kind = "bags" if is_bag(path) else READERS.get(path.suffix.lower())
     if kind is None:
-        raise refused(path, f"suffix is {path.suffix!r}", f"one of {', '.join(READERS)}")
+        if path.suffix.lower() in suffixes():
+            return plugins.module_of("readers", path.suffix[1:].lower())
+        raise refused(path, f"suffix is {path.suffix!r}", f"one of {', '.join(suffixes())}")
     try:
         return importlib.import_module(f"texclass.loaders.{kind}")
     except ImportError as error:

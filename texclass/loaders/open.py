@@ -11,7 +11,6 @@ from texclass.loaders.cards import FileCard, FileReading, RowCard, SimulatedCard
 from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, ReadSignals, refused
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.files import (
-    READERS,
     agreed_rate,
     agreed_unit,
     check_stated,
@@ -20,19 +19,22 @@ from texclass.loaders.files import (
     is_bag_name,
     load_recording,
     read_signals,
+    suffixes,
 )
 from texclass.loaders.filesets import not_recordings, open_files, open_rows
 from texclass.loaders.places import data_roots, find_folder, leaves
 from texclass.loaders.plausibility import doubtful_levels
 from texclass.recording import Recording, RecordingError
 
-_SUFFIXES = "|".join(re.escape(suffix[1:]) for suffix in READERS)
-PATTERNS = (
-    rf"(?P<material>[^/]+)/(?:.+/)?[^/]+_(?P<axis>[XYZxyz])(?:_[^/]*)?\.(?i:{_SUFFIXES})",
-    rf"(?P<material>[^/]+)/.+\.(?i:{_SUFFIXES})",
-    rf"(?P<material>[^/]+)/.+/{re.escape(BAG_FOLDER)}",
-)
-"""How the files of a folder without a card are named; first, one file per axis; last, a folder of rosbag2."""
+
+def patterns() -> tuple[str, ...]:
+    """Return how files of a folder without a card are named: an axis each, a recording each, rosbag2."""
+    ends = rf"\.(?i:{'|'.join(re.escape(suffix[1:]) for suffix in suffixes())})"
+    return (
+        rf"(?P<material>[^/]+)/(?:.+/)?[^/]+_(?P<axis>[XYZxyz])(?:_[^/]*)?{ends}",
+        rf"(?P<material>[^/]+)/.+{ends}",
+        rf"(?P<material>[^/]+)/.+/{re.escape(BAG_FOLDER)}",
+    )
 
 
 def open_dataset(
@@ -147,7 +149,7 @@ def _open_folder(
     if not files:
         raise RecordingError(
             f"{root}: holds no recording; the rule is one subfolder per material with files of "
-            f"{', '.join(READERS)}"
+            f"{', '.join(suffixes())}"
         )
     notes = doubtful_levels([path.relative_to(root).parts for path in files])
     if fs is None or unit is None:
@@ -159,7 +161,7 @@ def _open_folder(
     if n_others := sum(not (path.name.startswith(".") or _is_recording(path)) for path in found):
         notes.append(f"{n_others} files of other kinds are ignored")
     return open_files(
-        FileReading(fs_hz=fs, unit=unit, files=PATTERNS, **how),
+        FileReading(fs_hz=fs, unit=unit, files=patterns(), **how),
         # A process that works elsewhere, such as one kept from an earlier call, finds the files too.
         root.absolute(),
         notes=tuple(notes),
@@ -186,7 +188,7 @@ def _first_good(
 
 
 def _is_recording(path: Path) -> bool:
-    return path.suffix.lower() in READERS or is_bag(path)
+    return path.suffix.lower() in suffixes() or is_bag(path)
 
 
 def _check_agreement(
