@@ -111,6 +111,19 @@ def test_a_shell_is_offered_what_begins_so(command, monkeypatch, shell, asked, o
     assert offered in command()[1]
 
 
+def test_a_missing_unit_is_said_before_anything_heavy_is_imported(tmp_path):
+    (tmp_path / "oak").mkdir()
+    (tmp_path / "oak" / "a.txt").write_text("1\n2\n")
+    code = (
+        f"import sys\nfrom texclass.cli import main\nsys.argv = ['texclass', 'train', {str(tmp_path)!r}, '-o', 'm']\n"
+        "try:\n    main()\nexcept SystemExit:\n"
+        "    sys.exit(str([m for m in ('scipy', 'sklearn', 'numba', 'librosa') if m in sys.modules]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr.splitlines()[-1] == "[]"
+    assert "unit is missing" in done.stderr
+
+
 def test_version(run):
     assert run("--version")[:2] == (0, f"texclass {__version__}\n")
 

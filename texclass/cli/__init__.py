@@ -1,4 +1,8 @@
-"""The command line: parse, call one function, print. Nothing heavy is imported before a command needs it."""
+"""The command line: parse, call one function, print.
+
+Nothing heavy is imported before a command needs it: recordings are opened first, so that a missing unit is
+said at once.
+"""
 
 # Importing commands puts them into the program, in this order.
 from texclass.cli import experiment_commands, listing_commands, model_commands, scene_commands, stream_command

@@ -81,15 +81,17 @@ def benchmark(
     reading: dict[str, Any],
 ) -> None:
     """Classify a dataset with every row of a pipeline's table. Published figures stand beside ours."""
-    from texclass.experiment import load_pipeline, run_benchmark, running_on, study_feature
-    from texclass.experiment import touches as cut_touches
-    from texclass.features import load_feature
     from texclass.loaders import open_dataset
 
     if peers and feature:
         raise ValueError("--peers and --feature are given; the rule is one of them at a time")
     if touches is not None and touch is None:
         raise ValueError(f"--touches is {touches}, but there is no --touch; the rule is both")
+    recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
+    from texclass.experiment import load_pipeline, run_benchmark, running_on, study_feature
+    from texclass.experiment import touches as cut_touches
+    from texclass.features import load_feature
+
     if peers:
         from texclass.peers import PeerSettings, compare_with_peers, whole_materials
 
@@ -102,7 +104,6 @@ def benchmark(
         settings = PeerSettings(**given)
     definition = load_pipeline(pipeline)
     new = load_feature(feature) if feature else None
-    recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
     if peers and peers_limit is not None:
         recordings = whole_materials(recordings, peers_limit)
     work: dict[str, Any] = {"n_folds": folds, "n_jobs": jobs, "skip_bad": skip_bad}
@@ -138,13 +139,14 @@ def extract(
     reading: dict[str, Any],
 ) -> None:
     """Compute a feature table. A run that was killed goes on where it stopped."""
+    from texclass.loaders import open_dataset
+
+    recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
     from texclass.document.wording import counted
     from texclass.experiment import extract_table, running_on
     from texclass.features import load_feature_set
-    from texclass.loaders import open_dataset
 
     feature_set = load_feature_set(features)
-    recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
     with running_on(backend, scheduler), progress_bar() as progress:
         table = extract_table(
             recordings, feature_set, output, n_jobs=jobs, skip_bad=skip_bad, progress=progress
@@ -191,14 +193,15 @@ def tradeoff(
     reading: dict[str, Any],
 ) -> None:
     """Measure what accuracy costs on a dataset. The pipeline at the budget, or at the knee, is saved."""
+    from texclass.loaders import open_dataset
+
+    recordings = open_dataset(dataset, **reading, skip_bad=True)
     from texclass.experiment import running_on
     from texclass.features import load_feature_set
-    from texclass.loaders import open_dataset
     from texclass.tradeoff import Limits, trade_off
     from texclass.tradeoff.trading import tradeoff_stem
 
     scene = tuple(name.strip() for name in (materials or "").split(",") if name.strip())
-    recordings = open_dataset(dataset, **reading, skip_bad=True)
     facts = {"name": recordings.name, "materials": scene, "max_seconds": max_seconds}
     with running_on(backend, scheduler), progress_bar() as progress:
         result = trade_off(

@@ -29,14 +29,15 @@ def inspect(
     reading: dict[str, Any],
 ) -> None:
     """Draw one recording: phases, taps, spectrum and features."""
+    from texclass.loaders import find_recording
+
+    found = find_recording(recording, **reading)
     from texclass.document.wording import counted
     from texclass.features import FeatureExtractor
-    from texclass.loaders import find_recording
     from texclass.phases import segment
     from texclass.reporting import draw_inspection
     from texclass.whole_files import write_whole
 
-    found = find_recording(recording, **reading)
     phases = segment(found)
     declared = [found.with_(phases=phases)]
     extraction = FeatureExtractor(features).fit(declared).extract(declared)

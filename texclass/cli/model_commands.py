@@ -40,10 +40,11 @@ def train(
 ) -> None:
     """Train a model on all recordings. What is chosen is chosen by cross-validation."""
     from texclass.loaders import open_dataset
+
+    recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
     from texclass.recognition import train as train_model
     from texclass.recognition.model_document import model_document
 
-    recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
     with progress_bar() as progress:
         model = train_model(
             recordings,

@@ -27,7 +27,6 @@ from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.files import build_recording, is_bag, read_signals, topics
 from texclass.loaders.places import cache_root, leaves, write_atomically
 from texclass.loaders.plausibility import doubtful_labels
-from texclass.phases import segment
 from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
 
 LONGEST_MATCH_S = 0.2
@@ -296,7 +295,11 @@ def conditioned(
     elif phases == "tap":
         declared = Phases(taps=(Tap(0, contact(acceleration), n),), notes=("the card declares one tap",))
     recording = recording.with_(acceleration=acceleration, phases=declared)
-    return recording if phases != "taps" else recording.with_(phases=segment(recording, "taps"))
+    if phases != "taps":
+        return recording
+    from texclass.phases import segment
+
+    return recording.with_(phases=segment(recording, "taps"))
 
 
 def contact(acceleration: Samples, share: float = 0.1) -> int:

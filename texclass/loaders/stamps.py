@@ -10,8 +10,6 @@ from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
-from scipy.signal import resample_poly
 
 from texclass.loaders.columns import TIME_UNITS, refused, time_unit
 from texclass.recording import Samples
@@ -245,6 +243,8 @@ def resample(samples: Samples, fs: float, to: float) -> Samples:
     if not (fs > 0 and to > 0 and 1e-3 <= to / fs <= 1e3):
         raise ValueError(f"from {fs} Hz to {to} Hz; the rule is rates above 0, at most a factor 1000 apart")
     ratio = Fraction(to / fs).limit_denominator(1000)
+    from scipy.signal import resample_poly  # a second, which a refusal before would wait for
+
     return np.asarray(resample_poly(samples, ratio.numerator, ratio.denominator, axis=0, padtype="line"))
 
 
@@ -399,4 +399,6 @@ def _on_grid(samples: Samples, sampling: Sampling, *, at_stamps: bool) -> Sample
     if len(position) < 2:
         return flat
     with np.errstate(all="ignore"):  # of damaged numbers: what becomes infinite is refused as such
+        from scipy.interpolate import PchipInterpolator
+
         return np.asarray(PchipInterpolator(position, flat, axis=0)(np.clip(grid, position[0], position[-1])))

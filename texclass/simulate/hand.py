@@ -4,7 +4,6 @@ import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from texclass.recording import Samples
 
@@ -231,6 +230,8 @@ def smooth_noise(n_knots: int, cutoff_hz: float, rng: np.random.Generator) -> Sa
     n = int(np.ceil(n_knots / CONTROL_RATE * 2 * cutoff_hz)) + 4
     support = (np.arange(n) - 1.5) / (2 * cutoff_hz)
     noise = np.clip(rng.standard_normal(n), -2.5, 2.5)
+    from scipy.interpolate import CubicSpline  # not to say what a dataset holds
+
     return np.asarray(CubicSpline(support, noise)(np.arange(n_knots) / CONTROL_RATE))
 
 
