@@ -1,0 +1,5 @@
+"""`python -m texclass` is `texclass`."""
+
+from texclass.cli import main
+
+main()
