@@ -42,6 +42,12 @@ def test_windows_of_one_recording_are_drawn_together():
     assert np.diff(together.interval) > 1.5 * np.diff(apart.interval)
 
 
+def test_of_few_runs_there_is_an_accuracy_though_some_draws_hold_them_all():
+    hits = np.repeat(np.array([[1, 1, 0, 1], [1, 0, 1, 1]], dtype=bool), 5, axis=1)
+    _, accuracy = accuracy_of_choice(hits, [1.0, 2.0], np.repeat(np.arange(4), 5), 0)
+    assert 0 <= accuracy.interval[0] < accuracy.mean < accuracy.interval[1] <= 1
+
+
 def test_two_surfaces_are_enough(tmp_path):
     for classifier in ("kernel", "lda"):
         model = train(surfaces(12, names=("cork", "oak")), pipeline(), row="Spectrum", classifier=classifier)

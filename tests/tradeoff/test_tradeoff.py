@@ -8,6 +8,7 @@ import pytest
 from sklearn.model_selection import StratifiedGroupKFold
 
 from texclass.experiment import cost
+from texclass.experiment.accuracy import wilson_interval
 from texclass.experiment.cost import CostModel
 from texclass.experiment.windows import touches
 from texclass.features import load_feature_set
@@ -18,7 +19,6 @@ from texclass.tradeoff.front import (
     Limits,
     budgets_of,
     discriminant,
-    estimate,
     knee,
     nested_fewest,
     nested_front,
@@ -102,11 +102,12 @@ def test_permuted_labels_stay_at_chance_at_every_point_of_a_trade():
         groups, y = np.arange(180) // 3, rng.permutation(np.arange(60) % 3).repeat(3)
         X = rng.normal(size=(60, 8)).repeat(3, axis=0) + 0.01 * rng.normal(size=(180, 8))
         splits = list(StratifiedGroupKFold(3, shuffle=True, random_state=seed).split(X, y, groups))
-        data, names = Labelled(X, y, groups), tuple("abcdefgh")
+        data, names = Labelled(X, y, groups, groups), tuple("abcdefgh")
         costs = CostModel(names, names, names, np.ones(8), np.eye(8, dtype=bool))
         points, full = nested_front(data, splits, costs, (2.0, 4.0), max_features=3)
         fewest = [accuracy for _, accuracy in nested_fewest(data, splits, 2)]
         curve = cross_validated(data, splits, discriminant())
+        assert full == curve
         found = [*(p[of] for p in points for of in ("accuracy", "plain")), full, *fewest, curve]
         every.append([accuracy["mean"] for accuracy in found])
     np.testing.assert_allclose(np.mean(every, axis=0), 1 / 3, atol=0.1)
@@ -129,11 +130,15 @@ def test_no_choice_of_a_trade_parts_windows_of_one_recording(noises, monkeypatch
     assert {n_windows / n_recordings for n_windows, n_recordings in divided} == {2.0}
 
 
-def test_intervals_hold_the_mean_and_do_not_collapse():
-    splits = [(range(20), range(10))] * 3
-    assert estimate([1.0, 1.0, 1.0], splits)["low"] < 0.95
-    some = estimate([0.8, 0.9, 0.7], splits)
-    assert some["low"] < some["mean"] < some["high"]
+@pytest.mark.parametrize(("protocol", "n"), [("operator", 6), ("recording", 36)])
+def test_intervals_of_a_trade_are_over_what_is_independent(toy_dataset, protocol, n):
+    found = trade_off(
+        toy_dataset(3, 12, operators=6), SET, Limits(materials=("m0", "m1", "m2")), protocol=protocol,
+        n_folds=3, n_repeats=2, with_curves=False,
+    ).data  # fmt: skip
+    assert found["n_clusters"] == n
+    for accuracy in (found["full"], found["knee"]["accuracy"], found["knee"]["plain"], found["fewest"][0][1]):
+        assert (accuracy["low"], accuracy["high"]) == wilson_interval(n, n)  # all agree
 
 
 def test_what_is_bought_does_not_depend_on_how_busy_the_machine_is_when_it_is_done_again(

@@ -94,10 +94,9 @@ class Fold:
         silent = not np.ptp(learnt, axis=0).any()
         return (DummyClassifier() if silent else clone(classifier)).fit(learnt, self.labels)
 
-    def accuracy(self, classifier: Any, columns: Sequence[int] | slice = slice(None)) -> float:
-        """Return the share of the test part that a classifier recognises by some of the columns."""
-        predicted = self.fitted(classifier, columns).predict(self.asked[:, columns])
-        return float((predicted == self.truth).mean())
+    def hits(self, classifier: Any, columns: Sequence[int] | slice = slice(None)) -> NDArray[np.bool_]:
+        """Return whether a classifier recognises each row of the test part by some of the columns."""
+        return np.asarray(self.fitted(classifier, columns).predict(self.asked[:, columns]) == self.truth)
 
     def _prepared(self, rows: Indices) -> Samples:
         X = self._X[rows]

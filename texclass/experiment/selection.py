@@ -179,7 +179,7 @@ class SubsetScore:
 
     def _refitted(self, fold: Fold, columns: list[int]) -> float:
         if not self.soft:
-            return fold.accuracy(self.estimator, columns)
+            return float(fold.hits(self.estimator, columns).mean())
         p = fold.fitted(self.estimator, columns).predict_proba(fold.asked[:, columns])
         told = p[np.arange(fold.truth.size), fold.truth]
         return float(np.log(np.maximum(told, np.finfo(np.float64).tiny)).mean())

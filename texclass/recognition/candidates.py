@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 
-from texclass.experiment.accuracy import Accuracy, score, wilson_interval
+from texclass.experiment.accuracy import Accuracy, cluster_interval, score
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.folds import Fold, over_folds
@@ -254,12 +254,13 @@ def accuracy_of_choice(
     by_cluster = np.array([np.bincount(cluster, weights=h) for h in hits])  # (n_candidates, n_clusters)
     rng, n = np.random.default_rng(seed), len(n_tests)
     times = rng.multinomial(n, np.full(n, 1 / n), size=N_DRAWS)
+    times = times[(times == 0).any(axis=1)]  # of few recordings some draws hold all
     winners = _best(times @ by_cluster.T / (times @ n_tests)[:, None], n_columns)
     left = times == 0
     found = (left * by_cluster[winners]).sum(axis=1) / (left @ n_tests)
     n_hits = round(float(found.mean()) * hits.shape[1])
     low, high = (
-        np.quantile(found, [0.025, 0.975]) if np.ptp(found) else wilson_interval(round(n * found[0]), n)
+        np.quantile(found, [0.025, 0.975]) if np.ptp(found) else cluster_interval(hits[best], clusters)
     )
     return best, Accuracy(n_hits, hits.shape[1], bounds=(float(low), float(high)))
 

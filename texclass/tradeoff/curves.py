@@ -75,7 +75,12 @@ class Conditions:
 
     def data(self, table: FeatureTable) -> Labelled:
         """Return the columns that some recording has, with labels and groups."""
-        return Labelled(table.of(table.defined), table.materials, self.protocol.clusters(table.frame))
+        return self.labelled(table.of(table.defined), table.frame)
+
+    def labelled(self, X: Samples, frame: pd.DataFrame) -> Labelled:
+        """Return columns with what is known of their rows."""
+        y = frame["material"].to_numpy(dtype=str)
+        return Labelled(X, y, self.protocol.clusters(frame), self.protocol.independent(frame)[1])
 
     def accuracy(self, table: FeatureTable) -> Facts:
         """Return the accuracy of the trade's classifier on all columns of a table."""
@@ -87,7 +92,7 @@ def cross_validated(
 ) -> Facts:
     """Cross-validate a classifier on all columns; `used` are the splits with fewer training recordings."""
     found = evaluate(data.X, data.y, used or splits, preparation(), classifier)
-    return estimate(found.accuracy.folds, splits)
+    return estimate(np.concatenate(found.hits), splits, data)
 
 
 def training_curves(conditions: Conditions, table: FeatureTable) -> list[Facts]:
@@ -168,12 +173,11 @@ def order_curve(conditions: Conditions) -> Facts | None:
         return None
     models = np.array([found[i] for i in kept])
     frame = pd.DataFrame([vars(dataset.entries[i]) for i in kept])
-    splits, y = conditions.splits(frame), frame["material"].to_numpy(dtype=str)
-    clusters = conditions.protocol.clusters(frame)
-    points = [
-        (float(p), str(p), cross_validated(Labelled(models[:, : p + 1], y, clusters), splits, discriminant()))
-        for p in ORDERS
-    ]
+    splits, data = conditions.splits(frame), conditions.labelled(models, frame)
+    points = []
+    for p in ORDERS:
+        up_to = data._replace(X=models[:, : p + 1])
+        points.append((float(p), str(p), cross_validated(up_to, splits, discriminant())))
     return _curve("order of the movement model", "", points, "AR coefficients alone", note)
 
 

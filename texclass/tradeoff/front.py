@@ -12,10 +12,9 @@ from sklearn.impute import SimpleImputer
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from texclass.experiment.accuracy import wilson_interval
+from texclass.experiment.accuracy import cluster_interval
 from texclass.experiment.cost import CostModel
 from texclass.experiment.folds import Fold, over_folds
-from texclass.experiment.paired import agree, corrected_resampled_t
 from texclass.experiment.protocols import Split
 from texclass.experiment.selection import SubsetScore, inner_splits
 from texclass.experiment.workers import Progress, each
@@ -66,11 +65,15 @@ class Limits:
 
 
 class Labelled(NamedTuple):
-    """What is learnt from: X (n, n_columns) with NaN where undefined, y (n,), groups (n,) never divided."""
+    """What is learnt from: X (n, n_columns) with NaN where undefined, labels y (n,).
+
+    `groups` (n,) are never divided; intervals are over what is `independent` (n,), as its protocol says.
+    """
 
     X: Samples
     y: Labels
     groups: Labels
+    independent: Labels
 
 
 def preparation() -> Pipeline:
@@ -89,27 +92,21 @@ def cost_aware(costs: CostModel, **limits: Any) -> CostAwareSelector:
     return CostAwareSelector(discriminant(), costs=costs, scoring="log_likelihood", cv=INNER_FOLDS, **limits)
 
 
-def estimate(folds: ArrayLike, splits: Sequence[Split]) -> dict[str, float]:
-    """Return mean and 95 % interval (low, high) of the accuracies of repeated cross-validation.
-
-    The interval is that of the corrected resampled t-test; where all folds agree, or there is one, their
-    spread tells nothing: then it is Wilson's over the recordings that were tested.
+def estimate(hits: ArrayLike, splits: Sequence[Split], data: Labelled) -> dict[str, float]:
+    """Return accuracy (`mean`) and its 95 % interval (`low`, `high`) over what is independent.
 
     Parameters
     ----------
-    folds : array_like of shape (n_repeats * n_folds,)
-        Accuracy of each fold of each repeat.
+    hits : array_like of bool, shape (n_tested,)
+        Whether each test of each fold (of all repeats) was right, fold after fold.
     splits : sequence of (train, test)
         Of the folds.
+    data : Labelled
+        What was tested.
     """
-    a = np.asarray(folds, dtype=np.float64)
-    n_train, n_test = np.mean([[len(part) for part in split] for split in splits], axis=0)
-    mean = float(a.mean())
-    if agree(a):
-        low, high = wilson_interval(mean * (n := np.unique(np.concatenate([t for _, t in splits])).size), n)
-    else:
-        (low, high), _ = corrected_resampled_t(a, n_test / n_train)
-    return {"mean": mean, "low": max(0.0, low), "high": min(1.0, high)}
+    over = data.independent[np.concatenate([test for _, test in splits])]
+    low, high = cluster_interval(hits, over)
+    return {"mean": float(np.asarray(hits).mean()), "low": low, "high": high}
 
 
 def budgets_of(costs: CostModel, max_ms: float | None = None) -> tuple[float, ...]:
@@ -169,20 +166,23 @@ def nested_front(
     at_budgets = partial(_at_budgets, data.groups, costs, tuple(budgets), max_features)
     work = [partial(over_folds, at_budgets, data.X, data.y, [split], preparation()) for split in splits]
     done = each(work, n_jobs=n_jobs, progress=progress, what="selections", total=len(work))
-    folds = [fold for found in done for fold in found]
-    table = np.array([fold for fold, _ in folds])  # (n_splits, n_budgets, 5)
+    hits, bought = zip(*(fold for found in done for fold in found), strict=True)
+    full, *found = (estimate(right, splits, data) for right in np.concatenate(hits, axis=1))
+    means = np.mean(bought, axis=0)  # (n_budgets, 3)
     points: list[Facts] = [
         {
             "budget_ms": budget,
-            "ms": float(rows[:, 1].mean()),
-            "accuracy": estimate(rows[:, 0], splits),
-            "plain": estimate(rows[:, 4], splits),
-            "n_features": float(rows[:, 2].mean()),
-            "n_columns": float(rows[:, 3].mean()),
+            "ms": float(ms),
+            "accuracy": aware,
+            "plain": plain,
+            "n_features": float(n_features),
+            "n_columns": float(n_columns),
         }
-        for budget, rows in zip(budgets, table.swapaxes(0, 1), strict=True)
+        for budget, (ms, n_features, n_columns), aware, plain in zip(
+            budgets, means, found[::2], found[1::2], strict=True
+        )
     ]
-    return points, estimate([full for _, full in folds], splits)
+    return points, full
 
 
 def knee(front: Sequence[Facts]) -> Facts:
@@ -197,8 +197,8 @@ def nested_fewest(
     """Return the accuracy of the best 1, 2, ... `most` columns, chosen inside each training fold."""
     few = partial(_few, data.groups, most)
     work = [partial(over_folds, few, data.X, data.y, [split], preparation()) for split in splits]
-    rows = np.concatenate(list(each(work, n_jobs=n_jobs)))
-    return [(n, estimate(rows[:, n - 1], splits)) for n in range(1, most + 1)]
+    hits = np.concatenate([fold for found in each(work, n_jobs=n_jobs) for fold in found], axis=1)
+    return [(n, estimate(right, splits, data)) for n, right in enumerate(hits, 1)]
 
 
 def fewest_path(X: Samples, y: Labels, groups: Labels, most: int) -> list[list[int]]:
@@ -216,14 +216,17 @@ def fewest_path(X: Samples, y: Labels, groups: Labels, most: int) -> list[list[i
 
 def _at_budgets(
     groups: Labels, costs: CostModel, budgets: tuple[float, ...], max_features: int | None, fold: Fold
-) -> tuple[list[list[float]], float]:
-    """Return (accuracy, ms, features, columns, plain accuracy) of each budget; the full set's accuracy."""
+) -> tuple[list[NDArray[np.bool_]], list[tuple[float, int, int]]]:
+    """Return the hits of the full set, then of the choice and of plain selection at each budget, in turns.
+
+    Then ms, features and columns that the choice at each budget takes.
+    """
     labels = np.unique(fold.labels, return_inverse=True)[1]
     inner = inner_splits(fold.labels, groups[fold.train], INNER_FOLDS)
     score = SubsetScore(discriminant(), fold.learnt, labels, inner, "log_likelihood")
     blind = cost_aware(costs, max_features=max_features, thrift=0.0, floating=False, direction="forward")
     plain = blind.explore(costs, score)
-    rows = []
+    hits, bought = [fold.hits(discriminant())], []
     for budget in budgets:
         columns: tuple[int, ...] = tuple(range(len(costs.columns)))
         if max_features is not None or budget < costs.total:  # something has to be given up
@@ -231,15 +234,12 @@ def _at_budgets(
             choice = best_within(aware.explore(costs, score), budget)
             columns = choice.columns if choice else ()
         few = best_within(plain, budget)
-        accuracy, of_plain = (
-            fold.accuracy(discriminant(), list(c)) for c in (columns, few.columns if few else ())
-        )
-        n_features = len({costs.features[i] for i in columns})
-        rows.append([accuracy, costs.of(columns), n_features, len(columns), of_plain])
-    return rows, fold.accuracy(discriminant())
+        hits += [fold.hits(discriminant(), list(c)) for c in (columns, few.columns if few else ())]
+        bought.append((costs.of(columns), len({costs.features[i] for i in columns}), len(columns)))
+    return hits, bought
 
 
-def _few(groups: Labels, most: int, fold: Fold) -> list[float]:
-    """Return the accuracy of the best 1 ... `most` columns of one fold."""
+def _few(groups: Labels, most: int, fold: Fold) -> list[NDArray[np.bool_]]:
+    """Return the hits of the best 1 ... `most` columns of one fold."""
     path = fewest_path(fold.learnt, fold.labels, groups[fold.train], most)
-    return [fold.accuracy(discriminant(), columns) for columns in path]
+    return [fold.hits(discriminant(), columns) for columns in path]

@@ -130,7 +130,7 @@ def _front(data: Data) -> Table:
     return Table(
         pd.DataFrame(rows, columns=titles),
         "Features and columns: mean over folds; ms: one recording, one thread, this machine, conditioning "
-        "included; plain: sequential selection that does not look at costs. Intervals: resampled t"
+        "included; plain: sequential selection that does not look at costs. 95 % intervals"
         f"{over(data)}; chance is {percent(chance_of(data))} %.",
         strong=[i for i, mark in enumerate(marked) if mark.startswith("knee")],
     )

@@ -301,7 +301,7 @@ def _chosen(
     limits: Limits, front: Sequence[Facts], fewest: Sequence[tuple[int, Facts]], offer: Offer, file: Any
 ) -> dict[str, Any]:
     """Choose on all recordings by the rule that did best, or was asked for, inside the folds; save that."""
-    costs, (X, y, groups) = offer.costs, offer.data
+    costs, (X, y, groups, _) = offer.costs, offer.data
     prepared = preparation().fit_transform(X)
     if fewest and limits.max_ms is None:
         best = max(accuracy["mean"] for _, accuracy in fewest)
