@@ -10,7 +10,7 @@ from typer.core import TyperGroup
 from texclass._version import __version__
 
 GROUPS = {
-    "Recordings": ("datasets", "inspect"),
+    "Recordings": ("sample", "datasets", "inspect"),
     "Which surface is this": ("benchmark", "features", "extract", "tradeoff", "stability", "report"),
     "On a robot": ("train", "model", "predict", "stream", "export"),
     "Felt again": ("scene", "texture", "convert"),

@@ -1,4 +1,4 @@
-"""What there is, to look at: one recording, datasets, features."""
+"""What there is, to look at: one recording, datasets, a sample, features."""
 
 import io
 from pathlib import Path
@@ -53,6 +53,21 @@ def inspect(
     for note in (*found.flags, *phases.notes):
         typer.echo(f"note: {note}")
     typer.echo(f"wrote {path}")
+
+
+@app.command(epilog="Example: texclass sample recordings")
+def sample(
+    folder: Annotated[Path, typer.Argument(help="Folder to write, one subfolder per surface.")],
+    first: Annotated[
+        int, typer.Option(min=1, max=995, help="Number of the first recording of each surface.")
+    ] = 1,
+) -> None:
+    """Write a small folder of recordings to try commands on."""
+    from texclass.loaders import write_sample
+
+    written = write_sample(folder, first)
+    typer.echo(f"wrote {len(written)} recordings, in m/s^2 at 10000 Hz; to look at one:")
+    typer.echo(f"texclass inspect {written[0]} --fs 10000 --unit m/s^2")
 
 
 @app.command(epilog="Example: texclass datasets")

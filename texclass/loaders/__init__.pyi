@@ -7,3 +7,4 @@ from .files import load_recording as load_recording
 from .open import find_recording as find_recording
 from .open import open_dataset as open_dataset
 from .places import DataNotFoundError as DataNotFoundError
+from .simulated import write_sample as write_sample

@@ -14,11 +14,15 @@ from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.places import cache_root, write_atomically
 from texclass.recording import AUXILIARY_UNITS, Recording
 from texclass.simulate.recipe import Recipe
+from texclass.whole_files import write_whole
 
 SIGNALS = ("acceleration", *AUXILIARY_UNITS)
 FACTS = ("fs", "unit", "recording_id", "material", "operator", "repetition", "source", "channels", "flags")
 MIN_FREE_BYTES = 5_000_000_000
 """Nothing is remembered when the disk has less space than this."""
+_SAMPLE = Recipe(n_surfaces=5, n_recordings=1000, n_operators=3, duration_s=4.0, fs=10_000, seed=2015)
+_SAMPLED = {"slate": 0, "oak": 2, "foam": 3, "mesh": 4}
+"""Surface -> its place in the recipe."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,44 @@ def open_simulated(recipe: Recipe, **about: Any) -> Dataset:
         input_hash=input_hash,
         **about,
     )
+
+
+def write_sample(folder: str | Path, first: int = 1) -> tuple[Path, ...]:
+    """Write a small folder of simulated recordings, laid out as one's own would be, to try things on.
+
+    Four surfaces, six recordings of each, 4 s at 10 kHz: taps, then strokes. `folder/oak/oak_01.txt` holds
+    the acceleration along the tool in m/s^2, one value a line.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Made if it is not there.
+    first : int
+        Number of the first recording of each surface; 7 gives recordings that go on after the first six.
+
+    Returns
+    -------
+    tuple of Path
+        The files.
+
+    Raises
+    ------
+    ValueError
+        If a file of such a name holds something else; it is left as it is.
+    IndexError
+        If `first` is not 1 to 995.
+    """
+    written = []
+    for name, place in _SAMPLED.items():
+        for k in range(first, first + 6):
+            along_tool = _SAMPLE.record(place, k).acceleration[:, 2]
+            text = "".join(f"{value:.6g}\n" for value in along_tool)
+            path = Path(folder) / name / f"{name}_{k:02d}.txt"
+            if path.exists() and path.read_bytes() != text.encode():
+                raise ValueError(f"{path}: holds something else; the rule is a folder that is new")
+            write_whole(path, text)
+            written.append(path)
+    return tuple(written)
 
 
 def remember(path: Path, recording: Recording) -> None:
