@@ -370,6 +370,33 @@ def test_a_card_that_fits_no_file_shows_one_beside_its_pattern(mine):
         mine(card=patterned(r"(?P<material>x)\.csv"))
 
 
+def test_files_that_are_left_out_though_others_like_them_are_taken_are_counted(mine, folder, axes, write):
+    for name in ("wood-AB-9.csv", "b.csv", "notes.md"):
+        write(mine.root / name, axes)
+    (told,) = mine().notes
+    assert told.startswith("2 files left out, 'b.csv' first: widen `files`, '(?P<recording>")
+    write(folder / "stray.csv", axes)
+    (told,) = open_dataset(folder, fs=FS, unit="g").notes
+    assert told == "1 file left out, 'stray.csv' first: put it into the folder of a material, to take it in"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"fs": 0}, "fs is 0 Hz"),
+        ({"resample": -1}, "resample is -1 Hz"),
+        ({"resample": np.inf}, "resample is inf Hz"),
+        ({"delimiter": ";;"}, "delimiter is ';;'; the rule is one character"),
+        ({"unit": "furlong"}, "unit is 'furlong'"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_in_one_line_for_a_folder_and_a_file(folder, wrong, said):
+    for find, path in ((open_dataset, folder), (find_recording, folder / "wood" / "r1.csv")):
+        with pytest.raises(RecordingError, match=rf"^{re.escape(str(path))}: {said}") as error:
+            find(path, **({"fs": FS, "unit": "g"} | wrong))
+        assert "\n" not in str(error.value)
+
+
 def test_a_card_that_leaves_its_folder_says_so(mine, tmp_path_factory):
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     (elsewhere / "oak.csv").write_text("ax\n1\n2\n")

@@ -33,6 +33,33 @@ def test_lines_of_numbers_are_samples(comma):
     assert {(block.fs, block.unit, block.lost) for block in blocks} == {(FS, "g", 0)}
 
 
+@pytest.mark.parametrize("mark", [None, ";"])
+def test_between_semicolons_a_comma_is_a_decimal_point(mark):
+    text = _text(SIGNAL, ";").getvalue().replace(b".", b",")
+    source = open_source("-", fs=FS, unit="g", delimiter=mark, file=io.BytesIO(text))
+    np.testing.assert_array_equal(_signal(source), SIGNAL)
+
+
+@pytest.mark.parametrize("raw", [False, True])
+def test_columns_of_standard_input_are_chosen_by_number(raw):
+    def opened(*columns):
+        file = io.BytesIO(SIGNAL.astype("<f4").tobytes()) if raw else _text(SIGNAL)
+        return open_source("-", fs=FS, unit="g", column=columns, raw_channels=3 if raw else None, file=file)
+
+    np.testing.assert_allclose(_signal(opened("3", "1")), SIGNAL[:, [2, 0]], rtol=1e-6)
+    for wrong in ("4", "ax"):
+        with pytest.raises(
+            RecordingError, match=f"column '{wrong}' is not there; the rule is a number from 1 to 3"
+        ):
+            list(opened("1", wrong))
+
+
+@pytest.mark.parametrize("how", [{"time_column": "1"}, {"delimiter": ";", "raw_channels": 3}])
+def test_what_a_live_stream_cannot_use_is_refused(how):
+    with pytest.raises(ValueError, match=r"given with standard input; the rule is a rate \(--fs\) in place"):
+        open_source("-", fs=FS, unit="g", file=_text(SIGNAL), **how)
+
+
 @pytest.mark.parametrize("size", [1, 7, 4096])
 def test_float32_is_passed_on_however_it_arrives(size):
     class Pipe(io.BytesIO):

@@ -147,7 +147,7 @@ def test_a_wrong_rate_is_told_and_never_trusted(run, trained, work):
     _, out, _ = run("predict", trained.name, "fast.wav", "--jsonl")
     answer = json.loads(out)
     assert answer["unknown"] is True
-    assert "wrong rate: 8000 Hz, trained at 4000 Hz" in answer["reasons"]
+    assert "wrong rate: 8000 Hz, trained at 4000 Hz; --resample 4000 converts" in answer["reasons"]
 
 
 def test_what_is_inside_is_shown(run, trained):

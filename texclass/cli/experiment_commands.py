@@ -29,7 +29,9 @@ def benchmark(
     touches: Annotated[
         int | None, typer.Option(help="At most so many windows of each recording, the first; all by default.")
     ] = None,
-    folds: Annotated[int | None, typer.Option(help="Number of folds; the pipeline's own by default.")] = None,
+    folds: Annotated[
+        int | None, typer.Option(min=2, help="Number of folds; the pipeline's own by default.")
+    ] = None,
     choose: Annotated[
         bool,
         typer.Option(

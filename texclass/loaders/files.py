@@ -102,7 +102,7 @@ def load_recording(
         If a fact is missing or contradicted, or the file is not what it should be.
     """
     path, asked = located(path)
-    check_stated(path, fs, unit)
+    check_stated(path, fs, unit, resample=resample, delimiter=delimiter)
     options = ReadOptions(
         delimiter, codes=unit == "counts", topic=topic or asked, fs=fs, time_column=time_column
     )
@@ -205,18 +205,30 @@ def is_bag_name(name: str | Path) -> bool:
     return str(name).startswith(BAG) and not Path(name).exists()
 
 
-def check_stated(where: object, fs: float | None, unit: str | None) -> None:
+def check_stated(
+    where: object,
+    fs: float | None,
+    unit: str | None,
+    *,
+    resample: float | None = None,
+    delimiter: str | None = None,
+) -> None:
     """Check what a user states of files, before any is read.
 
     Raises
     ------
     RecordingError
-        If the unit is unknown, or the rate not above 0.
+        If the unit is unknown, a rate not above 0, or the delimiter not one character.
     """
     if unit not in (None, *ACCELERATION_UNITS, *SCALELESS_UNITS):
         raise refused(where, f"unit is {unit!r}", UNIT_RULE)
-    if fs is not None and not (np.isfinite(fs) and fs > 0):
-        raise refused(where, f"fs is {fs}", "a sampling rate in Hz above 0")
+    for name, rate in {"fs": fs, "resample": resample}.items():
+        if rate is not None and not 0 < rate <= MOST_HZ:
+            raise refused(
+                where, f"{name} is {rate:g} Hz", f"a sampling rate in Hz above 0, at most {MOST_HZ:g}"
+            )
+    if delimiter is not None and (len(delimiter) != 1 or delimiter in '"\r\n'):
+        raise refused(where, f"delimiter is {delimiter!r}", "one character, no quote")
 
 
 def without_axis(name: str) -> str:

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import regex
 
-from texclass.loaders.cards import CardError, DeclaredPhases, FileReading, Reading, RowCard
+from texclass.document.wording import counted
+from texclass.loaders.cards import CardError, DeclaredPhases, FileCard, FileReading, Reading, RowCard
 from texclass.loaders.columns import (
     BAG_FOLDER,
     STORAGE,
@@ -106,7 +107,11 @@ def open_files(
     table = _read_labels(reading, root)
     left_out: list[str] = []
     entries: list[Entry] = []
-    for names, groups in _find(reading, root):
+    present = {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()}
+    present -= not_recordings(present)
+    others = set(present)
+    for names, groups in _find(reading, present):
+        others -= set(names)
         try:
             entries += _entries(reading, root, names, groups, table)
         except RecordingError as error:
@@ -114,12 +119,21 @@ def open_files(
                 raise
             left_out.append(f"left out: {error}")
     if not entries and not left_out:
-        others = sorted(path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
-        beside = f": {others[0]!r} is not like {reading.files[0]!r}" if others else ""
+        beside = f": {min(others)!r} is not like {reading.files[0]!r}" if others else ""
         raise refused(
             root, f"holds no recording{beside}", "at least one file as `files` of the card describes"
         )
     labels = doubtful_labels(entry.material for entry in entries)
+    kinds = {PurePosixPath(name).suffix.lower() for name in present - others}
+    own = {reading.labels.file} if reading.labels else set()
+    if missed := [name for name in others - own if PurePosixPath(name).suffix.lower() in kinds]:
+        is_card = isinstance(reading, FileCard)
+        way_out = (
+            f"widen `files`, {reading.files[0]!r}" if is_card else "put it into the folder of a material"
+        )
+        labels.append(
+            f"{counted(len(missed), 'file')} left out, {min(missed)!r} first: {way_out}, to take it in"
+        )
     if reading.labels and leaves(root / reading.labels.file, (root,)):
         labels.append(
             f"the table of labels {reading.labels.file!r} is outside of the folder of the recordings"
@@ -347,11 +361,9 @@ def _unique(entries: Sequence[Entry], root: Path) -> tuple[Entry, ...]:
     return tuple(entries)
 
 
-def _find(reading: FileReading, root: Path) -> Iterator[tuple[tuple[str, ...], Groups]]:
+def _find(reading: FileReading, files: set[str]) -> Iterator[tuple[tuple[str, ...], Groups]]:
     """Yield the files of each recording (one, or one per axis, and companions) and what their names tell."""
     joined: dict[str, tuple[list[str], Groups]] = {}
-    files = {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()}
-    files -= not_recordings(files)
     # 2 before 10
     naturally = {
         name: [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]

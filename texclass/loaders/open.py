@@ -145,7 +145,7 @@ def _open_folder(
     recordings = [path for path in found if path.parent != root and _is_recording(path)]
     within = not_recordings(map(str, recordings))
     files = [path for path in recordings if str(path) not in within]
-    check_stated(root, fs, unit)
+    check_stated(root, fs, unit, resample=how["resample_hz"], delimiter=how["delimiter"])
     if not files:
         raise RecordingError(
             f"{root}: holds no recording; the rule is one subfolder per material with files of "

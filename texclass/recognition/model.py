@@ -238,7 +238,7 @@ class Model:
         ValueError
             If it lacks a channel, or nothing fills what is undefined; the message names the recording.
         """
-        unlike = self.unlike(recording.fs, recording.unit)
+        unlike = self.unlike(recording.fs, recording.unit, f"--resample {self.manifest.fs:g}")
         phases = segment(recording)
         row = self.plan.compute(recording.with_(phases=phases))
         nothing = ["no feature has a value"] if np.isnan(row.values).all() else []
@@ -356,14 +356,14 @@ class Model:
         probabilities, _ = self.judge(np.nan_to_num(self.ranges.median)[None])
         return np.asarray(probabilities[0])
 
-    def unlike(self, fs: float, unit: str) -> list[str]:
-        """Return why recordings of such a sampling rate (Hz) and unit cannot be judged at all."""
+    def unlike(self, fs: float, unit: str, way_out: str = "--resample") -> list[str]:
+        """Return why recordings of such a sampling rate (Hz) and unit cannot be judged, and the way out."""
         trained = self.manifest
         found = []
         if abs(fs / trained.fs - 1) > RATE_TOLERANCE:
-            found.append(f"wrong rate: {fs:g} Hz, trained at {trained.fs:g} Hz")
+            found.append(f"wrong rate: {fs:g} Hz, trained at {trained.fs:g} Hz; {way_out} converts")
         if unit != trained.unit:
-            found.append(f"wrong unit: {unit}, trained with {trained.unit}")
+            found.append(f"wrong unit: {unit}, trained with {trained.unit}; nothing converts these")
         return found
 
 

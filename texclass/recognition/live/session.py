@@ -481,8 +481,7 @@ class Session:
             )
         kept = "m/s^2" if block.unit in ACCELERATION_UNITS else block.unit
         for unlike in self.model.unlike(block.fs, kept):
-            way_out = "--resample converts" if unlike.startswith("wrong rate") else "nothing converts these"
-            found += self._noticed(block.t_s, f"{unlike}; {way_out}")
+            found += self._noticed(block.t_s, unlike)
         return found
 
 

@@ -4,14 +4,17 @@ import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import replace
 from itertools import chain
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from texclass.loaders import find_recording
-from texclass.loaders.files import agreed_unit, check_stated
+from texclass.loaders.columns import refused
+from texclass.loaders.files import agreed_unit, check_stated, columns_of
 from texclass.recognition.model import Model
 from texclass.recognition.sources.blocks import Block, BlockSource, resampled
 from texclass.recognition.sources.training_input import ACCELERATION_ONLY
@@ -65,15 +68,16 @@ def open_source(
         Play a file at its own speed.
     raw_channels : int, optional
         Standard input is little-endian float32, the channels of a sample side by side. Else it is text, one
-        sample a line, channels divided by commas or blanks.
+        sample a line, channels divided by commas, blanks or semicolons.
     file : BinaryIO, optional
         In place of standard input; it is left to who opened it.
     model : Model, optional
         Whose columns are wanted: with turn rate or friction beside the acceleration if it needs them. Files
         and bags are then read and conditioned as those it was trained on; what `is_live` is as it comes.
     **reading : optional
-        Of files, what else `load_recording` takes: column, delimiter, time_column. Of a ROS 2 topic, what
-        else `topic_blocks` takes: domain, reliability, depth, wait_s, end_s.
+        Of files, what else `load_recording` takes: column, delimiter, time_column; of standard input, column
+        (by number) and delimiter. Of a ROS 2 topic, what else `topic_blocks` takes: domain, reliability,
+        depth, wait_s, end_s.
 
     Returns
     -------
@@ -93,6 +97,9 @@ def open_source(
     if wrong := [name for name in reading if (name in OF_FILES) == is_topic]:
         rule = "a file" if is_topic else "a source ros2:/TOPIC"
         raise ValueError(f"{', '.join(wrong)} given with {source}; the rule is {rule}")
+    if source == "-" and ("time_column" in reading or (raw_channels is not None and "delimiter" in reading)):
+        rule = "a rate (--fs) in place of a time column, and a delimiter of text alone"
+        raise ValueError(f"{', '.join(reading)} given with {STDIN}; the rule is {rule}")
     needs = ACCELERATION_ONLY if model is None else model.needs
     if not block_s > 0:
         raise ValueError(f"block_s is {block_s}; the rule is above 0")
@@ -105,12 +112,14 @@ def open_source(
             )
         n, opened = max(1, round(block_s * fs)), file or sys.stdin.buffer
         if raw_channels is None:
-            blocks = _text(opened, fs, unit, n)
+            blocks = _text(opened, fs, unit, n, reading.get("delimiter"))
         else:
             if not 1 <= raw_channels <= MOST_CHANNELS:
                 raise ValueError(f"n_channels is {raw_channels}; the rule is 1 to {MOST_CHANNELS}")
-            needs.n_axes(raw_channels)
+            needs.n_axes(len(columns_of(reading.get("column"))) or raw_channels)
             blocks = _binary(opened, fs, unit, raw_channels, n)
+        if "column" in reading:
+            blocks = _of_columns(blocks, columns_of(reading["column"]))
     elif isinstance(source, str) and is_topic:
         try:
             from texclass.recognition.sources.topic import topic_blocks
@@ -137,12 +146,22 @@ def _played(recording: Recording, signal: Samples, n: int, paced: bool) -> Block
         flags = ()
 
 
-def _text(file: BinaryIO, fs: float, unit: str, n: int) -> BlockSource:
+def _of_columns(blocks: BlockSource, columns: Sequence[str]) -> BlockSource:
+    """Yield blocks of some of the columns, by number from 1: those of a stream have no names."""
+    with closing(blocks):
+        for block in blocks:
+            n = block.samples.shape[1]
+            if wrong := [name for name in columns if not (name.isdecimal() and 1 <= int(name) <= n)]:
+                raise refused(STDIN, f"column {wrong[0]!r} is not there", f"a number from 1 to {n}")
+            yield replace(block, samples=block.samples[:, [int(name) - 1 for name in columns]])
+
+
+def _text(file: BinaryIO, fs: float, unit: str, n: int, delimiter: str | None) -> BlockSource:
     """Yield the numbers of lines that are not blank, n lines a block; NaN, a lost sample, of a garbled one.
 
     A line holds as many numbers as most of the first ones do: these may be cut, or name columns.
     """
-    lines, first = _lines(file), list[tuple[int, list[float], str]]()
+    lines, first = _lines(file, delimiter), list[tuple[int, list[float], str]]()
     while sum(bool(row) for _, row, _ in first) < FIRST_LINES and len(first) < MOST_GARBLED:
         if (line := next(lines, None)) is None:
             break
@@ -170,14 +189,19 @@ def _text(file: BinaryIO, fs: float, unit: str, n: int) -> BlockSource:
         yield Block(done / fs, np.array(rows).reshape(-1, width), fs, unit, 0, tuple(said))
 
 
-def _lines(file: BinaryIO) -> Iterator[tuple[int, list[float], str]]:
-    """Yield number, numbers (none if it is garbled) and beginning of every line that is not blank."""
+def _lines(file: BinaryIO, delimiter: str | None) -> Iterator[tuple[int, list[float], str]]:
+    """Yield number, numbers (none if it is garbled) and beginning of every line that is not blank.
+
+    Between other marks than commas, a comma is a decimal point.
+    """
     number = 0
     while line := file.readline(LONGEST_LINE):
         number += 1
-        if words := line.replace(b",", b" ").split():
+        if line.strip():
+            mark = (delimiter or ";" * (b";" in line)).encode()
+            words = line.split(mark) if mark not in (b"", b",") else line.replace(b",", b" ").split()
             try:
-                row = [float(word) for word in words]
+                row = [float(word.replace(b",", b".")) for word in words]
             except ValueError:
                 row = []
             yield number, row, line[:40].decode("utf-8", "replace").strip()

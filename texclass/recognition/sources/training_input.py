@@ -218,7 +218,7 @@ class TrainingFiles(Written):
         path, asked = located(name) if _is_bag(name) else (Path(name).expanduser(), None)
         if not asked and self.topic is not None and is_bag(path) and self.topic in topics(path):
             asked = self.topic
-        check_stated(path, fs, unit)
+        check_stated(path, fs, unit, resample=resample, delimiter=self.delimiter)
         codes = (unit or self.unit) == "counts"
         options = ReadOptions(self.delimiter, codes=codes, topic=asked, fs=fs, time_column=self.time_column)
         axes = axis_files(path)
