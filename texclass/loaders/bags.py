@@ -104,7 +104,7 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
         told = f"unit: rests at {rest:.3g} m/s^2, gravity is {STANDARD_GRAVITY:.3g}"
         said.append(f"{told}: does the driver send g?")
     type_ = type_of(*chosen.of_type)
-    return ReadSignals(named, fs, type_.unit if type_ is not None else None, tuple(said))
+    return ReadSignals(named, fs, tuple(said), unit=type_.unit if type_ is not None else None)
 
 
 def choose_topic(topics: Mapping[str, Connection], wanted: str | None, path: Path) -> Connection:

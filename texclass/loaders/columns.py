@@ -52,19 +52,19 @@ class ReadSignals:
         `Recording`. A column of dates is of kind `datetime64[ns]`.
     fs : float or None
         Sampling rate in Hz if the files state it.
-    unit : str or None
-        Of the acceleration, if the type of messages or the names of columns state it.
     flags : tuple of str
         What a user should know of how they were read.
     channels : tuple of str
         Names of the axes of an acceleration.
+    unit : str or None
+        Of the acceleration, if the type of messages or the names of columns state it.
     """
 
     named: Mapping[str, Samples]
     fs: float | None = None
-    unit: str | None = None
     flags: tuple[str, ...] = ()
     channels: tuple[str, ...] = ()
+    unit: str | None = None
 
 
 @dataclass(frozen=True)

@@ -310,7 +310,7 @@ def read_signals(
     n = min(lengths.values())
     acceleration = read_only(np.column_stack([part.named[UNNAMED][:n] for part in parts.values()]))
     named = {**first.named, UNNAMED: acceleration}
-    return ReadSignals(named, first.fs, parts[axis].unit, channels=tuple(parts))
+    return ReadSignals(named, first.fs, channels=tuple(parts), unit=parts[axis].unit)
 
 
 def _read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
