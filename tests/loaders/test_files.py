@@ -306,7 +306,7 @@ def test_a_unit_in_the_names_of_columns_is_used_and_may_not_be_contradicted(tmp_
     np.testing.assert_array_equal(recording.acceleration, given.acceleration)
     assert recording.flags[0] == f"in {unit}: the names of its columns say so"
     assert f"in {unit}" not in given.flags
-    with pytest.raises(RecordingError, match=rf"unit is '{re.escape(unit)}' by .*, '{other}' was given"):
+    with pytest.raises(RecordingError, match=rf"unit is '{re.escape(unit)}' there, '{other}' was given"):
         load_recording(path, fs=FS, unit=other)
     dataset = open_dataset(tmp_path, fs=FS)
     np.testing.assert_array_equal(dataset[0].acceleration, given.acceleration)

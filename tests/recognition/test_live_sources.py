@@ -54,9 +54,13 @@ def test_columns_of_standard_input_are_chosen_by_number(raw):
             list(opened("1", wrong))
 
 
-@pytest.mark.parametrize("how", [{"time_column": "1"}, {"delimiter": ";", "raw_channels": 3}])
+@pytest.mark.parametrize(
+    "how", [{"time_column": "1"}, {"delimiter": ";", "raw_channels": 3}, {"delimiter": ""}]
+)
 def test_what_a_live_stream_cannot_use_is_refused(how):
-    with pytest.raises(ValueError, match=r"given with standard input; the rule is a rate \(--fs\) in place"):
+    with pytest.raises(
+        ValueError, match=r"standard input.*; the rule is (a rate \(--fs\) in place|one character)"
+    ):
         open_source("-", fs=FS, unit="g", file=_text(SIGNAL), **how)
 
 

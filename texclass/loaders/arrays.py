@@ -27,11 +27,13 @@ from texclass.loaders.columns import (
     ReadSignals,
     as_samples,
     check_held,
+    readable,
     refused,
     require,
 )
-from texclass.recording import RecordingError
 
+KINDS = {".wav": "audio", ".flac": "audio", ".npz": "NPZ", ".mat": "MATLAB"}
+"""What to call a file, by its suffix; HDF5 has two."""
 RATE = "fs"
 CODE_BITS = {"PCM_S8": 8, "PCM_U8": 8, "PCM_16": 16, "PCM_24": 24, "PCM_32": 32}
 """Bits of a code, by libsndfile's name of the encoding; libsndfile aligns codes to the top of 32 bit."""
@@ -63,7 +65,7 @@ def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
         if is_numeric and not name.startswith("#") and node.attrs.get("MATLAB_class") != b"char":
             found.append(name)
 
-    with _readable(path):
+    with readable(path, KINDS.get(path.suffix.lower(), "HDF5")):
         if path.suffix.lower() == ".npz":
             with zipfile.ZipFile(path) as archive:
                 found = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
@@ -85,7 +87,7 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
         numbers.
     """
     require(wanted, names(path, options), path)
-    with _readable(path):
+    with readable(path, KINDS.get(path.suffix.lower(), "HDF5")):
         if path.suffix.lower() in (".wav", ".flac"):
             stored, fs = _read_audio(path, codes=options.codes)
         elif path.suffix.lower() == ".npz":
@@ -109,19 +111,6 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
         else:
             stored, fs = _read_matlab(path, wanted)
         return ReadSignals({name: as_samples(stored[name], name, path) for name in wanted}, fs)
-
-
-@contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    """Turn what damaged headers make the libraries raise, which is almost anything, into one error."""
-    try:
-        yield
-    except RecordingError:
-        raise
-    except Exception as error:
-        kinds = {".wav": "audio", ".flac": "audio", ".npz": "NPZ", ".mat": "MATLAB"}
-        told = kinds.get(path.suffix.lower(), "HDF5")
-        raise RecordingError(f"{path}: not a readable {told} file ({error})") from error
 
 
 def _read_audio(path: Path, *, codes: bool) -> Stored:

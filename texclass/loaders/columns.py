@@ -1,7 +1,8 @@
 """What readers of every format share: what they are asked for, what they return, what they refuse."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -213,6 +214,17 @@ def as_samples(array: Any, name: str, path: Path) -> Samples:
     if samples.ndim > 2:
         raise refused(path, f"{name} has shape {array.shape}", "(n,) or (n, channels)")
     return samples.T if samples.ndim == 2 and samples.shape[0] < samples.shape[1] else samples
+
+
+@contextmanager
+def readable(path: Path, kind: str) -> Iterator[None]:
+    """Turn what damaged files make the libraries raise, which is almost anything, into one error."""
+    try:
+        yield
+    except RecordingError:
+        raise
+    except Exception as error:
+        raise RecordingError(f"{path}: not a readable {kind} file ({error})") from error
 
 
 def storage_suffix(name: str) -> str:

@@ -110,15 +110,13 @@ def load_recording(
     axes = axis_files(path)
     signals = read_signals(axes, roles, options)
     by_name = unit is None and signals.unit is not None and not is_bag(path)
-    named = path.parent if path.name == BAG_FOLDER else path
-    recording_id = named.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0]
     return build_recording(
         signals,
         fs=fs,
         unit=unit,
         resample=resample,
         flags=(f"in {signals.unit}: the names of its columns say so",) * by_name,
-        recording_id=recording_id,
+        recording_id=recording_name(path, axes),
         source=str(path),
     )
 
@@ -231,10 +229,12 @@ def check_stated(
         raise refused(where, f"delimiter is {delimiter!r}", "one character, no quote")
 
 
-def without_axis(name: str) -> str:
-    """Return a file's name without the last part that says which axis it holds."""
-    found = list(AXIS.finditer(name))
-    return name[: found[-1].start()] + name[found[-1].end() :] if found else name
+def recording_name(path: Path, axes: Mapping[str, Path]) -> str:
+    """Return the name of a recording by its file, or by one of its files, without suffix and axis."""
+    if len(axes) == 1:
+        return (path.parent if path.name == BAG_FOLDER else path).stem
+    *_, axis = AXIS.finditer(path.name)
+    return (path.name[: axis.start()] + path.name[axis.end() :]).rpartition(".")[0]
 
 
 def axis_files(path: Path) -> dict[str, Path]:
@@ -396,7 +396,7 @@ def build_recording(
     return recording.with_(flags=flags) if flags else recording
 
 
-def agreed_rate(stated: float | None, given: float | None, where: str) -> float:
+def agreed_rate(stated: float | None, given: float | None, where: object) -> float:
     """Return the sampling rate in Hz, from the file, from the user or card, or from both if they agree.
 
     Raises
@@ -426,8 +426,8 @@ def agreed_unit(stated: str | None, given: str | None, where: object) -> str:
     if (unit := stated if given is None else given) is None:
         raise refused(where, "unit is missing", f"{UNIT_RULE}, never guessed: give --unit")
     if stated not in (None, unit):
-        found = f"unit is {stated!r} by its messages or the names of its columns, {unit!r} was given"
-        raise refused(where, f"{found} (or is another file's)", "one unit (`scale` in a card for another)")
+        found = f"unit is {stated!r} there, {unit!r} was given (or is another file's)"
+        raise refused(where, found, "one unit (`scale` in a card for another)")
     return unit
 
 

@@ -83,6 +83,7 @@ def open_dataset(
         If a fact is missing or contradicted, or the folder holds no recording.
     """
     path = Path(name_or_path).expanduser()
+    check_stated(path, fs, unit, resample=resample, delimiter=delimiter)
     how: dict[str, Any] = {"delimiter": delimiter, "time_column": time_column, "resample_hz": resample}
     if str(name_or_path) not in shipped.names("datasets") and path.is_dir():
         acceleration = columns_of(column)
@@ -99,9 +100,11 @@ def open_dataset(
     if isinstance(card, SimulatedCard):
         from texclass.loaders.simulated import open_simulated
 
-        _check_agreement(card.path, card.recipe.fs, "m/s^2", fs, unit)
+        agreed_rate(card.recipe.fs, fs, card.path)
+        agreed_unit("m/s^2", unit, card.path)
         return open_simulated(card.recipe, **about)
-    _check_agreement(card.path, card.fs_hz, card.unit, fs, unit)
+    agreed_rate(card.fs_hz, fs, card.path)
+    agreed_unit(card.unit, unit, card.path)
     root = find_folder(card.folder, card_path=card.path, source=card.source).absolute()
     if leaves(root, data_roots(card.path)):
         outside = f"the card's folder {card.folder!r} is outside of the card's own and of the folders of data"
@@ -145,7 +148,6 @@ def _open_folder(
     recordings = [path for path in found if path.parent != root and _is_recording(path)]
     within = not_recordings(map(str, recordings))
     files = [path for path in recordings if str(path) not in within]
-    check_stated(root, fs, unit, resample=how["resample_hz"], delimiter=how["delimiter"])
     if not files:
         raise RecordingError(
             f"{root}: holds no recording; the rule is one subfolder per material with files of "
@@ -189,11 +191,3 @@ def _first_good(
 
 def _is_recording(path: Path) -> bool:
     return path.suffix.lower() in suffixes() or is_bag(path)
-
-
-def _check_agreement(
-    where: Path, stated_fs: float, stated_unit: str, fs: float | None, unit: str | None
-) -> None:
-    agreed_rate(stated_fs, fs, str(where))
-    if unit not in (None, stated_unit):
-        raise refused(where, f"unit is {stated_unit!r}, {unit!r} was given", "one unit")

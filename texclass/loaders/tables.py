@@ -20,6 +20,7 @@ from texclass.loaders.columns import (
     as_samples,
     check_held,
     check_size,
+    readable,
     refused,
     require,
 )
@@ -50,7 +51,6 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
         If a column is not there, a cell or line is not a number, or a line has other cells than the header.
     """
     if path.suffix.lower() == ".parquet":
-        require(wanted, names(path, options), path)
         return _read_parquet(path, wanted)
     present, delimiter, n_before, first = _layout(path, options)
     is_one = len(present) == 1
@@ -103,36 +103,25 @@ def _first_bad_line(path: Path) -> str:
 
 
 def _read_parquet(path: Path, wanted: tuple[str, ...]) -> ReadSignals:
-    file, _ = _parquet(path)
+    file, present = _parquet(path)
+    require(wanted, present, path)
     check_held(file.metadata.num_rows * len(wanted), path)
-    try:
+    with readable(path, "Parquet"):
         table = file.read(columns=list(wanted), use_threads=False)
-        lacking = {name: n for name in wanted if (n := table[name].null_count)}
-        stored = {name: table[name].to_numpy() for name in wanted if not lacking}
-    except Exception as error:  # damaged bytes make pyarrow raise almost anything
-        raise _unreadable(path, error) from error
-    for name, n in lacking.items():
-        raise refused(path, f"{name} lacks {n} values", "a number in every cell")
-    is_date = {name: stored[name].dtype.kind == "M" for name in wanted}
-    return ReadSignals(
-        {
-            name: stored[name].astype("M8[ns]") if is_date[name] else as_samples(stored[name], name, path)
-            for name in wanted
-        }
-    )
+        for name in wanted:
+            if n := table[name].null_count:
+                raise refused(path, f"{name} lacks {n} values", "a number in every cell")
+        stored = {name: table[name].to_numpy() for name in wanted}
+    is_date = {name for name, values in stored.items() if values.dtype.kind == "M"}
+    numbers = {name: as_samples(stored[name], name, path) for name in wanted if name not in is_date}
+    return ReadSignals({**numbers, **{name: stored[name].astype("M8[ns]") for name in is_date}})
 
 
 def _parquet(path: Path) -> tuple[parquet.ParquetFile, tuple[str, ...]]:
     """Return a file and the names of its columns."""
-    try:
+    with readable(path, "Parquet"):
         file = parquet.ParquetFile(path)
         return file, tuple(file.schema_arrow.names)
-    except Exception as error:  # damaged bytes make pyarrow raise almost anything
-        raise _unreadable(path, error) from error
-
-
-def _unreadable(path: Path, error: Exception) -> RecordingError:
-    return RecordingError(f"{path}: not a readable Parquet file ({error})")
 
 
 def _layout(path: Path, options: ReadOptions) -> tuple[tuple[str, ...], str, int, list[str]]:

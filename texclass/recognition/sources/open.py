@@ -104,7 +104,7 @@ def open_source(
     if not block_s > 0:
         raise ValueError(f"block_s is {block_s}; the rule is above 0")
     if source == "-":
-        check_stated(STDIN, fs, unit)
+        check_stated(STDIN, fs, unit, delimiter=reading.get("delimiter"))
         unit = agreed_unit(None, unit or (None if model is None else model.manifest.input.unit), STDIN)
         if fs is None:
             raise RecordingError(

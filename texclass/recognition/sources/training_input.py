@@ -26,8 +26,8 @@ from texclass.loaders.files import (
     is_bag_name,
     located,
     read_signals,
+    recording_name,
     topics,
-    without_axis,
 )
 from texclass.loaders.filesets import conditioned
 from texclass.loaders.ros_messages import TURN_RATE
@@ -232,7 +232,6 @@ class TrainingFiles(Written):
                 signals = read_signals(axes, roles, replace(options, fs=self.fs))
             if len(signals.channels) == len(self.axes):
                 signals = replace(signals, channels=self.axes)
-        named = path.parent if path.name == BAG_FOLDER else path
         own = signals.unit if is_bag(first) or self.scale == 1.0 else None  # else it was scaled to another
         stated = agreed_unit(own, unit or own or self.unit, path)
         scale = self.scale if stated == self.unit else 1.0
@@ -242,7 +241,7 @@ class TrainingFiles(Written):
             fs=fs or (self.fs if signals.fs is None else None),
             unit=stated,
             resample=resample or (self.fs if self.resample else None),
-            recording_id=named.stem if len(axes) == 1 else without_axis(path.name).rpartition(".")[0],
+            recording_id=recording_name(path, axes),
             source=str(path),
         )
         return conditioned(recording, scale, self.phases, remove_resting_level=self.remove_resting_level)
