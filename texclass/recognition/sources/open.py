@@ -89,8 +89,8 @@ def open_source(
         If a fact is missing or contradicted, the file is bad, or the source has not what the model needs; on
         the way, if the first lines of a text hold no numbers.
     ValueError
-        If a block has no length, there is no such number of channels, or options of a topic come with another
-        source.
+        If a block has no length, there is no such number of channels, or options come with another source than
+        theirs.
     """
     is_topic = isinstance(source, str) and source.startswith(ROS2)
     reading = {name: value for name, value in reading.items() if value is not None}
@@ -100,6 +100,8 @@ def open_source(
     if source == "-" and ("time_column" in reading or (raw_channels is not None and "delimiter" in reading)):
         rule = "a rate (--fs) in place of a time column, and a delimiter of text alone"
         raise ValueError(f"{', '.join(reading)} given with {STDIN}; the rule is {rule}")
+    if raw_channels is not None and source != "-":
+        raise ValueError(f"{raw_channels} channels given with {source}; the rule is standard input, -")
     needs = ACCELERATION_ONLY if model is None else model.needs
     if not block_s > 0:
         raise ValueError(f"block_s is {block_s}; the rule is above 0")
