@@ -42,7 +42,7 @@ def main():
 def compute(seed, small):
     """Return what the chapter says: simulated and real surfaces, what was held out, sparsity, times."""
     surfaces = (surface("S4"),) if small else SURFACES
-    orders, rates, n_seeds = ((20,), (FS,), 2) if small else ((20, 400), (FS, 10_000.0), 50)
+    orders, rates, n_seeds, n_steps = ((20,), (FS,), 1, 500) if small else ((20, 400), (FS, 10_000.0), 50, 4000)
     found, input_hash = ({}, "") if small else shared.recordings("stylus6")
     scans = [condition(Scan.from_recording(each)) for each in found.values()]
     halves = [(scan.part(0, len(scan) // 2), scan.part(len(scan) // 2, len(scan))) for scan in scans]
@@ -50,7 +50,7 @@ def compute(seed, small):
     training, renders = simulate_scan(surface("S2"), 20.0, FS, np.random.default_rng(seed)), []
     for order in orders:
         network = model_scan(training, order=order).network()
-        renders += [study.time_rendering(each, 4000) for each in (network, bake(network, "S2"))]
+        renders += [study.time_rendering(each, n_steps) for each in (network, bake(network, "S2"))]
     return {
         "simulated": [study.study_surface(each, seed) for each in surfaces],
         "real": [study.study_scans(*pair, isotropic=True) for pair in halves],

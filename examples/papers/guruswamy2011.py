@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from guruswamy2011_measures import (
     BOUNDS,
+    DURATION_S,
     at_speeds,
     cleaned,
     excerpt,
@@ -52,7 +53,7 @@ COLUMNS = (
 def main(out: Path, seed: int = 0, small: bool = False) -> list[Path]:
     """Write the chapter into a folder; `small` tries little and leaves real recordings out."""
     numbers, pictures = (
-        compute(seed, n_trials=1, n_loose=1, n_paths=5, real=False) if small else compute(seed)
+        compute(seed, n_trials=1, n_loose=1, n_paths=5, duration_s=5.0, real=False) if small else compute(seed)
     )
     document = Document(
         "Guruswamy, Lang and Lee, IIR Filter Models of Haptic Vibration Textures (2011)",
@@ -82,10 +83,16 @@ def main(out: Path, seed: int = 0, small: bool = False) -> list[Path]:
 
 
 def compute(
-    seed: int, *, n_trials: int = N_TRIALS, n_loose: int = N_LOOSE, n_paths: int = 1000, real: bool = True
+    seed: int,
+    *,
+    n_trials: int = N_TRIALS,
+    n_loose: int = N_LOOSE,
+    n_paths: int = 1000,
+    duration_s: float = DURATION_S,
+    real: bool = True,
 ) -> tuple[dict[str, Any], dict[str, Figure]]:
     """Compute what the chapter says; return it with the figures, not drawn yet."""
-    scans = {o.name: repeated_scans(o, stream(seed, 1, i)) for i, o in enumerate(OBJECTS)}
+    scans = {o.name: repeated_scans(o, stream(seed, 1, i), duration_s) for i, o in enumerate(OBJECTS)}
     fitted = {o.name: fit_texture(scans[o.name][0], o.law) for o in OBJECTS}
     piece = fitted[SHOWN].profile.segmentation.pieces(fitted[SHOWN].profile.samples)[SEGMENT]
     orders = fits_by_order(piece, fitted[SHOWN].scan.fs, RESOLUTION)
@@ -98,7 +105,7 @@ def compute(
     }
     errors = recoveries(seed, n_trials)
     loose = recoveries(seed + 500, n_loose, repeatability=0.03)
-    pairs = {o.name: at_speeds(o, stream(seed, 4, i)) for i, o in enumerate(OBJECTS)}
+    pairs = {o.name: at_speeds(o, stream(seed, 4, i), duration_s) for i, o in enumerate(OBJECTS)}
     halves, excerpts, hashes = real_recordings() if real else ([], [], {})
     numbers = {
         "seed": seed,

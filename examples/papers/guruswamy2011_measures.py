@@ -54,9 +54,11 @@ def stream(seed: int, *keys: int) -> np.random.Generator:
 # Scans of simulated objects ---------------------------------------------------------------------------------
 
 
-def repeated_scans(thing: SimulatedObject, rng: np.random.Generator) -> list[Scan]:
+def repeated_scans(
+    thing: SimulatedObject, rng: np.random.Generator, duration_s: float = DURATION_S
+) -> list[Scan]:
     """Scan one section five times: once as published, then with speed and force as a hand repeats them."""
-    section = lay_out(thing, DURATION_S * thing.speed, rng)
+    section = lay_out(thing, duration_s * thing.speed, rng)
     hand = [(1.0, 1.0), *np.exp(0.12 * rng.standard_normal((N_REPEATED - 1, 2)))]
     return [simulate_scan(thing, section, rng, speed=thing.speed * v, force=thing.force * f) for v, f in hand]
 
@@ -210,14 +212,14 @@ def within_bounds(errors: Samples) -> dict[str, tuple[float, float, int]]:
 
 
 def at_speeds(
-    thing: SimulatedObject, rng: np.random.Generator
+    thing: SimulatedObject, rng: np.random.Generator, duration_s: float = DURATION_S
 ) -> tuple[SpatialTexture, list[dict[str, Any]]]:
     """Fit a texture to a slow scan and render it along scans of the section at further speeds.
 
     Each is compared within the texture's band: scan, rendered, fit (of the spectra), level (RMS of the
     rendered over that of the scanned) and level_printed (with the amplitude as printed, see `Amplitude`).
     """
-    section = lay_out(thing, 10 * thing.speed, rng)
+    section = lay_out(thing, duration_s * thing.speed, rng)
     fitted = fit_texture(simulate_scan(thing, section, rng), thing.law)
     texture, pairs = fitted.texture, []
     plain = replace(texture, scaling=replace(texture.scaling, compensated=False))
