@@ -71,7 +71,7 @@ def test_version_and_help_import_nothing_heavy():
 
 LISTED = {
     f"{group}{name}": command
-    for group, of in (("", COMMANDS), ("scene ", COMMANDS.commands["scene"]))
+    for group, of in (("", COMMANDS), *((f"{g} ", COMMANDS.commands[g]) for g in ("datasets", "scene")))
     for name, command in of.commands.items()
     if not command.hidden and name != "scene"
 }

@@ -5,7 +5,10 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from texclass.loaders import open_dataset
+from texclass import shipped
+from texclass.loaders import fetch_recordings, open_dataset, read_card
+
+PUBLISHED = [name for name in shipped.names("datasets") if getattr(read_card(name), "published", None)]
 
 
 @pytest.mark.parametrize(
@@ -36,6 +39,7 @@ def test_biotac_repetitions_are_1_to_40_of_every_material():
     repetitions = Counter((entry.material, entry.repetition) for entry in open_dataset("biotac20").entries)
     assert set(repetitions.values()) == {1}
     assert {repetition for _, repetition in repetitions} == set(range(1, 41))
+    assert {"carpet net", "metal"} < {material for material, _ in repetitions}
 
 
 @pytest.mark.usefixtures("data_root")
@@ -54,3 +58,9 @@ def test_borealtc_has_turn_rate_no_gravity_and_one_session_per_run():
     recording = dataset[0]
     np.testing.assert_allclose(np.median(recording.acceleration, axis=0), 0, atol=1e-12)
     assert recording.turn_rate.shape == recording.acceleration.shape
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_these_recordings_are_what_fetching_makes_of_the_published_ones(name, data_root, monkeypatch):
+    monkeypatch.setenv("https_proxy", "http://127.0.0.1:9")  # no file lacks, so nothing is asked for
+    assert fetch_recordings(name) == data_root / read_card(name).folder

@@ -8,7 +8,10 @@ import typer
 
 from texclass.cli import options
 from texclass.cli.app import app
-from texclass.cli.options import shipped, tell
+from texclass.cli.options import progress_bar, shipped, tell
+
+cards = typer.Typer(invoke_without_command=True, epilog="Example: texclass datasets get taps5")
+app.add_typer(cards, name="datasets")
 
 
 @app.command(epilog="Example: texclass inspect recordings/oak/oak_01.txt --fs 10000 --unit m/s^2")
@@ -70,12 +73,35 @@ def sample(
     typer.echo(f"texclass inspect {written[0]} --fs 10000 --unit m/s^2")
 
 
-@app.command(epilog="Example: texclass datasets")
-def datasets() -> None:
-    """List the dataset cards, and which have their data here."""
-    from texclass.reporting import datasets_document
+@cards.callback()
+def datasets(context: typer.Context) -> None:
+    """List the dataset cards, and which have their data here; `get` fetches."""
+    if context.invoked_subcommand is None:
+        from texclass.reporting import datasets_document
 
-    tell(datasets_document())
+        tell(datasets_document())
+
+
+@cards.command(epilog="Example: texclass datasets get taps5")
+def get(
+    names: Annotated[
+        list[str],
+        typer.Argument(
+            help="Shipped dataset cards, or cards of yours (TOML).", autocompletion=shipped("datasets")
+        ),
+    ],
+) -> None:
+    """Fetch the recordings of cards from where they are published."""
+    from texclass.loaders import fetch_recordings, read_card
+
+    for name in names:
+        card = read_card(name)
+        typer.echo(f"{card.title}\nfrom: {card.source}\nlicence: {card.licence}")
+        if card.citation:
+            typer.echo(f"cite: {card.citation}")
+        with progress_bar() as progress:
+            folder = fetch_recordings(name, progress)
+        typer.echo(f"complete, each file as published: {folder}")
 
 
 @app.command(epilog="Example: texclass features strese2015")

@@ -59,8 +59,8 @@ class Card(Written):
 
     Attributes
     ----------
-    title, source, licence
-        What it is, where to get it, on which terms.
+    title, source, licence, citation
+        What it is, where to get it, on which terms; the publication to cite.
     notes
         What a report must say: quirks, assumptions.
     """
@@ -68,6 +68,7 @@ class Card(Written):
     title: str
     source: str = ""
     licence: str = "not stated"
+    citation: str = ""
     notes: tuple[str, ...] = ()
     _path: Path = PrivateAttr(default=Path())
 
@@ -146,9 +147,10 @@ _UNSAID = {
     "recipe": {},
     "time_column": None,
     "resample_hz": None,
+    "materials": {},
 }
 """What `Reading.facts` tells of a key that a format has not."""
-_LATER = ("topic", "time_column", "resample_hz")
+_LATER = ("topic", "time_column", "resample_hz", "materials")
 """Keys that cards got later."""
 
 
@@ -188,6 +190,8 @@ class FileReading(Reading):
     ----------
     files
         Patterns of relative file names, with the named groups of `GROUPS`.
+    materials
+        What the names tell of the material -> what it is called; those that are not in it keep theirs.
     labels
         Table with labels and groups that the names do not tell.
     channels
@@ -208,6 +212,7 @@ class FileReading(Reading):
         Cut signals of different lengths to the shortest.
     """
 
+    materials: dict[str, str] = Field(default_factory=dict)
     labels: LabelTable | None = None
     channels: dict[Role, Columns] = Field(default_factory=dict)
     companions: dict[Signal, Texts] = Field(default_factory=dict)
@@ -240,28 +245,56 @@ def _groups(key: str, patterns: tuple[str, ...]) -> set[str]:
     return told
 
 
-class FileCard(Card, FileReading):
-    """A card of recordings that are files; `folder` stands under the data root."""
+class Published(Written):
+    """Where the files are published that `NAME.sha256`, beside the card, lists with their digests.
 
-    format: Literal["files"]
-    folder: str
-    phases: DeclaredPhases
+    Attributes
+    ----------
+    url
+        What stands before their names there; of one commit or record that does not change.
+    convert
+        What is done to each of them (`published.CONVERSIONS`); by default nothing.
+    sha256
+        Over the names and digests of the files that come of it, those that the card reads.
+    """
+
+    url: str = Field(pattern=r"^https?://.+/$", description="an address that ends in /")
+    convert: Literal["", "frames", "rounded", "counts", "sheets"] = ""
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits")
 
 
-class RowCard(Card, Reading):
-    """A card of recordings that are rows of CSV files, one file (of `files`) per channel.
+class StoredCard(Card):
+    """A card of recordings that are stored.
 
     Attributes
     ----------
     folder
         Folder under the data root.
+    published
+        From where `texclass datasets get` fetches them.
+    """
+
+    folder: str
+    phases: DeclaredPhases
+    published: Published | None = None
+
+
+class FileCard(StoredCard, FileReading):
+    """A card of recordings that are files."""
+
+    format: Literal["files"]
+
+
+class RowCard(StoredCard, Reading):
+    """A card of recordings that are rows of CSV files, one file (of `files`) per channel.
+
+    Attributes
+    ----------
     label_column
         The column with the material.
     """
 
     format: Literal["rows"]
-    folder: str
-    phases: DeclaredPhases
     label_column: str
 
 

@@ -425,7 +425,7 @@ def _entries(
             raise CardError(f"{path}: repetition is {repetition!r}; the rule is a whole number")
         yield Entry(
             recording_id=recording_id,
-            material=facts["material"],
+            material=reading.materials.get(facts["material"], facts["material"]),
             operator=facts.get("operator"),
             session=facts.get("session"),
             repetition=int(repetition) if repetition is not None else None,

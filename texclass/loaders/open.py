@@ -105,7 +105,7 @@ def open_dataset(
         return open_simulated(card.recipe, **about)
     agreed_rate(card.fs_hz, fs, card.path)
     agreed_unit(card.unit, unit, card.path)
-    root = find_folder(card.folder, card_path=card.path, source=card.source).absolute()
+    root = find_folder(card).absolute()
     if leaves(root, data_roots(card.path)):
         outside = f"the card's folder {card.folder!r} is outside of the card's own and of the folders of data"
         about["notes"] = (*card.notes, f"{outside}: {root}")

@@ -4,10 +4,15 @@ import contextlib
 import os
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import platformdirs
 
+from texclass import shipped
 from texclass.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from texclass.loaders.cards import StoredCard
 
 APPLICATION = "texclass"
 
@@ -33,7 +38,7 @@ def cache_root() -> Path:
     return Path(stated).expanduser() if stated else platformdirs.user_cache_path(APPLICATION)
 
 
-def find_folder(folder: str, *, card_path: Path, source: str) -> Path:
+def find_folder(card: "StoredCard") -> Path:
     """Return the folder that holds a card's recordings.
 
     Raises
@@ -41,14 +46,17 @@ def find_folder(folder: str, *, card_path: Path, source: str) -> Path:
     DataNotFoundError
         If it is in none of the places.
     """
-    candidates = [root / folder for root in data_roots(card_path)]
+    candidates = [root / card.folder for root in data_roots(card.path)]
     for candidate in candidates:
         if candidate.is_dir():
             return candidate
+    way = f"Get them from {card.source or 'their owner'} and put them there"
+    if card.published:
+        name = card.name if card.name in shipped.names("datasets") else card.path
+        way = f"`texclass datasets get {name}` fetches them"
     raise DataNotFoundError(
-        f"{card_path.stem}: its recordings are not on this machine. Looked for "
-        f"{', '.join(map(str, candidates))}. Get them from {source or 'their owner'} and put them there, "
-        "or set TEXCLASS_DATA to the folder that holds them"
+        f"{card.name}: its recordings are not on this machine. Looked for {', '.join(map(str, candidates))}. "
+        f"{way}, or set TEXCLASS_DATA to the folder that holds them"
     )
 
 

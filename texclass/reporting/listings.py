@@ -21,9 +21,9 @@ def datasets_document() -> Document:
         else:
             fs, here = card.fs_hz, "yes"
             try:
-                find_folder(card.folder, card_path=card.path, source=card.source)
+                find_folder(card)
             except DataNotFoundError:
-                here = "no"
+                here = "can be fetched" if card.published else "no"
         rows.append((card.path.stem, card.title, f"{fs:g} Hz", here))
     frame = pd.DataFrame(rows, columns=["dataset", "what it is", "rate", "here"])
     return Document("Shipped datasets", [Table(frame, n_words=4)])

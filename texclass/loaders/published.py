@@ -1,0 +1,148 @@
+"""Recordings of a card, fetched from where they are published and brought into the layout that it reads."""
+
+import io
+import re
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from urllib.parse import quote
+
+import numpy as np
+import pandas as pd
+from scipy.io import wavfile
+
+from texclass.loaders.cards import CardError, StoredCard, read_card
+from texclass.loaders.filesets import digest_files
+from texclass.loaders.places import cache_root, data_roots, leaves
+from texclass.whole_files import write_whole
+
+PATIENCE_S = 60
+"""Seconds in which a server has to answer."""
+
+
+def fetch_recordings(
+    name_or_path: str | Path, progress: Callable[[int, int, str], None] = lambda done, total, what: None
+) -> Path:
+    """Fetch the recordings of a card into the user's folder of data, file by file; those that are there stay.
+
+    What was broken off goes on when it is asked for again; what is complete needs no network.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        A shipped card, or the path of one's own, whose `[published]` says where the files are; beside it,
+        NAME.sha256 lists them.
+    progress : callable, optional
+        Given the number of files that are done, of all files, and what is fetched.
+
+    Returns
+    -------
+    Path
+        The folder of the recordings.
+
+    Raises
+    ------
+    CardError
+        If the card does not say where its files are, or its list breaks a rule.
+    ValueError
+        If a file is not the one that was published (its SHA-256), or what was made of them not what the card
+        says.
+    OSError
+        If a file cannot be fetched or written.
+    """
+    card = read_card(name_or_path)
+    if not isinstance(card, StoredCard) or card.published is None:
+        where = f"they are at {card.source}" if card.source else "ask their owner"
+        raise CardError(f"{card.path}: its recordings cannot be fetched, as it has no [published]; {where}")
+    published, root = card.published, data_roots()[0] / card.folder
+    begun = root if root.is_dir() else root.with_name(f"{root.name}.unfinished")
+    files = _listed(card.path.with_suffix(".sha256"), begun)
+    lacking = {made: sources for made, sources in files.items() if not (begun / made).is_file()}
+    fetched = cache_root() / "published" / card.name
+    for done, (made, sources) in enumerate(lacking.items(), len(files) - len(lacking)):
+        progress(done, len(files), card.name)
+        paths = [_fetched(published.url, source, sha256, fetched) for source, sha256 in sources]
+        write_whole(begun / made, CONVERSIONS[published.convert](paths, card.fs_hz))
+    if (found := digest_files(begun, files, "")) != published.sha256:
+        raise ValueError(
+            f"{begun}: the SHA-256 over {len(files)} files is {found}; the rule is {published.sha256}, as "
+            "the card says: remove the folder and get it again"
+        )
+    if begun != root:
+        begun.rename(root)
+    shutil.rmtree(fetched, ignore_errors=True)
+    return root
+
+
+def _listed(path: Path, root: Path) -> dict[str, list[tuple[str, str]]]:
+    """Return file of the card's layout -> the published files that it is made of, and their SHA-256.
+
+    A line is the digest, the file as it is published and, where that has another name here, the name here;
+    tabs are between them.
+    """
+    files: dict[str, list[tuple[str, str]]] = {}
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        sha256, *names = line.split("\t")
+        is_inside = not any(leaves(root / name, (root,)) for name in names)
+        if not (re.fullmatch("[0-9a-f]{64}", sha256) and len(names) in {1, 2} and is_inside):
+            raise CardError(f"{path}: line {number} is {line!r:.99}; the rule is SHA-256, file, file here")
+        files.setdefault(names[-1], []).append((names[0], sha256))
+    return files
+
+
+def _fetched(url: str, source: str, sha256: str, folder: Path) -> Path:
+    """Return a published file, fetched unless it is there."""
+    import pooch
+
+    pooch.get_logger().setLevel("WARNING")
+    known = {"registry": {source: f"sha256:{sha256}"}, "urls": {source: url + quote(source)}}
+    files = pooch.create(folder, url, retry_if_failed=2, **known)
+    try:
+        return Path(files.fetch(source, downloader=pooch.HTTPDownloader(timeout=PATIENCE_S)))
+    except OSError as error:
+        told = f"{url}{source}: cannot be fetched ({error})"
+        raise OSError(f"{told}; what was fetched is kept, the same command goes on") from error
+
+
+def _same(paths: list[Path], fs: float) -> bytes:
+    return paths[0].read_bytes()
+
+
+def _frames(paths: list[Path], fs: float) -> bytes:
+    """Return what stands in columns 5 to 26 of a table, row by row, as sound: 22 samples a frame (BioTac)."""
+    frames = np.loadtxt(paths[0], delimiter=",", skiprows=1, usecols=range(4, 26))
+    sound = io.BytesIO()
+    wavfile.write(sound, round(fs), np.rint(frames).astype(np.int16).ravel())
+    return sound.getvalue()
+
+
+def _rounded(paths: list[Path], fs: float) -> bytes:
+    """Return a table with five decimals."""
+    return _csv(pd.read_csv(paths[0]).round(5))
+
+
+def _counts(paths: list[Path], fs: float) -> bytes:
+    """Return the first six of ten columns without names, at 50 Hz; the last is the time in ms."""
+    table = pd.read_csv(paths[0], header=None)
+    step = round(20 / table[9].diff().median())
+    counts = table.iloc[::step, :6].set_axis(["ax", "ay", "az", "wx", "wy", "wz"], axis=1)
+    return _csv(counts.astype(float), "%.0f")  # one is 1e26, beyond whole numbers
+
+
+def _sheets(paths: list[Path], fs: float) -> bytes:
+    """Return workbooks of one column each as a table."""
+    columns = []
+    for path in paths:
+        with zipfile.ZipFile(path) as book:
+            cells = re.findall(rb"<v>([^<]*)</v>", book.read("xl/worksheets/sheet1.xml"))
+        columns.append(np.array(cells, dtype=float))
+    return _csv(pd.DataFrame(dict(zip(("acceleration", "normal_force", "speed"), columns, strict=True))))
+
+
+def _csv(table: pd.DataFrame, form: str | None = None) -> bytes:
+    return table.to_csv(index=False, lineterminator="\n", float_format=form).encode()
+
+
+CONVERSIONS = {"": _same, "frames": _frames, "rounded": _rounded, "counts": _counts, "sheets": _sheets}
+"""What is done to published files, as `convert` of a card names it."""
