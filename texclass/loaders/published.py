@@ -6,7 +6,6 @@ import shutil
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from urllib.parse import quote
 
 import numpy as np
 import pandas as pd
@@ -96,8 +95,7 @@ def _fetched(url: str, source: str, sha256: str, folder: Path) -> Path:
     import pooch
 
     pooch.get_logger().setLevel("WARNING")
-    known = {"registry": {source: f"sha256:{sha256}"}, "urls": {source: url + quote(source)}}
-    files = pooch.create(folder, url, retry_if_failed=2, **known)
+    files = pooch.create(folder, url, registry={source: f"sha256:{sha256}"}, retry_if_failed=2)
     try:
         return Path(files.fetch(source, downloader=pooch.HTTPDownloader(timeout=PATIENCE_S)))
     except OSError as error:
