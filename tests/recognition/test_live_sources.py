@@ -163,7 +163,7 @@ def test_what_is_missing_is_asked_for():
         open_source("-", unit="g")
     with pytest.raises(RecordingError, match="standard input: unit is missing"):
         open_source("-", fs=FS)
-    with pytest.raises(ValueError, match="3 channels given with r.wav; the rule is standard input"):
+    with pytest.raises(ValueError, match=r"3 channels given with r\.wav; the rule is standard input"):
         open_source("r.wav", raw_channels=3)
     with pytest.raises(ValueError, match="block_s is 0; the rule is above 0"):
         open_source("-", fs=FS, unit="g", block_s=0)

@@ -4,7 +4,7 @@ import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from itertools import chain
@@ -89,19 +89,12 @@ def open_source(
         If a fact is missing or contradicted, the file is bad, or the source has not what the model needs; on
         the way, if the first lines of a text hold no numbers.
     ValueError
-        If a block has no length, there is no such number of channels, or options come with another source than
-        theirs.
+        If a block has no length, there is no such number of channels, or options come with another source
+        than theirs.
     """
     is_topic = isinstance(source, str) and source.startswith(ROS2)
     reading = {name: value for name, value in reading.items() if value is not None}
-    if wrong := [name for name in reading if (name in OF_FILES) == is_topic]:
-        rule = "a file" if is_topic else "a source ros2:/TOPIC"
-        raise ValueError(f"{', '.join(wrong)} given with {source}; the rule is {rule}")
-    if source == "-" and ("time_column" in reading or (raw_channels is not None and "delimiter" in reading)):
-        rule = "a rate (--fs) in place of a time column, and a delimiter of text alone"
-        raise ValueError(f"{', '.join(reading)} given with {STDIN}; the rule is {rule}")
-    if raw_channels is not None and source != "-":
-        raise ValueError(f"{raw_channels} channels given with {source}; the rule is standard input, -")
+    _check_options(source, reading, raw_channels)
     needs = ACCELERATION_ONLY if model is None else model.needs
     if not block_s > 0:
         raise ValueError(f"block_s is {block_s}; the rule is above 0")
@@ -136,6 +129,19 @@ def open_source(
         n = max(1, round(block_s * recording.fs))
         blocks = _played(recording, needs.columns_of(recording), n, paced)
     return blocks if rate is None else resampled(blocks, rate)
+
+
+def _check_options(source: str | Recording, reading: Mapping[str, Any], raw_channels: int | None) -> None:
+    """Refuse options that a source of this kind does not take."""
+    is_topic = isinstance(source, str) and source.startswith(ROS2)
+    if wrong := [name for name in reading if (name in OF_FILES) == is_topic]:
+        rule = "a file" if is_topic else "a source ros2:/TOPIC"
+        raise ValueError(f"{', '.join(wrong)} given with {source}; the rule is {rule}")
+    if source == "-" and ("time_column" in reading or (raw_channels is not None and "delimiter" in reading)):
+        rule = "a rate (--fs) in place of a time column, and a delimiter of text alone"
+        raise ValueError(f"{', '.join(reading)} given with {STDIN}; the rule is {rule}")
+    if raw_channels is not None and source != "-":
+        raise ValueError(f"{raw_channels} channels given with {source}; the rule is standard input, -")
 
 
 def _played(recording: Recording, signal: Samples, n: int, paced: bool) -> BlockSource:
