@@ -139,6 +139,23 @@ def test_a_soft_tap_far_below_the_strongest_is_found_without_a_pull_of_the_hand(
     assert impacts(of(x)) == [0.5, 0.9, 1.5]
 
 
+def test_a_tap_softer_than_the_pull_of_the_hand_before_it_is_found():
+    t = np.arange(20_000) / 1e4
+    x = 0.02 * np.random.default_rng(0).standard_normal(20_000) + 9.81
+    for at in (0.5, 1.0, 1.5):
+        x -= 2.0 * np.sin(np.pi * np.clip((at - t) / 0.07, 0.0, 1.0)) ** 2
+        x += 0.8 * np.sin(np.pi * np.clip((t - at) / 0.008, 0.0, 1.0))
+    assert impacts(of(x)) == [0.5, 1.0, 1.5]
+
+
+def test_strokes_that_hardly_leave_the_noise_begin_where_they_are_felt():
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal(30_000) * np.where(np.arange(30_000) < 5000, 0.02, 0.06)
+    first, last = of(x).movement
+    assert first / 1e4 == pytest.approx(0.5, abs=0.02)
+    assert last == 30_000
+
+
 def test_a_tap_has_a_width_and_a_quality_that_falls_with_what_is_around():
     noise = np.random.default_rng(0).standard_normal(23_000)
     clear, noisy = of(tapped()), of(tapped() + 0.7 * noise)

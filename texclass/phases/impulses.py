@@ -158,20 +158,22 @@ def find_impulses(levels: Levels, rules: Rules) -> list[Impulse]:
     sharp, loud = (decibels(mean_over(x, n(SHARP_S))) for x in (levels.felt, levels.loud))
     calm = decibels(mean_over(levels.felt, n(CALM_S)))
     quiet_db, least_db = 10.0 * np.log10(rules.active_ratio), rules.stand_out_db
-    peaks, _ = signal.find_peaks(
-        np.pad(sharp, 1),
-        height=10.0 * np.log10(rules.tap_ratio),
-        prominence=least_db,
-        distance=n(rules.spacing_s),
-    )
-    back = n(rules.before_s)
-    before = ndimage.maximum_filter1d(sharp, back, mode="constant")
-    above = sharp - np.concatenate([np.zeros(n(RISE_S) + back // 2), before])[: len(sharp)]
-    rises = ndimage.maximum_filter1d(above, back, origin=(back - 1) // 2)
+    tap_db, back = 10.0 * np.log10(rules.tap_ratio), n(rules.before_s)
+    peaks, rises = set[int](), np.zeros(len(sharp))
+    # The hand's pull, felt in the soft band, hides no tap that besides is loud and comes out of rest.
+    for level, most_db in ((sharp, np.inf), (loud, least_db)):
+        at, _ = signal.find_peaks(
+            np.pad(level, 1), height=tap_db, prominence=least_db, distance=n(rules.spacing_s)
+        )
+        peaks.update((at - 1).tolist())
+        before = ndimage.maximum_filter1d(level, back, mode="constant")
+        before = np.concatenate([np.zeros(n(RISE_S) + back // 2), before])[: len(level)]
+        above = np.where(before < most_db, level - before, 0.0)
+        np.maximum(rises, ndimage.maximum_filter1d(above, back, origin=(back - 1) // 2), out=rises)
     found: list[Impulse] = []
     limit = len(sharp)
-    for peak in (int(p) - 1 for p in reversed(peaks)):
-        if rises[peak] < least_db:
+    for peak in sorted(peaks, reverse=True):
+        if rises[peak] < least_db or peak >= limit:
             continue
         top, look = float(sharp[peak]), max(0, peak - back)
         (below,) = np.nonzero(sharp[look:peak] < max(quiet_db, top - ONSET_DB))
@@ -186,8 +188,9 @@ def find_impulses(levels: Levels, rules: Rules) -> list[Impulse]:
         fall = top - float(left[: gone - peak + 1].min(initial=top))
         if fall < least_db:
             continue
-        width = peak + _first(loud[peak:limit] < loud[peak] - WIDTH_DB, limit - peak) - start
-        strongest = float(loud[start : peak + n(RISE_S)].max())
+        loudest = start + int(np.argmax(loud[start : peak + n(RISE_S)]))
+        strongest = float(loud[loudest])
+        width = loudest + _first(loud[loudest:] < strongest - WIDTH_DB, limit - loudest) - start
         ends = max(end, start + 1), max(gone, start + 1)
         stands_out = min(float(rises[peak]), fall)
         found.append(Impulse(start, peak, *ends, width, top, strongest, stands_out, fall))

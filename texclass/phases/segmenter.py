@@ -120,12 +120,12 @@ class Segmenter(Rules):
     ) -> tuple[int, int]:
         """Return the movement in samples: to the end unless the tool rests there.
 
-        Where strokes hardly leave the noise, a rest after them (and before, if there are no taps) may be
-        fainter strokes.
+        Where strokes hardly leave the noise, a rest after them (and a short one before, if there are no taps)
+        may be fainter strokes.
         """
         (first, last), n_bins = span, found.levels.n_bins
         is_faint = self._is_faint(found, span)
-        if is_faint and not taps and first - found.data[0] < n_bins(self.pause_s):
+        if is_faint and not taps and first - found.data[0] < n_bins(self.rest_s):
             first = found.data[0]
         rest_s = self.pause_s if is_faint else self.rest_s
         if found.data[1] - last < n_bins(rest_s) and not (taps and taps[-1].start >= last):
