@@ -12,7 +12,7 @@ from texclass.signals import butterworth, causal
 SOS = butterworth("highpass", 60.0, 2000.0)
 SIGNAL = np.random.default_rng(0).normal(size=(1003, 2)).cumsum(axis=0)
 
-DATA = Data(0, len(SIGNAL), SIGNAL[:20].mean(axis=0), False)
+DATA = Data(0, len(SIGNAL), SIGNAL[:20].mean(axis=0))
 GLITCHES = np.zeros(0, dtype=np.intp)
 
 

@@ -21,7 +21,8 @@ FADE_DB = 2.5
 """Least rise of the level, each time as much time has passed again, while a volume is turned up."""
 FADE_MOST_DB, FADE_TOTAL_DB = 25.0, 12.0
 LONGEST_FADE_S = 0.6
-_BLOCK = 1 << 18
+BLOCK = 1 << 14
+"""Rows looked at and filtered at a time, so few that they stay near the processor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,14 +35,11 @@ class Data:
         Data are the samples [first, stop); outside, a value is held.
     rest : ndarray of shape (n_channels,)
         What stands in for what is held before: the level at which the data begin.
-    steps_in : bool
-        Whether the data begin elsewhere than at the held value.
     """
 
     first: int
     stop: int
     rest: Samples
-    steps_in: bool
 
 
 def find_data(axes: Samples, fs: float) -> Data:
@@ -56,14 +54,14 @@ def find_data(axes: Samples, fs: float) -> Data:
     first = before if before >= least else 0
     stop = n - after if after >= least and after < n else n
     if first == n:
-        return Data(0, n, axes[0], False)
+        return Data(0, n, axes[0])
     opening = axes[first : first + max(3, round(0.02 * fs))]
     if not first:
-        return Data(0, stop, _start(opening), False)
+        return Data(0, stop, _start(opening))
     level = np.median(opening, axis=0)
     spread = np.median(np.abs(opening - level), axis=0)
     steps_in = bool((np.abs(level - axes[0]) > STEP * spread).any() and spread.any())
-    return Data(first, stop, level if steps_in else axes[0], steps_in)
+    return Data(first, stop, level if steps_in else axes[0])
 
 
 def _held(axes: Samples) -> int:
@@ -74,7 +72,7 @@ def _held(axes: Samples) -> int:
         at = int(np.argmax(differs))
         if differs[at]:
             return start + at
-        start, size = start + size, min(2 * size, _BLOCK)
+        start, size = start + size, min(2 * size, BLOCK)
     return len(axes)
 
 
@@ -87,8 +85,8 @@ def find_glitches(axes: Samples) -> NDArray[np.intp]:
     if len(axes) < 2 * NEAR + 1:
         return np.zeros(0, dtype=np.intp)
     found = [np.zeros(0, dtype=np.intp)]
-    for start in range(0, len(axes) - 2 * NEAR, _BLOCK):
-        rows = np.ascontiguousarray(axes[max(0, start - 1) : start + _BLOCK + 1].T)
+    for start in range(0, len(axes) - 2 * NEAR, BLOCK):
+        rows = np.ascontiguousarray(axes[max(0, start - 1) : start + BLOCK + 1].T)
         jump = np.diff(rows)
         np.abs(jump, out=jump)
         low = np.minimum(jump[:, 1:], jump[:, :-1])

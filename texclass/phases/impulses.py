@@ -4,7 +4,7 @@ The one core of segmentation. A recording asks it once, of all its bins; a strea
 contact at hand. It looks back a few hundredths of a second, and ahead until an impulse has died away.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -158,21 +158,11 @@ def find_impulses(levels: Levels, rules: Rules) -> list[Impulse]:
     sharp, loud = (decibels(mean_over(x, n(SHARP_S))) for x in (levels.felt, levels.loud))
     calm = decibels(mean_over(levels.felt, n(CALM_S)))
     quiet_db, least_db = 10.0 * np.log10(rules.active_ratio), rules.stand_out_db
-    tap_db, back = 10.0 * np.log10(rules.tap_ratio), n(rules.before_s)
-    peaks, rises = set[int](), np.zeros(len(sharp))
-    # The hand's pull, felt in the soft band, hides no tap that besides is loud and comes out of rest.
-    for level, most_db in ((sharp, np.inf), (loud, least_db)):
-        at, _ = signal.find_peaks(
-            np.pad(level, 1), height=tap_db, prominence=least_db, distance=n(rules.spacing_s)
-        )
-        peaks.update((at - 1).tolist())
-        before = ndimage.maximum_filter1d(level, back, mode="constant")
-        before = np.concatenate([np.zeros(n(RISE_S) + back // 2), before])[: len(level)]
-        above = np.where(before < most_db, level - before, 0.0)
-        np.maximum(rises, ndimage.maximum_filter1d(above, back, origin=(back - 1) // 2), out=rises)
+    peaks, rises = _peaks(sharp, loud, n, rules)
+    back = n(rules.before_s)
     found: list[Impulse] = []
     limit = len(sharp)
-    for peak in sorted(peaks, reverse=True):
+    for peak in reversed(peaks):
         if rises[peak] < least_db or peak >= limit:
             continue
         top, look = float(sharp[peak]), max(0, peak - back)
@@ -196,6 +186,27 @@ def find_impulses(levels: Levels, rules: Rules) -> list[Impulse]:
         found.append(Impulse(start, peak, *ends, width, top, strongest, stands_out, fall))
         limit = max(start, 1)
     return found[::-1]
+
+
+def _peaks(
+    sharp: Samples, loud: Samples, n_bins: Callable[[float], int], rules: Rules
+) -> tuple[list[int], Samples]:
+    """Return the peaks of both levels (dB), and by how much each bin stands above what was before it.
+
+    The hand's pull, felt in the soft band, hides no tap that is loud besides and comes out of rest.
+    """
+    tap_db, least_db, back = 10.0 * np.log10(rules.tap_ratio), rules.stand_out_db, n_bins(rules.before_s)
+    peaks, rises = set[int](), np.zeros(len(sharp))
+    for level, most_db in ((sharp, np.inf), (loud, least_db)):
+        at, _ = signal.find_peaks(
+            np.pad(level, 1), height=tap_db, prominence=least_db, distance=n_bins(rules.spacing_s)
+        )
+        peaks.update((at - 1).tolist())
+        before = ndimage.maximum_filter1d(level, back, mode="constant")
+        before = np.concatenate([np.zeros(n_bins(RISE_S) + back // 2), before])[: len(level)]
+        above = np.where(before < most_db, level - before, 0.0)
+        np.maximum(rises, ndimage.maximum_filter1d(above, back, origin=(back - 1) // 2), out=rises)
+    return sorted(peaks), rises
 
 
 def find_movement(levels: Levels, impulses: Sequence[Impulse], rules: Rules) -> tuple[int, int] | None:

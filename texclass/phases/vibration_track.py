@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.phases.defects import LONGEST_FADE_S, Data, fade, find_data, find_glitches, mended
+from texclass.phases.defects import BLOCK, LONGEST_FADE_S, Data, fade, find_data, find_glitches, mended
 from texclass.phases.impulses import CALM_S, Levels, mean_over
 from texclass.recording import Recording, Samples
 from texclass.signals import butterworth, causal
@@ -38,8 +38,6 @@ VARYING = 0.75
 """Where it does, vibration that lasts must stand so much further above it."""
 _DEAD = 1e-14
 """Power below this share of the strongest is rounding."""
-BLOCK = 1 << 19
-"""Rows filtered at a time, about (4 MB a channel): from its state on, a filter does the same as at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +57,7 @@ class Filtered:
     glitches : ndarray of int
         Samples that are replaced by the mean of their neighbours.
     size : int
-        Rows of a block.
+        Rows of a block: from its state on, a filter does the same as at once.
     """
 
     axes: Samples
@@ -134,7 +132,7 @@ def block_mean(x: Samples, size: int) -> Samples:
     if size == 1:
         return x
     whole = len(x) // size * size
-    blocks = x[:whole].reshape(-1, size, *x.shape[1:]).mean(axis=1)
+    blocks = np.einsum("ij...->i...", x[:whole].reshape(-1, size, *x.shape[1:])) / size
     rest = x[whole:]
     return np.concatenate([blocks, rest.mean(axis=0)[np.newaxis]]) if len(rest) else blocks
 
