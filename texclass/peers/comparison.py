@@ -175,7 +175,6 @@ def compare_with_peers(
             "protocol_description": protocol.description,
             "n_folds": len(splits),
             "n_pairs": len(result.table),
-            "choice": choice,
             "contestants": [_judged(found, entrants[0], table, protocol, splits) for found in entrants],
             "signals": DESCRIPTIONS[settings.signals],
             "time_limit_s": settings.time_limit_s,

@@ -122,21 +122,17 @@ def _finding(data: Data) -> Finding:
 
 def _in_view(data: Data) -> str:
     """Return what was chosen with the tests in view, after the choice inside the training parts."""
-    choice, n_peers = (
-        data.get("choice"),
-        sum(bool(not c["ours"] and c["accuracy"]) for c in data["contestants"]),
-    )
+    n_peers = sum(bool(not c["ours"] and c["accuracy"]) for c in data["contestants"])
     peer = f"The best peer is the highest of {n_peers}, chosen with the tests in view."
-    if choice and data["contestants"][0]["name"] == CHOICE:
+    if data["contestants"][0]["name"] == CHOICE:
         return f"Ours is chosen inside each training part. {peer}"
     pairs = f" of {data['n_pairs']} pairs of row and classifier" if data.get("n_pairs") else ""
-    ours = f"Ours here is the highest{pairs}, chosen with the tests in view"
-    if choice:
-        chosen = f"Chosen inside each training part, ours has {estimate(choice['accuracy'])} %."
-        return f"{chosen} {ours}: optimistic. {peer}"
     if data.get("n_pairs") == 1:
         return peer
-    return f"{ours}, so optimistic (`--choose` says what the choice is worth). {peer}"
+    return (
+        f"Ours here is the highest{pairs}, chosen with the tests in view, so optimistic (`--choose` says "
+        f"what the choice is worth). {peer}"
+    )
 
 
 def _blocks(data: Data) -> Iterator[Block]:

@@ -190,7 +190,6 @@ COST = part(
 PEERS = part(
     MEASURED,
     pipeline=str, pipeline_hash=str, protocol_description=str, n_folds=COUNT, n_pairs=maybe(COUNT),
-    choice=maybe(CHOICE),
     contestants=listed(
         part(
             name=str, title=str, classifier=str, ours=bool, status=str, message=str, n_columns=COUNT,
