@@ -121,7 +121,7 @@ def mfcc(
         Filter amplitudes fall as exp(-f/decay_hz) with the frequency f of each *bin*; inf leaves them
         constant. In the logarithm a decay per filter would be a constant that every recording shares; per
         bin it also shifts the weight within a filter. Filters are so narrow beside 500 Hz that the two
-        banks differ by little more than an offset - as their accuracies do (88 and 89 %).
+        banks differ by little more than an offset.
     n_filters : int
         Number of filters.
     low_hz, high_hz : float

@@ -185,10 +185,7 @@ def without_choice(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return the one of all columns with a classifier that weighs them itself; all, if none does.
 
     With few recordings nearly every candidate is right on all that are held out, so that what is chosen is
-    chosen by chance; many features fail less when something changes later. On `biotac20`, trained on three
-    repetitions (from 1, 6, 11, 16 on), 85, 95, 97 and 97 % of much later ones are recognised, and 78, 80, 91
-    and 88 % by the best of all candidates. So it is with five and eight; in the mean over six draws it is 6
-    points better on `borealtc`, over eight 16 on `taps5`; on simulated recordings, without drift, 4 worse.
+    chosen by chance; many features fail less when something changes later.
     """
     able = [c for c in candidates if kind_for(c.classifier) == "decision"]
     return [max(able, key=lambda c: len(c.plan.columns))] if able else list(candidates)

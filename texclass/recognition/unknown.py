@@ -26,7 +26,7 @@ class Nearness:
 
     Features are standardised and whitened by their within-class covariance, then seen in the subspace that
     the class means span: directions in which known surfaces differ. Others hold what varies from stroke to
-    stroke, and hide a stranger (AUROC 0.96 instead of 0.99 on `biotac20`).
+    stroke, and hide a stranger.
 
     Attributes
     ----------
@@ -121,10 +121,8 @@ def cautious(false_alarms: float, n_held_out: int) -> float:
     A conformal threshold keeps its rate in the mean over many trainings; in one of them, with few recordings
     held out, it may be twice that. The k-th largest score keeps it in 95 of 100 trainings, for the largest k
     with P[Binomial(n, rate) < k] <= 5 % (a tolerance limit). Where n is too small for any (below 59 at 5 %),
-    the largest score is the threshold: the widest margin there is. It is paid for in strangers: with three
-    repetitions of 15 materials of `biotac20` (from 1, 6, 11, 16 on), false alarms at later ones fall from
-    11, 12, 7 and 4 % to 5, 6, 4 and 2 %, and the strangers that are found from 31, 70, 54 and 41 % to 21, 42,
-    40 and 26 %.
+    the largest score is the threshold: the widest margin there is. It is paid for in strangers: fewer of
+    them are found.
 
     References
     ----------
