@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 from texclass import __version__
 
@@ -22,6 +23,17 @@ def versions(*libraries: str) -> dict[str, str]:
         except PackageNotFoundError:
             found[name] = "not installed"
     return found
+
+
+def made_by(*places: str) -> dict[str, Any]:
+    """Return what a result states of the code that made it: rooms and modules, and their hash without words.
+
+    Parameters
+    ----------
+    *places : str
+        As in `code_hash`.
+    """
+    return {"code_of": sorted(places), "code_hash": code_hash(*places, words=False)}
 
 
 def code_hash(*places: str, files: Iterable[Path] = (), words: bool = True) -> str:

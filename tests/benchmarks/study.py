@@ -20,9 +20,12 @@ from threadpoolctl import threadpool_limits
 
 from texclass.document import Document, Table, render_markdown, write_document
 from texclass.document.blocks import Block
+from texclass.provenance import made_by
 
 R = TypeVar("R")
 ROOT = Path(__file__).resolve().parents[2]
+WORDS = {"cli", "document", "front_door", "provenance", "reporting", "_version"}
+"""Rooms and modules on which no figure depends."""
 
 
 def command_line(about: str | None, folder: str = "studies", **defaults: Any) -> argparse.ArgumentParser:
@@ -87,11 +90,13 @@ def write(
     folder: Path, name: str, result: Mapping[str, Any], title: str, blocks: Sequence[Block],
     picture: Figure | None = None, made: Mapping[str, Any] | None = None,
 ) -> None:  # fmt: skip
-    """Write NAME.json, NAME.md and perhaps NAME.png, and print the text.
+    """Write NAME.json (with a hash of the code that was loaded), NAME.md, perhaps NAME.png; print the text.
 
     The text ends with the command, and with what `made` (`result`) holds of seed, input hash and versions.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    loaded = {name.split(".")[1] for name in sys.modules if name.startswith("texclass.")}
+    result = {**result, **made_by(*loaded - WORDS)}
     text = json.dumps(result, indent=1, default=lambda array: array.tolist())
     (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
     if picture is not None:

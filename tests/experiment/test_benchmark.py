@@ -141,6 +141,7 @@ def test_a_result_carries_rate_unit_surfaces_chance_clusters_and_hashes_of_code_
     facts = result.data["dataset"]
     assert (facts["fs_hz"], facts["unit"], facts["n_materials"], facts["chance"]) == (FS, "m/s^2", 3, 1 / 3)
     assert len(result.data["code_hash"]) == 16
+    assert result.data["movement"] == "as printed, the hand left in"
     assert result.data["pipeline"]["features_hash"] == several.features.hash
     assert set(zip(result.table["clusters"], result.table["n_clusters"], strict=True)) == {("recording", 12)}
 

@@ -8,7 +8,7 @@ from told import result
 from texclass.experiment import load_pipeline
 from texclass.experiment.result import COMPUTED_BY
 from texclass.features import load_feature_set
-from texclass.provenance import code_hash
+from texclass.provenance import code_hash, made_by
 from texclass.reporting import stale_results
 
 
@@ -20,7 +20,7 @@ def todays():
         "features": "strese2015",
         "features_hash": features.hash,
     }
-    return result("benchmark") | {"pipeline": facts, "code_hash": code_hash(*COMPUTED_BY, words=False)}
+    return result("benchmark") | {"pipeline": facts, **made_by(*COMPUTED_BY)}
 
 
 @pytest.mark.parametrize(
@@ -39,6 +39,21 @@ def test_results_of_other_code_pipelines_or_features_are_listed_with_the_reason(
     change(data)
     path.write_text(json.dumps(data))
     assert stale_results([path]) == ({path: why} if why else {})
+
+
+def test_studies_name_the_code_that_made_them_and_are_listed_too(tmp_path):
+    path = tmp_path / "study.json"
+    for facts, why in (
+        (made_by("scene", "signals"), None),
+        (made_by("scene") | {"code_of": ["signals"]}, "made by other code"),
+        (made_by("scene") | {"code_of": ["gone"]}, "made by other code"),
+        ({}, "made before results carried a hash of their code"),
+    ):
+        path.write_text(json.dumps({"versions": {}, "pipeline": ["multiscale"], **facts}))
+        assert stale_results([path]).get(path) == why
+    path.write_text(json.dumps({"versions": {}, "code_of": ["/"]}))
+    with pytest.raises(ValueError, match="code_of"):
+        stale_results([path])
 
 
 def test_words_of_code_are_no_code(tmp_path):

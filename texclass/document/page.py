@@ -50,7 +50,7 @@ def render_page(documents: Sequence[Document], title: str = "", *, written_by: s
     data: dict[tuple[str, str], dict[str, str]] = {}  # what was measured on, each once
     for name, facts in (document.data for document in documents if document.data):
         data.setdefault((name, facts.get("Input hash", "")), {}).update(facts)
-    again = pd.DataFrame([dict(document.again) for document in documents if document.again])
+    again = pd.DataFrame([dict(document.again) for document in documents if document.again]).fillna("")
     return _environment().get_template("page.html").render(
         title=title or documents[0].title,
         documents=documents,

@@ -25,7 +25,7 @@ from texclass.experiment.workers import Progress, each
 from texclass.features.extractor import Reason
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
-from texclass.provenance import code_hash, versions
+from texclass.provenance import made_by, versions
 
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "pandas", "PyWavelets", "librosa", "joblib")
 
@@ -122,6 +122,7 @@ def run_benchmark(
                 "features": pipeline.features.name,
                 "features_hash": pipeline.features.hash,
             },
+            "movement": pipeline.features.movement,
             "protocol": chosen.name,
             "protocol_description": chosen.description,
             "n_folds": len(splits),
@@ -139,7 +140,7 @@ def run_benchmark(
             "versions": versions(*LIBRARIES),
             "seed": pipeline.seed,
             "input_hash": dataset.input_hash,
-            "code_hash": code_hash(*COMPUTED_BY, words=False),
+            **made_by(*COMPUTED_BY),
         }
     )
 

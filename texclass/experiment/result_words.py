@@ -96,10 +96,12 @@ def dataset_facts(data: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
 def again_facts(data: Mapping[str, Any], pipeline: str) -> dict[str, str]:
     """Return what is needed to compute a result again; its dataset's facts have the whole hash."""
     hashed = data["input_hash"]
-    return {
+    told = {
         "Pipeline or features": pipeline,
+        "Movement": data.get("movement", ""),
         "Protocol": data["protocol"],
         "Seed": str(data["seed"]),
         "Input hash": f"{hashed[:12]}\N{HORIZONTAL ELLIPSIS}" if len(hashed) > 12 else hashed,
         "Code": data.get("code_hash", ""),
     }
+    return {what: fact for what, fact in told.items() if fact}

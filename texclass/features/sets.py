@@ -134,6 +134,11 @@ class FeatureSet:
         return any(member.without_hand for member in self.members)
 
     @property
+    def movement(self) -> str:
+        """Which movement it reads, in words."""
+        return "without the path of the hand" if self.without_hand else "as printed, the hand left in"
+
+    @property
     def column_names(self) -> tuple[str, ...]:
         """All columns in order."""
         return tuple(column for member in self.members for column in member.columns)

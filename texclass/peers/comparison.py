@@ -25,7 +25,7 @@ from texclass.peers.our_rows import measure_ours
 from texclass.peers.peer_worker.files import write_task
 from texclass.peers.peer_worker.peers import PEERS, Peer
 from texclass.peers.worker_process import Outcome, run_worker
-from texclass.provenance import code_hash
+from texclass.provenance import made_by
 
 Entrant = Mapping[str, Any]
 """What a classifier is, what it `predicted` in each fold, and what it took: see `measure_ours`."""
@@ -171,6 +171,7 @@ def compare_with_peers(
             "dataset": {**benchmark["dataset"], "n_tests": sum(test.size for _, test in splits)},
             "pipeline": benchmark["pipeline"]["name"],
             "pipeline_hash": benchmark["pipeline"]["hash"],
+            "movement": pipeline.features.movement,
             "protocol": protocol.name,
             "protocol_description": protocol.description,
             "n_folds": len(splits),
@@ -182,7 +183,7 @@ def compare_with_peers(
             "peer_versions": versions,
             "seed": pipeline.seed,
             "input_hash": benchmark["input_hash"],
-            "code_hash": code_hash(*COMPUTED_BY, words=False),
+            **made_by(*COMPUTED_BY, "peers"),
             "notes": notes,
             "accuracy_unit": "fraction of tests; low and high are the 95 % interval",
         }

@@ -110,8 +110,9 @@ DATASET = part(
     chance=maybe(FRACTION), fs_hz=maybe(ABOVE_0), unit=(str, ""),
     materials=some(str), licence=maybe(str), source=maybe(str), notes=some(str), max_seconds=maybe(NUMBER),
 )  # fmt: skip
-AGAIN = part(versions=named(str), seed=COUNT, code_hash=(str, ""))
-MEASURED = part(AGAIN, dataset=DATASET, protocol=str, input_hash=str)
+CODE = part(code_hash=(str, ""), code_of=some(Annotated[str, Field(pattern=r"^\w+$")]))
+AGAIN = part(CODE, versions=named(str), seed=COUNT)
+MEASURED = part(AGAIN, movement=(str, ""), dataset=DATASET, protocol=str, input_hash=str)
 PAIRED = part(
     difference=NUMBER, low=NUMBER, high=NUMBER, p_value=FRACTION, test=str, folds=some(listed(NUMBER)),
     least=maybe(NUMBER), clusters=(str, ""), n_clusters=maybe(COUNT),
@@ -264,8 +265,8 @@ def read_document(path: str | Path) -> Document:
         raise ValueError(f"{path}: cannot be shown ({error}); the rule is what its command wrote") from error
 
 
-def _read(path: Path) -> tuple[str, Any]:
-    """Return kind and values of a result, checked."""
+def _read(path: Path, *, or_study: bool = False) -> tuple[str, Any]:
+    """Return kind and values of a result, checked; a study that no document tells is of the kind "study"."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number)
     except RecursionError as error:
@@ -278,6 +279,9 @@ def _read(path: Path) -> tuple[str, Any]:
     # The study of invariance is told from other studies by what its rows hold.
     rows = data["rows"] if kind == "invariance" else [{"ratio": None}]
     has_ratios = isinstance(rows, list) and bool(rows) and isinstance(rows[0], dict) and "ratio" in rows[0]
+    if or_study and isinstance(data, dict) and "versions" in data and (kind is None or not has_ratios):
+        checked(CODE, data, path)
+        return "study", data
     if kind is None or not has_ratios:
         held = ", ".join(list(data)[:6]) if isinstance(data, dict) else type(data).__name__
         raise ValueError(f"{path}: holds no result ({held or 'nothing'}); the rule is {WRITERS}")
@@ -303,13 +307,18 @@ def stale_results(paths: Sequence[str | Path]) -> dict[Path, str]:
     now = cache(partial(code_hash, words=False))
     found = {}
     for path in map(Path, paths):
-        kind, data = _read(path)
-        rooms = (*COMPUTED_BY, kind) if kind in {"tradeoff", "stability"} else COMPUTED_BY
+        kind, data = _read(path, or_study=True)
         reasons = []
         if not (made_by := data.get("code_hash")):
             reasons.append("made before results carried a hash of their code")
-        elif made_by != now(*rooms):
-            reasons.append("made by other code")
+        else:
+            try:
+                same = made_by == now(*data.get("code_of", COMPUTED_BY))
+            except ValueError:  # a room that is gone
+                same = False
+            reasons += [] if same else ["made by other code"]
+        if kind == "study":
+            data = {}
         pipeline, features = data.get("pipeline"), data.get("features")
         hashed, features_hash = data.get("pipeline_hash"), data.get("features_hash")
         if isinstance(pipeline, dict):

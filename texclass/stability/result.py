@@ -9,6 +9,8 @@ from typing import Any
 
 import pandas as pd
 
+from texclass.experiment.result import COMPUTED_BY
+from texclass.provenance import made_by
 from texclass.stability.inputs import SEED
 from texclass.stability.judging import BAD, Mark
 
@@ -71,6 +73,7 @@ class StabilityResult:
             "versions": self.versions,
             "machine": platform.platform(),
             "seed": self.seed,
+            **made_by(*COMPUTED_BY, "stability"),
             "battery": self.battery,
             "quick": self.quick,
             "seconds": round(self.seconds, 1),

@@ -22,7 +22,7 @@ from texclass.features.phase_view import Channels
 from texclass.features.sets import FeatureSet, load_feature_set
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
-from texclass.provenance import code_hash, versions
+from texclass.provenance import made_by, versions
 from texclass.tradeoff.curves import Conditions, order_curve, sensor_curves, touch_curve, training_curves
 from texclass.tradeoff.front import (
     KNEE_LOSS,
@@ -170,6 +170,7 @@ def trade_off(
             },
             "features": features.name,
             "features_hash": features.hash,
+            "movement": features.movement,
             "clusters": over,
             "n_clusters": len(np.unique(of[np.concatenate([test for _, test in splits])])),
             "protocol": f"{protocol}, {n_drawn} x {n_folds} folds",
@@ -187,7 +188,7 @@ def trade_off(
             "versions": {**versions(*LIBRARIES), "machine": platform.machine()},
             "seed": seed,
             "input_hash": dataset.input_hash,
-            "code_hash": code_hash(*COMPUTED_BY, "tradeoff", words=False),
+            **made_by(*COMPUTED_BY, "tradeoff"),
             "notes": [*left_out, *dataset.notes],
         }
     )
