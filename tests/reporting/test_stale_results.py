@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from told import result
 
@@ -49,7 +50,7 @@ def test_studies_name_the_code_that_made_them_and_are_listed_too(tmp_path):
         (made_by("scene") | {"code_of": ["gone"]}, "made by other code"),
         ({}, "made before results carried a hash of their code"),
     ):
-        path.write_text(json.dumps({"versions": {}, "pipeline": ["multiscale"], **facts}))
+        path.write_text(json.dumps({"versions": {}, "pipeline": ["multiscale"], "ratio": np.nan, **facts}))
         assert stale_results([path]).get(path) == why
     path.write_text(json.dumps({"versions": {}, "code_of": ["/"]}))
     with pytest.raises(ValueError, match="code_of"):

@@ -268,7 +268,7 @@ def read_document(path: str | Path) -> Document:
 def _read(path: Path, *, or_study: bool = False) -> tuple[str, Any]:
     """Return kind and values of a result, checked; a study that no document tells is of the kind "study"."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number)
+        data = json.loads(path.read_text(encoding="utf-8"), parse_constant=None if or_study else _no_number)
     except RecursionError as error:
         raise ValueError(f"{path}: {error}; the rule is {WRITERS}") from error
     except ValueError as error:
