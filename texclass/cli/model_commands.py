@@ -87,14 +87,16 @@ def predict(
     from texclass.recognition.model_document import answers_document
 
     trained, found, facts = load_model(model), [], []
-    for prediction in predict_files(trained, files, **reading):
-        found.append(prediction)
-        if prediction.answer is None:
-            typer.echo(f"error: {shown(str(prediction.problem))}", err=True)
-        told = {"error": prediction.problem} if prediction.answer is None else prediction.answer.to_dict()
-        facts.append({"file": prediction.name, **told})
-        if as_lines:
-            typer.echo(json.dumps(facts[-1]))
+    with progress_bar() as progress:
+        for prediction in predict_files(trained, files, **reading):
+            found.append(prediction)
+            if prediction.answer is None:
+                typer.echo(f"error: {shown(str(prediction.problem))}", err=True)
+            told = {"error": prediction.problem} if prediction.answer is None else prediction.answer.to_dict()
+            facts.append({"file": prediction.name, **told})
+            if as_lines:
+                typer.echo(json.dumps(facts[-1]))
+            progress(len(found), len(files), "recordings")
     write_json(json_file, json.dumps(facts, indent=1))
     answered = [(p.name, p.answer) for p in found if p.answer is not None]
     if answered and not as_lines:
