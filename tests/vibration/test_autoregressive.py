@@ -217,6 +217,12 @@ def test_truncated_is_the_fit_of_the_lower_order():
         assert_allclose(high.truncated(4).gain, low.gain, rtol=1e-12)
 
 
+@pytest.mark.parametrize(("order", "clipped"), [(2, False), (3, True), (4, True)])
+def test_truncated_is_clipped_where_the_fit_had_ended_by_then(order, clipped):
+    model = Autoregression([0.5] * 4, 1.0, fitted_order=np.array(3), clipped=np.array(True))
+    assert bool(model.truncated(order).clipped) == clipped
+
+
 def test_direct_form_is_refused_where_it_describes_another_filter():
     for good, atol in ((fit(_process()[0], 6), 1e-12), (Autoregression(np.full(10, 0.9), 1.0), 1e-6)):
         assert_allclose(from_direct_form(good.direct_form(), 1.0).reflection, good.reflection, atol=atol)

@@ -24,6 +24,11 @@ def test_order_of_a_known_process_is_found(method, criterion):
     assert_array_equal(chosen.model.reflection, fit(_process(), 60, method=method).reflection[: chosen.order])
 
 
+def test_spectral_error_refuses_one_bad_sample():
+    with pytest.raises(ValueError, match="finite samples"):
+        spectral_error(np.array([1.0, np.nan, 2.0]), fit([1.0, 2.0, 3.0, 1.0], 1))
+
+
 def test_spectral_error_is_the_printed_ratio_of_magnitudes():
     x = _process(N_DFT)
     model = fit(x, 10)

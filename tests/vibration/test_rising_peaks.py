@@ -81,9 +81,11 @@ def test_a_signal_without_a_rise_is_one_segment(x: Samples) -> None:
     assert found.bounds.tolist() == [0, x.size]
 
 
-def test_cut_off_meets_both_conditions_and_is_the_lowest_that_does() -> None:
+@pytest.mark.parametrize("pedestal", [0.0, 0.05])  # above it the floor decides, with it the share
+def test_cut_off_meets_both_conditions_and_is_the_lowest_that_does(pedestal: float) -> None:
     f = np.arange(1000.0)
-    Y = 1 / (1 + ((f - 120) / 30) ** 2) + 0.3 * np.exp(-(((f - 500) / 20) ** 2))
+    Y = 1 / (1 + ((f - 120) / 30) ** 2) + pedestal
+    Y += (0.0 if pedestal else 0.3) * np.exp(-(((f - 500) / 20) ** 2))
     band = vibration_band(f, Y, smoothing_hz=0.0)
     share = np.cumsum(Y) / Y.sum()
 
