@@ -42,7 +42,8 @@ def main():
 def compute(seed, small):
     """Return what the chapter says: simulated and real surfaces, what was held out, sparsity, times."""
     surfaces = (surface("S4"),) if small else SURFACES
-    orders, rates, n_seeds, n_steps = ((20,), (FS,), 1, 500) if small else ((20, 400), (FS, 10_000.0), 50, 4000)
+    orders, rates = ((20,), (FS,)) if small else ((20, 400), (FS, 10_000.0))
+    n_seeds, n_steps = (1, 500) if small else (50, 4000)
     found, input_hash = ({}, "") if small else shared.recordings("stylus6")
     scans = [condition(Scan.from_recording(each)) for each in found.values()]
     halves = [(scan.part(0, len(scan) // 2), scan.part(len(scan) // 2, len(scan))) for scan in scans]
