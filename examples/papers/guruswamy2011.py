@@ -53,7 +53,9 @@ COLUMNS = (
 def main(out: Path, seed: int = 0, small: bool = False) -> list[Path]:
     """Write the chapter into a folder; `small` tries little and leaves real recordings out."""
     numbers, pictures = (
-        compute(seed, n_trials=1, n_loose=1, n_paths=5, duration_s=5.0, real=False) if small else compute(seed)
+        compute(seed, n_trials=1, n_loose=1, n_paths=5, duration_s=5.0, real=False)
+        if small
+        else compute(seed)
     )
     document = Document(
         "Guruswamy, Lang and Lee, IIR Filter Models of Haptic Vibration Textures (2011)",
