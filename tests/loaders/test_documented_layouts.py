@@ -1,0 +1,84 @@
+"""Cards of public databases that are not to be had here, on made-up files laid out as their documents say."""
+
+import numpy as np
+import pytest
+
+from texclass.experiment import find_protocol
+from texclass.loaders import open_dataset, read_card
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """Return what writes columns to a file in the folder of a card."""
+    monkeypatch.setenv("TEXCLASS_DATA", str(tmp_path))
+
+    def write(card, name, columns, **how):
+        path = tmp_path / read_card(card).folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savetxt(path, columns, **{"fmt": "%.6f", "comments": ""} | how)
+
+    return write
+
+
+def parts(dataset, label):
+    """Return what `--leave-out LABEL` trains and tests on, in turn, as two lists of ids each."""
+    table = dataset.table.reset_index()
+    split = find_protocol(f"leave-out {label}").split(table, 5, 0)
+    return [[set(table["recording_id"].iloc[rows]) for rows in fold] for fold in split]
+
+
+def test_cluster118_is_parted_by_speed_and_never_by_repetition(place):
+    rng = np.random.default_rng(0)
+    t = np.arange(6000) / 6000 + rng.uniform(-4e-5, 4e-5, 6000)
+    for surface, inside in ((0, ""), (1, "1/")):
+        for speed, repetition in ((20, 0), (20, 1), (60, 0), (60, 1)):
+            axes = np.sin(2 * np.pi * 50 * t), 0.1 * rng.standard_normal(6000), 0.01 * t - 0.96
+            name = f"sensor_data/accel/{inside}{surface}_135_{speed}_500_{repetition}.csv"
+            place("cluster118", name, np.column_stack([t, *axes]), delimiter=",", header="time,X,Y,Z")
+    place("cluster118", "sensor_data/force/0_135_20_500_0.csv", t, header="force")
+    dataset = open_dataset("cluster118")
+    assert (len(dataset), dataset.materials) == (8, ("0", "1"))
+    for train, test in parts(dataset, "session"):
+        speeds = [{recording.split("_")[2] for recording in ids} for ids in (train, test)]
+        assert sorted(map(sorted, speeds)) == [["20"], ["60"]]
+    recording = dataset[0]
+    assert (recording.fs, recording.unit, recording.phases.kind) == (6000, "m/s^2", "movement only")
+    true = np.sin(2 * np.pi * 50 * np.arange(recording.n_samples) / 6000)
+    assert np.corrcoef(recording.acceleration[:, 0], true)[0, 1] > 0.999
+    np.testing.assert_allclose(np.median(recording.acceleration, axis=0), 0, atol=1e-12)
+
+
+def test_lmt108_joins_axes_and_friction_and_keeps_its_own_training_part(place):
+    rng = np.random.default_rng(0)
+    for surface in ("G1EpoxyRasterPlate", "G2Paper"):
+        for folder, part in (("Training", "train"), ("Testing", "test")):
+            for k in (1, 2):
+                for axis in "XYZ":
+                    name = f"AccelScansComponents/Movement/{folder}/{surface}_Movement_{axis}_{part}{k}.txt"
+                    place("lmt108", name, rng.standard_normal(1000 + k))
+                name = f"FricScans/FSR1/{folder}/{surface}_FrictionFSR1_Movement_{part}{k}.txt"
+                place("lmt108", name, rng.uniform(1, 2, 1000))
+    dataset = open_dataset("lmt108")
+    assert len(dataset) == 8
+    assert dataset.materials == ("G1EpoxyRasterPlate", "G2Paper")
+    assert dataset[0].acceleration.shape == (1000, 3)
+    assert dataset[0].friction.shape == (1000,)
+    table = dataset.table.reset_index()
+    ((train, test),) = find_protocol("session=train -> session=test").split(table, 5, 0)
+    assert (set(table["session"].iloc[train]), set(table["session"].iloc[test])) == ({"train"}, {"test"})
+
+
+def test_lmt69_holds_queries_operators_and_friction(place):
+    rng = np.random.default_rng(0)
+    for surface in ("Brick", "Cork"):
+        for k in (1, 2):
+            place("lmt69", f"Training/Accel/{surface}_query{k}.txt", rng.standard_normal(2000))
+        for who in ("1", "Anna"):
+            place("lmt69", f"Testing/AccelScansDFT321/{surface}_{who}.txt", rng.standard_normal(2000))
+            place("lmt69", f"Testing/FricScans/{surface}_Friction_{who}.txt", rng.uniform(1, 2, 1900))
+    dataset = open_dataset("lmt69")
+    assert dataset.table["session"].value_counts().to_dict() == {"Training": 4, "Testing": 4}
+    assert set(dataset.table["operator"].dropna()) == {"Anna"}
+    for entry, recording in zip(dataset.entries, dataset, strict=True):
+        assert (recording.friction is not None) == (entry.session == "Testing")
+        assert len(recording.acceleration) == (2000 if recording.friction is None else 1900)
