@@ -16,9 +16,11 @@ sys.dont_write_bytecode = False
 
 @pytest.fixture(autouse=True, scope="session")
 def _own_cache(tmp_path_factory):
-    """Keep what tests remember out of the user's cache."""
+    """Keep what tests remember out of the user's cache, in one that all workers of a run share."""
+    place = tmp_path_factory.getbasetemp()
+    place = place.parent if "PYTEST_XDIST_WORKER" in os.environ else place
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TEXCLASS_CACHE", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("TEXCLASS_CACHE", str(place / "cache"))
         yield
 
 

@@ -24,11 +24,9 @@ BLOCK = re.compile(r"```(sh|python|toml)(?: (\S+))?\n(.*?)```", re.S)
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """An empty folder, where a page works, and a cache of its own beside it."""
-    (tmp_path / "empty").mkdir()
-    monkeypatch.chdir(tmp_path / "empty")
-    monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "empty"
+    """An empty folder, where a page works; what it computes of recordings that another has, too, is kept."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
 def run(command: str, monkeypatch) -> None:

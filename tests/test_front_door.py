@@ -1,11 +1,8 @@
 """What `import texclass as tx` offers, as a user types it."""
 
-import ast
 import importlib
-import pickle
 import subprocess
 import sys
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -57,14 +54,6 @@ def test_importing_it_loads_nothing_and_one_room_not_the_others():
     assert done.returncode == 0, done.stderr
 
 
-def test_private_names_stay_in_their_module():
-    for path in Path(tx.__file__).parent.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and path.name != "__init__.py":
-                names = [found.name for found in node.names if not found.name.endswith("__")]
-                assert not [name for name in names if name.startswith("_")], path
-
-
 @pytest.mark.parametrize("old", sorted(MOVED))
 def test_an_old_path_says_the_new_one_and_the_new_one_exists(old):
     with pytest.raises(ModuleNotFoundError, match=f"{old} is .* since texclass 0.2"):
@@ -94,13 +83,6 @@ def test_features_of_anything_are_one_table(given):
         tx.extract(SIGNAL[0], "strese2015", fs=2000.0)["fineness"].reset_index(drop=True),
         rtol=1e-9,
     )
-
-
-@pytest.mark.parametrize("name", ["strese2015", "strese2015+models", "texclass", "multiscale", "coarse"])
-def test_a_fitted_extractor_of_every_shipped_set_pickles(name):
-    fitted = tx.FeatureExtractor(name, fs=2000.0).fit(SIGNAL)
-    again = pickle.loads(pickle.dumps(fitted))
-    np.testing.assert_array_equal(again.transform(SIGNAL), fitted.transform(SIGNAL))
 
 
 def test_a_recording_is_drawn():
