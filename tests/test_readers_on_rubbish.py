@@ -13,10 +13,12 @@ from fuzz.contract import Target, judge
 from fuzz.mutate import of_bytes
 from fuzz.targets import SHARES, parts_of, target_of
 
-N_SPOILT = {"model": 5, "recogniser": 5, "feature set": 5, "feature table": 5} | dict.fromkeys(
-    [*SHARES["exchange"], "scene", "path of a hand"], 120
+N_SPOILT = (
+    {"model": 10, "recogniser": 5, "feature set": 5, "feature table": 5}
+    | dict.fromkeys(SHARES["bags"], 60)
+    | dict.fromkeys([*SHARES["exchange"], "scene", "path of a hand"], 120)
 )
-"""Readers that are slow, and those of files that are exchanged; 20 of all others."""
+"""Fewer for readers that are slow, more for bags and for files that are exchanged; 20 for all others."""
 
 
 @cache

@@ -10,7 +10,7 @@ part (`TOLERANCE`). Measured times, versions and digests of code are left out; w
 measured times, fixed ones take their place. Parts that need recordings which are not here (`TEXCLASS_DATA`,
 or `../shared/data` beside the project) are skipped. Everything is computed anew, in a cache of its own.
 
-Whoever moves code changes the section "What is called" alone. Whoever changes a figure on purpose records the
+Whoever changes a figure on purpose records the
 parts it changes again (`record --only PART`), and says in the commit what changed and why.
 """
 
@@ -185,53 +185,6 @@ def fixed_costs() -> Iterator[None]:
         CostMeter.model = measured  # type: ignore[method-assign]
 
 
-def vibration() -> SimpleNamespace:
-    """Return what the room of vibrations offers, by the names it has here."""
-    from texclass import vibration as v
-    from texclass.vibration import interpolation, line_spectrum, scores
-    from texclass.vibration.autoregressive import from_autocorrelation, from_direct_form
-    from texclass.vibration.major_frequencies import at_speed
-    from texclass.vibration.major_frequencies import interpolate as between_lines
-    from texclass.vibration.order import aicc, spectral_error
-
-    return SimpleNamespace(
-        fit=v.fit,
-        from_autocorrelation=from_autocorrelation,
-        from_direct_form=from_direct_form,
-        to_lsf=line_spectrum.from_reflection,
-        from_lsf=line_spectrum.to_reflection,
-        spread=line_spectrum.spread,
-        log_spectrum=line_spectrum.log_spectrum,
-        conditioning=line_spectrum.conditioning,
-        Autoregression=v.Autoregression,
-        LatticeSynthesis=v.LatticeSynthesis,
-        LatticeInverse=v.LatticeInverse,
-        synthesize=v.synthesize,
-        whiten=v.whiten,
-        ModelBlend=v.ModelBlend,
-        interpolate=interpolation.interpolate,
-        from_line_spectrum=interpolation.from_line_spectrum,
-        select_order=v.select_order,
-        spectral_error=spectral_error,
-        aicc=aicc,
-        DecayingModes=v.DecayingModes,
-        fit_matrix_pencil=v.fit_matrix_pencil,
-        fit_prony=v.fit_prony,
-        fit_okamura=v.fit_okamura,
-        fit_tap_model=v.fit_tap_model,
-        fit_major_frequencies=v.fit_major_frequencies,
-        between_lines=between_lines,
-        lines_at_speed=at_speed,
-        segment_rising_peaks=v.segment_rising_peaks,
-        vibration_band=v.vibration_band,
-        rms_spectral_error=scores.rms_spectral_error,
-        goodness_of_fit=scores.goodness_of_fit,
-        mean_absolute_difference=scores.mean_absolute_difference,
-        log_spectral_distance=scores.log_spectral_distance,
-        band_energy_distance=scores.band_energy_distance,
-    )
-
-
 def fitted_textures(plates: Sequence[np.ndarray], speeds: Sequence[float]) -> dict[str, Any]:
     """Return a texture of each way of the four papers, fitted to simulated recordings."""
     from abdulali2016_simulated import simulate_scan as stroke_by_hand
@@ -280,22 +233,6 @@ def fitted_taps() -> tuple[Any, Any, np.ndarray]:
         (m.amplitude_slope, m.decay_per_s, m.frequency_hz) for one in (library, scaled) for m in one.values()
     ]
     return library, np.array(fits), force
-
-
-def exchange() -> SimpleNamespace:
-    """Return the readers and writers of textures and rendered vibrations."""
-    from texclass import exchange as e
-
-    return SimpleNamespace(
-        save_texture=e.save_texture,
-        load_texture=e.load_texture,
-        load_taps=e.load_taps,
-        to_hatt=e.to_hatt,
-        write_hatt=e.write_hatt,
-        read_hatt=e.read_hatt,
-        write_wav=e.write_wav,
-        read_wav=e.read_wav,
-    )
 
 
 def arrays_of(texture: Any) -> dict[str, np.ndarray]:
@@ -628,7 +565,13 @@ def hard_signals() -> dict[str, np.ndarray]:
 @part("vibration-models")
 def vibration_models() -> Any:
     """Autoregressive models, line spectra, lattices, interpolation, choice of the order."""
-    v, found = vibration(), {}
+    from texclass import vibration as v
+    from texclass.vibration import interpolation
+    from texclass.vibration import line_spectrum as ls
+    from texclass.vibration.autoregressive import from_autocorrelation, from_direct_form
+    from texclass.vibration.order import aicc, spectral_error
+
+    found: dict[str, Any] = {}
     omega = np.linspace(0.01, 3.1, 50)
 
     def told(model: Any) -> dict[str, Any]:
@@ -645,11 +588,11 @@ def vibration_models() -> Any:
                 model = v.fit(x, order, method=method)
                 here[f"{method} {order}"] = told(model)
                 if method == "burg" and order in (2, 24, 400) and name not in ("silence", "constant"):
-                    lsf = v.to_lsf(model.reflection)
+                    lsf = ls.from_reflection(model.reflection)
                     here[f"lsf {order}"] = {
                         "lsf": thin(lsf),
-                        "back": thin(attempt(v.from_lsf, lsf)),
-                        "spectrum": thin(v.log_spectrum(model.reflection, omega), 20),
+                        "back": thin(attempt(ls.to_reflection, lsf)),
+                        "spectrum": thin(ls.log_spectrum(model.reflection, omega), 20),
                     }
         here["yule_walker"] = told(v.fit(x, 12, variance="yule_walker"))
         found[name] = here
@@ -659,7 +602,7 @@ def vibration_models() -> Any:
     found["frames"] = told(frames)
     k400 = v.fit(signals["oversampled"], 400)
     whites = np.random.default_rng(1).standard_normal(3000)
-    lsf20 = v.to_lsf(np.stack([a.reflection, b.reflection]))
+    lsf20 = ls.from_reflection(np.stack([a.reflection, b.reflection]))
     glide = v.LatticeSynthesis(a)
     first = glide.process(whites[:500])
     glide.move_to(b, 1000)
@@ -680,13 +623,13 @@ def vibration_models() -> Any:
     found["between"] = {
         "blend": told(blend.at([0.3, 0.7])),
         "rows": told(blend.at(np.array([[1.0, 0.0], [0.5, 0.5], [0.1, 0.9]]))),
-        "interpolate": told(v.interpolate(a, b, 0.25)),
-        "level": told(v.interpolate(a, b, 0.5, loudness="level")),
-        "from lines": told(v.from_line_spectrum(lsf20.mean(axis=0), -1.5)),
-        "spread": v.spread(np.array([0.5, 0.4, 0.4, 1.0, 3.3, 3.2]), 0.01),
-        "conditioning": thin(v.conditioning(lsf20)),
-        "from autocorrelation": told(v.from_autocorrelation([4.0, 2.0, 0.5, -0.3])),
-        "from coefficients": told(v.from_direct_form([1.0, -1.2, 0.9, -0.2], 0.5)),
+        "interpolate": told(interpolation.interpolate(a, b, 0.25)),
+        "level": told(interpolation.interpolate(a, b, 0.5, loudness="level")),
+        "from lines": told(interpolation.from_line_spectrum(lsf20.mean(axis=0), -1.5)),
+        "spread": ls.spread(np.array([0.5, 0.4, 0.4, 1.0, 3.3, 3.2]), 0.01),
+        "conditioning": thin(ls.conditioning(lsf20)),
+        "from autocorrelation": told(from_autocorrelation([4.0, 2.0, 0.5, -0.3])),
+        "from coefficients": told(from_direct_form([1.0, -1.2, 0.9, -0.2], 0.5)),
     }
     chosen = [
         (criterion, v.select_order(signals[name], 60, criterion=criterion))
@@ -698,8 +641,8 @@ def vibration_models() -> Any:
         for c, s in chosen
     ]
     found["errors of orders"] = {
-        "spectral": v.spectral_error(signals["colored"], a),
-        "aicc": v.aicc(a, 2000),
+        "spectral": spectral_error(signals["colored"], a),
+        "aicc": aicc(a, 2000),
     }
     return found
 
@@ -707,7 +650,10 @@ def vibration_models() -> Any:
 @part("vibration-modes")
 def vibration_modes() -> Any:
     """Matrix pencil, Prony, taps, lines, pieces, bands and scores."""
-    v, signals, found = vibration(), hard_signals(), {}
+    from texclass import vibration as v
+    from texclass.vibration import major_frequencies, scores
+
+    signals, found = hard_signals(), {}
     rng = np.random.default_rng(7)
     fs = 10_000.0
     rings = v.DecayingModes(
@@ -751,8 +697,8 @@ def vibration_modes() -> Any:
         v.fit_major_frequencies(signals[name], fs, n_frequencies=9) for name in ("colored", "tones")
     )
     for name, lines in {
-        "between": v.between_lines(slow, fast, 0.4),
-        "at speed": v.lines_at_speed([slow, fast], [50.0, 100.0], 80.0),
+        "between": major_frequencies.interpolate(slow, fast, 0.4),
+        "at speed": major_frequencies.at_speed([slow, fast], [50.0, 100.0], 80.0),
     }.items():
         found[f"lines {name}"] = np.stack([lines.frequency_hz, lines.amplitude, lines.phase])
     found["lines played"] = thin(slow.synthesize(1000, fs, peak=1.0))
@@ -779,11 +725,11 @@ def vibration_modes() -> Any:
     ):
         x, y = signals[name], signals[other]
         found[f"scores {name} {other}"] = {
-            score: attempt(getattr(v, score), x, y)
+            score: attempt(getattr(scores, score), x, y)
             for score in (
                 "rms_spectral_error", "goodness_of_fit", "mean_absolute_difference", "log_spectral_distance",
             )
-        } | {"band_energy_distance": attempt(v.band_energy_distance, x, y, fs)}  # fmt: skip
+        } | {"band_energy_distance": attempt(scores.band_energy_distance, x, y, fs)}  # fmt: skip
     return found
 
 
@@ -798,7 +744,9 @@ def hand_path(n: int = 3000) -> tuple[np.ndarray, np.ndarray]:
 @part("scene")
 def scene() -> Any:
     """A planned scene and its samples, textures of all papers, and their files."""
-    e, found = exchange(), {}
+    from texclass import exchange as e
+
+    found: dict[str, Any] = {}
     file, told = SCRATCH / "example.texture", SCRATCH / "plan.json"
     command(
         "scene", "plan", "example", "--out", file, "--json", told

@@ -4,6 +4,7 @@ import json
 import random
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -53,8 +54,7 @@ def _families() -> list[bytes]:
         sys.path.insert(0, folder)
     from test_families import MADE
 
-    made = [_slate(), *(make() for make in MADE.values())]
-    return [written("a.texture", lambda p, t=texture: save_texture(t, p)) for texture in made]
+    return [written("a.texture", partial(save_texture, make())) for make in MADE.values()]
 
 
 def _scenes() -> list[bytes]:

@@ -1,7 +1,6 @@
 """Whatever is in a bag file, reading ends in a recording or in one clear error."""
 
 import bz2
-import contextlib
 import io
 import sqlite3
 import struct
@@ -10,8 +9,6 @@ import tracemalloc
 import lz4.frame
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 pytest.importorskip("rosbags", reason="the extra `robot` is not installed")
 pytest.importorskip("mcap", reason="the extra `robot` is not installed")
@@ -25,8 +22,6 @@ from texclass.loaders import load_recording
 from texclass.loaders.bag_files import MOST_EXPANSION, Expansion
 from texclass.loaders.ros_messages import (
     TYPES,
-    MessageError,
-    decode_multi_array,
     decode_stamped,
 )
 from texclass.recording import RecordingError
@@ -63,30 +58,6 @@ def test_a_truncated_bag_is_an_error(whole, kind, share):
     folder, bags = whole
     assert _attempt(folder, kind, bags[kind][: int(share * len(bags[kind]))]) is None
     assert _attempt(folder, kind, bags[kind]) is not None
-
-
-@settings(max_examples=250, deadline=None)
-@given(data=st.data())
-def test_damaged_bytes_never_crash(whole, data):
-    folder, bags = whole
-    kind = data.draw(st.sampled_from(sorted(bags)))
-    damaged = bytearray(bags[kind])
-    for _ in range(data.draw(st.integers(1, 8))):
-        at = data.draw(st.integers(0, len(damaged) - 1))
-        piece = data.draw(st.binary(min_size=1, max_size=8) | st.just(b"\xff" * 8))
-        damaged[at : at + len(piece)] = piece
-    _attempt(folder, kind, bytes(damaged[: data.draw(st.just(len(damaged)) | st.integers(0, len(damaged)))]))
-
-
-@settings(max_examples=300, deadline=None)
-@given(st.binary(max_size=400), st.booleans())
-def test_any_bytes_are_a_message_or_an_error(raw, ros1):
-    for decode in (
-        lambda: decode_stamped(TYPES[IMU], [raw], ["ax"], ros1=ros1),
-        lambda: decode_multi_array(raw, ros1=ros1),
-    ):
-        with contextlib.suppress(MessageError):
-            decode()
 
 
 @pytest.mark.parametrize("store", [Stores.ROS1_NOETIC, Stores.ROS2_HUMBLE])
