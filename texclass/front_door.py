@@ -101,7 +101,7 @@ def benchmark(
 def plot_recording(
     recording: "Recording | str | Path", *, fs: float | None = None, unit: str | None = None
 ) -> "Figure":
-    """Draw a recording at a glance: signal and phases, its clearest tap, its spectrogram.
+    """Draw a recording at a glance: signal and phases, a tap, spectrogram, the paper's feature values.
 
     Parameters
     ----------
@@ -115,7 +115,9 @@ def plot_recording(
     from texclass.reporting.inspection import draw_inspection
 
     one = find_recording(recording, fs=fs, unit=unit) if isinstance(recording, str | Path) else recording
-    return draw_inspection(one, segment(one), None)
+    phases = segment(one)
+    values = extract(one.with_(phases=phases), "strese2015").iloc[0]
+    return draw_inspection(one, phases, dict(zip(values.index, values, strict=True)))
 
 
 def opened(dataset: Any, fs: float | None, unit: str | None) -> Any:

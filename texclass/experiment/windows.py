@@ -85,8 +85,8 @@ def touches(
     Returns
     -------
     Dataset
-        Its entries are `Window`s in the order of the recordings, then of time. Loaded in this order, each
-        file is read once.
+        Its entries are `Window` objects in the order of the recordings, then of time. Loaded in this order,
+        each file is read once.
 
     Raises
     ------

@@ -1,0 +1,187 @@
+"""A page for each feature, of what its decorator declares, what it answers, and what moves its value."""
+
+import json
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+import texclass as tx
+from texclass.document.figure_style import DPI, OURS, STYLE
+from texclass.features.examination import behaviour
+from texclass.shipped import names
+from texclass.simulate import Grating, Surface, operator_catalogue, record_freehand
+
+COSTS = Path(__file__).parents[2] / "reports" / "tables" / "simulated-tradeoff.json"
+SURFACE = Surface(
+    "plain", "wood", rms_um=2.0, slope=3.9, corner_mm=1.3, gratings=(), bumps=None, stiffness_n_m=60e3,
+    dissipation_s_m=9.0, static_friction=0.46, kinetic_friction=0.35,
+)  # fmt: skip
+PERSON = operator_catalogue(1, seed=0)[0]
+SWEEPS = {
+    "roughness in µm": (np.geomspace(0.5, 8, 5), lambda v: (replace(SURFACE, rms_um=v), PERSON)),
+    "stiffness in kN/m": (
+        np.geomspace(8, 128, 5),
+        lambda v: (replace(SURFACE, stiffness_n_m=1e3 * v), PERSON),
+    ),
+    "period of a grating in mm": (
+        np.geomspace(1, 8, 5),
+        lambda v: (replace(SURFACE, gratings=(Grating(v, depth_um=30.0),)), PERSON),
+    ),
+    "coefficient of friction": (
+        np.geomspace(0.15, 0.9, 5),
+        lambda v: (replace(SURFACE, kinetic_friction=v, static_friction=1.3 * v), PERSON),
+    ),
+    "speed of the hand in mm/s": (
+        np.geomspace(50, 200, 5),
+        lambda v: (SURFACE, replace(PERSON, speed_mm_s=v)),
+    ),
+    "force of the hand in N": (np.geomspace(0.4, 2.4, 5), lambda v: (SURFACE, replace(PERSON, force_n=v))),
+}
+"""What is changed alone -> its values, and what is then recorded by whom."""
+SEEDS = range(4)
+
+
+def write_feature_pages(folder):
+    """Write the index and a page with its picture for each registered feature."""
+    folder.mkdir()
+    features = tx.features.registered()
+    values = swept(features)
+    costs = {
+        cost["feature"]: cost["alone"] for cost in json.loads(COSTS.read_text(encoding="utf-8"))["costs"]
+    }
+    sets = {
+        name: {m.feature.name for m in tx.load_feature_set(name).members} for name in names("feature_defs")
+    }
+    for name, feature in features.items():
+        draw(feature, values, folder / f"{name}.png")
+        within = [f"``{told}``" for told, members in sets.items() if name in members]
+        (folder / f"{name}.rst").write_text(page(feature, costs.get(name), within), encoding="utf-8")
+    (folder / "index.rst").write_text(index(features.values()), encoding="utf-8")
+
+
+def swept(features):
+    """Return, for each property, its values and the features of the recordings made with them."""
+    printed = {member.feature.name for member in tx.load_feature_set("strese2015").members}
+    with tempfile.TemporaryDirectory() as place:
+        sets = []
+        for of_paper in (True, False):  # only corrected features leave out the path of the hand
+            listed = [f"[features.{name}]" for name in features if (name in printed) == of_paper]
+            file = Path(place) / f"printed_{of_paper}.toml"
+            file.write_text(
+                "\n".join([f"without_hand = {str(not of_paper).lower()}", *listed]), encoding="utf-8"
+            )
+            sets.append(tx.load_feature_set(file))
+    found = {}
+    for title, (xs, made) in SWEEPS.items():
+        recordings = [record_freehand(*made(x), duration_s=4.0, seed=seed) for x in xs for seed in SEEDS]
+        found[title] = xs, pd.concat([tx.extract(recordings, one) for one in sets], axis=1)
+    return found
+
+
+def draw(feature, values, path):
+    """Draw the feature's value against each property: dots are recordings, lines join their medians."""
+    columns = list(feature.columns(feature.name, {}))
+    colours = [OURS] if len(columns) == 1 else mpl.colormaps["viridis"](np.linspace(0, 0.85, len(columns)))
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(8, 4.6), layout="constrained")
+        panels = figure.subplots(2, 3, sharey=True)
+        for axes in panels[:, 0]:
+            axes.set_ylabel(feature.unit if feature.unit != "1" else "value")
+        for axes, (title, (xs, table)) in zip(panels.flat, values.items(), strict=True):
+            for column, colour in zip(columns, colours, strict=True):
+                y = table[column].to_numpy().reshape(len(xs), -1)
+                axes.plot(
+                    xs, np.nanmedian(y, axis=1), color=colour, linewidth=1.5 if len(columns) < 10 else 0.8
+                )
+                if len(columns) == 1:
+                    axes.plot(
+                        np.repeat(xs, y.shape[1]), y.ravel(), "o", color=colour, markersize=3, alpha=0.6
+                    )
+            axes.set_xscale("log")
+            axes.set_xticks(xs, [f"{x:.2g}" if x < 10 else f"{x:.0f}" for x in xs])
+            axes.set_xticks([], minor=True)
+            axes.set_xlabel(title)
+        figure.savefig(path, dpi=DPI)
+
+
+def page(feature, alone_ms, sets):
+    """Return the page of a feature."""
+    columns = feature.columns(feature.name, {})
+    outputs = (
+        f"``{columns[0]}``" if len(columns) == 1 else f"{len(columns)}: ``{columns[0]}`` … ``{columns[-1]}``"
+    )
+    facts = {
+        "Reads": {"tap": "the taps", "movement": "the movement", "friction": "the friction signal"}[
+            feature.phase
+        ],
+        "Source": feature.reference,
+        "Unit": feature.unit if feature.unit != "1" else "1, a pure number",
+        "Columns": outputs,
+        "Signal times g": f"y becomes {feature.gain}" if str(feature.gain) != "y" else "y stays",
+        "Depends on": ", ".join(sorted(feature.depends_on)) or "neither length, rate nor sign of the signal",
+        "In the sets": ", ".join(sets) or "none that is shipped",
+        "Cost": f"{alone_ms:.2g} ms a recording where it is computed alone (:doc:`/reports/tables/simulated`)"
+        if alone_ms
+        else "``texclass tradeoff`` measures it on your recordings",
+    }
+    answers = [
+        (a["input"], "value" if a["answer"] == "value" else "NaN", a["detail"]) for a in behaviour(feature)
+    ]
+    many = "" if len(columns) == 1 else " Each line is a column, the first dark, the last bright."
+    return "\n".join(
+        [
+            *titled(feature.name, "="),
+            *listed(facts.items(), widths="20 80", stub=True),
+            *titled("What moves it", "-"),
+            "Simulated recordings of one surface by one person, in which one property alone is changed.",
+            f"Dots are recordings, lines medians; all panels share the vertical axis.{many}",
+            "",
+            f".. image:: {feature.name}.png",
+            f"   :alt: {feature.name} against six properties of surface and hand",
+            "",
+            *titled("Definition", "-"),
+            f".. autofunction:: {feature.function.__module__}.{feature.name}",
+            "",
+            *titled("What it answers to what recordings contain sooner or later", "-"),
+            *listed([("input", "answer", "value or reason"), *answers], widths="25 15 60", header=True),
+        ]
+    )
+
+
+def index(features):
+    """Return the table of all features, by the phase they read."""
+    lines = [
+        *titled("Features", "="),
+        "What is computed of a recording. Each page is made from what the feature declares (where it comes",
+        "from, which phase it reads, how it scales), from what moves it, and from what it answers to bad",
+        "input. How to write one: :doc:`/new-feature`.",
+        "",
+    ]
+    by_phase = {"movement": "Of the movement", "tap": "Of the taps", "friction": "Of the friction"}
+    for phase, title in by_phase.items():
+        rows = [(f":doc:`{f.name}`", f.summary, f.reference) for f in features if f.phase == phase]
+        lines += titled(title, "-") + listed(
+            [("feature", "what it is", "source"), *rows], "25 50 25", header=True
+        )
+    return "\n".join([*lines, ".. toctree::", "   :hidden:", "", *(f"   {f.name}" for f in features)])
+
+
+def titled(text, line):
+    """Return a heading."""
+    return [text, line * len(text), ""]
+
+
+def listed(rows, widths, *, header=False, stub=False):
+    """Return a table."""
+    lines = [".. list-table::", f"   :widths: {widths}"]
+    lines += ["   :header-rows: 1"] * header + ["   :stub-columns: 1"] * stub + [""]
+    for row in rows:
+        lines += [
+            f"   {'*' if i == 0 else ' '} - {cell.replace('|', chr(92) + '|')}" for i, cell in enumerate(row)
+        ]
+    return [*lines, ""]

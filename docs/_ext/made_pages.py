@@ -1,0 +1,130 @@
+"""Pages that are made at build time, of what stands elsewhere: reports, public names, features, examples."""
+
+import re
+import shutil
+from pathlib import Path
+from types import ModuleType
+
+import matplotlib as mpl
+from feature_pages import write_feature_pages
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
+from sphinx_gallery.scrapers import figure_rst, matplotlib_scraper
+
+import texclass as tx
+from texclass.document.figure_style import DPI, LOOKS, STYLE
+
+ROOT = Path(__file__).parents[2]
+MADE = ("reports", "features", "api")
+"""Folders below the source that are written anew by each build."""
+LINKS = {
+    r"\]\(\.\./reports/": "](reports/",
+    r"\]\(\.\./examples/((?!papers)\w+/\w+)\.py\)": r"](gallery/\1.rst)",
+}
+"""Links between files of the repository -> links between pages."""
+MARKUP = re.compile(r"``.*?``|\||\*\*?(?=\w)|(?<=\w)_(?![\w`])")
+"""Quoted code, which stays; and what is |k|, g**2, *args or classes_ to a reader, and markup to docutils."""
+
+
+def setup(app):
+    """Write what is made before Sphinx looks for pages; mend links and docstrings as they are read."""
+    app.connect("config-inited", make_pages, priority=100)
+    app.connect("source-read", link_pages)
+    app.connect("autodoc-process-docstring", quote_markup, priority=100)
+    app.connect("autodoc-skip-member", lambda app, what, name, *_: re.match("set_.*_request", name) or None)
+    return {"parallel_read_safe": True}
+
+
+def make_pages(app, _config):
+    """Write reports, feature pages and indexes of public names into the source folder."""
+    source = Path(app.srcdir)
+    for folder in MADE:
+        shutil.rmtree(source / folder, ignore_errors=True)
+    shutil.copytree(
+        ROOT / "reports", source / "reports", ignore=shutil.ignore_patterns("README.md", "*.json")
+    )
+    for table in (source / "reports" / "tables").glob("*.md"):  # of several results: one title above theirs
+        told = re.sub(r"^#", "##", table.read_text(encoding="utf-8"), flags=re.M)
+        table.write_text(f"# {table.stem}\n\n{told}", encoding="utf-8")
+    write_feature_pages(source / "features")
+    write_room(source / "api", "texclass", tx)
+
+
+def write_room(folder, name, room):
+    """Write the page of a room's public names, and those of the rooms in it."""
+    folder.mkdir(exist_ok=True)
+    found = {n: getattr(room, n) for n in getattr(room, "__all__", ()) or own_names(room)}
+    rooms = {n: v for n, v in found.items() if isinstance(v, ModuleType)}
+    if name == "texclass.features":
+        rooms = {}  # each feature has a page
+    at_home = {n: home_of(found[n], n, rooms) for n in found if not isinstance(found[n], ModuleType)}
+    names = [n for n, home in at_home.items() if not home]
+    lines = [name, "=" * len(name), "", f".. automodule:: {name}", "", f".. currentmodule:: {name}", ""]
+    if rooms:
+        lines += [".. toctree::", "   :maxdepth: 1", "", *(f"   {name}.{n}" for n in rooms), ""]
+    lines += [
+        ".. autosummary::",
+        "",
+        *(f"   ~{home}{n}" for n, home in at_home.items() if callable(found[n])),
+        "",
+    ]
+    for n in names:
+        kind = "class" if isinstance(found[n], type) else "function" if callable(found[n]) else "data"
+        members = ["   :members:"] if kind == "class" else ["   :no-value:"] if kind == "data" else []
+        lines += [f".. auto{kind}:: {n}", *members, ""]
+    (folder / f"{name}.rst").write_text("\n".join(lines), encoding="utf-8")
+    for n, inner in rooms.items():
+        write_room(folder, f"{name}.{n}", inner)
+
+
+def home_of(value, n, rooms):
+    """Return the inner room that a name is told in, with a dot; nothing, if it is told here."""
+    return next((f"{room}." for room, inner in rooms.items() if getattr(inner, n, None) is value), "")
+
+
+def own_names(module):
+    """Return the public functions and classes that a module itself defines."""
+    return [
+        n for n, v in vars(module).items() if n[0] != "_" and getattr(v, "__module__", "") == module.__name__
+    ]
+
+
+def link_pages(app, docname, source):
+    """Turn links to files of the repository into links to their pages."""
+    for written, read in LINKS.items():
+        source[0] = re.sub(written, read, source[0])
+
+
+def quote_markup(app, what, name, obj, options, lines):
+    """Let docutils print what is no markup in our docstrings."""
+    lines[:] = [
+        line if ">>>" in line else MARKUP.sub(lambda m: m[0] if m[0][0] == "`" else f"\\{m[0]}", line)
+        for line in lines
+    ]
+
+
+def reset_style(gallery_conf, name):
+    """Draw every example in the style of the reports."""
+    plt.close("all")
+    mpl.rcdefaults()
+    mpl.rcParams.update(STYLE)
+    mpl.rcParams.update({"figure.constrained_layout.use": True, "savefig.dpi": DPI})
+    mpl.rcParams["axes.prop_cycle"] = mpl.cycler(color=[colour for colour, _ in LOOKS])
+
+
+def scrape_figures(block, block_vars, gallery_conf, **kwargs):
+    """Save the figures of an example: those of pyplot, and those that our functions return."""
+    own = [
+        v
+        for v in block_vars["example_globals"].values()
+        if isinstance(v, Figure) and v.canvas.manager is None
+    ]
+    paths = []
+    for figure in own:
+        if not hasattr(figure, "scraped"):
+            paths.append(next(block_vars["image_path_iterator"]))
+            figure.savefig(paths[-1], dpi=DPI)
+            figure.scraped = True
+    return figure_rst(paths, gallery_conf["src_dir"]) + matplotlib_scraper(
+        block, block_vars, gallery_conf, **kwargs
+    )

@@ -1,0 +1,63 @@
+"""How the documentation is built: `python -m sphinx -W docs site`, without network."""
+
+import sys
+from pathlib import Path
+
+import texclass
+
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+
+project = "texclass"
+author = "the texclass authors"
+version = release = texclass.__version__
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.viewcode",
+    "numpydoc",
+    "myst_parser",
+    "sphinx_gallery.gen_gallery",
+    "made_pages",
+]
+exclude_patterns = ["_ext", "_build"]
+default_role = "py:obj"
+suppress_warnings = ["config.cache"]
+
+myst_heading_anchors = 3
+autosummary_generate = False
+autodoc_typehints = "none"
+autodoc_member_order = "bysource"
+numpydoc_show_class_members = False
+
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"\.py$",
+    "ignore_pattern": r"ros2_node\.py",
+    "subsection_order": [
+        f"../examples/{group}" for group in ("surface", "feature", "certainty", "robot", "felt")
+    ],
+    "image_scrapers": ("made_pages.scrape_figures",),
+    "reset_modules": ("made_pages.reset_style",),
+    "show_memory": False,
+    "show_signature": False,
+    "min_reported_time": 5,
+}
+
+html_theme = "pydata_sphinx_theme"
+html_title = "texclass"
+html_show_sourcelink = False
+html_copy_source = False
+html_static_path = ["_static"]
+html_css_files = ["texclass.css"]
+html_sidebars = {"index": []}
+html_theme_options = {
+    "navbar_align": "left",
+    "header_links_before_dropdown": 6,
+    "show_toc_level": 2,
+    "navigation_with_keys": False,
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "secondary_sidebar_items": ["page-toc"],
+    "show_prev_next": False,
+}

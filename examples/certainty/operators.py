@@ -1,0 +1,40 @@
+"""
+Another hand
+============
+
+An accuracy over folds says how well a surface is told when the same people explored it before. Leave out
+one operator after the other, and it says what a stranger would get.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import texclass as tx
+
+dataset = tx.open_dataset("simulated6")
+tables = {}
+for protocol in ("recording", "operator"):
+    result = tx.benchmark(
+        dataset, "strese2015", protocol=protocol, n_folds=4 if protocol == "recording" else None
+    )
+    tables[protocol] = result.table.query("classifier == 'lda'").set_index("row")
+
+# %%
+# An interval is over what is independent: recordings in the first case, operators in the second, and there
+# are only four of those.
+
+for protocol, table in tables.items():
+    print(protocol, table[["clusters", "n_clusters"]].iloc[0].to_dict())
+
+# %%
+rows = tables["recording"]["mean"].nlargest(8).index[::-1]
+figure, axis = plt.subplots(figsize=(9, 4))
+for (protocol, table), shift in zip(tables.items(), (0.12, -0.12), strict=True):
+    chosen = 100 * table.loc[rows]
+    error = [chosen["mean"] - chosen["low"], chosen["high"] - chosen["mean"]]
+    y = np.arange(len(rows)) + shift
+    axis.errorbar(chosen["mean"], y, xerr=error, fmt="o", capsize=3, label=f"leave out: {protocol}s")
+axis.set_yticks(range(len(rows)), rows)
+axis.set_xlabel("accuracy in %")
+figure.legend(loc="outside upper left", ncols=2)
+plt.show()

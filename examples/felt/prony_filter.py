@@ -1,0 +1,47 @@
+"""
+Prony's filter and the matrix pencil
+====================================
+
+A decaying vibration as the impulse response of a filter [guruswamy2011, section IV-A]. Prony's method gives
+whatever poles solve its equations; the matrix pencil never returns one that grows.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import texclass as tx
+
+fs = 10_000
+t = np.arange(300) / fs
+clean = 3 * np.exp(-80 * t) * np.cos(2 * np.pi * 420 * t) + np.exp(-150 * t) * np.cos(
+    2 * np.pi * 1100 * t + 1
+)
+x = clean + 0.05 * np.random.default_rng(0).standard_normal(t.size)
+
+# %%
+# Prony raises its order until the error falls below a resolution: the noise has to be modelled, too.
+
+prony = tx.vibration.fit_prony(x, resolution=0.08)
+modes = tx.vibration.fit_matrix_pencil(x, fs)
+print(f"Prony: order {prony.order}, stable: {prony.is_stable}")
+for f, b, a in zip(modes.frequency_hz, modes.decay_per_s, modes.amplitude, strict=True):
+    print(f"pencil: {f:.0f} Hz, decay {b:.0f} 1/s, amplitude {a:.2f}")
+
+# %%
+# Both follow the recording; what differs is how many poles they need for it, and where these lie.
+
+figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4))
+left.plot(1e3 * t, x, ".", color="0.7", label="recorded")
+left.plot(1e3 * t, prony.synthesize(t.size), color="C1", label="Prony")
+left.plot(1e3 * t, modes.synthesize(t.size, fs), color="C0", label="matrix pencil")
+left.set_xlabel("ms")
+left.set_ylabel("m/s²")
+left.legend()
+
+z = np.exp((-modes.decay_per_s + 2j * np.pi * modes.frequency_hz) / fs)
+right.add_patch(plt.Circle((0, 0), 1, fill=False, color="0.6"))
+for poles, look in ((np.roots(prony.a), "C1."), (np.append(z, z.conj()), "C0x")):
+    right.plot(poles.real, poles.imag, look)
+right.set_title("poles in the unit circle")
+right.set_aspect("equal")
+plt.show()

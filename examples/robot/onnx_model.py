@@ -1,0 +1,46 @@
+"""
+Without Python
+==============
+
+What follows the features becomes an ONNX file, which a dozen languages read. It is written only if it
+answers as scikit-learn does.
+"""
+
+import json
+import tempfile
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import onnxruntime
+
+import texclass as tx
+
+dataset = tx.open_dataset("simulated6")
+model = tx.train(dataset, row="Movement", classifier="lda")
+file = Path(tempfile.mkdtemp()) / "surfaces.onnx"
+tx.recognition.export_onnx(model, file)
+
+# %%
+# Its metadata name what it is to be fed with.
+
+session = onnxruntime.InferenceSession(file)
+facts = session.get_modelmeta().custom_metadata_map
+{name: fact[:60] for name, fact in facts.items()}
+
+# %%
+# The features stay the task of your program; here texclass computes them.
+
+columns = json.loads(facts["texclass.columns"])
+X = tx.extract(dataset, "texclass")[columns].to_numpy(dtype=np.float64)
+label, probabilities, p_known, unknown = session.run(None, {"features": X})
+print(f"{np.mean(label == dataset.labels):.1%} of the recordings it was trained on")
+
+# %%
+# Probabilities, a row a recording, a column a surface:
+
+figure, axis = plt.subplots(figsize=(6, 4))
+axis.imshow(probabilities, aspect="auto", interpolation="none", cmap="Blues")
+axis.set_xticks(range(6), model.materials, rotation=30)
+axis.set_yticks(range(0, 72, 12), dataset.labels[::12])
+plt.show()

@@ -1,0 +1,38 @@
+"""
+Train, then ask
+===============
+
+A model in one call: row and classifier are chosen on recordings that were held out, probabilities are
+calibrated on them, and the file holds data only.
+"""
+
+import tempfile
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import pandas as pd
+
+import texclass as tx
+
+dataset = tx.open_dataset("simulated6")
+model = tx.train(dataset, row="Movement", classifier="lda")
+tx.document.print_document(tx.recognition.model_document(model))
+
+# %%
+# It is saved and loaded without pickle: what is not on the list of classes is refused by name.
+
+file = Path(tempfile.mkdtemp()) / "surfaces.skops"
+model.save(file)
+model = tx.load_model(file)
+
+# %%
+# Every answer has its probability, the runner-up, and whether the surface is unknown.
+
+answers = {r.recording_id: model.answer(r) for r in (dataset[0], dataset[40], dataset[70])}
+pd.DataFrame(answer.to_dict() for answer in answers.values())
+
+# %%
+figure, axis = plt.subplots(figsize=(8, 3.5))
+pd.DataFrame({name: answer.probabilities for name, answer in answers.items()}).plot.barh(ax=axis, width=0.8)
+axis.set_xlabel("probability")
+plt.show()
