@@ -18,6 +18,7 @@ ROOT = Path(__file__).parents[2]
 MADE = ("reports", "features", "api")
 """Folders below the source that are written anew by each build."""
 LINKS = {
+    r"\]\(\.\./reports/README\.md\)": "](figures.md)",
     r"\]\(\.\./reports/": "](reports/",
     r"\]\(\.\./examples/((?!papers)\w+/\w+)\.py\)": r"](gallery/\1.rst)",
 }
@@ -113,18 +114,13 @@ def reset_style(gallery_conf, name):
 
 
 def scrape_figures(block, block_vars, gallery_conf, **kwargs):
-    """Save the figures of an example: those of pyplot, and those that our functions return."""
-    own = [
-        v
-        for v in block_vars["example_globals"].values()
-        if isinstance(v, Figure) and v.canvas.manager is None
-    ]
+    """Save the figures of a block: those of pyplot, and those that our functions return."""
     paths = []
-    for figure in own:
-        if not hasattr(figure, "scraped"):
-            paths.append(next(block_vars["image_path_iterator"]))
-            figure.savefig(paths[-1], dpi=DPI)
+    for figure in block_vars["example_globals"].values():
+        if isinstance(figure, Figure) and not hasattr(figure, "scraped"):
             figure.scraped = True
-    return figure_rst(paths, gallery_conf["src_dir"]) + matplotlib_scraper(
-        block, block_vars, gallery_conf, **kwargs
-    )
+            if figure.canvas.manager is None:  # not one of pyplot's
+                paths.append(next(block_vars["image_path_iterator"]))
+                figure.savefig(paths[-1], dpi=DPI)
+    of_pyplot = matplotlib_scraper(block, block_vars, gallery_conf, **kwargs)
+    return figure_rst(paths, gallery_conf["src_dir"]) + of_pyplot

@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 
 import texclass as tx
 
-found = tx.trade_off("simulated6", "strese2015", n_repeats=1, with_curves=False)
+found = tx.trade_off("simulated6", "strese2015", n_folds=3, n_repeats=1, with_curves=False)
 front, knee = found.data["front"], found.data["knee"]
 
 # %%
