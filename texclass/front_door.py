@@ -29,7 +29,8 @@ def extract(
     recordings : Dataset, str, Path, Recording, array_like or sequence of these
         A dataset, or the name of a shipped one, a card or folder; one recording, or several; one array of
         shape (n_samples,) or (n_samples, n_axes), arrays of unequal lengths, or a panel of shape
-        (n_recordings, n_axes, n_samples): see `FeatureExtractor`.
+        (n_recordings, n_axes, n_samples): see `FeatureExtractor`. Or what MNE, xarray, aeon or sktime hold:
+        see `loaders.recordings_of`.
     features : str, Path or FeatureSet
         A shipped set, a TOML, or a set.
     fs : float, optional

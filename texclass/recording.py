@@ -2,10 +2,13 @@
 
 from dataclasses import dataclass, field, replace
 from html import escape
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    import xarray
 
 Samples = NDArray[np.float64]
 A = TypeVar("A", bound=NDArray[Any])
@@ -229,6 +232,22 @@ class Recording:
         facts = vars(self)
         unchanged = all(name in facts and facts[name] is value for name, value in changes.items())
         return self if unchanged else replace(self, **changes)
+
+    def to_xarray(self) -> "xarray.DataArray":
+        """Return the acceleration by time (s) and axis, with `fs`, `unit` and what the recording is of.
+
+        Other signals and phases stay behind. `loaders.recordings_of` is the way back; xarray has to be
+        installed.
+        """
+        import xarray
+
+        dims = ("time", "axis")[: self.acceleration.ndim]
+        time = ("time", np.arange(self.n_samples) / self.fs, {"units": "s"})
+        names = ("fs", "unit", "material", "operator", "session", "repetition")
+        facts = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        coords = {"time": time, "axis": list(self.channels)}
+        coords = {dim: coords[dim] for dim in dims}
+        return xarray.DataArray(self.acceleration, coords, dims, self.recording_id, facts)
 
     def _channel_names(self, where: str) -> tuple[str, ...]:
         n_channels = 1 if self.acceleration.ndim == 1 else self.acceleration.shape[1]

@@ -1,6 +1,7 @@
 """The extractor: a scikit-learn transformer of recordings and arrays; undefined values carry reasons."""
 
 import pickle
+import re
 
 import numpy as np
 import pandas as pd
@@ -125,6 +126,12 @@ def test_arrays_give_what_recordings_of_movement_give():
         (pd.Series(unequal), unequal),
         (panel, [x.T for x in panel]),
         (list(panel.swapaxes(1, 2)), [x.T for x in panel]),
+        (list(panel), [x.T for x in panel]),
+        ([panel[0], panel[1, :, :70]], [panel[0].T, panel[1, :, :70].T]),
+        (
+            pd.concat({name: pd.DataFrame(x.T) for name, x in zip("ab", panel, strict=True)}),
+            [x.T for x in panel],
+        ),
     ):
         expected = FeatureExtractor(TOY).fit_transform([as_recording(x) for x in movements])
         np.testing.assert_array_equal(FeatureExtractor(TOY, fs=FS).fit_transform(X), expected)
@@ -139,6 +146,9 @@ def test_what_is_neither_recordings_nor_arrays_of_a_known_rate_is_refused():
     for nothing in ([], "strese2015", None, noise(20)):
         with pytest.raises(ValueError):  # noqa: PT011  (scikit-learn words it)
             FeatureExtractor(TOY, fs=FS).fit(nothing)
+    for wide in ((9, 400), (3, 40)):
+        with pytest.raises(ValueError, match=re.escape(f"has shape {wide}; the rule is (n_samples, n_axes)")):
+            FeatureExtractor(TOY, fs=FS).fit([np.zeros(wide)])
     with pytest.raises(RecordingError, match="row 1: acceleration holds 1 values that are NaN"):
         FeatureExtractor(TOY, fs=FS).fit([noise(300), np.append(noise(300), np.nan)])
 

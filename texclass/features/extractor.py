@@ -162,8 +162,12 @@ class FeatureExtractor(_Values):
     - one array of shape (n_samples,) or (n_samples, n_axes), at least 64 samples of at most 8 axes;
     - any other two-dimensional array: (n_recordings, n_samples), one axis each, as scikit-learn has it;
     - a panel of shape (n_recordings, n_axes, n_samples);
-    - a sequence of arrays (n_samples,) or (n_samples, n_axes), of any lengths.
+    - a sequence of arrays (n_samples,) or (n_samples, n_axes), of any lengths; of at most 8 rows of at least
+      64 columns each, it is a collection of aeon's: (n_axes, n_samples). Others wider than long and than 8
+      columns are refused, for nothing says which way time runs;
+    - a DataFrame of sktime's, one row a sample, indexed by recording and time.
 
+    `Raw` and `Epochs` of MNE and a `DataArray` of xarray are what `loaders.recordings_of` makes of them.
     Undefined features are NaN; `extract` gives the reasons too. After ``set_output(transform="pandas")`` rows
     are named after the recordings.
 
@@ -243,6 +247,14 @@ class FeatureExtractor(_Values):
         """Return X as a sequence of recordings."""
         if hasattr(X, "entries"):
             return X
+        from texclass.loaders.neighbours import is_of_neighbours, recordings_of
+
+        if is_of_neighbours(X):
+            return recordings_of(X, fs=self.fs, unit=self.unit)
+        if getattr(getattr(X, "index", None), "nlevels", 1) == 2:
+            from pandas import Series
+
+            X = Series({name: rows.to_numpy() for name, rows in X.groupby(level=0, sort=False)})
         of_objects = getattr(X, "dtype", None) == np.object_
         listed = list(X) if isinstance(X, list | tuple) or of_objects else []
         if listed and isinstance(listed[0], Recording):
@@ -264,11 +276,23 @@ class FeatureExtractor(_Values):
 def _signals(X: Any) -> list[Samples] | None:
     """Return the signals of what is no table of numbers: one, a panel, or signals of unequal shapes."""
     if isinstance(X, list) and (shapes := {np.shape(x) for x in X}) not in ({()}, set()):
-        return [np.asarray(x) for x in X] if len(shapes) > 1 or len(min(shapes)) > 1 else None
+        return [_in_time(np.asarray(x)) for x in X] if len(shapes) > 1 or len(min(shapes)) > 1 else None
     array = np.asarray(X) if isinstance(X, list | np.ndarray) else np.empty((0, 0))
     if array.ndim == 3:
         return list(array.swapaxes(1, 2))
     return [array] if array.ndim == 1 and array.size >= LEAST_SAMPLES else None
+
+
+def _in_time(x: NDArray[Any]) -> NDArray[Any]:
+    """Return one of several signals with time along its rows: a collection of aeon's has axes there."""
+    if x.ndim != 2 or x.shape[1] <= max(MOST_AXES, x.shape[0]):
+        return x
+    if x.shape[0] <= MOST_AXES and x.shape[1] >= LEAST_SAMPLES:
+        return x.T
+    raise ValueError(
+        f"an array of X has shape {x.shape}; the rule is (n_samples, n_axes), or (n_axes, n_samples) of at "
+        f"most {MOST_AXES} axes and at least {LEAST_SAMPLES} samples"
+    )
 
 
 def _extract(plan: Plan, load: Callable[[Any], Recording] | None, entry: Any) -> tuple[str, Computed]:
