@@ -1,5 +1,7 @@
 """A trained model answers, knows what it does not know, and says why."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from toy_surfaces import FS, SURFACES, pipeline, recording, surfaces
@@ -98,6 +100,8 @@ def test_touches_are_joined_by_their_mean(kernel_model):
         mean = np.mean([answer.probabilities[material] for answer in answers])
         assert whole.probabilities[material] == pytest.approx(mean)
     assert (whole.surface, whole.recording_id) == ("oak", "oak")
+    odd = [replace(answers[0], p_known=p) for p in (0.5, 0.6, 0.01)]
+    assert joined(odd, "oak").p_known == 0.5
 
 
 def test_a_model_of_touches_cuts_longer_recordings():

@@ -22,6 +22,8 @@ def test_a_tone_below_the_new_nyquist_frequency_is_sampled_more_slowly_and_one_a
     assert slow.fs == 250
     np.testing.assert_allclose(slow.acceleration, sine(40.0, 500, 250.0), atol=1e-9)
     assert np.abs(resampled(recording(sine(200.0)), 250.0).acceleration).max() < 1e-9
+    axes = np.stack([sine(40.0), sine(60.0)], axis=1)
+    np.testing.assert_allclose(resampled(recording(axes), 250.0).acceleration[:, 0], slow.acceleration)
 
 
 def test_phases_and_other_signals_go_along():

@@ -57,6 +57,13 @@ def test_the_stronger_of_two_beating_lines_stays():
     assert_allclose(fit_major_frequencies(x, FS, n_frequencies=2).frequency_hz, [84.0, 300.0])
 
 
+def test_the_threshold_is_that_of_the_lower_line():
+    both = MajorFrequencies([247.0, 258.0], [1.0, 2.0], [0.0, 0.0])  # 9 Hz from the lower, 15 from the upper
+    assert_allclose(
+        fit_major_frequencies(both.synthesize(10_000, FS), FS, n_frequencies=2).frequency_hz, [247.0, 258.0]
+    )
+
+
 def test_frequencies_at_or_above_half_the_rate_are_left_out():
     assert_allclose(
         SLOW.synthesize(50, 400.0), MajorFrequencies([40.0, 120.0], [1, 2], [0.1, 0.2]).synthesize(50, 400.0)
@@ -89,6 +96,8 @@ def test_speeds_between_and_beyond_the_recordings():
     assert at_speed(models, speeds, 100.0) is FAST
     assert at_speed(models, speeds, 999.0) is models[2]
     assert_allclose(at_speed(models, speeds, 70.0).amplitude, interpolate(SLOW, FAST, 0.5).amplitude)
+    with pytest.raises(ValueError, match="one rising speed for each"):
+        at_speed(models, [40.0, 40.0, 400.0], 70.0)
 
 
 def test_silence_and_constants_have_no_lines():
