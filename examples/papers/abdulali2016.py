@@ -13,7 +13,7 @@ from scipy import signal
 from threadpoolctl import threadpool_limits
 
 from texclass.document import Heading, new_figure
-from texclass.document.figure_style import FAINT, FOURTH, INK, OTHER, OURS, THIRD
+from texclass.document.figure_style import FAINT, FOURTH, INK, LOOKS, OTHER, OURS, THIRD
 from texclass.provenance import versions
 from texclass.textures import Scan
 from texclass.textures.abdulali2016 import bake, condition, model_scan
@@ -241,10 +241,11 @@ def draw_input_space(training, width):
                 *u[points.kind == kind].T, color=colour, marker=marker, label=label, depthshade=False
             )
         axes.set(xlabel="v_x (mm/s)", ylabel="v_y (mm/s)", zlabel="f_n (N)", title=title)
+        axes.locator_params(nbins=5)
         axes.set_zlim(0, None)
         axes.view_init(elev=22, azim=-60)
-        axes.set_box_aspect(None, zoom=0.85)
-    axes.legend(loc="upper left")
+        axes.set_box_aspect(None, zoom=0.95)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
@@ -256,19 +257,19 @@ def draw_scores(rows, width):
     """
     figure, axes = new_figure(width, 0.5 * width)
     ways = ("network", "as published", "Delaunay", "one AR model")
-    x, bar = np.arange(len(rows)), 0.2
-    for i, (way, colour) in enumerate(zip(ways, (OURS, OTHER, THIRD, FAINT), strict=True)):
+    x, apart = np.arange(len(rows)), 0.2
+    for i, (way, (colour, shape)) in enumerate(zip(ways, LOOKS, strict=True)):
         have = [(j, row["scores"][way]) for j, row in enumerate(rows) if row["scores"][way] is not None]
         place, mean, deviation = np.array([(j, s.gfc, s.deviation) for j, s in have]).T
-        error, look = [np.minimum(deviation, mean), np.minimum(deviation, 1 - mean)], {"capsize": 1.5}
-        axes.bar(place + (i - 1.5) * bar, mean, bar, yerr=error, color=colour, label=way, error_kw=look)
+        error = [np.minimum(deviation, mean), np.minimum(deviation, 1 - mean)]
+        axes.errorbar(place + (i - 1.5) * apart, mean, error, fmt=shape, color=colour, label=way, ms=5, lw=1)
     truth = [row["scores"].get("the truth again") for row in rows]
     if all(truth):
         axes.hlines([s.gfc for s in truth], x - 0.45, x + 0.45, color=INK, label="the truth with other noise")
-    axes.axhline(0.9, color=INK, linewidth=0.8, linestyle=":")
+    axes.axhline(0.9, color=INK, linewidth=0.8, linestyle=":", label="0.90: good, says the paper")
     alone = [not row["anisotropic"] and row["kind"] != "real" for row in rows]
     axes.set_xticks(x, [row["name"] + "\nisotropic" * plain for row, plain in zip(rows, alone, strict=True)])
-    axes.set(ylim=(0.6, 1.0), ylabel="GFC, mean and deviation over windows")
+    axes.set(ylim=(None, 1.0), ylabel="GFC, mean and deviation over windows")
     figure.legend(loc="outside lower center", ncols=3)
     return figure
 

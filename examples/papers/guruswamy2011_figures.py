@@ -9,7 +9,8 @@ from guruswamy2011_objects import LAWS, OBJECTS, ROW, TABLE_1, Samples
 from matplotlib.figure import Figure as Drawing
 from scipy import ndimage, signal
 
-from texclass.document.figure_style import FAINT, INK, LOOKS, OTHER, OURS
+from texclass.document.figure_style import FAINT, INK, LOOKS, OTHER, OURS, legend_above
+from texclass.document.wording import MINUS
 from texclass.textures.guruswamy2011 import FittedScan, LevelFit
 from texclass.textures.guruswamy2011.fit import SMOOTHING_HZ
 
@@ -128,8 +129,14 @@ def draw_laws(width: float, fits: Mapping[str, LevelFit]) -> Drawing:
 
 
 def draw_speeds(width: float, name: str, pairs: Sequence[Mapping[str, Any]]) -> Drawing:
-    """Draw scan and texture at three speeds, over space and over time (figures 11 and 12)."""
-    figure, panels = _panels(2, len(pairs), (width, 5.6))
+    """Draw scan and texture at three speeds, over space and over time (figures 11 and 12).
+
+    Each has a zero of its own, the scan's above the texture's, and the same scale.
+    """
+    figure, panels = _panels(2, len(pairs), (width, 5.6), sharey=True)
+    loudest = max(float(np.abs(pair["scan"].acceleration).max()) for pair in pairs)
+    step = 5.0 * max(1, round(loudest / 10))  # of the ticks, m/s^2
+    lift = 2 * step + loudest
     density = TABLE_1[name][ROW.index("segments_per_mm")]
     for column, pair in enumerate(pairs):
         scan = pair["scan"]
@@ -137,16 +144,19 @@ def draw_speeds(width: float, name: str, pairs: Sequence[Mapping[str, Any]]) -> 
         start = float(x[-1]) / 3
         here = (x >= start) & (x <= start + 6 / density)
         t = 1e3 * (scan.time_s - scan.time_s[here][0])
-        lift = 1.4 * float(np.abs(scan.acceleration[here]).max())
         top, bottom = panels[column], panels[column + len(pairs)]
         for axes, along, shown in ((top, x - start, here), (bottom, t, (t >= 0) & (t <= 300))):
-            axes.plot(along[shown], scan.acceleration[shown] + lift, color=INK, linewidth=0.9)
-            axes.plot(along[shown], pair["rendered"][shown], color=OURS, linewidth=0.9)
+            axes.plot(along[shown], scan.acceleration[shown] + lift, color=INK, linewidth=0.9, label="scan")
+            axes.plot(along[shown], pair["rendered"][shown], color=OURS, linewidth=0.9, label="texture")
             axes.set_xlim(0, along[shown][-1])
-        top.set_title(f"{name}, {scan.speed.mean():.0f} mm/s: scan above, texture below")
+        top.set_title(f"{name}, {scan.speed.mean():.0f} mm/s")
         top.set_xlabel("distance (mm)")
         bottom.set_xlabel("time (ms)")
-    panels[0].set_ylabel("acceleration (m/s²)")
+    for axes in (panels[0], panels[len(pairs)]):
+        ticks = np.array([-step, 0.0, step])
+        axes.set_yticks([*ticks, *(ticks + lift)], 2 * [f"{tick:g}".replace("-", MINUS) for tick in ticks])
+        axes.set_ylabel("acceleration (m/s²)")
+    legend_above(figure, panels[0])
     return figure
 
 

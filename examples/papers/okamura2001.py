@@ -30,7 +30,7 @@ from scipy import signal, stats
 from shared import arguments, write_chapter
 
 from texclass.document import Document, Figure, Heading, Table
-from texclass.document.figure_style import FAINT, INK, OTHER, OURS
+from texclass.document.figure_style import FAINT, INK, OTHER, OURS, legend_above, log_x
 from texclass.loaders import DataNotFoundError, open_dataset
 from texclass.provenance import versions
 from texclass.textures.okamura2001 import (
@@ -290,13 +290,14 @@ def draw_wall(width: float) -> Drawing:
         above.plot(1e3 * t, -depth, color=INK)
         above.axhspan(-3.4, 0, color=FAINT, zorder=0)
         above.set_title(f"{m} (Table II)")
-        middle.plot(1e3 * t, velocity, color=INK)
+        middle.plot(1e3 * t, -velocity, color=INK)  # of the height, so negative into the wall
         below.plot(1e3 * t, force, color=OURS, linewidth=1, label="wall and vibration")
         spring = wall.stiffness_n_mm * np.maximum(depth, 0.0)
         below.plot(1e3 * t, spring, color=OTHER, linewidth=1, label="wall alone")
-        below.axhline(DEVICE.limit_n, color=INK, linewidth=0.8, linestyle=":")
+        below.axhline(DEVICE.limit_n, color=INK, linewidth=0.8, linestyle=":", label="limit of the device")
         below.set_xlabel("time (ms)")
-    grid[2, 0].legend(loc="upper left")
+    legend_above(figure, grid[2, 0])
+    figure.align_ylabels(grid[:, 0])
     for axes, label in zip(grid[:, 0], ("height (mm)", "velocity (mm/s)", "force (N)"), strict=True):
         axes.set_ylabel(label)
     return figure
@@ -341,21 +342,25 @@ def into_a_device(scaled: TapLibrary) -> list[Any]:
 def draw_device(width: float, libraries: dict[str, TapLibrary]) -> Drawing:
     """Draw figure 6: the device's response (ours), and where the libraries lie in it."""
     figure, ((left, right),) = panels(width, 1, 2)
+    figure.set_figheight(3.6)
     f = np.geomspace(5, 2000, 300)
-    left.semilogx(f, DEVICE.response(f), color=INK)
+    left.plot(f, DEVICE.response(f), color=INK, label="response")
     left.axvspan(*DEVICE.band_hz, color=FAINT, zorder=0, label="band of the device")
-    left.axvline(250, color=INK, linestyle=":", linewidth=1, label="most sensitive (250 Hz)")
+    left.axvline(250, color=INK, linestyle=":", linewidth=1, label="skin most sensitive (250 Hz)")
     left.set(title="response of our device", xlabel="frequency (Hz)", ylabel="normalised magnitude")
-    left.legend()
+    log_x(left)
+    left.legend(loc="lower left", bbox_to_anchor=(0.0, 1.1))
     looks = ((INK, "o"), (OTHER, "D"), (OURS, "s"))
     for (name, library), (colour, marker) in zip(libraries.items(), looks, strict=True):
         _, B, w = library.table.T
-        right.loglog(w, B, marker, ls="-", lw=0.7, color=colour, label=name)
+        right.plot(w, B, marker, ls="-", lw=0.7, color=colour, label=name)
     for m, (_, B, w) in zip(MATERIALS, TABLE_I.table, strict=True):
-        right.annotate(m, (w, B), (5, -12), textcoords="offset points")
+        right.annotate(m, (w, B), (-6, 4), textcoords="offset points", ha="right")
     right.axvspan(*DEVICE.band_hz, color=FAINT, zorder=0)
-    right.set(title="the libraries", xlabel="frequency (Hz)", ylabel="decay rate (1/s)")
-    right.legend()
+    right.set(title="the libraries", xlabel="frequency (Hz)", ylabel="decay rate (1/s)", yscale="log")
+    right.yaxis.set_major_formatter("{x:g}")
+    log_x(right)
+    right.legend(loc="lower left", bbox_to_anchor=(0.0, 1.1))
     return figure
 
 
@@ -405,15 +410,15 @@ def told_effect(analysis: pd.DataFrame, name: str) -> str:
 
 def draw_ratings(width: float, ratings: dict[str, Samples]) -> Drawing:
     """Draw figure 7: the eight corners of the design and their mean normalised ratings."""
-    figure, (row,) = panels(width, 1, 3)
-    labels = ["".join("+" if level > 0 else "−" for level in run) for run in DESIGN]
+    figure, (row,) = panels(width, 1, 3, sharey=True)
+    labels = ["\n".join("+" if level > 0 else "−" for level in run) for run in DESIGN]
     for axes, m in zip(row, MATERIALS, strict=True):
         mean = normalized_ratings(ratings[m]).mean(axis=0)
         axes.bar(labels, mean, color=[OTHER if i == np.argmax(mean) else OURS for i in range(8)])
         axes.axhline(0, color=INK, linewidth=0.8)
-        axes.tick_params(axis="x", rotation=90)
-        axes.set(title=f"{m}: {most_sensitive(analyse(ratings[m]))}", xlabel="low (−) or high (+): A, B, w")
-    row[0].set_ylabel("mean normalised rating (simulated)")
+        factor = most_sensitive(analyse(ratings[m]))
+        axes.set(title=f"{m}: {factor}", xlabel="A, B, w from above: low (−) or high (+)")
+    row[0].set_ylabel("mean rating, deviations\n(simulated)")
     return figure
 
 

@@ -13,10 +13,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 from study import command_line, table, write
 
 from texclass.document import Table
-from texclass.document.figure_style import FOURTH, MUTED, OTHER, OURS, THIRD
+from texclass.document.figure_style import LOOKS, MUTED, OTHER, OURS, THIRD
 from texclass.features import load_feature_set
 from texclass.features.extractor import Plan
 from texclass.phases import segment
@@ -39,7 +40,13 @@ RELATED = {
 }  # fmt: skip
 """Features of the works that strese2015 compares with."""
 CONDITIONS = {"speed": "speed 20 to 200 mm/s", "force": "force 0.4 to 2.5 N", "impact": "rising impacts"}
-COLOURS = (OURS, OTHER, THIRD, FOURTH, MUTED)
+UNITS = {
+    ("strese2015", "hardness"): "hardness (1)",
+    ("texclass", "hardness"): "hardness (1/s²)",
+    ("strese2015", "temporal_roughness"): "temporal roughness (log10(m/s²))",
+    ("strese2015", "fineness"): "fineness (DCT bin)",
+    ("texclass", "fineness"): "fineness (Hz)",
+}
 
 
 def pieces(surface: Surface, seed: int) -> Iterator[tuple[str, int, Recording]]:
@@ -113,11 +120,11 @@ def study(name: str, surfaces: tuple[Surface, ...]) -> tuple[pd.DataFrame, pd.Da
 
 
 def course(axes: Axes, values: pd.DataFrame, condition: str, title: str, lines: dict[str, pd.Series]) -> None:
-    """Draw values along a run, one line each."""
-    for (name, line), colour in zip(lines.items(), COLOURS, strict=False):
-        axes.plot(values.loc[line.index, "step"] + 1, line, "o-", ms=3, lw=1, color=colour, label=name)
+    """Draw values along a run, one line each, told apart by colour and mark."""
+    for (name, line), (colour, mark) in zip(lines.items(), LOOKS, strict=False):
+        axes.plot(values.loc[line.index, "step"] + 1, line, f"{mark}-", ms=4, lw=1, color=colour, label=name)
     axes.set_title(title, fontsize=8, loc="left")
-    axes.set_xlabel(CONDITIONS[condition], fontsize=7)
+    axes.set_xlabel(f"{N_STEPS} pieces, {CONDITIONS[condition]}", fontsize=7)
     axes.tick_params(labelsize=7)
     axes.grid(alpha=0.3)
 
@@ -134,11 +141,12 @@ def summary(axes: Axes, found: pd.DataFrame) -> None:
         for _, point in rows.iterrows():
             axes.plot(point["ratio"], y, marks[point["condition"]], ms=4, color=tint[row["origin"]])
     axes.axvline(1, color=MUTED, lw=0.8, ls=":")
-    axes.set_yticks(range(len(order)), order["feature"], fontsize=7)
-    for label, origin in zip(axes.get_yticklabels(), order["origin"], strict=True):
-        label.set_color(tint[origin])
+    axes.set_yticks(range(len(order)), order["feature"] + ", " + order["origin"], fontsize=7)
     axes.set(ylim=(len(order) - 0.4, -0.6), xscale="log")
-    axes.set_xlabel("between-surface / within-surface deviation (right is better)", fontsize=8)
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_xlabel("deviation between surfaces over that within one, times (right is better)", fontsize=8)
     axes.tick_params(axis="x", labelsize=7)
     axes.grid(axis="x", which="both", alpha=0.3)
     for origin, colour in tint.items():
@@ -154,12 +162,13 @@ def draw(printed: pd.DataFrame, ours: pd.DataFrame, found: pd.DataFrame, names: 
     left, right = figure.subfigures(1, 2, width_ratios=(1.15, 1))
     axes = left.subplots(3, 2).ravel()
     for place, values, condition, column, title in (
-        (0, printed, "impact", "hardness", "Fig. 8: hardness as printed"),
-        (1, ours, "impact", "hardness", "hardness, corrected (texclass)"),
-        (3, printed, "force", "temporal_roughness", "Fig. 10: temporal roughness as printed"),
-        (4, printed, "speed", "fineness", "Fig. 12: fineness as printed"),
-        (5, ours, "speed", "fineness", "fineness, corrected (texclass)"),
+        (0, printed, "impact", "hardness", "Fig. 8: as printed"),
+        (1, ours, "impact", "hardness", "corrected (texclass)"),
+        (3, printed, "force", "temporal_roughness", "Fig. 10: as printed"),
+        (4, printed, "speed", "fineness", "Fig. 12: as printed"),
+        (5, ours, "speed", "fineness", "corrected (texclass)"),
     ):
+        axes[place].set_ylabel(UNITS["texclass" if values is ours else "strese2015", column], fontsize=7)
         along = values[values["condition"] == condition]
         lines = {name: along.loc[along["surface"] == name, column] for name in names}
         course(axes[place], values, condition, title, lines)
@@ -169,12 +178,12 @@ def draw(printed: pd.DataFrame, ours: pd.DataFrame, found: pd.DataFrame, names: 
         "temporal roughness, eq. 3": eq3 / eq3.iloc[0],
         "power of the vibration [7]": power / power.iloc[0],
     }
-    title = f"Fig. 9: two roughnesses of {names[0]}, over the first value"
-    course(axes[2], printed, "force", title, lines)
+    course(axes[2], printed, "force", f"Fig. 9: two roughnesses of {names[0]}", lines)
+    axes[2].set_ylabel("times the first value", fontsize=7)
     for hardness in axes[:2]:
         hardness.set_yscale("log")
-    for each in (axes[2], axes[5]):
-        each.legend(fontsize=6, frameon=False)
+    axes[2].legend(fontsize=6, frameon=False)
+    left.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=len(names), fontsize=7)
     summary(right.subplots(), found)
     return figure
 

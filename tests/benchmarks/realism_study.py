@@ -9,6 +9,7 @@ import json
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 from scipy import signal, stats
 from study import command_line, own_data, write
 
@@ -64,9 +65,13 @@ def draw(values: pd.DataFrame) -> Figure:
                 axis.hlines(y.median(), position - 0.32, position + 0.32, color="black", lw=2)
         axis.set_xticks(range(len(names)), names, rotation=20)
         axis.set_xlim(-0.6, len(names) - 0.4)
-        axis.set_title(label, fontsize=9)
+        axis.set_title(label.replace(" [", "\n["), fontsize=9)
         axis.grid(axis="y", alpha=0.3)
-        axis.set_yscale("linear" if column == "slope_db_octave" else "log")
+        if column != "slope_db_octave":
+            axis.set_yscale("log")
+            axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axis.yaxis.set_major_formatter("{x:g}")
+            axis.yaxis.set_minor_locator(NullLocator())
     return figure
 
 

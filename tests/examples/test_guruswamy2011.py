@@ -5,6 +5,7 @@ import json
 import guruswamy2011
 import numpy as np
 import pytest
+from guruswamy2011_figures import draw_speeds
 from guruswamy2011_measures import (
     BOUNDS,
     cleaned,
@@ -53,6 +54,20 @@ def test_the_chapter_has_every_table_and_figure_and_says_what_is_simulated(tmp_p
     numbers = json.loads((tmp_path / "guruswamy2011.json").read_text(encoding="utf-8"))
     assert set(numbers["scans"]) == set(TABLE_1)
     assert numbers["paths"]["finite"]
+
+
+def test_scan_and_texture_are_drawn_each_around_a_labelled_zero():
+    rng, rubber = np.random.default_rng(3), OBJECTS[2]
+    scan = simulate_scan(rubber, lay_out(rubber, 80.0, rng), rng)
+    pairs = [{"scan": scan, "rendered": np.zeros(len(scan))}]
+    axes = draw_speeds(9.2, rubber.name, pairs).axes[0]
+    zeros = [
+        y
+        for y, label in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)
+        if label.get_text() == "0"
+    ]
+    above, below = (np.median(line.get_ydata()) for line in axes.lines)
+    assert [below, above] == pytest.approx(zeros, abs=1.0)
 
 
 @pytest.mark.parametrize("thing", OBJECTS, ids=lambda thing: thing.name)

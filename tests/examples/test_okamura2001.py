@@ -2,9 +2,12 @@
 
 import json
 
+import matplotlib as mpl
 import numpy as np
 import okamura2001
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
 from numpy.testing import assert_allclose, assert_array_equal
 from okamura2001_people import (
     DESIGN,
@@ -24,6 +27,7 @@ from okamura2001_people import (
 from okamura2001_taps import MATERIALS, TABLE_II
 from scipy import stats
 
+from texclass.document.figure_style import STYLE, WIDTH
 from texclass.vibration import TapModel
 
 
@@ -42,6 +46,29 @@ def test_the_chapter_says_what_is_simulated_and_what_was_skipped(tmp_path):
     ].values():  # B by 8 %, whatever the noise after the tap
         assert np.all(np.array(one["largest"]) < [15, 8, 10])
     assert numbers["identification"]["correct"] == pytest.approx(35, abs=6)
+
+
+def test_pictures_show_the_velocity_of_the_height_and_whole_readable_labels():
+    libraries = {"ours": okamura2001.TABLE_I, "published": TABLE_II, "rule": TABLE_II}
+    ratings = {m: simulate_ratings("decay", np.random.default_rng(0)) for m in MATERIALS}
+    pictures = (
+        okamura2001.draw_wall,
+        lambda width: okamura2001.draw_device(width, libraries),
+        lambda width: okamura2001.draw_ratings(width, ratings),
+    )
+    for draw in pictures:
+        with mpl.rc_context(STYLE):
+            figure = draw(WIDTH)
+            FigureCanvasAgg(figure).draw()
+            texts = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text()]
+            assert not any("$" in text.get_text() for text in texts)
+            for label in (label for axes in figure.axes for label in (axes.xaxis.label, axes.yaxis.label)):
+                box = label.get_window_extent()
+                assert min(box.x0, box.y0) >= 0
+                assert (box.x1, box.y1) <= tuple(figure.bbox.max)
+    above, middle = (okamura2001.draw_wall(WIDTH).axes[i].lines[0] for i in (0, 3))
+    t, height = above.get_data()
+    assert_allclose(middle.get_ydata(), 1e3 * np.gradient(height, t), atol=1e-6)
 
 
 def test_the_design_has_each_combination_once_and_balanced():
