@@ -334,14 +334,15 @@ def attempt(function: Callable[..., Any], *args: Any, **options: Any) -> Any:
 
 
 def benchmark(name: str | Path, pipeline: str, *options: object) -> Any:
-    """Return the JSON of `texclass benchmark`, what is measured left out."""
+    """Return the JSON of `texclass benchmark`, what is measured and what is only drawn left out."""
     file = SCRATCH / "benchmark.json"
     file.unlink(missing_ok=True)
     asked = ("--pipeline", pipeline, "--jobs", 1, "--out", SCRATCH / "out", "--json", file)
     ended = command("benchmark", name, *asked, *options)
     if not file.exists():
         return {"code": ended.code, "error": ended.err.strip().splitlines()[-1:]}
-    return json.loads(file.read_text(encoding="utf-8"))
+    found = json.loads(file.read_text(encoding="utf-8"))
+    return {key: value for key, value in found.items() if key != "example"}
 
 
 def _benchmark_part(

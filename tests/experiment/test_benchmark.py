@@ -70,6 +70,14 @@ def test_a_result_is_told_in_a_line_and_a_table_written_and_drawn(result, tmp_pa
     assert published == pytest.approx([90, 95, 20])
 
 
+def test_a_result_holds_one_recording_as_outline_and_phases(result):
+    example = result.data["example"]
+    assert len(example["low"]) == len(example["high"]) >= 300
+    assert all(low <= high for low, high in zip(example["low"], example["high"], strict=True))
+    assert example["recording"]
+    assert 0 <= example["movement"][0] < example["movement"][1] <= example["seconds"]
+
+
 def test_separable_levels_are_recognised_and_confused_with_nothing(result):
     assert result.data["rows"][0]["accuracy"]["euclidean"]["mean"] == 1.0
     assert result.data["confusion"]["counts"] == [[4, 0, 0], [0, 4, 0], [0, 0, 4]]

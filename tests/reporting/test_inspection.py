@@ -49,6 +49,25 @@ def test_short_and_constant_recordings_are_drawn(n):
     assert "no feature values" in _drawn(recording, segment(recording), None)
 
 
+def test_features_are_named_in_full_with_the_unit_of_the_recording():
+    name = "line_spectral_frequencies.c12"
+    recording = Recording(np.zeros(2000), 1000.0, "counts", "made")
+    figure = draw_inspection(
+        recording, Phases(), {name: 1.0, "spikiness": 2.0}, {"spikiness": "log10(m/s^2)"}
+    )
+    assert {name, "log10(counts)"} <= {text.get_text() for text in figure.findobj(Text)}
+
+
+def test_legends_stand_clear_of_the_data():
+    phases = Phases(taps=(Tap(3000, 3500, 3700),), movement=(10_000, 20_000), onset=10_000)
+    figure = draw_inspection(_recording(), phases, None)
+    FigureCanvasAgg(figure).draw()
+    legends = [(axes, axes.get_legend()) for axes in figure.axes if axes.get_legend()]
+    assert len(legends) == 2
+    for axes, legend in legends:
+        assert legend.get_window_extent().y0 >= axes.get_window_extent().y1
+
+
 def test_names_with_dollars_and_many_features_are_drawn():
     recording = _recording(material="a $b_{c$ d", flags=("clipped: 3 %",) * 9)
     values = {f"a_long_name_of_a_feature_${i}": 10.0**i for i in range(100)}

@@ -233,6 +233,7 @@ def test_what_is_no_result_is_refused_with_file_and_rule(text, rule, tmp_path):
         (lambda d: d["rows"][0]["accuracy"]["lda"].update(mean=90), r"rows\.1\..*\.mean is 90; .* 1"),
         (lambda d: d["rows"][0].pop("name"), r"lacks the key rows\.1\.name"),
         (lambda d: d["confusion"]["counts"].pop(), r"confusion: counts has sides of .* is 3"),
+        (lambda d: d["example"]["low"].pop(), r"example: low and high have \[3, 4\] members"),
         (lambda d: d.update(seed="seven"), "seed is 'seven'; the rule is a whole number"),
         (lambda d: d.update(rows=[]), r"rows is \[\]; the rule is at least 1"),
         (lambda d: d["gains"]["groups"][0]["paired"].update(low=None), r"groups\.1\.paired\.low is None"),

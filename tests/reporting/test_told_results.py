@@ -1,6 +1,7 @@
 """What a reader of a result sees, on a terminal and in Markdown."""
 
 import re
+from itertools import pairwise
 
 import pytest
 from told import HOSTILE, document, everywhere, result
@@ -60,7 +61,7 @@ def test_reports_hold_their_pictures_and_everything_to_compute_them_again(kind, 
 
 def test_a_row_holds_ours_with_its_interval_then_the_published_figure():
     rows = table(document("benchmark"))
-    assert rows["All"] == ["12", "90.0 [82.6, 94.5]", "86", "80.0 [71.1, 86.7]", "3.50"]
+    assert rows["All"] == ["90.0 [82.6, 94.5]", "86", "80.0 [71.1, 86.7]", "12", "3.50"]
     assert "Friction not computed: no friction signal" in everywhere(document("benchmark"))[0]
 
 
@@ -149,6 +150,40 @@ def test_the_axis_of_all_rows_begins_below_all_that_it_shows(change, low, high):
         labels = {line.get_label() for line in axes.lines}
         assert ("chance, 33.3 %" in labels) == (begin < 100 / 3)
         assert ("chance, 33.3 %, is below" in labels) == (begin > 100 / 3)
+
+
+def test_every_classifier_is_drawn_and_told_and_every_row_costs():
+    told = document("benchmark")
+    ranking = figure(told, "ranking")
+    (axes,) = drawn(ranking).axes
+    said = [line.get_gid() for line in axes.lines if line.get_gid() and "All" in line.get_gid()]
+    assert said == ["All, LDA: published 86 %", "All, LDA: ours 90.0 [82.6, 94.5] %",
+                    "All, Naive Bayes: ours 80.0 [71.1, 86.7] %"]  # fmt: skip
+    assert ranking.table.frame["Classifier"].tolist() == ["LDA", "Naive Bayes", "LDA"]
+    costs = figure(told, "row-costs")
+    assert (
+        "All, 3.5 ms per recording, is the most accurate; no faster row comes within 5 points" in costs.says
+    )
+    assert [text.get_text() for text in drawn(costs).axes[0].texts] == ["90.0 %", "50.0 %"]
+
+
+def test_a_recording_and_its_phases_come_before_the_table_where_the_result_holds_one():
+    data = result("benchmark")
+    told = document("benchmark", data)
+    assert told.blocks[0].name == "example"
+    assert "s): 1 tap, movement from 1.00 to 2.00 s." in told.blocks[0].says
+    assert told.blocks[0].table.frame["Phase"].tolist() == ["tap 1", "movement"]
+    for width in (WIDTH, NARROW):
+        (axes,) = drawn(told.blocks[0], width).axes
+        assert axes.get_legend_handles_labels()[1] == ["signal", "tap: hand, impact, decay", "movement"]
+    del data["example"]
+    assert not any(getattr(block, "name", "") == "example" for block in document("benchmark", data).blocks)
+
+
+def test_bars_of_one_feature_stand_apart_so_that_each_says_its_own_number():
+    (axes,) = drawn(figure(document("tradeoff"), "costs")).axes
+    places = sorted((bar.get_y(), bar.get_y() + bar.get_height()) for bar in axes.patches)
+    assert all(end <= start for (_, end), (start, _) in pairwise(places))
 
 
 def test_gains_claim_no_more_than_was_found():

@@ -61,13 +61,15 @@ def new_figure(width: float, height: float) -> tuple[Drawing, "Axes"]:
     return figure, figure.add_subplot()
 
 
-def row_axes(width: float, names: Sequence[str], x_title: str) -> tuple[Drawing, "Axes"]:
+def row_axes(width: float, names: Sequence[str], x_title: str, *, n_marks: int = 1) -> tuple[Drawing, "Axes"]:
     """Return a figure with a row for each name, the first at the top: row i is at y = i.
 
+    A row is high enough for `n_marks` one below the other.
     The names stand at the left or, where the figure is narrow, each above its row.
     """
     narrow = width < WIDTH / 2
-    figure, axes = new_figure(width, 0.9 + (1.4 if narrow else 1.0) * ROW * max(len(names), 1))
+    height = ((1.4 if narrow else 1.0) + 0.3 * (n_marks - 1)) * ROW
+    figure, axes = new_figure(width, 0.7 + 0.2 * n_marks + height * max(len(names), 1))
     shown = [shorten_middle(name, LONGEST) for name in names]
     axes.set_yticks(range(len(names)), [""] * len(names) if narrow else shown)
     axes.set_ylim(max(len(names), 1) - 0.5, -0.7 if narrow else -0.5)

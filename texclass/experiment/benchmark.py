@@ -13,6 +13,7 @@ from sklearn.metrics import confusion_matrix
 
 from texclass.experiment.additions import choose_base, measure_additions
 from texclass.experiment.cost import CostMeter
+from texclass.experiment.example import example_of
 from texclass.experiment.feature_table import FeatureTable, cached_table, metadata
 from texclass.experiment.folds import Evaluation
 from texclass.experiment.nested_choice import choose_inside, inner_splits
@@ -116,6 +117,7 @@ def run_benchmark(
                 "source": dataset.source,
                 "notes": list(dataset.notes),
             },
+            "example": example_of(meter.recordings[0]),
             "pipeline": {
                 "name": pipeline.name,
                 "hash": pipeline.hash,

@@ -1,23 +1,29 @@
 """A benchmark as a document: every row beside the paper's, who is taken for whom, what groups add."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 
 from texclass.document import Document, Figure, Finding, Heading, Heat, Shade, Table
 from texclass.document.blocks import Block
 from texclass.document.figure_style import (
+    FAINT,
+    INK,
+    LOOKS,
     OTHER,
     OURS,
     PAPER,
     chance_line,
     legend_above,
+    new_figure,
     per_cent_limits,
     row_axes,
 )
-from texclass.document.wording import aligned, digits, estimate, interval, percent, points, sentence
+from texclass.document.wording import aligned, counted, digits, estimate, interval, percent, points, sentence
 from texclass.experiment.gains_document import gains_blocks
 from texclass.experiment.result_words import (
     again_facts,
@@ -35,6 +41,8 @@ if TYPE_CHECKING:
 
 MOST_LISTED = 6
 """Recordings, flags or features that a note lists one by one; the JSON holds all of them."""
+NEAR = 0.05
+"""Accuracy that a faster row may lack to be named beside the best one."""
 SHADES = {"d1 d2 d3 d4 d5": "right", "e1 e2 e3 e4 e5": "wrong; each step a fifth of the material's"}
 Data = Mapping[str, Any]
 
@@ -87,6 +95,8 @@ def benchmark_blocks(data: Data) -> Iterator[Block]:
     """Yield what a benchmark's document is made of."""
     best = _best_of(data)
     published = any(row.get("paper") for row in data["rows"])
+    if data.get("example"):
+        yield _example(data["example"])
     yield Heading("Every row beside the paper's" if published else "Every row")
     yield _rows(data, best)
     beside = _beside(data)
@@ -97,6 +107,9 @@ def benchmark_blocks(data: Data) -> Iterator[Block]:
     if data["confusion"]:
         yield Heading("Which materials are taken for which")
         yield _confusion(data["confusion"], _tested(data))
+    if best is not None and best.row["ms_per_recording"] is not None:
+        yield Heading("What each row costs")
+        yield _costs(data, best)
     if data.get("gains"):
         yield Heading("What each group of features adds")
         yield from gains_blocks(data["gains"], data["seed"])
@@ -118,7 +131,7 @@ def _finding(data: Data, best: _Pair) -> Finding:
         found = choice["accuracy"]
         said = f"{of}, by row and classifier chosen inside each training part"
         beside = f"{percent(best.accuracy['mean'])} % by {row}: {highest}, so optimistic. {beside}".rstrip()
-        brief = f"Chosen inside the training parts; {percent(best.accuracy['mean'])} % by {row} is {highest}."
+        brief = "By row and classifier chosen inside each training part."
     else:
         found, said = best.accuracy, f"{of}, by {row}"
         if n_pairs > 1:
@@ -135,7 +148,7 @@ def _beside_paper(data: Data, best: _Pair) -> tuple[str, str]:
 
     Only where as many surfaces were told apart under the same protocol.
     """
-    what, which = "for this row with this classifier", ""
+    what, brief = "for this row with this classifier", True
     published = [pair for pair in _pairs(data) if pair.published is not None]
     if not published:
         return "No row of this table has a published figure.", "no published figure."
@@ -147,13 +160,13 @@ def _beside_paper(data: Data, best: _Pair) -> tuple[str, str]:
             f"for {best.row['name']} with {classifier_title(best.classifier)}, the best published row here, "
             f"where ours is {percent(best.accuracy['mean'])} %"
         )
-        which = f" of {best.row['name']}, for that row"
+        brief = False  # another row's
     theirs = best.published
     difference, low, high = (points(best.accuracy[key] - theirs) for key in ("mean", "low", "high"))
     return (
         f"{difference} points [{low}, {high}] against the {100 * theirs:.0f} % published {what}. The "
         "published figure has no interval and comes from other recordings.",
-        f"{difference} points against the published {100 * theirs:.0f} %{which}.",
+        f"{difference} points against the published {100 * theirs:.0f} %." if brief else "",
     )
 
 
@@ -183,7 +196,6 @@ def _rows(data: Data, best: _Pair | None) -> Table:
     published = [name for name in names if any(name in row.get("paper", {}) for row in data["rows"])]
     columns: dict[tuple[str, str], list[str]] = {
         ("Row", ""): [row["name"] for row in data["rows"]],
-        ("Dim", ""): [str(row["n_features"]) for row in data["rows"]],
     }
     for name in names:
         title, found = classifier_title(name), [row["accuracy"].get(name) for row in data["rows"]]
@@ -191,6 +203,7 @@ def _rows(data: Data, best: _Pair | None) -> Table:
         if name in published:
             theirs = [row.get("paper", {}).get(name) for row in data["rows"]]
             columns[title, "Paper %"] = ["" if value is None else f"{100 * value:.0f}" for value in theirs]
+    columns["Dim", ""] = [str(row["n_features"]) for row in data["rows"]]
     columns["ms", ""] = aligned(row["ms_per_recording"] for row in data["rows"])
     tested, also = _tested(data), ", and the published one" if published else ""
     if published and (unlike := unlike_published(data)):
@@ -234,50 +247,94 @@ def _beside(data: Data) -> Table | None:
 
 
 def _ranking(data: Data, best: _Pair) -> Figure:
-    """Return all rows as a picture: ours and the published figures."""
-    name = best.classifier
-    found = [pair for pair in _pairs(data) if pair.classifier == name]
-    unlike = unlike_published(data)
+    """Return all rows with every classifier as a picture: ours and the published figures."""
+    unlike, pairs = unlike_published(data), _pairs(data)
+    title = classifier_title(best.classifier)
+    found = [pair for pair in pairs if pair.classifier == best.classifier]
     gaps = [pair.accuracy["mean"] - pair.published for pair in found if pair.published is not None]
     gaps = [] if unlike else gaps
-    reached = f"; {sum(gap >= 0 for gap in gaps)} of {len(gaps)} rows reach their published figure"
+    reached = (
+        f"; with {title}, {sum(gap >= 0 for gap in gaps)} of {len(gaps)} rows reach their published figure"
+    )
     rows = []
-    for row, _, ours, theirs in found:
+    for row, name, ours, theirs in pairs:
         against = ("", "") if theirs is None else (f"{100 * theirs:.0f}", points(ours["mean"] - theirs))
         against = (against[0], "") if unlike else against
-        rows.append((row["name"], estimate(ours), *against))
+        rows.append((row["name"], classifier_title(name), estimate(ours), *against))
+    columns = ["Row", "Classifier", "Ours, % [95 %]", "Published, %", "Points"]
     return Figure(
         "ranking",
-        f"Every row with {classifier_title(name)}",
-        f"The best of {len(found)} rows, with the tests in view, is {best.row['name']} with "
-        f"{percent(best.accuracy['mean'])} %{reached if gaps else ''}; chance is "
+        "Every row with every classifier" if len(_classifiers(data)) > 1 else f"Every row with {title}",
+        f"The best of {counted(len(pairs), 'pair')}, with the tests in view, is {best.row['name']} with "
+        f"{title}, {percent(best.accuracy['mean'])} %{reached if gaps else ''}; chance is "
         f"{percent(chance_of(data))} %.",
-        lambda width: draw_rows(data, name, width),
-        Table(pd.DataFrame(rows, columns=["Row", "Ours, % [95 %]", "Published, %", "Points"])),
+        lambda width: draw_rows(data, None, width),
+        Table(pd.DataFrame(rows, columns=columns), n_words=2),
     )
 
 
-def draw_rows(data: Data, classifier: str, width: float) -> "Drawing":
-    """Draw each row's accuracy with its interval beside the published figure, and chance where in sight."""
-    rows = [row for row in data["rows"] if classifier in row["accuracy"]]
-    figure, axes = row_axes(width, [row["name"] for row in rows], "accuracy, %")
+def draw_rows(data: Data, classifiers: Sequence[str] | None, width: float) -> "Drawing":
+    """Draw accuracies with their intervals beside the published figures, and chance where in sight.
+
+    A colour and a shape each classifier, all by default; of the row, one below the other.
+    """
+    names = classifiers or _classifiers(data)
+    rows = [row for row in data["rows"] if row["accuracy"].keys() & set(names)]
+    figure, axes = row_axes(width, [row["name"] for row in rows], "accuracy, %", n_marks=len(names))
     lows = []
-    for y, row in enumerate(rows):
-        found, theirs = row["accuracy"][classifier], row.get("paper", {}).get(classifier)
-        mean, low, high = (100 * found[key] for key in ("mean", "low", "high"))
-        lows.append(low)
-        axes.plot([low, high], [y, y], color=OURS)
-        if theirs is not None:
-            lows.append(100 * theirs)
-            axes.plot(
-                100 * theirs, y, "D", color=OTHER, markerfacecolor=PAPER, markersize=5.5,
-                gid=f"{row['name']}: published {100 * theirs:.0f} %", label="published",
-            )  # fmt: skip
-        said = f"{row['name']}: ours {estimate(found)}"
-        axes.plot(mean, y, "o", color=OURS, gid=said, label="ours, 95 % interval")
+    for i, (name, (colour, _), shape) in enumerate(zip(names, cycle(LOOKS), cycle("os^v"), strict=False)):
+        place, title = 0.6 * ((i + 0.5) / len(names) - 0.5), classifier_title(name)
+        for y, row in enumerate(rows):
+            if (theirs := row.get("paper", {}).get(name)) is not None and name in row["accuracy"]:
+                lows.append(100 * theirs)
+                axes.plot(
+                    100 * theirs, y + place, "D", color=colour, markerfacecolor=PAPER, markersize=4.5,
+                    gid=f"{row['name']}, {title}: published {100 * theirs:.0f} %", label="hollow: published",
+                )  # fmt: skip
+        for y, row in enumerate(rows):
+            if found := row["accuracy"].get(name):
+                mean, low, high = (100 * found[key] for key in ("mean", "low", "high"))
+                lows.append(low)
+                axes.plot([low, high], 2 * [y + place], color=colour, linewidth=1.2)
+                said = f"{row['name']}, {title}: ours {estimate(found)} %"
+                label = f"{title}, 95 % interval"
+                axes.plot(mean, y + place, shape, color=colour, markersize=5, gid=said, label=label)
     low, high = per_cent_limits(lows)
     chance_line(axes.axvline, 100 * chance_of(data), low)
     axes.set_xlim(low, high)
+    legend_above(figure, axes)
+    return figure
+
+
+def _example(example: Data) -> Figure:
+    """Return the phases of a recording."""
+    taps, movement, seconds = example["taps"], example["movement"], example["seconds"]
+    spans = [(f"tap {i}", start, end) for i, (start, _, end) in enumerate(taps, start=1)]
+    spans += [("movement", *movement)] if movement else []
+    moved = "movement from {:.2f} to {:.2f} s".format(*movement) if movement else "no movement"
+    rows = [(name, f"{start:.3f}", f"{end:.3f}") for name, start, end in spans]
+    return Figure(
+        "example",
+        "One of the recordings, and the phases found in it",
+        f"{example['recording']} ({example['material'] or 'material unknown'}, {seconds:.3g} s): "
+        f"{counted(len(taps), 'tap')}, {moved}.",
+        lambda width: draw_example(example, width),
+        Table(pd.DataFrame(rows, columns=["Phase", "from, s", "to, s"])),
+    )
+
+
+def draw_example(example: Data, width: float) -> "Drawing":
+    """Draw the outline of a recording, its taps and its movement."""
+    figure, axes = new_figure(width, 2.6)
+    low, high = example["low"], example["high"]
+    times = (np.arange(len(low)) + 0.5) * example["seconds"] / len(low)
+    axes.fill_between(times, low, high, color=INK, linewidth=0.5, label="signal")
+    for start, _, end in example["taps"]:
+        axes.axvspan(start, end, color=OTHER, alpha=0.35, linewidth=0, label="tap: hand, impact, decay")
+    if movement := example["movement"]:
+        axes.axvspan(*movement, color=OURS, alpha=0.2, linewidth=0, label="movement")
+    unit = example["unit"].replace("^2", "²")
+    axes.set(xlim=(0, example["seconds"]), xlabel="time, s", ylabel=f"acceleration, {unit}")
     legend_above(figure, axes)
     return figure
 
@@ -316,6 +373,53 @@ def _confusion(found: Data, tested: str) -> Heat:
         " taken for ",
         Table(pd.DataFrame(listed, columns=["Material", "taken for", "times", "% of its tests"]), n_words=2),
     )
+
+
+def _costs(data: Data, best: _Pair) -> Figure:
+    """Return the milliseconds of every row, the most accurate first, each with its best classifier."""
+    of_row: dict[str, _Pair] = {}
+    for pair in sorted(_pairs(data), key=lambda pair: -float(pair.accuracy["mean"])):
+        if pair.row["ms_per_recording"] is not None:
+            of_row.setdefault(pair.row["name"], pair)
+    pairs, what = list(of_row.values()), _tested(data)[:-1]
+    near = [pair for pair in pairs if pair.accuracy["mean"] >= best.accuracy["mean"] - NEAR]
+    fastest = min(near, key=lambda pair: float(pair.row["ms_per_recording"]))
+    told = "no faster row comes within"
+    if fastest.row is not best.row:
+        told = f"{_cost_of(fastest, what)} is the fastest within"
+    return Figure(
+        "row-costs",
+        f"Milliseconds of features for one {what}, the most accurate row first",
+        f"{_cost_of(best, what)}, is the most accurate; {told} {100 * NEAR:g} points of it.",
+        lambda width: draw_row_costs(pairs, width),
+        Table(
+            pd.DataFrame(
+                {
+                    "Row": [pair.row["name"] for pair in pairs],
+                    "Classifier": [classifier_title(pair.classifier) for pair in pairs],
+                    "Accuracy, %": [percent(pair.accuracy["mean"]) for pair in pairs],
+                    "ms": aligned(pair.row["ms_per_recording"] for pair in pairs),
+                }
+            ),
+            n_words=2,
+        ),
+    )
+
+
+def _cost_of(pair: _Pair, what: str) -> str:
+    return f"{pair.row['name']}, {digits(pair.row['ms_per_recording'])} ms per {what}"
+
+
+def draw_row_costs(pairs: Sequence[_Pair], width: float) -> "Drawing":
+    """Draw the milliseconds of rows, and their accuracies beside them."""
+    figure, axes = row_axes(width, [pair.row["name"] for pair in pairs], "ms (beside it: accuracy)")
+    for y, pair in enumerate(pairs):
+        ms, accuracy = pair.row["ms_per_recording"], f"{percent(pair.accuracy['mean'])} %"
+        axes.plot([0, ms], [y, y], color=FAINT)
+        axes.plot(ms, y, "o", color=OURS, gid=f"{pair.row['name']}: {digits(ms)} ms, {accuracy}")
+        axes.annotate(accuracy, (ms, y), (7, 0), textcoords="offset points", va="center", fontsize=8)
+    axes.set_xlim(0, 1.15 * max(pair.row["ms_per_recording"] for pair in pairs))
+    return figure
 
 
 def _notes(data: Data, best: _Pair | None) -> Iterator[str]:

@@ -66,8 +66,8 @@ class BenchmarkResult(Result):
 
     `data` holds `dataset` (facts and numbers), `pipeline`, `protocol`, `rows` (accuracies by classifier,
     published ones, milliseconds, what is missing), `confusion` of the best row, `gains` (what additions
-    add), `choice` (made inside training parts), `left_out`, `flags`, `undefined`, and what is needed to do
-    it again.
+    add), `choice` (made inside training parts), `example` (a recording and its phases), `left_out`, `flags`,
+    `undefined`, and what is needed to do it again.
     """
 
     def __repr__(self) -> str:
@@ -110,7 +110,7 @@ class BenchmarkResult(Result):
         Parameters
         ----------
         classifier : str, optional
-            Whose; that of the best row by default.
+            Whose; every one by default.
         width : float
             In inches.
 
@@ -123,7 +123,7 @@ class BenchmarkResult(Result):
 
         if self.best is None:
             raise ValueError("no row was computed; the rule is at least one accuracy to draw")
-        return draw_rows(self.data, classifier or self.best[1], width)
+        return draw_rows(self.data, [classifier] if classifier else None, width)
 
     @property
     def best(self) -> tuple[str, str] | None:

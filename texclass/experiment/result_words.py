@@ -21,7 +21,7 @@ PROTOCOLS = {
     "few-shot": "three repetitions to second half",
     "paper": "the paper's protocol",
 }
-COUNTS = ("operators", "sessions", "tests")
+COUNTS = ("operator", "session", "test")
 CHOICE = "row chosen inside the training parts"
 """What the choice of a benchmark is called beside its rows."""
 FEW = 10
@@ -51,7 +51,8 @@ def protocol_title(name: str) -> str:
 def size(facts: Mapping[str, Any]) -> str:
     """Return how many recordings of how many materials a dataset has."""
     windows = f"{counted(facts['n_windows'], 'window')} of " if "n_windows" in facts else ""
-    return f"{windows}{counted(facts['n_recordings'], 'recording')} of {facts['n_materials']} materials"
+    recordings, materials = (counted(facts[f"n_{what}s"], what) for what in ("recording", "material"))
+    return f"{windows}{recordings} of {materials}"
 
 
 def chance_of(data: Mapping[str, Any]) -> float:
@@ -79,7 +80,7 @@ def caution(found: Mapping[str, Any]) -> str:
 def dataset_facts(data: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
     """Return name and facts of the dataset that a result was measured on."""
     facts = data["dataset"]
-    counts = [f"{facts[f'n_{what}']} {what}" for what in COUNTS if facts.get(f"n_{what}")]
+    counts = [counted(facts[f"n_{what}s"], what) for what in COUNTS if facts.get(f"n_{what}s")]
     told = {
         "What it is": facts.get("title"),
         "Size": ", ".join([size(facts), *counts]),

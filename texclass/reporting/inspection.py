@@ -7,6 +7,8 @@ import numpy as np
 from scipy import signal
 
 from texclass.document.figure_style import shorten_middle
+from texclass.document.wording import counted
+from texclass.experiment.example import main_direction, outline
 from texclass.recording import Phases, Recording, Samples
 
 if TYPE_CHECKING:
@@ -23,10 +25,18 @@ COLOURS = {
 """Okabe and Ito's colours, told apart with every common kind of colour vision."""
 MOST_POINTS = 4000
 MOST_VALUES = 40
+LEGEND: Any = {
+    "loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "fontsize": 8, "frameon": False,
+    "handlelength": 1.2, "columnspacing": 1.2,
+}  # fmt: skip
+"""Above the axes, clear of the data."""
 
 
 def draw_inspection(
-    recording: Recording, phases: Phases, feature_values: Mapping[str, float] | None
+    recording: Recording,
+    phases: Phases,
+    feature_values: Mapping[str, float] | None,
+    units: Mapping[str, str] | None = None,
 ) -> "Figure":
     """Draw signal, phases, one tap, spectrogram and feature values of a recording.
 
@@ -39,28 +49,32 @@ def draw_inspection(
         Its phases.
     feature_values : mapping of str to float, optional
         What the table shows; NaN is shown as "undefined". Beyond 40 values the rest is counted.
+    units : mapping of str to str, optional
+        Of these, as features declare them: for recordings in m/s^2, in whose place that of others is put.
     """
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    samples, n = _main_direction(recording.acceleration, recording.fs), len(phases.taps)
+    samples, n = main_direction(recording), len(phases.taps)
     facts = [
         recording.material or "material unknown",
         recording.recording_id,
         f"fs {recording.fs:g} Hz",
         f"{recording.duration_s:.3g} s",
-        f"{phases.kind} ({n} tap{'s' * (n != 1)})" if n else phases.kind,
+        f"{phases.kind} ({counted(n, 'tap')})" if n else phases.kind,
     ]
     with mpl.rc_context({"text.parse_math": False}):
         figure = Figure(figsize=(14, 8.5), layout="constrained")
         remarks = [f"note: {remark}" for remark in (*recording.flags, *phases.notes)]
         figure.suptitle("\n".join(["  |  ".join(facts), *remarks[:3]]), fontsize=12)
-        grid = figure.add_gridspec(2, 2, width_ratios=[2.6, 1.0], height_ratios=[1.0, 1.0])
-        time_axes = figure.add_subplot(grid[0, 0])
-        _draw_signal(time_axes, samples, recording, phases)
-        _draw_spectrogram(figure.add_subplot(grid[1, 0], sharex=time_axes), samples, recording)
-        _draw_tap(figure.add_subplot(grid[0, 1]), samples, recording, phases)
-        _draw_values(figure.add_subplot(grid[1, 1]), feature_values)
+        ((left, right),) = figure.subfigures(1, 2, squeeze=False, width_ratios=[2.4, 1.0])
+        above, below = left.subplots(2, 1, sharex=True)
+        _draw_signal(above, samples, recording, phases)
+        _draw_spectrogram(below, samples, recording)
+        tap_axes, value_axes = right.subplots(2, 1, height_ratios=[1.0, 1.9])
+        _draw_tap(tap_axes, samples, recording, phases)
+        told = {name: unit.replace("m/s^2", recording.unit) for name, unit in (units or {}).items()}
+        _draw_values(value_axes, feature_values, told)
     return figure
 
 
@@ -68,12 +82,9 @@ def _draw_signal(axes: "Axes", samples: Samples, recording: Recording, phases: P
     fs, n = recording.fs, samples.size
     if n <= MOST_POINTS:
         axes.plot(np.arange(n) / fs, samples, color=COLOURS["signal"], linewidth=0.9, label="signal")
-    else:  # least and greatest sample of as many blocks as can be seen; each touches the next
-        size = n // MOST_POINTS
-        blocks = samples[: n // size * size].reshape(-1, size)
-        low, high = blocks.min(axis=1), blocks.max(axis=1)
-        low[1:], high[1:] = np.minimum(low[1:], blocks[:-1, -1]), np.maximum(high[1:], blocks[:-1, -1])
-        times = (np.arange(len(blocks)) + 0.5) * size / fs
+    else:
+        low, high = outline(samples, MOST_POINTS)
+        times = (np.arange(low.size) + 0.5) * (n // MOST_POINTS) / fs
         axes.fill_between(times, low, high, color=COLOURS["signal"], linewidth=0.5, label="signal")
     spans = [] if phases.movement is None else [(*phases.movement, "movement", 0.22)]
     for tap in phases.taps:
@@ -92,13 +103,14 @@ def _draw_signal(axes: "Axes", samples: Samples, recording: Recording, phases: P
         top = [1.02 * float(np.abs(samples).max())] * len(impacts)
         axes.plot(impacts, top, "v", color=COLOURS["impact"], clip_on=False, label="tap")
     axes.set(xlim=(0.0, recording.duration_s), xlabel="time (s)", ylabel=f"acceleration ({_unit(recording)})")
-    axes.set_title("Signal and phases", fontsize=10)
-    axes.legend(loc="lower right", ncols=6, fontsize=8)
+    axes.tick_params(labelbottom=True)
+    axes.set_title("Signal and phases", fontsize=10, loc="left")
+    axes.legend(ncols=6, **LEGEND)
 
 
 def _draw_spectrogram(axes: "Axes", samples: Samples, recording: Recording) -> None:
     fs, n = recording.fs, samples.size
-    axes.set_title("Spectrogram", fontsize=10)
+    axes.set_title("Spectrogram", fontsize=10, loc="left")
     axes.set(xlabel="time (s)", ylabel="frequency (Hz)")
     length = min(n, max(128, round(0.0256 * fs)))
     if length < 8:
@@ -135,43 +147,31 @@ def _draw_tap(axes: "Axes", samples: Samples, recording: Recording, phases: Phas
         label = {"decay": "impact, decay"}.get(what, what)
         axes.axvspan(*ends, color=COLOURS[what], alpha=0.4, label=label)
     axes.axvline(0.0, color=COLOURS["impact"], lw=1.5, label="contact")
-    axes.set(xlabel="time after contact (ms)", ylabel=_unit(recording))
-    axes.set_title(f"Tap {index + 1} of {len(phases.taps)}", fontsize=10)
-    axes.legend(loc="best", fontsize=8)
+    axes.set(xlabel="time after contact (ms)", ylabel=f"acceleration ({_unit(recording)})")
+    axes.set_title(f"Tap {index + 1} of {len(phases.taps)}", fontsize=10, loc="left")
+    axes.legend(ncols=3, **LEGEND)
 
 
-def _draw_values(axes: "Axes", values: Mapping[str, float] | None) -> None:
+def _draw_values(axes: "Axes", values: Mapping[str, float] | None, units: Mapping[str, str]) -> None:
     axes.set_axis_off()
-    axes.set_title("Features", fontsize=10)
+    axes.set_title("Features", fontsize=10, loc="left")
     if not values:
         axes.text(0.5, 0.5, "no feature values", transform=axes.transAxes, ha="center", color="0.4")
         return
     shown = [
-        (name, f"{values[name]:.4g}" if np.isfinite(values[name]) else "undefined")
+        (name, f"{values[name]:.4g}" if np.isfinite(values[name]) else "undefined", units.get(name, ""))
         for name in sorted(values, key=lambda name: "." in name)[:MOST_VALUES]  # scalars first
     ]
     if len(values) > MOST_VALUES:
-        shown[-1] = ("...", f"and {len(values) - MOST_VALUES + 1} more")
-    n_rows = max(12, -(-len(shown) // 2) if len(shown) > 20 else len(shown))
-    width, font, longest = (0.5, 6.5, 17) if len(shown) > n_rows else (1.0, 8, 26)
-    place: dict[str, Any] = {"transform": axes.transAxes, "fontsize": font, "family": "monospace"}
-    for i, (name, text) in enumerate(shown):
-        column, row = divmod(i, n_rows)
-        height = 1.0 - (row + 0.8) / n_rows
-        axes.text(column * 0.52, height, shorten_middle(name, longest), **place)
-        axes.text(column * 0.52 + width * 0.96, height, text, ha="right", **place)
-
-
-def _main_direction(acceleration: Samples, fs: float) -> Samples:
-    """Project the axes, without their means, on the direction in which they change most."""
-    axes = acceleration.reshape(len(acceleration), -1)
-    axes = axes - axes.mean(axis=0)
-    if axes.shape[1] == 1:
-        return np.asarray(axes[:, 0])
-    lag = max(1, round(2e-3 * fs))  # slow against noise, fast against gravity
-    steps = axes[lag:] - axes[:-lag]
-    direction = np.linalg.eigh(steps.T @ steps)[1][:, -1]
-    return np.asarray(axes @ (direction * np.sign(direction[np.argmax(np.abs(direction))])))
+        shown[-1] = ("...", f"and {len(values) - MOST_VALUES + 1} more", "")
+    n_rows = max(20, len(shown))
+    place: dict[str, Any] = {"transform": axes.transAxes, "fontsize": 7, "family": "monospace"}
+    for i, (name, text, unit) in enumerate(shown):
+        height = 1.0 - (i + 0.8) / n_rows
+        axes.text(0.0, height, shorten_middle(name, 32), **place)
+        axes.text(0.68, height, text, ha="right", **place)
+        # A ratio has no unit; powers as everywhere in the picture.
+        axes.text(0.7, height, "" if unit == "1" else unit.replace("^2", "²"), **place)
 
 
 def _unit(recording: Recording) -> str:

@@ -79,6 +79,14 @@ def square(found: Any) -> Any:
     return found
 
 
+def paired_outline(example: Any) -> Any:
+    """Check that the outline of a signal has as many least as greatest samples."""
+    sizes = [len(example.low), len(example.high)]
+    if sizes[0] != sizes[1]:
+        raise ValueError(f"low and high have {sizes} members; the rule is one length")
+    return example
+
+
 def as_long(curve: Any) -> Any:
     """Check that a curve has as many accuracies, and labels if any, as places."""
     sizes = {len(curve.x), len(curve.accuracy), len(curve.labels or curve.x)}
@@ -129,6 +137,11 @@ GAINS = part(
     row=str, classifier=str, chosen=str, without=SUM, n_repeats=COUNT, n_folds=COUNT, groups=listed(GROUP)
 )
 CHOICE = part(accuracy=ACCURACY, chosen=listed(tuple[str, str], least=1), protocol=str)
+EXAMPLE = part(
+    recording=str, material=(str, ""), unit=str, seconds=ABOVE_0,
+    low=listed(NUMBER, least=1), high=listed(NUMBER, least=1),
+    taps=some(tuple[NUMBER, NUMBER, NUMBER]), movement=maybe(tuple[NUMBER, NUMBER]), check=paired_outline,
+)  # fmt: skip
 BENCHMARK = part(
     MEASURED,
     pipeline=part(name=str, hash=str, features=str), protocol_description=str, n_folds=COUNT,
@@ -140,6 +153,7 @@ BENCHMARK = part(
     ) | None,
     gains=maybe(GAINS),
     choice=maybe(CHOICE),
+    example=maybe(EXAMPLE),
     left_out=some(listed(str)), flags=some(listed(str)),
     undefined=some(part(feature=str, reason=str, n_recordings=COUNT)),
 )  # fmt: skip

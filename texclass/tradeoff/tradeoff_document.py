@@ -235,14 +235,15 @@ def draw_front(data: Data, width: float) -> "Drawing":
 
 
 def draw_costs(costs: Sequence[Data], bought: Collection[str], width: float) -> "Drawing":
-    """Draw a bar for each feature: its share of the full set, behind it what it costs alone."""
+    """Draw two bars for each feature, apart, so that each can be pointed at: its share, and it alone."""
     names = [f"{'● ' if cost['feature'] in bought else ''}{cost['feature']}" for cost in costs]
     figure, axes = row_axes(width, names, "ms (● bought at the budget)")
-    for key, colour, height, what in (
-        ("alone", FAINT, 0.55, "alone"),
-        ("share", OURS, 0.3, "share of the full set"),
+    for key, colour, place, what in (
+        ("share", OURS, -0.18, "share of the full set"),
+        ("alone", FAINT, 0.18, "alone"),
     ):
-        bars = axes.barh(range(len(costs)), [cost[key] for cost in costs], height, color=colour, label=what)
+        middles = [y + place for y in range(len(costs))]
+        bars = axes.barh(middles, [cost[key] for cost in costs], 0.32, color=colour, label=what)
         for bar, cost in zip(bars, costs, strict=True):
             bar.set_gid(f"{cost['feature']}, {what}: {digits(cost[key])} ms")
     legend_above(figure, axes)
