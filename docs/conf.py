@@ -40,6 +40,7 @@ sphinx_gallery_conf = {
     "image_scrapers": ("made_pages.scrape_figures",),
     "reset_modules": ("made_pages.reset_style",),
     "show_memory": False,
+    "write_computation_times": False,  # their page asks a server for a script
     "show_signature": False,
     "min_reported_time": 5,
 }

@@ -54,7 +54,7 @@ def make_pages(app, _config):
 def write_room(folder, name, room):
     """Write the page of a room's public names, and those of the rooms in it."""
     folder.mkdir(exist_ok=True)
-    found = {n: getattr(room, n) for n in getattr(room, "__all__", ()) or own_names(room)}
+    found = public_names(room)
     rooms = {n: v for n, v in found.items() if isinstance(v, ModuleType)}
     if name == "texclass.features":
         rooms = {}  # each feature has a page
@@ -78,16 +78,18 @@ def write_room(folder, name, room):
         write_room(folder, f"{name}.{n}", inner)
 
 
+def public_names(room):
+    """Return the names of a room's index, or what a module without one defines itself."""
+    if named := getattr(room, "__all__", None):
+        return {n: getattr(room, n) for n in named}
+    return {
+        n: v for n, v in vars(room).items() if n[0] != "_" and getattr(v, "__module__", "") == room.__name__
+    }
+
+
 def home_of(value, n, rooms):
     """Return the inner room that a name is told in, with a dot; nothing, if it is told here."""
-    return next((f"{room}." for room, inner in rooms.items() if getattr(inner, n, None) is value), "")
-
-
-def own_names(module):
-    """Return the public functions and classes that a module itself defines."""
-    return [
-        n for n, v in vars(module).items() if n[0] != "_" and getattr(v, "__module__", "") == module.__name__
-    ]
+    return next((f"{room}." for room, inner in rooms.items() if public_names(inner).get(n) is value), "")
 
 
 def link_pages(app, docname, source):

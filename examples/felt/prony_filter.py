@@ -42,6 +42,8 @@ z = np.exp((-modes.decay_per_s + 2j * np.pi * modes.frequency_hz) / fs)
 right.add_patch(plt.Circle((0, 0), 1, fill=False, color="0.6"))
 for poles, look in ((np.roots(prony.a), "C1."), (np.append(z, z.conj()), "C0x")):
     right.plot(poles.real, poles.imag, look)
+right.set_xticks([-1, 0, 1])
+right.set_yticks([-1, 0, 1])
 right.set_title("poles in the unit circle")
 right.set_aspect("equal")
 plt.show()

@@ -41,6 +41,7 @@ print(f"{np.mean(label == dataset.labels):.1%} of the recordings it was trained 
 
 figure, axis = plt.subplots(figsize=(6, 4))
 axis.imshow(probabilities, aspect="auto", interpolation="none", cmap="Blues")
+axis.grid(visible=False)
 axis.set_xticks(range(6), model.materials, rotation=30)
 axis.set_yticks(range(0, 72, 12), dataset.labels[::12])
 plt.show()

@@ -12,7 +12,7 @@ import texclass as tx
 
 dataset = tx.open_dataset("simulated6")
 model = tx.train(dataset, row="Movement", classifier="lda", touch_s=0.8)
-recording = dataset[66]
+recording = dataset[58]
 
 # %%
 # A recording stands in for the live source here; ``"-"`` is standard input, ``"ros2:/imu"`` a topic.

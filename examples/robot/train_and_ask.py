@@ -33,6 +33,9 @@ pd.DataFrame(answer.to_dict() for answer in answers.values())
 
 # %%
 figure, axis = plt.subplots(figsize=(8, 3.5))
-pd.DataFrame({name: answer.probabilities for name, answer in answers.items()}).plot.barh(ax=axis, width=0.8)
+pd.DataFrame({name: answer.probabilities for name, answer in answers.items()}).plot.barh(
+    ax=axis, legend=False
+)
+figure.legend(loc="outside upper left", ncols=3)
 axis.set_xlabel("probability")
 plt.show()

@@ -112,6 +112,7 @@ def _draw_spectrogram(axes: "Axes", samples: Samples, recording: Recording) -> N
     fs, n = recording.fs, samples.size
     axes.set_title("Spectrogram", fontsize=10, loc="left")
     axes.set(xlabel="time (s)", ylabel="frequency (Hz)")
+    axes.grid(visible=False)
     length = min(n, max(128, round(0.0256 * fs)))
     if length < 8:
         axes.text(0.5, 0.5, "too short", transform=axes.transAxes, ha="center")
