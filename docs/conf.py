@@ -39,6 +39,8 @@ sphinx_gallery_conf = {
     ],
     "image_scrapers": ("made_pages.scrape_figures",),
     "reset_modules": ("made_pages.reset_style",),
+    "first_notebook_cell": "%matplotlib inline",
+    "ignore_repr_types": r"matplotlib\.figure",
     "show_memory": False,
     "write_computation_times": False,  # their page asks a server for a script
     "show_signature": False,

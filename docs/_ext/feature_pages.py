@@ -84,24 +84,23 @@ def swept(features):
 
 
 def draw(feature, values, path):
-    """Draw the feature's value against each property: dots are recordings, lines join their medians."""
+    """Draw a feature against each property: a dot a recording, or a line a column, less its median of all."""
     columns = list(feature.columns(feature.name, {}))
-    colours = [OURS] if len(columns) == 1 else mpl.colormaps["viridis"](np.linspace(0, 0.85, len(columns)))
+    alone = len(columns) == 1
+    colours = [OURS] if alone else mpl.colormaps["viridis"](np.linspace(0, 0.85, len(columns)))
+    level = 0.0 if alone else pd.concat([table[columns] for _, table in values.values()]).median()
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(8, 4.6), layout="constrained")
         panels = figure.subplots(2, 3, sharey=True)
         for axes in panels[:, 0]:
             axes.set_ylabel(feature.unit if feature.unit != "1" else "value")
         for axes, (title, (xs, table)) in zip(panels.flat, values.items(), strict=True):
-            for column, colour in zip(columns, colours, strict=True):
-                y = table[column].to_numpy().reshape(len(xs), -1)
-                axes.plot(
-                    xs, np.nanmedian(y, axis=1), color=colour, linewidth=1.5 if len(columns) < 10 else 0.8
-                )
-                if len(columns) == 1:
-                    axes.plot(
-                        np.repeat(xs, y.shape[1]), y.ravel(), "o", color=colour, markersize=3, alpha=0.6
-                    )
+            at = np.repeat(xs, len(SEEDS))
+            y = (table[columns] - level).set_axis(at)
+            axes.set_prop_cycle(color=colours)
+            axes.plot(y.groupby(level=0).median(), linewidth=1.5 if len(columns) < 10 else 0.8)
+            if alone:
+                axes.plot(at, y, "o", markersize=3, alpha=0.6)
             axes.set_xscale("log")
             axes.set_xticks(xs, [f"{x:.2g}" if x < 10 else f"{x:.0f}" for x in xs])
             axes.set_xticks([], minor=True)
@@ -132,7 +131,11 @@ def page(feature, alone_ms, sets):
     answers = [
         (a["input"], "value" if a["answer"] == "value" else "NaN", a["detail"]) for a in behaviour(feature)
     ]
-    many = "" if len(columns) == 1 else " Each line is a column, the first dark, the last bright."
+    many = (
+        ""
+        if len(columns) == 1
+        else " Each line is a column, less its median over all of them; the first is dark, the last bright."
+    )
     return "\n".join(
         [
             *titled(feature.name, "="),

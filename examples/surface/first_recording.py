@@ -24,6 +24,7 @@ recording
 # At a glance: the taps, the strokes, the clearest tap and the spectrogram.
 
 figure = tx.plot_recording(recording)
+figure
 
 # %%
 # Features are a DataFrame, one row a recording. The set `strese2015` holds those of the paper, as printed.

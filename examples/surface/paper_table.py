@@ -21,6 +21,7 @@ table = result.table.query("classifier == 'naive_bayes'").set_index("row")
 # Rows and intervals, chance and what was published:
 
 figure = result.plot("naive_bayes")
+figure
 
 # %%
 # `result.save("results")` writes JSON, Markdown and pictures; `texclass benchmark simulated6` does all of
