@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 import sys
 
@@ -67,6 +68,14 @@ def test_version_and_help_import_nothing_heavy():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0 or done.stderr.strip() == "", done.stderr
     assert "benchmark" in done.stdout
+
+
+def test_what_an_output_cannot_show_is_left_out_of_it():
+    command = [sys.executable, "-m", "texclass", "features"]
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(command, capture_output=True, env=environment, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"hardness" in done.stdout
 
 
 LISTED = {

@@ -70,6 +70,19 @@ def test_a_folder_that_another_process_removes_is_made_again(tmp_path, monkeypat
     assert (tmp_path / "parts" / "1.json").read_text() == "{}"
 
 
+def test_a_file_that_somebody_reads_on_windows_is_written_in_the_end(tmp_path, monkeypatch):
+    free, put = iter([False, True]), Path.replace
+
+    def replace(path, target):
+        if not next(free):
+            raise PermissionError("another process reads it")
+        return put(path, target)
+
+    monkeypatch.setattr(Path, "replace", replace)
+    write_whole(tmp_path / "1.json", "{}")
+    assert [path.name for path in tmp_path.iterdir()] == ["1.json"]
+
+
 STEERING = "wood\x1b[2J"
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import time
 import uuid
 from pathlib import Path
 
@@ -38,9 +39,11 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
             unfinished.write_bytes(data)
             unfinished.replace(path)
             return
-        except FileNotFoundError:  # another process removed the folder, having finished
+        except (FileNotFoundError, PermissionError):
+            # Another process removed the folder, having finished; or reads the file, on Windows.
             if attempt == 2:
                 raise
+            time.sleep(0.05)
         finally:
             with contextlib.suppress(OSError):
                 unfinished.unlink(missing_ok=True)

@@ -91,7 +91,7 @@ def memory(model: Model, seconds: float) -> dict[str, Any]:
     for i, block in enumerate(itertools.islice(blocks, n_blocks)):
         live.push(block)
         if (i + 1) % (n_blocks // 12) == 0:
-            pages = int(Path("/proc/self/statm").read_text().split()[1])
+            pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1])
             held.append(pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
     return {
         "seconds": seconds,

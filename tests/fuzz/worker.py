@@ -67,7 +67,7 @@ class Feeder:
             if verdict.kind not in ("accepted", "refused"):
                 print(f"{name}: a seed is {verdict}", file=sys.stderr)
         WATCH.install(place)
-        taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        taken = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (taken + HEADROOM, taken + HEADROOM))
         resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 30, 1 << 30))
 

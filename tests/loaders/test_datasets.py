@@ -315,6 +315,8 @@ def test_a_recording_is_found_by_dataset_and_id(folder):
     assert find_recording(folder / "wood" / "r1.csv", fs=1000, unit="g").n_samples == 500
     with pytest.raises(RecordingError, match="wood/r1"):
         find_recording(f"{folder}:wood/r3", fs=1000, unit="g")
+    with pytest.raises(RecordingError, match="no such file"):
+        find_recording(r"C:\wood\r3.csv", fs=1000, unit="g")
 
 
 def test_data_and_caches_are_where_the_variables_say(tmp_path, monkeypatch):

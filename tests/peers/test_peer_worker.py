@@ -93,6 +93,13 @@ def test_every_classifier_of_every_peer_exists():
     assert {name for peer in PEERS.values() for name in peer.classifiers} <= set(CLASSIFIERS)
 
 
+def test_a_system_that_tells_no_memory_gives_none(monkeypatch, tmp_path):
+    for name in ("STATUS", "RESET"):
+        monkeypatch.setattr(f"texclass.peers.peer_worker.run.{name}", tmp_path / "proc" / name)
+    monkeypatch.setitem(sys.modules, "resource", None)  # Windows has none
+    assert PeakMemory().megabytes == 0
+
+
 def test_memory_that_came_and_went_and_the_time_of_this_process_are_measured():
     memory = PeakMemory()
     grown = np.ones(40 * 2**17)

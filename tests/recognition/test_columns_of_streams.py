@@ -87,7 +87,7 @@ def model():
 def run(command, folder, monkeypatch):
     def call(*arguments, text=""):
         monkeypatch.chdir(folder)
-        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode()), encoding="utf-8"))
         return command(*arguments)
 
     return call

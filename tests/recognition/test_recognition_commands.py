@@ -88,7 +88,7 @@ def test_files_are_read_as_the_training_files_were(run, trained):
     # As one result, too, and in the spelling of 0.2.
     told = run("predict", trained.name, *files, "--json", "answers.json")[1]
     assert "oak" in told
-    assert json.loads(Path("answers.json").read_text()) == answers
+    assert json.loads(Path("answers.json").read_text(encoding="utf-8")) == answers
     assert run("predict", trained.name, "--json", *files)[1].splitlines() == [json.dumps(a) for a in answers]
 
 

@@ -41,7 +41,7 @@ def run(command, monkeypatch, model_file, samples):
 
     def call(*arguments, x=samples, text=None):
         written = text or "\n".join(map(repr, x.tolist()))
-        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(written.encode())))
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(written.encode()), encoding="utf-8"))
         return command("stream", model_file, *arguments)
 
     return call

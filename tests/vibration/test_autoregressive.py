@@ -114,7 +114,7 @@ def test_modified_covariance_solves_the_least_squares_problem():
 
 @pytest.mark.parametrize("x", [np.full(50, 2.0), 1.3 ** np.arange(30), _noise(6)])
 def test_modified_covariance_falls_back_on_burg_and_says_so(x):
-    model, expected = fit(x, 5, method="modified_covariance"), fit(x, 5)
+    model, expected = fit(x, 8, method="modified_covariance"), fit(x, 8)
     assert model.fallback
     assert not expected.fallback
     assert_array_equal(model.reflection, expected.reflection)

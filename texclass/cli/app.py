@@ -1,5 +1,6 @@
 """The program: the typer application, what it says of errors, and how it ends."""
 
+import io
 import itertools
 import sys
 from typing import Annotated, Any
@@ -82,6 +83,9 @@ def as_spelled_now(arguments: list[str]) -> list[str]:
 
 def main() -> None:
     """Run the command line; a bad input ends with one clear line and exit code 1."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # what a terminal, or a pipe on Windows, cannot show is "?"
+            stream.reconfigure(errors="replace")
     try:
         app(as_spelled_now(sys.argv[1:]))
     except (ValueError, OSError, ImportError) as error:

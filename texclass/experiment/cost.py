@@ -275,7 +275,7 @@ def classifier_cost(classifier: Any, X: Samples, y: NDArray[Any], n_repeats: int
 
 def _processor() -> str:
     with suppress(OSError, StopIteration):
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     return platform.processor() or platform.machine()
 

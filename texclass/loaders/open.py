@@ -131,7 +131,8 @@ def find_recording(
         As `open_dataset`.
     """
     dataset_name, colon, recording_id = str(name).rpartition(":")
-    if not colon or Path(name).exists() or is_bag_name(name):
+    is_drive = len(dataset_name) == 1 and recording_id[:1] in {"/", "\\"}  # of Windows: C:\oak\oak_01.txt
+    if not colon or is_drive or Path(name).exists() or is_bag_name(name):
         return load_recording(name, fs=fs, unit=unit, **reading)
     dataset = open_dataset(dataset_name, fs=fs, unit=unit, **reading)
     ids = [entry.recording_id for entry in dataset.entries]

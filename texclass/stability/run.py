@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, ThreadPoolExecutor
 from functools import cache
+from pathlib import Path
 from typing import Any, Literal
 
 import pandas as pd
@@ -115,7 +116,10 @@ def supervise(
     task = (place, group, quick)
     cells: list[dict[str, Any]] = []
     failures: Counter[str] = Counter()
-    with tempfile.NamedTemporaryFile("r", encoding="utf-8", errors="replace") as said:
+    with (  # a named temporary file cannot be opened a second time on Windows
+        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
+        (Path(folder) / "said").open("w+", encoding="utf-8", errors="replace") as said,
+    ):
         worker, known = _Worker(said), ""
         try:
             begun = worker.ask(START_S, _answer, *task)

@@ -256,8 +256,9 @@ def fit(
         The autocorrelation method solves the Yule-Walker equations of the biased autocorrelation: stable, the
         fastest, its spectrum smeared by the ends of the signal. The modified covariance method minimises both
         residuals over all coefficients at once: no bias on sinusoids; O(n p^2); it can be unstable,
-        undetermined (2 (n - p) <= p) or lost to rounding on the way from coefficients to k (a residual above
-        Burg's shows it), and then Burg's result is returned and `fallback` says so.
+        undetermined (2 (n - p) <= p, or Burg's residual ends before order p) or lost to rounding on the way
+        from coefficients to k (a residual above Burg's shows it), and then Burg's result is returned and
+        `fallback` says so.
     variance : {"residual", "yule_walker"}
         The gain is the RMS of the residual, or ``rms(x) * prod sqrt(1 - k^2)``, with which the model has the
         power of the signal. They are the same number for the autocorrelation method.
@@ -313,7 +314,9 @@ def fit(
         # The least residual of all can only exceed Burg's where k is lost on the way from the coefficients.
         loosest = 1.001 * deviation[row, -1] + recursions.EXHAUSTED * deviation[row, 0]
         stable = np.isfinite(gain) and np.all(np.abs(found) < 1)
-        if stable and recursions.residual(each, found) <= loosest:
+        # Where Burg's residual ends before the last order, many coefficients do; rounding would choose.
+        determined = fitted[row] in {0, order}
+        if determined and stable and recursions.residual(each, found) <= loosest:
             k[row], deviation[row], fitted[row] = found, residual_of(found, np.asarray(gain)), order
         else:
             fallback[row] = True

@@ -67,7 +67,7 @@ def write_task(
 
 def read_task(folder: Path) -> Task:
     """Read a task."""
-    facts = json.loads((folder / "task.json").read_text())
+    facts = json.loads((folder / "task.json").read_text(encoding="utf-8"))
     with np.load(folder / "layout.npz") as layout:
         n_folds = sum(name.startswith("train_") for name in layout)
         splits = tuple((layout[f"train_{k}"], layout[f"test_{k}"]) for k in range(n_folds))
@@ -78,5 +78,5 @@ def read_task(folder: Path) -> Task:
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write a JSON file that is either complete or not there."""
     unfinished = path.with_suffix(".unfinished")
-    unfinished.write_text(json.dumps(content))
+    unfinished.write_text(json.dumps(content), encoding="utf-8")
     unfinished.replace(path)

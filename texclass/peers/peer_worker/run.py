@@ -112,12 +112,12 @@ class PeakMemory:
     """By how much the process has grown, at its largest, since this was made.
 
     Linux forgets the earlier peak when asked to. Elsewhere the peak of the whole life of the process counts,
-    imports and compilation included, so the figure may be too low, never too high.
+    imports and compilation included, so the figure may be too low, never too high; Windows tells none (0).
     """
 
     def __init__(self) -> None:
         try:
-            RESET.write_text("5")
+            RESET.write_text("5", encoding="ascii")
         except OSError:
             self.start = _lifelong_peak()
         else:
@@ -131,12 +131,14 @@ class PeakMemory:
 
 
 def _in_bytes(field: str) -> int:
-    line = next(line for line in STATUS.read_text().splitlines() if line.startswith(field))
+    line = next(line for line in STATUS.read_text(encoding="utf-8").splitlines() if line.startswith(field))
     return 1024 * int(line.split()[1])
 
 
 def _lifelong_peak() -> int:
-    import resource  # not on Windows
-
+    try:
+        import resource
+    except ImportError:
+        return 0
     unit = 1 if sys.platform == "darwin" else 1024
     return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
