@@ -70,6 +70,8 @@ def test_worst_and_mean_decide_as_asked():
     M = S * np.array([[1.0], [10 ** (0.4)]])
     assert judge(over="worst").verdict(S, M)["relative"] == pytest.approx(4 / 3, abs=1e-3)
     assert judge(over="mean").verdict(S, M)["relative"] == pytest.approx(2 / 3, abs=1e-3)
+    two_models = np.stack([np.zeros(3), np.ones(3)], axis=1)  # three points of each
+    assert judge(over="mean").relative(two_models, two_models)[0] == 0
 
 
 def test_a_power_law_needs_no_node_between_the_ends():

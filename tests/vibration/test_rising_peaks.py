@@ -113,3 +113,10 @@ def test_smoothing_lets_a_broad_hump_win_over_one_high_bin() -> None:
     Y[20] = 2.0
     assert vibration_band(f, Y, smoothing_hz=0.0).major_hz == 20
     assert vibration_band(f, Y, smoothing_hz=10.0).major_hz == 200
+
+
+@pytest.mark.parametrize("step_hz", [0.25, 1.0])
+def test_smoothing_is_of_hertz_whatever_the_bins_are(step_hz: float) -> None:
+    f = np.arange(0.0, 400.0, step_hz)
+    band = vibration_band(f, (f == 200.0).astype(float), smoothing_hz=10.0)
+    assert band.upper_hz == pytest.approx(200 + 10 * np.sqrt(2 * np.log(10)), abs=1.0)  # a tenth of the peak
