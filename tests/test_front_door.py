@@ -88,4 +88,4 @@ def test_features_of_anything_are_one_table(given):
 def test_a_recording_is_drawn():
     figure = tx.plot_recording(tx.Recording(SIGNAL.T, fs=2000.0))
     assert len(figure.axes) >= 3
-    assert "fineness" in {text.get_text() for axes in figure.axes for text in axes.texts}
+    assert {"fineness", "DCT bin"} <= {text.get_text() for axes in figure.axes for text in axes.texts}

@@ -45,10 +45,11 @@ def inspect(
     declared = [found.with_(phases=phases)]
     extraction = FeatureExtractor(features).fit(declared).extract(declared)
     values = dict(zip(extraction.columns, extraction.values[0], strict=True))
-    units = {name: of.feature.unit for of in load_feature_set(features).members for name in of.columns}
     path = output or Path(f"{Path(found.recording_id).name}.inspect.png")
     picture = io.BytesIO()
-    draw_inspection(found, phases, values, units).savefig(picture, dpi=130, format=path.suffix[1:] or "png")
+    draw_inspection(found, phases, values, load_feature_set(features).units).savefig(
+        picture, dpi=130, format=path.suffix[1:] or "png"
+    )
     write_whole(path, picture.getvalue())
     moved = "none"
     if phases.movement is not None:

@@ -317,7 +317,7 @@ def _example(example: Data) -> Figure:
         "example",
         "One of the recordings, and the phases found in it",
         f"{example['recording']} ({example['material'] or 'material unknown'}, {seconds:.3g} s): "
-        f"{counted(len(taps), 'tap')}, {moved}.",
+        f"{counted(len(taps), 'tap') if taps else 'no taps'}, {moved}.",
         lambda width: draw_example(example, width),
         Table(pd.DataFrame(rows, columns=["Phase", "from, s", "to, s"])),
     )

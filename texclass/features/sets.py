@@ -129,6 +129,11 @@ class FeatureSet:
         return MappingProxyType({member.name: member.columns for member in self.members})
 
     @property
+    def units(self) -> Mapping[str, str]:
+        """Column -> its unit where recordings are in m/s^2."""
+        return {column: member.feature.unit for member in self.members for column in member.columns}
+
+    @property
     def without_hand(self) -> bool:
         """Whether its movements are read without the path of the hand."""
         return any(member.without_hand for member in self.members)
