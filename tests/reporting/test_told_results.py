@@ -264,6 +264,14 @@ def test_who_did_not_finish_is_told_with_the_reason():
     assert "of the peers finished every fold." in everywhere(document("peers", data))[0]
 
 
+def test_long_names_of_tools_are_broken_where_the_figure_is_narrow():
+    data = result("peers")
+    data["contestants"][0]["title"] = "ours: " + "a long name " * 6
+    (axes,) = drawn(figure(document("peers", data), "time"), NARROW).axes
+    lines = [line for label in axes.get_legend_handles_labels()[1] for line in label.split("\n")]
+    assert max(map(len, lines)) <= 11 * NARROW
+
+
 def test_the_features_of_the_study_are_ordered_by_their_worst_condition():
     shown = figure(document("invariance"), "ratios")
     (axes,) = drawn(shown).axes

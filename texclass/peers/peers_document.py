@@ -1,6 +1,7 @@
 """A comparison with public libraries as a document: accuracy against time, every tool and classifier."""
 
 from collections.abc import Iterator, Mapping
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -229,7 +230,7 @@ def _draw(ranked: list[Data], names: list[str], width: float, chance: float) -> 
         mean, low, high = (100 * c["accuracy"][key] for key in ("mean", "low", "high"))
         axes.plot([x, x], [low, high], color=colour)
         said = f"{name}: {estimate(c['accuracy'])} %, {digits(x)} ms"
-        label = f"{name}: {percent(c['accuracy']['mean'])} %, {digits(x)} ms"
+        label = fill(f"{name}: {percent(c['accuracy']['mean'])} %, {digits(x)} ms", int(11 * width))
         axes.plot(x, mean, "o", color=colour, markersize=13, gid=said, label=label, clip_on=False)
         axes.annotate(str(rank), (x, mean), color=PAPER, fontsize=8, weight="bold", ha="center", va="center")
     log_x(axes)
