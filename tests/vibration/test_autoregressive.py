@@ -169,6 +169,11 @@ def test_a_constant_is_predicted_by_one_clipped_coefficient():
     assert_allclose(padded.reflection[0], -99 / 100)
 
 
+def test_burg_goes_on_behind_an_offset_that_takes_its_first_k_to_1():
+    models = [fit(1e6 + 1e-3 * _noise(2000, seed), 2) for seed in range(20)]
+    assert_allclose([model.reflection[1] for model in models], -0.5, atol=0.1)
+
+
 @pytest.mark.parametrize("n", [1, 2, 3, 10])
 def test_orders_beyond_the_signal_add_nothing_to_burg(n):
     model = fit(_noise(n), 20)
@@ -218,8 +223,8 @@ def test_truncated_is_the_fit_of_the_lower_order():
 
 
 @pytest.mark.parametrize(("order", "clipped"), [(2, False), (3, True), (4, True)])
-def test_truncated_is_clipped_where_the_fit_had_ended_by_then(order, clipped):
-    model = Autoregression([0.5] * 4, 1.0, fitted_order=np.array(3), clipped=np.array(True))
+def test_truncated_is_clipped_where_it_keeps_what_was_cut(order, clipped):
+    model = Autoregression([0.5, 0.5, LARGEST, 0.5], 1.0, clipped=np.array(True))
     assert bool(model.truncated(order).clipped) == clipped
 
 

@@ -126,7 +126,8 @@ class Autoregression:
             raise ValueError(f"order is {order}; the rule is 0 ... {self.order}, the order of the model")
         kept = self.residual[..., : order + 1]
         fitted = np.minimum(self.fitted_order, order)
-        clipped = self.clipped & (self.fitted_order <= order)
+        largest = np.abs(self.reflection[..., :order]).max(axis=-1, initial=0.0)
+        clipped = self.clipped & (largest == recursions.LARGEST)
         return Autoregression(
             self.reflection[..., :order], kept[..., -1], kept, fitted, clipped, self.fallback
         )

@@ -99,8 +99,8 @@ def burg(x: Samples, order: int, padding: int) -> tuple[Samples, Samples, Indice
     autocorrelation method.
 
     Returns reflection coefficients (rows, order), residual deviations (rows, order + 1), and the number of
-    orders fitted (rows,): |k| that reaches 1 is cut to `LARGEST` and ends the recursion, as does a residual
-    that is `EXHAUSTED` or has no sample left. Beyond it k = 0 and the deviation stays.
+    orders fitted (rows,): |k| that reaches 1 is cut to `LARGEST`, and a residual that is `EXHAUSTED` or has no
+    sample left ends the recursion. Beyond it k = 0 and the deviation stays.
     """
     rows, n = x.shape[0], x.shape[1] + 2 * padding
     k, deviation, fitted = np.zeros((rows, order)), np.zeros((rows, order + 1)), np.zeros(rows, np.int64)
@@ -119,8 +119,6 @@ def burg(x: Samples, order: int, padding: int) -> tuple[Samples, Samples, Indice
             left = total + f[m] ** 2 + b[n - m - 1] ** 2  # the next stage pairs all but these two
             k[row, m - 1], fitted[row] = step, m
             deviation[row, m:] = np.sqrt(left / (2 * count))
-            if abs(step) == LARGEST:
-                break
     return k, deviation, fitted
 
 
