@@ -1,12 +1,11 @@
-"""Signals, as many rooms need them: checks, one signal from three axes, averages, frames and filters.
+"""Signals, as many rooms need them: checks, one signal from three axes, averages and filters.
 
-Filters are Butterworth as second-order sections, zero-phase or causal, and a linear-phase FIR high-pass.
+Filters are Butterworth as second-order sections, zero-phase or causal.
 """
 
 from typing import Literal
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 from scipy import fft, signal
 
@@ -194,57 +193,6 @@ def moving_average(x: ArrayLike, n: int) -> Samples:
     return np.asarray(sums.reshape(-1)[:size] / held + offset)
 
 
-def frame(x: ArrayLike, length: int, hop: int) -> Samples:
-    """Return the overlapping frames of `x` as a read-only view; an incomplete last frame is left out.
-
-    Parameters
-    ----------
-    x : array_like of shape (n_samples,)
-        Any unit.
-    length, hop : int
-        Length of a frame and distance of two starts, in samples.
-
-    Returns
-    -------
-    ndarray of shape (n_frames, length)
-        n_frames = 1 + (n_samples - length) // hop. No sample is copied.
-
-    Raises
-    ------
-    ValueError
-        If `length` or `hop` is below 1 or the signal is shorter than one frame.
-
-    Examples
-    --------
-    >>> frame([1, 2, 3, 4, 5], length=3, hop=2)
-    array([[1., 2., 3.],
-           [3., 4., 5.]])
-    """
-    samples = np.asarray(x, dtype=np.float64)
-    if length < 1 or hop < 1:
-        raise ValueError(f"frame got length {length} and hop {hop}; the rule is both at least 1 sample")
-    if samples.ndim != 1 or samples.size < length:
-        raise ValueError(
-            f"frame got shape {samples.shape}; the rule is one channel of at least {length} samples"
-        )
-    return sliding_window_view(samples, length)[::hop]
-
-
-def rms(x: ArrayLike) -> float:
-    """Return the root mean square of all samples, in the unit of `x`, whatever their gain.
-
-    Raises
-    ------
-    ValueError
-        If there is no sample, or one is NaN or infinite.
-    """
-    samples = np.asarray(x, dtype=np.float64).reshape(-1)
-    if samples.size == 0:
-        raise ValueError("rms got 0 samples; the rule is at least one")
-    unit, exponent = to_unit_scale(all_finite(samples, "rms"))
-    return float(np.ldexp(np.sqrt(np.dot(unit, unit) / unit.size), exponent))
-
-
 def all_finite(x: ArrayLike, who: str, *, at_least: int = 0) -> Samples:
     """Return `x` as float64; refuse NaN and infinity: in a filter or a mean they would spread without a word.
 
@@ -422,53 +370,6 @@ def bandpass(x: ArrayLike, band_hz: tuple[float, float], fs: float, *, order: in
     See `butterworth` for the parameters and errors, `zero_phase` for the ends.
     """
     return zero_phase(butterworth("bandpass", band_hz, fs, order=order), x)
-
-
-def highpass_fir(x: ArrayLike, cutoff_hz: float, fs: float, *, transition_hz: float | None = None) -> Samples:
-    """Return `x` after a linear-phase FIR high-pass, its constant delay compensated.
-
-    Parameters
-    ----------
-    x : array_like of shape (n_samples,)
-        Continued by point reflection at its ends, as far as it is long enough, then by its last value.
-    cutoff_hz : float
-        Frequency of half the amplitude, in Hz.
-    fs : float
-        Sampling rate in Hz.
-    transition_hz : float, optional
-        Width of the transition of the Hamming-windowed filter, in Hz; `cutoff_hz` by default. The stop band
-        lies at -53 dB, the filter has 3.3 fs / transition_hz coefficients.
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
-
-    Raises
-    ------
-    ValueError
-        If the cut-off does not lie between 0 and fs/2, the transition is not positive, or the signal is not
-        one-dimensional, empty, or holds NaN or infinity.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> bool(np.abs(highpass_fir(np.full(2000, 9.81), 100.0, 10_000.0)).max() < 1e-12)
-    True
-    """
-    samples = all_finite(x, "highpass_fir", at_least=1)
-    if samples.ndim != 1:
-        raise ValueError(f"highpass_fir got shape {samples.shape}; the rule is (n_samples,)")
-    _check_cutoffs(np.array([cutoff_hz]), fs, n_edges=1)
-    width = cutoff_hz if transition_hz is None else transition_hz
-    if not width > 0:
-        raise ValueError(f"transition_hz is {width}; the rule is a width above 0 Hz")
-    half = int(np.ceil(3.3 * fs / width / 2))
-    smooth = signal.firwin(2 * half + 1, cutoff_hz, fs=fs, window="hamming")  # sums to 1
-    # Continued at both ends: reflected in the end points, then constant.
-    mirrored = min(half, samples.size - 1)
-    longer = np.pad(samples, mirrored, mode="reflect", reflect_type="odd") if mirrored else samples
-    longer = np.pad(longer, half - mirrored, mode="edge")
-    return np.asarray(samples - signal.oaconvolve(longer, smooth, mode="valid"))
 
 
 def _check_cutoffs(edges: Samples, fs: float, n_edges: int) -> None:

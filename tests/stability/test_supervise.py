@@ -34,9 +34,9 @@ SUBJECTS = """
         names = ("fine", "hangs", "fine again")
         stubborn = [_case("dies")] * 5
         return [
-            Subject("mixed", "models", "texclass", lambda quick: map(_case, names), _attempt),
-            Subject("elsewhere", "filters", "texclass", lambda quick: map(_case, names), _attempt),
-            Subject("stubborn", "models", "texclass", lambda quick: stubborn, _attempt),
+            Subject("mixed", "models", lambda quick: map(_case, names), _attempt),
+            Subject("elsewhere", "filters", lambda quick: map(_case, names), _attempt),
+            Subject("stubborn", "models", lambda quick: stubborn, _attempt),
         ]
 """
 

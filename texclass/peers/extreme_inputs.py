@@ -5,7 +5,6 @@ Each is called as its documentation says, with what a user would write.
 
 import importlib.util
 from collections.abc import Callable, Iterable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from scipy import linalg, ndimage, signal
 from texclass.recording import Samples
 from texclass.stability import exact, rules
 from texclass.stability.inputs import FORMS, VALUES, Case, in_families, lengths, samples_of
-from texclass.stability.judging import Attempt, Check, Subject, tried
+from texclass.stability.judging import Attempt, Check, Subject
 from texclass.stability.subjects_features import cases as feature_cases
 from texclass.stability.subjects_features import extraction
 from texclass.stability.subjects_models import EXCITATION, at_orders, k_of, models, unit_model
@@ -114,7 +113,7 @@ def _predictor(library: str, name: str, method: str, fit: Callable[[Any, int], A
         limit = rules.EXCESS_SINGLE if x.dtype in (np.float32, np.float16) else rules.EXCESS
         yield from rules.predictor(samples_of(x), case.order, method, a=a, limit=limit)
 
-    return Subject(name, "peers", library, cases, attempt)
+    return Subject(name, "peers", cases, attempt, library)
 
 
 def _models(quick: bool) -> tuple[Case, ...]:
@@ -128,7 +127,7 @@ def _line_spectrum(library: str, name: str, convert: Callable[[Samples], tuple[S
         whole = a.size == case.order + 1 and np.all(np.isfinite(a))
         yield from rules.line_spectrum(k_of(x, case), lsf, exact.step_down(a) if whole else None)
 
-    return Subject(name, "peers", library, _models, attempt)
+    return Subject(name, "peers", _models, attempt, library)
 
 
 # Filters ----------------------------------------------------------------------------------------------------
@@ -142,18 +141,20 @@ def scipy() -> list[Subject]:
         r = np.array([samples[i:] @ samples[: max(samples.size - i, 0)] for i in range(p + 1)])
         return np.concatenate([[1.0], linalg.solve_toeplitz(r[:-1], -r[1:])])
 
-    return [_predictor("scipy", "solve_toeplitz (LPC)", AUTOCORRELATION, toeplitz), *_FILTERS]
+    def with_lengths(quick: bool) -> tuple[Case, ...]:
+        return (*in_families(*VALUES, *FORMS, quick=quick), *lengths(True))
+
+    def with_windows(quick: bool) -> list[Case]:
+        return [c.at_order(n) for c in in_families(*VALUES, *FORMS, quick=quick) for n in (3, 101)]
+
+    return [
+        _predictor("scipy", "solve_toeplitz (LPC)", AUTOCORRELATION, toeplitz),
+        Subject("lfilter (all-pole synthesis)", "peers", _models, _direct_form, "scipy"),
+        Subject("butter + filtfilt, (b, a) form", "peers", with_lengths, _filtfilt, "scipy"),
+        Subject("ndimage.uniform_filter1d", "peers", with_windows, _uniform_filter, "scipy"),
+    ]
 
 
-_FILTERS: list[Subject] = []
-_scipy = partial(tried, _FILTERS, "peers", library="scipy")
-
-
-def _hard(quick: bool) -> tuple[Case, ...]:
-    return tuple(in_families(*VALUES, *FORMS, quick=quick))
-
-
-@_scipy("lfilter (all-pole synthesis)", _models)
 def _direct_form(x: Any, case: Case) -> Attempt:
     k = k_of(x, case)
     out = np.asarray(signal.lfilter([1.0], _step_up(k), EXCITATION))
@@ -167,7 +168,6 @@ def _direct_form(x: Any, case: Case) -> Attempt:
         yield Check("output over its bound", largest(out) / bound, 1.0)
 
 
-@_scipy("butter + filtfilt, (b, a) form", lambda quick: (*_hard(quick), *lengths(True)))
 def _filtfilt(x: Any, case: Case) -> Attempt:
     """Compare with the same Butterworth band-pass in sections, in 60 digits."""
     band: Any = {"N": 4, "Wn": (50.0, 200.0), "btype": "bandpass", "fs": case.fs}
@@ -181,16 +181,13 @@ def _filtfilt(x: Any, case: Case) -> Attempt:
     yield rules.close("output, against 60 digits", out, right, rules.RESPONSE, scale=largest(samples))
 
 
-@_scipy(
-    "ndimage.uniform_filter1d", lambda quick: tuple(c.at_order(n) for c in _hard(quick) for n in (3, 101))
-)
 def _uniform_filter(x: Any, case: Case) -> Attempt:
     """Compare inside the signal, where no rule for the ends matters."""
     out = np.asarray(ndimage.uniform_filter1d(x, case.order, mode="nearest", output=np.float64))
     yield out
     samples, half = samples_of(x), case.order // 2
-    right = exact.moving_average(samples, case.order)[half:-half]
     yield rules.finite("output", out)
+    right = exact.moving_average(samples, case.order)[half:-half]
     yield rules.close("means, against exact sums", out[half:-half], right, 1e-13, scale=largest(samples))
 
 
@@ -217,7 +214,7 @@ def librosa() -> list[Subject]:
         return {f"{name} {i}": row.mean() for name, found in rows.items() for i, row in enumerate(found)}, {}
 
     burg = _predictor("librosa", "lpc (Burg)", BURG, lambda x, p: library.lpc(x, order=p))
-    return [burg, extraction("features (19 means)", "librosa", extract, "peers")]
+    return [burg, Subject("features (19 means)", "peers", feature_cases, extraction(extract), "librosa")]
 
 
 def tsfel() -> list[Subject]:
@@ -234,7 +231,7 @@ def tsfel() -> list[Subject]:
         every = enumerate(feature_cases(False))
         return _few(True) if quick else [c for i, c in every if c.family != "length" or i % 10 == 0]
 
-    return [extraction("features (all 156)", "tsfel", extract, "peers", thinned)]
+    return [Subject("features (all 156)", "peers", thinned, extraction(extract), "tsfel")]
 
 
 def pycatch22() -> list[Subject]:
@@ -245,7 +242,7 @@ def pycatch22() -> list[Subject]:
         result = library.catch22_all(x, catch24=True)
         return dict(zip(result["names"], result["values"], strict=True)), {}
 
-    return [extraction("catch24", "pycatch22", extract, "peers")]
+    return [Subject("catch24", "peers", feature_cases, extraction(extract), "pycatch22")]
 
 
 def tsfresh() -> list[Subject]:
@@ -268,7 +265,7 @@ def tsfresh() -> list[Subject]:
         )
         return {name: table[name].iloc[0] for name in table.columns}, {}
 
-    return [extraction("features (efficient, 777)", "tsfresh", extract, "peers", _few)]
+    return [Subject("features (efficient, 777)", "peers", _few, extraction(extract), "tsfresh")]
 
 
 def _few(quick: bool) -> list[Case]:

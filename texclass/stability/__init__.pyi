@@ -1,6 +1,5 @@
 from .judging import BAD as BAD
 from .judging import Check as Check
-from .judging import Documented as Documented
 from .judging import Mark as Mark
 from .judging import Subject as Subject
 from .judging import judge as judge

@@ -35,6 +35,9 @@ FAMILIES = {
     "stream": "10^8 samples piece by piece; 5 10^6 at once",
 }
 """Columns of the report, in this order, and what each holds."""
+VALUES = ("plain", "silent", "impulse", "sine", "poles", "oversampled", "gain", "offset", "clipped")
+FORMS = ("dtype", "layout", "broken")
+GAINS = (1e-160, 1e-100, 1e-30, 1e-3, 1e3, 1e30, 1e100, 1e150)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +78,9 @@ class Case:
 @cache
 def noise(n: int = N, seed: int = SEED) -> NDArray[np.float64]:
     """Return white Gaussian noise of unit variance, read-only."""
-    return _frozen(np.random.default_rng([SEED, seed]).standard_normal(n))
+    x = np.random.default_rng([SEED, seed]).standard_normal(n)
+    x.flags.writeable = False
+    return x
 
 
 @cache
@@ -85,14 +90,16 @@ def plain(n: int = N) -> NDArray[np.float64]:
 
     poles = np.array([0.95 * np.exp(0.2j), 0.9 * np.exp(0.7j), 0.5])
     a = np.real(np.poly(np.concatenate([poles, poles[:2].conj()])))
-    return _frozen(signal.lfilter([1.0], a, np.random.default_rng([SEED, 1]).standard_normal(n + 200))[200:])
+    x = signal.lfilter([1.0], a, noise(n + 200, 1))[200:]
+    x.flags.writeable = False
+    return np.asarray(x)
 
 
 def low_passed(factor: int, n: int = N) -> NDArray[np.float64]:
     """Return noise without anything above 1/`factor` of the band: content oversampled by that factor."""
     spectrum = np.fft.rfft(noise(n))
     spectrum[spectrum.size // factor :] = 0
-    return np.asarray(np.fft.irfft(spectrum))
+    return np.fft.irfft(spectrum)
 
 
 def resonant(distance: float, n: int = N) -> NDArray[np.float64]:
@@ -103,24 +110,16 @@ def resonant(distance: float, n: int = N) -> NDArray[np.float64]:
     return np.asarray(signal.lfilter([1.0], [1.0, -2 * r * np.cos(0.7), r * r], noise(n)))
 
 
-GAINS = (1e-160, 1e-100, 1e-30, 1e-3, 1e3, 1e30, 1e100, 1e150)
-
-
 def _samples(n: int) -> dict[str, dict[str, NDArray[Any]]]:
     """Return the samples of every input of length `n`: family -> name -> samples."""
     t = np.arange(n)
     sine = np.sin(0.3 * t)
     square = np.sign(np.sin(0.05 * t) + 1e-9)
     full_scale = plain(n) / np.abs(plain(n)).max()
-    table = np.tile(plain(n)[:, np.newaxis], 3)
-    broken = {
-        "one NaN": (np.nan, slice(150, 151)),  # all within the first 200 samples: some are given no more
-        "NaN at the start": (np.nan, slice(0, 1)),
-        "gap of 100 NaN": (np.nan, slice(90, 190)),
-        "+inf": (np.inf, slice(150, 151)),
-        "-inf": (-np.inf, slice(20, 21)),
-        "all NaN": (np.nan, slice(None)),
-    }
+
+    def broken(value: float, first: int = 0, stop: int = n) -> NDArray[np.float64]:
+        return np.where((t >= first) & (t < stop), value, plain(n))
+
     return {
         "plain": {"plain": plain(n), "white": noise(n)},
         "silent": {
@@ -166,11 +165,16 @@ def _samples(n: int) -> dict[str, dict[str, NDArray[Any]]]:
         "layout": {
             "every third sample": np.repeat(plain(n), 3)[::3],
             "backwards": plain(n)[::-1].copy()[::-1],
-            "column of a table": table[:, 1],
+            "column of a table": np.tile(plain(n)[:, np.newaxis], 3)[:, 1],
             "read-only": plain(n),
         },
-        "broken": {
-            name: np.where(np.isin(t, t[where]), value, plain(n)) for name, (value, where) in broken.items()
+        "broken": {  # within the first 200 samples: some are given no more
+            "one NaN": broken(np.nan, 150, 151),
+            "NaN at the start": broken(np.nan, 0, 1),
+            "gap of 100 NaN": broken(np.nan, 90, 190),
+            "+inf": broken(np.inf, 150, 151),
+            "-inf": broken(-np.inf, 20, 21),
+            "all NaN": broken(np.nan),
         },
     }
 
@@ -189,27 +193,18 @@ def inputs(n: int = N) -> tuple[Case, ...]:
 
 def in_families(*families: str, quick: bool = False, n: int = N) -> tuple[Case, ...]:
     """Return the inputs of some families; a quick run takes every third of each, the first among them."""
-    chosen = [case for case in inputs(n) if case.family in families]
     if not quick:
-        return tuple(chosen)
-    return tuple(c for family in families for c in [c for c in chosen if c.family == family][::3])
+        return tuple(case for case in inputs(n) if case.family in families)
+    return tuple(c for family in families for c in [c for c in inputs(n) if c.family == family][::3])
 
 
-VALUES = ("plain", "silent", "impulse", "sine", "poles", "oversampled", "gain", "offset", "clipped")
-FORMS = ("dtype", "layout", "broken")
-
-
-def battery(
-    quick: bool, *, forms: bool = True, longest: int = 600, with_rates: bool = True, n: int = N
-) -> tuple[Case, ...]:
+def battery(quick: bool, *, longest: int = 600, with_rates: bool = True, n: int = N) -> tuple[Case, ...]:
     """Return what most subjects are given.
 
     Parameters
     ----------
     quick : bool
         A part of it.
-    forms : bool
-        Other dtypes and layouts, and broken samples, too.
     longest : int
         Plain noise of every length up to this one; 0 leaves lengths out.
     with_rates : bool
@@ -217,7 +212,7 @@ def battery(
     n : int
         Samples of all others.
     """
-    chosen = in_families(*VALUES, *(FORMS if forms else ()), quick=quick, n=n)
+    chosen = in_families(*VALUES, *FORMS, quick=quick, n=n)
     chosen += lengths(quick, longest) if longest else ()
     return chosen + (rates(quick, n) if with_rates else ())
 
@@ -225,8 +220,8 @@ def battery(
 def lengths(quick: bool, longest: int = 600) -> tuple[Case, ...]:
     """Return the first n samples of plain noise for every n from 0 to 600 (quick: some of them)."""
     few = (0, 1, 2, 3, 8, 11, 32, 64, 129, 543, 544, 600)
-    chosen = [n for n in few if n <= longest] if quick else range(longest + 1)
-    return tuple(Case(f"{n} samples", "length", plain()[:n]) for n in chosen)
+    chosen = few if quick else range(longest + 1)
+    return tuple(Case(f"{n} samples", "length", plain()[:n]) for n in chosen if n <= longest)
 
 
 def rates(quick: bool, n: int = N) -> tuple[Case, ...]:
@@ -244,25 +239,23 @@ def beyond(quick: bool) -> tuple[Case, ...]:
     )
 
 
-def samples_of(x: Any) -> NDArray[np.float64]:
-    """Return what a signal of any dtype and layout says, in float64 and contiguous."""
-    return np.ascontiguousarray(x, dtype=np.float64)
-
-
 def with_orders(cases: Iterable[Case], quick: bool, largest: int = 1000) -> tuple[Case, ...]:
     """Return each case at each order up to `largest`; dtypes, layouts, lengths and broken ones at 10 alone.
 
     A quick run takes orders 2 and 18, and 400 for plain signals.
     """
 
-    def orders_of(case: Case) -> tuple[int, ...]:
-        if case.family in (*FORMS, "length"):
+    def orders_of(family: str) -> tuple[int, ...]:
+        if family in (*FORMS, "length"):
             return (10,)
-        if quick:
-            return (2, 18, 400) if case.family == "plain" else (2, 18)
-        return ORDERS
+        return ((2, 18, 400) if family == "plain" else (2, 18)) if quick else ORDERS
 
-    return tuple(case.at_order(p) for case in cases for p in orders_of(case) if p <= largest)
+    return tuple(case.at_order(p) for case in cases for p in orders_of(case.family) if p <= largest)
+
+
+def samples_of(x: Any) -> NDArray[np.float64]:
+    """Return what a signal of any dtype and layout says, in float64 and contiguous."""
+    return np.ascontiguousarray(x, dtype=np.float64)
 
 
 def battery_hash() -> str:
@@ -272,8 +265,3 @@ def battery_hash() -> str:
         digest.update(f"{case.name} {case.family} {case.fs} {case.order} {case.x.dtype}".encode())
         digest.update(case.x.tobytes())
     return digest.hexdigest()[:16]
-
-
-def _frozen(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    x.flags.writeable = False
-    return x

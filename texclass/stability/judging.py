@@ -5,10 +5,9 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,10 +18,8 @@ _FLOATING_POINT = re.compile(
 )
 _UNDEFINED = re.compile(r"\bnan\b|undefined|constant|too short|singular|not converge|ill.condition", re.I)
 """Words of a warning by which a library says that its result is undefined."""
-_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
-_ABSOLUTE = re.compile(r"(?:\.{1,2}/|/)(?:[\w.+-]+/)+(?=[\w.+-])")
-"""Folders before a file's name, which differ from machine to machine."""
-_CUT = 300
+_UNTOLD = re.compile(r"\x1b\[[0-9;]*m|(?:\.{1,2}/|/)(?:[\w.+-]+/)+(?=[\w.+-])")
+"""Colours, and folders before a file's name, which differ from machine to machine."""
 
 
 class Mark(StrEnum):
@@ -47,8 +44,7 @@ class NoReferenceError(Exception):
     """A reference cannot be computed here: the checks that need it, and those after it, are not made."""
 
 
-@dataclass(frozen=True)
-class Check:
+class Check(NamedTuple):
     """One invariant or reference: what it says, the error measured, and the largest that is exact enough."""
 
     what: str
@@ -56,31 +52,23 @@ class Check:
     limit: float
 
     @property
-    def holds(self) -> bool:
-        """Whether the error is a number within the limit."""
-        return bool(self.error <= self.limit)
-
-    @property
     def excess(self) -> float:
-        """Error over limit; infinite where nothing was measured."""
-        if not np.isfinite(self.error):
-            return np.inf
-        return self.error / self.limit if self.limit > 0 else (np.inf if self.error > 0 else 0.0)
+        """Error over limit; infinite where nothing was measured, or a limit of 0 is not kept."""
+        if self.error == 0:
+            return 0.0
+        return self.error / self.limit if np.isfinite(self.error) and self.limit > 0 else np.inf
 
 
-@dataclass(frozen=True)
-class Documented:
-    """The subject says itself, by a reason or a flag it documents, that this input has no proper answer."""
-
-    reason: str
-
-
-Finding = Check | Documented
+Given = Callable[[bool], Iterable[Case]]
+"""Inputs of the battery that a subject is given; the argument says whether the run is a quick one."""
 Attempt = Iterator[Any]
+"""Findings about a result, one after another: a `Check`, or a reason (str) by which the subject itself says
+that this input has no proper answer; anything else is passed over. What stands before the first `yield` is
+tried, and judged if it raises."""
+Trial = Callable[[Any, Case], Attempt]
 
 
-@dataclass(frozen=True)
-class Subject:
+class Subject(NamedTuple):
     """Something that is tried: how it runs on an input, and what "right" means for it.
 
     Attributes
@@ -89,35 +77,30 @@ class Subject:
         Unique within its library.
     group
         "models", "filters", "transforms", "features" or "peers".
+    cases
+        What it is given.
+    trial
+        Generator over (signal, case) that yields findings about the result.
     library
         Package it comes from: "texclass", or the name of a public library.
-    cases
-        Inputs of the battery it is given; the argument says whether the run is a quick one.
-    attempt
-        Generator over (signal, case) that yields findings about the result; what stands before its first
-        `yield` is tried, and judged if it raises.
     """
 
     name: str
     group: str
-    library: str
-    cases: Callable[[bool], Iterable[Case]]
-    attempt: Callable[[Any, Case], Attempt]
+    cases: Given
+    trial: Trial
+    library: str = "texclass"
 
 
 def tried(
-    subjects: list[Subject],
-    group: str,
-    named: str | Mapping[str, Mapping[str, Any]],
-    cases: Callable[[bool], Iterable[Case]],
-    library: str = "texclass",
+    subjects: list[Subject], group: str, named: str | Mapping[str, Mapping[str, Any]], cases: Given
 ) -> Callable[[Callable[..., Attempt]], Callable[..., Attempt]]:
-    """Return a decorator that adds an attempt to `subjects`: once, or by name with further arguments."""
+    """Return a decorator that adds a trial to `subjects`: once, or by name with further arguments."""
 
-    def add(attempt: Callable[..., Attempt]) -> Callable[..., Attempt]:
+    def add(trial: Callable[..., Attempt]) -> Callable[..., Attempt]:
         for name, given in ({named: {}} if isinstance(named, str) else named).items():
-            subjects.append(Subject(name, group, library, cases, partial(attempt, **given)))
-        return attempt
+            subjects.append(Subject(name, group, cases, partial(trial, **given)))
+        return trial
 
     return add
 
@@ -139,27 +122,18 @@ def judge(subject: Subject, case: Case) -> dict[str, Any]:
         error, limit and what: those of the check that comes nearest to its limit (or exceeds it most), None
         and "" where nothing was measured; seconds.
     """
-    x = case.x
-    before = x.tobytes()
-    attempt = subject.attempt(x, case)
-    start = time.perf_counter()
+    before, start = case.x.tobytes(), time.perf_counter()
+    attempt = subject.trial(case.x, case)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            findings = [next(attempt)]
+            findings, refused = [next(attempt)], None
         except Exception as error:
-            seconds, text = time.perf_counter() - start, f"{type(error).__name__}: {error}"
-            if not is_clear(error, subject.library):
-                frames = traceback.extract_tb(error.__traceback__)
-                where = f" ({frames[-1].filename.rsplit('/', 1)[-1]}:{frames[-1].lineno})" if frames else ""
-                return cell_of(subject, case, Mark.CRASH, text + where, seconds=seconds)
-            undefined = type(error).__name__ == "UndefinedFeatureError"  # by name: its import takes a second
-            mark = Mark.DOCUMENTED if undefined else Mark.REFUSED
-            if case.required:
-                mark, text = Mark.WRONG, f"refuses an ordinary input: {text}"
-            return cell_of(subject, case, mark, text, seconds=seconds)
+            findings, refused = [], error
     seconds = time.perf_counter() - start
-    if x.tobytes() != before:
+    if refused:
+        return cell_of(subject, case, *_refusal(refused, subject, case), seconds=seconds)
+    if case.x.tobytes() != before:
         return cell_of(subject, case, Mark.WRONG, "the input was written to", seconds=seconds)
     unchecked = ""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -171,13 +145,12 @@ def judge(subject: Subject, case: Case) -> dict[str, Any]:
         except Exception as error:
             what = f"a result of the expected form ({type(error).__name__}: {error})"
             findings.append(Check(what, np.inf, 0.0))
-    said = [str(warning.message) for warning in caught]
-    checks = [f for f in findings if isinstance(f, Check)]
-    reasons = [f.reason for f in findings if isinstance(f, Documented)]
+    checks = [finding for finding in findings if isinstance(finding, Check)]
     worst = max(checks, key=lambda check: check.excess, default=None)  # of equals the first: finite numbers
-    mark, reason = _weigh(worst, reasons, said, unchecked, required=case.required)
-    measured = {"error": worst.error, "limit": worst.limit, "what": worst.what} if worst else {}
-    return cell_of(subject, case, mark, reason, seconds=seconds, **measured)
+    reasons = [finding for finding in findings if isinstance(finding, str)]
+    said = [str(warning.message) for warning in caught]
+    mark, reason = _verdict(worst, reasons, said, unchecked, required=case.required)
+    return cell_of(subject, case, mark, reason, seconds=seconds, **worst._asdict() if worst else {})
 
 
 def is_clear(error: Exception, library: str) -> bool:
@@ -188,34 +161,55 @@ def is_clear(error: Exception, library: str) -> bool:
     one it calls; in compiled code that cannot be seen and is believed), or that says that a type is not
     supported; with a message of ten characters or more.
     """
+    accidents = (ZeroDivisionError, OverflowError, RecursionError)
     kinds = (ValueError, TypeError, NotImplementedError, RuntimeError, ArithmeticError, AssertionError)
     own = type(error).__module__.split(".")[0] == library
     frames = traceback.extract_tb(error.__traceback__)
     line = frames[-1].line or "" if frames else ""
     compiled = bool(frames) and frames[-1].filename.endswith((".pyx", ".pxd", ".pxi"))
-    kind = isinstance(error, kinds) and not isinstance(
-        error, (ZeroDivisionError, OverflowError, RecursionError)
-    )
     statement = "assert" if isinstance(error, AssertionError) else "raise"
     on_purpose = line.startswith(statement) or compiled or "not supported" in str(error)
+    kind = isinstance(error, kinds) and not isinstance(error, accidents)
     return (kind or own) and on_purpose and len(str(error)) >= 10
 
 
 def cell_of(subject: Subject, case: Case, mark: Mark, reason: str = "", **found: Any) -> dict[str, Any]:
     """Return a cell; its reason loses colours and what differs from machine to machine."""
-    text = " ".join(_ABSOLUTE.sub("", _COLOUR.sub("", reason)).split())[:_CUT]
-    about = {"library": subject.library, "group": subject.group, "subject": subject.name}
-    empty = {"error": None, "limit": None, "what": "", "seconds": 0.0}
-    return about | {"family": case.family, "case": case.name, "mark": mark, "reason": text} | empty | found
+    return {
+        "library": subject.library,
+        "group": subject.group,
+        "subject": subject.name,
+        "family": case.family,
+        "case": case.name,
+        "mark": mark,
+        "reason": " ".join(_UNTOLD.sub("", reason).split())[:300],
+        "error": None,
+        "limit": None,
+        "what": "",
+        "seconds": 0.0,
+    } | found
 
 
-def _weigh(
+def _refusal(error: Exception, subject: Subject, case: Case) -> tuple[Mark, str]:
+    """Return mark and reason of an exception."""
+    text = f"{type(error).__name__}: {error}"
+    if not is_clear(error, subject.library):
+        frames = traceback.extract_tb(error.__traceback__)
+        where = f" ({frames[-1].filename.rsplit('/', 1)[-1]}:{frames[-1].lineno})" if frames else ""
+        return Mark.CRASH, text + where
+    if case.required:
+        return Mark.WRONG, f"refuses an ordinary input: {text}"
+    undefined = type(error).__name__ == "UndefinedFeatureError"  # by name: its import takes a second
+    return (Mark.DOCUMENTED if undefined else Mark.REFUSED), text
+
+
+def _verdict(
     worst: Check | None, reasons: list[str], said: list[str], unchecked: str, *, required: bool
 ) -> tuple[Mark, str]:
     """Return mark and reason of a result, from its worst check, its reasons and the warnings it gave."""
     noisy = [text for text in said if _FLOATING_POINT.search(text)]
     reasons = [*reasons, *(text for text in said if text not in noisy and _UNDEFINED.search(text))]
-    if worst is not None and not worst.holds:
+    if worst is not None and worst.excess > 1:
         if np.isfinite(worst.error):
             return Mark.WRONG, f"{worst.what}: {worst.error:.3g}; the limit is {worst.limit:.3g}"
         no_number = worst.what.startswith("finite")

@@ -15,8 +15,6 @@ from texclass.stability.inputs import SEED
 from texclass.stability.judging import BAD, Mark
 
 OURS = "texclass"
-FAULTY = (*BAD, Mark.WARNED)
-ENDS = ("library", "subject", "family", "mark")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +61,12 @@ class StabilityResult:
         """Return versions, tallies by subject and family, and every cell that is a finding, for JSON."""
         limit = self.cells["limit"].astype(float)
         share = self.cells["error"].astype(float) / limit.where(limit > 0)
-        over = share.where(~self.cells["mark"].isin(BAD)).fillna(0.0)  # of what is right and was measured
-        theirs = self.cells[self.cells["library"] != OURS]
-        refused = (Mark.DOCUMENTED, Mark.REFUSED, Mark.UNCHECKED)
-        near = self.ours.assign(over=over).query("over > 0 or error == 0 and limit > 0")
-        near = near.loc[near.groupby("subject", sort=False)["over"].idxmax()]
-        faulty = _records(self.ours[self.ours["mark"].isin(FAULTY)])
+        right = ~self.cells["mark"].isin(BAD)
+        cells = self.cells.assign(mark=self.cells["mark"].map(str), share=share.where(right))
+        is_ours, is_faulty = cells["library"] == OURS, cells["mark"].isin([*BAD, Mark.WARNED])
+        is_refused = cells["mark"].isin([Mark.DOCUMENTED, Mark.REFUSED, Mark.UNCHECKED])
+        measured = cells[is_ours & cells["share"].notna()]
+        near = measured.loc[measured.groupby("subject", sort=False)["share"].idxmax()]
         return {
             "versions": self.versions,
             "machine": platform.platform(),
@@ -81,23 +79,20 @@ class StabilityResult:
             "tallies": [
                 key
                 | {
-                    "cells": len(cells),
-                    "worst_over_limit": float(over[cells.index].max()),
-                    "marks": dict(Counter(map(str, cells["mark"]))),
+                    "cells": len(part),
+                    "worst_over_limit": float(part["share"].fillna(0.0).max()),
+                    "marks": dict(Counter(part["mark"])),
                 }
-                for key, cells in _by(self.cells, "library", "group", "subject", "family")
+                for key, part in _by(cells, "library", "group", "subject", "family")
             ],
-            "ours_wrong": [  # an infinite error becomes a word
-                {k: repr(v) if v in (math.inf, -math.inf) else v for k, v in cell.items()} for cell in faulty
-            ],
+            "ours_wrong": _records(cells[is_ours & is_faulty].drop(columns="share")),
             "theirs_wrong": [
-                key
-                | {"cases": "; ".join(cells["case"]), "reason": cells["reason"].iloc[0], "cells": len(cells)}
-                for key, cells in _by(theirs[theirs["mark"].isin(FAULTY)], *ENDS)
+                key | {"cases": "; ".join(part["case"]), "reason": part["reason"].iloc[0], "cells": len(part)}
+                for key, part in _by(cells[~is_ours & is_faulty], "library", "subject", "family", "mark")
             ],
             "reasons": [
-                key | {"cells": len(cells), "first": cells["case"].iloc[0], "reason": cells["reason"].iloc[0]}
-                for key, cells in _by(self.cells[self.cells["mark"].isin(refused)], *ENDS)
+                key | {"cells": len(part), "first": part["case"].iloc[0], "reason": part["reason"].iloc[0]}
+                for key, part in _by(cells[is_refused], "library", "subject", "family", "mark")
             ],
             "nearest": _records(near[["subject", "what", "error", "limit", "case"]]),
         }
@@ -108,10 +103,12 @@ class StabilityResult:
 
 
 def _records(cells: pd.DataFrame) -> list[dict[str, Any]]:
-    return cells.astype(object).where(cells.notna(), None).to_dict("records")  # type: ignore[return-value]
+    """Return one dict a cell: what was not measured is None, and an infinite error a word."""
+    plain = cells.astype(object).where(cells.notna(), None).replace([math.inf, -math.inf], ["inf", "-inf"])
+    return plain.to_dict("records")  # type: ignore[return-value]
 
 
 def _by(cells: pd.DataFrame, *names: str) -> list[tuple[dict[str, Any], pd.DataFrame]]:
     """Return the cells of each combination of some columns, in the order of their first."""
     groups = cells.groupby(list(names), sort=False)
-    return [(dict(zip(names, map(str, key), strict=True)), group) for key, group in groups]
+    return [(dict(zip(names, key, strict=True)), part) for key, part in groups]

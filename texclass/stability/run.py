@@ -28,13 +28,12 @@ STREAM_S = 900.0
 GIVE_UP = 3
 """Crashes and hangs of one subject after which the rest of its cells is left out."""
 OURS = {
-    "models": "models:SUBJECTS",
-    "filters": "signals:SUBJECTS",
-    "transforms": "signals:SUBJECTS",
-    "features": "features:subjects",
+    "models": "texclass.stability.subjects_models:SUBJECTS",
+    "filters": "texclass.stability.subjects_signals:SUBJECTS",
+    "transforms": "texclass.stability.subjects_signals:SUBJECTS",
+    "features": "texclass.stability.subjects_features:subjects",
 }
 """Where the subjects of each group stand."""
-LIBRARIES = ("numpy", "pandas", "numba", "mpmath")
 Progress = Callable[[int, int, str], None]
 
 
@@ -64,15 +63,12 @@ def run_stability(
     progress : callable, optional
         Called with (done, total, what), from several threads.
     """
-    start = time.monotonic()
-    tasks = [
-        (f"texclass.stability.subjects_{place}", group)
-        for group, place in OURS.items()
-        if only in (None, group)
-    ]
+    start, foreign = time.monotonic(), peers or {}
+    tasks = [(place, group) for group, place in OURS.items() if only in (None, group)]
+    given_up: list[str] = []
     if only in (None, "peers"):
-        tasks += [(place, "peers") for place in (peers or {}).values()]
-    given_up = list(left_out) if only in (None, "peers") else []
+        tasks += [(place, "peers") for place in foreign.values()]
+        given_up += left_out
 
     def cells_of(task: tuple[str, str]) -> list[dict[str, Any]]:
         return supervise(*task, quick=quick, progress=progress, left_out=given_up)
@@ -82,7 +78,7 @@ def run_stability(
     return StabilityResult(
         pd.DataFrame(cells),
         quick,
-        versions(*LIBRARIES, *(peers or {})),
+        versions("numpy", "pandas", "numba", "mpmath", *foreign),
         battery_hash(),
         time.monotonic() - start,
         left_out=tuple(given_up),

@@ -1,18 +1,20 @@
 """Subjects: every registered feature, whoever wrote it, from a recording to its values."""
 
-from collections.abc import Callable, Iterable
-from functools import lru_cache, partial
+import math
+from collections.abc import Callable
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from texclass.features.contract import Feature, UndefinedFeatureError, registered
 from texclass.features.phase_view import PhaseView, TapSignal, TapView, Views
 from texclass.features.sets import FeatureSet, Member
 from texclass.recording import Phases, Recording, Samples, Tap
-from texclass.stability import exact, rules
+from texclass.stability import rules
 from texclass.stability.inputs import LONG, Case, battery, noise, plain, samples_of
-from texclass.stability.judging import Attempt, Check, Documented, Finding, Subject
+from texclass.stability.judging import Attempt, Check, Subject, Trial
 
 GAIN_ERROR = 1e-5
 """Relative error of the gain law; features work in single precision inside."""
@@ -21,6 +23,7 @@ STEADY = ("plain", "poles", "oversampled", "gain", "rate")
 
 Symmetric signals may tip over, and for what stands on an offset that is no small change.
 """
+SHAKEN = "change when samples change by 1e-13"
 cases = partial(battery, n=LONG)
 """What a feature is given."""
 Extract = Callable[[Any, Case], tuple[dict[str, Any], dict[str, str]]]
@@ -28,19 +31,17 @@ Extract = Callable[[Any, Case], tuple[dict[str, Any], dict[str, str]]]
 
 def subjects() -> list[Subject]:
     """Return one subject for each feature, and all features together as a library is judged."""
-    each = [
-        Subject(name, "features", "texclass", cases, partial(_feature, Member(name, feature)))
-        for name, feature in registered().items()
-    ]
-    whole = FeatureSet("all", tuple(Member(name, feature) for name, feature in registered().items()))
+    members = tuple(Member(name, feature) for name, feature in registered().items())
+    whole = FeatureSet("all", members)
 
     def extract(x: Any, case: Case) -> tuple[dict[str, Any], dict[str, str]]:
         values, reasons = whole.compute(views_of(x, case.fs))
         why = dict(reasons)
-        told = {c: why[m.name] for m in whole.members if m.name in why for c in m.columns}
+        told = {c: why[m.name] for m in members if m.name in why for c in m.columns}
         return dict(zip(whole.column_names, values.tolist(), strict=True)), told
 
-    return [*each, extraction("all features", "texclass", extract, "features")]
+    each = [Subject(m.name, "features", cases, partial(_feature, m)) for m in members]
+    return [*each, Subject("all features", "features", cases, extraction(extract))]
 
 
 def views_of(x: Any, fs: float) -> Views:
@@ -57,17 +58,19 @@ def views_of(x: Any, fs: float) -> Views:
 
 def bare_view(feature: Feature, x: Samples, fs: float) -> PhaseView | TapView:
     """Return the samples as the phase a feature reads, without a recording that would refuse them."""
-    if feature.phase == "tap":
-        contact = x.size // 4
-        return TapView((TapSignal(x[:contact], x[contact:]),), fs)
-    return PhaseView(x, fs)
+    contact = x.size // 4
+    return TapView((TapSignal(x[:contact], x[contact:]),), fs) if feature.phase == "tap" else PhaseView(x, fs)
+
+
+def shaken(x: Samples) -> Samples:
+    """Return the samples changed by 1e-13 of each."""
+    return x * (1 + 1e-13 * noise(x.size, 6))
 
 
 def _feature(member: Member, x: Any, case: Case) -> Attempt:
     feature, signal = member.feature, samples_of(x)
     if case.family == "broken":
-        given = feature.function(bare_view(feature, signal, case.fs))
-        values = np.atleast_1d(np.asarray(given, dtype=np.float64))
+        values = np.atleast_1d(np.asarray(feature.function(bare_view(feature, signal, case.fs)), np.float64))
     else:
         values = member.values(views_of(x, case.fs))
     yield rules.finite("value", values)
@@ -77,29 +80,43 @@ def _feature(member: Member, x: Any, case: Case) -> Attempt:
         return
     # 1.1 rounds every sample anew; 1.1 times 1e6 is rounded by 1e-10, which is 1e-7 of the noise on it
     limit = 1e-3 if case.family == "offset" else GAIN_ERROR
-    louder = _value(member, 1.1 * signal, case.fs)
+    louder = _values(member, 1.1 * signal, case.fs)
     yield _law("the declared gain law, at gain 1.1", louder, feature.gain.apply(values, 1.1), limit)
     if case.family in STEADY:
-        shaken = _value(member, signal * (1 + 1e-13 * noise(signal.size, 6)), case.fs)
         size = np.maximum(np.abs(values), np.abs(_usual(member.name)))
-        error = float(np.max(np.abs(shaken - values) / size, initial=0.0))
-        yield Check("change when samples change by 1e-13", error, rules.SENSITIVITY)
+        change = np.abs(_values(member, shaken(signal), case.fs) - values) / size
+        yield Check(SHAKEN, float(np.max(change, initial=0.0)), rules.SENSITIVITY)
     if case.family in ("dtype", "layout"):
-        yield rules.close("as of the float64 copy", values, _value(member, signal, case.fs), 0.0)
+        yield rules.close("as of the float64 copy", values, _values(member, signal, case.fs), 0.0)
     if case.family == "gain":
-        law = feature.gain.apply(_value(member, plain(LONG), case.fs), case.gain)
-        yield _law("the declared gain law, from gain 1", values, law)
-    yield from _references(feature.name, signal, values)
+        law = feature.gain.apply(_values(member, plain(LONG), case.fs), case.gain)
+        yield _law("the declared gain law, from gain 1", values, law, GAIN_ERROR)
+    match feature.name:  # those that can be had in many digits
+        case "friction":
+            right = math.fsum(np.abs(signal)) / signal.size
+            yield rules.close("mean |x|, against exact sums", values[0], right, 1e-13)
+        case "mean_magnitude":
+            wide = signal.astype(np.longdouble)
+            right = float(np.abs(wide - wide.mean()).mean())
+            scale = 1e-4 * float(np.max(np.abs(signal)))
+            yield rules.close("mean |x - mean|", values[0], right, 1e-13, scale=scale)
+        case "variance":
+            square = float(signal.astype(np.longdouble).var())
+            if 1e-290 < square < 1e290:
+                rounding = (1e-13 * float(np.max(np.abs(signal)))) ** 2 / square  # of an offset
+                yield rules.close("variance, in 80-bit floats", values[0], square, 1e-13 + rounding)
+        case "lpc_coefficients":
+            yield from rules.stable_coefficients(np.concatenate([[1.0], -values]))
 
 
-def _value(member: Member, samples: Any, fs: float) -> Samples:
+def _values(member: Member, samples: Any, fs: float) -> Samples:
     try:
         return member.values(views_of(samples, fs))
     except UndefinedFeatureError:
         return np.full(len(member.columns), np.nan)
 
 
-def _law(what: str, given: Samples, expected: Any, limit: float = GAIN_ERROR) -> Check:
+def _law(what: str, given: Samples, expected: Any, limit: float) -> Check:
     """Check y(g x) = g^power y(x) + shift log10(g), apart from values near the end of float64's range.
 
     Outputs of one feature share a scale: 0 may come out as 1e-17.
@@ -112,79 +129,48 @@ def _law(what: str, given: Samples, expected: Any, limit: float = GAIN_ERROR) ->
     return Check(what, float(error), limit)
 
 
-@lru_cache(maxsize=256)
+@cache
 def _usual(name: str) -> Samples:
     """Return the values for plain noise, which say what size counts as small."""
-    return np.nan_to_num(_value(Member(name, registered()[name]), plain(LONG), 10_000.0))
+    return np.nan_to_num(_values(Member(name, registered()[name]), plain(LONG), 10_000.0))
 
 
-def _references(name: str, x: Samples, values: Samples) -> Iterable[Finding]:
-    """Check a feature whose value, or an invariant of it, can be had in many digits."""
-    match name:
-        case "friction":
-            yield rules.close("mean |x|, against exact sums", values[0], exact.mean(np.abs(x)), 1e-13)
-        case "mean_magnitude":
-            wide = x.astype(np.longdouble)
-            right = float(np.abs(wide - wide.mean()).mean())
-            scale = 1e-4 * float(np.max(np.abs(x)))
-            yield rules.close("mean |x - mean|", values[0], right, 1e-13, scale=scale)
-        case "variance":
-            square = exact.variance(x)
-            if 1e-290 < square < 1e290:
-                rounding = (1e-13 * float(np.max(np.abs(x)))) ** 2 / float(square)  # of an offset
-                limit = 1e-13 + rounding
-                yield rules.close("variance, against exact sums", values[0], float(square), limit)
-        case "lpc_coefficients":
-            yield from rules.stable_coefficients(np.concatenate([[1.0], -values]))
-
-
-# A feature library: one cell an input, all outputs together -------------------------------------------------
-
-
-def extraction(
-    name: str,
-    library: str,
-    extract: Extract,
-    group: str,
-    given: Callable[[bool], Iterable[Case]] = cases,
-) -> Subject:
-    """Return a subject for a feature library.
+def extraction(extract: Extract) -> Trial:
+    """Return an attempt at a library of features, all outputs together.
 
     Parameters
     ----------
-    name, library, group
-        As of a `Subject`.
     extract
         Takes samples and case, returns outputs by name, and reasons by output.
-    given
-        The inputs.
     """
-    memory: dict[Any, dict[str, float]] = {}
 
-    def of_noise(gain: float, case: Case) -> dict[str, float]:
-        if (gain, case.fs) not in memory:
-            memory[gain, case.fs] = rules.plain_numbers(extract(gain * plain(LONG), reference(case))[0])
-        return memory[gain, case.fs]
+    def numbers(x: Any, case: Case) -> rules.Values:
+        return as_numbers(extract(x, case)[0])
 
-    def reference(case: Case) -> Case:
-        return Case("plain", "plain", plain(LONG), fs=case.fs)
+    @cache
+    def of_noise(gain: float, fs: float) -> rules.Values:
+        return numbers(gain * plain(LONG), Case("plain", "plain", plain(LONG), fs=fs))
 
     def attempt(x: Any, case: Case) -> Attempt:
         result, reasons = extract(x, case)
         yield result
-        values, expected, signal = rules.plain_numbers(result), of_noise(1.0, case), samples_of(x)
-        yield from rules.features(values, reasons, expected, undefined_is="NaN without a reason")
+        values, expected, signal = as_numbers(result), of_noise(1.0, case.fs), samples_of(x)
+        yield from rules.features(values, reasons, expected)
         if case.family in STEADY:
-            shaken = rules.plain_numbers(extract(signal * (1 + 1e-13 * noise(signal.size, 6)), case)[0])
-            what = "change when samples change by 1e-13"
-            yield rules.same_values(what, shaken, values, rules.SENSITIVITY, scale=expected)
+            changed = numbers(shaken(signal), case)
+            yield rules.same_values(SHAKEN, changed, values, rules.SENSITIVITY, expected)
         if case.family in ("dtype", "layout"):
-            copy = rules.plain_numbers(extract(signal, case)[0])
+            copy = numbers(signal, case)
             yield rules.same_values("as of the float64 copy", values, copy, 1e-4)
         if case.family == "gain":
-            laws = rules.inferred_laws([of_noise(gain, case) for gain in rules.LAW_GAINS])
+            laws = rules.inferred_laws([of_noise(gain, case.fs) for gain in rules.LAW_GAINS])
             yield rules.under_gain(values, expected, laws, case.gain, 1e-4)
         if reasons and len(reasons) == len(values):
-            yield Documented(next(iter(reasons.values())))
+            yield next(iter(reasons.values()))
 
-    return Subject(name, group, library, given, attempt)
+    return attempt
+
+
+def as_numbers(outputs: dict[str, Any]) -> rules.Values:
+    """Return outputs as floats, NaN where one is no number."""
+    return pd.to_numeric(pd.Series(outputs), errors="coerce").astype(np.float64)

@@ -1,10 +1,12 @@
 """Subjects: filters, what comes in a stream of 10^8 samples, and the transforms that features share."""
 
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft
 from scipy.signal import get_window
 
@@ -18,12 +20,13 @@ from texclass.stability.judging import Attempt, Check, Subject, tried
 from texclass.vibration import Autoregression, LatticeInverse, LatticeSynthesis
 
 SUBJECTS: list[Subject] = []
+filters = partial(tried, SUBJECTS, "filters")
+transforms = partial(tried, SUBJECTS, "transforms")
 SHORT = 400
 """Samples that are filtered: as many as 60-digit arithmetic does in reasonable time."""
-BANDS: dict[str, Any] = {"lowpass": 100.0, "highpass": 20.0, "bandpass": (50.0, 200.0)}
+BANDS: dict[Any, Any] = {"lowpass": 100.0, "highpass": 20.0, "bandpass": (50.0, 200.0)}
 BLOCK = 1_000_000
-STREAM = {True: 2_000_000, False: 100_000_000}
-"""Samples of a stream, in a quick run and in a full one."""
+STREAM_MODEL = Autoregression(np.linspace(0.9, -0.5, 18), np.asarray(1.0))
 SINGLE = 5e-6
 """Error of what is computed in single precision, over its largest value."""
 
@@ -33,30 +36,31 @@ def largest(x: Any) -> float:
     return float(np.max(np.abs(x)))
 
 
-# Designs ----------------------------------------------------------------------------------------------------
+# Filters ----------------------------------------------------------------------------------------------------
 
 
 def _designs(quick: bool) -> list[Case]:
     """Return cut-offs from 1e-5 to 0.4999 of fs, orders 1 to 16, and parameters that must be refused."""
     shares = (1e-5, 1e-4, 1e-3, 0.01, 0.1, 0.4, 0.4999)
-    designs: list[tuple[str, str, float, float, int]] = [
-        (f"{kind} at {s:g} fs, fs = {fs:g} Hz, order {order}", kind, s, fs, order)
-        for fs in (RATES_HZ[0], RATES_HZ[-1])
-        for kind in ("lowpass", "highpass")
-        for s in (shares[::3] if quick else shares)
-        for order in ((2, 8) if quick else (1, 2, 4, 8, 16))
-    ]
-    n = len(designs)
-    designs += [(f"cut-off {s:g} fs", "lowpass", s, 1e4, 4) for s in (0.0, -0.1, 0.5, 0.7, np.nan, np.inf)]
-    designs += [(f"order {order}", "lowpass", 0.1, 1e4, order) for order in (0, -1)]
-    designs += [(f"fs {fs:g}", "lowpass", 0.1, fs, 4) for fs in (np.nan, np.inf, 0.0, -1.0)]
+
+    def design(name: str, family: str, share: float, fs: float, order: int, kind: str = "lowpass") -> Case:
+        return Case(name, family, np.array([share, kind == "highpass"]), fs=fs, order=order)
+
     return [
-        Case(name, "rate" if i < n else "broken", np.array([share, kind == "highpass"]), fs=fs, order=order)
-        for i, (name, kind, share, fs, order) in enumerate(designs)
+        *(
+            design(f"{kind} at {s:g} fs, fs = {fs:g} Hz, order {order}", "rate", s, fs, order, kind)
+            for fs in (RATES_HZ[0], RATES_HZ[-1])
+            for kind in ("lowpass", "highpass")
+            for s in (shares[::3] if quick else shares)
+            for order in ((2, 8) if quick else (1, 2, 4, 8, 16))
+        ),
+        *(design(f"cut-off {s:g} fs", "broken", s, 1e4, 4) for s in (0.0, -0.1, 0.5, 0.7, np.nan, np.inf)),
+        *(design(f"order {order}", "broken", 0.1, 1e4, order) for order in (0, -1)),
+        *(design(f"fs {fs:g}", "broken", 0.1, fs, 4) for fs in (np.nan, np.inf, 0.0, -1.0)),
     ]
 
 
-@tried(SUBJECTS, "filters", "butterworth", _designs)
+@filters("butterworth", _designs)
 def _butterworth(x: Samples, case: Case) -> Attempt:
     """Check that it is stable, and has the closed form of the Butterworth response around the cut-off."""
     share, kind = float(x[0]), "highpass" if x[1] else "lowpass"
@@ -65,17 +69,13 @@ def _butterworth(x: Samples, case: Case) -> Attempt:
     yield rules.stable_sections(sos[:, 3:])
     f = np.array([0.5, 0.9, 1.0, 1.1, 2.0]) * share * case.fs
     f = f[f < case.fs / 2]
-    right = exact.butterworth_gain(kind, (share * case.fs,), case.fs, case.order, f)
+    right = exact.butterworth_gain(kind, share * case.fs, case.fs, case.order, f)
     # a pole 2 pi share from z = 1 is rounded by 1e-16: in second-order sections, squared
     limit = 1e-12 + 1e-15 * case.order / min(share, 0.5 - share) ** 2
-    given = exact.sections_gain(sos, f / case.fs)
-    yield rules.close("response, against 60 digits", given, right, limit)
+    yield rules.close("response, against 60 digits", exact.sections_gain(sos, f / case.fs), right, limit)
 
 
-# Filters ----------------------------------------------------------------------------------------------------
-
-
-def sections_of(kind: Any, fs: float) -> Samples:
+def _sections(kind: Any, fs: float) -> Samples:
     """Return the filter of a kind that is tried, its band moved down where fs is low."""
     return signals.butterworth(kind, np.multiply(BANDS[kind], min(1.0, fs / 1000)).tolist(), fs)
 
@@ -86,61 +86,37 @@ def _referenced(case: Case) -> bool:
     return case.family != "length" or n <= 40 or n % 20 == 0
 
 
-@tried(SUBJECTS, "filters", {f"zero phase, {kind}": {"kind": kind} for kind in BANDS}, battery)
+@filters({f"zero phase, {kind}": {"kind": kind} for kind in BANDS}, battery)
 def _zero_phase(x: Any, case: Case, *, kind: str) -> Attempt:
-    sos = sections_of(kind, case.fs)
+    sos = _sections(kind, case.fs)
     out = signals.zero_phase(sos, x[:SHORT])
     yield rules.finite("output", out)
     signal = samples_of(x[:SHORT])
     if _referenced(case):
-        padding = min(3 * (2 * len(sos) + 1), signal.size - 1)
-        right = exact.zero_phase(sos, signal, padding)
+        right = exact.zero_phase(sos, signal, min(3 * (2 * len(sos) + 1), signal.size - 1))
         yield rules.close("output, against 60 digits", out, right, rules.RESPONSE, scale=largest(signal))
 
 
-@tried(SUBJECTS, "filters", "causal", battery)
+@filters("causal", battery)
 def _causal(x: Any, case: Case) -> Attempt:
-    sos = sections_of("bandpass", case.fs)
+    sos = _sections("bandpass", case.fs)
     out, _ = signals.causal(sos, x[:SHORT])
     first, state = signals.causal(sos, x[:7])
     none, state = signals.causal(sos, x[:0], state)
     rest, _ = signals.causal(sos, x[7:SHORT], state)
     yield rules.finite("output", out)
-    signal = samples_of(x[:SHORT])
     yield rules.close("pieces = whole", np.concatenate([first, none, rest]), out, 0.0)
+    signal = samples_of(x[:SHORT])
     if signal.size and _referenced(case):
         right = exact.causal(sos, signal)
         yield rules.close("output, against 60 digits", out, right, rules.RESPONSE, scale=largest(signal))
 
 
-@tried(SUBJECTS, "filters", "highpass_fir", battery)
-def _highpass_fir(x: Any, case: Case) -> Attempt:
-    """Compare with the same filter in 80-bit floats, on the signal continued by hand."""
-    out = signals.highpass_fir(x[:SHORT], 0.01 * case.fs, case.fs)
-    yield rules.finite("output", out)
-    signal = samples_of(x[:SHORT])
-    half = int(np.ceil(3.3 * case.fs / (0.01 * case.fs) / 2))
-    mirrored = min(half, signal.size - 1)
-    before = 2 * signal[0] - signal[1 : mirrored + 1][::-1]
-    after = 2 * signal[-1] - signal[-mirrored - 1 : -1][::-1]
-    ends = [np.full(half - mirrored, (before if mirrored else signal)[0])]
-    tail = [np.full(half - mirrored, (after if mirrored else signal)[-1])]
-    wide = np.concatenate([*ends, before, signal, after, *tail]).astype(np.longdouble)
-    n = np.arange(-half, half + 1, dtype=np.longdouble)
-    smooth = np.sinc(0.02 * n) * (0.54 + 0.46 * np.cos(np.pi * n / half))
-    right = signal - np.convolve(wide, smooth / smooth.sum(), "valid")
-    yield rules.close("output, in 80-bit floats", out, right.astype(np.float64), 1e-9, scale=largest(signal))
-
-
-# Streams: nothing drifts, the last block is what a fresh start makes of it ----------------------------------
-
-STREAM_MODEL = Autoregression(np.linspace(0.9, -0.5, 18), np.asarray(1.0))
-TAIL = slice(BLOCK // 2, None)
-"""By then a filter that started differently has forgotten it."""
+# Streams ----------------------------------------------------------------------------------------------------
 
 
 def _causal_blocks() -> Callable[[Samples], Any]:
-    sos, state = sections_of("bandpass", 10_000.0), None
+    sos, state = _sections("bandpass", 10_000.0), None
 
     def process(x: Samples) -> Any:
         nonlocal state
@@ -156,33 +132,33 @@ def _inverse_blocks() -> Callable[[Samples], Any]:
 
 
 STREAMS: dict[str, Callable[[], Callable[[Samples], Any]]] = {
-    "stream: causal": _causal_blocks,
-    "stream: lattice synthesis, p = 18": lambda: LatticeSynthesis(STREAM_MODEL).process,
-    "stream: lattice inverse, p = 18": _inverse_blocks,
+    "causal": _causal_blocks,
+    "lattice synthesis, p = 18": lambda: LatticeSynthesis(STREAM_MODEL).process,
+    "lattice inverse, p = 18": _inverse_blocks,
 }
 
 
-@tried(
-    SUBJECTS,
-    "filters",
-    {name: {"start": start} for name, start in STREAMS.items()},
-    lambda quick: [
-        Case(f"{STREAM[quick]:.0e} samples in a stream", "stream", noise(BLOCK, 8), order=STREAM[quick])
-    ],
-)
+def _in_a_stream(quick: bool) -> list[Case]:
+    n = 2_000_000 if quick else 100_000_000
+    return [Case(f"{n:.0e} samples in a stream", "stream", noise(BLOCK, 8), order=n)]
+
+
+@filters({f"stream: {name}": {"start": start} for name, start in STREAMS.items()}, _in_a_stream)
 def _stream(x: Samples, case: Case, *, start: Callable[[], Callable[[Samples], Any]]) -> Attempt:
+    """Check that nothing drifts: the last block is what a fresh start makes of it, once that has settled."""
     process, last = start(), x
     for _ in range(case.order // BLOCK):
         last = np.asarray(process(x))
     fresh = x if start is _inverse_blocks else np.asarray(start()(x))
-    error = largest((last - fresh)[TAIL]) / largest(fresh[TAIL])
+    settled = slice(BLOCK // 2, None)
+    error = largest((last - fresh)[settled]) / largest(fresh[settled])
     yield Check("the last block, against a fresh start", error, 1e-9)
 
 
 # Conditioning -----------------------------------------------------------------------------------------------
 
 
-@tried(SUBJECTS, "transforms", "dft321", battery)
+@transforms("dft321", battery)
 def _dft321(x: Any, case: Case) -> Attempt:
     """Check that the energy of each bin is that of all axes together, in 80-bit floats."""
     axes = np.stack([x, x[::-1], np.roll(x, 3)], axis=1)
@@ -194,34 +170,30 @@ def _dft321(x: Any, case: Case) -> Attempt:
         yield Check("output for constants, over them", largest(out) / (scale or 1.0), 1e-15)
         return
     wide = (axes / scale).astype(np.longdouble)
-    wide -= wide.mean(axis=0)
-    energy = np.sum(np.abs(fft.rfft(wide, axis=0)) ** 2, axis=1)
-    energy[0] = 0
+    right = np.linalg.norm(np.abs(fft.rfft(wide - wide.mean(axis=0), axis=0)).astype(np.float64), axis=1)
+    right[0] = 0
     given = np.abs(fft.rfft((out / scale).astype(np.longdouble)))
-    right, given = np.sqrt(energy).astype(np.float64), given.astype(np.float64)
-    if out.size % 2 == 0 and energy.size > 1:  # at fs/2 a real signal has a sign for a phase
+    if out.size % 2 == 0:  # at fs/2 a real signal has a sign for a phase
         right, given = right[:-1], given[:-1]
-    yield rules.close("magnitude of each bin", given, right, 1e-12, scale=1e-3 * axes.shape[0] ** 0.5)
+    yield rules.close("magnitude of each bin", given, right, 1e-12, scale=1e-3 * out.size**0.5)
 
 
-def _windows(quick: bool) -> tuple[Case, ...]:
-    wide = battery(quick, longest=0, with_rates=False)
-    widths = (1, 2, 3, 100, 5000)
-    return (
-        *(case.at_order(n) for case in wide for n in widths),
-        *(case.at_order(100) for case in lengths(quick)),
-    )
+def _windows(quick: bool) -> list[Case]:
+    whole = battery(quick, longest=0, with_rates=False)
+    each = [case.at_order(n) for case in whole for n in (1, 2, 3, 100, 5000)]
+    return [*each, *(case.at_order(100) for case in lengths(quick))]
 
 
-@tried(SUBJECTS, "transforms", "moving_average", _windows)
+@transforms("moving_average", _windows)
 def _moving_average(x: Any, case: Case) -> Attempt:
     out = signals.moving_average(x, case.order)
     yield rules.finite("output", out)
-    right = exact.moving_average(samples_of(x), case.order)
-    yield rules.close("means, against exact sums", out, right, 4e-15, scale=largest(samples_of(x)))
+    signal = samples_of(x)
+    right = exact.moving_average(signal, case.order)
+    yield rules.close("means, against exact sums", out, right, 4e-15, scale=largest(signal))
 
 
-@tried(SUBJECTS, "transforms", "remove_hand_motion", battery)
+@transforms("remove_hand_motion", battery)
 def _remove_hand_motion(x: Any, case: Case) -> Attempt:
     out = signals.remove_hand_motion(x, case.fs)
     yield rules.finite("output", out)
@@ -230,92 +202,67 @@ def _remove_hand_motion(x: Any, case: Case) -> Attempt:
     yield rules.close("output, against exact sums", out, right, 4e-15, scale=largest(signal))
 
 
-def _long_too(quick: bool) -> tuple[Case, ...]:
-    long = () if quick else (Case("5e+06 samples", "stream", 1e3 + noise(5_000_000, 9)),)
-    return (*battery(quick), *long)
-
-
-@tried(SUBJECTS, "transforms", "rms", _long_too)
-def _rms(x: Any, case: Case) -> Attempt:
-    value = signals.rms(x)
-    yield rules.finite("rms", value)
-    yield rules.close("rms, against exact sums", value, exact.root(exact.mean_square(samples_of(x))), 1e-14)
-
-
-@tried(SUBJECTS, "transforms", "frame", battery)
-def _frame(x: Any, case: Case) -> Attempt:
-    framed = signals.frame(x, 64, 16)
-    yield Check("a view that can be written to", float(framed.flags.writeable), 0.0)
-    signal = samples_of(x)
-    right = np.stack([signal[i : i + 64] for i in range(0, signal.size - 63, 16)])
-    same = framed.shape == right.shape and np.array_equal(framed, right, equal_nan=True)
-    yield rules.holds("the samples themselves", same)
-
-
 # Shared by features: against 80-bit floats where that is feasible, and always free of gain ------------------
+
+
+def _spectrum(x: Any) -> Any:
+    return fft.rfft(x, conditioning.FINEST * fft.next_fast_len(-(-x.size // conditioning.FINEST)))
+
+
+def _autocorrelation(x: Any, fs: float) -> Any:
+    padded = fft.rfft(x, 2 * x.size)
+    return fft.irfft(padded.real**2 + padded.imag**2)[: x.size]
+
+
+def _spectral_changes(x: Any, fs: float) -> Any:
+    transformed = fft.dct(sliding_window_view(x, 256)[::64], axis=1, norm="ortho")
+    return np.mean(np.diff(np.abs(transformed), axis=0) ** 2, axis=1)
+
+
+def _power_frames(x: Any, fs: float) -> Any:
+    w = get_window("hann", 128).astype(np.longdouble)
+    power = np.abs(fft.rfft(sliding_window_view(x, 128)[::64] * w, axis=1)) ** 2 * 2 / (fs * (w @ w))
+    power[:, [0, -1]] /= 2
+    return power
+
+
+def _mean_spectrum(x: Any, fs: float) -> Any:
+    power = np.abs(_spectrum(x)) ** 2 * 2 / (fs * x.size)
+    step = fs / (2 * (power.size - 1))
+    width = max(1.0, step)
+    n_bins = int(min(spectra.BAND_HZ, fs / 2) / width)
+    edges = np.ceil(np.arange(n_bins + 1) * (width / step) - 1e-6).astype(int)
+    return np.array([power[i:j].mean() for i, j in pairwise(edges)])
 
 
 def _cutoff(view: PhaseView) -> float:
     return min(100.0, 0.1 * view.fs)
 
 
-SHARED: dict[str, Callable[[PhaseView], Any]] = {
-    "spectrum": conditioning.spectrum,
-    "low_spectrum": conditioning.low_spectrum,
-    "autocorrelation": spectra.autocorrelation,
-    "spectral_changes (DCT)": lambda v: spectra.spectral_changes(v, 256, 64),
-    "power_frames": lambda v: spectra.power_frames(v, 128 / v.fs, 64 / v.fs, "hann")[0],
-    "mean_spectrum": lambda v: spectra.mean_spectrum(v)[1],
-    "high_passed": lambda v: conditioning.high_passed(v, _cutoff(v)),
-    "low_passed": lambda v: conditioning.low_passed(v, _cutoff(v))[0],
-    "band_passed": lambda v: conditioning.band_passed(v, _cutoff(v), 2 * _cutoff(v), v.fs),
-    "details": lambda v: np.concatenate(conditioning.details(v, _cutoff(v), "coif3", 3)),
+SHARED: dict[str, tuple[Callable[[PhaseView], Any], Callable[[Any, float], Any] | None]] = {
+    "spectrum": (conditioning.spectrum, lambda x, fs: _spectrum(x)),
+    "low_spectrum": (conditioning.low_spectrum, lambda x, fs: np.array_split(_spectrum(x), 2)[0]),
+    "autocorrelation": (spectra.autocorrelation, _autocorrelation),
+    "spectral_changes (DCT)": (lambda v: spectra.spectral_changes(v, 256, 64), _spectral_changes),
+    "power_frames": (lambda v: spectra.power_frames(v, 128 / v.fs, 64 / v.fs, "hann")[0], _power_frames),
+    "mean_spectrum": (lambda v: spectra.mean_spectrum(v)[1], _mean_spectrum),
+    "high_passed": (lambda v: conditioning.high_passed(v, _cutoff(v)), None),
+    "low_passed": (lambda v: conditioning.low_passed(v, _cutoff(v))[0], None),
+    "band_passed": (lambda v: conditioning.band_passed(v, _cutoff(v), 2 * _cutoff(v), v.fs), None),
+    "details": (lambda v: np.concatenate(conditioning.details(v, _cutoff(v), "coif3", 3)), None),
 }
+"""What several features read: the transform, and what it is of 80-bit samples at a rate."""
 
 
-def _in_80_bits(name: str, x: Any, fs: float) -> Any:
-    """Return what a transform of 80-bit samples is; None where that is not feasible."""
-    spectrum = fft.rfft(x, conditioning.FINEST * fft.next_fast_len(-(-x.size // conditioning.FINEST)))
-    right: Any = None
-    match name:
-        case "spectrum":
-            right = spectrum
-        case "low_spectrum":
-            right = spectrum[: (spectrum.size + 1) // 2]
-        case "autocorrelation":
-            padded = fft.rfft(x, 2 * x.size)
-            right = fft.irfft(padded.real**2 + padded.imag**2)[: x.size]
-        case "spectral_changes (DCT)":
-            framed = np.stack([x[i : i + 256] for i in range(0, x.size - 255, 64)])
-            change = np.diff(np.abs(fft.dct(framed, axis=1, norm="ortho")), axis=0)
-            right = np.mean(change**2, axis=1)
-        case "power_frames":
-            w = get_window("hann", 128).astype(np.longdouble)
-            framed = np.stack([x[i : i + 128] for i in range(0, x.size - 127, 64)])
-            power = np.abs(fft.rfft(framed * w, axis=1)) ** 2 * 2 / (fs * (w @ w))
-            power[:, [0, -1]] /= 2
-            right = power
-        case "mean_spectrum":
-            step = fs / (2 * (spectrum.size - 1))
-            width = max(1.0, step)
-            n_bins = int(min(spectra.BAND_HZ, fs / 2) / width)
-            edges = np.ceil(np.arange(n_bins + 1) * (width / step) - 1e-6).astype(int)
-            power = np.abs(spectrum) ** 2
-            right = np.array([power[i:j].mean() for i, j in pairwise(edges)]) * 2 / (fs * x.size)
-    return right
-
-
-@tried(SUBJECTS, "transforms", {f"shared, {name}": {"name": name} for name in SHARED}, battery)
+@transforms({f"shared, {name}": {"name": name} for name in SHARED}, battery)
 def _shared(x: Any, case: Case, *, name: str) -> Attempt:
-    transform = SHARED[name]
-    out = np.asarray(transform(PhaseView(np.asarray(x, dtype=np.float64), case.fs)))
-    yield rules.finite("output", np.abs(out))
+    transform, reference = SHARED[name]
+    out = np.abs(np.asarray(transform(PhaseView(np.asarray(x, dtype=np.float64), case.fs))))
+    yield rules.finite("output", out)
     signal = samples_of(x)
-    right = _in_80_bits(name, (signal / largest(signal)).astype(np.longdouble), case.fs)
-    if right is not None:
-        wide = np.abs(right).astype(np.float64)
-        yield rules.close("in 80-bit floats", np.abs(out), wide, SINGLE, scale=1e-6)
-    unit = np.ldexp(signal, -int(np.frexp(largest(signal))[1]))
-    other = np.asarray(transform(PhaseView(unit * 1.1, case.fs)))
+    if reference:
+        right = np.abs(reference((signal / largest(signal)).astype(np.longdouble), case.fs))
+        yield rules.close("in 80-bit floats", out, right, SINGLE, scale=1e-6)
+    other = np.abs(np.asarray(transform(PhaseView(exact.unit(signal) * 1.1, case.fs))))
     scale = 1e-3 if name == "band_passed" else 1e-2  # of the movement, whose largest magnitude is 1
-    yield rules.close("free of gain", np.abs(other), np.abs(out), 1e-5, scale=scale)
+    yield rules.close("free of gain", other, out, 1e-5, scale=scale)

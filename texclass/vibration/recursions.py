@@ -99,7 +99,7 @@ def burg(x: Samples, order: int, padding: int) -> tuple[Samples, Samples, Indice
     autocorrelation method.
 
     Returns reflection coefficients (rows, order), residual deviations (rows, order + 1), and the number of
-    orders fitted (rows,): |k| that reaches 1 is cut to `LARGEST`, and a residual that is `EXHAUSTED` or has no
+    orders fitted (rows,): |k| that reaches 1 is cut to `LARGEST`; a residual that is `EXHAUSTED` or has no
     sample left ends the recursion. Beyond it k = 0 and the deviation stays.
     """
     rows, n = x.shape[0], x.shape[1] + 2 * padding
