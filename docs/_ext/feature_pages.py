@@ -131,18 +131,16 @@ def page(feature, alone_ms, sets):
     answers = [
         (a["input"], "value" if a["answer"] == "value" else "NaN", a["detail"]) for a in behaviour(feature)
     ]
-    many = (
-        ""
-        if len(columns) == 1
-        else " Each line is a column, less its median over all of them; the first is dark, the last bright."
-    )
+    drawn = "Dots are recordings, lines medians"
+    if len(columns) > 1:
+        drawn = "A line is a column, the first dark, the last bright: its median, less that of all recordings"
     return "\n".join(
         [
             *titled(feature.name, "="),
             *listed(facts.items(), widths="20 80", stub=True),
             *titled("What moves it", "-"),
             "Simulated recordings of one surface by one person, in which one property alone is changed.",
-            f"Dots are recordings, lines medians; all panels share the vertical axis.{many}",
+            f"{drawn}. All panels share the vertical axis.",
             "",
             f".. image:: {feature.name}.png",
             f"   :alt: {feature.name} against six properties of surface and hand",

@@ -19,7 +19,7 @@ import texclass as tx
 dataset = tx.open_dataset("simulated6")
 model = tx.train(dataset, row="Movement", classifier="lda")
 file = Path(tempfile.mkdtemp()) / "surfaces.onnx"
-tx.recognition.export_onnx(model, file)
+exported = tx.recognition.export_onnx(model, file)
 
 # %%
 # Its metadata name what it is to be fed with.
