@@ -71,13 +71,13 @@ def sample(
     from texclass.loaders import write_sample
 
     written = write_sample(folder, first)
-    typer.echo(f"wrote {len(written)} recordings, in m/s^2 at 10000 Hz; to look at one:")
+    typer.echo(f"wrote {len(written)} recordings, in m/s^2 at 10000 Hz. Look at one:")
     typer.echo(f"texclass inspect {written[0]} --fs 10000 --unit m/s^2")
 
 
 @cards.callback()
 def datasets(context: typer.Context) -> None:
-    """List the dataset cards, and which have their data here; `get` fetches."""
+    """List the dataset cards; `get` fetches published recordings."""
     if context.invoked_subcommand is None:
         from texclass.reporting import datasets_document
 
