@@ -12,7 +12,8 @@ from study import command_line, in_turns, table, write
 
 from texclass.document import Heading
 from texclass.provenance import versions
-from texclass.vibration.line_spectrum import conditioning, from_reflection, log_spectrum, to_reflection
+from texclass.vibration.autoregressive import Autoregression
+from texclass.vibration.line_spectrum import conditioning, from_reflection, to_reflection
 
 N_SAMPLES, N_FREQUENCIES = 8192, 4096
 ORDERS = (16, 32, 64, 128, 400, 1000)
@@ -67,9 +68,10 @@ def accuracy(orders: list[int]) -> pd.DataFrame:
             k = whole[:p]  # Burg's first p are the model of order p
             lsf = from_reflection(k)
             back = to_reflection(lsf)
-            error = log_spectrum(back, omega) - log_spectrum(k, omega)
+            model, again = Autoregression(k, 1.0), Autoregression(back, 1.0)
+            error = again.log_spectrum_db(omega) - model.log_spectrum_db(omega)
             between = (lsf[1:] + lsf[:-1]) / 2  # where the resonances are
-            at_peaks = log_spectrum(back, between) - log_spectrum(k, between)
+            at_peaks = again.log_spectrum_db(between) - model.log_spectrum_db(between)
             rows.append(
                 {
                     "signal": name,

@@ -593,7 +593,7 @@ def vibration_models() -> Any:
                     here[f"lsf {order}"] = {
                         "lsf": thin(lsf),
                         "back": thin(attempt(ls.to_reflection, lsf)),
-                        "spectrum": thin(ls.log_spectrum(model.reflection, omega), 20),
+                        "spectrum": thin(v.Autoregression(model.reflection, 1.0).log_spectrum_db(omega), 20),
                     }
         here["yule_walker"] = told(v.fit(x, 12, variance="yule_walker"))
         found[name] = here

@@ -77,11 +77,9 @@ REFUSED = {
     ],
     "line spectrum": [
         *(lambda k=k: ls.from_reflection(k) for k in BAD_K),
-        *(lambda k=k: ls.log_spectrum(k, [0.1]) for k in BAD_K),
         *(lambda x=x: ls.to_reflection(x) for x in BAD_LSF),
         *(lambda x=x: ls.conditioning(x) for x in BAD_LSF),
         *(lambda x=x, g=g: ls.spread(x, g) for x, g in (([1, NAN], 0), ([], 0), ([1.0], 2), ([1.0], -0.1))),
-        lambda: ls.log_spectrum([0.5], [[0.1]]),
     ],
     "interpolation": [
         *(lambda w=w: interpolate(A, B, w) for w in (-0.01, 1.01, NAN, [0.5, 2.0])),

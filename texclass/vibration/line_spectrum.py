@@ -35,7 +35,6 @@ from numpy.typing import ArrayLike
 from scipy import optimize
 
 from texclass.recording import Samples
-from texclass.signals import angular_frequencies
 from texclass.vibration import recursions
 
 MIN_GAP = 1e-12
@@ -228,42 +227,6 @@ def spread(lsf: ArrayLike, min_gap: float = MIN_GAP) -> Samples:
         row[:] = np.clip(rising, 0.0, np.pi - (p + 1) * min_gap) + steps
     _separate(frames)
     return frames.reshape(np.shape(lsf))
-
-
-def log_spectrum(k: ArrayLike, omega: ArrayLike) -> Samples:
-    """Return the power spectrum 1 / |A|^2 of the models at unit gain, in dB.
-
-    Parameters
-    ----------
-    k : array_like of shape (..., p)
-        Reflection coefficients, |k| < 1.
-    omega : array_like of shape (n_frequencies,)
-        In rad per sample.
-
-    Returns
-    -------
-    ndarray of shape (..., n_frequencies)
-        -20 log10 |A(e^{i omega})|.
-
-    Raises
-    ------
-    ValueError
-        As `from_reflection`, or if `omega` is not one-dimensional and finite.
-
-    Notes
-    -----
-    The lattice on the unit circle, one real rotation and scaling a stage: nothing cancels at any order.
-
-    Examples
-    --------
-    >>> log_spectrum([-0.5], [0.0]).round(4)
-    array([6.0206])
-    """
-    frames = _checked(k, "k", -1.0, 1.0)
-    at = angular_frequencies(omega)
-    ln_a = [recursions.log_magnitudes(row, at)[-1] for row in frames]
-    spectrum = -20.0 / np.log(10.0) * np.array(ln_a)
-    return np.asarray(spectrum.reshape(*np.shape(k)[:-1], at.size))
 
 
 def _checked(values: ArrayLike, name: str, low: float, high: float) -> Samples:
