@@ -27,6 +27,8 @@ def test_order_of_a_known_process_is_found(method, criterion):
 def test_spectral_error_refuses_one_bad_sample():
     with pytest.raises(ValueError, match="finite samples"):
         spectral_error(np.array([1.0, np.nan, 2.0]), fit([1.0, 2.0, 3.0, 1.0], 1))
+    with pytest.raises(ValueError, match="equal leading shapes"):
+        spectral_error(np.ones((2, 8)), fit([1.0, 2.0, 3.0, 1.0], 1))
 
 
 def test_spectral_error_is_the_printed_ratio_of_magnitudes():
