@@ -111,16 +111,11 @@ def plot_recording(
     fs, unit : optional
         As `load_recording` takes them.
     """
-    from texclass.features import load_feature_set
     from texclass.loaders import find_recording
-    from texclass.phases import segment
-    from texclass.reporting.inspection import draw_inspection
+    from texclass.reporting import inspected
 
     one = find_recording(recording, fs=fs, unit=unit) if isinstance(recording, str | Path) else recording
-    phases = segment(one)
-    shown = load_feature_set("strese2015")
-    values = extract(one.with_(phases=phases), shown).iloc[0]
-    return draw_inspection(one, phases, dict(zip(values.index, values, strict=True)), shown.units)
+    return inspected(one, "strese2015")[0]
 
 
 def opened(dataset: Any, fs: float | None, unit: str | None) -> Any:

@@ -36,20 +36,13 @@ def inspect(
 
     found = find_recording(recording, **reading)
     from texclass.document.wording import counted
-    from texclass.features import FeatureExtractor, load_feature_set
-    from texclass.phases import segment
-    from texclass.reporting import draw_inspection
+    from texclass.reporting import inspected
     from texclass.whole_files import write_whole
 
-    phases = segment(found)
-    declared = [found.with_(phases=phases)]
-    extraction = FeatureExtractor(features).fit(declared).extract(declared)
-    values = dict(zip(extraction.columns, extraction.values[0], strict=True))
+    figure, phases = inspected(found, features)
     path = output or Path(f"{Path(found.recording_id).name}.inspect.png")
     picture = io.BytesIO()
-    draw_inspection(found, phases, values, load_feature_set(features).units).savefig(
-        picture, dpi=130, format=path.suffix[1:] or "png"
-    )
+    figure.savefig(picture, dpi=130, format=path.suffix[1:] or "png")
     write_whole(path, picture.getvalue())
     moved = "none"
     if phases.movement is not None:

@@ -1,4 +1,5 @@
 from .inspection import draw_inspection as draw_inspection
+from .inspection import inspected as inspected
 from .listings import datasets_document as datasets_document
 from .listings import features_document as features_document
 from .result_files import read_document as read_document

@@ -1,6 +1,7 @@
 """A picture of one recording that is understood at a glance."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy import signal
 from texclass.document.figure_style import shorten_middle
 from texclass.document.wording import counted
 from texclass.experiment.example import main_direction, outline
+from texclass.phases import segment
 from texclass.recording import Phases, Recording, Samples
 
 if TYPE_CHECKING:
@@ -30,6 +32,25 @@ LEGEND: Any = {
     "handlelength": 1.2, "columnspacing": 1.2,
 }  # fmt: skip
 """Above the axes, clear of the data."""
+
+
+def inspected(recording: Recording, features: str | Path) -> tuple["Figure", Phases]:
+    """Find the phases of a recording, compute a feature set, and draw all of it: see `draw_inspection`.
+
+    Parameters
+    ----------
+    recording : Recording
+        Any.
+    features : str or Path
+        A shipped set, or a TOML.
+    """
+    from texclass.features import FeatureExtractor, load_feature_set
+
+    phases, shown = segment(recording), load_feature_set(features)
+    declared = [recording.with_(phases=phases)]
+    found = FeatureExtractor(shown).fit(declared).extract(declared)
+    values = dict(zip(found.columns, found.values[0], strict=True))
+    return draw_inspection(recording, phases, values, shown.units), phases
 
 
 def draw_inspection(
