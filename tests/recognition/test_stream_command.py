@@ -213,6 +213,7 @@ def test_the_picture_shows_phase_level_surfaces_and_latency(linear_model, sample
             shown.show(session.take(block))
         text = Console(width=100, file=io.StringIO())
         text.print(shown.picture())
+    assert shown.contacts is None  # kept where a result is asked for: a stream may not end
     drawn = text.file.getvalue()
     for part in ("toy", "moving", "dB over rest", "oak", "%", "ms each", "gaps: 3 samples"):
         assert part in drawn

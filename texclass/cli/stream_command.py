@@ -143,6 +143,8 @@ def stream(
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with view_of(session, source, as_lines, heartbeat) as shown:
+            if json_file is not None:
+                shown.contacts = {}
             try:
                 shown.listening()
                 for block in blocks:
@@ -153,9 +155,9 @@ def stream(
                 blocks.close()
             tell(shown, session.finish(), publisher)
         answered = shown.end()
-        options.write_json(
-            json_file, json.dumps({"source": source, "contacts": [*shown.contacts.values()]}, indent=1)
-        )
+        if shown.contacts is not None:
+            found = {"source": source, "contacts": [*shown.contacts.values()]}
+            options.write_json(json_file, json.dumps(found, indent=1))
     except BrokenPipeError:  # nobody reads any more
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     else:

@@ -43,8 +43,8 @@ class Lines:
         self.heard: WindowAnswer | None = None
         self.final: tuple[ContactVerdict, float, float] | None = None
         """The last verdict, and from when to when it was felt (s)."""
-        self.contacts: dict[int, dict[str, Any]] = {}
-        """What was said last of each contact, by its onset."""
+        self.contacts: dict[int, dict[str, Any]] | None = None
+        """What was said last of each contact, by its onset; None where nobody asks: a stream may not end."""
         self.n_answers = 0
         self._said: tuple[object, ...] = ()
 
@@ -77,7 +77,8 @@ class Lines:
             if isinstance(update, WindowAnswer):
                 self.n_answers += 1
                 self.heard = update
-                self.contacts[update.onset] = self.facts(update)
+                if self.contacts is not None:
+                    self.contacts[update.onset] = self.facts(update)
                 self.final = (update.verdict, self.seconds(update.onset), self.seconds(update.stop))
                 self.answered(update)
             elif isinstance(update, Event):

@@ -202,14 +202,14 @@ def _lines(file: BinaryIO, delimiter: str | None) -> Iterator[tuple[int, list[fl
 
     Between other marks than commas, a comma is a decimal point.
     """
-    number = 0
+    number, given = 0, (delimiter or "").encode()
     while line := file.readline(LONGEST_LINE):
         number += 1
         if line.strip():
-            mark = (delimiter or ";" * (b";" in line)).encode()
-            words = line.split(mark) if mark not in (b"", b",") else line.replace(b",", b" ").split()
+            mark = given or (b";" if b";" in line else b",")
+            words = line.replace(b",", b" ").split() if mark == b"," else line.replace(b",", b".").split(mark)
             try:
-                row = [float(word.replace(b",", b".")) for word in words]
+                row = [float(word) for word in words]
             except ValueError:
                 row = []
             yield number, row, line[:40].decode("utf-8", "replace").strip()
