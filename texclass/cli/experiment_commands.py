@@ -237,7 +237,7 @@ def stability(
 ) -> None:
     """Try hard inputs on every model, filter and feature.
 
-    Public libraries that are installed here answer the same inputs.     Exit code 1 if any of ours is wrong.
+    Public libraries that are installed here answer the same inputs. Exit code 1 if any of ours is wrong.
     """
     from texclass.document import write_document
     from texclass.peers import extreme_inputs
