@@ -1,13 +1,27 @@
-"""Accuracy: intervals that cover, balance over materials, votes."""
+"""Accuracies and paired comparisons: intervals that cover, errors as often as promised, balance, votes."""
 
 from itertools import product
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
+from scipy.stats import binomtest, ttest_1samp
 from sklearn.metrics import balanced_accuracy_score
 
-from texclass.experiment.accuracy import cluster_interval, majority, score, wilson_interval
+from texclass.experiment.accuracy import (
+    cluster_interval,
+    clustered_t,
+    compare,
+    corrected_resampled_t,
+    exact_mcnemar,
+    holm,
+    least_difference,
+    majority,
+    score,
+    wilson_interval,
+)
+from texclass.experiment.protocols import find_protocol
+
+RNG = np.random.default_rng(3)
 
 
 def test_wilson_interval_agrees_with_scipy():
@@ -111,3 +125,139 @@ def test_recordings_tested_equally_often_have_neither_vote_nor_another_balance()
         "mean": 0.75, "low": found.interval[0], "high": found.interval[1], "interval": "Wilson",
         "clusters": "recording", "n_clusters": 4, "balanced": 0.75, "folds": [1.0, 0.0],
     }  # fmt: skip
+
+
+def test_without_overlap_the_corrected_test_is_the_t_test():
+    d = RNG.normal(0.02, 0.05, 20)
+    (low, high), p = corrected_resampled_t(d, 0.0)
+    reference = ttest_1samp(d, 0)
+    interval = reference.confidence_interval()
+    assert p == pytest.approx(reference.pvalue)
+    assert (low, high) == pytest.approx((interval.low, interval.high))
+
+
+def test_overlap_widens_the_interval_by_the_printed_factor():
+    d = RNG.normal(0.02, 0.05, 50)
+    plain, corrected = corrected_resampled_t(d, 0.0)[0], corrected_resampled_t(d, 1 / 9)[0]
+    assert np.ptp(corrected) / np.ptp(plain) == pytest.approx(np.sqrt((1 / 50 + 1 / 9) / (1 / 50)))
+
+
+def test_folds_that_all_agree_but_for_rounding_cannot_be_judged_and_one_fold_is_no_resampling():
+    for differences in ([0.0] * 4, [0.02] * 10, [0.1 + 0.2, 0.3, 0.3]):
+        assert corrected_resampled_t(differences, 1 / 9) == ((-1.0, 1.0), 1.0)
+    with pytest.raises(ValueError, match="1 differences; the rule is at least 2 folds"):
+        corrected_resampled_t([0.1], 0.5)
+
+
+def test_the_corrected_test_is_wrong_as_rarely_as_it_says_where_the_plain_one_is_not():
+    # Two classifiers of equal skill: nearest mean on either of two columns that say the same.
+    def difference_in_folds(rng, n=60, n_folds=5, n_repeats=4):
+        y = np.repeat([0, 1], n // 2)
+        X = y[:, None] * 1.0 + rng.normal(size=(n, 2))
+        found = []
+        for _ in range(n_repeats):
+            for test in np.array_split(rng.permutation(n), n_folds):
+                train = np.setdiff1d(np.arange(n), test)
+                middle = (X[train][y[train] == 0].mean(axis=0) + X[train][y[train] == 1].mean(axis=0)) / 2
+                hits = (X[test] > middle) == (y[test] == 1)[:, None]
+                found.append(hits[:, 0].mean() - hits[:, 1].mean())
+        return found
+
+    rng = np.random.default_rng(0)
+    trials = [difference_in_folds(rng) for _ in range(300)]
+    plain = np.mean([corrected_resampled_t(d, 0.0)[1] < 0.05 for d in trials])
+    corrected = np.mean([corrected_resampled_t(d, 1 / 4)[1] < 0.05 for d in trials])
+    assert plain > 0.15
+    assert corrected < 0.08
+
+
+def test_mcnemar_is_a_fair_coin_over_discordant_recordings():
+    assert exact_mcnemar(0, 0) == 1.0
+    for gained, lost in ((3, 0), (7, 2), (12, 30)):
+        assert exact_mcnemar(gained, lost) == pytest.approx(binomtest(gained, gained + lost).pvalue)
+
+
+def trials_of_pairs(n_operators, correlation, gain=0.0, n_trials=1000):
+    """Interval and p-value of trials in which two pipelines, both near 75 %, differ by `gain`."""
+    rng = np.random.default_rng([n_operators, int(100 * correlation)])
+    n_tests, a = rng.integers(5, 40, n_operators), 1 / max(correlation, 1e-3) - 1
+    hits = [
+        rng.binomial(n_tests, rng.beta(p * a, (1 - p) * a, (n_trials, n_operators)))
+        for p in (0.75 + gain / 2, 0.75 - gain / 2)
+    ]
+    return [clustered_t(d, n_tests) for d in hits[0] - hits[1]]
+
+
+@pytest.mark.parametrize("n_operators", [5, 10, 40])
+def test_the_test_over_operators_is_wrong_in_seven_of_hundred_at_most_and_its_intervals_cover(n_operators):
+    for correlation in (0.0, 0.2):
+        found = trials_of_pairs(n_operators, correlation)
+        assert np.mean([p < 0.05 for _, p in found]) <= 0.07 + 0.008  # 1,000 trials tell it to 0.007
+        assert np.mean([low <= 0 <= high for (low, high), _ in found]) >= 0.93 - 0.008
+
+
+def test_the_least_difference_told_is_found_in_eight_of_ten_trials():
+    told = np.median([least_difference(interval, 19) for interval, _ in trials_of_pairs(20, 0.08)])
+    found = np.mean([p < 0.05 for _, p in trials_of_pairs(20, 0.08, told)])
+    assert 0.05 < told < 0.15
+    assert found == pytest.approx(0.8, abs=0.06)
+
+
+def test_clusters_of_one_are_a_t_test_and_those_that_agree_are_as_many_signs():
+    d = np.concatenate([np.ones(60), -np.ones(30), np.zeros(310)])
+    (low, high), p = clustered_t(d, np.ones(400, dtype=int))
+    reference = ttest_1samp(d, 0)
+    assert (low, high) == pytest.approx(tuple(reference.confidence_interval()))
+    assert p == pytest.approx(reference.pvalue)
+    five = np.full(5, 10)
+    assert clustered_t(2 * np.ones(5), five) == (
+        pytest.approx((0.2 - 0.4345, 0.2 + 0.4345), abs=1e-4),
+        0.0625,
+    )
+    nothing = clustered_t(np.zeros(30), np.full(30, 4))
+    assert nothing == ((-wilson_interval(0, 30)[1], wilson_interval(0, 30)[1]), 1.0)
+
+
+def test_holm_by_hand():
+    np.testing.assert_allclose(holm([0.01, 0.04, 0.03, 0.005]), [0.03, 0.06, 0.06, 0.02])
+    assert holm([0.6, 0.9]).tolist() == [1.0, 1.0]
+    assert holm([]).size == 0
+
+
+HITS = [[np.array([True, True, False]), np.array([True, True, True])]]
+OTHER = [[np.array([True, False, False]), np.array([False, True, True])]]
+SPLITS = [(np.arange(3, 6), np.arange(3)), (np.arange(3), np.arange(3, 6))]
+
+
+def compared(protocol, groups="abcdef", hits=HITS, other=OTHER):
+    return compare(hits, other, SPLITS, find_protocol(protocol), ("recording", np.array(list(groups))))
+
+
+def test_folds_that_are_drawn_are_resampled_and_kept():
+    hits = [[np.array([True, True, False]), np.array([False, True, True])]]
+    found = compared("recording", hits=hits)
+    assert found["folds"] == [pytest.approx([1 / 3, 0])]
+    assert found["difference"] == pytest.approx(1 / 6)
+    assert (found["n_gained"], found["n_lost"], found["n_clusters"]) == (1, 0, 6)
+    assert found["test"] == "corrected resampled t-test over folds and repeats"
+    for some in ((HITS, OTHER), ([HITS[0][:1]], [OTHER[0][:1]])):  # folds that agree; one that was finished
+        assert compared("recording", "abcdef", *some)["test"].startswith("exact McNemar")
+
+
+def test_one_set_of_splits_says_which_test_was_used_over_how_many_clusters():
+    for groups, test, n in (
+        ("abcdef", "exact McNemar test, t interval over recordings", 6),
+        ("aabbcd", "t-test over recordings", 4),
+    ):
+        found = compared("blocks", groups)
+        assert (found["test"], found["n_clusters"], found["clusters"]) == (test, n, "recording")
+        assert found["difference"] == pytest.approx(1 / 3)
+        assert found["low"] <= found["difference"] <= found["high"]
+        assert found["least"] > 0
+        assert (found["n_gained"], found["n_lost"]) == (2, 0)
+
+
+def test_repeats_that_all_agree_are_judged_by_the_tests_of_the_first():
+    found = compared("recording", hits=HITS * 3, other=OTHER * 3)
+    assert found["p_value"] == exact_mcnemar(2, 0)
+    assert found["difference"] == pytest.approx(1 / 3)

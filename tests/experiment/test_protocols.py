@@ -100,7 +100,11 @@ def test_an_impossible_split_names_value_and_rule():
     for name, table, message in (
         ("recording", few, "material m0 has 1 recording; 10 folds need at least 10 of each"),
         ("recording", a_table(1, 10), "1 material; classification needs at least 2"),
-        ("recording", a_table(2, 7), "7 recordings; 10 folds need at least 10 of each; 2 to 7 folds are"),
+        (
+            "recording",
+            a_table(2, 7),
+            "7 recordings; 10 folds need at least 10 of each; 2 to 7 folds are possible: `--folds 7`",
+        ),
         ("run", a_table(2, 7), "m0 has 7 runs; 10 folds .* at least 10 of each; 2 to 7 folds are"),
         ("run", three_runs, "has 3 runs; 10 folds grouped by run need at least 10 of each; 2 to 3 folds"),
         ("few-shot", a_table(3, 5), "m0 has 5 recordings; the protocol `few-shot` needs 6 of each"),

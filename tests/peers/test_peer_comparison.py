@@ -5,12 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from texclass.experiment.result import BenchmarkResult
-from texclass.experiment.result_words import CHOICE
+from texclass.experiment.result import CHOICE, BenchmarkResult
 from texclass.features.phase_view import views_of
 from texclass.peers import PEERS, PeerComparison, PeerSettings, compare_with_peers, whole_materials
-from texclass.peers.comparison import _length_notes
-from texclass.peers.given_signals import every_channel, same_signals, signal_reader
+from texclass.peers.comparison import _length_notes, every_channel, same_signals, signal_reader
 from texclass.recording import Phases, Recording, Tap
 
 

@@ -24,8 +24,8 @@ from texclass.document.figure_style import (
     row_axes,
 )
 from texclass.document.wording import aligned, counted, digits, estimate, interval, percent, points, sentence
-from texclass.experiment.gains_document import gains_blocks
-from texclass.experiment.result_words import (
+from texclass.experiment.additions import gains_blocks
+from texclass.experiment.result import (
     again_facts,
     caution,
     chance_of,

@@ -394,7 +394,7 @@ def _require(counts: "pd.Series[int]", least: int = 1, unit: str = "recording", 
             rule = f"the protocol `{protocol}` needs {least} of each"
         else:
             rule = f"{least} folds{' grouped by run' * (unit == 'run')} need at least {least} of each"
-            rule += f"; 2 to {n} folds are possible" if n >= 2 else ""
+            rule += f"; 2 to {n} folds are possible: `--folds {n}`" if n >= 2 else ""
         raise ValueError(f"material {counts.idxmin()} has {n} {unit}{'' if n == 1 else 's'}; {rule}")
 
 

@@ -1,4 +1,4 @@
-"""What a study found: plain JSON values, tables of them, and the document they make."""
+"""What a study found: plain JSON values, the document they make, and how what it was found with is named."""
 
 import json
 import re
@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
-from texclass.experiment.result_words import best_of
+from texclass.document.wording import counted
+from texclass.experiment.accuracy import LEAST_CLUSTERS
+from texclass.recording import Recording, Samples
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,6 +22,30 @@ if TYPE_CHECKING:
 ACCURACY_KEYS = ("mean", "low", "high", "interval", "clusters", "n_clusters", "balanced")
 COMPUTED_BY = ("recording", "signals", "phases", "features", "vibration", "experiment")
 """Rooms and modules whose code the figures of a result depend on."""
+
+
+CLASSIFIERS = {
+    "naive_bayes": "Naive Bayes",
+    "lda": "LDA",
+    "shrinkage_lda": "Shrinkage LDA",
+    "euclidean": "Euclidean",
+    "nearest_neighbour": "Nearest neighbour",
+}
+PROTOCOLS = {
+    "recording": "folds over recordings",
+    "operator": "leave one operator out",
+    "run": "folds over whole runs",
+    "blocks": "first half of the repetitions to second half",
+    "few-shot": "three repetitions to second half",
+    "paper": "the paper's protocol",
+}
+COUNTS = ("operator", "session", "test")
+CHOICE = "row chosen inside the training parts"
+"""What the choice of a benchmark is called beside its rows."""
+FEW = 10
+"""Clusters below which an accuracy above 90 % (or below 10 %) is told with a caution."""
+N_BLOCKS = 300
+"""Parts in which the outline of a recording is kept."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -129,3 +156,137 @@ class BenchmarkResult(Result):
     def best(self) -> tuple[str, str] | None:
         """Row and classifier of the highest accuracy, the first of equals; None if no row was computed."""
         return best_of(self.data)
+
+
+def best_of(data: Mapping[str, Any]) -> tuple[str, str] | None:
+    """Return row and classifier of the highest accuracy, the first of equals; None if no row was computed."""
+    pairs = {
+        (row["name"], name): accuracy["mean"]
+        for row in data["rows"]
+        for name, accuracy in row["accuracy"].items()
+    }
+    return max(pairs, key=pairs.__getitem__, default=None)
+
+
+def classifier_title(name: str) -> str:
+    """Return a classifier in words."""
+    return CLASSIFIERS.get(name, name.replace("_", " ").capitalize())
+
+
+def protocol_title(name: str) -> str:
+    """Return a protocol in words."""
+    return PROTOCOLS.get(name, name)
+
+
+def size(facts: Mapping[str, Any]) -> str:
+    """Return how many recordings of how many materials a dataset has."""
+    windows = f"{counted(facts['n_windows'], 'window')} of " if "n_windows" in facts else ""
+    recordings, materials = (counted(facts[f"n_{what}s"], what) for what in ("recording", "material"))
+    return f"{windows}{recordings} of {materials}"
+
+
+def chance_of(data: Mapping[str, Any]) -> float:
+    """Return the accuracy of answering always with the commonest material; an older result does not say."""
+    facts = data["dataset"]
+    return float(facts.get("chance") or 1 / facts["n_materials"])
+
+
+def over(found: Mapping[str, Any]) -> str:
+    """Return what the interval of an accuracy or a difference is over: " over 10 operators"."""
+    return f" over {found['n_clusters']:,} {found['clusters']}s" if found.get("n_clusters") else ""
+
+
+def caution(found: Mapping[str, Any]) -> str:
+    """Return what the clusters of an accuracy cannot tell; nothing where they can."""
+    n, what = found.get("n_clusters") or FEW, f"{found.get('clusters')}s"
+    if found.get("interval", "").startswith("Wilson over"):
+        why = "agree altogether" if n >= LEAST_CLUSTERS else "are too few"
+        return f"{n} {what} {why}, so their spread tells nothing: each counts as one test in the interval."
+    if n < FEW and found.get("interval", "").startswith("t over") and not 0.1 < found["mean"] < 0.9:
+        return f"So near the end of the scale {n} {what} cannot tell well: the interval may be too narrow."
+    return ""
+
+
+def dataset_facts(data: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
+    """Return name and facts of the dataset that a result was measured on."""
+    facts = data["dataset"]
+    counts = [counted(facts[f"n_{what}s"], what) for what in COUNTS if facts.get(f"n_{what}s")]
+    told = {
+        "What it is": facts.get("title"),
+        "Size": ", ".join([size(facts), *counts]),
+        "Materials": ", ".join(facts.get("materials") or ()),
+        "Signals": f"{facts['fs_hz']:g} Hz, {facts['unit']}" if facts.get("fs_hz") else "",
+        "Chance": f"{100 * chance_of(data):.1f} %",
+        "Source": facts.get("source"),
+        "Licence": facts.get("licence"),
+        "Input hash": data["input_hash"],
+    }
+    return facts["name"], {what: fact for what, fact in told.items() if fact}
+
+
+def again_facts(data: Mapping[str, Any], pipeline: str) -> dict[str, str]:
+    """Return what is needed to compute a result again; its dataset's facts have the whole hash."""
+    hashed = data["input_hash"]
+    told = {
+        "Pipeline or features": pipeline,
+        "Movement": data.get("movement", ""),
+        "Protocol": data["protocol"],
+        "Seed": str(data["seed"]),
+        "Input hash": f"{hashed[:12]}\N{HORIZONTAL ELLIPSIS}" if len(hashed) > 12 else hashed,
+        "Code": data.get("code_hash", ""),
+    }
+    return {what: fact for what, fact in told.items() if fact}
+
+
+def example_of(recording: Recording) -> dict[str, Any]:
+    """Return what a picture of a recording and its phases needs, as plain JSON values.
+
+    Parameters
+    ----------
+    recording : Recording
+        With its phases.
+
+    Returns
+    -------
+    dict
+        `recording`, `material`, `unit`, `seconds`; `low` and `high`, the outline of the signal in equal
+        parts; `taps`, of each start, impact and end in s; `movement`, its start and end in s, or None.
+    """
+    phases, fs = recording.phases, recording.fs
+    assert phases is not None
+    low, high = outline(main_direction(recording), N_BLOCKS)
+    return {
+        "recording": recording.recording_id,
+        "material": recording.material,
+        "unit": recording.unit,
+        "seconds": recording.duration_s,
+        "low": [float(f"{x:.4g}") for x in low],
+        "high": [float(f"{x:.4g}") for x in high],
+        "taps": [[tap.start / fs, tap.impact / fs, tap.end / fs] for tap in phases.taps],
+        "movement": phases.movement and [sample / fs for sample in phases.movement],
+    }
+
+
+def outline(x: Samples, n: int) -> tuple[Samples, Samples]:
+    """Return least and greatest sample of about `n` equal blocks; each touches the next."""
+    size = max(1, x.size // n)
+    blocks = x[: x.size // size * size].reshape(-1, size)
+    low, high = blocks.min(axis=1), blocks.max(axis=1)
+    low[1:], high[1:] = np.minimum(low[1:], blocks[:-1, -1]), np.maximum(high[1:], blocks[:-1, -1])
+    return low, high
+
+
+def main_direction(recording: Recording) -> Samples:
+    """Project the axes, without their means, on the direction in which they change most.
+
+    For pictures: DFT321 mixes the phases of the axes and would blur the contact.
+    """
+    acceleration = recording.acceleration
+    axes = acceleration.reshape(len(acceleration), -1)
+    axes = axes - axes.mean(axis=0)
+    if axes.shape[1] == 1:
+        return np.asarray(axes[:, 0])
+    lag = max(1, round(2e-3 * recording.fs))  # slow against noise, fast against gravity
+    steps = axes[lag:] - axes[:-lag]
+    direction = np.linalg.eigh(steps.T @ steps)[1][:, -1]
+    return np.asarray(axes @ (direction * np.sign(direction[np.argmax(np.abs(direction))])))

@@ -2,31 +2,40 @@
 
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from texclass.document import Document
-from texclass.experiment.accuracy import score
+from texclass.experiment.accuracy import compare, score
 from texclass.experiment.feature_table import FeatureTable, cached_table
-from texclass.experiment.paired import compare
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Protocol, Split, find_protocol
-from texclass.experiment.result import COMPUTED_BY, BenchmarkResult, Result
-from texclass.experiment.result_words import CHOICE
+from texclass.experiment.result import CHOICE, COMPUTED_BY, BenchmarkResult, Result
 from texclass.experiment.workers import Progress
+from texclass.features.contract import UndefinedFeatureError
+from texclass.features.phase_view import Channels, Views, channels_apart, views_of
 from texclass.loaders.dataset import Dataset
-from texclass.peers.given_signals import DESCRIPTIONS, Given, signal_reader
-from texclass.peers.our_rows import measure_ours
 from texclass.peers.peer_worker.files import write_task
 from texclass.peers.peer_worker.peers import PEERS, Peer
-from texclass.peers.worker_process import Outcome, run_worker
+from texclass.peers.worker_process import Outcome, measure_ours, run_worker
+from texclass.phases import segment
 from texclass.provenance import made_by
+from texclass.recording import Phases, Recording, Samples
 
+Given = Literal["same", "each"]
+DESCRIPTIONS: dict[Given, str] = {
+    "same": "the very signals that our movement features read (axes of one accelerometer combined by DFT321, "
+    "other channels apart; mean removed, and the path of the hand where the feature set does so)",
+    "each": "every axis of accelerometer and gyroscope by itself, cut to the movement, mean removed",
+}
+"""What peers are given."""
 Entrant = Mapping[str, Any]
 """What a classifier is, what it `predicted` in each fold, and what it took: see `measure_ours`."""
 
@@ -44,7 +53,7 @@ class PeerSettings:
     time_limit_s
         Wall-clock seconds for each.
     signals
-        What they are given: "same" or "each", see `texclass.peers.given_signals.DESCRIPTIONS`.
+        What they are given: "same" or "each", see `DESCRIPTIONS`.
 
     Raises
     ------
@@ -336,3 +345,56 @@ def _length_notes(lengths: tuple[int, ...]) -> Iterator[str]:
             f"{median}): longer ones lose equal parts at both ends, shorter ones ({short:.0%}) are followed "
             "by zeros, which may tell the peer how long they were"
         )
+
+
+def signal_reader(
+    given: Given, first: Recording, channels: Channels, *, without_hand: bool = False
+) -> Callable[[Recording], Samples]:
+    """Return what turns a recording into the signals that peers are given.
+
+    Parameters
+    ----------
+    given : {"same", "each"}
+        See `DESCRIPTIONS`.
+    first : Recording
+        A recording of the dataset, which decides the channels.
+    channels : {"combine", "each", "auto"}
+        How the pipeline treats channels.
+    without_hand : bool
+        Whether its features read movements without the path of the hand.
+
+    Returns
+    -------
+    callable
+        Recording -> ndarray of shape (n_channels, n_samples).
+    """
+    same = partial(same_signals, apart=channels_apart(first, channels), without_hand=without_hand)
+    return every_channel if given == "each" else same
+
+
+def same_signals(recording: Recording, apart: tuple[str, ...], *, without_hand: bool = False) -> Samples:
+    """Return the movement that our features read, one row a channel.
+
+    Where there is no movement, its place is taken by the taps, one after the other; without taps, by the
+    whole recording.
+    """
+    views = views_of(recording, apart)
+    kept = [view for prefix, view in views.items() if prefix or not apart]
+    return np.stack([_felt(view, without_hand) for view in kept])
+
+
+def every_channel(recording: Recording) -> Samples:
+    """Return each axis without its mean during the movement, one row an axis."""
+    start, stop = segment(recording).movement or (0, recording.n_samples)
+    parts = (recording.acceleration, recording.turn_rate)
+    axes = np.column_stack([part[start:stop] for part in parts if part is not None])
+    return np.ascontiguousarray((axes - axes.mean(axis=0)).T)
+
+
+def _felt(view: Views, without_hand: bool) -> Samples:
+    with suppress(UndefinedFeatureError):
+        return (view.without_hand if without_hand else view.movement).samples
+    with suppress(UndefinedFeatureError):
+        return np.concatenate([part for tap in view.tap.taps for part in (tap.hand, tap.impulse)])
+    whole = Phases(movement=(0, view.recording.n_samples))
+    return _felt(Views(view.recording, whole, view.channel), without_hand)

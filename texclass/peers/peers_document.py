@@ -29,7 +29,7 @@ from texclass.document.wording import (
     points_interval,
     sentence,
 )
-from texclass.experiment.result_words import (
+from texclass.experiment.result import (
     CHOICE,
     again_facts,
     caution,

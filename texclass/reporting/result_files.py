@@ -13,7 +13,7 @@ from pydantic import ConfigDict, Field, create_model, model_validator
 
 from texclass.document import Document, render_markdown, render_page
 from texclass.experiment.benchmark_document import benchmark_document
-from texclass.experiment.new_feature_document import new_feature_document
+from texclass.experiment.new_feature import new_feature_document
 from texclass.experiment.pipeline import load_pipeline
 from texclass.experiment.result import COMPUTED_BY
 from texclass.features.sets import load_feature_set

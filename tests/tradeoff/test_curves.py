@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from texclass.recording import Phases, Recording, Tap
-from texclass.tradeoff.degrade import degraded, full_scale_of, quantised, resampled
+from texclass.tradeoff.curves import degraded, full_scale_of, quantised, resampled
 
 FS = 1000.0
 
