@@ -11,12 +11,12 @@ from safetensors.numpy import save
 
 from texclass.exchange.container import Header, read_container, sealed
 from texclass.exchange.texture_file import TEXTURES
-from texclass.textures.contract import StoredFields
+from texclass.textures.contract import Stored
 from texclass.textures.hatt import HattTexture
 
 
 @dataclass
-class Hum(StoredFields):
+class Hum(Stored):
     """Plays a tone, as loud as the stroke is fast."""
 
     family: ClassVar[str] = "hum"

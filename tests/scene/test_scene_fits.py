@@ -8,7 +8,6 @@ from scipy import signal
 
 from texclass.scene.definition import Device, Tolerance
 from texclass.scene.fits import (
-    _picked,
     fit_lattices,
     model_spectra,
     node_powers,
@@ -134,14 +133,6 @@ def test_a_pattern_is_told_from_what_rings():
     left, power = split(points, found, judge())
     np.testing.assert_allclose(power[:, 0], 2.0, rtol=0.15)
     assert judge().power(left.spectra).max() < judge().power(points.spectra).min() - 1
-
-
-def test_lines_that_do_not_beat_by_the_threshold_of_the_lower_one_are_picked_together():
-    # 15 Hz from 250 to 500 Hz, 80 Hz above: table 3.2 of oeztuerk2018.
-    f = np.arange(400.0, 700.0)
-    for strong, weak, n in ((505, 480, 2), (505, 495, 1), (480, 505, 2), (600, 530, 1), (600, 515, 2)):
-        values = 2.0 * (f == strong) + 1.0 * (f == weak)
-        assert [f[i] for i in _picked(values, f, 5)] == [strong, weak][:n]
 
 
 def test_units_of_acceleration_are_changed_and_others_refused():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from texclass.recording import Samples
-from texclass.textures.contract import StoredFields
+from texclass.textures.contract import Stored
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class Partial:
 
 
 @dataclass(frozen=True, eq=False)
-class Chime(StoredFields):
+class Chime(Stored):
     family = "chime"
     name: str
     partials: tuple[Partial, ...]

@@ -38,12 +38,11 @@ def plan(
     Exit code 1 if a surface is outside the tolerance or the budget does not hold.
     """
     from texclass.scene import plan_scene, read_scene
-    from texclass.scene.plan_document import plan_document
 
     read = read_scene(definition)
     with progress_bar() as progress:
         found = plan_scene(read, progress=progress)
-    tell(plan_document(found))
+    tell(found.document())
     write_json(json_file, found.to_json())
     path = found.scene.save(output or Path(f"{read.source.stem}.texture"))
     typer.echo(f"wrote {path}, {path.stat().st_size} bytes")
@@ -71,7 +70,6 @@ def render(
     """Play a path over a scene to WAV. It is rendered one sample a call, and timed."""
     from texclass.exchange import write_wav
     from texclass.scene import load_scene, plan_scene, play_path, read_path, read_scene, sweep_of
-    from texclass.scene.plan_document import played_lines
 
     if definition.endswith(".texture"):
         planned = load_scene(definition)
@@ -80,7 +78,7 @@ def render(
             planned = plan_scene(read_scene(definition), progress=progress).scene
     played = play_path(planned, sweep_of(planned) if path is None else read_path(path), seed=seed)
     write_wav(output, played.samples, planned.fs, unit=planned.unit)
-    for line in played_lines(played, planned):
+    for line in played.lines(planned):
         typer.echo(line)
     typer.echo(f"wrote {output}")
 

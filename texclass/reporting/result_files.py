@@ -21,7 +21,7 @@ from texclass.peers.peers_document import peers_document
 from texclass.provenance import code_hash
 from texclass.reporting.invariance_document import invariance_document
 from texclass.stability.judging import Mark
-from texclass.stability.stability_document import stability_document
+from texclass.stability.result import stability_document
 from texclass.tradeoff.tradeoff_document import tradeoff_document
 from texclass.validation import Written, checked
 from texclass.whole_files import write_whole

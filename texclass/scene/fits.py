@@ -16,7 +16,7 @@ from texclass.scene.observations import Judge, Observed, Points
 from texclass.textures.grid import GridModel, mixed_power, shares
 from texclass.vibration import recursions
 from texclass.vibration.autoregressive import from_autocorrelation
-from texclass.vibration.major_frequencies import beat_threshold_hz
+from texclass.vibration.major_frequencies import strongest_lines
 
 LARGEST_ORDER = 400
 """What is tried at most, and what a plan is compared with; `oeztuerk2018`, figure 3.2."""
@@ -164,7 +164,7 @@ def fit_lines(observed: Observed, judge: Judge, axes: Axes, n: int, course: Cour
     rows = [np.interp(f * r, f, S, right=0.0) / P for r, S, P in spectra if P]
     within = (f >= low) & (f <= high) & (f > 0)
     shape = np.where(within, np.mean(rows, axis=0) if rows else 0.0, 0.0)
-    found = np.sort(f[_picked(shape, f, n)])
+    found = np.sort(f[strongest_lines(shape, f, n)])
     if len(found) < n:
         return None
     X = node_spectra(observed.fit, axes, judge)
@@ -269,20 +269,6 @@ def node_powers(share: Samples, power: Samples, axes: Axes) -> Samples:
     return np.asarray(np.exp(theta))
 
 
-def _picked(values: Samples, f: Samples, most: int, *, least: float = 0.0, width: float = 0.0) -> list[int]:
-    """Return places of the largest values, above `least`, whose frequencies neither beat nor overlap.
-
-    A line reaches `width` of its frequency to each side.
-    """
-    found: list[int] = []
-    left = values.copy()
-    while len(found) < most and left.max() > least:
-        found.append(int(np.argmax(left)))
-        g = f[found[-1]]
-        left[np.abs(f - g) < np.maximum(beat_threshold_hz(np.minimum(f, g)), 2 * width * g)] = 0.0
-    return found
-
-
 def pattern_frequencies(points: Points, judge: Judge, most: int) -> Samples:
     """Return up to `most` spatial frequencies, 1/mm, the most outstanding first."""
     if not len(points) or np.ptp(np.log(points.speed)) < np.log(1.5):
@@ -298,7 +284,7 @@ def pattern_frequencies(points: Points, judge: Judge, most: int) -> Samples:
     often = np.isfinite(excess).sum(axis=0) >= max(2, LEAST_SEEN * len(points))
     middling = np.zeros(s.size)
     middling[often] = np.nanmedian(excess[:, often], axis=0)
-    return s[_picked(middling, s * middle, most, least=LEAST_EXCESS, width=WIDTH)]
+    return s[strongest_lines(middling, s * middle, most, least=LEAST_EXCESS, width=WIDTH)]
 
 
 def smoothed(spectrum: Samples, judge: Judge) -> Samples:

@@ -150,6 +150,16 @@ class Played:
     samples: Samples
     microseconds: dict[str, float]
 
+    def lines(self, scene: PlannedScene) -> list[str]:
+        """Return how long the samples took, and how large they are."""
+        t = self.microseconds
+        seconds = self.samples.size / scene.fs
+        return [
+            f"{seconds:.1f} s at {scene.fs:g} Hz, one sample a call: {t['p50']:.1f} us (median), "
+            f"{t['p99']:.1f} us (99 %), {t['p999']:.1f} us (99.9 %), {t['worst']:.0f} us (worst)",
+            f"peak {abs(self.samples).max():.3g} {scene.unit}, the device's largest {scene.largest_output:g}",
+        ]
+
 
 def play_path(scene: PlannedScene, path: HandPath, *, seed: int = 0) -> Played:
     """Render one contact along a path.

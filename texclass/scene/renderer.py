@@ -12,7 +12,7 @@ from texclass.exchange.container import read_stored, write_stored
 from texclass.recording import Samples
 from texclass.scene import render_kernels as kernels
 from texclass.signals import positive
-from texclass.textures.contract import StoredFields
+from texclass.textures.contract import Stored
 from texclass.textures.grid import LEAST_POWER, GridModel, renewal
 
 MOST_CONTACTS = 1000
@@ -28,7 +28,7 @@ PEAK_FACTOR = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class PlannedScene(StoredFields):
+class PlannedScene(Stored):
     """What `plan_scene` chose, ready to be rendered.
 
     Parameters

@@ -1,12 +1,14 @@
 """One cell of the battery: what a subject made of an input, judged by one rule for ours and for theirs."""
 
+import importlib
+import os
 import re
 import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import StrEnum
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -221,3 +223,34 @@ def _verdict(
     if reasons:
         return Mark.DOCUMENTED, reasons[0]
     return (Mark.UNCHECKED if unchecked and worst is None else Mark.EXACT), unchecked
+
+
+# In a process of its own, which imports no more than this: it is started anew after each crash --------------
+
+
+def quiet_thread(said: str) -> None:
+    """Keep the process to one thread, and what is printed in it in a file."""
+    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+    printed = os.open(said, os.O_WRONLY | os.O_APPEND)
+    os.dup2(printed, 1)
+    os.dup2(printed, 2)
+    threadpool_limits(1)
+
+
+@cache
+def _pairs(place: str, group: str, quick: bool) -> list[tuple[Subject, Case]]:
+    module, name = place.split(":")
+    found = getattr(importlib.import_module(module), name)
+    subjects: list[Subject] = found() if callable(found) else found
+    return [
+        (subject, case) for subject in subjects if subject.group == group for case in subject.cases(quick)
+    ]
+
+
+def cells_at(place: str, group: str, quick: bool, number: int | None = None) -> Any:
+    """Return a cell; without a number all cells, as they are before they are judged."""
+    pairs = _pairs(place, group, quick)
+    if number is None:
+        return [cell_of(subject, case, Mark.HANG) for subject, case in pairs]
+    return judge(*pairs[number])

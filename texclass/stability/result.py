@@ -1,20 +1,38 @@
-"""What the battery found: all cells, what they were found with, and their summary for JSON."""
+"""What the battery found: all cells, what they were found with; its summary for JSON, and as a document."""
 
 import json
 import math
 import platform
 from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
+from texclass.document import Document, Finding, Folded, Heading, Heat, Shade, Table
 from texclass.experiment.result import COMPUTED_BY
 from texclass.provenance import made_by
-from texclass.stability.inputs import SEED
+from texclass.stability.inputs import FAMILIES, SEED
 from texclass.stability.judging import BAD, Mark
 
 OURS = "texclass"
+REFUSALS = (Mark.DOCUMENTED, Mark.REFUSED)
+CHECK, DOT = "\N{CHECK MARK}", "\N{MIDDLE DOT}"
+LEGEND = {
+    "d3": f"{CHECK} every result is exact enough",
+    "d2": f"{CHECK}{DOT} so are all results, and some inputs are refused with a reason",
+    "d1": f"{DOT} all are refused so, or ? the reference was not computed",
+    "e1 e2 e3 e4 e5": "so many are wrong (colour: which share), or w: right, but NumPy warned",
+}
+RULE = (
+    "Both sides are judged by one rule (`texclass.stability.rules`). A cell is one subject on one input (and "
+    "at one order). It is right if the result meets its reference (60-digit arithmetic, exact integer sums, "
+    "or 80-bit floats) and its invariants within the limits, or if the input is refused by an exception "
+    "raised on purpose or by a reason that comes with the result; plain noise in float64 or float32 may not "
+    "be refused. Public libraries declare no gain laws: they are held to one only where they follow it from "
+    "1e-6 to 1e6."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,3 +130,119 @@ def _by(cells: pd.DataFrame, *names: str) -> list[tuple[dict[str, Any], pd.DataF
     """Return the cells of each combination of some columns, in the order of their first."""
     groups = cells.groupby(list(names), sort=False)
     return [(dict(zip(names, key, strict=True)), part) for key, part in groups]
+
+
+# As a document --------------------------------------------------------------------------------------------
+
+
+def stability_document(data: Mapping[str, Any]) -> Document:
+    """Return what the battery found, from `StabilityResult.to_dict` or the JSON that it was saved as."""
+    tallies = pd.DataFrame(data["tallies"])
+    marks = pd.DataFrame(list(tallies["marks"]), index=tallies.index).reindex(columns=list(Mark))
+    tallies = tallies.drop(columns="marks").join(marks.fillna(0).astype(int))
+    tallies["bad"] = tallies[list(BAD)].sum(axis=1)
+    ours, theirs = tallies[tallies["library"] == OURS], tallies[tallies["library"] != OURS]
+    n_subjects = len(ours[["library", "subject"]].drop_duplicates())
+    quick = ", a small part of the battery" if data["quick"] else ""
+    beside = (
+        f"Public libraries on the same inputs, by the same rule: {theirs['bad'].sum():,} of "
+        f"{theirs['cells'].sum():,}."
+    )
+    said = f"of {ours['cells'].sum():,} pairs of subject and input are wrong in texclass"
+    finding = Finding(
+        f"{ours['bad'].sum():,}",
+        "",
+        "",
+        f"{said}: a wrong number handed over as right, NaN without a word, a crash, or no answer.",
+        beside=beside if len(theirs) else "",
+        brief=f"{said}. {beside if len(theirs) else ''}".strip(),
+    )
+    return Document(
+        "At the extremes",
+        list(_blocks(data, tallies, ours, theirs)),
+        subtitle=f"{n_subjects} models, filters, transforms and features{quick}",
+        finding=finding,
+        again={"command": "texclass stability", "seed": str(data["seed"]), "battery": data["battery"]},
+        versions=data["versions"],
+    )
+
+
+def _blocks(
+    data: Mapping[str, Any], tallies: pd.DataFrame, ours: pd.DataFrame, theirs: pd.DataFrame
+) -> Iterator[Any]:
+    yield Heading("How many of each kind")
+    yield _counted(tallies, "library")
+    for name, title, part in (
+        ("models", "Models, filters and transforms of texclass", ours[ours["group"] != "features"]),
+        ("features", "Features of texclass", ours[ours["group"] == "features"]),
+        ("libraries", "Public libraries", theirs),
+    ):
+        if len(part):
+            yield heat_map(part, name, title)
+    yield Heading("Every subject")
+    yield _counted(tallies.assign(subject=_named(tallies)), "subject")
+    wrong = [*data["ours_wrong"], *data["theirs_wrong"]]
+    if wrong:
+        names = ["library", "subject", "family", "mark", "reason"]
+        found = pd.DataFrame(wrong).reindex(columns=[*names, "cells"]).fillna({"cells": 1})
+        found.columns = pd.Index(["Library", "Subject", "Inputs", "What", "Reason of the first", "Cells"])
+        yield Folded("What is wrong, with an example of each", [Table(found, n_words=5)])
+    if data.get("nearest"):
+        near = pd.DataFrame(data["nearest"])[["subject", "what", "case", "error", "limit"]]
+        near[["error", "limit"]] = near[["error", "limit"]].map("{:.1e}".format)
+        near.columns = pd.Index(["Subject", "Nearest to its limit", "On", "Error", "Limit"])
+        yield Folded("How exact texclass is", [Table(near, n_words=3)])
+    yield Heading("Notes")
+    yield [RULE, *data["left_out"]]
+
+
+def _named(tallies: pd.DataFrame) -> pd.Series:
+    """Return the names of subjects, those of public libraries after the library's."""
+    foreign = tallies["library"] != OURS
+    return tallies["subject"].where(~foreign, tallies["library"] + ": " + tallies["subject"])
+
+
+def _counted(tallies: pd.DataFrame, what: str) -> Table:
+    """Return how many inputs came to which end, one row a library or subject."""
+    counts = tallies.groupby(what, sort=False)[["cells", *Mark, "bad"]].sum()
+    wrong = (100 * counts.pop("bad") / counts["cells"]).map("{:.1f}".format)
+    counts = counts.loc[:, counts.any()].map(lambda n: f"{n:,}" if n else None)
+    frame = counts.assign(**{"% wrong in all": wrong}).rename_axis(what.capitalize()).reset_index()
+    return Table(frame, "Inputs, by what became of them.")
+
+
+def heat_map(tallies: pd.DataFrame, name: str, title: str) -> Heat:
+    """Return subjects by families of inputs."""
+    present: set[str] = set(tallies["family"])
+    families = [name for name in FAMILIES if name in present] + sorted(present - set(FAMILIES))
+    rows: dict[str, list[Shade]] = {}
+    for subject, part in tallies.groupby(_named(tallies), sort=False):
+        by_family = {tally["family"]: tally for tally in part.to_dict("records")}
+        rows[str(subject)] = [shade(by_family.get(family)) for family in families]
+    columns: dict[str, str] = {family: FAMILIES.get(family, family) for family in families}
+    says = f"{tallies['bad'].sum():,} of {tallies['cells'].sum():,} cells are wrong."
+    return Heat(name, f"{title}, by family of inputs", says, columns, rows, LEGEND, "not tried", "Subject")
+
+
+def shade(tally: Mapping[Any, Any] | None) -> Shade:
+    """Return how the cells of a subject and a family are shown."""
+    if tally is None:
+        return Shade(says="not tried")
+    n = tally["cells"]
+    says = ", ".join(f"{tally[mark]} {mark}" for mark in Mark if tally[mark]) + f" of {n}"
+    if bad := tally["bad"]:
+        return Shade(f"e{max(1, -(-5 * bad // n))}", str(bad), says)
+    if tally[Mark.WARNED]:
+        return Shade("e1", "w", says)
+    if not tally[Mark.EXACT]:
+        return Shade("d1", "?" if tally[Mark.UNCHECKED] else DOT, says)
+    mixed = any(tally[mark] for mark in REFUSALS)
+    return Shade("d2" if mixed else "d3", CHECK + DOT * mixed, says)
+
+
+def wrong_lines(data: Mapping[str, Any]) -> list[str]:
+    """Return one line for each of our cells that is wrong or warned."""
+    return [
+        f"{cell['mark']}: {cell['subject']}, {cell['case']} ({cell['family']}): {cell['reason']}"
+        for cell in data["ours_wrong"]
+    ]

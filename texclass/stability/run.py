@@ -1,6 +1,5 @@
 """Run the battery: subjects in processes of their own, with a time limit for every cell."""
 
-import importlib
 import multiprocessing
 import os
 import tempfile
@@ -8,15 +7,14 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, ThreadPoolExecutor
-from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
 import pandas as pd
 
 from texclass.provenance import versions
-from texclass.stability.inputs import Case, battery_hash
-from texclass.stability.judging import Mark, Subject, cell_of, judge
+from texclass.stability.inputs import battery_hash
+from texclass.stability.judging import Mark, cells_at, quiet_thread
 from texclass.stability.result import StabilityResult
 
 Group = Literal["models", "filters", "transforms", "features", "peers"]
@@ -118,7 +116,7 @@ def supervise(
     ):
         worker, known = _Worker(said), ""
         try:
-            begun = worker.ask(START_S, _answer, *task)
+            begun = worker.ask(START_S, cells_at, *task)
         except Exception as error:
             ended = f"the process {worker.end()}"
             told = ended if isinstance(error, BrokenExecutor) else error
@@ -132,7 +130,7 @@ def supervise(
             limit = max(cell_s if name == known else START_S, STREAM_S * (cell["family"] == "stream"))
             known = name
             try:
-                cells.append(worker.ask(limit, _answer, *task, number))
+                cells.append(worker.ask(limit, cells_at, *task, number))
                 continue
             except TimeoutError:
                 found = {"mark": Mark.HANG, "reason": f"no answer within {limit:g} s"}
@@ -154,7 +152,7 @@ class _Worker:
     def __init__(self, said: Any) -> None:
         self._said = said
         context = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(1, context, _one_thread, (said.name,))
+        self._pool = ProcessPoolExecutor(1, context, quiet_thread, (said.name,))
         pid = self._pool.submit(os.getpid).result()
         (self._process,) = (child for child in multiprocessing.active_children() if child.pid == pid)
 
@@ -168,30 +166,3 @@ class _Worker:
         self._pool.shutdown()
         last = self._said.read().strip().splitlines()
         return f"ended with {self._process.exitcode}: {last[-1] if last else 'no message'}"
-
-
-def _one_thread(said: str) -> None:
-    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
-
-    printed = os.open(said, os.O_WRONLY | os.O_APPEND)
-    os.dup2(printed, 1)
-    os.dup2(printed, 2)
-    threadpool_limits(1)
-
-
-@cache
-def _pairs(place: str, group: str, quick: bool) -> list[tuple[Subject, Case]]:
-    module, name = place.split(":")
-    found = getattr(importlib.import_module(module), name)
-    subjects: list[Subject] = found() if callable(found) else found
-    return [
-        (subject, case) for subject in subjects if subject.group == group for case in subject.cases(quick)
-    ]
-
-
-def _answer(place: str, group: str, quick: bool, number: int | None = None) -> Any:
-    """Return a cell; without a number all cells, as they are before they are judged."""
-    pairs = _pairs(place, group, quick)
-    if number is None:
-        return [cell_of(subject, case, Mark.HANG) for subject, case in pairs]
-    return judge(*pairs[number])

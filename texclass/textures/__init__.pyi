@@ -5,7 +5,6 @@ from . import oeztuerk2018 as oeztuerk2018
 from . import okamura2001 as okamura2001
 from .contract import Renderer as Renderer
 from .contract import Stored as Stored
-from .contract import StoredFields as StoredFields
 from .contract import Texture as Texture
 from .grid import GridModel as GridModel
 from .scan import Scan as Scan

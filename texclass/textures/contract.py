@@ -4,6 +4,7 @@ It is written down by its fields, arrays apart from what JSON knows.
 """
 
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, ClassVar, Protocol, Self, runtime_checkable
@@ -51,67 +52,23 @@ class Renderer(Protocol):
         """Return to rest, with the random numbers of the first sample."""
 
 
-@runtime_checkable
-class Stored(Protocol):
-    """What files can hold: textures, tap libraries, planned scenes. `StoredFields` gives the methods.
-
-    Attributes
-    ----------
-    family : str
-        Which kind; the name under which files know it.
-    """
-
-    family: ClassVar[str]
-
-    def parameters(self) -> Mapping[str, Any]:
-        """Return what is not an array, as JSON knows it."""
-
-    def arrays(self) -> Mapping[str, NDArray[Any]]:
-        """Return the arrays by name."""
-
-    @classmethod
-    def restore(cls, parameters: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Self:
-        """Return the object of what `parameters` and `arrays` returned.
-
-        Raises
-        ------
-        ValueError
-            If something is missing, superfluous, of the wrong kind or shape, or breaks a rule of the object.
-        """
-
-
-@runtime_checkable
-class Texture(Stored, Protocol):
-    """A surface that can be rendered at any speed and force."""
-
-    @property
-    def name(self) -> str:
-        """Of the surface."""
-
-    @property
-    def fs(self) -> float:
-        """Sampling rate of the vibration, Hz."""
-
-    @property
-    def operations(self) -> float:
-        """Multiplications and additions per rendered sample, in the mean."""
-
-    def renderer(self, *, seed: int = 0) -> Renderer:
-        """Return a renderer at rest at the texture's rate; the seed is that of its noise, if it has any."""
-
-
-class StoredFields:
-    """Gives a dataclass the three methods of `Stored`: what its fields hold is what is written.
+class Stored:
+    """What files can hold: a dataclass, of which what its fields hold is what is written.
 
     Fields may be numbers, texts, arrays, dataclasses, tuples and mappings of these; what is not an argument
     of the constructor is left out. A stored object is made by its own types and its own `__post_init__`, so
     that a file can hold nothing that a program could not make.
 
+    Attributes
+    ----------
+    family : str
+        Which kind; the name under which files know it.
+
     Examples
     --------
     >>> from dataclasses import dataclass
     >>> @dataclass(frozen=True)
-    ... class Hum(StoredFields):
+    ... class Hum(Stored):
     ...     family = "hum"
     ...     name: str
     ...     tones: np.ndarray
@@ -165,6 +122,30 @@ class StoredFields:
             rule = "each key once, numbers as numbers: no text or true for one"
             raise ValueError(f"{cls.family}: would not be written so; the rule is {rule}")
         return found
+
+
+class Texture(Stored, ABC):
+    """A surface that can be rendered at any speed and force.
+
+    Attributes
+    ----------
+    name : str
+        Of the surface.
+    fs : float
+        Sampling rate of the vibration, Hz.
+    """
+
+    name: str
+    fs: float
+
+    @property
+    @abstractmethod
+    def operations(self) -> float:
+        """Multiplications and additions per rendered sample, in the mean."""
+
+    @abstractmethod
+    def renderer(self, *, seed: int = 0) -> Renderer:
+        """Return a renderer at rest at the texture's rate; the seed is that of its noise, if it has any."""
 
 
 def _arguments(value: Any) -> dict[str, Any]:

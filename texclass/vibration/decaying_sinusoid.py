@@ -100,7 +100,7 @@ def fit_okamura(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Ta
     ----------
     `okamura2001`, section II-B.
     """
-    scaled, v, exponent = _checked(taps, velocity)
+    scaled, v, exponent = checked_taps(taps, velocity)
     frequency_hz, B, E = np.empty((3, len(scaled)))
     for i, x in enumerate(scaled):
         frequency_hz[i] = _spectral_peak_hz(x, fs)
@@ -176,7 +176,7 @@ def fit_tap_model(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> 
     >>> round(found.amplitude_slope), round(found.decay_per_s, 6), round(found.frequency_hz, 6)
     (-1500, 60.0, 592.0)
     """
-    scaled, v, exponent = _checked(taps, velocity, at_least=4)
+    scaled, v, exponent = checked_taps(taps, velocity, at_least=4)
     x = np.concatenate(scaled)
     if not np.any(x):
         raise ValueError("taps are all zero; the rule is at least one sample that is not")
@@ -204,7 +204,7 @@ def fit_tap_model(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> 
     return TapModel(_slope(A, v, exponent), float(beta * fs), float(omega * fs / (2 * np.pi)))
 
 
-def _checked(
+def checked_taps(
     taps: Sequence[ArrayLike], velocity: ArrayLike, at_least: int = 1
 ) -> tuple[list[Samples], Samples, int]:
     """Return the taps in one common scale, the velocities and the exponent of the scale."""

@@ -65,6 +65,22 @@ def beat_threshold_hz(frequency_hz: ArrayLike) -> Samples:
     return np.asarray(np.array(BEAT_THRESHOLDS_HZ)[which])
 
 
+def strongest_lines(
+    values: Samples, f: Samples, most: int, *, least: float = 0.0, width: float = 0.0
+) -> list[int]:
+    """Return the places of the largest values above `least`, `most` of them or fewer, the largest first.
+
+    No two are closer than the beat threshold of the lower one, nor than twice `width` of the stronger one.
+    """
+    found: list[int] = []
+    left = values.copy()
+    while len(found) < most and left.max(initial=0.0) > least:
+        found.append(int(np.argmax(left)))
+        g = f[found[-1]]
+        left[np.abs(f - g) < np.maximum(beat_threshold_hz(np.minimum(f, g)), 2 * width * g)] = 0.0
+    return found
+
+
 def fit_major_frequencies(
     x: ArrayLike, fs: float, *, n_frequencies: int = 13, upper_hz: float = UPPER_HZ
 ) -> MajorFrequencies:
@@ -119,13 +135,8 @@ def fit_major_frequencies(
     f = np.asarray(np.arange(1, (n + 1) // 2) * (fs / n), dtype=np.float64)
     within = f <= upper_hz
     X = fft.rfft(samples - samples.mean())[1 : f.size + 1][within]
-    f, free = f[within], np.abs(X)
-    taken: list[int] = []
-    while len(taken) < n_frequencies and np.any(free > 0):
-        taken.append(int(np.argmax(free)))
-        g = f[taken[-1]]
-        free[np.abs(f - g) < beat_threshold_hz(np.minimum(f, g))] = 0
-    taken.sort()
+    f = f[within]
+    taken = sorted(strongest_lines(np.abs(X), f, n_frequencies))
     return MajorFrequencies(f[taken], np.ldexp(np.abs(X[taken]) * 2 / n, exponent), np.angle(X[taken]))
 
 

@@ -1,6 +1,6 @@
 """Surfaces whose vibration is a function of direction, speed and force: a network, a mesh or a grid."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any, ClassVar, get_args
@@ -13,7 +13,7 @@ from scipy import interpolate, spatial
 from texclass.recording import Samples
 from texclass.signals import positive
 from texclass.textures.abdulali2016.model_points import MOTION_HZ, STEEPEST, Loudness
-from texclass.textures.contract import StoredFields, freeze
+from texclass.textures.contract import Texture, freeze
 from texclass.textures.gliding import GlidingRenderer
 from texclass.textures.grid import GridModel, cell
 from texclass.vibration import line_spectrum
@@ -146,7 +146,7 @@ class RadialNetwork:
 
 
 @dataclass(frozen=True, eq=False)
-class MapTexture(StoredFields, ABC):
+class MapTexture(Texture):
     """A map from velocity and force to line spectrum and loudness -> AR process.
 
     Parameters
@@ -339,7 +339,7 @@ class DelaunayTexture(MapTexture):
 
 
 @dataclass(frozen=True, eq=False)
-class BakedTexture(StoredFields):
+class BakedTexture(Texture):
     """A texture read at the nodes of a grid, see `bake`: what a loop of one sample per call can afford.
 
     The motion is followed with 25 Hz, and the grid is read at every sample.

@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
-from texclass.textures.contract import StoredFields, freeze
+from texclass.textures.contract import Texture, freeze
 from texclass.textures.guruswamy2011.level import Amplitude
 
 Course = Literal["line", "travelled"]
@@ -25,7 +25,7 @@ _MODES = ("frequency_hz", "decay_per_s", "amplitude", "phase")
 
 
 @dataclass(frozen=True, eq=False)
-class SpatialTexture(StoredFields):
+class SpatialTexture(Texture):
     """Features along a line, each of which makes the tool ring in its modes when the tip passes it.
 
     F(t) = sum_k A_k h_k(t - t_k): t_k is when the tip passes x_k, and A_k follows speed and force at that

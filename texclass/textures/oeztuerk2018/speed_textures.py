@@ -1,6 +1,6 @@
 """Textures between recordings at a few speeds: LPC models, or major frequencies, for every speed."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
 from texclass.signals import one_channel, positive
-from texclass.textures.contract import StoredFields
+from texclass.textures.contract import Texture
 from texclass.textures.gliding import checked_path
 from texclass.vibration import (
     Autoregression,
@@ -49,7 +49,7 @@ Player = Callable[[Samples, Samples], None]
 
 
 @dataclass(frozen=True, eq=False)
-class SpeedTexture(StoredFields, ABC):
+class SpeedTexture(Texture):
     """A model of one surface at each of a few speeds, and what lies between them.
 
     Slower than the slowest and faster than the fastest recording, that one holds (nothing is extrapolated);

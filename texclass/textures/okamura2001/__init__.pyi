@@ -1,9 +1,9 @@
-from .alignment import AlignedTaps as AlignedTaps
-from .alignment import find_onset as find_onset
-from .alignment import fit_aligned as fit_aligned
-from .alignment import slope_through_origin as slope_through_origin
+from .library import AlignedTaps as AlignedTaps
 from .library import TapLibrary as TapLibrary
+from .library import find_onset as find_onset
+from .library import fit_aligned as fit_aligned
 from .library import fit_library as fit_library
+from .library import slope_through_origin as slope_through_origin
 from .library import tap_peak as tap_peak
 from .wall import ForceDevice as ForceDevice
 from .wall import VirtualWall as VirtualWall

@@ -6,8 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import freqz, lfilter
 
 from texclass.textures import Renderer, Texture
-from texclass.textures.hatt import HattTexture, Mesh, triangulate
-from texclass.textures.hatt.arma_texture import LIMIT
+from texclass.textures.hatt import LIMIT, HattTexture, Mesh, triangulate
 from texclass.vibration import Autoregression
 from texclass.vibration.line_spectrum import to_reflection
 
@@ -160,6 +159,6 @@ def test_broken_textures_are_refused_with_the_rule(monkeypatch):
     ):
         with pytest.raises(ValueError, match=rule):
             replace(TEXTURE, **change)
-    monkeypatch.setattr("texclass.textures.hatt.arma_texture.MOST_WORK", 100)
+    monkeypatch.setattr("texclass.textures.hatt.MOST_WORK", 100)
     with pytest.raises(ValueError, match=r"p\^2"):
         replace(TEXTURE)
