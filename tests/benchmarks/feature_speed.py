@@ -14,7 +14,7 @@ import os
 import subprocess
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
@@ -79,8 +79,10 @@ def fresh(recording: Recording, phases: Phases) -> Views:
 
 
 @contextmanager
-def peers(python: Path, signal: Samples) -> Iterator[dict[str, Timer]]:
-    """Return what times each peer on the recording, in a process of the other interpreter."""
+def peers(
+    python: Path, signal: Samples, fs: float = FS, names: Mapping[str, str] = PEERS
+) -> Iterator[dict[str, Timer]]:
+    """Return what times each peer on the recording, by its title, in a process of the other interpreter."""
 
     def asked(name: str) -> float:
         worker.stdin.write(name + "\n")
@@ -93,10 +95,10 @@ def peers(python: Path, signal: Samples) -> Iterator[dict[str, Timer]]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "signal.npy"
         np.save(path, signal)
-        command = [str(python), str(Path(__file__).with_name("peer_timer.py")), str(HERE), str(path), str(FS)]
+        command = [str(python), str(Path(__file__).with_name("peer_timer.py")), str(HERE), str(path), str(fs)]
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
         with subprocess.Popen(command, text=True, env=os.environ | ENVIRONMENT, **pipes) as worker:
-            yield {title: partial(asked, name) for name, title in PEERS.items()}
+            yield {title: partial(asked, name) for name, title in names.items()}
             worker.stdin.close()
 
 
