@@ -1,8 +1,8 @@
 """Feature tables: nothing lost by a kill, nothing computed twice, bad recordings named."""
 
+import os
 import signal
-import subprocess
-import sys
+from multiprocessing import get_context
 
 import numpy as np
 import pandas as pd
@@ -12,30 +12,25 @@ from texclass.experiment import feature_table as tables
 from texclass.experiment.feature_table import METADATA, FeatureTable, cached_table, extract_table, read_table
 from texclass.features import load_feature_set
 from texclass.features.extractor import FeatureExtractor, Reason
-from texclass.recording import RecordingError
-
-JOB = """
-import os, signal
-import numpy as np
-from texclass.experiment.feature_table import extract_table
-from texclass.features import load_feature_set
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.recording import Phases, Recording
+from texclass.recording import Phases, Recording, RecordingError
 
-loaded, killed_at = [], None
+LOADED, KILLED_AT = [], ["m_7"]
+
 
 def load(entry):
-    if entry.recording_id == killed_at:
+    """Read a recording of noise; at one of them the process is killed."""
+    if entry.recording_id in KILLED_AT:
         os.kill(os.getpid(), signal.SIGKILL)
-    loaded.append(entry.recording_id)
+    LOADED.append(entry.recording_id)
     noise = np.random.default_rng(entry.repetition).normal(size=300)
     return Recording(noise, 1000.0, "g", entry.recording_id, phases=Phases(movement=(0, 300)))
+
 
 def run(path):
     entries = tuple(Entry(f"m_{i}", "m", repetition=i) for i in range(12))
     features = load_feature_set("strese2015").restricted_to(["variance"])
     return extract_table(Dataset("toy", entries, load, "hash"), features, path)
-"""
 
 
 @pytest.fixture
@@ -66,19 +61,18 @@ def test_table_holds_metadata_features_and_reasons_on_disk_too(toy_dataset, feat
     assert list(tmp_path.glob("*.parts")) == []
 
 
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_after_kill_9_nothing_is_lost_and_nothing_computed_twice(tmp_path, monkeypatch):
-    (tmp_path / "job.py").write_text(JOB)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    start = [sys.executable, "-c", "import job; job.killed_at = 'm_7'; job.run('t.parquet')"]
-    assert subprocess.run(start, check=False).returncode == -signal.SIGKILL
+    killed = get_context("fork").Process(target=run, args=("t.parquet",))
+    killed.start()
+    killed.join()
+    assert killed.exitcode == -signal.SIGKILL
     assert len(list(tmp_path.glob("t.parquet.parts/*/*.json"))) == 7
-
-    import job
-
-    table = job.run("t.parquet")
-    assert job.loaded == [f"m_{i}" for i in range(7, 12)]
-    pd.testing.assert_frame_equal(table.frame, job.run("whole.parquet").frame)
+    KILLED_AT.clear()
+    table = run("t.parquet")
+    assert [f"m_{i}" for i in range(7, 12)] == LOADED
+    pd.testing.assert_frame_equal(table.frame, run("whole.parquet").frame)
 
 
 def test_a_complete_table_is_only_read(toy_dataset, feature_set):

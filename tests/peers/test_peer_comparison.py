@@ -16,7 +16,7 @@ from texclass.recording import Phases, Recording, Tap
 def compared(bench, interpreter):
     """Compare the benchmark with a peer of each behaviour."""
     peers = {"tsfel": "absent", "minirocket": "perfect", "mfcc": "first fold wrong", "quant": "slow"}
-    return compare_with_peers(*bench, PeerSettings(tuple(peers), interpreter(**peers), time_limit_s=6.0))
+    return compare_with_peers(*bench, PeerSettings(tuple(peers), interpreter(**peers), time_limit_s=4.0))
 
 
 def of_peer(compared, name):

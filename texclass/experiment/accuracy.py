@@ -216,9 +216,9 @@ def score(
 
 
 def corrected_resampled_t(
-    differences: ArrayLike, test_train_ratio: float, confidence: float = 0.95
+    differences: ArrayLike, test_train_ratio: float
 ) -> tuple[tuple[float, float], float]:
-    """Return interval and two-sided p-value of the mean difference over folds of repeated cross-validation.
+    """Return 95 % interval and two-sided p-value of the mean difference over folds that are drawn repeatedly.
 
     The training sets of folds overlap, so their differences d_1 ... d_J are not independent, and the plain
     t-test finds differences where there are none. With the corrected variance of the mean,
@@ -234,8 +234,6 @@ def corrected_resampled_t(
         Accuracy of the one minus that of the other in each fold of each repeat.
     test_train_ratio : float
         n_test/n_train, recordings of a fold.
-    confidence : float
-        Of the interval.
 
     Raises
     ------
@@ -260,7 +258,7 @@ def corrected_resampled_t(
         return (-1.0, 1.0), 1.0
     # t = mean d / sqrt((1/J + n_test/n_train) s^2)
     error = float(np.sqrt((1 / d.size + test_train_ratio) * d.var(ddof=1)))
-    return _t_test(float(d.mean()), error, d.size - 1, confidence)
+    return _t_test(float(d.mean()), error, d.size - 1)
 
 
 def agree(values: ArrayLike) -> bool:
@@ -268,10 +266,8 @@ def agree(values: ArrayLike) -> bool:
     return bool(np.ptp(values) <= 1e-12)
 
 
-def clustered_t(
-    differences: ArrayLike, n_tests: ArrayLike, confidence: float = 0.95
-) -> tuple[tuple[float, float], float]:
-    """Return interval and two-sided p-value of a pooled difference whose tests come in clusters.
+def clustered_t(differences: ArrayLike, n_tests: ArrayLike) -> tuple[tuple[float, float], float]:
+    """Return 95 % interval and two-sided p-value of a pooled difference whose tests come in clusters.
 
         t = d / e,  d = sum of differences / sum of tests,  e^2 = (K - 1)/K sum_k (d_(k) - mean d_(.))^2,
 
@@ -284,21 +280,19 @@ def clustered_t(
     differences, n_tests : array_like of shape (n_clusters,)
         Of each recording (or run, operator): tests that only the one recognised, minus those that only the
         other did; and how many tests it holds.
-    confidence : float
-        Of the interval.
     """
     sums, n = np.asarray(differences, dtype=np.float64), np.asarray(n_tests)
     d, k = float(sums.sum() / n.sum()), len(n)
     if not has_spread(sums, n):
-        half = cluster_interval(np.zeros(k), np.arange(k), confidence)[1]
+        half = cluster_interval(np.zeros(k), np.arange(k))[1]
         p = 2.0 ** (1 - k) if np.all(sums > 0) or np.all(sums < 0) else 1.0
         return (max(-1.0, d - half), min(1.0, d + half)), p
     # d_(k): without cluster k
-    return _t_test(d, jackknife_error((sums.sum() - sums) / (n.sum() - n)), k - 1, confidence)
+    return _t_test(d, jackknife_error((sums.sum() - sums) / (n.sum() - n)), k - 1)
 
 
-def _t_test(mean: float, error: float, free: int, confidence: float) -> tuple[tuple[float, float], float]:
-    half = float(stdtrit(free, 0.5 + confidence / 2) * error)
+def _t_test(mean: float, error: float, free: int) -> tuple[tuple[float, float], float]:
+    half = float(stdtrit(free, 1 - LEVEL / 2) * error)
     return (mean - half, mean + half), float(2 * stdtr(free, -abs(mean / error)))
 
 

@@ -126,21 +126,20 @@ def measure_additions(
         for one, h in zip(rows, hits, strict=True)
     ]
     corrected = holm([pair["p_value"] for pair in paired]).tolist()
-    told: list[dict[str, Any]] = [
-        {
-            "name": group.definition.name,
-            "n_columns": group.n_features,
-            "joined": None,
-            "paired": None,
-            "p_corrected": None,
-            "missing": group.missing,
-            "reference": group.definition.reference,
-        }
-        for group in groups
-    ]
-    measured = [line for line, group in zip(told, groups, strict=True) if group.columns]
-    for line, joined, pair, p in zip(measured, sums[1:], paired, corrected, strict=True):
-        line |= {"joined": joined, "paired": pair, "p_corrected": p}
+    measured, told = zip(sums[1:], paired, corrected, strict=True), []
+    for group in groups:
+        joined, pair, p = next(measured) if group.columns else (None, None, None)
+        told.append(
+            {
+                "name": group.definition.name,
+                "n_columns": group.n_features,
+                "joined": joined,
+                "paired": pair,
+                "p_corrected": p,
+                "missing": group.missing,
+                "reference": group.definition.reference,
+            }
+        )
     return {
         "row": row.definition.name,
         "classifier": classifier,

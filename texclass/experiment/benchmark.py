@@ -234,7 +234,7 @@ def _confusion(
     best = best_of({"rows": lines})
     if best is None:
         return None
-    row, name = best
+    row, name = best.row["name"], best.classifier
     found = evaluations[row][name]
     truth, predicted = np.concatenate(found.truth), np.concatenate(found.predicted)
     counts = confusion_matrix(truth, predicted, labels=list(materials)).tolist()

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -26,12 +26,15 @@ from texclass.document.figure_style import (
 from texclass.document.wording import aligned, counted, digits, estimate, interval, percent, points, sentence
 from texclass.experiment.additions import gains_blocks
 from texclass.experiment.result import (
+    Pair,
     again_facts,
+    best_of,
     caution,
     chance_of,
     classifier_title,
     dataset_facts,
     over,
+    pairs_of,
     protocol_title,
     size,
 )
@@ -47,27 +50,6 @@ SHADES = {"d1 d2 d3 d4 d5": "right", "e1 e2 e3 e4 e5": "wrong; each step a fifth
 Data = Mapping[str, Any]
 
 
-class _Pair(NamedTuple):
-    row: Data
-    classifier: str
-    accuracy: Data
-    published: Any
-
-
-def _pairs(data: Data) -> list[_Pair]:
-    """Return every pair of row and classifier that was computed, and the published accuracy or None."""
-    return [
-        _Pair(row, name, found, row.get("paper", {}).get(name))
-        for row in data["rows"]
-        for name, found in row["accuracy"].items()
-    ]
-
-
-def _best_of(data: Data) -> _Pair | None:
-    """Return the pair of row and classifier of the highest accuracy; the first of equals."""
-    return max(_pairs(data), key=lambda pair: float(pair.accuracy["mean"]), default=None)
-
-
 def benchmark_document(data: Data) -> Document:
     """Return a benchmark as a document.
 
@@ -76,7 +58,7 @@ def benchmark_document(data: Data) -> Document:
     data : mapping
         As `BenchmarkResult.to_dict` returns it, or its JSON read back.
     """
-    best = _best_of(data)
+    best = best_of(data)
     pipeline = data["pipeline"]
     return Document(
         f"{data['dataset']['name']}, {protocol_title(data['protocol'])}",
@@ -93,7 +75,7 @@ def benchmark_document(data: Data) -> Document:
 
 def benchmark_blocks(data: Data) -> Iterator[Block]:
     """Yield what a benchmark's document is made of."""
-    best = _best_of(data)
+    best = best_of(data)
     published = any(row.get("paper") for row in data["rows"])
     if data.get("example"):
         yield _example(data["example"])
@@ -118,9 +100,9 @@ def benchmark_blocks(data: Data) -> Iterator[Block]:
         yield notes
 
 
-def _finding(data: Data, best: _Pair) -> Finding:
+def _finding(data: Data, best: Pair) -> Finding:
     """Return the accuracy of the choice inside the training parts, if it was made, else the highest."""
-    name, n_pairs = classifier_title(best.classifier), len(_pairs(data))
+    name, n_pairs = classifier_title(best.classifier), len(pairs_of(data))
     folds = f", {data['n_folds']} folds" if data["n_folds"] > 1 else ""
     of = f"of the {_tested(data)} recognised among {data['dataset']['n_materials']} materials"
     under = f"Protocol: {data['protocol_description']}{folds}."
@@ -139,17 +121,17 @@ def _finding(data: Data, best: _Pair) -> Finding:
         brief = f"{row}; {brief}" if brief else f"{row}."
     return Finding(
         percent(found["mean"]), "%", interval(found),
-        f"{said} (95 % interval{over(found)}; {chance}). {under}{_space(caution(found))}", beside, brief,
+        f"{said} (95 % interval{over(found)}; {chance}). {under} {caution(found)}".rstrip(), beside, brief,
     )  # fmt: skip
 
 
-def _beside_paper(data: Data, best: _Pair) -> tuple[str, str]:
+def _beside_paper(data: Data, best: Pair) -> tuple[str, str]:
     """Return how far the best row, or else the best published one, is from its published figure, twice.
 
     Only where as many surfaces were told apart under the same protocol.
     """
     what, brief = "for this row with this classifier", True
-    published = [pair for pair in _pairs(data) if pair.published is not None]
+    published = [pair for pair in pairs_of(data) if pair.published is not None]
     if not published:
         return "No row of this table has a published figure.", "no published figure."
     if unlike := unlike_published(data):
@@ -186,11 +168,7 @@ def unlike_published(data: Data) -> str:
     return "; ".join(unlike)
 
 
-def _space(text: str) -> str:
-    return text and f" {text}"
-
-
-def _rows(data: Data, best: _Pair | None) -> Table:
+def _rows(data: Data, best: Pair | None) -> Table:
     """Return each classifier's accuracy in every row, and the published one beside it."""
     names = _classifiers(data) or ["accuracy"]
     published = [name for name in names if any(name in row.get("paper", {}) for row in data["rows"])]
@@ -226,7 +204,7 @@ def _rows(data: Data, best: _Pair | None) -> Table:
 
 def _beside(data: Data) -> Table | None:
     """Return balanced accuracies and votes of a recording's (or run's) windows; None if they add nothing."""
-    every = [pair.accuracy for pair in _pairs(data)]
+    every = [pair.accuracy for pair in pairs_of(data)]
     unit = next((u for u in ("recording", "run") if any(f"per_{u}" in found for found in every)), None)
     balanced = any(abs(found.get("balanced", found["mean"]) - found["mean"]) > 1e-9 for found in every)
     if unit is None and not balanced:
@@ -246,9 +224,9 @@ def _beside(data: Data) -> Table | None:
     return Table(pd.DataFrame(columns), caption)
 
 
-def _ranking(data: Data, best: _Pair) -> Figure:
+def _ranking(data: Data, best: Pair) -> Figure:
     """Return all rows with every classifier as a picture: ours and the published figures."""
-    unlike, pairs = unlike_published(data), _pairs(data)
+    unlike, pairs = unlike_published(data), pairs_of(data)
     title = classifier_title(best.classifier)
     found = [pair for pair in pairs if pair.classifier == best.classifier]
     gaps = [pair.accuracy["mean"] - pair.published for pair in found if pair.published is not None]
@@ -375,10 +353,10 @@ def _confusion(found: Data, tested: str) -> Heat:
     )
 
 
-def _costs(data: Data, best: _Pair) -> Figure:
+def _costs(data: Data, best: Pair) -> Figure:
     """Return the milliseconds of every row, the most accurate first, each with its best classifier."""
-    of_row: dict[str, _Pair] = {}
-    for pair in sorted(_pairs(data), key=lambda pair: -float(pair.accuracy["mean"])):
+    of_row: dict[str, Pair] = {}
+    for pair in sorted(pairs_of(data), key=lambda pair: -float(pair.accuracy["mean"])):
         if pair.row["ms_per_recording"] is not None:
             of_row.setdefault(pair.row["name"], pair)
     pairs, what = list(of_row.values()), _tested(data)[:-1]
@@ -406,11 +384,11 @@ def _costs(data: Data, best: _Pair) -> Figure:
     )
 
 
-def _cost_of(pair: _Pair, what: str) -> str:
+def _cost_of(pair: Pair, what: str) -> str:
     return f"{pair.row['name']}, {digits(pair.row['ms_per_recording'])} ms per {what}"
 
 
-def draw_row_costs(pairs: Sequence[_Pair], width: float) -> "Drawing":
+def draw_row_costs(pairs: Sequence[Pair], width: float) -> "Drawing":
     """Draw the milliseconds of rows, and their accuracies beside them."""
     figure, axes = row_axes(width, [pair.row["name"] for pair in pairs], "ms (beside it: accuracy)")
     for y, pair in enumerate(pairs):
@@ -422,9 +400,9 @@ def draw_row_costs(pairs: Sequence[_Pair], width: float) -> "Drawing":
     return figure
 
 
-def _notes(data: Data, best: _Pair | None) -> Iterator[str]:
+def _notes(data: Data, best: Pair | None) -> Iterator[str]:
     """Yield what a reader of the table must know."""
-    told = [pair.accuracy for pair in _pairs(data)]
+    told = [pair.accuracy for pair in pairs_of(data)]
     clustered = [a for a in told if a.get("interval", "").startswith(("t over", "Wilson over"))]
     if clustered:
         what = clustered[0].get("clusters", "recording")
@@ -484,7 +462,7 @@ def _chosen_accuracy(accuracy: Data) -> str:
 
 
 def _classifiers(data: Data) -> list[str]:
-    return list(dict.fromkeys(pair.classifier for pair in _pairs(data)))
+    return list(dict.fromkeys(pair.classifier for pair in pairs_of(data)))
 
 
 def _tested(data: Data) -> str:

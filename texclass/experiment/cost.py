@@ -7,7 +7,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import date
 from functools import cached_property, partial
 from pathlib import Path
@@ -212,10 +212,8 @@ class CostMeter:
                 times: dict[Hashable, list[float]] = defaultdict(list)
                 for _ in range(1 + n_repeats):  # the first run warms up
                     for i, (prefix, member) in enumerate(members):
-                        watch = _Stopwatch()
-                        with suppress(UndefinedFeatureError):
-                            watch.read(member, views_of(recording, self.channels)[prefix], prefix)
-                        for part, seconds in watch.seconds.items():
+                        views = views_of(recording, self.channels)[prefix]
+                        for part, seconds in _seconds_of(member, views, prefix).items():
                             times[part].append(1e3 * seconds)
                             users[part].add(i)
                 by_recording.append({part: float(np.quantile(ms, QUARTILE)) for part, ms in times.items()})
@@ -232,29 +230,27 @@ class CostMeter:
         )
 
 
-@dataclass
-class _Stopwatch:
-    """Seconds that each of several nested computations took by itself, without those inside it."""
+def _seconds_of(member: Member, views: Views, prefix: str) -> dict[Hashable, float]:
+    """Compute a feature on fresh views: seconds of conditioning, each transform and the rest, none twice."""
+    seconds: dict[Hashable, float] = defaultdict(float)
+    inside = [0.0]  # what computations within the present one have taken
 
-    seconds: dict[Hashable, float] = field(default_factory=lambda: defaultdict(float))
-    _inside: list[float] = field(default_factory=lambda: [0.0])
-
-    def __call__(self, part: Hashable, compute: Callable[[], R]) -> R:
-        self._inside.append(0.0)
+    def timed(part: Hashable, compute: Callable[[], R]) -> R:
+        inside.append(0.0)
         start = clock()
         try:
             return compute()
         finally:
             elapsed = clock() - start
-            self.seconds[part] += elapsed - self._inside.pop()
-            self._inside[-1] += elapsed
+            seconds[part] += elapsed - inside.pop()
+            inside[-1] += elapsed
 
-    def read(self, member: Member, views: Views, prefix: str) -> None:
-        """Compute a feature on fresh views, timing the conditioning, each transform and the rest."""
-        phase = member.feature.phase
-        view = self((prefix, phase), lambda: member.view(views))
-        view.memory.timed = lambda key, compute: self((prefix, phase, key), compute)
-        self((prefix, member.name, ""), lambda: member.values(views))
+    phase = member.feature.phase
+    with suppress(UndefinedFeatureError):
+        view = timed((prefix, phase), lambda: member.view(views))
+        view.memory.timed = lambda key, compute: timed((prefix, phase, key), compute)
+        timed((prefix, member.name, ""), lambda: member.values(views))
+    return seconds
 
 
 def classifier_cost(classifier: Any, X: Samples, y: NDArray[Any], n_repeats: int = 5) -> dict[str, float]:

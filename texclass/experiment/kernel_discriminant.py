@@ -183,7 +183,7 @@ def view_of(X: Samples, labels: Labels, shrinkage: float, relevance: float) -> V
         weights = _weights(Z, labels, relevance)
         seen = Z * weights
     else:
-        residual = _residual(Z, labels)
+        residual = Z - class_means(Z, labels)[labels]
         S = residual.T @ residual / len(Z)
         level = np.trace(S) / len(S) or 1.0
         # Few samples leave many equal values: LAPACK's default driver can fail on those.
@@ -201,7 +201,7 @@ def correlation_ratio(Z: Samples, labels: Labels) -> Samples:
     The variances are unbiased, so that a column of pure noise gets about 0 even with few samples a class.
     """
     n, n_classes = len(Z), int(labels.max()) + 1
-    within = _residual(Z, labels).var(axis=0) * n / max(1, n - n_classes)
+    within = (Z - class_means(Z, labels)[labels]).var(axis=0) * n / max(1, n - n_classes)
     total = Z.var(axis=0) * n / max(1, n - 1)
     ratio = np.divide(within, total, out=np.ones_like(total), where=total > 0)
     return np.asarray(np.sqrt(np.clip(1 - ratio, 0, 1)))
@@ -230,7 +230,7 @@ def _weights(Z: Samples, labels: Labels, relevance: float) -> Samples:
     return np.asarray(np.maximum(correlation_ratio(Z, labels), LEAST_RELEVANCE) ** relevance)
 
 
-def _residual(Z: Samples, labels: Labels) -> Samples:
+def class_means(X: Samples, labels: Labels) -> Samples:
+    """Return the mean of each class, labelled 0 ... n_classes - 1: shape (n_classes, n_features)."""
     one_hot = np.eye(int(labels.max()) + 1)[labels]
-    means = one_hot.T @ Z / one_hot.sum(axis=0)[:, None]
-    return np.asarray(Z - means[labels])
+    return np.asarray(one_hot.T @ X / one_hot.sum(axis=0)[:, None])

@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -113,15 +113,14 @@ class BenchmarkResult(Result):
         """One line a row and classifier: accuracy with its interval, published accuracy, milliseconds."""
         lines = [
             {
-                "row": row["name"],
-                "classifier": name,
-                "n_features": row["n_features"],
-                **{key: accuracy[key] for key in ACCURACY_KEYS},
-                "paper": row["paper"].get(name),
-                "ms_per_recording": row["ms_per_recording"],
+                "row": pair.row["name"],
+                "classifier": pair.classifier,
+                "n_features": pair.row["n_features"],
+                **{key: pair.accuracy[key] for key in ACCURACY_KEYS},
+                "paper": pair.published,
+                "ms_per_recording": pair.row["ms_per_recording"],
             }
-            for row in self.data["rows"]
-            for name, accuracy in row["accuracy"].items()
+            for pair in pairs_of(self.data)
         ]
         return pd.DataFrame(lines)
 
@@ -155,17 +154,31 @@ class BenchmarkResult(Result):
     @property
     def best(self) -> tuple[str, str] | None:
         """Row and classifier of the highest accuracy, the first of equals; None if no row was computed."""
-        return best_of(self.data)
+        best = best_of(self.data)
+        return (best.row["name"], best.classifier) if best else None
 
 
-def best_of(data: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Return row and classifier of the highest accuracy, the first of equals; None if no row was computed."""
-    pairs = {
-        (row["name"], name): accuracy["mean"]
+class Pair(NamedTuple):
+    """A row of a result, a classifier that evaluated it, its accuracy, and the published one or None."""
+
+    row: Mapping[str, Any]
+    classifier: str
+    accuracy: Mapping[str, Any]
+    published: Any
+
+
+def pairs_of(data: Mapping[str, Any]) -> list[Pair]:
+    """Return every pair of row and classifier that was computed."""
+    return [
+        Pair(row, name, found, row.get("paper", {}).get(name))
         for row in data["rows"]
-        for name, accuracy in row["accuracy"].items()
-    }
-    return max(pairs, key=pairs.__getitem__, default=None)
+        for name, found in row["accuracy"].items()
+    ]
+
+
+def best_of(data: Mapping[str, Any]) -> Pair | None:
+    """Return the pair of the highest accuracy, the first of equals; None if no row was computed."""
+    return max(pairs_of(data), key=lambda pair: float(pair.accuracy["mean"]), default=None)
 
 
 def classifier_title(name: str) -> str:

@@ -5,7 +5,7 @@ once a subset (`closed_form`); all others are fitted again.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,13 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from texclass.experiment.folds import Fold, without_remarks
+from texclass.experiment.kernel_discriminant import class_means
 from texclass.experiment.protocols import Split
 from texclass.recording import Samples
 
 Labels = NDArray[np.intp]
+Scores = Callable[[list[int], Labels], Samples]
+"""(columns selected so far, candidates) -> scores (n_candidates, n_test, n_prototypes) with each added."""
 Scoring = Literal["accuracy", "log_likelihood"]
 COLLINEAR = 1e-8
 """Relative eigenvalue of the within-class correlation below which a direction is dropped, as sklearn does."""
@@ -135,9 +138,8 @@ class SubsetScore:
         forms = [closed_form(estimator, fold.learnt, fold.labels, fold.asked) for fold in self.folds]
         self.forms = [form for form in forms if form is not None]
         self.fast = len(self.forms) == len(self.folds)
-        probable = isinstance(estimator, GaussianNB | LinearDiscriminantAnalysis)
-        if not self.fast:
-            probable = hasattr(estimator, "predict_proba")
+        summing = isinstance(estimator, GaussianNB | LinearDiscriminantAnalysis)
+        probable = summing if self.fast else hasattr(estimator, "predict_proba")
         self.soft = scoring == "log_likelihood" and probable
         self._known: dict[tuple[int, ...], float] = {}
 
@@ -171,10 +173,13 @@ class SubsetScore:
         # Rounded, so that equal candidates are equal.
         return np.asarray(np.mean(parts, axis=0).round(12))
 
-    def _closed(self, form: "ClosedForm", fold: Fold, selected: list[int], candidates: Labels) -> Samples:
+    def _closed(
+        self, form: tuple[Scores, Labels], fold: Fold, selected: list[int], candidates: Labels
+    ) -> Samples:
+        scores, labels = form[0](selected, candidates), form[1]
         if not self.soft:
-            return np.asarray((form.predict(selected, candidates) == fold.truth).mean(axis=1))
-        log_p = log_softmax(form.scores(selected, candidates), axis=2)
+            return np.asarray((labels[scores.argmax(axis=2)] == fold.truth).mean(axis=1))
+        log_p = log_softmax(scores, axis=2)
         return np.asarray(log_p[:, np.arange(fold.truth.size), fold.truth].mean(axis=1))
 
     def _refitted(self, fold: Fold, columns: list[int]) -> float:
@@ -185,28 +190,10 @@ class SubsetScore:
         return float(np.log(np.maximum(told, np.finfo(np.float64).tiny)).mean())
 
 
-class ClosedForm(NamedTuple):
-    """A classifier fitted on one fold, able to answer for any subset of columns.
-
-    Attributes
-    ----------
-    scores : callable
-        (columns selected so far, candidates) -> scores of shape (n_candidates, n_test, n_prototypes) with
-        each candidate added; the largest wins.
-    labels : ndarray of shape (n_prototypes,)
-        The class of each prototype (a class mean, or for the nearest neighbour a training sample).
-    """
-
-    scores: Callable[[list[int], Labels], Samples]
-    labels: Labels
-
-    def predict(self, selected: list[int], candidates: Labels) -> Labels:
-        """Return the predicted classes, shape (n_candidates, n_test)."""
-        return np.asarray(self.labels[self.scores(selected, candidates).argmax(axis=2)])
-
-
-def closed_form(estimator: Any, train: Samples, labels: Labels, test: Samples) -> ClosedForm | None:
-    """Return the scores of a fold, or None when the classifier has no closed form here.
+def closed_form(
+    estimator: Any, train: Samples, labels: Labels, test: Samples
+) -> tuple[Scores, Labels] | None:
+    """Return a classifier fitted on a fold, able to answer for any subset; None without a closed form.
 
     Parameters
     ----------
@@ -217,34 +204,41 @@ def closed_form(estimator: Any, train: Samples, labels: Labels, test: Samples) -
         Of the fold.
     labels : ndarray of shape (n_train,)
         0 ... n_classes - 1.
+
+    Returns
+    -------
+    callable
+        See `Scores`; the largest wins.
+    ndarray of shape (n_prototypes,)
+        The class of each prototype (a class mean, or for the nearest neighbour a training sample).
     """
     kind, classes = type(estimator), np.arange(labels.max() + 1)
     shares = np.log(np.bincount(labels) / len(labels))
     if kind is GaussianNB and estimator.priors is None:
         # log N(x; mean, variance) of each column, sample and class, without -log(2 pi) / 2.
-        mean = _class_means(train, labels)
+        mean = class_means(train, labels)
         smoothing = estimator.var_smoothing * train.var(axis=0).max()
-        variance = _class_means((train - mean[labels]) ** 2, labels) + smoothing
+        variance = class_means((train - mean[labels]) ** 2, labels) + smoothing
         variance = np.maximum(variance, np.finfo(np.float64).tiny).T[:, None, :]
         terms = -0.5 * (np.log(variance) + (test.T[:, :, None] - mean.T[:, None, :]) ** 2 / variance)
-        return ClosedForm(_sums(terms, shares), classes)
+        return _sums(terms, shares), classes
     if kind is NearestCentroid:
         uniform = getattr(estimator, "priors", "uniform") == "uniform"
         if estimator.metric == "euclidean" and estimator.shrink_threshold is None and uniform:
-            return ClosedForm(_sums(_distance_terms(_class_means(train, labels), test)), classes)
+            return _sums(_distance_terms(class_means(train, labels), test)), classes
     if kind is KNeighborsClassifier:
         euclidean = (estimator.metric, estimator.p) == ("minkowski", 2) or estimator.metric == "euclidean"
         if estimator.n_neighbors == 1 and euclidean:
-            return ClosedForm(_sums(_distance_terms(train, test)), labels)
+            return _sums(_distance_terms(train, test)), labels
     if kind is LinearDiscriminantAnalysis:
         plain = estimator.priors is None and estimator.covariance_estimator is None
         if plain and (estimator.shrinkage is None or isinstance(estimator.shrinkage, int | float)):
             shrinkage = float(estimator.shrinkage or 0.0)
-            return ClosedForm(_discriminant(train, labels, test, shares, shrinkage), classes)
+            return _discriminant(train, labels, test, shares, shrinkage), classes
     return None
 
 
-def _sums(terms: Samples, constant: Samples | float = 0.0) -> Callable[[list[int], Labels], Samples]:
+def _sums(terms: Samples, constant: Samples | float = 0.0) -> Scores:
     """Scores that are sums of terms (n_columns, n_test, n_prototypes) over columns."""
     return lambda selected, candidates: terms[candidates] + (terms[selected].sum(axis=0) + constant)
 
@@ -255,12 +249,12 @@ def _distance_terms(prototypes: Samples, test: Samples) -> Samples:
 
 def _discriminant(
     train: Samples, labels: Labels, test: Samples, log_priors: Samples, shrinkage: float
-) -> Callable[[list[int], Labels], Samples]:
+) -> Scores:
     """Linear discriminants of any subset of columns, from class means m and the within-class covariance W.
 
     score = (x - m / 2)' W^-1 m + log prior, W shrunk towards a multiple of the identity within the subset.
     """
-    means = _class_means(train, labels)
+    means = class_means(train, labels)
     residual = train - means[labels]
     # The divisor is sklearn's: n - n_classes in its svd solver, n where shrinkage asks for another solver.
     free = len(train) - (0 if shrinkage else len(means))
@@ -289,8 +283,3 @@ def _inverse(covariance: Samples, shrinkage: float) -> Samples:
     if shrinkage > COLLINEAR**0.5 and (level > 0).all():  # positive definite: ten times faster
         return np.asarray(np.linalg.inv(covariance / scale) / scale)
     return np.asarray(np.linalg.pinv(covariance / scale, rcond=COLLINEAR, hermitian=True) / scale)
-
-
-def _class_means(values: Samples, labels: Labels) -> Samples:
-    one_hot = np.eye(int(labels.max()) + 1)[labels]
-    return np.asarray(one_hot.T @ values / one_hot.sum(axis=0)[:, None])

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import pandas as pd
 from pydantic import Field, TypeAdapter
@@ -41,15 +41,13 @@ class Window(Entry):
     problem: str = ""
 
 
-class Movement(NamedTuple):
-    """Where a recording moves: samples [start, stop) at fs, or the problem that keeps it from being cut."""
-
-    start: Annotated[int, Field(ge=0, strict=True)]
-    stop: Annotated[int, Field(strict=True)]
-    fs: Annotated[float, Field(gt=0, strict=True, allow_inf_nan=False)]
-    problem: str = ""
-
-
+Movement = tuple[
+    Annotated[int, Field(ge=0, strict=True)],
+    Annotated[int, Field(strict=True)],
+    Annotated[float, Field(gt=0, strict=True, allow_inf_nan=False)],
+    str,
+]
+"""Where a recording moves: samples [start, stop) at fs; the problem that keeps it from being cut, or ""."""
 MOVEMENTS = TypeAdapter(tuple[Movement, ...])
 
 
@@ -191,7 +189,7 @@ def _movements(dataset: Dataset, n_jobs: int, progress: Progress | None) -> tupl
         return read_movements(path, len(dataset))
     calls = [partial(_movement, dataset.load, entry) for entry in dataset.entries]
     found = tuple(each(calls, n_jobs=n_jobs, progress=progress, what="movements", total=len(calls)))
-    if not any(movement.problem for movement in found):
+    if not any(problem for *_, problem in found):
         write_atomically(path, json.dumps(found).encode())
     return found
 
@@ -208,7 +206,7 @@ def read_movements(path: Path, n: int) -> tuple[Movement, ...]:
     """
     try:
         found = MOVEMENTS.validate_json(path.read_bytes())
-        if len(found) != n or any(one.start > one.stop for one in found):
+        if len(found) != n or any(start > stop for start, stop, *_ in found):
             raise ValueError(f"{len(found)} movements")
     except ValueError as error:
         raise ValueError(f"{path}: {error}; the rule is {n} of [start, stop, fs, problem]") from error
@@ -220,7 +218,7 @@ def _movement(load: Callable[[Entry], Recording], entry: Entry) -> Movement:
         recording = load(entry)
         movement = segment(recording).movement
     except RecordingError as error:
-        return Movement(0, 0, 1.0, str(error))
+        return 0, 0, 1.0, str(error)
     if movement is None:
-        return Movement(0, 0, recording.fs, f"{entry.recording_id}: no movement found; the rule is some")
-    return Movement(*movement, recording.fs)
+        return 0, 0, recording.fs, f"{entry.recording_id}: no movement found; the rule is some"
+    return *movement, recording.fs, ""

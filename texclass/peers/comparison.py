@@ -150,13 +150,16 @@ def compare_with_peers(
     report(0, total, "peers")
     choice = result.data.get("choice")
     pairs = _candidates(result, pipeline)
-    measured = {
-        pair: measure_ours(
-            *_matched(pair, pipeline, table), pipeline, dataset, table, splits, nested=protocol.nested
-        )
-        for pair in dict.fromkeys((*pairs, *map(tuple, choice["chosen"] if choice else ())))
-    }
-    entrants = [_ours(*_matched(pair, pipeline, table), measured[pair]) for pair in pairs]
+    measured: dict[tuple[str, str], Entrant] = {}
+    for name, judge in dict.fromkeys((*pairs, *map(tuple, choice["chosen"] if choice else ()))):
+        definition = next(row for row in pipeline.rows if row.name == name)
+        row = MatchedRow.of(definition, pipeline.features, table)
+        measured[name, judge] = {
+            "name": name, "title": name, "ours": True, "reference": definition.reference,
+            "classifier": judge, "status": "done", "message": "", "n_columns": row.n_features,
+            **measure_ours(row, judge, pipeline, dataset, table, splits, nested=protocol.nested),
+        }  # fmt: skip
+    entrants = [measured[pair] for pair in pairs]
     if choice:
         entrants.insert(0, _chosen([measured[tuple(pair)] for pair in choice["chosen"]]))
     report(1, total, "peers")
@@ -232,13 +235,6 @@ def _candidates(result: BenchmarkResult, pipeline: PipelineDefinition) -> list[t
     return list(dict.fromkeys((result.best, (widest, judge))))
 
 
-def _matched(
-    pair: tuple[str, str], pipeline: PipelineDefinition, table: FeatureTable
-) -> tuple[MatchedRow, str]:
-    definition = next(row for row in pipeline.rows if row.name == pair[0])
-    return MatchedRow.of(definition, pipeline.features, table), pair[1]
-
-
 def _hand_over(
     task: Path,
     given: Given,
@@ -257,19 +253,12 @@ def _hand_over(
     return write_task(task, signals, labels, splits, first.fs, pipeline.seed)
 
 
-def _ours(row: MatchedRow, classifier: str, found: Mapping[str, Any]) -> Entrant:
-    """Return a row of ours; `found` is what `measure_ours` returned."""
-    name, reference = row.definition.name, row.definition.reference
-    facts = {"name": name, "title": name, "ours": True, "reference": reference, "classifier": classifier}
-    return {**facts, "status": "done", "message": "", "n_columns": row.n_features, **found}
-
-
 def _chosen(measured: Sequence[Mapping[str, Any]]) -> Entrant:
     """Return what was chosen inside the training part of each fold; its costs are means over folds."""
-    facts = {"name": CHOICE, "title": CHOICE, "ours": True, "reference": "", "classifier": "chosen, too"}
     costs = ("feature_s", "fit_s", "predict_s", "first_s", "memory_mb")
     return {
-        **facts, "status": "done", "message": "", "n_columns": 0,
+        **measured[0],
+        "name": CHOICE, "title": CHOICE, "reference": "", "classifier": "chosen, too", "n_columns": 0,
         "predicted": tuple(found["predicted"][k] for k, found in enumerate(measured)),
         **{key: float(np.mean([found[key] for found in measured])) for key in costs},
     }  # fmt: skip

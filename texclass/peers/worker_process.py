@@ -24,7 +24,7 @@ from texclass.features.extractor import Plan
 from texclass.features.phase_view import channels_apart
 from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.peers.peer_worker.run import PeakMemory, timed
+from texclass.peers.peer_worker.run import timed, watch_memory
 from texclass.phases import segment
 
 HERE = Path(__file__).parent
@@ -186,7 +186,7 @@ def _measure(
     plan = Plan.of(features, channels_apart(first, channels))
     with one_thread():
         _, first_s = timed(lambda: [plan.compute(first) for _ in range(2)])
-        memory, seconds = PeakMemory(), []
+        megabytes, seconds = watch_memory(), []
         for recording in map(dataset.load, entries):
             # Peers are given movements that have been found already.
             known = recording.with_(phases=segment(recording))
@@ -198,5 +198,5 @@ def _measure(
         "fit_s": found.fit_s,
         "predict_s": found.predict_s,
         "first_s": first_s,
-        "memory_mb": memory.megabytes,
+        "memory_mb": megabytes(),
     }

@@ -51,7 +51,7 @@ def work(peer: Peer, task: Task, out: Path) -> None:
     _, first_s = timed(lambda: extractor.fit(few).transform(few))
     versions = {package: _version(package) for package in ("numpy", "scikit-learn", *peer.packages)}
     write_json(out / "started.json", {"first_s": first_s, "versions": versions})
-    memory = PeakMemory()
+    megabytes = watch_memory()
     table, seconds = (None, 0.0) if extractor.learns else _of_all(extractor, task)
     for k, (train, test) in enumerate(task.splits):
         if table is not None:
@@ -65,7 +65,7 @@ def work(peer: Peer, task: Task, out: Path) -> None:
             name: _classify(extractor, name, task.seed, learnt, task.labels[train], asked, fit_s)
             for name in peer.classifiers
         }
-        facts = {"n_columns": learnt.shape[1], "feature_s": feature_s, "memory_mb": memory.megabytes}
+        facts = {"n_columns": learnt.shape[1], "feature_s": feature_s, "memory_mb": megabytes()}
         write_json(out / f"fold_{k}.json", {**facts, "classifiers": ran})
     write_json(out / "done.json", {})
 
@@ -108,26 +108,24 @@ def timed(call: Callable[[], Any]) -> tuple[Any, float]:
     return found, time.process_time() - start
 
 
-class PeakMemory:
-    """By how much the process has grown, at its largest, since this was made.
+def watch_memory() -> Callable[[], float]:
+    """Return what tells by how many MB (2^20 bytes) the process has grown, at its largest, since now.
 
     Linux forgets the earlier peak when asked to. Elsewhere the peak of the whole life of the process counts,
     imports and compilation included, so the figure may be too low, never too high; Windows tells none (0).
     """
+    try:
+        RESET.write_text("5", encoding="ascii")
+    except OSError:
+        start = _lifelong_peak()
+    else:
+        start = _in_bytes("VmRSS")
 
-    def __init__(self) -> None:
-        try:
-            RESET.write_text("5", encoding="ascii")
-        except OSError:
-            self.start = _lifelong_peak()
-        else:
-            self.start = _in_bytes("VmRSS")
-
-    @property
-    def megabytes(self) -> float:
-        """Growth in MB (2^20 bytes)."""
+    def megabytes() -> float:
         peak = _in_bytes("VmHWM") if STATUS.exists() else _lifelong_peak()
-        return max(peak - self.start, 0) / MEGABYTE
+        return max(peak - start, 0) / MEGABYTE
+
+    return megabytes
 
 
 def _in_bytes(field: str) -> int:
