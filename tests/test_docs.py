@@ -4,6 +4,7 @@ import json
 import re
 import shlex
 import sys
+from functools import cache
 from glob import glob
 from pathlib import Path
 
@@ -14,12 +15,23 @@ from texclass.cli import main
 from texclass.features import load_feature
 from texclass.features.contract import registered
 from texclass.features.phase_view import PhaseView
+from texclass.simulate.recipe import Recipe
+from texclass.tradeoff import trade_off
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 NEW_FEATURE = ROOT / "docs" / "new-feature.md"
 BLOCK = re.compile(r"```(sh|python|toml)(?: (\S+))?\n(.*?)```", re.S)
 """Kind, file that the reader is to save it as (or none), text."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _once():
+    """Simulate each recording of `texclass sample` for all pages at once, and repeat no cross-validation."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Recipe, "record", cache(Recipe.record))
+        patch.setitem(trade_off.__kwdefaults__, "n_repeats", 1)
+        yield
 
 
 @pytest.fixture

@@ -24,16 +24,6 @@ SLOW = {
 """Run where the documentation is built."""
 
 
-@pytest.fixture(scope="module")
-def _one_cache(tmp_path_factory):
-    """Compute the features of the dataset that they share once."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TEXCLASS_CACHE", str(tmp_path_factory.mktemp("gallery")))
-        yield
-
-
-@pytest.mark.usefixtures("_one_cache")
-@pytest.mark.xdist_group("gallery")
 @pytest.mark.parametrize("script", [s for s in SCRIPTS if s.stem not in SLOW], ids=lambda s: s.stem)
 def test_a_script_runs(script, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)

@@ -87,7 +87,7 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):  # what a terminal, or a pipe on Windows, cannot show is "?"
             stream.reconfigure(errors="replace")
     try:
-        app(as_spelled_now(sys.argv[1:]))
+        app(as_spelled_now(sys.argv[1:]), prog_name="texclass")
     except (ValueError, OSError, ImportError) as error:
         typer.echo(f"error: {shown(str(error))}", err=True)
         sys.exit(1)

@@ -97,7 +97,7 @@ def write_sample(folder: str | Path, first: int = 1) -> tuple[Path, ...]:
     for name, place in _SAMPLED.items():
         for k in range(first, first + 6):
             along_tool = _SAMPLE.record(place, k).acceleration[:, 2]
-            text = "".join(f"{value:.6g}\n" for value in along_tool)
+            text = "%.6g\n" * len(along_tool) % tuple(along_tool)
             path = Path(folder) / name / f"{name}_{k:02d}.txt"
             if path.exists() and path.read_bytes() != text.encode():
                 raise ValueError(f"{path}: holds something else; the rule is a folder that is new")
