@@ -5,10 +5,9 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from sklearn.naive_bayes import GaussianNB
 
 from texclass.experiment import cost as cost_module
-from texclass.experiment.cost import CostMeter, CostModel, classifier_cost
+from texclass.experiment.cost import CostMeter, CostModel
 from texclass.features.contract import Feature
 from texclass.features.extractor import Plan
 from texclass.features.phase_view import transform
@@ -107,11 +106,6 @@ def test_predicts_the_cost_of_what_is_left_out_and_changes_no_value(ticks, toy_d
     for column in model.columns:
         assert model.cost([column]) == pytest.approx(meter.measured(plan.restricted_to([column]))[0])
     np.testing.assert_array_equal(plan.compute(dataset[0]).values, before)
-
-
-def test_classifiers_cost_time_to_fit_and_to_predict():
-    X = np.random.default_rng(0).normal(size=(40, 3))
-    assert all(ms > 0 for ms in classifier_cost(GaussianNB(), X, np.arange(40) % 4).values())
 
 
 def test_costs_that_decide_are_measured_once(ticks, toy_dataset, monkeypatch, tmp_path):

@@ -25,15 +25,6 @@ def selecting(n):
     return make_pipeline(MinMaxScaler(), ForwardSelector(judge, n_features_to_select=n, cv=3))
 
 
-def test_separable_classes_are_recovered():
-    rng = np.random.default_rng(0)
-    X = np.unique(Y, return_inverse=True)[1][:, None] * [10.0, -3.0] + rng.normal(size=(60, 2)) * 0.5
-    found = evaluate(X, Y, SPLITS, SCALE, GaussianNB())
-    assert found.accuracy.mean == 1.0
-    assert found.accuracy.folds == (1.0,) * 5
-    np.testing.assert_array_equal(found.truth, found.predicted)
-
-
 def test_a_constant_column_takes_nothing_from_the_others_and_alone_names_the_commonest():
     told = np.unique(Y, return_inverse=True)[1] * 10.0 + np.random.default_rng(0).normal(size=60)
     beside = np.column_stack([told, np.ones(60)])

@@ -8,7 +8,7 @@ import pytest
 from texclass.experiment.result import CHOICE, BenchmarkResult
 from texclass.features.phase_view import views_of
 from texclass.peers import PEERS, PeerComparison, PeerSettings, compare_with_peers, whole_materials
-from texclass.peers.comparison import _length_notes, every_channel, same_signals, signal_reader
+from texclass.peers.comparison import _length_notes, every_channel, same_signals
 from texclass.recording import Phases, Recording, Tap
 
 
@@ -113,16 +113,16 @@ def recording():
 
 
 def test_peers_are_given_the_movement_that_our_features_read(recording):
-    given = signal_reader("same", recording, "auto")(recording)
+    given = same_signals(recording, ())
     np.testing.assert_array_equal(given, views_of(recording)[""].movement.samples[None])
-    apart = signal_reader("same", recording, "each")(recording)
+    apart = same_signals(recording, recording.channels)
     assert apart.shape[0] == 3
     views = views_of(recording, recording.channels)
     np.testing.assert_array_equal(apart[2], views["z/"].movement.samples)
 
 
 def test_each_channel_by_itself_includes_the_turn_rate_and_no_mean(recording):
-    given = signal_reader("each", recording, "auto")(recording)
+    given = every_channel(recording)
     assert given.shape == (6, 3000)
     assert np.abs(given.mean(axis=1)).max() < 1e-12
     turn = recording.turn_rate[500:3500, 1]

@@ -74,6 +74,7 @@ def test_curves_are_measured_where_the_dataset_allows(noises):
     for curve in curves:
         assert len(curve["x"]) == len(curve["accuracy"]) == len(curve["labels"])
         assert all(0 <= a["low"] <= a["mean"] <= a["high"] <= 1 for a in curve["accuracy"])
+    assert all(c["fit_ms"] > 0 and c["predict_ms"] > 0 for c in result.data["classifiers"])
     assert result.data["knee"] in result.data["front"]
     assert result.data["at_half_cost"]["budget_ms"] <= result.data["total_ms"] / 2 * (1 + 1e-9)
 

@@ -2,10 +2,9 @@
 
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,7 +19,7 @@ from texclass.experiment.protocols import Protocol, Split, find_protocol
 from texclass.experiment.result import CHOICE, COMPUTED_BY, BenchmarkResult, Result
 from texclass.experiment.workers import Progress
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.phase_view import Channels, Views, channels_apart, views_of
+from texclass.features.phase_view import Views, channels_apart, views_of
 from texclass.loaders.dataset import Dataset
 from texclass.peers.peer_worker.files import write_task
 from texclass.peers.peer_worker.peers import PEERS, Peer
@@ -247,8 +246,12 @@ def _hand_over(
     entries = {entry.recording_id: entry for entry in dataset.entries}
     ordered = [entries[recording_id] for recording_id in table.frame["recording_id"]]
     first = dataset.load(ordered[0])
-    read = signal_reader(given, first, pipeline.channels, without_hand=pipeline.features.without_hand)
-    signals = (read(dataset.load(entry)) for entry in ordered)
+    apart, without_hand = channels_apart(first, pipeline.channels), pipeline.features.without_hand
+    recordings = map(dataset.load, ordered)
+    signals = (
+        every_channel(r) if given == "each" else same_signals(r, apart, without_hand=without_hand)
+        for r in recordings
+    )
     labels = np.unique(table.materials, return_inverse=True)[1]
     return write_task(task, signals, labels, splits, first.fs, pipeline.seed)
 
@@ -334,31 +337,6 @@ def _length_notes(lengths: tuple[int, ...]) -> Iterator[str]:
             f"{median}): longer ones lose equal parts at both ends, shorter ones ({short:.0%}) are followed "
             "by zeros, which may tell the peer how long they were"
         )
-
-
-def signal_reader(
-    given: Given, first: Recording, channels: Channels, *, without_hand: bool = False
-) -> Callable[[Recording], Samples]:
-    """Return what turns a recording into the signals that peers are given.
-
-    Parameters
-    ----------
-    given : {"same", "each"}
-        See `DESCRIPTIONS`.
-    first : Recording
-        A recording of the dataset, which decides the channels.
-    channels : {"combine", "each", "auto"}
-        How the pipeline treats channels.
-    without_hand : bool
-        Whether its features read movements without the path of the hand.
-
-    Returns
-    -------
-    callable
-        Recording -> ndarray of shape (n_channels, n_samples).
-    """
-    same = partial(same_signals, apart=channels_apart(first, channels), without_hand=without_hand)
-    return every_channel if given == "each" else same
 
 
 def same_signals(recording: Recording, apart: tuple[str, ...], *, without_hand: bool = False) -> Samples:

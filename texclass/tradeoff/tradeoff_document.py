@@ -273,7 +273,7 @@ def draw_curves(curves: Sequence[Data], width: float, chance: float) -> "Drawing
 def _panel(axes: "Axes", title: str, curves: Sequence[Data], chance: float) -> None:
     ticks: dict[float, str] = {}
     for curve, (colour, shape) in zip(curves, LOOKS, strict=False):
-        labels = curve.get("labels") or [f"{x:g}" for x in curve["x"]]
+        labels = _labels(curve)
         says = [
             f"{curve['series']}, {label}: {estimate(found)} %"
             for label, found in zip(labels, curve["accuracy"], strict=True)
