@@ -84,21 +84,26 @@ def find_glitches(axes: Samples) -> NDArray[np.intp]:
     """
     if len(axes) < 2 * NEAR + 1:
         return np.zeros(0, dtype=np.intp)
-    found = [np.zeros(0, dtype=np.intp)]
+    found, n_channels = list[NDArray[np.intp]](), axes.shape[1]
+    scratch = np.empty((2, n_channels * (BLOCK + 2)))  # new memory costs more than the work
     for start in range(0, len(axes) - 2 * NEAR, BLOCK):
-        rows = np.ascontiguousarray(axes[max(0, start - 1) : start + BLOCK + 1].T)
-        jump = np.diff(rows)
+        before = max(0, start - 1)
+        rows = axes[before : start + BLOCK + 1].reshape(-1)
+        jump = np.subtract(rows[n_channels:], rows[:-n_channels], out=scratch[0, n_channels : len(rows)])
         np.abs(jump, out=jump)
-        low = np.minimum(jump[:, 1:], jump[:, :-1])
-        channels, wild = np.nonzero(low > WILD * low.mean(axis=1, keepdims=True))
-        wild += max(0, start - 1) + 1
-        first = np.clip(wild - NEAR, 0, len(axes) - 2 * NEAR - 1)
-        near = axes[first[:, None] + np.arange(2 * NEAR + 1), channels[:, None]]
-        its = np.arange(len(wild)), wild - first
-        near[its] = near[its[0], its[1] - 1]
-        alone = np.abs(axes[wild, channels] - np.median(near, axis=1)) > WILD * np.ptp(near, axis=1)
-        found.append(wild[alone])
-    return np.unique(np.concatenate(found))
+        low = np.minimum(jump[n_channels:], jump[:-n_channels], out=scratch[1, : len(jump) - n_channels])
+        least = np.full(len(low) // n_channels, WILD * n_channels / len(low)) @ low.reshape(-1, n_channels)
+        (at,) = np.nonzero(low > least.min())
+        beside = np.abs(rows[at + 2 * n_channels] - rows[at])
+        at = at[(low[at] > (WILD - 2.0) * beside) & (low[at] > least[at % n_channels])]
+        found.append(at + (before + 1) * n_channels)
+    wild, channels = np.divmod(np.concatenate(found), n_channels)
+    first = np.clip(wild - NEAR, 0, len(axes) - 2 * NEAR - 1)
+    near = axes[first[:, None] + np.arange(2 * NEAR + 1), channels[:, None]]
+    its = np.arange(len(wild)), wild - first
+    near[its] = near[its[0], its[1] - 1]
+    alone = np.abs(axes[wild, channels] - np.median(near, axis=1)) > WILD * np.ptp(near, axis=1)
+    return np.unique(wild[alone])
 
 
 def mended(axes: Samples, glitches: NDArray[np.intp]) -> Samples:

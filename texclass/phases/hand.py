@@ -27,8 +27,9 @@ def hand_start(axes: Samples, fs: float) -> int:
     if len(before) < 3:
         return 0
     before = ndimage.uniform_filter1d(before, round(0.02 * fs / step), axis=0, mode="nearest")
-    deviation = np.linalg.norm(before - np.median(before, axis=0), axis=1)
     half = len(before) // 2
+    median = np.sort(before, axis=0)[(len(before) - 1) // 2 : half + 1].mean(axis=0)
+    deviation = np.linalg.norm(before - median, axis=1)
     peak = half + int(np.argmax(deviation[half:]))
     (still,) = np.nonzero(deviation[:peak] < STILL * deviation[peak])
     return min(len(axes), (int(still[-1]) + 1 if len(still) else 0) * step)

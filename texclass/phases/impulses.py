@@ -159,7 +159,7 @@ def find_impulses(levels: Levels, rules: Rules) -> list[Impulse]:
     calm = decibels(mean_over(levels.felt, n(CALM_S)))
     quiet_db, least_db = 10.0 * np.log10(rules.active_ratio), rules.stand_out_db
     peaks, rises = _peaks(sharp, loud, n, rules)
-    back = n(rules.before_s)
+    back, after, stall, tail, rise = (n(s) for s in (rules.before_s, CALM_S / 2, STALL_S, TAIL_S, RISE_S))
     found: list[Impulse] = []
     limit = len(sharp)
     for peak in reversed(peaks):
@@ -168,17 +168,15 @@ def find_impulses(levels: Levels, rules: Rules) -> list[Impulse]:
         top, look = float(sharp[peak]), max(0, peak - back)
         (below,) = np.nonzero(sharp[look:peak] < max(quiet_db, top - ONSET_DB))
         start = look + (int(below[-1]) + 1 if len(below) else 0)
-        left = calm[min(peak + n(CALM_S / 2), len(calm) - 1) :][: limit - peak]
-        over = min(
-            _stall(left, n(STALL_S)), _first(sharp[peak:limit] < quiet_db, limit - peak), limit - peak - 1
-        )
-        gone = peak + over
-        gone = min(gone + _tail(calm[gone : gone + n(TAIL_S)][: limit - gone], quiet_db, limit - gone), limit)
+        left = calm[min(peak + after, len(calm) - 1) :][: limit - peak]
+        over = min(_first(sharp[peak:limit] < quiet_db, limit - peak), limit - peak - 1)
+        gone = peak + min(_stall(left[: over + 3 * stall], stall), over)
+        gone = min(gone + _tail(calm[gone : gone + tail][: limit - gone], quiet_db, limit - gone), limit)
         end = min(gone, peak + _first(sharp[peak:limit] < top - DECAY_DB, limit - peak))
         fall = top - float(left[: gone - peak + 1].min(initial=top))
         if fall < least_db:
             continue
-        loudest = start + int(np.argmax(loud[start : peak + n(RISE_S)]))
+        loudest = start + int(loud[start : peak + rise].argmax())
         strongest = float(loud[loudest])
         width = loudest + _first(loud[loudest:] < strongest - WIDTH_DB, limit - loudest) - start
         ends = max(end, start + 1), max(gone, start + 1)
@@ -198,9 +196,8 @@ def _peaks(
     tap_db, least_db, back = 10.0 * np.log10(rules.tap_ratio), rules.stand_out_db, n_bins(rules.before_s)
     peaks, rises = set[int](), np.zeros(len(sharp))
     for level, most_db in ((sharp, np.inf), (loud, least_db)):
-        at, _ = signal.find_peaks(
-            np.pad(level, 1), height=tap_db, prominence=least_db, distance=n_bins(rules.spacing_s)
-        )
+        ended = np.concatenate([[0.0], level, [0.0]])
+        at, _ = signal.find_peaks(ended, height=tap_db, prominence=least_db, distance=n_bins(rules.spacing_s))
         peaks.update((at - 1).tolist())
         before = ndimage.maximum_filter1d(level, back, mode="constant")
         before = np.concatenate([np.zeros(n_bins(RISE_S) + back // 2), before])[: len(level)]
@@ -333,7 +330,7 @@ def _tail(level: Samples, quiet_db: float, n_left: int) -> int:
 
 
 def _first(where: NDArray[np.bool_], otherwise: int) -> int:
-    at = int(np.argmax(where)) if len(where) else 0
+    at = int(where.argmax()) if len(where) else 0
     return at if len(where) and where[at] else otherwise
 
 

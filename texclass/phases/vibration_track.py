@@ -27,6 +27,8 @@ CLEAR = 50.0
 """Ratio that stands for what is clear in the soft band: a little more than that of a tap."""
 UNREST = 1.4
 """Power over noise that the hand's unrest, felt in the soft band alone, does not reach."""
+KEPT = 16
+"""So many filtered blocks are kept, for taps are looked at again."""
 LEAST_SAMPLES = 20
 """Samples without which a level is too uncertain to call vibration."""
 ALIKE, ALIKE_SAMPLES = 2.5, 60.0
@@ -69,6 +71,11 @@ class Filtered:
     _states: list[Samples] = field(default_factory=list, repr=False)
     _newest: dict[int, Samples] = field(default_factory=dict, repr=False)
 
+    @functools.cached_property
+    def _moved(self) -> Samples:
+        """Room for a block, channel by channel, as a filter takes it."""
+        return np.empty((self.axes.shape[1], min(self.size, len(self))))
+
     def __len__(self) -> int:
         n = len(self.axes)
         for step in self.steps:
@@ -79,7 +86,7 @@ class Filtered:
         """Return the mean square of every `per` rows, summed over channels; `per` divides `size`."""
         mean, n = np.empty(-(-len(self) // per)), self.size // per
         for k, rows in enumerate(self._blocks()):
-            mean[k * n : (k + 1) * n] = block_mean(np.einsum("ij,ij->i", rows, rows), per)
+            mean[k * n : (k + 1) * n] = block_mean(np.einsum("ij,ij->j", rows.T, rows.T), per)
         return mean
 
     def between(self, first: int, stop: int) -> Samples:
@@ -106,11 +113,15 @@ class Filtered:
         while k not in self._newest:
             i = min(k, len(self._states))
             state = self._states[i - 1] if i else np.zeros((len(self.sos), 2, self.axes.shape[1]))
-            rows = self._rows(i * self.size, (i + 1) * self.size) - self.data.rest
-            block, after = causal(self.sos, rows, state)
+            rows = self._rows(i * self.size, (i + 1) * self.size)
+            moved = self._moved[:, : len(rows)].T
+            for channel, level in enumerate(self.data.rest):
+                np.subtract(rows[:, channel], level, out=moved[:, channel])
+            block, after = causal(self.sos, moved, state)
             if i == len(self._states) and after is not None:
                 self._states.append(after)
-            self._newest.clear()
+            if len(self._newest) == KEPT:
+                self._newest.clear()
             self._newest[i] = block
         return self._newest[k]
 
@@ -196,7 +207,10 @@ def track(recording: Recording, *, hand_hz: float, bin_s: float, quiet_s: float)
     n_quiet = max(1, min(round(quiet_s / bin_s), n_bins // 16))
     usable = slice(*(full if full[1] - full[0] >= n_quiet else (data[0], max(data[1], data[0] + 1))))
     noise, steady, varies = _quietest(loud[usable], n_quiet, bin_size * axes.shape[1])
-    noise = max(noise, _rounding(axes), _DEAD * float(loud.max()))
+    noise = max(noise, _DEAD * float(loud.max()))
+    some = axes[:1000]
+    if not np.ptp(some, axis=0).all() or _rounding(some) > noise:  # of more samples it is less
+        noise = max(noise, _rounding(axes[:50_000]))
     found = vibration, noise, steady, data, full, step, bin_size
     least = -(-LEAST_SAMPLES // (step * bin_size))
     if noise == 0:
@@ -253,7 +267,7 @@ def _full(axes: Samples, loud: Samples, data: tuple[int, int], size: int, bin_s:
     A fade is seen in the vibration, or in what gravity leaves of the samples.
     """
     n, bins = round(2 * LONGEST_FADE_S / bin_s) * size, loud[slice(*data)]
-    raw = [block_mean(np.einsum("ij,ij->i", end[:n], end[:n]), size) for end in (axes, axes[::-1])]
+    raw = [block_mean(end[:n] ** 2 @ np.ones(axes.shape[1]), size) for end in (axes, axes[::-1])]
     up, down = (max(fade(x, bin_s), fade(y, bin_s)) for x, y in zip(raw, (bins, bins[::-1]), strict=True))
     return data[0] + up, data[1] - down
 
@@ -281,7 +295,7 @@ def _quietest(level: Samples, n: int, per_bin: int) -> tuple[float, bool, bool]:
 
 def _rounding(axes: Samples) -> float:
     """Mean square error of the converter's rounding, from its smallest step, summed over channels."""
-    steps = np.abs(np.diff(np.ascontiguousarray(axes[:50_000].T)))
+    steps = np.abs(np.diff(np.ascontiguousarray(axes.T)))
     steps[steps == 0] = np.inf
     smallest = steps.min(axis=1, initial=np.inf)
     return float((smallest[np.isfinite(smallest)] ** 2).sum()) / 12
