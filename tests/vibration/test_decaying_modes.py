@@ -1,4 +1,3 @@
-import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import hankel as hankel_matrix
 from scipy.linalg import svdvals
 
+from texclass.stability.inputs import in_families
+from texclass.stability.rules import stable_sections
 from texclass.vibration.decaying_modes import DecayingModes, fit_matrix_pencil, numerical_rank
 
 FS = 10_000.0
@@ -18,11 +19,7 @@ def _noisy(x, snr_db, rng):
 
 
 def _is_stable(sections):
-    """Exact test of each denominator z^2 + a1 z + a2, as stored: |a2| < 1 and |a1| < 1 + a2."""
-    with mpmath.workdps(60):
-        return all(
-            abs(mpmath.mpf(a2)) < 1 and abs(mpmath.mpf(a1)) < 1 + mpmath.mpf(a2) for a1, a2 in sections[:, 4:]
-        )
+    return stable_sections(sections).error == 0
 
 
 def _bound(modes, noise, n):
@@ -52,20 +49,6 @@ def test_one_sine_mode_is_the_filter_of_guruswamy2011_eq_4():
     printed = [A * np.exp(-B * T) * np.sin(w * T), -2 * np.exp(-B * T) * np.cos(w * T), np.exp(-2 * B * T)]
     assert_allclose([section[1], *section[4:]], printed, rtol=1e-12)
     assert_allclose(section[0], 0.0, atol=1e-15)
-
-
-def test_synthesis_agrees_with_60_digits():
-    n = 3000
-    with mpmath.workdps(60):
-        rows = zip(THREE.frequency_hz, THREE.decay_per_s, THREE.amplitude, THREE.phase, strict=True)
-        t = mpmath.mpf(n - 1) / mpmath.mpf(FS)
-        truth = mpmath.fsum(
-            mpmath.mpf(A)
-            * mpmath.exp(-mpmath.mpf(B) * t)
-            * mpmath.cos(2 * mpmath.pi * mpmath.mpf(f) * t + phi)
-            for f, B, A, phi in rows
-        )
-    assert_allclose(THREE.synthesize(n, FS)[-1], float(truth), rtol=1e-11)
 
 
 def test_modes_above_half_the_rate_are_left_out():
@@ -161,26 +144,13 @@ def test_an_undamped_tone_gets_the_least_decay():
     assert _is_stable(found.sections(FS))
 
 
-@pytest.mark.parametrize(
-    "x",
-    [
-        np.zeros(50),
-        np.full(50, 3.0),
-        np.arange(50.0),
-        np.arange(50.0) ** 2,
-        np.eye(1, 50)[0],
-        np.eye(1, 50, 25)[0],
-        (-1.0) ** np.arange(50),
-        np.sign(np.sin(0.05 * np.arange(400) + 0.1)),
-        1e6 + 1e-3 * np.random.default_rng(1).standard_normal(300),
-        [1.0, 2.0, 3.0, 4.0],
-    ],
-)
 @pytest.mark.parametrize("outside", ["reflect", "project"])
-def test_degenerate_segments_give_stable_and_finite_modes(x, outside):
-    modes = fit_matrix_pencil(x, FS, outside=outside)
-    assert _is_stable(modes.sections(FS))
-    assert np.all(np.isfinite(modes.synthesize(1000, FS)))
+def test_degenerate_segments_give_stable_and_finite_modes(outside):
+    segments = [case.x[:300] for case in in_families("silent", "impulse", "sine", "offset", "clipped")]
+    for x in (*segments, np.arange(50.0) ** 2, [1.0, 2.0, 3.0, 4.0]):
+        modes = fit_matrix_pencil(x, FS, outside=outside)
+        assert _is_stable(modes.sections(FS))
+        assert np.all(np.isfinite(modes.synthesize(1000, FS)))
 
 
 def test_silence_has_no_modes():
@@ -195,11 +165,3 @@ def test_a_long_segment_costs_no_precision():
     found = fit_matrix_pencil(truth.synthesize(12_000, FS), FS, order=4)
     assert_allclose(found.frequency_hz, [300.0, 100.0], rtol=1e-9)
     assert_allclose(found.decay_per_s, [5.0, 3.0], rtol=1e-6)
-
-
-@pytest.mark.parametrize("dtype", [np.int8, np.int16, np.float32, np.float64])
-def test_any_dtype_stride_and_read_only_samples_are_left_as_they_are(dtype):
-    wide = np.repeat(np.round(100 * THREE.below(500).synthesize(100, FS) / 3.1).astype(dtype), 2)
-    wide.flags.writeable = False
-    plain = fit_matrix_pencil(wide[::2].astype(np.float64), FS)
-    assert_array_equal(fit_matrix_pencil(wide[::2], FS).decay_per_s, plain.decay_per_s)

@@ -1,36 +1,23 @@
-import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy import optimize, signal
+from scipy import optimize
 
+from texclass.stability import exact
+from texclass.stability.inputs import in_families
 from texclass.vibration.autoregressive import Autoregression, fit
 from texclass.vibration.line_spectrum import conditioning, from_reflection, spread, to_reflection
 
 OMEGA = (np.arange(2048) + 0.5) * np.pi / 2048
 BELOW_ONE = float(np.nextafter(1.0, 0.0))
+HARD = ("plain", "sine", "poles", "oversampled", "gain", "offset")
 
 
 def _random_k(p, size=0.5, seed=0):
     return np.random.default_rng(seed).uniform(-size, size, p)
-
-
-def _step_up(k, one=1.0):
-    a = [one]
-    for k_m in k:
-        a = [x + one * float(k_m) * y for x, y in zip([*a, 0 * one], [0 * one, *a[::-1]], strict=True)]
-    return a
-
-
-def _at(a, z):
-    """A and its derivative at 1/z, by Horner."""
-    value, slope = 0 * z, 0 * z
-    for a_i in a[::-1]:
-        value, slope = value * z + a_i, slope * z + value
-    return value, slope
 
 
 def _log_spectrum(k, omega=OMEGA):
@@ -45,28 +32,6 @@ def _is_interlaced(lsf):
     return bool(np.all(np.diff(lsf) > 0) and np.all(lsf > 0) and np.all(lsf < np.pi))
 
 
-def _hard_signals():
-    rng = np.random.default_rng(0)
-    noise, t = rng.standard_normal(4096), np.arange(4096)
-    low = np.fft.rfft(noise)
-    low[len(low) // 20 :] = 0
-    low = np.fft.irfft(low)
-    resonant = {
-        f"radius 1 - {d:g}": signal.lfilter([1], [1, -2 * (1 - d) * np.cos(0.7), (1 - d) ** 2], noise)
-        for d in (1e-2, 1e-4, 1e-6, 1e-9)
-    }
-    return resonant | {
-        "white": noise,
-        "sine + 1e-8 noise": np.sin(0.3 * t) + 1e-8 * noise,
-        "two sines + 1e-8 noise": np.sin(0.3 * t) + np.cos(2.9 * t) + 1e-8 * noise,
-        "low-passed by 20": low,
-        "low-passed by 20 + 1e-6 noise": low + 1e-6 * rng.standard_normal(4096),
-        "gain 1e-160": 1e-160 * low,
-        "gain 1e150": 1e150 * low,
-        "DC 1e6 + noise 1e-3": 1e6 + 1e-3 * noise,
-    }
-
-
 # The definition ---------------------------------------------------------------------------------------------
 
 
@@ -77,41 +42,28 @@ def test_white_noise_divides_the_half_circle_evenly(p):
     assert_allclose(to_reflection(lsf), 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("p", [1, 2, 3, 4, 5, 18, 63, 128])
+@pytest.mark.parametrize("p", [1, 2, 3, 4, 5, 18, 50])
 def test_frequencies_are_the_roots_of_p_and_q_in_60_digits(p):
     k = _random_k(p, 0.8 if p < 10 else 0.3, seed=p)
     lsf = from_reflection(k)
     assert _is_interlaced(lsf)
-    with mpmath.workdps(60):
-        a = [*_step_up(k, mpmath.mpf(1)), mpmath.mpf(0)]
-        for sign in (1, -1):
-            c = [x + sign * y for x, y in zip(a, a[::-1], strict=True)]
-            for theta in lsf[(1 - sign) // 2 :: 2]:
-                z = mpmath.expj(mpmath.mpf(float(theta)))
-                value, slope = _at(c, z)
-                assert abs(value / slope) < 4e-15 * theta  # Newton's step to the root
+    assert exact.line_spectrum_error(k, lsf) < 4e-15
 
 
 def test_a_frequency_close_to_zero_keeps_its_relative_accuracy():
     k = np.full(18, -0.9)
     lsf = from_reflection(k)
-    with mpmath.workdps(80):
-        a = [*_step_up(k, mpmath.mpf(1)), mpmath.mpf(0)]
-        c = [x + y for x, y in zip(a, a[::-1], strict=True)]
-        first = mpmath.findroot(
-            lambda w: (_at(c, mpmath.expj(w))[0] * mpmath.expj(-w * 19 / 2)).real, float(lsf[0])
-        )
-        assert lsf[0] < 1e-11
-        assert abs(lsf[0] / first - 1) < 1e-14
+    assert lsf[0] < 1e-11
+    assert exact.line_spectrum_error(k, lsf) < 1e-14
     assert_allclose(1 + to_reflection(lsf), 1 + k, rtol=1e-13)
 
 
 # There and back ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("p", "limit_db"), [(16, 1e-8), (128, 1e-8), (400, 1e-6), (1000, 1e-3)])
+@pytest.mark.parametrize(("p", "limit_db"), [(16, 1e-8), (128, 1e-8), (400, 1e-6)])
 def test_hard_signals_come_back_stable_interlaced_and_with_their_spectrum(p, limit_db):
-    k = fit(np.stack(list(_hard_signals().values())), p).reflection
+    k = fit(np.stack([case.x for case in in_families(*HARD)]), p).reflection
     lsf = from_reflection(k)
     back = to_reflection(lsf)
     assert all(_is_interlaced(row) for row in lsf)
@@ -134,8 +86,8 @@ def test_a_resonance_of_any_sharpness_keeps_its_height_as_far_as_conditioning_sa
     assert _rms_db(k, to_reflection(lsf)) < 1e-10
 
 
-@pytest.mark.parametrize("size", [0.9, 0.999999, BELOW_ONE])
-@pytest.mark.parametrize("p", [3, 18, 127, 1000])
+@pytest.mark.parametrize("size", [0.9, BELOW_ONE])
+@pytest.mark.parametrize("p", [3, 18, 127, 500])
 def test_extreme_coefficients_give_stable_models_of_the_same_spectrum(p, size):
     signs = np.random.default_rng(p).choice([-1.0, 1.0], p)
     k = size * np.stack([np.ones(p), -np.ones(p), (-1.0) ** np.arange(p), signs])
@@ -156,7 +108,7 @@ def test_conditioning_tells_where_k_cannot_come_back():
 
 
 @given(arrays(np.float64, st.integers(1, 60), elements=st.floats(-BELOW_ONE, BELOW_ONE)))
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=60)
 def test_any_reflection_coefficients_interlace_and_return_stable(k):
     lsf = from_reflection(k)
     back = to_reflection(lsf)
@@ -166,7 +118,7 @@ def test_any_reflection_coefficients_interlace_and_return_stable(k):
 
 
 @given(arrays(np.float64, st.integers(1, 60), elements=st.floats(1e-12, 1)))
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=60)
 def test_any_increasing_sequence_is_a_stable_model(gaps):
     lsf = np.cumsum(gaps) * (3.1 / gaps.sum())
     if not _is_interlaced(lsf):
@@ -204,13 +156,8 @@ def test_stacks_of_any_layout_and_dtype_give_what_each_model_gives(p):
 
 @pytest.mark.parametrize(("p", "size"), [(1, 0.99), (2, 0.999999), (40, 0.9), (128, 0.7), (128, 0.1)])
 def test_log_spectrum_agrees_with_60_digits(p, size):
-    k = _random_k(p, size, seed=p)
-    omega = np.array([0.0, 1e-3, 0.5, 1.7, 3.0, np.pi])
-    with mpmath.workdps(60):
-        a = _step_up(k, mpmath.mpf(1))
-        values = [abs(_at(a, mpmath.expj(-mpmath.mpf(w)))[0]) for w in omega.tolist()]
-        expected = [float(-20 * mpmath.log10(value)) for value in values]
-    assert_allclose(_log_spectrum(k, omega), expected, rtol=0, atol=1e-9)
+    k, omega = _random_k(p, size, seed=p), np.array([0.0, 1e-3, 0.5, 1.7, 3.0, np.pi])
+    assert_allclose(_log_spectrum(k, omega), exact.log_spectrum_db(k, omega), rtol=0, atol=1e-9)
 
 
 # The nearest frequencies of a stable model ------------------------------------------------------------------

@@ -14,30 +14,10 @@ from texclass.vibration.scores import (
 
 FS = 10_000.0
 SOS = signal.butter(4, [80, 400], "bandpass", fs=FS, output="sos")
-ALL = [
-    rms_spectral_error,
-    goodness_of_fit,
-    mean_absolute_difference,
-    log_spectral_distance,
-    lambda a, b: band_energy_distance(a, b, FS),
-]
 
 
 def _texture(seed, n=20_000):
     return signal.sosfilt(SOS, np.random.default_rng(seed).standard_normal(n))
-
-
-@pytest.mark.parametrize("score", ALL)
-def test_a_signal_compared_with_itself_is_perfect(score):
-    assert_allclose(score(_texture(0), _texture(0)), 1.0 if score is goodness_of_fit else 0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("score", ALL)
-@pytest.mark.parametrize("gain", [1e-160, 1e150])
-def test_a_gain_of_both_changes_no_score_without_unit(score, gain):
-    a, b = _texture(0), 0.5 * _texture(1)
-    expected = score(a, b) * (gain if score is mean_absolute_difference else 1)
-    assert_allclose(score(gain * a, gain * b), expected, rtol=1e-9)
 
 
 def test_rms_spectral_error_is_the_printed_ratio_of_magnitudes():

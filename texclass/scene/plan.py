@@ -266,7 +266,7 @@ class Search:
         for n, course, (n_v, n_f) in product(N_LINES, get_args(Course), FEW_GRIDS):
             if operations(0, n, fs) >= limit:
                 break
-            axes = _axes(self.observed, self.expected, (min(n_v, most_speeds), n_f))
+            axes = nodes_between(self.observed, self.expected, (min(n_v, most_speeds), n_f))
             model = fit_lines(self.observed, self.judge, axes, n, course)
             if model and _chosen_by(model, self.observed, self.judge)["relative"] <= margin:
                 return model
@@ -308,7 +308,7 @@ def search(observed: Observed, judge: Judge, expected: Expected) -> Search:
     for stage in STAGES:
         orders = np.array([order for order in stage if order < judge.n_segment])
         for n, lines in (*product(sizes, [pattern[:0]]), *product(few, tones)):
-            grid = fit_lattices(observed, judge, _axes(observed, expected, n), int(orders[-1]), lines)
+            grid = fit_lattices(observed, judge, nodes_between(observed, expected, n), int(orders[-1]), lines)
             seen = grid.spectra(observed.choose, judge, orders)
             relative = np.full(orders[-1] + 1, np.inf)
             relative[orders] = judge.relative(*judge.errors(observed.choose.spectra[:, np.newaxis], seen))
@@ -319,7 +319,7 @@ def search(observed: Observed, judge: Judge, expected: Expected) -> Search:
     return found
 
 
-def _axes(observed: Observed, expected: Expected, size: tuple[int, int]) -> Axes:
+def nodes_between(observed: Observed, expected: Expected, size: tuple[int, int]) -> Axes:
     """Return nodes at equal ratios between the ends of what is expected, as far as was observed."""
     speeds = expected.speeds_mm_s, observed.fit.speed, size[0]
     axes = []

@@ -6,7 +6,7 @@ from abdulali2016_simulated import hand_motion, simulate_scan
 from numpy.testing import assert_allclose, assert_array_equal
 
 from texclass.textures import Scan
-from texclass.textures.abdulali2016 import condition, downsample, scan_from_sensors, segment_input
+from texclass.textures.abdulali2016 import condition, scan_from_sensors, segment_input
 from texclass.textures.abdulali2016.model_points import (
     LINE_MM,
     VARIATION,
@@ -81,8 +81,6 @@ def test_bounds_do_not_depend_on_the_rate():
 def test_what_breaks_a_rule_is_refused(scan):
     with pytest.raises(ValueError, match="variation is -1"):
         segment_input(scan, variation=-1)
-    with pytest.raises(ValueError, match="multiple"):
-        downsample(np.zeros(100), 10_000, 3000)
     with pytest.raises(ValueError, match="fs is 50"):
         smooth_motion(np.zeros(100), 50.0)
     for normal in ((0, 0, 0), (1, 2), (np.nan, 0, 1)):
@@ -117,12 +115,6 @@ def test_sensors_are_projected_on_the_plane():
     assert_allclose(scan.position[inner], flat[0][inner], atol=0.5)
     assert_allclose(scan.speed[inner], np.hypot(*flat[1][inner].T), atol=12)
     assert_allclose(scan.force[inner], flat[2][inner], atol=0.03)
-
-
-def test_downsampling_keeps_what_the_lower_rate_holds():
-    t = np.arange(20_000) / 10_000
-    x = downsample(np.sin(2 * np.pi * 100 * t) + np.sin(2 * np.pi * 3100 * t), 10_000, FS)
-    assert_allclose(x[200:-200], np.sin(2 * np.pi * 100 * t[::10])[200:-200], atol=0.01)
 
 
 def test_surfaces_sound_at_the_level_and_resonance_they_declare_and_s4_alone_is_isotropic():

@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from texclass.loaders import open_dataset
 from texclass.textures import Scan
 from texclass.textures.abdulali2016 import bake, condition, fit_as_published, fit_texture, model_scan
-from texclass.textures.abdulali2016.model_points import growth_of
-from texclass.textures.abdulali2016.network_texture import level_of
+from texclass.textures.abdulali2016.model_points import growth_of, level_of
 from texclass.textures.resonant_surfaces import surface
 from texclass.vibration import Autoregression
 
@@ -51,31 +50,25 @@ def texture(request, textures):
 def test_a_broken_file_is_refused(texture):
     parameters, arrays = dict(texture.parameters()), dict(texture.arrays())
     first = next(iter(arrays))
-    wrong = [
-        ({**parameters, "more": 1}, arrays),
-        ({k: v for k, v in parameters.items() if k != "frame"}, arrays),
-        ({**parameters, "fs": "fast"}, arrays),
-        ({**parameters, "fs": -1.0}, arrays),
-        ({**parameters, "frame": [1, 2]}, arrays),
-        ({**parameters, "frame": {**parameters["frame"], "peak": float("inf")}}, arrays),
-        ({**parameters, "frame": {**parameters["frame"], "peak": -1.0}}, arrays),
-        ({**parameters, "frame": {**parameters["frame"], "deviation": None}}, arrays),
-        (parameters, {**arrays, first: np.full_like(arrays[first], np.nan)}),
-        (parameters, {**arrays, first: arrays[first][..., :1]}),
-        (parameters, {}),
-    ]
+    frames = ({"peak": float("inf")}, {"peak": -1.0}, {"mean": [0.0]}, {"deviation": [0.0] * 3})
+    wrong = [({"frame": {**parameters["frame"], **change}}, {}) for change in frames]
+    wrong += [({"fs": -1.0}, {}), ({}, {first: np.full_like(arrays[first], np.nan)})]
+    wrong += [({}, {first: arrays[first][..., :1]})]
     if "growth" in parameters:
-        wrong += [({**parameters, "growth": g}, arrays) for g in ([1], ["a", "b"], [1, -1], [1, 9], None)]
-        wrong += [({**parameters, "frame": {**parameters["frame"], "gap": 1.0}}, arrays)]
-        wrong += [({**parameters, k: 0}, arrays) for k in ("buffer", "loudness")]
-    for broken in wrong:
+        wrong += [({"growth": growth}, {}) for growth in ([1], [1, -1], [1, 9])]
+        wrong += [
+            ({"frame": {**parameters["frame"], "gap": 1.0}}, {}),
+            ({"buffer": 0}, {}),
+            ({"loudness": 0}, {}),
+        ]
+    for change, broken in wrong:
         with pytest.raises(ValueError, match="the rule is"):
-            type(texture).restore(*broken)
+            type(texture).restore({**parameters, **change}, {**arrays, **broken})
 
 
 def test_output_is_finite_and_within_twice_the_recorded_peak_on_wild_paths(texture, training):
     rng = np.random.default_rng(9)
-    for _ in range(20):
+    for _ in range(8):
         jumps = np.repeat(rng.normal(0, 10 ** rng.uniform(0, 4), (12, 3)), 25, axis=0)
         y = texture.renderer(seed=int(rng.integers(99))).process(jumps[:, :2], jumps[:, 2])
         assert np.abs(y).max() <= 2 * np.abs(training.acceleration).max()
@@ -107,17 +100,14 @@ def test_a_rendered_recording_has_the_spectrum_and_level_of_a_new_one(textures, 
         assert found.level_db < 2.5, family
 
 
-@pytest.mark.parametrize("name", ["S2", "S5", "S9"])
+@pytest.mark.parametrize("name", ["S2", "S9"])
 def test_speed_force_and_direction_that_were_left_out_are_recovered(name):
     assert all(gfc > 0.95 for gfc in study_held_out(surface(name), 0).values())
 
 
-def test_direction_matters_to_the_anisotropic_variant_only():
-    training, validation = (
-        simulate_scan(surface("S1"), s, FS, np.random.default_rng(i)) for s, i in ((20.0, 2), (8.0, 3))
-    )
+def test_direction_matters_to_the_anisotropic_variant_only(textures, training, validation):
     turned = fit_texture(training, isotropic=True)
-    both = [cross_validate(each, validation).gfc for each in (fit_texture(training), turned)]
+    both = [cross_validate(each, validation).gfc for each in (textures["network"], turned)]
     assert both[0] > both[1] + 0.01
     k, _ = turned.models([[60.0, 0], [0, 60.0]], [1.0, 1.0])
     assert_array_equal(k[0], k[1])
@@ -145,11 +135,6 @@ def test_a_baked_texture_is_the_network_at_its_nodes(textures):
         for each in (flat, bake(flat, "S4"))
     )
     assert_allclose(one[500:], other[500:], atol=0.05 * one.std())
-
-
-def test_a_buffer_of_jumps_is_an_option(modelled, validation):
-    held, gliding = (cross_validate(modelled.network(glide=glide), validation) for glide in (False, True))
-    assert held.gfc == pytest.approx(gliding.gfc, abs=0.02)
 
 
 def test_a_variance_that_swings_below_zero_is_silence(textures):

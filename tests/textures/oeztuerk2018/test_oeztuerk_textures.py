@@ -43,7 +43,7 @@ def _path(n=4000, seed=0):
 
 def test_output_is_finite_and_bounded_over_random_paths(texture):
     renderer = texture.renderer(seed=0)
-    for seed in range(30):
+    for seed in range(8):
         y = renderer.process(*_path(1000, seed))
         assert np.all(np.abs(y) <= PEAK_FACTOR * texture.peak)
 
@@ -126,21 +126,6 @@ def test_lines_are_scaled_to_the_peak_of_their_recording():
             assert_allclose(measure(model.synthesize(x.size, FS)), measure(x - x.mean()), rtol=1e-9)
 
 
-def test_broken_files_are_refused(texture):
-    whole = texture.parameters(), texture.arrays()
-    for parameters, arrays in (
-        ({"fs": "fast"}, {}),
-        ({"fs": -1.0}, {}),
-        ({"peak": None}, {}),
-        ({"name": 3}, {}),
-        ({"extra": 1}, {}),
-        ({}, {"speeds": np.array([2.0, 1.0, 3.0])}),
-        ({}, {"extra": np.zeros(1)}),
-    ):
-        with pytest.raises(ValueError, match="rule is"):
-            type(texture).restore({**whole[0], **parameters}, {**whole[1], **arrays})
-
-
 def test_broken_models_are_refused():
     lines = TEXTURES["frequencies"].models
     for call in (
@@ -150,6 +135,7 @@ def test_broken_models_are_refused():
         ),
         lambda: LpcTexture(SPEEDS, TEXTURES["lpc"].models, 1.0, FS, loudness="loud"),
         lambda: LpcTexture(SPEEDS, TEXTURES["lpc"].models, 0.0, FS),
+        lambda: LpcTexture(SPEEDS, TEXTURES["lpc"].models, 1.0, -1.0),
         lambda: FrequencyTexture(SPEEDS, lines[:2], 1.0, FS),
         lambda: FrequencyTexture(SPEEDS, [MajorFrequencies([], [], [])] * 3, 1.0, FS),
         lambda: FrequencyTexture(SPEEDS, [MajorFrequencies([1, 2], [1e308] * 2, [0, 0])] * 3, 1.0, FS),

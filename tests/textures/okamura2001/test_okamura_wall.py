@@ -27,16 +27,12 @@ def test_force_is_the_spring_and_the_published_vibration():
     assert_allclose(force, WALL.stiffness_n_mm * 2.0 - vibration, atol=1e-9)
 
 
-def test_a_negative_slope_first_pushes_outwards():
-    force = WALL.renderer().process(*_press(1e-6, 150.0, 10))
-    assert force[1:8].min() > 0
-
-
-def test_any_blocking_gives_the_same_forces():
+def test_any_blocking_gives_the_same_forces_again():
     depth, velocity = _taps()
-    whole = WALL.renderer().process(depth, velocity)
+    renderer = WALL.renderer()
+    whole = renderer.process(depth, velocity)
     for size in (1, 13, 999):
-        renderer = WALL.renderer()
+        renderer.reset()
         cuts = range(0, depth.size, size)
         pieces = [renderer.process(depth[i : i + size], velocity[i : i + size]) for i in cuts]
         assert_array_equal(np.concatenate(pieces), whole)
@@ -74,13 +70,6 @@ def test_force_never_exceeds_the_limit():
     force = wall.renderer().process(*_press(7.9, 400.0, 2000))
     assert force.max() == 4.0
     assert force.min() >= -4.0
-
-
-def test_reset_forgets_the_vibration():
-    renderer = WALL.renderer()
-    renderer.process(*_press(1.0, 300.0, 20))
-    renderer.reset()
-    assert not renderer.process(*_press(-1.0, 0.0, 20)).any()
 
 
 def test_going_out_at_the_first_sample_inside_strikes_nothing():

@@ -1,6 +1,5 @@
 from .model_points import InputSegments as InputSegments
 from .model_points import condition as condition
-from .model_points import downsample as downsample
 from .model_points import scan_from_sensors as scan_from_sensors
 from .model_points import segment_input as segment_input
 from .network_fit import ModelledScan as ModelledScan

@@ -14,7 +14,7 @@ from texclass.recording import Samples
 from texclass.signals import butterworth, combine, zero_phase
 from texclass.textures.scan import Scan
 from texclass.vibration import autoregressive, line_spectrum
-from texclass.vibration.autoregressive import Method
+from texclass.vibration.autoregressive import Method, log_cosines
 
 Indices = NDArray[np.int64]
 Loudness = Literal["level", "variance"]
@@ -161,28 +161,6 @@ def scan_from_sensors(
     pressing = smooth_motion(f @ n, fs)
     pressing = pressing if pressing.mean() >= 0 else -pressing
     return Scan(limit_vibration(combine(acceleration), fs), tangential, velocity, pressing, fs, name)
-
-
-def downsample(x: ArrayLike, fs: float, to_fs: float) -> Samples:
-    """Return a signal at a lower rate, limited to what that holds (linear phase, no delay).
-
-    Parameters
-    ----------
-    x : array_like of shape (n_samples, ...)
-        Along its first axis.
-    fs, to_fs : float
-        Hz; `fs` a multiple of `to_fs`.
-
-    Raises
-    ------
-    ValueError
-        If it is no multiple.
-    """
-    ratio = round(fs / to_fs) if to_fs > 0 else 0
-    if ratio < 1 or not np.isclose(ratio * to_fs, fs, rtol=1e-9, atol=0):
-        raise ValueError(f"fs is {fs} and to_fs {to_fs}; the rule is a multiple")
-    samples = np.asarray(x, dtype=np.float64)
-    return samples.copy() if ratio == 1 else np.asarray(signal.resample_poly(samples, 1, ratio, axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,6 +342,39 @@ def growth_of(speed: Samples, force: Samples, level: Samples, weight: Samples) -
     powers = np.linalg.lstsq(centred[:, :2], centred[:, 2], rcond=1e-6)[0]
     alpha, beta = np.clip(powers, 0.0, STEEPEST).tolist()
     return alpha, beta
+
+
+def level_of(
+    kind: Loudness, output: Samples, k: Samples, motion: tuple[Samples, Samples], growth: tuple[float, float]
+) -> Samples:
+    """Return the RMS of the vibration (n,) from the loudness a map says.
+
+    The paper interpolates the variance of the innovation, with zeros at zero speed and force. What lies
+    between large numbers and zeros is too quiet on average, and where a network swings below zero it is
+    silent. So by default
+
+        ln level = alpha ln v + beta ln f + g(u)
+
+    and g, which the network learns, is what remains: the direction and whatever departs from the law. It
+    needs no points of silence, and is never negative.
+
+    Parameters
+    ----------
+    kind : {"level", "variance"}
+        What the output is: g, or the variance of the innovation, of which what is below 0 counts 0.
+    output : ndarray of shape (n,)
+    k : ndarray of shape (n, p)
+        Reflection coefficients.
+    motion : tuple of ndarray of shape (n,)
+        Speed v (mm/s) and force f (N), at least 0.
+    growth : tuple of float
+        alpha and beta.
+    """
+    if kind == "variance":
+        loss = log_cosines(k).sum(axis=1)
+        return np.asarray(np.sqrt(np.maximum(output, 0.0)) * np.exp(np.minimum(-loss, 700.0)))
+    law = motion[0] ** growth[0] * motion[1] ** growth[1]
+    return np.asarray(law * np.exp(np.minimum(output, 300.0)))
 
 
 def zero_force_points(points: ModelPoints, scaling: Samples) -> ModelPoints:

@@ -12,12 +12,11 @@ from scipy import interpolate, spatial
 
 from texclass.recording import Samples
 from texclass.signals import positive
-from texclass.textures.abdulali2016.model_points import MOTION_HZ, STEEPEST, Loudness
+from texclass.textures.abdulali2016.model_points import MOTION_HZ, STEEPEST, Loudness, level_of
 from texclass.textures.contract import Texture, freeze
 from texclass.textures.gliding import GlidingRenderer
 from texclass.textures.grid import GridModel, cell
 from texclass.vibration import line_spectrum
-from texclass.vibration.autoregressive import log_cosines
 
 LIMIT = 2.0
 """No rendered sample exceeds this many times the recorded peak."""
@@ -437,39 +436,6 @@ def bake(texture: MapTexture, name: str, nodes: tuple[int, ...] | None = None) -
         k[some], level[some] = texture.models(velocity[some], force[some])
     grid = GridModel(tuple(axes), k.reshape(*size, -1), level.reshape(size) ** 2, frame.peak, scale="root")
     return BakedTexture(name, texture.fs, frame, grid)
-
-
-def level_of(
-    kind: Loudness, output: Samples, k: Samples, motion: tuple[Samples, Samples], growth: tuple[float, float]
-) -> Samples:
-    """Return the RMS of the vibration (n,) from the loudness a map says.
-
-    The paper interpolates the variance of the innovation, with zeros at zero speed and force. What lies
-    between large numbers and zeros is too quiet on average, and where a network swings below zero it is
-    silent. So by default
-
-        ln level = alpha ln v + beta ln f + g(u)
-
-    and g, which the network learns, is what remains: the direction and whatever departs from the law. It
-    needs no points of silence, and is never negative.
-
-    Parameters
-    ----------
-    kind : {"level", "variance"}
-        What the output is: g, or the variance of the innovation, of which what is below 0 counts 0.
-    output : ndarray of shape (n,)
-    k : ndarray of shape (n, p)
-        Reflection coefficients.
-    motion : tuple of ndarray of shape (n,)
-        Speed v (mm/s) and force f (N), at least 0.
-    growth : tuple of float
-        alpha and beta.
-    """
-    if kind == "variance":
-        loss = log_cosines(k).sum(axis=1)
-        return np.asarray(np.sqrt(np.maximum(output, 0.0)) * np.exp(np.minimum(-loss, 700.0)))
-    law = motion[0] ** growth[0] * motion[1] ** growth[1]
-    return np.asarray(law * np.exp(np.minimum(output, 300.0)))
 
 
 @njit(cache=True, error_model="numpy")
