@@ -1,6 +1,5 @@
 """What `import texclass as tx` offers, as a user types it."""
 
-import importlib
 import subprocess
 import sys
 from types import ModuleType
@@ -10,7 +9,6 @@ import pandas as pd
 import pytest
 
 import texclass as tx
-from texclass._moved import MOVED
 
 WHOLE = tx.Phases(movement=(0, 4000))
 SIGNAL = np.random.default_rng(0).standard_normal((3, 4000))
@@ -52,14 +50,6 @@ def test_importing_it_loads_nothing_and_one_room_not_the_others():
         [sys.executable, "-c", ONE_AFTER_ANOTHER], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.parametrize("old", sorted(MOVED))
-def test_an_old_path_says_the_new_one_and_the_new_one_exists(old):
-    with pytest.raises(ModuleNotFoundError, match=f"{old} is .* since texclass 0.2"):
-        importlib.import_module(old)
-    if MOVED[old].startswith("texclass."):
-        importlib.import_module(MOVED[old])
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,6 @@
 
 import lazy_loader
 
-from texclass import _moved
 from texclass._version import __version__ as __version__
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-_moved.tell()

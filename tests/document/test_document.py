@@ -24,7 +24,7 @@ from texclass.document import (
     write_document,
 )
 from texclass.document.figure_style import OTHER, OURS, PAPER, legend_above, row_axes, save_figure
-from texclass.document.svg import inline_svg
+from texclass.document.page import inline_svg
 
 HOSTILE = '<script>alert("$x$")</script> & $y'
 TWO_LEVELS = [("Row", ""), ("Columns", ""), ("LDA", "% [95 %]"), ("LDA", "Paper %"), ("ms", "")]

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from texclass.loaders.stamps import at_uniform_rate, nominal_rate, place, resample
+from texclass.loaders.stamps import at_uniform_rate, nominal_rate, resample
 from texclass.recording import RecordingError
 
 FS = 100.0
@@ -16,13 +16,8 @@ def _uniform(stamps, values, *, received=None, by_header=True, given=None):
     """Return the uniform signal of one channel, its rate and all flags."""
     received = stamps if received is None else received
     samples = np.asarray(values, float).reshape(len(stamps), 1, 1)
-    repeats = np.zeros(len(stamps), bool)
-    repeats[1:] = np.diff(samples.ravel()) == 0
-    sampling = place(stamps, received, repeats, "bag")
-    signal, fs, flags = at_uniform_rate(
-        samples[sampling.messages], sampling, given, by_header=by_header, where="bag"
-    )
-    return signal[:, 0], fs, (*sampling.flags, *flags)
+    signal, fs, _, flags = at_uniform_rate(samples, stamps, received, given, by_header=by_header, where="bag")
+    return signal[:, 0], fs, flags
 
 
 def _slow(n=N):

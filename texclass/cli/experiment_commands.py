@@ -1,4 +1,4 @@
-"""What a researcher asks for: benchmark, extract, tradeoff, stability, report, reproduce."""
+"""What a researcher asks for: benchmark, extract, tradeoff, stability, report."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -284,17 +284,3 @@ def report(
         typer.echo(f"{len(found)} of {len(results)} are to be made again")
         return
     typer.echo(f"wrote {write_page(results, output, title)}")
-
-
-@app.command(hidden=True)
-def reproduce(
-    paper: Annotated[
-        Literal["guruswamy2011", "abdulali2016", "oeztuerk2018", "okamura2001"],
-        typer.Argument(help="Which paper."),
-    ],
-) -> None:
-    """Say how the tables and figures of a paper are computed beside the published ones."""
-    raise ValueError(
-        "the reproductions are scripts of the source distribution now: "
-        f"python examples/papers/{paper}.py --out DIR"
-    )

@@ -4,7 +4,6 @@ from .blocks import Finding as Finding
 from .blocks import Folded as Folded
 from .blocks import Heading as Heading
 from .blocks import Heat as Heat
-from .blocks import Savable as Savable
 from .blocks import Shade as Shade
 from .blocks import Table as Table
 from .figure_style import new_figure as new_figure

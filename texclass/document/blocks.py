@@ -31,22 +31,12 @@ and pictures, `render_page([document, ...])` returns an HTML page that holds all
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import pandas as pd
 
 if TYPE_CHECKING:
     import matplotlib.figure
-
-
-class Savable(Protocol):
-    """A result: whatever gives its facts as a dict, and as the JSON text that is saved."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what a document is built from."""
-
-    def to_json(self) -> str:
-        """Return the same as text."""
 
 
 class Heading(str):

@@ -22,7 +22,7 @@ from texclass.loaders.ros_messages import (
     decode_stamped,
     type_of,
 )
-from texclass.loaders.stamps import at_uniform_rate, place
+from texclass.loaders.stamps import at_uniform_rate
 from texclass.recording import STANDARD_GRAVITY, RecordingError, Samples
 
 BATCH = 4096
@@ -88,16 +88,14 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     order = np.argsort(received, kind="stable")
     samples, received = samples[order], received[order]
     instants = stamps[order] if stamps is not None and by_header else received
-    repeats = np.append(False, np.all(samples[1:] == samples[:-1], axis=(1, 2)))
-    sampling = place(instants, received, repeats, where)
-    uniform, fs, flags = at_uniform_rate(
-        samples[sampling.messages], sampling, options.fs, by_header=by_header, where=where
+    uniform, fs, start_s, flags = at_uniform_rate(
+        samples, instants, received, options.fs, by_header=by_header, where=where
     )
     named = {name: np.ascontiguousarray(uniform[:, i]) for i, name in enumerate(own)}
-    t = sampling.start_s + np.arange(len(uniform)) / fs
+    t = start_s + np.arange(len(uniform)) / fs
     named |= {name: _other(path, topics, name, t) for name in wanted if name not in named}
     said = ["stamps: none in the headers"] if stamps is not None and not by_header else []
-    said += [*sampling.flags, *flags]
+    said += flags
     axes = [named[name] for name in ("ax", "ay", "az") if name in named]
     rest = float(np.median(np.sqrt(sum(axis**2 for axis in axes)))) if len(axes) == 3 else 0.0
     if abs(rest - 1) <= 0.05 and chosen.type_name in TYPES:

@@ -4,7 +4,7 @@ import hashlib
 import io
 import json
 import shutil
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +25,8 @@ _SAMPLED = {"slate": 0, "oak": 2, "foam": 3, "mesh": 4}
 """Surface -> its place in the recipe."""
 
 
-@dataclass(frozen=True)
-class SimulatedLoader:
-    """Makes the recordings of a recipe; a `Dataset`'s `load`, picklable.
+def load_simulated(recipe: Recipe, cache: Path, entry: Entry) -> Recording:
+    """Return one recording, from the cache or freshly made: the same to the last bit.
 
     The true phases are withheld, so that segmentation has to find them as in a real recording.
 
@@ -35,23 +34,18 @@ class SimulatedLoader:
     ----------
     recipe : Recipe
         What to make.
-    cache : Path or None
-        Folder in which recordings are remembered; None: nowhere.
+    cache : Path
+        Folder in which recordings are remembered.
+    entry : Entry
+        Which recording.
     """
-
-    recipe: Recipe
-    cache: Path | None = None
-
-    def __call__(self, entry: Entry) -> Recording:
-        """Return one recording, from the cache or freshly made: the same to the last bit."""
-        path = self.cache / f"{entry.recording_id}.npz" if self.cache else None
-        if path is not None and (remembered := recall(path)) is not None:
-            return remembered
-        surface_index = [surface.name for surface in self.recipe.surfaces].index(entry.material)
-        recording = self.recipe.record(surface_index, entry.repetition or 0).with_(phases=None)
-        if path is not None:
-            remember(path, recording)
-        return recording
+    path = cache / f"{entry.recording_id}.npz"
+    if (remembered := recall(path)) is not None:
+        return remembered
+    surface_index = [surface.name for surface in recipe.surfaces].index(entry.material)
+    recording = recipe.record(surface_index, entry.repetition or 0).with_(phases=None)
+    remember(path, recording)
+    return recording
 
 
 def open_simulated(recipe: Recipe, **about: Any) -> Dataset:
@@ -62,7 +56,7 @@ def open_simulated(recipe: Recipe, **about: Any) -> Dataset:
         entries=tuple(
             Entry(id_, surface, operator, repetition=k) for id_, surface, operator, k in recipe.entries()
         ),
-        load=SimulatedLoader(recipe, cache_root() / "simulated" / made_by),
+        load=partial(load_simulated, recipe, cache_root() / "simulated" / made_by),
         input_hash=input_hash,
         **about,
     )

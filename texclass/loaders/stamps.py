@@ -1,11 +1,9 @@
 """Samples at the instants of time stamps -> samples at a uniform rate; what was wrong on the way is said.
 
 Stamps jump when a clock is set, repeat when a message is sent twice, arrive out of order, late and in bursts,
-and miss what was lost. `place` finds which sample of a uniform signal each message is, `at_uniform_rate` the
-samples there.
+and miss what was lost.
 """
 
-from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
@@ -42,62 +40,13 @@ KEPT_JITTER = 0.02
 """Stamps that deviate by less are taken as evenly spaced."""
 
 
-@dataclass(frozen=True)
-class Sampling:
-    """Where messages stand on a uniform grid.
+def _placed(
+    stamps_ns: Stamps, received_ns: Stamps, repeats: NDArray[np.bool_], where: str
+) -> tuple[NDArray[np.intp], Samples, NDArray[np.int64], list[str]]:
+    """Return which messages are used, their instants (s), which sample each one is, and what was wrong.
 
-    Attributes
-    ----------
-    messages : ndarray of shape (n,)
-        Which of the messages are used, in the order of their stamps.
-    index : ndarray of shape (n,)
-        Number of the sample each one is; strictly increasing from 0, numbers missing where messages are lost.
-    offset : ndarray of shape (n,)
-        Stamp minus the instant of that sample, in periods.
-    start_s : float
-        Stamp of the first one, in seconds.
-    rate : float
-        Messages per second.
-    jitter : float
-        Root mean square of `offset`.
-    resolution : float
-        Of the stamps, in periods: all are multiples of it.
-    flags : tuple of str
-        What was wrong.
-    """
-
-    messages: NDArray[np.intp]
-    index: NDArray[np.int64]
-    offset: Samples
-    start_s: float
-    rate: float
-    jitter: float
-    resolution: float
-    flags: tuple[str, ...]
-
-
-def place(stamps_ns: Stamps, received_ns: Stamps, repeats: NDArray[np.bool_], where: str) -> Sampling:
-    """Find the rate of messages and which sample each one is.
-
-    Parameters
-    ----------
-    stamps_ns : ndarray of shape (n,)
-        Time stamps, nanoseconds.
-    received_ns : ndarray of shape (n,)
-        When each message was received, nanoseconds; the order of the messages.
-    repeats : ndarray of shape (n,)
-        Whether a message holds the same values as the one before.
-    where : str
-        For messages of errors.
-
-    Returns
-    -------
-    sampling : Sampling
-
-    Raises
-    ------
-    RecordingError
-        If fewer than two different instants are left.
+    Samples are numbered from 0; numbers are missing where messages are lost. `repeats` says whether a message
+    holds the same values as the one before.
     """
     again = (np.diff(stamps_ns, prepend=stamps_ns[:1] - 1) == 0) & repeats  # equal stamps alone are a burst
     kept = np.flatnonzero(~again)
@@ -128,21 +77,7 @@ def place(stamps_ns: Stamps, received_ns: Stamps, repeats: NDArray[np.bool_], wh
         f"gaps: {lost.sum()} messages missing in {np.count_nonzero(lost)} gaps, interpolated": lost.any(),
         cut: cut,
     }
-    # t = T i + t0 by least squares; what is left over is the jitter
-    centred = index - index.mean()
-    spacing, level = np.polyfit(centred, t, 1)
-    offset = (t - level) / spacing - centred
-    used = stamps_ns[kept]
-    return Sampling(
-        messages=kept,
-        index=index,
-        offset=offset,
-        start_s=float(used[0]) / 1e9,
-        rate=float(1 / spacing),
-        jitter=float(np.sqrt(np.mean(offset**2))),
-        resolution=float(np.gcd.reduce(np.diff(used))) / 1e9 / float(spacing),
-        flags=tuple(text for text, holds in said.items() if holds),
-    )
+    return kept, t, index, [text for text, holds in said.items() if holds]
 
 
 def _seconds(stamps_ns: Stamps) -> Samples:
@@ -249,9 +184,16 @@ def resample(samples: Samples, fs: float, to: float) -> Samples:
 
 
 def at_uniform_rate(
-    samples: Samples, sampling: Sampling, given: float | None, *, by_header: bool, where: str, by: str = ""
-) -> tuple[Samples, float, tuple[str, ...]]:
-    """Return samples at a uniform rate.
+    samples: Samples,
+    stamps_ns: Stamps,
+    received_ns: Stamps,
+    given: float | None,
+    *,
+    by_header: bool,
+    where: str,
+    by: str = "",
+) -> tuple[Samples, float, float, tuple[str, ...]]:
+    """Return samples of messages at a uniform rate.
 
     Stamps of a header say when a sample was taken: samples are put there and interpolated (monotone cubic).
     Times of receipt do not: samples are then taken as evenly spaced, as they are where stamps nearly are.
@@ -259,9 +201,11 @@ def at_uniform_rate(
     Parameters
     ----------
     samples : ndarray of shape (n, k, n_channels)
-        k samples a message, the messages of `sampling`.
-    sampling : Sampling
-        Which samples they are.
+        k samples a message.
+    stamps_ns : ndarray of shape (n,)
+        Time stamps, nanoseconds.
+    received_ns : ndarray of shape (n,)
+        When each message was received, nanoseconds; the order of the messages.
     given : float or None
         Rate in Hz that the user states; None: the nominal rate nearest to the measured one.
     by_header : bool
@@ -274,34 +218,44 @@ def at_uniform_rate(
     uniform : ndarray of shape (n_uniform, n_channels)
     fs : float
         Its rate in Hz.
+    start_s : float
+        Stamp of its first sample, in seconds.
     flags : tuple of str
-        What was measured and chosen.
+        What was wrong, measured and chosen.
 
     Raises
     ------
     RecordingError
-        If the measured rate contradicts the given one.
+        If fewer than two different instants are left, or the measured rate contradicts the given one.
     """
-    per_message = samples.shape[1]
-    measured = sampling.rate * per_message
+    repeats = np.append(False, np.all(samples[1:] == samples[:-1], axis=(1, 2)))
+    messages, t, index, flags = _placed(stamps_ns, received_ns, repeats, where)
+    used, per_message = stamps_ns[messages], samples.shape[1]
+    # t = T i + t0 by least squares; what is left over is the jitter, in periods
+    centred = index - index.mean()
+    period, level = np.polyfit(centred, t, 1)
+    offset = (t - level) / period - centred
+    jitter = float(np.sqrt(np.mean(offset**2)))
+    resolution = float(np.gcd.reduce(np.diff(used))) / 1e9 / float(period)
+    measured = float(1 / period) * per_message
     fs = nominal_rate(measured) if given is None else given
     if abs(measured - fs) > NEAR_RATE * fs:
         raise refused(where, f"fs is {measured:.6g} Hz by its stamps, {fs:g} Hz was given", "one rate")
-    is_jittery = sampling.jitter > KEPT_JITTER
-    tells = sampling.jitter <= MOST_JITTER and sampling.resolution <= MOST_RESOLUTION
-    at_stamps = is_jittery and by_header and tells and per_message == 1
-    uniform = _on_grid(samples, sampling, at_stamps=at_stamps)
+    tells = KEPT_JITTER < jitter <= MOST_JITTER and resolution <= MOST_RESOLUTION
+    at_stamps = tells and by_header and per_message == 1
+    uniform = _on_grid(samples[messages], index, offset if at_stamps else None)
     by = by or ("header stamps" if by_header else "times of receipt")
-    flags = [f"rate: {measured:.6g} Hz by the {by}"]
-    if sampling.jitter > SHOWN_JITTER:
-        chosen = "samples interpolated at their stamps" if at_stamps else "samples taken as evenly spaced"
-        flags.append(f"jitter: {100 * sampling.jitter:.2g} % of a period (rms), {chosen}")
+    rate = f"rate: {measured:.6g} Hz by the {by}"
     if abs(measured - fs) > SAME_RATE * fs:
         uniform = resample(uniform, measured, fs)
-        flags[0] += f", resampled (band-limited) to {fs:g} Hz"
+        rate += f", resampled (band-limited) to {fs:g} Hz"
     elif f"{measured:.6g}" != f"{fs:.6g}":
-        flags[0] += f", taken as {fs:g} Hz"
-    return uniform, fs, tuple(flags)
+        rate += f", taken as {fs:g} Hz"
+    flags.append(rate)
+    if jitter > SHOWN_JITTER:
+        chosen = "samples interpolated at their stamps" if at_stamps else "samples taken as evenly spaced"
+        flags.append(f"jitter: {100 * jitter:.2g} % of a period (rms), {chosen}")
+    return uniform, fs, float(used[0]) / 1e9, tuple(flags)
 
 
 def by_times(
@@ -370,29 +324,29 @@ def by_times(
     if not np.abs(span).max() < 2**62:
         raise refused(where, f"its column {name!r} spans {np.ptp(times):g} {unit}", "less than a century")
     stamps = np.rint(span).astype(np.int64)
-    repeats = np.append(False, np.all(samples[1:] == samples[:-1], axis=1))
-    sampling = place(stamps, stamps, repeats, where)
-    rows = samples[sampling.messages][:, None, :]
-    uniform, fs, flags = at_uniform_rate(
-        rows, sampling, given, by_header=True, where=where, by=f"column {name!r}"
+    uniform, fs, _, flags = at_uniform_rate(
+        samples[:, None, :], stamps, stamps, given, by_header=True, where=where, by=f"column {name!r}"
     )
-    return uniform, fs, (*sampling.flags, *flags)
+    return uniform, fs, flags
 
 
 _SIZES = {"ns": 1e17, "us": 1e14, "ms": 1e11}
 """Dates since 1970 in this unit are larger."""
 
 
-def _on_grid(samples: Samples, sampling: Sampling, *, at_stamps: bool) -> Samples:
-    """Return samples at 0, 1, 2, ... periods; what is missing is interpolated."""
+def _on_grid(samples: Samples, index: NDArray[np.int64], offset: Samples | None) -> Samples:
+    """Return samples at 0, 1, 2, ... periods; what is missing is interpolated.
+
+    The messages are at `index`, in periods of theirs, or by an offset beside it.
+    """
     n, per_message, n_channels = samples.shape
     flat = samples.reshape(n * per_message, n_channels)
-    index = (sampling.index[:, None] * per_message + np.arange(per_message)).ravel()
-    if not at_stamps and index[-1] + 1 == len(flat):
+    index = (index[:, None] * per_message + np.arange(per_message)).ravel()
+    if offset is None and index[-1] + 1 == len(flat):
         return flat
     position = index.astype(np.float64)
-    if at_stamps:
-        position += sampling.offset
+    if offset is not None:
+        position += offset
         later = np.concatenate(([True], np.diff(np.maximum.accumulate(position)) > 1e-6))
         position, flat = position[later], flat[later]
     grid = np.arange(index[-1] + 1, dtype=np.float64)
