@@ -132,7 +132,7 @@ def test_what_a_peer_left_half_written_is_no_outcome(text, tmp_path):
     for name in ("started.json", "fold_0.json", "failed.json", "stderr.txt"):
         (tmp_path / name).write_bytes(text)
     found = read_outcome(tmp_path, expired=False, time_limit_s=1.0)
-    assert found.status == "failed"
+    assert found["status"] == "failed"
 
 
 @pytest.mark.parametrize(

@@ -118,13 +118,6 @@ def test_a_second_run_changes_nothing_but_milliseconds(result, toy_dataset, seve
     assert without_ms(run_benchmark(toy_dataset(), several)) == without_ms(result)
 
 
-def test_other_protocols_are_named_in_the_result(toy_dataset, several):
-    for protocol in ("operator", "blocks", "paper"):
-        result = run_benchmark(toy_dataset(n_repetitions=6), several, protocol=protocol)
-        assert result.data["protocol"] == protocol
-        assert result.data["rows"][0]["accuracy"]["euclidean"]["mean"] > 0.9
-
-
 def test_an_impossible_protocol_is_refused_before_anything_is_loaded(toy_dataset, several):
     dataset = toy_dataset()
     with pytest.raises(ValueError, match="material m0 has 4 recordings; 10 folds need at least 10 of each"):

@@ -166,12 +166,6 @@ def test_additions_are_read(tmp_path):
     assert set(pipeline.needed[0].columns) == {"friction", "waviness", "mfcc_constant"}
 
 
-def test_every_use_makes_a_new_object():
-    use = load_pipeline("strese2015").classifiers["lda"]
-    assert use.make() is not use.make()
-    assert use.make().get_params() == use.make().get_params()
-
-
 def test_a_row_may_name_its_classifiers_and_all_features(tmp_path):
     assert {row.judged_by(["a", "b"]) for row in load_pipeline("strese2015").rows} == {("a", "b")}
     pipeline = load_pipeline("texclass")

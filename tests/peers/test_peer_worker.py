@@ -122,19 +122,19 @@ def test_memory_that_came_and_went_and_the_time_of_this_process_are_measured():
 
 def test_mfcc_tells_two_noises_apart_in_an_interpreter_of_its_own(task, tmp_path):
     outcome = run_worker(Path(sys.executable), task, "mfcc", tmp_path / "out", 120.0)
-    assert (outcome.status, len(outcome.folds)) == ("done", 2)
-    assert {"librosa", "numpy", "scikit-learn"} <= set(outcome.versions)
-    assert set(outcome.folds[0]["classifiers"]) == set(PEERS["mfcc"].classifiers)
-    assert outcome.folds[0]["n_columns"] == 26
-    for fold, (_, test) in zip(outcome.folds, SPLITS, strict=True):
+    assert (outcome["status"], len(outcome["folds"])) == ("done", 2)
+    assert {"librosa", "numpy", "scikit-learn"} <= set(outcome["versions"])
+    assert set(outcome["folds"][0]["classifiers"]) == set(PEERS["mfcc"].classifiers)
+    assert outcome["folds"][0]["n_columns"] == 26
+    for fold, (_, test) in zip(outcome["folds"], SPLITS, strict=True):
         assert fold["classifiers"]["shrinkage_lda"]["predicted"] == (test % 2).tolist()
 
 
 @pytest.mark.skipif(find_spec("aeon") is None, reason="aeon is not installed (extra `peers`)")
 def test_minirocket_tells_two_noises_apart(task, tmp_path):
     outcome = run_worker(Path(sys.executable), task, "minirocket", tmp_path / "out", 300.0)
-    assert outcome.status == "done", outcome.message
-    assert outcome.folds[0]["classifiers"]["ridge"]["predicted"] == (SPLITS[0][1] % 2).tolist()
+    assert outcome["status"] == "done", outcome["message"]
+    assert outcome["folds"][0]["classifiers"]["ridge"]["predicted"] == (SPLITS[0][1] % 2).tolist()
 
 
 @pytest.mark.skipif(find_spec("pycatch22") is not None, reason="pycatch22 is installed")
@@ -143,7 +143,11 @@ def test_a_peer_that_is_not_there_is_reported_as_not_installed(task, tmp_path, m
     with warnings.catch_warnings():
         assert main() == 1
     outcome = read_outcome(tmp_path, expired=False, time_limit_s=60.0)
-    assert (outcome.status, outcome.message, outcome.folds) == ("not installed", "needs pycatch22", ())
+    assert (outcome["status"], outcome["message"], outcome["folds"]) == (
+        "not installed",
+        "needs pycatch22",
+        [],
+    )
 
 
 def test_an_outcome_says_how_it_ended(interpreter, tmp_path):
@@ -156,7 +160,7 @@ def test_an_outcome_says_how_it_ended(interpreter, tmp_path):
         ("absent", "not installed", 0, "needs aeon"),
     ):
         outcome = run_worker(interpreter(behaviour), tmp_path / "t", "mfcc", tmp_path / behaviour, 3.0)
-        assert [outcome.status, len(outcome.folds), outcome.message] == ended
+        assert [outcome["status"], len(outcome["folds"]), outcome["message"]] == ended
 
 
 def test_no_such_interpreter_is_a_bad_input(tmp_path):

@@ -23,7 +23,7 @@ from texclass.features.phase_view import Views, channels_apart, views_of
 from texclass.loaders.dataset import Dataset
 from texclass.peers.peer_worker.files import write_task
 from texclass.peers.peer_worker.peers import PEERS, Peer
-from texclass.peers.worker_process import Outcome, measure_ours, run_worker
+from texclass.peers.worker_process import measure_ours, run_worker
 from texclass.phases import segment
 from texclass.provenance import made_by
 from texclass.recording import Phases, Recording, Samples
@@ -169,7 +169,7 @@ def compare_with_peers(
         for done, name in enumerate(settings.names, start=2):
             outcome = run_worker(settings.python, task, name, Path(folder) / name, settings.time_limit_s)
             entrants += _theirs(PEERS[name], outcome, np.unique(table.materials))
-            versions |= outcome.versions
+            versions |= outcome["versions"]
             report(done, total, "peers")
     notes, benchmark = list[str](), result.data
     if not protocol.nested:
@@ -267,25 +267,25 @@ def _chosen(measured: Sequence[Mapping[str, Any]]) -> Entrant:
     }  # fmt: skip
 
 
-def _theirs(peer: Peer, outcome: Outcome, names: NDArray[np.str_]) -> Iterator[Entrant]:
+def _theirs(peer: Peer, outcome: Mapping[str, Any], names: NDArray[np.str_]) -> Iterator[Entrant]:
     """Yield each classifier of a peer; the peer itself, if it has predicted nothing."""
     facts = {"name": peer.name, "title": peer.title, "ours": False, "reference": peer.reference}
-    facts |= {"status": outcome.status, "message": outcome.message}
-    if not outcome.folds:
+    facts |= {"status": outcome["status"], "message": outcome["message"]}
+    if not outcome["folds"]:
         yield {**facts, "classifier": "", "n_columns": 0, "predicted": ()}
         return
     for classifier in peer.classifiers:
-        ran = [fold["classifiers"][classifier] for fold in outcome.folds]
+        ran = [fold["classifiers"][classifier] for fold in outcome["folds"]]
         yield {
             **facts,
             "classifier": classifier,
-            "n_columns": outcome.folds[0]["n_columns"],
+            "n_columns": outcome["folds"][0]["n_columns"],
             "predicted": tuple(names[fold["predicted"]] for fold in ran),
-            "feature_s": np.mean([fold["feature_s"] for fold in outcome.folds]),
+            "feature_s": np.mean([fold["feature_s"] for fold in outcome["folds"]]),
             "fit_s": np.mean([fold["fit_s"] for fold in ran]),
             "predict_s": np.mean([fold["predict_s"] for fold in ran]),
-            "first_s": outcome.first_s or 0.0,
-            "memory_mb": outcome.folds[-1]["memory_mb"],
+            "first_s": outcome["first_s"] or 0.0,
+            "memory_mb": outcome["folds"][-1]["memory_mb"],
         }
 
 

@@ -7,10 +7,9 @@ import json
 import os
 import subprocess
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
@@ -38,35 +37,9 @@ ENVIRONMENT = {
 }
 N_TIMED = 100
 """Recordings, spread over the dataset, on which our features are timed."""
-Status = Literal["done", "not installed", "out of time", "failed"]
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What the worker of a peer left behind.
-
-    Attributes
-    ----------
-    status
-        "out of time" and "failed" may have finished some of the folds.
-    folds
-        What each finished fold took and predicted.
-    first_s
-        CPU seconds of the first call on two recordings: imports and compilation.
-    versions
-        Of the packages the peer used.
-    message
-        What went wrong.
-    """
-
-    status: Status
-    folds: tuple[dict[str, Any], ...] = ()
-    first_s: float | None = None
-    versions: dict[str, str] = field(default_factory=dict)
-    message: str = ""
-
-
-def run_worker(python: Path, task: Path, peer: str, out: Path, time_limit_s: float) -> Outcome:
+def run_worker(python: Path, task: Path, peer: str, out: Path, time_limit_s: float) -> dict[str, Any]:
     """Evaluate one peer on a task.
 
     Parameters
@@ -84,7 +57,8 @@ def run_worker(python: Path, task: Path, peer: str, out: Path, time_limit_s: flo
 
     Returns
     -------
-    Outcome
+    dict
+        See `read_outcome`.
 
     Raises
     ------
@@ -113,23 +87,35 @@ def run_worker(python: Path, task: Path, peer: str, out: Path, time_limit_s: flo
     return read_outcome(out, expired=expired, time_limit_s=time_limit_s)
 
 
-def read_outcome(out: Path, *, expired: bool, time_limit_s: float) -> Outcome:
-    """Return what a worker wrote, whether or not it came to its end."""
+def read_outcome(out: Path, *, expired: bool, time_limit_s: float) -> dict[str, Any]:
+    """Return what the worker of a peer left behind, whether or not it came to its end.
+
+    Returns
+    -------
+    dict
+        `status`: "done", "not installed", or "out of time" and "failed", which may have finished some of the
+        folds; `message`: what went wrong; `folds`: what each finished fold took and predicted; `first_s`: CPU
+        seconds of the first call on two recordings, imports and compilation; `versions` of the packages used.
+    """
     started = _read(out / "started.json") or {}
     failed = _read(out / "failed.json")
     folds: list[dict[str, Any]] = []
     while (fold := _read(out / f"fold_{len(folds)}.json")) is not None:
         folds.append(fold)
-    facts = (tuple(folds), started.get("first_s"), started.get("versions", {}))
     if (out / "done.json").exists():
-        return Outcome("done", *facts)
-    if expired:
-        return Outcome("out of time", *facts, message=f"stopped after {time_limit_s:g} s")
-    if failed is not None:
-        status: Status = "not installed" if failed.get("missing") else "failed"
-        return Outcome(status, *facts, message=str(failed.get("message", "")))
-    lines = (out / "stderr.txt").read_text(encoding="utf-8", errors="replace").strip().splitlines()
-    return Outcome("failed", *facts, message=lines[-1] if lines else "ended without a word (out of memory?)")
+        status, message = "done", ""
+    elif expired:
+        status, message = "out of time", f"stopped after {time_limit_s:g} s"
+    elif failed is not None:
+        status, message = (
+            "not installed" if failed.get("missing") else "failed",
+            str(failed.get("message", "")),
+        )
+    else:
+        lines = (out / "stderr.txt").read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        status, message = "failed", lines[-1] if lines else "ended without a word (out of memory?)"
+    facts = {"first_s": started.get("first_s"), "versions": started.get("versions", {})}
+    return {"status": status, "message": message, "folds": folds, **facts}
 
 
 def _read(path: Path) -> dict[str, Any] | None:
