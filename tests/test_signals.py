@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy import signal
 from scipy.spatial.transform import Rotation
 
 from texclass.signals import (
@@ -13,6 +14,7 @@ from texclass.signals import (
     causal,
     combine,
     dft321,
+    find_peaks,
     highpass,
     lowpass,
     moving_average,
@@ -230,3 +232,34 @@ def test_cutoff_outside_the_band_is_named_with_the_rule(make, cutoff):
 def test_band_with_wrong_edges_is_named(band):
     with pytest.raises(ValueError, match="the edges of a band rising"):
         bandpass(np.zeros(100), band, FS)
+
+
+@pytest.mark.parametrize("n", [1, 31, 32, 1025, 5000])
+@pytest.mark.parametrize(
+    ("kind", "edges"),
+    [("highpass", 60.0), ("lowpass", 900.0), ("bandpass", (20.0, 4000.0)), ("bandpass", (30.0, 60.0))],
+)
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_design_and_causal_filter_are_those_of_scipy(kind, edges, order, n):
+    x = np.random.default_rng(0).standard_normal((n, 2)) + 9.81
+    sos = butterworth(kind, edges, FS, order=order)
+    theirs = signal.butter(order, edges, kind, fs=FS, output="sos")
+    f = np.geomspace(1, 0.49 * FS, 50)
+    assert_allclose(signal.freqz_sos(sos, f, fs=FS)[1], signal.freqz_sos(theirs, f, fs=FS)[1], atol=1e-9)
+    at_rest = signal.sosfilt_zi(sos)[:, :, None] * x[0]
+    filtered, state = causal(sos, x)
+    expected, after = signal.sosfilt(sos, x, axis=0, zi=at_rest)
+    assert_allclose(filtered, expected, atol=2e-11)
+    assert_allclose(state, after, atol=2e-11)
+
+
+def test_peaks_are_those_of_scipy():
+    rng = np.random.default_rng(0)
+    for n in [0, 1, 2, 3, *rng.integers(4, 400, 200).tolist()]:
+        x = rng.standard_normal(n).cumsum() if n % 2 else rng.standard_normal(n)
+        x[n // 3 : n // 3 + 4] = x[n // 3 : n // 3 + 1]  # a flat stretch
+        rules = {"height": rng.normal(), "distance": int(rng.integers(1, 20))}
+        least = float(rng.choice([0.1, 1.0, 4.0]))
+        found = find_peaks(x, **rules, prominence=least)
+        assert_array_equal(found, signal.find_peaks(x, **rules, prominence=least)[0])
+        assert_array_equal(find_peaks(x, **rules), signal.find_peaks(x, **rules)[0])

@@ -1,13 +1,15 @@
 """Signals, as many rooms need them: checks, one signal from three axes, averages and filters.
 
-Filters are Butterworth as second-order sections, zero-phase or causal.
+Filters are Butterworth as second-order sections, zero-phase or causal. What one answer needs of
+`scipy.signal` is here: loading that takes longer than everything else that such an answer needs.
 """
 
+import functools
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy import fft, signal
+from numpy.typing import ArrayLike, NDArray
+from scipy import fft, ndimage
 
 from texclass.recording import Samples
 
@@ -15,6 +17,8 @@ HAND_SPAN_S = 0.2
 """Window of the moving average that stands for gravity and the path of the hand; first zero at 5 Hz."""
 AXIS_PREFERENCE = 1e-9
 """Relative extra weight of an earlier axis in the sum whose phase DFT321 takes."""
+STEPS = 32
+"""Samples that a causal filter takes at once, and blocks of them."""
 
 
 def dft321(acceleration: ArrayLike) -> Samples:
@@ -286,8 +290,37 @@ def butterworth(
         raise ValueError(f"order is {order!r}; the rule is an integer of at least 1")
     edges = np.atleast_1d(np.asarray(cutoff_hz, dtype=np.float64))
     _check_cutoffs(edges, fs, n_edges=2 if kind == "bandpass" else 1)
-    band = edges if kind == "bandpass" else edges[0]
-    return np.asarray(signal.butter(order, band, btype=kind, fs=fs, output="sos"))
+    k, warped = 2 * fs, 2 * fs * np.tan(np.pi * edges / fs)  # s = k (1 - 1/z) / (1 + 1/z) bends frequencies
+    w, middle = warped[-1] - (warped[0] if edges.size == 2 else 0.0), float(np.prod(warped))
+    sections = []
+    for i in range((order + 1) // 2)[::-1]:  # the poles above the real axis, the sharpest last
+        p = w * np.exp(0.5j * np.pi * (1 + (2 * i + 1) / order))
+        is_real = 2 * i + 1 == order
+        if kind == "bandpass" and is_real:
+            sections.append(_digital((0, w, 0), (1, w, middle), k))
+        elif kind == "bandpass":  # s^2 - p s + middle, and its conjugate
+            root = np.sqrt((p / 2) ** 2 - middle)
+            low, high = sorted((p / 2 + root, p / 2 - root), key=abs)
+            # (w s)^2 is shared so that no section amplifies: a wide band is a high-pass and a low-pass
+            passing = ((1, 0, 0), (0, 0, w * w)) if w * w > middle else ((0, w, 0), (0, w, 0))
+            for numerator, r in zip(passing, (low, high), strict=True):
+                sections.append(_digital(numerator, (1, -2 * r.real, abs(r) ** 2), k))
+        elif is_real:
+            sections.append(_digital((0, w) if kind == "lowpass" else (1, 0), (1, w), k))
+        else:
+            numerator = (0, 0, w * w) if kind == "lowpass" else (1, 0, 0)
+            sections.append(_digital(numerator, (1, -2 * p.real, w * w), k))
+    return np.array(sections)
+
+
+def _digital(numerator: tuple[float, ...], denominator: tuple[float, ...], k: float) -> Samples:
+    """Return b0, b1, b2, 1, a1, a2 of a ratio of polynomials in s = k (1 - 1/z) / (1 + 1/z)."""
+    n = len(denominator)
+    powers = np.array([[1, -2, 1], [1, 0, -1], [1, 2, 1]] if n == 3 else [[1, -1], [1, 1]])
+    b, a = (np.array(each) * k ** np.arange(n)[::-1] @ powers for each in (numerator, denominator))
+    found = np.zeros(6)
+    found[:n], found[3 : 3 + n] = b / a[0], a / a[0]
+    return found
 
 
 def zero_phase(sos: Samples, x: ArrayLike) -> Samples:
@@ -309,6 +342,8 @@ def zero_phase(sos: Samples, x: ArrayLike) -> Samples:
     ValueError
         If there is no sample, or one is NaN or infinite: it would spread over the whole signal.
     """
+    from scipy import signal
+
     samples = all_finite(x, "zero_phase", at_least=1)
     wished = 3 * (2 * len(sos) + 1)
     return np.asarray(signal.sosfiltfilt(sos, samples, axis=0, padlen=min(wished, len(samples) - 1)))
@@ -342,10 +377,156 @@ def causal(sos: Samples, x: ArrayLike, state: Samples | None = None) -> tuple[Sa
     if len(samples) == 0:
         return samples.copy(), state
     if state is None:
-        unit = signal.sosfilt_zi(sos).reshape(len(sos), 2, *(1,) * (samples.ndim - 1))
-        state = unit * samples[0]
-    filtered, state = signal.sosfilt(sos, samples, axis=0, zi=state)
-    return np.asarray(filtered), np.asarray(state)
+        state = np.empty((len(sos), 2, *samples.shape[1:]))
+        level = samples[0]
+        for z, (b0, b1, b2, _, a1, a2) in zip(state, sos, strict=True):
+            before, level = level, level * ((b0 + b1 + b2) / (1 + a1 + a2))
+            z[1] = b2 * before - a2 * level
+            z[0] = b1 * before - a1 * level + z[1]
+    rows = samples.reshape(len(samples), -1)
+    key, filtered = sos.tobytes(), np.empty(rows.shape[::-1])
+    basis, inverse = _basis(key)
+    z = state.reshape(2 * len(sos), -1).T @ inverse.T
+    whole = len(rows) - len(rows) % STEPS
+    for first, stop, n in ((0, whole, STEPS), (whole, len(rows), len(rows) - whole)):
+        if first < stop:
+            blocks = rows[first:stop].T.reshape(rows.shape[1], -1, n)
+            filtered[:, first:stop], z = _filtered(key, blocks, z)
+    return filtered.T.reshape(samples.shape), (basis @ z.T).reshape(state.shape)
+
+
+def _normal_form(section: Samples) -> tuple[Samples, Samples, Samples]:
+    """Return A, B and V of a section with the state V m, where m' = A m + B x, and y = b0 x + m_0.
+
+    Of a pair of poles, A turns and shrinks: its powers stay as exact as it is, those of the usual form, whose
+    states nearly cancel at low frequencies, do not.
+    """
+    b0, b1, b2, _, a1, a2 = section
+    V, A = np.eye(2), np.array([[-a1, 1.0], [-a2, 0.0]])
+    if (square := a2 - a1**2 / 4) > 0:
+        re, im = -a1 / 2, np.sqrt(square)
+        V, A = np.array([[1.0, 0.0], [-re, im]]), np.array([[re, im], [-im, re]])
+    return A, np.linalg.solve(V, [b1 - a1 * b0, b2 - a2 * b0]), V
+
+
+def _filtered(sos: bytes, x: Samples, z: Samples) -> tuple[Samples, Samples]:
+    """Filter blocks of all channels (n_channels, n_blocks, n) from a state (n_channels, n_states) on.
+
+    The n outputs of a block and the state after it are a matrix times its samples and the state before it,
+    and so are the states after `STEPS` blocks: half the time of a loop over the samples in C.
+    """
+    (n_channels, n_blocks, n), n_states = x.shape, z.shape[1]
+    outputs, onwards = _matrices(sos, n)
+    known = np.empty((n_channels, n_blocks, n + n_states))  # samples, and the state before them
+    known[..., :n] = x
+    added = known[..., :n] @ onwards[:n]
+    grouped = n_blocks - n_blocks % STEPS
+    if grouped:
+        of_group = _many_states(sos, n)
+        after = added[:, :grouped].reshape(n_channels, -1, STEPS * n_states) @ of_group[:-n_states]
+        before = known[:, :grouped].reshape(n_channels, -1, STEPS, n + n_states)[..., n:]
+        for i in range(after.shape[1]):
+            after[:, i] += z @ of_group[-n_states:]
+            before[:, i, 0] = z
+            z = after[:, i, -n_states:]
+        before[:, :, 1:] = after.reshape(before.shape)[:, :, :-1]
+    for i in range(grouped, n_blocks):
+        known[:, i, n:] = z
+        z = z @ onwards[n:] + added[:, i]
+    return (known.reshape(-1, n + n_states) @ outputs).reshape(n_channels, -1), z
+
+
+@functools.lru_cache(maxsize=32)
+def _basis(sos: bytes) -> tuple[Samples, Samples]:
+    """Return the matrix from the states of the normal form to those of the usual one, and its inverse."""
+    V = [_normal_form(section)[2] for section in np.frombuffer(sos).reshape(-1, 6)]
+    both = np.zeros((2, len(V), 2, len(V), 2))
+    for i, one in enumerate(V):
+        both[0, i, :, i], both[1, i, :, i] = one, np.linalg.inv(one)
+    basis, inverse = both.reshape(2, 2 * len(V), 2 * len(V))
+    return basis, inverse
+
+
+@functools.lru_cache(maxsize=256)
+def _matrices(sos: bytes, n: int) -> tuple[Samples, Samples]:
+    """Return what n samples and the state before them are multiplied by: for outputs, for the next state."""
+    sections = np.frombuffer(sos).reshape(-1, 6)
+    n_states = 2 * len(sections)
+    y = np.eye(n, n + n_states)  # one signal a column: an impulse at each time, and each state at work alone
+    states = np.eye(n_states, n + n_states, n).reshape(-1, 2, n + n_states)
+    for z, section in zip(states, sections, strict=True):
+        A, B, _ = _normal_form(section)
+        for t in range(n):
+            x = y[t].copy()
+            y[t] = section[0] * x + z[0]
+            z[:] = A @ z + B[:, None] * x
+    return np.ascontiguousarray(y.T), np.ascontiguousarray(states.reshape(n_states, -1).T)
+
+
+@functools.lru_cache(maxsize=32)
+def _many_states(sos: bytes, n: int) -> Samples:
+    """Return what turns what `STEPS` blocks of n samples add, and the state before, into the states after."""
+    onwards = _matrices(sos, n)[1][n:]
+    n_states = len(onwards)
+    z = np.eye((STEPS + 1) * n_states, n_states, -STEPS * n_states)
+    after = []
+    for i in range(STEPS):
+        z = z @ onwards
+        z[i * n_states : (i + 1) * n_states] += np.eye(n_states)
+        after.append(z)
+    return np.hstack(after)
+
+
+def find_peaks(x: Samples, *, height: float, distance: int = 1, prominence: float = 0.0) -> NDArray[np.intp]:
+    """Return the peaks of a signal, as `scipy.signal.find_peaks` has them.
+
+    Parameters
+    ----------
+    x : ndarray of shape (n_samples,)
+        Finite. A flat peak is found in its middle; the first and the last sample are none.
+    height, prominence : float
+        Least height, and least height above what lies between the peak and a higher one, on either side.
+    distance : int
+        Least distance of two peaks, in samples: the higher one stays, of equal ones the later.
+
+    Returns
+    -------
+    ndarray of int, shape (n_peaks,)
+    """
+    steps = np.flatnonzero(np.diff(x))
+    rises = x[steps + 1] > x[steps]
+    tops = np.flatnonzero(rises[:-1] & ~rises[1:])
+    peaks = (steps[tops] + 1 + steps[tops + 1]) // 2
+    peaks = peaks[x[peaks] >= height]
+    rank, stays = np.zeros(len(x), dtype=np.intp), np.zeros(len(x), dtype=np.bool_)
+    rank[peaks[np.argsort(x[peaks], kind="stable")]] = np.arange(1, len(peaks) + 1)
+    while distance > 1 and rank.any():
+        highest = (rank > 0) & (rank == ndimage.maximum_filter1d(rank, 2 * distance - 1, mode="constant"))
+        stays |= highest
+        rank[ndimage.maximum_filter1d(highest, 2 * distance - 1, mode="constant")] = 0
+    peaks = peaks[stays[peaks]] if distance > 1 else peaks
+    if prominence <= 0:
+        return np.asarray(peaks)
+    after = _stands_out(x, peaks, prominence)
+    return np.asarray(peaks[after & _stands_out(x[::-1], len(x) - 1 - peaks, prominence)])
+
+
+def _stands_out(x: Samples, peaks: NDArray[np.intp], prominence: float) -> NDArray[np.bool_]:
+    """Return whether the signal falls so far below each peak before it rises above it."""
+    ahead, width, found = peaks + 1, 64, np.zeros(len(peaks), dtype=np.bool_)
+    left = np.arange(len(peaks))
+    ending = np.append(x, np.inf)
+    while len(left):
+        near = ending[np.minimum(ahead[left, None] + np.arange(width), len(x))]
+        top = x[peaks[left], None]
+        low, high = top - near >= prominence, near > top
+        decided = (low | high).any(axis=1)
+        found[left] = low.any(axis=1) & (
+            low.argmax(axis=1) < np.where(high.any(axis=1), high.argmax(axis=1), width)
+        )
+        ahead[left] += width
+        left, width = left[~decided], 2 * width
+    return found
 
 
 def lowpass(x: ArrayLike, cutoff_hz: float, fs: float, *, order: int = 4) -> Samples:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from feature_signals import FS, noise, tone
+from scipy import signal
 
 from texclass.features.conditioning import (
     band_passed,
@@ -16,7 +17,15 @@ from texclass.features.conditioning import (
     unit,
 )
 from texclass.features.phase_view import PhaseView
-from texclass.features.spectra import long_frames, mean_spectrum, power_frames, spectral_moments, spread
+from texclass.features.spectra import (
+    long_frames,
+    mean_spectrum,
+    power_frames,
+    spectral_moments,
+    spread,
+    window_of,
+)
+from texclass.features.tap_modes import TAP_RATE, decimated
 
 
 def test_band_pass_halves_the_amplitude_at_its_edges_at_any_rate():
@@ -90,3 +99,12 @@ def test_mean_spectrum_holds_all_power_of_a_slow_sensor_also_at_half_its_rate():
             assert frequency[-1] == fs / 2
             width[-1] /= 2
         assert density @ width == pytest.approx(np.mean(x**2), rel=2e-3)
+
+
+@pytest.mark.parametrize("length", [8, 13, 256])
+def test_windows_and_low_pass_are_those_of_scipy(length):
+    for name in ("hann", "hamming"):
+        np.testing.assert_allclose(window_of(name, length), signal.get_window(name, length), atol=1e-7)
+    x = np.random.default_rng(0).standard_normal(500)
+    expected = np.convolve(x, signal.firwin(13, 1 / 3), "valid")[::3]
+    np.testing.assert_allclose(decimated(x, 3 * TAP_RATE)[0], expected, atol=1e-13)

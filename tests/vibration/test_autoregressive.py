@@ -1,3 +1,5 @@
+import sys
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -221,3 +223,17 @@ def test_a_model_cannot_be_changed():
     assert model.reflection[0] == 0.5
     with pytest.raises(ValueError, match="read-only"):
         model.reflection[0] = 0.1
+
+
+@pytest.mark.parametrize("method", ["burg", "modified_covariance"])
+def test_burg_gives_the_same_compiled_or_not(method, monkeypatch):
+    rng = np.random.default_rng(0)
+    steady, ramp = rng.standard_normal(500), rng.standard_normal(500).cumsum()
+    frames = np.stack([steady, np.zeros(500), np.ones(500), ramp])
+    compiled = fit(frames, 18, method=method)
+    monkeypatch.delitem(sys.modules, "numba")
+    plain = fit(frames, 18, method=method)
+    assert_allclose(plain.reflection, compiled.reflection, atol=1e-12)
+    assert_allclose(plain.residual, compiled.residual, rtol=1e-12)
+    assert_array_equal(plain.fitted_order, compiled.fitted_order)
+    assert_array_equal(plain.clipped, compiled.clipped)

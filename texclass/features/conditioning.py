@@ -8,7 +8,6 @@ the movement, or is a power, stands in `spectra`.
 import functools
 
 import numpy as np
-import pywt
 from numpy.typing import NDArray
 from scipy import fft
 
@@ -224,6 +223,8 @@ def details(view: PhaseView, cutoff_hz: float, wavelet: str, depth: int) -> tupl
     UndefinedFeatureError
         If the movement is shorter than (filter length - 1) 2^depth samples: 544 for coif3 at depth 5.
     """
+    import pywt
+
     taps = int(pywt.Wavelet(wavelet).dec_len)
     require(view, (taps - 1) * 2**depth, f"{wavelet}, level {depth}")
     coefficients = pywt.wavedec(high_passed(view, cutoff_hz), wavelet, level=depth)
@@ -233,6 +234,8 @@ def details(view: PhaseView, cutoff_hz: float, wavelet: str, depth: int) -> tupl
 @transform
 def detail_band(view: PhaseView, cutoff_hz: float, wavelet: str, depth: int, j: int) -> NDArray[np.float32]:
     """Return detail j (1 = finest) rebuilt to the length of the movement, shape (n,), in single precision."""
+    import pywt
+
     levels = details(view, cutoff_hz, wavelet, depth)
     band = pywt.idwt(None, levels[j - 1], wavelet)
     for finer in levels[j - 2 :: -1] if j > 1 else ():

@@ -10,13 +10,13 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from scipy.signal import find_peaks
 
 from texclass.features.conditioning import magnitude_of
 from texclass.features.contract import Gain, UndefinedFeatureError, feature
 from texclass.features.fineness import printed_centroids
 from texclass.features.phase_view import TapSignal, TapView, transform, undefined_if
 from texclass.recording import Samples
+from texclass.signals import find_peaks
 
 T = TypeVar("T")
 SHARES = (0.1, 0.25, 0.5, 0.75, 0.9)
@@ -86,7 +86,7 @@ def impulse_peaks(magnitude: Samples, spacing: int, prominence: float) -> NDArra
     undefined_if(largest == 0, "silence: the tap has no impulse")
     padded = np.concatenate([[0.0], magnitude, [0.0]])
     least = prominence * largest  # nothing lower is so prominent, nor takes the place of what is higher
-    peaks, _ = find_peaks(padded, height=least, distance=max(1, spacing), prominence=least)
+    peaks = find_peaks(padded, height=least, distance=max(1, spacing), prominence=least)
     highest = peaks[np.argsort(-padded[peaks], kind="stable")[:3]]
     return np.asarray(np.sort(highest) - 1)
 

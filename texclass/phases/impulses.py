@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, signal
+from scipy import ndimage
 
 from texclass.recording import Samples
+from texclass.signals import find_peaks
 
 SHARP_S, CALM_S = 0.003, 0.02
 """Levels are averaged over this to place a peak, and over this to follow what it leaves."""
@@ -197,7 +198,7 @@ def _peaks(
     peaks, rises = set[int](), np.zeros(len(sharp))
     for level, most_db in ((sharp, np.inf), (loud, least_db)):
         ended = np.concatenate([[0.0], level, [0.0]])
-        at, _ = signal.find_peaks(ended, height=tap_db, prominence=least_db, distance=n_bins(rules.spacing_s))
+        at = find_peaks(ended, height=tap_db, prominence=least_db, distance=n_bins(rules.spacing_s))
         peaks.update((at - 1).tolist())
         before = ndimage.maximum_filter1d(level, back, mode="constant")
         before = np.concatenate([np.zeros(n_bins(RISE_S) + back // 2), before])[: len(level)]

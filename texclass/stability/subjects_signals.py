@@ -105,8 +105,9 @@ def _causal(x: Any, case: Case) -> Attempt:
     none, state = signals.causal(sos, x[:0], state)
     rest, _ = signals.causal(sos, x[7:SHORT], state)
     yield rules.finite("output", out)
-    yield rules.close("pieces = whole", np.concatenate([first, none, rest]), out, 0.0)
     signal = samples_of(x[:SHORT])
+    pieces = np.concatenate([first, none, rest])
+    yield rules.close("pieces = whole", pieces, out, rules.RESPONSE, scale=largest(signal))
     if signal.size and _referenced(case):
         right = exact.causal(sos, signal)
         yield rules.close("output, against 60 digits", out, right, rules.RESPONSE, scale=largest(signal))

@@ -6,6 +6,7 @@ in the k_m, never in the a_i. Each frame is first divided by a power of two: no 
 k does not depend on it.
 """
 
+import sys
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -16,11 +17,18 @@ from scipy import fft
 
 from texclass.recording import Samples
 from texclass.signals import angular_frequencies
-from texclass.vibration import recursions
 
 Method = Literal["autocorrelation", "burg", "modified_covariance"]
 Variance = Literal["residual", "yule_walker"]
 
+LARGEST = float(np.nextafter(1.0, 0.0))
+"""The largest |k| that is returned: the last number below 1."""
+EXHAUSTED = 4 * float(np.finfo(np.float64).eps)
+"""A residual below this part of the signal (RMS) is rounding noise: the recursion ends."""
+SMALLEST_ANGLE = 1e-60
+"""Angles in rad below this one are taken as this one, so that no square of a product underflows."""
+WORTH_LOADING = 1e7
+"""Samples times order from which on it takes less time to load numba than to do without."""
 DIRECT_FORM_ERROR = 1e-6
 """Largest change of a reflection coefficient that direct-form coefficients may bring."""
 OUTERMOST = 1 - 2.0**-52
@@ -127,7 +135,7 @@ class Autoregression:
         kept = self.residual[..., : order + 1]
         fitted = np.minimum(self.fitted_order, order)
         largest = np.abs(self.reflection[..., :order]).max(axis=-1, initial=0.0)
-        clipped = self.clipped & (largest == recursions.LARGEST)
+        clipped = self.clipped & (largest == LARGEST)
         return Autoregression(
             self.reflection[..., :order], kept[..., -1], kept, fitted, clipped, self.fallback
         )
@@ -148,6 +156,8 @@ class Autoregression:
             more than half of what |k| has left to 1: such coefficients are another, maybe unstable, filter.
             Use the lattice there.
         """
+        from texclass.vibration import recursions
+
         k = self.reflection.reshape(self.gain.size, self.order)
         a = recursions.step_up(k)
         allowed = np.minimum(DIRECT_FORM_ERROR, (1 - np.abs(k)) / 2)
@@ -221,6 +231,8 @@ class Autoregression:
         ndarray of shape (..., n_frequencies)
             -inf for silence.
         """
+        from texclass.vibration import recursions
+
         k = self.reflection.reshape(self.gain.size, self.order)
         ln_a = [recursions.log_magnitudes(row, angular_frequencies(omega))[-1] for row in k]
         ln_h = self.log_gain.reshape(-1, 1) - np.reshape(ln_a, (len(k), -1))
@@ -307,13 +319,15 @@ def fit(
     if method == "autocorrelation":
         k, deviation, fitted = _autocorrelation(frames, order)
     else:
-        k, deviation, fitted = recursions.burg(frames, order, 0)
+        k, deviation, fitted = _burg(frames, order)
     fallback = np.zeros(len(frames), dtype=np.bool_)
     for row, each in enumerate(frames if method == "modified_covariance" else ()):
+        from texclass.vibration import recursions
+
         a, gain = _both_ways(each, order)
         found = recursions.step_down(a[np.newaxis])[0]
         # The least residual of all can only exceed Burg's where k is lost on the way from the coefficients.
-        loosest = 1.001 * deviation[row, -1] + recursions.EXHAUSTED * deviation[row, 0]
+        loosest = 1.001 * deviation[row, -1] + EXHAUSTED * deviation[row, 0]
         stable = np.isfinite(gain) and np.all(np.abs(found) < 1)
         # Where Burg's residual ends before the last order, many coefficients do; rounding would choose.
         determined = fitted[row] in {0, order}
@@ -325,7 +339,7 @@ def fit(
         deviation[:, 0] = np.sqrt(np.mean(frames**2, axis=1))
         deviation[:, 1:] = deviation[:, :1] * np.exp(np.cumsum(log_cosines(k), axis=1))
     deviation = np.ldexp(deviation, exponent)
-    clipped = np.abs(k).max(axis=1) == recursions.LARGEST
+    clipped = np.abs(k).max(axis=1) == LARGEST
     shaped = [np.reshape(each, lead) for each in (deviation[:, -1], fitted, clipped, fallback)]
     return Autoregression(
         k.reshape(*lead, order), shaped[0], deviation.reshape(*lead, order + 1), *shaped[1:]
@@ -351,6 +365,8 @@ def from_autocorrelation(r: ArrayLike) -> Autoregression:
     ValueError
         If a value is not finite, r_0 negative, or r_0 = 0 with others not 0.
     """
+    from texclass.vibration import recursions
+
     lags = np.asarray(r, dtype=np.float64)
     if lags.ndim < 1 or lags.shape[-1] < 1 or not np.all(np.isfinite(lags)):
         raise ValueError(f"autocorrelation has shape {lags.shape}; the rule is (..., p + 1), all finite")
@@ -383,6 +399,8 @@ def from_direct_form(a: ArrayLike, gain: ArrayLike) -> Autoregression:
     ValueError
         If a_0 is not 1 or the model is not stable.
     """
+    from texclass.vibration import recursions
+
     direct = np.asarray(a, dtype=np.float64)
     if direct.ndim < 1 or direct.size == 0 or not np.all(direct[..., 0] == 1):
         raise ValueError(f"coefficients have shape {direct.shape}; the rule is (..., p + 1), the first one 1")
@@ -400,6 +418,8 @@ def autocorrelation(frames: Samples, n_lags: int) -> Samples:
 
 def _autocorrelation(frames: Samples, order: int) -> tuple[Samples, Samples, NDArray[np.int64]]:
     """Return k, the residual deviations of the orders 0 ... p and the orders fitted, one row per frame."""
+    from texclass.vibration import recursions
+
     r = autocorrelation(frames, order)
     silent = ~frames.any(axis=1)
     r[silent] = np.eye(1, order + 1)
@@ -411,6 +431,37 @@ def _autocorrelation(frames: Samples, order: int) -> tuple[Samples, Samples, NDA
         k[lost], deviation[lost], fitted[lost] = recursions.burg(frames[lost], order, order)
     fitted[silent] = 0
     return k, deviation, fitted
+
+
+def _burg(frames: Samples, order: int) -> tuple[Samples, Samples, NDArray[np.int64]]:
+    """Do what `recursions.burg` does, a little work without the second that loading it takes."""
+    if "numba" in sys.modules or frames.size * order > WORTH_LOADING:
+        from texclass.vibration import recursions
+
+        return recursions.burg(frames, order, 0)
+    n, f, b = frames.shape[1], frames, frames
+    deviation = np.repeat(np.sqrt(np.mean(frames**2, axis=1, keepdims=True)), order + 1, axis=1)
+    k, fitted = np.zeros((len(frames), order)), np.zeros(len(frames), np.int64)
+    going, least = np.ones(len(frames), np.bool_), 2 * (EXHAUSTED * deviation[:, 0]) ** 2
+    total = _energy(f[:, 1:]) + _energy(b[:, :-1])
+    for m in range(1, min(order, n - 1) + 1):
+        going &= total > (n - m) * least
+        if not going.any():
+            break
+        f, b = f[:, 1:], b[:, :-1]
+        step = -2.0 * np.einsum("kt,kt->k", f, b) / np.where(going, total, 1.0)
+        step = np.where(going, np.clip(step, -LARGEST, LARGEST), 0.0)
+        f, b = f + step[:, None] * b, b + step[:, None] * f
+        total = _energy(f[:, 1:]) + _energy(b[:, :-1])
+        left = total + f[:, 0] ** 2 + b[:, -1] ** 2  # the next stage pairs all but these two
+        k[:, m - 1] = step
+        fitted[going] = m
+        deviation[going, m:] = np.sqrt(left / (2 * (n - m)))[going, np.newaxis]
+    return k, deviation, fitted
+
+
+def _energy(x: Samples) -> Samples:
+    return np.asarray(np.einsum("kt,kt->k", x, x))
 
 
 def _both_ways(x: Samples, order: int) -> tuple[Samples, float]:

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
-from scipy import linalg, signal
+from scipy import linalg
 
 from texclass.recording import Samples, read_only
 from texclass.signals import one_channel, positive, to_unit_scale
@@ -139,6 +139,8 @@ class DecayingModes(Sinusoids):
 
     def filter(self, x: ArrayLike, fs: float) -> Samples:
         """Return `x` (shape (n_samples,), impulses for instance) through the `sections`, started at rest."""
+        from scipy import signal
+
         excitation = one_channel(x, "excitation")
         sections = self.sections(fs)
         total = np.zeros_like(excitation)

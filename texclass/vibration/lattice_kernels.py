@@ -15,7 +15,7 @@ from numba import njit
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from texclass.vibration.recursions import LARGEST
+from texclass.vibration.autoregressive import LARGEST
 
 Real = NDArray[np.floating]
 

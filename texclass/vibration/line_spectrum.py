@@ -29,18 +29,13 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
-from numba import njit
-from numba.extending import get_cython_function_address
 from numpy.typing import ArrayLike
-from scipy import optimize
 
 from texclass.recording import Samples
-from texclass.vibration import recursions
+from texclass.vibration.autoregressive import LARGEST, SMALLEST_ANGLE
 
 MIN_GAP = 1e-12
 """Least gap between line spectral frequencies, in rad: far above rounding, far below any felt resonance's."""
-SMALLEST_ANGLE = 1e-60
-"""Angles in rad below this one are taken as this one, so that no square of a product underflows."""
 
 
 def from_reflection(k: ArrayLike) -> Samples:
@@ -135,9 +130,11 @@ def to_reflection(lsf: ArrayLike) -> Samples:
     >>> bool(np.allclose(to_reflection(from_reflection(k)), k, rtol=0, atol=1e-14))
     True
     """
+    from texclass.vibration import recursions
+
     frames = _checked_lsf(lsf)
     p = frames.shape[1]
-    cosines, sines = (path[:, ::-1] for path in paths_from_angles(frames))
+    cosines, sines = (path[:, ::-1] for path in recursions.paths_from_angles(frames))
     ratio = np.zeros((len(frames), p + 1))  # v_j / u_j, from k_0 = 1 on
     # u_{j-1} v_j / (u_{j-1} u_j), and the same with v_{j-1}: every second j
     ratio[:, p:0:-2] = cosines[:, p - 1 :: -2] / sines[:, p - 1 :: -2]
@@ -146,7 +143,7 @@ def to_reflection(lsf: ArrayLike) -> Samples:
     j = np.arange(p - 1, 0, -2)
     ratio[:, j] = (cosines[:, j - 1] / u[:, j - 1]) / (cosines[:, j] / v[:, j + 1])
     k = (1 - ratio[:, 1:]) / (1 + ratio[:, 1:])
-    return np.asarray(np.clip(k, -recursions.LARGEST, recursions.LARGEST)).reshape(np.shape(lsf))
+    return np.asarray(np.clip(k, -LARGEST, LARGEST)).reshape(np.shape(lsf))
 
 
 def conditioning(lsf: ArrayLike) -> Samples:
@@ -216,6 +213,8 @@ def spread(lsf: ArrayLike, min_gap: float = MIN_GAP) -> Samples:
     >>> spread([0.5, 1.5, 1.0, 2.0], 0.1).round(2)
     array([0.5, 1.2, 1.3, 2. ])
     """
+    from scipy import optimize
+
     frames = _checked(lsf, "lsf", -np.inf, np.inf).copy()
     p = frames.shape[1]
     if not 0 <= min_gap <= np.pi / (p + 1):
@@ -252,9 +251,15 @@ def _checked_lsf(lsf: ArrayLike) -> Samples:
 @cache
 def _dlasq2() -> Callable[..., None]:
     """LAPACK's dqds: singular values, squared, to high relative accuracy, from the squared entries."""
-    address = get_cython_function_address("scipy.linalg.cython_lapack", "dlasq2")
+    from scipy.linalg import cython_lapack
+
+    capsule = cython_lapack.__pyx_capi__["dlasq2"]
+    name = ctypes.pythonapi.PyCapsule_GetName
+    name.restype, name.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    place = ctypes.pythonapi.PyCapsule_GetPointer
+    place.restype, place.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
     pointer = ctypes.POINTER(ctypes.c_int)
-    return ctypes.CFUNCTYPE(None, pointer, ctypes.c_void_p, pointer)(address)
+    return ctypes.CFUNCTYPE(None, pointer, ctypes.c_void_p, pointer)(place(capsule, name(capsule)))
 
 
 def squared_singular_values(path: Samples) -> Samples:
@@ -292,141 +297,16 @@ def squared_singular_values(path: Samples) -> Samples:
     return work[:, :m]
 
 
-@njit(cache=True, error_model="numpy")
-def _as_square(path, out):  # type: ignore[no-untyped-def]
+def _as_square(path: Samples, out: Samples) -> None:
     """One dqd sweep turns the extra column of a rectangular matrix into zeros."""
     n = path.shape[1]
     if n % 2:
         out[:, :n] = path
         return
-    for row in range(path.shape[0]):
-        g, z = path[row], out[row]
-        d = g[0]
-        for i in range(0, n - 2, 2):
-            z[i] = d + g[i + 1]
-            ratio = g[i + 2] / z[i]
-            z[i + 1] = g[i + 1] * ratio
-            d *= ratio
-        z[n - 2] = d + g[n - 1]
-
-
-@njit(cache=True, error_model="numpy")
-def paths_from_angles(lsf):  # type: ignore[no-untyped-def]
-    """Return the paths of cos(theta/2) and sin(theta/2), theta the roots of P, each from its end backwards.
-
-    Parameters
-    ----------
-    lsf : ndarray of shape (n_frames, p)
-        Increasing, in (0, pi): roots of P at even places, of Q at odd ones.
-
-    Returns
-    -------
-    cosines : ndarray of shape (n_frames, p)
-        u_j v_{j+1} for j = p - 1, ..., 0, where u = (1 + k)/2, v = (1 - k)/2, k_0 = 1.
-    sines : ndarray of shape (n_frames, p)
-        u_j u_{j+1} and v_j v_{j+1} in turn, v for j = p - 2; the last is 0 when p is even.
-    """
-    n_frames, p = lsf.shape
-    cosines, sines = np.zeros((n_frames, p)), np.zeros((n_frames, p))
-    for row in range(n_frames):
-        P, Q = np.maximum(lsf[row, 0::2], SMALLEST_ANGLE), np.maximum(lsf[row, 1::2], SMALLEST_ANGLE)
-        m = P.size
-        s2, c2 = np.sin(P / 2) ** 2, np.cos(P / 2) ** 2
-        gaps = _gap(P[1:], P[:-1])
-        b = _residues(P, Q)
-        if p % 2:
-            _path(np.append(gaps, c2[m - 1]), b * s2, cosines[row])
-            _path(np.append(gaps[::-1], s2[0]), (b * c2)[::-1], sines[row])
-        else:
-            at_pi = np.prod(np.cos(Q / 2) ** 2 / c2)
-            nodes = np.append(np.append(gaps, c2[m - 1]), 0.0)
-            _path(nodes, np.append(b * s2 / c2, at_pi), cosines[row])
-            _path(np.append(gaps[::-1], s2[0]), b[::-1], sines[row])
-    return cosines, sines
-
-
-@njit(cache=True, error_model="numpy")
-def _residues(P, Q):  # type: ignore[no-untyped-def]
-    """Return prod_j |x_i - y_j| / prod_{j != i} |x_i - x_j| with x, y = cos^2(theta/2) at the roots of P, Q.
-
-    Interlacing keeps every partial product between the narrowest gap and its inverse. Of
-
-        x_i - x_j = sin((theta_j - theta_i)/2) sin((theta_j + theta_i)/2)
-
-    the first factor is taken from the difference of the angles where that is small, j = i - 1, i, i + 1, the
-    second never from their sum, which rounds what is left to 2 pi.
-    """
-    m = P.size
-    s, c = np.sin(P / 2), np.cos(P / 2)
-    b = np.ones(m)
-    for j in range(m):
-        sj, cj = s[j], c[j]
-        if j == Q.size:  # one root of P more than of Q
-            for i in range(m - 1):
-                b[i] /= _gap(P[j], P[i])
-            break
-        sq, cq = np.sin(Q[j] / 2), np.cos(Q[j] / 2)
-        near = np.ones(3)
-        first = max(j - 1, 0)
-        last = min(j + 2, m)
-        for i in range(first, last):
-            near[i - first] = b[i] * _gap(Q[j], P[i])
-            if i != j:
-                near[i - first] /= _gap(P[j], P[i])
-        for i in range(m):
-            up = (sq * c[i] - cq * s[i]) * (sq * c[i] + cq * s[i])
-            b[i] *= up / ((sj * c[i] - cj * s[i]) * (sj * c[i] + cj * s[i]))
-        b[first:last] = near[: last - first]
-    return np.abs(b)
-
-
-@njit(cache=True, inline="always", error_model="numpy")
-def _gap(a, b):  # type: ignore[no-untyped-def]
-    """Return cos^2(b/2) - cos^2(a/2)."""
-    total = np.sin(a / 2) * np.cos(b / 2) + np.cos(a / 2) * np.sin(b / 2)  # sin((a + b)/2)
-    return np.sin((a - b) / 2) * total
-
-
-@njit(cache=True, error_model="numpy")
-def _path(gaps, weights, out):  # type: ignore[no-untyped-def]
-    """Write to `out` the path whose squared singular values are given, with their weights at its start.
-
-    Values enter from the largest, x_1, to the smallest, x_m. `gaps` holds x_1 - x_2, ..., x_{m-1} - x_m, x_m.
-    With the q_i, e_i of what is already there, less its smallest value, one more value at 0 of weight w
-    (W: the weights so far) does
-
-        d_1 = q_1 w / (W + w),    q'_1 = q_1 W / (W + w),
-        e'_i = e_i + d_i,    q'_{i+1} = e_i q_{i+1} / e'_i,    d_{i+1} = q_{i+1} d_i / e'_i
-
-    and moving all up by t_1 = tau to the next value (stationary qd) then does
-
-        Q_i = q'_i + t_i,  E_i = e'_i q'_i / Q_i,  t_{i+1} = tau + e'_i t_i / Q_i.
-
-    Both run in one loop. This is Laurie, "Accurate recovery of recursion coefficients from Gaussian
-    quadrature formulas", 1999, in the form that subtracts nothing.
-    """
-    m = weights.size
-    q, e = np.zeros(m + 1), np.zeros(m + 1)
-    q[0], total = gaps[0], weights[0]
-    for size in range(1, m):
-        w, tau = weights[size], gaps[size]
-        d = q[0] * (w / (total + w))
-        new_q = q[0] * (total / (total + w))
-        total += w
-        t = tau
-        for i in range(size):  # e[size - 1] and q[size] are still 0
-            new_e = e[i] + d
-            shifted = new_q + t
-            ratio = q[i + 1] / new_e
-            q[i] = shifted
-            t = tau + new_e * (t / shifted)
-            shifted_e = new_e * (new_q / shifted)
-            new_q = e[i] * ratio
-            d *= ratio
-            e[i] = shifted_e
-        q[size] = new_q + t
-    for i in range(m):
-        if 2 * i < out.size:
-            out[2 * i] = q[i]
-        if 2 * i + 1 < out.size and i < m - 1:
-            out[2 * i + 1] = e[i]
+    d = path[:, 0]
+    for i in range(0, n - 2, 2):
+        out[:, i] = d + path[:, i + 1]
+        ratio = path[:, i + 2] / out[:, i]
+        out[:, i + 1] = path[:, i + 1] * ratio
+        d = d * ratio
+    out[:, n - 2] = d + path[:, n - 1]

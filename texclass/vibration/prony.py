@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import linalg, signal
+from scipy import linalg
 
 from texclass.recording import Samples
 from texclass.signals import one_channel, to_unit_scale
@@ -52,6 +52,8 @@ class PronyFilter:
 
         An unstable filter grows without bound: to infinity and NaN, if `n_samples` is large enough.
         """
+        from scipy import signal
+
         impulse = np.zeros(n_samples)
         impulse[:1] = 1.0
         return np.asarray(signal.lfilter(self.b, self.a, impulse))
@@ -143,6 +145,8 @@ def prony(x: ArrayLike, order: int, resolution: float = 0.0) -> PronyFilter:
     >>> prony(h, 2).a.round(9)
     array([ 1. , -1.5,  0.8])
     """
+    from scipy import signal
+
     samples = one_channel(x, "segment")
     if order < 1:
         raise ValueError(f"order is {order}; the rule is at least 1")

@@ -8,13 +8,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from texclass.recording import Samples
+from texclass.vibration.autoregressive import EXHAUSTED, LARGEST, SMALLEST_ANGLE
 
 Indices = NDArray[np.int64]
 
-LARGEST = float(np.nextafter(1.0, 0.0))
-"""The largest |k| that is returned: the last number below 1."""
-EXHAUSTED = 4 * float(np.finfo(np.float64).eps)
-"""A residual below this part of the signal (RMS) is rounding noise: the recursion ends."""
 _BLOCK = 1024
 
 
@@ -191,3 +188,125 @@ def log_magnitudes(k: Samples, omega: Samples) -> Samples:
             total += np.log(length)
             out[m + 1, j] = total
     return out
+
+
+@njit(cache=True, error_model="numpy")
+def paths_from_angles(lsf):  # type: ignore[no-untyped-def]
+    """Return the paths of cos(theta/2) and sin(theta/2), theta the roots of P, each from its end backwards.
+
+    Parameters
+    ----------
+    lsf : ndarray of shape (n_frames, p)
+        Increasing, in (0, pi): roots of P at even places, of Q at odd ones.
+
+    Returns
+    -------
+    cosines : ndarray of shape (n_frames, p)
+        u_j v_{j+1} for j = p - 1, ..., 0, where u = (1 + k)/2, v = (1 - k)/2, k_0 = 1.
+    sines : ndarray of shape (n_frames, p)
+        u_j u_{j+1} and v_j v_{j+1} in turn, v for j = p - 2; the last is 0 when p is even.
+    """
+    n_frames, p = lsf.shape
+    cosines, sines = np.zeros((n_frames, p)), np.zeros((n_frames, p))
+    for row in range(n_frames):
+        P, Q = np.maximum(lsf[row, 0::2], SMALLEST_ANGLE), np.maximum(lsf[row, 1::2], SMALLEST_ANGLE)
+        m = P.size
+        s2, c2 = np.sin(P / 2) ** 2, np.cos(P / 2) ** 2
+        gaps = _gap(P[1:], P[:-1])
+        b = _residues(P, Q)
+        if p % 2:
+            _path(np.append(gaps, c2[m - 1]), b * s2, cosines[row])
+            _path(np.append(gaps[::-1], s2[0]), (b * c2)[::-1], sines[row])
+        else:
+            at_pi = np.prod(np.cos(Q / 2) ** 2 / c2)
+            nodes = np.append(np.append(gaps, c2[m - 1]), 0.0)
+            _path(nodes, np.append(b * s2 / c2, at_pi), cosines[row])
+            _path(np.append(gaps[::-1], s2[0]), b[::-1], sines[row])
+    return cosines, sines
+
+
+@njit(cache=True, error_model="numpy")
+def _residues(P, Q):  # type: ignore[no-untyped-def]
+    """Return prod_j |x_i - y_j| / prod_{j != i} |x_i - x_j| with x, y = cos^2(theta/2) at the roots of P, Q.
+
+    Interlacing keeps every partial product between the narrowest gap and its inverse. Of
+
+        x_i - x_j = sin((theta_j - theta_i)/2) sin((theta_j + theta_i)/2)
+
+    the first factor is taken from the difference of the angles where that is small, j = i - 1, i, i + 1, the
+    second never from their sum, which rounds what is left to 2 pi.
+    """
+    m = P.size
+    s, c = np.sin(P / 2), np.cos(P / 2)
+    b = np.ones(m)
+    for j in range(m):
+        sj, cj = s[j], c[j]
+        if j == Q.size:  # one root of P more than of Q
+            for i in range(m - 1):
+                b[i] /= _gap(P[j], P[i])
+            break
+        sq, cq = np.sin(Q[j] / 2), np.cos(Q[j] / 2)
+        near = np.ones(3)
+        first = max(j - 1, 0)
+        last = min(j + 2, m)
+        for i in range(first, last):
+            near[i - first] = b[i] * _gap(Q[j], P[i])
+            if i != j:
+                near[i - first] /= _gap(P[j], P[i])
+        for i in range(m):
+            up = (sq * c[i] - cq * s[i]) * (sq * c[i] + cq * s[i])
+            b[i] *= up / ((sj * c[i] - cj * s[i]) * (sj * c[i] + cj * s[i]))
+        b[first:last] = near[: last - first]
+    return np.abs(b)
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def _gap(a, b):  # type: ignore[no-untyped-def]
+    """Return cos^2(b/2) - cos^2(a/2)."""
+    total = np.sin(a / 2) * np.cos(b / 2) + np.cos(a / 2) * np.sin(b / 2)  # sin((a + b)/2)
+    return np.sin((a - b) / 2) * total
+
+
+@njit(cache=True, error_model="numpy")
+def _path(gaps, weights, out):  # type: ignore[no-untyped-def]
+    """Write to `out` the path whose squared singular values are given, with their weights at its start.
+
+    Values enter from the largest, x_1, to the smallest, x_m. `gaps` holds x_1 - x_2, ..., x_{m-1} - x_m, x_m.
+    With the q_i, e_i of what is already there, less its smallest value, one more value at 0 of weight w
+    (W: the weights so far) does
+
+        d_1 = q_1 w / (W + w),    q'_1 = q_1 W / (W + w),
+        e'_i = e_i + d_i,    q'_{i+1} = e_i q_{i+1} / e'_i,    d_{i+1} = q_{i+1} d_i / e'_i
+
+    and moving all up by t_1 = tau to the next value (stationary qd) then does
+
+        Q_i = q'_i + t_i,  E_i = e'_i q'_i / Q_i,  t_{i+1} = tau + e'_i t_i / Q_i.
+
+    Both run in one loop. This is Laurie, "Accurate recovery of recursion coefficients from Gaussian
+    quadrature formulas", 1999, in the form that subtracts nothing.
+    """
+    m = weights.size
+    q, e = np.zeros(m + 1), np.zeros(m + 1)
+    q[0], total = gaps[0], weights[0]
+    for size in range(1, m):
+        w, tau = weights[size], gaps[size]
+        d = q[0] * (w / (total + w))
+        new_q = q[0] * (total / (total + w))
+        total += w
+        t = tau
+        for i in range(size):  # e[size - 1] and q[size] are still 0
+            new_e = e[i] + d
+            shifted = new_q + t
+            ratio = q[i + 1] / new_e
+            q[i] = shifted
+            t = tau + new_e * (t / shifted)
+            shifted_e = new_e * (new_q / shifted)
+            new_q = e[i] * ratio
+            d *= ratio
+            e[i] = shifted_e
+        q[size] = new_q + t
+    for i in range(m):
+        if 2 * i < out.size:
+            out[2 * i] = q[i]
+        if 2 * i + 1 < out.size and i < m - 1:
+            out[2 * i + 1] = e[i]

@@ -4,10 +4,11 @@ The passage over each feature of a surface makes the tool ring: a segment begins
 lasts while it decays, so that one decaying filter can stand for it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
@@ -120,11 +121,17 @@ def segment_rising_peaks(
             f"dead band, threshold, decay are {dead_band}, {threshold}, {decay}; the rule is all at least 0"
         )
     samples = np.require(samples, requirements=["C", "W"])  # one compiled version serves all
-    starts, n_peaks = _rising(samples, dead_band, threshold, decay)
+    starts, n_peaks = _compiled()(samples, dead_band, threshold, decay)
     return Segmentation(np.concatenate([[0], starts, [samples.size]]), n_peaks)
 
 
-@njit(cache=True, error_model="numpy")
+@cache
+def _compiled() -> Callable[[Samples, float, float, float], tuple[Indices, Indices]]:
+    from numba import njit  # half a second, which only what asks for segments waits for
+
+    return njit(cache=True, error_model="numpy")(_rising)
+
+
 def _rising(x: Samples, d: float, alpha: float, beta: float) -> tuple[Indices, Indices]:
     """Return where the segments after the first begin, and how many peaks each segment has, in one pass."""
     starts, n_peaks = np.empty(x.size, np.int64), np.zeros(x.size + 1, np.int64)
