@@ -1,7 +1,7 @@
 """Models that are trained, asked, looked at and exported: train, predict, model, export."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -120,16 +120,39 @@ def model(
         tell(model_document(loaded))
 
 
-@app.command(epilog="Example: texclass export surfaces.skops -o surfaces.onnx")
+@app.command(epilog="Example: texclass export surfaces.skops --from samples -o surfaces.onnx")
 def export(
-    model: Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that `texclass train` wrote.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="ONNX file to write (.onnx).")],
+    model: Annotated[
+        Path,
+        typer.Argument(
+            metavar="MODEL", help="A model file that `texclass train` wrote; with --check, the ONNX file."
+        ),
+    ],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="ONNX file to write (.onnx).")] = None,
+    start: Annotated[
+        Literal["features", "samples"],
+        typer.Option("--from", help="What the file takes: features of your own, or windows of samples."),
+    ] = "features",
+    touch: Annotated[
+        float | None,
+        typer.Option("--touch", help="Seconds of a window of samples; as in the training by default."),
+    ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Ask an ONNX file what it holds the answers to.")
+    ] = False,
 ) -> None:
-    """Write what follows the features as ONNX. It is refused where its answers differ from scikit-learn's."""
-    from texclass.recognition import export_onnx, load_model
+    """Write a model as ONNX. It is refused where its answers differ from texclass's."""
+    from texclass.recognition import check_onnx, export_onnx, load_model
 
-    exported = export_onnx(load_model(model), output)
+    if check:
+        typer.echo(f"{model}: {check_onnx(model)}")
+        return
+    if output is None:
+        raise typer.BadParameter("missing; the rule is -o FILE.onnx, or --check", param_hint="--output")
+    exported = export_onnx(load_model(model), output, start=start, touch_s=touch)
     typer.echo(str(exported.parity))
+    if exported.of_samples is not None:
+        typer.echo(str(exported.of_samples))
     if exported.single_precision:
         typer.echo(f"in single precision: {', '.join(exported.single_precision)}")
     typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")

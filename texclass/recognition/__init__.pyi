@@ -1,4 +1,5 @@
 from .export.graph import OnnxExportError as OnnxExportError
+from .export.onnx_file import check_onnx as check_onnx
 from .export.onnx_file import export_onnx as export_onnx
 from .export.parity import ParityError as ParityError
 from .export.parity import check_parity as check_parity

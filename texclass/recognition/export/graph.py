@@ -5,9 +5,9 @@ our classifiers and selectors, and onnxruntime has no imputer for double precisi
 """
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Mapping
 from functools import singledispatch
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ IR_VERSION = 8
 """Of the file format; belongs to opset 18."""
 FEATURES = "features"
 OUTPUTS = ("label", "probabilities", "p_known", "unknown")
+LARGE = 64
+"""Elements from which on equal constants are kept once."""
 UNDEFINED = ""
 """Label of a row that has an infinite feature, or an undefined one that no step fills."""
 DOC = """\
@@ -42,6 +44,7 @@ A row that is infinite somewhere, or undefined where nothing fills it, has the l
 Computing the features is left to the program; texclass.self_check holds rows with the answers it has to get.
 """
 
+Made = TypeVar("Made")
 Operand = str | float | NDArray[Any]
 """The name of a tensor, or a constant; numbers in double precision."""
 
@@ -53,16 +56,23 @@ class OnnxExportError(ValueError):
 class Graph:
     """Nodes in the order of their computation; tensors are known by name.
 
+    Parameters
+    ----------
+    same_pieces : bool
+        Whether the pieces of a recording are all the same to classifiers that let them vote: one vote is all.
+
     Attributes
     ----------
     nodes, constants : list
         What was added so far.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, same_pieces: bool = False) -> None:
+        self.same_pieces = same_pieces
         self.nodes: list[Any] = []
         self.constants: list[Any] = []
         self._n_names = 0
+        self._made: dict[Hashable, Any] = {}
 
     def add(self, operator: str, *operands: Operand, name: str | None = None, **attributes: Any) -> str:
         """Add a node and return the name of its output.
@@ -78,17 +88,46 @@ class Graph:
         **attributes
             Of the operator.
         """
-        from onnx import helper, numpy_helper
+        from onnx import helper
 
-        names = []
-        for one in operands:
-            if not isinstance(one, str):
-                values = one if isinstance(one, np.ndarray) else np.array(one, dtype=np.float64)
-                self.constants.append(numpy_helper.from_array(values, self._new("constant")))
-            names.append(one if isinstance(one, str) else self.constants[-1].name)
+        names = [one if isinstance(one, str) else self.constant(one) for one in operands]
         output = name or self._new(operator)
         self.nodes.append(helper.make_node(operator, names, [output], **attributes))
         return output
+
+    def constant(self, value: float | NDArray[Any]) -> str:
+        """Add a constant and return its name; a number in double precision."""
+        values = value if isinstance(value, np.ndarray) else np.array(value, dtype=np.float64)
+        if values.size < LARGE:
+            return self._kept(values)
+        return self.once((values.dtype, values.shape, values.tobytes()), lambda: self._kept(values))
+
+    def _kept(self, values: NDArray[Any]) -> str:
+        from onnx import numpy_helper
+
+        self.constants.append(numpy_helper.from_array(values, self._new("constant")))
+        return str(self.constants[-1].name)
+
+    def once(self, key: Hashable, make: Callable[[], Made]) -> Made:
+        """Return what `make` adds, which is added the first time a key is asked for."""
+        if key not in self._made:
+            self._made[key] = make()
+        made: Made = self._made[key]
+        return made
+
+    def cast(self, operand: str, dtype: type[np.generic]) -> str:
+        """Add a conversion to another type of numbers."""
+        from onnx import helper
+
+        return self.add("Cast", operand, to=helper.np_dtype_to_tensor_dtype(np.dtype(dtype)))
+
+    def cut(self, operand: str, start: int, stop: int, axis: int = -1) -> str:
+        """Add the elements [start, stop) along an axis."""
+        return self.add("Slice", operand, along(start), along(stop), along(axis))
+
+    def reshape(self, operand: str, *shape: int) -> str:
+        """Add a reshape; 0 keeps the length of an axis, -1 is what is left."""
+        return self.add("Reshape", operand, along(*shape))
 
     def embed(self, part: Any, operand: str) -> str:
         """Add a model of one input and one output, and return the name of its output, in double precision."""
@@ -160,10 +199,43 @@ def build(model: Model) -> Any:
     OnnxExportError
         If a step or the classifier has no export.
     """
-    from onnx import TensorProto, helper
+    from onnx import TensorProto
 
     graph = Graph()
-    prepared = FEATURES
+    outputs = add_answers(model, graph, FEATURES)
+    entry = tensor_of(FEATURES, TensorProto.DOUBLE, "n", len(model.columns))
+    return graph.model([entry], outputs, "surfaces", DOC)
+
+
+def tensor_of(name: str, kind: int, *shape: int | str) -> Any:
+    """Return the description of an input or output of a graph."""
+    from onnx import helper
+
+    return helper.make_tensor_value_info(name, kind, list(shape))
+
+
+def add_answers(model: Model, graph: Graph, features: str, silent: str | None = None) -> list[Any]:
+    """Add what a model says of rows of features, and return the descriptions of `OUTPUTS`.
+
+    Parameters
+    ----------
+    model : Model
+        What is exported.
+    graph : Graph
+        Grows.
+    features : str
+        Tensor of shape (n, n_columns), double, in the order of the model's columns.
+    silent : str, optional
+        Tensor of shape (n,), bool: rows of which nothing is said, whatever their features are.
+
+    Raises
+    ------
+    OnnxExportError
+        If a step or the classifier has no export.
+    """
+    from onnx import TensorProto
+
+    prepared = features
     for _, step in model.recogniser.steps[1:-1]:
         prepared = add_step(step, graph, prepared)
     decisions = add_class_scores(model.recogniser[-1], graph, prepared)
@@ -172,7 +244,9 @@ def build(model: Model) -> Any:
     p = graph.add("Softmax", graph.add("Mul", decisions, np.full(n, calibration.beta)), axis=1)
     p = graph.add("Add", graph.add("Mul", p, 1 - calibration.lapse), calibration.lapse / n)
     bad = graph.add("Or", graph.add("IsNaN", prepared), graph.add("IsInf", prepared))
-    undefined = _of_rows("ReduceMax", bad, graph)
+    undefined = of_rows("ReduceMax", bad, graph)
+    if silent is not None:
+        undefined = graph.add("Or", undefined, silent)
     best = graph.add("ArgMax", p, axis=1, keepdims=0)
     names = graph.add("Gather", np.array(model.materials, dtype=object), best)
     graph.add("Where", undefined, np.array(UNDEFINED, dtype=object), names, name="label")
@@ -186,35 +260,26 @@ def build(model: Model) -> Any:
         squares = _squared_distances(seen, near.means, graph)
         strange = graph.add("ReduceMin", squares, along(1), keepdims=0)
     at_least = graph.add("LessOrEqual", graph.add("Unsqueeze", strange, along(1)), novelty.held_out[None])
-    count = graph.add("ReduceSum", _as_number(at_least, graph), along(1), keepdims=0)
+    count = graph.add("ReduceSum", graph.cast(at_least, np.float64), along(1), keepdims=0)
     p_known = graph.add("Div", graph.add("Add", count, 1.0), float(len(novelty.held_out) + 1))
     small = graph.add("LessOrEqual", p_known, novelty.false_alarms)
-    empty = _of_rows("ReduceMin", graph.add("IsNaN", FEATURES), graph)
+    empty = of_rows("ReduceMin", graph.add("IsNaN", features), graph)
     graph.add("Where", undefined, np.nan, p_known, name="p_known")
     graph.add("Or", graph.add("Or", small, empty), undefined, name="unknown")
 
-    tensor, double = helper.make_tensor_value_info, TensorProto.DOUBLE
-    outputs = [
-        tensor("label", TensorProto.STRING, ["n"]),
-        tensor("probabilities", double, ["n", len(model.materials)]),
-        tensor("p_known", double, ["n"]),
-        tensor("unknown", TensorProto.BOOL, ["n"]),
+    double, boolean, string = TensorProto.DOUBLE, TensorProto.BOOL, TensorProto.STRING
+    return [
+        tensor_of("label", string, "n"),
+        tensor_of("probabilities", double, "n", len(model.materials)),
+        tensor_of("p_known", double, "n"),
+        tensor_of("unknown", boolean, "n"),
     ]
-    return graph.model([tensor(FEATURES, double, ["n", len(model.columns)])], outputs, "surfaces", DOC)
 
 
-def _of_rows(reduction: str, truths: str, graph: Graph) -> str:
+def of_rows(reduction: str, truths: str, graph: Graph) -> str:
     """Add whether any ("ReduceMax") or all ("ReduceMin") of each row is true, shape (n,)."""
-    from onnx import TensorProto
-
-    found = graph.add(reduction, _as_number(truths, graph), along(1), keepdims=0)
-    return graph.add("Cast", found, to=TensorProto.BOOL)
-
-
-def _as_number(truths: str, graph: Graph) -> str:
-    from onnx import TensorProto
-
-    return graph.add("Cast", truths, to=TensorProto.DOUBLE)
+    found = graph.add(reduction, graph.cast(truths, np.float64), along(1), keepdims=0)
+    return graph.cast(found, np.bool_)
 
 
 @singledispatch
@@ -350,9 +415,9 @@ def _(classifier: VoteOfPieces, graph: Graph, rows: str) -> str:
     n_columns = classifier.n_features_in_
     votes = [
         _vote(classifier.estimator_, graph, graph.add("Gather", rows, np.arange(i, n_columns, n), axis=1))
-        for i in range(n)
+        for i in range(1 if graph.same_pieces else n)
     ]
-    mean = graph.add("Div", graph.add("Sum", *votes), n)
+    mean = graph.add("Div", graph.add("Sum", *votes), len(votes))
     if classifier.whole_ is None:
         return mean
     weight = np.full(len(classifier.classes_), classifier.whole_weight)

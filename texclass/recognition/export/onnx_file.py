@@ -1,17 +1,33 @@
-"""A trained model in, an ONNX file out: checked against scikit-learn before it is written."""
+"""A trained model in, an ONNX file out: checked before it is written, and by what it holds at any time."""
 
 import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from texclass import __version__
 from texclass.recognition.export.graph import UNDEFINED, OnnxExportError, build
-from texclass.recognition.export.parity import Parity, check_parity, reference, remembered
+from texclass.recognition.export.parity import TOLERANCE, Parity, check_parity, reference, remembered, run
+from texclass.recognition.export.sample_graph import (
+    SAMPLES,
+    build_of_samples,
+    channels_of,
+    check_graphs,
+    window_of_model,
+)
+from texclass.recognition.export.sample_parity import (
+    FORMULA,
+    SampleParity,
+    check_sample_parity,
+    made,
+    made_windows,
+    recipes,
+    self_checks,
+)
 from texclass.recognition.model import Model
 from texclass.recording import Samples
 from texclass.whole_files import write_whole
@@ -19,6 +35,7 @@ from texclass.whole_files import write_whole
 NEEDED = ("onnx", "onnxruntime", "skl2onnx")
 PREFIX = "texclass."
 """Of the names of all facts."""
+Start = Literal["features", "samples"]
 N_REMEMBERED = 3
 """Rows like those of training, from all over them, with which a program can check itself."""
 
@@ -34,34 +51,45 @@ class Exported(NamedTuple):
         How it was compared with scikit-learn.
     single_precision
         Operators that compute in single precision; none of what shipped pipelines name.
+    of_samples
+        How the whole path was compared with texclass, where samples are the input.
     """
 
     path: Path
     parity: Parity
     single_precision: tuple[str, ...]
+    of_samples: SampleParity | None = None
 
 
-def export_onnx(model: Model, path: str | Path) -> Exported:
-    """Write the part of a model that follows the features as an ONNX file: complete, or not at all.
+def export_onnx(
+    model: Model, path: str | Path, *, start: Start = "features", touch_s: float | None = None
+) -> Exported:
+    """Write a model as an ONNX file, from the features on or from the samples on: complete, or not at all.
 
-    The graph takes float64 features (n, n_columns), and gives labels, calibrated probabilities, p-values of
-    "known" and verdicts; its documentation and metadata say the rest. It computes in double precision.
+    From "features" on, the graph takes float64 features (n, n_columns). From "samples" on it is the whole
+    path of a model of windows: it takes float32 samples (n, n_channels, n_samples), and computes only what
+    the model needs. Both give labels, calibrated probabilities, p-values of "known" and verdicts;
+    documentation and metadata say the rest. They compute in double precision.
 
     Parameters
     ----------
     model : Model
-        Trained.
+        Trained; from samples on with features that have a graph, see `texclass train --exportable`.
     path : str or Path
         File to write (.onnx).
+    start : {"features", "samples"}
+        Where the graph begins.
+    touch_s : float, optional
+        Seconds of a window of samples; those of the touches the model was trained on by default.
 
     Raises
     ------
     ModuleNotFoundError
         If the extra `onnx` is not installed.
     OnnxExportError
-        If a step or the classifier has no export.
+        If a feature, a step or the classifier has no export, or a window no length.
     ParityError
-        If the graph gives other answers than scikit-learn.
+        If the graph gives other answers than texclass.
     """
     for name in NEEDED:
         try:
@@ -71,17 +99,109 @@ def export_onnx(model: Model, path: str | Path) -> Exported:
                 f"exporting to ONNX needs {error.name}, which is not installed: pip install 'texclass[onnx]'",
                 name=error.name,
             ) from error
+    of_samples, n_samples = None, 0
     try:
+        if start == "samples":
+            n_samples = window_of_model(model, touch_s)
+            check_graphs(model)
         graph = build(model)
-        parity = check_parity(model, graph.SerializeToString())
+        parity, single = check_parity(model, graph.SerializeToString()), single_precision(graph)
+        if start == "samples":
+            windows = made_windows(model, n_samples, recipes(model))
+            whole = build_of_samples(model, n_samples, with_features=True)
+            of_samples = check_sample_parity(model, whole.SerializeToString(), windows)
+            graph = build_of_samples(model, n_samples)
     except OnnxExportError as error:
         raise type(error)(f"{path}: not written: {error}") from error
-    single = single_precision(graph)
-    for name, value in facts_of(model, parity, single).items():
+    facts = facts_of(model, parity, single)
+    if of_samples is not None:
+        facts = {**facts, **facts_of_samples(model, n_samples, of_samples)}
+    for name, value in facts.items():
         graph.metadata_props.add(key=name, value=value)
     graph.producer_name, graph.producer_version = "texclass", model.manifest.versions.get("texclass", "")
     write_whole(Path(path), graph.SerializeToString())
-    return Exported(Path(path), parity, single)
+    return Exported(Path(path), parity, single, of_samples)
+
+
+def facts_of_samples(model: Model, n_samples: int, parity: SampleParity) -> Mapping[str, str]:
+    """Return what the metadata of a file of samples say besides, as JSON.
+
+    Parameters
+    ----------
+    model : Model
+        What was exported.
+    n_samples : int
+        Of a window.
+    parity : SampleParity
+        How it was checked.
+    """
+    said = {
+        "window": {
+            "n_samples": n_samples,
+            "fs_hz": model.manifest.fs,
+            "unit": model.manifest.unit,
+            "channels": channels_of(model),
+        },
+        "sample_parity": asdict(parity),
+        "formula": FORMULA,
+        "self_check": self_checks(model, n_samples),
+    }
+    return {f"{PREFIX}{name}": v if isinstance(v, str) else json.dumps(v) for name, v in said.items()}
+
+
+def check_onnx(path: str | Path) -> str:
+    """Ask an ONNX file what it holds itself the answers to, and return in words what was compared.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file that `export_onnx` wrote.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If the extra `onnx` is not installed.
+    OnnxExportError
+        If it is no such file, or gives other answers than texclass gave when it was written.
+    """
+    try:
+        import onnx
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"checking ONNX files needs {error.name}: pip install 'texclass[onnx]'", name=error.name
+        ) from error
+    graph = Path(path).read_bytes()
+    try:
+        file = onnx.ModelProto.FromString(graph)
+        facts = {one.key.removeprefix(PREFIX): one.value for one in file.metadata_props}
+        checks, entry = json.loads(facts["self_check"]), file.graph.input[0].name
+        materials = json.loads(facts["materials"])
+    except Exception as error:  # whatever reading another file runs into
+        raise OnnxExportError(
+            f"{path}: not a model of texclass ({type(error).__name__}: {error}); the rule is a file that "
+            "`texclass export` wrote"
+        ) from error
+    if entry == SAMPLES:
+        shape = json.loads(facts["window"])
+        X = np.stack([made(check, len(shape["channels"]), shape["n_samples"]) for check in checks])
+    else:
+        X = np.array([[np.nan if v is None else v for v in check["features"]] for check in checks])
+    found, largest = run(graph, X, entry), 0.0
+    for i, check in enumerate(checks):
+        p, tolerance = np.array(check["probabilities"]), check.get("tolerance", TOLERANCE)
+        gap = float(np.abs(found["probabilities"][i] - p).max())
+        largest = max(largest, gap)
+        said = (str(found["label"][i]), bool(found["unknown"][i]))
+        if said != (check["label"], check["unknown"]) or not gap <= tolerance:
+            raise OnnxExportError(
+                f"{path}: check {i} gives {said} and probabilities that differ by {gap:.2g}; the rule is "
+                f"({check['label']!r}, {check['unknown']}) within {tolerance:.2g}"
+            )
+    answered = len({check["label"] for check in checks})
+    return (
+        f"{len(checks)} of {len(checks)} checks answered as when it was written, probabilities within "
+        f"{largest:.1e}; {answered} of {len(materials)} materials, from {entry} on"
+    )
 
 
 def facts_of(model: Model, parity: Parity, single: tuple[str, ...]) -> Mapping[str, str]:

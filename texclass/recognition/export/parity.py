@@ -187,8 +187,19 @@ def reference(model: Model, X: Samples) -> Said:
     return said | {"unknown": _verdict(model, X, np.nan_to_num(said["p_known"]))}
 
 
-def run(graph: bytes, X: Samples) -> Said:
-    """Return what onnxruntime answers of rows (n, n_columns), by output.
+def run(graph: bytes, X: NDArray[Any], entry: str = FEATURES, also: tuple[str, ...] = ()) -> Said:
+    """Return what onnxruntime answers, by output.
+
+    Parameters
+    ----------
+    graph : bytes
+        The ONNX model.
+    X : ndarray of shape (n, ...)
+        Rows of features, or windows.
+    entry : str
+        Input that takes them.
+    also : tuple of str
+        Outputs beside `OUTPUTS`.
 
     Raises
     ------
@@ -203,11 +214,11 @@ def run(graph: bytes, X: Samples) -> Said:
     try:
         session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
         batches = (np.ascontiguousarray(X[k : k + BATCH]) for k in range(0, len(X), BATCH))
-        found = [session.run(list(OUTPUTS), {FEATURES: batch}) for batch in batches]
+        found = [session.run([*OUTPUTS, *also], {entry: batch}) for batch in batches]
     except Exception as error:  # its exceptions have no class in common
         said = f"onnxruntime {onnxruntime.__version__} cannot run the graph ({error})"
         raise OnnxExportError(f"{said}; the rule is operators that it has in double precision") from error
-    whole = {name: np.concatenate(parts) for name, *parts in zip(OUTPUTS, *found, strict=True)}
+    whole = {name: np.concatenate(parts) for name, *parts in zip([*OUTPUTS, *also], *found, strict=True)}
     return whole | {"label": whole["label"].astype(str)}
 
 

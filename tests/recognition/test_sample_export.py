@@ -1,0 +1,378 @@
+"""From samples to answers in one ONNX file: features, labels and verdicts are texclass's, or no file."""
+
+import json
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, numpy_helper
+from onnxruntime import InferenceSession
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.impute import SimpleImputer
+from sklearn.preprocessing import StandardScaler
+from toy_models import model_of
+from toy_surfaces import FS, SURFACES, pipeline, recording, surfaces
+
+from texclass.experiment.vote_of_pieces import VoteOfPieces
+from texclass.features import load_feature_set
+from texclass.features.contract import registered
+from texclass.features.extractor import Plan
+from texclass.features.phase_view import PhaseView, UndefinedFeatureError
+from texclass.features.sets import Member
+from texclass.recognition import OnnxExportError, ParityError, export_onnx, train
+from texclass.recognition.export import feature_graphs, fourier
+from texclass.recognition.export.feature_graphs import GRAPHS, GraphView, graph_of
+from texclass.recognition.export.graph import Graph, tensor_of
+from texclass.recognition.export.parity import run
+from texclass.recognition.export.sample_graph import SAMPLES, build_of_samples, recording_of
+from texclass.recognition.export.sample_parity import MARGIN, check_sample_parity, made, made_windows, recipes
+
+TOUCH_S = 0.25
+
+
+def computed(build, rows, n_outputs=1):
+    """Return what tensors are that `build` adds to a graph of an input `x`."""
+    graph = Graph()
+    names = build(graph, "x")
+    names = [names] if isinstance(names, str) else list(names)
+    outputs = [tensor_of(name, TensorProto.DOUBLE, *[None] * (n_outputs or 2)) for name in names]
+    entry = tensor_of("x", TensorProto.DOUBLE, "n", *rows.shape[1:])
+    model = graph.model([entry], outputs, "test", "")
+    session = InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"])
+    return session.run(None, {"x": rows})
+
+
+@pytest.fixture(scope="module")
+def touch_model(_own_cache):
+    return train(surfaces(), pipeline(), row="Spectrum", classifier="lda", touch_s=TOUCH_S)
+
+
+@pytest.fixture(scope="module")
+def felt_windows(touch_model):
+    """Return windows of surfaces, the stranger among them, in single precision."""
+    touches = [
+        touch for s in (*SURFACES, "stranger") for k in (51, 52) for touch in touch_model.cut(recording(s, k))
+    ]
+    return np.array([touch.acceleration[None] for touch in touches], dtype=np.float32)
+
+
+@pytest.mark.parametrize("n", [7, 64, 97, 500, 2200, 2310])
+def test_transforms_are_those_of_numpy(n):
+    rows = np.random.default_rng(0).standard_normal((3, n))
+    for n_fft, n_bins in ((n, n // 2 + 1), (2 * n, n // 3)):
+        real, imaginary = computed(partial(transform, n=n, n_fft=n_fft, n_bins=n_bins), rows, 2)
+        X = np.fft.rfft(rows, n_fft)[:, :n_bins]
+        np.testing.assert_allclose(real + 1j * imaginary, X, rtol=0, atol=1e-11)
+
+    def back_again(graph, x):
+        real, imaginary = fourier.rfft(graph, x, n, n, n // 2 + 1)
+        bins = np.arange(n // 2 + 1)
+        ends = np.where((bins == 0) | (2 * bins == n), 0.0, 1.0)
+        return fourier.irfft(graph, real, graph.add("Mul", imaginary, ends), n)
+
+    np.testing.assert_allclose(computed(back_again, rows, 2)[0], rows, rtol=0, atol=1e-12)
+
+
+def transform(graph, x, **sizes):
+    return fourier.rfft(graph, x, **sizes)
+
+
+def test_transforms_keep_the_file_small():
+    graph = Graph()
+    fourier.rfft(graph, "x", 10_000, 10_000, 5001)
+    assert sum(c.ByteSize() for c in graph.constants) < 250_000
+
+
+def odd_signals(n):
+    """Return movements (n_signals, n): noise of several colours, counts, a burst, a tone, and silence."""
+    rng = np.random.default_rng(5)
+    t = np.arange(n)
+    walk = np.cumsum(rng.standard_normal(n))
+    counts = np.round(20 * rng.standard_normal(n)) - 3.0
+    burst = np.where((t > n // 2) & (t < n // 2 + 40), rng.standard_normal(n), 0.0)
+    signals = [
+        rng.standard_normal(n),
+        1e-6 * walk,
+        counts,
+        burst,
+        np.sin(t / 3),
+        np.zeros(n),
+        np.full(n, 4.0),
+    ]
+    return np.array([s - s.mean() if s.any() and np.ptp(s) else s for s in signals])
+
+
+def members(n_pieces):
+    for name in GRAPHS:
+        feature = registered()[name]
+        yield Member(name, feature, {"n_pieces": n_pieces} if n_pieces > 1 and feature.divisible else {})
+    yield Member("fine", registered()["band_course"], {"n_parts": 6, "octaves": (0, 6), "n_pieces": n_pieces})
+    yield Member("deep", registered()["octave_level"], {"octaves": (5, 7), "n_pieces": n_pieces})
+    yield Member("some", registered()["mfcc"], {"coefficients": (2, 5), "decay_hz": 500.0})
+
+
+@pytest.mark.parametrize(("fs", "n", "n_pieces"), [(2200.0, 2200, 1), (10_000.0, 1000, 4), (4000.0, 4200, 2)])
+def test_graphs_of_features_are_what_their_functions_compute(fs, n, n_pieces):
+    signals = odd_signals(n)
+    checked = 0
+    for member in members(n_pieces):
+        expected = []
+        for x in signals:
+            try:
+                expected.append(member.feature.function(PhaseView(x, fs), **member.parameters))
+            except UndefinedFeatureError:
+                expected.append(np.full(len(member.all_columns), np.nan))
+        expected = np.array([np.atleast_1d(row) for row in expected])
+        if np.isnan(expected).all():
+            continue
+        (found,) = computed(
+            lambda g, x, member=member: feature_graphs.member_graph(GraphView(g, x, fs, n), member),
+            signals,
+            2,
+        )
+        assert np.isnan(found).tolist() == np.isnan(expected).tolist(), member.name
+        counts = "agreement" in member.name
+        scale = np.maximum(np.nanmax(np.abs(expected), axis=0), 1.0)
+        # A tone leaves nothing but rounding in most bands.
+        kept = np.arange(len(signals)) != 4 if not counts else slice(None)
+        np.testing.assert_allclose(
+            (found / scale)[kept], (expected / scale)[kept], rtol=0, atol=1e-12 if counts else 2e-5,
+            err_msg=member.name,
+        )  # fmt: skip
+        checked += 1
+    assert checked >= len(GRAPHS) - 2
+
+
+def test_most_features_of_the_movement_have_a_graph():
+    roughness = {"waviness", "spikiness", "regularity", "temporal_roughness", "roughness_ratio"}
+    of_models = {"line_spectral_frequencies", "prediction_gain"}
+    lacking = {
+        "multiscale": set(),
+        "coarse": set(),
+        "texclass": roughness | of_models | {"spectral_roughness"},
+    }
+    for name, expected in lacking.items():
+        of_set = load_feature_set(name).reading("movement")
+        assert set(feature_graphs.without_graph(of_set)) == expected
+
+
+def fitted(features, feature_set, *, channels=(), axes=(), rest=False, unit="m/s^2", classifier=None):
+    plan = Plan.of(load_feature_set(feature_set).restricted_to(list(features)), channels)
+    steps = [SimpleImputer(strategy="median", keep_empty_features=True), StandardScaler()]
+    lda = LinearDiscriminantAnalysis(solver="lsqr", shrinkage=0.1)
+    model = model_of(steps if classifier is None else steps[:1], classifier or lda, plan=plan)
+    files = model.manifest.input.model_copy(update={"axes": axes, "remove_resting_level": rest, "unit": unit})
+    return replace(model, manifest=model.manifest.model_copy(update={"input": files, "unit": unit}))
+
+
+def shaken(n, n_axes, *, gravity=0.0, seed=0):
+    rng = np.random.default_rng(seed)
+    hand = 3 * np.sin(2 * np.pi * 8 / 3 * np.arange(n) / FS)[:, None]
+    x = (
+        rng.standard_normal((n, n_axes))
+        + hand * rng.standard_normal(n_axes)
+        + gravity * (np.arange(n_axes) == 0)
+    )
+    return x.T.astype(np.float32)
+
+
+def assert_same_features(model, windows):
+    n = windows.shape[2]
+    graph = build_of_samples(model, n, with_features=True)
+    found = run(graph.SerializeToString(), windows, SAMPLES, also=("features",))["features"]
+    expected = np.array([model.plan.compute(recording_of(model, w)).values for w in windows])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=2e-6)
+    return expected
+
+
+@pytest.mark.parametrize("rest", [False, True])
+@pytest.mark.parametrize("unit", ["m/s^2", "arbitrary"])
+def test_windows_are_conditioned_as_recordings_are(unit, rest):
+    xyz = ("x", "y", "z")
+    model = fitted(
+        ("band_level", "vibration_level", "slope_level"), "texclass", axes=xyz, rest=rest, unit=unit
+    )
+    windows = np.stack([shaken(1500, 3, gravity=g, seed=s) for s, g in enumerate((0.0, 9.81, -6.0, 4.0))])
+    values = assert_same_features(model, windows)
+    without_gravity = windows - windows.mean(axis=2, keepdims=True)
+    level = model.columns.index("vibration_level.rms")
+    without = assert_same_features(model, without_gravity.astype(np.float32))
+    removed = np.abs(values - without)[:, level] > 0.01
+    assert removed.tolist() == [False, unit == "m/s^2" and not rest, unit == "m/s^2" and not rest, False]
+
+
+def test_channels_apart_and_long_windows_are_conditioned_as_recordings_are():
+    names = ("ax", "ay", "turn_x", "turn_y", "turn_z")
+    model = fitted(("band_level",), "coarse", channels=names, axes=names[:2])
+    model = replace(model, recogniser=model.recogniser)
+    long = 5003  # a prime: three samples at the end are left out
+    windows = np.stack([shaken(long, 5, gravity=g, seed=s) for s, g in enumerate((0.0, 9.81))])
+    assert_same_features(model, windows)
+
+
+@pytest.mark.parametrize("n", [2000, 4 * 2048])
+def test_pieces_vote_as_they_do_in_texclass(n):
+    vote = VoteOfPieces(n_pieces=4)
+    model = fitted(("band_level", "slope_agreement"), "multiscale", unit="arbitrary", classifier=vote)
+    windows = np.stack([shaken(n, 1, seed=s) for s in range(4)])
+    values = assert_same_features(model, windows)
+    graph = build_of_samples(model, n).SerializeToString()
+    found = run(graph, windows, SAMPLES)
+    p, p_known = model.judge(values)
+    np.testing.assert_allclose(found["probabilities"], p, rtol=0, atol=1e-7)
+    np.testing.assert_array_equal(found["p_known"], p_known)
+
+
+def test_the_file_answers_windows_as_the_model_does(touch_model, felt_windows, tmp_path):
+    exported = export_onnx(touch_model, tmp_path / "surfaces.onnx", start="samples")
+    parity = exported.of_samples
+    assert parity.n_windows > 60
+    assert parity.n_answered >= 3
+    assert parity.feature_difference < 1e-5
+    graph = exported.path.read_bytes()
+    assert len(graph) < 200_000
+    found = run(graph, felt_windows, SAMPLES)
+    answers = [touch_model.answer(recording_of(touch_model, window)) for window in felt_windows]
+    assert found["label"].tolist() == [answer.surface for answer in answers]
+    assert found["unknown"].tolist() == [answer.unknown for answer in answers]
+    p = [list(answer.probabilities.values()) for answer in answers]
+    np.testing.assert_allclose(found["probabilities"], p, rtol=0, atol=1e-6)
+    assert {True, False} == set(found["unknown"].tolist())
+    assert set(found["label"]) == set(SURFACES)
+
+
+def test_windows_that_nothing_can_be_said_of_are_unknown(touch_model, felt_windows):
+    graph = build_of_samples(touch_model, felt_windows.shape[2]).SerializeToString()
+    odd = felt_windows[:4].copy()
+    odd[0, 0, 7], odd[1, 0, 9], odd[2] = np.nan, np.inf, 0.0
+    found = run(graph, odd, SAMPLES)
+    assert found["label"].tolist()[:2] == ["", ""]
+    assert np.isnan(found["probabilities"][:2]).all()
+    assert found["unknown"].tolist()[:3] == [True, True, True]
+    assert found["label"][3] == run(graph, felt_windows[3:4], SAMPLES)["label"][0]
+    silence = touch_model.answer(recording_of(touch_model, odd[2]))
+    assert (found["label"][2], found["p_known"][2]) == (silence.surface, silence.p_known)
+
+
+def test_a_graph_with_any_table_changed_a_little_is_refused(touch_model, felt_windows):
+    n = felt_windows.shape[2]
+    turning = felt_windows[:1] + np.linspace(5, 15, n, dtype=np.float32)
+    asked = np.concatenate([felt_windows, turning, 0 * felt_windows[:1]])
+    graph = build_of_samples(touch_model, n, with_features=True)
+    whole = check_sample_parity(touch_model, graph.SerializeToString(), asked)
+    assert whole.difference < 1e-6
+    changed = 0
+    for i, constant in enumerate(graph.graph.initializer):
+        values = numpy_helper.to_array(constant)
+        if values.dtype != np.float64 or values.size < 8:
+            continue
+        tampered = onnx.ModelProto.FromString(graph.SerializeToString())
+        other = tampered.graph.initializer[i]
+        little = np.linspace(0.0, 0.05, values.size).reshape(values.shape)
+        other.CopyFrom(numpy_helper.from_array(values * (1 + little) + 0.01, other.name))
+        with pytest.raises(ParityError, match=r"differs from texclass in \d+ of \d+ windows; window \d+ has"):
+            check_sample_parity(touch_model, tampered.SerializeToString(), asked)
+        changed += 1
+    assert changed >= 18
+
+
+def test_only_what_the_model_needs_is_in_the_file():
+    few, many = (
+        build_of_samples(fitted(features, "texclass", unit="arbitrary"), 1000)
+        for features in (("mfcc.c2",), ("mfcc", "band_level", "slope_agreement"))
+    )
+    assert len(few.graph.node) < len(many.graph.node) / 1.5
+    assert not [node for node in few.graph.node if node.op_type == "CumSum"]
+
+
+def test_features_without_a_graph_are_named(tmp_path):
+    model = fitted(("regularity", "mfcc", "waviness"), "texclass")
+    with pytest.raises(OnnxExportError, match=r"not written: no graph of waviness, regularity; the rule is"):
+        export_onnx(model, tmp_path / "surfaces.onnx", start="samples")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_feature_of_ones_own_may_have_a_graph(monkeypatch):
+    monkeypatch.setattr(feature_graphs, "GRAPHS", dict(GRAPHS))
+    model = fitted(("waviness",), "texclass")
+    graph_of("waviness")(lambda view, **_: view.log_level)
+    graph = build_of_samples(model, 400, with_features=True).SerializeToString()
+    window = shaken(400, 1)[None]
+    level = np.log10(np.abs(window[0] - window[0].astype(float).mean()).max())
+    assert run(graph, window, SAMPLES, also=("features",))["features"][0, 0] == pytest.approx(level)
+
+
+def test_a_model_of_whole_recordings_needs_a_length(linear_model, tmp_path):
+    with pytest.raises(OnnxExportError, match="whole recordings; the rule is a model of touches"):
+        export_onnx(linear_model, tmp_path / "surfaces.onnx", start="samples")
+    exported = export_onnx(linear_model, tmp_path / "surfaces.onnx", start="samples", touch_s=0.5)
+    (entry,) = onnx.load(exported.path).graph.input
+    assert [d.dim_param or d.dim_value for d in entry.type.tensor_type.shape.dim] == ["n", 1, 2000]
+
+
+def test_windows_of_the_formula_are_those_of_its_words():
+    window = made({"seed": 1, "smooth": 0.5, "gain": 2.0, "offset": [0.0, 9.0]}, 2, 2)
+    s, said = 1, []
+    for offset in (0.0, 9.0):
+        y = 0.0
+        for _ in range(2):
+            s = (1664525 * s + 1013904223) % 4294967296
+            y = 0.5 * y + s / 4294967296 - 0.5
+            said.append(np.float32(offset + 2.0 * y))
+    assert window.ravel().tolist() == said
+
+
+# As a user calls it: texclass export --from samples, --check.
+
+
+@pytest.fixture
+def folder(touch_model, tmp_path, monkeypatch):
+    touch_model.save(tmp_path / "surfaces.skops")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_file_of_samples_holds_windows_that_it_can_be_checked_by(command, folder):
+    code, out, err = command("export", "surfaces.skops", "--from", "samples", "-o", "surfaces.onnx")
+    assert code == 0, err
+    assert "as texclass on 73 windows: no label or verdict differs" in out
+    code, out, err = command("export", "surfaces.onnx", "--check")
+    assert code == 0, err
+    assert "8 of 8 checks answered as when it was written" in out
+    file = onnx.load("surfaces.onnx")
+    facts = {fact.key.removeprefix("texclass."): fact.value for fact in file.metadata_props}
+    assert json.loads(facts["window"]) == {
+        "n_samples": 1000, "fs_hz": FS, "unit": "m/s^2", "channels": ["c1"],
+    }  # fmt: skip
+    checks = json.loads(facts["self_check"])
+    assert len({check["label"] for check in checks}) >= 3
+    assert "1664525" in facts["formula"]
+    weights = next(c for c in file.graph.initializer if tuple(c.dims) == (13, 4))
+    weights.CopyFrom(numpy_helper.from_array(1.02 * numpy_helper.to_array(weights), weights.name))
+    onnx.save(file, "surfaces.onnx")
+    code, _, err = command("export", "surfaces.onnx", "--check")
+    assert code == 1
+    assert "surfaces.onnx: check 0 gives" in err
+
+
+def test_a_file_of_features_can_be_checked_too(command, folder):
+    command("export", "surfaces.skops", "-o", "surfaces.onnx")
+    code, out, err = command("export", "surfaces.onnx", "--check")
+    assert code == 0, err
+    assert "from features on" in out
+    code, _, err = command("export", "surfaces.skops", "--check")
+    assert code == 1
+    assert "surfaces.skops: not a model of texclass" in err
+    code, _, err = command("export", "surfaces.skops")
+    assert code != 0
+    assert "the rule is -o FILE.onnx, or --check" in err
+
+
+def test_self_checks_hold_windows_of_several_verdicts(touch_model):
+    some = recipes(touch_model)
+    windows = made_windows(touch_model, 1000, some)
+    assert windows.shape == (len(some), 1, 1000)
+    assert MARGIN == 1e-4
+    assert not windows[-1].any()

@@ -1,0 +1,259 @@
+"""A trained model of windows as one ONNX graph: samples in; label, probabilities, p-value and verdict out."""
+
+import math
+from typing import Any
+
+import numpy as np
+from scipy import fft
+
+from texclass.features.phase_view import LEAST_PIECE, LONG, TURN, PhaseView, UndefinedFeatureError
+from texclass.features.sets import Member
+from texclass.recognition.export.feature_graphs import GraphView, member_graph, without_graph
+from texclass.recognition.export.fourier import irfft, rfft
+from texclass.recognition.export.graph import Graph, OnnxExportError, add_answers, along, tensor_of
+from texclass.recognition.model import Model
+from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples
+from texclass.signals import AXIS_PREFERENCE, HAND_SPAN_S
+
+SAMPLES = "samples"
+DOC = """\
+Which surface is this: a texclass model of windows, from samples to the answer.
+
+Input: samples, float32 (n, n_channels, n_samples), windows of a movement; texclass.window says how long they
+are, at which rate, in which unit, and what the channels are.
+Outputs: label, string (n,), the likeliest material; probabilities, float64 (n, n_materials), calibrated, in
+the order of texclass.materials; p_known, float64 (n,), conformal p-value of "this surface is one of them";
+unknown, bool (n,), p_known <= texclass.false_alarms, or no feature has a value.
+A window with a sample that is not finite, or with an undefined feature that nothing fills, has the label "",
+NaN, and is unknown. texclass.self_check holds windows, made by a formula, with the answers they have to get.
+"""
+
+
+def channels_of(model: Model) -> tuple[str, ...]:
+    """Return the channels of a window, in order: axes of the acceleration, then of the turn rate."""
+    return model.plan.channels or model.manifest.input.axes or ("acceleration",)
+
+
+def window_of_model(model: Model, window_s: float | None = None) -> int:
+    """Return how many samples a window has.
+
+    Parameters
+    ----------
+    model : Model
+        Of touches, unless `window_s` is given.
+    window_s : float, optional
+        Seconds; those of the touches it was trained on by default.
+
+    Raises
+    ------
+    OnnxExportError
+        If the model is of whole recordings and no length is given.
+    """
+    seconds = window_s or model.manifest.touch_s
+    if seconds is None:
+        raise OnnxExportError(
+            "the model was trained on whole recordings; the rule is a model of touches (texclass train "
+            "--touch SECONDS), or a length (--window SECONDS)"
+        )
+    if not 0 < seconds < math.inf:
+        raise OnnxExportError(f"a window of {seconds!r} s; the rule is above 0, and finite")
+    return max(1, round(seconds * model.manifest.fs))
+
+
+def check_graphs(model: Model) -> None:
+    """Check that all features of a model have a graph.
+
+    Raises
+    ------
+    OnnxExportError
+        Naming those that have none.
+    """
+    parts = [part for _, part in model.plan.parts]
+    if lacking := tuple(dict.fromkeys(name for part in parts for name in without_graph(part))):
+        raise OnnxExportError(
+            f"no graph of {', '.join(lacking)}; the rule is features of the movement that have one (texclass "
+            "train --exportable chooses among these), or --from features"
+        )
+
+
+def build_of_samples(model: Model, n_samples: int, *, with_features: bool = False) -> Any:
+    """Return a trained model as an ONNX model of windows, without metadata.
+
+    Parameters
+    ----------
+    model : Model
+        What is exported.
+    n_samples : int
+        Of a window.
+    with_features : bool
+        Whether the features are an output, too.
+
+    Returns
+    -------
+    onnx.ModelProto
+        One input, "samples"; the outputs of `graph.OUTPUTS`, and "features".
+
+    Raises
+    ------
+    OnnxExportError
+        If a feature, a step or the classifier has no export.
+    """
+    from onnx import TensorProto
+
+    check_graphs(model)
+    graph, channels = Graph(same_pieces=_same_pieces(model, n_samples)), channels_of(model)
+    entry = tensor_of(SAMPLES, TensorProto.FLOAT, "n", len(channels), n_samples)
+    x = graph.cast(SAMPLES, np.float64)
+    features = _features(model, graph, x, n_samples)
+    finite = graph.add("ReduceSum", graph.add("Mul", x, 0.0), along(1, 2), keepdims=0)
+    outputs = add_answers(model, graph, features, graph.add("IsNaN", finite))
+    if with_features:
+        graph.add("Identity", features, name="features")
+        outputs.append(tensor_of("features", TensorProto.DOUBLE, "n", len(model.columns)))
+    return graph.model([entry], outputs, "surfaces", DOC)
+
+
+def recording_of(model: Model, window: Samples) -> Recording:
+    """Return a window (n_channels, n_samples) as the recording that a stream makes of it."""
+    rows = np.asarray(window, dtype=np.float64).T.copy()
+    n_axes = len(channels_of(model)) - sum(name in TURN for name in model.plan.channels)
+    if model.manifest.input.remove_resting_level:
+        rows[:, :n_axes] -= np.median(rows[:, :n_axes], axis=0)
+    return Recording(
+        rows[:, 0] if n_axes == 1 else rows[:, :n_axes],
+        model.manifest.fs,
+        model.manifest.unit,
+        "window",
+        turn_rate=rows[:, n_axes:] if n_axes < rows.shape[1] else None,
+        channels=tuple(name for name in model.plan.channels if name not in TURN),
+        phases=Phases(movement=(0, len(rows))),
+    )
+
+
+def _same_pieces(model: Model, n_samples: int) -> bool:
+    """Return whether windows are too short to be cut, and all steps leave their equal pieces equal."""
+    n_pieces = getattr(model.recogniser[-1], "n_pieces", 1)
+    given = [member.parameters.get("n_pieces", 1) for _, part in model.plan.parts for member in part.members]
+    cut = n_samples >= n_pieces * LEAST_PIECE
+    if n_pieces == 1 or cut or set(given) != {n_pieces} or len(model.columns) % n_pieces:
+        return False
+    rows = np.random.default_rng(0).standard_normal((2, len(model.columns) // n_pieces))
+    rows[1] = np.nan
+    prepared = np.repeat(rows, n_pieces, axis=1)
+    for _, step in model.recogniser.steps[1:-1]:
+        prepared = prepared if step in (None, "passthrough") else step.transform(prepared)
+    if prepared.shape[1] % n_pieces:
+        return False
+    pieces = prepared.reshape(2, -1, n_pieces)
+    return bool((pieces == pieces[:, :, :1]).all())
+
+
+def _features(model: Model, graph: Graph, x: str, n_samples: int) -> str:
+    """Add the columns of a plan, (n, n_columns), of windows (n, n_channels, n_samples)."""
+    plan = model.plan
+    apart = [(prefix.removesuffix("/"), part) for prefix, part in plan.parts if prefix]
+    places: list[str] = []
+    tensors: list[str] = []
+    if apart:  # the channels one after the other, as movements of their own
+        names = [name for name, _ in apart]
+        at = np.array([plan.channels.index(name) for name in names])
+        rows = graph.reshape(graph.add("Gather", x, at, axis=1), -1, 1, n_samples)
+        is_axis = np.array([name not in TURN for name in names])
+        views = _movements(model, graph, rows, 1, n_samples, is_axis)
+        members = {member.name: member for _, part in apart for member in part.members}
+        for member in members.values():
+            values = _columns(graph, views[member.without_hand], member)
+            tensors.append(graph.reshape(values, -1, len(names) * len(member.all_columns)))
+            places += [f"{name}/{column}" for name in names for column in member.all_columns]
+    for part in (part for prefix, part in plan.parts if not prefix):
+        views = _movements(model, graph, x, len(channels_of(model)), n_samples)
+        tensors += [_columns(graph, views[member.without_hand], member) for member in part.members]
+        places += [column for member in part.members for column in member.all_columns]
+    every = graph.add("Concat", *tensors, axis=1) if len(tensors) > 1 else tensors[0]
+    order = [places.index(column) for column in plan.columns]
+    return every if order == list(range(len(places))) else graph.add("Gather", every, np.array(order), axis=1)
+
+
+def _columns(graph: Graph, view: GraphView, member: Member) -> str:
+    """Add all columns of a member; NaN where the length or the rate leaves it undefined, found by trying."""
+    noise = np.random.default_rng(0).standard_normal(view.n_samples)
+    try:
+        member.feature.function(PhaseView(noise, view.fs), **member.parameters)
+    except UndefinedFeatureError:
+        nothing = np.full((1, len(member.all_columns)), np.nan)
+        return graph.add("Add", graph.add("Mul", view.level, 0.0), nothing)
+    return member_graph(view, member)
+
+
+def _movements(
+    model: Model, graph: Graph, x: str, n_axes: int, n_samples: int, is_axis: Any = True
+) -> dict[bool, GraphView]:
+    """Add conditioned movements of windows (n, n_axes, n_samples): with (False) and without the hand (True).
+
+    See `Views.movement` and `Views.without_hand`.
+    """
+    fs = model.manifest.fs
+    n = int(fft.prev_fast_len(n_samples)) if n_samples > LONG else n_samples
+    kept = graph.cut(x, 0, n) if n < n_samples else x
+    mean = graph.add("ReduceMean", kept, along(2), keepdims=1)
+    axes = graph.add("Sub", kept, mean)
+    samples = graph.reshape(axes, 0, n) if n_axes == 1 else _dft321(graph, axes, n_axes, n)
+    movement = GraphView(graph, samples, fs, n)
+    felt_by_hand = any(member.without_hand for _, part in model.plan.parts for member in part.members)
+    if model.manifest.unit != "m/s^2" or not felt_by_hand:
+        return {False: movement, True: movement}
+    if model.manifest.input.remove_resting_level:  # then the mean is no gravity
+        level = graph.add("Mul", _median(graph, x, n_samples), np.where(is_axis, 1.0, 0.0))
+        mean = graph.add("Sub", mean, level)
+    weight = graph.add("Sqrt", graph.add("ReduceSumSquare", mean, along(1, 2), keepdims=0))
+    is_gravity = graph.add("Unsqueeze", graph.add("Greater", weight, STANDARD_GRAVITY / 2), along(1))
+    away = graph.add("Sub", samples, _moving_average(graph, samples, n, HAND_SPAN_S * fs))
+    return {False: movement, True: GraphView(graph, graph.add("Where", is_gravity, away, samples), fs, n)}
+
+
+def _median(graph: Graph, x: str, n: int) -> str:
+    """Add the median over the last axis, which is kept."""
+    from onnx import helper
+
+    largest = f"{x}_largest"
+    k = graph.constant(along(n // 2 + 1))
+    graph.nodes.append(helper.make_node("TopK", [x, k], [largest, f"{largest}_at"]))
+    middle = graph.cut(largest, n // 2 - (n % 2 == 0), n // 2 + 1)
+    return graph.add("ReduceMean", middle, along(2), keepdims=1)
+
+
+def _moving_average(graph: Graph, samples: str, size: int, span: float) -> str:
+    """Add the centred moving average of rows (n_rows, size), its window cut at the ends; `moving_average`."""
+    n = min(max(2 * round(span / 2) + 1, 3), 2 * size)
+    running = graph.add("CumSum", samples, np.array(1))
+    running = graph.add("Pad", running, np.array([0, 1, 0, 0], dtype=np.int64))
+    start = np.arange(size) - n // 2
+    first, last = np.maximum(start, 0), np.minimum(start + n, size)
+    low, high = (graph.add("Gather", running, at, axis=1) for at in (first, last))
+    return graph.add("Div", graph.add("Sub", high, low), (last - first).astype(np.float64))
+
+
+def _dft321(graph: Graph, axes: str, n_axes: int, n: int) -> str:
+    """Add one signal (n_rows, n) of several axes (n_rows, n_axes, n) without their means; see `dft321`."""
+    n_bins = n // 2 + 1
+    bins = np.arange(n_bins)
+    real, imaginary = (
+        graph.reshape(part, -1, n_axes, n_bins)
+        for part in rfft(graph, graph.reshape(axes, -1, n), n, n, n_bins)
+    )
+    imaginary = graph.add("Mul", imaginary, np.where((bins == 0) | (2 * bins == n), 0.0, 1.0))
+    squares = graph.add("Add", graph.add("Mul", real, real), graph.add("Mul", imaginary, imaginary))
+    energy = graph.add("ReduceSum", squares, along(1), keepdims=0)
+    size = graph.add("Sqrt", graph.add("Mul", energy, np.where(bins == 0, 0.0, 1.0)))
+    weights = 1 + (n_axes - 1 - np.arange(n_axes)[:, None]) * AXIS_PREFERENCE
+    real, imaginary = (
+        graph.add("ReduceSum", graph.add("Mul", part, weights), along(1), keepdims=0)
+        for part in (real, imaginary)
+    )
+    magnitude = graph.add(
+        "Sqrt", graph.add("Add", graph.add("Mul", real, real), graph.add("Mul", imaginary, imaginary))
+    )
+    vanishing = graph.add("Equal", magnitude, 0.0)
+    scale = graph.add("Div", size, graph.add("Where", vanishing, 1.0, magnitude))
+    real = graph.add("Mul", graph.add("Where", vanishing, 1.0, real), scale)
+    return irfft(graph, real, graph.add("Mul", imaginary, scale), n)
