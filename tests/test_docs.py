@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
-from texclass.cli import main
+from texclass.cli import app, main
 from texclass.features import load_feature
 from texclass.features.contract import registered
 from texclass.features.phase_view import PhaseView
@@ -91,3 +92,13 @@ def test_the_page_of_the_new_feature_works_and_its_study_is_complete(folder, mon
 )
 def test_every_link_of_a_page_leads_somewhere(page, link):
     assert (page.parent / link).exists()
+
+
+@pytest.mark.parametrize(
+    "said",
+    sorted(set(re.findall(r"(?:^|`|/)texclass ([a-z]+(?: --[a-z-]+)?)", PAGES[0].read_text("utf-8"), re.M))),
+)
+def test_every_command_that_the_readme_only_mentions_exists(said):
+    name, *options = said.split()
+    parameters = typer.main.get_command(app).commands[name].params
+    assert set(options) <= {option for parameter in parameters for option in parameter.opts}

@@ -16,8 +16,12 @@ A = TypeVar("A", bound=NDArray[Any])
 STANDARD_GRAVITY = 9.80665
 ACCELERATION_UNITS: dict[str, float] = {"m/s^2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY / 1000}
 """Factor from a physical unit of acceleration to m/s^2."""
-SCALELESS_UNITS = ("counts", "V", "arbitrary")
-"""Units without a known factor to m/s^2: features of level then compare only within the dataset."""
+UNITS = (*ACCELERATION_UNITS, "counts", "V", "arbitrary")
+"""Those, and others without a known factor to m/s^2: levels then compare only within the dataset."""
+if TYPE_CHECKING:  # a Literal of what is listed elsewhere is none to mypy
+    Unit = str
+else:
+    Unit = Literal[*UNITS]
 AUXILIARY_UNITS = {
     "friction": "V",
     "normal_force": "N",
@@ -169,8 +173,8 @@ class Recording:
             )
         if self.unit in ACCELERATION_UNITS and (factor := ACCELERATION_UNITS[self.unit]) != 1.0:
             acceleration = _frozen(read_only(acceleration * factor), "acceleration", where)
-        elif self.unit not in (*ACCELERATION_UNITS, *SCALELESS_UNITS):
-            known = ", ".join((*ACCELERATION_UNITS, *SCALELESS_UNITS))
+        elif self.unit not in UNITS:
+            known = ", ".join(UNITS)
             raise RecordingError(f"{where}: unit is {self.unit!r}; the rule is one of {known}")
         object.__setattr__(self, "fs", fs)
         object.__setattr__(self, "acceleration", acceleration)

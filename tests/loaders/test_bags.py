@@ -224,20 +224,6 @@ material = "surface"
         np.testing.assert_array_equal(recording.acceleration, values[:, :3])
 
 
-def test_features_are_extracted_from_bags(tmp_path, monkeypatch):
-    from typer.testing import CliRunner
-
-    from texclass.cli import app
-
-    rng = np.random.default_rng(0)
-    for material in ("wood", "steel"):
-        write_bag(tmp_path / "bags" / material, "mcap", {"/imu": _imu(rng.normal(size=(2000, 6)), 1000.0)})
-    monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(app, ["extract", "bags", "-o", "table.parquet", "--jobs", "1"])
-    assert done.exit_code == 0, done.output
-    assert "wrote table.parquet: 2 recordings" in done.output
-
-
 def test_a_bag_without_a_known_type_says_what_is_there(tmp_path, values):
     path = write_bag(
         tmp_path, "bag", {"/twist": Topic("geometry_msgs/msg/TwistStamped", values, regular(N, FS))}

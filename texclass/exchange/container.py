@@ -10,7 +10,7 @@ import os
 import pkgutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,15 +20,10 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from texclass._version import __version__
-from texclass.recording import ACCELERATION_UNITS, SCALELESS_UNITS
+from texclass.recording import Unit
 from texclass.textures.contract import Stored
 from texclass.validation import Written, checked
 from texclass.whole_files import write_whole
-
-if TYPE_CHECKING:  # a Literal of what another module lists is none to mypy
-    Unit = str
-else:
-    Unit = Literal[*ACCELERATION_UNITS, *SCALELESS_UNITS]
 
 SUFFIX = ".texture"
 VERSION = 2

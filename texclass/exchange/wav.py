@@ -16,15 +16,13 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 from pydantic_core import from_json
 
-from texclass.exchange.container import Unit
-from texclass.recording import ACCELERATION_UNITS, SCALELESS_UNITS, Samples
+from texclass.recording import UNITS, Samples, Unit
 from texclass.validation import Written, checked
 from texclass.whole_files import write_whole
 
 Encoding = Literal["float32", "pcm16"]
 FULL_SCALE = 32767
 HIGHEST_FS = 1e9
-UNITS = (*ACCELERATION_UNITS, *SCALELESS_UNITS)
 _SUBTYPES = {"float32": "FLOAT", "pcm16": "PCM_16"}
 
 

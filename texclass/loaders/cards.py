@@ -8,7 +8,7 @@ from annotated_types import Predicate
 from pydantic import BeforeValidator, Field, PrivateAttr, RootModel, model_validator
 
 from texclass import shipped
-from texclass.recording import ACCELERATION_UNITS, AUXILIARY_UNITS, SCALELESS_UNITS
+from texclass.recording import AUXILIARY_UNITS, Unit
 from texclass.simulate.recipe import Recipe
 from texclass.validation import Written, checked, read_toml
 
@@ -18,11 +18,9 @@ MOST_LARGE = 1e100
 """Rates and factors beyond it are no measurement's."""
 DeclaredPhases = Literal["detect", "movement", "tap", "taps"]
 if TYPE_CHECKING:
-    Unit = str
     Signal = str
     Role = str
 else:  # taken from `texclass.recording`, where alone they are listed
-    Unit = Literal[*ACCELERATION_UNITS, *SCALELESS_UNITS]
     Signal = Literal[*AUXILIARY_UNITS]
     Role = Literal["acceleration", *AUXILIARY_UNITS]
 

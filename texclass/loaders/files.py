@@ -29,9 +29,8 @@ from texclass.loaders.plausibility import MOST_HZ, check_acceleration, doubts
 from texclass.loaders.stamps import by_times
 from texclass.loaders.stamps import resample as band_limited
 from texclass.recording import (
-    ACCELERATION_UNITS,
     AUXILIARY_UNITS,
-    SCALELESS_UNITS,
+    UNITS,
     Recording,
     RecordingError,
     read_only,
@@ -47,7 +46,7 @@ AXIS = re.compile(r"_(?P<axis>[XYZxyz])(?=[_.])")
 """The part of a file's name that says which axis it holds: `<name>_X.txt`, `<name>_X_train1.txt`."""
 BAG = "bag:"
 """Before the path of a bag whose topic is named, too: bag:FILE?topic=/name."""
-UNIT_RULE = f"one of {', '.join((*ACCELERATION_UNITS, *SCALELESS_UNITS))}"
+UNIT_RULE = f"one of {', '.join(UNITS)}"
 
 
 def load_recording(
@@ -218,7 +217,7 @@ def check_stated(
     RecordingError
         If the unit is unknown, a rate not above 0, or the delimiter not one character.
     """
-    if unit not in (None, *ACCELERATION_UNITS, *SCALELESS_UNITS):
+    if unit not in (None, *UNITS):
         raise refused(where, f"unit is {unit!r}", UNIT_RULE)
     for name, rate in {"fs": fs, "resample": resample}.items():
         if rate is not None and not 0 < rate <= MOST_HZ:

@@ -22,8 +22,7 @@ from pydantic import (
     model_validator,
 )
 
-from texclass.exchange.container import Unit
-from texclass.recording import Samples
+from texclass.recording import Samples, Unit
 from texclass.validation import Written, checked, read_toml
 
 EXAMPLES = Path(__file__).with_name("examples")
