@@ -5,6 +5,7 @@ A kind of file is a pydantic model derived from `Written`; its fields are the ke
 
 import difflib
 import json
+import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -78,6 +79,19 @@ def read_toml(path: Path) -> dict[str, Any]:
         return tomllib.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: not valid TOML ({error})") from error
+
+
+def check_above_0(**named: float | None) -> None:
+    """Refuse arguments that are not above 0, or not finite; None stands for one that is not given.
+
+    Raises
+    ------
+    ValueError
+        The message names argument, value and rule.
+    """
+    for name, value in named.items():
+        if value is not None and not 0 < value < math.inf:
+            raise ValueError(f"{name} is {value!r}; the rule is above 0, and finite")
 
 
 def checked(model: type[M], content: Any, where: object, *, context: object = None) -> M:

@@ -19,6 +19,7 @@ from texclass.loaders.places import cache_root, write_atomically
 from texclass.phases import segment
 from texclass.provenance import code_hash
 from texclass.recording import AUXILIARY_UNITS, Phases, Recording, RecordingError
+from texclass.validation import check_above_0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,9 +92,7 @@ def touches(
     ValueError
         If a length or number is not above 0, or the dataset holds windows already.
     """
-    for name, value in (("seconds", seconds), ("step", step), ("per_recording", per_recording)):
-        if value is not None and not 0 < value < float("inf"):
-            raise ValueError(f"{name} is {value!r}; the rule is above 0, and finite")
+    check_above_0(seconds=seconds, step=step, per_recording=per_recording)
     if any(isinstance(entry, Window) for entry in dataset.entries):
         raise ValueError(f"{dataset.name} holds windows already; the rule is to cut whole recordings")
     stride = seconds if step is None else step

@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed, parallel_config
 
 from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.folds import Evaluation
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Split
-from texclass.experiment.workers import one_thread
+from texclass.experiment.workers import each
 from texclass.features.extractor import Plan
 from texclass.features.phase_view import channels_apart
 from texclass.features.sets import FeatureSet
@@ -151,12 +150,9 @@ def measure_ours(
     some = np.unique(np.linspace(0, len(usable) - 1, min(N_TIMED, len(usable))).astype(int))
     features = pipeline.features.restricted_to(row.definition.features)
     trial = pipeline.trial(row, classifier, table)
-    job = delayed(_measure)(
-        dataset, [usable[i] for i in some], features, pipeline.channels, trial, tuple(splits), nested
-    )
-    with parallel_config(backend="loky", inner_max_num_threads=1):
-        # Two, because one process would be this one.
-        return Parallel(n_jobs=2)([job])[0]  # type: ignore[no-any-return]
+    work = (dataset, [usable[i] for i in some], features, pipeline.channels, trial, tuple(splits), nested)
+    (found,) = each([partial(_measure, *work)], n_jobs=2)  # two, because one process would be this one
+    return found
 
 
 def _measure(
@@ -170,14 +166,13 @@ def _measure(
 ) -> dict[str, Any]:
     first = dataset.load(entries[0])
     plan = Plan.of(features, channels_apart(first, channels))
-    with one_thread():
-        _, first_s = timed(lambda: [plan.compute(first) for _ in range(2)])
-        megabytes, seconds = watch_memory(), []
-        for recording in map(dataset.load, entries):
-            # Peers are given movements that have been found already.
-            known = recording.with_(phases=segment(recording))
-            seconds.append(timed(partial(plan.compute, known))[1])
-        found = trial(splits, nested=nested)
+    _, first_s = timed(lambda: [plan.compute(first) for _ in range(2)])
+    megabytes, seconds = watch_memory(), []
+    for recording in map(dataset.load, entries):
+        # Peers are given movements that have been found already.
+        known = recording.with_(phases=segment(recording))
+        seconds.append(timed(partial(plan.compute, known))[1])
+    found = trial(splits, nested=nested)
     return {
         "predicted": found.predicted,
         "feature_s": float(np.mean(seconds)),

@@ -27,6 +27,7 @@ from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import AUXILIARY_UNITS, Phases, Recording, RecordingError, Samples, Tap
 from texclass.tradeoff.front import Facts, Labelled, Labels, discriminant, estimate, preparation
+from texclass.validation import check_above_0
 
 SECONDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 TRAINING = (1, 2, 3, 5, 8)
@@ -235,9 +236,7 @@ def degraded(
     ValueError
         If the rate, the bits or the full scale is not above 0.
     """
-    for name, value in (("fs", fs), ("bits", bits), ("full_scale", full_scale)):
-        if value is not None and not 0 < value < np.inf:
-            raise ValueError(f"{name} is {value!r}; the rule is above 0, and finite")
+    check_above_0(fs=fs, bits=bits, full_scale=full_scale)
     how = f"{dataset.input_hash} fs {fs} bits {bits} of {full_scale}"
     return replace(
         dataset,

@@ -20,6 +20,7 @@ from texclass.experiment.selection import SubsetScore, inner_splits
 from texclass.experiment.workers import Progress, each
 from texclass.recording import Samples
 from texclass.tradeoff.cost_selection import CostAwareSelector, best_within
+from texclass.validation import check_above_0
 
 Labels = NDArray[Any]
 Facts = Mapping[str, Any]
@@ -58,10 +59,7 @@ class Limits:
     materials: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("max_ms", "max_features"):
-            value = getattr(self, name)
-            if value is not None and not 0 < value < np.inf:
-                raise ValueError(f"{name} is {value!r}; the rule is above 0, and finite")
+        check_above_0(max_ms=self.max_ms, max_features=self.max_features)
 
 
 class Labelled(NamedTuple):
@@ -86,8 +84,11 @@ def discriminant() -> LinearDiscriminantAnalysis:
     return LinearDiscriminantAnalysis(solver="lsqr", shrinkage=0.01)
 
 
-def cost_aware(costs: CostModel, **limits: Any) -> CostAwareSelector:
-    """Return the selector of the trade; whole features, or columns where their number is limited."""
+def cost_aware(costs: CostModel | None, **limits: Any) -> CostAwareSelector:
+    """Return the selector of the trade; whole features, or columns where their number is limited.
+
+    Without costs all columns cost the same.
+    """
     limits.setdefault("unit", "feature" if limits.get("max_features") is None else "column")
     return CostAwareSelector(discriminant(), costs=costs, scoring="log_likelihood", cv=INNER_FOLDS, **limits)
 
@@ -203,10 +204,7 @@ def nested_fewest(
 
 def fewest_path(X: Samples, y: Labels, groups: Labels, most: int) -> list[list[int]]:
     """Return the best 1, 2, ... `most` columns, whatever they cost; fewer where more do not help."""
-    selector = CostAwareSelector(
-        discriminant(), scoring="log_likelihood", cv=INNER_FOLDS, unit="column", direction="forward",
-        max_features=most,
-    ).fit(X, y, groups)  # fmt: skip
+    selector = cost_aware(None, direction="forward", max_features=most).fit(X, y, groups)
     best = [
         max((c for c in selector.path_ if len(c.columns) <= n), key=lambda c: c.score)
         for n in range(1, most + 1)
