@@ -2,7 +2,7 @@
 
 import pytest
 
-from texclass.scene import observations, plan, read_scene
+from texclass.scene import observations, plan, proof, read_scene
 
 TOML = """
 [device]
@@ -54,4 +54,6 @@ def few():
         patch.setattr(observations, "N_FORCES", 2)
         for name, value in small.items():
             patch.setattr(plan, name, value)
+        patch.setattr(proof, "N_SAMPLES", 600)
+        patch.setattr(proof, "N_EACH", 100)
         yield

@@ -10,23 +10,9 @@ def test_every_input_has_a_name_and_a_known_family_of_its_own():
     assert {case.family for case in cases} <= set(FAMILIES)
 
 
-def test_inputs_hold_what_the_issue_asks_for():
-    names = {case.name for case in inputs()}
-    assert {f"pole radius 1 - 1e-{d}" for d in range(3, 13)} <= names
-    assert {"zeros", "pure sine", "sine + 1e-8 noise", "low-passed by 20", "low-passed by 100"} <= names
-    assert {"gain 1e-160", "gain 1e+150", "DC 1e6 + noise 1e-3", "full-scale square"} <= names
-    assert {"int8", "int16", "float32", "read-only", "every third sample", "one NaN", "+inf"} <= names
-    assert [case.x.size for case in lengths(False)] == list(range(601))
-    assert {case.fs for case in rates(False)} >= {500.0, 50_000.0}
-    assert (
-        {case.order for case in beyond(False)} == set(ORDERS) == {1, 2, 10, 18, 50, 100, 128, 256, 400, 1000}
-    )
-    sizes = {(case.order, case.x.size) for case in beyond(False)}
-    assert {(400, 401), (400, 400), (400, 399), (400, 200)} <= sizes
-
-
 def test_names_tell_the_truth():
     by_name = {case.name: np.asarray(case.x) for case in inputs()}
+    assert {f"pole radius 1 - 1e-{d}" for d in range(3, 13)} <= set(by_name)
     assert np.abs(by_name["gain 1e-160"]).max() < 1e-157
     assert np.isfinite(by_name["gain 1e+150"]).all()
     assert not by_name["every third sample"].flags.c_contiguous
@@ -37,6 +23,10 @@ def test_names_tell_the_truth():
     assert all(case.x.size == LONG for case in inputs(LONG))
     spectrum = np.abs(np.fft.rfft(by_name["low-passed by 20"]))
     assert spectrum[N // 40 + 1 :].max() < 1e-10 * spectrum.max()
+    assert [case.x.size for case in lengths(False)] == list(range(601))
+    assert {case.fs for case in rates(False)} >= {500.0, 50_000.0}
+    sizes = {(case.order, case.x.size) for case in beyond(False)}
+    assert {(order, order + 1) for order in ORDERS} | {(400, 399), (400, 200)} <= sizes
 
 
 def test_broken_samples_reach_subjects_that_are_given_the_first_200():

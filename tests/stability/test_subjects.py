@@ -13,8 +13,8 @@ from texclass.stability.judging import BAD, Mark, judge
 EVERY = [*subjects_models.SUBJECTS, *subjects_signals.SUBJECTS, *subjects_features.subjects()]
 SUBJECTS = {subject.name: subject for subject in EVERY}
 HARD = (
-    "plain", "zeros", "constant 0.1", "gain 1e-160", "int8", "every third sample", "one NaN", "3 samples",
-    "all k = 0.9",
+    "plain", "zeros", "constant -1e6", "pure sine", "DC 1e6 + noise 1e-3", "gain 1e-160", "int8",
+    "every third sample", "one NaN", "3 samples", "all k = 0.9",
 )  # fmt: skip
 
 

@@ -136,11 +136,6 @@ def test_a_constant_is_predicted_by_one_clipped_coefficient():
     assert_allclose(padded.reflection[0], -99 / 100)
 
 
-def test_burg_goes_on_behind_an_offset_that_takes_its_first_k_to_1():
-    models = [fit(1e6 + 1e-3 * _noise(2000, seed), 2) for seed in range(20)]
-    assert_allclose([model.reflection[1] for model in models], -0.5, atol=0.1)
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_yule_walker_variance_keeps_the_power(method):
     x = _process(3000)[0]

@@ -128,14 +128,6 @@ def test_any_increasing_sequence_is_a_stable_model(gaps):
     assert np.isfinite(_log_spectrum(k)).all()
 
 
-@given(st.integers(1, 100), st.integers(0, 1000))
-@settings(deadline=None, max_examples=60)
-def test_frequencies_come_back_from_well_separated_ones(p, seed):
-    gaps = np.random.default_rng(seed).uniform(0.5, 1.5, p + 1)
-    lsf = np.cumsum(gaps)[:-1] * (np.pi / gaps.sum())
-    assert_allclose(from_reflection(to_reflection(lsf)), lsf, rtol=1e-12)
-
-
 @pytest.mark.parametrize("p", [1, 2, 7, 8])
 def test_stacks_of_any_layout_and_dtype_give_what_each_model_gives(p):
     k = _random_k(24 * p).reshape(2, 3, 4, p).astype(np.float32)[:, ::2, ::-1]

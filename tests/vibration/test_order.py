@@ -65,10 +65,10 @@ def test_aicc_is_its_equation():
     assert np.isposinf(aicc(model, 200)[198])
 
 
-@pytest.mark.parametrize("criterion", ["spectral_error", "aicc"])
-def test_silence_has_order_zero_and_a_constant_one_at_most(criterion):
-    assert select_order(np.zeros(500), 20, criterion=criterion).order == 0
-    assert select_order(np.full(500, 2.0), 20, criterion=criterion).order == 1
+def test_silence_has_order_zero_and_a_constant_one_at_most():
+    for criterion in ("spectral_error", "aicc"):
+        assert select_order(np.zeros(500), 20, criterion=criterion).order == 0
+        assert select_order(np.full(500, 2.0), 20, criterion=criterion).order == 1
 
 
 def test_frames_share_one_order():

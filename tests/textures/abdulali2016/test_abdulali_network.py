@@ -4,7 +4,7 @@ from numpy.testing import assert_allclose
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import ConvexHull
 
-from texclass.textures.abdulali2016 import RadialNetwork, fit_exact, fit_sparse
+from texclass.textures.abdulali2016 import fit_exact, fit_sparse
 from texclass.textures.abdulali2016.network_fit import (
     ModelPoints,
     autocorrelation_of,
@@ -84,13 +84,6 @@ def test_points_that_coincide_or_lie_in_a_plane_are_no_obstacle():
     values = fit_exact(u, np.array([[0.0], [1.0], [3.0], [2.0], [1.5]])).at(u)
     assert np.isfinite(values).all()
     assert_allclose(values[1], 2.0, atol=0.5)
-
-
-def test_shapes_of_a_network_are_checked():
-    with pytest.raises(ValueError, match=r"weights has shape \(4, 1\)"):
-        RadialNetwork(np.zeros((3, 2)), np.zeros((4, 1)), np.zeros((3, 1)))
-    with pytest.raises(ValueError, match="finite"):
-        RadialNetwork(np.full((3, 2), np.nan), np.zeros((3, 1)), np.zeros((3, 1)))
 
 
 def test_zero_force_points_are_the_hull_seen_from_below():

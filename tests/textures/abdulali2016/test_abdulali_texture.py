@@ -159,8 +159,8 @@ def test_what_cannot_be_fitted_is_refused(training, modelled):
 
 def test_silence_extreme_gains_and_extreme_orders_are_modelled(training):
     for gain in (0.0, 1e-70, 1e70):
-        motion = training.position, training.velocity, training.force
-        scan = Scan(gain * training.acceleration, *motion, FS)
+        short = training.part(0, 6000)
+        scan = Scan(gain * short.acceleration, short.position, short.velocity, short.force, FS)
         for texture in (fit_texture(scan), fit_as_published(scan)):
             y = texture.renderer().process(scan.velocity[:2000], scan.force[:2000])
             assert np.isfinite(y).all()
