@@ -134,6 +134,7 @@ def test_a_constant_is_predicted_by_one_clipped_coefficient():
     assert_allclose(keeping.level, 5.0)
     padded = fit(np.full(100, 5.0), 10, method="autocorrelation")
     assert_allclose(padded.reflection[0], -99 / 100)
+    assert fit(np.zeros(100), 10, method="autocorrelation").fitted_order == 0
 
 
 @pytest.mark.parametrize("method", METHODS)

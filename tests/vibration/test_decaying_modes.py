@@ -140,6 +140,7 @@ def test_degenerate_segments_give_stable_and_finite_modes(outside):
         modes = fit_matrix_pencil(x, FS, outside=outside)
         assert _is_stable(modes.sections(FS))
         assert np.all(np.isfinite(modes.synthesize(1000, FS)))
+    assert fit_matrix_pencil(np.zeros(20), FS, outside=outside).n_modes == 0
 
 
 def test_a_long_segment_costs_no_precision():
