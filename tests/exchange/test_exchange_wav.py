@@ -64,15 +64,9 @@ def test_what_a_wav_cannot_hold_is_refused(tmp_path, change, match):
     ("comment", "match"),
     [
         ('{"texclass": 1}', "lacks the key"),
-        (
-            '{"texclass": 1, "unit": "stone", "peak": 1.0, "fs": 1000.0}',
-            "unit is 'stone'; the rule is one of m/s",
-        ),
         ('{"texclass": 1, "unit": "g", "peak": -1.0, "fs": 1000.0}', "peak"),
-        ('{"texclass": 1, "unit": "g", "peak": "1", "fs": 1000.0}', "peak"),
         ('{"texclass": 1, "unit": "g", "peak": NaN, "fs": 1000.0}', "JSON"),
         ('{"texclass": 1, "unit": "g", "peak": 1.0, "fs": 44100.0}', "header"),
-        ('{"texclass": ' + "[" * 40 + "]" * 40 + "}", "texclass is"),
         ('{"texclass": 1', "JSON"),
     ],
 )

@@ -58,22 +58,18 @@ def test_taps_are_no_texture_to_stroke_and_no_texture_is_a_tap_library(path, tmp
     ("changes", "match"),
     [
         ({"version": 3}, "newer texclass"),
-        ({"version": True}, "version is True"),
         ({"family": "os.system"}, "one of"),
         ({"unit": "furlong"}, "unit is 'furlong'; the rule is one of m/s"),
         ({"parameters/fs": "fast"}, "fs is 'fast'; the rule is"),
         ({"parameters/fs": 10**400}, "fs is"),
         ({"parameters/fs": "1000"}, "no text or true for one"),
-        ({"operations": "4"}, "operations is '4'"),
         ({"parameters/fs": 500.0}, r"describes .*1000.0.*, holds .*500.0.*; the rule is the same"),
         ({"parameters/tones": 3}, "array 'tones' has no place"),
         ({"parameters/tones": None}, "array 'tones' has no place"),
         ({"name": "bell\x07"}, "printable"),
         ({"name": "x" * 300}, "printable"),
-        ({"name": 3}, "name is 3"),
         ({"parameters": []}, "table"),
         ({"author": "me"}, "unknown key author"),
-        ({"family": None}, "lacks the key family"),
     ],
 )
 def test_a_header_that_breaks_a_rule_is_refused(path, forge, changes, match):

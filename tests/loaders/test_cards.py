@@ -64,27 +64,18 @@ def test_a_missing_key_is_named(tmp_path):
     ("wrong", "said"),
     [
         ({"fs": 3}, "unknown key fs; the rule is one of fs_hz, unit, files, "),
-        ({"unti": "g"}, "unknown key unti; did you mean unit?"),
         ({"label_column": "plate"}, "unknown key label_column; "),
         ({"format": "magic"}, "format is 'magic'; the rule is one of files, rows, simulated"),
         ({"unit": "m"}, "unit is 'm'; the rule is one of m/s^2, g, mg, counts, V, arbitrary"),
         ({"phases": "all"}, "phases is 'all'; the rule is one of detect, movement, tap"),
         ({"fs_hz": 0}, "fs_hz is 0; the rule is a rate in Hz above 0"),
-        ({"fs_hz": "10k"}, "fs_hz is '10k'; the rule is a rate in Hz above 0"),
-        ({"fs_hz": True}, "fs_hz is True; the rule is a rate in Hz above 0"),
         ({"scale": 0}, "scale is 0; the rule is a finite factor other than 0"),
-        ({"remove_resting_level": 1}, "remove_resting_level is 1; the rule is true or false"),
-        ({"notes": [1]}, "notes.1 is 1; the rule is text"),
         ({"files": []}, "files is []; the rule is text or a list of text"),
         ({"files": "(?P<material>"}, "files holds '(?P<material>', not a regular expression"),
         ({"files": "(?P<colour>.*)"}, "files names groups ['colour']; the rule is recording, material, "),
         ({"files": r".*\.txt"}, "files and labels do not tell the material; the rule is (?P<material>...)"),
         ({"delimiter": "ab"}, "delimiter is 'ab'; the rule is one character, no quote"),
         ({"channels": {"smell": "s"}}, "unknown key channels.smell; the rule is one of acceleration, fric"),
-        (
-            {"companions": {"frictoin": "f"}},
-            "unknown key companions.frictoin; did you mean companions.friction?",
-        ),
         ({"labels": {"file": "l.csv"}}, "lacks the key labels.recording; "),
         (
             {"labels": {"file": "l", "recording": "r", "axis": "a"}},
@@ -99,7 +90,6 @@ def test_a_broken_rule_is_named_with_file_key_and_value(tmp_path, wrong, said):
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"n_surfaces": 2.5}, "recipe.n_surfaces is 2.5; the rule is a whole number"),
         ({"n_operators": 0}, "recipe.n_operators is 0; the rule is a number of at least 1"),
         (
             {"duration_s": 1e300},

@@ -60,7 +60,7 @@ def test_duplicates_are_dropped_and_a_swapped_pair_is_put_in_order():
     assert [flag.split(":")[0] for flag in flags] == ["duplicates", "out of order", "rate"]
 
 
-@pytest.mark.parametrize("jump_s", [-3600, -0.5, 2, 86_400])
+@pytest.mark.parametrize("jump_s", [-0.5, 86_400])
 def test_a_clock_that_is_set_costs_no_sample(jump_s):
     received = np.arange(N) * T
     stamps = received + np.where(np.arange(N) >= 123, int(jump_s * 1e9), 0)

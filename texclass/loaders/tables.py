@@ -57,7 +57,9 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     hint = f" (is {delimiter!r} the delimiter? --delimiter, `delimiter` in a card)" if is_one else ""
     require(wanted, present, path, hint=hint)
     check_size(path.stat().st_size // 2, path)
-    types = {name: _type(cell) for name, cell in zip(present, first, strict=False)}
+    # A first cell that is a date, with or without a zone, makes a column of dates.
+    dates = {name: _DATE.fullmatch(cell.strip()) for name, cell in zip(present, first, strict=False)}
+    types = {name: pa.timestamp("ns", "UTC" if date[1] else None) for name, date in dates.items() if date}
     text: Path | bytes = path
     if delimiter == " ":  # any number of blanks, as they align numbers
         lines = path.read_bytes().replace(b"\r\n", b"\n").replace(b"\t", b" ")
@@ -87,12 +89,6 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
         return ReadSignals({name: table[name].to_numpy() for name in wanted}, flags=said)
     bad = _first_bad_line(path) if path.suffix.lower() == ".txt" and is_one else ""
     raise RecordingError(f"{path}: {bad or f'{problem}; the rule is a number in every cell'}") from problem
-
-
-def _type(cell: str) -> pa.DataType:
-    """Return the type of a column by its first cell: numbers, or dates with or without a zone."""
-    date = _DATE.fullmatch(cell.strip())
-    return pa.timestamp("ns", "UTC" if date[1] else None) if date else pa.float64()
 
 
 def _first_bad_line(path: Path) -> str:
