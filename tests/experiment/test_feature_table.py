@@ -163,3 +163,26 @@ def test_parts_that_a_second_process_took_away_cost_no_recording(toy_dataset, tm
 
     monkeypatch.setattr(tables, "_join", after_the_other)
     pd.testing.assert_frame_equal(extract_table(data, features, path).frame, whole.frame)
+
+
+def test_partitions_hold_together_what_one_table_holds_and_go_on_where_a_run_ended(
+    toy_dataset, feature_set, extract, tmp_path
+):
+    whole, dataset, folder = extract(toy_dataset()), toy_dataset(), tmp_path / "parts"
+    told = tables.extract_partitions(dataset, feature_set, folder, 5)
+    assert told["recordings"].to_dict() == {f"{i:09d}.parquet": n for i, n in ((0, 5), (5, 5), (10, 2))}
+    pd.testing.assert_frame_equal(pd.read_parquet(folder)[whole.frame.columns], whole.frame)
+    assert sorted(p.name for p in folder.iterdir()) == list(told.index)
+
+    (folder / "000000005.parquet").unlink()
+    again = toy_dataset()
+    pd.testing.assert_frame_equal(tables.extract_partitions(again, feature_set, folder, 5), told)
+    assert again.load.loaded == [entry.recording_id for entry in dataset.entries[5:10]]
+
+    bad = toy_dataset(bad=("m2_4",), input_hash="other")
+    with pytest.raises(RecordingError, match=r"m2_4\.txt"):
+        tables.extract_partitions(bad, feature_set, folder, 5)
+    left_out = tables.extract_partitions(bad, feature_set, folder, 5, skip_bad=True)["left_out"]
+    assert [item.recording_id for items in left_out for item in items] == ["m2_4"]
+    with pytest.raises(ValueError, match="partitions of 0 recordings; the rule is at least 1"):
+        tables.extract_partitions(bad, feature_set, folder, 0)

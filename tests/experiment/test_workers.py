@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from threadpoolctl import threadpool_info
 
-from texclass.experiment.feature_table import extract_table
+from texclass.experiment.feature_table import extract_partitions, extract_table
 from texclass.experiment.workers import each, running_on
 from texclass.features import load_feature_set
 from texclass.loaders import open_dataset
@@ -70,7 +70,9 @@ def test_a_cluster_gives_the_same_table_even_if_a_worker_is_killed_on_the_way(cl
 
     with running_on("dask", address):
         there = extract_table(dataset, features, tmp_path / "there.parquet", progress=kill_one)
+        extract_partitions(dataset, features, tmp_path / "parts", 3)
     assert workers[0].wait() == -signal.SIGKILL
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "parts")[list(here.frame)], here.frame)
     pd.testing.assert_frame_equal(there.frame, here.frame, check_exact=True)
     assert there.reasons == here.reasons
     assert list(each([partial(os.getpid)])) == [os.getpid()]  # here again

@@ -131,8 +131,17 @@ def benchmark(
 @options.reads_files
 def extract(
     dataset: options.Recordings,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Parquet file to write.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Parquet file to write, with --partition a folder of them.")
+    ],
     features: options.FeatureSet = "texclass",
+    partition: Annotated[
+        int | None,
+        typer.Option(
+            help="Recordings of a file: each is computed and written by one worker, and no process holds "
+            "them all."
+        ),
+    ] = None,
     jobs: options.Jobs = -1,
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
@@ -145,14 +154,21 @@ def extract(
 
     recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
     from texclass.document.wording import counted
-    from texclass.experiment import extract_table, running_on
+    from texclass.experiment import extract_partitions, extract_table, running_on
     from texclass.features import load_feature_set
 
     feature_set = load_feature_set(features)
     with running_on(backend, scheduler), progress_bar() as progress:
-        table = extract_table(
-            recordings, feature_set, output, n_jobs=jobs, skip_bad=skip_bad, progress=progress
-        )
+        work: dict[str, Any] = {"n_jobs": jobs, "skip_bad": skip_bad, "progress": progress}
+        if partition is not None:
+            parts = extract_partitions(recordings, feature_set, output, partition, **work)
+            for name, _, left_out, doubts in parts.itertuples():
+                for line in (*(f"left out: {bad}" for bad in left_out), *(f"note: {one}" for one in doubts)):
+                    typer.echo(f"{name}: {line}")
+            counts = counted(parts["recordings"].sum(), "recording"), counted(len(parts), "file")
+            typer.echo(f"wrote {output}: {counts[0]} in {counts[1]}")
+            return
+        table = extract_table(recordings, feature_set, output, **work)
     typer.echo(
         f"wrote {output}: {counted(table.n_recordings, 'recording')}, {counted(table.n_columns, 'column')}"
     )

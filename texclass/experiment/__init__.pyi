@@ -4,6 +4,7 @@ from .accuracy import wilson_interval as wilson_interval
 from .benchmark import run_benchmark as run_benchmark
 from .feature_table import FeatureTable as FeatureTable
 from .feature_table import cached_table as cached_table
+from .feature_table import extract_partitions as extract_partitions
 from .feature_table import extract_table as extract_table
 from .feature_table import read_table as read_table
 from .folds import Evaluation as Evaluation

@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial, reduce
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -219,6 +220,67 @@ def extract_table(
     if table.left_out and not skip_bad:
         raise RecordingError(table.left_out[0].reason)
     return table
+
+
+def extract_partitions(
+    dataset: Dataset,
+    feature_set: FeatureSet,
+    folder: str | Path,
+    size: int,
+    *,
+    n_jobs: int = 1,
+    skip_bad: bool = False,
+    progress: Progress | None = None,
+) -> pd.DataFrame:
+    """Compute the features of a dataset into a folder of Parquet files that never meet in one process.
+
+    Each file is what `extract_table` makes of `size` recordings, computed, joined and written by one worker;
+    files that stand are kept, and so are the recordings of one that was killed half-way. ``pd.read_parquet``
+    and Dask read the folder as one table.
+
+    Parameters
+    ----------
+    dataset, feature_set, n_jobs, skip_bad
+        See `extract_table`.
+    folder : str or Path
+        Where the files stand, named after the place of their recordings in the dataset.
+    size : int
+        Recordings of a file (the last may hold fewer).
+    progress : callable, optional
+        Called with (done, total, "partitions") after each file.
+
+    Returns
+    -------
+    DataFrame of shape (n_partitions, 3)
+        Indexed by file: `recordings`, the recordings `left_out`, and the `doubts` of loaders.
+
+    Raises
+    ------
+    ValueError
+        If `size` is less than 1.
+    RecordingError
+        At the first file with a bad recording; what was done is kept.
+    """
+    if size < 1:
+        raise ValueError(f"partitions of {size} recordings; the rule is at least 1")
+    groups = list(by_recording(dataset.entries))
+    calls = []
+    for first in range(0, len(groups), size):
+        some = replace(dataset, entries=tuple(chain.from_iterable(groups[first : first + size])))
+        path = Path(folder) / f"{first:09d}.parquet"
+        calls.append(partial(_partition, some, feature_set, path, skip_bad))
+    facts = each(calls, n_jobs=n_jobs, progress=progress, what="partitions", total=len(calls))
+    with closing(facts):
+        told = pd.DataFrame(list(facts), columns=["partition", "recordings", "left_out", "doubts"])
+    return told.set_index("partition")
+
+
+def _partition(
+    dataset: Dataset, feature_set: FeatureSet, path: Path, skip_bad: bool
+) -> tuple[str, int, tuple[LeftOut, ...], tuple[str, ...]]:
+    """Compute some recordings into their file, and return what a report says of it: no table travels."""
+    table = extract_table(dataset, feature_set, path, skip_bad=skip_bad)
+    return path.name, table.n_recordings, table.left_out, table.doubts
 
 
 def table_key(dataset: Dataset, feature_set: FeatureSet, channels: str) -> str:
