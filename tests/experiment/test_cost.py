@@ -1,5 +1,6 @@
 """Cost: parts counted once, shares that add up, and selection that knows what is free."""
 
+from dataclasses import replace
 from datetime import date
 from itertools import permutations
 
@@ -29,6 +30,13 @@ def test_a_shared_part_is_paid_once_and_columns_of_a_feature_share_its_cost():
     assert MODEL.restricted_to(["b.2", "a"]).cost(["a", "b.2"]) == 9
     with pytest.raises(ValueError, match="'z' has no cost"):
         MODEL.cost(["z"])
+
+
+def test_a_cost_is_the_whole_path_and_finding_the_phases_is_paid_once():
+    whole = replace(MODEL, segmentation_ms=5.0)
+    assert [whole.cost(columns) for columns in ([], ["a"], ["a", "b.1"])] == [0, 12, 14]
+    assert (whole.total, whole.features_ms, whole.cheapest) == (18, 13, 9)
+    assert whole.by_feature().equals(MODEL.by_feature())
 
 
 def test_shares_are_the_mean_marginal_cost_over_all_orders():

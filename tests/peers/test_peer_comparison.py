@@ -34,8 +34,9 @@ def test_a_perfect_peer_is_level_with_a_perfect_row_at_the_cost_of_one_fold(benc
     assert compared.data["peer_versions"] == {"fake": "1.0"}
     cost = peer["cost"]
     assert (cost["feature_ms"], cost["fit_s"], cost["predict_ms"], cost["memory_mb"]) == (2.0, 0.5, 1.0, 3.0)
-    # 9 + 3 recordings of a fold, fit, 3 predictions.
-    assert cost["total_s"] == pytest.approx(12 * 0.002 + 0.5 + 3 * 0.001)
+    # 9 + 3 recordings of a fold from their samples on, fit, 3 predictions.
+    of_a_recording = 0.002 + compared.data["segmentation_ms"] / 1000
+    assert cost["total_s"] == pytest.approx(12 * of_a_recording + 0.5 + 3 * 0.001)
 
 
 def test_a_missing_peer_is_a_line_and_no_error_and_our_widest_row_competes_beside_the_best(compared):

@@ -163,9 +163,9 @@ def extract(
         if partition is not None:
             parts = extract_partitions(recordings, feature_set, output, partition, **work)
             for name, _, left_out, doubts in parts.itertuples():
-                for line in (*(f"left out: {bad}" for bad in left_out), *(f"note: {one}" for one in doubts)):
-                    typer.echo(f"{name}: {line}")
-            counts = counted(parts["recordings"].sum(), "recording"), counted(len(parts), "file")
+                for said in (*(f"left out: {bad}" for bad in left_out), *(f"note: {one}" for one in doubts)):
+                    typer.echo(f"{name}: {said}")
+            counts = counted(int(parts["recordings"].sum()), "recording"), counted(len(parts), "file")
             typer.echo(f"wrote {output}: {counts[0]} in {counts[1]}")
             return
         table = extract_table(recordings, feature_set, output, **work)

@@ -133,6 +133,7 @@ def run_benchmark(
             "n_folds": len(splits),
             "accuracy_unit": f"fraction of {tested}; low and high are the 95 % interval by `interval`",
             "rows": lines,
+            "segmentation_ms": meter.segmentation_ms,
             "published_on": pipeline.published_on and pipeline.published_on.model_dump(),
             "rank_agreement": {name: found and found[0] for name, found in agreement.items()},
             "rank_agreement_interval": {name: found and found[1] for name, found in agreement.items()},

@@ -191,8 +191,8 @@ def _rows(data: Data, best: Pair | None) -> Table:
         pd.DataFrame(columns),
         f"Accuracy over {tested} in % with its 95 % interval{clusters}{also}; chance is "
         f"{percent(chance_of(data))} %; the best row is bold: it is chosen with the tests in view. "
-        "Dim: columns that reach the classifier; ms: features of one "
-        f"{tested[:-1]}, one thread, shared transforms counted once, without segmentation.",
+        f"Dim: columns that reach the classifier; ms: one {tested[:-1]} from {_path(data)}, one thread, "
+        "shared transforms counted once.",
         strong=[i for i, row in enumerate(data["rows"]) if best is not None and row is best.row],
         instead={
             i: f"not computed: {row['missing'] or 'no reason given'}"
@@ -367,7 +367,7 @@ def _costs(data: Data, best: Pair) -> Figure:
         told = f"{_cost_of(fastest, what)} is the fastest within"
     return Figure(
         "row-costs",
-        f"Milliseconds of features for one {what}, the most accurate row first",
+        f"Milliseconds from {_path(data)} of one {what}, the most accurate row first",
         f"{_cost_of(best, what)}, is the most accurate; {told} {100 * NEAR:g} points of it.",
         lambda width: draw_row_costs(pairs, width),
         Table(
@@ -382,6 +382,14 @@ def _costs(data: Data, best: Pair) -> Figure:
             n_words=2,
         ),
     )
+
+
+def _path(data: Data) -> str:
+    """Return what the milliseconds of a row are of; older results left out finding the phases."""
+    found = data.get("segmentation_ms")
+    if found is None:
+        return "its phases to its features"
+    return f"its samples to its features ({digits(found)} of them find the phases)"
 
 
 def _cost_of(pair: Pair, what: str) -> str:

@@ -26,6 +26,7 @@ from texclass.features.sets import FeatureSet, Member, code_hash
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.places import cache_root, write_atomically
 from texclass.phases import segment
+from texclass.provenance import code_hash as hash_of_code
 from texclass.provenance import versions
 from texclass.recording import Recording, Samples
 
@@ -44,9 +45,10 @@ class CostModel:
     A part is what is computed at most once a recording: the conditioning of a phase, a transform that
     features share, or what a feature computes for itself. A column needs some of the parts, and
 
-        cost(S) = sum_p ms_p [some column of S needs p],
+        cost(S) = segmentation + sum_p ms_p [some column of S needs p],
 
-    so the columns of one feature share all of its cost, and a transform is paid by whoever asks first.
+    so the columns of one feature share all of its cost, a transform is paid by whoever asks first, and the
+    cost is that of the whole path from the samples as recorded to the features. No columns cost nothing.
 
     Attributes
     ----------
@@ -61,7 +63,7 @@ class CostModel:
     needs : ndarray of bool, shape (n_columns, n_parts)
         Which column needs which part.
     segmentation_ms : float
-        Finding the phases: the same whatever is chosen, so not part of any cost.
+        Finding the phases: paid once, whatever is chosen.
     machine : str
         On which machine, and when, the milliseconds were measured.
     """
@@ -88,12 +90,19 @@ class CostModel:
 
     def of(self, indices: Sequence[int] | NDArray[np.intp]) -> float:
         """Return the cost of columns given by number."""
-        return float(self.ms[self.needs[np.asarray(indices, dtype=np.intp)].any(axis=0)].sum())
+        chosen = np.asarray(indices, dtype=np.intp)
+        features_ms = self.ms[self.needs[chosen].any(axis=0)].sum()
+        return float(self.segmentation_ms + features_ms) if chosen.size else 0.0
 
     @property
     def total(self) -> float:
         """Cost of all columns."""
         return self.cost(self.columns)
+
+    @property
+    def features_ms(self) -> float:
+        """The share of features in the cost of all columns: conditioning, transforms, what each computes."""
+        return self.total - self.segmentation_ms
 
     @property
     def cheapest(self) -> float:
@@ -105,7 +114,7 @@ class CostModel:
 
         A part's cost is split equally between the features that need it. That is the Shapley value: the mean
         marginal cost of a feature over all orders in which features could be bought; the shares add up to
-        `total`. `last` is what leaving the feature out of the full set would save.
+        `features_ms`. `last` is what leaving the feature out of the full set would save.
         """
         users = {f: self.needs[self.features.index(f)] for f in dict.fromkeys(self.features)}
         n_users = np.sum(list(users.values()), axis=0)
@@ -141,7 +150,7 @@ class CostMeter:
     channels
         Channels kept apart; see `FeatureExtractor`.
     segmentation_ms
-        Mean time of finding the phases.
+        Of finding the phases: lower quartiles of a few runs, the mean over recordings.
     input_hash
         Of the dataset that they are of.
     """
@@ -156,17 +165,18 @@ class CostMeter:
         """Take up to `n` usable recordings spread over a dataset."""
         wanted = {usable[i] for i in np.linspace(0, len(usable) - 1, min(n, len(usable))).astype(int)}
         loaded = [dataset.load(entry) for entry in dataset.entries if entry.recording_id in wanted]
-        timed = [_timed(partial(segment, r)) for r in (loaded[0], *loaded)][1:]  # the first is warm-up
-        recordings = tuple(r.with_(phases=phases) for r, (phases, _) in zip(loaded, timed, strict=True))
-        apart = channels_apart(recordings[0], channels)
-        return cls(recordings, apart, float(np.mean([ms for _, ms in timed])), dataset.input_hash)
+        recordings = tuple(recording.with_(phases=segment(recording)) for recording in loaded)
+        with one_thread():
+            runs = [[_timed(partial(segment, r))[1] for _ in range(3)] for r in loaded]
+        ms = float(np.quantile(runs, QUARTILE, axis=1).mean())
+        return cls(recordings, channels_apart(recordings[0], channels), ms, dataset.input_hash)
 
     def milliseconds(self, feature_set: FeatureSet) -> float:
-        """Return what a set takes; segmentation is not included, being the same for all; axes are."""
-        return self.measured(Plan.of(feature_set, self.channels), n_repeats=3)[0]
+        """Return what a set takes, finding the phases included; see `CostModel`."""
+        return self.segmentation_ms + self.measured(Plan.of(feature_set, self.channels), n_repeats=3)[0]
 
     def measured(self, *plans: Plan, n_repeats: int = 5) -> tuple[float, ...]:
-        """Return what plans take: lower quartiles of a few runs, means over recordings.
+        """Return what plans take where phases are known: lower quartiles of runs, means over recordings.
 
         They take turns, so that a machine that gets slower or faster meanwhile does so for all of them.
         """
@@ -184,7 +194,8 @@ class CostMeter:
         """
         names = [member.name for member in feature_set.members]
         known = (platform.node(), self.input_hash, [r.recording_id for r in self.recordings], names)
-        made_by = (self.channels, code_hash(feature_set), versions("numpy", "scipy", "PyWavelets", "librosa"))
+        code = (code_hash(feature_set), hash_of_code("phases", "signals"))
+        made_by = (self.channels, *code, versions("numpy", "scipy", "PyWavelets", "librosa"))
         key = hashlib.sha256(repr((known, made_by)).encode()).hexdigest()[:16]
         path = cache_root() / "costs" / f"{feature_set.name}-{key}.json"
         with suppress(OSError, ValueError, TypeError):

@@ -159,6 +159,7 @@ def compare_with_peers(
             **measure_ours(row, judge, pipeline, dataset, table, splits, nested=protocol.nested),
         }  # fmt: skip
     entrants = [measured[pair] for pair in pairs]
+    segmentation_s = min(of["segmentation_s"] for of in measured.values())
     if choice:
         entrants.insert(0, _chosen([measured[tuple(pair)] for pair in choice["chosen"]]))
     report(1, total, "peers")
@@ -187,7 +188,10 @@ def compare_with_peers(
             "protocol_description": protocol.description,
             "n_folds": len(splits),
             "n_pairs": len(result.table),
-            "contestants": [_judged(found, entrants[0], table, protocol, splits) for found in entrants],
+            "segmentation_ms": 1e3 * segmentation_s,
+            "contestants": [
+                _judged(found, entrants[0], table, protocol, splits, segmentation_s) for found in entrants
+            ],
             "signals": DESCRIPTIONS[settings.signals],
             "time_limit_s": settings.time_limit_s,
             "versions": benchmark["versions"],
@@ -295,6 +299,7 @@ def _judged(
     table: FeatureTable,
     protocol: Protocol,
     splits: Sequence[Split],
+    segmentation_s: float,
 ) -> dict[str, Any]:
     """Return a line of the comparison: its accuracy, its cost, and what the first one is ahead of it."""
     told = ("name", "classifier", "title", "ours", "status", "message", "reference", "n_columns")
@@ -304,8 +309,9 @@ def _judged(
     if not tests:
         return line
     n_train, n_test = np.mean([[train.size, test.size] for train, test in splits], axis=0)
-    features_s = (n_train + n_test) * found["feature_s"]
-    line["cost"] = {  # of one fold, from signals to answers, and the parts of that
+    # All read the movements that we found.
+    features_s = (n_train + n_test) * (segmentation_s + found["feature_s"])
+    line["cost"] = {  # of one fold, from samples to answers, and the parts of that
         "feature_ms": float(1e3 * found["feature_s"]),
         "fit_s": float(found["fit_s"]),
         "predict_ms": float(1e3 * found["predict_s"]),

@@ -179,6 +179,11 @@ def _every(data: Data) -> Table:
 def _notes(data: Data) -> Iterator[str]:
     """Yield what a reader of the comparison must know."""
     yield f"Signals of the peers: {data['signals']}; scaling is fitted inside each fold."
+    if ms := data.get("segmentation_ms"):
+        yield (
+            f"Finding the movement, which all read, takes {digits(ms)} ms of a recording; it is part of all "
+            "totals."
+        )
     tests = sorted({c["difference"]["test"] for c in data["contestants"] if c["difference"]})
     first = data["contestants"][0]
     yield (

@@ -167,14 +167,16 @@ def _measure(
     first = dataset.load(entries[0])
     plan = Plan.of(features, channels_apart(first, channels))
     _, first_s = timed(lambda: [plan.compute(first) for _ in range(2)])
-    megabytes, seconds = watch_memory(), []
+    megabytes, seconds, segmentation = watch_memory(), [], []
     for recording in map(dataset.load, entries):
-        # Peers are given movements that have been found already.
-        known = recording.with_(phases=segment(recording))
-        seconds.append(timed(partial(plan.compute, known))[1])
+        # Apart, for peers are given movements that have been found already.
+        phases, took = timed(partial(segment, recording))
+        segmentation.append(took)
+        seconds.append(timed(partial(plan.compute, recording.with_(phases=phases)))[1])
     found = trial(splits, nested=nested)
     return {
         "predicted": found.predicted,
+        "segmentation_s": float(np.mean(segmentation)),
         "feature_s": float(np.mean(seconds)),
         "fit_s": found.fit_s,
         "predict_s": found.predict_s,

@@ -174,7 +174,10 @@ def _selected(
     costs = meter.kept(pipeline.features).restricted_to(plan.columns)
     cheapest = min(costs.of([i]) for i in range(len(plan.columns)))
     if max_ms is not None and max_ms < cheapest:
-        raise ValueError(f"max_ms is {max_ms:g}; the rule is at least {cheapest:.3g}, the cheapest feature")
+        raise ValueError(
+            f"max_ms is {max_ms:g}; the rule is at least {cheapest:.3g}: the cheapest feature, and "
+            f"{costs.segmentation_ms:.3g} for finding the phases"
+        )
     selector = cost_aware(costs, max_cost=max_ms, max_features=max_features)
     steps = Pipeline([*preparation().steps, ("select", selector)])
     most = min(max_features or len(plan.columns), len(plan.columns))

@@ -27,6 +27,7 @@ def model_document(model: Model) -> Document:
     drift = f"; drift makes distances {unknown['stretch']:.2g} times as large" * (unknown["stretch"] > 1)
     low, mean, high = (f"{100 * accuracy[name]:.1f}" for name in ("low", "mean", "high"))
     n_recordings, n_folds = counted(on["n_recordings"], "recording"), counted(accuracy["n_folds"], "fold")
+    steps = ", ".join(f"{name.removesuffix('_ms')} {ms:.2f}" for name, ms in m.cost.items())
     facts = {
         "Surfaces": f"{len(m.materials)}: {', '.join(m.materials)}",
         "Trained on": f"{on['name']}, {n_recordings}{windows} ({on['hash'][:12]})",
@@ -43,8 +44,7 @@ def model_document(model: Model) -> Document:
         ),
         "Unknown surfaces": f"by {unknown['score']}, {100 * unknown['false_alarms']:g} % false alarms, "
         f"threshold {unknown['threshold']:.4g} from {unknown['n']} held out{wide}",
-        "Cost": f"{m.cost['features_ms']:.2f} ms features, {m.cost['classifier_ms']:.2f} ms classifier, "
-        "on the machine that trained it",
+        "Cost": f"{sum(m.cost.values()):.2f} ms a recording ({steps}) on the machine that trained it",
         "Versions": ", ".join(f"{name} {version}" for name, version in m.versions.items()),
         "Format": ".".join(map(str, m.format_version)),
     }

@@ -78,7 +78,7 @@ class Manifest(Written):
         score, false_alarms, level (p-value of the threshold), threshold, n of held-out recordings,
         stretch (of distances, by drift).
     cost
-        features_ms and classifier_ms per recording, on the machine that trained it.
+        segmentation_ms, features_ms and classifier_ms per recording, on the machine that trained it.
     touch_s
         Seconds of movement of one answer; None: whole recordings.
     versions

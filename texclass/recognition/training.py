@@ -93,8 +93,8 @@ def train(
     row, classifier : str, optional
         Of the pipeline; the best by cross-validation by default.
     max_ms : float, optional
-        Milliseconds that the features of a recording may take on this machine, as measured when such a
-        limit was first asked for here; see `CostMeter.kept`.
+        Milliseconds that a recording may take on this machine, from its samples to its features, as measured
+        when such a limit was first asked for here; see `CostMeter.kept`.
     max_features : int, optional
         Columns that may reach the classifier.
     touch_s : float, optional
@@ -222,6 +222,7 @@ def train(
             "stretch": stretch,
         },
         cost={
+            "segmentation_ms": meter.segmentation_ms,
             "features_ms": meter.measured(plan)[0],
             "classifier_ms": 1e3 * min(repeat(partial(after_features.predict, X[:1]), number=1, repeat=5)),
         },

@@ -145,7 +145,7 @@ EXAMPLE = part(
 BENCHMARK = part(
     MEASURED,
     pipeline=part(name=str, hash=str, features=str), protocol_description=str, n_folds=COUNT,
-    rows=listed(ROW, least=1), rank_agreement=(named(NUMBER | None), {}),
+    rows=listed(ROW, least=1), segmentation_ms=maybe(NUMBER), rank_agreement=(named(NUMBER | None), {}),
     rank_agreement_interval=(named(tuple[NUMBER, NUMBER] | None), {}),
     published_on=maybe(part(n_materials=COUNT, protocols=listed(str))),
     confusion=part(
@@ -182,7 +182,8 @@ TRADEOFF = part(
     MEASURED,
     clusters=(str, ""), n_clusters=maybe(COUNT), features_hash=(str, ""),
     features=str, costs=listed(part(feature=str, share=NUMBER, alone=NUMBER, last=NUMBER), least=1),
-    parts=named(NUMBER), segmentation_ms=NUMBER, total_ms=ABOVE_0, costs_of=(str, ""),
+    parts=named(NUMBER), whole_path=(bool, False), segmentation_ms=NUMBER, total_ms=ABOVE_0,
+    costs_of=(str, ""),
     model_check=some(tuple[NUMBER, ABOVE_0]),
     classifiers=listed(part(name=str, fit_ms=NUMBER, predict_ms=NUMBER)), full=INTERVAL,
     front=listed(POINT, least=1), knee=POINT, at_half_cost=POINT,
@@ -203,7 +204,7 @@ COST = part(
     feature_ms=NUMBER, fit_s=NUMBER, predict_ms=NUMBER, total_s=NUMBER, memory_mb=NUMBER, first_s=NUMBER
 )
 PEERS = part(
-    MEASURED,
+    MEASURED, segmentation_ms=maybe(NUMBER),
     pipeline=str, pipeline_hash=str, protocol_description=str, n_folds=COUNT, n_pairs=maybe(COUNT),
     contestants=listed(
         part(

@@ -190,7 +190,7 @@ class _Search:
 
     def forward(self, thrift: float) -> Iterator[Subset]:
         """Yield each better choice: add the move that is worth most, then drop what earns nothing."""
-        now = Subset((), 0.0, self.score.of(()))
+        now = Subset((), self.model.segmentation_ms, self.score.of(()))  # which every choice pays
         while (better := self._add(now, thrift)) is not None:
             now = better
             yield now

@@ -26,7 +26,7 @@ Labels = NDArray[Any]
 Facts = Mapping[str, Any]
 """Plain JSON values: an accuracy as `mean`, `low`, `high`; a point of the front, see `nested_front`."""
 FRACTIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)
-"""Budgets of a front, in costs of the full set."""
+"""Budgets of a front, in costs of the features of the full set."""
 INNER_FOLDS = 5
 KNEE_LOSS = 0.01
 """The knee is the cheapest point that loses at most this much accuracy to the best one: 1 point."""
@@ -39,7 +39,7 @@ class Limits:
     Attributes
     ----------
     max_ms
-        Features of one recording, conditioning included, segmentation not; None takes the knee.
+        Of one recording, from its samples to its features (see `CostModel`); None takes the knee.
     max_seconds
         Of movement that is felt; None takes whole recordings.
     max_features
@@ -111,7 +111,9 @@ def estimate(hits: ArrayLike, splits: Sequence[Split], data: Labelled) -> dict[s
 
 
 def budgets_of(costs: CostModel, max_ms: float | None = None) -> tuple[float, ...]:
-    """Return the budgets of a front in ms, rising: `FRACTIONS` of the total that buy, and `max_ms`.
+    """Return the budgets of a front in ms, rising: `FRACTIONS` of the features that buy, and `max_ms`.
+
+    Each pays for finding the phases before it buys.
 
     Raises
     ------
@@ -120,10 +122,12 @@ def budgets_of(costs: CostModel, max_ms: float | None = None) -> tuple[float, ..
     """
     if max_ms is not None and max_ms < costs.cheapest:
         raise ValueError(
-            f"max_ms is {max_ms:g}; the rule is at least {costs.cheapest:.3g}, the cheapest feature"
+            f"max_ms is {max_ms:g}; the rule is at least {costs.cheapest:.3g}: the cheapest feature, and "
+            f"{costs.segmentation_ms:.3g} for finding the phases"
         )
     given = set() if max_ms is None else {min(max_ms, costs.total)}
-    return tuple(sorted({f * costs.total for f in FRACTIONS if f * costs.total >= costs.cheapest} | given))
+    every = {costs.segmentation_ms + f * costs.features_ms for f in FRACTIONS}
+    return tuple(sorted({ms for ms in every if ms >= costs.cheapest} | given))
 
 
 def nested_front(

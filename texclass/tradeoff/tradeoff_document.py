@@ -60,7 +60,7 @@ def tradeoff_document(data: Data) -> Document:
         f"{digits(knee['budget_ms'])} ms per recording ({100 * knee['budget_ms'] / total:.0f} % of the "
         f"{digits(total)} ms of the full set). Protocol: {data['protocol']}; features are chosen inside each "
         f"training part; 95 % interval{over(data)}; chance {percent(chance_of(data))} %.",
-        f"{against} ({estimate(full)} %); at half its cost "
+        f"{against} ({estimate(full)} %); at half the cost of its features "
         f"{points(half['accuracy']['mean'] - full['mean'])} points, and "
         f"{points(half['plain']['mean'] - full['mean'])} by plain sequential selection, which does not look "
         "at costs and ends at the budget.",
@@ -83,7 +83,7 @@ def _blocks(data: Data) -> Iterator[Block]:
     first, last, knee = data["front"][0], data["front"][-1], data["knee"]
     yield Figure(
         "front",
-        "Accuracy against the cost of features",
+        "Accuracy against milliseconds",
         f"From {_at(first)} to {_at(last)}; knee: {_at(knee)}; chance is {percent(chance_of(data))} %.",
         lambda width: draw_front(data, width),
     )
@@ -144,7 +144,8 @@ def _notes(data: Data) -> Iterator[str]:
         f"{', '.join(chosen['features'])}; {digits(chosen['predicted_ms'])} ms by the cost model, "
         f"{digits(chosen['measured_ms'])} ms measured when pruned; {estimate(chosen['accuracy'])} %{saved}."
     )
-    yield f"Finding the phases takes {digits(data['segmentation_ms'])} ms more, whatever is chosen."
+    within = "of every cost" if data.get("whole_path") else "more"
+    yield f"Finding the phases takes {digits(data['segmentation_ms'])} ms {within}, whatever is chosen."
     if machine := data.get("costs_of"):
         yield f"Milliseconds are of {machine}: measured once, and kept in the cache folder."
     if rule := data.get("knee_rule"):
@@ -224,7 +225,8 @@ def draw_front(data: Data, width: float) -> "Drawing":
     at = (knee["budget_ms"], 100 * knee["accuracy"]["mean"])
     told = f"knee: {percent(knee['accuracy']['mean'])} %, {digits(knee['budget_ms'])} ms"
     axes.plot(*at, "o", markersize=13, fillstyle="none", color=INK, label=told, clip_on=False)
-    axes.set(xlabel="features of one recording, ms", ylabel="accuracy, %")
+    what = "samples to features" if data.get("whole_path") else "features"
+    axes.set(xlabel=f"{what} of one recording, ms", ylabel="accuracy, %")
     axes.set_xlim(0, 1.04 * max(data["total_ms"], ms[-1]))
     lows = [100 * point[key][end] for point in front for key, end in (("accuracy", "low"), ("plain", "mean"))]
     low, high = per_cent_limits(lows)

@@ -57,10 +57,11 @@ class Tradeoff(Result):
     """What accuracy costs on a dataset; see `trade_off`.
 
     `data` holds `costs` (a feature's `share` of the full set, `alone`, and what leaving it out would save:
-    `last`), shared `parts`, `total_ms`, whose milliseconds these are (`costs_of`), the `front` (see
-    `nested_front`) with its `knee` and the point `at_half_cost`, the accuracy of the `full` set, the `fewest`
-    columns for a scene's materials, `curves` (accuracy against touch, training, rate, bits, order), what
-    `classifiers` cost, what was `chosen`, and what is needed to do it again.
+    `last`), shared `parts`, `segmentation_ms` and `total_ms` (from samples to features), whose milliseconds
+    these are (`costs_of`), the `front` (see `nested_front`) with its `knee` and the point `at_half_cost`
+    (of the features), the accuracy of the `full` set, the `fewest` columns for a scene's materials, `curves`
+    (accuracy against touch, training, rate, bits, order), what `classifiers` cost, what was `chosen`, and
+    what is needed to do it again.
     """
 
     @property
@@ -152,7 +153,8 @@ def trade_off(
         most = min(MOST_COLUMNS, limits.max_features or MOST_COLUMNS, len(offer.costs.columns))
         fewest = nested_fewest(offer.data, splits, most, n_jobs=n_jobs)
     over, of = conditions.protocol.independent(offer.table.frame)
-    half = [p for p in front if p["budget_ms"] <= offer.costs.total / 2 * (1 + 1e-9)]
+    middle = offer.costs.total - offer.costs.features_ms / 2
+    half = [p for p in front if p["budget_ms"] <= middle * (1 + 1e-9)]
     n_drawn = n_repeats if conditions.protocol.drawn else 1
     left_out = (f"left out: {item}" for item in offer.table.left_out[:4])
     return Tradeoff(
@@ -229,9 +231,9 @@ class Offer:
         return cls(table, data, meter, plan, whole, whole.restricted_to(table.defined))
 
     def in_ms(self, part: Plan) -> float:
-        """Return what a part takes over what the whole takes at the same time, in ms of the cost model."""
+        """Return what a part takes, in ms of the cost model: its features over all at the same time."""
         some, every = self.meter.measured(part, self.plan)
-        return some / every * self.whole.total
+        return self.whole.segmentation_ms + some / every * self.whole.features_ms
 
     def fitted(self, columns: Sequence[str]) -> Recogniser:
         """Return the pruned pipeline of some columns, fitted on all recordings."""
@@ -276,6 +278,7 @@ def _prices(offer: Offer, seed: int) -> dict[str, Any]:
     return {
         "costs": by_feature.reset_index().to_dict("records"),
         "parts": {name: ms for name, ms in shared if name not in costs.features},
+        "whole_path": True,
         "segmentation_ms": offer.whole.segmentation_ms,
         "total_ms": costs.total,
         "costs_of": costs.machine,
