@@ -30,6 +30,7 @@ def run(command, monkeypatch, tmp_path, noises):
     return call
 
 
+@pytest.mark.usefixtures("ours_here")
 def test_peers_are_run_printed_and_reported(run, interpreter, tmp_path):
     code, out, err = run(
         "--jobs", "1", "--output", "here", "--peers", "--peers-only", "quant, minirocket",

@@ -60,6 +60,7 @@ def test_a_wrong_fold_costs_what_it_tests_and_one_that_is_not_finished_nothing(c
     assert PeerComparison({**compared.data, "contestants": contestants}).best_peer is None
 
 
+@pytest.mark.usefixtures("ours_here")
 def test_what_was_chosen_inside_the_training_parts_competes_first_and_is_compared(bench, interpreter):
     dataset, pipeline, result = bench
     (row, judge), other = result.best, result.table.iloc[-1]
