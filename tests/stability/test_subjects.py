@@ -1,4 +1,4 @@
-"""A small part of the battery, on every subject of texclass and on librosa."""
+"""A small part of the battery, on every subject of texclass and on scipy."""
 
 import builtins
 from dataclasses import replace
@@ -8,7 +8,8 @@ import pytest
 from texclass.features import registered
 from texclass.peers import extreme_inputs
 from texclass.stability import inputs, subjects_features, subjects_models, subjects_signals
-from texclass.stability.judging import BAD, Mark, judge
+from texclass.stability.judging import BAD, Check, Mark, judge
+from texclass.stability.subjects_models import models
 
 EVERY = [*subjects_models.SUBJECTS, *subjects_signals.SUBJECTS, *subjects_features.subjects()]
 SUBJECTS = {subject.name: subject for subject in EVERY}
@@ -47,20 +48,15 @@ def test_without_mpmath_nothing_is_wrong_and_what_was_not_checked_is_said(monkey
     assert (cell["mark"], cell["reason"]) == (Mark.EXACT, "not checked (mpmath not installed)")
 
 
-def test_public_libraries_fail_where_they_are_known_to():
-    burg = extreme_inputs.librosa()[0]
-    by_name = {case.name: case.at_order(2) for case in inputs.inputs()}
-    assert judge(burg, by_name["plain"])["mark"] is Mark.EXACT
-    assert judge(burg, by_name["constant -1e6"])["mark"] is Mark.WRONG  # |k| = 1
-
-
-def test_the_rule_is_the_same_for_both_sides():
-    case = replace(inputs.in_families("plain")[0].at_order(10), required=True)
-    both = (SUBJECTS["fit, burg"], extreme_inputs.librosa()[0])
-    assert {judge(subject, case)["what"] for subject in both} & {
-        "residual energy above Burg's optimum",
-        "every |k| below 1 (stable)",
-    }
+def test_public_libraries_are_judged_by_the_rule_that_ours_are_and_fail_where_they_are_known_to():
+    case = next(case for case in models(True, 18) if case.name == "low-passed by 20, p = 18")
+    ours, (fit, synthesis, *_) = SUBJECTS["lattice synthesis"], extreme_inputs.scipy()
+    for subject, mark in ((ours, Mark.EXACT), (synthesis, Mark.WRONG)):
+        told = [found.what for found in subject.trial(case.x, case) if isinstance(found, Check)]
+        assert "synthesis, against 60 digits" in told
+        assert judge(subject, case)["mark"] is mark
+    plain = replace(inputs.in_families("plain")[0].at_order(2), required=True)
+    assert judge(fit, plain)["mark"] is Mark.EXACT
 
 
 def test_what_is_not_tried_is_said(monkeypatch):
