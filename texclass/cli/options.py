@@ -13,12 +13,6 @@ if TYPE_CHECKING:
     from texclass.document import Document
 
 
-ProtocolName = Literal["recording", "operator", "blocks", "few-shot", "run", "paper"]
-"""How recordings are divided into training and test."""
-RunsOn = Literal["local", "dask"]
-"""Where the work is done."""
-
-
 def shipped(folder: Literal["feature_defs", "pipelines", "datasets"]) -> Callable[[str], list[str]]:
     """Return a completion that offers the shipped names of a definition folder."""
 
@@ -41,9 +35,6 @@ FeatureSet = Annotated[
     str,
     typer.Option(help="A shipped feature set, or a TOML of yours.", autocompletion=shipped("feature_defs")),
 ]
-Fs = Annotated[
-    float | None, typer.Option("--fs", help="Sampling rate in Hz, where the files do not state it.")
-]
 Unit = Annotated[
     str | None, typer.Option("--unit", help="Unit of the acceleration: m/s^2, g, mg, counts, V or arbitrary.")
 ]
@@ -63,7 +54,8 @@ TimeColumn = Annotated[
 ]
 Jobs = Annotated[int, typer.Option("--jobs", help="Processes; -1 uses every core.")]
 RunOn = Annotated[
-    RunsOn, typer.Option("--backend", help="Run on processes of this machine, or on a Dask cluster.")
+    Literal["local", "dask"],
+    typer.Option("--backend", help="Run on processes of this machine, or on a Dask cluster."),
 ]
 Scheduler = Annotated[
     str | None,
@@ -110,7 +102,7 @@ def _shared(name: str, made: Callable[..., Any]) -> Callable[[Callable[..., None
 def _protocol(
     *,
     protocol: Annotated[
-        ProtocolName | None,
+        Literal["recording", "operator", "blocks", "few-shot", "run", "paper"] | None,
         typer.Option(
             help="How recordings are held out; by default as the pipeline says. `texclass train` takes the "
             "later ones (`blocks`) from 20 numbered repetitions of each surface on: a sensor may drift."
@@ -151,7 +143,9 @@ holds_out = _shared("protocol", _protocol)
 
 def _reading(
     *,
-    fs: Fs = None,
+    fs: Annotated[
+        float | None, typer.Option("--fs", help="Sampling rate in Hz, where the files do not state it.")
+    ] = None,
     unit: Unit = None,
     column: Column = None,
     delimiter: Delimiter = None,
