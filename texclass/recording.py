@@ -237,6 +237,15 @@ class Recording:
         unchanged = all(name in facts and facts[name] is value for name, value in changes.items())
         return self if unchanged else replace(self, **changes)
 
+    def cut(self, start: int, stop: int, recording_id: str) -> "Recording":
+        """Return samples [start, stop) of every signal, all of it movement."""
+        signals = {name: getattr(self, name) for name in ("acceleration", *AUXILIARY_UNITS)}
+        return self.with_(
+            **{name: signal[start:stop] for name, signal in signals.items() if signal is not None},
+            recording_id=recording_id,
+            phases=Phases(movement=(0, stop - start)),
+        )
+
     def to_xarray(self) -> "xarray.DataArray":
         """Return the acceleration by time (s) and axis, with `fs`, `unit` and what the recording is of.
 

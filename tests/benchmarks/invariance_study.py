@@ -19,7 +19,7 @@ from study import command_line, table, write
 from texclass.document import Table
 from texclass.document.figure_style import LOOKS, MUTED, OTHER, OURS, THIRD
 from texclass.features import load_feature_set
-from texclass.features.extractor import Plan
+from texclass.features.plan import Plan
 from texclass.phases import segment
 from texclass.provenance import versions
 from texclass.recording import AUXILIARY_UNITS, Phases, Recording, Tap

@@ -35,7 +35,7 @@ from texclass.document import Heading
 from texclass.document.figure_style import INK, OTHER, OURS
 from texclass.experiment import extract_table
 from texclass.features import load_feature_set
-from texclass.features.extractor import Plan
+from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
 from texclass.phases import segment
 from texclass.provenance import versions

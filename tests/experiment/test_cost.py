@@ -10,8 +10,8 @@ import pytest
 from texclass.experiment import cost as cost_module
 from texclass.experiment.cost import CostMeter, CostModel
 from texclass.features.contract import Feature
-from texclass.features.extractor import Plan
 from texclass.features.phase_view import transform
+from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, Member
 
 MODEL = CostModel(

@@ -113,11 +113,6 @@ OLDER = r"its format is 1\.2, made by texclass \S+; the rule is 2\.x: train it a
         (of_format(FORMAT[0] + 1, 0), True, NEWER),
         (of_format(1, 2), True, OLDER),
         (
-            edited("schema.json", b"LinearDiscriminantAnalysis", b"Popen"),
-            True,
-            r"it names sklearn\.discriminant_analysis\.Popen; the rule is",
-        ),
-        (
             lambda members: {**members, "../evil.py": b"import os"},
             True,
             r"it holds '\.\./evil\.py'; the rule is descriptions and arrays",
@@ -127,6 +122,40 @@ OLDER = r"its format is 1\.2, made by texclass \S+; the rule is 2\.x: train it a
 def test_a_file_that_is_changed_or_of_another_format_or_holds_more_is_refused(file, change, sign, said):
     with pytest.raises(ModelFileError, match=rf"changed\.skops: .*{said}"):
         load_model(rewritten(file, change, sign=sign))
+
+
+def test_no_estimator_is_made_to_answer_and_none_of_a_class_that_is_not_trusted(file):
+    popen = edited("schema.json", b"LinearDiscriminantAnalysis", b"Popen")
+    refused = pytest.raises(
+        ModelFileError, match=r"it names sklearn\.discriminant_analysis\.Popen; the rule is"
+    )
+    model = load_model(rewritten(file, popen, sign=True))
+    with refused:
+        _ = model.recogniser
+
+    def as_before(members):
+        return {name: content for name, content in popen(members).items() if name != "deployed.json"}
+
+    with refused:
+        load_model(rewritten(file, as_before, sign=True))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"{", b"[]", b'{"deployed": {"array": "none.npy"}}', b"[" * 100_000, b'{"deployed": {"plan": "[]"}}'],
+)
+def test_arrays_that_cannot_be_read_are_refused(file, content):
+    with pytest.raises(ModelFileError, match=r"changed\.skops: "):
+        load_model(rewritten(file, lambda members: {**members, "deployed.json": content}, sign=True))
+
+
+def test_a_file_without_arrays_answers_through_its_estimators(file, linear_model):
+    def as_before(members):
+        return {name: content for name, content in members.items() if name != "deployed.json"}
+
+    middle = linear_model.ranges.median
+    answer = load_model(rewritten(file, as_before, sign=True)).answer_values(middle)
+    assert answer == load_model(file).answer_values(middle)
 
 
 def test_what_is_no_manifest_is_refused(linear_model):
@@ -214,7 +243,7 @@ def test_parts_that_do_not_fit_each_other_are_refused(linear_model, tmp_path, fi
 
 
 def test_features_that_give_other_values_are_told(file, monkeypatch):
-    monkeypatch.setattr("texclass.tradeoff.recogniser.code_hash", lambda feature_set: "other")
+    monkeypatch.setattr("texclass.features.plan.code_hash", lambda feature_set: "other")
     load_model(file)  # other code, the same values: nothing to tell
     monkeypatch.setattr("texclass.recognition.model_files.GOLDEN", 0.6)
     with pytest.warns(UserWarning, match=r"features give other values than when it was trained \(mfcc\.c"):

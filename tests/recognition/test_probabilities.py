@@ -3,16 +3,12 @@
 import numpy as np
 import pytest
 from scipy.special import softmax
-from sklearn.base import clone
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
-from sklearn.impute import SimpleImputer
 from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
 from texclass.recognition import Calibration, expected_calibration_error, fit_calibration
-from texclass.recognition.probabilities import calibration_error_of_chance, class_scores, decided
+from texclass.recognition.probabilities import calibration_error_of_chance, class_scores
 
 RNG = np.random.default_rng(1)
 
@@ -91,20 +87,3 @@ def test_the_largest_score_is_the_answer(classifier, n_classes):
     scores = class_scores(classifier.fit(X, y), X)
     assert scores.shape == (60, n_classes)
     np.testing.assert_array_equal(scores.argmax(axis=1), classifier.predict(X))
-
-
-@pytest.mark.filterwarnings("ignore:Skipping features without any observed values")
-def test_prepared_rows_and_decisions_are_those_of_scikit_learn():
-    y = np.arange(60) % 3
-    X = RNG.normal(size=(60, 4)) + y[:, None]
-    X[::7, 1], X[:, 2] = (
-        np.nan,
-        np.nan,
-    )  # a column without values is left out by one imputer, kept by the other
-    fill, keep = SimpleImputer(strategy="median"), SimpleImputer(keep_empty_features=True)
-    for steps in ((fill, StandardScaler()), (keep, MinMaxScaler()), (fill, MinMaxScaler(clip=True))):
-        for classifier in (LinearDiscriminantAnalysis(), GaussianNB()):
-            whole = make_pipeline(*map(clone, steps), clone(classifier)).fit(X, y)
-            rows, decisions = decided([step for _, step in whole.steps[:-1]], whole[-1], X)
-            np.testing.assert_allclose(rows, whole[:-1].transform(X), atol=1e-12)
-            np.testing.assert_allclose(decisions, class_scores(whole[-1], whole[:-1].transform(X)), atol=1e-9)

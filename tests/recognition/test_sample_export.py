@@ -18,8 +18,8 @@ from toy_surfaces import FS, SURFACES, pipeline, recording, surfaces
 from texclass.experiment.vote_of_pieces import VoteOfPieces
 from texclass.features import load_feature_set
 from texclass.features.contract import registered
-from texclass.features.extractor import Plan
 from texclass.features.phase_view import PhaseView, UndefinedFeatureError
+from texclass.features.plan import Plan
 from texclass.features.sets import Member
 from texclass.recognition import OnnxExportError, ParityError, export_onnx, train
 from texclass.recognition.export import feature_graphs, fourier

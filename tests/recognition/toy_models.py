@@ -3,8 +3,9 @@
 import numpy as np
 
 from texclass.features import load_feature_set
-from texclass.features.extractor import Plan
+from texclass.features.plan import Plan
 from texclass.recognition import Calibration, Model, Novelty
+from texclass.recognition.deployed import Deployed
 from texclass.recognition.model import Ranges
 from texclass.recognition.model_files import Manifest
 from texclass.recognition.probabilities import class_scores
@@ -46,7 +47,9 @@ def model_of(steps, classifier, *, n_classes=4, plan=None, undefined=0.05, X=Non
     near = fit_nearness(prepared, np.unique(y, return_inverse=True)[1]) if kind == "distance" else None
     strange = strangeness(kind, class_scores(recogniser[-1], held_out), held_out, near)
     novelty = Novelty(kind, np.sort(strange), false_alarms, near)
-    return Model(recogniser, Calibration(0.7, 0.02), novelty, Ranges.of(X), manifest_of(y, false_alarms))
+    return Model(
+        Deployed.of(recogniser), Calibration(0.7, 0.02), novelty, Ranges.of(X), manifest_of(y, false_alarms)
+    )
 
 
 def manifest_of(y, false_alarms):

@@ -155,6 +155,6 @@ def test_other_files_are_refused(tmp_path, monkeypatch):
 
 def test_changed_code_is_told(tmp_path, monkeypatch):
     fitted(STEPS["cost-aware"]).save(tmp_path / "r.skops")
-    monkeypatch.setattr("texclass.tradeoff.recogniser.code_hash", lambda feature_set: "other")
+    monkeypatch.setattr("texclass.features.plan.code_hash", lambda feature_set: "other")
     with pytest.warns(UserWarning, match="train it again"):
         load_recogniser(tmp_path / "r.skops")

@@ -20,8 +20,8 @@ from sklearn.base import clone
 
 from texclass.experiment.workers import one_thread
 from texclass.features.contract import UndefinedFeatureError
-from texclass.features.extractor import Plan
 from texclass.features.phase_view import Channels, Views, channels_apart, views_of
+from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, Member, code_hash
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.places import cache_root, write_atomically

@@ -28,8 +28,9 @@ from pydantic import BaseModel, FiniteFloat, TypeAdapter
 from texclass import __version__
 from texclass.experiment.windows import Window, by_recording, parent_id
 from texclass.experiment.workers import Progress, each
-from texclass.features.extractor import Plan, Reason
+from texclass.features.extractor import Reason
 from texclass.features.phase_view import Channels, channels_apart
+from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, code_hash
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.places import cache_root

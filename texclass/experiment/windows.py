@@ -18,7 +18,7 @@ from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.places import cache_root, write_atomically
 from texclass.phases import segment
 from texclass.provenance import code_hash
-from texclass.recording import AUXILIARY_UNITS, Phases, Recording, RecordingError
+from texclass.recording import Recording, RecordingError
 from texclass.validation import check_above_0
 
 
@@ -130,20 +130,10 @@ class WindowLoader:
             raise RecordingError(entry.problem)
         if self._last is None or self._last[0] != entry.parent:
             self._last = (entry.parent, self.load(entry.parent))
-        return cut(self._last[1], entry.start, entry.stop, entry.recording_id)
+        return self._last[1].cut(entry.start, entry.stop, entry.recording_id)
 
     def __reduce__(self) -> tuple[type["WindowLoader"], tuple[Callable[[Entry], Recording]]]:
         return WindowLoader, (self.load,)
-
-
-def cut(recording: Recording, start: int, stop: int, recording_id: str) -> Recording:
-    """Return samples [start, stop) of every signal of a recording, all of it movement."""
-    signals = {name: getattr(recording, name) for name in ("acceleration", *AUXILIARY_UNITS)}
-    return recording.with_(
-        **{name: signal[start:stop] for name, signal in signals.items() if signal is not None},
-        recording_id=recording_id,
-        phases=Phases(movement=(0, stop - start)),
-    )
 
 
 def parent_id(entry: Entry) -> str:

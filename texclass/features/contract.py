@@ -235,14 +235,18 @@ def registered() -> dict[str, Feature]:
     return dict(sorted(_REGISTRY.items()))
 
 
-def find(name: str) -> Feature:
-    """Return the feature of that name.
+def find(name: str, module: str = "") -> Feature:
+    """Return the feature of that name; where its module is given, no other one of this room is loaded.
 
     Raises
     ------
     KeyError
         If there is none; the message lists the nearest names.
     """
+    if module.rpartition(".")[2] in DIMENSIONS:
+        importlib.import_module(f"texclass.features.{module.rpartition('.')[2]}")
+        if name in _REGISTRY:
+            return _REGISTRY[name]
     known = registered()
     if name not in known:
         near = difflib.get_close_matches(name, known, n=3)

@@ -1,9 +1,7 @@
 """The feature extractor: recordings in, a table of features out, as a scikit-learn transformer."""
 
-import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -14,7 +12,8 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from texclass.features.phase_view import Channels, channels_apart, views_of
+from texclass.features.phase_view import Channels, channels_apart
+from texclass.features.plan import Computed, Plan
 from texclass.features.sets import FeatureSet, load_feature_set
 from texclass.recording import Phases, Recording, Samples
 
@@ -32,60 +31,6 @@ class Reason(NamedTuple):
     recording_id: str
     feature: str
     reason: str
-
-
-class Computed(NamedTuple):
-    """What extraction gives for one recording: values (n_columns,), (feature, reason) pairs, milliseconds."""
-
-    values: Samples
-    reasons: tuple[tuple[str, str], ...]
-    ms: float
-
-
-@dataclass(frozen=True)
-class Plan:
-    """Which part of a feature set is computed on which channel.
-
-    Attributes
-    ----------
-    parts
-        (column prefix, feature set) pairs; the prefix "" reads the combined channels.
-    channels
-        Names of the channels that are kept apart; empty when they are combined.
-    """
-
-    parts: tuple[tuple[str, FeatureSet], ...]
-    channels: tuple[str, ...] = ()
-
-    @classmethod
-    def of(cls, feature_set: FeatureSet, channels: tuple[str, ...] = ()) -> "Plan":
-        """Plan a set: once on the combined channels, or once a channel and its friction features once."""
-        if not channels:
-            return cls((("", feature_set),))
-        felt, friction = feature_set.reading("tap", "movement"), feature_set.reading("friction")
-        return cls((*((f"{name}/", felt) for name in channels), ("", friction)), channels)
-
-    @cached_property
-    def columns(self) -> tuple[str, ...]:
-        """All column names in order."""
-        return tuple(f"{prefix}{column}" for prefix, part in self.parts for column in part.column_names)
-
-    def restricted_to(self, columns: Iterable[str]) -> "Plan":
-        """Return the plan that computes only what these columns need, in the plan's order."""
-        wanted = set(columns)
-        kept = [(p, part, [c for c in part.column_names if f"{p}{c}" in wanted]) for p, part in self.parts]
-        return Plan(tuple((p, part.restricted_to(names)) for p, part, names in kept if names), self.channels)
-
-    def compute(self, recording: Recording) -> Computed:
-        """Compute one recording, from segmentation to the last feature."""
-        start = time.perf_counter()
-        views = views_of(recording, self.channels)
-        values, reasons = [], []
-        for prefix, part in self.parts:
-            part_values, part_reasons = part.compute(views[prefix])
-            values.append(part_values)
-            reasons += [(f"{prefix}{feature}", reason) for feature, reason in part_reasons]
-        return Computed(np.concatenate(values), tuple(reasons), 1e3 * (time.perf_counter() - start))
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,8 @@ from texclass.experiment.folds import Evaluation
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Split
 from texclass.experiment.workers import each
-from texclass.features.extractor import Plan
 from texclass.features.phase_view import channels_apart
+from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.peers.peer_worker.run import timed, watch_memory

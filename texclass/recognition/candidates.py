@@ -15,7 +15,7 @@ from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.folds import Fold, over_folds
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Split
-from texclass.features.extractor import Plan
+from texclass.features.plan import Plan
 from texclass.recognition.probabilities import class_scores
 from texclass.recognition.unknown import fit_nearness, kind_for, strangeness
 from texclass.recording import Samples

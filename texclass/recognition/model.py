@@ -1,32 +1,33 @@
 """A trained model: a recording in, an answer out, and with it what a user should know of the answer."""
 
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 
-from texclass.experiment.feature_table import LeftOut
-from texclass.experiment.windows import cut
-from texclass.features.extractor import Plan
 from texclass.features.phase_view import TURN
+from texclass.features.plan import Plan
 from texclass.phases import segment
+from texclass.recognition.deployed import Deployed
 from texclass.recognition.model_files import (
     Manifest,
     ModelFileError,
     changed_value,
     probe_values,
-    read_model_file,
+    read_deployed,
     write_model_file,
 )
-from texclass.recognition.probabilities import Calibration, decided
+from texclass.recognition.probabilities import Calibration
 from texclass.recognition.sources.training_input import Beside, Needs
 from texclass.recognition.unknown import Novelty, strangeness
 from texclass.recording import Recording, Samples
-from texclass.tradeoff.recogniser import Recogniser
+
+if TYPE_CHECKING:
+    from texclass.experiment.feature_table import LeftOut
+    from texclass.tradeoff.recogniser import Recogniser
 
 SAME_ANSWER = 1e-6
 """Difference of a probability that rounding on another machine explains."""
@@ -124,8 +125,8 @@ class Model:
 
     Attributes
     ----------
-    recogniser
-        Features, preparation, classifier.
+    deployed
+        Features, preparation, classifier, as they answer.
     calibration
         Decisions -> probabilities.
     novelty
@@ -144,27 +145,31 @@ class Model:
     'oak'
     """
 
-    recogniser: Recogniser
+    deployed: Deployed
     calibration: Calibration
     novelty: Novelty
     ranges: Ranges
     manifest: Manifest
-    left_out: tuple[LeftOut, ...] = ()
+    left_out: "tuple[LeftOut, ...]" = ()
 
     def __repr__(self) -> str:
         of = self.manifest.pipeline
         return f"<Model of {len(self.materials)} surfaces: {of['row']} with {of['classifier']}>"
 
-    @cached_property
+    @property
+    def recogniser(self) -> "Recogniser":
+        """Features, preparation and classifier as a pipeline of scikit-learn."""
+        return self.deployed.recogniser
+
+    @property
     def plan(self) -> Plan:
         """What is computed of a recording."""
-        plan: Plan = self.recogniser[0].plan_
-        return plan
+        return self.deployed.plan
 
-    @cached_property
+    @property
     def materials(self) -> tuple[str, ...]:
         """The surfaces it knows, in the order of its decisions."""
-        return tuple(map(str, self.recogniser[-1].classes_))
+        return self.deployed.classes
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -311,8 +316,7 @@ class Model:
         ValueError
             If nothing fills what is undefined.
         """
-        steps = [step for _, step in self.recogniser.steps[1:-1]]
-        prepared, decisions = decided(steps, self.recogniser[-1], X)
+        prepared, decisions = self.deployed.decided(X)
         strange = strangeness(self.novelty.kind, decisions, prepared, self.novelty.nearness)
         return self.calibration(decisions), self.novelty.p_value(strange)
 
@@ -336,20 +340,21 @@ class Model:
         n = max(1, round(self.manifest.touch_s * recording.fs))
         starts = range(start, stop - n + 1, n)
         return tuple(
-            cut(recording, k, k + n, f"{recording.recording_id}#{i}") for i, k in enumerate(starts, 1)
+            recording.cut(k, k + n, f"{recording.recording_id}#{i}") for i, k in enumerate(starts, 1)
         )
 
     def save(self, path: str | Path) -> None:
         """Write a model file: skops with a manifest."""
         values = probe_values(self.plan, self.manifest.fs, self.manifest.unit)
-        document = {
-            "recogniser": self.recogniser.document(),
+        beside = {
             "calibration": dict(vars(self.calibration)),
             "novelty": self.novelty.document(),
             "ranges": dict(vars(self.ranges)),
             "probe": {"values": values, "probabilities": self._typical()},
         }
-        write_model_file(path, document, self.manifest)
+        document = {"recogniser": self.recogniser.document(), **beside}
+        deployed = None if self.deployed.asked else {"deployed": self.deployed.document(), **beside}
+        write_model_file(path, document, self.manifest, deployed)
 
     def _typical(self) -> Samples:
         """Return the probabilities (n_materials,) of the medians of training."""
@@ -432,14 +437,14 @@ def load_model(path: str | Path) -> Model:
     UserWarning
         If the features give other values than when it was trained.
     """
-    document, manifest = read_model_file(path)
+    document, manifest, read_whole = read_deployed(path)
     try:
         with np.errstate(all="ignore"):  # of damaged numbers, whose answers are then others
-            recogniser, same_code = Recogniser.of_document(document["recogniser"])
+            deployed, same_code = _deployed(document, read_whole)
             calibration = Calibration(*(float(document["calibration"][name]) for name in ("beta", "lapse")))
             edges = {name: np.asarray(a, dtype=np.float64) for name, a in document["ranges"].items()}
             novelty = Novelty.of_document(document["novelty"])
-            model = Model(recogniser, calibration, novelty, Ranges(**edges), manifest)
+            model = Model(deployed, calibration, novelty, Ranges(**edges), manifest)
             if sorted(model.materials) != sorted(manifest.materials):
                 raise ValueError("it knows other materials than its manifest says; the rule is the same")
             if not np.allclose(model._typical(), document["probe"]["probabilities"], atol=SAME_ANSWER):
@@ -458,6 +463,22 @@ def load_model(path: str | Path) -> Model:
             stacklevel=2,
         )
     return model
+
+
+def _deployed(
+    document: Mapping[str, Any], read_whole: Callable[[], Mapping[str, Any]]
+) -> tuple[Deployed, bool]:
+    """Return what a file says of its recogniser, and whether the code of its features is still the same."""
+
+    def recogniser() -> "tuple[Recogniser, bool]":
+        from texclass.tradeoff.recogniser import Recogniser
+
+        return Recogniser.of_document(read_whole()["recogniser"])
+
+    if "deployed" in document:
+        return Deployed.of_document(document["deployed"], lambda: recogniser()[0])
+    found, same_code = recogniser()
+    return Deployed.of(found), same_code
 
 
 def _named(names: Sequence[str]) -> str:

@@ -45,6 +45,9 @@ def model_document(model: Model) -> Document:
         "Unknown surfaces": f"by {unknown['score']}, {100 * unknown['false_alarms']:g} % false alarms, "
         f"threshold {unknown['threshold']:.4g} from {unknown['n']} held out{wide}",
         "Cost": f"{sum(m.cost.values()):.2f} ms a recording ({steps}) on the machine that trained it",
+        "Answers": f"by scikit-learn: {', '.join(asked)}"
+        if (asked := model.deployed.asked)
+        else "from arrays",
         "Versions": ", ".join(f"{name} {version}" for name, version in m.versions.items()),
         "Format": ".".join(map(str, m.format_version)),
     }

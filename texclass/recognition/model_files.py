@@ -3,7 +3,7 @@
 import hashlib
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 from zipfile import ZipFile, ZipInfo
@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from texclass.experiment.trusted import (
+    ARRAY,
     archive_of,
     check_archive,
     foreign_in,
@@ -19,20 +20,23 @@ from texclass.experiment.trusted import (
     members_of,
     read_bounded,
 )
-from texclass.features.extractor import Plan
 from texclass.features.phase_view import TURN
+from texclass.features.plan import Plan
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.validation import Written, checked
 from texclass.whole_files import write_whole
 
-FORMAT = (2, 1)
+FORMAT = (2, 2)
 """Major and minor version; a minor step adds facts that a reader can do without.
 
 2.0: feature code and classes of texclass 0.2 stand elsewhere than before.
 2.1: how large accelerations were; how far windows of one contact agree by their contact (calibration).
+2.2: beside the estimators, what answers, as arrays.
 """
-MANIFEST = "manifest.json"
+MANIFEST, DEPLOYED = "manifest.json", "deployed.json"
+BESIDE = frozenset({MANIFEST, DEPLOYED})
+"""Members that are none of skops; the second says what answers, its arrays by the names of their members."""
 Positive = Annotated[float, Field(gt=0, le=1e12)]
 """A rate in Hz, or a duration in seconds."""
 PROBE_S, MOST_PROBED = 1.5, 1_000_000
@@ -140,8 +144,24 @@ def read_manifest(text: bytes | str) -> Manifest:
     return checked(Manifest, stated, "its manifest")
 
 
-def write_model_file(path: str | Path, document: Mapping[str, Any], manifest: Manifest) -> None:
+def write_model_file(
+    path: str | Path,
+    document: Mapping[str, Any],
+    manifest: Manifest,
+    deployed: Mapping[str, Any] | None = None,
+) -> None:
     """Write a model file: complete, or not at all; the same bytes for the same model.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    document : mapping
+        What skops writes: plain data and scikit-learn objects.
+    manifest : Manifest
+        The facts.
+    deployed : mapping, optional
+        What answers without these objects: plain data and arrays, each stored once however often it occurs.
 
     Raises
     ------
@@ -151,11 +171,14 @@ def write_model_file(path: str | Path, document: Mapping[str, Any], manifest: Ma
     data = archive_of(dict(document))
     if foreign := foreign_in(data):
         raise ValueError(f"{path}: {foreign[0]} cannot be saved; the rule is classes that load safely")
-    stated = json.loads(manifest.to_json())
-    stated["digest"] = digest_of(stated, members_of(data))
+    stated, members = json.loads(manifest.to_json()), dict(members_of(data))
+    added = {} if deployed is None else _without_arrays(deployed, members)
+    stated["digest"] = digest_of(stated, members | added)
+    added[MANIFEST] = json.dumps(stated, sort_keys=True, indent=1).encode()
     buffer = io.BytesIO(data)
     with ZipFile(buffer, "a") as archive:
-        archive.writestr(ZipInfo(MANIFEST), json.dumps(stated, sort_keys=True, indent=1))
+        for name, content in added.items():
+            archive.writestr(ZipInfo(name), content)
     write_whole(Path(path), buffer.getvalue())
 
 
@@ -177,6 +200,62 @@ def read_manifest_of(path: str | Path) -> Manifest:
     return _checked_file(path)[0]
 
 
+def _without_arrays(deployed: Mapping[str, Any], members: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Return the members that a document of arrays adds to those of a file."""
+    names = {content: name for name, content in members.items() if ARRAY.fullmatch(name)}
+    last = max((int(Path(name).stem) for name in names.values()), default=0)
+    added: dict[str, bytes] = {}
+
+    def named(value: Any) -> Any:
+        if not isinstance(value, np.ndarray):
+            return value.item() if isinstance(value, np.generic) else dict(value)
+        np.save(written := io.BytesIO(), value, allow_pickle=False)
+        content = written.getvalue()
+        if content not in names:
+            names[content] = f"{last + len(added) + 1}.npy"
+            added[names[content]] = content
+        return {"array": names[content]}
+
+    text = json.dumps(deployed, sort_keys=True, default=named)
+    return {**added, DEPLOYED: text.encode()}
+
+
+def read_deployed(
+    path: str | Path,
+) -> tuple[Mapping[str, Any], Manifest, Callable[[], Mapping[str, Any]]]:
+    """Return what answers in a model file, its manifest, and what reads the whole document of it.
+
+    No object is made but arrays and plain data; of a file without such a part, it is the whole document.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ModelFileError
+        As `read_model_file`.
+    """
+    manifest, data = _checked_file(path)
+    members = members_of(data)
+    if DEPLOYED not in members:
+        document = _whole(path, data)
+        return document, manifest, lambda: document
+
+    def made(stated: dict[str, Any]) -> Any:
+        if stated.keys() != {"array"}:
+            return stated
+        return np.load(io.BytesIO(members[stated["array"]]), allow_pickle=False)
+
+    try:
+        answering = json.loads(members[DEPLOYED], object_hook=made)
+        if not isinstance(answering, dict):
+            raise ValueError(f"a {type(answering).__name__}")
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ModelFileError(
+            f"{path}: {DEPLOYED} cannot be read ({type(error).__name__}: {error})"
+        ) from error
+    return answering, manifest, lambda: _whole(path, data)
+
+
 def read_model_file(path: str | Path) -> tuple[Mapping[str, Any], Manifest]:
     """Return the document and the manifest of a model file; nothing but known classes is ever made of it.
 
@@ -188,19 +267,23 @@ def read_model_file(path: str | Path) -> tuple[Mapping[str, Any], Manifest]:
         If it is no whole model file, was changed, is of another format, or names a class that is not trusted.
     """
     manifest, data = _checked_file(path)
+    return _whole(path, data), manifest
+
+
+def _whole(path: str | Path, data: bytes) -> Mapping[str, Any]:
     try:
-        document = load_trusted(data, beside=frozenset({MANIFEST}))
+        document = load_trusted(data, beside=BESIDE)
     except ValueError as error:
         raise ModelFileError(f"{path}: {error}") from error
     if not isinstance(document, dict):
         raise ModelFileError(f"{path}: holds a {type(document).__name__}; the rule is a model of texclass")
-    return document, manifest
+    return document
 
 
 def _checked_file(path: str | Path) -> tuple[Manifest, bytes]:
     try:
         data = read_bounded(path)
-        check_archive(data, frozenset({MANIFEST}))
+        check_archive(data, BESIDE)
         members = dict(members_of(data))
         if MANIFEST not in members:
             raise ValueError("it has no manifest; the rule is a file that `texclass train` wrote")

@@ -1,22 +1,11 @@
 """From what a classifier decides to probabilities that mean what they say: decisions, temperature scaling."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq, minimize_scalar
-from scipy.special import log_softmax
-from scipy.stats import rankdata
-from sklearn import config_context
-from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
-from sklearn.impute import SimpleImputer
-from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
-from texclass.experiment.kernel_discriminant import KernelDiscriminant, matern
-from texclass.experiment.workers import one_thread
 from texclass.recording import Samples
 
 Labels = NDArray[np.intp]
@@ -39,58 +28,6 @@ def class_scores(classifier: Any, rows: Samples) -> Samples:
     if hasattr(classifier, "predict_proba"):
         return np.asarray(np.log(np.maximum(classifier.predict_proba(rows), LEAST_PROBABILITY)))
     return np.asarray(np.asarray(classifier.predict(rows))[:, None] == classifier.classes_, dtype=np.float64)
-
-
-def decided(steps: Sequence[Any], classifier: Any, X: Samples) -> tuple[Samples, Samples]:
-    """Return what fitted steps make of rows (n, n_columns): prepared rows, and decisions (n, n_classes).
-
-    Single rows are asked in microseconds: the arithmetic of scikit-learn without its checks. Steps and
-    classifiers that are not known here are asked themselves, on one thread: starting more takes longer than
-    the work that they would share.
-
-    Parameters
-    ----------
-    steps : sequence of transformer
-        Fitted, in order; None and "passthrough" do nothing.
-    classifier : classifier
-        Fitted.
-    X : ndarray of shape (n, n_columns)
-        Features; NaN where undefined.
-
-    Raises
-    ------
-    ValueError
-        If a prepared value is not finite.
-    """
-    for step in steps:
-        match step:
-            case None | "passthrough":
-                pass
-            case SimpleImputer(add_indicator=False, missing_values=gap) if (
-                np.isnan(gap) and not np.isnan(step.statistics_).any()  # else columns are left out
-            ):
-                X = np.where(np.isnan(X), step.statistics_, X)
-            case MinMaxScaler(clip=False):
-                X = X * step.scale_ + step.min_
-            case StandardScaler(with_mean=True, with_std=True):
-                X = (X - step.mean_) / step.scale_
-            case _:
-                X = _asked(step.transform, X)
-    if not np.isfinite(X).all():
-        raise ValueError("features are undefined; the rule is a pipeline with a step that fills them")
-    match classifier:
-        case LinearDiscriminantAnalysis() if len(classifier.classes_) > 2:
-            return X, np.asarray(X @ classifier.coef_.T + classifier.intercept_)
-        case KernelDiscriminant() if len(classifier.classes_) > 2:
-            pairs = zip(classifier.views_, classifier.prototypes_, strict=True)
-            kernels = [matern(view(X), prototypes, classifier.length) for view, prototypes in pairs]
-            return X, np.asarray(sum(kernels) / len(kernels) @ classifier.dual_)
-    return X, _asked(partial(class_scores, classifier), X)
-
-
-def _asked(question: Callable[[Samples], Samples], X: Samples) -> Samples:
-    with one_thread(), config_context(assume_finite=True, skip_parameter_validation=True):
-        return question(X)
 
 
 @dataclass(frozen=True)
@@ -134,6 +71,9 @@ def fit_calibration(scores: Samples, labels: Labels) -> Calibration:
     labels : ndarray of int, shape (n,)
         Which column is right.
     """
+    from scipy.optimize import brentq, minimize_scalar
+    from scipy.special import log_softmax
+
     n, n_classes = scores.shape
     lapse, chosen = 1 / (n + 2), np.arange(n)
     most = (np.count_nonzero(scores.argmax(axis=1) == labels) + 1) / (n + 2)
@@ -197,5 +137,7 @@ def calibration_error_of_chance(
 
 
 def _bins(p: Samples, n_bins: int, equal_counts: bool) -> Labels:
+    from scipy.stats import rankdata
+
     place = (rankdata(p) - 0.5) / p.size if equal_counts else p
     return np.minimum((place * n_bins).astype(np.intp), n_bins - 1)

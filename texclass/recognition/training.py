@@ -18,7 +18,7 @@ from texclass.experiment.pipeline import PipelineDefinition, load_pipeline
 from texclass.experiment.protocols import Protocol, Split, fewest, find_protocol, splits_of
 from texclass.experiment.windows import parents, touches
 from texclass.experiment.workers import Progress, each, one_thread
-from texclass.features.extractor import Plan
+from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import versions
@@ -30,6 +30,7 @@ from texclass.recognition.candidates import (
     hold_out,
     without_choice,
 )
+from texclass.recognition.deployed import Deployed
 from texclass.recognition.live.evidence import fit_correlation
 from texclass.recognition.model import Model, Ranges
 from texclass.recognition.model_files import Manifest, unsafe_classes
@@ -229,7 +230,7 @@ def train(
         touch_s=touch_s,
         versions=versions(*LIBRARIES),
     )
-    return Model(recogniser, calibration, novelty, Ranges.of(X), manifest, table.left_out)
+    return Model(Deployed.of(recogniser), calibration, novelty, Ranges.of(X), manifest, table.left_out)
 
 
 def _best(

@@ -6,11 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
-from scipy.stats import binom
 
-from texclass.experiment.kernel_discriminant import KernelDiscriminant
-from texclass.experiment.vote_of_pieces import VoteOfPieces
 from texclass.recording import Samples
 
 Labels = NDArray[np.intp]
@@ -54,6 +50,8 @@ def fit_nearness(X: Samples, labels: Labels, shrinkage: float = SHRINKAGE) -> Ne
     With S = (1 - shrinkage) S_w + shrinkage tr(S_w)/p I, the view is S^(-1/2) followed by the directions that
     the whitened class means span.
     """
+    from scipy import linalg
+
     mean, deviation = X.mean(axis=0), X.std(axis=0)
     inverse = np.divide(1.0, deviation, out=np.zeros_like(deviation), where=deviation > 1e-12 * np.abs(mean))
     Z = (X - mean) * inverse
@@ -77,6 +75,9 @@ def kind_for(classifier: Any) -> Kind:
     samples, so the largest of them is the better score. Those of a linear or probabilistic classifier only
     compare classes with each other.
     """
+    from texclass.experiment.kernel_discriminant import KernelDiscriminant
+    from texclass.experiment.vote_of_pieces import VoteOfPieces
+
     return "decision" if isinstance(classifier, KernelDiscriminant | VoteOfPieces) else "distance"
 
 
@@ -129,6 +130,8 @@ def cautious(false_alarms: float, n_held_out: int) -> float:
     Wilks: Determination of sample sizes for setting tolerance limits, Annals of Mathematical Statistics 12,
     1941.
     """
+    from scipy.stats import binom
+
     k = int(np.count_nonzero(binom.cdf(np.arange(n_held_out), n_held_out, false_alarms) <= 1 - CONFIDENCE))
     return min(false_alarms, max(k, 1) / (n_held_out + 1))
 

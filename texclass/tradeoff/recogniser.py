@@ -1,7 +1,6 @@
 """What is deployed: recordings in, materials out, computing only what the selected features need."""
 
 import copy
-import json
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,10 +15,10 @@ from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, Stan
 
 from texclass import __version__
 from texclass.experiment.trusted import archive_of, load_trusted, read_bounded
-from texclass.features.contract import find
-from texclass.features.extractor import FeatureExtractor, Plan
+from texclass.features.extractor import FeatureExtractor
 from texclass.features.phase_view import Channels
-from texclass.features.sets import FeatureSet, Member, code_hash
+from texclass.features.plan import Plan
+from texclass.features.sets import FeatureSet
 from texclass.recording import Samples
 from texclass.whole_files import write_whole
 
@@ -110,16 +109,9 @@ class Recogniser(Pipeline):  # type: ignore[misc]
     def document(self) -> dict[str, Any]:
         """Return the fitted recogniser as what skops writes: plain data and scikit-learn objects."""
         plan: Plan = self[0].plan_
-        described = []
-        for prefix, part in plan.parts:  # functions by their registered names
-            members = [
-                [m.name, m.feature.name, dict(m.parameters), list(m.columns), m.without_hand]
-                for m in part.members
-            ]
-            described.append([prefix, {"name": part.name, "members": members, "code": code_hash(part)}])
         return {
             "texclass": __version__,
-            "plan": json.dumps(described),
+            "plan": plan.to_json(),
             "channels": list(plan.channels),
             "signal": {"fs": self[0].fs, "unit": self[0].unit},
             "steps": [list(step) for step in self.steps[1:]],
@@ -128,17 +120,8 @@ class Recogniser(Pipeline):  # type: ignore[misc]
     @classmethod
     def of_document(cls, document: Mapping[str, Any]) -> tuple[Self, bool]:
         """Return the recogniser of a `document`, and whether the code of its features is still the same."""
-        parts, same = [], True
-        for prefix, stated in json.loads(document["plan"]):
-            members = []
-            for name, feature, parameters, columns, *later in stated["members"]:
-                values = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()}
-                without_hand = later[0] if later else True  # as all sets were read when it was not stated yet
-                members.append(Member(name, find(feature), values, tuple(columns), without_hand))
-            feature_set = FeatureSet(stated["name"], tuple(members))
-            parts.append((str(prefix), feature_set))
-            same = same and code_hash(feature_set) == stated["code"]
-        extractor = _extractor(Plan(tuple(parts), tuple(document["channels"])), **document["signal"])
+        plan, same = Plan.of_json(document["plan"], document["channels"])
+        extractor = _extractor(plan, **document["signal"])
         return cls([("features", extractor), *((name, step) for name, step in document["steps"])]), same
 
 

@@ -17,8 +17,8 @@ from texclass.experiment.protocols import find_protocol
 from texclass.experiment.result import COMPUTED_BY, Result
 from texclass.experiment.windows import touches
 from texclass.experiment.workers import Progress
-from texclass.features.extractor import Plan
 from texclass.features.phase_view import Channels
+from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, load_feature_set
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset

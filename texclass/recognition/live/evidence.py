@@ -6,10 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize_scalar
-from scipy.special import log_softmax
 
 from texclass.recognition.model import Answer, ranked
 from texclass.recognition.probabilities import LEAST_PROBABILITY, Labels
@@ -83,6 +80,10 @@ def fit_correlation(p: Samples, labels: Labels, contacts: ArrayLike) -> float:
     ValueError
         If no contact has several windows.
     """
+    import pandas as pd
+    from scipy.optimize import minimize_scalar
+    from scipy.special import log_softmax
+
     number = pd.factorize(np.asarray(contacts))[0]
     order = np.argsort(number, kind="stable")
     number, right = number[order], labels[order]

@@ -1,0 +1,109 @@
+"""What answers without scikit-learn answers as scikit-learn does."""
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.ensemble import RandomForestClassifier
+from sklearn.feature_selection import SelectKBest
+from sklearn.impute import SimpleImputer
+from sklearn.linear_model import LogisticRegression, RidgeClassifier
+from sklearn.naive_bayes import GaussianNB
+from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
+from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
+from toy_models import model_of
+
+from texclass.experiment.kernel_discriminant import KernelDiscriminant
+from texclass.experiment.vote_of_pieces import VoteOfPieces
+from texclass.recognition import load_model
+from texclass.recognition.deployed import described_classifier, described_steps, function_of
+from texclass.recognition.probabilities import class_scores
+
+RNG = np.random.default_rng(0)
+CLASSIFIERS = (
+    LinearDiscriminantAnalysis(),
+    LogisticRegression(),
+    RidgeClassifier(),
+    GaussianNB(),
+    NearestCentroid(),
+    KNeighborsClassifier(1, algorithm="brute"),
+    KNeighborsClassifier(4, algorithm="brute"),
+    KernelDiscriminant(),
+    KernelDiscriminant(shrinkage=1.0),
+    VoteOfPieces(n_pieces=2),
+    VoteOfPieces(make_pipeline(StandardScaler(), LinearDiscriminantAnalysis()), n_pieces=3, whole_weight=0.0),
+    VoteOfPieces(GaussianNB(), n_pieces=2),
+    make_pipeline(SelectKBest(k=3), GaussianNB()),
+)
+
+
+@pytest.mark.parametrize("n_classes", [2, 3, 5])
+@pytest.mark.parametrize("classifier", CLASSIFIERS, ids=lambda c: f"{type(c).__name__}")
+def test_decisions_are_those_of_scikit_learn(classifier, n_classes):
+    y = np.arange(80) % n_classes
+    X = RNG.normal(size=(80, 6)) + y[:, None] * RNG.normal(size=6)
+    fitted = clone(classifier).fit(X[:50], y[:50])
+    asked = np.concatenate([X, np.tile(X[:3, :2], 3)])  # among them some whose pieces are all the same
+    part = described_classifier(fitted)
+    assert "estimator" not in str(part)
+    np.testing.assert_allclose(function_of(part)(asked), class_scores(fitted, asked), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore:Skipping features without any observed values")
+def test_prepared_rows_are_those_of_scikit_learn():
+    X = RNG.normal(size=(60, 4)) * [1, 10, 100, 1e-3]
+    X[::7, 1], X[:, 2] = (
+        np.nan,
+        np.nan,
+    )  # a column without values is left out by one imputer, kept by the other
+    fill, keep = SimpleImputer(strategy="median"), SimpleImputer(keep_empty_features=True)
+    for scaler in (
+        StandardScaler(), StandardScaler(with_mean=False), StandardScaler(with_std=False), MinMaxScaler(),
+        MinMaxScaler(clip=True), RobustScaler(), RobustScaler(with_centering=False), MaxAbsScaler(),
+        "passthrough",
+    ):  # fmt: skip
+        for first in (fill, keep):
+            steps = make_pipeline(clone(first), scaler).fit(X[:40])
+            rows = X
+            for part in described_steps(steps):
+                rows = function_of(part)(rows)
+            np.testing.assert_allclose(rows, steps.transform(X), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("n_classes", [2, 4])
+@pytest.mark.parametrize(
+    "classifier",
+    [c for c in CLASSIFIERS if not isinstance(c, VoteOfPieces | Pipeline)],
+    ids=lambda c: type(c).__name__,
+)
+def test_a_saved_model_answers_as_its_estimators_do(classifier, n_classes, tmp_path):
+    model = model_of([SimpleImputer(), StandardScaler()], clone(classifier), n_classes=n_classes)
+    model.save(tmp_path / "m.skops")
+    loaded = load_model(tmp_path / "m.skops")
+    assert loaded.deployed.asked == ()
+    low, high = loaded.ranges.low, loaded.ranges.high
+    X = RNG.uniform(2 * low - high, 2 * high - low, size=(200, len(low)))
+    X[RNG.random(X.shape) < 0.05] = np.nan
+    rows = X
+    for _, step in loaded.recogniser.steps[1:-1]:
+        rows = step.transform(rows)
+    scores = class_scores(loaded.recogniser[-1], rows)
+    p, p_known = loaded.judge(X)
+    np.testing.assert_allclose(p, loaded.calibration(scores), rtol=0, atol=1e-9)
+    near = loaded.novelty.nearness
+    strange = -scores.max(axis=1) if near is None else near(rows)
+    np.testing.assert_array_equal(p_known, loaded.novelty.p_value(strange))
+    assert loaded.materials == tuple(loaded.recogniser[-1].classes_)
+    again = tmp_path / "again.skops"
+    loaded.save(again)
+    assert again.read_bytes() == (tmp_path / "m.skops").read_bytes()
+
+
+def test_what_has_no_array_form_is_asked_itself(tmp_path):
+    forest = RandomForestClassifier(5, random_state=0)
+    model = model_of([SimpleImputer(), StandardScaler()], forest)
+    assert model.deployed.asked == ("RandomForestClassifier",)
+    X = np.tile(model.ranges.median, (3, 1))
+    scores = class_scores(model.recogniser[-1], model.recogniser[1:-1].transform(X))
+    np.testing.assert_allclose(model.judge(X)[0], model.calibration(scores), atol=1e-12)

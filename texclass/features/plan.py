@@ -1,0 +1,102 @@
+"""Which features are computed on which channels: what of an extraction needs no library of learning."""
+
+import json
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from texclass.features.contract import find
+from texclass.features.phase_view import views_of
+from texclass.features.sets import FeatureSet, Member, code_hash
+from texclass.recording import Recording, Samples
+
+
+class Computed(NamedTuple):
+    """What extraction gives for one recording: values (n_columns,), (feature, reason) pairs, milliseconds."""
+
+    values: Samples
+    reasons: tuple[tuple[str, str], ...]
+    ms: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Which part of a feature set is computed on which channel.
+
+    Attributes
+    ----------
+    parts
+        (column prefix, feature set) pairs; the prefix "" reads the combined channels.
+    channels
+        Names of the channels that are kept apart; empty when they are combined.
+    """
+
+    parts: tuple[tuple[str, FeatureSet], ...]
+    channels: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, feature_set: FeatureSet, channels: tuple[str, ...] = ()) -> "Plan":
+        """Plan a set: once on the combined channels, or once a channel and its friction features once."""
+        if not channels:
+            return cls((("", feature_set),))
+        felt, friction = feature_set.reading("tap", "movement"), feature_set.reading("friction")
+        return cls((*((f"{name}/", felt) for name in channels), ("", friction)), channels)
+
+    @cached_property
+    def columns(self) -> tuple[str, ...]:
+        """All column names in order."""
+        return tuple(f"{prefix}{column}" for prefix, part in self.parts for column in part.column_names)
+
+    def restricted_to(self, columns: Iterable[str]) -> "Plan":
+        """Return the plan that computes only what these columns need, in the plan's order."""
+        wanted = set(columns)
+        kept = [(p, part, [c for c in part.column_names if f"{p}{c}" in wanted]) for p, part in self.parts]
+        return Plan(tuple((p, part.restricted_to(names)) for p, part, names in kept if names), self.channels)
+
+    def compute(self, recording: Recording) -> Computed:
+        """Compute one recording, from segmentation to the last feature."""
+        start = time.perf_counter()
+        views = views_of(recording, self.channels)
+        values, reasons = [], []
+        for prefix, part in self.parts:
+            part_values, part_reasons = part.compute(views[prefix])
+            values.append(part_values)
+            reasons += [(f"{prefix}{feature}", reason) for feature, reason in part_reasons]
+        return Computed(np.concatenate(values), tuple(reasons), 1e3 * (time.perf_counter() - start))
+
+    def to_json(self) -> str:
+        """Return it as JSON: functions by their registered names, and a digest of their code."""
+        described = []
+        for prefix, part in self.parts:
+            members = [
+                (m.name, f.name, m.parameters, m.columns, m.without_hand, f.function.__module__)
+                for m, f in ((member, member.feature) for member in part.members)
+            ]
+            described.append([prefix, {"name": part.name, "members": members, "code": code_hash(part)}])
+        return json.dumps(described)
+
+    @classmethod
+    def of_json(cls, text: str, channels: Iterable[str]) -> "tuple[Plan, bool]":
+        """Return what `to_json` described, and whether the code of its features is still the same.
+
+        Raises
+        ------
+        KeyError, ValueError
+            If it describes no plan, or names a feature that is not known here.
+        """
+        parts, same = [], True
+        for prefix, stated in json.loads(text):
+            members = []
+            for name, feature, parameters, columns, *later in stated["members"]:
+                values = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()}
+                without_hand = later[0] if later else True  # as all sets were read when it was not stated yet
+                found = find(feature, *later[1:2])
+                members.append(Member(name, found, values, tuple(columns), without_hand))
+            feature_set = FeatureSet(stated["name"], tuple(members))
+            parts.append((str(prefix), feature_set))
+            same = same and code_hash(feature_set) == stated["code"]
+        return cls(tuple(parts), tuple(channels)), same

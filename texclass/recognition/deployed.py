@@ -1,0 +1,401 @@
+"""What a trained recogniser does after the features, as arrays and a few kinds of steps.
+
+Every estimator that shipped pipelines name is described once here, as a mapping that says what it `does` with
+which arrays: it is answered from, kept in model files (JSON beside arrays, so that an answer needs neither
+scikit-learn nor skops), and other programs may be told it. Whatever has no such form is asked itself.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from texclass.features.plan import Plan
+from texclass.recognition.probabilities import LEAST_PROBABILITY, class_scores
+from texclass.recording import Samples
+
+if TYPE_CHECKING:
+    from texclass.tradeoff.recogniser import Recogniser
+
+Part = Mapping[str, Any]
+Function = Callable[[Samples], Samples]
+MOST_AT_ONCE = 1 << 20
+"""Differences of rows and points that are held at a time."""
+
+
+class Deployed:
+    """A recogniser as it answers: rows of features in, prepared rows and decisions out.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is computed of a recording.
+    classes : sequence of str
+        The materials, in the order of the decisions.
+    steps : sequence of mapping
+        What prepares rows; see `described_steps`.
+    decide : mapping
+        What decides; see `described_classifier`.
+    load : callable
+        Returns the recogniser of scikit-learn.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        classes: Sequence[str],
+        steps: Sequence[Part],
+        decide: Part,
+        load: "Callable[[], Recogniser]",
+    ) -> None:
+        self.plan, self.classes, self.steps, self.decide = plan, tuple(classes), tuple(steps), decide
+        self._load = load
+
+    @classmethod
+    def of(cls, recogniser: "Recogniser") -> "Deployed":
+        """Return a fitted recogniser as it answers."""
+        steps = [part for _, step in recogniser.steps[1:-1] for part in described_steps(step)]
+        classes = [str(name) for name in recogniser[-1].classes_]
+        return cls(
+            recogniser[0].plan_, classes, steps, described_classifier(recogniser[-1]), lambda: recogniser
+        )
+
+    def document(self) -> dict[str, Any]:
+        """Return it as plain data and arrays."""
+        return {
+            "plan": self.plan.to_json(),
+            "channels": list(self.plan.channels),
+            "classes": list(self.classes),
+            "steps": list(self.steps),
+            "decide": self.decide,
+        }
+
+    @classmethod
+    def of_document(
+        cls, stated: Mapping[str, Any], load: "Callable[[], Recogniser]"
+    ) -> "tuple[Deployed, bool]":
+        """Return what `document` described, and whether the code of its features is still the same."""
+        plan, same_code = Plan.of_json(stated["plan"], stated["channels"])
+        return cls(plan, stated["classes"], stated["steps"], stated["decide"], load), same_code
+
+    @cached_property
+    def recogniser(self) -> "Recogniser":
+        """The same as a pipeline of scikit-learn."""
+        return self._load()
+
+    @cached_property
+    def asked(self) -> tuple[str, ...]:
+        """The classes of scikit-learn that have no array form."""
+        return tuple(type(one).__name__ for one in _estimators((*self.steps, self.decide)))
+
+    def decided(self, X: Samples) -> tuple[Samples, Samples]:
+        """Return what becomes of rows (n, n_columns): prepared rows, and decisions (n, n_classes).
+
+        Raises
+        ------
+        ValueError
+            If a prepared value is not finite.
+        """
+        for step in self._prepare:
+            X = step(X)
+        if not np.isfinite(X).all():
+            raise ValueError("features are undefined; the rule is a pipeline with a step that fills them")
+        return X, self._decide(X)
+
+    @cached_property
+    def _prepare(self) -> tuple[Function, ...]:
+        return tuple(map(function_of, self.steps))
+
+    @cached_property
+    def _decide(self) -> Function:
+        return function_of(self.decide)
+
+
+def described_steps(step: Any) -> list[Part]:  # noqa: PLR0911  (one for each kind)
+    """Return what a fitted transformer does, as steps one after the other.
+
+    "take" columns; "fill" undefined values; "standardise", (X - center) / scale; "affine", X scale + shift;
+    "clip" to low ... high; "ask" an estimator.
+    """
+    from sklearn.feature_selection import SelectorMixin
+    from sklearn.impute import SimpleImputer
+    from sklearn.pipeline import Pipeline
+    from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
+
+    match step:
+        case None | "passthrough":
+            return []
+        case Pipeline():
+            return [part for _, inner in step.steps for part in described_steps(inner)]
+        case SelectorMixin():
+            return [{"does": "take", "columns": np.flatnonzero(step.get_support())}]
+        case SimpleImputer(add_indicator=False, missing_values=gap) if np.isnan(gap):
+            values, taken = np.asarray(step.statistics_, dtype=np.float64), []
+            if not step.keep_empty_features and np.isnan(values).any():
+                kept = np.flatnonzero(~np.isnan(values))
+                values, taken = values[kept], [{"does": "take", "columns": kept}]
+            return [*taken, {"does": "fill", "values": values}]
+        case MinMaxScaler():
+            clipped = {"does": "clip", "low": step.feature_range[0], "high": step.feature_range[1]}
+            return [{"does": "affine", "scale": step.scale_, "shift": step.min_}, *([clipped] * step.clip)]
+        case StandardScaler():
+            return [_standardised(step.mean_ if step.with_mean else None, step.scale_)]
+        case RobustScaler():
+            return [_standardised(step.center_, step.scale_)]
+        case MaxAbsScaler() if not getattr(step, "clip", False):
+            return [_standardised(None, step.scale_)]
+    return [{"does": "ask", "estimator": step}]
+
+
+def _standardised(center: Samples | None, scale: Samples | None) -> Part:
+    return {
+        "does": "standardise",
+        "center": 0.0 if center is None else center,
+        "scale": 1.0 if scale is None else scale,
+    }
+
+
+def described_classifier(classifier: Any, *, votes: bool = False) -> Part:  # noqa: PLR0911
+    """Return what a fitted classifier does with prepared rows, one decision a class: as `class_scores`.
+
+    "linear", X weights + intercept; "kernel", the mean of Matern kernels between rows and prototypes in each
+    view, times dual; "gauss", log posteriors; "centroids", and "neighbours", the shares of the nearest;
+    "vote" of pieces of the columns; "chain" of steps and what decides after them; "ask" an estimator.
+
+    Parameters
+    ----------
+    classifier : classifier
+        Fitted.
+    votes : bool
+        Whether it is a voter: what has probabilities alone gives these, of two classes about 0.
+    """
+    from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+    from sklearn.linear_model import LogisticRegression, RidgeClassifier
+    from sklearn.naive_bayes import GaussianNB
+    from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
+    from sklearn.pipeline import Pipeline
+
+    from texclass.experiment.kernel_discriminant import KernelDiscriminant
+    from texclass.experiment.vote_of_pieces import VoteOfPieces
+
+    n_classes = len(classifier.classes_)
+    match classifier:
+        case Pipeline():
+            steps = [part for _, step in classifier.steps[:-1] for part in described_steps(step)]
+            return {
+                "does": "chain",
+                "steps": steps,
+                "decide": described_classifier(classifier[-1], votes=votes),
+            }
+        case LinearDiscriminantAnalysis() | LogisticRegression() | RidgeClassifier():
+            weights = _of_both(np.ascontiguousarray(np.atleast_2d(classifier.coef_).T), n_classes)
+            return {
+                "does": "linear",
+                "weights": weights,
+                "intercept": _of_both(classifier.intercept_, n_classes),
+            }
+        case KernelDiscriminant():
+            return {
+                "does": "kernel",
+                "views": [dict(vars(view)) for view in classifier.views_],
+                "prototypes": list(classifier.prototypes_),
+                "dual": _of_both(classifier.dual_, n_classes),
+                "length": float(classifier.length),
+            }
+        case GaussianNB():
+            arrays = {
+                "mean": classifier.theta_,
+                "variance": classifier.var_,
+                "prior": classifier.class_prior_,
+            }
+            return {"does": "gauss", **arrays, "votes": votes}
+        case NearestCentroid(metric="euclidean"):
+            deviation = classifier.within_class_std_dev_
+            return {
+                "does": "centroids",
+                "points": classifier.centroids_,
+                "scale": np.where(deviation != 0, deviation, 1.0),
+                "prior": classifier.class_prior_,
+            }
+        case KNeighborsClassifier(weights="uniform", effective_metric_="euclidean", outputs_2d_=False):
+            known = {"points": np.asarray(classifier._fit_X), "classes": classifier._y}
+            facts = {"n": classifier.n_neighbors, "n_classes": n_classes, "votes": votes}
+            return {"does": "neighbours", **known, **facts}
+        case VoteOfPieces():
+            whole = classifier.whole_
+            return {
+                "does": "vote",
+                "n_pieces": int(classifier.n_pieces),
+                "piece": described_classifier(classifier.estimator_, votes=True),
+                "whole": None if whole is None else described_classifier(whole, votes=True),
+                "whole_weight": float(classifier.whole_weight),
+            }
+    return {"does": "ask", "estimator": classifier, "votes": votes}
+
+
+def _of_both(values: Samples, n_classes: int) -> Samples:
+    """Return the last axis as it is; of two classes, what the second has, minus and plus."""
+    values = np.asarray(values, dtype=np.float64)
+    return np.concatenate([-values[..., -1:], values[..., -1:]], axis=-1) if n_classes == 2 else values
+
+
+def _estimators(parts: Sequence[Any]) -> list[Any]:
+    """Return the estimators in descriptions, however deep."""
+    found = []
+    for part in parts:
+        if isinstance(part, Mapping):
+            found += [part["estimator"]] if "estimator" in part else _estimators(list(part.values()))
+        elif isinstance(part, list | tuple):
+            found += _estimators(part)
+    return found
+
+
+def function_of(part: Part) -> Function:
+    """Return what a description does, as a function of rows (n, n_columns).
+
+    Raises
+    ------
+    KeyError, ValueError
+        If it is no such description.
+    """
+    held = {name: value for name, value in part.items() if name != "does"}
+    return FUNCTIONS[part["does"]](**held)
+
+
+def _chain(steps: Sequence[Part], decide: Part) -> Function:
+    functions = [function_of(part) for part in (*steps, decide)]
+
+    def decided(X: Samples) -> Samples:
+        for function in functions:
+            X = function(X)
+        return X
+
+    return decided
+
+
+def _kernel(
+    views: Sequence[Mapping[str, Samples]], prototypes: Sequence[Samples], dual: Samples, length: float
+) -> Function:
+    """(1 + s) exp(-s), s = sqrt(3) |a - b| / length, with |a - b|^2 = |a|^2 - 2 a b + |b|^2."""
+    known = [
+        (v["mean"], v["scale"], v["weights"], np.ascontiguousarray(-2 * b.T), np.einsum("ij,ij->i", b, b))
+        for v, b in zip(views, prototypes, strict=True)
+    ]
+    coefficients = dual / len(known)
+
+    def decided(X: Samples) -> Samples:
+        kernel: Samples = np.zeros((len(X), len(dual)))
+        for mean, scale, weights, doubled, squares in known:
+            Z = (X - mean) / scale
+            seen = Z * weights if weights.ndim == 1 else Z @ weights
+            s = seen @ doubled
+            s += squares
+            s += np.einsum("ij,ij->i", seen, seen)[:, None]
+            np.maximum(s, 0, out=s)
+            s *= 3 / length**2
+            np.sqrt(s, out=s)
+            kernel += (1 + s) * np.exp(-s)
+        return np.asarray(kernel @ coefficients)
+
+    return decided
+
+
+def _squares(X: Samples, points: Samples, weight: Samples | float = 1.0) -> Samples:
+    """Return the sums of (x - point)^2 weight of rows (n, p) and points (m, p), shape (n, m)."""
+    size = max(1, MOST_AT_ONCE // max(1, points.size))
+    blocks = (X[k : k + size, None] - points for k in range(0, max(1, len(X)), size))
+    return np.concatenate([(d * d * weight).sum(axis=2) for d in blocks])
+
+
+def _log_of(p: Samples, votes: bool) -> Samples:
+    """Return probabilities (n, n_classes) as decisions; a voter's as they are, of two classes about 0."""
+    if not votes:
+        return np.asarray(np.log(np.maximum(p, LEAST_PROBABILITY)))
+    return np.column_stack([0.5 - p[:, 1], p[:, 1] - 0.5]) if p.shape[1] == 2 else p
+
+
+def _gauss(mean: Samples, variance: Samples, prior: Samples, votes: bool) -> Function:
+    level = np.log(prior) - 0.5 * np.log(2 * np.pi * variance).sum(axis=1)
+    inverse = 1 / variance
+
+    def decided(X: Samples) -> Samples:
+        joint = level - 0.5 * _squares(X, mean, inverse)
+        p = np.exp(joint - joint.max(axis=1, keepdims=True))
+        return _log_of(p / p.sum(axis=1, keepdims=True), votes)
+
+    return decided
+
+
+def _centroids(points: Samples, scale: Samples, prior: Samples) -> Function:
+    """-|x/s - c/s|^2 + 2 log prior; of two classes, minus the difference and the difference."""
+    scaled, level = points / scale, 2 * np.log(prior)
+
+    def decided(X: Samples) -> Samples:
+        scores = level - _squares(X / scale, scaled)
+        return scores if len(points) > 2 else (scores[:, 1] - scores[:, 0])[:, None] * [-1.0, 1.0]
+
+    return decided
+
+
+def _neighbours(points: Samples, classes: Samples, n: int, n_classes: int, votes: bool) -> Function:
+    right = np.eye(n_classes)[classes]
+
+    def decided(X: Samples) -> Samples:
+        nearest = np.argsort(_squares(X, points), axis=1, kind="stable")[:, :n]
+        return _log_of(right[nearest].mean(axis=1), votes)
+
+    return decided
+
+
+def _vote(n_pieces: int, piece: Part, whole: Part | None, whole_weight: float) -> Function:
+    """Average over the pieces, then that and the whole; pieces that are all the same need no other rule."""
+    of_piece, of_whole = function_of(piece), None if whole is None else function_of(whole)
+
+    def decided(X: Samples) -> Samples:
+        n = len(X)
+        pieces = X.reshape(n, -1, n_pieces).swapaxes(1, 2).reshape(n * n_pieces, -1)
+        mean = of_piece(pieces).reshape(n, n_pieces, -1).mean(axis=1)
+        if of_whole is None:
+            return np.asarray(mean)
+        return np.asarray((mean + whole_weight * of_whole(X)) / (1 + whole_weight))
+
+    return decided
+
+
+def _ask(estimator: Any, votes: bool | None = None) -> Function:
+    """Ask an estimator on one thread: starting more takes longer than the work that they would share."""
+
+    def asked(X: Samples) -> Samples:
+        from sklearn import config_context
+
+        from texclass.experiment.vote_of_pieces import decisions_of
+        from texclass.experiment.workers import one_thread
+
+        with one_thread(), config_context(assume_finite=True, skip_parameter_validation=True):
+            if votes is None:
+                return np.asarray(estimator.transform(X))
+            if not votes:
+                return class_scores(estimator, X)
+            found = decisions_of(estimator, X)
+            return found if found.ndim == 2 else np.column_stack([-found, found])
+
+    return asked
+
+
+FUNCTIONS: Mapping[str, Callable[..., Function]] = {
+    "take": lambda columns: lambda X: X[:, columns],
+    "fill": lambda values: lambda X: np.where(np.isnan(X), values, X),
+    "standardise": lambda center, scale: lambda X: (X - center) / scale,
+    "affine": lambda scale, shift: lambda X: X * scale + shift,
+    "clip": lambda low, high: lambda X: np.clip(X, low, high),
+    "linear": lambda weights, intercept: lambda X: X @ weights + intercept,
+    "kernel": _kernel,
+    "gauss": _gauss,
+    "centroids": _centroids,
+    "neighbours": _neighbours,
+    "vote": _vote,
+    "chain": _chain,
+    "ask": _ask,
+}
+"""What is done -> what makes a function of rows, of what else the description holds."""
