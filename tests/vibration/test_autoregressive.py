@@ -101,7 +101,7 @@ def test_modified_covariance_falls_back_on_burg_and_says_so(x):
 @pytest.mark.parametrize("method", METHODS)
 def test_hard_signals_give_stable_models(method):
     hard = np.stack([case.x for case in in_families(*VALUES)])
-    for order in (1, 18, 100):
+    for order in (2, 40):
         model = fit(hard, order, method=method)
         assert np.abs(model.reflection).max() < 1
         assert np.isfinite(model.gain).all()

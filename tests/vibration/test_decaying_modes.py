@@ -83,7 +83,7 @@ def test_real_poles_are_found_at_zero_and_at_half_the_rate():
 def test_error_at_20_db_lies_within_1_5_times_the_cramer_rao_bound():
     truth, n, rng = DecayingModes(100.0, 60.0, 1.0, -np.pi / 2), 400, np.random.default_rng(17)
     x = truth.synthesize(n, FS)
-    fits = [fit_matrix_pencil(_noisy(x, 20.0, rng), FS) for _ in range(120)]
+    fits = [fit_matrix_pencil(_noisy(x, 20.0, rng), FS) for _ in range(60)]
     errors = np.array([[fit.frequency_hz[0] - 100.0, fit.decay_per_s[0] - 60.0] for fit in fits])
     bound = _bound(truth, 0.1 * np.sqrt(np.mean(x**2)), n)
     assert np.all(np.sqrt(np.mean(errors**2, axis=0)) < 1.5 * bound)

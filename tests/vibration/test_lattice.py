@@ -77,30 +77,6 @@ def test_level_is_exact_at_every_sample_while_parameters_glide():
     assert_allclose(np.sqrt((out**2).sum(axis=0)), expected[0] ** (1 - w) * expected[1] ** w, rtol=1e-12)
 
 
-@pytest.mark.parametrize("block", [1, 10, 100])
-def test_changing_parameters_per_sample_or_block_makes_no_click(block):
-    """Smooth excitation: every corner is the lattice's, none sharper than the fastest resonance swings."""
-
-    def resonance(hz):
-        return Autoregression([-np.cos(2 * np.pi * hz / 1e4), 0.998], np.asarray(0.05))
-
-    e = 0.05 * np.sin(2 * np.pi * 40 * np.arange(8000) / 1e4)
-    targets = [resonance(hz) for hz in np.linspace(60, 200, 4000 // block)]
-    lattice = LatticeSynthesis(targets[0])
-    steady = lattice.process(e[:4000])
-    moving = []
-    for i, target in enumerate(targets):
-        lattice.move_to(target, block)
-        moving.append(lattice.process(e[4000 + i * block : 4000 + (i + 1) * block]))
-    y = np.concatenate([steady, *moving])
-    ends = 4000 + block * np.arange(len(targets) + 1) - 1
-    log_levels = np.log([float(m.level) for m in (targets[0], *targets)])
-    level = np.exp(np.interp(np.arange(8000), ends, log_levels))
-    corner = np.abs(np.diff(y / level, 2))
-    fastest = (2 * np.pi * 200 / 1e4) ** 2 * np.abs(y / level).max()  # curvature of the fastest resonance
-    assert corner[500:].max() < 1.5 * fastest
-
-
 def test_settled_process_starts_at_its_level():
     model = fit(signal.lfilter([1.0], [1.0, -1.99, 0.9999], _noise(20_000)), 2)
     rng = np.random.default_rng(0)

@@ -61,7 +61,7 @@ def test_a_frequency_close_to_zero_keeps_its_relative_accuracy():
 # There and back ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("p", "limit_db"), [(16, 1e-8), (128, 1e-8), (400, 1e-6)])
+@pytest.mark.parametrize(("p", "limit_db"), [(16, 1e-8), (400, 1e-6)])
 def test_hard_signals_come_back_stable_interlaced_and_with_their_spectrum(p, limit_db):
     k = fit(np.stack([case.x for case in in_families(*HARD)]), p).reflection
     lsf = from_reflection(k)
