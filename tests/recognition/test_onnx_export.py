@@ -178,6 +178,23 @@ def test_one_weight_changed_by_a_millionth_and_swapped_labels_are_refused():
     refused(model, graph, {i: swapped}, r"has label (cork|felt) in ONNX, (cork|felt) in scikit-learn")
 
 
+def test_what_hangs_on_rounding_is_no_difference():
+    """Once refused: squared distances of scikit-learn are small differences of large numbers."""
+    X, _ = rows_of(N_COLUMNS, 4, undefined=0.0)
+    X = X / X.std(axis=0) + 1e4
+    model = model_of([filled()], NearestCentroid(), X=X)
+    graph = build(model)
+    near, _ = check_rows(model)
+    found, wanted = run(graph.SerializeToString(), near), reference(model, near)
+    assert 1e-9 < np.nanmax(np.abs(found["probabilities"] - wanted["probabilities"])) < 1e-5
+    check_parity(model, graph.SerializeToString())
+    arrays = list(map(numpy_helper.to_array, graph.graph.initializer))
+    i = next(i for i, a in enumerate(arrays) if a.shape == (1, 4, len(model.columns)))
+    centroids = arrays[i].copy()
+    centroids[0, 0, 0] += 1e-3
+    refused(model, graph, {i: centroids})
+
+
 @pytest.mark.parametrize("classifier", [RandomForestClassifier(7, random_state=0), SVC()])
 def test_what_onnxruntime_computes_in_single_precision_is_told_and_refused(classifier):
     model = model_of([filled(), StandardScaler()], classifier)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.feature_selection import SelectorMixin
 from sklearn.impute import SimpleImputer
-from sklearn.neighbors import KNeighborsClassifier
+from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.vote_of_pieces import VoteOfPieces
@@ -29,6 +29,8 @@ TOLERANCE = 1e-9
 """Largest difference of a probability, and relative difference of other numbers, that counts as none."""
 ROUNDING = 1e-13
 """Of a squared distance, in squares of the length of the row: it may come from |a|^2 - 2 a b + |b|^2."""
+NUDGE, N_NUDGES = 1e-13, 3
+"""Features are changed by so much of themselves, so many times, to see what of a probability is rounding."""
 LEAST_STRANGENESS = 1e-3
 """Below it, differences of the strangeness count as if it were as large: decisions of a kernel reach 1."""
 N_DRAWN, N_CORNERS, N_PAIRS, N_HALVINGS = 100, 64, 64, 30
@@ -65,7 +67,7 @@ class Parity:
     difference : float
         Largest difference of a probability.
     tolerance : float
-        What it may be.
+        What it may be, beside what a probability changes when its features do by `NUDGE` of themselves.
     """
 
     rows: dict[str, int]
@@ -100,9 +102,9 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     Raises
     ------
     ParityError
-        If a label, a verdict or a probability differs, apart from provable ties: of two labels whose
-        probabilities are equal within the tolerance, of neighbours equally far, and of a strangeness equal to
-        one that was held out.
+        If a label, a verdict or a probability differs by more than rounding explains: of two labels whose
+        probabilities are equal within the tolerance, of neighbours equally far, of a strangeness equal to
+        one that was held out, and where features changed by `NUDGE` of themselves give other probabilities.
     OnnxExportError
         If onnxruntime cannot run it.
     """
@@ -113,11 +115,12 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     gap = np.nan_to_num(np.abs(p - other), nan=np.inf)
     gap[~defined & np.isnan(p).all(axis=1)] = 0.0
     largest, at = gap.max(axis=1), (np.arange(len(X)), gap.argmax(axis=1))
+    allowed = TOLERANCE + _rounding(model, X, other, np.random.default_rng(seed))
     # A label is the largest of its own probabilities, and of the expected ones but for a tie.
     place = {material: k for k, material in enumerate(model.materials)}
     k = np.array([place.get(label, -1) for label in found["label"].tolist()])
     own, chosen = (np.where(k >= 0, one[at[0], k], np.nan) for one in (p, other))
-    right = (own == p.max(axis=1)) & (tied | (chosen >= other.max(axis=1) - 2 * TOLERANCE))
+    right = (own == p.max(axis=1)) & (tied | (chosen >= other.max(axis=1) - 2 * allowed))
     # A p-value is that of the expected strangeness, within its rounding.
     strange, p_known = expected["strange"], found["p_known"]
     rounding = TOLERANCE * np.maximum(np.abs(strange), LEAST_STRANGENESS)
@@ -126,7 +129,7 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     verdict = _verdict(model, X, np.nan_to_num(p_known))
     for what, agree, one, wanted in (
         ("label", np.where(defined, right, found["label"] == UNDEFINED), found["label"], expected["label"]),
-        ("probability", (largest <= TOLERANCE) | tied, p[at], other[at]),
+        ("probability", (largest <= allowed) | tied, p[at], other[at]),
         ("p_known", np.where(defined, between, np.isnan(p_known)), p_known, expected["p_known"]),
         ("unknown =", found["unknown"] == verdict, found["unknown"], verdict),
     ):
@@ -159,9 +162,7 @@ def reference(model: Model, X: Samples) -> Said:
         The outputs of a graph; how strange the rows are, as "strange"; and as "tied" where neighbours are so
         equally far that rounding says which of them count. Of rows of which nothing can be said: "", NaN.
     """
-    prepared = X
-    for _, step in model.recogniser.steps[1:-1]:
-        prepared = prepared if step in (None, "passthrough") else step.transform(prepared)
+    prepared = _prepared(model, X)
     defined = np.isfinite(prepared).all(axis=1)
     classifier, seen = model.recogniser[-1], prepared[defined]
     decisions = class_scores(classifier, seen)
@@ -185,6 +186,30 @@ def reference(model: Model, X: Samples) -> Said:
         said[name] = np.full((len(X), *values.shape[1:]), undefined, dtype=values.dtype)
         said[name][defined] = values
     return said | {"unknown": _verdict(model, X, np.nan_to_num(said["p_known"]))}
+
+
+def _prepared(model: Model, X: Samples) -> Samples:
+    """Return what the steps before the classifier make of rows of features."""
+    for _, step in model.recogniser.steps[1:-1]:
+        X = X if step in (None, "passthrough") else step.transform(X)
+    return X
+
+
+def _rounding(model: Model, X: Samples, p: Samples, rng: np.random.Generator) -> Samples:
+    """Return by how much probabilities may differ by rounding alone, shape (n,).
+
+    By as much as they change when features are nudged; and scikit-learn has squared distances to centroids as
+    |a|^2 - 2 a b + |b|^2, a graph as |a - b|^2.
+    """
+    changes, classifier = np.zeros(len(X)), model.recogniser[-1]
+    if isinstance(classifier, NearestCentroid):
+        deviation = classifier.within_class_std_dev_
+        rows = np.nan_to_num(_prepared(model, X)) / np.where(deviation != 0, deviation, 1.0)
+        changes = 2 * model.calibration.beta * ROUNDING * np.einsum("ij,ij->i", rows, rows)
+    for _ in range(N_NUDGES):
+        nudged = reference(model, X * (1 + NUDGE * rng.choice([-1.0, 1.0], X.shape)))["probabilities"]
+        changes = np.maximum(changes, np.nan_to_num(np.abs(nudged - p)).max(axis=1))
+    return changes
 
 
 def run(graph: bytes, X: NDArray[Any], entry: str = FEATURES, also: tuple[str, ...] = ()) -> Said:
