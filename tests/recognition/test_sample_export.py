@@ -15,6 +15,7 @@ from sklearn.preprocessing import StandardScaler
 from toy_models import model_of
 from toy_surfaces import FS, SURFACES, pipeline, recording, surfaces
 
+from texclass.experiment.pipeline import RowDefinition
 from texclass.experiment.vote_of_pieces import VoteOfPieces
 from texclass.features import load_feature_set
 from texclass.features.contract import registered
@@ -376,3 +377,25 @@ def test_self_checks_hold_windows_of_several_verdicts(touch_model):
     assert windows.shape == (len(some), 1, 1000)
     assert MARGIN == 1e-4
     assert not windows[-1].any()
+
+
+def test_training_for_export_leaves_out_what_has_no_graph_and_says_what_that_costs(command, folder):
+    asked = {"row": "Roughness", "classifier": "lda", "touch_s": 0.025}
+    model = train(surfaces(), pipeline(), **asked, exportable=True)
+    assert model.columns == ("fineness",)
+    accuracy = model.manifest.accuracy
+    assert accuracy["without_graph"] == ["temporal_roughness"]
+    whole = train(surfaces(), pipeline(), **asked)
+    assert accuracy["with_all_features"] == whole.manifest.accuracy["mean"] != accuracy["mean"]
+    export_onnx(model, folder / "surfaces.onnx", start="samples")
+    model.save("surfaces.skops")
+    _, out, _ = command("model", "surfaces.skops")
+    assert "temporal_roughness: no graph for ONNX; with them" in " ".join(out.split())
+    nothing = train(surfaces(), pipeline(), **asked | {"row": "Spectrum"}, exportable=True)
+    assert "without_graph" not in nothing.manifest.accuracy
+
+
+def test_rows_without_any_graph_cannot_be_trained_for_export():
+    rows = (RowDefinition(name="Taps", features=("temporal_roughness",)),)
+    with pytest.raises(ValueError, match=r"no row has a feature with a graph \(temporal_roughness have none"):
+        train(surfaces(), pipeline(rows=rows), exportable=True, touch_s=TOUCH_S)

@@ -32,6 +32,9 @@ def train(
     false_alarms: Annotated[
         float, typer.Option(help="Share of known surfaces that may be called unknown.")
     ] = 0.05,
+    exportable: Annotated[
+        bool, typer.Option("--exportable", help="Only features that `export --from samples` can write.")
+    ] = False,
     jobs: options.Jobs = -1,
     skip_bad: options.SkipBad = False,
     *,
@@ -54,6 +57,7 @@ def train(
             max_ms=max_ms,
             max_features=max_features,
             touch_s=touch,
+            exportable=exportable,
             protocol=protocol,
             false_alarms=false_alarms,
             n_jobs=jobs,
@@ -140,8 +144,11 @@ def export(
     check: Annotated[
         bool, typer.Option("--check", help="Ask an ONNX file what it holds the answers to.")
     ] = False,
+    json_file: options.Json = None,
 ) -> None:
     """Write a model as ONNX. It is refused where its answers differ from texclass's."""
+    import json
+
     from texclass.recognition import check_onnx, export_onnx, load_model
 
     if check:
@@ -150,6 +157,9 @@ def export(
     if output is None:
         raise typer.BadParameter("missing; the rule is -o FILE.onnx, or --check", param_hint="--output")
     exported = export_onnx(load_model(model), output, start=start, touch_s=touch)
+    write_json(json_file, json.dumps(exported.facts, indent=1))
+    if json_file == Path("-"):
+        return
     typer.echo(str(exported.parity))
     if exported.of_samples is not None:
         typer.echo(str(exported.of_samples))

@@ -1,7 +1,7 @@
 """What may be trained, what each candidate says of recordings it was not trained on, and which is best."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -182,6 +182,41 @@ def _selected(
     steps = Pipeline([*preparation().steps, ("select", selector)])
     most = min(max_features or len(plan.columns), len(plan.columns))
     return Candidate(BUDGET, "lda", plan, steps, discriminant(), most)
+
+
+def exportable(
+    candidates: Sequence[Candidate],
+) -> tuple[list[Candidate], list[Candidate], tuple[str, ...]]:
+    """Return the candidates without features that have no graph (`texclass export --from samples`).
+
+    And those with all features, to compare them with, and the names of the features left out: none of either
+    where nothing is.
+
+    Raises
+    ------
+    ValueError
+        If nothing is left of any.
+    """
+    from texclass.recognition.export.feature_graphs import without_graph
+
+    found, lacking = [], dict[str, None]()
+    for candidate in candidates:
+        plan, columns = candidate.plan, []
+        for prefix, part in plan.parts:
+            left_out = without_graph(part)
+            lacking |= dict.fromkeys(left_out)
+            columns += [f"{prefix}{c}" for m in part.members if m.name not in left_out for c in m.columns]
+        # Of fewer columns than it is to keep, a selector cannot select.
+        selects = candidate.n_columns < len(plan.columns)
+        if columns and not (selects and candidate.n_columns >= len(columns)):
+            n = min(candidate.n_columns, len(columns))
+            found.append(replace(candidate, plan=plan.restricted_to(columns), n_columns=n))
+    if not found:
+        raise ValueError(
+            f"no row has a feature with a graph ({', '.join(lacking)} have none); the rule is at least one, "
+            "or no --exportable"
+        )
+    return found, list(candidates) if lacking else [], tuple(lacking)
 
 
 def without_choice(candidates: Sequence[Candidate]) -> list[Candidate]:

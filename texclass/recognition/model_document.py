@@ -28,11 +28,18 @@ def model_document(model: Model) -> Document:
     low, mean, high = (f"{100 * accuracy[name]:.1f}" for name in ("low", "mean", "high"))
     n_recordings, n_folds = counted(on["n_recordings"], "recording"), counted(accuracy["n_folds"], "fold")
     steps = ", ".join(f"{name.removesuffix('_ms')} {ms:.2f}" for name, ms in m.cost.items())
+    exportable = {}
+    if "without_graph" in accuracy:
+        exportable["Left out"] = (
+            f"{', '.join(accuracy['without_graph'])}: no graph for ONNX; with them, the same choice is right "
+            f"in {100 * accuracy['with_all_features']:.1f} %"
+        )
     facts = {
         "Surfaces": f"{len(m.materials)}: {', '.join(m.materials)}",
         "Trained on": f"{on['name']}, {n_recordings}{windows} ({on['hash'][:12]})",
         "Pipeline": f"{m.pipeline['name']}: {m.pipeline['row']} with {m.pipeline['classifier']}{best_of}",
         "Features": f"{counted(len(model.columns), 'column')} of {', '.join(m.features)}",
+        **exportable,
         "Recordings": f"{', '.join(m.phases)}; {m.fs:g} Hz, {m.unit}{felt}",
         "Accuracy": f"{mean} % ({low} to {high}) of {accuracy['n_tested']} {accuracy['how']}{only}",
         "Held out": f"protocol {accuracy['protocol']}, {n_folds} ({accuracy['why']}){drift}",

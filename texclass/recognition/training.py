@@ -30,6 +30,7 @@ from texclass.recognition.candidates import (
     hold_out,
     without_choice,
 )
+from texclass.recognition.candidates import exportable as with_graph
 from texclass.recognition.deployed import Deployed
 from texclass.recognition.live.evidence import fit_correlation
 from texclass.recognition.model import Model, Ranges
@@ -69,6 +70,7 @@ def train(
     max_ms: float | None = None,
     max_features: int | None = None,
     touch_s: float | None = None,
+    exportable: bool = False,
     protocol: str | None = None,
     false_alarms: float = FALSE_ALARMS,
     fs: float | None = None,
@@ -100,6 +102,9 @@ def train(
         Columns that may reach the classifier.
     touch_s : float, optional
         Seconds of movement of one answer; whole recordings by default.
+    exportable : bool
+        Only features that `export_onnx` can write from the samples on; the manifest says which are left out,
+        and how accurate the same choice with them is, which is tried as well.
     protocol : str, optional
         How recordings are held out; see `holding_out` by default. `blocks` chooses, calibrates and sets the
         threshold on later repetitions than it trains on, as a sensor that drifts asks for.
@@ -154,10 +159,11 @@ def train(
     if (n := fewest(held_out_by, frame)) < FEW:
         few_of = {"few": f"{n} {held_out_by.unit}s of a surface"}
         candidates = without_choice(candidates)
-    calls = [partial(hold_out, candidate, frame, splits) for candidate in candidates]
+    candidates, others, lacking = with_graph(candidates) if exportable else (candidates, [], ())
+    calls = [partial(hold_out, candidate, frame, splits) for candidate in (*candidates, *others)]
     jobs = n_jobs if len(calls) > 1 else 1
-    said = each(calls, n_jobs=jobs, progress=progress, what="candidates", total=len(calls))
-    tried = list(zip(candidates, said, strict=True))
+    said = list(each(calls, n_jobs=jobs, progress=progress, what="candidates", total=len(calls)))
+    tried = list(zip(candidates, said, strict=False))
     clusters = held_out_by.clusters(frame)[tried[0][1].rows]
     candidate, held_out, recogniser, expected = _best(tried, frame, clusters, defined.seed)
     far, stretch = held_out.strange, 1.0
@@ -205,6 +211,7 @@ def train(
             "how": f"held-out {tested}"
             + ", the choice among candidates included" * (expected["n_candidates"] > 1),
             "untold": untold(splits, frame),
+            **_with_all(lacking, others, said[len(candidates) :], clusters, defined.seed),
         },
         calibration={
             "method": "temperature",
@@ -253,6 +260,21 @@ def _best(
     raise ValueError(
         f"{candidate} holds {unsafe[0]}; the rule is a classifier whose file can be loaded safely"
     )
+
+
+def _with_all(
+    lacking: Sequence[str],
+    others: Sequence[Candidate],
+    said: Sequence[HeldOut],
+    clusters: NDArray[Any],
+    seed: int,
+) -> dict[str, Any]:
+    """Return which features have no graph, and how accurate the best of candidates with them is."""
+    if not others:
+        return {}
+    hits = np.array([held_out.hits for held_out in said])
+    _, accuracy = accuracy_of_choice(hits, [c.n_columns for c in others], clusters, seed)
+    return {"without_graph": list(lacking), "with_all_features": accuracy.mean}
 
 
 def _stretched(chosen: Candidate, frame: pd.DataFrame, later: Samples, seed: int) -> tuple[Samples, float]:

@@ -51,6 +51,8 @@ class Exported(NamedTuple):
         How it was compared with scikit-learn.
     single_precision
         Operators that compute in single precision; none of what shipped pipelines name.
+    facts
+        What the metadata say, by name without "texclass.".
     of_samples
         How the whole path was compared with texclass, where samples are the input.
     """
@@ -58,6 +60,7 @@ class Exported(NamedTuple):
     path: Path
     parity: Parity
     single_precision: tuple[str, ...]
+    facts: Mapping[str, Any]
     of_samples: SampleParity | None = None
 
 
@@ -115,16 +118,17 @@ def export_onnx(
         raise type(error)(f"{path}: not written: {error}") from error
     facts = facts_of(model, parity, single)
     if of_samples is not None:
-        facts = {**facts, **facts_of_samples(model, n_samples, of_samples)}
-    for name, value in facts.items():
-        graph.metadata_props.add(key=name, value=value)
+        facts |= facts_of_samples(model, n_samples, of_samples)
+    for name, fact in facts.items():
+        value = fact if isinstance(fact, str) else json.dumps(fact)
+        graph.metadata_props.add(key=f"{PREFIX}{name}", value=value)
     graph.producer_name, graph.producer_version = "texclass", model.manifest.versions.get("texclass", "")
     write_whole(Path(path), graph.SerializeToString())
-    return Exported(Path(path), parity, single, of_samples)
+    return Exported(Path(path), parity, single, facts, of_samples)
 
 
-def facts_of_samples(model: Model, n_samples: int, parity: SampleParity) -> Mapping[str, str]:
-    """Return what the metadata of a file of samples say besides, as JSON.
+def facts_of_samples(model: Model, n_samples: int, parity: SampleParity) -> dict[str, Any]:
+    """Return what the metadata of a file of samples say besides.
 
     Parameters
     ----------
@@ -135,7 +139,7 @@ def facts_of_samples(model: Model, n_samples: int, parity: SampleParity) -> Mapp
     parity : SampleParity
         How it was checked.
     """
-    said = {
+    return {
         "window": {
             "n_samples": n_samples,
             "fs_hz": model.manifest.fs,
@@ -146,7 +150,6 @@ def facts_of_samples(model: Model, n_samples: int, parity: SampleParity) -> Mapp
         "formula": FORMULA,
         "self_check": self_checks(model, n_samples),
     }
-    return {f"{PREFIX}{name}": v if isinstance(v, str) else json.dumps(v) for name, v in said.items()}
 
 
 def check_onnx(path: str | Path) -> str:
@@ -204,8 +207,8 @@ def check_onnx(path: str | Path) -> str:
     )
 
 
-def facts_of(model: Model, parity: Parity, single: tuple[str, ...]) -> Mapping[str, str]:
-    """Return the metadata of an ONNX file; lists and tables as JSON.
+def facts_of(model: Model, parity: Parity, single: tuple[str, ...]) -> dict[str, Any]:
+    """Return the metadata of an ONNX file; in it, lists and tables are JSON.
 
     Parameters
     ----------
@@ -217,7 +220,8 @@ def facts_of(model: Model, parity: Parity, single: tuple[str, ...]) -> Mapping[s
         Operators that compute in single precision.
     """
     told_otherwise = {"fs", "calibration", "unknown", "cost", "format_version"}
-    said = model.manifest.model_dump(mode="json", exclude=told_otherwise) | {
+    told: dict[str, Any] = model.manifest.model_dump(mode="json", exclude=told_otherwise)
+    return told | {
         "version": __version__,
         "columns": model.columns,
         "materials": model.materials,
@@ -230,7 +234,6 @@ def facts_of(model: Model, parity: Parity, single: tuple[str, ...]) -> Mapping[s
         "parity": asdict(parity),
         "self_check": _self_checks(model),
     }
-    return {f"{PREFIX}{name}": v if isinstance(v, str) else json.dumps(v) for name, v in said.items()}
 
 
 def _self_checks(model: Model) -> list[dict[str, Any]]:

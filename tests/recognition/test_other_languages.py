@@ -1,0 +1,82 @@
+"""The exported file in other languages: the programs of the examples answer as texclass does."""
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy_surfaces import SURFACES, pipeline, recording, surfaces
+
+from texclass.recognition import export_onnx, train
+from texclass.recognition.export.sample_graph import recording_of
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "robot"
+ONNXRUNTIME = Path(os.environ.get("ONNXRUNTIME_ROOT", "/usr"))
+"""Holds include/onnxruntime_cxx_api.h and lib/libonnxruntime.so."""
+
+
+@pytest.fixture(scope="module")
+def felt(_own_cache, tmp_path_factory):
+    """Return a folder with a model, its facts, and windows, and what texclass says of these."""
+    folder = tmp_path_factory.mktemp("felt")
+    model = train(surfaces(), pipeline(), row="Spectrum", classifier="lda", touch_s=0.25)
+    exported = export_onnx(model, folder / "windows.onnx", start="samples")
+    (folder / "windows.json").write_text(json.dumps(exported.facts), encoding="utf-8")
+    touches = [model.cut(recording(surface, 61))[0] for surface in (*SURFACES, "stranger")]
+    windows = np.array([touch.acceleration[None] for touch in touches], dtype="<f4")
+    windows.tofile(folder / "felt.f32")
+    return folder, [model.answer(recording_of(model, window)) for window in windows]
+
+
+def said(command, folder):
+    with (folder / "felt.f32").open("rb") as samples:
+        found = subprocess.run(
+            command, stdin=samples, capture_output=True, text=True, cwd=folder, check=False
+        )
+    assert found.returncode == 0, found.stderr
+    return [line.split("\t") for line in found.stdout.splitlines()]
+
+
+def assert_answers(lines, answers):
+    assert [line[0] for line in lines] == [answer.surface for answer in answers]
+    assert [line[3:] == ["unknown"] for line in lines] == [answer.unknown for answer in answers]
+    for line, answer in zip(lines, answers, strict=True):
+        assert float(line[1]) == pytest.approx(answer.probability, abs=1e-6)
+        assert float(line[2]) == pytest.approx(answer.p_known, abs=1e-9)
+    assert {answer.unknown for answer in answers} == {True, False}
+
+
+def test_the_program_in_node_answers_and_checks_itself(felt):
+    found = subprocess.run(
+        ["node", "-e", "require('onnxruntime-node')"], capture_output=True, check=False
+    ) if shutil.which("node") else None  # fmt: skip
+    if found is None or found.returncode:
+        pytest.skip("no Node with onnxruntime-node ($NODE_PATH says where it is)")
+    folder, answers = felt
+    program = ["node", str(EXAMPLES / "surface.cjs"), "windows.onnx"]
+    assert_answers(said(program, folder), answers)
+    assert said([*program, "windows.json"], folder) == [["8 checks answered as they have to be"]]
+    facts = json.loads((folder / "windows.json").read_text(encoding="utf-8"))
+    facts["self_check"][3]["gain"] *= 1.5
+    facts["self_check"][3]["smooth"] *= 0.9
+    (folder / "others.json").write_text(json.dumps(facts), encoding="utf-8")
+    wrong = subprocess.run([*program, "others.json"], capture_output=True, text=True, cwd=folder, check=False)
+    assert wrong.returncode == 1
+    assert wrong.stderr.startswith("error: check 3 gives")
+
+
+def test_the_program_in_cpp_answers(felt, tmp_path):
+    headers, libraries = ONNXRUNTIME / "include", ONNXRUNTIME / "lib"
+    if shutil.which("g++") is None or not (headers / "onnxruntime_cxx_api.h").exists():
+        pytest.skip("no g++, or no headers of ONNX Runtime ($ONNXRUNTIME_ROOT says where they are)")
+    folder, answers = felt
+    program = tmp_path / "surface"
+    subprocess.run(
+        ["g++", "-std=c++17", str(EXAMPLES / "surface.cpp"), "-I", str(headers), "-L", str(libraries),
+         "-lonnxruntime", f"-Wl,-rpath,{libraries}", "-o", str(program)],
+        check=True,
+    )  # fmt: skip
+    assert_answers(said([str(program), "windows.onnx"], folder), answers)
