@@ -204,13 +204,19 @@ def test_windows_are_conditioned_as_recordings_are(unit, rest):
     assert removed.tolist() == [False, unit == "m/s^2" and not rest, unit == "m/s^2" and not rest, False]
 
 
-def test_channels_apart_and_long_windows_are_conditioned_as_recordings_are():
+@pytest.mark.parametrize("rest", [False, True])
+def test_channels_apart_and_long_windows_are_conditioned_as_recordings_are(rest):
     names = ("ax", "ay", "turn_x", "turn_y", "turn_z")
-    model = fitted(("band_level",), "coarse", channels=names, axes=names[:2])
-    model = replace(model, recogniser=model.recogniser)
+    model = fitted(("band_level",), "coarse", channels=names, axes=names[:2], rest=rest)
     long = 5003  # a prime: three samples at the end are left out
     windows = np.stack([shaken(long, 5, gravity=g, seed=s) for s, g in enumerate((0.0, 9.81))])
-    assert_same_features(model, windows)
+    windows[:, 1] += np.float32(6.0) * (np.arange(long) > 0.7 * long)  # its mean is not its median
+    windows[0, 2] += np.float32(6.0)
+    values = assert_same_features(model, windows)
+    still = assert_same_features(model, windows - windows.mean(axis=2, keepdims=True))
+    changed = np.abs(values - still)[:, [c.endswith("band_level.b1") for c in model.columns]] > 1e-4
+    assert changed[0].tolist() == [False, False, True, False, False]
+    assert changed[1].tolist() == [not rest, False, False, False, False]
 
 
 @pytest.mark.parametrize("n", [2000, 4 * 2048])

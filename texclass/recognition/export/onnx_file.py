@@ -139,6 +139,9 @@ def facts_of_samples(model: Model, n_samples: int, parity: SampleParity) -> dict
     parity : SampleParity
         How it was checked.
     """
+    from texclass.recognition.live.session import OnlineRecogniser, OnlineSettings
+
+    settings = OnlineSettings(window_s=n_samples / model.manifest.fs)
     return {
         "window": {
             "n_samples": n_samples,
@@ -147,6 +150,7 @@ def facts_of_samples(model: Model, n_samples: int, parity: SampleParity) -> dict
             "channels": channels_of(model),
         },
         "sample_parity": asdict(parity),
+        "stream": OnlineRecogniser(model, settings=settings).constants(len(channels_of(model))),
         "formula": FORMULA,
         "self_check": self_checks(model, n_samples),
     }

@@ -203,7 +203,10 @@ def _movements(
     if model.manifest.unit != "m/s^2" or not felt_by_hand:
         return {False: movement, True: movement}
     if model.manifest.input.remove_resting_level:  # then the mean is no gravity
-        level = graph.add("Mul", _median(graph, x, n_samples), np.where(is_axis, 1.0, 0.0))
+        level = _median(graph, x, n_samples)
+        if not np.all(is_axis):  # a turn rate keeps its own
+            level = graph.add("Mul", graph.reshape(level, -1, len(is_axis)), np.where(is_axis, 1.0, 0.0))
+            level = graph.reshape(level, -1, 1, 1)
         mean = graph.add("Sub", mean, level)
     weight = graph.add("Sqrt", graph.add("ReduceSumSquare", mean, along(1, 2), keepdims=0))
     is_gravity = graph.add("Unsqueeze", graph.add("Greater", weight, STANDARD_GRAVITY / 2), along(1))

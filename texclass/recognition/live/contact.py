@@ -8,7 +8,7 @@ activity at hand (`texclass.phases.divide`).
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,8 @@ BIN_S, FINE_S = 0.005, 0.001
 Kind = Literal["contact", "stroke", "tap", "lift-off", "break"]
 _DEAD = 1e-14
 """Power below this share of the strongest is rounding."""
+_LEAST = 1e-300
+"""Stands for a power of 0."""
 _WHITE = 0.25
 """Correlation of neighbouring samples up to which a steady signal without scale counts as noise."""
 
@@ -130,6 +132,11 @@ class Level:
         self.vibration = Ring(round(keep_s * fs) + 4 * self.bin_size, n_axes)
         self._sos = butterworth("highpass", min(HAND_HZ, 0.2 * fs), fs)
         self._state: Samples | None = None
+
+    @property
+    def high_pass(self) -> Samples:
+        """Second-order sections of the filter, shape (n_sections, 6)."""
+        return self._sos
 
     def push(self, rows: Samples) -> list[Bin]:
         """Filter finite samples (n, n_axes), n a multiple of `bin_size`, and return their bins."""
@@ -280,6 +287,26 @@ class Contact:
         """Start and end of the activity at hand, while it is not known what it is."""
 
     @property
+    def constants(self) -> dict[str, Any]:
+        """What a program needs to know that follows the tool by the table in docs/stream-logic.md."""
+        rules = self.rules
+        return {
+            "bin_samples": self._heard.bin_size,
+            "n_bins": dict(self._n),
+            "active_ratio": rules.active_ratio,
+            "off_ratio": rules.off_ratio,
+            "share": rules.share,
+            "drop_ratio": rules.drop_ratio,
+            "pause_s": rules.pause_s,
+            "floor_forget": self._forget,
+            "dead": _DEAD,
+            "least": _LEAST,
+            "rest_power": AT_REST_M_S2**2 if self.unit == "m/s^2" else 0.0,
+            "white": _WHITE,
+            "in_contact": self._asked,
+        }
+
+    @property
     def phase(self) -> Literal["listening", "rest", "touched", "moving", "pause"]:
         """What the tool does, in a word."""
         if self.moving:
@@ -292,7 +319,7 @@ class Contact:
     def level_db(self) -> float:
         """Level above the noise floor in dB; above nothing known, 0."""
         floor = self._floor()
-        return 10 * math.log10(max(self.level, 1e-300) / floor) if floor > 0 and self.floor > 0 else 0.0
+        return 10 * math.log10(max(self.level, _LEAST) / floor) if floor > 0 and self.floor > 0 else 0.0
 
     def step(self, new: Bin) -> list[Event]:
         """Take in a bin and return what is known now."""
@@ -341,22 +368,22 @@ class Contact:
             if not self.moving:
                 start = self.onset
                 said = [Event("contact", start, new.stop, start, "no rest at the start: taken as movement")]
-            self.moving, self._felt = True, mean or 1e-300
+            self.moving, self._felt = True, mean or _LEAST
         else:
-            self.floor = mean or 1e-300
+            self.floor = mean or _LEAST
         self._opening = []
         return said
 
     def _begun_in_contact(self, new: Bin) -> list[Event]:
         """Follow a contact whose noise floor nobody knows: it ends where its level drops by far."""
         if self.level * self.rules.drop_ratio >= self._felt:
-            self._felt = max(self._felt, 1e-300) * (max(self.level, 1e-300) / self._felt) ** self._forget
+            self._felt = max(self._felt, _LEAST) * (max(self.level, _LEAST) / self._felt) ** self._forget
             self._quiet_for, self.active_until = 0, new.stop
             return []
         self._quiet_for += 1
         if self._quiet_for < self._n["pause_s"]:
             return []
-        self.floor, self._felt = max(self.level, 1e-300), 0.0
+        self.floor, self._felt = max(self.level, _LEAST), 0.0
         return self._lift(new.stop)
 
     def _against_floor(self, new: Bin) -> list[Event]:
@@ -417,4 +444,4 @@ class Contact:
         self._active.clear()
 
     def _floor(self) -> float:
-        return max(self.floor, _DEAD * self._peak, 1e-300)
+        return max(self.floor, _DEAD * self._peak, _LEAST)

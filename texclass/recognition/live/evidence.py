@@ -169,6 +169,19 @@ class Evidence:
         self._g = math.exp(-hop_s / forget_s)
         self.reset()
 
+    @property
+    def constants(self) -> dict[str, Any]:
+        """What a program needs to know that puts answers together as docs/stream-logic.md says."""
+        return {
+            "kind": self.kind,
+            "correlation": self._correlation,
+            "lapse": self._lapse,
+            "later": self._later,
+            "remembered": self._g,
+            "confidence": self.confidence,
+            "least_probability": LEAST_PROBABILITY,
+        }
+
     def reset(self) -> None:
         """Forget everything: another contact."""
         self._votes, self._sum = np.zeros((2, len(self.materials)))

@@ -13,6 +13,7 @@ from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +26,7 @@ from texclass.recognition.model import Answer, Model, load_model
 from texclass.recognition.sources.blocks import Block
 from texclass.recognition.sources.open import is_live, open_source
 from texclass.recording import ACCELERATION_UNITS, Recording
+from texclass.signals import causal
 
 DEFAULT_WINDOW_S, LONGEST_WINDOW_S = 1.0, 30.0
 RUN_WINDOW_S = 5.0
@@ -260,6 +262,30 @@ class OnlineRecogniser:
             found += last
             self._free_from = 0
         return (*found, *self._short_contact(self._ring.stop))
+
+    def constants(self, n_columns: int) -> dict[str, Any]:
+        """Return what a program needs to know that does the same around a window; see docs/stream-logic.md.
+
+        Parameters
+        ----------
+        n_columns : int
+            Of the stream.
+        """
+        if not self._ready:
+            self._prepare(n_columns)
+        sections = self._level.high_pass
+        return {
+            "window": self.window,
+            "hop": self.hop,
+            "spread": self._spread,
+            "turn": round(self.settings.rules.turn_s * self.fs),
+            "contact": {
+                **self._contact.constants,
+                "high_pass": sections.tolist(),
+                "high_pass_rest": np.asarray(causal(sections, np.ones(1))[1]).tolist(),
+            },
+            "evidence": self.evidence.constants,
+        }
 
     @property
     def verdict(self) -> ContactVerdict | None:

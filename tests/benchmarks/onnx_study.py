@@ -1,0 +1,161 @@
+"""From samples to the answer in one ONNX file: answers, time and size against texclass, on real windows.
+
+Models are trained on `biotac20` and `borealtc` (or read from `--models`), exported from the samples on, and
+asked about windows of all recordings, also of those they were not trained on: labels and verdicts have to be
+the same where the answer does not hang on less than the margin, probabilities within 1e-5.
+"""
+
+from pathlib import Path
+from tempfile import mkdtemp
+
+import numpy as np
+import onnxruntime
+from study import command_line, in_turns, own_data, table, timed, write
+
+import texclass as tx
+from texclass.experiment.windows import touches
+from texclass.provenance import versions
+from texclass.recognition import export_onnx, load_model
+from texclass.recognition.export.graph import OUTPUTS
+from texclass.recognition.export.parity import run
+from texclass.recognition.export.sample_graph import SAMPLES, build_of_samples, channels_of, recording_of
+from texclass.recognition.export.sample_parity import MARGIN, TOLERANCE, compared
+
+MODELS = (
+    ("biotac20", "texclass", "Modified MFCC", "lda", 1.0),
+    ("biotac20", "texclass", "Several time scales", "lda", 1.0),
+    ("biotac20", "texclass", "Several time scales", "naive_bayes", 1.0),
+    ("biotac20", "texclass", "Several time scales", "lda", 0.25),
+    ("biotac20", "texclass", "Several time scales", "kernel", 0.25),
+    ("biotac20", "multiscale", "Spectrum, slopes, curvatures and shape", "vote", 1.0),
+    ("borealtc", "coarse", "Bands", "lda", 5.0),
+    ("borealtc", "coarse", "Bands", "kernel", 5.0),
+)
+"""Dataset, pipeline, row, classifier, seconds of a window."""
+TRAINED = 20
+"""Repetitions of `biotac20` that train."""
+STEP_S = {0.25: 0.5, 1.0: 0.5, 5.0: 0.4}
+"""Length of windows -> time from one to the next that is asked."""
+
+
+def model_of(dataset, pipeline, row, classifier, touch_s, folder, jobs):
+    """Return a model, trained unless it stands in the folder."""
+    words = f"{dataset}-{pipeline}-{row}-{classifier}-{touch_s:g}".replace(" ", "_").replace(",", "")
+    path = Path(folder) / f"{words}.skops"
+    if not path.is_file():
+        felt = tx.open_dataset(dataset)
+        kept = tuple(e for e in felt.entries if dataset != "biotac20" or e.repetition <= TRAINED)
+        felt = type(felt)(felt.name, kept, felt.load, f"{felt.input_hash}-{len(kept)}")
+        tx.train(felt, pipeline, row=row, classifier=classifier, touch_s=touch_s, n_jobs=jobs).save(path)
+    return load_model(path)
+
+
+def windows_of(model, dataset, touch_s, n_most):
+    """Return windows of all recordings as float32, shape (n, n_channels, n_samples)."""
+    cut = touches(tx.open_dataset(dataset), touch_s, step=STEP_S[touch_s])
+    entries = [entry for entry in cut.entries if not entry.problem]
+    if len(entries) > n_most:
+        entries = [entries[i] for i in np.linspace(0, len(entries) - 1, n_most).astype(int)]
+    found = []
+    for entry in entries:
+        touch = cut.load(entry)
+        columns = [touch.acceleration.reshape(touch.n_samples, -1)]
+        if len(channels_of(model)) > columns[0].shape[1]:
+            columns.append(touch.turn_rate)
+        found.append(np.column_stack(columns).T.astype(np.float32))
+    return np.stack(found)
+
+
+def studied(model, windows, path, n_rounds):
+    """Return what was found of one model."""
+    exported, export_s = timed(lambda: export_onnx(model, path, start="samples"))
+    n_samples = windows.shape[2]
+    with_features = build_of_samples(model, n_samples, with_features=True).SerializeToString()
+    found = run(with_features, windows, SAMPLES, also=("features",))
+    X = np.array([model.plan.compute(recording_of(model, window)).values for window in windows])
+    parity = compared(model, X, found)
+    p, p_known = model.judge(X)
+    labels = np.array(model.materials)[p.argmax(axis=1)]
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    session, load_s = timed(
+        lambda: onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+    )
+    some = iter(np.resize(windows, (10_000, *windows.shape[1:])))
+
+    def by_texclass():
+        model.judge(model.plan.compute(recording_of(model, next(some))).values[None])
+
+    def by_onnx():
+        session.run(list(OUTPUTS), {SAMPLES: next(some)[None]})
+
+    times = 1e3 * in_turns({"texclass": by_texclass, "onnx": by_onnx}, n_rounds).median()
+    return {
+        "n_windows": len(windows),
+        "n_channels": windows.shape[1],
+        "n_samples": n_samples,
+        "n_columns": len(model.columns),
+        "labels_differ": int((found["label"] != labels).sum()),
+        "verdicts_differ": int((found["unknown"] != (p_known <= model.novelty.false_alarms)).sum()),
+        "n_close": parity.n_close,
+        "n_unknown": parity.n_unknown,
+        "n_answered": parity.n_answered,
+        "largest_gap": float(np.abs(found["probabilities"] - p).max()),
+        "feature_gap": parity.feature_difference,
+        "texclass_ms": float(times["texclass"]),
+        "onnx_ms": float(times["onnx"]),
+        "times_faster": float(times["texclass"] / times["onnx"]),
+        "load_ms": 1e3 * load_s,
+        "export_s": export_s,
+        "size_mb": exported.path.stat().st_size / 1e6,
+    }
+
+
+def main() -> None:
+    asked = command_line(__doc__, windows=10_000, rounds=200, jobs=1, models="").parse_args()
+    own_data()
+    folder = Path(asked.models or mkdtemp())
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for dataset, pipeline, row, classifier, touch_s in MODELS:
+        model = model_of(dataset, pipeline, row, classifier, touch_s, folder, asked.jobs)
+        windows = windows_of(model, dataset, touch_s, asked.windows)
+        named = {"dataset": dataset, "pipeline": pipeline, "row": row, "classifier": classifier, "s": touch_s}
+        rows.append(named | studied(model, windows, folder / "study.onnx", asked.rounds))
+        print(rows[-1], flush=True)
+    result = {
+        "rows": rows,
+        "tolerance": TOLERANCE,
+        "margin": MARGIN,
+        "n_rounds": asked.rounds,
+        "versions": versions("numpy", "scipy", "scikit-learn", "onnx", "onnxruntime"),
+    }
+    blocks = [
+        "Windows of all recordings are asked, those of repetitions that did not train (`biotac20` 21 to 40) "
+        "among them. *differ*: labels, and verdicts on unknown surfaces, that are others in ONNX; *close*: "
+        f"windows whose label or verdict lies within {MARGIN:g} of another. The largest difference of a "
+        f"probability has to be at most {TOLERANCE:g}, in windows inside the range of training; that of a "
+        "feature is in widths of its range.",
+        table(
+            rows,
+            "model | s | windows | differ | close | unknown | probability | feature",
+            "{dataset}: {row}, {classifier} | {s:g} | {n_windows} | {labels_differ}, {verdicts_differ} | "
+            "{n_close} | {n_unknown} | {largest_gap:.1e} | {feature_gap:.1e}",
+            n_words=1,
+        ),
+        "Milliseconds of a window, one thread, medians of rounds in which texclass (features and answer, "
+        "single windows) and ONNX Runtime take turns; loading and size of the file:",
+        table(
+            rows,
+            "model | s | channels x samples | columns | texclass (ms) | ONNX (ms) | times faster | load (ms) "
+            "| MB",
+            "{dataset}: {row}, {classifier} | {s:g} | {n_channels} x {n_samples} | {n_columns} | "
+            "{texclass_ms:.2f} | {onnx_ms:.2f} | {times_faster:.1f} | {load_ms:.0f} | {size_mb:.2f}",
+            n_words=1,
+        ),
+    ]
+    write(asked.out, "onnx", result, "From samples to the answer in one ONNX file", blocks)
+
+
+if __name__ == "__main__":
+    main()
