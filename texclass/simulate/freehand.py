@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import signal
+from numba import njit
 
-from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples, Tap
+from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples, Tap, read_only
+from texclass.signals import lowpass
 from texclass.simulate import hand
 from texclass.simulate.hand import Operator
 from texclass.simulate.profile import synthesize_profile
@@ -131,28 +132,29 @@ def perform(
     sos = sensor.analogue_filter(fs, fs * steps_per_sample(fs))
     motion = move_tool(path, profile, mechanics(surface, person), n_samples=n_samples, fs=fs, sos=sos)
     phases = true_phases(path, motion, surface, fs)
-    in_tool = _pose(motion.acceleration, person, fs, pose_rng)
     noise = 0.0
     if snr_db is not None and phases.movement is not None:
         vibration = motion.acceleration[slice(*phases.movement)]
         noise = float(np.sqrt(vibration.var(axis=0).mean()) * 10.0 ** (-snr_db / 20.0))
-    acceleration = sensor.read(in_tool, fs, sensor_rng, extra_noise=noise)
+    _pose(motion.acceleration, person, fs, pose_rng)
+    acceleration = sensor.read(motion.acceleration, fs, sensor_rng, extra_noise=noise)
     # as a position tracker reports it, without the tip's own vibration
-    speed = signal.sosfiltfilt(signal.butter(2, _TRACKER_HZ, fs=fs, output="sos"), motion.speed)
+    speed = lowpass(motion.speed, _TRACKER_HZ, fs, order=2)
     if path.lateral_m_s is not None:
         knots = np.arange(path.lateral_m_s.size) / hand.CONTROL_RATE
         speed = np.hypot(speed, np.interp(np.arange(n_samples) / fs, knots, path.lateral_m_s))
+    np.multiply(np.abs(speed, out=speed), 1e3, out=speed)
     return Recording(
-        acceleration=acceleration,
+        acceleration=read_only(acceleration),
         fs=fs,
         unit="m/s^2",
         recording_id=recording_id,
         material=surface.name,
         operator=person.name,
         repetition=repetition,
-        friction=sensor.read_bridge(motion.grip_force, fs, sensor_rng),
+        friction=read_only(sensor.read_bridge(motion.grip_force, fs, sensor_rng)),
         normal_force=motion.contact_force,
-        speed=1e3 * np.abs(speed),
+        speed=read_only(speed),
         phases=phases,
         source="simulated",
     )
@@ -207,25 +209,30 @@ def true_phases(path: hand.Gesture, motion: Motion, surface: Surface, fs: float)
     return Phases(taps=tuple(taps), movement=(onset, motion.speed.size), onset=onset)
 
 
-def _pose(acceleration: Samples, person: Operator, fs: float, rng: np.random.Generator) -> Samples:
-    """Turn (normal, along, across) into the sensor's axes, gravity included; the pose drifts slowly."""
+def _pose(acceleration: Samples, person: Operator, fs: float, rng: np.random.Generator) -> None:
+    """Turn (normal, along, across) in place into the axes of the sensor, with gravity; the pose drifts."""
     n_knots = int(np.ceil(len(acceleration) / fs * hand.CONTROL_RATE)) + 2
-    knots = np.arange(n_knots) / hand.CONTROL_RATE
-    time = np.arange(len(acceleration)) / fs
     tilt = np.deg2rad(person.tilt_deg + 2.0 * hand.smooth_noise(n_knots, 0.4, rng))
     azimuth = np.deg2rad(person.azimuth_deg + 3.0 * hand.smooth_noise(n_knots, 0.4, rng))
-    turn = [np.interp(time, knots, f(angle)) for angle in (tilt, azimuth) for f in (np.cos, np.sin)]
-    cos_tilt, sin_tilt, cos_azimuth, sin_azimuth = turn
-    normal, along, across = acceleration.T
-    normal = normal + STANDARD_GRAVITY
-    forward = cos_azimuth * along + sin_azimuth * across
-    return np.column_stack(
-        [
-            cos_tilt * forward - sin_tilt * normal,
-            cos_azimuth * across - sin_azimuth * along,
-            sin_tilt * forward + cos_tilt * normal,
-        ]
-    )
+    turn = np.stack([f(angle) for angle in (tilt, azimuth) for f in (np.cos, np.sin)], axis=1)
+    _turn(acceleration, turn, hand.CONTROL_RATE / fs)
+
+
+@njit(cache=True, error_model="numpy")
+def _turn(acceleration, knots, knots_per_sample):  # type: ignore[no-untyped-def]
+    """Rotate sample by sample; cosine and sine of tilt and azimuth are linear between knots."""
+    for i in range(len(acceleration)):
+        position = i * knots_per_sample
+        knot = int(position)
+        w = position - knot
+        now, then = knots[knot], knots[knot + 1]
+        cos_tilt, sin_tilt = now[0] + w * (then[0] - now[0]), now[1] + w * (then[1] - now[1])
+        cos_azimuth, sin_azimuth = now[2] + w * (then[2] - now[2]), now[3] + w * (then[3] - now[3])
+        normal, along, across = acceleration[i, 0] + STANDARD_GRAVITY, acceleration[i, 1], acceleration[i, 2]
+        forward = cos_azimuth * along + sin_azimuth * across
+        acceleration[i, 0] = cos_tilt * forward - sin_tilt * normal
+        acceleration[i, 1] = cos_azimuth * across - sin_azimuth * along
+        acceleration[i, 2] = sin_tilt * forward + cos_tilt * normal
 
 
 def check_duration_and_rate(duration_s: float, fs: float, *, shortest_s: float) -> None:

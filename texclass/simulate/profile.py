@@ -62,16 +62,19 @@ def synthesize_profile(
     bumps = _bump_spectra(surface.bumps, frequency, step_mm, drift_mm, rng) if surface.bumps else None
     bumpy = next(bumps) if bumps else None
     heights = np.empty((n_lines, N_POINTS))
-    state = _complex_normal(rng, frequency.size)
+    state, spectrum = _complex_normal(rng, frequency.size).astype(np.complex128), np.empty_like(still)
     for line in range(n_lines):
-        spectrum = amplitude * state + still
+        np.multiply(amplitude, state, out=spectrum)
+        spectrum += still
         if bumpy is not None:
-            spectrum += bumpy * response
-        heights[line] = fft.irfft(spectrum, N_POINTS)
+            spectrum += np.multiply(bumpy, response, out=bumpy)
+        heights[line] = fft.irfft(spectrum, N_POINTS, overwrite_x=True)
         if line + 1 < n_lines:
-            state = keep * state + fresh * _complex_normal(rng, frequency.size)
+            state *= keep
+            state += np.multiply(fresh, _complex_normal(rng, frequency.size), out=spectrum)
             bumpy = next(bumps) if bumps else None
-    return 1e-6 * heights, 1e-3 * step_mm
+    heights *= 1e-6
+    return heights, 1e-3 * step_mm
 
 
 def tip_response(surface: Surface, frequency_per_mm: Samples) -> Samples:
@@ -115,10 +118,11 @@ def _bump_spectra(
     n, leave = rng.poisson(bumps.density_per_mm * length_mm), 1.0 - np.exp(-drift_mm / bumps.width_mm)
     position, height = np.empty(n), np.empty(n)
     new = np.ones(n, bool)
+    smoothing = area * np.exp(-2.0 * (np.pi * frequency * deviation_mm) ** 2)
     while True:
         height[new] = rng.gamma(_BUMP_SHAPE, bumps.height_um / _BUMP_SHAPE, int(new.sum()))
         position[new] = rng.uniform(0, length_mm, int(new.sum()))
         spikes = np.zeros(N_POINTS)
         np.add.at(spikes, (position / step_mm).astype(np.intp) % N_POINTS, height)
-        yield np.asarray(fft.rfft(spikes) * area * np.exp(-2.0 * (np.pi * frequency * deviation_mm) ** 2))
+        yield np.asarray(fft.rfft(spikes) * smoothing)
         new = rng.random(n) < leave

@@ -21,6 +21,7 @@ from numba import njit
 from scipy import signal
 
 from texclass.recording import STANDARD_GRAVITY, Samples
+from texclass.signals import butterworth
 from texclass.simulate.hand import CONTROL_RATE, Gesture
 
 BRISTLE_N_M = 2.0e4
@@ -31,7 +32,6 @@ ASPERITY_SLOPE = 3.0
 """How much steeper the crests that touch the tip are than the smoothed profile its ball follows (s above)."""
 INTERNAL_RATE = 40_000.0
 """Least rate of the time steps, Hz; also at least four steps per sample."""
-_Z, _VZ, _X, _VX, _Q, _VQ, _B, _VB, _BRISTLE, _Z_HAND, _X_HAND = range(11)
 
 
 class Mechanics(NamedTuple):
@@ -109,11 +109,9 @@ class Sensor:
 
     def analogue_filter(self, fs: float, internal_rate: float) -> Samples:
         """Return second-order sections: the sensor's low-pass, then one against aliases of `fs`."""
-        sensor = signal.butter(
-            2, min(self.bandwidth_hz, 0.49 * internal_rate), fs=internal_rate, output="sos"
-        )
-        against_aliases = signal.butter(4, 0.4 * fs, fs=internal_rate, output="sos")
-        return np.vstack([sensor, against_aliases])
+        highest = min(self.bandwidth_hz, 0.49 * internal_rate)
+        sensor = butterworth("lowpass", highest, internal_rate, order=2)
+        return np.vstack([sensor, butterworth("lowpass", 0.4 * fs, internal_rate)])
 
     def read(
         self, acceleration: Samples, fs: float, rng: np.random.Generator, *, extra_noise: float = 0.0
@@ -156,7 +154,7 @@ class Sensor:
         The two FSRs of one tool are never alike: gain and balance change with every grip.
         """
         gain = 0.6 * np.exp(0.08 * rng.standard_normal())  # 1/N
-        smooth = signal.lfilter(*signal.butter(1, min(150.0, 0.4 * fs), fs=fs), lateral_force_n)
+        smooth = signal.sosfilt(butterworth("lowpass", min(150.0, 0.4 * fs), fs, order=1), lateral_force_n)
         drive = gain * np.sign(smooth) * np.abs(smooth) ** 0.9
         drift = np.linspace(0.0, rng.standard_normal(), drive.size)
         offset = self.bridge_drift_v * (rng.standard_normal() + drift)
@@ -195,8 +193,7 @@ def move_tool(
     sos : ndarray of shape (n_sections, 6)
         Analogue filter in front of the converter, designed at `fs * steps_per_sample(fs)`.
     """
-    acceleration = np.empty((n_samples, 3))
-    other = np.empty((n_samples, 3))
+    acceleration, other = np.empty((n_samples, 3)), np.empty((3, n_samples)).T
     across = np.zeros_like(gesture.line) if gesture.lateral_m_s is None else gesture.lateral_m_s
     path = np.column_stack([gesture.normal_m_s, gesture.tangential_m_s, across, gesture.line])
     n_substeps = steps_per_sample(fs)
@@ -211,10 +208,10 @@ def move_tool(
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _height_and_slope(row, step, x):  # type: ignore[no-untyped-def]
+def _height_and_slope(row, per_m, x):  # type: ignore[no-untyped-def]
     """Catmull-Rom interpolation: smooth enough that the grid is not heard as a line at speed over step."""
     last = row.shape[0] - 1  # the number of points is a power of two: "& last" wraps
-    position = x / step
+    position = x * per_m
     whole = np.floor(position)
     t = position - whole
     i = int(whole)
@@ -222,17 +219,17 @@ def _height_and_slope(row, step, x):  # type: ignore[no-untyped-def]
     b = 0.5 * (after - before)
     c = before - 2.5 * at + 2.0 * after - 0.5 * beyond
     d = 1.5 * (at - after) + 0.5 * (beyond - before)
-    return at + t * (b + t * (c + t * d)), (b + t * (2.0 * c + 3.0 * d * t)) / step
+    return at + t * (b + t * (c + t * d)), (b + t * (2.0 * c + 3.0 * d * t)) * per_m
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _under_tip(heights, step, x, line):  # type: ignore[no-untyped-def]
+def _under_tip(heights, per_m, x, line):  # type: ignore[no-untyped-def]
     """Height and slope between two lines (`line` is fractional only while the stroke turns)."""
     first = int(line)
     weight = line - first
-    h, slope = _height_and_slope(heights[first], step, x)
+    h, slope = _height_and_slope(heights[first], per_m, x)
     if weight > 0.0:
-        h_next, slope_next = _height_and_slope(heights[first + 1], step, x)
+        h_next, slope_next = _height_and_slope(heights[first + 1], per_m, x)
         h += weight * (h_next - h)
         slope += weight * (slope_next - slope)
     return h, slope
@@ -244,50 +241,49 @@ def _friction(p, force, along, across, bristle, dt):  # type: ignore[no-untyped-
     if force <= 0.0:
         return 0.0, 0.0
     speed = np.sqrt(along * along + across * across)
-    extra = (p.static_friction - p.kinetic_friction) * np.exp(-((speed / p.stribeck) ** 2))
-    limit = (p.kinetic_friction + extra) * force
-    moved = (bristle + along * dt) / (1.0 + BRISTLE_N_M * speed * dt / limit)
+    sliding = (speed / p.stribeck) ** 2
+    stuck = np.exp(-sliding) if sliding < 40.0 else 0.0  # less than a rounding
+    limit = (p.kinetic_friction + (p.static_friction - p.kinetic_friction) * stuck) * force
+    moved = (bristle + along * dt) * limit / (limit + BRISTLE_N_M * speed * dt)
     damping = 2.0 * BRISTLE_DAMPING * np.sqrt(BRISTLE_N_M * p.mass)
-    return BRISTLE_N_M * moved + damping * (moved - bristle) / dt, moved
+    return BRISTLE_N_M * moved + damping * (moved - bristle) * (1.0 / dt), moved
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _ring(p, state, force, lateral, dt):  # type: ignore[no-untyped-def]
-    """One step of the modes of the shaft and of the object; return the shaft's acceleration."""
+def _ring(p, modes, force, lateral, dt):  # type: ignore[no-untyped-def]
+    """One step of the modes of the shaft and of the object; return the acceleration of the shaft."""
+    q, vq, b, vb = modes
     w_q, w_b = 2.0 * np.pi * p.mode_hz, 2.0 * np.pi * p.body_hz
-    aq = (force + lateral) / p.mode_mass - 2.0 * p.mode_damping * w_q * state[_VQ] - w_q * w_q * state[_Q]
-    ab = -force / p.body_mass - 2.0 * p.body_damping * w_b * state[_VB] - w_b * w_b * state[_B]
-    state[_VQ] += aq * dt
-    state[_VB] += ab * dt
-    state[_Q] += state[_VQ] * dt
-    state[_B] += state[_VB] * dt
-    return aq
+    aq = (force + lateral) / p.mode_mass - 2.0 * p.mode_damping * w_q * vq - w_q * w_q * q
+    ab = -force / p.body_mass - 2.0 * p.body_damping * w_b * vb - w_b * w_b * b
+    vq += aq * dt
+    vb += ab * dt
+    return aq, (q + vq * dt, vq, b + vb * dt, vb)
 
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _advance(p, state, hand, surface, dt):  # type: ignore[no-untyped-def]
-    """One step (semi-implicit Euler); return accelerations along z, x, q, and contact and grip force."""
+    """One step (semi-implicit Euler); return accelerations z, x, q, contact and grip force, next state."""
     v_hand_z, v_hand_x, v_across, line = hand
-    heights, grid = surface
-    state[_Z_HAND] += v_hand_z * dt
-    state[_X_HAND] += v_hand_x * dt
-    h, slope = _under_tip(heights, grid, state[_X], line)
-    depth = h + state[_B] - state[_Z]
+    (z, vz, x, vx), modes, (bristle, z_hand, x_hand) = state
+    z_hand += v_hand_z * dt
+    x_hand += v_hand_x * dt
+    h, slope = _under_tip(surface[0], surface[1], x, line)
+    depth = h + modes[2] - z
     force = 0.0
     if depth > 0.0:
-        rate = slope * state[_VX] + state[_VB] - state[_VZ]
+        rate = slope * vx + modes[3] - vz
         force = p.hertz * depth * np.sqrt(depth) * min(max(1.0 + p.dissipation * rate, 0.0), 4.0)
-    friction, state[_BRISTLE] = _friction(p, force, state[_VX], v_across, state[_BRISTLE], dt)
+    friction, bristle = _friction(p, force, vx, v_across, bristle, dt)
     lateral = -friction - force * min(max(ASPERITY_SLOPE * slope, -1.0), 1.0)
-    lift = p.stiffness * (state[_Z_HAND] - state[_Z]) + p.damping * (v_hand_z - state[_VZ])
-    grip = p.stiffness * (state[_X_HAND] - state[_X]) + p.damping * (v_hand_x - state[_VX])
-    az, ax = (force + lift) / p.mass, (lateral + grip) / p.mass
-    aq = _ring(p, state, force, lateral, dt)
-    state[_VZ] += az * dt
-    state[_VX] += ax * dt
-    state[_Z] += state[_VZ] * dt
-    state[_X] += state[_VX] * dt
-    return az, ax, aq, force, grip
+    lift = p.stiffness * (z_hand - z) + p.damping * (v_hand_z - vz)
+    grip = p.stiffness * (x_hand - x) + p.damping * (v_hand_x - vx)
+    per_kg = 1.0 / p.mass
+    az, ax = (force + lift) * per_kg, (lateral + grip) * per_kg
+    aq, modes = _ring(p, modes, force, lateral, dt)
+    vz += az * dt
+    vx += ax * dt
+    return az, ax, aq, force, grip, ((z + vz * dt, vz, x + vx * dt, vx), modes, (bristle, z_hand, x_hand))
 
 
 @njit(cache=True, inline="always", error_model="numpy")
@@ -307,9 +303,9 @@ def _run(p, drive, sos, clock, out):  # type: ignore[no-untyped-def]
     n_substeps, dt = clock
     acceleration, other = out
     memory = np.zeros((sos.shape[0], 3, 2))
-    state = np.zeros(11)
-    state[_Z] = state[_Z_HAND] = height + _under_tip(surface[0], surface[1], 0.0, path[0, 3])[0]
-    state[_VZ], state[_VX] = path[0, 0], path[0, 1]
+    under = surface[0], 1.0 / surface[1]
+    height += _under_tip(under[0], under[1], 0.0, path[0, 3])[0]
+    state = (height, path[0, 0], 0.0, path[0, 1]), (0.0, 0.0, 0.0, 0.0), (0.0, height, 0.0)
     other[:] = 0.0
     k = 0
     for i in range(acceleration.shape[0]):
@@ -324,11 +320,11 @@ def _run(p, drive, sos, clock, out):  # type: ignore[no-untyped-def]
                 now[2] + w * (then[2] - now[2]),
                 now[3] + w * (then[3] - now[3]),
             )
-            az, ax, aq, force, grip = _advance(p, state, hand, surface, dt)
+            az, ax, aq, force, grip, state = _advance(p, state, hand, under, dt)
             row[0] = _filter(sos, memory, 0, az + 0.4 * aq)
             row[1] = _filter(sos, memory, 1, ax + 0.6 * aq)
             row[2] = _filter(sos, memory, 2, 0.4 * aq + 0.1 * az)
             sums[0] += force / n_substeps
             sums[1] += grip / n_substeps
-            sums[2] += state[_VX] / n_substeps
+            sums[2] += state[0][3] / n_substeps
             k += 1
