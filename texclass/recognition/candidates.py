@@ -197,7 +197,7 @@ def exportable(
     ValueError
         If nothing is left of any.
     """
-    from texclass.recognition.export.feature_graphs import without_graph
+    from texclass.recognition.export.graph_view import without_graph
 
     found, lacking = [], dict[str, None]()
     for candidate in candidates:

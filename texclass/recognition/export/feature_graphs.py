@@ -1,192 +1,17 @@
-"""Features as graphs: each builder adds what the feature of its name computes, in standard operators.
+"""Features that need the samples, their differences or the power of their spectrum, as graphs."""
 
-A builder takes a `GraphView`, which stands for `PhaseView`, and the parameters of the feature; it returns
-the name of a tensor (n, n_outputs) of double precision, NaN in a row where the signal leaves the feature
-undefined. Where the length or the rate of a window does, nothing is built. Comparisons are made on samples of
-single precision, as the functions do, so that counts are equal; sums are made in double precision.
-
-A feature of one's own gets a graph under ``@graph_of("its_name")``, anywhere in the module that defines it.
-"""
-
-import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy import fft
 
 from texclass.features import bands, cepstrum, slopes
 from texclass.features.excess import octaves_of
-from texclass.features.phase_view import LEAST_PIECE
-from texclass.features.sets import FeatureSet, Member
 from texclass.features.spectra import LONG_FRAME_S, window_of
 from texclass.recognition.export.fourier import power
+from texclass.recognition.export.graph_view import GraphView, graph_of
 from texclass.recording import Samples
-
-if TYPE_CHECKING:
-    from texclass.recognition.export.graph import Graph
-
-Builder = Callable[..., str]
-GRAPHS: dict[str, Builder] = {}
-"""Feature -> its builder."""
-
-
-@dataclass(frozen=True, eq=False)
-class GraphView:
-    """Movements of one length, as tensors: what `PhaseView` is to the function of a feature.
-
-    Attributes
-    ----------
-    graph : Graph
-        Grows.
-    samples : str
-        Tensor of shape (n, n_samples), double, conditioned.
-    fs : float
-        Sampling rate in Hz.
-    n_samples : int
-        Samples of each movement.
-    """
-
-    graph: "Graph"
-    samples: str
-    fs: float
-    n_samples: int
-
-    def once(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Any:
-        """Return what `make` adds for these movements, added once."""
-        return self.graph.once((self.samples, *key), make)
-
-    @property
-    def level(self) -> str:
-        """The largest magnitude, shape (n, 1)."""
-        return str(self.once(("level",), lambda: self.mean(self.add("Abs", self.samples), "ReduceMax")))
-
-    @property
-    def silent(self) -> str:
-        """Whether all samples are the same, or one is not finite, shape (n, 1), bool."""
-
-        def make() -> str:
-            range_ = self.add(
-                "Sub", self.mean(self.samples, "ReduceMax"), self.mean(self.samples, "ReduceMin")
-            )
-            finite = self.add("IsNaN", self.add("Mul", self.level, 0.0))
-            return self.add("Or", self.add("Not", self.add("Greater", range_, 0.0)), finite)
-
-        return str(self.once(("silent",), make))
-
-    @property
-    def unit32(self) -> str:
-        """The samples divided by `level`, in single precision, shape (n, n_samples)."""
-        unit = partial(self.add, "Div", self.samples, self.level)
-        return str(self.once(("unit32",), lambda: self.graph.cast(unit(), np.float32)))
-
-    @property
-    def unit(self) -> str:
-        """What `unit32` holds, in double precision."""
-        return str(self.once(("unit",), lambda: self.graph.cast(self.unit32, np.float64)))
-
-    @property
-    def log_level(self) -> str:
-        """log10 of `level`, shape (n, 1)."""
-        return str(self.once(("log_level",), lambda: self.log10(self.level)))
-
-    def add(self, operator: str, *operands: Any, **attributes: Any) -> str:
-        """Add a node; see `Graph.add`."""
-        return self.graph.add(operator, *operands, **attributes)
-
-    def shifted(self, operand: str, at: int, n: int) -> str:
-        """Add the elements [at, at + n) of the last axis."""
-        return self.graph.cut(operand, at, at + n)
-
-    def mean(self, operand: str, reduction: str = "ReduceMean", axis: int = -1) -> str:
-        """Add a reduction over an axis, which is kept."""
-        return self.add(reduction, operand, np.array([axis], dtype=np.int64), keepdims=1)
-
-    def log10(self, operand: str) -> str:
-        """Add a logarithm."""
-        return self.add("Mul", self.add("Log", operand), 1 / math.log(10))
-
-    def beside(self, *columns: str) -> str:
-        """Add what has tensors (n, ...) side by side."""
-        return self.add("Concat", *columns, axis=1)
-
-    def where(self, defined: str, values: str) -> str:
-        """Add values, NaN where they are not defined."""
-        return self.add("Where", defined, values, np.nan)
-
-
-def graph_of(feature: str) -> Callable[[Builder], Builder]:
-    """Register the decorated function as the graph of a feature; see the module.
-
-    Parameters
-    ----------
-    feature : str
-        Its name.
-    """
-
-    def register(builder: Builder) -> Builder:
-        GRAPHS[feature] = builder
-        return builder
-
-    return register
-
-
-def without_graph(feature_set: FeatureSet) -> tuple[str, ...]:
-    """Return the names of the members of a set that have no graph, or read no movement."""
-    return tuple(
-        m.name for m in feature_set.members if m.feature.phase != "movement" or m.feature.name not in GRAPHS
-    )
-
-
-def member_graph(view: GraphView, member: Member) -> str:
-    """Add all columns of a member of a set, shape (n, n_columns): NaN in all where one is undefined.
-
-    Parameters
-    ----------
-    view : GraphView
-        The movements.
-    member : Member
-        Its feature has a graph.
-    """
-    given: Mapping[str, Any] = {**member.feature.defaults, **member.parameters}
-    given = dict(given)
-    n_pieces = given.pop("n_pieces", 1) if member.feature.divisible else 1
-    cut = n_pieces > 1 and view.n_samples >= n_pieces * LEAST_PIECE
-    part = pieces_of(view, n_pieces) if cut else view
-    values = part.add(
-        "Where", part.silent, np.nan, part.once(_key(member, given), partial(_built, part, member, given))
-    )
-    n_outputs = len(member.all_columns) // n_pieces
-    if cut:
-        values = view.graph.reshape(values, -1, n_pieces, n_outputs)
-        values = view.graph.reshape(view.add("Transpose", values, perm=[0, 2, 1]), 0, n_outputs * n_pieces)
-    elif n_pieces > 1:
-        values = view.add("Gather", values, np.repeat(np.arange(n_outputs), n_pieces), axis=1)
-    finite = view.mean(view.add("Mul", values, 0.0), "ReduceSum")  # NaN if one is NaN or infinite
-    return view.add("Where", view.add("IsNaN", finite), np.nan, values)
-
-
-def _key(member: Member, given: Mapping[str, Any]) -> tuple[Any, ...]:
-    return ("feature", member.feature.name, *sorted(given.items()))
-
-
-def _built(view: GraphView, member: Member, given: Mapping[str, Any]) -> str:
-    return GRAPHS[member.feature.name](view, **given)
-
-
-def pieces_of(view: GraphView, n_pieces: int) -> GraphView:
-    """Return the view of equal pieces, one after the other: n_pieces rows of each movement."""
-
-    def make() -> GraphView:
-        size = view.n_samples // n_pieces
-        whole = view.shifted(view.samples, 0, size * n_pieces)
-        return GraphView(view.graph, view.graph.reshape(whole, -1, size), view.fs, size)
-
-    found: GraphView = view.once(("pieces", n_pieces), make)
-    return found
-
 
 # Slopes and curvatures.
 
@@ -302,8 +127,7 @@ def _periodogram(view: GraphView, rows: str, n: int) -> tuple[str, int, float]:
     n_bins = n_fft // 2 + 1
     square = power(view.graph, view.add("Mul", d, window), size, n_fft, n_bins)
     square = view.add("Mul", square, 2 / (view.fs * (size - 2 * n_taper + 2 * float(fade @ fade))))
-    running = view.add("CumSum", square, np.array(1))
-    return view.add("Pad", running, np.array([0, 1, 0, 0], dtype=np.int64)), n_bins, view.fs / n_fft
+    return view.running(square), n_bins, view.fs / n_fft
 
 
 def _density(view: GraphView, periodogram: tuple[str, int, float], edges_hz: Samples) -> str:
