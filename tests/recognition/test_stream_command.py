@@ -4,6 +4,7 @@ import io
 import json
 import os
 import signal
+import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -59,6 +60,37 @@ def test_json_lines_hold_events_answers_and_the_final_answer(run):
     assert final["type"] == "final"
     assert final["surface"] == "oak"
     assert final["probability"] == answers[-1]["probability"]
+
+
+def test_the_result_of_a_stream_is_written_although_nobody_reads_its_lines(model_file, tmp_path, samples):
+    np.savetxt(tmp_path / "oak.txt", np.tile(samples, 40))
+    asked = [model_file, tmp_path / "oak.txt", "--fs", str(FS), "--jsonl", "--json", tmp_path / "felt.json"]
+    command = [sys.executable, "-m", "texclass", "stream", *asked]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as listening:
+        while b'"answer"' not in listening.stdout.readline():
+            pass
+        listening.stdout.close()
+        said = listening.stderr.read()
+    assert (listening.returncode, said) == (0, b"")
+    assert json.loads((tmp_path / "felt.json").read_text())["contacts"][0]["surface"] == "oak"
+
+
+def test_answers_need_no_library_that_trains(model_file, tmp_path, samples):
+    np.savetxt(tmp_path / "oak.txt", samples)
+    asked = [str(model_file), str(tmp_path / "oak.txt"), "--fs", str(FS), "--unit", "m/s^2"]
+    heavy = ("sklearn", "pandas", "numba", "librosa", "skops", "joblib", "scipy.stats", "scipy.signal")
+    code = (
+        "import contextlib, sys\n"
+        "from texclass.cli import main\n"
+        "for command in ('predict', 'stream'):\n"
+        f"    sys.argv = ['texclass', command, *{asked}]\n"
+        "    with contextlib.suppress(SystemExit):\n"
+        "        main()\n"
+        f"sys.exit(str([m for m in {heavy} if m in sys.modules] or ''))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.count("oak") >= 3  # the name of the file, and what both say
+    assert done.stderr.strip().splitlines()[1:] == []
 
 
 def test_the_result_of_a_stream_is_what_was_said_last_of_each_contact(run, tmp_path, samples):

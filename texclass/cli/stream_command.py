@@ -140,11 +140,12 @@ def stream(
     )
     publisher = AnswerPublisher(publish, diagnostics, domain=domain) if publish else None
     session = Session(trained, raw=is_live(source), settings=settings)
+    shown = view_of(session, source, as_lines, heartbeat)
+    if json_file is not None:
+        shown.contacts = {}
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        with view_of(session, source, as_lines, heartbeat) as shown:
-            if json_file is not None:
-                shown.contacts = {}
+        with shown:
             try:
                 shown.listening()
                 for block in blocks:
@@ -155,15 +156,15 @@ def stream(
                 blocks.close()
             tell(shown, session.finish(), publisher)
         answered = shown.end()
-        if shown.contacts is not None:
-            found = {"source": source, "contacts": [*shown.contacts.values()]}
-            options.write_json(json_file, json.dumps(found, indent=1))
-    except BrokenPipeError:  # nobody reads any more
+    except BrokenPipeError:  # nobody reads any more, and nobody asks for more than was found till then
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    else:
-        if not answered:
-            raise typer.Exit(NO_ANSWER)
+        answered = True
     finally:
         signal.signal(signal.SIGTERM, before)
         if publisher is not None:
             publisher.close()
+    if shown.contacts is not None:
+        found = {"source": source, "contacts": [*shown.contacts.values()]}
+        options.write_json(json_file, json.dumps(found, indent=1))
+    if not answered:
+        raise typer.Exit(NO_ANSWER)

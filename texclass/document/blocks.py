@@ -31,12 +31,11 @@ and pictures, `render_page([document, ...])` returns an HTML page that holds all
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     import matplotlib.figure
+    import pandas as pd
 
 
 class Heading(str):
@@ -51,7 +50,7 @@ class Table:
 
     Attributes
     ----------
-    frame : DataFrame
+    frame : DataFrame, or mapping of str to sequence
         The cells: texts, numbers (shown to three digits; give texts where points are to stand in line), None
         for an empty one. The first column heads its rows. Columns of two levels are titled in two lines. In a
         column of numbers, what follows a number in brackets is its interval, which is set smaller, and
@@ -68,7 +67,7 @@ class Table:
         Columns that a narrow terminal shows; all by default.
     """
 
-    frame: pd.DataFrame
+    frame: "pd.DataFrame | Mapping[str, Sequence[Any]]"
     caption: str = ""
     n_words: int = 1
     strong: Collection[int] = ()

@@ -101,7 +101,7 @@ def _list(facts: Mapping[str, str]) -> Iterator[str]:
 
 def _table(table: Table) -> Iterator[str]:
     yield _line([" ".join(filter(None, title)) for title in titles_of(table.frame)])
-    n_columns = table.frame.shape[1]
+    n_columns = len(titles_of(table.frame))
     yield "|" + "---|" * table.n_words + "---:|" * (n_columns - table.n_words)
     for i, row in enumerate(texts_of(table.frame)):
         if i in table.instead:

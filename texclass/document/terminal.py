@@ -66,7 +66,7 @@ class _Fitting:
     table: Table
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
-        n_words, n_columns = self.table.n_words, self.table.frame.shape[1]
+        n_words, n_columns = self.table.n_words, len(titles_of(self.table.frame))
         narrow = partial(_drawn, self.table, below=True, break_titles=True)
         ways: list[Callable[[], RichTable]] = [
             partial(_drawn, self.table),
@@ -98,7 +98,7 @@ def _drawn(
 ) -> RichTable:
     drawn = RichTable(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
     cells: list[list[Any]] = []
-    columns = columns or range(table.frame.shape[1])
+    columns = columns or range(len(titles_of(table.frame)))
     every = titles_of(table.frame)
     named = [every[i] for i in columns]
     before = ["", *(group for group, _ in named)]  # a group is named over the first of its columns

@@ -1,9 +1,11 @@
 """How numbers are written wherever results are told."""
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
+if TYPE_CHECKING:
+    import pandas as pd
 
 MINUS = "\N{MINUS SIGN}"
 
@@ -50,7 +52,7 @@ def p_value(p: float | None) -> str:
 
 def digits(value: float | None) -> str:
     """Return a number to three digits; nothing for None."""
-    if value is None or pd.isna(value):
+    if value is None or _is_missing(value):
         return ""
     shown = f"{value:.3g}"
     return (f"{value:,.0f}" if "e" in shown and abs(value) >= 1000 else shown).replace("-", MINUS)
@@ -70,14 +72,16 @@ def sentence(text: str) -> str:
     return text and text[0].upper() + text[1:] + ("" if text[-1] in ".!?" else ".")
 
 
-def texts_of(frame: pd.DataFrame) -> list[list[str]]:
+def texts_of(frame: "pd.DataFrame | Mapping[str, Sequence[Any]]") -> list[list[str]]:
     """Return the cells of a table as texts: numbers to three digits, nothing for what is missing."""
+    if isinstance(frame, Mapping):
+        return [[_text(value) for value in row] for row in zip(*frame.values(), strict=True)]
     return [[_text(value) for value in row] for row in frame.itertuples(index=False, name=None)]
 
 
-def titles_of(frame: pd.DataFrame) -> list[tuple[str, str]]:
+def titles_of(frame: "pd.DataFrame | Mapping[str, Sequence[Any]]") -> list[tuple[str, str]]:
     """Return the title of each column: of a group and of its part, or a single one and nothing."""
-    titles: list[Any] = list(frame.columns)
+    titles: list[Any] = list(frame if isinstance(frame, Mapping) else frame.columns)
     return [title if isinstance(title, tuple) else (title, "") for title in titles]
 
 
@@ -87,9 +91,16 @@ def split_interval(text: str) -> tuple[str, str]:
     return number, f"[{rest}" if bracket else ""
 
 
+def _is_missing(value: Any) -> bool:
+    """Whether there is no value: None, NaN, or what pandas has for it in columns of other kinds."""
+    if isinstance(value, float):
+        return math.isnan(value)
+    return value is None or type(value).__name__ in ("NAType", "NaTType")
+
+
 def _text(value: Any) -> str:
     if isinstance(value, str):
         return value
-    if value is None or pd.isna(value):
+    if _is_missing(value):
         return ""
     return digits(value) if isinstance(value, float) else f"{value:,}"

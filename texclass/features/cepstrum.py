@@ -3,6 +3,9 @@
 import functools
 import math
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +21,23 @@ FLOOR = 1e-12
 """Least energy of a filter, in energies of its frame: -120 dB, below the rounding of any sensor."""
 
 
-@functools.lru_cache(maxsize=32)
+Banks = dict[tuple[float, ...], NDArray[np.float32]]
+_given: ContextVar[Banks | None] = ContextVar("banks of filters", default=None)
+
+
+@contextmanager
+def with_banks(banks: Banks) -> Iterator[None]:
+    """Take banks of mel filters, by the arguments of `mel_filters`, from here; what is missing is added.
+
+    A trained model keeps those that it needs: loading librosa takes longer than an answer.
+    """
+    token = _given.set(banks)
+    try:
+        yield
+    finally:
+        _given.reset(token)
+
+
 def mel_filters(
     fs: float, n_fft: int, n_filters: int, low_hz: float, high_hz: float, decay_hz: float
 ) -> NDArray[np.float32]:
@@ -46,6 +65,19 @@ def mel_filters(
     UndefinedFeatureError
         If a filter holds no bin.
     """
+    key = (fs, n_fft, n_filters, low_hz, high_hz, decay_hz)
+    banks = _given.get()
+    if banks is None:
+        return _mel_filters(*key)
+    if key not in banks:
+        banks[key] = _mel_filters(*key)
+    return banks[key]
+
+
+@functools.lru_cache(maxsize=32)
+def _mel_filters(
+    fs: float, n_fft: int, n_filters: int, low_hz: float, high_hz: float, decay_hz: float
+) -> NDArray[np.float32]:
     import librosa  # loads what is used of it when it is used
 
     edges = librosa.mel_frequencies(n_filters + 2, fmin=low_hz, fmax=high_hz)

@@ -11,7 +11,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
-import regex
 
 from texclass.document.wording import counted
 from texclass.loaders.cards import CardError, DeclaredPhases, FileCard, FileReading, Reading, RowCard
@@ -240,6 +239,8 @@ def match_name(patterns: Sequence[str], name: str) -> tuple[Groups, str] | None:
 
 def _match(pattern: str, name: str) -> Any:
     """Return how a pattern of a card matches a whole name; one that takes for ever is an error."""
+    import regex  # a tenth of a second, which only cards wait for
+
     try:
         return regex.fullmatch(pattern, name, timeout=LONGEST_MATCH_S)
     except (TimeoutError, regex.error) as error:

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from texclass.features.plan import Plan
+from texclass.features.cepstrum import Banks, with_banks
+from texclass.features.plan import Computed, Plan
 from texclass.recognition.probabilities import LEAST_PROBABILITY, class_scores
-from texclass.recording import Samples
+from texclass.recording import Recording, Samples
 
 if TYPE_CHECKING:
     from texclass.tradeoff.recogniser import Recogniser
@@ -39,6 +40,8 @@ class Deployed:
         What decides; see `described_classifier`.
     load : callable
         Returns the recogniser of scikit-learn.
+    banks : dict, optional
+        Mel filters that the features need; see `texclass.features.cepstrum.with_banks`.
     """
 
     def __init__(
@@ -48,7 +51,9 @@ class Deployed:
         steps: Sequence[Part],
         decide: Part,
         load: "Callable[[], Recogniser]",
+        banks: "Banks | None" = None,
     ) -> None:
+        self.banks: Banks = {} if banks is None else banks
         self.plan, self.classes, self.steps, self.decide = plan, tuple(classes), tuple(steps), decide
         self._load = load
 
@@ -69,6 +74,7 @@ class Deployed:
             "classes": list(self.classes),
             "steps": list(self.steps),
             "decide": self.decide,
+            "banks": [{"of": key, "weights": weights} for key, weights in self.banks.items()],
         }
 
     @classmethod
@@ -77,12 +83,18 @@ class Deployed:
     ) -> "tuple[Deployed, bool]":
         """Return what `document` described, and whether the code of its features is still the same."""
         plan, same_code = Plan.of_json(stated["plan"], stated["channels"])
-        return cls(plan, stated["classes"], stated["steps"], stated["decide"], load), same_code
+        banks = {tuple(bank["of"]): bank["weights"] for bank in stated["banks"]}
+        return cls(plan, stated["classes"], stated["steps"], stated["decide"], load, banks), same_code
 
     @cached_property
     def recogniser(self) -> "Recogniser":
         """The same as a pipeline of scikit-learn."""
         return self._load()
+
+    def compute(self, recording: Recording) -> Computed:
+        """Compute the features of a recording."""
+        with with_banks(self.banks):
+            return self.plan.compute(recording)
 
     @cached_property
     def asked(self) -> tuple[str, ...]:

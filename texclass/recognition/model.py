@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 
+from texclass.features.cepstrum import with_banks
 from texclass.features.phase_view import TURN
 from texclass.features.plan import Plan
 from texclass.phases import segment
@@ -245,7 +246,7 @@ class Model:
         """
         unlike = self.unlike(recording.fs, recording.unit, f"--resample {self.manifest.fs:g}")
         phases = segment(recording)
-        row = self.plan.compute(recording.with_(phases=phases))
+        row = self.deployed.compute(recording.with_(phases=phases))
         nothing = ["no feature has a value"] if np.isnan(row.values).all() else []
         told = [*unlike, *nothing]
         start, stop = phases.movement or (0, 0)
@@ -345,7 +346,8 @@ class Model:
 
     def save(self, path: str | Path) -> None:
         """Write a model file: skops with a manifest."""
-        values = probe_values(self.plan, self.manifest.fs, self.manifest.unit)
+        with with_banks(self.deployed.banks):
+            values = probe_values(self.plan, self.manifest.fs, self.manifest.unit)
         beside = {
             "calibration": dict(vars(self.calibration)),
             "novelty": self.novelty.document(),
@@ -452,7 +454,8 @@ def load_model(path: str | Path) -> Model:
                 raise ValueError(f"it gives other answers than when it was trained with {by}; train it again")
             changed = None
             if not same_code:
-                now = probe_values(model.plan, manifest.fs, manifest.unit)
+                with with_banks(deployed.banks):
+                    now = probe_values(model.plan, manifest.fs, manifest.unit)
                 changed = changed_value(np.asarray(document["probe"]["values"]), now, model.columns)
     except Exception as error:  # its parts are known classes, but may not fit each other
         raise ModelFileError(f"{path}: not a model of texclass ({error})") from error

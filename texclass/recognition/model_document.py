@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 
-import pandas as pd
-
 from texclass.document import Document, Table
 from texclass.document.wording import counted
 from texclass.recognition.model import Answer, Model
@@ -68,16 +66,12 @@ def answers_document(answers: Sequence[tuple[str, Answer]]) -> Document:
     """
     ids = [answer.recording_id for _, answer in answers]
     named = [(name if ids.count(a.recording_id) > 1 else a.recording_id, a) for name, a in answers]
-    rows = [
-        (
-            name,
-            f"unknown (nearest: {a.surface})" if a.unknown else a.surface,
-            a.runner_up,
-            f"{100 * a.probability:.1f}",
-        )
-        for name, a in named
-    ]
-    frame = pd.DataFrame(rows, columns=["Recording", "Surface", "Runner-up", "%"])
+    frame = {
+        "Recording": [name for name, _ in named],
+        "Surface": [f"unknown (nearest: {a.surface})" if a.unknown else a.surface for _, a in named],
+        "Runner-up": [a.runner_up for _, a in named],
+        "%": [f"{100 * a.probability:.1f}" for _, a in named],
+    }
     strange = [i for i, (_, answer) in enumerate(named) if answer.unknown]
     reasons = [f"{name}: {reason}" for name, answer in named for reason in answer.reasons]
     return Document(counted(len(named), "recording"), [Table(frame, n_words=3, strong=strange), reasons])

@@ -10,7 +10,6 @@ from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import firwin, upfirdn
 
 from texclass.loaders.stamps import CLOCK_JUMP_S, MOST_LATE, MOST_LOST, NEAR_RATE, nominal_rate, usual_step
 from texclass.recording import RecordingError, Samples
@@ -263,6 +262,8 @@ class Resampler:
         slower = max(self._p, self._q)
         self._half = HALF_WIDTH * slower
         if slower > 1:
+            from scipy.signal import firwin
+
             self._h = self._p * firwin(2 * self._half + 1, 1 / slower, window=("kaiser", 5.0))
         # Zeros before the first sample, as many as put y[0] on the grid of what `upfirdn` returns.
         self._n_zeros = -HALF_WIDTH % self._q if self._p > self._q else 0
@@ -282,6 +283,8 @@ class Resampler:
         first = self.n_out - self._shift
         if stop == self.n_out:
             return self._x[:0]
+        from scipy.signal import upfirdn
+
         y = upfirdn(self._h, self._x, self._p, self._q, axis=0)[first : stop - self._shift]
         oldest = ((stop - self._shift) * self._q - 2 * self._half) // self._p
         drop = max(0, oldest) // self._q * self._q

@@ -92,7 +92,6 @@ def open_source(
         If a block has no length, there is no such number of channels, or options come with another source
         than theirs.
     """
-    is_topic = isinstance(source, str) and source.startswith(ROS2)
     reading = {name: value for name, value in reading.items() if value is not None}
     _check_options(source, reading, raw_channels)
     needs = ACCELERATION_ONLY if model is None else model.needs
@@ -115,7 +114,7 @@ def open_source(
             blocks = _binary(opened, fs, unit, raw_channels, n)
         if "column" in reading:
             blocks = _of_columns(blocks, columns_of(reading["column"]))
-    elif isinstance(source, str) and is_topic:
+    elif isinstance(source, str) and source.startswith(ROS2):
         try:
             from texclass.recognition.sources.topic import topic_blocks
         except ImportError as error:
