@@ -1,12 +1,13 @@
 """A trained model of windows as one ONNX graph: samples in; label, probabilities, p-value and verdict out."""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import fft
 
 from texclass.features.phase_view import LEAST_PIECE, LONG, TURN, PhaseView, UndefinedFeatureError
+from texclass.features.plan import Plan
 from texclass.features.sets import Member
 from texclass.recognition.export.fourier import irfft, rfft
 from texclass.recognition.export.graph import Graph, OnnxExportError, add_answers, along, tensor_of
@@ -27,6 +28,40 @@ unknown, bool (n,), p_known <= texclass.false_alarms, or no feature has a value.
 A window with a sample that is not finite, or with an undefined feature that nothing fills, has the label "",
 NaN, and is unknown. texclass.self_check holds windows, made by a formula, with the answers they have to get.
 """
+
+
+class Windows(NamedTuple):
+    """What the graph of features has to know of windows.
+
+    Attributes
+    ----------
+    plan
+        What is computed of them.
+    channels
+        Of a window, in order: axes of the acceleration, then of the turn rate.
+    n_samples
+        Of a window.
+    fs
+        Sampling rate in Hz.
+    unit
+        Of the acceleration.
+    without_level
+        Whether the resting level is removed from windows: then their mean is no gravity.
+    """
+
+    plan: Plan
+    channels: tuple[str, ...]
+    n_samples: int
+    fs: float
+    unit: str
+    without_level: bool
+
+    @classmethod
+    def of(cls, model: Model, n_samples: int) -> "Windows":
+        """Return the windows of a model."""
+        stated = model.manifest
+        level = stated.input.remove_resting_level
+        return cls(model.plan, channels_of(model), n_samples, stated.fs, stated.unit, level)
 
 
 def channels_of(model: Model) -> tuple[str, ...]:
@@ -104,7 +139,7 @@ def build_of_samples(model: Model, n_samples: int, *, with_features: bool = Fals
     graph, channels = Graph(same_pieces=_same_pieces(model, n_samples)), channels_of(model)
     entry = tensor_of(SAMPLES, TensorProto.FLOAT, "n", len(channels), n_samples)
     x = graph.cast(SAMPLES, np.float64)
-    features = _features(model, graph, x, n_samples)
+    features = add_features(Windows.of(model, n_samples), graph, x)
     finite = graph.add("ReduceSum", graph.add("Mul", x, 0.0), along(1, 2), keepdims=0)
     outputs = add_answers(model, graph, features, graph.add("IsNaN", finite))
     if with_features:
@@ -148,29 +183,52 @@ def _same_pieces(model: Model, n_samples: int) -> bool:
     return bool((pieces == pieces[:, :, :1]).all())
 
 
-def _features(model: Model, graph: Graph, x: str, n_samples: int) -> str:
-    """Add the columns of a plan, (n, n_columns), of windows (n, n_channels, n_samples)."""
-    plan = model.plan
+def features_of(windows: Windows, graph: Graph, x: str) -> tuple[list[str], list[str]]:
+    """Add the columns of a plan, of windows (n, n_channels, n_samples) in double precision.
+
+    Parameters
+    ----------
+    windows : Windows
+        All features of the plan have a graph.
+    graph : Graph
+        Grows.
+    x : str
+        The windows.
+
+    Returns
+    -------
+    tensors : list of str
+        One a feature, shape (n, its columns).
+    places : list of str
+        The columns of these side by side.
+    """
+    plan = windows.plan
     apart = [(prefix.removesuffix("/"), part) for prefix, part in plan.parts if prefix]
     places: list[str] = []
     tensors: list[str] = []
     if apart:  # the channels one after the other, as movements of their own
         names = [name for name, _ in apart]
         at = np.array([plan.channels.index(name) for name in names])
-        rows = graph.reshape(graph.add("Gather", x, at, axis=1), -1, 1, n_samples)
+        rows = graph.reshape(graph.add("Gather", x, at, axis=1), -1, 1, windows.n_samples)
         is_axis = np.array([name not in TURN for name in names])
-        views = _movements(model, graph, rows, 1, n_samples, is_axis)
+        views = _movements(windows, graph, rows, 1, is_axis)
         members = {member.name: member for _, part in apart for member in part.members}
         for member in members.values():
             values = _columns(graph, views[member.without_hand], member)
             tensors.append(graph.reshape(values, -1, len(names) * len(member.all_columns)))
             places += [f"{name}/{column}" for name in names for column in member.all_columns]
     for part in (part for prefix, part in plan.parts if not prefix):
-        views = _movements(model, graph, x, len(channels_of(model)), n_samples)
+        views = _movements(windows, graph, x, len(windows.channels))
         tensors += [_columns(graph, views[member.without_hand], member) for member in part.members]
         places += [column for member in part.members for column in member.all_columns]
+    return tensors, places
+
+
+def add_features(windows: Windows, graph: Graph, x: str) -> str:
+    """Add the columns of a plan in their order, shape (n, n_columns); see `features_of`."""
+    tensors, places = features_of(windows, graph, x)
     every = graph.add("Concat", *tensors, axis=1) if len(tensors) > 1 else tensors[0]
-    order = [places.index(column) for column in plan.columns]
+    order = [places.index(column) for column in windows.plan.columns]
     return every if order == list(range(len(places))) else graph.add("Gather", every, np.array(order), axis=1)
 
 
@@ -186,23 +244,23 @@ def _columns(graph: Graph, view: GraphView, member: Member) -> str:
 
 
 def _movements(
-    model: Model, graph: Graph, x: str, n_axes: int, n_samples: int, is_axis: Any = True
+    windows: Windows, graph: Graph, x: str, n_axes: int, is_axis: Any = True
 ) -> dict[bool, GraphView]:
     """Add conditioned movements of windows (n, n_axes, n_samples): with (False) and without the hand (True).
 
     See `Views.movement` and `Views.without_hand`.
     """
-    fs = model.manifest.fs
+    fs, n_samples = windows.fs, windows.n_samples
     n = int(fft.prev_fast_len(n_samples)) if n_samples > LONG else n_samples
     kept = graph.cut(x, 0, n) if n < n_samples else x
     mean = graph.add("ReduceMean", kept, along(2), keepdims=1)
     axes = graph.add("Sub", kept, mean)
     samples = graph.reshape(axes, 0, n) if n_axes == 1 else _dft321(graph, axes, n_axes, n)
     movement = GraphView(graph, samples, fs, n)
-    felt_by_hand = any(member.without_hand for _, part in model.plan.parts for member in part.members)
-    if model.manifest.unit != "m/s^2" or not felt_by_hand:
+    felt_by_hand = any(member.without_hand for _, part in windows.plan.parts for member in part.members)
+    if windows.unit != "m/s^2" or not felt_by_hand:
         return {False: movement, True: movement}
-    if model.manifest.input.remove_resting_level:  # then the mean is no gravity
+    if windows.without_level:  # then the mean is no gravity
         level = _median(graph, x, n_samples)
         if not np.all(is_axis):  # a turn rate keeps its own
             level = graph.add("Mul", graph.reshape(level, -1, len(is_axis)), np.where(is_axis, 1.0, 0.0))
