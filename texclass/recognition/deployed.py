@@ -242,6 +242,8 @@ def described_classifier(classifier: Any, *, votes: bool = False) -> Part:  # no
                 "piece": described_classifier(classifier.estimator_, votes=True),
                 "whole": None if whole is None else described_classifier(whole, votes=True),
                 "whole_weight": float(classifier.whole_weight),
+                "n_columns": int(classifier.n_features_in_),
+                "n_classes": n_classes,
             }
     return {"does": "ask", "estimator": classifier, "votes": votes}
 
@@ -360,7 +362,7 @@ def _neighbours(points: Samples, classes: Samples, n: int, n_classes: int, votes
     return decided
 
 
-def _vote(n_pieces: int, piece: Part, whole: Part | None, whole_weight: float) -> Function:
+def _vote(n_pieces: int, piece: Part, whole: Part | None, whole_weight: float, **_: int) -> Function:
     """Average over the pieces, then that and the whole; pieces that are all the same need no other rule."""
     of_piece, of_whole = function_of(piece), None if whole is None else function_of(whole)
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from sklearn.pipeline import Pipeline
 
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import cached_table, metadata
@@ -183,7 +182,7 @@ def train(
     calibration = fit_calibration(held_out.decisions, held_out.labels)
     p = calibration(held_out.decisions)
     tested = "touches" if "parent" in frame else "recordings"
-    after_features = Pipeline(recogniser.steps[1:])
+    deployed = Deployed.of(recogniser)
     manifest = Manifest(
         **_recordings(felt, meter, plan),
         materials=tuple(recogniser.classes_.tolist()),
@@ -232,12 +231,12 @@ def train(
         cost={
             "segmentation_ms": meter.segmentation_ms,
             "features_ms": meter.measured(plan)[0],
-            "classifier_ms": 1e3 * min(repeat(partial(after_features.predict, X[:1]), number=1, repeat=5)),
+            "classifier_ms": 1e3 * min(repeat(partial(deployed.decided, X[:1]), number=1, repeat=5)),
         },
         touch_s=touch_s,
         versions=versions(*LIBRARIES),
     )
-    return Model(Deployed.of(recogniser), calibration, novelty, Ranges.of(X), manifest, table.left_out)
+    return Model(deployed, calibration, novelty, Ranges.of(X), manifest, table.left_out)
 
 
 def _best(

@@ -1,23 +1,18 @@
 """A trained model as an ONNX graph: features in; label, probabilities, p-value and verdict out.
 
-skl2onnx converts the steps and classifiers of scikit-learn, but for the nearest centroid. It knows nothing of
-our classifiers and selectors, and onnxruntime has no imputer for double precision: these are built here.
+Steps and classifiers are built from what `texclass.recognition.deployed` says that they do; skl2onnx converts
+those of scikit-learn that have no such form.
 """
 
 import warnings
-from collections.abc import Callable, Hashable, Mapping
-from functools import singledispatch
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.feature_selection import SelectorMixin
 from sklearn.impute import SimpleImputer
-from sklearn.neighbors import NearestCentroid
-from sklearn.pipeline import Pipeline
 
-from texclass.experiment.kernel_discriminant import KernelDiscriminant
-from texclass.experiment.vote_of_pieces import VoteOfPieces
+from texclass.recognition.deployed import Part
 from texclass.recognition.model import Model
 from texclass.recognition.probabilities import LEAST_PROBABILITY
 from texclass.recording import Samples
@@ -129,6 +124,16 @@ class Graph:
         """Add a reshape; 0 keeps the length of an axis, -1 is what is left."""
         return self.add("Reshape", operand, along(*shape))
 
+    def largest(self, operand: str, n: int) -> str:
+        """Add where the n largest of each row are, and return the name of the indices, shape (n_rows, n)."""
+        from onnx import helper
+
+        names = [self._new("largest"), self._new("indices")]
+        self.nodes.append(
+            helper.make_node("TopK", [operand, self.constant(along(n))], names, axis=1, largest=1, sorted=1)
+        )
+        return names[1]
+
     def embed(self, part: Any, operand: str) -> str:
         """Add a model of one input and one output, and return the name of its output, in double precision."""
         from onnx import TensorProto, compose
@@ -236,9 +241,9 @@ def add_answers(model: Model, graph: Graph, features: str, silent: str | None = 
     from onnx import TensorProto
 
     prepared = features
-    for _, step in model.recogniser.steps[1:-1]:
-        prepared = add_step(step, graph, prepared)
-    decisions = add_class_scores(model.recogniser[-1], graph, prepared)
+    for part in model.deployed.steps:
+        prepared = add_part(part, graph, prepared)
+    decisions = add_part(model.deployed.decide, graph, prepared)
     # (1 - lapse) softmax(beta s) + lapse / K; a scalar beta would lose digits as single columns do
     n, calibration = len(model.materials), model.calibration
     p = graph.add("Softmax", graph.add("Mul", decisions, np.full(n, calibration.beta)), axis=1)
@@ -257,7 +262,7 @@ def add_answers(model: Model, graph: Graph, features: str, silent: str | None = 
         strange = graph.add("Neg", graph.add("ReduceMax", decisions, along(1), keepdims=0))
     else:
         seen = graph.add("MatMul", graph.add("Sub", prepared, near.mean), near.view)
-        squares = _squared_distances(seen, near.means, graph)
+        squares = _squares(seen, near.means, graph)
         strange = graph.add("ReduceMin", squares, along(1), keepdims=0)
     at_least = graph.add("LessOrEqual", graph.add("Unsqueeze", strange, along(1)), novelty.held_out[None])
     count = graph.add("ReduceSum", graph.cast(at_least, np.float64), along(1), keepdims=0)
@@ -282,14 +287,13 @@ def of_rows(reduction: str, truths: str, graph: Graph) -> str:
     return graph.cast(found, np.bool_)
 
 
-@singledispatch
-def add_step(step: Any, graph: Graph, rows: str) -> str:
-    """Add a fitted transformer to a graph.
+def add_part(part: Part, graph: Graph, rows: str) -> str:
+    """Add a step of a recogniser, or what decides, to a graph.
 
     Parameters
     ----------
-    step : transformer
-        Fitted.
+    part : mapping
+        As `texclass.recognition.deployed` describes it.
     graph : Graph
         Grows.
     rows : str
@@ -298,162 +302,163 @@ def add_step(step: Any, graph: Graph, rows: str) -> str:
     Returns
     -------
     str
-        Name of the tensor it makes of them, of shape (n, n_features_out), double.
+        Name of the tensor it makes of them, double: rows, or decisions of shape (n, n_classes).
 
     Raises
     ------
     OnnxExportError
         If it has no export.
     """
-    return _converted(step, graph, rows)
+    held = {name: value for name, value in part.items() if name != "does"}
+    return BUILDERS[part["does"]](graph, rows, **held)
 
 
-@add_step.register
-def _(step: str | None, graph: Graph, rows: str) -> str:
-    """Add "passthrough": nothing."""
-    return rows
+def _standardise(graph: Graph, rows: str, center: Samples | float, scale: Samples | float) -> str:
+    centered = graph.add("Sub", rows, center) if np.ndim(center) else rows
+    return graph.add("Div", centered, scale) if np.ndim(scale) else centered
 
 
-@add_step.register
-def _(step: Pipeline, graph: Graph, rows: str) -> str:
-    for _, inner in step.steps:
-        rows = add_step(inner, graph, rows)
-    return rows
-
-
-@add_step.register
-def _(step: SelectorMixin, graph: Graph, rows: str) -> str:
-    return graph.add("Gather", rows, np.flatnonzero(step.get_support()), axis=1)
-
-
-@add_step.register
-def _(step: SimpleImputer, graph: Graph, rows: str) -> str:
-    if step.add_indicator or not np.isnan(step.missing_values):
-        raise OnnxExportError(
-            f"{_class_name(step)} has add_indicator = {step.add_indicator}, missing_values = "
-            f"{step.missing_values}; the rule is False and NaN"
-        )
-    filling = np.asarray(step.statistics_, dtype=np.float64)
-    if not step.keep_empty_features:
-        kept = np.flatnonzero(~np.isnan(filling))
-        rows, filling = graph.add("Gather", rows, kept, axis=1), filling[kept]
-    return graph.add("Where", graph.add("IsNaN", rows), filling, rows)
-
-
-def add_class_scores(classifier: Any, graph: Graph, rows: str) -> str:
-    """Add what `class_scores` gives, shape (n, n_classes), double.
-
-    Parameters
-    ----------
-    classifier : classifier
-        Fitted.
-    graph : Graph
-        Grows.
-    rows : str
-        Tensor of prepared features, (n, n_features), double.
-
-    Raises
-    ------
-    OnnxExportError
-        If it has no export, or neither decisions nor probabilities.
-    """
-    if hasattr(classifier, "decision_function"):
-        return add_decision(classifier, graph, rows)
-    p = _probabilities(classifier, graph, rows)
-    return graph.add("Log", graph.add("Max", p, LEAST_PROBABILITY))
-
-
-@singledispatch
-def add_decision(classifier: Any, graph: Graph, rows: str) -> str:
-    """Add a `decision_function`, one column a class: of two classes minus the decision, and the decision."""
-    decision = {"raw_scores": True}
-    scores = _converted(classifier, graph, rows, {"zipmap": False, **decision}, decision)
-    return _both(scores, len(classifier.classes_), graph)
-
-
-@add_decision.register
-def _(classifier: Pipeline, graph: Graph, rows: str) -> str:
-    return add_decision(classifier[-1], graph, add_step(classifier[:-1], graph, rows))
-
-
-@add_decision.register
-def _(classifier: NearestCentroid, graph: Graph, rows: str) -> str:
-    """Add -|x/s - c/s|^2 + 2 log prior, s the deviation within classes where it is not 0."""
-    scale = np.where(classifier.within_class_std_dev_ != 0, classifier.within_class_std_dev_, 1.0)
-    squares = _squared_distances(graph.add("Div", rows, scale), classifier.centroids_ / scale, graph)
-    scores = graph.add("Sub", 2 * np.log(classifier.class_prior_), squares)
-    if len(classifier.classes_) > 2:
-        return scores
-    first, second = (graph.add("Gather", scores, along(k), axis=1) for k in (0, 1))
-    return _both(graph.add("Sub", second, first), 2, graph)
-
-
-@add_decision.register
-def _(classifier: KernelDiscriminant, graph: Graph, rows: str) -> str:
+def _kernel(
+    graph: Graph,
+    rows: str,
+    views: Sequence[Mapping[str, Samples]],
+    prototypes: Sequence[Samples],
+    dual: Samples,
+    length: float,
+) -> str:
     """Add K alpha, K the mean over the views of the kernels between rows and prototypes."""
     kernels = []
-    for view, prototypes in zip(classifier.views_, classifier.prototypes_, strict=True):
-        Z = graph.add("Div", graph.add("Sub", rows, view.mean), view.scale)
-        seen = graph.add("Mul" if view.weights.ndim == 1 else "MatMul", Z, view.weights)
+    for view, known in zip(views, prototypes, strict=True):
+        Z = graph.add("Div", graph.add("Sub", rows, view["mean"]), view["scale"])
+        seen = graph.add("Mul" if view["weights"].ndim == 1 else "MatMul", Z, view["weights"])
         # (1 + s) exp(-s), s = sqrt(3) |a - b| / length, with |a - b|^2 = |a|^2 - 2 a b + |b|^2
-        products = graph.add("MatMul", seen, np.ascontiguousarray(-2 * prototypes.T))
+        products = graph.add("MatMul", seen, np.ascontiguousarray(-2 * known.T))
         squares = graph.add("Add", products, graph.add("ReduceSumSquare", seen, along(1), keepdims=1))
-        squares = graph.add("Add", squares, np.einsum("ij,ij->i", prototypes, prototypes))
-        s = graph.add("Sqrt", graph.add("Mul", graph.add("Max", squares, 0.0), 3 / classifier.length**2))
+        squares = graph.add("Add", squares, np.einsum("ij,ij->i", known, known))
+        s = graph.add("Sqrt", graph.add("Mul", graph.add("Max", squares, 0.0), 3 / length**2))
         kernels.append(graph.add("Mul", graph.add("Add", s, 1.0), graph.add("Exp", graph.add("Neg", s))))
-    scores = graph.add("MatMul", graph.add("Sum", *kernels), classifier.dual_ / len(kernels))
-    return _both(scores, len(classifier.classes_), graph)
+    return graph.add("MatMul", graph.add("Sum", *kernels), dual / len(kernels))
 
 
-@add_decision.register
-def _(classifier: VoteOfPieces, graph: Graph, rows: str) -> str:
+def _gauss(graph: Graph, rows: str, mean: Samples, variance: Samples, prior: Samples, votes: bool) -> str:
+    """Add log posteriors, from sum (x - mean)^2 / variance."""
+    level = np.log(prior) - 0.5 * np.log(2 * np.pi * variance).sum(axis=1)
+    joint = graph.add("Sub", level, _squares(rows, mean, graph, np.sqrt(0.5 / variance)))
+    return _as_decisions(graph.add("Softmax", joint, axis=1), len(prior), votes, graph)
+
+
+def _centroids(graph: Graph, rows: str, points: Samples, scale: Samples, prior: Samples) -> str:
+    """Add -|x/s - c/s|^2 + 2 log prior."""
+    squares = _squares(graph.add("Div", rows, scale), points / scale, graph)
+    scores = graph.add("Sub", 2 * np.log(prior), squares)
+    if len(points) > 2:
+        return scores
+    first, second = (graph.add("Gather", scores, along(k), axis=1) for k in (0, 1))
+    return _both(graph.add("Sub", second, first), graph)
+
+
+def _neighbours(
+    graph: Graph, rows: str, points: Samples, classes: NDArray[Any], n: int, n_classes: int, votes: bool
+) -> str:
+    """Add the shares of the nearest points: those with the smallest |b|^2 - 2 a b."""
+    products = graph.add("MatMul", rows, np.ascontiguousarray(-2 * points.T))
+    nearness = graph.add("Neg", graph.add("Add", products, np.einsum("ij,ij->i", points, points)))
+    nearest = graph.largest(nearness, n)
+    right = graph.add("Gather", np.eye(n_classes)[classes], nearest, axis=0)
+    p = graph.add("ReduceMean", right, along(1), keepdims=0)
+    return _as_decisions(p, n_classes, votes, graph)
+
+
+def _vote(
+    graph: Graph,
+    rows: str,
+    n_pieces: int,
+    piece: Part,
+    whole: Part | None,
+    whole_weight: float,
+    n_columns: int,
+    n_classes: int,
+) -> str:
     """Add the mean over the pieces, then that and the whole.
 
     Pieces that are all the same need no rule of their own: their mean is their decision.
     """
-    n = classifier.n_pieces
-    n_columns = classifier.n_features_in_
     votes = [
-        _vote(classifier.estimator_, graph, graph.add("Gather", rows, np.arange(i, n_columns, n), axis=1))
-        for i in range(1 if graph.same_pieces else n)
+        add_part(piece, graph, graph.add("Gather", rows, np.arange(i, n_columns, n_pieces), axis=1))
+        for i in range(1 if graph.same_pieces else n_pieces)
     ]
     mean = graph.add("Div", graph.add("Sum", *votes), len(votes))
-    if classifier.whole_ is None:
+    if whole is None:
         return mean
-    weight = np.full(len(classifier.classes_), classifier.whole_weight)
-    whole = graph.add("Mul", _vote(classifier.whole_, graph, rows), weight)
-    return graph.add("Div", graph.add("Add", mean, whole), 1 + classifier.whole_weight)
+    beside = graph.add("Mul", add_part(whole, graph, rows), np.full(n_classes, whole_weight))
+    return graph.add("Div", graph.add("Add", mean, beside), 1 + whole_weight)
 
 
-def _squared_distances(rows: str, points: Samples, graph: Graph) -> str:
+def _chain(graph: Graph, rows: str, steps: Sequence[Part], decide: Part) -> str:
+    for part in (*steps, decide):
+        rows = add_part(part, graph, rows)
+    return rows
+
+
+def _ask(graph: Graph, rows: str, estimator: Any, votes: bool | None = None) -> str:
+    """Add what skl2onnx makes of an estimator that has no array form."""
+    if votes is None:
+        if isinstance(estimator, SimpleImputer):
+            raise OnnxExportError(
+                f"{_class_name(estimator)} has add_indicator = {estimator.add_indicator}, missing_values = "
+                f"{estimator.missing_values}; the rule is False and NaN"
+            )
+        return _converted(estimator, graph, rows)
+    n_classes = len(estimator.classes_)
+    if hasattr(estimator, "decision_function"):
+        decision = {"raw_scores": True}
+        scores = _converted(estimator, graph, rows, {"zipmap": False, **decision}, decision)
+        return scores if n_classes > 2 else _both(scores, graph)
+    if not hasattr(estimator, "predict_proba"):
+        raise OnnxExportError(
+            f"{_class_name(estimator)} as it is set has answers alone; "
+            "the rule is a classifier with decisions or probabilities"
+        )
+    return _as_decisions(_converted(estimator, graph, rows, {"zipmap": False}), n_classes, votes, graph)
+
+
+BUILDERS: Mapping[str, Callable[..., str]] = {
+    "take": lambda graph, rows, columns: graph.add("Gather", rows, columns, axis=1),
+    "fill": lambda graph, rows, values: graph.add("Where", graph.add("IsNaN", rows), values, rows),
+    "standardise": _standardise,
+    "affine": lambda graph, rows, scale, shift: graph.add("Add", graph.add("Mul", rows, scale), shift),
+    "clip": lambda graph, rows, low, high: graph.add("Clip", rows, float(low), float(high)),
+    "linear": lambda graph, rows, weights, intercept: graph.add(
+        "Add", graph.add("MatMul", rows, weights), intercept
+    ),
+    "kernel": _kernel,
+    "gauss": _gauss,
+    "centroids": _centroids,
+    "neighbours": _neighbours,
+    "vote": _vote,
+    "chain": _chain,
+    "ask": _ask,
+}
+"""What is done -> what adds it to a graph; see `texclass.recognition.deployed`."""
+
+
+def _as_decisions(p: str, n_classes: int, votes: bool, graph: Graph) -> str:
+    """Add probabilities as decisions: logarithms; a voter's as they are, of two classes about 0."""
+    if not votes:
+        return graph.add("Log", graph.add("Max", p, LEAST_PROBABILITY))
+    return _both(graph.add("Sub", p, 0.5), graph) if n_classes == 2 else p
+
+
+def _squares(rows: str, points: Samples, graph: Graph, weight: Samples | None = None) -> str:
     """Add |x_i - c_j|^2 of rows (n, p) and points (m, p), shape (n, m), from the differences themselves."""
     apart = graph.add("Sub", graph.add("Unsqueeze", rows, along(1)), points[None])
+    if weight is not None:
+        apart = graph.add("Mul", apart, weight[None])
     return graph.add("ReduceSumSquare", apart, along(2), keepdims=0)
 
 
-def _vote(voter: Any, graph: Graph, rows: str) -> str:
-    """Add the decisions of a voter, or its probabilities where it has no other; of two classes, about 0."""
-    if hasattr(voter, "decision_function"):
-        return add_decision(voter, graph, rows)
-    p = _probabilities(voter, graph, rows)
-    return _both(graph.add("Sub", p, 0.5), 2, graph) if len(voter.classes_) == 2 else p
-
-
-def _probabilities(classifier: Any, graph: Graph, rows: str) -> str:
-    if not hasattr(classifier, "predict_proba"):
-        raise OnnxExportError(
-            f"{_class_name(classifier)} as it is set has answers alone; "
-            "the rule is a classifier with decisions or probabilities"
-        )
-    if isinstance(classifier, Pipeline):
-        return _probabilities(classifier[-1], graph, add_step(classifier[:-1], graph, rows))
-    return _converted(classifier, graph, rows, {"zipmap": False})
-
-
-def _both(decision: str, n_classes: int, graph: Graph) -> str:
-    """Return a decision of more than two classes as it is; of two, minus its last column, and that column."""
-    if n_classes > 2:
-        return decision
+def _both(decision: str, graph: Graph) -> str:
+    """Return a decision between two classes, its last column, as minus it, and it."""
     second = graph.add("Gather", decision, along(-1), axis=1)
     return graph.add("Concat", graph.add("Neg", second), second, axis=1)
 
