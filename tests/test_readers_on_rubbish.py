@@ -7,6 +7,8 @@ Each reader has a few inputs here; with `TEXCLASS_EXAMPLES=2000` in the environm
 import os
 import random
 from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from fuzz.contract import Target, judge
@@ -24,7 +26,10 @@ N_SPOILT = (
 @cache
 def _seeds(name: str) -> tuple[Target, list[bytes]]:
     target = target_of(name)
-    return target, target.seeds()
+    seeds = target.seeds()
+    with TemporaryDirectory() as place:  # compiles what it has to, on nobody's time
+        judge(target, seeds[0], Path(place))
+    return target, seeds
 
 
 @pytest.fixture(params=parts_of())

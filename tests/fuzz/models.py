@@ -122,7 +122,7 @@ def _part(path: Path) -> object:
 def _movements(path: Path) -> object:
     found = read_movements(path, 2)
     assert len(found) == 2
-    assert all(0 <= m.start <= m.stop and m.fs > 0 for m in found)
+    assert all(0 <= start <= stop and fs > 0 for start, stop, fs, _ in found)
     return found
 
 

@@ -25,7 +25,11 @@ def model_document(model: Model) -> Document:
     drift = f"; drift makes distances {unknown['stretch']:.2g} times as large" * (unknown["stretch"] > 1)
     low, mean, high = (f"{100 * accuracy[name]:.1f}" for name in ("low", "mean", "high"))
     n_recordings, n_folds = counted(on["n_recordings"], "recording"), counted(accuracy["n_folds"], "fold")
-    steps = ", ".join(f"{name.removesuffix('_ms')} {ms:.2f}" for name, ms in m.cost.items())
+    steps = ", ".join(  # models of 0.2 do not hold the first
+        f"{step} {m.cost[f'{step}_ms']:.2f}"
+        for step in ("segmentation", "features", "classifier")
+        if f"{step}_ms" in m.cost
+    )
     exportable = {}
     if "without_graph" in accuracy:
         exportable["Left out"] = (

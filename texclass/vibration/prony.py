@@ -141,6 +141,7 @@ def prony(x: ArrayLike, order: int, resolution: float = 0.0) -> PronyFilter:
 
     Examples
     --------
+    >>> from scipy import signal
     >>> h = signal.lfilter([1.0, 0.4], [1.0, -1.5, 0.8], np.eye(1, 40)[0])
     >>> prony(h, 2).a.round(9)
     array([ 1. , -1.5,  0.8])

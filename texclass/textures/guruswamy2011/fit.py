@@ -281,7 +281,7 @@ def fit_sinusoid(piece: Samples, fs: float) -> DecayingModes:
     ----------
     `guruswamy2011`, eq. (3) and (4), after `okamura2001`, whose fit from peaks and spectrum needs two peaks.
     """
-    if not np.any(piece):
+    if piece.size < 2 or not np.any(piece):  # every shape begins with 0
         return NONE
     t = np.arange(piece.size) / fs
     low = np.log([_least_decay(), 0.25 / max(t[-1], 1 / fs)])
