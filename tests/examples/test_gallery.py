@@ -16,6 +16,7 @@ SLOW = {
     "onnx_model",
     "operators",
     "own_feature",
+    "samples_to_answer",
     "scene",
     "speed_against_accuracy",
     "train_and_ask",
