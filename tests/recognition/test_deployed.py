@@ -19,6 +19,7 @@ from texclass.experiment.vote_of_pieces import VoteOfPieces
 from texclass.recognition import load_model
 from texclass.recognition.deployed import described_classifier, described_steps, function_of
 from texclass.recognition.probabilities import class_scores
+from texclass.recording import Phases, Recording
 
 RNG = np.random.default_rng(0)
 CLASSIFIERS = (
@@ -107,3 +108,15 @@ def test_what_has_no_array_form_is_asked_itself(tmp_path):
     X = np.tile(model.ranges.median, (3, 1))
     scores = class_scores(model.recogniser[-1], model.recogniser[1:-1].transform(X))
     np.testing.assert_allclose(model.judge(X)[0], model.calibration(scores), atol=1e-12)
+
+
+def test_a_model_keeps_the_filters_of_its_own_rate_alone(tmp_path):
+    model_of([SimpleImputer()], LinearDiscriminantAnalysis()).save(tmp_path / "m.skops")
+    model = load_model(tmp_path / "m.skops")
+    ((rate, *_),) = model.deployed.banks
+    assert rate == model.manifest.fs
+    for fs in (rate, 1.005 * rate):
+        x = RNG.standard_normal(4000)
+        model.answer(Recording(x, fs, "m/s^2", "r", phases=Phases(movement=(0, len(x)))))
+    model.save(tmp_path / "again.skops")
+    assert (tmp_path / "again.skops").read_bytes() == (tmp_path / "m.skops").read_bytes()

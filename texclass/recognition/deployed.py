@@ -93,7 +93,7 @@ class Deployed:
 
     def compute(self, recording: Recording) -> Computed:
         """Compute the features of a recording."""
-        with with_banks(self.banks):
+        with with_banks(dict(self.banks)):  # those of other rates are not the model's
             return self.plan.compute(recording)
 
     @cached_property

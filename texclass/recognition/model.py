@@ -454,7 +454,7 @@ def load_model(path: str | Path) -> Model:
                 raise ValueError(f"it gives other answers than when it was trained with {by}; train it again")
             changed = None
             if not same_code:
-                with with_banks(deployed.banks):
+                with with_banks(dict(deployed.banks)):
                     now = probe_values(model.plan, manifest.fs, manifest.unit)
                 changed = changed_value(np.asarray(document["probe"]["values"]), now, model.columns)
     except Exception as error:  # its parts are known classes, but may not fit each other
