@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import fft, ndimage
+from scipy import fft
 
 from texclass.recording import Samples
 
@@ -77,25 +77,28 @@ def dft321(acceleration: ArrayLike) -> Samples:
     axes = np.asarray(acceleration, dtype=np.float64)
     if axes.ndim != 2 or axes.size == 0:
         raise ValueError(f"dft321 got shape {axes.shape}; the rule is (n_samples, n_axes), none of them 0")
-    n, n_axes = axes.shape
-    rows, exponent = to_unit_scale(all_finite(axes, "dft321"))  # no gain over- or underflows when squared
-    rows = np.ascontiguousarray(rows.T)
-    rows -= rows.mean(axis=1, keepdims=True)
+    (n, n_axes), exponent = axes.shape, 0
+    largest = int(np.frexp(max(all_finite(axes, "dft321").max(), -axes.min()))[1])
+    if abs(largest) > 100:  # no gain over- or underflows when squared
+        axes, exponent = np.ldexp(axes, -largest), largest
     if n_axes == 1:
-        return np.asarray(np.ldexp(rows[0], exponent))
-    spectra = fft.rfft(rows)
-    del rows  # of a long signal, a third of all the memory
+        signal: Samples = axes[:, 0] - axes[:, 0].mean()
+        return np.asarray(np.ldexp(signal, exponent)) if exponent else signal
     energy: Samples = np.zeros(n // 2 + 1)
     total = np.zeros(n // 2 + 1, dtype=np.complex128)
-    for i, spectrum in enumerate(spectra):
+    for i in range(n_axes):  # one after the other: little memory, most of it used again
+        spectrum = fft.rfft(axes[:, i] - axes[:, i].mean())
         energy += spectrum.real**2 + spectrum.imag**2
-        total += (1 + (n_axes - 1 - i) * AXIS_PREFERENCE) * spectrum
+        spectrum *= 1 + (n_axes - 1 - i) * AXIS_PREFERENCE
+        total += spectrum
     energy[0] = 0.0
-    magnitude = np.abs(total)
-    vanishing = magnitude == 0
-    total[vanishing], magnitude[vanishing] = 1.0, 1.0
-    total *= np.sqrt(energy) / magnitude
-    return np.asarray(np.ldexp(fft.irfft(total, n), exponent))
+    power = total.real**2 + total.imag**2
+    vanishing = power == 0
+    total[vanishing], power[vanishing] = 1.0, 1.0
+    energy /= power
+    total *= np.sqrt(energy, out=energy)
+    signal = np.asarray(fft.irfft(total, n, overwrite_x=True))
+    return np.asarray(np.ldexp(signal, exponent)) if exponent else signal
 
 
 def combine(acceleration: ArrayLike) -> Samples:
@@ -190,11 +193,16 @@ def moving_average(x: ArrayLike, n: int) -> Samples:
     n_blocks = -(-size // n)
     blocks = np.zeros((n_blocks + 1, n))
     blocks.reshape(-1)[n // 2 : n // 2 + size] = samples - offset
-    sums = np.cumsum(blocks[:-1, ::-1], axis=1)[:, ::-1]  # from each sample to the end of its block
-    sums[:, 1:] += np.cumsum(blocks[1:, :-1], axis=1)  # and from the start of the next to n samples later
-    stop = np.arange(n - n // 2, n - n // 2 + size, dtype=np.float64)
-    held = np.minimum(stop, size) - np.maximum(stop - n, 0)
-    return np.asarray(sums.reshape(-1)[:size] / held + offset)
+    sums = np.empty((n_blocks, n))
+    np.cumsum(blocks[:-1, ::-1], axis=1, out=sums[:, ::-1])  # from each sample to the end of its block
+    np.cumsum(blocks, axis=1, out=blocks)
+    sums[:, 1:] += blocks[1:, :-1]  # and from the start of the next to n samples later
+    average = sums.reshape(-1)[:size]
+    ends = np.r_[: min(n // 2, size), max(n // 2, size - (n - n // 2) + 1) : size]
+    average[ends] *= n / (np.minimum(ends + n - n // 2, size) - np.maximum(ends - n // 2, 0))
+    average /= n
+    average += offset
+    return average
 
 
 def all_finite(x: ArrayLike, who: str, *, at_least: int = 0) -> Samples:
@@ -498,13 +506,14 @@ def find_peaks(x: Samples, *, height: float, distance: int = 1, prominence: floa
     tops = np.flatnonzero(rises[:-1] & ~rises[1:])
     peaks = (steps[tops] + 1 + steps[tops + 1]) // 2
     peaks = peaks[x[peaks] >= height]
-    rank, stays = np.zeros(len(x), dtype=np.intp), np.zeros(len(x), dtype=np.bool_)
-    rank[peaks[np.argsort(x[peaks], kind="stable")]] = np.arange(1, len(peaks) + 1)
-    while distance > 1 and rank.any():
-        highest = (rank > 0) & (rank == ndimage.maximum_filter1d(rank, 2 * distance - 1, mode="constant"))
-        stays |= highest
-        rank[ndimage.maximum_filter1d(highest, 2 * distance - 1, mode="constant")] = 0
-    peaks = peaks[stays[peaks]] if distance > 1 else peaks
+    if distance > 1:
+        rank, stays = np.zeros((2, len(peaks) + 1), dtype=np.intp)  # the last one ends the last neighbourhood
+        rank[np.argsort(x[peaks], kind="stable")] = np.arange(1, len(peaks) + 1)
+        near = np.searchsorted(peaks, np.column_stack([peaks - distance + 1, peaks + distance])).ravel()
+        while rank.any():
+            stays[:-1] |= (rank[:-1] > 0) & (rank[:-1] == np.maximum.reduceat(rank, near)[::2])
+            rank[:-1][np.maximum.reduceat(stays, near)[::2] > 0] = 0
+        peaks = peaks[stays[:-1] > 0]
     if prominence <= 0:
         return np.asarray(peaks)
     after = _stands_out(x, peaks, prominence)

@@ -1,5 +1,7 @@
 """Feature sets: what a TOML may say, what a restricted set computes, and long movements in parts."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from feature_signals import noise
@@ -171,3 +173,15 @@ def test_a_steady_movement_gives_in_parts_what_it_gives_as_a_whole(monkeypatch):
     noisy = np.isin(features.column_names, features.columns_of(course))
     np.testing.assert_allclose(divided[~noisy], whole[~noisy], rtol=0.05, atol=0.05)
     np.testing.assert_allclose(divided[noisy], whole[noisy], atol=0.15)
+
+
+def test_a_long_movement_takes_the_memory_of_five_copies_as_printed():
+    n = 1 << 20
+    recording = Recording(np.random.default_rng(0).standard_normal(n), 1e4, phases=Phases(movement=(0, n)))
+    printed = load_feature_set("strese2015")
+    printed.compute(views_of(recording)[""])  # what is made once for a length stays
+    tracemalloc.start()
+    printed.compute(views_of(recording)[""])
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 5.2 * 8 * n

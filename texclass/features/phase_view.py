@@ -242,7 +242,7 @@ class Views:
             start, impact, end = (at - first for at in (tap.start, tap.impact, tap.end))
             parts.append(TapSignal(signal[start:impact], signal[impact:end], tap.quality))
         # On the axes, not on their combination: DFT321 leaks the taps into the quiet stretch.
-        noise = float(np.sqrt(np.sum(np.var(axes[:quiet], axis=0)))) if quiet else 0.0
+        noise = math.sqrt(sum(np.var(column[:quiet]) for column in np.atleast_2d(axes.T))) if quiet else 0.0
         return TapView(tuple(parts), self.recording.fs, noise)
 
     @cached_property

@@ -78,7 +78,8 @@ def mean_magnitude(view: PhaseView) -> float:
     UndefinedFeatureError
         For silence.
     """
-    return float(np.abs(unit(view)).mean()) * level(view)
+    x = unit(view)
+    return float(np.abs(x, out=x).mean()) * level(view)
 
 
 @feature("movement", "(m/s^2)^2", CHATHURANGA, gain=Gain(power=2))

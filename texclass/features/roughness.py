@@ -20,7 +20,6 @@ from texclass.features.conditioning import (
     low_passed,
     n_of,
     require,
-    unit,
 )
 from texclass.features.contract import Gain, feature
 from texclass.features.phase_view import PhaseView, transform, undefined_if
@@ -170,10 +169,9 @@ def regularity_as_printed(view: PhaseView) -> float:
     UndefinedFeatureError
         For silence.
     """
-    x = unit(view)
     slope = np.diff(autocorrelation(view))
     rise = float(np.maximum(slope, 0, out=slope).mean(dtype=np.float64))
-    return rise / float(x.max() - x.min()) ** 2
+    return rise / float(np.ptp(view.samples) / level(view)) ** 2
 
 
 @feature("movement", "1", "strese2015, eq. 7, corrected")
@@ -257,7 +255,7 @@ def temporal_roughness_as_printed(
     """
     d1 = detail_band(view, cutoff_hz, wavelet, coarse, fine)
     d5 = detail_band(view, cutoff_hz, wavelet, coarse, coarse)
-    return _difference(np.abs(d1), np.abs(d5)) + float(np.log10(level(view)))
+    return _difference(np.abs(d1, out=d1), np.abs(d5, out=d5)) + float(np.log10(level(view)))
 
 
 @feature("movement", "log10(m/s^2)", "strese2015, eq. 3, corrected", gain=Gain(shift=1))

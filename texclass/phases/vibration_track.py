@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from texclass.phases.defects import BLOCK, LONGEST_FADE_S, Data, fade, find_data, find_glitches, mended
 from texclass.phases.impulses import CALM_S, Levels, mean_over
 from texclass.recording import Recording, Samples
-from texclass.signals import butterworth, causal
+from texclass.signals import STEPS, butterworth, causal
 
 TRACK_RATE_HZ = 10_000.0
 """Faster recordings are averaged down to about this rate before they are searched."""
@@ -198,7 +198,9 @@ def track(recording: Recording, *, hand_hz: float, bin_s: float, quiet_s: float)
     n_bins, bin_s = -(-len(axes) // (step * bin_size)), bin_size / rate
     felt, glitches = find_data(axes, recording.fs), find_glitches(axes)
     sos = _above_the_hand(hand_hz, rate)
-    vibration = Filtered(axes, (step,), sos, felt, glitches, BLOCK // bin_size * bin_size)
+    size = BLOCK // bin_size * bin_size
+    size -= size % (STEPS * bin_size) if size > STEPS * bin_size else 0  # whole groups are filtered sooner
+    vibration = Filtered(axes, (step,), sos, felt, glitches, size)
     data = -(-felt.first // (step * bin_size)), n_bins
     if felt.stop < len(axes):
         data = data[0], max(data[0], felt.stop // (step * bin_size))
