@@ -107,8 +107,11 @@ def _causal(x: Any, case: Case) -> Attempt:
     yield rules.finite("output", out)
     signal = samples_of(x[:SHORT])
     pieces = np.concatenate([first, none, rest])
+    if not signal.size:
+        yield rules.holds("no sample gives none", out.size == pieces.size == 0)
+        return
     yield rules.close("pieces = whole", pieces, out, rules.RESPONSE, scale=largest(signal))
-    if signal.size and _referenced(case):
+    if _referenced(case):
         right = exact.causal(sos, signal)
         yield rules.close("output, against 60 digits", out, right, rules.RESPONSE, scale=largest(signal))
 
