@@ -196,6 +196,17 @@ def tradeoff(
     curves: Annotated[
         bool, typer.Option(help="Also accuracy against touch, training, rate, bits and model order.")
     ] = True,
+    whom: Annotated[
+        Literal["embedded"] | None,
+        typer.Option("--for", help="For a small computer: bytes, operations, rate, window and word length."),
+    ] = None,
+    max_bytes: Annotated[
+        float | None,
+        typer.Option(help="With --for embedded: for samples, constants and what is computed of them."),
+    ] = None,
+    max_ops: Annotated[
+        float | None, typer.Option(help="With --for embedded: operations a second of signal.")
+    ] = None,
     jobs: options.Jobs = -1,
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
@@ -211,10 +222,35 @@ def tradeoff(
     reading: dict[str, Any],
 ) -> None:
     """Measure what accuracy costs on a dataset. The pipeline at the budget, or at the knee, is saved."""
+    small = {"--max-bytes": max_bytes, "--max-ops": max_ops}
+    large = {"--max-ms": max_ms, "--max-features": max_features, "--materials": materials}
+    for name, given in (small if whom is None else large).items():
+        if given is not None:
+            rule = f"with --for embedded: {', '.join(small)}; without: {', '.join(large)}"
+            raise ValueError(f"{name} is {given}; the rule is {rule}")
     from texclass.loaders import open_dataset
 
     recordings = open_dataset(dataset, **reading, skip_bad=True)
     from texclass.experiment import running_on
+
+    if whom is not None:
+        from texclass.recognition import SmallLimits, embedded_tradeoff
+
+        with running_on(backend, scheduler), progress_bar() as progress:
+            fitting = embedded_tradeoff(
+                recordings,
+                features,
+                SmallLimits(max_bytes, max_ops),
+                protocol=protocol,
+                max_seconds=max_seconds,
+                n_jobs=jobs,
+                progress=progress,
+                model_file=output / f"{recordings.name}-embedded.skops",
+            )
+        tell(fitting.document())
+        write_json(json_file, fitting.to_json())
+        wrote((*fitting.save(output), Path(fitting.data["chosen"]["file"])))
+        return
     from texclass.features import load_feature_set
     from texclass.tradeoff import Limits, trade_off
     from texclass.tradeoff.trading import tradeoff_stem

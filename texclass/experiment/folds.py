@@ -151,8 +151,8 @@ def over_folds(
 def without_remarks() -> Iterator[None]:
     """Silence what scikit-learn says of columns that are redundant, or constant within classes.
 
-    A discriminant drops collinear directions, and a class mean needs no deviation; what becomes of such data
-    shows in the accuracy.
+    A discriminant drops collinear directions, and a class mean needs no deviation; a network may stop before
+    it has converged. What becomes of such data shows in the accuracy.
     """
     with warnings.catch_warnings():
         for message in (
@@ -160,6 +160,7 @@ def without_remarks() -> Iterator[None]:
             ".*at least 1 zero",
             "Only one sample available",
             "invalid value encountered in divide",
+            "lbfgs failed to converge",
         ):
             warnings.filterwarnings("ignore", message=message)
         yield

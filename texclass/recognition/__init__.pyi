@@ -1,3 +1,6 @@
+from .embedded import Embedded as Embedded
+from .embedded import SmallLimits as SmallLimits
+from .embedded import embedded_tradeoff as embedded_tradeoff
 from .export.graph import OnnxExportError as OnnxExportError
 from .export.onnx_file import check_onnx as check_onnx
 from .export.onnx_file import export_onnx as export_onnx

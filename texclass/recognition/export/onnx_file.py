@@ -94,14 +94,7 @@ def export_onnx(
     ParityError
         If the graph gives other answers than texclass.
     """
-    for name in NEEDED:
-        try:
-            import_module(name)
-        except ModuleNotFoundError as error:
-            raise ModuleNotFoundError(
-                f"exporting to ONNX needs {error.name}, which is not installed: pip install 'texclass[onnx]'",
-                name=error.name,
-            ) from error
+    check_installed("exporting to ONNX")
     of_samples, n_samples = None, 0
     try:
         if start == "samples":
@@ -125,6 +118,29 @@ def export_onnx(
     graph.producer_name, graph.producer_version = "texclass", model.manifest.versions.get("texclass", "")
     write_whole(Path(path), graph.SerializeToString())
     return Exported(Path(path), parity, single, facts, of_samples)
+
+
+def check_installed(what: str) -> None:
+    """Check that what an export needs is installed.
+
+    Parameters
+    ----------
+    what : str
+        What needs it, for the message.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If the extra `onnx` is not installed.
+    """
+    for name in NEEDED:
+        try:
+            import_module(name)
+        except ModuleNotFoundError as error:
+            raise ModuleNotFoundError(
+                f"{what} needs {error.name}, which is not installed: pip install 'texclass[onnx]'",
+                name=error.name,
+            ) from error
 
 
 def facts_of_samples(model: Model, n_samples: int, parity: SampleParity) -> dict[str, Any]:
