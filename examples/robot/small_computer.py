@@ -15,11 +15,11 @@ import texclass as tx
 from texclass.recognition import SmallLimits, embedded_tradeoff
 from texclass.recognition.embedded import at_rate
 
-# A sensor of 1 kHz, windows of half a second and shorter, features that compare samples or look at bands.
+# A sensor of 1 kHz and three axes, windows of half a second and shorter; slopes, and levels of bands.
 dataset = at_rate(tx.open_dataset("simulated6"), 1000)
-features = tx.load_feature_set("texclass").restricted_to(["band_level", "slope_level", "slope_agreement"])
+features = tx.load_feature_set("texclass").restricted_to(["band_level", "slope_level"])
 file = Path(tempfile.mkdtemp()) / "small.skops"
-limits = SmallLimits(max_bytes=8000, max_ops=100_000)
+limits = SmallLimits(max_bytes=16_000, max_ops=1e6)
 found = embedded_tradeoff(dataset, features, limits, max_seconds=0.5, model_file=file)
 chosen = found.data["chosen"]
 print(f"{chosen['accuracy']['mean']:.1%} with {chosen['bytes']} bytes")
