@@ -253,10 +253,14 @@ def test_benchmark_trains_on_these_and_tests_on_those(run, tmp_path):
     assert (result["protocol"], result["n_folds"]) == ("repetition=0-1 -> repetition=3", 1)
     assert np.sum(result["confusion"]["counts"]) == 3
     assert run(*asked, "--leave-out", "operator")[0] == 0
+    assert run(*asked, "--protocol", "few-shot", "--shots", "1")[0] == 0
+    result = json.loads((tmp_path / "here/tiny-few-few-shot-1.json").read_text())
+    assert (result["protocol"], result["n_starts"], result["n_folds"]) == ("few-shot 1", 2, 4)
     for wrong, rule in (
         (("--train", "repetition=0"), "the rule is both"),
         (("--leave-out", "operator", "--protocol", "blocks"), "are alternatives"),
         (("--leave-out", "hand"), "no label of recordings is 'hand'"),
+        (("--shots", "1", "--protocol", "blocks"), "but the protocol is not few-shot; the rule is both"),
     ):
         code, _, said = run(*asked, *wrong)
         assert (code, rule in said) == (1, True), said
@@ -264,7 +268,7 @@ def test_benchmark_trains_on_these_and_tests_on_those(run, tmp_path):
 
 def test_every_command_that_takes_files_takes_what_says_how_they_are_read(run, tmp_path):
     how = {"--column", "--delimiter", "--time-column", "--resample", "--fs", "--unit"}
-    for name in ("inspect", "extract", "benchmark", "tradeoff", "train", "predict", "stream"):
+    for name in ("inspect", "extract", "benchmark", "tradeoff", "train", "predict", "adapt", "stream"):
         assert how <= {flag for option in COMMANDS.commands[name].params for flag in option.opts}, name
     for material in ("wood", "steel"):
         (tmp_path / "felt" / material).mkdir(parents=True)

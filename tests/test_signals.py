@@ -81,6 +81,23 @@ def test_dft321_is_continuous_where_the_axes_nearly_cancel():
         assert_allclose(found, near[0], atol=1e-6 * np.abs(shake).max())
 
 
+@pytest.mark.parametrize("gain", [1.0, 1e-200, 1e200])
+@pytest.mark.parametrize("n", [4, 1001, 1004, 20_000])
+def test_dft321_in_single_precision_is_that_in_double_to_a_few_millionths(n, gain):
+    axes = gain * _axes(n)
+    exact = dft321(axes)
+    found = dft321(axes, single=True)
+    assert found.dtype == np.float64
+    assert_allclose(found / gain, exact / gain, atol=1e-5 * np.abs(exact / gain).max())
+    assert abs((found / gain).mean()) < 1e-6 * np.abs(exact / gain).max()
+
+
+def test_dft321_of_opposite_axes_takes_the_phase_of_the_earlier_one_in_single_precision():
+    shake = np.random.default_rng(0).standard_normal(1000)
+    found = dft321(np.stack([shake, -shake], axis=1), single=True)
+    assert_allclose(found, np.sqrt(2) * (shake - shake.mean()), atol=0.1)
+
+
 @pytest.mark.parametrize("axes", [np.zeros((50, 3)), np.full((50, 3), 9.81), np.ones((1, 3))])
 def test_dft321_of_no_motion_is_zero(axes):
     assert_array_equal(dft321(axes), np.zeros(len(axes)))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 import pytest
+import soundfile
 
 from texclass.experiment.pipeline import FoldSettings, PipelineDefinition, RowDefinition, Use
 from texclass.features.contract import Feature, UndefinedFeatureError
@@ -129,3 +130,13 @@ def toy_dataset():
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path / "cache"))
+
+
+def write_plates(folder, fs, louder):
+    """Write three materials, each so much louder than the one before: six WAV files of 1200 samples each."""
+    for m, name in enumerate(("cork", "felt", "oak")):
+        (folder / name).mkdir(parents=True)
+        for i in range(6):
+            white = np.random.default_rng([m, i]).normal(size=1203)  # alone, it would be taken for rest
+            noise = 0.02 * louder**m * np.convolve(white, np.ones(4), "valid")
+            soundfile.write(folder / name / f"{name}_{i}.wav", noise.clip(-0.99, 0.99), fs)

@@ -25,6 +25,7 @@ from .front_door import plot_recording as plot_recording
 from .loaders import load_recording as load_recording
 from .loaders import open_dataset as open_dataset
 from .phases import segment as segment
+from .recognition import adapt as adapt
 from .recognition import listen as listen
 from .recognition import load_model as load_model
 from .recognition import train as train

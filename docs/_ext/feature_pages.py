@@ -115,9 +115,12 @@ def page(feature, alone_ms, sets):
         f"``{columns[0]}``" if len(columns) == 1 else f"{len(columns)}: ``{columns[0]}`` … ``{columns[-1]}``"
     )
     facts = {
-        "Reads": {"tap": "the taps", "movement": "the movement", "friction": "the friction signal"}[
-            feature.phase
-        ],
+        "Reads": {
+            "tap": "the taps",
+            "movement": "the movement",
+            "friction": "the friction signal",
+            "pair": "the movements of two channels",
+        }[feature.phase],
         "Source": feature.reference,
         "Unit": feature.unit if feature.unit != "1" else "1, a pure number",
         "Columns": outputs,

@@ -39,3 +39,13 @@ plt.show()
 for trained in (True, False):
     said = [answer.unknown for _, known, answer in answers if known == trained]
     print("trained" if trained else "never met", f"{sum(said)} of {len(said)} called unknown")
+
+# %%
+# Beside the best answer stand sets, which hold the surface in 90 and in 95 of 100 recordings of known ones.
+# They hold several where surfaces are hard to tell apart, and none where even the best answer conforms less
+# than right ones do.
+
+for level in (0.9, 0.95):
+    sets = [(surface, answer.sets[level]) for surface, known, answer in answers if known]
+    holds, size = sum(s in members for s, members in sets), sum(len(members) for _, members in sets)
+    print(f"{level:.0%}: {holds} of {len(sets)} sets hold the surface, {size / len(sets):.2f} surfaces a set")

@@ -37,6 +37,15 @@ label, probabilities, p_known, unknown = session.run(None, {"features": X})
 print(f"{np.mean(label == dataset.labels):.1%} of the recordings it was trained on")
 
 # %%
+# A kernel keeps recordings that it was trained on. Within a limit it keeps fewer, in 16 bits.
+
+for max_kb in (None, 10):
+    kernel = tx.train(dataset, row="Movement", classifier="kernel", max_kb=max_kb)
+    written = tx.recognition.export_onnx(kernel, file.with_name("kernel.onnx")).path
+    accuracy = kernel.manifest.accuracy["mean"]
+    print(f"{max_kb or 'no'} kB: {written.stat().st_size} bytes, {accuracy:.1%} of held-out recordings")
+
+# %%
 # Probabilities, a row a recording, a column a surface:
 
 figure, axis = plt.subplots(figsize=(6, 4))

@@ -74,7 +74,7 @@ def studied(model, windows, path, n_rounds):
     exported, export_s = timed(lambda: export_onnx(model, path, start="samples"))
     n_samples = windows.shape[2]
     with_features = build_of_samples(model, n_samples, with_features=True).SerializeToString()
-    found = run(with_features, windows, SAMPLES, also=("features",))
+    found = run(with_features, windows, SAMPLES, (*OUTPUTS, "features"))
     X = np.array([model.plan.compute(recording_of(model, window)).values for window in windows])
     parity = compared(model, X, found)
     p, p_known = model.judge(X)

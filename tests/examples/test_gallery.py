@@ -12,6 +12,7 @@ from texclass.features.contract import registered
 GALLERY = Path(__file__).parents[2] / "examples"
 SCRIPTS = sorted(p for header in GALLERY.glob("*/GALLERY_HEADER.rst") for p in header.parent.glob("*.py"))
 SLOW = {
+    "another_sensor",
     "few_recordings",
     "onnx_model",
     "operators",

@@ -123,7 +123,7 @@ def test_recordings_tested_equally_often_have_neither_vote_nor_another_balance()
     assert found.mean == 0.75  # over recordings, not over folds
     assert found.to_dict() == {
         "mean": 0.75, "low": found.interval[0], "high": found.interval[1], "interval": "Wilson",
-        "clusters": "recording", "n_clusters": 4, "balanced": 0.75, "folds": [1.0, 0.0],
+        "clusters": "recording", "n_clusters": 4, "balanced": 0.75, "worst": 0.0, "folds": [1.0, 0.0],
     }  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """The benchmark end to end on a toy dataset; what is chosen inside training parts: the tests have no say."""
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -8,9 +9,10 @@ import pytest
 from scipy.stats import spearmanr
 from toy_noises import CLASSIFIERS, FS, STEPS, TINY, a_table, row
 
+from texclass.document import render_markdown
 from texclass.experiment.benchmark import choose_inside, inner_splits, rank_agreement, run_benchmark
 from texclass.experiment.feature_table import FeatureTable
-from texclass.experiment.pipeline import MatchedRow, Selection
+from texclass.experiment.pipeline import MatchedRow, Selection, Use
 from texclass.experiment.protocols import find_protocol
 from texclass.recording import RecordingError
 
@@ -161,6 +163,31 @@ def test_where_operators_are_left_out_interval_and_choice_are_over_operators(toy
         assert found["interval"].endswith("over operators")
 
 
+def test_several_starts_tell_mean_and_worst_and_count_each_recording_once(toy_dataset, pipeline):
+    one = pipeline(row("Peaks", "peaks"), classifiers=EUCLIDEAN, steps=STEPS[1:])
+    result = run_benchmark(toy_dataset(3, 16), one, protocol="few-shot 1")
+    found = result.data["rows"][0]["accuracy"]["euclidean"]
+    assert (result.data["n_folds"], result.data["n_starts"], len(found["folds"])) == (8, 4, 8)
+    assert found["worst"] == min(found["folds"]) < found["mean"] == pytest.approx(np.mean(found["folds"]))
+    assert found["n_clusters"] == 3 * 8  # asked of four starts each
+    assert np.sum(result.data["confusion"]["counts"]) == 4 * 3 * 8
+    text = render_markdown(result.document())
+    assert f"8 folds of 4 starts. The worst fold: {100 * found['worst']:.1f} %." in text
+    assert re.search(r"Euclidean.* worst", text)
+    assert "of 96 tests are taken for another material" in text
+    assert "1 repetition, several starts, to second half" in text
+
+
+def test_what_refuses_single_recordings_is_left_out_of_the_table(toy_dataset, pipeline):
+    rows = (row("Level", "level"), row("Selected", "level", "peaks", select=Selection(n=1, folds=2)))
+    with_lda = CLASSIFIERS | {"lda": Use(use="sklearn.discriminant_analysis.LinearDiscriminantAnalysis")}
+    several = pipeline(*rows, classifiers=with_lda)
+    found = run_benchmark(toy_dataset(3, 8), several, protocol="few-shot 1").data["rows"]
+    assert list(found[0]["accuracy"]) == ["naive_bayes", "euclidean"]  # no lda
+    assert not found[1]["accuracy"]
+    assert found[1]["missing"] == "single recordings are too few for its classifiers"
+
+
 def test_the_interval_of_rank_agreement_covers():
     rng, rho, inside = np.random.default_rng(0), 0.8, 0
     for _ in range(300):
@@ -239,6 +266,15 @@ def test_of_rows_that_do_equally_well_the_widest_is_chosen(toy_dataset, pipeline
     found = run_benchmark(toy_dataset(), widening, choose=True).data
     assert [line["accuracy"]["euclidean"]["mean"] for line in found["rows"]] == [1.0, 1.0]
     assert found["choice"]["chosen"] == [["Both", "euclidean"]] * 4
+
+
+def test_one_row_and_one_classifier_are_chosen_before_any_recording_is_seen(toy_dataset, pipeline):
+    one = pipeline(row("Both", "level", "peaks"), classifiers=EUCLIDEAN, steps=STEPS[1:])
+    found = run_benchmark(toy_dataset(), one, protocol="repetition=1 -> repetition=2-4", choose=True).data
+    assert found["choice"]["protocol"] == "nothing to choose"
+    assert found["choice"]["accuracy"] == found["rows"][0]["accuracy"]["euclidean"]
+    with pytest.raises(ValueError, match="'paper'; the rule is one whose test recordings stay unseen"):
+        run_benchmark(toy_dataset(), one, protocol="paper", choose=True)
 
 
 def test_training_parts_are_split_as_the_whole_where_possible():

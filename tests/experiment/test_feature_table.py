@@ -1,8 +1,10 @@
 """Feature tables: nothing lost by a kill, nothing computed twice, bad recordings named."""
 
+import json
 import os
 import signal
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -142,6 +144,12 @@ def test_a_channel_with_a_slash_in_its_name_keeps_its_features_and_reasons():
     assert table.reason_of("hardness") == "no tap"
 
 
+def test_columns_of_pieces_stay_beside_each_other_where_there_are_several_channels():
+    columns = tuple(f"{channel}/level.piece{i}" for channel in "xy" for i in (1, 2))
+    table = FeatureTable(pd.DataFrame([[1.0] * 4], columns=columns), columns, np.zeros(1))
+    assert table.matching(["level.piece1", "level.piece2"]) == columns
+
+
 def test_parts_that_a_second_process_took_away_cost_no_recording(toy_dataset, tmp_path, monkeypatch):
     data, features, path = (
         toy_dataset(2, 3),
@@ -186,3 +194,26 @@ def test_partitions_hold_together_what_one_table_holds_and_go_on_where_a_run_end
     assert [item.recording_id for items in left_out for item in items] == ["m2_4"]
     with pytest.raises(ValueError, match="partitions of 0 recordings; the rule is at least 1"):
         tables.extract_partitions(bad, feature_set, folder, 0)
+
+
+def test_notes_of_a_dataset_are_told_whether_it_becomes_one_file_or_several(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(0)
+    for name in ("wood", "steel"):
+        (tmp_path / "felt" / name).mkdir(parents=True)
+        np.savetxt(tmp_path / "felt" / name / "0.csv", rng.standard_normal(1000))
+    (tmp_path / "felt" / "wood" / "0.exe").touch()
+    read = ("felt", "--fs", 1000, "--unit", "g", "--jobs", 1, "--features", "coarse")
+    for options in (("-o", "table.parquet"), ("-o", "parts", "--partition", 1)):
+        code, out, err = command("extract", *read, *options)
+        assert code == 0, err
+        assert out.count("note: 1 files of other kinds are ignored") == 1
+
+
+def test_partitions_move_less_than_a_sixth_as_the_page_of_experiments_says():
+    root = Path(__file__).parents[2]
+    assert "less than a sixth of the bytes" in (root / "docs" / "experiments.md").read_text(encoding="utf-8")
+    runs = json.loads((root / "reports" / "studies" / "cluster.json").read_text(encoding="utf-8"))["runs"]
+    moved = {(run["n"], run["way"]): run["moved_mb"] for run in runs}
+    for n in {run["n"] for run in runs}:
+        assert moved[n, "partitions"] < moved[n, "table"] / 6

@@ -8,8 +8,8 @@ from sklearn.utils.estimator_checks import check_estimator
 from texclass.experiment.kernel_discriminant import (
     KernelDiscriminant,
     correlation_ratio,
+    drawn,
     matern,
-    thinned,
     view_of,
 )
 from texclass.recording import Samples
@@ -40,6 +40,50 @@ def test_coefficients_solve_kernel_ridge_regression() -> None:
     K = sum(Matern(1.6, nu=1.5)(a) for a in model.prototypes_) / 2
     Y = np.eye(6)[y] - 1 / 6
     np.testing.assert_allclose((K + 0.2 * np.eye(60)) @ model.dual_, Y, atol=1e-8)
+
+
+def test_few_samples_have_the_coefficients_that_serve_all_best() -> None:
+    X, y = drifting(40, 2)
+    model = KernelDiscriminant(max_kb=12).fit(X, y)
+    m = len(model.dual_)
+    assert 6 <= m < 120
+    assert len(np.unique(model.predict(X))) == 6
+    of_kept = sum(matern(a, a, 1.6) for a in model.prototypes_) / 2
+    seen = [view(X) for view in model.views_]
+    of_all = sum(matern(a, b, 1.6) for a, b in zip(seen, model.prototypes_, strict=True)) / 2
+    Y = np.eye(6)[y] - 1 / 6
+    # Where the derivative of |Y - K_nm alpha|^2 + ridge alpha' K_mm alpha is 0.
+    slope = of_all.T @ (of_all @ model.dual_ - Y) + 0.04 * of_kept @ model.dual_
+    np.testing.assert_allclose(slope, 0, atol=1e-3)
+    drawn_first = KernelDiscriminant(max_samples=m).fit(X, y)
+    test = drifting(50, 5)
+    assert model.score(*test) > drawn_first.score(*test) + 0.02
+
+
+def test_numbers_of_few_bits_are_part_of_the_model() -> None:
+    X, y = drifting(20, 2)
+    model, exact = KernelDiscriminant(max_kb=1000).fit(X, y), KernelDiscriminant().fit(X, y)
+    assert len(model.dual_) == len(X)
+    first, second = model.views_
+    Z = model.prototypes_[0] / first.weights
+    short = Z.astype(np.float16).astype(float)
+    np.testing.assert_array_equal(model.prototypes_[0], short * first.weights)
+    np.testing.assert_array_equal(model.prototypes_[1], short @ second.weights)
+    for values, dtype in ((second.weights, np.float16), (model.dual_, np.float32)):
+        np.testing.assert_array_equal(values, values.astype(dtype))
+    gap = np.abs(model.decision_function(X) - exact.decision_function(X)).max()
+    assert 0 < gap < 2e-3
+
+
+def test_samples_of_equal_features_and_small_classes_are_kept_within_the_limit() -> None:
+    X, y = np.zeros((60, 2)), np.repeat([0, 1, 1, 1, 2, 2], 10)
+    y[:9] = 1  # one sample is left of the first
+    n_kept = []
+    for max_kb in (0.3, 0.5, 100):
+        model = KernelDiscriminant(max_kb=max_kb).fit(X, y)
+        assert np.isfinite(model.predict_proba(X)).all()
+        n_kept.append(len(model.dual_))
+    assert 3 <= n_kept[0] < n_kept[1] < n_kept[2] == 60
 
 
 def test_whitened_view_has_identity_within_classes_when_hardly_shrunk() -> None:
@@ -105,13 +149,15 @@ def test_probabilities_are_those_of_a_known_mixture() -> None:
     np.testing.assert_allclose(p[:, 1], 1 / (1 + np.exp(-2 * (grid[:, 0] - 1))), atol=0.08)
 
 
-def test_thinning_keeps_the_classes_and_their_order() -> None:
+def test_a_draw_keeps_every_class_the_order_and_all_windows_of_a_recording_alike() -> None:
     labels = np.repeat([0, 1, 2], [100, 50, 4])
-    kept = thinned(labels, 60)
-    assert kept.size <= 60
+    kept = drawn(labels, 60, 0)
+    assert kept.size == 60
     assert set(labels[kept]) == {0, 1, 2}
     assert (np.diff(kept) > 0).all()
-    assert thinned(labels, 154).size == 154
+    assert drawn(labels, 154, 0).size == 154
+    of_window = np.bincount(drawn(np.zeros(4000, dtype=int), 1000, 0) % 4)
+    assert (np.abs(of_window - 250) < 60).all()
 
 
 def test_training_samples_in_one_place_do_no_harm() -> None:
@@ -127,3 +173,5 @@ def test_a_parameter_out_of_range_is_refused_by_name() -> None:
             KernelDiscriminant(**{name: wrong}).fit(*drifting(3, 12))
     with pytest.raises(TypeError, match="ridge must be an instance of"):
         KernelDiscriminant(ridge="much").fit(*drifting(3, 12))
+    with pytest.raises(ValueError, match=r"max_kb is 3; the rule is at least 3\.\d+, for 30 features"):
+        KernelDiscriminant(max_kb=3).fit(*drifting(3, 12))

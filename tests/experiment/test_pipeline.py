@@ -1,10 +1,13 @@
 """Pipeline TOMLs: only sklearn and texclass classes, and no key that does nothing."""
 
+import numpy as np
+import pandas as pd
 import pytest
 from sklearn.impute import SimpleImputer
 from sklearn.preprocessing import MinMaxScaler
 
-from texclass.experiment.pipeline import AdditionSettings, load_pipeline, resolve
+from texclass.experiment.feature_table import FeatureTable
+from texclass.experiment.pipeline import AdditionSettings, MatchedRow, Use, load_pipeline, resolve
 from texclass.experiment.selection import ForwardSelector
 from texclass.shipped import names
 
@@ -41,6 +44,39 @@ def write(folder, text):
 def test_shipped_pipelines_load():
     for name in names("pipelines"):
         assert load_pipeline(name).name == name
+
+
+def test_what_is_trained_by_default_leaves_nothing_to_choose_and_knows_what_is_not_of_pieces():
+    pipeline = load_pipeline("surfaces")
+    assert (len(pipeline.rows), list(pipeline.classifiers)) == (1, ["vote"])
+    columns = pipeline.features.column_names
+    frame = pd.DataFrame({"material": ["a", "b"], **{c: [1.0, 2.0] for c in columns}})
+    table = FeatureTable(frame, columns, np.zeros(2))
+    row = MatchedRow.of(pipeline.rows[0], pipeline.features, table)
+    classifier = pipeline.trial(row, "vote", table).keywords["classifier"]
+    undivided = {row.columns[i].split(".")[0] for i in classifier.undivided}
+    assert undivided == {m.name for m in pipeline.features.members if m.feature.phase != "movement"}
+
+
+def test_an_argument_of_a_classifier_may_be_an_estimator():
+    judge = {"use": "texclass.experiment.kernel_discriminant.KernelDiscriminant", "length": 1.0}
+    made = Use(use="texclass.experiment.vote_of_pieces.VoteOfPieces", estimator=judge, n_pieces=4).make()
+    assert (made.estimator.length, made.n_pieces) == (1.0, 4)
+
+
+@pytest.mark.parametrize(
+    ("judge", "problem"),
+    [
+        ('use = "os.system"', "use = 'os.system' is refused"),
+        ('use = "sklearn.naive_bayes.GaussianNB", wrong = 1', "unknown key 'wrong'"),
+        ('use = "texclass.experiment.kernel_discriminant.KernelDiscriminant", length = -1', "length == -1"),
+    ],
+)
+def test_an_estimator_inside_another_keeps_the_same_rules(judge, problem, tmp_path):
+    vote = '[classifiers.v]\nuse = "texclass.experiment.vote_of_pieces.VoteOfPieces"\n'
+    with pytest.raises(ValueError, match=problem) as raised:
+        load_pipeline(write(tmp_path, f"{START}{vote}estimator = {{ {judge} }}\n{ROW}"))
+    assert "\n" not in str(raised.value)
 
 
 def test_the_rows_of_table_one_stand_in_order_with_their_dimensions_and_figures():

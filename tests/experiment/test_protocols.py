@@ -8,7 +8,7 @@ from sklearn.preprocessing import StandardScaler
 from toy_noises import a_table
 
 from texclass.experiment.folds import evaluate
-from texclass.experiment.protocols import PROTOCOLS, find_protocol, repeated
+from texclass.experiment.protocols import PROTOCOLS, find_protocol, n_trainings, repeated
 from texclass.experiment.selection import ForwardSelector
 
 
@@ -57,13 +57,46 @@ def test_operator_leaves_one_out_entirely_and_falls_back_to_sessions():
     assert len(split("operator", table.assign(operator=None, session=["a", "b"] * 15))) == 2
 
 
-def test_blocks_and_few_shot_train_on_the_first_repetitions_whatever_the_order_of_rows():
+def test_blocks_train_on_the_first_repetitions_whatever_the_order_of_rows():
     table = a_table(2, 9).sample(frac=1, random_state=0, ignore_index=True)
-    ((train, test),), ((few, tested),) = split("blocks", table), split("few-shot", table)
+    ((train, test),) = split("blocks", table)
     assert set(table["repetition"][train]) == {1, 2, 3, 4}
     assert set(table["repetition"][test]) == {5, 6, 7, 8, 9}
-    assert sorted(table["repetition"][few]) == [1, 1, 2, 2, 3, 3]
-    assert tested.tolist() == test.tolist()
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "starts", "tests"),
+    [
+        ("few-shot", 40, [range(s, s + 3) for s in (1, 6, 11, 16)], [range(21, 31), range(31, 41)]),
+        ("few-shot 1", 40, [[1], [6], [11], [16]], [range(21, 31), range(31, 41)]),
+        ("few-shot 10", 40, [range(1, 11), range(6, 16), range(11, 21)], [range(21, 31), range(31, 41)]),
+        ("few-shot", 9, [[1, 2, 3], [2, 3, 4]], [[5, 6], [7, 8, 9]]),
+        ("few-shot", 6, [[1, 2, 3]], [[4], [5, 6]]),
+        ("few-shot 1", 2, [[1]], [[2]]),
+    ],
+)
+def test_few_shot_has_as_many_starts_as_fit_before_the_same_later_tests(name, n, starts, tests):
+    table = a_table(2, n).sample(frac=1, random_state=0, ignore_index=True)
+    table["repetition"] += 7 * (table["material"] == "m1")  # numbers of a material need not begin at 1
+    found = [
+        [[*table["repetition"][rows][table["material"][rows] == "m0"].sort_values()] for rows in fold]
+        for fold in split(name, table)
+    ]
+    assert found == [[list(start), list(test)] for start in starts for test in tests]
+    assert n_trainings(split(name, table)) == len(starts)
+
+
+def test_few_shot_draws_runs_where_recordings_have_no_number():
+    runs = [f"m{m}/run{r // 2}" for m in range(3) for r in range(10)]
+    table = a_table(repetition=None).assign(session=runs)
+    folds = split("few-shot", table)
+    assert len({train.tobytes() for train, _ in folds}) == len(folds) == 4
+    for train, test in folds:
+        assert not set(table["session"][train]) & set(table["session"][test])
+        assert (table.iloc[train].groupby("material")["session"].nunique() == 3).all()
+        assert len(train) + len(test) == len(table)
+    assert all(np.array_equal(a, b) for a, b in zip(folds[0], split("few-shot", table)[0], strict=True))
+    assert not np.array_equal(folds[0][0], split("few-shot", table, seed=1)[0][0])
 
 
 def test_no_run_trains_and_tests_and_every_fold_tests():
@@ -108,13 +141,18 @@ def test_an_impossible_split_names_value_and_rule():
         ("run", a_table(2, 7), "m0 has 7 runs; 10 folds .* at least 10 of each; 2 to 7 folds are"),
         ("run", three_runs, "has 3 runs; 10 folds grouped by run need at least 10 of each; 2 to 3 folds"),
         ("few-shot", a_table(3, 5), "m0 has 5 recordings; the protocol `few-shot` needs 6 of each"),
-        ("few-shot", a_table(repetition=None), "no repetition number; the protocol `few-shot` needs it"),
+        (
+            "few-shot",
+            a_table(3, 3, repetition=None),
+            "m0 has 3 runs; the protocol `few-shot` needs 4 of each",
+        ),
+        ("few-shot 0", a_table(), "no protocol is named 'few-shot 0'.*few-shot NUMBER"),
         ("operator", a_table(operator=None), "0 operators and 0 sessions"),
         ("operator", a_table(operator="o1"), "1 operators and 0 sessions"),
         ("operator", single, "material m0 has no recording without operator a"),
         ("blocks", a_table(3, 1), "material m0 has 1 recording"),
         ("blocks", a_table(repetition=None), "recording m0_1 has no repetition number"),
-        ("random", a_table(), "recording, operator, blocks, few-shot, run, paper"),
+        ("random", a_table(), "recording, operator, blocks, few-shot, run, paper, few-shot NUMBER"),
     ):
         with pytest.raises(ValueError, match=message):
             split(name, table.reset_index(drop=True))

@@ -7,7 +7,7 @@ from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.utils.estimator_checks import check_estimator
 
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
-from texclass.experiment.vote_of_pieces import VoteOfPieces, divided
+from texclass.experiment.vote_of_pieces import VoteOfPieces, knowing, pieces_of
 from texclass.recording import Samples
 
 
@@ -50,7 +50,7 @@ def test_recordings_too_short_to_be_divided_count_once() -> None:
     X, y = recordings(6, 5)
     whole = X[:, ::4]
     same = np.repeat(whole, 4, axis=1)
-    rows, owner = divided(np.concatenate([same, X]), 4)
+    rows, owner = pieces_of(np.concatenate([same, X]), 4)
     assert owner.tolist() == [*range(24), *np.repeat(range(24, 48), 4)]
     np.testing.assert_array_equal(rows[:24], whole)
     model, alone = VoteOfPieces(n_pieces=4).fit(same, y), KernelDiscriminant().fit(whole, y)
@@ -75,3 +75,34 @@ def test_columns_that_are_no_multiple_of_the_pieces_are_refused() -> None:
         VoteOfPieces(3).fit(X, y)
     with pytest.raises(ValueError, match="19 columns; the rule is a multiple of n_pieces = 4"):
         VoteOfPieces(n_pieces=4).fit(X[:, 1:], y)
+
+
+def of_two_kinds(seed: int) -> tuple[Samples, Samples]:
+    """Twenty columns of pieces between two of the whole recording."""
+    X, y = recordings(4, seed, 0.3)
+    taps = y[:, None] % 2 + 0.2 * np.random.default_rng(seed).standard_normal((y.size, 2))
+    return np.column_stack([taps[:, 0], X, taps[:, 1]]), y
+
+
+def test_columns_of_the_whole_have_a_voter_of_their_own() -> None:
+    X, y = of_two_kinds(9)
+    model = VoteOfPieces(n_pieces=4, undivided=(0, 21)).fit(X, y)
+    pieces = VoteOfPieces(n_pieces=4, whole_weight=0).fit(X[:, 1:-1], y).decision_function(X[:, 1:-1])
+    taps = KernelDiscriminant().fit(X[:, [0, 21]], y).decision_function(X[:, [0, 21]])
+    np.testing.assert_allclose(model.decision_function(X), (pieces + 0.5 * taps) / 1.5, atol=1e-12)
+
+
+def test_a_recording_without_columns_of_pieces_is_one_piece() -> None:
+    X, y = recordings(6, 10)
+    told = knowing(VoteOfPieces(n_pieces=4), [f"tap.{i}" for i in range(19)])
+    alone = KernelDiscriminant().fit(X[:, :19], y).decision_function(X[:, :19])
+    np.testing.assert_allclose(told.fit(X[:, :19], y).decision_function(X[:, :19]), alone, atol=1e-12)
+
+
+def test_a_classifier_knows_the_columns_of_the_whole_by_their_names() -> None:
+    names = ["x/level.piece1", "x/level.piece2", "damping", "y/level.piece1", "y/level.piece2"]
+    assert knowing(VoteOfPieces(n_pieces=2), names).undivided == (2,)
+    assert knowing(VoteOfPieces(), names).undivided == ()
+    X, y = recordings(3, 11)
+    with pytest.raises(ValueError, match=r"undivided is \(20,\); the rule is columns 0 to 19"):
+        VoteOfPieces(n_pieces=4, undivided=(20,)).fit(X, y)

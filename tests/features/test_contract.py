@@ -13,8 +13,8 @@ from scipy import signal
 
 from texclass import features
 from texclass.features.contract import Feature, UndefinedFeatureError, find, registered
-from texclass.features.examination import degenerate_inputs
-from texclass.features.phase_view import PhaseView, TapSignal, TapView, views_of
+from texclass.features.examination import bare_view, degenerate_inputs
+from texclass.features.phase_view import PairView, PhaseView, TapSignal, TapView, views_of
 from texclass.features.sets import load_feature_set
 from texclass.recording import Recording
 
@@ -49,6 +49,9 @@ MOVEMENT = stroke(5.0, FS)
 def normal(phase, gain=1.0, fs=FS, **length_and_seed):
     """A view that nothing was computed on."""
     recorded = {"duration_s": 5.0, "fs": fs, **length_and_seed}
+    if phase == "pair":
+        x, y = (stroke(**recorded | {"seed": seed}) for seed in (0, 1))
+        return PairView((PhaseView(gain * x, fs), PhaseView(gain * (x + y), fs)))
     return taps(fs, gain) if phase == "tap" else PhaseView(gain * stroke(**recorded), fs)
 
 
@@ -79,7 +82,7 @@ def test_declaration_is_whole_and_values_are_finite_repeatable_and_as_many_as_th
     assert feature.reference
     assert feature.summary.endswith(".")
     view = normal(feature.phase)
-    parts = [view] if isinstance(view, PhaseView) else view.taps
+    parts = {"tap": lambda: view.taps, "pair": lambda: view.sides}.get(feature.phase, lambda: [view])()
     for array in (array for part in parts for array in vars(part).values() if isinstance(array, np.ndarray)):
         array.flags.writeable = False  # whoever writes to the input fails
     values = np.atleast_1d(feature.function(view))
@@ -97,7 +100,7 @@ def test_gain_law_holds(feature):
         np.testing.assert_allclose(found, expected, rtol=2e-6, atol=1e-300, err_msg=f"gain {gain}")
 
 
-@pytest.mark.parametrize("phase", ["movement", "tap", "friction"])
+@pytest.mark.parametrize("phase", ["movement", "tap", "friction", "pair"])
 def test_values_do_not_depend_on_what_was_computed_before_on_the_view(phase):
     every = [f for f in FEATURES.values() if f.phase == phase]
     one = normal(phase)
@@ -132,6 +135,8 @@ def test_a_sensor_mounted_the_other_way_round_gives_the_same_value_unless_declar
     view = shared(feature.phase)
     if isinstance(view, PhaseView):
         turned = PhaseView(-view.samples, view.fs)
+    elif isinstance(view, PairView):
+        turned = PairView(tuple(PhaseView(-side.samples, side.fs) for side in view.sides))
     else:
         turned = TapView(tuple(TapSignal(-t.hand, -t.impulse) for t in view.taps), view.fs, view.noise)
     value, other = feature.function(view), feature.function(turned)
@@ -167,9 +172,7 @@ DEGENERATE |= {f"{n} samples": noise(n, n) for n in (3, 5, 8, 31, 32, 64, 99, 19
 
 @functools.cache
 def degenerate(kind, phase, fs=FS):
-    samples = (DEGENERATE | BAD)[kind]
-    parts = np.split(samples, [samples.size // 4])  # a tap has its contact after a quarter
-    return TapView((TapSignal(*parts),), fs) if phase == "tap" else PhaseView(samples, fs)
+    return bare_view(phase, (DEGENERATE | BAD)[kind], fs)
 
 
 def reason_of(feature, view):
@@ -208,6 +211,12 @@ def test_a_feature_reads_an_array_as_the_view_of_it(feature):
     with pytest.raises(ValueError, match="fs is None"):
         feature.function(MOVEMENT)
     x = MOVEMENT[:20_000] + 3.0
+    if feature.phase == "pair":
+        both = np.column_stack([x, x[::-1]])
+        with pytest.raises(ValueError, match="a pair of 1 channels"):
+            feature.function(x, fs=FS)
+        np.testing.assert_allclose(feature.function(both, fs=FS), feature.function(bare_view("pair", x, FS)))
+        return
     if feature.phase == "tap":
         x = 1e-3 * noise(20_000)
         for start in (5000, 9000, 13_000):

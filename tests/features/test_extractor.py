@@ -99,7 +99,8 @@ def test_each_channel_gives_the_columns_of_that_channel_alone():
 
 def test_axes_of_a_turn_rate_are_channels_too():
     turning = [exploration(seed, turn_rate=noise(3000, 9).reshape(1000, 3)) for seed in (0, 1)]
-    extractor = FeatureExtractor("coarse", channels="all").fit(turning)
+    bands = load_feature_set("coarse").restricted_to(["band_level", "octave_level"])
+    extractor = FeatureExtractor(bands, channels="all").fit(turning)
     values = extractor.transform(turning)
     assert values.shape == (2, 6 * 15)
     assert np.isfinite(values).all()

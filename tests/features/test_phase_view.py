@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from feature_signals import noise
+from scipy import fft
 
 from texclass.features.bands import band_course, band_level
 from texclass.features.phase_view import (
@@ -10,6 +11,7 @@ from texclass.features.phase_view import (
     PhaseView,
     UndefinedFeatureError,
     channels_apart,
+    kept_length,
     transform,
     views_of,
 )
@@ -117,14 +119,23 @@ def exploration(**changes):
 def test_movement_is_the_combined_axes_and_the_hand_is_left_out_only_where_asked_for_and_felt():
     movement = combine(exploration().acceleration[400:])
     views = views_of(exploration())[""]
-    np.testing.assert_array_equal(views.of("movement").samples, movement)
-    np.testing.assert_array_equal(
-        views.of("movement", without_hand=True).samples, remove_hand_motion(movement, FS)
+    np.testing.assert_allclose(views.of("movement").samples, movement, atol=3e-5)
+    np.testing.assert_allclose(
+        views.of("movement", without_hand=True).samples, remove_hand_motion(movement, FS), atol=3e-5
     )
     for unit in ("m/s^2", "counts"):
         level = exploration().acceleration - [0.0, 0.0, 9.81 * (unit == "m/s^2")]
         found = views_of(exploration(acceleration=level, unit=unit))[""].of("movement", without_hand=True)
-        np.testing.assert_array_equal(found.samples, combine(level[400:]))
+        np.testing.assert_allclose(found.samples, combine(level[400:]), atol=3e-5)
+
+
+def test_of_a_long_movement_a_fast_length_is_kept():
+    for n in (5001, 17_003, 40_000, 99_991):
+        kept = kept_length(n)
+        assert 0.93 * n <= kept <= n
+        assert kept % 4 == 0
+        assert fft.prev_fast_len(kept, real=True) == kept
+    assert kept_length(5000) == 5000
 
 
 def test_values_as_printed_keep_what_lies_below_10_hz_and_do_not_depend_on_the_name_of_the_unit():

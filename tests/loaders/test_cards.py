@@ -65,11 +65,12 @@ def test_a_missing_key_is_named(tmp_path):
     [
         ({"fs": 3}, "unknown key fs; the rule is one of fs_hz, unit, files, "),
         ({"label_column": "plate"}, "unknown key label_column; "),
-        ({"format": "magic"}, "format is 'magic'; the rule is one of files, rows, simulated"),
+        ({"format": "magic"}, "format is 'magic'; the rule is one of files, rows, hatt-models, simulated"),
         ({"unit": "m"}, "unit is 'm'; the rule is one of m/s^2, g, mg, counts, V, arbitrary"),
         ({"phases": "all"}, "phases is 'all'; the rule is one of detect, movement, tap"),
         ({"fs_hz": 0}, "fs_hz is 0; the rule is a rate in Hz above 0"),
         ({"scale": 0}, "scale is 0; the rule is a finite factor other than 0"),
+        ({"turn_rate_scale": 0}, "turn_rate_scale is 0; the rule is a finite factor other than 0"),
         ({"files": []}, "files is []; the rule is text or a list of text"),
         ({"files": "(?P<material>"}, "files holds '(?P<material>', not a regular expression"),
         ({"files": "(?P<colour>.*)"}, "files names groups ['colour']; the rule is recording, material, "),

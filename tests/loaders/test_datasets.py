@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from texclass.features import FeatureExtractor, load_feature_set
 from texclass.loaders import CardError, DataNotFoundError, find_recording, open_dataset
 from texclass.loaders.filesets import contact, digest_files
 from texclass.loaders.places import cache_root, data_roots
@@ -104,6 +105,44 @@ def test_a_table_of_labels_that_does_not_fit_is_refused(mine):
 def test_the_resting_level_is_removed_from_every_channel_and_scale_applied(mine, axes):
     acceleration = mine("scale = 0.5\nremove_resting_level = true")[0].acceleration
     np.testing.assert_allclose(acceleration, (axes - np.median(axes, axis=0)) / 2)
+
+
+WHEELS = """
+title = "A rover"
+format = "files"
+folder = "rover"
+fs_hz = 50
+unit = "arbitrary"
+files = '(?P<material>[a-z]+)_(?P<repetition>[0-9]+)[.]csv'
+phases = "movement"
+turn_rate_scale = 0.0174532925
+[channels]
+acceleration = ["ax", "ay", "az", "current_left", "current_right"]
+turn_rate = ["gx", "gy", "gz"]
+"""
+
+
+def test_currents_of_wheels_are_channels_and_degrees_per_second_become_radians(tmp_path, monkeypatch):
+    names = ["ax", "ay", "az", "current_left", "current_right", "gx", "gy", "gz"]
+    rows = np.random.default_rng(0).standard_normal((2, 200, len(names))).round(4)
+    (tmp_path / "rover").mkdir()
+    for material, values in zip(("grass", "sand"), rows, strict=True):
+        lines = [",".join(names), *(",".join(map(str, row)) for row in values.tolist())]
+        (tmp_path / f"rover/{material}_1.csv").write_text("\n".join(lines))
+    (tmp_path / "rover.toml").write_text(WHEELS)
+    monkeypatch.setenv("TEXCLASS_DATA", str(tmp_path))
+    rover = open_dataset(tmp_path / "rover.toml")
+    np.testing.assert_allclose(rover[1].turn_rate, np.radians(rows[1, :, 5:]))
+    (tmp_path / "stored.toml").write_text(WHEELS.replace("turn_rate_scale = 0.0174532925\n", ""))
+    stored = open_dataset(tmp_path / "stored.toml")
+    np.testing.assert_array_equal(stored[1].turn_rate, rows[1, :, 5:])
+    assert stored.input_hash != rover.input_hash
+    pairs = load_feature_set("coarse").restricted_to(["vibration_level", "lag_correlation"])
+    extractor = FeatureExtractor(pairs, channels="all").set_output(transform="pandas")
+    found = extractor.fit_transform(rover)
+    expected = np.corrcoef(rows[0, :, 3], rows[0, :, 5])[0, 1]
+    assert found["current_left*turn_x/lag_correlation.lag0"].iloc[0] == pytest.approx(expected)
+    assert found["current_right/vibration_level.rms"].iloc[1] == pytest.approx(np.log10(rows[1, :, 4].std()))
 
 
 def test_companions_join_change_the_hash_and_absent_ones_are_flagged(mine):

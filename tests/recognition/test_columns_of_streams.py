@@ -28,6 +28,7 @@ folder = "bags"
 fs_hz = 200
 unit = "m/s^2"
 scale = 2.0
+turn_rate_scale = 0.5
 phases = "movement"
 remove_resting_level = true
 topic = "/imu"
@@ -131,7 +132,7 @@ def test_a_bag_is_conditioned_as_the_bags_of_training_were(folder):
 def test_a_bag_stands_for_files_whose_columns_have_other_names(bags, imu_bag, tmp_path):
     axes = ("a1", "a2", "a3")
     roles = {"acceleration": axes, "auxiliary": {"turn_rate": ("g1", "g2", "g3")}, "axes": axes}
-    csv = TrainingFiles(fs=FS, unit="m/s^2", scale=2.0, **roles)
+    csv = TrainingFiles(fs=FS, unit="m/s^2", scale=2.0, turn_rate_scale=0.5, **roles)
     both = values("sand", 3)
     imu = imu_bag(tmp_path, both)
     numbers = bags.Topic(bags.ARRAY, list(both.reshape(40, 10, 6)), None, bags.regular(40, FS / 10))
@@ -140,7 +141,7 @@ def test_a_bag_stands_for_files_whose_columns_have_other_names(bags, imu_bag, tm
         found = csv.find(str(bag))
         assert found.channels == ("a1", "a2", "a3")
         np.testing.assert_array_equal(found.acceleration, 2 * both[:, :3])
-        np.testing.assert_array_equal(found.turn_rate, both[:, 3:])
+        np.testing.assert_array_equal(found.turn_rate, both[:, 3:])  # rad/s, as messages say
     in_g = TrainingFiles(fs=FS, unit="g", scale=2.0)
     np.testing.assert_array_equal(in_g.find(str(imu)).acceleration, both[:, :3])
 

@@ -35,6 +35,8 @@ CLASSIFIERS = (
     VoteOfPieces(n_pieces=2),
     VoteOfPieces(make_pipeline(StandardScaler(), LinearDiscriminantAnalysis()), n_pieces=3, whole_weight=0.0),
     VoteOfPieces(GaussianNB(), n_pieces=2),
+    VoteOfPieces(n_pieces=2, undivided=(0, 3)),
+    VoteOfPieces(n_pieces=2, undivided=tuple(range(6))),
     make_pipeline(SelectKBest(k=3), GaussianNB()),
 )
 
@@ -46,7 +48,7 @@ def test_decisions_are_those_of_scikit_learn(classifier, n_classes):
     X = RNG.normal(size=(80, 6)) + y[:, None] * RNG.normal(size=6)
     fitted = clone(classifier).fit(X[:50], y[:50])
     asked = np.concatenate([X, np.tile(X[:3, :2], 3)])  # among them some whose pieces are all the same
-    part = described_classifier(fitted)
+    part = described_classifier(fitted, (X[:50], y[:50]))
     assert "estimator" not in str(part)
     np.testing.assert_allclose(function_of(part)(asked), class_scores(fitted, asked), rtol=1e-9, atol=1e-9)
 

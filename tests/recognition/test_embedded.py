@@ -4,18 +4,20 @@ import json
 
 import numpy as np
 import pytest
-import soundfile
 from onnx import TensorProto
 from onnxruntime import InferenceSession
+from toy_noises import write_plates
 
 from texclass.features import load_feature_set
 from texclass.loaders import open_dataset
-from texclass.recognition import SmallLimits, embedded_tradeoff, load_model
-from texclass.recognition.embedded import chosen_of, cut_of, decisions_of, front_of, in_bits, knee_of
+from texclass.recognition import SmallLimits, embedded, embedded_tradeoff, load_model
+from texclass.recognition.embedded import chosen_of, front_of
 from texclass.recognition.export.graph import Graph, along, tensor_of
 from texclass.recognition.export.graph_cost import rounded, shortened, work_of
 from texclass.recognition.export.sample_graph import Windows
+from texclass.recognition.windows_in_bits import cut_of, decisions_of, in_bits
 from texclass.reporting.result_files import read_document
+from texclass.tradeoff.front import knee
 
 FEW = """
 name = "few"
@@ -71,16 +73,19 @@ def test_tables_of_fewer_bits_lie_on_equal_steps_and_short_ones_stay():
     assert rounded(values, 32) is values
 
 
+@pytest.fixture(autouse=True, scope="module")
+def _few_sizes():
+    """Try few numbers of columns: each takes its selections and its networks."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(embedded, "N_COLUMNS", (4, 16))
+        yield
+
+
 @pytest.fixture(scope="module")
 def plates(tmp_path_factory):
     """Three materials that differ in level and colour, six recordings of 1.2 s at 1 kHz each."""
     folder = tmp_path_factory.mktemp("work")
-    for m, name in enumerate(("cork", "felt", "oak")):
-        (folder / "plates" / name).mkdir(parents=True)
-        for i in range(6):
-            white = np.random.default_rng([m, i]).normal(size=1203)
-            noise = 0.02 * 2.2**m * np.convolve(white, np.ones(4), "valid")
-            soundfile.write(folder / "plates" / name / f"{name}_{i}.wav", noise.clip(-0.99, 0.99), 1000)
+    write_plates(folder / "plates", 1000, louder=2.2)
     (folder / "few.toml").write_text(FEW)
     return folder
 
@@ -149,7 +154,7 @@ def test_what_is_chosen_keeps_the_limits_as_it_is_saved(told, plates):
 def test_the_front_holds_what_nothing_beats_and_the_knee_is_on_it(told):
     points, front = told.data["points"], told.data["front"]
     assert front == front_of(points)
-    assert told.data["knee"] == knee_of(front)
+    assert told.data["knee"] == knee(front)
 
     def figures(point):
         return point["accuracy"]["mean"], -point["bytes"], -point["ops_per_s"]
@@ -181,6 +186,21 @@ def test_nothing_within_the_limits_names_what_the_least_takes(told):
         chosen_of(told.data["points"], SmallLimits(max_bytes=10))
     with pytest.raises(ValueError, match="max_bytes is -1; the rule is above 0"):
         SmallLimits(max_bytes=-1)
+
+
+def test_limits_that_nothing_keeps_are_refused_before_any_fold_is_judged(plates, monkeypatch):
+    def judged(*_):
+        raise AssertionError("a fold was judged")
+
+    monkeypatch.setattr(embedded, "_hits_of", judged)
+    recordings = open_dataset(plates / "plates", unit="arbitrary")
+    few = load_feature_set(plates / "few.toml").restricted_to(["slope_level"])
+    for limits, rule in (
+        (SmallLimits(max_ops=10), "at most inf bytes and 10 operations a second; the rule is at least"),
+        (SmallLimits(max_bytes=30), "max_bytes is 30; the rule is at least 31: the shortest window alone"),
+    ):
+        with pytest.raises(ValueError, match=rule):
+            embedded_tradeoff(recordings, few, limits, max_seconds=0.125)
 
 
 def test_weights_of_few_bits_change_a_copy(told):

@@ -8,8 +8,8 @@ from toy_surfaces import pipeline, recording, surfaces
 from texclass.experiment.feature_table import metadata
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recognition import load_model, train
+from texclass.recognition.holding_out import ENOUGH_REPETITIONS, holding_out
 from texclass.recognition.model_document import model_document
-from texclass.recognition.training import ENOUGH_REPETITIONS, holding_out
 
 
 def _table(n=ENOUGH_REPETITIONS, materials=("cork", "felt"), **facts):

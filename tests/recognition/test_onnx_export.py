@@ -2,6 +2,7 @@
 
 import json
 import sys
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -24,11 +25,12 @@ from toy_surfaces import FS, STRANGER, SURFACES, recording, signal
 
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.pipeline import load_pipeline
-from texclass.experiment.vote_of_pieces import VoteOfPieces
+from texclass.experiment.vote_of_pieces import VoteOfPieces, knowing
 from texclass.phases import segment
 from texclass.recognition import OnnxExportError, ParityError, check_parity, export_onnx, load_model
+from texclass.recognition.deployed import described_classifier
 from texclass.recognition.export import onnx_file as export
-from texclass.recognition.export.graph import build
+from texclass.recognition.export.graph import Graph, add_part, build
 from texclass.recognition.export.onnx_file import single_precision
 from texclass.recognition.export.parity import check_rows, reference, remembered, run
 from texclass.shipped import names
@@ -112,6 +114,9 @@ def test_the_shipped_classifiers_are_all_there():
         ([SimpleImputer(strategy="mean"), StandardScaler()], KNeighborsClassifier(5)),
         ([filled(), StandardScaler()], LogisticRegression()),
         ([filled()], KernelDiscriminant(shrinkage=1.0, relevance=0.0)),
+        ([filled()], KernelDiscriminant(max_kb=2.4)),
+        ([filled(), PCA(1)], KernelDiscriminant(max_kb=2)),
+        ([filled(), PCA(1)], KernelDiscriminant()),
         ([filled()], make_pipeline(StandardScaler(), KernelDiscriminant())),
         ([filled(), StandardScaler()], NearestCentroid(shrink_threshold=0.5)),
     ],
@@ -133,6 +138,14 @@ def test_votes_of_any_voter_count_as_they_do_in_scikit_learn(estimator, n_classe
     checked(model, X)
 
 
+def test_a_vote_of_pieces_beside_what_taps_say_answers_as_scikit_learn_does():
+    plan = plan_of(("band_level", "hardness", "damping"), "surfaces")
+    vote = knowing(VoteOfPieces(n_pieces=4), plan.columns)
+    model = model_of([filled()], vote, plan=plan)
+    assert len(model.recogniser[-1].undivided) == 2
+    checked(model, rows_of(len(plan.columns), 4, seed=7)[0])
+
+
 @pytest.mark.parametrize("keep", [True, False])
 @pytest.mark.filterwarnings("ignore:Skipping features without any observed values")
 def test_columns_without_any_value_in_training_are_left_out_or_filled(keep):
@@ -142,6 +155,28 @@ def test_columns_without_any_value_in_training_are_left_out_or_filled(keep):
     for steps in ([imputer, StandardScaler()], [imputer, PCA(4)]):
         model = model_of(steps, lda(), X=X)
         assert checked(model, columns_of(model, rows_of(N_COLUMNS, 4, seed=7)[0])).n_ties == 0
+
+
+@pytest.mark.parametrize("max_kb", [3, 20, None])
+def test_a_kernel_is_as_small_as_it_was_asked_to_be_and_keeps_its_samples_once(max_kb):
+    X, y = rows_of(20, 4, 100, undefined=0)
+    graph, kernel = Graph(), KernelDiscriminant(max_kb=max_kb).fit(X, y)
+    add_part(described_classifier(kernel), graph, "rows")
+    taken = sum(numpy_helper.to_array(one).nbytes for one in graph.constants) / 1000
+    if max_kb is None:
+        assert len(kernel.dual_) * 20 * 8 / 1000 < taken < 2 * len(kernel.dual_) * 20 * 8 / 1000
+    else:
+        assert len(kernel.dual_) < len(X)
+        assert 0.9 * max_kb < taken < 1.02 * max_kb
+
+
+def test_half_a_megabyte_costs_a_kernel_less_than_three_points_as_the_page_says():
+    root = Path(__file__).parents[2]
+    page = " ".join((root / "docs" / "robot.md").read_text(encoding="utf-8").split())
+    assert "with half a megabyte, less than three points are lost" in page
+    told = json.loads((root / "reports" / "studies" / "kernel_size.json").read_text(encoding="utf-8"))
+    right = {row["max_kb"]: row["mean"] for row in told["rows"]}
+    assert right[None] - right[500] < 0.03
 
 
 def refused(model, graph, changed, said=r"ONNX differs from scikit-learn in \d+ of \d+ rows"):

@@ -190,3 +190,44 @@ def test_bad_input_ends_in_one_line(run, work, arguments, message):
     assert err.startswith("error: ")
     assert message in err
     assert len(err.splitlines()) == 1
+
+
+def test_a_model_is_adapted_to_files_and_folders_of_another_sensor(run, trained, work):
+    """Twice the rate, and softly mounted: files are then brought to the rate by themselves."""
+    for surface, hum_hz in SURFACES.items():
+        (work / "new" / surface).mkdir(parents=True)
+        for k in range(20, 24):
+            dense = np.repeat(signal(hum_hz, [*map(ord, surface), k]), 2)
+            soft = np.convolve(dense, np.full(6, 1 / 6), "same")
+            name = work / "new" / surface / f"{surface}_{k}.wav"
+            soundfile.write(name, (2000 * soft).astype(np.int16), 2 * round(FS), subtype="PCM_16")
+    asked = [f"new/{surface}/{surface}_23.wav" for surface in SURFACES]
+    three = [f"{surface}=new/{surface}/{surface}_20.wav" for surface in list(SURFACES)[:3]]
+    code, out, err = run("adapt", trained.name, *three, "--resample", "4000", "-o", "adapted.skops")
+    assert (code, err) == (0, "")
+    assert "adapted to 3 references, 3 of 3 known surfaces" in out
+    assert "wrote adapted.skops" in out
+    answers = [
+        json.loads(line) for line in run("predict", "adapted.skops", *asked, "--jsonl")[1].splitlines()
+    ]
+    assert [answer["surface"] for answer in answers] == list(SURFACES)
+    assert not any("wrong rate" in reason for answer in answers for reason in answer["reasons"])
+    assert "3 references" in " ".join(run("model", "adapted.skops")[1].split())
+    # A folder says the surfaces, unless nobody is to believe it.
+    folder = ("adapt", trained.name, "new", "--fs", "8000", "--resample", "4000", "-o", "adapted.skops")
+    assert "16 references, 16 of 4 known surfaces" in run(*folder)[1]
+    assert "16 references, unlabelled" in run(*folder, "--unlabelled")[1]
+    for wrong, rule in (
+        (three[:2], "2 of 2 references are of a known surface; the rule is at least 3"),
+        (
+            ["tin=new/oak/oak_20.wav", *three],
+            "is of 'tin', which the model does not know; the rule is one of",
+        ),
+        (["oak=nothing.wav"], "nothing.wav"),
+        (["new/nothing.wav"], "nothing.wav"),
+    ):
+        code, _, err = run("adapt", trained.name, *wrong, "--resample", "4000", "-o", "no.skops")
+        assert (code, rule in err, len(err.splitlines())) == (1, True, 1), err
+    assert not Path("no.skops").exists()
+    code, _, err = run("adapt", trained.name, *three, "-o", "no.skops")
+    assert (code, "--resample 4000 converts" in err) == (1, True), err

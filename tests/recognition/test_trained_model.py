@@ -131,6 +131,18 @@ def test_a_budget_buys_no_more_than_it_says(kernel_model):
         train(surfaces(), pipeline(), max_ms=1e-6)
 
 
+def test_a_kernel_of_few_kilobytes_answers_and_says_what_it_was_limited_to(kernel_model):
+    small = train(surfaces(), pipeline(), row="Spectrum", classifier="kernel", max_kb=2)
+    n_kept, n_all = (len(model.recogniser[-1].dual_) for model in (small, kernel_model))
+    assert n_kept < n_all
+    assert small.manifest.accuracy["mean"] > 0.8
+    assert small.manifest.pipeline["budget"] == "2 kB of a kernel"
+    with pytest.raises(ValueError, match="max_kb is 2, but no candidate is a KernelDiscriminant"):
+        train(surfaces(), pipeline(), row="Spectrum", classifier="lda", max_kb=2)
+    with pytest.raises(ValueError, match="max_kb is 0; the rule is above 0"):
+        train(surfaces(), pipeline(), max_kb=0)
+
+
 def test_bad_recordings_are_left_out_and_named():
     model = train(surfaces(bad=("oak-3",)), pipeline(), row="Spectrum", classifier="lda", skip_bad=True)
     assert [item.recording_id for item in model.left_out] == ["oak-3"]

@@ -48,7 +48,11 @@ def model_of(steps, classifier, *, n_classes=4, plan=None, undefined=0.05, X=Non
     strange = strangeness(kind, class_scores(recogniser[-1], held_out), held_out, near)
     novelty = Novelty(kind, np.sort(strange), false_alarms, near)
     return Model(
-        Deployed.of(recogniser), Calibration(0.7, 0.02), novelty, Ranges.of(X), manifest_of(y, false_alarms)
+        Deployed.of(recogniser, (prepared, y)),
+        Calibration(0.7, 0.02),
+        novelty,
+        Ranges.of(X),
+        manifest_of(y, false_alarms),
     )
 
 

@@ -45,8 +45,9 @@ def terrains():
 
 
 def turning_model(dataset=None):
-    bands = load_feature_set("coarse").restricted_to(["band_level"])
+    names = ("band_level", "lag_correlation")
+    features = load_feature_set("coarse").restricted_to(names)
     made = pipeline(
-        channels="all", features=bands, rows=(RowDefinition(name="Bands", features=("band_level",)),)
+        channels="all", features=features, rows=(RowDefinition(name="Bands and pairs", features=names),)
     )
-    return train(dataset or terrains(), made, row="Bands", classifier="lda", false_alarms=0.2)
+    return train(dataset or terrains(), made, row="Bands and pairs", classifier="lda", false_alarms=0.2)

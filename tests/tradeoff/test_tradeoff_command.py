@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-import soundfile
+from toy_noises import write_plates
 
 from texclass.loaders import open_dataset
 from texclass.tradeoff.recogniser import load_recogniser
@@ -22,12 +22,7 @@ reference = "a test"
 def plates(tmp_path_factory):
     """Three materials that differ in level, six recordings of 0.6 s at 2 kHz each."""
     folder = tmp_path_factory.mktemp("work")
-    for m, name in enumerate(("cork", "felt", "oak")):
-        (folder / "plates" / name).mkdir(parents=True)
-        for i in range(6):
-            white = np.random.default_rng([m, i]).normal(size=1203)  # alone, it would be taken for rest
-            noise = 0.02 * 3**m * np.convolve(white, np.ones(4), "valid")
-            soundfile.write(folder / "plates" / name / f"{name}_{i}.wav", noise.clip(-0.99, 0.99), 2000)
+    write_plates(folder / "plates", 2000, louder=3)
     (folder / "few.toml").write_text(FEW)
     return folder
 

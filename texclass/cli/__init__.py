@@ -5,7 +5,14 @@ said at once.
 """
 
 # Importing commands puts them into the program, in this order.
-from texclass.cli import experiment_commands, listing_commands, model_commands, scene_commands, stream_command
+from texclass.cli import (
+    experiment_commands,
+    explore_command,
+    listing_commands,
+    model_commands,
+    scene_commands,
+    stream_command,
+)
 from texclass.cli.app import app, main
 
 __all__ = ["app", "main"]

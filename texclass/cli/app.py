@@ -13,7 +13,7 @@ from texclass._version import __version__
 GROUPS = {
     "Recordings": ("sample", "datasets", "inspect"),
     "Which surface is this": ("benchmark", "features", "extract", "tradeoff", "stability", "report"),
-    "On a robot": ("train", "model", "predict", "stream", "export"),
+    "On a robot": ("train", "model", "predict", "stream", "explore", "adapt", "export"),
     "Felt again": ("scene", "texture", "convert"),
 }
 """The commands under their headings, in the order of a day's work."""

@@ -167,6 +167,8 @@ def extract(
                     typer.echo(f"{name}: {said}")
             counts = counted(int(parts["recordings"].sum()), "recording"), counted(len(parts), "file")
             typer.echo(f"wrote {output}: {counts[0]} in {counts[1]}")
+            for note in recordings.notes:
+                typer.echo(f"note: {note}")
             return
         table = extract_table(recordings, feature_set, output, **work)
     typer.echo(

@@ -1,4 +1,4 @@
-"""Models that are trained, asked, looked at and exported: train, predict, model, export."""
+"""Models that are trained, asked, looked at and exported: train, predict, adapt, model, export."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -7,7 +7,7 @@ import typer
 
 from texclass.cli import options
 from texclass.cli.app import app, shown
-from texclass.cli.options import progress_bar, tell, write_json
+from texclass.cli.options import progress_bar, shipped, tell, write_json
 
 
 @app.command(epilog="Example: texclass train recordings --fs 10000 --unit m/s^2 -o surfaces.skops")
@@ -16,7 +16,14 @@ from texclass.cli.options import progress_bar, tell, write_json
 def train(
     dataset: options.Recordings,
     output: Annotated[Path, typer.Option("-o", "--output", help="Model file to write (.skops).")],
-    pipeline: options.Pipeline = "texclass",
+    pipeline: Annotated[
+        str | None,
+        typer.Option(
+            help="A shipped pipeline, or a TOML of yours; by default surfaces, for an inertial unit coarse, "
+            "with a row, a classifier or a budget texclass.",
+            autocompletion=shipped("pipelines"),
+        ),
+    ] = None,
     row: Annotated[
         str | None, typer.Option(help="Row of the pipeline; the best by cross-validation by default.")
     ] = None,
@@ -25,6 +32,10 @@ def train(
     ] = None,
     max_ms: options.MaxMs = None,
     max_features: options.MaxFeatures = None,
+    max_kb: Annotated[
+        float | None,
+        typer.Option(help="Kilobytes of an exported kernel: fewer training samples, in fewer bits."),
+    ] = None,
     touch: Annotated[
         float | None,
         typer.Option("--touch", help="Seconds of movement of one answer; whole recordings by default."),
@@ -56,6 +67,7 @@ def train(
             classifier=classifier,
             max_ms=max_ms,
             max_features=max_features,
+            max_kb=max_kb,
             touch_s=touch,
             exportable=exportable,
             protocol=protocol,
@@ -107,6 +119,40 @@ def predict(
         tell(answers_document(answered))
     if len(answered) < len(found) and not skip_bad:
         raise typer.Exit(1)
+
+
+@app.command(
+    epilog="Example: texclass adapt surfaces.skops oak=new/1.txt slate=new/2.txt foam=new/3.txt -o new.skops"
+)
+@options.reads_files
+def adapt(
+    model: Annotated[Path, typer.Argument(help="A model file that `texclass train` wrote.")],
+    references: Annotated[
+        list[str],
+        typer.Argument(
+            help="Recordings felt with the other sensor: SURFACE=FILE, files of unknown surfaces, "
+            "DATASET:RECORDING, cards, or folders with one subfolder per surface."
+        ),
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Model file to write (.skops).")],
+    unlabelled: Annotated[
+        bool, typer.Option("--unlabelled", help="Do not believe which surfaces they are of.")
+    ] = False,
+    *,
+    reading: dict[str, Any],
+) -> None:
+    """Let a model follow another sensor. From a few references felt with it, without training again."""
+    from texclass.recognition import load_model
+    from texclass.recognition.adaptation import adapt as adapt_model
+    from texclass.recognition.adaptation import references_of
+    from texclass.recognition.model_document import adapted_facts
+
+    trained = load_model(model)
+    felt = references_of(trained, references, **reading)
+    adapted = adapt_model(trained, felt, labelled=not unlabelled, resampled=reading["resample"] is not None)
+    adapted.save(output)
+    typer.echo(f"adapted to {adapted_facts(adapted.manifest)}")
+    typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")
 
 
 @app.command(epilog="Example: texclass model surfaces.skops")

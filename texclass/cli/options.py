@@ -78,6 +78,26 @@ MaxMs = Annotated[
     float | None, typer.Option(help="Milliseconds that the features of a recording may take here.")
 ]
 MaxFeatures = Annotated[int | None, typer.Option(help="Columns that may reach the classifier.")]
+Seconds = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--seconds",
+        metavar="GESTURE=S",
+        help="What a gesture costs, several times: tap=0.5; by default what it feels, and half a second.",
+    ),
+]
+
+
+def seconds_of(given: list[str] | None) -> dict[str, float]:
+    """Return what gestures cost, as people write it on a command line."""
+    found = {}
+    for one in given or ():
+        name, _, text = one.partition("=")
+        try:
+            found[name.strip()] = float(text)
+        except ValueError as error:
+            raise ValueError(f"--seconds is {one!r}; the rule is GESTURE=SECONDS, tap=0.5") from error
+    return found
 
 
 def _shared(name: str, made: Callable[..., Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -108,6 +128,10 @@ def _protocol(
             "later ones (`blocks`) from 20 numbered repetitions of each surface on: a sensor may drift."
         ),
     ] = None,
+    shots: Annotated[
+        int | None,
+        typer.Option(min=1, help="Repetitions of each material that train under `few-shot`; 3 by default."),
+    ] = None,
     train: Annotated[
         list[str] | None,
         typer.Option(
@@ -132,6 +156,10 @@ def _protocol(
         raise ValueError("--train without --test, or --test without --train; the rule is both")
     if sum(map(bool, (protocol, train, leave_out))) > 1:
         raise ValueError("--protocol, --train with --test and --leave-out are alternatives; the rule is one")
+    if shots is not None and protocol != "few-shot":
+        raise ValueError(f"--shots is {shots}, but the protocol is not few-shot; the rule is both")
+    if shots is not None:
+        return f"{protocol} {shots}"
     if train and test:
         return f"{' & '.join(train)} -> {' & '.join(test)}"
     return f"leave-out {leave_out}" if leave_out else protocol

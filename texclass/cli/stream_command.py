@@ -18,7 +18,13 @@ NO_ANSWER = 3
 
 @app.command(epilog="Example: texclass stream surfaces.skops felt.txt --fs 10000 --unit m/s^2")
 def stream(
-    model: Annotated[Path, typer.Argument(help="A model file that `texclass train` wrote.")],
+    model: Annotated[
+        Path,
+        typer.Argument(
+            help="A model file that `texclass train` wrote; or a folder of them, one for each gesture "
+            "(tap.skops, slow_stroke.skops): the stream then says which gesture would tell most."
+        ),
+    ],
     source: Annotated[
         str,
         typer.Argument(
@@ -54,6 +60,7 @@ def stream(
     stop_when_sure: Annotated[
         bool, typer.Option("--stop-when-sure", help="Compute no more of a contact whose verdict is sure.")
     ] = False,
+    seconds: options.Seconds = None,
     forget: Annotated[
         float | None,
         typer.Option(
@@ -107,7 +114,15 @@ def stream(
 ) -> None:
     """Say which surface is felt while it is felt. Ctrl-C, or SIGTERM, ends it with the final answer."""
     from texclass.cli.stream_view import tell, view_of
-    from texclass.recognition import OnlineSettings, Session, is_live, load_model, open_source
+    from texclass.recognition import (
+        AskingSession,
+        OnlineSettings,
+        Session,
+        is_live,
+        load_gestures,
+        load_model,
+        open_source,
+    )
 
     if publish:
         from texclass.recognition import AnswerPublisher  # of the extra `robot`
@@ -123,7 +138,8 @@ def stream(
         assume_contact=in_contact,
         always_in_contact=always_in_contact,
     )
-    trained = load_model(model)
+    models = load_gestures(model) if model.is_dir() else {}
+    trained = next(iter(models.values())) if models else load_model(model)
     of_topic: dict[str, Any] = {"reliability": reliability, "depth": depth}
     if source.startswith("ros2:") or not publish:  # else the domain is that of the answers alone
         of_topic["domain"] = domain
@@ -139,7 +155,12 @@ def stream(
         **of_topic,
     )
     publisher = AnswerPublisher(publish, diagnostics, domain=domain) if publish else None
-    session = Session(trained, raw=is_live(source), settings=settings)
+    raw = is_live(source)
+    session = (
+        AskingSession(models, raw=raw, settings=settings, seconds=options.seconds_of(seconds))
+        if models
+        else Session(trained, raw=raw, settings=settings)
+    )
     shown = view_of(session, source, as_lines, heartbeat)
     if json_file is not None:
         shown.contacts = {}

@@ -15,7 +15,8 @@ from rich.table import Table
 from rich.text import Text
 
 from texclass.document.wording import counted
-from texclass.recognition import ContactVerdict, Event, Notice, Session, WindowAnswer
+from texclass.recognition import ContactVerdict, Event, ExploredVerdict, Notice, Session, WindowAnswer
+from texclass.recognition.conformal import told as sets_told
 
 if TYPE_CHECKING:
     from texclass.recognition import AnswerPublisher
@@ -196,6 +197,10 @@ class Picture(Lines):
         self._events = deque[str](maxlen=3)
         self._drawn, self._ms = 0.0, deque[float](maxlen=100)
 
+    @property
+    def _asks(self) -> bool:
+        return self.heard is not None and isinstance(self.heard.verdict, ExploredVerdict)
+
     def __enter__(self) -> Self:
         """Begin to draw."""
         self._live.start()
@@ -225,7 +230,7 @@ class Picture(Lines):
     def happened(self, event: Event) -> None:
         """Remember an event; a lift-off ends what is shown of the contact."""
         self._events.append(f"{self.seconds(event.sample):.3f} s {event.kind}")
-        if event.kind == "lift-off":
+        if event.kind == "lift-off" and not self._asks:
             self.heard = None
 
     def noticed(self, notice: Notice) -> None:
@@ -283,6 +288,10 @@ def _surfaces(heard: WindowAnswer) -> Table:
         style = "bold green" if i == 0 and verdict.sure else "bold" if i == 0 else ""
         mark = "unknown?" if i == 0 and verdict.unknown else "sure" if i == 0 and verdict.sure else ""
         table.add_row(Text(surface, style), Text(bar(p, BAR), "green"), f"{100 * p:5.1f} %", mark)
+    for level, members in sets_told(verdict.sets, len(verdict.probabilities)).items():
+        table.add_row(Text(f"{level}: {members}"))
+    if isinstance(verdict, ExploredVerdict) and verdict.advice is not None:
+        table.add_row(Text(f"next: {verdict.advice}", "bold cyan"))
     for reason in heard.answer.reasons[:2]:
         table.add_row(Text(reason, "yellow"))
     return table
@@ -292,10 +301,14 @@ def told(verdict: ContactVerdict) -> str:
     """Return a verdict in words."""
     unknown = "unknown surface, most like " if verdict.unknown else ""
     sure = ", sure" if verdict.sure else f" (or {verdict.runner_up})"
+    what, following = "window", ""
+    if isinstance(verdict, ExploredVerdict):
+        what, following = "gesture", f"; next: {verdict.advice}" if verdict.advice is not None else ""
+    sets = sets_told(verdict.sets, len(verdict.probabilities)).items()
     return (
         f"{unknown}{verdict.surface}, {100 * verdict.probability:.1f} %{sure}, "
-        f"after {verdict.felt_s:.2f} s, {counted(verdict.n_windows, 'window')}"
-    )
+        f"after {verdict.felt_s:.2f} s, {counted(verdict.n_windows, what)}{following}"
+    ) + "".join(f"; {level}: {members}" for level, members in sets)
 
 
 def bar(share: float, length: int) -> str:

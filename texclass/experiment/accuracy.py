@@ -69,6 +69,11 @@ class Accuracy:
         """95 % confidence interval: `bounds`, else Wilson's."""
         return self.bounds or wilson_interval(self.n_hits, self.n_tested)
 
+    @property
+    def worst(self) -> float:
+        """Accuracy of the worst fold."""
+        return min(self.folds, default=self.mean)
+
     def to_dict(self, unit: str = "recording", clusters: str = "") -> dict[str, Any]:
         """Return the accuracy as JSON values.
 
@@ -89,6 +94,7 @@ class Accuracy:
             "clusters": over,
             "n_clusters": self.n_tested if self.n_clusters is None else self.n_clusters,
             "balanced": self.mean if self.balanced is None else self.balanced,
+            "worst": self.worst,
             "folds": list(self.folds),
             **({} if self.voted is None else {f"per_{unit}": self.voted.to_dict(unit, over)}),
         }

@@ -51,7 +51,7 @@ def choose_base(
     if settings.base in candidates:
         candidates = {settings.base: candidates[settings.base]}
     judges = [settings.classifier] if settings.classifier else list(pipeline.classifiers)
-    pairs = [(name, judge) for name in candidates for judge in judges if judge in evaluations[name]]
+    pairs = [(name, judge) for name in candidates for judge in judges if judge in evaluations.get(name, {})]
     if not pairs:
         return None
     name, judge = max(pairs, key=lambda pair: evaluations[pair[0]][pair[1]].accuracy.mean)

@@ -4,7 +4,7 @@ The best of a table is chosen with the tests in view; what it is really worth, `
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,15 @@ from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import FeatureTable, cached_table, metadata
 from texclass.experiment.folds import Evaluation
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition, load_pipeline
-from texclass.experiment.protocols import Protocol, Split, fewest, find_protocol, require_unseen, splits_of
+from texclass.experiment.protocols import (
+    Protocol,
+    Split,
+    fewest,
+    find_protocol,
+    n_trainings,
+    require_unseen,
+    splits_of,
+)
 from texclass.experiment.result import COMPUTED_BY, BenchmarkResult, best_of, example_of
 from texclass.experiment.windows import parents
 from texclass.experiment.workers import Progress, each
@@ -87,7 +95,9 @@ def run_benchmark(
     facts = metadata(dataset.entries)
     splits = chosen.split(facts, folds, pipeline.seed)
     if choose:
-        inner_splits(chosen, facts, splits, pipeline.seed)
+        require_unseen(chosen)
+        if sum(len(row.judged_by(pipeline.classifiers)) for row in pipeline.rows) > 1:
+            inner_splits(chosen, facts, splits, pipeline.seed)
     work: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress}
     table = cached_table(dataset, *pipeline.needed, channels=pipeline.channels, skip_bad=skip_bad, **work)
     splits = chosen.split(table.frame, folds, pipeline.seed)
@@ -131,6 +141,7 @@ def run_benchmark(
             "protocol": chosen.name,
             "protocol_description": chosen.description,
             "n_folds": len(splits),
+            **({"n_starts": n_trainings(splits)} if chosen.several_starts else {}),
             "accuracy_unit": f"fraction of {tested}; low and high are the 95 % interval by `interval`",
             "rows": lines,
             "segmentation_ms": meter.segmentation_ms,
@@ -165,12 +176,24 @@ def _evaluate(
     tasks = [
         (row, name) for row in rows if row.columns for name in row.definition.judged_by(pipeline.classifiers)
     ]
-    calls = (partial(pipeline.trial(row, name, table), splits, **options) for row, name in tasks)
+    trials = [pipeline.trial(row, name, table) for row, name in tasks]
+    too_few = min(fewest(protocol, table.frame.iloc[train]) for train, _ in splits) < LEAST_TRAINED
+    tried = [partial(_unless_too_few, trial) for trial in trials] if too_few else trials
+    calls = (partial(trial, splits, **options) for trial in tried)
     found = each(calls, what="rows", total=len(tasks), **work)
     evaluations: dict[str, dict[str, Evaluation]] = {}
     for (row, name), evaluation in zip(tasks, found, strict=True):
-        evaluations.setdefault(row.definition.name, {})[name] = evaluation
+        if evaluation is not None:
+            evaluations.setdefault(row.definition.name, {})[name] = evaluation
     return evaluations
+
+
+def _unless_too_few(trial: Callable[..., Evaluation], *splits: Any, **options: Any) -> Evaluation | None:
+    """Return an evaluation; None if a classifier or selection refuses single recordings of a surface."""
+    try:
+        return trial(*splits, **options)
+    except ValueError:
+        return None
 
 
 def _line(
@@ -185,13 +208,14 @@ def _line(
     features = pipeline.features.restricted_to(row.definition.features)
     shares = {name: zip(row.columns, e.support.tolist(), strict=True) for name, e in evaluations.items()}
     selects = row.definition.select is not None
+    too_few = "single recordings are too few for its classifiers" if row.columns and not evaluations else None
     return {
         "name": row.definition.name,
         "n_features": row.n_features,
         "accuracy": {name: e.accuracy.to_dict(*units) for name, e in evaluations.items()},
         "paper": {name: value / 100 for name, value in row.definition.published.items()},
         "ms_per_recording": meter.milliseconds(features) if row.columns else None,
-        "missing": row.missing,
+        "missing": too_few or row.missing,
         "selected": {name: {c: s for c, s in pairs if s > 0} for name, pairs in shares.items() if selects},
         "reference": row.definition.reference,
     }
@@ -282,6 +306,13 @@ def choose_inside(
     pairs = [(row, name) for row in rows for name in evaluations.get(row.definition.name, ())]
     if not pairs:
         return None
+    require_unseen(protocol)
+    if len(pairs) == 1:  # the choice is made before any recording is seen, of one a surface, too
+        ((row, name),) = pairs
+        known = evaluations[row.definition.name][name].accuracy
+        chosen = [[row.definition.name, name]] * len(splits)
+        units = protocol.unit, protocol.independent(table.frame)[0]
+        return {"accuracy": known.to_dict(*units), "chosen": chosen, "protocol": "nothing to choose"}
     inner = inner_splits(protocol, table.frame, splits, pipeline.seed)
     y, clusters = table.materials, protocol.clusters(table.frame)
     over, independent = protocol.independent(table.frame)

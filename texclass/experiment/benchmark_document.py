@@ -88,7 +88,7 @@ def benchmark_blocks(data: Data) -> Iterator[Block]:
         yield _ranking(data, best)
     if data["confusion"]:
         yield Heading("Which materials are taken for which")
-        yield _confusion(data["confusion"], _tested(data))
+        yield _confusion(data["confusion"], "tests" if data.get("n_starts") else _tested(data))
     if best is not None and best.row["ms_per_recording"] is not None:
         yield Heading("What each row costs")
         yield _costs(data, best)
@@ -103,8 +103,9 @@ def benchmark_blocks(data: Data) -> Iterator[Block]:
 def _finding(data: Data, best: Pair) -> Finding:
     """Return the accuracy of the choice inside the training parts, if it was made, else the highest."""
     name, n_pairs = classifier_title(best.classifier), len(pairs_of(data))
-    folds = f", {data['n_folds']} folds" if data["n_folds"] > 1 else ""
     of = f"of the {_tested(data)} recognised among {data['dataset']['n_materials']} materials"
+    folds = f", {data['n_folds']} folds" if data["n_folds"] > 1 else ""
+    folds += f" of {counted(data['n_starts'], 'start')}" if data.get("n_starts") else ""
     under = f"Protocol: {data['protocol_description']}{folds}."
     highest = f"the highest of {n_pairs} pairs of row and classifier, chosen with the tests in view"
     row, chance = f"{best.row['name']} with {name}", f"chance {percent(chance_of(data))} %"
@@ -119,6 +120,8 @@ def _finding(data: Data, best: Pair) -> Finding:
         if n_pairs > 1:
             said += f": {highest}, so optimistic (`--choose` says what the choice is worth)"
         brief = f"{row}; {brief}" if brief else f"{row}."
+    if data.get("n_starts"):
+        under += f" The worst fold: {percent(found['worst'])} %."
     return Finding(
         percent(found["mean"]), "%", interval(found),
         f"{said} (95 % interval{over(found)}; {chance}). {under} {caution(found)}".rstrip(), beside, brief,
@@ -203,11 +206,12 @@ def _rows(data: Data, best: Pair | None) -> Table:
 
 
 def _beside(data: Data) -> Table | None:
-    """Return balanced accuracies and votes of a recording's (or run's) windows; None if they add nothing."""
+    """Return balanced accuracies, worst folds, votes of a recording's windows; None if that adds nothing."""
     every = [pair.accuracy for pair in pairs_of(data)]
     unit = next((u for u in ("recording", "run") if any(f"per_{u}" in found for found in every)), None)
     balanced = any(abs(found.get("balanced", found["mean"]) - found["mean"]) > 1e-9 for found in every)
-    if unit is None and not balanced:
+    starts = data.get("n_starts")
+    if unit is None and not balanced and not starts:
         return None
     rows = [row for row in data["rows"] if row["accuracy"]]
     columns: dict[tuple[str, str], list[str]] = {("Row", ""): [row["name"] for row in rows]}
@@ -216,10 +220,15 @@ def _beside(data: Data) -> Table | None:
         if balanced:
             means = [one.get("balanced", one.get("mean")) for one in found]
             columns[classifier_title(name), "balanced"] = [percent(m) if m is not None else "" for m in means]
+        if starts:
+            columns[classifier_title(name), "worst"] = [percent(one["worst"]) if one else "" for one in found]
         if unit is not None:
             votes = [one.get(f"per_{unit}") for one in found]
             columns[classifier_title(name), f"per {unit}"] = [estimate(v) if v else "" for v in votes]
     caption = "The same in other terms, in %. " + "Balanced: mean over materials. " * balanced
+    caption += (
+        f"Worst: of {data['n_folds']} folds, each one start and one part of the tests. " if starts else ""
+    )
     caption += f"Per {unit}: by majority of its {_tested(data)} [95 %]." if unit else ""
     return Table(pd.DataFrame(columns), caption)
 
@@ -414,8 +423,9 @@ def _notes(data: Data, best: Pair | None) -> Iterator[str]:
     clustered = [a for a in told if a.get("interval", "").startswith(("t over", "Wilson over"))]
     if clustered:
         what = clustered[0].get("clusters", "recording")
+        tested = "tests" if data.get("n_starts") else _tested(data)
         yield (
-            f"Accuracy is the share of {_tested(data)}; its interval is{over(clustered[0])}, as those of one "
+            f"Accuracy is the share of {tested}; its interval is{over(clustered[0])}, as those of one "
             f"{what} are no independent tests (t, jackknife of the logit)."
         )
     yield from dict.fromkeys(filter(None, map(caution, clustered)))

@@ -114,8 +114,9 @@ class FeatureTable:
         return self.frame[list(columns)].to_numpy(dtype=np.float64)
 
     def matching(self, base: Sequence[str]) -> tuple[str, ...]:
-        """Return the columns named in `base`, under every channel prefix, in the order of `base`."""
-        return tuple(c for b in base for c in self.columns if c == b or c.rpartition("/")[2] == b)
+        """Return the columns named in `base`, under every channel prefix, in the order of the table."""
+        wanted = set(base)
+        return tuple(c for c in self.columns if c in wanted or c.rpartition("/")[2] in wanted)
 
     @property
     def doubts(self) -> tuple[str, ...]:

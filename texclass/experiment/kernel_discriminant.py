@@ -38,7 +38,13 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     relevance : float
         Columns are weighted by their correlation ratio (at least 0.1) to this power; 0: all alike.
     max_samples : int
-        Of more training samples, every k-th of each class is kept: time grows with their cube.
+        Of more training samples so many are drawn, at least one of each class: time grows with their cube.
+    max_kb : float, optional
+        Kilobytes of the exported discriminant: its numbers are then of few bits, and as many training samples
+        are kept as fit, at least one of each class, with the coefficients that serve all of them best. By
+        default all are kept, in double precision.
+    random_state : int
+        Of the drawing.
 
     Attributes
     ----------
@@ -58,6 +64,11 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     longer reach than a Gaussian. The decision is an estimate of P(class) - 1/K, so that decisions of several
     windows of a recording may be averaged.
 
+    With `max_kb`, alpha minimises the squares of Y - K_nm alpha, weighted by W, plus ridge alpha' K_mm alpha,
+    where m samples of n are kept: the subset of regressors (Rasmussen and Williams, Gaussian Processes for
+    Machine Learning, 2006, section 8.3.1). Standardised samples and the whitening are rounded to 16 bits
+    before K is computed, then alpha to 32: rounding is part of the model, and its export loses nothing.
+
     Examples
     --------
     >>> import numpy as np
@@ -75,12 +86,16 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         shrinkage: float = 0.5,
         relevance: float = 0.5,
         max_samples: int = 10_000,
+        max_kb: float | None = None,
+        random_state: int = 0,
     ) -> None:
         self.length = length
         self.ridge = ridge
         self.shrinkage = shrinkage
         self.relevance = relevance
         self.max_samples = max_samples
+        self.max_kb = max_kb
+        self.random_state = random_state
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Learn views, prototypes and coefficients.
@@ -95,30 +110,61 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         Raises
         ------
         TypeError, ValueError
-            If a parameter is of another kind or out of its range, or there is one class only.
+            If a parameter is of another kind or out of its range, there is one class only, or not a sample of
+            each class is within `max_kb`.
         """
         for name in ("length", "ridge"):
             check_scalar(getattr(self, name), name, Real, min_val=0, include_boundaries="neither")
         check_scalar(self.shrinkage, "shrinkage", Real, min_val=0, max_val=1, include_boundaries="right")
         check_scalar(self.relevance, "relevance", Real, min_val=0)
         check_scalar(self.max_samples, "max_samples", Integral, min_val=2)
+        if self.max_kb is not None:
+            check_scalar(self.max_kb, "max_kb", Real, min_val=0, include_boundaries="neither")
         rows, given = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(given)
         self.classes_, labels = np.unique(given, return_inverse=True)
         n_classes = self.classes_.size
         if n_classes < 2:
             raise ValueError("y holds 1 class; the rule is at least 2")
-        kept = thinned(labels, self.max_samples)
+        kept = drawn(labels, self.max_samples, self.random_state)
         rows, labels = rows[kept], labels[kept]
         shrinkages = (1.0,) if self.shrinkage == 1 else (1.0, self.shrinkage)
         self.views_ = tuple(view_of(rows, labels, part, self.relevance) for part in shrinkages)
+        weight = (labels.size / n_classes / np.bincount(labels))[labels]
+        Y = np.eye(n_classes)[labels] - 1 / n_classes
+        if self.max_kb is not None:
+            self._fit_few(rows, labels, weight[:, None], Y)
+            return self
         self.prototypes_ = tuple(view(rows) for view in self.views_)
         K = self._kernel(self.prototypes_)
-        weight = (labels.size / n_classes / np.bincount(labels))[labels]
         K.flat[:: labels.size + 1] += self.ridge / weight
-        Y = np.eye(n_classes)[labels] - 1 / n_classes
         self.dual_ = linalg.solve(K, Y, assume_a="pos", overwrite_a=True)
         return self
+
+    def _fit_few(self, rows: Samples, labels: Labels, weight: Samples, Y: Samples) -> None:
+        """Keep the samples that are within `max_kb`, and the coefficients that serve all of them best."""
+        n_features, n_classes, n_views = rows.shape[1], Y.shape[1], len(self.views_)
+        # Means, scales and weights of columns; the whitening. A sample, its lengths, its coefficients.
+        of_views = (16 + 16 * n_views) * n_features + 2 * n_features**2 * (n_views - 1)
+        of_one = 2 * n_features + 8 * n_views + 4 * n_classes
+        n_kept = int((1000 * (self.max_kb or 0) - of_views) // of_one)
+        if n_kept < n_classes:
+            least = (of_views + n_classes * of_one) / 1000
+            raise ValueError(
+                f"max_kb is {self.max_kb:g}; the rule is at least {least:g}, "
+                f"for {n_features} features and a sample of each of {n_classes} classes"
+            )
+        kept = rows[drawn(labels, n_kept, self.random_state)]
+        for view in self.views_:
+            view.weights = _in(np.float16, view.weights) if view.weights.ndim > 1 else view.weights
+        self.prototypes_ = tuple(view.seen(_in(np.float16, view.standardised(kept))) for view in self.views_)
+        # With K_mm = V l V', beta of F = K_nm V l^(-1/2) is a plain ridge regression.
+        values, vectors = linalg.eigh(self._kernel(self.prototypes_), driver="evd")
+        sure = values > values[-1] * len(values) * np.finfo(float).eps
+        root = vectors[:, sure] / np.sqrt(values[sure])
+        F = self._kernel([view(rows) for view in self.views_]) @ root
+        squares = F.T @ (weight * F) + self.ridge * np.eye(F.shape[1])
+        self.dual_ = _in(np.float32, root @ linalg.solve(squares, F.T @ (weight * Y), assume_a="pos"))
 
     def decision_function(self, X: ArrayLike) -> Samples:
         """Return estimates of P(class) - 1/n_classes, shape (n_samples, n_classes).
@@ -166,7 +212,14 @@ class View:
 
     def __call__(self, X: Samples) -> Samples:
         """Return the samples in this view, shape (n_samples, n_features)."""
-        Z = (X - self.mean) / self.scale
+        return self.seen(self.standardised(X))
+
+    def standardised(self, X: Samples) -> Samples:
+        """Return the samples without mean and scale."""
+        return np.asarray((X - self.mean) / self.scale)
+
+    def seen(self, Z: Samples) -> Samples:
+        """Return standardised samples in this view."""
         return np.asarray(Z * self.weights if self.weights.ndim == 1 else Z @ self.weights)
 
 
@@ -220,10 +273,21 @@ def matern(a: Samples, b: Samples, length: float) -> Samples:
     return np.asarray(np.multiply(k, s, out=k))
 
 
-def thinned(labels: Labels, max_samples: int) -> Labels:
-    """Return indices of at most about `max_samples` samples: every k-th of each class, in order."""
-    step = -(-labels.size // max_samples)
-    return np.sort(np.concatenate([np.flatnonzero(labels == c)[::step] for c in np.unique(labels)]))
+def _in(dtype: type[np.floating[Any]], values: Samples) -> Samples:
+    """Return values rounded to a type of fewer bits."""
+    return np.asarray(values.astype(dtype).astype(np.float64))
+
+
+def drawn(labels: Labels, n: int, seed: int) -> Labels:
+    """Return indices of `n` samples drawn at random, one of each class at least, in order; all, if not more.
+
+    Every k-th sample would be the same part of all recordings of k windows.
+    """
+    if n >= labels.size:
+        return np.arange(labels.size)
+    order = np.random.default_rng(seed).permutation(labels.size)
+    first = np.unique(labels[order], return_index=True)[1]
+    return np.sort(np.concatenate([order[first], np.delete(order, first)])[:n])
 
 
 def _weights(Z: Samples, labels: Labels, relevance: float) -> Samples:

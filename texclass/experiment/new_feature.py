@@ -26,8 +26,8 @@ from texclass.experiment.pipeline import PipelineDefinition
 from texclass.experiment.result import BenchmarkResult, classifier_title, over
 from texclass.experiment.workers import one_thread
 from texclass.features.contract import Feature, Gain, UndefinedFeatureError
-from texclass.features.examination import EXACT, View, behaviour, gain_law
-from texclass.features.phase_view import views_of
+from texclass.features.examination import EXACT, behaviour, gain_law
+from texclass.features.phase_view import View, views_of
 from texclass.loaders.dataset import Dataset
 from texclass.recording import Samples
 

@@ -18,6 +18,7 @@ from pydantic import (
     Field,
     PlainValidator,
     PrivateAttr,
+    ValidationError,
     ValidationInfo,
     field_validator,
     model_validator,
@@ -29,6 +30,7 @@ from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.folds import Evaluation, evaluate
 from texclass.experiment.protocols import find_protocol
 from texclass.experiment.selection import ForwardSelector
+from texclass.experiment.vote_of_pieces import knowing
 from texclass.features.contract import Feature
 from texclass.features.phase_view import Channels
 from texclass.features.sets import FeatureSet, Member, load_feature_set
@@ -48,6 +50,8 @@ OF_ROWS = frozenset({"select", "published", "classifiers"})
 class Use(Written):
     """One scikit-learn object of a TOML: the class it names, and beside it the arguments of its constructor.
 
+    An argument that is another such object, `estimator = { use = "..." }`, is made, too.
+
     Attributes
     ----------
     use
@@ -59,7 +63,7 @@ class Use(Written):
 
     def make(self) -> Any:
         """Return a new, unfitted object."""
-        return resolve(self.use)(**self.parameters)
+        return resolve(self.use)(**{key: _made(value) for key, value in self.parameters.items()})
 
     @property
     def parameters(self) -> Mapping[str, Any]:
@@ -83,9 +87,24 @@ class Use(Written):
             made.fit(None, None)
         except Exception as error:
             # Parameters are checked before data, so a message that names one is about its value.
-            if any(re.search(rf"\b{re.escape(key)}\b", str(error)) for key in self.parameters):
+            own = [key for key, value in self.parameters.items() if not _is_use(value)]
+            if any(re.search(rf"\b{re.escape(key)}\b", str(error)) for key in own):
                 raise ValueError(str(error)) from None
         return self
+
+
+def _is_use(value: Any) -> bool:
+    return isinstance(value, dict) and "use" in value
+
+
+def _made(value: Any) -> Any:
+    """Return an argument as it is, or the object that it describes."""
+    if not _is_use(value):
+        return value
+    try:
+        return Use(**value).make()
+    except ValidationError as error:  # its first fault, in one line
+        raise ValueError(error.errors()[0]["msg"]) from None
 
 
 def resolve(path: str) -> type[BaseEstimator]:
@@ -341,7 +360,7 @@ class PipelineDefinition(Written):
             table.of(row.columns),
             table.materials,
             preparation=self.preparation(row.definition, classifier),
-            classifier=self.classifiers[classifier].make(),
+            classifier=knowing(self.classifiers[classifier].make(), row.columns),
         )
 
     def with_feature(self, feature: Feature) -> Self:

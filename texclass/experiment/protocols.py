@@ -3,7 +3,7 @@
 import functools
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,6 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from sklearn.model_selection import LeaveOneGroupOut, StratifiedGroupKFold, StratifiedKFold
 
+from texclass.document.wording import counted
 from texclass.experiment.windows import parents
 
 Indices = NDArray[np.intp]
@@ -19,8 +20,8 @@ Split = tuple[Indices, Indices]
 Splitter = Callable[[pd.DataFrame, int, int], tuple[Split, ...]]
 UNSEEN_FOLDS = 5
 """Folds of `splits_of` where a protocol draws them; fewer where a material has fewer recordings (or runs)."""
-N_SHOTS = 3
-"""Repetitions of each material that train under `few-shot`."""
+N_SHOTS, N_STARTS = 3, 4
+"""Repetitions of each material that train under `few-shot`, and how many starts it has at most."""
 LABELS = ("material", "operator", "session", "repetition")
 """What recordings can be chosen by."""
 RANGE = re.compile(r"(\d{1,9})-(\d{1,9})")
@@ -55,6 +56,8 @@ class Protocol:
     leaves_out
         The label whose groups are left out in turn, if any: then they are what is independent. "operator"
         stands for sessions, too, if the table names sessions and no operators.
+    several_starts
+        Whether the same recordings are tested after several trainings, each of few others.
     """
 
     name: str
@@ -64,6 +67,7 @@ class Protocol:
     drawn: bool = False
     unit: Literal["recording", "run"] = "recording"
     leaves_out: str = ""
+    several_starts: bool = False
 
     def clusters(self, table: pd.DataFrame) -> NDArray[np.str_]:
         """Return which `unit` each row belongs to."""
@@ -165,19 +169,74 @@ def first_half_trains(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Spl
     ValueError
         If repetitions are not numbered, or a material has only one recording.
     """
-    return _in_order(table, "blocks", at_least=2)
+    counts = table["material"].value_counts()
+    missing = table["repetition"].isna()
+    if missing.any():
+        raise ValueError(
+            f"recording {table.loc[missing, 'recording_id'].iloc[0]} has no repetition number; the protocol "
+            "`blocks` needs it on each"
+        )
+    _require(counts, 2, protocol="blocks")
+    rank = table.groupby("material")["repetition"].rank(method="first").to_numpy(dtype=np.float64)
+    half = table["material"].map(counts // 2).to_numpy(dtype=np.intp)
+    return ((np.flatnonzero(rank <= half), np.flatnonzero(rank > half)),)
 
 
-@of_recordings
-def first_few_train(table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Split, ...]:
-    """Train on each material's first three repetitions, test on the second half of its repetitions.
+def few_train(n_shots: int, table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Split, ...]:
+    """Train on few repetitions of each material in a row, from several starts on; test on much later ones.
+
+    One start says little: a sensor warms up, a hand learns. Starts are a quarter of the first half of the
+    repetitions apart, as many of `N_STARTS` as leave `n_shots` of them within that half: of forty, three
+    train from 1, 6, 11 and 16 on. The third and the fourth quarter test, each a fold of every start, so that
+    every start has the same tests, and none trains on what comes after one. Where a recording has no
+    number, recordings (or runs) are drawn with the seed as often, and the others test.
 
     Raises
     ------
     ValueError
-        If repetitions are not numbered, or a material has fewer than six: its first three would be tested.
+        If a material has fewer than twice as many numbered repetitions as train, or no run besides those.
     """
-    return _in_order(table, "few-shot", at_least=2 * N_SHOTS, n_train=N_SHOTS)
+    if table["repetition"].isna().any():
+        return _drawn_train(table, n_shots, seed)
+    counts = table["material"].value_counts()
+    _require(counts, 2 * n_shots, protocol="few-shot")
+    rank = table.groupby("material")["repetition"].rank(method="first").to_numpy(dtype=np.float64)
+    count = table["material"].map(counts).to_numpy(dtype=np.intp)
+    half, fewest_early = count // 2, int(counts.min()) // 2
+    later = half + (count - half) // 2
+    tests = [np.flatnonzero(part) for part in ((rank > half) & (rank <= later), rank > later)]
+    apart = max(1, fewest_early // N_STARTS)
+    starts = [1 + k * apart for k in range(N_STARTS) if k * apart + n_shots <= fewest_early]
+    trains = [np.flatnonzero((rank >= start) & (rank < start + n_shots)) for start in starts]
+    return tuple((train, test) for train in trains for test in tests if test.size)
+
+
+def _drawn_train(table: pd.DataFrame, n_shots: int, seed: int) -> tuple[Split, ...]:
+    """Train on so many runs of each material, drawn `N_STARTS` times; test on all others."""
+    each = pd.DataFrame({"material": table["material"], "run": runs(table)})
+    drawable = each.drop_duplicates().sort_values(["material", "run"])
+    _require(drawable["material"].value_counts(), n_shots + 1, "run", protocol="few-shot")
+    rng, found = np.random.default_rng(seed), []
+    for _ in range(N_STARTS):
+        drawn = drawable.groupby("material").sample(n_shots, random_state=rng)
+        trains = each.merge(drawn, how="left", indicator=True)["_merge"].eq("both").to_numpy()
+        found.append((np.flatnonzero(trains), np.flatnonzero(~trains)))
+    return tuple(found)
+
+
+def n_trainings(splits: Sequence[Split]) -> int:
+    """Return how many different training parts splits have."""
+    return len({train.tobytes() for train, _ in splits})
+
+
+def _few_shot(name: str, n_shots: int) -> Protocol:
+    told = (
+        f"{counted(n_shots, 'repetition')} of each material in a row train, from several starts in the first "
+        "half on; third and fourth quarter of its repetitions test (without numbers: runs that are drawn "
+        "train, the others test)"
+    )
+    split = of_recordings(functools.partial(few_train, n_shots))
+    return Protocol(name, told, split, several_starts=True)
 
 
 PROTOCOLS = {
@@ -200,11 +259,7 @@ PROTOCOLS = {
             "first half of each material's repetitions trains, second half tests",
             first_half_trains,
         ),
-        Protocol(
-            "few-shot",
-            f"first {N_SHOTS} repetitions of each material train, second half of its repetitions tests",
-            first_few_train,
-        ),
+        _few_shot("few-shot", N_SHOTS),
         Protocol(
             "run",
             "stratified folds over runs (sessions; recordings, where none are named): no run both trains and "
@@ -225,15 +280,16 @@ PROTOCOLS = {
 }
 
 
-LEAVE_OUT, TO = "leave-out ", " -> "
+LEAVE_OUT, FEW_SHOT, TO = "leave-out ", "few-shot ", " -> "
 """What the names of protocols by label are made with."""
 
 
 def find_protocol(name: str) -> Protocol:
-    """Return the protocol of that name: one of `PROTOCOLS`, or by any label of the recordings.
+    """Return the protocol of that name: one of `PROTOCOLS`, `few-shot` of so many, or by any label.
 
-    "leave-out session" tests on each session in turn. "repetition=1-20 -> repetition=31-40" trains on these
-    and tests on those; "operator=2,5 & session=a" are the recordings of operators 2 and 5 in session a.
+    "few-shot 1" trains on single repetitions. "leave-out session" tests on each session in turn.
+    "repetition=1-20 -> repetition=31-40" trains on these and tests on those; "operator=2,5 & session=a" are
+    the recordings of operators 2 and 5 in session a.
 
     Raises
     ------
@@ -246,11 +302,13 @@ def find_protocol(name: str) -> Protocol:
         label = _label(name.removeprefix(LEAVE_OUT))
         told = f"leave one {label} out; scaling and selection fitted inside each fold"
         return Protocol(name, told, of_recordings(functools.partial(_leave_out, label)), leaves_out=label)
+    if re.fullmatch(f"{FEW_SHOT}[1-9][0-9]{{0,5}}", name):
+        return _few_shot(name, int(name.removeprefix(FEW_SHOT)))
     train, arrow, test = name.partition(TO)
     if not arrow:
         raise ValueError(
-            f"no protocol is named {name!r}; the protocols are {', '.join(PROTOCOLS)}, {LEAVE_OUT}LABEL, "
-            f"LABEL=VALUES{TO}LABEL=VALUES"
+            f"no protocol is named {name!r}; the protocols are {', '.join(PROTOCOLS)}, {FEW_SHOT}NUMBER, "
+            f"{LEAVE_OUT}LABEL, LABEL=VALUES{TO}LABEL=VALUES"
         )
     for chosen in (train, test):
         _terms(chosen)
@@ -300,23 +358,6 @@ def fewest(protocol: Protocol, table: pd.DataFrame) -> int:
     """Return the number of recordings (or runs, as the protocol counts) of the material that has fewest."""
     unit = pd.Series(protocol.clusters(table), index=table.index)
     return int(unit.groupby(table["material"]).nunique().min())
-
-
-def _in_order(
-    table: pd.DataFrame, protocol: str, at_least: int, n_train: int | None = None
-) -> tuple[Split, ...]:
-    """Train on the first repetitions of each material (half of them by default), test on its second half."""
-    counts = table["material"].value_counts()
-    missing = table["repetition"].isna()
-    if missing.any():
-        raise ValueError(
-            f"recording {table.loc[missing, 'recording_id'].iloc[0]} has no repetition number; the protocol "
-            f"`{protocol}` needs it on each"
-        )
-    _require(counts, at_least, protocol=protocol)
-    rank = table.groupby("material")["repetition"].rank(method="first").to_numpy(dtype=np.float64)
-    half = table["material"].map(counts // 2).to_numpy(dtype=np.intp)
-    return ((np.flatnonzero(rank <= (n_train or half)), np.flatnonzero(rank > half)),)
 
 
 def _label(name: str) -> str:

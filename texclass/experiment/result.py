@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from texclass.document import Document
 
-ACCURACY_KEYS = ("mean", "low", "high", "interval", "clusters", "n_clusters", "balanced")
+ACCURACY_KEYS = ("mean", "low", "high", "interval", "clusters", "n_clusters", "balanced", "worst")
 COMPUTED_BY = ("recording", "signals", "phases", "features", "vibration", "experiment")
 """Rooms and modules whose code the figures of a result depend on."""
 
@@ -36,7 +36,7 @@ PROTOCOLS = {
     "operator": "leave one operator out",
     "run": "folds over whole runs",
     "blocks": "first half of the repetitions to second half",
-    "few-shot": "three repetitions to second half",
+    "few-shot": "three repetitions, several starts, to second half",
     "paper": "the paper's protocol",
 }
 COUNTS = ("operator", "session", "test")
@@ -188,6 +188,9 @@ def classifier_title(name: str) -> str:
 
 def protocol_title(name: str) -> str:
     """Return a protocol in words."""
+    if name.startswith("few-shot "):
+        n_shots = counted(int(name.removeprefix("few-shot ")), "repetition")
+        return f"{n_shots}, several starts, to second half"
     return PROTOCOLS.get(name, name)
 
 

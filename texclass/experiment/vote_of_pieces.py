@@ -1,6 +1,6 @@
 """A classifier of recordings described in pieces: it learns from all of them and lets them vote."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from numbers import Integral, Real
 from typing import Any, Self
 
@@ -15,13 +15,17 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.recording import Samples
 
+OF_A_PIECE = ".piece"
+"""What the name of a column of a piece holds; see `texclass.features.contract.feature`."""
+
 
 class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     """Classify each piece of a recording, then average the decisions.
 
     With few recordings, pieces are many more samples to learn from, and how they differ shows what to expect
     of the next recording; a piece at which a finger lifts off or slips is outvoted. One more voter sees the
-    pieces side by side: what a stroke is like at its beginning, later, and at its end.
+    whole recording: columns that are not of pieces (taps, friction) where there are some, and else the pieces
+    side by side, what a stroke is like at its beginning, later, and at its end.
 
     Parameters
     ----------
@@ -31,7 +35,9 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
     n_pieces : int
         Pieces of a recording.
     whole_weight : float
-        Weight of the voter that sees them side by side, against 1 of all pieces together.
+        Weight of the voter that sees the whole, against 1 of all pieces together.
+    undivided : tuple of int
+        Columns that are not of pieces but of the whole recording; see `knowing`.
 
     Attributes
     ----------
@@ -40,14 +46,17 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
     estimator_ : classifier
         Fitted on pieces.
     whole_ : classifier or None
-        Fitted on pieces side by side; None without weight, or where no recording has several pieces.
+        Fitted on the whole; None without weight, or where no recording has more than one piece.
 
     Notes
     -----
     The n_pieces values of one feature stand side by side, as features with a parameter `n_pieces` give them:
-    X[:, j n_pieces + i] is feature j of piece i. Features are compared between pieces, so what scales columns
-    one by one should stand inside `estimator`. Where all pieces of a recording are the same (it was too short
-    to be divided), they count as one.
+    of the columns that are divided, X[:, j n_pieces + i] is feature j of piece i. Features are compared
+    between pieces, so what scales columns one by one should stand inside `estimator`. Where all pieces of a
+    recording are the same (it was too short to be divided), they count as one.
+
+    A feature of the whole would be the same in all pieces of a recording, as if it never varied within a
+    surface that was felt once: it has a voter of its own.
 
     Examples
     --------
@@ -59,25 +68,36 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
     ['felt', 'glass']
     """
 
-    def __init__(self, estimator: Any = None, *, n_pieces: int = 1, whole_weight: float = 0.5) -> None:
+    undivided: tuple[int, ...] = ()  # of models of before, which have none
+
+    def __init__(
+        self,
+        estimator: Any = None,
+        *,
+        n_pieces: int = 1,
+        whole_weight: float = 0.5,
+        undivided: tuple[int, ...] = (),
+    ) -> None:
         self.estimator = estimator
         self.n_pieces = n_pieces
         self.whole_weight = whole_weight
+        self.undivided = undivided
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Learn from all pieces of all recordings.
 
         Parameters
         ----------
-        X : array_like of shape (n_recordings, n_features * n_pieces)
-            Finite features, the pieces of each side by side.
+        X : array_like of shape (n_recordings, n_columns)
+            Finite features, the pieces of each side by side, and columns of the whole.
         y : array_like of shape (n_recordings,)
             Labels of at least two classes.
 
         Raises
         ------
         ValueError
-            If the number of columns is not a multiple of `n_pieces`, or as `estimator` does.
+            If the number of columns of pieces is not a multiple of `n_pieces`, `undivided` names others than
+            columns of X, or as `estimator` does.
         """
         check_scalar(self.n_pieces, "n_pieces", Integral, min_val=1)
         check_scalar(self.whole_weight, "whole_weight", Real, min_val=0)
@@ -86,11 +106,26 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
         self.classes_ = np.unique(labels)
         if len(self.classes_) < 2:
             raise ValueError("y holds 1 class; the rule is at least 2")
-        pieces, owner = divided(rows, self.n_pieces)
+        if not np.isin(self.undivided, np.arange(rows.shape[1])).all():
+            raise ValueError(f"undivided is {self.undivided}; the rule is columns 0 to {rows.shape[1] - 1}")
+        divided, seen, n_pieces = self.columns_
+        pieces, owner = pieces_of(rows[:, divided], n_pieces)
         self.estimator_ = self._unfitted().fit(pieces, labels[owner])
-        several = self.whole_weight > 0 and len(pieces) > len(rows)
-        self.whole_ = self._unfitted().fit(rows, labels) if several else None
+        more = len(seen) < rows.shape[1] or len(pieces) > len(rows)
+        self.whole_ = self._unfitted().fit(rows[:, seen], labels) if more and self.whole_weight > 0 else None
         return self
+
+    @property
+    def columns_(self) -> tuple[NDArray[np.intp], NDArray[np.intp], int]:
+        """Which columns are of pieces, which ones the voter of the whole sees, and how many pieces vote.
+
+        Where no column is of pieces, a recording is one piece of all columns.
+        """
+        every = np.arange(self.n_features_in_)
+        divided = np.setdiff1d(every, self.undivided)
+        if not divided.size:
+            return every, every, 1
+        return divided, np.setdiff1d(every, divided) if self.undivided else every, int(self.n_pieces)
 
     def decision_function(self, X: ArrayLike) -> Samples:
         """Return the mean decision of the pieces, shape (n_recordings, n_classes).
@@ -114,16 +149,26 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
         """Return the mean over the pieces of each recording, and over them and the whole."""
         check_is_fitted(self)
         rows = validate_data(self, X, dtype=np.float64, reset=False)
-        pieces, owner = divided(rows, self.n_pieces)
+        divided, seen, n_pieces = self.columns_
+        pieces, owner = pieces_of(rows[:, divided], n_pieces)
         decisions = decide(self.estimator_, pieces)
         counts = np.bincount(owner).reshape(-1, *[1] * (decisions.ndim - 1))
         mean = np.add.reduceat(decisions, np.flatnonzero(np.diff(owner, prepend=-1)), axis=0) / counts
         if self.whole_ is None:
             return np.asarray(mean)
-        return np.asarray((mean + self.whole_weight * decide(self.whole_, rows)) / (1 + self.whole_weight))
+        whole = decide(self.whole_, rows[:, seen])
+        return np.asarray((mean + self.whole_weight * whole) / (1 + self.whole_weight))
 
     def _unfitted(self) -> Any:
         return KernelDiscriminant() if self.estimator is None else clone(self.estimator)
+
+
+def knowing(classifier: Any, columns: Sequence[str]) -> Any:
+    """Return an unfitted classifier that knows, if it lets pieces vote, which columns are not of pieces."""
+    if not isinstance(classifier, VoteOfPieces) or classifier.n_pieces == 1:
+        return classifier
+    undivided = tuple(i for i, column in enumerate(columns) if OF_A_PIECE not in column)
+    return clone(classifier).set_params(undivided=undivided)
 
 
 def decisions_of(classifier: Any, rows: Samples) -> Samples:
@@ -134,7 +179,7 @@ def decisions_of(classifier: Any, rows: Samples) -> Samples:
     return p[:, 1] - 0.5 if p.shape[1] == 2 else p
 
 
-def divided(X: Samples, n_pieces: int) -> tuple[Samples, NDArray[np.intp]]:
+def pieces_of(X: Samples, n_pieces: int) -> tuple[Samples, NDArray[np.intp]]:
     """Return the pieces of recordings as rows, and the recording that each belongs to.
 
     Parameters

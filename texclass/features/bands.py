@@ -116,7 +116,7 @@ def band_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
         For silence, or fewer samples than four a band.
     """
     require(view, max(32, 4 * n_bands), f"{n_bands} bands")
-    return _levels(view, np.linspace(0, view.fs / 2, n_bands + 1))
+    return _levels(view, *_even_bands(view.fs, n_bands))
 
 
 def fraction_names(*, octaves: tuple[int, int], per_octave: int) -> tuple[str, ...]:
@@ -155,19 +155,34 @@ def octave_level(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octa
     UndefinedFeatureError
         For silence, or a movement that holds fewer than 1.5 periods of the lowest frequency.
     """
-    first, stop = octaves
-    octave = first + np.arange((stop - first) * per_octave, -1, -1) / per_octave
-    edges_hz = view.fs / 2 * 2.0**-octave
+    edges_hz, response = _octaves(view.fs, octaves, per_octave)
     lowest = edges_hz[0]
     require(view, max(32, math.ceil(1.5 * view.fs / lowest)), f"1.5 periods of {lowest:.3g} Hz")
-    return _levels(view, edges_hz)[::-1]
+    return _levels(view, edges_hz, response)[::-1]
 
 
-def _levels(view: PhaseView, edges_hz: Samples) -> Samples:
-    """Return the log10 power density between edges: that of the difference over 4 sin^2(pi f / fs)."""
-    middle = (edges_hz[:-1] + edges_hz[1:]) / 2
-    power = density(*whole_periodogram(view), edges_hz) / (4 * np.sin(np.pi * middle / view.fs) ** 2)
+def _levels(view: PhaseView, edges_hz: Samples, response: Samples) -> Samples:
+    """Return the log10 power density between edges: that of the difference over its `response`."""
+    power = density(*whole_periodogram(view), edges_hz) / response
     return np.asarray(np.log10(power) + 2 * np.log10(level(view)))
+
+
+@functools.lru_cache(maxsize=32)
+def _even_bands(fs: float, n_bands: int) -> tuple[Samples, Samples]:
+    return _with_response(np.linspace(0, fs / 2, n_bands + 1), fs)
+
+
+@functools.lru_cache(maxsize=32)
+def _octaves(fs: float, octaves: tuple[int, int], per_octave: int) -> tuple[Samples, Samples]:
+    first, stop = octaves
+    octave = first + np.arange((stop - first) * per_octave, -1, -1) / per_octave
+    return _with_response(fs / 2 * 2.0**-octave, fs)
+
+
+def _with_response(edges_hz: Samples, fs: float) -> tuple[Samples, Samples]:
+    """Return edges (Hz), and 4 sin^2(pi f / fs) in the middle of each band, the response of a difference."""
+    middle = (edges_hz[:-1] + edges_hz[1:]) / 2
+    return read_only(edges_hz), read_only(4 * np.sin(np.pi * middle / fs) ** 2)
 
 
 @transform

@@ -5,19 +5,16 @@ underflows in between; a feature puts `level` back as its declared gain law says
 the movement, or is a power, stands in `spectra`.
 """
 
-import functools
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from texclass import fourier
 from texclass.features.phase_view import PhaseView, UndefinedFeatureError, transform, undefined_if
-from texclass.recording import Samples, read_only
+from texclass.recording import Samples
 
 FINEST = 20
 """Largest factor by which a low-passed movement is decimated."""
-INTERLEAVED = 4
-"""Transforms that `low_spectrum` does at once: lanes of single precision in the narrowest vector unit."""
 WIDE_HZ = 6000.0
 """Sampling rate from which on a fourth of it holds all that corrected features read from the spectrum."""
 
@@ -65,9 +62,8 @@ def unit(view: PhaseView) -> Samples:
 
 def require(view: PhaseView, n_samples: int, why: str) -> None:
     """Refuse a phase that is shorter than `n_samples`."""
-    undefined_if(
-        view.n_samples < n_samples, f"{view.n_samples} samples; the rule is at least {n_samples} ({why})"
-    )
+    if view.n_samples < n_samples:  # a message that nobody reads takes as long as a short feature
+        raise UndefinedFeatureError(f"{view.n_samples} samples; the rule is at least {n_samples} ({why})")
 
 
 def below_nyquist(view: PhaseView, frequency_hz: float) -> float:
@@ -104,42 +100,24 @@ def padded_length(view: PhaseView) -> int:
 @transform
 def spectrum(view: PhaseView) -> NDArray[np.complex64]:
     """Return the discrete Fourier transform of `unit32`, zero-padded to `padded_length`."""
-    return np.asarray(fft.rfft(unit32(view), padded_length(view)))
+    return fourier.rfft(_padded(view))
 
 
 @transform
 def low_spectrum(view: PhaseView) -> NDArray[np.complex64]:
-    """Return the bins 0 ... N/4 of `spectrum` (up to fs/4) to its precision, in 60 % of the time.
-
-    With Y_p the transform of every fourth sample from p on, of period N/4 = M, and Z_p = exp(-2 pi i k p / N)
-    Y_p, the sums are X_k = Z_0 + Z_1 + Z_2 + Z_3 and X_(M-k) = conj(Z_0 + i Z_1 - Z_2 - i Z_3): four short
-    transforms at once fill the vector unit of a processor, which one long one does not, and the bins above
-    fs/4 are never made.
-    """
-    n_fft, n_low = padded_length(view), padded_length(view) // INTERLEAVED
-    samples = np.zeros((n_low, INTERLEAVED), dtype=np.float32)
-    samples.reshape(-1)[: view.n_samples] = unit32(view)
-    Y: NDArray[np.complex64] = fft.rfft(samples, axis=0)
-    w = _turns(len(Y), n_fft)
-    square = w * w
-    Z0, Z1, Z2, Z3 = Y[:, 0], Y[:, 1] * w, Y[:, 2] * square, Y[:, 3] * (square * w)
-    X = np.empty(n_low + 1, dtype=np.complex64)
-    X[: len(Y)] = (Z0 + Z2) + (Z1 + Z3)
-    X[n_low + 1 - len(Y) :] = np.conj((Z0 - Z2) + 1j * (Z1 - Z3))[::-1]
-    return X
+    """Return the bins 0 ... N/4 of `spectrum` (up to fs/4); those above are never made."""
+    return fourier.rfft(_padded(view), quarter=True)
 
 
-@functools.lru_cache(maxsize=2)
-def _turns(n: int, n_fft: int) -> NDArray[np.complex64]:
-    """Return exp(-2 pi i k / n_fft) for k = 0 ... n-1, as products of coarse and fine turns."""
-    fine = int(np.ceil(np.sqrt(n)))
-    angle = -2j * np.pi / n_fft * np.arange(fine)
-    return read_only(np.outer(np.exp(fine * angle), np.exp(angle)).astype(np.complex64).reshape(-1)[:n])
+def _padded(view: PhaseView) -> NDArray[np.float32]:
+    samples = np.zeros(padded_length(view), dtype=np.float32)
+    samples[: view.n_samples] = unit32(view)
+    return samples
 
 
 def first_bins(view: PhaseView, n_bins: int) -> NDArray[np.complex64]:
     """Return the bins 0 ... n_bins-1 of the spectrum, of `low_spectrum` if that suffices for all features."""
-    enough = view.fs >= WIDE_HZ and n_bins <= padded_length(view) // INTERLEAVED + 1
+    enough = view.fs >= WIDE_HZ and n_bins <= padded_length(view) // fourier.INTERLEAVED + 1
     return (low_spectrum(view) if enough else spectrum(view))[:n_bins]
 
 

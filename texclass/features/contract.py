@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from texclass import plugins
-from texclass.features.phase_view import Phase, PhaseView, TapView, UndefinedFeatureError, pieces, view_of
+from texclass.features.phase_view import Phase, PhaseView, UndefinedFeatureError, View, pieces, view_of
 from texclass.recording import Samples
 
 __all__ = [
@@ -36,8 +36,8 @@ Dependence = Literal["length", "rate", "sign"]
 Outputs = str | tuple[str, ...] | Callable[..., tuple[str, ...]]
 R = TypeVar("R")
 DIMENSIONS = (
-    "autoregression", "bands", "cepstrum", "decaying_segments", "excess", "fineness", "friction", "hardness",
-    "related_work", "roughness", "slopes", "tap_modes",
+    "autoregression", "bands", "cepstrum", "channels", "decaying_segments", "excess", "fineness", "friction",
+    "hardness", "related_work", "roughness", "slopes", "tap_modes",
 )  # fmt: skip
 """The modules of this room that hold features."""
 OWN = "texclass_own_"
@@ -203,7 +203,7 @@ def feature(
         def of_signal(
             view: Any, /, *args: Any, fs: float | None = None, unit: str = "arbitrary", **parameters: Any
         ) -> Any:
-            if not isinstance(view, PhaseView | TapView):
+            if not isinstance(view, View):
                 view = view_of(phase, view, fs, unit)
             if not divisible:
                 return function(view, *args, **parameters)

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from texclass.features.contract import Feature, Gain, UndefinedFeatureError
-from texclass.features.phase_view import PhaseView, TapSignal, TapView
+from texclass.features.phase_view import PairView, Phase, PhaseView, TapSignal, TapView, View
 from texclass.recording import Samples
 
-View = PhaseView | TapView
 GAINS = (1e-2, 1e-1, 1e1, 1e2)
 EXACT = 1e-5
 """Relative deviation up to which a gain law holds; rounding stays below it."""
@@ -23,6 +22,9 @@ def scaled(view: View, gain: float) -> View:
     """Return the view of the signal multiplied by a gain, with nothing remembered."""
     if isinstance(view, PhaseView):
         return PhaseView(gain * view.samples, view.fs)
+    if isinstance(view, PairView):
+        one, other = (PhaseView(gain * side.samples, side.fs) for side in view.sides)
+        return PairView((one, other))
     taps = tuple(TapSignal(gain * tap.hand, gain * tap.impulse, tap.quality) for tap in view.taps)
     return TapView(taps, view.fs, gain * view.noise)
 
@@ -34,7 +36,7 @@ def gain_law(feature: Feature, views: Sequence[View]) -> dict[str, Any] | None:
     ----------
     feature : Feature
         With its default parameters.
-    views : sequence of PhaseView or TapView
+    views : sequence of PhaseView, TapView or PairView
         Of the phase that the feature reads.
 
     Returns
@@ -93,11 +95,8 @@ def behaviour(feature: Feature, fs: float = 10_000.0) -> list[dict[str, Any]]:
         value, the reason or the error, and warnings; and whether the contract is `kept`: a finite value or a
         reason, no warning, and a reason for `REFUSED`.
     """
-    if feature.phase != "tap":
-        views: dict[str, View] = {name: PhaseView(x, fs) for name, x in degenerate_inputs().items()}
-    else:  # a tap has its contact after a quarter
-        parted = {name: np.split(x, [x.size // 4]) for name, x in degenerate_inputs().items()}
-        views = {name: TapView((TapSignal(hand, impulse),), fs) for name, (hand, impulse) in parted.items()}
+    views = {name: bare_view(feature.phase, x, fs) for name, x in degenerate_inputs().items()}
+    if feature.phase == "tap":
         views["no tap"] = TapView((), fs)
     answers = {name: _answer(feature, name, view) for name, view in views.items()}
     return [
@@ -126,6 +125,18 @@ def degenerate_inputs() -> Mapping[str, Samples]:
         "one infinite sample": np.where(impulse == 1, np.inf, noise),
         **{f"{n} samples": noise[:n] for n in (0, 1, 2, 10, 100)},
     }
+
+
+def bare_view(phase: Phase, x: Samples, fs: float) -> View:
+    """Return samples (n,) as a phase, without a recording that would refuse them.
+
+    A tap has its contact after a quarter; the second channel of a pair is the first one backwards.
+    """
+    if phase == "tap":
+        hand, impulse = np.split(x, [x.size // 4])
+        return TapView((TapSignal(hand, impulse),), fs)
+    one = PhaseView(x, fs)
+    return PairView((one, PhaseView(x[::-1].copy(), fs))) if phase == "pair" else one
 
 
 def _answer(feature: Feature, name: str, view: View) -> tuple[str, str, bool]:

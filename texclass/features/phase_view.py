@@ -6,27 +6,26 @@ import math
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations
 from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import fft
 
+from texclass.fourier import INTERLEAVED
 from texclass.phases import find_data, find_glitches, mended, segment
-from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples
+from texclass.recording import STANDARD_GRAVITY, Phases, Recording, RecordingError, Samples
 from texclass.signals import combine, remove_hand_motion
 
 P = ParamSpec("P")
 R = TypeVar("R")
-Phase = Literal["tap", "movement", "friction"]
+Phase = Literal["tap", "movement", "friction", "pair"]
 Channels = Literal["combine", "each", "auto", "all"]
 TURN = ("turn_x", "turn_y", "turn_z")
 """Names of the channels of a turn rate, after those of the acceleration."""
 LONG = 5000
-"""Movements of more samples lose up to 1.6 % at their end, so that their length has no large prime factor.
-
-With one, every Fourier transform takes several times as long.
-"""
+"""Movements of more samples are cut to a length that transforms take quickly; see `kept_length`."""
 LEAST_PIECE = 2048
 """Samples that a piece must hold: with fewer, what is gained by voting is lost in each piece."""
 
@@ -117,7 +116,33 @@ class TapView:
     memory: Memory = field(default_factory=Memory, repr=False)
 
 
-V = TypeVar("V", PhaseView, TapView)
+@dataclass(frozen=True, eq=False)
+class PairView:
+    """The movements of two channels that are kept apart, side by side.
+
+    Attributes
+    ----------
+    sides : tuple of two PhaseView
+        As long as each other; the transforms of one serve all of its pairs.
+    """
+
+    sides: tuple[PhaseView, PhaseView]
+    memory: Memory = field(default_factory=Memory, repr=False)
+
+    @property
+    def fs(self) -> float:
+        """Sampling rate in Hz."""
+        return self.sides[0].fs
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples of either."""
+        return self.sides[0].n_samples
+
+
+View = PhaseView | TapView | PairView
+"""What a feature reads."""
+V = TypeVar("V", PhaseView, TapView, PairView)
 
 
 def transform(function: Callable[Concatenate[V, P], R]) -> Callable[Concatenate[V, P], R]:
@@ -168,6 +193,15 @@ def _cut(view: PhaseView, n_pieces: int) -> tuple[PhaseView, ...]:
     return cut
 
 
+def kept_length(n: int) -> int:
+    """Return how many of n samples of a movement are kept: all, or, if `LONG`, at least 93 %.
+
+    A multiple of four without prime factors above 5: with one, every Fourier transform takes several times
+    as long.
+    """
+    return int(INTERLEAVED * fft.prev_fast_len(n // INTERLEAVED, real=True)) if n > LONG else n
+
+
 @dataclass(frozen=True, eq=False)
 class Views:
     """The phase views of one recording, for one channel or for all of them combined.
@@ -181,13 +215,16 @@ class Views:
     channel : int, optional
         Column of the acceleration, or, counted on, of the turn rate; None combines the columns of the
         acceleration by DFT321 [strese2015, section III].
+    sides : tuple of two Views, optional
+        Of two channels: then there is the `pair` of them, and nothing else.
     """
 
     recording: Recording
     phases: Phases
     channel: int | None = None
+    sides: "tuple[Views, Views] | None" = None
 
-    def of(self, phase: Phase, *, without_hand: bool = False) -> PhaseView | TapView:
+    def of(self, phase: Phase, *, without_hand: bool = False) -> View:
         """Return the view of a phase, the movement `without_hand` if that is asked for.
 
         Raises
@@ -195,8 +232,17 @@ class Views:
         UndefinedFeatureError
             If the recording does not have it; the message is the reason.
         """
-        view: PhaseView | TapView = getattr(self, phase)  # a phase is the name of its view
+        if phase == "pair" or self.sides is not None:
+            return self._pair(phase, without_hand=without_hand)
+        view: View = getattr(self, phase)  # a phase is the name of its view
         return self.without_hand if without_hand and phase == "movement" else view
+
+    def _pair(self, phase: Phase, *, without_hand: bool) -> PairView:
+        if self.sides is None:
+            raise UndefinedFeatureError("one channel, or several combined; the rule is two kept apart")
+        undefined_if(phase != "pair", f"two channels; the rule is one for a {phase}")
+        one, other = (side.without_hand if without_hand else side.movement for side in self.sides)
+        return PairView((one, other))
 
     @cached_property
     def movement(self) -> PhaseView:
@@ -204,7 +250,7 @@ class Views:
 
         What lies below 10 Hz is kept [strese2015, section IV-D].
         """
-        return PhaseView(combine(self._moving), self.recording.fs)
+        return PhaseView(combine(self._moving, single=True), self.recording.fs)
 
     @cached_property
     def without_hand(self) -> PhaseView:
@@ -234,15 +280,19 @@ class Views:
         axes = self._axes(0, taps[-1].end)
         columns = axes.reshape(len(axes), -1)
         first = min(find_data(columns, self.recording.fs).first, taps[0].start)
+        left_out = (len(axes) - first) - kept_length(len(axes) - first)
+        first += left_out if 2 * left_out <= taps[0].start - first else 0
         axes = mended(columns, find_glitches(columns))[first:].reshape(-1, *axes.shape[1:])
-        quiet, signal = taps[0].start - first, combine(axes)
+        quiet, signal = taps[0].start - first, combine(axes, single=True)
         signal = signal - np.median(signal[:quiet] if quiet else signal)
         parts = []
         for tap in taps:
             start, impact, end = (at - first for at in (tap.start, tap.impact, tap.end))
             parts.append(TapSignal(signal[start:impact], signal[impact:end], tap.quality))
         # On the axes, not on their combination: DFT321 leaks the taps into the quiet stretch.
-        noise = math.sqrt(sum(np.var(column[:quiet]) for column in np.atleast_2d(axes.T))) if quiet else 0.0
+        at_rest = axes[:quiet].reshape(quiet, columns.shape[1])
+        at_rest = at_rest - np.ones(quiet) @ at_rest / max(quiet, 1)
+        noise = math.sqrt(np.vdot(at_rest, at_rest) / quiet) if quiet else 0.0
         return TapView(tuple(parts), self.recording.fs, noise)
 
     @cached_property
@@ -259,7 +309,7 @@ class Views:
         if self.phases.movement is None:
             raise UndefinedFeatureError("no movement found")
         start, stop = self.phases.movement
-        return self._axes(start, start + fft.prev_fast_len(stop - start) if stop - start > LONG else stop)
+        return self._axes(start, start + kept_length(stop - start))
 
     def _axes(self, start: int, stop: int) -> Samples:
         axes, turn = self.recording.acceleration[start:stop], self.recording.turn_rate
@@ -269,17 +319,15 @@ class Views:
         return axes if self.channel is None or axes.ndim == 1 else axes[:, self.channel]
 
 
-def view_of(
-    phase: Phase, signal: ArrayLike, fs: float | None, unit: str = "arbitrary"
-) -> PhaseView | TapView:
+def view_of(phase: Phase, signal: ArrayLike, fs: float | None, unit: str = "arbitrary") -> View:
     """Return the view of a signal without a recording: all of it is the movement or the friction.
 
     Parameters
     ----------
-    phase : {"movement", "tap", "friction"}
+    phase : {"movement", "tap", "friction", "pair"}
         Of a signal of taps, those that `texclass.phases.segment` finds.
     signal : array_like of shape (n_samples,) or (n_samples, n_axes)
-        Axes are combined by DFT321.
+        Axes are combined by DFT321; a pair has two.
     fs : float
         Sampling rate in Hz.
     unit : str
@@ -294,7 +342,12 @@ def view_of(
     x = np.asarray(signal, dtype=np.float64)
     recording = Recording(x, fs=fs, unit=unit, friction=x if phase == "friction" else None)  # type: ignore[arg-type]
     whole = Phases(movement=(0, recording.n_samples))
-    return Views(recording, segment(recording) if phase == "tap" else whole).of(phase)
+    if phase != "pair":
+        return Views(recording, segment(recording) if phase == "tap" else whole).of(phase)
+    if (n := len(recording.channels)) != 2:
+        raise RecordingError(f"a pair of {n} channels; the rule is an array of shape (n_samples, 2)")
+    sides = Views(recording, whole, 0), Views(recording, whole, 1)
+    return Views(recording, whole, sides=sides).of(phase)
 
 
 def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Views]:
@@ -305,7 +358,8 @@ def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Vi
     recording : Recording
         The recording; its phases are segmented unless they are declared.
     channels : sequence of str, optional
-        Names of channels to keep apart (prefix "x/" for channel x); by default all are combined (prefix "").
+        Names of channels to keep apart (prefix "x/" for channel x, "x*y/" for two); by default all are
+        combined (prefix "").
 
     Raises
     ------
@@ -319,7 +373,17 @@ def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Vi
             f"the rule is {tuple(channels)}, as in the first recording"
         )
     combined = {"": Views(recording, phases)}
-    return combined | {f"{name}/": Views(recording, phases, i) for i, name in enumerate(channels)}
+    apart = {f"{name}/": Views(recording, phases, i) for i, name in enumerate(channels)}
+    pairs = {
+        pair_prefix(a, b): Views(recording, phases, sides=(apart[f"{a}/"], apart[f"{b}/"]))
+        for a, b in combinations(channels, 2)
+    }
+    return combined | apart | pairs
+
+
+def pair_prefix(one: str, other: str) -> str:
+    """Return what columns of two channels begin with: "x*turn_z/"."""
+    return f"{one}*{other}/"
 
 
 def channels_apart(recording: Recording, channels: Channels) -> tuple[str, ...]:

@@ -5,12 +5,13 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from texclass.features.contract import find
-from texclass.features.phase_view import views_of
+from texclass.features.phase_view import pair_prefix, views_of
 from texclass.features.sets import FeatureSet, Member, code_hash
 from texclass.recording import Recording, Samples
 
@@ -40,11 +41,16 @@ class Plan:
 
     @classmethod
     def of(cls, feature_set: FeatureSet, channels: tuple[str, ...] = ()) -> "Plan":
-        """Plan a set: once on the combined channels, or once a channel and its friction features once."""
+        """Plan a set: on the combined channels; or on each channel, on each pair, and on the friction."""
         if not channels:
             return cls((("", feature_set),))
-        felt, friction = feature_set.reading("tap", "movement"), feature_set.reading("friction")
-        return cls((*((f"{name}/", felt) for name in channels), ("", friction)), channels)
+        felt, of_pair = feature_set.reading("tap", "movement"), feature_set.reading("pair")
+        pairs = list(combinations(channels, 2)) if of_pair.members else []
+        # A single channel has no pair; the reason is told where all channels are one.
+        rest = feature_set.reading("friction") if pairs else feature_set.reading("friction", "pair")
+        parts = [(f"{name}/", felt) for name in channels]
+        parts += [(pair_prefix(*pair), of_pair) for pair in pairs]
+        return cls((*parts, ("", rest)), channels)
 
     @cached_property
     def columns(self) -> tuple[str, ...]:

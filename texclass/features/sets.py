@@ -17,7 +17,7 @@ from pydantic import ConfigDict, Field, create_model
 
 from texclass import provenance
 from texclass.features.contract import Feature, find
-from texclass.features.phase_view import Phase, PhaseView, TapView, UndefinedFeatureError, Views
+from texclass.features.phase_view import Phase, UndefinedFeatureError, View, Views
 from texclass.recording import Samples
 from texclass.shipped import locate
 from texclass.validation import Written, checked, read_toml
@@ -65,11 +65,13 @@ class Member:
         return self.feature.columns(self.name, self.parameters)
 
     @cached_property
-    def _kept(self) -> list[int]:
+    def _kept(self) -> list[int] | slice:
+        if self.columns == self.all_columns:
+            return slice(None)
         return [self.all_columns.index(column) for column in self.columns]
 
-    def view(self, views: Views) -> PhaseView | TapView:
-        """Return what the feature reads of a channel of a recording."""
+    def view(self, views: Views) -> View:
+        """Return what the feature reads of a channel of a recording, or of two."""
         return views.of(self.feature.phase, without_hand=self.without_hand)
 
     def values(self, views: Views) -> Samples:
@@ -85,9 +87,7 @@ class Member:
         view = self.view(views)
         where = f"{views.recording.recording_id}: feature {self.name}"
         try:
-            given = np.atleast_1d(
-                np.asarray(self.feature.function(view, **self.parameters), dtype=np.float64)
-            )
+            given = np.array(self.feature.function(view, **self.parameters), dtype=np.float64, ndmin=1)
         except UndefinedFeatureError:
             raise
         except Exception as error:
@@ -193,8 +193,8 @@ class FeatureSet:
         """Compute the set on one channel of one recording, a movement above `LONGEST` in equal parts.
 
         A feature's value over a long movement is the mean of its values over the parts where it has one, in
-        the memory that one part takes. What is read from taps, and what is declared to depend on the length,
-        is computed as a whole.
+        the memory that one part takes. What is read from taps or from two channels, and what is declared
+        to depend on the length, is computed as a whole.
 
         Parameters
         ----------
@@ -210,11 +210,15 @@ class FeatureSet:
         """
         start, stop = views.phases.movement or (0, 0)
         n_parts = -(-(stop - start) // LONGEST)
-        whole = {m.name for m in self.members if m.feature.phase == "tap" or "length" in m.feature.depends_on}
-        divided = [m for m in self.members if n_parts > 1 and m.name not in whole]
+        whole = ("tap", "pair")
+        divided = [
+            m
+            for m in (self.members if n_parts > 1 else ())
+            if m.feature.phase not in whole and "length" not in m.feature.depends_on
+        ]
         found: dict[str, list[Samples | str]] = {m.name: [] for m in self.members}
-        edges = np.linspace(start, stop, n_parts + 1).astype(int).tolist()
-        for span in pairwise(edges) if divided else ():
+        edges = np.linspace(start, stop, n_parts + 1).astype(int).tolist() if divided else ()
+        for span in pairwise(edges):
             part = replace(views, phases=replace(views.phases, movement=span))  # goes with its transforms
             for member in divided:
                 found[member.name].append(member.outcome(part))

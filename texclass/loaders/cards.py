@@ -94,6 +94,8 @@ class Reading(Written):
         Which files there are.
     scale
         Factor from what is stored to `unit`.
+    turn_rate_scale
+        Factor from what is stored to rad/s, of a turn rate: 0.0174533 of degrees per second.
     phases
         What every recording holds: to "detect"; "movement" only (always in contact); one "tap"; or "taps"
         only, as many as are found, however long they ring.
@@ -105,6 +107,9 @@ class Reading(Written):
     unit: Unit
     files: Texts
     scale: Annotated[float, Predicate(bool)] = Field(
+        default=1.0, ge=-MOST_LARGE, le=MOST_LARGE, description="a finite factor other than 0"
+    )
+    turn_rate_scale: Annotated[float, Predicate(bool)] = Field(
         default=1.0, ge=-MOST_LARGE, le=MOST_LARGE, description="a finite factor other than 0"
     )
     phases: DeclaredPhases = "detect"
@@ -146,9 +151,10 @@ _UNSAID = {
     "time_column": None,
     "resample_hz": None,
     "materials": {},
+    "turn_rate_scale": 1.0,
 }
 """What `Reading.facts` tells of a key that a format has not."""
-_LATER = ("topic", "time_column", "resample_hz", "materials")
+_LATER = ("topic", "time_column", "resample_hz", "materials", "turn_rate_scale")
 """Keys that cards got later."""
 
 
@@ -296,6 +302,42 @@ class RowCard(StoredCard, Reading):
     label_column: str
 
 
+class ModelsCard(StoredCard):
+    """A card of recordings that models of textures make: those of the Penn Haptic Texture Toolkit.
+
+    Attributes
+    ----------
+    files
+        Patterns of relative file names, one file a texture, that tell its material.
+    fs_hz
+        Of the models; the one that a file states must agree.
+    n_recordings, duration_s
+        Of each texture: how many, and seconds of each.
+    seed
+        Of speeds, forces and noise.
+    """
+
+    format: Literal["hatt-models"]
+    files: Texts = (r"(?:.*/)?(?:Models_)?(?P<material>[^/]+)\.xml",)
+    fs_hz: float = Field(default=1000.0, gt=0, le=MOST_LARGE, description="a rate in Hz above 0")
+    n_recordings: int = Field(default=10, ge=1, le=1000)
+    duration_s: float = Field(default=10.0, ge=0.1, le=600)
+    seed: int = Field(default=0, ge=0, le=2**63)
+    phases: DeclaredPhases = "movement"
+
+    @model_validator(mode="after")
+    def _material_is_told(self) -> "ModelsCard":
+        if _groups("files", self.files) != {"material"}:
+            raise ValueError("files tell something else; the rule is (?P<material>...) alone")
+        return self
+
+    @property
+    def facts(self) -> str:
+        """Everything that changes a recording, as text for a digest."""
+        made = (self.files, self.fs_hz, self.n_recordings, self.duration_s, self.seed, self.phases)
+        return f"hatt-models {made!r}"
+
+
 class SimulatedCard(Card):
     """A card of recordings that a recipe makes."""
 
@@ -303,7 +345,7 @@ class SimulatedCard(Card):
     recipe: Recipe
 
 
-AnyCard = FileCard | RowCard | SimulatedCard
+AnyCard = FileCard | RowCard | ModelsCard | SimulatedCard
 
 
 class _Content(RootModel[Annotated[AnyCard, Field(discriminator="format")]]):

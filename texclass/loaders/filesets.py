@@ -292,7 +292,12 @@ def digest_files(root: Path, relative: Iterable[str], facts: str) -> str:
 
 
 def conditioned(
-    recording: Recording, scale: float, phases: DeclaredPhases, *, remove_resting_level: bool
+    recording: Recording,
+    scale: float,
+    phases: DeclaredPhases,
+    *,
+    remove_resting_level: bool,
+    turn_rate_scale: float = 1.0,
 ) -> Recording:
     """Return a recording scaled, without its resting level and with its phases, as a card declares them.
 
@@ -309,7 +314,10 @@ def conditioned(
         declared = Phases(movement=(0, n), notes=("the card declares the whole recording as movement",))
     elif phases == "tap":
         declared = Phases(taps=(Tap(0, contact(acceleration), n),), notes=("the card declares one tap",))
-    recording = recording.with_(acceleration=acceleration, phases=declared)
+    turn = recording.turn_rate
+    if turn is not None and turn_rate_scale != 1.0:
+        turn = turn * turn_rate_scale
+    recording = recording.with_(acceleration=acceleration, turn_rate=turn, phases=declared)
     if phases != "taps":
         return recording
     from texclass.phases import segment
@@ -342,7 +350,13 @@ def _recording(signals: ReadSignals, told: Reading, entry: Entry, source: str) -
     recording = build_recording(
         signals, fs=told.fs_hz, unit=told.unit, source=source, scale=told.scale, resample=resample, **facts
     )
-    return conditioned(recording, told.scale, told.phases, remove_resting_level=told.remove_resting_level)
+    return conditioned(
+        recording,
+        told.scale,
+        told.phases,
+        remove_resting_level=told.remove_resting_level,
+        turn_rate_scale=told.turn_rate_scale,
+    )
 
 
 def _unique(entries: Sequence[Entry], root: Path) -> tuple[Entry, ...]:

@@ -3,11 +3,12 @@
 import difflib
 import re
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from texclass import shipped
-from texclass.loaders.cards import FileCard, FileReading, RowCard, SimulatedCard, read_card
+from texclass.loaders.cards import FileCard, FileReading, ModelsCard, RowCard, SimulatedCard, read_card
 from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, ReadSignals, refused
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.files import (
@@ -25,6 +26,10 @@ from texclass.loaders.filesets import not_recordings, open_files, open_rows
 from texclass.loaders.places import data_roots, find_folder, leaves
 from texclass.loaders.plausibility import doubtful_levels
 from texclass.recording import Recording, RecordingError
+
+MAKERS = {"hatt-models": "texclass.exchange.hatt_recordings"}
+"""Format -> the module that makes its recordings, whose room builds on this one: found by name, as readers
+that other packages add."""
 
 
 def patterns() -> tuple[str, ...]:
@@ -104,11 +109,14 @@ def open_dataset(
         agreed_unit("m/s^2", unit, card.path)
         return open_simulated(card.recipe, **about)
     agreed_rate(card.fs_hz, fs, card.path)
-    agreed_unit(card.unit, unit, card.path)
+    agreed_unit("m/s^2" if isinstance(card, ModelsCard) else card.unit, unit, card.path)
     root = find_folder(card).absolute()
     if leaves(root, data_roots(card.path)):
         outside = f"the card's folder {card.folder!r} is outside of the card's own and of the folders of data"
         about["notes"] = (*card.notes, f"{outside}: {root}")
+    if isinstance(card, ModelsCard):
+        made: Dataset = import_module(MAKERS[card.format]).open_models(card, root, **about)
+        return made
     if isinstance(card, RowCard):
         return open_rows(card, root, **about)
     if resample is not None:

@@ -62,6 +62,32 @@ def open_simulated(recipe: Recipe, **about: Any) -> Dataset:
     )
 
 
+def open_gestures(recipe: Recipe, gesture: str) -> Dataset:
+    """Return as many recordings as a recipe has, by the same people on the same surfaces: one gesture each.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        Its duration is not used: a gesture has its own.
+    gesture : str
+        One of `texclass.simulate.GESTURES`.
+    """
+    made_by = hashlib.sha256(f"{recipe.fingerprint()} {gesture}".encode()).hexdigest()
+    entries = tuple(Entry(id_, surface, who, repetition=k) for id_, surface, who, k in recipe.entries())
+    return Dataset(gesture, entries, partial(_made_on_demand, recipe, gesture), made_by)
+
+
+def _made_on_demand(recipe: Recipe, gesture: str, entry: Entry) -> Recording:
+    """Return one gesture, its phases to be found."""
+    from texclass.simulate.gestures import GESTURES, record_gesture  # numba: as in `Recipe.record`
+
+    place = [surface.name for surface in recipe.surfaces].index(entry.material)
+    who = [operator.name for operator in recipe.operators].index(entry.operator or "")
+    seed = (recipe.seed, place, who, entry.repetition or 0, 1 + list(GESTURES).index(gesture))
+    made = record_gesture(gesture, recipe.surfaces[place], recipe.operators[who], seed=seed, fs=recipe.fs)
+    return made.with_(phases=None, recording_id=entry.recording_id, repetition=entry.repetition)
+
+
 def write_sample(folder: str | Path, first: int = 1) -> tuple[Path, ...]:
     """Write a small folder of simulated recordings, laid out as one's own would be, to try things on.
 

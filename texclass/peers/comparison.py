@@ -352,8 +352,8 @@ def same_signals(recording: Recording, apart: tuple[str, ...], *, without_hand: 
     whole recording.
     """
     views = views_of(recording, apart)
-    kept = [view for prefix, view in views.items() if prefix or not apart]
-    return np.stack([_felt(view, without_hand) for view in kept])
+    prefixes = [f"{name}/" for name in apart] or [""]
+    return np.stack([_felt(views[prefix], without_hand) for prefix in prefixes])
 
 
 def every_channel(recording: Recording) -> Samples:

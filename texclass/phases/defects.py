@@ -21,7 +21,7 @@ FADE_DB = 2.5
 """Least rise of the level, each time as much time has passed again, while a volume is turned up."""
 FADE_MOST_DB, FADE_TOTAL_DB = 25.0, 12.0
 LONGEST_FADE_S = 0.6
-BLOCK = 1 << 14
+BLOCK = 1 << 13
 """Rows looked at and filtered at a time, so few that they stay near the processor."""
 
 

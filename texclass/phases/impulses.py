@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from texclass.recording import Samples
-from texclass.signals import find_peaks
 
 SHARP_S, CALM_S = 0.003, 0.02
 """Levels are averaged over this to place a peak, and over this to follow what it leaves."""
@@ -164,7 +163,7 @@ def find_impulses(levels: Levels, rules: Rules) -> list[Impulse]:
     found: list[Impulse] = []
     limit = len(sharp)
     for peak in reversed(peaks):
-        if rises[peak] < least_db or peak >= limit:
+        if peak >= limit:
             continue
         top, look = float(sharp[peak]), max(0, peak - back)
         (below,) = np.nonzero(sharp[look:peak] < max(quiet_db, top - ONSET_DB))
@@ -190,21 +189,21 @@ def find_impulses(levels: Levels, rules: Rules) -> list[Impulse]:
 def _peaks(
     sharp: Samples, loud: Samples, n_bins: Callable[[float], int], rules: Rules
 ) -> tuple[list[int], Samples]:
-    """Return the peaks of both levels (dB), and by how much each bin stands above what was before it.
+    """Return the peaks of both levels (dB) that rise sharply, and by how much each bin stands above before.
 
     The hand's pull, felt in the soft band, hides no tap that is loud besides and comes out of rest.
     """
     tap_db, least_db, back = 10.0 * np.log10(rules.tap_ratio), rules.stand_out_db, n_bins(rules.before_s)
-    peaks, rises = set[int](), np.zeros(len(sharp))
+    rises, near = np.zeros(len(sharp)), 2 * n_bins(rules.spacing_s) - 1
     for level, most_db in ((sharp, np.inf), (loud, least_db)):
-        ended = np.concatenate([[0.0], level, [0.0]])
-        at = find_peaks(ended, height=tap_db, prominence=least_db, distance=n_bins(rules.spacing_s))
-        peaks.update((at - 1).tolist())
         before = ndimage.maximum_filter1d(level, back, mode="constant")
         before = np.concatenate([np.zeros(n_bins(RISE_S) + back // 2), before])[: len(level)]
         above = np.where(before < most_db, level - before, 0.0)
         np.maximum(rises, ndimage.maximum_filter1d(above, back, origin=(back - 1) // 2), out=rises)
-    return sorted(peaks), rises
+    (risen,) = np.nonzero(rises >= least_db)
+    highest = [x[risen] == ndimage.maximum_filter1d(x, near, mode="constant")[risen] for x in (sharp, loud)]
+    is_peak = (highest[0] & (sharp[risen] >= tap_db)) | (highest[1] & (loud[risen] >= tap_db))
+    return risen[is_peak].tolist(), rises
 
 
 def find_movement(levels: Levels, impulses: Sequence[Impulse], rules: Rules) -> tuple[int, int] | None:
@@ -223,8 +222,8 @@ def find_movement(levels: Levels, impulses: Sequence[Impulse], rules: Rules) -> 
     if not len(lasting):
         return None
     begun, ended = int(lasting[0]), int(lasting[-1])
-    strong = np.percentile(decibels(levels.strokes[begun * size : (ended + 1) * size]), 95) + STRONG_DB
-    level = _blocks(without(levels.strokes, impulses, float(strong)), size)
+    strong = quantiles(decibels(levels.strokes[begun * size : (ended + 1) * size]), 0.95)[0] + STRONG_DB
+    level = _blocks(without(levels.strokes, impulses, strong), size)
     active = ndimage.uniform_filter1d(level, 3, mode="nearest") > rules.stroke_ratio
     gap = max(1, round(levels.n_bins(rules.gap_s) / size))
     first = len(active) - 1 - _outermost(active[::-1], len(active) - 1 - begun, gap)
@@ -248,7 +247,7 @@ def divide(
     if begins is not None:
         active = _blocks(levels.strokes[begins:first], max(levels.least, levels.n_bins(CALM_S)))
         first = begins if len(active) and np.mean(active > rules.active_ratio) > rules.share / 2 else first
-    usual, strong = np.percentile(decibels(levels.felt[first:last]), (50, 95))
+    usual, strong = quantiles(decibels(levels.felt[first:last]), 0.5, 0.95)
     before = [i for i in impulses if i.start < first]
     after = [i for i in impulses if i.start >= first and i.gone > last]
     while before and before[-1].felt_db < strong + STRONG_DB:
@@ -264,7 +263,7 @@ def divide(
 def _is_echo(levels: Levels, impulses: Sequence[Impulse], span: tuple[int, int]) -> bool:
     strongest = max((i.loud_db for i in impulses if i.start < span[0]), default=0.0)
     left = without(levels.loud, impulses, LASTING_DB)[slice(*span)]
-    is_faint = np.percentile(decibels(left), 75) < strongest - FAINT_DB
+    is_faint = quantiles(decibels(left), 0.75)[0] < strongest - FAINT_DB
     return bool(is_faint) and span[1] - span[0] < levels.n_bins(SHORT_S)
 
 
@@ -285,6 +284,14 @@ def only_taps(impulses: Sequence[Impulse], levels: Levels, rules: Rules) -> list
         return below <= (rules.clear_range_db if is_clear else rules.range_db)
 
     return [impulse for impulse in impulses if is_tap(impulse)]
+
+
+def quantiles(level: Samples, *q: float) -> list[float]:
+    """Return quantiles as `numpy.quantile` does, which takes several times as long."""
+    place = [each * (len(level) - 1) for each in q]
+    near = sorted({k for at in place for k in (int(at), min(int(at) + 1, len(level) - 1))})
+    parts = np.partition(level, near)
+    return [float(np.interp(at, near, parts[near])) for at in place]
 
 
 def mean_over(level: Samples, n: int, block: int = 1 << 19) -> Samples:

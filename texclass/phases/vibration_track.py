@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from texclass.phases.defects import BLOCK, LONGEST_FADE_S, Data, fade, find_data, find_glitches, mended
-from texclass.phases.impulses import CALM_S, Levels, mean_over
+from texclass.phases.impulses import CALM_S, Levels, mean_over, quantiles
 from texclass.recording import Recording, Samples
 from texclass.signals import STEPS, butterworth, causal
 
@@ -235,7 +235,7 @@ def _levels(loud: Samples, soft: Samples, usable: slice, bin_s: float, least: in
     at_rest = soft[usable][calm[usable] < UNREST]
     if len(at_rest) * bin_s < 0.05:
         return Levels(loud, loud, loud, bin_s, least)
-    middle, high = (float(q) for q in np.quantile(at_rest, (0.5, 0.9)))
+    middle, high = quantiles(at_rest, 0.5, 0.9)
     if middle == 0.0:
         return Levels(loud, loud, loud, bin_s, least)
     surprising = middle * (high / middle) ** SURPRISE

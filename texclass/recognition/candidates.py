@@ -7,14 +7,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 
 from texclass.experiment.accuracy import Accuracy, cluster_interval, score
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.folds import Fold, over_folds
+from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Split
+from texclass.experiment.vote_of_pieces import knowing
 from texclass.features.plan import Plan
 from texclass.recognition.probabilities import class_scores
 from texclass.recognition.unknown import fit_nearness, kind_for, strangeness
@@ -144,7 +147,7 @@ def candidates_of(
                 name,
                 plan,
                 pipeline.preparation(definition, name),
-                use.make(),
+                knowing(use.make(), plan.columns),
                 matched.n_features,
             )
             for name, use in pipeline.classifiers.items()
@@ -210,13 +213,34 @@ def exportable(
         selects = candidate.n_columns < len(plan.columns)
         if columns and not (selects and candidate.n_columns >= len(columns)):
             n = min(candidate.n_columns, len(columns))
-            found.append(replace(candidate, plan=plan.restricted_to(columns), n_columns=n))
+            kept = plan.restricted_to(columns)
+            classifier = knowing(candidate.classifier, kept.columns)
+            found.append(replace(candidate, plan=kept, classifier=classifier, n_columns=n))
     if not found:
         raise ValueError(
             f"no row has a feature with a graph ({', '.join(lacking)} have none); the rule is at least one, "
             "or no --exportable"
         )
     return found, list(candidates) if lacking else [], tuple(lacking)
+
+
+def of_size(candidates: Sequence[Candidate], max_kb: float) -> list[Candidate]:
+    """Return the candidates with kernels of at most so many kilobytes; other classifiers are as they are.
+
+    Raises
+    ------
+    ValueError
+        If none is a kernel.
+    """
+    kernels = [isinstance(candidate.classifier, KernelDiscriminant) for candidate in candidates]
+    if not any(kernels):
+        raise ValueError(
+            f"max_kb is {max_kb:g}, but no candidate is a KernelDiscriminant; the rule is at least one"
+        )
+    return [
+        replace(c, classifier=clone(c.classifier).set_params(max_kb=max_kb)) if is_kernel else c
+        for c, is_kernel in zip(candidates, kernels, strict=True)
+    ]
 
 
 def without_choice(candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -227,6 +251,23 @@ def without_choice(candidates: Sequence[Candidate]) -> list[Candidate]:
     """
     able = [c for c in candidates if kind_for(c.classifier) == "decision"]
     return [max(able, key=lambda c: len(c.plan.columns))] if able else list(candidates)
+
+
+def untested(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return the one candidate that can be trained without any recording to test it on.
+
+    Raises
+    ------
+    ValueError
+        If its decisions need several recordings of each surface to be understood.
+    """
+    (candidate, *others) = candidates
+    if others or kind_for(candidate.classifier) != "decision":
+        raise ValueError(
+            f"1 recording (or run) of a surface trains {candidate.classifier_name}; the rule is 2 or more, "
+            "or the pipeline surfaces"
+        )
+    return [candidate]
 
 
 def hold_out(candidate: Candidate, frame: pd.DataFrame, splits: Sequence[Split]) -> HeldOut:
@@ -243,6 +284,9 @@ def hold_out(candidate: Candidate, frame: pd.DataFrame, splits: Sequence[Split])
     """
     X, y = candidate.trained_on(frame)
     classes, labels = np.unique(y, return_inverse=True)
+    if not splits:
+        nothing = np.empty(0, dtype=np.intp)
+        return HeldOut(nothing, np.empty((0, len(classes))), np.empty(0), nothing)
 
     def said(fold: Fold) -> tuple[NDArray[Any], ...]:
         classifier = fold.fitted(candidate.classifier)

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from texclass.features.cepstrum import Banks, with_banks
 from texclass.features.plan import Computed, Plan
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 
 Part = Mapping[str, Any]
 Function = Callable[[Samples], Samples]
+Columns = NDArray[np.intp] | slice
+Learnt = tuple[Samples, NDArray[Any]]
+"""Prepared rows (n, n_columns) and their labels (n,)."""
 MOST_AT_ONCE = 1 << 20
 """Differences of rows and points that are held at a time."""
 
@@ -58,13 +62,12 @@ class Deployed:
         self._load = load
 
     @classmethod
-    def of(cls, recogniser: "Recogniser") -> "Deployed":
-        """Return a fitted recogniser as it answers."""
+    def of(cls, recogniser: "Recogniser", learnt: Learnt | None = None) -> "Deployed":
+        """Return a fitted recogniser as it answers; `learnt` as `described_classifier` takes it."""
         steps = [part for _, step in recogniser.steps[1:-1] for part in described_steps(step)]
         classes = [str(name) for name in recogniser[-1].classes_]
-        return cls(
-            recogniser[0].plan_, classes, steps, described_classifier(recogniser[-1]), lambda: recogniser
-        )
+        decide = described_classifier(recogniser[-1], learnt)
+        return cls(recogniser[0].plan_, classes, steps, decide, lambda: recogniser)
 
     def document(self) -> dict[str, Any]:
         """Return it as plain data and arrays."""
@@ -168,7 +171,9 @@ def _standardised(center: Samples | None, scale: Samples | None) -> Part:
     }
 
 
-def described_classifier(classifier: Any, *, votes: bool = False) -> Part:  # noqa: PLR0911
+def described_classifier(  # noqa: PLR0911
+    classifier: Any, learnt: Learnt | None = None, *, votes: bool = False
+) -> Part:
     """Return what a fitted classifier does with prepared rows, one decision a class: as `class_scores`.
 
     "linear", X weights + intercept; "kernel", the mean of Matern kernels between rows and prototypes in each
@@ -179,6 +184,8 @@ def described_classifier(classifier: Any, *, votes: bool = False) -> Part:  # no
     ----------
     classifier : classifier
         Fitted.
+    learnt : tuple of (X, y), optional
+        What it was fitted on. Nearest neighbours keep that to themselves: without it they are asked.
     votes : bool
         Whether it is a voter: what has probabilities alone gives these, of two classes about 0.
     """
@@ -230,17 +237,19 @@ def described_classifier(classifier: Any, *, votes: bool = False) -> Part:  # no
                 "scale": np.where(deviation != 0, deviation, 1.0),
                 "prior": classifier.class_prior_,
             }
-        case KNeighborsClassifier(weights="uniform", effective_metric_="euclidean", outputs_2d_=False):
-            known = {"points": np.asarray(classifier._fit_X), "classes": classifier._y}
+        case KNeighborsClassifier(weights="uniform", effective_metric_="euclidean") if learnt is not None:
+            known = {"points": learnt[0], "classes": np.searchsorted(classifier.classes_, learnt[1])}
             facts = {"n": classifier.n_neighbors, "n_classes": n_classes, "votes": votes}
             return {"does": "neighbours", **known, **facts}
         case VoteOfPieces():
-            whole = classifier.whole_
+            whole, (divided, seen, n_pieces) = classifier.whole_, classifier.columns_
             return {
                 "does": "vote",
-                "n_pieces": int(classifier.n_pieces),
+                "n_pieces": n_pieces,
                 "piece": described_classifier(classifier.estimator_, votes=True),
                 "whole": None if whole is None else described_classifier(whole, votes=True),
+                # Files of before have neither: all columns are of pieces, and seen by the whole.
+                **({"divided": divided, "seen": seen} if classifier.undivided else {}),
                 "whole_weight": float(classifier.whole_weight),
                 "n_columns": int(classifier.n_features_in_),
                 "n_classes": n_classes,
@@ -362,17 +371,25 @@ def _neighbours(points: Samples, classes: Samples, n: int, n_classes: int, votes
     return decided
 
 
-def _vote(n_pieces: int, piece: Part, whole: Part | None, whole_weight: float, **_: int) -> Function:
+def _vote(
+    n_pieces: int,
+    piece: Part,
+    whole: Part | None,
+    whole_weight: float,
+    divided: Columns = slice(None),
+    seen: Columns = slice(None),
+    **_: int,
+) -> Function:
     """Average over the pieces, then that and the whole; pieces that are all the same need no other rule."""
     of_piece, of_whole = function_of(piece), None if whole is None else function_of(whole)
 
     def decided(X: Samples) -> Samples:
         n = len(X)
-        pieces = X.reshape(n, -1, n_pieces).swapaxes(1, 2).reshape(n * n_pieces, -1)
+        pieces = X[:, divided].reshape(n, -1, n_pieces).swapaxes(1, 2).reshape(n * n_pieces, -1)
         mean = of_piece(pieces).reshape(n, n_pieces, -1).mean(axis=1)
         if of_whole is None:
             return np.asarray(mean)
-        return np.asarray((mean + whole_weight * of_whole(X)) / (1 + whole_weight))
+        return np.asarray((mean + whole_weight * of_whole(X[:, seen])) / (1 + whole_weight))
 
     return decided
 

@@ -2,16 +2,18 @@
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from texclass.features.cepstrum import with_banks
 from texclass.features.phase_view import TURN
 from texclass.features.plan import Plan
 from texclass.phases import segment
+from texclass.recognition.conformal import LEVELS, Conformity, as_facts, check_level
 from texclass.recognition.deployed import Deployed
 from texclass.recognition.model_files import (
     Manifest,
@@ -21,7 +23,7 @@ from texclass.recognition.model_files import (
     read_deployed,
     write_model_file,
 )
-from texclass.recognition.probabilities import Calibration
+from texclass.recognition.probabilities import LEAST_PROBABILITY, Calibration
 from texclass.recognition.sources.training_input import Beside, Needs
 from texclass.recognition.unknown import Novelty, strangeness
 from texclass.recording import Recording, Samples
@@ -64,6 +66,9 @@ class Answer:
         What a user should know: undefined features, clipping, a wrong rate, values never seen in training.
     probabilities
         Material -> probability, all of them.
+    sets
+        Level -> materials, likeliest first, among which the right one is so often, if the surface is a known
+        one; see `Conformity`. No level where nothing can be judged.
     """
 
     recording_id: str
@@ -74,6 +79,7 @@ class Answer:
     p_known: float
     reasons: tuple[str, ...] = ()
     probabilities: Mapping[str, float] = field(default_factory=dict, repr=False)
+    sets: Mapping[float, tuple[str, ...]] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what a machine reads, probabilities of all materials left out."""
@@ -85,6 +91,7 @@ class Answer:
             "unknown": self.unknown,
             "p_known": round(self.p_known, 6),
             "reasons": list(self.reasons),
+            "sets": as_facts(self.sets),
         }
 
 
@@ -120,6 +127,32 @@ class Ranges:
         return np.asarray(np.nan_to_num(far))
 
 
+class Surfaces(NamedTuple):
+    """Where surfaces lay in training: what a model needs in order to follow another sensor.
+
+    Attributes
+    ----------
+    means : ndarray of shape (n_materials, n_columns)
+        NaN where a column has no value for a surface.
+    within : ndarray of shape (n_columns,)
+        Deviation of recordings from the means of their surfaces.
+    """
+
+    means: Samples
+    within: Samples
+
+    @classmethod
+    def of(cls, X: Samples, y: NDArray[Any]) -> "Surfaces":
+        """Return them for features X (n, n_columns), NaN where undefined, of materials y (n,)."""
+        names, labels = np.unique(y, return_inverse=True)
+        there, one_hot = ~np.isnan(X), np.eye(len(names))[labels]
+        with np.errstate(invalid="ignore"):
+            means = one_hot.T @ np.where(there, X, 0) / (one_hot.T @ there)
+            squares = np.where(there, (X - means[labels]) ** 2, 0).sum(axis=0)
+        freedom = np.maximum(there.sum(axis=0) - np.isfinite(means).sum(axis=0), 1)
+        return cls(means, np.sqrt(squares / freedom))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Model:
     """A trained recogniser with calibrated probabilities and a sense of what it does not know.
@@ -136,8 +169,16 @@ class Model:
         What values the columns had in training.
     manifest
         What a user should know of it.
+    conformity
+        How held-out answers conformed, of which sets are made: "answer"; of touches also "recording", which
+        all of them make together, and "contact 1", "contact 2", ... of a stream, after so many. Empty in
+        models of format 2.2.
+    levels
+        How often the right material is to be in the sets that answers tell.
     left_out
         Bad recordings that were skipped in training; not saved, but for their names in the manifest.
+    surfaces
+        Where they lay; None in models of format 2.2 and earlier.
 
     Examples
     --------
@@ -152,6 +193,9 @@ class Model:
     ranges: Ranges
     manifest: Manifest
     left_out: "tuple[LeftOut, ...]" = ()
+    conformity: Mapping[str, Conformity] = field(default_factory=dict)
+    levels: tuple[float, ...] = LEVELS
+    surfaces: Surfaces | None = None
 
     def __repr__(self) -> str:
         of = self.manifest.pipeline
@@ -231,6 +275,35 @@ class Model:
             felt = self.manifest.input.find(felt, fs=fs, unit=unit, **reading)
         return self.answer_touches(felt)
 
+    def predict_set(
+        self, felt: Recording | str | Path, level: float = LEVELS[-1], **reading: Any
+    ) -> tuple[str, ...]:
+        """Return the materials, likeliest first, among which the right one is as often as `level` says.
+
+        Of all materials where too few contacts were held out; of none where no material is thought as much of
+        as right ones are so often, or nothing can be judged.
+
+        Parameters
+        ----------
+        felt : Recording, str or Path
+            As `predict` takes it.
+        level : float
+            Share of recordings of known surfaces; answers tell `levels` of them by themselves.
+        **reading : optional
+            As `predict` takes it.
+
+        Raises
+        ------
+        ValueError
+            If the level is none, or as `predict`; or if the model is of a version that kept no sets.
+        """
+        check_level(level)
+        if not self.conformity:
+            raise ValueError(
+                f"{self!r} has no sets; the rule is a model of format 2.3 or later: train it again"
+            )
+        return replace(self, levels=(level,)).predict(felt, **reading).sets.get(level, ())
+
     def answer(self, recording: Recording) -> Answer:
         """Say which surface a recording (or one touch) is of.
 
@@ -290,9 +363,10 @@ class Model:
             raise ValueError(
                 f"values have shape {row.shape}; the rule is one of each of {len(self.columns)} columns"
             )
-        p, p_known = (one[0] for one in self.judge(row[None]))
+        decisions, p_known = (one[0] for one in self._decided(row[None]))
         strange = bool(p_known <= self.novelty.false_alarms)
         said = [f"unlike every known surface (p = {p_known:.2g})"] if strange else []
+        said += ["whether it is of another surface is not judged"] * (not len(self.novelty.held_out))
         said += reasons
         far = self.ranges.far(row)
         order = np.argsort(-far, kind="stable")[: np.count_nonzero(far > MARGIN)].tolist()
@@ -301,13 +375,27 @@ class Model:
             seen = f"{self.ranges.low[worst]:.3g} to {self.ranges.high[worst]:.3g}"
             trained = f"{self.columns[worst]} is {row[worst]:.3g}, trained on {seen}"
             said.append(f"outside the range of training: {names} ({trained})")
+        if judged and "answer" in self.conformity and (few := self.conformity["answer"].too_few(self.levels)):
+            said.append(few)
         return Answer(
             recording_id=recording_id,
             unknown=strange or not judged,
             p_known=float(p_known),
             reasons=tuple(said),
-            **ranked(p, self.materials),
+            sets=self.sets_of("answer", self.calibration.beta * decisions) if judged else {},
+            **ranked(self.calibration(decisions[None])[0], self.materials),
         )
+
+    def sets_of(self, kind: str, scores: Samples) -> dict[float, tuple[str, ...]]:
+        """Return the sets of an answer, a recording or a contact with such scores (n_materials,), if any."""
+        known = self.conformity.get(kind)
+        return {} if known is None else known.sets(scores, self.materials, self.levels)
+
+    @property
+    def conformity_so_far(self) -> dict[int, Conformity]:
+        """Windows of a contact -> how contacts conformed after so many."""
+        found = {kind.partition("contact ")[2]: known for kind, known in self.conformity.items()}
+        return {int(n): known for n, known in found.items() if n}
 
     def judge(self, X: Samples) -> tuple[Samples, Samples]:
         """Return probabilities (n, n_materials), and p-values of "known" (n,), of rows of features.
@@ -317,9 +405,13 @@ class Model:
         ValueError
             If nothing fills what is undefined.
         """
+        decisions, p_known = self._decided(X)
+        return self.calibration(decisions), p_known
+
+    def _decided(self, X: Samples) -> tuple[Samples, Samples]:
         prepared, decisions = self.deployed.decided(X)
         strange = strangeness(self.novelty.kind, decisions, prepared, self.novelty.nearness)
-        return self.calibration(decisions), self.novelty.p_value(strange)
+        return decisions, self.novelty.p_value(strange)
 
     def answer_touches(self, recording: Recording) -> Answer:
         """Say which surface a recording is of that is longer than the touches the model was trained on.
@@ -331,7 +423,13 @@ class Model:
         touches = self.cut(recording) if self.manifest.touch_s is not None else ()
         if not touches:
             return self.answer(recording)
-        return joined([self.answer(touch) for touch in touches], recording.recording_id)
+        answers = [self.answer(touch) for touch in touches]
+        together = joined(answers, recording.recording_id)
+        if not all(answer.sets for answer in answers):
+            return together
+        p = np.array([list(answer.probabilities.values()) for answer in answers])
+        mean = np.log(np.maximum(p, LEAST_PROBABILITY)).mean(axis=0)
+        return replace(together, sets=self.sets_of("recording", mean))
 
     def cut(self, recording: Recording) -> tuple[Recording, ...]:
         """Return the touches of a recording, one after another; none without movement enough for one."""
@@ -353,6 +451,8 @@ class Model:
             "novelty": self.novelty.document(),
             "ranges": dict(vars(self.ranges)),
             "probe": {"values": values, "probabilities": self._typical()},
+            "conformity": {kind: dict(vars(known)) for kind, known in self.conformity.items()},
+            "surfaces": {} if self.surfaces is None else self.surfaces._asdict(),
         }
         document = {"recogniser": self.recogniser.document(), **beside}
         deployed = None if self.deployed.asked else {"deployed": self.deployed.document(), **beside}
@@ -446,7 +546,23 @@ def load_model(path: str | Path) -> Model:
             calibration = Calibration(*(float(document["calibration"][name]) for name in ("beta", "lapse")))
             edges = {name: np.asarray(a, dtype=np.float64) for name, a in document["ranges"].items()}
             novelty = Novelty.of_document(document["novelty"])
-            model = Model(deployed, calibration, novelty, Ranges(**edges), manifest)
+            conformity = {
+                kind: Conformity(
+                    *(np.asarray(a, dtype=np.float64) for a in (known["odds"], known["weights"]))
+                )
+                for kind, known in document.get("conformity", {}).items()  # since 2.3
+            }
+            lay = {name: np.asarray(a, dtype=np.float64) for name, a in document.get("surfaces", {}).items()}
+            surfaces = Surfaces(**lay) if lay else None  # since 2.3
+            model = Model(
+                deployed,
+                calibration,
+                novelty,
+                Ranges(**edges),
+                manifest,
+                conformity=conformity,
+                surfaces=surfaces,
+            )
             if sorted(model.materials) != sorted(manifest.materials):
                 raise ValueError("it knows other materials than its manifest says; the rule is the same")
             if not np.allclose(model._typical(), document["probe"]["probabilities"], atol=SAME_ANSWER):

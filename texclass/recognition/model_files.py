@@ -27,12 +27,13 @@ from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.validation import Written, checked
 from texclass.whole_files import write_whole
 
-FORMAT = (2, 2)
+FORMAT = (2, 3)
 """Major and minor version; a minor step adds facts that a reader can do without.
 
 2.0: feature code and classes of texclass 0.2 stand elsewhere than before.
 2.1: how large accelerations were; how far windows of one contact agree by their contact (calibration).
 2.2: beside the estimators, what answers, as arrays.
+2.3: how held-out answers conformed, of which sets are made; where surfaces lay, and what sensor is followed.
 """
 MANIFEST, DEPLOYED = "manifest.json", "deployed.json"
 BESIDE = frozenset({MANIFEST, DEPLOYED})
@@ -42,8 +43,8 @@ Positive = Annotated[float, Field(gt=0, le=1e12)]
 PROBE_S, MOST_PROBED = 1.5, 1_000_000
 """Length of the probe in seconds, and in samples at most."""
 GOLDEN = 0.6180339887498949
-SAME_VALUE = 1e-6
-"""Relative difference of values between machines and library versions that changes no answer."""
+SAME_VALUE = 1e-4
+"""Relative difference of values that changes no answer: machines round otherwise, and spectra are single."""
 
 
 class ModelFileError(ValueError):
@@ -59,7 +60,7 @@ class Manifest(Written):
         Surfaces it knows, sorted.
     pipeline
         name, row, classifier and hash of what was trained; few, where recordings were too few to choose by;
-        the budget in ms, and whose ms they are.
+        the budget in ms, and whose ms they are, and in kB.
     features
         Features it computes.
     phases
@@ -74,10 +75,13 @@ class Manifest(Written):
         name, hash and number of recordings (and windows) of the dataset.
     accuracy
         mean, low, high (95 %), n_tested, protocol, why it, how: of held-out recordings, the choice included;
-        untold: what of the recordings to come they cannot tell.
+        untold: what of the recordings to come they cannot tell; later: low and high of later ones, by what
+        became of them in other data sets, where those held out cannot tell.
     calibration
         method, beta, lapse, expected calibration error on held-out recordings, n_bins; of touches also
-        correlation (of those of one recording) and n_contacts (recordings).
+        correlation (of those of one recording) and n_contacts (recordings). What `KnownGesture.of` reads:
+        confusion (row m: mean probabilities answered where m was felt), repetition (correlation of answers
+        about one material, by one operator in one session).
     unknown
         score, false_alarms, level (p-value of the threshold), threshold, n of held-out recordings,
         stretch (of distances, by drift).
@@ -91,6 +95,10 @@ class Manifest(Written):
         Movement of about the shortest recording trained on, in seconds.
     loudest
         Largest acceleration of the recordings trained on, from the median of its axis.
+    adapted
+        Empty, or what another sensor told: references (each its name, and its surface or None), their hash,
+        threshold_by (what the threshold of unknown surfaces stands on), scale (10, 50, 90 % of columns). The
+        accuracy, calibration and n_tested above remain those of the training.
     schema
         Of the file: major and minor version.
     """
@@ -111,6 +119,7 @@ class Manifest(Written):
     versions: Mapping[str, str]
     shortest_s: Positive | None = None
     loudest: Annotated[float, Field(gt=0)] | None = None
+    adapted: Mapping[str, Any] = {}
     format_version: tuple[int, int] = Field(default=FORMAT, alias="schema")
 
     def to_json(self) -> str:

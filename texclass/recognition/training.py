@@ -1,6 +1,7 @@
 """Recordings and a pipeline in, a trained model out; what is chosen is chosen by cross-validation alone."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from timeit import repeat
@@ -10,11 +11,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from texclass.document.wording import counted
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import cached_table, metadata
 from texclass.experiment.folds import without_remarks
 from texclass.experiment.pipeline import PipelineDefinition, load_pipeline
-from texclass.experiment.protocols import Protocol, Split, fewest, find_protocol, splits_of
+from texclass.experiment.protocols import fewest, find_protocol, splits_of
 from texclass.experiment.windows import parents, touches
 from texclass.experiment.workers import Progress, each, one_thread
 from texclass.features.plan import Plan
@@ -27,47 +29,62 @@ from texclass.recognition.candidates import (
     accuracy_of_choice,
     candidates_of,
     hold_out,
+    of_size,
+    untested,
     without_choice,
 )
 from texclass.recognition.candidates import exportable as with_graph
+from texclass.recognition.conformal import recency
 from texclass.recognition.deployed import Deployed
-from texclass.recognition.live.evidence import fit_correlation
-from texclass.recognition.model import Model, Ranges
+from texclass.recognition.holding_out import (
+    AT_RANDOM,
+    FALSE_ALARMS,
+    FEW,
+    IN_TIME,
+    LATER,
+    check_vouched_for,
+    held_out_splits,
+    holding_out,
+    level_for,
+    of_later,
+    of_succession,
+    untold,
+)
+from texclass.recognition.live.evidence import CORRELATION, fit_correlation
+from texclass.recognition.model import Model, Ranges, Surfaces
 from texclass.recognition.model_files import Manifest, unsafe_classes
 from texclass.recognition.probabilities import (
     calibration_error_of_chance,
     expected_calibration_error,
     fit_calibration,
+    prior_calibration,
 )
+from texclass.recognition.references import HALF_LIFE, conformities, facts_of, n_later
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recognition.unknown import (
     Novelty,
-    cautious,
-    check_false_alarms,
     fit_nearness,
     kind_for,
     least_held_out,
 )
 from texclass.recording import RecordingError, Samples
 from texclass.tradeoff.recogniser import Recogniser
+from texclass.validation import check_above_0
 
-FALSE_ALARMS = 0.05
-ENOUGH_REPETITIONS = 20
-"""Of each material: half of them, ten, still train, as where the drift of `biotac20` was measured."""
-FEW = 10
-"""Recordings (or runs) of each material below which nothing is chosen, and margins are wider."""
-AT_RANDOM, IN_TIME = "recording", "blocks"
+NAMED_OF = "texclass"
+"""The pipeline of rows, classifiers and budgets that are named without one: its columns can be selected."""
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa")
 
 
 def train(
     dataset: Dataset | str | Path,
-    pipeline: PipelineDefinition | str | Path = "texclass",
+    pipeline: PipelineDefinition | str | Path | None = None,
     *,
     row: str | None = None,
     classifier: str | None = None,
     max_ms: float | None = None,
     max_features: int | None = None,
+    max_kb: float | None = None,
     touch_s: float | None = None,
     exportable: bool = False,
     protocol: str | None = None,
@@ -80,18 +97,23 @@ def train(
 ) -> Model:
     """Choose a row and a classifier by cross-validation, train them on everything, calibrate.
 
+    Without any other pipeline nothing is left to choose: see `pipeline_for`. One recording of a surface is
+    enough to train; then none can be held out, so that the manifest states no accuracy, probabilities follow
+    a prior (`prior_calibration`), and no recording is called unknown.
+
     The same recordings, options and versions give the same model file, byte for byte but for the costs that
     its manifest reports. Below ten recordings (or runs) of a material nothing is chosen (`without_choice`).
-    Held-out decisions of the choice also give its probabilities, the threshold for unknown surfaces, and the
-    accuracy the manifest states, from which the luck of being chosen is taken out.
+    Held-out decisions of the choice also give its probabilities and sets, the threshold for unknown surfaces,
+    and the accuracy the manifest states, from which the luck of being chosen is taken out.
 
     Parameters
     ----------
     dataset : Dataset, str or Path
         Whole labelled recordings of at least two materials; or what `open_dataset` opens: a name, card or
         folder.
-    pipeline : PipelineDefinition, str or Path
-        What may be trained: a shipped name, a file, or a definition.
+    pipeline : PipelineDefinition, str or Path, optional
+        What may be trained: a shipped name, a file, or a definition. By default `surfaces`, or `coarse` for
+        an inertial unit; `texclass` where a row, a classifier or a budget is named.
     row, classifier : str, optional
         Of the pipeline; the best by cross-validation by default.
     max_ms : float, optional
@@ -99,6 +121,9 @@ def train(
         when such a limit was first asked for here; see `CostMeter.kept`.
     max_features : int, optional
         Columns that may reach the classifier.
+    max_kb : float, optional
+        Kilobytes of a kernel discriminant, once exported: it keeps fewer training samples, in fewer bits; see
+        `KernelDiscriminant`. Other classifiers are as they are.
     touch_s : float, optional
         Seconds of movement of one answer; whole recordings by default.
     exportable : bool
@@ -108,7 +133,8 @@ def train(
         How recordings are held out; see `holding_out` by default. `blocks` chooses, calibrates and sets the
         threshold on later repetitions than it trains on, as a sensor that drifts asks for.
     false_alarms : float
-        Share of known surfaces that may be called unknown.
+        Share of known surfaces that may be called unknown. Where too few recordings are held out to judge by,
+        none is, unless a smaller share than the default is asked for.
     fs, unit : optional
         Of a folder; see `open_dataset`.
     n_jobs : int
@@ -127,62 +153,91 @@ def train(
     RecordingError
         At a bad recording, or if none is left.
     ValueError
-        If the protocol cannot hold recordings out, a name is unknown, or nothing is affordable.
+        If one recording of a surface is to train what needs several, the protocol cannot hold recordings out,
+        a name is unknown, or nothing is affordable.
 
     Examples
     --------
     >>> train("simulated", row="Movement", touch_s=1.0).save("surfaces.skops")  # doctest: +SKIP
     """
-    for name, value in (("max_ms", max_ms), ("max_features", max_features)):
-        if value is not None and not 0 < value < np.inf:
-            raise ValueError(f"{name} is {value!r}; the rule is above 0, and finite")
-    defined = pipeline if isinstance(pipeline, PipelineDefinition) else load_pipeline(pipeline)
+    check_above_0(max_ms=max_ms, max_features=max_features, max_kb=max_kb)
     felt = dataset if isinstance(dataset, Dataset) else open_dataset(dataset, fs=fs, unit=unit)
+    named = pipeline or (NAMED_OF if row or classifier or max_ms or max_features else pipeline_for(felt))
+    defined = named if isinstance(named, PipelineDefinition) else load_pipeline(named)
     if touch_s is not None:
         felt = touches(felt, touch_s, n_jobs=n_jobs, progress=progress)
     known = metadata(felt.entries)
     held_out_by, why = holding_out(protocol, defined.protocol.name, known, false_alarms)
     # Before the features: what is impossible should not cost an extraction.
-    splits = splits_of(held_out_by, known, defined.seed)
-    check_false_alarms(false_alarms, sum(len(test) for _, test in splits))
+    check_vouched_for(false_alarms, held_out_splits(held_out_by, known, defined.seed, protocol))
     table = cached_table(
-        felt, *defined.needed, channels=defined.channels, n_jobs=n_jobs, skip_bad=skip_bad, progress=progress
+        felt,
+        *defined.needed,
+        channels=defined.channels,
+        n_jobs=n_jobs,
+        skip_bad=skip_bad,
+        progress=progress,
     )
     meter = CostMeter.on(felt, table.frame["recording_id"].tolist(), defined.channels)
     candidates = candidates_of(
         defined, table, meter, row=row, classifier=classifier, max_ms=max_ms, max_features=max_features
     )
+    candidates = candidates if max_kb is None else of_size(candidates, max_kb)
     frame = table.frame
-    splits = splits_of(held_out_by, frame, defined.seed)
-    few_of = {}
-    if (n := fewest(held_out_by, frame)) < FEW:
-        few_of = {"few": f"{n} {held_out_by.unit}s of a surface"}
-        candidates = without_choice(candidates)
+    n = fewest(held_out_by, frame)
+    few_of = {"few": f"{counted(n, held_out_by.unit)} of a surface"} if n < FEW else {}
+    candidates = without_choice(candidates) if few_of else candidates
+    if not (splits := held_out_splits(held_out_by, frame, defined.seed, protocol)):
+        candidates, why = untested(candidates), f"1 {held_out_by.unit} of a surface"
     candidates, others, lacking = with_graph(candidates) if exportable else (candidates, [], ())
     calls = [partial(hold_out, candidate, frame, splits) for candidate in (*candidates, *others)]
-    jobs = n_jobs if len(calls) > 1 else 1
-    said = list(each(calls, n_jobs=jobs, progress=progress, what="candidates", total=len(calls)))
+    said = list(
+        each(
+            calls,
+            n_jobs=n_jobs if len(calls) > 1 else 1,
+            progress=progress,
+            what="candidates",
+            total=len(calls),
+        )
+    )
     tried = list(zip(candidates, said, strict=False))
     clusters = held_out_by.clusters(frame)[tried[0][1].rows]
     candidate, held_out, recogniser, expected = _best(tried, frame, clusters, defined.seed)
-    far, stretch = held_out.strange, 1.0
+    is_enough = len(held_out.rows) >= least_held_out(false_alarms)
+    far, stretch = held_out.strange if is_enough else np.empty(0), 1.0
     if held_out_by.name == IN_TIME and kind_for(candidate.classifier) == "distance":
         far, stretch = _stretched(candidate, frame, far, defined.seed)
     plan = recogniser[0].plan_
     X = frame[list(plan.columns)].to_numpy(dtype=np.float64)
-    kind, near = kind_for(recogniser[-1]), None
-    if kind == "distance":
+    y, kind = frame["material"].to_numpy(dtype=str), kind_for(recogniser[-1])
+    with one_thread():
         prepared = X
-        with one_thread():
-            for _, step in recogniser.steps[1:-1]:
-                prepared = step.transform(prepared)
-            near = fit_nearness(prepared, np.unique(frame["material"], return_inverse=True)[1])
-    level = cautious(false_alarms, len(far)) if few_of else false_alarms
-    novelty = Novelty(kind, np.sort(far), level, near)
-    calibration = fit_calibration(held_out.decisions, held_out.labels)
+        for _, step in recogniser.steps[1:-1]:
+            prepared = step.transform(prepared)
+        near = fit_nearness(prepared, np.unique(y, return_inverse=True)[1]) if kind == "distance" else None
+    cannot = untold(splits, frame)
+    in_one_go = held_out_by.name == AT_RANDOM and any(fact.startswith(LATER) for fact in cannot)
+    novelty = Novelty(kind, np.sort(far), level_for(false_alarms, len(far), n, in_one_go), near)
+    calibration = (
+        fit_calibration(held_out.decisions, held_out.labels)
+        if splits
+        else prior_calibration(len(recogniser.classes_), len(frame))
+    )
     p = calibration(held_out.decisions)
+    of_contacts = _of_contacts(p, held_out, frame)
+    tests, ages = frame.iloc[held_out.rows], np.zeros(len(held_out.rows), dtype=np.intp)
+    if held_out_by.name == IN_TIME:
+        ages = n_later(tests["material"].to_numpy(dtype=str), tests["repetition"].to_numpy())
+    conformity = conformities(
+        held_out.decisions,
+        held_out.labels,
+        parents(tests),
+        calibration,
+        correlation=of_contacts.get("correlation"),
+        counts=recency(ages, HALF_LIFE),
+    )
     tested = "touches" if "parent" in frame else "recordings"
-    deployed = Deployed.of(recogniser)
+    deployed = Deployed.of(recogniser, (prepared, y))
     manifest = Manifest(
         **_recordings(felt, meter, plan),
         materials=tuple(recogniser.classes_.tolist()),
@@ -193,7 +248,7 @@ def train(
             "row": candidate.row,
             "classifier": candidate.classifier_name,
             **few_of,
-            **({"budget": f"{max_ms:g} ms on {meter.kept(defined.features).machine}"} if max_ms else {}),
+            **_budget(max_kb, max_ms, lambda: meter.kept(defined.features).machine),
         },
         trained_on={
             "name": felt.name,
@@ -204,27 +259,35 @@ def train(
         },
         accuracy={
             **expected,
+            **(
+                {"mean": of_succession(expected["mean"], len(np.unique(clusters)))}
+                if few_of and splits
+                else {}
+            ),
             "protocol": held_out_by.name,
             "why": why,
             "n_folds": len(splits),
             "how": f"held-out {tested}"
-            + ", the choice among candidates included" * (expected["n_candidates"] > 1),
-            "untold": untold(splits, frame),
+            + ", the choice among candidates included" * (expected["n_candidates"] > 1)
+            + ", so few that one more counts as right and one as wrong" * bool(few_of),
+            "untold": cannot,
+            **({"later": of_later(expected, len(recogniser.classes_))} if in_one_go else {}),
             **_with_all(lacking, others, said[len(candidates) :], clusters, defined.seed),
         },
         calibration={
-            "method": "temperature",
+            "method": "temperature" if splits else "prior temperature",
             **vars(calibration),
-            "expected_error": expected_calibration_error(p.max(axis=1), held_out.hits),
-            "error_of_chance": calibration_error_of_chance(p.max(axis=1)),
+            **_errors(p, held_out),
             "n": len(p),
-            **_of_contacts(p, held_out, frame),
+            **of_contacts,
+            **_of_gestures(p, held_out, frame),
+            "sets": facts_of(conformity),
         },
         unknown={
             "score": kind,
             "false_alarms": false_alarms,
-            "level": level,
-            "threshold": novelty.threshold,
+            "level": novelty.false_alarms,
+            "threshold": novelty.threshold if len(far) else None,
             "n": len(far),
             "stretch": stretch,
         },
@@ -236,7 +299,23 @@ def train(
         touch_s=touch_s,
         versions=versions(*LIBRARIES),
     )
-    return Model(deployed, calibration, novelty, Ranges.of(X), manifest, table.left_out)
+    return Model(
+        deployed,
+        calibration,
+        novelty,
+        Ranges.of(X),
+        manifest,
+        table.left_out,
+        conformity,
+        surfaces=Surfaces.of(X, y),
+    )
+
+
+def _budget(max_kb: float | None, max_ms: float | None, machine: Callable[[], str]) -> dict[str, str]:
+    """Return what the manifest states of limits; nothing without any."""
+    limits = [f"{max_kb:g} kB of a kernel"] if max_kb else []
+    limits += [f"{max_ms:g} ms on {machine()}"] if max_ms else []
+    return {"budget": ", ".join(limits)} if limits else {}
 
 
 def _best(
@@ -245,15 +324,17 @@ def _best(
     """Return the best candidate that can be saved, trained on everything, and its expected accuracy."""
     left = list(tried)
     while left:
-        hits = np.array([held_out.hits for _, held_out in left])
-        best, accuracy = accuracy_of_choice(hits, [c.n_columns for c, _ in left], clusters, seed)
+        best, expected = 0, dict[str, Any]()
+        if len(clusters):
+            hits = np.array([held_out.hits for _, held_out in left])
+            best, accuracy = accuracy_of_choice(hits, [c.n_columns for c, _ in left], clusters, seed)
+            low, high = accuracy.interval
+            expected = {"mean": accuracy.mean, "low": low, "high": high, "n_tested": accuracy.n_tested}
         candidate, held_out = left[best]
         with without_remarks(), one_thread():  # the number of threads would change last digits
             X, y = candidate.trained_on(frame)
             recogniser = Recogniser.fitted_on(candidate.plan, X, y, candidate.steps).prune()
         if not (unsafe := unsafe_classes(recogniser.document())):
-            low, high = accuracy.interval
-            expected = {"mean": accuracy.mean, "low": low, "high": high, "n_tested": accuracy.n_tested}
             return candidate, held_out, recogniser, expected | {"n_candidates": len(left)}
         left = [pair for pair in left if pair[0].classifier_name != candidate.classifier_name]
     raise ValueError(
@@ -290,13 +371,41 @@ def _stretched(chosen: Candidate, frame: pd.DataFrame, later: Samples, seed: int
     return stretch * folds, stretch
 
 
+def _errors(p: Samples, held_out: HeldOut) -> dict[str, float]:
+    """Return how far probabilities (n, n_classes) are from the share of right answers, and chance alone."""
+    if not len(p):
+        return {}
+    return {
+        "expected_error": expected_calibration_error(p.max(axis=1), held_out.hits),
+        "error_of_chance": calibration_error_of_chance(p.max(axis=1)),
+    }
+
+
 def _of_contacts(p: Samples, held_out: HeldOut, frame: pd.DataFrame) -> dict[str, float]:
     """Return how windows of one recording agree by their recording; nothing where each has but one."""
+    if "parent" not in frame:  # several starts ask about a recording several times
+        return {}
     contacts = parents(frame).to_numpy()[held_out.rows]
     n_contacts = len(set(contacts))
     if n_contacts == len(contacts):
         return {}
     return {"correlation": fit_correlation(p, held_out.labels, contacts), "n_contacts": n_contacts}
+
+
+def _of_gestures(p: Samples, held_out: HeldOut, frame: pd.DataFrame) -> dict[str, Any]:
+    """Return what is answered where a material is felt, and how answers agree by the hand that repeats it.
+
+    Of the confusion, row m is the mean probability of each material where m was felt; one answer that knows
+    nothing is added to each, so that few recordings promise little.
+    """
+    n_classes = p.shape[1]
+    felt = np.eye(n_classes)[held_out.labels]
+    confusion = (felt.T @ p + 1 / n_classes) / (felt.sum(axis=0)[:, None] + 1)
+    hands = frame.groupby(["material", "operator", "session"], dropna=False).ngroup()
+    same = hands.to_numpy()[held_out.rows]
+    repeated = len(set(same)) < len(same)
+    repetition = fit_correlation(p, held_out.labels, same) if repeated else CORRELATION
+    return {"confusion": confusion.round(4).tolist(), "repetition": repetition}
 
 
 def _recordings(felt: Dataset, meter: CostMeter, plan: Plan) -> dict[str, Any]:
@@ -318,66 +427,13 @@ def _recordings(felt: Dataset, meter: CostMeter, plan: Plan) -> dict[str, Any]:
     }
 
 
-def holding_out(
-    asked: str | None, own: str, table: pd.DataFrame, false_alarms: float
-) -> tuple[Protocol, str]:
-    """Return how the recordings of a table are held out for choice, probabilities and threshold, and why so.
+def pipeline_for(dataset: Dataset) -> str:
+    """Return the pipeline that is trained where none is named.
 
-    A pipeline that draws recordings at random gives way to blocks in time where repetitions are numbered and
-    many: a recogniser meets a sensor that is older than in its training, of which folds at random know
-    nothing.
-
-    Parameters
-    ----------
-    asked : str or None
-        Protocol that the user asked for.
-    own : str
-        Protocol of the pipeline.
-    table : DataFrame
-        Metadata of recordings, or of windows of them.
-    false_alarms : float
-        Share that may be called unknown; it takes a number of held-out recordings.
+    `coarse` for an inertial unit (a turn rate beside the acceleration): slow, its axes kept apart; for any
+    other recordings `surfaces`.
     """
-    if asked is not None:
-        return find_protocol(asked), "asked for"
-    recordings = table[~parents(table).duplicated()]
-    counts = recordings["material"].value_counts()
-    n_held_out = int((counts - counts // 2).sum())
-    # One sequence in time, unless repetitions follow the people, not a clock.
-    is_sequence = (
-        table["repetition"].notna().all()
-        and not recordings.duplicated(["material", "repetition"]).any()
-        and len(recordings["operator"].unique()) == 1
-    )
-    is_enough = counts.min() >= ENOUGH_REPETITIONS and n_held_out >= least_held_out(false_alarms)
-    if own == AT_RANDOM and is_sequence and is_enough:
-        why = f"{counts.min()} numbered repetitions of each surface or more: the sensor may drift"
-        return find_protocol(IN_TIME), why
-    return find_protocol(own), "the pipeline's"
-
-
-def untold(splits: Sequence[Split], table: pd.DataFrame) -> list[str]:
-    """Return what the tests of a table's splits cannot tell of recordings to come, likeliest first.
-
-    Recordings that are drawn at random were made between those that train, by the same hand in the same
-    session: what changes later, or elsewhere, is in none of them.
-    """
-    parts = [(table.iloc[train], table.iloc[test]) for train, test in splits]
-    found, names = [], ("session", "operator")
-    after = [
-        test.groupby("material")["repetition"].min() > learnt.groupby("material")["repetition"].max()
-        for learnt, test in parts
-    ]
-    if table["repetition"].isna().any() or not all(later.all() for later in after):
-        n = int(table[~parents(table).duplicated()]["material"].value_counts().min())
-        found.append(
-            f"later recordings ({n} of each surface, held out at random; from {ENOUGH_REPETITIONS} numbered "
-            f"repetitions on, or with `--protocol {IN_TIME}`, the later half is held out)"
-        )
-    if others := [
-        name
-        for name in names
-        if table[name].isna().any() or any(set(test[name]) & set(learnt[name]) for learnt, test in parts)
-    ]:
-        found.append(f"another {' or '.join(others)} (`--leave-out {others[0]}`, if the card names it)")
-    return found
+    for entry in dataset.entries:
+        with suppress(RecordingError):  # bad ones are told, or skipped, by the extraction
+            return "surfaces" if dataset.load(entry).turn_rate is None else "coarse"
+    return "surfaces"

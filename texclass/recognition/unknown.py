@@ -116,7 +116,7 @@ def check_false_alarms(false_alarms: float, n_held_out: int) -> None:
         )
 
 
-def cautious(false_alarms: float, n_held_out: int) -> float:
+def cautious(false_alarms: float, n_held_out: int, growth: float = 1.0) -> float:
     """Return a smaller rate of false alarms, at which so many recordings vouch for the one that is asked for.
 
     A conformal threshold keeps its rate in the mean over many trainings; in one of them, with few recordings
@@ -125,6 +125,16 @@ def cautious(false_alarms: float, n_held_out: int) -> float:
     the largest score is the threshold: the widest margin there is. It is paid for in strangers: fewer of
     them are found.
 
+    Parameters
+    ----------
+    false_alarms : float
+        Share of known surfaces that may be called unknown.
+    n_held_out : int
+        Held-out recordings.
+    growth : float
+        How many times as often recordings to come are called unknown as those held out; that much less is
+        asked of these.
+
     References
     ----------
     Wilks: Determination of sample sizes for setting tolerance limits, Annals of Mathematical Statistics 12,
@@ -132,7 +142,8 @@ def cautious(false_alarms: float, n_held_out: int) -> float:
     """
     from scipy.stats import binom
 
-    k = int(np.count_nonzero(binom.cdf(np.arange(n_held_out), n_held_out, false_alarms) <= 1 - CONFIDENCE))
+    rate = false_alarms / growth
+    k = int(np.count_nonzero(binom.cdf(np.arange(n_held_out), n_held_out, rate) <= 1 - CONFIDENCE))
     return min(false_alarms, max(k, 1) / (n_held_out + 1))
 
 
@@ -145,7 +156,8 @@ class Novelty:
     kind
         Which score; see `strangeness`.
     held_out : ndarray of shape (n,)
-        Scores of training recordings by recognisers that had not seen them, ascending.
+        Scores of training recordings by recognisers that had not seen them, ascending. Without any, nothing
+        is judged: every recording counts as of a known surface.
     false_alarms
         Share of recordings of known surfaces that may be called unknown.
     nearness
@@ -158,7 +170,8 @@ class Novelty:
     nearness: Nearness | None = None
 
     def __post_init__(self) -> None:
-        check_false_alarms(self.false_alarms, len(self.held_out))
+        if len(self.held_out):
+            check_false_alarms(self.false_alarms, len(self.held_out))
 
     def p_value(self, scores: Samples) -> Samples:
         """Return the conformal p-value of "this surface is known", shape (n,).
@@ -181,6 +194,8 @@ class Novelty:
     def threshold(self) -> float:
         """Scores above it are called unknown."""
         n = len(self.held_out)
+        if not n:
+            return np.inf
         n_above = int(np.floor(self.false_alarms * (n + 1) + 1e-9)) - 1  # held-out scores that may be larger
         return float(self.held_out[n - 1 - n_above])
 

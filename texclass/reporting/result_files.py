@@ -107,6 +107,7 @@ INTERVAL = part(mean=FRACTION, low=FRACTION, high=FRACTION)
 ACCURACY = part(
     INTERVAL,
     balanced=maybe(FRACTION),
+    worst=maybe(FRACTION),
     interval=(str, ""),
     clusters=(str, ""),
     n_clusters=maybe(COUNT),
@@ -146,7 +147,8 @@ EXAMPLE = part(
 BENCHMARK = part(
     MEASURED,
     pipeline=part(name=str, hash=str, features=str), protocol_description=str, n_folds=COUNT,
-    rows=listed(ROW, least=1), segmentation_ms=maybe(NUMBER), rank_agreement=(named(NUMBER | None), {}),
+    n_starts=maybe(COUNT), rows=listed(ROW, least=1), segmentation_ms=maybe(NUMBER),
+    rank_agreement=(named(NUMBER | None), {}),
     rank_agreement_interval=(named(tuple[NUMBER, NUMBER] | None), {}),
     published_on=maybe(part(n_materials=COUNT, protocols=listed(str))),
     confusion=part(

@@ -2,14 +2,16 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from texclass.features.contract import Feature, UndefinedFeatureError, registered
-from texclass.features.phase_view import PhaseView, TapSignal, TapView, Views
+from texclass.features.contract import UndefinedFeatureError, registered
+from texclass.features.examination import bare_view
+from texclass.features.phase_view import Phase, Views
 from texclass.features.sets import FeatureSet, Member
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.stability import rules
@@ -32,7 +34,7 @@ Extract = Callable[[Any, Case], tuple[dict[str, Any], dict[str, str]]]
 def subjects() -> list[Subject]:
     """Return one subject for each feature, and all features together as a library is judged."""
     members = tuple(Member(name, feature) for name, feature in registered().items())
-    whole = FeatureSet("all", members)
+    whole = FeatureSet("all", members).reading("tap", "movement", "friction")
 
     def extract(x: Any, case: Case) -> tuple[dict[str, Any], dict[str, str]]:
         values, reasons = whole.compute(views_of(x, case.fs))
@@ -44,22 +46,19 @@ def subjects() -> list[Subject]:
     return [*each, Subject("all features", "features", cases, extraction(extract))]
 
 
-def views_of(x: Any, fs: float) -> Views:
+def views_of(x: Any, fs: float, phase: Phase = "movement") -> Views:
     """Return the samples as a movement, as friction, and as taps with their contact after a quarter.
 
-    One tap of few samples, four of many.
+    One tap of few samples, four of many. For a pair: the samples, and the same backwards.
     """
+    if phase == "pair":
+        one, other = views_of(x, fs), views_of(x[::-1], fs)
+        return replace(one, sides=(one, other))
     n = len(x)
     each = n // 4 if n >= LONG else n
     taps = tuple(Tap(i, i + min(each // 4, each - 1), i + each) for i in range(0, n - each + 1, max(each, 1)))
     phases = Phases(taps if n else (), (0, n))
     return Views(Recording(x, fs=fs, friction=x, phases=phases), phases)
-
-
-def bare_view(feature: Feature, x: Samples, fs: float) -> PhaseView | TapView:
-    """Return the samples as the phase a feature reads, without a recording that would refuse them."""
-    contact = x.size // 4
-    return TapView((TapSignal(x[:contact], x[contact:]),), fs) if feature.phase == "tap" else PhaseView(x, fs)
 
 
 def shaken(x: Samples) -> Samples:
@@ -70,9 +69,11 @@ def shaken(x: Samples) -> Samples:
 def _feature(member: Member, x: Any, case: Case) -> Attempt:
     feature, signal = member.feature, samples_of(x)
     if case.family == "broken":
-        values = np.atleast_1d(np.asarray(feature.function(bare_view(feature, signal, case.fs)), np.float64))
+        values = np.atleast_1d(
+            np.asarray(feature.function(bare_view(feature.phase, signal, case.fs)), np.float64)
+        )
     else:
-        values = member.values(views_of(x, case.fs))
+        values = member.values(views_of(x, case.fs, feature.phase))
     yield rules.finite("value", values)
     yield Check("as many values as declared", abs(values.size - len(member.columns)), 0.0)
     if not np.any(signal):
@@ -84,7 +85,8 @@ def _feature(member: Member, x: Any, case: Case) -> Attempt:
     yield _law("the declared gain law, at gain 1.1", louder, feature.gain.apply(values, 1.1), limit)
     if case.family in STEADY:
         size = np.maximum(np.abs(values), np.abs(_usual(member.name)))
-        change = np.abs(_values(member, shaken(signal), case.fs) - values) / size
+        change = np.abs(_values(member, shaken(signal), case.fs) - values)
+        change = np.divide(change, size, out=np.zeros_like(change), where=change > 0)
         yield Check(SHAKEN, float(np.max(change, initial=0.0)), rules.SENSITIVITY)
     if case.family in ("dtype", "layout"):
         yield rules.close("as of the float64 copy", values, _values(member, signal, case.fs), 0.0)
@@ -111,7 +113,7 @@ def _feature(member: Member, x: Any, case: Case) -> Attempt:
 
 def _values(member: Member, samples: Any, fs: float) -> Samples:
     try:
-        return member.values(views_of(samples, fs))
+        return member.values(views_of(samples, fs, member.feature.phase))
     except UndefinedFeatureError:
         return np.full(len(member.columns), np.nan)
 

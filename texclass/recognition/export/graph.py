@@ -22,7 +22,7 @@ OPSETS: Mapping[str, int] = {"": 18, "ai.onnx.ml": 3}
 IR_VERSION = 8
 """Of the file format; belongs to opset 18."""
 FEATURES = "features"
-OUTPUTS = ("label", "probabilities", "p_known", "unknown")
+OUTPUTS: tuple[str, ...] = ("label", "probabilities", "p_known", "unknown")
 LARGE = 64
 """Elements from which on equal constants are kept once."""
 UNDEFINED = ""
@@ -115,6 +115,15 @@ class Graph:
         from onnx import helper
 
         return self.add("Cast", operand, to=helper.np_dtype_to_tensor_dtype(np.dtype(dtype)))
+
+    def short(self, values: NDArray[np.float64]) -> str:
+        """Add a constant in the fewest bits that lose nothing of it, converted to double precision."""
+        for dtype in (np.float16, np.float32):
+            with np.errstate(over="ignore"):
+                kept = values.astype(dtype)
+            if np.array_equal(kept, values):
+                return self.cast(self.constant(kept), np.float64)
+        return self.constant(values)
 
     def cut(self, operand: str, start: int, stop: int, axis: int = -1) -> str:
         """Add the elements [start, stop) along an axis."""
@@ -326,18 +335,36 @@ def _kernel(
     dual: Samples,
     length: float,
 ) -> str:
-    """Add K alpha, K the mean over the views of the kernels between rows and prototypes."""
-    kernels = []
+    """Add K alpha, K the mean over the views of the kernels between rows and prototypes.
+
+    Prototypes are kept once: with a = z W and b = Z W in each view, a b' is (z W W') Z'.
+    """
+    standardised = _before(views[0]["weights"], prototypes[0])
+    samples, kernels = graph.short(np.ascontiguousarray(standardised.T)), []
+    product = "MatMul" if standardised.shape[1] > 1 else "Mul"  # see Graph.model
     for view, known in zip(views, prototypes, strict=True):
-        Z = graph.add("Div", graph.add("Sub", rows, view["mean"]), view["scale"])
-        seen = graph.add("Mul" if view["weights"].ndim == 1 else "MatMul", Z, view["weights"])
+        z = graph.add("Div", graph.add("Sub", rows, view["mean"]), view["scale"])
+        if view["weights"].ndim == 1:
+            seen = graph.add("Mul", z, view["weights"])
+            back = graph.add("Mul", seen, -2 * view["weights"])
+        else:
+            weights = graph.short(view["weights"])
+            seen = graph.add(product, z, weights)
+            back = graph.add(product, seen, graph.add("Transpose", graph.add("Mul", weights, -2.0)))
         # (1 + s) exp(-s), s = sqrt(3) |a - b| / length, with |a - b|^2 = |a|^2 - 2 a b + |b|^2
-        products = graph.add("MatMul", seen, np.ascontiguousarray(-2 * known.T))
+        products = graph.add(product, back, samples)
         squares = graph.add("Add", products, graph.add("ReduceSumSquare", seen, along(1), keepdims=1))
         squares = graph.add("Add", squares, np.einsum("ij,ij->i", known, known))
         s = graph.add("Sqrt", graph.add("Mul", graph.add("Max", squares, 0.0), 3 / length**2))
         kernels.append(graph.add("Mul", graph.add("Add", s, 1.0), graph.add("Exp", graph.add("Neg", s))))
-    return graph.add("MatMul", graph.add("Sum", *kernels), dual / len(kernels))
+    return graph.add("MatMul", graph.add("Sum", *kernels), graph.short(dual / len(kernels)))
+
+
+def _before(weights: Samples, seen: Samples) -> Samples:
+    """Return the standardised samples of a view; those of 16 bits exactly."""
+    Z = seen / weights
+    short = Z.astype(np.float16).astype(np.float64)
+    return short if np.array_equal(short * weights, seen) else Z
 
 
 def _gauss(graph: Graph, rows: str, mean: Samples, variance: Samples, prior: Samples, votes: bool) -> str:
@@ -378,19 +405,23 @@ def _vote(
     whole_weight: float,
     n_columns: int,
     n_classes: int,
+    divided: NDArray[Any] | None = None,
+    seen: NDArray[Any] | None = None,
 ) -> str:
     """Add the mean over the pieces, then that and the whole.
 
     Pieces that are all the same need no rule of their own: their mean is their decision.
     """
+    columns = np.arange(n_columns) if divided is None else divided
     votes = [
-        add_part(piece, graph, graph.add("Gather", rows, np.arange(i, n_columns, n_pieces), axis=1))
+        add_part(piece, graph, graph.add("Gather", rows, columns[i::n_pieces], axis=1))
         for i in range(1 if graph.same_pieces else n_pieces)
     ]
     mean = graph.add("Div", graph.add("Sum", *votes), len(votes))
     if whole is None:
         return mean
-    beside = graph.add("Mul", add_part(whole, graph, rows), np.full(n_classes, whole_weight))
+    looked_at = rows if seen is None else graph.add("Gather", rows, seen, axis=1)
+    beside = graph.add("Mul", add_part(whole, graph, looked_at), np.full(n_classes, whole_weight))
     return graph.add("Div", graph.add("Add", mean, beside), 1 + whole_weight)
 
 

@@ -4,7 +4,7 @@ Both are asked about rows of features that are ordinary, extreme, undefined, and
 between answers. What differs is an error, unless rounding alone decides.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,8 +23,8 @@ from texclass.recognition.unknown import strangeness
 from texclass.recording import Samples
 
 SEED = 2015
-BATCH = 256
-"""Rows that the graph is asked at a time: distances take memory."""
+BATCH = 64
+"""Rows or windows that the graph is asked at a time: distances and spectra take memory."""
 TOLERANCE = 1e-9
 """Largest difference of a probability, and relative difference of other numbers, that counts as none."""
 ROUNDING = 1e-13
@@ -39,8 +39,8 @@ N_KNOWN = 150
 MARGINS = (0.0, 1e-9, 1e-6, 1e-3)
 """How far from a boundary rows lie, in parts of the way between two rows with different answers."""
 SHARE_UNDEFINED = 0.2
-FITTED = ("means_", "theta_", "centroids_", "_fit_X")
-"""Attributes in which classifiers of scikit-learn keep prepared rows: of classes, or training samples."""
+FITTED = ("means_", "theta_", "centroids_")
+"""Attributes in which classifiers of scikit-learn keep means of classes, as prepared rows."""
 
 Said = dict[str, NDArray[Any]]
 """What is said of rows, by output."""
@@ -127,19 +127,22 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     low, high = (model.novelty.p_value(strange + side * rounding) for side in (1, -1))
     between = (low <= p_known) & (p_known <= high)
     verdict = _verdict(model, X, np.nan_to_num(p_known))
-    for what, agree, one, wanted in (
-        ("label", np.where(defined, right, found["label"] == UNDEFINED), found["label"], expected["label"]),
-        ("probability", (largest <= allowed) | tied, p[at], other[at]),
-        ("p_known", np.where(defined, between, np.isnan(p_known)), p_known, expected["p_known"]),
-        ("unknown =", found["unknown"] == verdict, found["unknown"], verdict),
-    ):
-        if not agree.all():
-            i = int(np.argmin(agree))
-            raise ParityError(
-                f"ONNX differs from scikit-learn in {int((~agree).sum())} of {len(X)} rows; row {i} "
-                f"({kinds[i]}) has {what} {one[i]} in ONNX, {wanted[i]} in scikit-learn; "
-                f"the rule is the same label and verdict, and probabilities within {TOLERANCE:g}"
-            )
+    check_same(
+        [
+            (
+                "label",
+                np.where(defined, right, found["label"] == UNDEFINED),
+                found["label"],
+                expected["label"],
+            ),
+            ("probability", (largest <= allowed) | tied, p[at], other[at]),
+            ("p_known", np.where(defined, between, np.isnan(p_known)), p_known, expected["p_known"]),
+            ("unknown =", found["unknown"] == verdict, found["unknown"], verdict),
+        ],
+        "scikit-learn",
+        [f"row {i} ({kind})" for i, kind in enumerate(kinds)],
+        TOLERANCE,
+    )
     decided = (found["label"] != expected["label"]) | (largest > TOLERANCE)
     decided |= defined & (p_known != expected["p_known"])
     names, counts = np.unique(kinds, return_counts=True)
@@ -151,6 +154,40 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
         n_ties=int(decided.sum()),
         difference=float(largest[largest <= TOLERANCE].max(initial=0.0)),
     )
+
+
+def check_same(
+    checks: Sequence[tuple[str, NDArray[np.bool_], NDArray[Any], NDArray[Any]]],
+    reference: str,
+    names: Sequence[str],
+    tolerance: float,
+) -> None:
+    """Refuse the first difference.
+
+    Parameters
+    ----------
+    checks : sequence of (what, whether it agrees, what ONNX says, what the reference says)
+        An array each, of shape (n, ...).
+    reference : str
+        What ONNX is compared with.
+    names : sequence of str, length n
+        Of rows or windows.
+    tolerance : float
+        Of probabilities, for the message.
+
+    Raises
+    ------
+    ParityError
+        Naming the first that does not agree, and how many do not.
+    """
+    for what, agree, found, expected in checks:
+        if not agree.all():
+            i = int(np.argmin(agree))
+            raise ParityError(
+                f"ONNX differs from {reference} in {int((~agree).sum())} of {len(names)} "
+                f"{names[i].partition(' ')[0]}s; {names[i]} has {what} {found[i]} in ONNX, {expected[i]} in "
+                f"{reference}; the rule is the same label and verdict, and probabilities within {tolerance:g}"
+            )
 
 
 def reference(model: Model, X: Samples) -> Said:
@@ -212,7 +249,7 @@ def _rounding(model: Model, X: Samples, p: Samples, rng: np.random.Generator) ->
     return changes
 
 
-def run(graph: bytes, X: NDArray[Any], entry: str = FEATURES, also: tuple[str, ...] = ()) -> Said:
+def run(graph: bytes, X: NDArray[Any], entry: str = FEATURES, outputs: Sequence[str] = OUTPUTS) -> Said:
     """Return what onnxruntime answers, by output.
 
     Parameters
@@ -223,8 +260,8 @@ def run(graph: bytes, X: NDArray[Any], entry: str = FEATURES, also: tuple[str, .
         Rows of features, or windows.
     entry : str
         Input that takes them.
-    also : tuple of str
-        Outputs beside `OUTPUTS`.
+    outputs : sequence of str
+        What is asked for.
 
     Raises
     ------
@@ -239,12 +276,12 @@ def run(graph: bytes, X: NDArray[Any], entry: str = FEATURES, also: tuple[str, .
     try:
         session = onnxruntime.InferenceSession(graph, options, providers=["CPUExecutionProvider"])
         batches = (np.ascontiguousarray(X[k : k + BATCH]) for k in range(0, len(X), BATCH))
-        found = [session.run([*OUTPUTS, *also], {entry: batch}) for batch in batches]
+        found = [session.run(list(outputs), {entry: batch}) for batch in batches]
     except Exception as error:  # its exceptions have no class in common
         said = f"onnxruntime {onnxruntime.__version__} cannot run the graph ({error})"
         raise OnnxExportError(f"{said}; the rule is operators that it has in double precision") from error
-    whole = {name: np.concatenate(parts) for name, *parts in zip([*OUTPUTS, *also], *found, strict=True)}
-    return whole | {"label": whole["label"].astype(str)}
+    whole = {name: np.concatenate(parts) for name, *parts in zip(outputs, *found, strict=True)}
+    return {name: said.astype(str) if name == "label" else said for name, said in whole.items()}
 
 
 def check_rows(model: Model, seed: int = SEED) -> tuple[Samples, NDArray[np.str_]]:
@@ -301,6 +338,8 @@ def remembered(model: Model) -> Samples:
     """
     near, nothing = model.novelty.nearness, np.empty((0, len(model.columns)))
     prepared = _of_classifier(model.recogniser[-1])
+    if model.deployed.decide["does"] == "neighbours":
+        prepared.append(np.asarray(model.deployed.decide["points"]))
     if near is not None:  # the rows in which its view sees the class means: those closest to the mean of all
         prepared.append(near.mean + near.means @ np.linalg.pinv(near.view))
     if not prepared:
@@ -317,7 +356,8 @@ def remembered(model: Model) -> Samples:
 
 def _of_classifier(classifier: Any) -> list[Samples]:
     if isinstance(classifier, VoteOfPieces):
-        return [] if classifier.whole_ is None else _of_classifier(classifier.whole_)
+        sees_all = classifier.whole_ is not None and not classifier.undivided
+        return _of_classifier(classifier.whole_) if sees_all else []
     if isinstance(classifier, KernelDiscriminant):
         view, prototypes = classifier.views_[0], classifier.prototypes_[0]
         if view.weights.ndim > 1:

@@ -4,9 +4,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import fft
 
-from texclass.features.phase_view import LEAST_PIECE, LONG, TURN, PhaseView, UndefinedFeatureError
+from texclass.features.phase_view import LEAST_PIECE, TURN, PhaseView, UndefinedFeatureError, kept_length
 from texclass.features.plan import Plan
 from texclass.features.sets import Member
 from texclass.recognition.export.fourier import irfft, rfft
@@ -14,7 +13,7 @@ from texclass.recognition.export.graph import Graph, OnnxExportError, add_answer
 from texclass.recognition.export.graph_view import GraphView, member_graph, without_graph
 from texclass.recognition.model import Model
 from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples
-from texclass.signals import AXIS_PREFERENCE, HAND_SPAN_S
+from texclass.signals import AXIS_PREFERENCE_SINGLE, HAND_SPAN_S
 
 SAMPLES = "samples"
 DOC = """\
@@ -251,7 +250,7 @@ def _movements(
     See `Views.movement` and `Views.without_hand`.
     """
     fs, n_samples = windows.fs, windows.n_samples
-    n = int(fft.prev_fast_len(n_samples)) if n_samples > LONG else n_samples
+    n = kept_length(n_samples)
     kept = graph.cut(x, 0, n) if n < n_samples else x
     mean = graph.add("ReduceMean", kept, along(2), keepdims=1)
     axes = graph.add("Sub", kept, mean)
@@ -296,7 +295,7 @@ def _dft321(graph: Graph, axes: str, n_axes: int, n: int) -> str:
     squares = graph.add("Add", graph.add("Mul", real, real), graph.add("Mul", imaginary, imaginary))
     energy = graph.add("ReduceSum", squares, along(1), keepdims=0)
     size = graph.add("Sqrt", graph.add("Mul", energy, np.where(bins == 0, 0.0, 1.0)))
-    weights = 1 + (n_axes - 1 - np.arange(n_axes)[:, None]) * AXIS_PREFERENCE
+    weights = 1 + (n_axes - 1 - np.arange(n_axes)[:, None]) * AXIS_PREFERENCE_SINGLE
     real, imaginary = (
         graph.add("ReduceSum", graph.add("Mul", part, weights), along(1), keepdims=0)
         for part in (real, imaginary)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.recognition.export.graph import UNDEFINED
-from texclass.recognition.export.parity import ParityError, reference, run
+from texclass.recognition.export.graph import OUTPUTS, UNDEFINED
+from texclass.recognition.export.parity import check_same, reference, run
 from texclass.recognition.export.sample_graph import SAMPLES, channels_of, recording_of
 from texclass.recognition.model import Model
 from texclass.recording import STANDARD_GRAVITY, Samples
@@ -96,7 +96,7 @@ def check_sample_parity(model: Model, graph: bytes, windows: Windows) -> SampleP
     OnnxExportError
         If onnxruntime cannot run it.
     """
-    found = run(graph, windows, SAMPLES, also=("features",))
+    found = run(graph, windows, SAMPLES, (*OUTPUTS, "features"))
     X = np.array([model.plan.compute(recording_of(model, window)).values for window in windows])
     return compared(model, X, found)
 
@@ -124,19 +124,14 @@ def compared(model: Model, X: Samples, found: Mapping[str, NDArray[Any]]) -> Sam
     p_known = np.nan_to_num(found["p_known"], nan=-1.0)
     same = {name: found[name] == expected[name] for name in ("label", "unknown")}
     between = np.where(defined, (low <= p_known) & (p_known <= high), p_known < 0)
-    for what, agree in (
-        ("label", same["label"] | (defined & close_label)),
-        ("probabilities", gap <= TOLERANCE * far),
-        ("p_known", between),
-        ("unknown", same["unknown"] | (defined & close_verdict)),
-    ):
-        if not agree.all():
-            i = int(np.argmin(agree))
-            raise ParityError(
-                f"ONNX differs from texclass in {int((~agree).sum())} of {n} windows; window {i} has {what} "
-                f"{found[what][i]} in ONNX, {expected[what][i]} in texclass; the rule is the same label and "
-                f"verdict, and probabilities within {TOLERANCE:g}"
-            )
+    agrees = {
+        "label": same["label"] | (defined & close_label),
+        "probabilities": gap <= TOLERANCE * far,
+        "p_known": between,
+        "unknown": same["unknown"] | (defined & close_verdict),
+    }
+    checks = [(what, agree, found[what], expected[what]) for what, agree in agrees.items()]
+    check_same(checks, "texclass", [f"window {i}" for i in range(n)], TOLERANCE)
     width = np.where(model.ranges.high > model.ranges.low, model.ranges.high - model.ranges.low, np.inf)
     apart = np.abs(found["features"] - X) / np.nan_to_num(width, nan=np.inf) / far[:, None]
     inside = far <= 1

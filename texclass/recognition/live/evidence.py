@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from texclass.recognition.conformal import LEVELS, Conformity, as_facts
 from texclass.recognition.model import Answer, ranked
 from texclass.recognition.probabilities import LEAST_PROBABILITY, Labels
 from texclass.recording import Samples
@@ -38,6 +39,9 @@ class ContactVerdict:
         Seconds from the onset of the contact to the end of the last of them.
     probabilities
         Material -> probability.
+    sets
+        Level -> materials among which the right one is as often, if the surface is a known one; of models of
+        touches, where windows are as long and add up as in the training.
     """
 
     surface: str
@@ -48,11 +52,13 @@ class ContactVerdict:
     n_windows: int
     felt_s: float
     probabilities: Mapping[str, float] = field(default_factory=dict, repr=False)
+    sets: Mapping[float, tuple[str, ...]] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what a machine reads, probabilities of all materials left out."""
         facts = {name: value for name, value in vars(self).items() if name != "probabilities"}
-        return facts | {name: round(facts[name], 6) for name in ("probability", "felt_s")}
+        rounded = {name: round(facts[name], 6) for name in ("probability", "felt_s")}
+        return facts | rounded | {"sets": as_facts(self.sets)}
 
 
 def independent(n: Any, correlation: float) -> Any:
@@ -80,28 +86,47 @@ def fit_correlation(p: Samples, labels: Labels, contacts: ArrayLike) -> float:
     ValueError
         If no contact has several windows.
     """
-    import pandas as pd
     from scipy.optimize import minimize_scalar
-    from scipy.special import log_softmax
+    from scipy.special import softmax
 
-    number = pd.factorize(np.asarray(contacts))[0]
-    order = np.argsort(number, kind="stable")
-    number, right = number[order], labels[order]
-    felt = np.bincount(number)
-    if felt.max(initial=0) < 2:
+    mean, n, of = so_far(p, contacts)
+    if n.max(initial=0) < 2:
         raise ValueError("no contact has two windows; the rule is several windows of some")
-    starts = np.repeat(np.cumsum(felt) - felt, felt)
-    n = np.arange(len(number)) - starts + 1
-    summed = np.cumsum(np.log(np.maximum(p[order], LEAST_PROBABILITY)), axis=0)
-    before = np.vstack([np.zeros(p.shape[1]), summed])[starts]
-    mean = (summed - before) / n[:, None]
+    right, felt = np.arange(len(n)), np.bincount(of)
     lapse, n_classes = 1 / (len(felt) + 2), p.shape[1]
 
     def loss(correlation: float) -> float:
-        told = log_softmax(independent(n, correlation)[:, None] * mean, axis=1)[np.arange(len(n)), right]
-        return -float(np.sum(np.log((1 - lapse) * np.exp(told) + lapse / n_classes) / felt[number]))
+        told = softmax(independent(n, correlation)[:, None] * mean, axis=1)[right, labels]
+        return -float(np.sum(np.log((1 - lapse) * told + lapse / n_classes) / felt[of]))
 
     return float(minimize_scalar(loss, bounds=(0, 1), method="bounded", options={"xatol": 1e-3}).x)
+
+
+def so_far(p: Samples, contacts: ArrayLike) -> tuple[Samples, Labels, Labels]:
+    """Return what each contact has said when a window of it was felt, and how much of it.
+
+    Parameters
+    ----------
+    p : ndarray of shape (n, n_classes)
+        Calibrated probabilities of windows, in the order in which they were felt.
+    contacts : array_like of shape (n,)
+        Which contact each one is of.
+
+    Returns
+    -------
+    mean : ndarray of shape (n, n_classes)
+        Mean log posterior of the windows so far.
+    n : ndarray of int, shape (n,)
+        How many these are.
+    of : ndarray of int, shape (n,)
+        Number of the contact.
+    """
+    import pandas as pd
+
+    logs = pd.DataFrame(np.log(np.maximum(p, LEAST_PROBABILITY)))
+    of = pd.factorize(np.asarray(contacts))[0]
+    n = np.asarray(logs.groupby(of).cumcount(), dtype=np.intp) + 1
+    return logs.groupby(of).cumsum().to_numpy() / n[:, None], n, np.asarray(of, dtype=np.intp)
 
 
 class Evidence:
@@ -135,6 +160,10 @@ class Evidence:
         Time constant of forgetting (votes, too), for what goes on to other surfaces; infinite for never.
     confidence : float
         From which probability on the verdict is sure.
+    conformity : mapping of int to Conformity, optional
+        Windows -> how held-out contacts conformed after so many of them, of which sets are made at `levels`.
+    levels : tuple of float
+        How often the right material is to be in them.
 
     References
     ----------
@@ -153,6 +182,8 @@ class Evidence:
         lapse: float = 0.0,
         forget_s: float = math.inf,
         confidence: float = CONFIDENCE,
+        conformity: Mapping[int, Conformity] | None = None,
+        levels: tuple[float, ...] = LEVELS,
     ) -> None:
         if kind not in ("majority", "sequential"):
             raise ValueError(f"evidence is {kind!r}; the rule is 'majority' or 'sequential'")
@@ -165,6 +196,7 @@ class Evidence:
             )
         self.materials, self.kind, self.confidence = materials, kind, confidence
         self._correlation, self._lapse = correlation, lapse
+        self._conformity, self._levels = conformity or {}, levels
         self._later = min(1.0, hop_s / window_s)
         self._g = math.exp(-hop_s / forget_s)
         self.reset()
@@ -193,7 +225,7 @@ class Evidence:
     def add(self, answer: Answer, felt_s: float) -> ContactVerdict:
         """Take in the answer of a window that ends `felt_s` after the onset; return what is known now."""
         p = np.array([answer.probabilities[m] for m in self.materials])
-        g, self._n = self._g, self._n + 1
+        g, self._n, sets = self._g, self._n + 1, dict[float, tuple[str, ...]]()
         self._weight = g * self._weight + 1
         self._unknown = g * self._unknown + answer.unknown
         if self.kind == "majority":
@@ -206,10 +238,13 @@ class Evidence:
             self._sum -= self._sum.max()
             self._worth = g * self._worth + (1.0 if self._n == 1 else self._later)
             worth = independent(self._worth, self._correlation)
-            together = np.exp(worth / self._weight * self._sum)  # the largest is 1: no overflow
+            scores = worth / self._weight * self._sum
+            sets = self._sets(scores)
+            together = np.exp(scores)  # the largest is 1: no overflow
         together = (1 - self._lapse) * together / together.sum() + self._lapse / len(p)
         self._sure = bool(together.max() >= self.confidence) or (self._sure and g == 1)
         self.verdict = ContactVerdict(
+            sets=sets,
             unknown=2 * self._unknown >= self._weight,
             sure=self._sure,
             n_windows=self._n,
@@ -217,3 +252,8 @@ class Evidence:
             **ranked(together, self.materials),
         )
         return self.verdict
+
+    def _sets(self, scores: Samples) -> dict[float, tuple[str, ...]]:
+        """Return the sets of scores (n_materials,), by contacts that had been felt about as long."""
+        felt = [n for n in self._conformity if n <= self._worth]
+        return self._conformity[max(felt)].sets(scores, self.materials, self._levels) if felt else {}

@@ -27,6 +27,7 @@ from texclass.recognition.sources.blocks import Block
 from texclass.recognition.sources.open import is_live, open_source
 from texclass.recording import ACCELERATION_UNITS, Recording
 from texclass.signals import causal
+from texclass.validation import check_above_0
 
 DEFAULT_WINDOW_S, LONGEST_WINDOW_S = 1.0, 30.0
 RUN_WINDOW_S = 5.0
@@ -87,9 +88,7 @@ class OnlineSettings:
     rules: ContactRules = field(default_factory=ContactRules)
 
     def __post_init__(self) -> None:
-        for name, value in (("window_s", self.window_s), ("hop_s", self.hop_s)):
-            if value is not None and not 0 < value < math.inf:
-                raise ValueError(f"{name} is {value!r}; the rule is above 0, and finite")
+        check_above_0(window_s=self.window_s, hop_s=self.hop_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,6 +189,11 @@ class OnlineRecogniser:
         self._ready = False
         found = manifest.calibration.get("correlation")
         fades = settings.always_in_contact and settings.forget_s == math.inf
+        # Windows of another length, or put together otherwise, conform otherwise.
+        like_training = (settings.window_s, settings.evidence, settings.forget_s) in (
+            (None, "sequential", math.inf),
+            (manifest.touch_s, "sequential", math.inf),
+        )
         self.evidence = Evidence(
             model.materials,
             settings.evidence,
@@ -199,6 +203,8 @@ class OnlineRecogniser:
             lapse=0.0 if found is None else 1 / (manifest.calibration["n_contacts"] + 2),
             forget_s=FADING_WINDOWS * self.window / self.fs if fades else settings.forget_s,
             confidence=settings.confidence,
+            conformity=model.conformity_so_far if like_training and not fades else None,
+            levels=model.levels,
         )
         self._due = deque[int]()  # ends of windows that wait for a pause to end
         self._next = self._free_from = self._contact_from = 0

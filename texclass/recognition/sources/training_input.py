@@ -121,6 +121,8 @@ class TrainingFiles(Written):
         Of the acceleration in the files.
     scale, phases, remove_resting_level, delimiter
         As in a dataset card. The scale belongs to the unit: a file in another one is not scaled.
+    turn_rate_scale
+        As in a dataset card; what a message of ROS states as a turn rate is in rad/s.
     acceleration, auxiliary
         Columns of the acceleration, and of each signal beside it.
     axes
@@ -139,6 +141,7 @@ class TrainingFiles(Written):
     phases: DeclaredPhases = "detect"
     remove_resting_level: bool = False
     delimiter: str | None = None
+    turn_rate_scale: float = 1.0
     acceleration: tuple[str, ...] = ()
     auxiliary: Mapping[str, tuple[str, ...]] = {}
     axes: tuple[str, ...] = ()
@@ -172,6 +175,7 @@ class TrainingFiles(Written):
             scale=told.scale,
             phases=told.phases,
             remove_resting_level=told.remove_resting_level,
+            turn_rate_scale=told.turn_rate_scale,
             axes=like.channels,
             **facts,
         )
@@ -244,7 +248,14 @@ class TrainingFiles(Written):
             recording_id=recording_name(path, axes),
             source=str(path),
         )
-        return conditioned(recording, scale, self.phases, remove_resting_level=self.remove_resting_level)
+        as_trained = roles.get("turn_rate") == self.auxiliary.get("turn_rate")
+        return conditioned(
+            recording,
+            scale,
+            self.phases,
+            remove_resting_level=self.remove_resting_level,
+            turn_rate_scale=self.turn_rate_scale if as_trained else 1.0,
+        )
 
     def _roles_in(self, path: Path, options: ReadOptions) -> dict[str, tuple[str, ...]]:
         """Return which columns of a bag are what: as in the training files if it has those, else its own."""

@@ -1,0 +1,88 @@
+"""What two channels tell together, and where one ends: known delays, rails and plans are recovered."""
+
+import numpy as np
+import pytest
+from feature_signals import noise
+
+from texclass.features.channels import at_rails, both_ways, lag_correlation
+from texclass.features.contract import UndefinedFeatureError
+from texclass.features.phase_view import views_of
+from texclass.features.plan import Plan
+from texclass.features.sets import load_feature_set
+from texclass.recording import Phases, Recording
+
+FS, N = 100.0, 500
+LAGS = (0, 1, 2, 4)
+
+
+def pair(x, y, **parameters):
+    return lag_correlation(np.column_stack([x, y]), fs=FS, **parameters)
+
+
+def turning(n=N, seed=0, **given):
+    signals = noise(6 * n, seed).reshape(n, 6)
+    return Recording(signals[:, :3], FS, turn_rate=signals[:, 3:], phases=Phases(movement=(0, n)), **given)
+
+
+def test_a_delayed_copy_correlates_at_its_delay_and_noise_nowhere_else():
+    x = noise(N)
+    for delay in (-4, -1, 0, 2):
+        found = pair(x, 3 - 5 * np.roll(x, delay))
+        expected = np.where(np.array(both_ways(LAGS)) == delay, -1.0, 0.0)
+        np.testing.assert_allclose(found, expected, atol=0.15)
+        assert found[both_ways(LAGS).index(delay)] < -0.98
+
+
+def test_correlations_are_those_of_numpy():
+    x, y = noise(N, 1).cumsum(), noise(N, 2).cumsum()
+    right = np.correlate(y - y.mean(), x - x.mean(), "full")[N - 1 + np.array(both_ways((3, 7)))]
+    np.testing.assert_allclose(pair(x, y, lags=(3, 7)), right / (N * x.std() * y.std()), atol=1e-12)
+    assert pair(x, y)[both_ways(LAGS).index(0)] == pytest.approx(np.corrcoef(x, y)[0, 1])
+
+
+def test_rails_are_found_and_what_is_only_rounded_ends_nowhere():
+    x = noise(20_000)
+    clipped = np.clip(x, -1, 2)
+    assert at_rails(x, fs=FS) == 0
+    assert at_rails(clipped, fs=FS)[0] == pytest.approx(np.mean((clipped == -1) | (clipped == 2)), abs=2e-4)
+    assert at_rails(7 - 0.3 * clipped, fs=FS)[0] == at_rails(clipped, fs=FS)[0]
+
+
+def test_every_two_channels_that_are_kept_apart_are_a_pair_named_after_both():
+    recording, whole = turning(), load_feature_set("coarse")
+    plan = Plan.of(whole, ("x", "y", "z", "turn_x", "turn_y", "turn_z"))
+    found = dict(zip(plan.columns, plan.compute(recording).values, strict=True))
+    assert sum("lag_correlation" in column for column in found) == 15 * 7
+    both = pair(recording.acceleration[:, 1], recording.turn_rate[:, 2])
+    named = [found[f"y*turn_z/lag_correlation.lag{lag}"] for lag in both_ways(LAGS)]
+    np.testing.assert_allclose(named, both)
+    again, same = Plan.of_json(plan.to_json(), plan.channels)
+    assert same
+    np.testing.assert_array_equal(again.compute(recording).values, plan.compute(recording).values)
+    some = plan.restricted_to(["y*turn_z/lag_correlation.lag0"])
+    assert some.compute(recording).values.tolist() == [found["y*turn_z/lag_correlation.lag0"]]
+
+
+def test_one_channel_or_several_combined_have_no_pair_and_say_so():
+    of_pairs = load_feature_set("coarse").restricted_to(["lag_correlation"])
+    for recording, channels in ((turning(), ()), (Recording(noise(N), FS, channels=("x",)), ("x",))):
+        values, reasons, _ = Plan.of(of_pairs, channels).compute(recording)
+        assert np.isnan(values).all()
+        assert reasons == (
+            ("lag_correlation", "one channel, or several combined; the rule is two kept apart"),
+        )
+    with pytest.raises(UndefinedFeatureError, match="two channels; the rule is one for a movement"):
+        views_of(turning(), ("x", "y", "z"))["x*y/"].of("movement")
+
+
+def test_a_dead_channel_leaves_the_pairs_of_the_others():
+    signals = noise(3 * N).reshape(N, 3) * [1, 0, 1]
+    plan = Plan.of(load_feature_set("coarse").restricted_to(["lag_correlation"]), ("x", "y", "z"))
+    values, reasons, _ = plan.compute(Recording(signals, FS, phases=Phases(movement=(0, N))))
+    assert np.isfinite(values).tolist() == [False] * 7 + [True] * 7 + [False] * 7
+    assert {name for name, _ in reasons} == {"x*y/lag_correlation", "y*z/lag_correlation"}
+
+
+def test_too_short_a_movement_is_refused_with_the_rule():
+    with pytest.raises(UndefinedFeatureError, match="39 samples; the rule is at least 40"):
+        pair(noise(39), noise(39), lags=(10,))

@@ -1,0 +1,129 @@
+"""A model follows another sensor from a few references felt with it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from toy_surfaces import SURFACES, recording
+
+from texclass.recognition import adapt, export_onnx, load_model
+from texclass.recognition.adaptation import LEAST_UNLABELLED, fit_map, moments_map, rows_of
+from texclass.recognition.model import Surfaces
+
+
+def felt(surface, seed, **facts):
+    """Return a recording as another sensor feels it: its mount rings at 191 Hz."""
+    one, ring = recording(surface, seed), [1, -2 * 0.97 * np.cos(0.3), 0.97**2]
+    return one.with_(acceleration=lfilter([1], ring, one.acceleration), **facts)
+
+
+TESTS = [felt(surface, seed) for surface in SURFACES for seed in range(100, 115)]
+THREE = [felt(surface, 50) for surface in list(SURFACES)[:3]]
+UNLABELLED = [felt(surface, seed, material=None) for surface in SURFACES for seed in range(50, 60)]
+
+
+def right(model):
+    return np.mean([model.answer(one).surface == one.material for one in TESTS])
+
+
+def unknown(model, recordings):
+    return np.mean([model.answer(one).unknown for one in recordings])
+
+
+@pytest.mark.parametrize("references", [THREE, UNLABELLED], ids=["three surfaces", "unlabelled"])
+@pytest.mark.parametrize("kind", ["kernel", "linear"])
+def test_what_another_sensor_cost_is_recovered_and_false_alarms_stay(kind, references, request):
+    model = request.getfixturevalue(f"{kind}_model")
+    adapted = adapt(model, references)
+    assert right(model) < 0.6
+    assert right(adapted) > 0.95
+    assert unknown(model, TESTS) > 0.5
+    assert unknown(adapted, TESTS) <= 2 * model.novelty.false_alarms
+    strangers = [felt("stranger", seed) for seed in range(10)]
+    assert unknown(adapted, strangers) > 0.8
+    assert not any(r.startswith("outside") for one in TESTS[::9] for r in adapted.answer(one).reasons)
+
+
+def test_the_same_sensor_changes_next_to_nothing(kernel_model):
+    again = [recording(surface, seed) for surface in SURFACES for seed in (50, 51, 52)]
+    adapted = adapt(kernel_model, again)
+    asked = [recording(surface, 100) for surface in SURFACES]
+    for one in asked:
+        assert adapted.answer(one).surface == one.material
+    X = rows_of(kernel_model, asked)[0]
+    moved = (adapted.deployed.steps[0]["scale"] - 1) * X + adapted.deployed.steps[0]["shift"]
+    assert np.sqrt(np.mean((moved / kernel_model.surfaces.within) ** 2)) < 0.5
+
+
+def test_an_adapted_model_is_saved_answers_the_same_and_tells_of_its_references(linear_model, tmp_path):
+    adapted = adapt(linear_model, THREE)
+    adapted.save(tmp_path / "a.skops")
+    again = load_model(tmp_path / "a.skops")
+    assert again.answer(TESTS[0]) == adapted.answer(TESTS[0])
+    X = rows_of(adapted, TESTS[:5])[0]
+    by_scikit_learn = again.recogniser[1:].predict(X)
+    assert by_scikit_learn.tolist() == [again.materials[i] for i in again.judge(X)[0].argmax(axis=1)]
+    told = again.manifest.adapted
+    assert told["references"] == [[one.recording_id, one.material] for one in THREE]
+    assert told["hash"] == adapt(linear_model, THREE).manifest.adapted["hash"]
+    assert told["hash"] != adapt(linear_model, [*THREE[:2], felt("oak", 51)]).manifest.adapted["hash"]
+    assert again.manifest.unknown["threshold"] == adapted.novelty.threshold != linear_model.novelty.threshold
+    pytest.importorskip("onnxruntime")
+    assert "no label differs" in str(export_onnx(again, tmp_path / "a.onnx").parity)
+
+
+def test_a_known_change_of_columns_is_found():
+    rng = np.random.default_rng(0)
+    means, within = 5 * rng.standard_normal((40, 30)), np.full(30, 0.5)
+    shares = np.repeat([0.03, 0.02], 20)
+    labels = rng.choice(40, 4000, p=shares)
+    old = means[labels] + within * rng.standard_normal((4000, 30))
+    scale, shift = moments_map(3 * old - 3, shares, Surfaces(means, within), len(old))
+    np.testing.assert_allclose(scale, 1 / 3, rtol=0.1)
+    np.testing.assert_allclose((3 * old - 3) * scale + shift, old, atol=0.1 * np.abs(old).max())
+    # Chance alone is not believed, and a column without values, or one that never varied, stays.
+    few = means[:3] + within * rng.standard_normal((3, 30))
+    few[:, 0] = np.nan
+    still = Surfaces(means, np.where(np.arange(30) == 1, 0.0, within))
+    scale, shift = moments_map(few, np.repeat([1 / 3, 0], [3, 37]), still, 3)
+    assert (scale[:2] == 1).all()
+    assert (shift[:2] == 0).all()
+    assert np.abs(few[:, 2:] * (scale[2:] - 1) + shift[2:]).max() < 0.5
+
+
+def test_shares_of_unlabelled_references_are_estimated(kernel_model):
+    """References of two surfaces alone are not spread over all four."""
+    two = [recording(surface, seed, material=None) for surface in ("cork", "slate") for seed in range(50, 60)]
+    X, known, of = rows_of(kernel_model, two)
+    assert not known.any()
+    scale, shift = fit_map(kernel_model, X, known, kernel_model.surfaces, len(set(of)))
+    moved = ((scale - 1) * X + shift) / kernel_model.surfaces.within
+    assert np.sqrt(np.mean(moved**2)) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("references", "rule"),
+    [
+        (THREE[:2], "2 of 2 references are of a known surface; the rule is at least 3"),
+        (UNLABELLED[: LEAST_UNLABELLED - 1], "0 of 9 references"),
+        (
+            [*THREE, felt("stranger", 1)],
+            "is of 'stranger', which the model does not know; the rule is one of",
+        ),
+        ([one.with_(fs=8000.0) for one in THREE], "wrong rate: 8000 Hz, trained at 4000 Hz; --resample 4000"),
+        ([one.with_(unit="counts") for one in THREE], "wrong unit: counts, trained with m/s"),
+    ],
+)
+def test_references_that_cannot_serve_are_refused(kernel_model, references, rule):
+    with pytest.raises(ValueError, match=rule):
+        adapt(kernel_model, references)
+
+
+def test_a_model_is_adapted_once_and_as_it_was_trained(kernel_model):
+    with pytest.raises(ValueError, match="adapted already; the rule is the model as it was trained"):
+        adapt(adapt(kernel_model, THREE), THREE)
+    single = replace(kernel_model, surfaces=kernel_model.surfaces._replace(within=np.zeros(12)))
+    for lacking, rule in ((single, "the rule is two or more"), (replace(single, surfaces=None), "train it")):
+        with pytest.raises(ValueError, match=rule):
+            adapt(lacking, THREE)

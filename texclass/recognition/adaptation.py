@@ -1,0 +1,405 @@
+"""Another sensor, another day: a model follows, by an affine map in front of its features.
+
+Another tool filters what is felt, so levels of bands (logarithms) move by a constant each; a slower or
+noisier one also narrows how far surfaces lie apart. Both are told by the mean and the variance of each column
+over recordings felt with it, beside what the model knows of its surfaces.
+"""
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import digamma, polygamma
+
+from texclass import shipped
+from texclass.loaders import open_dataset
+from texclass.loaders.columns import BAG_FOLDER
+from texclass.loaders.files import is_bag_name
+from texclass.phases import segment
+from texclass.recognition.deployed import Deployed
+from texclass.recognition.model import Model, Ranges, Surfaces
+from texclass.recognition.unknown import Novelty, least_held_out, strangeness
+from texclass.recording import Recording, Samples
+
+if TYPE_CHECKING:
+    from sklearn.preprocessing import MinMaxScaler
+
+    from texclass.tradeoff.recogniser import Recogniser
+
+LEAST_LABELLED, LEAST_UNLABELLED = 3, 10
+"""References that it takes: of known surfaces, or of which nothing is known."""
+CERTAIN = 2.0
+"""Times what chance explains that a change must exceed to be believed at all."""
+MOST_SCALED = 10.0
+"""Factor by which a column is scaled at most, and at least its inverse."""
+N_FOLDS, N_ROUNDS = 10, 20
+SETTLED = 1e-3
+"""Change of shares after which they are found."""
+
+Map = tuple[Samples, Samples]
+"""Scale and shift, both of shape (n_columns,): values of the new sensor -> as the old one would have them."""
+
+
+def adapt(
+    model: Model, references: Iterable[Recording], *, labelled: bool = True, resampled: bool = False
+) -> Model:
+    """Return a model that answers for the sensor with which references were felt.
+
+    Features are scaled and shifted one by one before anything else: what trained is not needed. Where the
+    surfaces of references are not known, the share of each is estimated with the map (expectation
+    maximisation over the model's probabilities). The threshold of unknown surfaces follows (`Novelty`), so
+    that false alarms stay where they were set. Accuracy, calibration and sets in the manifest remain those of
+    the training.
+
+    Parameters
+    ----------
+    model : Model
+        As `train` made it.
+    references : iterable of Recording
+        Felt with the new sensor, at the model's sampling rate (or brought to it) and in its unit; of known
+        surfaces, in `Recording.material`, or of unknown ones among those that the model knows.
+    labelled : bool
+        Whether materials of references count.
+    resampled : bool
+        Whether the model should from now on bring files to its rate, as references were.
+
+    Returns
+    -------
+    Model
+        Its manifest tells of the references (`adapted`).
+
+    Raises
+    ------
+    ValueError
+        If references are too few, of a surface that the model does not know, of another rate or unit, lack a
+        channel, or the model is adapted already or too old to be.
+
+    References
+    ----------
+    Sun, Feng, Saenko: Return of frustratingly easy domain adaptation, AAAI 2016 (moments, here one column at
+    a time). Saerens, Latinne, Decaestecker: Adjusting the outputs of a classifier to new a priori
+    probabilities, Neural Computation 14, 2002 (shares).
+
+    Examples
+    --------
+    >>> felt = [load_recording(f"new/oak_{k}.txt") for k in (1, 2, 3)]  # doctest: +SKIP
+    >>> adapt(model, felt).save("adapted.skops")  # doctest: +SKIP
+    """
+    felt = list(references)
+    X, known, of = rows_of(model, felt, labelled=labelled)
+    surfaces = [one.material if labelled else None for one in felt]
+    told = {
+        "references": [(one.recording_id, surface) for one, surface in zip(felt, surfaces, strict=True)],
+        "hash": _digest(felt),
+    }
+    return adapted_to(model, X, known, of, told, resampled=resampled)
+
+
+def adapted_to(
+    model: Model,
+    X: Samples,
+    known: Samples,
+    of: NDArray[np.intp],
+    told: Mapping[str, Any],
+    *,
+    resampled: bool = False,
+) -> Model:
+    """Return a model that answers for the sensor of rows of features, as `rows_of` gives them.
+
+    Parameters
+    ----------
+    model, X, known, of
+        As there.
+    told : mapping
+        Of the references, for the manifest.
+    resampled : bool
+        As `adapt` takes it.
+
+    Raises
+    ------
+    ValueError
+        If references are too few, or the model is adapted already or too old to be.
+    """
+    surfaces = _surfaces_of(model)
+    n_recordings, n_labelled = len(np.unique(of)), len(np.unique(of[known.any(axis=1)]))
+    if n_labelled < LEAST_LABELLED and n_recordings < LEAST_UNLABELLED:
+        raise ValueError(
+            f"{n_labelled} of {n_recordings} references are of a known surface; the rule is at least "
+            f"{LEAST_LABELLED} that are, or {LEAST_UNLABELLED} recordings of any surfaces of the model"
+        )
+    found = fit_map(model, X, known, surfaces, n_recordings)
+    novelty, by = _reset(model, X, known, of, surfaces, found)
+    told = {**told, "threshold_by": by, "scale": np.quantile(found[0], [0.1, 0.5, 0.9]).round(6).tolist()}
+    return _mapped(model, found, novelty, told, resampled=resampled)
+
+
+def fit_map(model: Model, X: Samples, known: Samples, surfaces: Surfaces, n_recordings: int) -> Map:
+    """Return the map under which rows of a new sensor lie as the model's surfaces do.
+
+    Parameters
+    ----------
+    model : Model
+        Says which surface unlabelled rows are of.
+    X : ndarray of shape (n, n_columns)
+        Features of the new sensor.
+    known : ndarray of shape (n, n_materials)
+        One where a row is of a surface, zeros where it is not known.
+    surfaces : Surfaces
+        Where they lay with the old sensor.
+    n_recordings : int
+        Of which the rows are.
+    """
+    n, n_materials = known.shape
+    open_rows = ~known.any(axis=1)
+    n_open = int(open_rows.sum())
+    shares = np.full(n_materials, 1 / n_materials)
+    for _ in range(N_ROUNDS if n_open else 1):
+        found = moments_map(X, (known.sum(axis=0) + n_open * shares) / n, surfaces, n_recordings)
+        if not n_open:
+            break
+        scale, shift = found
+        likely = model.judge(X[open_rows] * scale + shift)[0].sum(axis=0)
+        # As if one more recording had been of all surfaces alike (Perks' prior).
+        before, shares = shares, (likely + 1 / n_materials) / (n_open + 1)
+        if np.abs(shares - before).max() < SETTLED:
+            break
+    return found
+
+
+def moments_map(X: Samples, shares: Samples, surfaces: Surfaces, n_recordings: int) -> Map:
+    """Return scale and shift that give each column the mean and variance of a mixture of known surfaces.
+
+    Both are shrunk towards none by how much they exceed, over all columns, what chance explains of so few
+    recordings: of the mean of n of them, within^2 / n; of the logarithm of the standard deviation,
+    psi'((m - 1)/2) / 4, of m = 1 / sum shares^2 surfaces at most, for some vary more than others. A column
+    without values stays.
+
+    Parameters
+    ----------
+    X : ndarray of shape (n, n_columns)
+        Features of the new sensor; NaN where undefined.
+    shares : ndarray of shape (n_materials,)
+        Of each surface among the rows.
+    surfaces : Surfaces
+        Where they lay with the old sensor.
+    n_recordings : int
+        Of which the rows are: touches of one recording are one witness.
+    """
+    means, within = surfaces
+    n = min(n_recordings, len(X))
+    there = ~np.isnan(X)
+    count = np.maximum(there.sum(axis=0), 1)
+    mean = np.where(there, X, 0).sum(axis=0) / count
+    variance = np.where(there, (X - mean) ** 2, 0).sum(axis=0) / np.maximum(count - 1, 1)
+    weights = shares[:, None] * np.isfinite(means)  # of surfaces for which the column has a value
+    weights = weights / np.where((total := weights.sum(axis=0)) > 0, total, np.nan)
+    known = np.nan_to_num(means)
+    aim = (weights * known).sum(axis=0)
+    aimed = (weights * (known - aim) ** 2).sum(axis=0) + within**2
+    usable = there.any(axis=0) & np.isfinite(aim) & (within > 0)
+    half = (min(n, 1 / (shares**2).sum()) - 1) / 2
+    scaled = usable & (variance > 0) & (half > SETTLED)
+    log_scale = np.zeros(len(aim))
+    if scaled.any():
+        unbiased = digamma(half) - np.log(half)
+        log_scale[scaled] = 0.5 * (np.log(aimed[scaled] / variance[scaled]) + unbiased)
+        log_scale *= _believed(log_scale[scaled], polygamma(1, half) / 4)
+    scale = np.exp(np.clip(log_scale, -np.log(MOST_SCALED), np.log(MOST_SCALED)))
+    moved = np.where(usable, aim - mean, 0.0)
+    if usable.any():
+        moved *= _believed(moved[usable] / within[usable], 1 / n)
+    return scale, np.where(usable, mean + moved - scale * mean, 0.0)
+
+
+def _believed(changes: Samples, noise: float) -> float:
+    """Return t / (t + noise): which part of changes is believed, of noise of such a variance."""
+    t = max(0.0, float(np.mean(np.minimum(changes**2, 1e6))) - CERTAIN * noise)
+    return t / (t + noise)
+
+
+def references_of(model: Model, names: Iterable[str | Path], **reading: Any) -> list[Recording]:
+    """Return recordings by their names, read as the training files were.
+
+    Parameters
+    ----------
+    model : Model
+        Says how.
+    names : iterable of str or Path
+        "SURFACE=FILE"; a file, of an unknown surface; "DATASET:RECORDING"; a card; or a folder with one
+        subfolder per surface.
+    **reading : optional
+        What `Model.predict` takes of files that are not like the training files: fs, unit, column, delimiter,
+        time_column, resample.
+
+    Raises
+    ------
+    RecordingError, FileNotFoundError, CardError
+        As `Model.predict` and `open_dataset`.
+    """
+    found: list[Recording] = []
+    for name in names:
+        path, like = Path(name).expanduser(), model.manifest.input
+        surface, equals, file = str(name).partition("=")
+        if path.is_dir() and not (path / BAG_FOLDER).is_file():
+            stated: dict[str, Any] = {"fs": like.fs, "unit": like.unit} | {
+                k: v for k, v in reading.items() if v is not None
+            }
+            entries = open_dataset(path, **stated).entries
+            found += [
+                like.find(path / entry.paths[0], **reading).with_(material=entry.material)
+                for entry in entries
+            ]
+        elif path.suffix == ".toml" or str(name) in shipped.names("datasets"):
+            found += open_dataset(name, **reading)
+        elif equals and not path.exists() and not is_bag_name(str(name)):
+            found.append(like.find(file, **reading).with_(material=surface))
+        else:
+            found.append(like.find(name, **reading))
+    return found
+
+
+def _surfaces_of(model: Model) -> Surfaces:
+    if model.manifest.adapted:
+        raise ValueError(f"{model!r} is adapted already; the rule is the model as it was trained")
+    if model.surfaces is None:
+        raise ValueError(
+            f"{model!r} does not say where its surfaces lie; the rule is a model of format 2.3: train it"
+            " again"
+        )
+    if not (model.surfaces.within > 0).any():
+        raise ValueError(
+            f"{model!r} was trained on one recording of each surface, which do not say how far others of the "
+            "same surface lie; the rule is two or more"
+        )
+    return model.surfaces
+
+
+def rows_of(
+    model: Model, felt: Sequence[Recording], *, labelled: bool = True
+) -> tuple[Samples, Samples, NDArray[np.intp]]:
+    """Return the features of recordings, or of their touches, that have any.
+
+    Parameters
+    ----------
+    model : Model
+        Says which features.
+    felt : sequence of Recording
+        As `adapt` takes them.
+    labelled : bool
+        Whether their materials count.
+
+    Returns
+    -------
+    X : ndarray of shape (n, n_columns)
+        NaN where undefined.
+    known : ndarray of shape (n, n_materials)
+        One where a row is of a surface, zeros where it is not known.
+    of : ndarray of int, shape (n,)
+        The recording of each row.
+
+    Raises
+    ------
+    ValueError
+        If a recording is of a surface that the model does not know, of another rate or unit, or lacks a
+        channel.
+    """
+    rows, known, of = [], [], []
+    for i, recording in enumerate(felt):
+        if unlike := model.unlike(recording.fs, recording.unit, f"--resample {model.manifest.fs:g}"):
+            raise ValueError(f"{recording.recording_id}: {unlike[0]}")
+        label = recording.material if labelled else None
+        if label is not None and label not in model.materials:
+            raise ValueError(
+                f"{recording.recording_id}: is of {label!r}, which the model does not know; the rule is "
+                f"one of {', '.join(model.materials)}, or references without labels (--unlabelled)"
+            )
+        for touch in model.cut(recording):
+            rows.append(model.deployed.compute(touch.with_(phases=segment(touch))).values)
+            known.append([float(material == label) for material in model.materials])
+            of.append(i)
+    X = np.array(rows).reshape(-1, len(model.columns))
+    valued = ~np.isnan(X).all(axis=1)
+    return X[valued], np.array(known).reshape(len(X), -1)[valued], np.array(of, dtype=np.intp)[valued]
+
+
+def _reset(
+    model: Model, X: Samples, known: Samples, of: NDArray[np.intp], surfaces: Surfaces, found: Map
+) -> tuple[Novelty, str]:
+    """Return when a recording of the new sensor is of no known surface, and how that was found.
+
+    Each reference is judged under a map of others: where they are of less than half of the surfaces, of other
+    surfaces, as most that will be asked about are (and as they are likeliest under the map of all). If they
+    are enough for the rate of false alarms, they take the place of the recordings held out in training; else
+    these are moved by as much as the median of references is stranger, decisions by a difference, distances
+    by a factor.
+    """
+    novelty, names, strange = model.novelty, np.unique(of), np.empty(len(X))
+    likeliest = model.judge(X * found[0] + found[1])[0].argmax(axis=1)
+    groups = np.where(known.any(axis=1), known.argmax(axis=1), likeliest)
+    if not LEAST_LABELLED <= len(np.unique(groups)) < len(model.materials) / 2:
+        groups = of
+    folds = np.unique(groups, return_inverse=True)[1] % N_FOLDS
+    for fold in range(folds.max() + 1):
+        rest, asked = folds != fold, folds == fold
+        n_rest = len(set(of[rest].tolist()))
+        scale, shift = fit_map(model, X[rest], known[rest], surfaces, n_rest)
+        prepared, decisions = model.deployed.decided(X[asked] * scale + shift)
+        strange[asked] = strangeness(novelty.kind, decisions, prepared, novelty.nearness)
+    if len(names) >= max(LEAST_UNLABELLED, least_held_out(novelty.false_alarms)):
+        return replace(novelty, held_out=np.sort(strange)), "references"
+    typical, before = float(np.median(strange)), float(np.median(novelty.held_out))
+    if novelty.kind == "decision":
+        moved = novelty.held_out + max(0.0, typical - before)
+    else:
+        moved = novelty.held_out * max(1.0, typical / max(before, 1e-300))
+    return replace(novelty, held_out=moved), "recordings held out in training, moved by references"
+
+
+def _mapped(model: Model, found: Map, novelty: Novelty, told: Mapping[str, Any], *, resampled: bool) -> Model:
+    """Return a model whose features go through a map first."""
+    scale, shift = found
+    ranges = model.ranges
+    low, median, high = ((edge - shift) / scale for edge in (ranges.low, ranges.median, ranges.high))
+    before, step = model.deployed, {"does": "affine", "scale": scale, "shift": shift}
+
+    def recogniser() -> "Recogniser":
+        first, *others = before.recogniser.steps
+        return type(before.recogniser)([first, ("adapted", _as_scaler(scale, shift)), *others])
+
+    deployed = Deployed(
+        before.plan, before.classes, [step, *before.steps], before.decide, recogniser, before.banks
+    )
+    facts = model.manifest
+    unknown = {**facts.unknown, "threshold": novelty.threshold, "n": len(novelty.held_out)}
+    changed: dict[str, Any] = {"adapted": told, "unknown": unknown}
+    if resampled:
+        changed["input"] = facts.input.model_copy(update={"resample": True})
+    return replace(
+        model,
+        deployed=deployed,
+        novelty=novelty,
+        ranges=Ranges(low, median, high),
+        surfaces=None,
+        manifest=facts.model_copy(update=changed),
+    )
+
+
+def _as_scaler(scale: Samples, shift: Samples) -> "MinMaxScaler":
+    """Return the map as the scaler of values that lie between those it brings to 0 and to 1."""
+    from sklearn.preprocessing import MinMaxScaler
+
+    scaler = MinMaxScaler().fit(np.array([-shift / scale, (1 - shift) / scale]))
+    scaler.scale_, scaler.min_ = scale, shift
+    return scaler
+
+
+def _digest(felt: Sequence[Recording]) -> str:
+    digest = hashlib.sha256()
+    for recording in felt:
+        digest.update(f"\0{recording.recording_id}\0{recording.material}\0".encode())
+        digest.update(np.ascontiguousarray(recording.acceleration).tobytes())
+    return digest.hexdigest()

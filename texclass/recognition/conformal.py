@@ -1,0 +1,169 @@
+"""Sets that hold: materials among which the right one is as often as asked for, as far as the past tells."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from texclass.recording import Samples
+
+LEVELS = (0.9, 0.95)
+"""How often the right material is to be in the sets that are told beside an answer."""
+ROUNDING = 1e-9
+"""Of log odds, which two orders of the same sum may differ by."""
+LEAST = -1e9
+"""Scores below it are this."""
+MOST_TOLD = 3
+"""Materials of a set that are named in a line; of more, the first ones."""
+
+
+def log_odds(scores: Samples) -> Samples:
+    """Return s_m - log sum_{k != m} exp(s_k) of each material m, both of shape (n, n_materials).
+
+    They are the log odds of the softmax of scores, and tell answers apart whose probabilities round to 1.
+    """
+    s = np.maximum(scores, LEAST)  # of a material that was in no training part, -inf
+    rows, best = np.arange(len(s)), s.argmax(axis=1)
+    largest = s[rows, best]
+    others = s.copy()
+    others[rows, best] = -np.inf
+    second = others.max(axis=1)
+    share = np.exp(others - largest[:, None])
+    found = s - largest[:, None] - np.log1p(share.sum(axis=1, keepdims=True) - share)
+    found[rows, best] = largest - second - np.log(np.exp(others - second[:, None]).sum(axis=1))
+    return np.asarray(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Conformity:
+    """How right materials were thought of: the log odds of each held-out answer, and how much it counts.
+
+    A set holds every material whose log odds are at least `least`. Of all sets that hold the right material
+    as often, these are the smallest in the mean (Sadinle et al.). They may be empty: where answers are right
+    more often than sets have to be, the least sure of them get none.
+
+    Attributes
+    ----------
+    odds : ndarray of shape (n,)
+        Log odds of the right material, by a recogniser that had not seen the contact; ascending.
+    weights : ndarray of shape (n,)
+        Of each; the contact that is asked about counts 1. Answers of one contact share what it counts.
+
+    References
+    ----------
+    Sadinle, Lei, Wasserman: Least ambiguous set-valued classifiers with bounded error levels, Journal of the
+    American Statistical Association 114, 2019. Barber, Candès, Ramdas, Tibshirani: Conformal prediction
+    beyond exchangeability, Annals of Statistics 51, 2023 (weights under drift). Lee, Barber, Willett:
+    Distribution-free inference with hierarchical data, arXiv 2306.06342, 2023 (answers of one contact).
+    """
+
+    odds: Samples
+    weights: Samples
+
+    def __post_init__(self) -> None:
+        rising = np.all(self.odds[1:] >= self.odds[:-1])
+        if self.odds.shape != self.weights.shape or self.odds.ndim != 1 or not rising:
+            raise ValueError(
+                f"odds have shape {self.odds.shape}, weights {self.weights.shape}; the rule is one weight "
+                "each, odds ascending"
+            )
+        if not np.all((self.weights >= 0) & (self.weights <= 1)):
+            raise ValueError("a weight is below 0 or above 1; the rule is 0 to 1")
+
+    @classmethod
+    def of(cls, odds: ArrayLike, contacts: ArrayLike, counts: ArrayLike = 1.0) -> Self:
+        """Return the conformity of held-out answers.
+
+        Parameters
+        ----------
+        odds : array_like of shape (n,)
+            Log odds that each gave to the right material.
+        contacts : array_like of shape (n,)
+            Which contact each is of.
+        counts : array_like of shape (n,)
+            How much its contact counts: less where it was long ago (`recency`), more where its answers are
+            independent of each other; as many as it has answers at most.
+        """
+        found = np.asarray(odds, dtype=np.float64)
+        _, contact, n = np.unique(np.asarray(contacts), return_inverse=True, return_counts=True)
+        order = np.argsort(found, kind="stable")
+        return cls(found[order], (np.broadcast_to(counts, found.shape) / n[contact])[order])
+
+    @property
+    def n(self) -> float:
+        """How many contacts all answers together count."""
+        return float(self.weights.sum())
+
+    def too_few(self, levels: Sequence[float]) -> str:
+        """Return in words for which of the levels too few contacts were held out; "" for none."""
+        lacking = [level for level in levels if self.least(level) == -np.inf]
+        if not lacking:
+            return ""
+        shown, rule = " and ".join(f"{100 * level:g}" for level in lacking), lacking[0] / (1 - lacking[0])
+        return (
+            f"sets of {shown} % hold all surfaces: {self.n:.3g} contacts tell, the rule is {rule:.3g} or more"
+        )
+
+    def least(self, level: float) -> float:
+        """Return the log odds from which on a material is in the set; -inf where too few were held out.
+
+        They are the largest that answers of the share `level` reach: sum_{i: s_i >= least} w_i >= level
+        (1 + sum_i w_i). The contact that is asked about is one of these, and may be worse than all of them.
+        """
+        reach = np.cumsum(self.weights[::-1])[::-1]
+        enough = np.flatnonzero(reach >= level * (1 + self.n) - ROUNDING)
+        return float(self.odds[enough[-1]]) if len(enough) else -np.inf
+
+    def sets(
+        self, scores: Samples, materials: Sequence[str], levels: Sequence[float] = LEVELS
+    ) -> dict[float, tuple[str, ...]]:
+        """Return level -> materials, likeliest first, from the scores (n_materials,) of an answer."""
+        odds = log_odds(scores[None])[0]
+        order = np.argsort(-odds, kind="stable")
+        least = {level: self.least(level) - ROUNDING for level in levels}
+        return {
+            level: tuple(materials[i] for i in order if odds[i] >= at_least)
+            for level, at_least in least.items()
+        }
+
+    def and_later(self, later: Self, share: float) -> Self:
+        """Return the conformity of these answers, of which a share still counts, and of later ones."""
+        odds = np.concatenate([self.odds, later.odds])
+        order = np.argsort(odds, kind="stable")
+        return type(self)(odds[order], np.concatenate([share * self.weights, later.weights])[order])
+
+
+def recency(ages: ArrayLike, half_life: float) -> Samples:
+    """Return how much contacts count of which so many later ones are known: half after each half-life."""
+    return np.asarray(0.5 ** (np.asarray(ages, dtype=np.float64) / half_life))
+
+
+def check_level(level: float) -> None:
+    """Check how often a set is to hold.
+
+    Raises
+    ------
+    ValueError
+        If it is no share.
+    """
+    if not 0 < level < 1:
+        raise ValueError(f"level is {level!r}; the rule is above 0 and below 1")
+
+
+def told(sets: Mapping[float, Sequence[str]], n_materials: int) -> dict[str, str]:
+    """Return level -> set in words: "oak or felt"; none, or any of all materials."""
+
+    def words(members: Sequence[str]) -> str:
+        if len(members) in (0, n_materials):
+            return "any" if members else "none"
+        more = len(members) - MOST_TOLD
+        return " or ".join(members[:MOST_TOLD]) + (f" or {more} more" if more > 0 else "")
+
+    return {f"{100 * level:g} %": words(members) for level, members in sets.items()}
+
+
+def as_facts(sets: Mapping[float, Sequence[str]]) -> dict[str, Any]:
+    """Return what a machine reads: level -> materials."""
+    return {f"{level:g}": list(members) for level, members in sets.items()}

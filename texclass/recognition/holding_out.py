@@ -1,0 +1,130 @@
+"""How recordings are held out of a training, and what those can tell of recordings to come, and cannot."""
+
+from collections.abc import Mapping, Sequence
+
+import pandas as pd
+
+from texclass.experiment.protocols import Protocol, Split, fewest, find_protocol, splits_of
+from texclass.experiment.windows import parents
+from texclass.recognition.unknown import cautious, check_false_alarms, least_held_out
+
+FALSE_ALARMS = 0.05
+ENOUGH_REPETITIONS = 20
+"""Of each material: half of them, ten, still train, as where the drift of `biotac20` was measured."""
+FEW = 10
+"""Recordings (or runs) of each material below which nothing is chosen, and margins are wider."""
+LATER_KEPT = 0.4
+"""Of what an accuracy is above chance, the least that later recordings kept in the study `few_recordings`."""
+LATER_ALARMS = 3.0
+"""How many times as often later recordings are called unknown there as those held out between, the median."""
+AT_RANDOM, IN_TIME = "recording", "blocks"
+LATER = "later recordings"
+"""What the tests cannot tell of, where this begins the list."""
+
+
+def holding_out(
+    asked: str | None, own: str, table: pd.DataFrame, false_alarms: float
+) -> tuple[Protocol, str]:
+    """Return how the recordings of a table are held out for choice, probabilities and threshold, and why so.
+
+    A pipeline that draws recordings at random gives way to blocks in time where repetitions are numbered and
+    many: a recogniser meets a sensor that is older than in its training, of which folds at random know
+    nothing.
+
+    Parameters
+    ----------
+    asked : str or None
+        Protocol that the user asked for.
+    own : str
+        Protocol of the pipeline.
+    table : DataFrame
+        Metadata of recordings, or of windows of them.
+    false_alarms : float
+        Share that may be called unknown; it takes a number of held-out recordings.
+    """
+    if asked is not None:
+        return find_protocol(asked), "asked for"
+    recordings = table[~parents(table).duplicated()]
+    counts = recordings["material"].value_counts()
+    n_held_out = int((counts - counts // 2).sum())
+    # One sequence in time, unless repetitions follow the people, not a clock.
+    is_sequence = (
+        table["repetition"].notna().all()
+        and not recordings.duplicated(["material", "repetition"]).any()
+        and len(recordings["operator"].unique()) == 1
+    )
+    is_enough = counts.min() >= ENOUGH_REPETITIONS and n_held_out >= least_held_out(false_alarms)
+    if own == AT_RANDOM and is_sequence and is_enough:
+        why = f"{counts.min()} numbered repetitions of each surface or more: the sensor may drift"
+        return find_protocol(IN_TIME), why
+    return find_protocol(own), "the pipeline's"
+
+
+def held_out_splits(
+    protocol: Protocol, table: pd.DataFrame, seed: int, asked: str | None
+) -> tuple[Split, ...]:
+    """Return how recordings are held out: not at all where one of a surface is all, unless asked."""
+    return splits_of(protocol, table, seed) if asked or fewest(protocol, table) > 1 else ()
+
+
+def check_vouched_for(false_alarms: float, splits: Sequence[Split]) -> None:
+    """Refuse a rate smaller than the default, asked for, that too few held-out recordings vouch for."""
+    least_held_out(false_alarms)  # a rate at all
+    if splits and false_alarms < FALSE_ALARMS:
+        check_false_alarms(false_alarms, sum(len(test) for _, test in splits))
+
+
+def level_for(false_alarms: float, n_held_out: int, n_each: int, in_one_go: bool) -> float:
+    """Return the rate of false alarms that is asked of held-out recordings, so many of each surface."""
+    if n_each >= (ENOUGH_REPETITIONS if in_one_go else FEW):
+        return false_alarms
+    return cautious(false_alarms, n_held_out, LATER_ALARMS if in_one_go else 1.0)
+
+
+def of_succession(share: float, n: int) -> float:
+    """Return the share of hits to expect after n tests, (n share + 1) / (n + 2): the rule of succession.
+
+    Of few tests all may be right by luck; a share of 1 would promise that none will ever be wrong (Laplace).
+    """
+    return (n * share + 1) / (n + 2)
+
+
+def of_later(held_out: Mapping[str, float], n_classes: int) -> dict[str, float]:
+    """Return between which accuracies later recordings may lie, by what became of others: `low` and `high`.
+
+    Recordings that are made in one go are like each other: some data sets kept all of an accuracy that such
+    recordings had promised, some `LATER_KEPT` of what it was above chance. Which kind a new one is, it does
+    not say itself, so the upper limit is that of the interval, and the lower one is so much nearer to chance.
+    """
+    chance = 1 / n_classes
+    low = chance + LATER_KEPT * (held_out["low"] - chance)
+    return {"low": min(low, held_out["low"]), "high": held_out["high"]}
+
+
+def untold(splits: Sequence[Split], table: pd.DataFrame) -> list[str]:
+    """Return what the tests of a table's splits cannot tell of recordings to come, likeliest first.
+
+    Recordings that are drawn at random were made between those that train, by the same hand in the same
+    session: what changes later, or elsewhere, is in none of them.
+    """
+    parts = [(table.iloc[train], table.iloc[test]) for train, test in splits]
+    if not splits:
+        return ["how it does on any other recording (1 of a surface: none could be held out)"]
+    found, names = [], ("session", "operator")
+    after = [
+        test.groupby("material")["repetition"].min() > learnt.groupby("material")["repetition"].max()
+        for learnt, test in parts
+    ]
+    if table["repetition"].isna().any() or not all(later.all() for later in after):
+        n = int(table[~parents(table).duplicated()]["material"].value_counts().min())
+        found.append(
+            f"{LATER} ({n} of each surface, held out at random; from {ENOUGH_REPETITIONS} numbered "
+            f"repetitions on, or with `--protocol {IN_TIME}`, the later half is held out)"
+        )
+    if others := [
+        name
+        for name in names
+        if table[name].isna().any() or any(set(test[name]) & set(learnt[name]) for learnt, test in parts)
+    ]:
+        found.append(f"another {' or '.join(others)} (`--leave-out {others[0]}`, if the card names it)")
+    return found
