@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 import soundfile
@@ -27,8 +29,28 @@ def test_16_bit_is_within_half_a_code_of_the_peak_which_any_program_reads(tmp_pa
         assert f'"unit": "g", "peak": {found.peak!r}' in file.comment
 
 
+@pytest.mark.parametrize(("fs", "shift"), [(1000.0, 0.0), (2333.3, 0.0), (1000.0, 250.0), (96_000.0, 40.0)])
+def test_an_audible_one_is_16_bit_at_48_khz_normalised_and_its_frequencies_are_those_asked(
+    tmp_path, fs, shift
+):
+    t = np.arange(round(fs)) / fs
+    x = np.column_stack([2.5 * np.sin(2 * np.pi * 80 * t), 0.5 * np.sin(2 * np.pi * 310 * t)])
+    path = write_wav(tmp_path / "a.wav", x, fs, encoding="audible", shift_hz=shift)
+    info, found = soundfile.info(path), read_wav(path)
+    assert (info.samplerate, info.subtype, found.fs, found.shift_hz) == (48_000, "PCM_16", 48_000.0, shift)
+    assert np.abs(soundfile.read(path, dtype="int16")[0]).max() == 32767
+    middle = found.samples[2400:-2400][: 9 * 4800]
+    spectra = np.abs(np.fft.rfft(middle * np.hanning(len(middle))[:, np.newaxis], axis=0))
+    for channel, (hz, height) in enumerate([(80, 2.5), (310, 0.5)]):
+        assert spectra[:, channel].argmax() / 0.9 == pytest.approx(hz + shift, abs=1.2)
+        assert np.sqrt(2 * np.mean(middle[:, channel] ** 2)) == pytest.approx(height, rel=0.01)
+    with soundfile.SoundFile(path) as file:
+        note = json.loads(file.comment)
+    assert note["gain"] * found.peak == pytest.approx(1)
+
+
 def test_silence_stays_silence_and_a_foreign_wav_is_arbitrary_at_full_scale_1(tmp_path):
-    for encoding in ("float32", "pcm16"):
+    for encoding in ("float32", "pcm16", "audible"):
         found = read_wav(write_wav(tmp_path / "a.wav", np.zeros(10), 1000.0, encoding=encoding))
         assert not found.samples.any()
         assert found.peak == 0
@@ -49,6 +71,9 @@ def test_silence_stays_silence_and_a_foreign_wav_is_arbitrary_at_full_scale_1(tm
         ({"fs": np.nan}, "fs is"),
         ({"unit": "stone"}, "stone"),
         ({"encoding": "mp3"}, "mp3"),
+        ({"shift_hz": 100.0}, "for 'audible'"),
+        ({"encoding": "audible", "shift_hz": -1.0}, "shift_hz"),
+        ({"encoding": "audible", "fs": 5.0}, "'float32' holds any"),
         ({"path": "a.flac"}, ".wav"),
     ],
 )

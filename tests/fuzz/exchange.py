@@ -121,9 +121,8 @@ def _hatts() -> list[bytes]:
 
 def _wavs() -> list[bytes]:
     x = np.sin(np.arange(20.0))
-    return [
-        written("a.wav", lambda p, e=e: write_wav(p, x, 1000.0, encoding=e)) for e in ("pcm16", "float32")
-    ]
+    encodings = "pcm16", "float32", "audible"
+    return [written("a.wav", lambda p, e=e: write_wav(p, x, 1000.0, encoding=e)) for e in encodings]
 
 
 def _wav(path: Path) -> object:

@@ -1,13 +1,16 @@
 """Scenes and texture files: plan, render, convert, texture."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from texclass.cli import options
 from texclass.cli.app import app
 from texclass.cli.options import progress_bar, tell, write_json
+
+if TYPE_CHECKING:
+    from texclass.scene import PlannedScene
 
 scene = typer.Typer(
     help="Plan the cheapest textures of a scene, and render it.",
@@ -62,25 +65,53 @@ def render(
         Path | None,
         typer.Argument(help="CSV with time (s), x, y (mm), force (N), surface; a sweep over all by default."),
     ] = None,
-    output: Annotated[
-        Path, typer.Option("-o", "--output", help="The WAV to be written, in the unit of the scene.")
-    ] = Path("scene.wav"),
+    output: Annotated[Path, typer.Option("-o", "--output", help="The WAV to be written.")] = Path(
+        "scene.wav"
+    ),
+    physical: Annotated[
+        bool,
+        typer.Option(
+            "--physical", help="For devices: 32-bit float in the unit of the scene, at its own rate."
+        ),
+    ] = False,
+    shift: Annotated[
+        float, typer.Option("--shift", help="For ears: move the whole band up, Hz (0 ... 10000).")
+    ] = 0.0,
     seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
 ) -> None:
-    """Play a path over a scene to WAV. It is rendered one sample a call, and timed."""
-    from texclass.exchange import write_wav
-    from texclass.scene import load_scene, plan_scene, play_path, read_path, read_scene, sweep_of
+    """Play a path over a scene to WAV. It is rendered one sample a call, and timed.
 
-    if definition.endswith(".texture"):
-        planned = load_scene(definition)
-    else:
-        with progress_bar() as progress:
-            planned = plan_scene(read_scene(definition), progress=progress).scene
+    The WAV is for ears: 48 kHz, 16 bit, as loud as it can be. What full scale stands for is printed, and
+    noted in the file.
+    """
+    from texclass.exchange import read_wav, write_wav
+    from texclass.scene import play_path, read_path, sweep_of
+
+    planned = _planned(definition)
     played = play_path(planned, sweep_of(planned) if path is None else read_path(path), seed=seed)
-    write_wav(output, played.samples, planned.fs, unit=planned.unit)
+    write_wav(
+        output,
+        played.samples,
+        planned.fs,
+        unit=planned.unit,
+        encoding="float32" if physical else "audible",
+        shift_hz=shift,
+    )
     for line in played.lines(planned):
         typer.echo(line)
-    typer.echo(f"wrote {output}")
+    wav = read_wav(output)
+    full = f"; full scale is {wav.peak:.4g} {wav.unit}, gain {1 / max(wav.peak, 1e-300):.4g}"
+    typer.echo(f"wrote {output}, {wav.fs:g} Hz{'' if physical else full}")
+
+
+def _planned(definition: str) -> "PlannedScene":
+    """Return a planned scene from its file, or of what is planned first."""
+    from texclass.scene import load_scene, plan_scene, read_scene
+
+    if definition.endswith(".texture"):
+        return load_scene(definition)
+    with progress_bar() as progress:
+        return plan_scene(read_scene(definition), progress=progress).scene
 
 
 @app.command(epilog="Example: texclass convert wood.texture -o wood.xml")

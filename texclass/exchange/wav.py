@@ -1,12 +1,14 @@
-"""Rendered vibrations as WAV, with the unit and the peak inside.
+"""Rendered vibrations as WAV, for ears or for devices, with the unit and the peak inside.
 
 A comment (LIST/INFO ICMT) holds, as JSON, the unit, the peak and the exact sampling rate. 32-bit float WAV
 holds the samples in their unit; 16-bit PCM holds them divided by the peak, so that code 32767 is the peak.
+An audible one is such a PCM at 48 kHz, which any player takes; it also states the gain, 1 / peak.
 """
 
 import io
 import json
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -15,15 +17,20 @@ import soundfile
 from numpy.typing import ArrayLike
 from pydantic import Field
 from pydantic_core import from_json
+from scipy.fft import next_fast_len
+from scipy.signal import hilbert, resample_poly
 
 from texclass.recording import UNITS, Samples, Unit
 from texclass.validation import Written, checked
 from texclass.whole_files import write_whole
 
-Encoding = Literal["float32", "pcm16"]
+Encoding = Literal["float32", "pcm16", "audible"]
 FULL_SCALE = 32767
 HIGHEST_FS = 1e9
-_SUBTYPES = {"float32": "FLOAT", "pcm16": "PCM_16"}
+AUDIBLE_FS = 48_000.0
+HEARD_FROM, HIGHEST_SHIFT = (20.0, 1e6), 10_000.0
+"""Sampling rates that are brought to 48 kHz, and what is added to frequencies at most, Hz."""
+_SUBTYPES = {"float32": "FLOAT", "pcm16": "PCM_16", "audible": "PCM_16"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,16 +47,25 @@ class Vibration:
         "arbitrary" where the file does not say: full scale is 1 then.
     peak : float
         Largest magnitude before it was written, in `unit`.
+    shift_hz : float
+        By which all frequencies were moved up for ears; 0: not at all.
     """
 
     samples: Samples
     fs: float
     unit: str
     peak: float
+    shift_hz: float = 0.0
 
 
 def write_wav(
-    path: str | Path, samples: ArrayLike, fs: float, *, unit: str = "m/s^2", encoding: Encoding = "float32"
+    path: str | Path,
+    samples: ArrayLike,
+    fs: float,
+    *,
+    unit: str = "m/s^2",
+    encoding: Encoding = "float32",
+    shift_hz: float = 0.0,
 ) -> Path:
     """Write a vibration as WAV.
 
@@ -63,8 +79,11 @@ def write_wav(
         Hz; the header has it rounded, the comment exactly.
     unit : str
         m/s^2, g, mg, counts, V or arbitrary.
-    encoding : {"float32", "pcm16"}
-        "pcm16" leaves a rounding error of at most peak / 65534.
+    encoding : {"float32", "pcm16", "audible"}
+        "pcm16" leaves a rounding error of at most peak / 65534. "audible" is "pcm16" of what `audible`
+        returns.
+    shift_hz : float
+        For "audible", see there.
 
     Raises
     ------
@@ -82,22 +101,62 @@ def write_wav(
         raise ValueError(f"samples have shape {x.shape}; the rule is (n,) or (n, channels), finite, n >= 1")
     if not 1 <= fs <= HIGHEST_FS:
         raise ValueError(f"fs is {fs}; the rule is 1 ... {HIGHEST_FS:g} Hz")
+    if encoding == "audible":
+        x, fs = audible(x, fs, shift_hz=shift_hz), AUDIBLE_FS
+    elif shift_hz:
+        raise ValueError(f"shift_hz is {shift_hz} for {encoding!r}; the rule is 0, but for 'audible'")
     peak = float(np.abs(x).max())
     if peak > float(np.finfo(np.float32).max):
         raise ValueError(f"peak is {peak:g}; the rule is what a 32-bit float holds")
     codes = (
-        np.rint(x / (peak or 1.0) * FULL_SCALE).astype(np.int16)
-        if encoding == "pcm16"
-        else x.astype(np.float32)
+        x.astype(np.float32)
+        if encoding == "float32"
+        else np.rint(x / (peak or 1.0) * FULL_SCALE).astype(np.int16)
     )
     channels = 1 if x.ndim == 1 else x.shape[1]
-    note = _Note(texclass=1, unit=unit, peak=peak, fs=float(fs))
+    gain = 1 / max(peak, 1e-300) if encoding == "audible" else None
+    note = _Note(texclass=1, unit=unit, peak=peak, fs=float(fs), gain=gain, shift_hz=float(shift_hz))
     made = io.BytesIO()
     with soundfile.SoundFile(made, "w", round(fs), channels, _SUBTYPES[encoding], format="WAV") as file:
-        file.comment = json.dumps(note.model_dump())
+        file.comment = json.dumps(note.model_dump(exclude_defaults=True))
         file.write(codes)
     write_whole(path, made.getvalue())
     return path
+
+
+def audible(samples: ArrayLike, fs: float, *, shift_hz: float = 0.0) -> Samples:
+    """Return a vibration at 48 kHz, its band moved up if asked: small loudspeakers play little below 200 Hz.
+
+    Parameters
+    ----------
+    samples : array_like of shape (n_samples,) or (n_samples, n_channels)
+    fs : float
+        Hz.
+    shift_hz : float
+        Added to every frequency, Hz (one sideband of the analytic signal: the level and the duration stay).
+
+    Returns
+    -------
+    ndarray of shape (ceil(n_samples * 48000 / fs),) or (the same, n_channels)
+        In the unit of the samples.
+
+    Raises
+    ------
+    ValueError
+        If the rate is not 20 Hz ... 1 MHz, or the shift not 0 ... 10000 Hz.
+    """
+    if not HEARD_FROM[0] <= fs <= HEARD_FROM[1]:
+        raise ValueError(f"fs is {fs}; the rule for what is heard is 20 ... 1e6 Hz; 'float32' holds any")
+    if not 0 <= shift_hz <= HIGHEST_SHIFT:
+        raise ValueError(f"shift_hz is {shift_hz}; the rule is 0 ... {HIGHEST_SHIFT:g} Hz")
+    x = np.asarray(samples, dtype=np.float64)
+    ratio = Fraction(AUDIBLE_FS / fs).limit_denominator(1000)
+    x = resample_poly(x, ratio.numerator, ratio.denominator, axis=0)
+    if not shift_hz:
+        return np.asarray(x)
+    both = hilbert(x, next_fast_len(len(x)), axis=0)[: len(x)]
+    turned = np.exp(2j * np.pi * shift_hz / AUDIBLE_FS * np.arange(len(x)))
+    return np.asarray((both.T * turned).T.real)
 
 
 def read_wav(path: str | Path) -> Vibration:
@@ -141,7 +200,7 @@ def read_wav(path: str | Path) -> Vibration:
             f"{path}: comment has fs {note.fs!r:.40}, the header {rate:g}; the rule is the same, rounded"
         )
     x = stored * (note.peak / FULL_SCALE) if stored.dtype == np.int16 else stored
-    return Vibration(x, note.fs, note.unit, note.peak)
+    return Vibration(x, note.fs, note.unit, note.peak, note.shift_hz)
 
 
 class _Note(Written):
@@ -151,3 +210,5 @@ class _Note(Written):
     unit: Unit
     peak: float = Field(ge=0, lt=1e39)
     fs: float
+    gain: float | None = Field(default=None, gt=0)
+    shift_hz: float = Field(default=0.0, ge=0, le=HIGHEST_SHIFT)
