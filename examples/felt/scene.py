@@ -6,6 +6,8 @@ What a device has to show decides how much a model may cost: each surface gets t
 within the tolerance, on speeds and forces that it was not fitted to.
 """
 
+import json
+
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -21,6 +23,23 @@ for surface in plan.surfaces:
 # Against order 400 everywhere, as the thesis renders:
 
 print(f"{plan.saving:.0f} times fewer operations a sample; budget kept: {plan.met}")
+
+# %%
+# What the speed does to a surface is kept: the worst held-out point counts, and how steeply the level rises.
+
+figure, axis = plt.subplots(figsize=(6, 3))
+for surface, colour in zip(json.loads(plan.to_json())["surfaces"], ("C2", "C1"), strict=True):
+    held_out, curve = (surface["over_speed"][key] for key in ("points", "curve"))
+    axis.plot(
+        held_out["speed"], held_out["level"], "o", color=colour, label=f"{surface['surface']}, held out"
+    )
+    axis.plot(held_out["speed"], held_out["model"], "kx")
+    axis.fill_between(curve["speed"], curve["level"][0], curve["level"][2], color=colour, alpha=0.2)
+axis.set_xscale("log")
+axis.set_xlabel("mm/s; crosses and bands (lowest to highest force): the models")
+axis.set_ylabel("dB re 1 m/s²")
+axis.legend()
+plt.show()
 
 # %%
 # The renderer is called sample by sample; here a path that goes over each surface from slow to fast.

@@ -96,7 +96,7 @@ def main() -> None:
             "s": s,
             "m": s.model,
             "nodes": "x".join(map(str, s.model.n_nodes)),
-            "worst": (min if t.score == "gfc" else max)(s.verdict.scores),
+            "worst": (min if t.score == "gfc" else max)(s.verdict["scores"]),
             "operations": s.model.operations(plan.scene.fs),
             "shares": s.shares or "",
         }
@@ -112,14 +112,14 @@ def main() -> None:
         f"level within {t.level_db:g} dB).",
         f"**{plan.saving:.1f} times fewer operations per sample** than order 400 everywhere "
         f"({plan.scene.operations:.0f} against {plan.everything:.0f} per contact, mean over the surfaces); "
-        f"{sum(s.verdict.within for s in plan.surfaces)} of {len(plan.surfaces)} surfaces within the "
+        f"{sum(s.verdict['within'] for s in plan.surfaces)} of {len(plan.surfaces)} surfaces within the "
         f"tolerance on held-out speeds and forces; {len(plan.scene.models)} models, "
         f"{plan.scene.n_bytes} bytes.",
         table(
             planned,
             "surface | family | order | lines | nodes | worst score | of the tolerance | operations | shares",
             "{s.name} | {m.kind} | {m.order} | {m.n_lines} | {nodes} | {worst:.3f} | "
-            "{s.verdict.relative:.0%} | {operations:.0f} | {shares}",
+            "{s.verdict[relative]:.0%} | {operations:.0f} | {shares}",
             n_words=2,
         ),
         Heading(f"Microseconds per sample, {CONTACTS} contacts, {asked.samples / 1000:g} s at 1 kHz"),

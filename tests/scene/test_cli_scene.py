@@ -18,10 +18,12 @@ def run(*arguments):
 
 def test_a_scene_is_planned_written_and_played(toml, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    planned = run("plan", toml(("limit = 4", "limit = 6")), "--json", "plan.json")
+    planned = run("plan", toml(("limit = 4", "limit = 6")), "--json", "plan.json", "--report", "page")
     assert planned.exit_code == 0, planned.output
     assert "times fewer" in planned.output
     assert json.loads((tmp_path / "plan.json").read_text())["surfaces"][0]["surface"] == "wood"
+    assert "![What the speed does to wood" in (tmp_path / "page/scene.md").read_text()
+    assert (tmp_path / "page/scene-speed-wood.png").is_file()
     rows = ["time,x,y,force,surface", "0,0,0,1,wood", "0.5,50,0,1,", "1,100,0,1,"]
     (tmp_path / "path.csv").write_text("\n".join(rows))
     played = run("render", "scene.texture", "path.csv", "--physical", "--output", "scene.wav")

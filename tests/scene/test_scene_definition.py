@@ -17,7 +17,7 @@ def test_everything_that_is_written_is_read(scene, toml):
         (20, 450),
         (0.8, 1.2),
     )
-    assert (found.tolerance.over, found.tolerance.level_db) == ("worst", None)
+    assert (found.tolerance.over, found.tolerance.level_db, found.tolerance.slope_db) == ("worst", None, 1.5)
     assert (found.surfaces["wood"].simulated, found.surfaces["wood"].friction) == ("abdulali2016/S8", 0.4)
     blind = scene(('"log_spectral_db"', '"gfc"'), ("limit = 4", "limit = 0.9"))
     assert blind.tolerance.level_db == 3.0

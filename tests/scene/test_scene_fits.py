@@ -15,7 +15,15 @@ from texclass.scene.fits import (
     split,
     unit_spectra,
 )
-from texclass.scene.observations import Judge, Observed, Points, _factor, at_rate, divide_by_speed
+from texclass.scene.observations import (
+    Judge,
+    Observed,
+    Points,
+    _factor,
+    at_rate,
+    divide_by_speed,
+    slopes,
+)
 from texclass.scene.proof import render_at
 from texclass.textures.grid import GridModel, mixed_power, shares
 from texclass.vibration.autoregressive import Autoregression
@@ -25,6 +33,10 @@ DEVICE = Device(rate_hz=1000.0, band_hz=(20.0, 450.0), noise_floor=0.01, largest
 
 def judge(score="log_spectral_db", limit=3.0, **options):
     return Judge(DEVICE, Tolerance(score=score, limit=limit, **options))
+
+
+def at(spectra, speeds):
+    return Points(spectra, np.array(speeds), np.ones(len(spectra)))
 
 
 def noise(n=20_000, seed=0):
@@ -48,7 +60,8 @@ def test_scores_know_what_a_gain_is():
         np.testing.assert_allclose(judge(score).errors(S, 4 * S)[0], 20 * np.log10(2), rtol=1e-9)
     score, level = judge("gfc", 0.9).errors(S, 4 * S)
     np.testing.assert_allclose([score[0], level[0]], [1.0, 20 * np.log10(2)], rtol=1e-9)
-    assert judge("gfc", 0.9, level_db=3.0).verdict(S, 4 * S)["relative"] == pytest.approx(6.02 / 3, abs=1e-3)
+    found = judge("gfc", 0.9, level_db=3.0).verdict(at(S, [80.0]), 4 * S)
+    assert found["relative"] == pytest.approx(6.02 / 3, abs=1e-3)
 
 
 def test_power_within_the_band_is_that_of_the_signal_there():
@@ -59,7 +72,7 @@ def test_power_within_the_band_is_that_of_the_signal_there():
 
 def test_what_drowns_in_the_noise_of_the_device_does_not_count():
     weak = judge().spectrum(1e-4 * noise())[np.newaxis]
-    verdict = judge().verdict(weak, np.zeros_like(weak))
+    verdict = judge().verdict(at(weak, [80.0]), np.zeros_like(weak))
     assert verdict["within"]
     assert verdict["scores"] == [0.0]
 
@@ -67,10 +80,35 @@ def test_what_drowns_in_the_noise_of_the_device_does_not_count():
 def test_worst_and_mean_decide_as_asked():
     S = judge().spectrum(noise())[np.newaxis].repeat(2, axis=0)
     M = S * np.array([[1.0], [10 ** (0.4)]])
-    assert judge(over="worst").verdict(S, M)["relative"] == pytest.approx(4 / 3, abs=1e-3)
-    assert judge(over="mean").verdict(S, M)["relative"] == pytest.approx(2 / 3, abs=1e-3)
+    points = at(S, [80.0, 80.0])
+    assert judge(over="worst").verdict(points, M)["relative"] == pytest.approx(4 / 3, abs=1e-3)
+    assert judge(over="mean").verdict(points, M)["relative"] == pytest.approx(2 / 3, abs=1e-3)
     two_models = np.stack([np.zeros(3), np.ones(3)], axis=1)  # three points of each
-    assert judge(over="mean").relative(two_models, two_models)[0] == 0
+    assert judge(over="mean").relative(two_models, two_models, np.zeros((2, 2)))[0] == 0
+
+
+def test_slopes_of_levels_are_those_that_were_put_in_and_none_where_nothing_tells_them():
+    rng = np.random.default_rng(0)
+    v, f = rng.uniform(40, 200, 9), rng.uniform(0.5, 2, 9)
+    level = 1 + 3 * np.log2(v) - 2 * np.log2(f)
+    found = slopes(np.stack([level, 2 * level], axis=1), Points(np.zeros((9, 1)), v, f))
+    np.testing.assert_allclose(found, [[3, 6], [-2, -4]], rtol=1e-9)
+    narrow = Points(np.zeros((9, 1)), v, np.linspace(1.0, 1.3, 9))
+    np.testing.assert_allclose(slopes(3 * np.log2(v), narrow), [3, 0], atol=1e-9)
+    assert not slopes(np.ones(1), at(np.zeros((1, 1)), [80.0])).any()
+
+
+@pytest.mark.parametrize("over", ["worst", "mean"])
+def test_a_model_that_loses_what_speed_does_is_outside_even_where_its_mean_is_within(over):
+    v = np.geomspace(60, 140, 8)
+    S = np.multiply.outer((v / 90) ** 2, judge().spectrum(noise()))  # 6 dB from a speed to twice that
+    flat = np.broadcast_to(judge().spectrum(noise()), S.shape)
+    lost, kept = (judge(over=over).verdict(at(S, v), M) for M in (flat, S))
+    assert not lost["within"]
+    np.testing.assert_allclose(lost["slopes_db"], [-20 * np.log10(2), 0], atol=1e-9)
+    assert lost["relative"] == pytest.approx(20 * np.log10(2) / 1.5)
+    assert kept["within"]
+    assert judge(over="mean", slope_db=99.0).verdict(at(S, v), flat)["within"]
 
 
 def test_a_power_law_needs_no_node_between_the_ends():

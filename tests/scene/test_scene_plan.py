@@ -9,6 +9,7 @@ import pytest
 
 from texclass.exchange import save_texture
 from texclass.scene import (
+    Device,
     Expected,
     PlannedScene,
     load_scene,
@@ -19,7 +20,7 @@ from texclass.scene import (
     sweep_of,
 )
 from texclass.scene.observations import Observed, Points
-from texclass.scene.plan import nodes_between
+from texclass.scene.plan import nodes_between, reaching_lowest
 from texclass.textures.grid import GridModel
 from texclass.textures.hatt import HattTexture
 
@@ -80,6 +81,37 @@ def test_what_has_fewer_nodes_misses_what_was_asked_for(scene, tmp_path):
     (found,) = plan_scene(scene(("limit = 4", "limit = 2.2"), surfaces=louder)).surfaces
     told = re.search(r"with fewer nodes ([0-9.]+); ([0-9.]+) asked for", found.why)
     assert float(told[1]) > float(told[2])
+
+
+def test_what_speed_does_is_kept_and_told(scene, tmp_path):
+    louder = texture(tmp_path, "louder", np.array([0.1, 100.0]))  # in proportion to the speed
+    plan = plan_scene(scene(("limit = 4", 'limit = 4\nover = "mean"'), surfaces=louder))
+    (one,) = json.loads(plan.to_json())["surfaces"]
+    assert max(map(abs, one["slopes_db"])) < 1.5
+    told = one["over_speed"]
+    error = np.subtract(told["points"]["model"], told["points"]["level"])
+    np.testing.assert_allclose(error, one["levels_db"], atol=0.11)
+    low, middle, high = np.array(told["curve"]["level"])
+    rise = np.polyfit(np.log2(told["curve"]["speed"]), middle, 1)[0]
+    assert rise == pytest.approx(told["rise_db"][0], abs=1.5)
+    assert rise > 2.5
+    np.testing.assert_allclose(low, high, atol=1.5)  # whatever the force
+    *_, figure = plan.document().blocks
+    assert f"its level rises by {told['rise_db'][0]:.1f} dB" in figure.says
+    for width in (9.2, 4.4):
+        assert len(figure.draw(width).axes) == 2
+    assert list(figure.table.frame["mm/s"]) == [f"{v:.0f}" for v in told["points"]["speed"]]
+
+
+def test_a_model_of_one_force_does_not_fade_out_above_the_lowest_expected():
+    model = GridModel(([60.0, 120.0], [1.0]), np.full((2, 1, 1), 0.5), np.ones((2, 1)), 4.0)
+    expected = Expected(speeds_mm_s=(60, 120), forces_n=(0.4, 2.0))
+    points = Points(np.zeros((2, 1)), np.array([90.0, 90.0]), np.array([0.4, 2.0]))
+    device = Device(rate_hz=1000.0, band_hz=(20.0, 450.0), noise_floor=0.01, largest_output=50.0)
+    soft, hard = proof.render_at(reaching_lowest(model, expected), points, device).std(axis=1)
+    assert soft == pytest.approx(hard, rel=0.1)
+    faded, _ = proof.render_at(model, points, device).std(axis=1)
+    assert faded == pytest.approx(0.4 * hard, rel=0.1)
 
 
 def test_a_scene_that_breaks_a_rule_is_not_restored_nor_a_texture_nor_a_path_elsewhere(tmp_path):

@@ -7,7 +7,7 @@ import typer
 
 from texclass.cli import options
 from texclass.cli.app import app
-from texclass.cli.options import progress_bar, tell, write_json
+from texclass.cli.options import progress_bar, tell, write_json, wrote
 
 if TYPE_CHECKING:
     from texclass.scene import PlannedScene
@@ -34,12 +34,20 @@ def plan(
             "-o", "--output", help="Where the planned models are written; SCENE.texture here by default."
         ),
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Write the plan here as Markdown, with a figure of what the speed does to each surface.",
+        ),
+    ] = None,
     json_file: options.Json = None,
 ) -> None:
     """Choose the cheapest model of each surface. The budget is proved by measuring.
 
     Exit code 1 if a surface is outside the tolerance or the budget does not hold.
     """
+    from texclass.document import write_document
     from texclass.scene import plan_scene, read_scene
 
     read = read_scene(definition)
@@ -47,6 +55,8 @@ def plan(
         found = plan_scene(read, progress=progress)
     tell(found.document())
     write_json(json_file, found.to_json())
+    if report is not None:
+        wrote(write_document(found.document(), report, read.source.stem))
     path = found.scene.save(output or Path(f"{read.source.stem}.texture"))
     typer.echo(f"wrote {path}, {path.stat().st_size} bytes")
     if not found.met:

@@ -28,6 +28,8 @@ from texclass.validation import Written, checked, read_toml
 EXAMPLES = Path(__file__).with_name("examples")
 LEVEL_DB = 3.0
 """Largest difference of level where the score is blind to level and the scene says nothing."""
+SLOPE_DB = 1.5
+"""Largest difference of slope, dB a doubling, where the scene says nothing: 3 dB over two octaves."""
 COLUMNS = ("time", "x", "y", "force", "surface")
 SWEEP_S = 2.0
 """What the default sweep spends on each surface."""
@@ -148,12 +150,16 @@ class Tolerance(Written):
         Whether the worst held-out speed and force must be within it, or their mean.
     level_db : float or None
         Largest difference of level; None: none of its own (the scores in dB contain it). 3 for "gfc".
+    slope_db : float
+        Largest difference between how much the levels rise from one speed, or force, to twice as much, over
+        all held-out points: what keeps a surface within the limits on average may not lose what speed does.
     """
 
     score: Literal["log_spectral_db", "band_db", "gfc"]
     limit: float
     over: Literal["worst", "mean"] = "worst"
     level_db: float | None = Field(default=None, gt=0)
+    slope_db: float = Field(default=SLOPE_DB, gt=0)
 
     @model_validator(mode="before")
     @classmethod

@@ -34,7 +34,7 @@ LARGEST_FACTOR = 1000
 SECONDS, SETTLE_S = 4.0, 0.5
 """What a texture or a simulation is felt for at each speed and force, and what is cut off before."""
 N_SPEEDS, N_FORCES = 8, 4
-"""Speeds and forces at which they are fitted; between them they are chosen."""
+"""Speeds and forces at which they are fitted; between them, and at the corners, they are chosen."""
 N_PROOFS = 8
 """Random speeds and forces at which the choice is judged."""
 SIMULATION_HZ = 2000.0
@@ -50,9 +50,12 @@ Piece = tuple[Samples, float, float]
 """A stretch of vibration at the device's rate, at one speed (mm/s) and force (N)."""
 Felt = Callable[[float, float, int], Samples]
 """Vibration at a speed (mm/s), a force (N) and a seed, at the device's rate."""
+LEAST_RATIO = 1.4
+"""Slopes are judged over speeds, and forces, of at least this ratio, largest to smallest."""
 Scored = dict[str, Any]
 """Of a model at held-out points: "scores", in the unit of the tolerance's score, and "levels_db" above those
-of the surface, one a point; "relative": the deciding one in parts of the tolerance; "within": at most 1."""
+of the surface, one a point; "slopes_db", how much more its level rises from one speed, and force, to twice as
+much; "relative": the deciding one in parts of the tolerance; "within": at most 1."""
 
 
 @dataclass(frozen=True)
@@ -127,20 +130,23 @@ class Judge:
             score = np.sqrt(np.mean((10 * np.log10(M / S)) ** 2, axis=-1))
         return np.asarray(score), np.asarray(mean[1] - mean[0])
 
-    def relative(self, scores: Samples, levels_db: Samples) -> Samples:
-        """Return scores (n_points, ...) and levels in parts of the tolerance, over the points: (...)."""
+    def relative(self, scores: Samples, levels_db: Samples, slopes_db: Samples) -> Samples:
+        """Return scores and levels (n_points, ...) and `slopes` in parts of the tolerance: (...)."""
         t = self.tolerance
         miss = (1 - scores) / (1 - t.limit) if t.score == "gfc" else scores / t.limit
         found = miss if t.level_db is None else np.maximum(miss, np.abs(levels_db) / t.level_db)
-        return np.asarray(found.max(axis=0) if t.over == "worst" else found.mean(axis=0))
+        decided = found.max(axis=0) if t.over == "worst" else found.mean(axis=0)
+        return np.asarray(np.maximum(decided, np.abs(slopes_db).max(axis=0) / t.slope_db))
 
-    def verdict(self, recorded: Samples, modelled: Samples) -> Scored:
+    def verdict(self, points: "Points", modelled: Samples) -> Scored:
         """Return what spectra of a model (n_points, n_bins) score against those of the surface."""
-        scores, levels = self.errors(recorded, modelled)
-        relative = float(self.relative(scores, levels))
+        scores, levels = self.errors(points.spectra, modelled)
+        steeper = slopes(levels, points)
+        relative = float(self.relative(scores, levels, steeper))
         return {
             "scores": scores.tolist(),
             "levels_db": levels.tolist(),
+            "slopes_db": steeper.tolist(),
             "relative": relative,
             "within": relative <= 1,
         }
@@ -186,6 +192,19 @@ class Points:
         return Points(
             *(np.array([a[g].mean(axis=0) for g in groups]) for a in (self.spectra, self.speed, self.force))
         )
+
+
+def slopes(levels_db: Samples, points: Points) -> Samples:
+    """Return how many dB levels (n_points, ...) rise at twice the speed, and at twice the force: (2, ...).
+
+    Least squares over both logarithms at once. 0 over what is nearly the same at all points, see
+    `LEAST_RATIO`: there, nothing tells a slope.
+    """
+    axes = np.log2([points.speed, points.force])
+    X = (axes - axes.mean(axis=1, keepdims=True)) * (np.ptp(axes, axis=1) >= np.log2(LEAST_RATIO))[
+        :, np.newaxis
+    ]
+    return np.asarray(np.tensordot(np.linalg.pinv(X.T), levels_db, axes=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,19 +267,20 @@ def observe(name: str, surface: SurfaceDefinition, scene: SceneDefinition, judge
 
 
 def _felt(name: str, scene: SceneDefinition, judge: Judge, felt: Felt) -> Observed:
-    """Feel a texture on a grid, between its nodes, and at random."""
+    """Feel a texture on a grid, between its nodes and at its corners, and at random."""
     ranges = scene.expected.speeds_mm_s, scene.expected.forces_n
     grid = [
         np.geomspace(low, high, n if low < high else 1)
         for (low, high), n in zip(ranges, (N_SPEEDS, N_FORCES), strict=True)
     ]
     between = [np.sqrt(axis[:-1] * axis[1:]) if axis.size > 1 else axis for axis in grid]
+    corners = [np.unique(axis[[0, -1]]) for axis in grid]
     low, high = np.log(ranges).T
     drawn = np.exp(np.random.default_rng((scene.seed, 1)).uniform(low, high, (N_PROOFS, 2)))
     seeds = count(1)
     pieces = [
         [(felt(float(v), float(f), next(seeds)), float(v), float(f)) for v, f in places]
-        for places in (product(*grid), product(*between), drawn)
+        for places in (product(*grid), [*product(*between), *product(*corners)], drawn)
     ]
     return _observed(name, pieces, judge, f"{N_PROOFS} random speeds and forces")
 

@@ -27,9 +27,10 @@ from texclass.scene.fits import (
     model_spectra,
     pattern_frequencies,
 )
-from texclass.scene.observations import Judge, Observed, Scored, observe
+from texclass.scene.observations import Judge, Observed, Scored, observe, slopes
 from texclass.scene.proof import measure, prove
 from texclass.scene.renderer import PlannedScene
+from texclass.scene.speed_figure import against_speed, speed_figure
 from texclass.textures.grid import GridModel, operations
 
 MARGINS = (0.95, 0.85, 0.75, 0.65, 0.55, 0.45, 0.35)
@@ -64,8 +65,8 @@ class PlannedSurface:
         Of the rendered model on the held-out speeds and forces, see `Judge.verdict`.
     why : str
         In words.
-    held_out : str
-        What it was judged on.
+    observed : Observed
+        What it was fitted to and judged on.
     shares : str or None
         The surface whose model it uses.
     """
@@ -74,8 +75,13 @@ class PlannedSurface:
     model: GridModel
     verdict: Scored
     why: str
-    held_out: str
+    observed: Observed
     shares: str | None = None
+
+    @property
+    def held_out(self) -> str:
+        """What it was judged on, in words."""
+        return self.observed.how
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +133,7 @@ class ScenePlan:
 
     def to_json(self) -> str:
         """Return all of it as JSON."""
+        judge = Judge(self.definition.device, self.definition.tolerance)
         surfaces = [
             {
                 "surface": one.name,
@@ -140,6 +147,7 @@ class ScenePlan:
                 **one.verdict,
                 "held_out": one.held_out,
                 "why": one.why,
+                "over_speed": against_speed(one.model, one.observed, one.verdict, judge),
                 "shares": one.shares,
             }
             for one in self.surfaces
@@ -176,19 +184,34 @@ class ScenePlan:
             )
             rows.append(
                 (
-                    one["surface"], words, nodes, f"{judged:.2f}", f"{100 * one['relative']:.0f} %",
+                    one["surface"], words, nodes, f"{judged:.2f}", f"{max(map(abs, one['levels_db'])):.1f}",
+                    f"{max(map(abs, one['slopes_db'])):.1f}", f"{100 * one['relative']:.0f} %",
                     f"{one['operations']:.0f}", "shared" if one["shares"] else str(one["bytes"]),
                     f"{each[one['surface']]:.1f}",
                 )
             )  # fmt: skip
         score = f"{tolerance['over']} {UNITS[tolerance['score']]}"
-        titles = ["surface", "model", "nodes", score, "of the tolerance", "operations", "bytes", "us"]
+        titles = [
+            "surface",
+            "model",
+            "nodes",
+            score,
+            "level",
+            "slope",
+            "of it all",
+            "operations",
+            "bytes",
+            "us",
+        ]
         table = Table(
             pd.DataFrame(rows, columns=titles),
+            "Where it was not fitted: the score asked for, the largest difference of level (dB) and of its "
+            "slope (dB at twice the speed or force), and the deciding one in parts of the tolerance.",
             n_words=2,
             strong=[i for i, one in enumerate(data["surfaces"]) if not one["within"]],
         )
-        return Document(f"Scene {data['scene']}", [table, list(_notes(data))])
+        figures = [speed_figure(one["surface"], one["over_speed"], one) for one in data["surfaces"]]
+        return Document(f"Scene {data['scene']}", [table, list(_notes(data)), *figures])
 
 
 def plan_scene(
@@ -311,7 +334,8 @@ def search(observed: Observed, judge: Judge, expected: Expected) -> Search:
             grid = fit_lattices(observed, judge, nodes_between(observed, expected, n), int(orders[-1]), lines)
             seen = grid.spectra(observed.choose, judge, orders)
             relative = np.full(orders[-1] + 1, np.inf)
-            relative[orders] = judge.relative(*judge.errors(observed.choose.spectra[:, np.newaxis], seen))
+            scores, levels = judge.errors(observed.choose.spectra[:, np.newaxis], seen)
+            relative[orders] = judge.relative(scores, levels, slopes(levels, observed.choose))
             found.fitted.append((grid, relative))
         if found.cheapest(COMFORTABLE) is not None:
             break
@@ -330,10 +354,16 @@ def nodes_between(observed: Observed, expected: Expected, size: tuple[int, int])
     return axes[0], axes[1]
 
 
+def reaching_lowest(model: GridModel, expected: Expected) -> GridModel:
+    """Return a model whose only speed, or force, is the lowest expected: below its nodes it fades out."""
+    lowest = expected.speeds_mm_s[0], expected.forces_n[0]
+    axes = (np.minimum(a, low) if a.size == 1 else a for a, low in zip(model.axes, lowest, strict=True))
+    return replace(model, axes=tuple(axes))
+
+
 def _chosen_by(model: GridModel, observed: Observed, judge: Judge) -> Scored:
     """Return what a model scores where models are chosen."""
-    choose = observed.choose
-    return judge.verdict(choose.spectra, model_spectra(model, choose, judge))
+    return judge.verdict(observed.choose, model_spectra(model, observed.choose, judge))
 
 
 def choose(
@@ -353,17 +383,18 @@ def choose(
             model = found.cheapest(margin, most)
             if model is None:
                 break
+            model = reaching_lowest(model, definition.expected)
             key = model.kind, model.order, model.n_nodes
             if key not in tried:
                 tried.add(key)
                 verdict = prove(model, observed.prove, judge)
                 if verdict["within"]:
                     why = _why(found, model, margin, bound)
-                    return PlannedSurface(observed.name, model, verdict, why, observed.how)
-    nearest = found.nearest()
+                    return PlannedSurface(observed.name, model, verdict, why, observed)
+    nearest = reaching_lowest(found.nearest(), definition.expected)
     verdict = prove(nearest, observed.prove, judge)
     why = "; all cheaper ones failed in the proof" if verdict["within"] else ": nothing met the tolerance"
-    return PlannedSurface(observed.name, nearest, verdict, f"the best there is{why}", observed.how)
+    return PlannedSurface(observed.name, nearest, verdict, f"the best there is{why}", observed)
 
 
 def _why(found: Search, model: GridModel, margin: float, bound: str) -> str:

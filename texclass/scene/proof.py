@@ -26,7 +26,7 @@ N_RUNS = 5
 def prove(model: GridModel, points: Points, judge: Judge) -> Scored:
     """Return what a model scores, rendered sample by sample, at speeds and forces it has not seen."""
     rendered = np.stack([judge.spectrum(x) for x in render_at(model, points, judge.device)])
-    return judge.verdict(points.spectra, rendered)
+    return judge.verdict(points, rendered)
 
 
 def render_at(model: GridModel, points: Points, device: Device) -> Samples:
