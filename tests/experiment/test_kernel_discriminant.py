@@ -175,3 +175,30 @@ def test_a_parameter_out_of_range_is_refused_by_name() -> None:
         KernelDiscriminant(ridge="much").fit(*drifting(3, 12))
     with pytest.raises(ValueError, match=r"max_kb is 3; the rule is at least 3\.\d+, for 30 features"):
         KernelDiscriminant(max_kb=3).fit(*drifting(3, 12))
+
+
+def test_what_is_beyond_a_limit_counts_as_if_it_were_there() -> None:
+    X, y = drifting(20, 2)
+    model = KernelDiscriminant(limit=1.5).fit(X, y)
+    deviation = (X - X.mean(axis=0)) / X.std(axis=0)
+    at = X.mean(axis=0) + np.clip(deviation, -1.5, 1.5) * X.std(axis=0)
+    assert (np.abs(deviation) > 1.5).any()
+    np.testing.assert_allclose(model.decision_function(X), model.decision_function(at), atol=1e-12)
+    of_limited = KernelDiscriminant().fit(at, y).decision_function(at)
+    np.testing.assert_allclose(model.decision_function(X), of_limited, atol=1e-10)
+    assert not np.allclose(model.decision_function(X), KernelDiscriminant().fit(X, y).decision_function(X))
+
+
+def test_a_limit_keeps_classes_that_long_tails_would_hide() -> None:
+    def tailed(seed: int) -> tuple[Samples, Samples]:
+        rng = np.random.default_rng(seed)
+        y = np.repeat(np.arange(4), 40)
+        return 3 * np.eye(4)[y].repeat(5, axis=1) + rng.standard_t(1.0, (y.size, 20)), y
+
+    plain, limited = (KernelDiscriminant(limit=limit).fit(*tailed(0)) for limit in (None, 0.5))
+    assert limited.score(*tailed(1)) > plain.score(*tailed(1)) + 0.05
+
+
+def test_a_limit_is_above_zero() -> None:
+    with pytest.raises(ValueError, match="limit"):
+        KernelDiscriminant(limit=0.0).fit(*drifting(3, 0))

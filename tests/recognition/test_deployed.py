@@ -32,6 +32,7 @@ CLASSIFIERS = (
     KNeighborsClassifier(4, algorithm="brute"),
     KernelDiscriminant(),
     KernelDiscriminant(shrinkage=1.0),
+    KernelDiscriminant(limit=0.8),
     VoteOfPieces(n_pieces=2),
     VoteOfPieces(make_pipeline(StandardScaler(), LinearDiscriminantAnalysis()), n_pieces=3, whole_weight=0.0),
     VoteOfPieces(GaussianNB(), n_pieces=2),

@@ -114,6 +114,7 @@ def test_the_shipped_classifiers_are_all_there():
         ([SimpleImputer(strategy="mean"), StandardScaler()], KNeighborsClassifier(5)),
         ([filled(), StandardScaler()], LogisticRegression()),
         ([filled()], KernelDiscriminant(shrinkage=1.0, relevance=0.0)),
+        ([filled()], KernelDiscriminant(limit=0.8)),
         ([filled()], KernelDiscriminant(max_kb=2.4)),
         ([filled(), PCA(1)], KernelDiscriminant(max_kb=2)),
         ([filled(), PCA(1)], KernelDiscriminant()),

@@ -37,6 +37,10 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         Of the within-class covariance towards a multiple of the identity, above 0; 1 switches whitening off.
     relevance : float
         Columns are weighted by their correlation ratio (at least 0.1) to this power; 0: all alike.
+    limit : float, optional
+        Standard deviations from a column's mean at which its values end; by default they are as they are.
+        Features of single taps have long tails: a few values would fill the scale of a column, and one that
+        is far out would take a sample away from all others.
     max_samples : int
         Of more training samples so many are drawn, at least one of each class: time grows with their cube.
     max_kb : float, optional
@@ -50,6 +54,8 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     ----------
     classes_ : ndarray of shape (n_classes,)
         Labels.
+    low_, high_ : ndarray of shape (n_features,)
+        Where values end; with a `limit` only.
     views_ : tuple of View
         The linear maps from features to the two views.
     prototypes_ : tuple of ndarray of shape (n_kept, n_features)
@@ -78,6 +84,8 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     ['felt', 'glass']
     """
 
+    limit: float | None = None  # of models of before, which have none
+
     def __init__(
         self,
         *,
@@ -85,6 +93,7 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         ridge: float = 0.04,
         shrinkage: float = 0.5,
         relevance: float = 0.5,
+        limit: float | None = None,
         max_samples: int = 10_000,
         max_kb: float | None = None,
         random_state: int = 0,
@@ -93,6 +102,7 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         self.ridge = ridge
         self.shrinkage = shrinkage
         self.relevance = relevance
+        self.limit = limit
         self.max_samples = max_samples
         self.max_kb = max_kb
         self.random_state = random_state
@@ -118,6 +128,8 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         check_scalar(self.shrinkage, "shrinkage", Real, min_val=0, max_val=1, include_boundaries="right")
         check_scalar(self.relevance, "relevance", Real, min_val=0)
         check_scalar(self.max_samples, "max_samples", Integral, min_val=2)
+        if self.limit is not None:
+            check_scalar(self.limit, "limit", Real, min_val=0, include_boundaries="neither")
         if self.max_kb is not None:
             check_scalar(self.max_kb, "max_kb", Real, min_val=0, include_boundaries="neither")
         rows, given = validate_data(self, X, y, dtype=np.float64)
@@ -128,6 +140,10 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             raise ValueError("y holds 1 class; the rule is at least 2")
         kept = drawn(labels, self.max_samples, self.random_state)
         rows, labels = rows[kept], labels[kept]
+        if self.limit is not None:
+            mean, reach = rows.mean(axis=0), self.limit * rows.std(axis=0)
+            self.low_, self.high_ = mean - reach, mean + reach
+        rows = self._limited(rows)
         shrinkages = (1.0,) if self.shrinkage == 1 else (1.0, self.shrinkage)
         self.views_ = tuple(view_of(rows, labels, part, self.relevance) for part in shrinkages)
         weight = (labels.size / n_classes / np.bincount(labels))[labels]
@@ -145,7 +161,8 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         """Keep the samples that are within `max_kb`, and the coefficients that serve all of them best."""
         n_features, n_classes, n_views = rows.shape[1], Y.shape[1], len(self.views_)
         # Means, scales and weights of columns; the whitening. A sample, its lengths, its coefficients.
-        of_views = (16 + 16 * n_views) * n_features + 2 * n_features**2 * (n_views - 1)
+        n_limits = 0 if self.limit is None else 2
+        of_views = (16 + 16 * n_views + 8 * n_limits) * n_features + 2 * n_features**2 * (n_views - 1)
         of_one = 2 * n_features + 8 * n_views + 4 * n_classes
         n_kept = int((1000 * (self.max_kb or 0) - of_views) // of_one)
         if n_kept < n_classes:
@@ -187,9 +204,12 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
     def _scores(self, X: ArrayLike) -> Samples:
         check_is_fitted(self)
-        rows = validate_data(self, X, dtype=np.float64, reset=False)
+        rows = self._limited(validate_data(self, X, dtype=np.float64, reset=False))
         blocks = (rows[k : k + BLOCK] for k in range(0, len(rows), BLOCK))
         return np.concatenate([self._kernel([v(b) for v in self.views_]) @ self.dual_ for b in blocks])
+
+    def _limited(self, rows: Samples) -> Samples:
+        return rows if self.limit is None else np.clip(rows, self.low_, self.high_)
 
     def _kernel(self, rows: Any) -> Samples:
         pairs = zip(rows, self.prototypes_, strict=True)

@@ -215,13 +215,17 @@ def described_classifier(  # noqa: PLR0911
                 "intercept": _of_both(classifier.intercept_, n_classes),
             }
         case KernelDiscriminant():
-            return {
+            kernel = {
                 "does": "kernel",
                 "views": [dict(vars(view)) for view in classifier.views_],
                 "prototypes": list(classifier.prototypes_),
                 "dual": _of_both(classifier.dual_, n_classes),
                 "length": float(classifier.length),
             }
+            if classifier.limit is None:
+                return kernel
+            limits = {"does": "clip", "low": classifier.low_, "high": classifier.high_}
+            return {"does": "chain", "steps": [limits], "decide": kernel}
         case GaussianNB():
             arrays = {
                 "mean": classifier.theta_,

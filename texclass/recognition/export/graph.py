@@ -327,6 +327,12 @@ def _standardise(graph: Graph, rows: str, center: Samples | float, scale: Sample
     return graph.add("Div", centered, scale) if np.ndim(scale) else centered
 
 
+def _clip(graph: Graph, rows: str, low: Samples | float, high: Samples | float) -> str:
+    if np.ndim(low) == 0:
+        return graph.add("Clip", rows, float(low), float(high))
+    return graph.add("Min", graph.add("Max", rows, low), high)
+
+
 def _kernel(
     graph: Graph,
     rows: str,
@@ -458,7 +464,7 @@ BUILDERS: Mapping[str, Callable[..., str]] = {
     "fill": lambda graph, rows, values: graph.add("Where", graph.add("IsNaN", rows), values, rows),
     "standardise": _standardise,
     "affine": lambda graph, rows, scale, shift: graph.add("Add", graph.add("Mul", rows, scale), shift),
-    "clip": lambda graph, rows, low, high: graph.add("Clip", rows, float(low), float(high)),
+    "clip": _clip,
     "linear": lambda graph, rows, weights, intercept: graph.add(
         "Add", graph.add("MatMul", rows, weights), intercept
     ),
