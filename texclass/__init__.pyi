@@ -32,6 +32,7 @@ from .recognition import train as train
 from .recording import Phases as Phases
 from .recording import Recording as Recording
 from .recording import Tap as Tap
+from .reporting import describe as describe
 from .scene import SceneRenderer as SceneRenderer
 from .scene import load_scene as load_scene
 from .scene import plan_scene as plan_scene

@@ -11,7 +11,7 @@ from typer.core import TyperGroup
 from texclass._version import __version__
 
 GROUPS = {
-    "Recordings": ("sample", "datasets", "inspect"),
+    "Recordings": ("sample", "datasets", "inspect", "describe"),
     "Which surface is this": ("benchmark", "features", "extract", "tradeoff", "stability", "report"),
     "On a robot": ("train", "model", "predict", "stream", "explore", "adapt", "export"),
     "Felt again": ("scene", "texture", "convert"),

@@ -1,4 +1,4 @@
-"""What there is, to look at: one recording, datasets, a sample, features."""
+"""What there is, to look at: recordings, datasets, a sample, features."""
 
 import io
 from pathlib import Path
@@ -8,7 +8,7 @@ import typer
 
 from texclass.cli import options
 from texclass.cli.app import app
-from texclass.cli.options import progress_bar, shipped, tell
+from texclass.cli.options import progress_bar, shipped, tell, write_json
 
 cards = typer.Typer(invoke_without_command=True, epilog="Example: texclass datasets get taps5")
 app.add_typer(cards, name="datasets")
@@ -51,6 +51,36 @@ def inspect(
     for note in (*found.flags, *phases.notes):
         typer.echo(f"note: {note}")
     typer.echo(f"wrote {path}")
+
+
+@app.command(epilog="Example: texclass describe recordings/oak/oak_01.txt --fs 10000 --unit m/s^2")
+@options.reads_files
+def describe(
+    recordings: Annotated[list[str], typer.Argument(help="Recordings: files, or DATASET:RECORDING.")],
+    references: Annotated[
+        str,
+        typer.Option(
+            help="Surfaces to compare with: a shipped dataset card, a card, or a folder that needs no --fs.",
+            autocompletion=shipped("datasets"),
+        ),
+    ] = "simulated",
+    jobs: options.Jobs = -1,
+    json_file: options.Json = None,
+    *,
+    reading: dict[str, Any],
+) -> None:
+    """Say how a surface feels. Hard, rough, bumpy, sticky, fine, regular, among reference surfaces."""
+    from texclass.loaders import find_recording
+
+    found = [find_recording(name, **reading) for name in recordings]
+    from texclass.reporting import describe as describe_recordings
+    from texclass.reporting import felt_document
+
+    with progress_bar() as progress:
+        felt = describe_recordings(found, references, n_jobs=jobs, progress=progress)
+    write_json(json_file, felt.to_json(orient="records", indent=1))
+    if json_file != Path("-"):
+        tell(felt_document(felt))
 
 
 @app.command(epilog="Example: texclass sample recordings")

@@ -9,7 +9,7 @@ from scipy import fft
 from texclass.features.conditioning import require, unit32
 from texclass.features.contract import feature
 from texclass.features.phase_view import PhaseView, undefined_if
-from texclass.features.spectra import spectral_moments
+from texclass.features.spectra import long_frames, spectral_moments
 from texclass.recording import Samples
 
 
@@ -92,3 +92,34 @@ def fineness_spread(view: PhaseView) -> float:
     """
     _, deviation = spectral_moments(view)
     return float(deviation.mean())
+
+
+@feature("movement", "Hz", "texclass")
+def grain_frequency(view: PhaseView, *, low_hz: float = 15.0, high_hz: float = 150.0) -> float:
+    """Geometric mean frequency of the velocity from 15 to 150 Hz: high where ribs and grains stand close.
+
+    exp(sum V ln f / sum V), V = P(f) / f^2 of the power spectrum of each Hann frame (0.41 s, half
+    overlapping); median over frames. At the 110 mm/s of a usual stroke the band is ribs 7 to 0.7 mm apart.
+    It rises with the speed of the hand, too.
+
+    Parameters
+    ----------
+    view : PhaseView
+        Movement.
+    low_hz, high_hz : float
+        The band, in Hz: above the hand, below most resonances of tool and surface.
+
+    Raises
+    ------
+    UndefinedFeatureError
+        If fs/2 is not above the band, a frame does not hold three periods of its lower end, or all are
+        silent.
+    """
+    undefined_if(view.fs / 2 <= high_hz, f"fs is {view.fs:g} Hz; the rule is above {2 * high_hz:g} Hz")
+    require(view, max(64, round(3 * view.fs / low_hz)), f"three periods of {low_hz:g} Hz")
+    power, f = long_frames(view)
+    band = (f >= low_hz) & (f < high_hz)
+    v, f = power[:, band] / f[band] ** 2, f[band]
+    v = v[v.sum(axis=1) > 0]
+    undefined_if(not len(v), f"silence from {low_hz:g} to {high_hz:g} Hz")
+    return float(np.exp(np.median(v @ np.log(f) / v.sum(axis=1))))

@@ -1,0 +1,65 @@
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import spearmanr
+
+import texclass as tx
+from texclass.features import SCALES, scale_values
+from texclass.recording import Phases, Recording
+from texclass.simulate.profile import synthesize_profile
+
+
+def _grains(hertz, fs=10_000.0, seconds=3.0):
+    """Return a movement whose velocity is a tone under a little noise."""
+    t = np.arange(round(seconds * fs)) / fs
+    x = 2 * np.pi * hertz * np.cos(2 * np.pi * hertz * t) + 1e-3 * np.random.default_rng(0).normal(
+        size=t.size
+    )
+    return Recording(x, fs, "m/s^2", f"{hertz:g}", phases=Phases(movement=(0, t.size)))
+
+
+def test_the_grain_frequency_of_a_tone_is_its_frequency_at_any_rate():
+    found = tx.extract([_grains(hertz, fs) for hertz in (20, 50, 120) for fs in (1000.0, 10_000.0)], "scales")
+    np.testing.assert_allclose(found["grain_frequency"], np.repeat([20, 50, 120], 2), rtol=0.02)
+
+
+def test_the_grain_frequency_follows_the_velocity_not_the_acceleration():
+    slow, fast = _grains(30).acceleration, _grains(90).acceleration  # of equal velocity, 1:3 in acceleration
+    both = _grains(30).with_(acceleration=slow + fast)
+    assert tx.extract(both, "scales")["grain_frequency"].item() == pytest.approx(np.sqrt(30 * 90), rel=0.03)
+
+
+def test_a_grain_frequency_needs_a_rate_above_its_band_and_three_periods():
+    short = _grains(50).with_(acceleration=_grains(50).acceleration[:1900], phases=Phases(movement=(0, 1900)))
+    extractor = tx.FeatureExtractor("scales").fit([_grains(50)])
+    for recording, why in ((_grains(50, 300.0), "fs is 300 Hz"), (short, "three periods of 15 Hz")):
+        reasons = {r.feature: r.reason for r in extractor.extract([recording]).reasons}
+        assert why in reasons["grain_frequency"]
+
+
+def test_scales_are_monotone_and_undefined_where_their_feature_is():
+    steps = np.linspace(0.5, 2.0, 7)
+    low = pd.DataFrame({s.column: s.at_0 + steps * (s.at_10 - s.at_0) for s in SCALES.values()})
+    values = scale_values(low)
+    assert (values.diff().iloc[1:] > 0).all(axis=None)
+    low.loc[3, "friction"] = np.nan
+    assert scale_values(low)["sticky"].isna().tolist() == [i == 3 for i in range(7)]
+
+
+def test_scales_follow_what_simulated_surfaces_are_made_of():
+    surfaces = tx.simulate.surface_catalogue(28, seed=401)
+    operator = tx.simulate.operator_catalogue(1, seed=4)[0]
+    felt = [
+        tx.simulate.record_freehand(s, operator, duration_s=5.0, seed=i).with_(recording_id=s.name)
+        for i, s in enumerate(surfaces)
+    ]
+    values = scale_values(tx.extract(felt, "scales"))
+    made_of = {
+        "hard": [s.stiffness_n_m for s in surfaces],
+        "sticky": [s.kinetic_friction for s in surfaces],
+        "fine": [1 / s.gratings[0].wavelength_mm if s.gratings else np.nan for s in surfaces],
+        "bumpy": [synthesize_profile(s, 4, np.random.default_rng(1))[0].std() for s in surfaces],
+    }
+    for scale, property_ in made_of.items():
+        rho = spearmanr(values[scale], property_, nan_policy="omit")[0]
+        assert rho > (0.9 if scale in ("hard", "sticky") else 0.5), (scale, rho)

@@ -1,0 +1,93 @@
+import json
+
+import numpy as np
+import pytest
+
+import texclass as tx
+from texclass.document import render_markdown
+from texclass.reporting import felt_document
+
+REFERENCES = """
+title = "Six simulated surfaces"
+format = "simulated"
+[recipe]
+n_surfaces = 6
+n_recordings = 2
+n_operators = 2
+duration_s = 4.0
+fs = 10000
+seed = 12
+"""
+
+
+@pytest.fixture(scope="module")
+def references(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("references")
+    (folder / "six.toml").write_text(REFERENCES)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("TEXCLASS_CACHE", str(folder / "cache"))
+        yield tx.open_dataset(folder / "six.toml")
+
+
+def test_a_surface_lies_among_its_references_and_next_to_itself(references):
+    felt = tx.describe([references[0], references[1]], references)
+    assert felt["recording"].nunique() == 2
+    assert felt["scale"].tolist()[:6] == ["hard", "rough", "bumpy", "sticky", "fine", "regular"]
+    assert (felt["of"] == 6).all()
+    assert felt["value"].notna().all()
+    hard = felt[felt["scale"] == "hard"].iloc[0]
+    assert references[0].material in hard["between"]
+
+
+def test_places_rise_with_what_is_measured(references):
+    felt = tx.describe(list(references), references)
+    for _, of_scale in felt.groupby("scale"):
+        ordered = of_scale.sort_values("measured")
+        assert ordered["below"].is_monotonic_increasing
+
+
+def test_what_a_recording_cannot_tell_is_said(references):
+    strokes = references[0].with_(phases=tx.Phases(movement=(20_000, 40_000)), friction=None)
+    felt = tx.describe(strokes, references).set_index("scale")
+    assert felt["value"][["hard", "sticky"]].isna().all()
+    assert felt["why"]["sticky"] == "no friction signal"
+    assert "tap" in felt["why"]["hard"]
+    text = render_markdown(felt_document(felt.reset_index()))
+    assert "sticky: no friction signal" in text
+
+
+def test_levels_of_another_unit_have_neither_value_nor_place(references):
+    counts = tx.Recording(references[0].acceleration, 10_000.0, "counts", "codes")
+    felt = tx.describe(counts, references).set_index("scale")
+    assert np.isnan(felt["value"]["rough"])
+    assert "m/s^2" in felt["why"]["rough"]
+    assert felt["between"]["rough"] == ()
+    assert felt["value"].notna()["fine"]
+
+
+def test_describe_on_the_command_line(command, monkeypatch, tmp_path, references):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "six.toml").write_text(REFERENCES)
+    (tmp_path / "felt.txt").write_text("\n".join(map(str, references[0].acceleration[:, 2])))
+    asked = (
+        "describe",
+        "felt.txt",
+        "--fs",
+        "10000",
+        "--unit",
+        "m/s^2",
+        "--references",
+        "six.toml",
+        "--jobs",
+        "1",
+    )
+    code, out, _ = command(*asked)
+    assert code == 0
+    assert "hard (0: soft)" in out
+    assert "sticky: no friction signal" in out
+    code, out, _ = command(*asked, "--json", "-")
+    assert code == 0
+    assert {one["scale"] for one in json.loads(out)} == set(tx.features.SCALES)
+    code, _, err = command("describe", "none.txt", "--fs", "10000", "--unit", "m/s^2")
+    assert code == 1
+    assert "none.txt" in err
