@@ -6,9 +6,12 @@ from numpy.testing import assert_array_equal
 from typer.testing import CliRunner
 
 from texclass.cli import app
-from texclass.exchange import load_texture, read_hatt, save_texture, write_hatt
+from texclass.exchange import load_texture, read_hatt, read_wav, save_texture, write_hatt
+from texclass.scene import PlannedScene, SceneSurface, load_scene
+from texclass.textures import GridModel
 from texclass.textures.oeztuerk2018 import LpcTexture
-from texclass.vibration import Autoregression
+from texclass.textures.okamura2001 import TapLibrary
+from texclass.vibration import Autoregression, TapModel
 
 
 def run(*words):
@@ -51,9 +54,46 @@ def test_texture_shows_what_is_inside(slate, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("source", "target"), [("a.texture", "b.wav"), ("a.xml", "b.xml"), ("a.wav", "b.texture")]
+    ("source", "target"), [("a.texture", "b.mp3"), ("a.xml", "b.xml"), ("a.wav", "b.texture")]
 )
 def test_other_formats_are_refused(tmp_path, source, target):
     result = run("convert", tmp_path / source, tmp_path / target)
     assert isinstance(result.exception, ValueError)
     assert "the rule is" in str(result.exception)
+
+
+@pytest.mark.parametrize("kind", ["hjif", "ahap", "wav"])
+def test_a_surface_is_played_for_other_devices_and_what_is_lost_is_told(slate, tmp_path, kind):
+    write_hatt(slate, tmp_path / "a.xml")
+    target = tmp_path / f"a.{kind}"
+    result = run("convert", tmp_path / "a.xml", "-o", target, "--speed", 90, "--seconds", 0.5)
+    assert result.exit_code == 0, result.output
+    assert f"wrote {target}, {target.stat().st_size} bytes" in result.output
+    assert "fixed at 90 mm/s" in " ".join(result.output.split())
+    if kind != "wav":
+        assert run("convert", target, "-o", tmp_path / "b.wav", "--physical").exit_code == 0
+        found = read_wav(tmp_path / "b.wav")
+        assert found.unit == ("m/s^2" if kind == "hjif" else "arbitrary")
+        assert abs(found.samples.shape[0] / found.fs - 0.5) < 0.01
+
+
+def test_a_surface_of_a_scene_is_chosen_by_its_name(tmp_path):
+    grid = GridModel(([50.0, 200.0], [1.0]), np.full((2, 1, 1), 0.5), np.array([[1.0], [4.0]]), 5.0)
+    scene = PlannedScene("desk", 1000.0, "m/s^2", (20.0, 400.0), 30.0, 1, {"wood": 0, "felt": 0}, (grid,))
+    path = scene.save(tmp_path / "desk.texture")
+    assert "one of felt, wood" in str(run("convert", path, "-o", tmp_path / "a.hjif").exception)
+    result = run("convert", path, "-o", tmp_path / "a.hjif", "--surface", "felt")
+    assert result.exit_code == 0, result.output
+    assert "50 to 200 mm/s change the level by -" in result.output
+    renderer = SceneSurface(load_scene(path), "felt").renderer(seed=1)
+    still, moving = np.zeros((500, 2)), np.tile([0.0, 100.0], (500, 1))
+    assert not renderer.process(still, np.zeros(500)).any()
+    assert renderer.process(moving, np.ones(500)).std() > 0.3
+
+
+def test_of_taps_one_material_may_be_chosen(tmp_path):
+    taps = TapLibrary(("wood", "steel"), (TapModel(300.0, 80.0, 155.0), TapModel(800.0, 40.0, 600.0)))
+    path = save_texture(taps, tmp_path / "taps.texture")
+    for words, n in (((), 2), (("--surface", "steel"), 1)):
+        assert run("convert", path, "-o", tmp_path / "a.ahap", *words).exit_code == 0
+        assert len(json.loads((tmp_path / "a.ahap").read_text())["Pattern"]) == n

@@ -6,6 +6,7 @@ said at once.
 
 # Importing commands puts them into the program, in this order.
 from texclass.cli import (
+    convert_command,
     experiment_commands,
     explore_command,
     listing_commands,

@@ -1,4 +1,4 @@
-"""Scenes and texture files: plan, render, convert, texture."""
+"""Scenes and texture files: plan, render, texture."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -122,35 +122,6 @@ def _planned(definition: str) -> "PlannedScene":
         return load_scene(definition)
     with progress_bar() as progress:
         return plan_scene(read_scene(definition), progress=progress).scene
-
-
-@app.command(epilog="Example: texclass convert wood.texture -o wood.xml")
-def convert(
-    source: Annotated[Path, typer.Argument(metavar="IN", help="A .texture, or the .xml of a HaTT texture.")],
-    older_target: Annotated[Path | None, typer.Argument(metavar="OUT", hidden=True)] = None,
-    target: Annotated[
-        Path | None, typer.Option("-o", "--output", help="The other one of the two, to be written.")
-    ] = None,
-    fs: Annotated[
-        float, typer.Option("--fs", help="To XML: sampling rate of the models, Hz; HaTT renders 1000.")
-    ] = 1000.0,
-    order: Annotated[int, typer.Option(help="To XML: largest order of the models.", min=1, max=100)] = 20,
-) -> None:
-    """Convert a texture between our format and Penn's XML."""
-    from texclass.exchange import describe, load_texture, read_hatt, save_texture, to_hatt, write_hatt
-
-    target = target or older_target
-    if target is None:
-        raise ValueError(f"{source}: where to is missing; the rule is -o OUT")
-    kinds = source.suffix.lower(), target.suffix.lower()
-    if kinds == (".xml", ".texture"):
-        save_texture(read_hatt(source), target)
-    elif kinds == (".texture", ".xml"):
-        unit = describe(source)["unit"]
-        write_hatt(to_hatt(load_texture(source), unit=unit, fs=fs, order=order), target)
-    else:
-        raise ValueError(f"{source} to {target}; the rule is .texture to .xml or .xml to .texture")
-    typer.echo(f"wrote {target}, {target.stat().st_size} bytes")
 
 
 @app.command(epilog="Example: texclass texture wood.texture")

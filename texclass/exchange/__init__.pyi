@@ -1,6 +1,15 @@
+from .ahap import play_ahap as play_ahap
+from .ahap import read_ahap as read_ahap
+from .ahap import write_ahap as write_ahap
 from .hatt_models import to_hatt as to_hatt
 from .hatt_xml import read_hatt as read_hatt
 from .hatt_xml import write_hatt as write_hatt
+from .hjif import play_hjif as play_hjif
+from .hjif import read_hjif as read_hjif
+from .hjif_writer import write_hjif as write_hjif
+from .rendition import Rendition as Rendition
+from .rendition import play_taps as play_taps
+from .rendition import play_texture as play_texture
 from .texture_file import describe as describe
 from .texture_file import load_taps as load_taps
 from .texture_file import load_texture as load_texture

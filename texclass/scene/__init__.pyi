@@ -17,4 +17,5 @@ from .proof import play_path as play_path
 from .proof import sweep_of as sweep_of
 from .renderer import PlannedScene as PlannedScene
 from .renderer import SceneRenderer as SceneRenderer
+from .renderer import SceneSurface as SceneSurface
 from .renderer import load_scene as load_scene

@@ -301,3 +301,64 @@ class SceneRenderer:
         if not 0 <= contact < self.n_contacts:
             raise ValueError(f"contact is {contact}; the rule is 0 ... {self.n_contacts - 1}")
         return contact
+
+
+@dataclass(frozen=True, eq=False)
+class SceneSurface:
+    """One surface of a planned scene, played alone as a texture is.
+
+    Parameters
+    ----------
+    scene : PlannedScene
+    name : str
+        Of the surface.
+
+    Raises
+    ------
+    ValueError
+        If the scene has no such surface.
+    """
+
+    scene: PlannedScene
+    name: str
+
+    def __post_init__(self) -> None:
+        self.scene.model_of(self.name)
+
+    @property
+    def fs(self) -> float:
+        """Of the device, Hz."""
+        return self.scene.fs
+
+    @property
+    def speeds(self) -> Samples:
+        """For which it was planned, mm/s."""
+        return self.scene.model_of(self.name).speeds
+
+    @property
+    def forces(self) -> Samples:
+        """For which it was planned, N."""
+        return self.scene.model_of(self.name).forces
+
+    def renderer(self, *, seed: int = 0) -> "OneContact":
+        """Return a renderer at rest; the seed is that of the noise."""
+        return OneContact(self, seed)
+
+
+class OneContact:
+    """A contact that stays on a surface of a scene; see `texclass.textures.Renderer`."""
+
+    def __init__(self, surface: SceneSurface, seed: int) -> None:
+        self.fs, self._name = surface.fs, surface.name
+        self._renderer = SceneRenderer(surface.scene, n_contacts=1, seed=seed)
+        self.reset()
+
+    def process(self, velocity: ArrayLike, force: ArrayLike, position: ArrayLike | None = None) -> Samples:
+        """Return the vibration for the next samples of a path; the position is not used."""
+        played = self._renderer.process(np.asarray(velocity)[np.newaxis], np.asarray(force)[np.newaxis])
+        return np.asarray(played[0])
+
+    def reset(self) -> None:
+        """Return to rest, with the random numbers of the first sample."""
+        self._renderer.reset()
+        self._renderer.touch(0, self._name)

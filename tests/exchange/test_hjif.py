@@ -1,0 +1,253 @@
+import base64
+import json
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from texclass.exchange import play_hjif, play_taps, play_texture, read_hjif, wavelet_stream, write_hjif
+from texclass.exchange.hjif import MOST_BANDS, Haptics
+from texclass.exchange.hjif_writer import BLOCK, HEADROOM, made_hjif
+from texclass.textures.guruswamy2011 import Amplitude, LevelLaw, SpatialTexture
+from texclass.textures.oeztuerk2018 import FrequencyTexture, LpcTexture
+from texclass.textures.okamura2001 import TapLibrary
+from texclass.vibration import Autoregression, MajorFrequencies, TapModel
+from texclass.vibration.scores import goodness_of_fit
+
+
+def noise(fs=2000.0):
+    return LpcTexture([40.0, 160.0], Autoregression([[-0.6, 0.5], [-0.2, 0.4]], [1.0, 3.0]), 9.0, fs, "bark")
+
+
+def lines(n=3, fs=1000.0):
+    f = np.linspace(40, 400, n)
+    models = tuple(MajorFrequencies(f, gain * np.linspace(1, 2, n), np.linspace(0, 6, n)) for gain in (1, 2))
+    return FrequencyTexture([50.0, 100.0], models, 10.0, fs, "sieve")
+
+
+def ridges(speed=50.0):
+    ring = np.full((4, 2), [[70.0], [60.0], [2.0], [-1.5]])
+    law = Amplitude(LevelLaw(0.0, 0.0, 1.0), speed, 1.0)
+    x = np.array([3.0, 11.0])
+    return SpatialTexture("ridges", 1000.0, 20.0, x, np.arange(2.0), *ring, law, 2.0, np.array([1.0, 0.0]))
+
+
+TAPS = TapLibrary(("wood", "steel"), (TapModel(300.0, 80.0, 200.0), TapModel(-800.0, 40.0, 600.0)))
+
+
+@pytest.mark.parametrize("n", [16, 128, BLOCK])
+def test_wavelets_are_inverted(n):
+    x = np.random.default_rng(n).standard_normal(n)
+    assert_allclose(wavelet_stream.inverse(wavelet_stream.transform(x)), x, atol=1e-11)
+
+
+@pytest.mark.parametrize("gain", [1e-6, 0.01, 0.9, 1.0, 4.0])
+@pytest.mark.parametrize("planes", [1, 6, 15])
+def test_a_stream_is_off_by_half_a_step_of_the_largest_coefficient(gain, planes):
+    c = np.random.default_rng(planes).laplace(size=BLOCK)
+    c *= gain * wavelet_stream.LARGEST / 8 / np.abs(c).max()
+    found = wavelet_stream.decode(wavelet_stream.encode(c, planes), BLOCK)
+    stated = max(np.abs(c).max() + 1 / 8, 1 / 128)  # the largest is rounded up
+    assert np.abs(found - c).max() <= stated / 2**planes / 2
+
+
+def test_silence_is_no_stream_and_damage_is_some_numbers():
+    assert wavelet_stream.encode(np.zeros(BLOCK)) == b""
+    assert not wavelet_stream.decode(b"", BLOCK).any()
+    rng = np.random.default_rng(0)
+    for n in (1, 3, 100, 3000):
+        found = wavelet_stream.decode(rng.bytes(n), BLOCK)
+        assert found.shape == (BLOCK,)
+        assert np.abs(found).max() <= 2 * wavelet_stream.LARGEST * 2
+
+
+def test_a_noise_comes_back_in_its_unit(tmp_path):
+    sent = play_texture(noise(), speed=80.0, seconds=1.5)
+    lost = write_hjif(sent, tmp_path / "a.hjif")
+    played = play_hjif(read_hjif(tmp_path / "a.hjif"), 2000.0)[:, 0]
+    assert played.size == sent.samples.size == 3000
+    assert np.std(played - sent.samples) < 0.002 * np.std(sent.samples)
+    assert goodness_of_fit(sent.samples, played) > 0.999
+    assert abs(float(lost["level"].split()[0])) < 0.01
+    assert lost["band"] == "0 to 1000 Hz of 0 to 1000 Hz"
+    assert "80 mm/s; 40 to 160 mm/s change the level by -" in lost["speed"]
+    assert "knows no other" in lost["force"]
+
+
+def test_what_lies_above_a_players_band_is_told():
+    sent = play_texture(noise(20_000.0), seconds=0.3)
+    haptics, lost = made_hjif(sent)
+    assert lost["band"] == "0 to 4000 Hz of 0 to 10000 Hz"
+    assert haptics.perceptions[0].channels[0].bands[0].upper_frequency_limit == 8000
+
+
+def test_g_is_written_as_metres_per_square_second_and_volts_are_told():
+    sent = [play_texture(noise(), unit=unit, seconds=0.5) for unit in ("m/s^2", "g", "V")]
+    gains = [made_hjif(one)[0].perceptions[0].channels[0].gain for one in sent]
+    assert_allclose(gains[1] / gains[0], 9.80665)
+    assert "V" in made_hjif(sent[2])[1]["unit"]
+
+
+def test_lines_become_oscillators_of_their_phase(tmp_path):
+    sent = play_texture(lines(), speed=70.0, seconds=1.0)
+    write_hjif(sent, tmp_path / "a.hjif")
+    played = play_hjif(read_hjif(tmp_path / "a.hjif"), 1000.0)[:, 0]
+    assert_allclose(played, sent.samples, atol=2e-4)  # frequencies 40, 220, 400 are whole
+
+
+def test_of_many_lines_the_strongest_are_kept():
+    haptics, lost = made_hjif(play_texture(lines(80), seconds=0.5))
+    assert haptics.level == 2
+    assert len(haptics.perceptions[0].channels[0].bands) == MOST_BANDS[2]
+    assert lost["lines"].startswith("63 of 80")
+
+
+def test_taps_become_transients():
+    haptics, lost = made_hjif(play_taps(TAPS, velocity=0.2))
+    channel = haptics.perceptions[0].channels[0]
+    found = [(e.position, e.keyframes[0]) for e in channel.bands[0].effects]
+    assert [(at, frame.frequency_modulation) for at, frame in found] == [(0, 200), (250, 600)]
+    sent = play_taps(TAPS, velocity=0.2).samples
+    peaks = [np.abs(half).max() for half in np.split(sent, 2)]
+    assert_allclose([channel.gain * frame.amplitude_modulation for _, frame in found], peaks, rtol=0.02)
+    assert "not its decay" in lost["waveform"]
+
+
+@pytest.mark.parametrize("speed", [20.0, 50.0, 200.0])
+def test_features_stay_where_they_are_on_the_surface(speed):
+    haptics, lost = made_hjif(play_texture(ridges(speed)))
+    perception = haptics.perceptions[0]
+    rate = perception.channels[0].bands[0].upper_frequency_limit
+    played = np.abs(play_hjif(haptics, rate)[:, 0])
+    mm = np.arange(played.size) / rate * 1000 * 10.0 ** (3 + perception.unit_exponent)
+    assert perception.perception_modality == "Vibrotactile Texture"
+    assert_allclose(mm[-1], 20.0, atol=0.2)
+    for x in (3.0, 11.0):  # silent before, loud right behind
+        assert played[(mm > x - 0.8) & (mm < x - 0.2)].max() < 0.2 * played.max()
+        assert played[(mm > x) & (mm < x + 0.5 * speed / 50)].max() > 0.4 * played.max()
+    assert "drawn out with distance" in lost["speed"]
+
+
+def test_friction_stands_beside_it(slate):
+    haptics, _ = made_hjif(play_texture(slate, seconds=0.5))
+    assert [one.perception_modality for one in haptics.perceptions] == ["Vibrotactile", "Friction"]
+    assert_allclose(play_hjif(haptics)[:4000, 1], 0.25)
+
+
+def test_no_sample_reaches_full_scale():
+    channel = made_hjif(play_texture(noise(), seconds=0.5))[0].perceptions[0].channels[0]
+    one = channel.model_copy(update={"gain": 1.0})
+    haptics, _ = made_hjif(play_texture(noise(), seconds=0.5))
+    louder = haptics.perceptions[0].model_copy(update={"channels": (one,)})
+    played = play_hjif(haptics.model_copy(update={"perceptions": (louder,)}), 2000.0)
+    assert 0.9 < np.abs(played).max() < 1
+    assert HEADROOM > 1
+
+
+@pytest.fixture
+def content(tmp_path):
+    write_hjif(play_texture(noise(), seconds=0.3), tmp_path / "a.hjif")
+    return json.loads((tmp_path / "a.hjif").read_text())
+
+
+def test_effects_of_a_library_and_within_each_other_are_played(content):
+    click = {
+        "effect_type": "Basis",
+        "position": 0,
+        "keyframes": [{"relative_position": 0, "amplitude_modulation": 0.5}],
+    }
+    perception = content["perceptions"][0]
+    perception["effect_library"] = [click | {"id": 3}]
+    within = [{"effect_type": "Reference", "position": 40, "id": 3}]
+    effects = [
+        {"effect_type": "Reference", "position": 10, "id": 3},
+        {"effect_type": "Composite", "position": 100, "composition": within},
+    ]
+    band = {
+        "band_type": "Transient",
+        "lower_frequency_limit": 0,
+        "upper_frequency_limit": 300,
+        "effects": effects,
+    }
+    perception["channels"] = [perception["channels"][0] | {"gain": 2.0, "bands": [band]}]
+    del perception["channels"][0]["sample_count"]
+    played = play_hjif(Haptics.model_validate_json(json.dumps(content)))[:, 0]
+    assert_allclose(np.abs(played).max(), 1.0, rtol=1e-3)
+    sounding = np.flatnonzero(np.abs(played) > 1e-6) / 8000
+    assert_allclose(sounding[[0, -1]], [0.010, 0.140 + 0.022], atol=2e-4)
+    assert not np.any((sounding > 0.0325) & (sounding < 0.1395))
+
+
+def spoiled(way, value):
+    def change(content):
+        *path, last = way
+        inner = content
+        for step in path:
+            inner = inner[step]
+        if value is None:
+            del inner[last]
+        else:
+            inner[last] = value
+
+    return change
+
+
+P, C = ("perceptions", 0), ("perceptions", 0, "channels", 0)
+B = (*C, "bands", 0)
+SPOILED = {
+    "version": (("version",), "1999"), "profile": (("profile",), "Deluxe"), "level": (("level",), 3),
+    "timescale": (("timescale",), 0), "syncs": (("syncs",), None), "no perception": (("perceptions",), []),
+    "avatar": ((*P, "avatar_id"), 7), "twice": (("avatars",), 2 * [{"id": 1, "lod": 0, "type": "Vibration"}]),
+    "modality": ((*P, "perception_modality"), "Taste"), "no channel": ((*P, "channels"), []),
+    "mask": ((*C, "body_part_mask"), None), "gain": ((*C, "gain"), -1.0), "text": ((*C, "gain"), "1"),
+    "device": ((*C, "reference_device_id"), 9), "direction": ((*C, "direction"), {"X": 1, "Y": 0, "Z": 0}),
+    "limits": ((*B, "lower_frequency_limit"), 9000), "fraction": ((*B, "upper_frequency_limit"), 99.5),
+    "length": ((*B, "block_length"), 100), "curve": ((*B, "curve_type"), "Cubic"),
+    "position": ((*B, "effects", 0, "position"), -4), "stream": ((*B, "effects", 0, "wavelet_stream"), None),
+    "base64": ((*B, "effects", 0, "wavelet_stream"), "a"),
+    "kind": ((*B, "effects", 0, "effect_type"), "Boom"),
+    "keyframes": ((*B, "effects", 0, "keyframes"), [{"relative_position": 0}]),
+    "reference": ((*B, "effects", 0), {"effect_type": "Reference", "id": 5, "position": 0}),
+    "simple": (("profile",), "Simple Parametric"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", SPOILED)
+def test_a_spoiled_file_is_refused_in_one_line(content, tmp_path, case):
+    spoiled(*SPOILED[case])(content)
+    (tmp_path / "b.hjif").write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"b\.hjif: .*") as error:
+        read_hjif(tmp_path / "b.hjif")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", "3", "[" * 5000, '{"version": NaN}', '{"a":' * 500 + "1" + "}" * 500]
+)
+def test_what_is_no_file_of_its_kind_is_refused(tmp_path, text):
+    (tmp_path / "b.hjif").write_text(text)
+    with pytest.raises(ValueError, match=r"b\.hjif"):
+        read_hjif(tmp_path / "b.hjif")
+
+
+def test_hours_and_huge_blocks_are_not_played(content):
+    effect = content["perceptions"][0]["channels"][0]["bands"][0]["effects"][0]
+    del content["perceptions"][0]["channels"][0]["sample_count"]
+    effect["position"] = 2**31 - 1
+    with pytest.raises(ValueError, match="the rule is at most 600"):
+        play_hjif(Haptics.model_validate_json(json.dumps(content)))
+    effect["position"] = 0
+    content["perceptions"][0]["channels"][0]["bands"][0]["block_length"] = 1 << 20
+    content["perceptions"][0]["channels"][0]["sample_count"] = 100
+    with pytest.raises(ValueError, match="a power of two, 16 to 65536"):
+        play_hjif(Haptics.model_validate_json(json.dumps(content)))
+
+
+def test_other_keys_are_left_alone_and_padding_is_no_matter(content):
+    band = content["perceptions"][0]["channels"][0]["bands"][0]
+    before = play_hjif(Haptics.model_validate_json(json.dumps(content)))
+    band["vendor"] = {"a": 1}
+    stream = band["effects"][0]["wavelet_stream"]
+    band["effects"][0]["wavelet_stream"] = stream + "=" * (-len(stream) % 4)
+    assert base64.b64decode(band["effects"][0]["wavelet_stream"])
+    assert_array_equal(play_hjif(Haptics.model_validate_json(json.dumps(content))), before)

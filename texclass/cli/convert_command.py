@@ -1,0 +1,168 @@
+"""Surfaces between formats: convert."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from texclass.cli.app import app
+from texclass.cli.options import tell
+
+if TYPE_CHECKING:
+    from texclass.exchange import Rendition
+    from texclass.exchange.rendition import Playable
+    from texclass.exchange.wav import Encoding
+
+TEXTURES, PLAYED, PATTERNS = (".texture", ".xml"), (".hjif", ".ahap", ".wav"), (".hjif", ".ahap")
+"""What holds a texture, what holds it as played once, and what of that is read."""
+
+
+@app.command(epilog="Example: texclass convert wood.texture -o wood.hjif --speed 80 --force 1")
+def convert(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="IN",
+            help="A .texture (a texture, taps, a planned scene), a HaTT .xml; or .hjif, .ahap, to be played.",
+        ),
+    ],
+    older_target: Annotated[Path | None, typer.Argument(metavar="OUT", hidden=True)] = None,
+    target: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="To be written: .texture, .xml, .hjif, .ahap or .wav."),
+    ] = None,
+    fs: Annotated[
+        float, typer.Option("--fs", help="To XML: sampling rate of the models, Hz; HaTT renders 1000.")
+    ] = 1000.0,
+    order: Annotated[int, typer.Option(help="To XML: largest order of the models.", min=1, max=100)] = 20,
+    surface: Annotated[
+        str | None, typer.Option(help="Which one, of a scene or of taps; of taps all by default.")
+    ] = None,
+    speed: Annotated[
+        float | None, typer.Option(help="To be played at, mm/s; amid what the texture knows by default.")
+    ] = None,
+    force: Annotated[float | None, typer.Option(help="The same, N.")] = None,
+    seconds: Annotated[float, typer.Option(help="To be played, at most 30.")] = 2.0,
+    physical: Annotated[
+        bool, typer.Option("--physical", help="To WAV: 32-bit float in the unit, not for ears.")
+    ] = False,
+    seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
+) -> None:
+    """Convert a surface to the format of another device. What is lost there is told.
+
+    Penn's XML holds a texture, as .texture does. MPEG haptics (.hjif), Apple's patterns (.ahap) and WAV hold
+    it as played at one speed and force. A .hjif or .ahap is played to WAV.
+    """
+    from texclass.document import Document
+
+    target = target or older_target
+    if target is None:
+        raise ValueError(f"{source}: where to is missing; the rule is -o OUT")
+    kinds = source.suffix.lower(), target.suffix.lower()
+    if kinds[0] in PATTERNS and kinds[1] == ".wav":
+        lost = _play_pattern(source, target, physical)
+    elif kinds[0] in TEXTURES and kinds[1] in PLAYED:
+        lost = _write_played(_rendition(source, surface, speed, force, seconds, seed), target, physical)
+    elif kinds in {(".xml", ".texture"), (".texture", ".xml")}:
+        lost = _convert_texture(source, target, fs, order)
+    else:
+        raise ValueError(
+            f"{source} to {target}; the rule is .texture or .xml to the other one, .hjif, .ahap or .wav, "
+            "and .hjif or .ahap to .wav"
+        )
+    typer.echo(f"wrote {target}, {target.stat().st_size} bytes")
+    if lost:
+        tell(Document("What is lost", [lost]))
+
+
+def _convert_texture(source: Path, target: Path, fs: float, order: int) -> dict[str, str]:
+    """Write a texture as the other of the two kinds, and return what is lost."""
+    from texclass import exchange
+    from texclass.exchange.rendition import told_level
+
+    if source.suffix.lower() == ".xml":
+        exchange.save_texture(exchange.read_hatt(source), target)
+        return {}
+    texture, unit = exchange.load_texture(source), exchange.describe(source)["unit"]
+    written = exchange.to_hatt(texture, unit=unit, fs=fs, order=order)
+    exchange.write_hatt(written, target)
+    if texture.family == "hatt":
+        return {}
+    meant = exchange.play_texture(texture, unit=unit)
+    played = exchange.play_texture(written, speed=meant.speed, force=meant.force)
+    return {
+        "level": f"{told_level(played.samples, meant.samples)}, {meant.told}",
+        "band": f"0 to {written.fs / 2:g} Hz of 0 to {texture.fs / 2:g} Hz",
+        "models": f"{written.mesh.speed.size} of order {written.order}, strokes along +x",
+    }
+
+
+def _rendition(
+    source: Path, surface: str | None, speed: float | None, force: float | None, seconds: float, seed: int
+) -> "Rendition":
+    """Return what a file holds, played; the surface is one of a scene or of taps."""
+    from texclass.exchange import describe, load_taps, load_texture, play_taps, play_texture, read_hatt
+    from texclass.exchange.rendition import TAP_M_S
+    from texclass.scene import SceneSurface, load_scene
+    from texclass.textures.okamura2001 import TapLibrary
+
+    known = describe(source)
+    if known["family"] == TapLibrary.family:
+        taps = load_taps(source)
+        if surface is not None:
+            _check_surface(source, surface, list(taps))
+            taps = TapLibrary((surface,), (taps[surface],), taps.unit)
+        return play_taps(taps, velocity=TAP_M_S if speed is None else speed / 1000)
+    texture: Playable
+    if known["family"] == "scene":
+        scene = load_scene(source)
+        names = list(scene.assigned)
+        name = names[0] if surface is None and len(names) == 1 else surface
+        _check_surface(source, name, names)
+        texture = SceneSurface(scene, str(name))
+    elif surface is not None:
+        raise ValueError(f"{source}: holds one texture; the rule is no --surface")
+    else:
+        texture = read_hatt(source) if source.suffix.lower() == ".xml" else load_texture(source)
+    return play_texture(texture, unit=known["unit"], speed=speed, force=force, seconds=seconds, seed=seed)
+
+
+def _check_surface(source: Path, surface: str | None, names: list[str]) -> None:
+    if surface not in names:
+        raise ValueError(f"{source}: --surface is {surface!r}; the rule is one of {', '.join(names)}")
+
+
+def _write_played(rendition: "Rendition", target: Path, physical: bool) -> dict[str, str]:
+    """Write what was played, and return what is lost."""
+    from texclass.exchange import write_ahap, write_hjif, write_wav
+
+    match target.suffix.lower():
+        case ".hjif":
+            return write_hjif(rendition, target)
+        case ".ahap":
+            return write_ahap(rendition, target)
+    encoding: Encoding = "float32" if physical else "audible"
+    write_wav(target, rendition.samples, rendition.fs, unit=rendition.unit, encoding=encoding)
+    return dict(rendition.lost)
+
+
+def _play_pattern(source: Path, target: Path, physical: bool) -> dict[str, str]:
+    """Write what a pattern plays as WAV, and return what is lost."""
+    from texclass.exchange import play_ahap, play_hjif, read_ahap, read_hjif, write_wav
+    from texclass.exchange.hjif import FS
+
+    encoding: Encoding = "float32" if physical else "audible"
+    if source.suffix.lower() == ".hjif":
+        haptics = read_hjif(source)
+        vibrations = [
+            one for one in haptics.perceptions if one.perception_modality.startswith("Vibrotactile")
+        ]
+        if not vibrations:
+            raise ValueError(f"{source}: holds no vibration; the rule is a Vibrotactile perception")
+        played = play_hjif(haptics.model_copy(update={"perceptions": tuple(vibrations)}))
+        write_wav(target, played[:, 0] if played.shape[1] == 1 else played, FS, encoding=encoding)
+        left = len(haptics.perceptions) - len(vibrations)
+        return {"perceptions": f"{left} that are no vibrations"} if left else {}
+    played = play_ahap(read_ahap(source), FS)
+    write_wav(target, played, FS, unit="arbitrary", encoding=encoding)
+    return {"unit": "AHAP has none: 1 is its full intensity"}

@@ -1,0 +1,220 @@
+"""Surfaces written as MPEG haptics (.hjif): taps, lines, what repeats along a surface, any other vibration.
+
+All files have 1000 ticks a second: the public reference software takes some durations for milliseconds
+whatever the file says.
+"""
+
+import base64
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from texclass.exchange import wavelet_stream
+from texclass.exchange.hjif import (
+    FS,
+    HIGHEST_HZ,
+    MOST_BANDS,
+    TICKS,
+    Avatar,
+    Band,
+    Channel,
+    Effect,
+    Haptics,
+    Keyframe,
+    Perception,
+    play_hjif,
+)
+from texclass.exchange.rendition import Rendition, resampled, told_level
+from texclass.recording import Samples
+from texclass.whole_files import write_whole
+
+RATES = (1000, 2000, 4000, 8000)
+"""Of wavelet bands, samples in 1000 ticks: blocks of 512 samples then last a power of two of ticks."""
+BLOCK = 512
+HEADROOM = 1.01
+"""Gains over the largest sample: 16-bit players may wrap at 1, which rounded coefficients exceed a little."""
+
+
+def write_hjif(
+    rendition: Rendition, path: str | Path, *, planes: int = wavelet_stream.PLANES
+) -> dict[str, str]:
+    """Write a surface as .hjif, and return what is lost.
+
+    Taps become transients; a vibration of a few lines, vectorial waves; what repeats along the surface, a
+    vibrotactile texture over distance; all else, wavelet bands. A coefficient of friction stands beside it.
+
+    Parameters
+    ----------
+    rendition : Rendition
+        Of `texclass.exchange.play_texture` or `play_taps`.
+    path : str or Path
+        Ends in `.hjif`.
+    planes : int
+        Bits of the largest wavelet coefficient, 1 to 15.
+
+    Returns
+    -------
+    dict of str to str
+        Speed, force, level, band and what else a player will not know, in words.
+
+    Raises
+    ------
+    ValueError
+        If the path has another ending, or `planes` breaks its rule.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".hjif" or not 1 <= planes <= wavelet_stream.MOST_PLANES:
+        raise ValueError(f"{path}, {planes} planes; the rule is a name in .hjif, and 1 to 15")
+    haptics, lost = made_hjif(rendition, planes)
+    write_whole(path, haptics.model_dump_json(exclude_none=True, exclude_defaults=False))
+    return lost
+
+
+def made_hjif(rendition: Rendition, planes: int = wavelet_stream.PLANES) -> tuple[Haptics, dict[str, str]]:
+    """Return what `write_hjif` writes, and what is lost."""
+    over, lost = bool(rendition.pitch_mm), dict(rendition.lost)
+    exponent, rate = -3, rendition.fs
+    if over:  # samples in 1000 ticks of 10^exponent m
+        rate = 1000 / rendition.pitch_mm
+        while rate > RATES[-1] and exponent > -6:
+            exponent, rate = exponent - 1, rate / 10
+    if rendition.taps.size:
+        bands, gain, extent = _transients(rendition.taps)
+        lost["waveform"] = "a player's own: of a tap, time, peak and frequency are kept, not its decay"
+    elif rendition.lines.size:
+        bands, gain, extent = _oscillators(rendition)
+        lost["lines"] = f"{len(bands)} of {len(rendition.lines)}, frequencies in whole Hz"
+    else:
+        bands, gain, extent = _wavelets(rendition.samples, rate, planes)
+        top, unit = (extent["frequency_sampling"], "Hz") if not over else (_per_mm(extent, exponent), "/mm")
+        own = rendition.fs if not over else 1 / rendition.pitch_mm
+        lost["band"] = f"0 to {min(top, own) / 2:g} {unit} of 0 to {own / 2:g} {unit}"
+    if over:
+        lost["speed"] = f"how a feature rings: as at {rendition.speed:.4g} mm/s, drawn out with distance"
+    if rendition.unit != "m/s^2":
+        lost["unit"] = f"{rendition.unit}: its level in m/s^2 is unknown"
+    channel = _channel(rendition.told, gain, bands, **extent)
+    modality = "Vibrotactile Texture" if over else "Vibrotactile"
+    perceptions = [_perception(0, modality, f"{rendition.told}, {rendition.unit}", channel, exponent)]
+    if rendition.friction:
+        perceptions.append(_friction(rendition.friction))
+    found = Haptics(
+        version="2023", profile="Main", level=1 if len(bands) <= MOST_BANDS[1] else 2,
+        date=datetime.now(UTC).isoformat(timespec="seconds"), description=rendition.name or "surface",
+        timescale=TICKS, avatars=(Avatar(id=1, lod=0, type="Vibration"),), perceptions=tuple(perceptions),
+        syncs=(),
+    )  # fmt: skip
+    lost["level"] = _level_error(found, rendition)
+    return found, lost
+
+
+def _level_error(haptics: Haptics, rendition: Rendition) -> str:
+    """Return how far the level of what is played of a file is from what was meant, in words."""
+    if rendition.taps.size:
+        return "the peak of each tap is kept"
+    band = haptics.perceptions[0].channels[0].bands[0]
+    fs = float(band.upper_frequency_limit) if band.band_type == "WaveletWave" else FS
+    return told_level(play_hjif(haptics, fs)[:, 0], rendition.samples)
+
+
+def _per_mm(extent: dict[str, int], exponent: int) -> float:
+    """Return the samples in a millimetre of a band over distance."""
+    return float(extent["frequency_sampling"] / 10.0 ** (3 + exponent + 3))
+
+
+def _transients(taps: Samples) -> tuple[list[Band], float, dict[str, int]]:
+    """Return a band of transients for taps (n, 3), time (s), peak and frequency (Hz), and the gain."""
+    gain = HEADROOM * float(taps[:, 1].max())
+    effects = [
+        Effect(
+            effect_type="Basis",
+            position=round(TICKS * at),
+            keyframes=(_keyframe(0, peak / gain, frequency),),
+        )
+        for at, peak, frequency in taps.tolist()
+    ]
+    low, high = _limits(taps[:, 2])
+    return [_band("Transient", low, high, effects)], gain, {}
+
+
+def _oscillators(rendition: Rendition) -> tuple[list[Band], float, dict[str, int]]:
+    """Return a band for each of the strongest lines, the gain, and how long they sound."""
+    strongest = np.argsort(-rendition.lines[:, 1], kind="stable")[: MOST_BANDS[2]]
+    lines = rendition.lines[np.sort(strongest)]
+    gain = HEADROOM * float(lines[:, 1].sum())  # so that they never add up to more than 1
+    end = max(round(TICKS * rendition.samples.size / rendition.fs), 1)
+    bands = []
+    for frequency, amplitude, phase in lines.tolist():
+        low, high = _limits(np.array([frequency]))
+        # players begin a sine; a cosine is a quarter of a turn ahead
+        turn = min((phase + math.pi / 2) % (2 * math.pi), 6.28318)
+        frames = tuple(_keyframe(at, amplitude / gain, frequency) for at in (0, end))
+        effect = Effect(effect_type="Basis", position=0, phase=turn, base_signal="Sine", keyframes=frames)
+        bands.append(_band("VectorialWave", low, high, [effect]))
+    return bands, gain, {}
+
+
+def _wavelets(x: Samples, rate: float, planes: int) -> tuple[list[Band], float, dict[str, int]]:
+    """Return the band of samples (n,) of a rate (in 1000 ticks), the gain, and rate and number of samples."""
+    wanted = next((one for one in RATES if one >= rate * (1 - 1e-9)), RATES[-1])
+    x = resampled(x, rate, wanted)
+    blocks = np.pad(x, (0, -x.size % BLOCK)).reshape(-1, BLOCK)
+    coefficients = np.array([wavelet_stream.transform(block) for block in blocks])
+    largest = float(np.abs(coefficients).max()) / wavelet_stream.LARGEST
+    gain = HEADROOM * max(float(np.abs(x).max()), largest) or 1.0
+    length = BLOCK * TICKS // wanted
+    effects = [
+        Effect(
+            effect_type="Basis",
+            position=i * length,
+            # players take a final = for further bits
+            wavelet_stream=base64.b64encode(wavelet_stream.encode(one / gain, planes)).decode().rstrip("="),
+        )
+        for i, one in enumerate(coefficients)
+    ]
+    band = _band("WaveletWave", 0, wanted, effects, block_length=length)
+    return [band], gain, {"frequency_sampling": wanted, "sample_count": x.size}
+
+
+def _friction(mu: float) -> Perception:
+    """Return the coefficient of friction as a constant curve."""
+    gain = max(mu, 1.0)
+    effect = Effect(
+        effect_type="Basis", position=0, keyframes=tuple(_keyframe(at, mu / gain) for at in (0, TICKS))
+    )
+    channel = _channel(
+        "coefficient of kinetic friction", gain, [_band("Curve", 0, 0, [effect], curve_type="Linear")]
+    )
+    return _perception(1, "Friction", "coefficient of kinetic friction", channel)
+
+
+def _keyframe(at: int, amplitude: float, frequency: float | None = None) -> Keyframe:
+    whole = None if frequency is None else min(round(frequency), int(HIGHEST_HZ))
+    return Keyframe(relative_position=at, amplitude_modulation=amplitude, frequency_modulation=whole)
+
+
+def _limits(frequency_hz: Samples) -> tuple[int, int]:
+    """Return whole frequencies around some, Hz."""
+    return max(int(frequency_hz.min()) - 1, 0), min(int(frequency_hz.max()) + 2, int(HIGHEST_HZ))
+
+
+def _band(kind: Any, low: int, high: int, effects: Sequence[Effect], **more: Any) -> Band:
+    return Band(
+        band_type=kind, lower_frequency_limit=low, upper_frequency_limit=high, effects=tuple(effects), **more
+    )
+
+
+def _channel(description: str, gain: float, bands: Sequence[Band], **more: int) -> Channel:
+    fixed = {"id": 0, "mixing_coefficient": 1.0, "body_part_mask": 0}
+    return Channel(description=description, gain=gain, bands=tuple(bands), **fixed, **more)  # type: ignore[arg-type]
+
+
+def _perception(i: int, modality: Any, description: str, channel: Channel, exponent: int = -3) -> Perception:
+    return Perception(
+        id=i, perception_modality=modality, description=description, avatar_id=1, effect_library=(),
+        channels=(channel,), unit_exponent=exponent,
+    )  # fmt: skip

@@ -1,0 +1,240 @@
+"""What other devices can be sent of a surface: its vibration at one speed and force, and what else it has.
+
+Formats of other players know neither the speed nor the force of a hand. A texture is played once, at a speed
+and a force, and what these would have changed is told beside it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from scipy import signal
+
+from texclass.recording import ACCELERATION_UNITS, Samples
+from texclass.textures.contract import Renderer
+from texclass.validation import check_above_0
+
+if TYPE_CHECKING:
+    from texclass.textures.okamura2001 import TapLibrary
+
+SECONDS = 2.0
+"""Played by default."""
+LONGEST_S = 30.0
+"""Played at most: the longest event of AHAP."""
+SETTLED_S = 0.5
+"""Played before it and thrown away, until hand and filters have settled."""
+TAP_M_S, TAP_EVERY_S, TAP_FS = 0.1, 0.25, 8000.0
+"""Impact velocity of taps, m/s, seconds from one material to the next, and rate, Hz."""
+SILENT = 1e-300
+
+
+class Playable(Protocol):
+    """What has a name, a rate (Hz) and a renderer: a texture, or a surface of a planned scene."""
+
+    @property
+    def name(self) -> str:
+        """Of the surface."""
+
+    @property
+    def fs(self) -> float:
+        """Of the vibration, Hz."""
+
+    def renderer(self, *, seed: int = 0) -> Renderer:
+        """Return a renderer at rest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rendition:
+    """A surface, played.
+
+    Attributes
+    ----------
+    name : str
+        Of the surface.
+    unit : str
+        Of the samples: m/s^2 where the texture's unit has a known size.
+    fs : float
+        Hz.
+    samples : ndarray of shape (n_samples,)
+        The vibration at `speed` and `force`, or the taps one after another.
+    speed, force : float
+        mm/s and N; of taps, the impact velocity (mm/s) and 0.
+    lines : ndarray of shape (n_lines, 3)
+        Frequency (Hz), amplitude and phase (rad) of the cosines that the vibration consists of; none by
+        default.
+    taps : ndarray of shape (n_taps, 3)
+        Time (s), peak and frequency (Hz) of each tap; none by default.
+    friction : float
+        Coefficient of kinetic friction; 0 where the texture has none.
+    pitch_mm : float
+        Distance from sample to sample of what repeats along the surface; 0 where only time counts.
+    lost : mapping of str to str
+        What playing at one speed and force leaves out.
+    """
+
+    name: str
+    unit: str
+    fs: float
+    samples: Samples
+    speed: float
+    force: float
+    lines: Samples
+    taps: Samples
+    friction: float
+    pitch_mm: float
+    lost: Mapping[str, str]
+
+    @property
+    def told(self) -> str:
+        """Name, speed and force, in words."""
+        pressed = f", {self.force:g} N" if self.force else ""
+        return f"{self.name or 'surface'} at {self.speed:g} mm/s{pressed}"
+
+
+def play_texture(
+    texture: Playable,
+    *,
+    unit: str = "m/s^2",
+    speed: float | None = None,
+    force: float | None = None,
+    seconds: float = SECONDS,
+    seed: int = 0,
+) -> Rendition:
+    """Play a texture for other formats.
+
+    Parameters
+    ----------
+    texture : Texture or surface of a planned scene
+    unit : str
+        Of its vibration; g and mg become m/s^2.
+    speed, force : float, optional
+        mm/s and N; by default where the texture was scanned, or amid the speeds and forces that it knows
+        (their geometric mean).
+    seconds : float
+        At most `LONGEST_S`. A texture whose features are fixed in space is played once along its line.
+    seed : int
+        Of its noise.
+
+    Raises
+    ------
+    ValueError
+        If the speed, the force or the duration is not above 0, or it is too long.
+    """
+    slow_fast, light_hard = _reach(texture)
+    v = float(np.sqrt(np.prod(slow_fast))) if speed is None else speed
+    f = float(np.sqrt(np.prod(light_hard))) if force is None else force
+    check_above_0(speed=v, force=f, seconds=seconds)
+    factor = ACCELERATION_UNITS.get(unit, 1.0)
+    length_mm = float(getattr(texture, "length_mm", 0.0))
+    if length_mm:
+        seconds = length_mm / v
+    if seconds > LONGEST_S:
+        raise ValueError(f"{seconds:g} s would be played; the rule is at most {LONGEST_S:g}")
+    x = factor * _played(texture, v, f, seconds, seed)
+    by_speed = _change(texture, x / factor, [(end, f) for end in slow_fast], seed)
+    by_force = _change(texture, x / factor, [(v, end) for end in light_hard], seed)
+    lost = {"speed": f"fixed at {v:.4g} mm/s; {by_speed}", "force": f"fixed at {f:.4g} N; {by_force}"}
+    lines = np.zeros((0, 3))
+    if getattr(texture, "family", "") == "oeztuerk2018-frequencies":
+        # the major frequencies of this speed are all that it plays
+        found = texture.at(v)  # type: ignore[attr-defined]
+        lines = np.column_stack([found.frequency_hz, factor * found.amplitude, found.phase])
+        lines = lines[(lines[:, 1] > 0) & (lines[:, 0] < texture.fs / 2)]
+        x = factor * np.asarray(found.synthesize(x.size, texture.fs))
+    pitch = v / texture.fs if length_mm else 0.0
+    mu = float(getattr(texture, "mu", 0.0))
+    known = "m/s^2" if unit in ACCELERATION_UNITS else unit
+    return Rendition(texture.name, known, texture.fs, x, v, f, lines, np.zeros((0, 3)), mu, pitch, lost)
+
+
+def play_taps(taps: "TapLibrary", *, velocity: float = TAP_M_S) -> Rendition:
+    """Play the taps of a library for other formats, its materials one after another.
+
+    Parameters
+    ----------
+    taps : TapLibrary
+    velocity : float
+        Of impact, m/s.
+
+    Raises
+    ------
+    ValueError
+        If the velocity is not above 0, or there are so many materials that `LONGEST_S` would be exceeded.
+    """
+    from texclass.textures.okamura2001 import tap_peak
+
+    check_above_0(velocity=velocity)
+    n = round(TAP_EVERY_S * TAP_FS)
+    if len(taps) * TAP_EVERY_S > LONGEST_S:
+        raise ValueError(f"there are {len(taps)} materials; the rule is at most {LONGEST_S / TAP_EVERY_S:g}")
+    factor = ACCELERATION_UNITS.get(taps.unit, 1.0)
+    models = taps.models
+    x = factor * np.concatenate([model.synthesize(velocity, n, TAP_FS) for model in models])
+    peaks = [factor * abs(model.amplitude_slope) * velocity * float(tap_peak(model)) for model in models]
+    struck = np.column_stack([np.arange(len(taps)) * TAP_EVERY_S, peaks, [m.frequency_hz for m in models]])
+    lost = {
+        "speed": f"impacts of {velocity:g} m/s only; the amplitude is proportional to it",
+        "order": ", ".join(taps.materials) + f", every {TAP_EVERY_S:g} s",
+    }
+    known = "m/s^2" if taps.unit in ACCELERATION_UNITS else taps.unit
+    none = np.zeros((0, 3))
+    return Rendition(taps.materials[0] if len(taps) == 1 else "taps", known, TAP_FS, x, 1000 * velocity, 0.0,
+                     none, struck, 0.0, 0.0, lost)  # fmt: skip
+
+
+def resampled(x: Samples, fs: float, wanted: float) -> Samples:
+    """Return samples (n,) at another rate, both in Hz; what lies above half of the lower one is left out."""
+    ratio = Fraction(wanted / fs).limit_denominator(1000)
+    return x if ratio == 1 else np.asarray(signal.resample_poly(x, ratio.numerator, ratio.denominator))
+
+
+def level_db(x: Samples) -> float:
+    """Return the RMS of samples (n,) in dB of their unit."""
+    return float(20 * np.log10(max(np.sqrt(np.mean(np.square(x))), SILENT)))
+
+
+def told_level(sent: Samples, meant: Samples) -> str:
+    """Return by how many dB the RMS of what a file plays (n,) differs from what was meant (m,), in words."""
+    if not np.any(meant):
+        return "silence"
+    return f"{level_db(sent) - level_db(meant):+.2f} dB"
+
+
+def _reach(texture: Playable) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the speeds (mm/s) and forces (N) between which a texture was recorded."""
+    if (mesh := getattr(texture, "mesh", None)) is not None:
+        v, f = (axis[axis > 0] for axis in (mesh.speed, mesh.force))
+        return (float(v.min()), float(v.max())), (float(f.min()), float(f.max()))
+    if (frame := getattr(texture, "frame", None)) is not None:
+        return (max(frame.slow, frame.fastest / 10), frame.fastest), (
+            max(frame.light, frame.hardest / 10),
+            frame.hardest,
+        )
+    if (scaling := getattr(texture, "scaling", None)) is not None:
+        force = scaling.force or 1.0
+        return (scaling.speed / 2, 2 * scaling.speed), (force / 2, 2 * force)
+    speeds, forces = getattr(texture, "speeds", [100.0]), getattr(texture, "forces", [1.0])
+    return (float(speeds[0]), float(speeds[-1])), (float(forces[0]), float(forces[-1]))
+
+
+def _played(texture: Playable, speed: float, force: float, seconds: float, seed: int) -> Samples:
+    """Return the vibration (n,) at a constant speed and force, along the texture's direction."""
+    before, n = round(SETTLED_S * texture.fs), max(round(seconds * texture.fs), 1)
+    if length_mm := getattr(texture, "length_mm", 0.0):  # one whole turn, from its first feature on
+        before = round(np.ceil(SETTLED_S * speed / length_mm) * length_mm / speed * texture.fs)
+    v = np.tile(speed * np.asarray(getattr(texture, "direction", (1.0, 0.0))), (before + n, 1))
+    return texture.renderer(seed=seed).process(v, np.full(before + n, force))[before:]
+
+
+def _change(texture: Playable, x: Samples, ends: list[tuple[float, float]], seed: int) -> str:
+    """Return in words how the level at the ends of a range, (speed, force) each, differs from that of x."""
+    if ends[0] == ends[1]:
+        return "the texture knows no other"
+    length_mm = float(getattr(texture, "length_mm", 0.0))
+    played = [_played(texture, v, f, length_mm / v if length_mm else 1.0, seed) for v, f in ends]
+    change = [level_db(one) - level_db(x) for one in played]
+    axis = 0 if ends[0][0] != ends[1][0] else 1
+    (low, high), unit = (end[axis] for end in ends), ("mm/s", "N")[axis]
+    return f"{low:.4g} to {high:.4g} {unit} change the level by {change[0]:+.1f} to {change[1]:+.1f} dB"
