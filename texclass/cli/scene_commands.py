@@ -114,6 +114,36 @@ def render(
     typer.echo(f"wrote {output}, {wav.fs:g} Hz{'' if physical else full}")
 
 
+@scene.command(epilog="Example: texclass scene page example.texture -o feel.html")
+def page(
+    definition: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE", help="A planned scene (.texture), or what `plan` takes: it is planned first."
+        ),
+    ] = "example",
+    output: Annotated[Path, typer.Option("-o", "--output", help="The page to be written.")] = Path(
+        "feel.html"
+    ),
+    taps: Annotated[
+        Path | None,
+        typer.Option(
+            "--taps", help="A library of taps (.texture), by names of surfaces; guessed by default."
+        ),
+    ] = None,
+) -> None:
+    """Write a page in which a planned scene is stroked, tapped, heard and felt.
+
+    One file that needs no network: the very models of the plan, driven by the pointer's speed and pressure.
+    """
+    from texclass.exchange import load_taps
+    from texclass.scene import write_feel_page
+
+    library = None if taps is None else load_taps(taps)
+    path = write_feel_page(output, _planned(definition), taps=library)
+    typer.echo(f"wrote {path}, {path.stat().st_size} bytes")
+
+
 def _planned(definition: str) -> "PlannedScene":
     """Return a planned scene from its file, or of what is planned first."""
     from texclass.scene import load_scene, plan_scene, read_scene
@@ -124,9 +154,13 @@ def _planned(definition: str) -> "PlannedScene":
         return plan_scene(read_scene(definition), progress=progress).scene
 
 
-@app.command(epilog="Example: texclass texture wood.texture")
+@app.command(epilog="Example: texclass texture wood.texture --page wood.html")
 def texture(
     file: Annotated[Path, typer.Argument(help="A .texture, or the .xml of a HaTT texture.")],
+    page_file: Annotated[
+        Path | None,
+        typer.Option("--page", help="Also write a page in which it is stroked and heard."),
+    ] = None,
     json_file: options.Json = None,
 ) -> None:
     """Show what is in a texture file. Family, points, order, sampling rate, unit and bytes."""
@@ -138,6 +172,16 @@ def texture(
     found = describe(file)
     tell(Document(str(file), [{key: _words(value) for key, value in found.items()}]))
     write_json(json_file, json.dumps(found, indent=1))
+    if page_file is not None:
+        from texclass.scene import load_scene, plan_scene, scene_of_texture, write_feel_page
+
+        if found["family"] == "scene":
+            planned = load_scene(file)
+        else:
+            with progress_bar() as progress:
+                planned = plan_scene(scene_of_texture(file), progress=progress).scene
+        write_feel_page(page_file, planned)
+        typer.echo(f"wrote {page_file}, {page_file.stat().st_size} bytes")
 
 
 def _words(value: object) -> str:

@@ -8,7 +8,10 @@ from .definition import SurfaceDefinition as SurfaceDefinition
 from .definition import Tolerance as Tolerance
 from .definition import read_path as read_path
 from .definition import read_scene as read_scene
+from .definition import scene_of_texture as scene_of_texture
 from .definition import sweep as sweep
+from .feel_page import feel_page as feel_page
+from .feel_page import write_feel_page as write_feel_page
 from .plan import PlannedSurface as PlannedSurface
 from .plan import ScenePlan as ScenePlan
 from .plan import plan_scene as plan_scene

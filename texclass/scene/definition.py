@@ -283,6 +283,40 @@ def read_scene(name_or_path: str | Path) -> SceneDefinition:
     return checked(SceneDefinition, {"name": path.stem, **read_toml(path)}, path, context=path)
 
 
+def scene_of_texture(file: str | Path) -> SceneDefinition:
+    """Return a scene of one texture file, for a device of at most 2 kHz and everyday speeds and forces.
+
+    Its tolerance is 3 dB between 20 Hz and 0.45 of the rate, its unit the texture's.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged, or holds no texture to be stroked.
+    OSError
+        If it cannot be read.
+    """
+    from texclass.exchange import describe
+
+    path = Path(file)
+    found = describe(path)
+    if found["fs"] is None:
+        raise ValueError(f"{path}: holds {found['family']!r}, which has no rate; the rule is a texture")
+    rate = min(float(found["fs"]), 2000.0)
+    band = (min(20.0, 0.1 * rate), 0.45 * rate)
+    content = {
+        "name": found["name"] or path.stem,
+        "device": {
+            "rate_hz": rate, "band_hz": band, "noise_floor": 0.0, "largest_output": 1e6,
+            "unit": found["unit"],
+        },
+        "expected": {"speeds_mm_s": (40.0, 200.0), "forces_n": (0.4, 2.0)},
+        "tolerance": {"score": "log_spectral_db", "limit": 3.0},
+        "budget": {"microseconds": 1e6, "bytes": 1 << 30, "contacts": 1},
+        "surfaces": {found["name"] or path.stem: {"texture": str(path.resolve())}},
+    }  # fmt: skip
+    return checked(SceneDefinition, content, path, context=path)
+
+
 @dataclass(frozen=True, eq=False)
 class HandPath:
     """A path at any times.

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from texclass.exchange.container import read_stored, write_stored
 from texclass.recording import Samples
@@ -120,6 +120,28 @@ def load_scene(path: str | Path) -> PlannedScene:
     return scene
 
 
+def packed(scene: PlannedScene) -> tuple[Samples, NDArray[np.int64]]:
+    """Return `bank` and `index` of a scene, as `render_kernels` tells: what a loop over samples plays."""
+    facts = np.empty(kernels.N_FACTS)
+    facts[kernels.GLIDE] = -np.expm1(-1 / (GLIDE_S * scene.fs))
+    facts[kernels.HOP] = renewal(scene.fs)
+    facts[kernels.FADE] = max(2, round(FADE_S * scene.fs))
+    facts[kernels.STILL] = STILL
+    facts[kernels.RADIANS] = 2 * np.pi / scene.fs
+    facts[kernels.OUTPUT] = scene.largest_output
+    index, parts = np.zeros((len(scene.models), kernels.N_INDEX), dtype=np.int64), [facts]
+    for row, model in zip(index, scene.models, strict=True):
+        row[: kernels.AT_SPEEDS] = model.n_lines, model.order, *model.n_nodes
+        ln_power = np.log(np.maximum(model.power, LEAST_POWER))
+        bounds = np.array([model.speeds[0], model.forces[0], PEAK_FACTOR * model.peak])
+        course = np.concatenate([model.frequency_hz, model.per_mm])
+        arrays = np.log(model.speeds), np.log(model.forces), model.rows, ln_power, course, bounds
+        begins = np.cumsum([0, *(array.size for array in arrays)]) + sum(part.size for part in parts)
+        row[kernels.AT_SPEEDS :] = begins[:-1]
+        parts += [array.ravel() for array in arrays]
+    return np.concatenate(parts), index
+
+
 class SceneRenderer:
     """Plays a planned scene, sample by sample.
 
@@ -162,27 +184,11 @@ class SceneRenderer:
             raise ValueError(f"n_contacts is {n}; the rule is at least 1")
         self.fs, self.n_contacts, self._seed = scene.fs, n, seed
         self._models: Mapping[str, int] = dict(scene.assigned)
-        facts = np.empty(kernels.N_FACTS)
-        facts[kernels.GLIDE] = -np.expm1(-1 / (GLIDE_S * self.fs))
-        facts[kernels.HOP] = renewal(self.fs)
-        facts[kernels.FADE] = max(2, round(FADE_S * self.fs))
-        facts[kernels.STILL] = STILL
-        facts[kernels.RADIANS] = 2 * np.pi / self.fs
-        facts[kernels.OUTPUT] = scene.largest_output
-        index, parts = np.zeros((len(scene.models), kernels.N_INDEX), dtype=np.int64), [facts]
-        for row, model in zip(index, scene.models, strict=True):
-            row[: kernels.AT_SPEEDS] = model.n_lines, model.order, *model.n_nodes
-            ln_power = np.log(np.maximum(model.power, LEAST_POWER))
-            bounds = np.array([model.speeds[0], model.forces[0], PEAK_FACTOR * model.peak])
-            course = np.concatenate([model.frequency_hz, model.per_mm])
-            arrays = np.log(model.speeds), np.log(model.forces), model.rows, ln_power, course, bounds
-            begins = np.cumsum([0, *(array.size for array in arrays)]) + sum(part.size for part in parts)
-            row[kernels.AT_SPEEDS :] = begins[:-1]
-            parts += [array.ravel() for array in arrays]
+        bank, index = packed(scene)
         columns = max(model.rows.shape[-1] for model in scene.models)
         self._state = np.zeros((n, kernels.VOICES + 6 * (columns + 1)))
         self._phase = np.zeros((n, kernels.N_COUNTS), dtype=np.int64)
-        self._arrays = np.concatenate(parts), index, self._state, self._phase
+        self._arrays = bank, index, self._state, self._phase
         self.motion, self.out = self._state[:, : kernels.OUT], self._state[:, kernels.OUT]
         self.reset()
         # Compile, or load what was compiled, before the first sample is due.

@@ -1,0 +1,172 @@
+"""A planned scene as one page to be stroked in a browser: its very models, played sample by sample.
+
+`feel/kernels.js` is `render_kernels` again, function by function, and plays the same arrays (`packed`);
+around it stand a worklet, which brings the samples to the loudspeaker's rate below a limit, and the page.
+"""
+
+import base64
+import hashlib
+import json
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from texclass.scene.renderer import PlannedScene, packed
+from texclass.textures.grid import GridModel
+from texclass.vibration import TapModel
+from texclass.vibration.autoregressive import Autoregression
+from texclass.whole_files import write_whole
+
+HIGHEST_FS = 44_100.0
+"""Models are brought up to the rate of the loudspeaker, never down."""
+N_CONTACTS = 5
+"""Four pointers, and one for keys or a gamepad."""
+LOUDEST = 4.0
+"""Full scale, in parts of the RMS of the loudest surface at a middle speed and force."""
+QUICK_M_S = 0.1
+"""Impact velocity that belongs to a force of 1 N."""
+GUESSED_DECAY_PER_S = 20.0, 400.0
+SCRIPTS = "kernels", "worklet", "page"
+
+
+def feel_page(scene: PlannedScene, *, taps: Mapping[str, TapModel] | None = None, title: str = "") -> str:
+    """Return a planned scene as a page of HTML that needs no network.
+
+    The pointer's speed and force drive the scene's models in an AudioWorklet; a press also taps.
+
+    Parameters
+    ----------
+    scene : PlannedScene
+        At most at 44.1 kHz.
+    taps : mapping of str to TapModel, optional
+        Surface -> its tap, as a `TapLibrary` has them, in the scene's unit. Surfaces without one get a guess:
+        a tap that rings at the strongest resonance of the planned model.
+    title : str
+        The scene's name by default.
+
+    Raises
+    ------
+    ValueError
+        If the scene's rate is above 44.1 kHz.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from texclass.scene import PlannedScene, feel_page
+    >>> from texclass.textures.grid import GridModel
+    >>> model = GridModel(([40.0, 160.0], [1.0]), np.full((2, 1, 1), 0.5), [[1.0], [4.0]], 8.0)
+    >>> scene = PlannedScene("desk", 1000.0, "m/s^2", (20.0, 450.0), 30.0, 1, {"wood": 0}, (model,))
+    >>> "AudioWorklet" in feel_page(scene)
+    True
+    """
+    if scene.fs > HIGHEST_FS:
+        raise ValueError(
+            f"scene {scene.name} has {scene.fs:g} Hz; the rule for a page is at most {HIGHEST_FS:g}: "
+            "plan it for a lower rate_hz"
+        )
+    folder = files(__package__).joinpath("feel")
+    scripts = [(name, folder.joinpath(f"{name}.js").read_text(encoding="utf-8")) for name in SCRIPTS]
+    styles = files("texclass.document").joinpath("templates", "page.css"), folder.joinpath("page.css")
+    bank, index = packed(scene)
+    surfaces = [_surface(name, scene, taps or {}) for name in scene.assigned]
+    (slow, fast), (soft, hard) = (_ends(surfaces, key) for key in ("speeds", "forces"))
+    speed, force = np.sqrt(slow * fast), np.sqrt(soft * hard)
+    data = {
+        "fs": scene.fs, "unit": scene.unit, "forces": (soft, hard), "surfaces": surfaces,
+        "full": LOUDEST * max([one["rms"] for one in surfaces if one["rms"] > 0], default=1.0),
+        "bank": base64.b64encode(bank.astype("<f8").tobytes()).decode(), "index": index.ravel().tolist(),
+    }  # fmt: skip
+    n_guessed = sum(one["guessed"] for one in surfaces)
+    return _environment().get_template("page.html").render(
+        title=title or f"Feel: {scene.name}",
+        scene=scene,
+        surfaces=surfaces,
+        sliders=[
+            ("volume", "Volume", -48, 0, 1, -18, "dB"),
+            ("force", "Force without a pen", *(f"{x:.2g}" for x in (soft, hard)), 0.05, f"{force:.2g}", "N"),
+            ("speed", "Speed of the arrow keys", round(slow), round(fast), 1, round(speed), "mm/s"),
+        ],
+        tap_note="Taps are guessed from the textures: none was measured." if n_guessed == len(surfaces)
+        else f"Taps were measured{f', but for {n_guessed} that are guessed' if n_guessed else ''}.",
+        data=Markup(json.dumps(data).replace("<", "\\u003c")),
+        scripts=[(name, Markup(text)) for name, text in scripts],
+        hashes=[base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for _, text in scripts],
+        style=Markup("\n".join(style.read_text(encoding="utf-8") for style in styles)),
+        n_contacts=N_CONTACTS,
+    )  # fmt: skip
+
+
+def write_feel_page(
+    path: str | Path, scene: PlannedScene, *, taps: Mapping[str, TapModel] | None = None, title: str = ""
+) -> Path:
+    """Write what `feel_page` returns; a file of that name is replaced at once.
+
+    Raises
+    ------
+    ValueError
+        As `feel_page`, or if the name does not end in `.html`.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".html":
+        raise ValueError(f"{path}: ends in {path.suffix!r}; the rule is '.html'")
+    write_whole(path, feel_page(scene, taps=taps, title=title).encode())
+    return path
+
+
+def _ends(surfaces: list[dict[str, Any]], key: str) -> tuple[float, float]:
+    """Return the least and the largest speed or force of all surfaces that are felt."""
+    ends = np.array([one[key] for one in surfaces if one["rms"] > 0] or [surfaces[0][key]])
+    low, high = float(ends.min()), float(ends.max())
+    return (low, high) if low < high else (low / 2, 2 * high)
+
+
+def _surface(name: str, scene: PlannedScene, taps: Mapping[str, TapModel]) -> dict[str, Any]:
+    """Return what the page knows of a surface beside its model."""
+    model = scene.model_of(name)
+    middle = [float(np.sqrt(axis[0] * axis[-1])) for axis in model.axes]
+    rms = float(np.sqrt(model.at(*([x] for x in middle))[1][0]))
+    tap = taps[name] if name in taps else _guessed_tap(model, scene, middle, rms)
+    parts = [f"AR of order {model.order}"] * bool(model.order) + [f"{model.n_lines} lines"] * bool(
+        model.n_lines
+    )
+    felt = f"{' + '.join(parts)}, {rms:.2g} {scene.unit} at {middle[0]:.0f} mm/s and {middle[1]:.2g} N"
+    return {
+        "name": name,
+        "model": scene.assigned[name],
+        "speeds": (model.speeds[0], model.speeds[-1]),
+        "forces": (model.forces[0], model.forces[-1]),
+        "rms": rms,
+        "tap": None if tap is None else (tap.amplitude_slope, tap.decay_per_s, tap.frequency_hz),
+        "guessed": name not in taps,
+        "about": felt if parts else "too weak for the device to be felt",
+    }
+
+
+def _guessed_tap(model: GridModel, scene: PlannedScene, middle: list[float], rms: float) -> TapModel | None:
+    """Return a tap at a model's strongest resonance: f of its largest power, B of its half-power width."""
+    if model.kind == "silence" or not rms:
+        return None
+    row = model.at(*([x] for x in middle))[0][0]
+    hz = np.linspace(*scene.band_hz, 500)
+    if model.order:
+        power = Autoregression(row[: model.order], np.ones(())).log_spectrum_db(2 * np.pi * hz / scene.fs)
+        at, width = hz[np.argmax(power)], np.sum(power > power.max() - 3) * (hz[1] - hz[0])
+    else:
+        at, width = (model.frequency_hz + middle[0] * model.per_mm)[np.argmax(row)], 0.0
+    decay = float(np.clip(np.pi * width, *GUESSED_DECAY_PER_S))
+    return TapModel(LOUDEST * rms / QUICK_M_S, decay, float(max(at, scene.band_hz[0], 1.0)))
+
+
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("texclass.scene", "feel"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
