@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from texclass.exchange.rendition import Playable
     from texclass.exchange.wav import Encoding
 
-TEXTURES, PLAYED, PATTERNS = (".texture", ".xml"), (".hjif", ".ahap", ".wav"), (".hjif", ".ahap")
-"""What holds a texture, what holds it as played once, and what of that is read."""
+TEXTURES, PATTERNS = (".texture", ".xml"), (".hjif", ".ahap", ".gltf")
+"""What holds a texture, and what holds it as played once."""
 
 
 @app.command(epilog="Example: texclass convert wood.texture -o wood.hjif --speed 80 --force 1")
@@ -23,13 +23,13 @@ def convert(
         Path,
         typer.Argument(
             metavar="IN",
-            help="A .texture (a texture, taps, a planned scene), a HaTT .xml; or .hjif, .ahap, to be played.",
+            help="A .texture (a texture, taps, a scene), a HaTT .xml; or .hjif, .ahap, .gltf, to be played.",
         ),
     ],
     older_target: Annotated[Path | None, typer.Argument(metavar="OUT", hidden=True)] = None,
     target: Annotated[
         Path | None,
-        typer.Option("-o", "--output", help="To be written: .texture, .xml, .hjif, .ahap or .wav."),
+        typer.Option("-o", "--output", help="To be written: .texture, .xml, .hjif, .ahap, .gltf or .wav."),
     ] = None,
     fs: Annotated[
         float, typer.Option("--fs", help="To XML: sampling rate of the models, Hz; HaTT renders 1000.")
@@ -50,8 +50,9 @@ def convert(
 ) -> None:
     """Convert a surface to the format of another device. What is lost there is told.
 
-    Penn's XML holds a texture, as .texture does. MPEG haptics (.hjif), Apple's patterns (.ahap) and WAV hold
-    it as played at one speed and force. A .hjif or .ahap is played to WAV.
+    Penn's XML holds a texture, as .texture does. MPEG haptics (.hjif), Apple's patterns (.ahap), the
+    haptic material of a scene (.gltf) and WAV hold it as played at one speed and force. These are played to
+    WAV.
     """
     from texclass.document import Document
 
@@ -61,14 +62,14 @@ def convert(
     kinds = source.suffix.lower(), target.suffix.lower()
     if kinds[0] in PATTERNS and kinds[1] == ".wav":
         lost = _play_pattern(source, target, physical)
-    elif kinds[0] in TEXTURES and kinds[1] in PLAYED:
+    elif kinds[0] in TEXTURES and kinds[1] in (*PATTERNS, ".wav"):
         lost = _write_played(_rendition(source, surface, speed, force, seconds, seed), target, physical)
     elif kinds in {(".xml", ".texture"), (".texture", ".xml")}:
         lost = _convert_texture(source, target, fs, order)
     else:
         raise ValueError(
-            f"{source} to {target}; the rule is .texture or .xml to the other one, .hjif, .ahap or .wav, "
-            "and .hjif or .ahap to .wav"
+            f"{source} to {target}; the rule is .texture or .xml to the other one, .hjif, .ahap, .gltf or "
+            ".wav, and .hjif, .ahap or .gltf to .wav"
         )
     typer.echo(f"wrote {target}, {target.stat().st_size} bytes")
     if lost:
@@ -134,13 +135,15 @@ def _check_surface(source: Path, surface: str | None, names: list[str]) -> None:
 
 def _write_played(rendition: "Rendition", target: Path, physical: bool) -> dict[str, str]:
     """Write what was played, and return what is lost."""
-    from texclass.exchange import write_ahap, write_hjif, write_wav
+    from texclass.exchange import write_ahap, write_gltf, write_hjif, write_wav
 
     match target.suffix.lower():
         case ".hjif":
             return write_hjif(rendition, target)
         case ".ahap":
             return write_ahap(rendition, target)
+        case ".gltf":
+            return write_gltf(rendition, target)
     encoding: Encoding = "float32" if physical else "audible"
     write_wav(target, rendition.samples, rendition.fs, unit=rendition.unit, encoding=encoding)
     return dict(rendition.lost)
@@ -148,10 +151,12 @@ def _write_played(rendition: "Rendition", target: Path, physical: bool) -> dict[
 
 def _play_pattern(source: Path, target: Path, physical: bool) -> dict[str, str]:
     """Write what a pattern plays as WAV, and return what is lost."""
-    from texclass.exchange import play_ahap, play_hjif, read_ahap, read_hjif, write_wav
+    from texclass.exchange import play_ahap, play_hjif, read_ahap, read_gltf, read_hjif, write_wav
     from texclass.exchange.hjif import FS
 
     encoding: Encoding = "float32" if physical else "audible"
+    if source.suffix.lower() == ".gltf":
+        return _write_played(read_gltf(source), target, physical)
     if source.suffix.lower() == ".hjif":
         haptics = read_hjif(source)
         vibrations = [
