@@ -13,7 +13,7 @@ ENOUGH_REPETITIONS = 20
 """Of each material: half of them, ten, still train, as where the drift of `biotac20` was measured."""
 FEW = 10
 """Recordings (or runs) of each material below which nothing is chosen, and margins are wider."""
-LATER_KEPT = 0.4
+LATER_KEPT = 0.45
 """Of what an accuracy is above chance, the least that later recordings kept in the study `few_recordings`."""
 LATER_ALARMS = 3.0
 """How many times as often later recordings are called unknown there as those held out between, the median."""
