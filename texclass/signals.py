@@ -5,6 +5,7 @@ Filters are Butterworth as second-order sections, zero-phase or causal. What one
 """
 
 import functools
+import itertools
 from typing import Any, Literal
 
 import numpy as np
@@ -19,7 +20,7 @@ HAND_SPAN_S = 0.2
 AXIS_PREFERENCE, AXIS_PREFERENCE_SINGLE = 1e-9, 1e-6
 """Relative extra weight of an earlier axis in the sum whose phase DFT321 takes; in single precision."""
 STEPS = 32
-"""Samples that a causal filter takes at once, and blocks of them."""
+"""Samples that a causal filter takes at once, blocks of them, and groups of these blocks."""
 
 
 def dft321(acceleration: ArrayLike, *, single: bool = False) -> Samples:
@@ -404,16 +405,39 @@ def causal(sos: Samples, x: ArrayLike, state: Samples | None = None) -> tuple[Sa
             before, level = level, level * ((b0 + b1 + b2) / (1 + a1 + a2))
             z[1] = b2 * before - a2 * level
             z[0] = b1 * before - a1 * level + z[1]
-    rows = samples.reshape(len(samples), -1)
-    key, filtered = sos.tobytes(), np.empty(rows.shape[::-1])
-    basis, inverse = _basis(key)
+    basis, inverse = _basis(sos.tobytes())
     z = state.reshape(2 * len(sos), -1).T @ inverse.T
-    whole = len(rows) - len(rows) % STEPS
-    for first, stop, n in ((0, whole, STEPS), (whole, len(rows), len(rows) - whole)):
-        if first < stop:
-            blocks = rows[first:stop].T.reshape(rows.shape[1], -1, n)
-            filtered[:, first:stop], z = _filtered(key, blocks, z)
+    filtered, z = causal_channels(sos, np.ascontiguousarray(samples.reshape(len(samples), -1).T), z)
     return filtered.T.reshape(samples.shape), (basis @ z.T).reshape(state.shape)
+
+
+def causal_channels(sos: Samples, x: Any, z: Any) -> tuple[Any, Any]:
+    """Filter forwards only, in the precision of the samples: what `causal` does, unchecked.
+
+    Parameters
+    ----------
+    sos : ndarray of shape (n_sections, 6)
+        From `butterworth`.
+    x : ndarray of shape (n_channels, n_samples)
+        Single or double precision; at least one sample.
+    z : ndarray of shape (n_channels, 2 * n_sections)
+        The state before, in coordinates of this filter's own; at rest on 0, it is 0.
+
+    Returns
+    -------
+    filtered : ndarray of shape (n_channels, n_samples)
+    z : ndarray of shape (n_channels, 2 * n_sections)
+        The state after.
+    """
+    size, key = x.shape[1], sos.tobytes()
+    whole = size - size % STEPS
+    edges = sorted({*range(0, whole, STEPS**3), whole, size})
+    if len(edges) == 2:
+        return _at_once(key, x, z)
+    filtered = np.empty_like(x)
+    for first, stop in itertools.pairwise(edges):
+        filtered[:, first:stop], z = _at_once(key, x[:, first:stop], z)
+    return filtered, z
 
 
 def _normal_form(section: Samples) -> tuple[Samples, Samples, Samples]:
@@ -430,31 +454,31 @@ def _normal_form(section: Samples) -> tuple[Samples, Samples, Samples]:
     return A, np.linalg.solve(V, [b1 - a1 * b0, b2 - a2 * b0]), V
 
 
-def _filtered(sos: bytes, x: Samples, z: Samples) -> tuple[Samples, Samples]:
-    """Filter blocks of all channels (n_channels, n_blocks, n) from a state (n_channels, n_states) on.
+def _at_once(sos: bytes, x: Any, z: Any) -> tuple[Any, Any]:
+    """Filter up to `STEPS` samples of each channel, or whole blocks of so many, without a loop.
 
     The n outputs of a block and the state after it are a matrix times its samples and the state before it,
-    and so are the states after `STEPS` blocks: half the time of a loop over the samples in C.
+    and so are the states after many blocks: a tenth of the time of a loop over the samples in C.
     """
-    (n_channels, n_blocks, n), n_states = x.shape, z.shape[1]
-    outputs, onwards = _matrices(sos, n)
-    known = np.empty((n_channels, n_blocks, n + n_states))  # samples, and the state before them
-    known[..., :n] = x
-    added = known[..., :n] @ onwards[:n]
-    grouped = n_blocks - n_blocks % STEPS
-    if grouped:
-        of_group = _many_states(sos, n)
-        after = added[:, :grouped].reshape(n_channels, -1, STEPS * n_states) @ of_group[:-n_states]
-        before = known[:, :grouped].reshape(n_channels, -1, STEPS, n + n_states)[..., n:]
-        for i in range(after.shape[1]):
-            after[:, i] += z @ of_group[-n_states:]
-            before[:, i, 0] = z
-            z = after[:, i, -n_states:]
-        before[:, :, 1:] = after.reshape(before.shape)[:, :, :-1]
-    for i in range(grouped, n_blocks):
-        known[:, i, n:] = z
-        z = z @ onwards[n:] + added[:, i]
-    return (known.reshape(-1, n + n_states) @ outputs).reshape(n_channels, -1), z
+    (n_channels, size), n_states = x.shape, z.shape[1]
+    n = min(size, STEPS)
+    n_blocks, n_groups = size // n, -(-size // (n * STEPS))
+    outputs, onwards = _matrices(sos, n, x.dtype.char)
+    known = np.empty((n_channels, n_blocks, n + n_states), dtype=x.dtype)  # samples, and the state before
+    known[..., :n] = x.reshape(n_channels, n_blocks, n)
+    known[:, 0, n:] = z
+    added = (x.reshape(-1, n) @ onwards[:n]).reshape(n_channels, -1)
+    if n_blocks == 1:
+        after = added + z @ onwards[n:]
+    else:
+        if n_groups > 1:
+            full = np.zeros((n_channels, n_groups * STEPS * n_states), dtype=x.dtype)
+            full[:, : added.shape[1]] = added
+            added = full
+        after = _many_states(sos, n, x.dtype.char, added.reshape(n_channels * n_groups, -1), z)
+        known[:, 1:, n:] = after[:, : (n_blocks - 1) * n_states].reshape(n_channels, -1, n_states)
+    z = after[:, (n_blocks - 1) * n_states : n_blocks * n_states]
+    return (known.reshape(-1, n + n_states) @ outputs).reshape(n_channels, size), z
 
 
 @functools.lru_cache(maxsize=32)
@@ -469,7 +493,7 @@ def _basis(sos: bytes) -> tuple[Samples, Samples]:
 
 
 @functools.lru_cache(maxsize=256)
-def _matrices(sos: bytes, n: int) -> tuple[Samples, Samples]:
+def _matrices(sos: bytes, n: int, kind: str) -> tuple[Any, Any]:
     """Return what n samples and the state before them are multiplied by: for outputs, for the next state."""
     sections = np.frombuffer(sos).reshape(-1, 6)
     n_states = 2 * len(sections)
@@ -481,21 +505,42 @@ def _matrices(sos: bytes, n: int) -> tuple[Samples, Samples]:
             x = y[t].copy()
             y[t] = section[0] * x + z[0]
             z[:] = A @ z + B[:, None] * x
-    return np.ascontiguousarray(y.T), np.ascontiguousarray(states.reshape(n_states, -1).T)
+    onwards = states.reshape(n_states, -1).T
+    return np.ascontiguousarray(y.T, dtype=kind), np.ascontiguousarray(onwards, dtype=kind)
 
 
-@functools.lru_cache(maxsize=32)
-def _many_states(sos: bytes, n: int) -> Samples:
+def _many_states(sos: bytes, n: int, kind: str, added: Any, z: Any) -> Any:
+    """Return the states (n_channels, blocks' states) after each of many blocks of n samples.
+
+    `added` has a row a group of at most `STEPS` blocks: what each block adds. Within a group, and from group
+    to group, all states are a matrix times what is added and the state before.
+    """
+    (n_rows, width), (n_channels, n_states) = added.shape, z.shape
+    within, since = _transitions(sos, n, kind)
+    after = added @ within[:width, :width]
+    before = z
+    if n_rows > n_channels:
+        ends = after[:, -n_states:].reshape(n_channels, -1)
+        within_groups, since_groups = _transitions(sos, n * STEPS, kind)
+        of_groups = ends.shape[1] - n_states
+        later = ends[:, :-n_states] @ within_groups[:of_groups, :of_groups] + z @ since_groups[:, :of_groups]
+        before = np.concatenate([z, later], axis=1).reshape(-1, n_states)
+    after += before @ since[:, :width]
+    return after.reshape(n_channels, -1)
+
+
+@functools.lru_cache(maxsize=64)
+def _transitions(sos: bytes, n: int, kind: str) -> tuple[Any, Any]:
     """Return what turns what `STEPS` blocks of n samples add, and the state before, into the states after."""
-    onwards = _matrices(sos, n)[1][n:]
-    n_states = len(onwards)
-    z = np.eye((STEPS + 1) * n_states, n_states, -STEPS * n_states)
-    after = []
-    for i in range(STEPS):
-        z = z @ onwards
-        z[i * n_states : (i + 1) * n_states] += np.eye(n_states)
-        after.append(z)
-    return np.hstack(after)
+    once = np.linalg.matrix_power(_matrices(sos, 1, "d")[1][1:], n)
+    n_states = len(once)
+    powers = [np.eye(n_states)]
+    for _ in range(STEPS):
+        powers.append(powers[-1] @ once)
+    within = np.zeros((STEPS, n_states, STEPS, n_states))
+    for first in range(STEPS):
+        within[first, :, first:] = np.stack(powers[: STEPS - first], axis=1)
+    return within.reshape(2 * [STEPS * n_states]).astype(kind), np.hstack(powers[1:]).astype(kind)
 
 
 def find_peaks(x: Samples, *, height: float, distance: int = 1, prominence: float = 0.0) -> NDArray[np.intp]:

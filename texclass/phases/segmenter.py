@@ -149,7 +149,7 @@ class Segmenter(Rules):
         start = max(0, impulse.start - margin) * found.bin_size
         stop = (max(impulse.start + margin, impulse.peak) + margin) * found.bin_size
         near = found.vibration.between(start, stop)
-        power = np.einsum("ij,ij->i", near, near)
+        power = np.einsum("ij,ij->j", near, near)
         at = leaves_noise(power, found.noise)
         return impulse.start * found.bin_samples if at is None else (start + at) * found.step
 

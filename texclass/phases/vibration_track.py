@@ -1,8 +1,8 @@
 """How strongly the tool vibrates over time against the noise, and when it keeps vibrating."""
 
 import functools
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from texclass.phases.defects import BLOCK, LONGEST_FADE_S, Data, fade, find_data, find_glitches, mended
 from texclass.phases.impulses import CALM_S, Levels, mean_over, quantiles
 from texclass.recording import Recording, Samples
-from texclass.signals import STEPS, butterworth, causal
+from texclass.signals import STEPS, butterworth, causal_channels
 
 TRACK_RATE_HZ = 10_000.0
 """Faster recordings are averaged down to about this rate before they are searched."""
@@ -38,6 +38,9 @@ MOST_CHANCE, MOST_UNREST, FAR = 1.6, 6.0, 1000.0
 noise that comes and goes (a room, other machines) is no stroke."""
 VARYING = 0.75
 """Where it does, vibration that lasts must stand so much further above it."""
+SINGLE = 1e-6
+"""Single precision filters what is at least this share of the greatest mean of a bin; its rounding, after the
+filter, is a tenth of that."""
 _DEAD = 1e-14
 """Power below this share of the strongest is rounding."""
 
@@ -50,91 +53,119 @@ class Filtered:
     ----------
     axes : ndarray of shape (n_samples, n_channels)
         What is filtered.
-    steps : tuple of int
-        Factors by which it is averaged down first, one after the other.
+    step, per : int
+        Samples that are averaged to a row, and rows a bin.
     sos : ndarray of shape (n_sections, 6)
         The filter.
     data : Data
         What a sensor felt; the filter is at rest on what stands before it.
     glitches : ndarray of int
         Samples that are replaced by the mean of their neighbours.
-    size : int
-        Rows of a block: from its state on, a filter does the same as at once.
+    kind : {"f", "d"}
+        Precision: single or double.
     """
 
     axes: Samples
-    steps: tuple[int, ...]
+    step: int
+    per: int
     sos: Samples
     data: Data
     glitches: NDArray[np.intp]
-    size: int = BLOCK
-    _states: list[Samples] = field(default_factory=list, repr=False)
-    _newest: dict[int, Samples] = field(default_factory=dict, repr=False)
+    kind: str = "d"
+    _kept: dict[int, Any] = field(default_factory=dict, repr=False)
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows; the last may be of fewer samples."""
+        return -(-len(self.axes) // self.step)
+
+    @property
+    def size(self) -> int:
+        """Rows of a block: whole bins and, of both, as many as a filter takes at once."""
+        unit = STEPS * self.per
+        return max(unit, BLOCK // unit * unit)
 
     @functools.cached_property
-    def _moved(self) -> Samples:
+    def _room(self) -> Any:
         """Room for a block, channel by channel, as a filter takes it."""
-        return np.empty((self.axes.shape[1], min(self.size, len(self))))
+        n_rows = min(self.size, self.n_rows + STEPS * self.per)
+        return np.empty((self.axes.shape[1], n_rows * self.step), self.kind)
 
-    def __len__(self) -> int:
-        n = len(self.axes)
-        for step in self.steps:
-            n = -(-n // step)
-        return n
+    @functools.cached_property
+    def _states(self) -> list[Any]:
+        """States of the filter before the blocks that were reached so far."""
+        return [np.zeros((self.axes.shape[1], 2 * len(self.sos)), self.kind)]
 
-    def power(self, per: int) -> Samples:
-        """Return the mean square of every `per` rows, summed over channels; `per` divides `size`."""
-        mean, n = np.empty(-(-len(self) // per)), self.size // per
-        for k, rows in enumerate(self._blocks()):
-            mean[k * n : (k + 1) * n] = block_mean(np.einsum("ij,ij->j", rows.T, rows.T), per)
-        return mean
+    def levels(self) -> tuple[Samples, Any]:
+        """Return the mean square of each bin, summed over channels, and before the filter its mean.
 
-    def between(self, first: int, stop: int) -> Samples:
-        """Return the filtered rows [first, stop), as far as there are any."""
-        start = max(0, first) // self.size
-        found = [self._block(k) for k in range(start, -(-min(stop, len(self)) // self.size))]
-        rows = found[0] if len(found) == 1 else np.concatenate([self._rows(0, 0), *found])
-        return rows[max(0, first) - start * self.size : max(0, stop - start * self.size)]
+        The mean, of shape (n_channels, n), goes on with zeros so that `STEPS` divides n.
+        """
+        n_bins, n_channels = -(-self.n_rows // self.per), self.axes.shape[1]
+        ones = np.ones(self.per, self.kind)
+        power, mean = np.empty(n_bins), np.zeros((n_channels, -(-n_bins // STEPS) * STEPS), self.kind)
+        for k in range(-(-self.n_rows // self.size)):
+            rows = self._rows(k)
+            squares = np.square(self._block(k, rows)).reshape(-1, self.per) @ ones
+            bins = slice(k * self.size // self.per, (k + 1) * self.size // self.per)
+            power[bins] = squares.reshape(n_channels, -1).sum(axis=0)[: n_bins - bins.start]
+            mean[:, bins] = (rows.reshape(-1, self.per) @ ones).reshape(n_channels, -1)
+        power /= self.per
+        mean /= self.per
+        held = (self.n_rows - 1) % self.per + 1
+        power[-1] *= self.per / held
+        mean[:, n_bins - 1] *= self.per / held
+        return power, mean
+
+    def between(self, first: int, stop: int) -> Any:
+        """Return the filtered rows [first, stop), as far as there are any: shape (n_channels, n)."""
+        first, stop = max(0, first), min(stop, self.n_rows)
+        start = first // self.size
+        found = [self._block(k) for k in range(start, -(-stop // self.size))]
+        rows = found[0] if len(found) == 1 else np.concatenate([self._states[0][:, :0], *found], axis=1)
+        return rows[:, first - start * self.size : max(0, stop - start * self.size)]
 
     def correlation(self, lag: int) -> float:
         """Return the mean over rows of what a row and the one `lag` (0 or 1) later have in common."""
-        total, before = 0.0, self._rows(0, 0)
-        for block in self._blocks():
-            rows = np.concatenate([before, block])
-            total += float(np.einsum("ij,ij->i", rows[lag:], rows[: len(rows) - lag]).sum())
-            before = block[len(block) - lag :]
-        return total / max(1, len(self) - lag)
+        total, before = 0.0, self._states[0][:, :0]
+        for k in range(-(-self.n_rows // self.size)):
+            rows = np.concatenate([before, self._block(k)], axis=1)
+            total += float(np.einsum("ij,ij->i", rows[:, lag:], rows[:, : rows.shape[1] - lag]).sum())
+            before = rows[:, rows.shape[1] - lag :]
+        return total / max(1, self.n_rows - lag)
 
-    def _blocks(self) -> Iterator[Samples]:
-        return (self._block(k) for k in range(-(-len(self) // self.size)))
-
-    def _block(self, k: int) -> Samples:
-        """Return block k; the states at the starts of all blocks before it are found first."""
-        while k not in self._newest:
-            i = min(k, len(self._states))
-            state = self._states[i - 1] if i else np.zeros((len(self.sos), 2, self.axes.shape[1]))
-            rows = self._rows(i * self.size, (i + 1) * self.size)
-            moved = self._moved[:, : len(rows)].T
-            for channel, level in enumerate(self.data.rest):
-                np.subtract(rows[:, channel], level, out=moved[:, channel])
-            block, after = causal(self.sos, moved, state)
-            if i == len(self._states) and after is not None:
+    def _block(self, k: int, rows: Any = None) -> Any:
+        """Return block k, zero after its last row; the states before all blocks up to it are found first."""
+        if k in self._kept:
+            return self._kept[k]
+        for i in range(min(k, len(self._states) - 1), k + 1):
+            x = self._rows(i) if rows is None else rows
+            block, after = causal_channels(self.sos, x, self._states[i])
+            if i + 1 == len(self._states):
                 self._states.append(after)
-            if len(self._newest) == KEPT:
-                self._newest.clear()
-            self._newest[i] = block
-        return self._newest[k]
+        block[:, self.n_rows - k * self.size :] = 0.0
+        if len(self._kept) < KEPT:
+            self._kept[k] = block
+        return block
 
-    def _rows(self, first: int, stop: int) -> Samples:
-        step = int(np.prod(self.steps))
-        start = first * step
-        rows = self.axes[start : stop * step]
-        inside = self.glitches[(self.glitches >= start) & (self.glitches < start + len(rows))] - start
-        if len(inside) or start < self.data.first:
-            rows = mended(rows, inside)
-            rows = np.where((np.arange(len(rows)) + start < self.data.first)[:, None], self.data.rest, rows)
-        for each in self.steps:
-            rows = block_mean(rows, each)
+    def _rows(self, k: int) -> Any:
+        """Return the rows of block k less the level at rest: (n_channels, n), zero after the last."""
+        start = k * self.size * self.step
+        samples = self.axes[start : start + self.size * self.step]
+        unit = STEPS * self.per * self.step
+        x = self._room[:, : -(-len(samples) // unit) * unit]
+        for channel, level in enumerate(self.data.rest):
+            np.subtract(samples[:, channel], level, out=x[channel, : len(samples)], casting="same_kind")
+        glitches = self.glitches[slice(*np.searchsorted(self.glitches, (start, start + len(samples))))]
+        if len(glitches):
+            near = [self.axes[np.clip(glitches + i, 0, len(self.axes) - 1)] for i in (-1, 1)]
+            x[:, glitches - start] = ((near[0] + near[1]) / 2 - self.data.rest).T
+        x[:, : max(0, self.data.first - start)] = x[:, len(samples) :] = 0.0
+        if self.step == 1:
+            return x
+        rows = (x.reshape(-1, self.step) @ np.full(self.step, 1 / self.step, self.kind)).reshape(len(x), -1)
+        if rest := len(samples) % self.step:
+            rows[:, len(samples) // self.step] *= self.step / rest
         return rows
 
 
@@ -197,14 +228,11 @@ def track(recording: Recording, *, hand_hz: float, bin_s: float, quiet_s: float)
     bin_size = max(1, round(bin_s * rate))
     n_bins, bin_s = -(-len(axes) // (step * bin_size)), bin_size / rate
     felt, glitches = find_data(axes, recording.fs), find_glitches(axes)
-    sos = _above_the_hand(hand_hz, rate)
-    size = BLOCK // bin_size * bin_size
-    size -= size % (STEPS * bin_size) if size > STEPS * bin_size else 0  # whole groups are filtered sooner
-    vibration = Filtered(axes, (step,), sos, felt, glitches, size)
     data = -(-felt.first // (step * bin_size)), n_bins
     if felt.stop < len(axes):
         data = data[0], max(data[0], felt.stop // (step * bin_size))
-    loud = _only(vibration.power(bin_size), data)
+    sos = _above_the_hand(hand_hz, rate)
+    vibration, loud, mean = _vibration(Filtered(axes, step, bin_size, sos, felt, glitches, "f"), data)
     full = _full(axes[felt.first : felt.stop], loud, data, step * bin_size, bin_s)
     n_quiet = max(1, min(round(quiet_s / bin_s), n_bins // 16))
     usable = slice(*(full if full[1] - full[0] >= n_quiet else (data[0], max(data[1], data[0] + 1))))
@@ -219,9 +247,23 @@ def track(recording: Recording, *, hand_hz: float, bin_s: float, quiet_s: float)
         nothing = np.zeros_like(loud)
         return Track(Levels(nothing, nothing, nothing, bin_s, least), *found)
     loud /= noise
-    soft = Filtered(axes, (step, bin_size), _soft_band(1.0 / bin_s), felt, glitches).power(1)
-    levels = _levels(loud, _only(soft, data), usable, bin_s, least)
+    at_rest = np.zeros((len(mean), 2 * len(_soft_band(1.0 / bin_s))), mean.dtype)
+    soft = np.square(causal_channels(_soft_band(1.0 / bin_s), mean, at_rest)[0]).sum(axis=0)
+    levels = _levels(loud, _only(soft[:n_bins], data), usable, bin_s, least)
     return Track(replace(levels, strokes=VARYING * levels.strokes) if varies else levels, *found)
+
+
+def _vibration(single: Filtered, data: tuple[int, int]) -> tuple[Filtered, Samples, Any]:
+    """Return what is filtered, its levels and its means: in double precision, if single would be felt."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        loud, mean = single.levels()
+        heard = _only(loud, data)[slice(*data)]
+        least = (SINGLE * float(np.abs(mean).max())) ** 2
+    if least < heard.min(initial=np.inf) and heard.max(initial=0.0) < np.inf:
+        return single, loud, mean
+    double = replace(single, kind="d", _kept={})
+    loud, mean = double.levels()
+    return double, _only(loud, data), mean
 
 
 def _levels(loud: Samples, soft: Samples, usable: slice, bin_s: float, least: int) -> Levels:
