@@ -30,7 +30,7 @@ from texclass.simulate.tool import Sensor
 SEED = 7
 N_STRANGERS = 2
 AIM, WORTH = 0.8, 0.05
-PIPELINES = {"texclass": "kernel", "multiscale": "vote"}
+PIPELINES = {"surfaces": "vote", "texclass": "kernel", "multiscale": "vote"}
 RECIPE = Recipe(n_surfaces=24, n_recordings=20, n_operators=5, duration_s=6.0, fs=10_000, seed=2015)
 Felt = Callable[[Samples, np.random.Generator], Samples]
 
@@ -185,10 +185,14 @@ class Asked:
         })  # fmt: skip
 
     def adapted(self, references: pd.DataFrame, *, labelled: bool) -> Model:
-        """Return the model adapted to these rows."""
+        """Return the model adapted to these rows; as it is where they are refused."""
         material = references["material"].to_numpy(dtype=str)
         known = (material[:, None] == np.array(self.model.materials)) * float(labelled)
-        return adapted_to(self.model, self.values(references), known, np.arange(len(references)), {})
+        try:
+            return adapted_to(self.model, self.values(references), known, np.arange(len(references)), {})
+        except ValueError as error:
+            print(f"{self.name}: {error}", flush=True)
+            return self.model
 
 
 def drawn_references(way: str, references: pd.DataFrame, rng: np.random.Generator) -> pd.DataFrame:

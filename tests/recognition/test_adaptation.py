@@ -93,13 +93,51 @@ def test_a_known_change_of_columns_is_found():
 
 
 def test_shares_of_unlabelled_references_are_estimated(kernel_model):
-    """References of two surfaces alone are not spread over all four."""
+    """References of two surfaces are moved less than if they were of all four alike."""
     two = [recording(surface, seed, material=None) for surface in ("cork", "slate") for seed in range(50, 60)]
     X, known, of = rows_of(kernel_model, two)
     assert not known.any()
-    scale, shift = fit_map(kernel_model, X, known, kernel_model.surfaces, len(set(of)))
-    moved = ((scale - 1) * X + shift) / kernel_model.surfaces.within
-    assert np.sqrt(np.mean(moved**2)) < 0.5
+    surfaces, n = kernel_model.surfaces, len(set(of))
+    maps = fit_map(kernel_model, X, known, surfaces, n), moments_map(X, np.full(4, 0.25), surfaces, n)
+    moved, by_equal = (
+        np.sqrt(np.mean((((scale - 1) * X + shift) / surfaces.within) ** 2)) for scale, shift in maps
+    )
+    assert moved < 0.7 * by_equal
+
+
+ONE_SURFACE = [felt("oak", seed, material=None) for seed in range(50, 62)]
+NOISE = [
+    one.with_(acceleration=np.random.default_rng(k).standard_normal(2000))
+    for k, one in enumerate(ONE_SURFACE)
+]
+
+
+@pytest.mark.parametrize("references", [ONE_SURFACE, NOISE], ids=["one surface", "noise"])
+@pytest.mark.parametrize("kind", ["kernel", "linear"])
+def test_references_of_which_nothing_can_be_told_are_refused(kind, references, request):
+    with pytest.raises(
+        ValueError, match=r"the rule is 2.5 or more: references of more surfaces, or labelled"
+    ):
+        adapt(request.getfixturevalue(f"{kind}_model"), references)
+
+
+def test_labelled_references_that_sound_alike_are_refused(kernel_model):
+    alike = [one.with_(material=m) for one, m in zip(NOISE, SURFACES, strict=False)]
+    with pytest.raises(ValueError, match=r"more than one answer for all would get .1.: check their labels"):
+        adapt(kernel_model, alike)
+
+
+def test_a_map_that_answers_fewer_references_right_is_not_taken(kernel_model, monkeypatch):
+    monkeypatch.setattr("texclass.recognition.adaptation.moments_map", halving_map)
+    again = [recording(surface, seed) for surface in SURFACES for seed in (50, 51, 52)]
+    adapted = adapt(kernel_model, again)
+    assert adapted.manifest.adapted["map"] == "none"
+    assert [adapted.answer(one).surface for one in again] == [one.material for one in again]
+
+
+def halving_map(X, *_, scaled=True):
+    """Return a map after which a model answers wrongly."""
+    return np.full(X.shape[1], 0.5), np.full(X.shape[1], 3.0)
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,12 @@ CERTAIN = 2.0
 MOST_SCALED = 10.0
 """Factor by which a column is scaled at most, and at least its inverse."""
 N_FOLDS, N_ROUNDS = 10, 20
+PRIOR, MOST_PRIOR = 0.025, 0.5
+"""Added references of each surface, and of all at most, as a part of those whose surface is estimated."""
+LEAST_APART = 2.5
+"""Surfaces, 1 / sum shares^2, that references without labels must seem to be of."""
+KINDS = ("affine", "shift", "none")
+"""Maps, each simpler than the one before."""
 SETTLED = 1e-3
 """Change of shares after which they are found."""
 
@@ -76,7 +82,8 @@ def adapt(
     ------
     ValueError
         If references are too few, of a surface that the model does not know, of another rate or unit, lack a
-        channel, or the model is adapted already or too old to be.
+        channel, or cannot be told apart by the adapted model; or the model is adapted already or too old to
+        be.
 
     References
     ----------
@@ -122,7 +129,7 @@ def adapted_to(
     Raises
     ------
     ValueError
-        If references are too few, or the model is adapted already or too old to be.
+        If references are too few, or cannot be told apart; or the model is adapted already or too old to be.
     """
     surfaces = _surfaces_of(model)
     n_recordings, n_labelled = len(np.unique(of)), len(np.unique(of[known.any(axis=1)]))
@@ -131,13 +138,48 @@ def adapted_to(
             f"{n_labelled} of {n_recordings} references are of a known surface; the rule is at least "
             f"{LEAST_LABELLED} that are, or {LEAST_UNLABELLED} recordings of any surfaces of the model"
         )
-    found = fit_map(model, X, known, surfaces, n_recordings)
-    novelty, by = _reset(model, X, known, of, surfaces, found)
-    told = {**told, "threshold_by": by, "scale": np.quantile(found[0], [0.1, 0.5, 0.9]).round(6).tolist()}
+    hits_before = _hits(model.deployed.decided(X)[1], known)
+    for kind in KINDS:
+        found = fit_map(model, X, known, surfaces, n_recordings, kind)
+        decisions, strange = _held_out(model, X, known, of, surfaces, found, kind)
+        if _hits(decisions, known) >= hits_before:
+            break
+    _check_told_apart(model, X * found[0] + found[1], known, n_labelled)
+    novelty, by = _reset(model.novelty, strange, len(np.unique(of)))
+    scale = np.quantile(found[0], [0.1, 0.5, 0.9]).round(6).tolist()
+    told = {**told, "map": kind, "threshold_by": by, "scale": scale}
     return _mapped(model, found, novelty, told, resampled=resampled)
 
 
-def fit_map(model: Model, X: Samples, known: Samples, surfaces: Surfaces, n_recordings: int) -> Map:
+def _hits(decisions: Samples, known: Samples) -> int:
+    """Return of how many labelled rows the largest decision is that of their surface."""
+    return int(known[np.arange(len(known)), decisions.argmax(axis=1)].sum())
+
+
+def _check_told_apart(model: Model, mapped: Samples, known: Samples, n_labelled: int) -> None:
+    """Refuse a map under which references seem to be of one surface, or labelled ones are not told apart."""
+    p = model.judge(mapped)[0]
+    if n_labelled < LEAST_LABELLED:
+        shares = np.where(known.any(axis=1)[:, None], known, p).mean(axis=0)
+        if (n_apart := 1 / (shares**2).sum()) < LEAST_APART:
+            raise ValueError(
+                f"references seem to be of {n_apart:.2g} surfaces, most of {model.materials[shares.argmax()]!r}, "
+                f"so that nothing tells the sensor from the surface; the rule is {LEAST_APART:g} or more: "
+                "references of more surfaces, or labelled (SURFACE=FILE)"
+            )
+        return
+    counts, hits = known.sum(axis=0), _hits(p, known)
+    if np.count_nonzero(counts) > 1 and hits <= counts.max():
+        raise ValueError(
+            f"{hits} of {counts.sum():.0f} labelled references are answered right by the adapted model; "
+            f"the rule is more than one answer for all would get ({counts.max():.0f}): check their labels, "
+            "or give more"
+        )
+
+
+def fit_map(
+    model: Model, X: Samples, known: Samples, surfaces: Surfaces, n_recordings: int, kind: str = "affine"
+) -> Map:
     """Return the map under which rows of a new sensor lie as the model's surfaces do.
 
     Parameters
@@ -152,25 +194,33 @@ def fit_map(model: Model, X: Samples, known: Samples, surfaces: Surfaces, n_reco
         Where they lay with the old sensor.
     n_recordings : int
         Of which the rows are.
+    kind : {"affine", "shift", "none"}
+        What the map may do.
     """
     n, n_materials = known.shape
+    if kind == "none":
+        return np.ones(X.shape[1]), np.zeros(X.shape[1])
     open_rows = ~known.any(axis=1)
     n_open = int(open_rows.sum())
     shares = np.full(n_materials, 1 / n_materials)
     for _ in range(N_ROUNDS if n_open else 1):
-        found = moments_map(X, (known.sum(axis=0) + n_open * shares) / n, surfaces, n_recordings)
+        mixture = (known.sum(axis=0) + n_open * shares) / n
+        found = moments_map(X, mixture, surfaces, n_recordings, scaled=kind == "affine")
         if not n_open:
             break
         scale, shift = found
         likely = model.judge(X[open_rows] * scale + shift)[0].sum(axis=0)
-        # As if one more recording had been of all surfaces alike (Perks' prior).
-        before, shares = shares, (likely + 1 / n_materials) / (n_open + 1)
+        # Shares that follow probabilities alone may end at one surface, of which then all seem to be.
+        prior = min(PRIOR, MOST_PRIOR / n_materials)
+        before, shares = shares, (likely / n_open + prior) / (1 + n_materials * prior)
         if np.abs(shares - before).max() < SETTLED:
             break
     return found
 
 
-def moments_map(X: Samples, shares: Samples, surfaces: Surfaces, n_recordings: int) -> Map:
+def moments_map(
+    X: Samples, shares: Samples, surfaces: Surfaces, n_recordings: int, *, scaled: bool = True
+) -> Map:
     """Return scale and shift that give each column the mean and variance of a mixture of known surfaces.
 
     Both are shrunk towards none by how much they exceed, over all columns, what chance explains of so few
@@ -188,6 +238,8 @@ def moments_map(X: Samples, shares: Samples, surfaces: Surfaces, n_recordings: i
         Where they lay with the old sensor.
     n_recordings : int
         Of which the rows are: touches of one recording are one witness.
+    scaled : bool
+        Whether columns are scaled, too.
     """
     means, within = surfaces
     n = min(n_recordings, len(X))
@@ -202,12 +254,12 @@ def moments_map(X: Samples, shares: Samples, surfaces: Surfaces, n_recordings: i
     aimed = (weights * (known - aim) ** 2).sum(axis=0) + within**2
     usable = there.any(axis=0) & np.isfinite(aim) & (within > 0)
     half = (min(n, 1 / (shares**2).sum()) - 1) / 2
-    scaled = usable & (variance > 0) & (half > SETTLED)
+    varies = usable & (variance > 0) & (half > SETTLED) & scaled
     log_scale = np.zeros(len(aim))
-    if scaled.any():
+    if varies.any():
         unbiased = digamma(half) - np.log(half)
-        log_scale[scaled] = 0.5 * (np.log(aimed[scaled] / variance[scaled]) + unbiased)
-        log_scale *= _believed(log_scale[scaled], polygamma(1, half) / 4)
+        log_scale[varies] = 0.5 * (np.log(aimed[varies] / variance[varies]) + unbiased)
+        log_scale *= _believed(log_scale[varies], polygamma(1, half) / 4)
     scale = np.exp(np.clip(log_scale, -np.log(MOST_SCALED), np.log(MOST_SCALED)))
     moved = np.where(usable, aim - mean, 0.0)
     if usable.any():
@@ -326,18 +378,21 @@ def rows_of(
     return X[valued], np.array(known).reshape(len(X), -1)[valued], np.array(of, dtype=np.intp)[valued]
 
 
-def _reset(
-    model: Model, X: Samples, known: Samples, of: NDArray[np.intp], surfaces: Surfaces, found: Map
-) -> tuple[Novelty, str]:
-    """Return when a recording of the new sensor is of no known surface, and how that was found.
+def _held_out(
+    model: Model,
+    X: Samples,
+    known: Samples,
+    of: NDArray[np.intp],
+    surfaces: Surfaces,
+    found: Map,
+    kind: str,
+) -> tuple[Samples, Samples]:
+    """Return decisions (n, n_materials) on each reference, and its strangeness (n,), under a map of others.
 
-    Each reference is judged under a map of others: where they are of less than half of the surfaces, of other
-    surfaces, as most that will be asked about are (and as they are likeliest under the map of all). If they
-    are enough for the rate of false alarms, they take the place of the recordings held out in training; else
-    these are moved by as much as the median of references is stranger, decisions by a difference, distances
-    by a factor.
+    Where they are of less than half of the surfaces, others are of other surfaces, as most that will be asked
+    about are (and as they are likeliest under the map of all).
     """
-    novelty, names, strange = model.novelty, np.unique(of), np.empty(len(X))
+    novelty, strange, decisions = model.novelty, np.empty(len(X)), np.empty(known.shape)
     likeliest = model.judge(X * found[0] + found[1])[0].argmax(axis=1)
     groups = np.where(known.any(axis=1), known.argmax(axis=1), likeliest)
     if not LEAST_LABELLED <= len(np.unique(groups)) < len(model.materials) / 2:
@@ -346,10 +401,20 @@ def _reset(
     for fold in range(folds.max() + 1):
         rest, asked = folds != fold, folds == fold
         n_rest = len(set(of[rest].tolist()))
-        scale, shift = fit_map(model, X[rest], known[rest], surfaces, n_rest)
-        prepared, decisions = model.deployed.decided(X[asked] * scale + shift)
-        strange[asked] = strangeness(novelty.kind, decisions, prepared, novelty.nearness)
-    if len(names) >= max(LEAST_UNLABELLED, least_held_out(novelty.false_alarms)):
+        scale, shift = fit_map(model, X[rest], known[rest], surfaces, n_rest, kind)
+        prepared, decisions[asked] = model.deployed.decided(X[asked] * scale + shift)
+        strange[asked] = strangeness(novelty.kind, decisions[asked], prepared, novelty.nearness)
+    return decisions, strange
+
+
+def _reset(novelty: Novelty, strange: Samples, n_recordings: int) -> tuple[Novelty, str]:
+    """Return when a recording of the new sensor is of no known surface, and how that was found.
+
+    If references are enough for the rate of false alarms, they take the place of the recordings held out in
+    training; else these are moved by as much as the median of references is stranger, decisions by a
+    difference, distances by a factor.
+    """
+    if n_recordings >= max(LEAST_UNLABELLED, least_held_out(novelty.false_alarms)):
         return replace(novelty, held_out=np.sort(strange)), "references"
     typical, before = float(np.median(strange)), float(np.median(novelty.held_out))
     if novelty.kind == "decision":

@@ -80,7 +80,8 @@ def adapted_facts(manifest: Manifest) -> str:
     of = f"{len(surfaces)} of {counted(len(set(surfaces)), 'known surface')}" if surfaces else "unlabelled"
     low, median, high = manifest.adapted["scale"]
     return (
-        f"{n}, {of} ({manifest.adapted['hash'][:12]}): columns scaled by {median:.2g} ({low:.2g} to "
+        f"{n}, {of} ({manifest.adapted['hash'][:12]}), map {manifest.adapted.get('map', 'affine')}: "
+        f"columns scaled by {median:.2g} ({low:.2g} to "
         f"{high:.2g}); threshold of unknown surfaces by {manifest.adapted['threshold_by']}; accuracy and "
         "calibration are those of the training"
     )

@@ -97,8 +97,8 @@ class Manifest(Written):
         Largest acceleration of the recordings trained on, from the median of its axis.
     adapted
         Empty, or what another sensor told: references (each its name, and its surface or None), their hash,
-        threshold_by (what the threshold of unknown surfaces stands on), scale (10, 50, 90 % of columns). The
-        accuracy, calibration and n_tested above remain those of the training.
+        map (affine, shift or none), threshold_by (what the threshold of unknown surfaces stands on), scale
+        (10, 50, 90 % of columns). The accuracy, calibration and n_tested above remain those of the training.
     schema
         Of the file: major and minor version.
     """
