@@ -237,9 +237,9 @@ def main() -> None:
         "{kind} | {files} | {accepted} | {bytes:.0f} | {beside:.1e} | {off:.2%} | {level:.3f} | "
         "{meant} | {gfc}",
         "Files that the reference accepts, and the worst of each kind: its 16 bits beside our player (median "
-        "difference; full scale 1), and beside what was meant (level, and the spectra's goodness of fit). A sample is "
-        "off (over 0.001 of full scale) where the reference takes the held sample of a wavelet band a step "
-        "earlier. What is meant is lost above 4 kHz (textures of 10 kHz), in lines beyond 63, and in "
+        "difference; full scale 1), and beside what was meant (level, the spectra's goodness of fit). A "
+        "sample is off (over 0.001 of full scale) where the reference takes a held sample a step earlier. "
+        "What is meant is lost above 4 kHz (textures of 10 kHz), in lines beyond 63, and in "
         "fractions of a hertz.",
     )
     judged = [row for row in refused if row["reference"]]
