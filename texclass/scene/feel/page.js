@@ -18,7 +18,7 @@
     context = new AudioContext({ latencyHint: "interactive" });
     const text = by("kernels").textContent + by("worklet").textContent;
     const module = `data:text/javascript,${encodeURIComponent(text)}`;  // Chromium takes no Blob in a page from a file
-    await Promise.all([context.resume(), context.audioWorklet.addModule(module)]);
+    await context.audioWorklet.addModule(module);
     const { index, fs, full } = scene, options = { bank, index, fs, full, gain: volume(), contacts: contacts.length };
     node = new AudioWorkletNode(context, "feel",
       { numberOfInputs: 0, numberOfOutputs: 2, outputChannelCount: [1, 1], processorOptions: options });
@@ -33,19 +33,10 @@
     contacts.forEach((contact, i) => { if (contact) send(i); });
   }
 
-  function start() {
-    if (starting) {
-      if (context?.state === "suspended") context.resume();
-      return starting;
-    }
-    if (!globalThis.AudioWorkletNode) {
-      say("This browser plays nothing here: AudioWorklet is missing. A current Firefox, Chrome, Edge or Safari has it, "
-        + "for pages that are files or come by https.");
-      return (starting = Promise.resolve());
-    }
-    touched = performance.now();
-    starting = begin().catch((error) => say(`No sound: ${error.message}. Reload the page to try again.`));
-    return starting;
+  async function start() {  // all is ready, but sound begins with a gesture only
+    touched ||= performance.now();
+    await starting;
+    if (context?.state === "suspended") await context.resume();
   }
 
   function send(i, vx = 0, vy = 0) {
@@ -57,7 +48,7 @@
 
   async function tap(tile, force) {
     const { name, tap: found } = scene.surfaces[tile.dataset.at];
-    await start();
+    start();
     if (found) node?.port.postMessage({ tap: found, velocity: 0.1 * force });
     tile.classList.remove("struck");
     void tile.offsetWidth;  // so that the ring is shown again
@@ -251,6 +242,12 @@
     pen.putImageData(image, 0, 0);
   }
 
+  if (globalThis.AudioWorkletNode) {
+    starting = begin().catch((error) => say(`No sound: ${error.message}. Reload the page to try again.`));
+  } else {
+    say("This browser plays nothing here: AudioWorklet is missing. A current Firefox, Chrome, Edge or Safari has it, "
+      + "for pages that are files or come by https.");
+  }
   const outputs = () => document.querySelectorAll("input[type=range]").forEach((input) => {
     by(`${input.id}-is`).textContent = `${input.value} ${input.dataset.unit}`;
     input.setAttribute("aria-valuetext", `${input.value} ${input.dataset.unit}`);
