@@ -77,7 +77,7 @@ def feel_page(scene: PlannedScene, *, taps: Mapping[str, TapModel] | None = None
     (slow, fast), (soft, hard) = (_ends(surfaces, key) for key in ("speeds", "forces"))
     speed, force = np.sqrt(slow * fast), np.sqrt(soft * hard)
     data = {
-        "fs": scene.fs, "unit": scene.unit, "forces": (soft, hard), "surfaces": surfaces,
+        "fs": scene.fs, "unit": _shown(scene.unit), "forces": (soft, hard), "surfaces": surfaces,
         "full": LOUDEST * max([one["rms"] for one in surfaces if one["rms"] > 0], default=1.0),
         "bank": base64.b64encode(bank.astype("<f8").tobytes()).decode(), "index": index.ravel().tolist(),
     }  # fmt: skip
@@ -85,11 +85,12 @@ def feel_page(scene: PlannedScene, *, taps: Mapping[str, TapModel] | None = None
     return _environment().get_template("page.html").render(
         title=title or f"Feel: {scene.name}",
         scene=scene,
+        unit=_shown(scene.unit),
         surfaces=surfaces,
         sliders=[
             ("volume", "Volume", -48, 0, 1, -18, "dB"),
             ("force", "Force without a pen", *(f"{x:.2g}" for x in (soft, hard)), 0.05, f"{force:.2g}", "N"),
-            ("speed", "Speed of the arrow keys", round(slow), round(fast), 1, round(speed), "mm/s"),
+            ("speed", "Speed of arrow keys", round(slow), round(fast), 1, round(speed), "mm/s"),
         ],
         tap_note="Taps are guessed from the textures: none was measured." if n_guessed == len(surfaces)
         else f"Taps were measured{f', but for {n_guessed} that are guessed' if n_guessed else ''}.",
@@ -134,7 +135,8 @@ def _surface(name: str, scene: PlannedScene, taps: Mapping[str, TapModel]) -> di
     parts = [f"AR of order {model.order}"] * bool(model.order) + [f"{model.n_lines} lines"] * bool(
         model.n_lines
     )
-    felt = f"{' + '.join(parts)}, {rms:.2g} {scene.unit} at {middle[0]:.0f} mm/s and {middle[1]:.2g} N"
+    where = f"{middle[0]:.0f}\u00a0mm/s and {middle[1]:.2g}\u00a0N"
+    felt = f"{' + '.join(parts)}, {rms:.2g}\u00a0{_shown(scene.unit)} at {where}"
     return {
         "name": name,
         "model": scene.assigned[name],
@@ -145,6 +147,10 @@ def _surface(name: str, scene: PlannedScene, taps: Mapping[str, TapModel]) -> di
         "guessed": name not in taps,
         "about": felt if parts else "too weak for the device to be felt",
     }
+
+
+def _shown(unit: str) -> str:
+    return unit.replace("^2", "²")
 
 
 def _guessed_tap(model: GridModel, scene: PlannedScene, middle: list[float], rms: float) -> TapModel | None:
