@@ -4,6 +4,7 @@ import json
 import random
 import sys
 import tempfile
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -18,10 +19,20 @@ from texclass.exchange import (
     describe,
     load_taps,
     load_texture,
+    play_ahap,
+    play_hjif,
+    play_taps,
+    play_texture,
+    read_ahap,
+    read_gltf,
     read_hatt,
+    read_hjif,
     read_wav,
     save_texture,
+    write_ahap,
+    write_gltf,
     write_hatt,
+    write_hjif,
     write_wav,
 )
 from texclass.exchange.container import Header, sealed
@@ -139,8 +150,51 @@ def _scene(path: Path) -> object:
 
 
 def _libraries() -> list[bytes]:
-    library = TapLibrary(("a", "b"), (TapModel(-100.0, 50.0, 60.0), TapModel(-150.0, 70.0, 200.0)))
-    return [written("a.texture", lambda p: save_texture(library, p))]
+    return [written("a.texture", lambda p: save_texture(_taps(), p))]
+
+
+def _taps() -> TapLibrary:
+    return TapLibrary(("a", "b"), (TapModel(-100.0, 50.0, 60.0), TapModel(-150.0, 70.0, 200.0)))
+
+
+def _hjifs() -> list[bytes]:
+    sent = play_texture(_slate(), seconds=0.6), play_taps(_taps())
+    return [written("a.hjif", lambda p, one=one: write_hjif(one, p)) for one in sent]
+
+
+def _ahaps() -> list[bytes]:
+    sent = play_texture(_slate(), seconds=0.1), play_taps(_taps())
+    return [written("a.ahap", lambda p, one=one: write_ahap(one, p)) for one in sent]
+
+
+def _gltfs() -> list[bytes]:
+    return [written("a.gltf", lambda p: write_gltf(play_texture(_slate(), seconds=0.1), p))]
+
+
+def _hjif(path: Path) -> object:
+    return _played(path, lambda: play_hjif(read_hjif(path), 100.0))
+
+
+def _ahap(path: Path) -> object:
+    return _played(path, lambda: play_ahap(read_ahap(path), 100.0))
+
+
+def _gltf(path: Path) -> object:
+    return _played(path, lambda: read_gltf(path).samples)
+
+
+def _tree(rng: random.Random, data: bytes) -> bytes:
+    return json_of(of_tree(rng, json.loads(data)))
+
+
+def _played(path: Path, play: Callable[[], np.ndarray]) -> object:
+    """Return what a file plays; players do not know its name, so that it is put before what they say."""
+    try:
+        samples = play()
+    except ValueError as error:
+        raise ValueError(f"{str(path) * (str(path) not in str(error))}{error}") from error
+    assert np.isfinite(samples).all()
+    return samples
 
 
 TARGETS = (
@@ -148,5 +202,8 @@ TARGETS = (
     Target("planned scene", _scenes, _scene, _container, "scene.texture"),
     Target("taps", _libraries, load_taps, _container, "taps.texture"),
     Target("HaTT XML", _hatts, read_hatt, either(of_text, of_text, of_bytes), "fuzzed.xml"),
+    Target("MPEG haptics", _hjifs, _hjif, either(_tree, _tree, of_text), "fuzzed.hjif"),
+    Target("AHAP", _ahaps, _ahap, either(_tree, _tree, of_text), "fuzzed.ahap"),
+    Target("glTF material", _gltfs, _gltf, either(_tree, _tree, of_text), "fuzzed.gltf"),
     Target("rendered WAV", _wavs, _wav, of_bytes, "vibration.wav"),
 )

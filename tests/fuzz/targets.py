@@ -42,6 +42,9 @@ SHARES: dict[str, dict[str, int]] = {
         "planned scene": 10_000,
         "taps": 8_000,
         "HaTT XML": 40_000,
+        "MPEG haptics": 20_000,
+        "AHAP": 20_000,
+        "glTF material": 20_000,
         "rendered WAV": 40_000,
     },
     "models": {

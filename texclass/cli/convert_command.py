@@ -61,7 +61,10 @@ def convert(
         raise ValueError(f"{source}: where to is missing; the rule is -o OUT")
     kinds = source.suffix.lower(), target.suffix.lower()
     if kinds[0] in PATTERNS and kinds[1] == ".wav":
-        lost = _play_pattern(source, target, physical)
+        try:
+            lost = _play_pattern(source, target, physical)
+        except ValueError as error:  # what plays does not know the file
+            raise ValueError(str(error) if str(source) in str(error) else f"{source}: {error}") from error
     elif kinds[0] in TEXTURES and kinds[1] in (*PATTERNS, ".wav"):
         lost = _write_played(_rendition(source, surface, speed, force, seconds, seed), target, physical)
     elif kinds in {(".xml", ".texture"), (".texture", ".xml")}:
