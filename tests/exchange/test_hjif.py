@@ -51,6 +51,13 @@ def test_a_stream_is_off_by_half_a_step_of_the_largest_coefficient(gain, planes)
     assert np.abs(found - c).max() <= stated / 2**planes / 2
 
 
+def test_a_stream_stays_what_the_reference_software_understands():
+    c = np.cos(np.arange(32.0) ** 2) / 4
+    stream = wavelet_stream.encode(c, 5)
+    assert base64.b64encode(stream).decode() == "nnCBvDvLXMixZmZ1CT6izv4zZF+urMa3pszTgaAQ"
+    assert_allclose(wavelet_stream.decode(stream, 32), c, atol=0.25 / 2**6 + 1e-12)
+
+
 def test_silence_is_no_stream_and_damage_is_some_numbers():
     assert wavelet_stream.encode(np.zeros(BLOCK)) == b""
     assert not wavelet_stream.decode(b"", BLOCK).any()
