@@ -160,12 +160,12 @@ def _check_told_apart(model: Model, mapped: Samples, known: Samples, n_labelled:
     """Refuse a map under which references seem to be of one surface, or labelled ones are not told apart."""
     p = model.judge(mapped)[0]
     if n_labelled < LEAST_LABELLED:
-        shares = np.where(known.any(axis=1)[:, None], known, p).mean(axis=0)
+        shares = np.where(known.any(axis=1, keepdims=True), known, p).mean(axis=0)
         if (n_apart := 1 / (shares**2).sum()) < LEAST_APART:
             raise ValueError(
-                f"references seem to be of {n_apart:.2g} surfaces, most of {model.materials[shares.argmax()]!r}, "
-                f"so that nothing tells the sensor from the surface; the rule is {LEAST_APART:g} or more: "
-                "references of more surfaces, or labelled (SURFACE=FILE)"
+                f"references seem to be of {n_apart:.2g} surfaces, most of "
+                f"{model.materials[shares.argmax()]!r}: nothing tells the sensor from the surface; the rule "
+                f"is {LEAST_APART:g} or more: references of more surfaces, or labelled (SURFACE=FILE)"
             )
         return
     counts, hits = known.sum(axis=0), _hits(p, known)
