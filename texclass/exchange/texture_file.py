@@ -6,9 +6,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.exchange.container import header_of, read_container, read_stored, write_stored
+from texclass.exchange.container import (
+    LARGEST_FILE,
+    SUFFIX,
+    header_of,
+    read_container,
+    read_limited,
+    read_stored,
+    write_stored,
+)
 from texclass.exchange.hatt_xml import read_hatt
 from texclass.textures.contract import Stored, Texture
+from texclass.textures.packed import MARK, PackedTexture
+from texclass.whole_files import write_whole
 
 if TYPE_CHECKING:
     from texclass.textures.okamura2001 import TapLibrary
@@ -51,6 +61,11 @@ def save_texture(texture: Stored, path: str | Path, *, unit: str | None = None) 
     ValueError
         If the path has another ending, or what the texture says of itself is not what a file may hold.
     """
+    if isinstance(texture, PackedTexture):
+        if Path(path).suffix != SUFFIX:
+            raise ValueError(f"{path}: ends in {Path(path).suffix!r}; the rule is {SUFFIX!r}")
+        write_whole(path, texture.to_bytes())
+        return Path(path)
     if texture.family not in TEXTURES | TAPS:
         known = ", ".join(sorted(TEXTURES | TAPS))
         raise ValueError(f"{path}: family is {texture.family!r:.80}; the rule is one of {known}")
@@ -68,8 +83,22 @@ def load_texture(path: str | Path) -> Texture:
     OSError
         If it cannot be read.
     """
+    packed = _packed(Path(path))
+    if packed is not None:
+        return packed
     texture: Texture = read_stored(path, TEXTURES)
     return texture
+
+
+def _packed(path: Path) -> PackedTexture | None:
+    """Return the texture of a file that is nothing but its bytes; None if it is a container."""
+    begin = read_limited(path, LARGEST_FILE)
+    if not begin or begin[0] != MARK:
+        return None
+    try:
+        return PackedTexture.from_bytes(begin, path.stem)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def load_taps(path: str | Path) -> "TapLibrary":
@@ -97,6 +126,9 @@ def describe(path: str | Path) -> dict[str, Any]:
         hatt = read_hatt(path)
         header, arrays = header_of(hatt, "m/s^2", path), dict[str, NDArray[Any]](hatt.arrays())
         origin = {"format": "HaTT XML"}
+    elif (packed := _packed(path)) is not None:
+        header, arrays = header_of(packed, packed.unit, path), {"data": packed.data}
+        origin = {"format": "packed texture"}
     else:
         header, arrays = read_container(path)
         written = {"written by": f"texclass {header.texclass}"}

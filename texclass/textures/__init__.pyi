@@ -7,4 +7,6 @@ from .contract import Renderer as Renderer
 from .contract import Stored as Stored
 from .contract import Texture as Texture
 from .grid import GridModel as GridModel
+from .packed import PackedTexture as PackedTexture
+from .packed import pack as pack
 from .scan import Scan as Scan
