@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from texclass.cli import options
 from texclass.cli.app import app
 from texclass.cli.options import tell
 
@@ -23,7 +24,8 @@ def convert(
         Path,
         typer.Argument(
             metavar="IN",
-            help="A .texture (a texture, taps, a scene), a HaTT .xml; or .hjif, .ahap, .gltf, to be played.",
+            help="A .texture (a texture, taps, a scene), a HaTT .xml; or .hjif, .ahap, .gltf, to be played; "
+            "with --bytes a recording, too.",
         ),
     ],
     older_target: Annotated[Path | None, typer.Argument(metavar="OUT", hidden=True)] = None,
@@ -31,9 +33,16 @@ def convert(
         Path | None,
         typer.Option("-o", "--output", help="To be written: .texture, .xml, .hjif, .ahap, .gltf or .wav."),
     ] = None,
+    n_bytes: Annotated[
+        int | None, typer.Option("--bytes", help="Pack a texture or a recording into a .texture so small.")
+    ] = None,
     fs: Annotated[
-        float, typer.Option("--fs", help="To XML: sampling rate of the models, Hz; HaTT renders 1000.")
-    ] = 1000.0,
+        float | None,
+        typer.Option(
+            "--fs", help="To XML: sampling rate of the models, Hz, 1000 by default. Of a recording: its own."
+        ),
+    ] = None,
+    unit: options.Unit = None,
     order: Annotated[int, typer.Option(help="To XML: largest order of the models.", min=1, max=100)] = 20,
     surface: Annotated[
         str | None, typer.Option(help="Which one, of a scene or of taps; of taps all by default.")
@@ -52,7 +61,7 @@ def convert(
 
     Penn's XML holds a texture, as .texture does. MPEG haptics (.hjif), Apple's patterns (.ahap), the
     haptic material of a scene (.gltf) and WAV hold it as played at one speed and force. These are played to
-    WAV.
+    WAV. A texture or a recording becomes a texture of 8 to 512 bytes.
     """
     from texclass.document import Document
 
@@ -60,7 +69,9 @@ def convert(
     if target is None:
         raise ValueError(f"{source}: where to is missing; the rule is -o OUT")
     kinds = source.suffix.lower(), target.suffix.lower()
-    if kinds[0] in PATTERNS and kinds[1] == ".wav":
+    if n_bytes is not None:
+        lost = _pack(source, target, n_bytes, fs, unit)
+    elif kinds[0] in PATTERNS and kinds[1] == ".wav":
         try:
             lost = _play_pattern(source, target, physical)
         except ValueError as error:  # what plays does not know the file
@@ -68,7 +79,7 @@ def convert(
     elif kinds[0] in TEXTURES and kinds[1] in (*PATTERNS, ".wav"):
         lost = _write_played(_rendition(source, surface, speed, force, seconds, seed), target, physical)
     elif kinds in {(".xml", ".texture"), (".texture", ".xml")}:
-        lost = _convert_texture(source, target, fs, order)
+        lost = _convert_texture(source, target, 1000.0 if fs is None else fs, order)
     else:
         raise ValueError(
             f"{source} to {target}; the rule is .texture or .xml to the other one, .hjif, .ahap, .gltf or "
@@ -77,6 +88,30 @@ def convert(
     typer.echo(f"wrote {target}, {target.stat().st_size} bytes")
     if lost:
         tell(Document("What is lost", [lost]))
+
+
+def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str | None) -> dict[str, str]:
+    """Write a texture, or the movement of a recording, in so few bytes, and return what is lost."""
+    from texclass import exchange
+    from texclass.loaders import load_recording
+    from texclass.phases import segment
+    from texclass.signals import dft321
+    from texclass.textures import pack
+
+    if source.suffix.lower() in TEXTURES:
+        is_xml = source.suffix.lower() == ".xml"
+        texture = exchange.read_hatt(source) if is_xml else exchange.load_texture(source)
+        packed = pack(texture, n_bytes, unit=exchange.describe(source)["unit"])
+        lost = {"speed and force": "40 to 200 mm/s, 0.4 to 2 N: a level law, and the spectra at both ends"}
+    else:
+        recording = load_recording(source, fs=fs, unit=unit)
+        begin, end = segment(recording).movement or (0, recording.n_samples)
+        x = recording.acceleration[begin:end]
+        combined = dft321(x) if x.ndim == 2 and x.shape[1] > 1 else x.reshape(-1)
+        packed = pack(combined, n_bytes, fs=recording.fs, unit=recording.unit, name=source.stem)
+        lost = {"speed and force": "one spectrum and one level, whatever they are", "taps": "left out"}
+    exchange.save_texture(packed, target)
+    return lost | {"spectrum": f"an AR model of order {packed.order}"}
 
 
 def _convert_texture(source: Path, target: Path, fs: float, order: int) -> dict[str, str]:
