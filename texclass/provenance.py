@@ -78,11 +78,14 @@ def code_hash(*places: str, files: Iterable[Path] = (), words: bool = True) -> s
 @cache
 def _without_words(source: bytes) -> bytes:
     tree = ast.parse(source)
-    for node in ast.walk(tree):
+    nodes: list[Any] = [tree]
+    for node in nodes:  # statements alone: no expression holds a docstring
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             docstrings = (
                 s for s in node.body if isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant)
             )
             for statement in docstrings:
                 statement.value = ast.Constant("")
+        for inside in ("body", "orelse", "handlers", "finalbody", "cases"):
+            nodes += getattr(node, inside, ())
     return ast.unparse(tree).encode()
