@@ -66,7 +66,8 @@ def main() -> None:
     frame = pd.DataFrame(rows)
     cells = frame.groupby(["set", "judged", "asked"], sort=False)
     shown = cells["gfc"].agg(n="size", least="min", median="median", good=lambda g: int((g >= 0.95).sum()))
-    shown = shown.join(cells[["level_db", "bands"]].median().rename(columns={"bands": "dB"})).reset_index()
+    medians = cells[["level_db", "bands"]].median().rename(columns={"level_db": "db"})
+    shown = shown.join(medians).reset_index()
     result = {"rows": rows, "versions": versions("numpy", "scipy")}
     blocks = [
         f"Recordings at {FS} Hz, a second each of `lmt_excerpts` and up to four of `fabric_speeds`, packed as "
@@ -77,7 +78,7 @@ def main() -> None:
         table(
             shown.to_dict("records"),
             "set | judged on | bytes | n | GFC >= 0.95 | median GFC | least | level, dB | bands",
-            "{set} | {judged} | {asked} | {n} | {good} | {median:.3f} | {least:.3f} | {level_db:.1f} | {dB:.1f}",
+            "{set} | {judged} | {asked} | {n} | {good} | {median:.3f} | {least:.3f} | {db:.1f} | {bands:.1f}",
             "Level and bands are medians.",
             n_words=2,
         ),

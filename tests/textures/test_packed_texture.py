@@ -1,5 +1,8 @@
 """Textures of a hundred bytes."""
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,10 +10,12 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter, welch
 
 from texclass.exchange import describe, load_texture, save_texture
+from texclass.loaders import load_recording
 from texclass.textures import PackedTexture, Scan, pack
 from texclass.textures.packed import MARK, _checksum
 
 FS = 8000.0
+EXCERPTS = sorted((Path(os.environ.get("TEXCLASS_DATA", "")) / "lmt_excerpts").glob("*.wav"))
 
 
 def _vibration(seconds=2.0, seed=0):
@@ -39,6 +44,17 @@ def test_a_vibration_comes_back_with_its_spectrum_and_level_in_so_few_bytes(n_by
     y = _rendered(packed)
     assert _likeness(x, y) > 0.98
     assert 20 * np.log10(y[800:].std() / x.std()) == pytest.approx(0.0, abs=0.6)
+
+
+@pytest.mark.skipif(not EXCERPTS, reason="lmt_excerpts are not here")
+def test_real_excerpts_keep_their_spectrum_in_64_bytes():
+    likenesses = []
+    for path in EXCERPTS:
+        x = load_recording(path, unit="arbitrary")
+        assert x.fs == FS
+        samples = x.acceleration.reshape(-1) - x.acceleration.mean()
+        likenesses.append(_likeness(samples, _rendered(pack(samples, 64, fs=FS))[800:]))
+    assert np.sum(np.array(likenesses) >= 0.95) >= 9
 
 
 def test_bytes_do_not_grow_with_the_length():
