@@ -70,7 +70,7 @@ def main() -> None:
     shown = shown.join(medians).reset_index()
     result = {"rows": rows, "versions": versions("numpy", "scipy")}
     blocks = [
-        f"Recordings at {FS} Hz, a second of each of `lmt_excerpts`, up to four of `fabric_speeds`, packed as "
+        f"Recordings at {FS} Hz, 1 s of each of `lmt_excerpts`, up to 4 s of `fabric_speeds`, packed as "
         "a vibration alone (one spectrum, one level). GFC: cosine of the amplitude spectra from 20 to 1000 "
         "Hz (Welch, 512 points) of the recording and of what is rendered, mean over "
         f"{N_SEEDS} seeds of noise. Second half: packed from the first half alone. Bands: distance of the "
