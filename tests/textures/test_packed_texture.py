@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import lfilter, welch
+from scipy.signal import lfilter, resample_poly, welch
 
 from texclass.exchange import describe, load_texture, save_texture
 from texclass.loaders import load_recording
@@ -51,8 +51,7 @@ def test_real_excerpts_keep_their_spectrum_in_64_bytes():
     likenesses = []
     for path in EXCERPTS:
         x = load_recording(path, unit="arbitrary")
-        assert x.fs == FS
-        samples = x.acceleration.reshape(-1) - x.acceleration.mean()
+        samples = resample_poly(x.acceleration.reshape(-1) - x.acceleration.mean(), FS, x.fs)
         likenesses.append(_likeness(samples, _rendered(pack(samples, 64, fs=FS))[800:]))
     assert np.sum(np.array(likenesses) >= 0.95) >= 9
 
