@@ -36,6 +36,14 @@ def convert(
     n_bytes: Annotated[
         int | None, typer.Option("--bytes", help="Pack a texture or a recording into a .texture so small.")
     ] = None,
+    scale: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--scale",
+            metavar="SCALE=VALUE",
+            help="Of a texture, several times: rough=8, bumpy=2, fine=5, as `describe` tells.",
+        ),
+    ] = None,
     fs: Annotated[
         float | None,
         typer.Option(
@@ -61,7 +69,8 @@ def convert(
 
     Penn's XML holds a texture, as .texture does. MPEG haptics (.hjif), Apple's patterns (.ahap), the
     haptic material of a scene (.gltf) and WAV hold it as played at one speed and force. These are played to
-    WAV. A texture or a recording becomes a texture of 8 to 512 bytes.
+    WAV. A texture or a recording becomes a texture of 8 to 512 bytes,
+    a texture one that feels otherwise (--scale).
     """
     from texclass.document import Document
 
@@ -69,7 +78,9 @@ def convert(
     if target is None:
         raise ValueError(f"{source}: where to is missing; the rule is -o OUT")
     kinds = source.suffix.lower(), target.suffix.lower()
-    if n_bytes is not None:
+    if scale:
+        lost = _retouch(source, target, scale, n_bytes)
+    elif n_bytes is not None:
         lost = _pack(source, target, n_bytes, fs, unit)
     elif kinds[0] in PATTERNS and kinds[1] == ".wav":
         try:
@@ -87,7 +98,7 @@ def convert(
         )
     typer.echo(f"wrote {target}, {target.stat().st_size} bytes")
     if lost:
-        tell(Document("What is lost", [lost]))
+        tell(Document("How it feels" if scale else "What is lost", [lost]))
 
 
 def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str | None) -> dict[str, str]:
@@ -112,6 +123,26 @@ def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str 
         lost = {"speed and force": "one spectrum and one level, whatever they are", "taps": "left out"}
     exchange.save_texture(packed, target)
     return lost | {"spectrum": f"an AR model of order {packed.order}"}
+
+
+def _retouch(source: Path, target: Path, scales: list[str], n_bytes: int | None) -> dict[str, str]:
+    """Write a texture that feels otherwise on some scales, and return how it feels now."""
+    from texclass import exchange
+    from texclass.textures import felt_scales, retouch
+
+    asked = {}
+    for one in scales:
+        name, _, text = one.partition("=")
+        try:
+            asked[name.strip()] = float(text)
+        except ValueError as error:
+            raise ValueError(f"--scale is {one!r}; the rule is SCALE=VALUE, rough=8") from error
+    texture = exchange.load_texture(source)
+    unit = exchange.describe(source)["unit"]
+    retouched = retouch(texture, 128 if n_bytes is None else n_bytes, unit=unit, **asked)
+    exchange.save_texture(retouched, target)
+    before, after = felt_scales(texture), felt_scales(retouched)
+    return {name: f"{before[name]:.1f} before, {after[name]:.1f} now" for name in after}
 
 
 def _convert_texture(source: Path, target: Path, fs: float, order: int) -> dict[str, str]:

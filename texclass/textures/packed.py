@@ -6,7 +6,7 @@ the fastest. Every code stands for a |k| below 1, so that whatever the bytes, wh
 """
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -144,6 +144,7 @@ def pack(
     fs: float | None = None,
     unit: str = "m/s^2",
     name: str = "",
+    gain_db: Callable[[Any], Any] | None = None,
 ) -> PackedTexture:
     """Return the texture of at most so many bytes that comes closest to a surface.
 
@@ -163,6 +164,8 @@ def pack(
         Of the vibration.
     name : str, optional
         Of the surface; by default that of the source.
+    gain_db : callable, optional
+        Frequencies (Hz) -> dB by which the spectrum is raised; see `retouch`.
 
     Raises
     ------
@@ -176,7 +179,7 @@ def pack(
     pieces, rate = _pieces(source, fs)
     if rate != round(rate) or not 40 <= rate < 1 << 17:
         raise ValueError(f"fs is {rate} Hz; the rule is a whole number, 40 to 131,071")
-    seen = _seen(pieces, rate)
+    seen = _seen(pieces, rate, gain_db)
     facts: dict[str, Any] = {"fs": int(rate), "unit": unit} | {
         key: seen[key] for key in ("level_db", "slopes_db", "ends")
     }
@@ -223,7 +226,11 @@ def _cut(x: Samples, fs: float, overlap: int = 1) -> list[Samples]:
     return [x[i : i + n] for i in range(0, x.size - n + 1, n // overlap)]
 
 
-def _seen(pieces: Sequence[tuple[Samples, float, float]], fs: float) -> dict[str, Any]:
+def _seen(
+    pieces: Sequence[tuple[Samples, float, float]],
+    fs: float,
+    gain_db: Callable[[Any], Any] | None,
+) -> dict[str, Any]:
     """Return the spectra to be kept (of the slowest and the fastest, or of all), and the law of the level."""
     samples, speed, force = (np.array(each) for each in zip(*pieces, strict=True))
     n = samples.shape[1]
@@ -231,6 +238,8 @@ def _seen(pieces: Sequence[tuple[Samples, float, float]], fs: float) -> dict[str
     centred = (samples - samples.mean(axis=1, keepdims=True)) * window
     f = np.fft.rfftfreq(2 * n, 1 / fs)
     S = np.abs(np.fft.rfft(centred, 2 * n)) ** 2 / (window @ window)
+    if gain_db is not None:
+        S *= 10 ** (gain_db(f) / 10)
     low = int(np.searchsorted(f, LOWEST_HZ))
     S[:, :low] = S[:, [low]]
     power = np.fft.irfft(S, axis=-1)[:, 0]
