@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from texclass.exchange import Rendition
     from texclass.exchange.rendition import Playable
     from texclass.exchange.wav import Encoding
+    from texclass.textures import Texture
 
 TEXTURES, PATTERNS = (".texture", ".xml"), (".hjif", ".ahap", ".gltf")
 """What holds a texture, and what holds it as played once."""
@@ -69,8 +70,8 @@ def convert(
 
     Penn's XML holds a texture, as .texture does. MPEG haptics (.hjif), Apple's patterns (.ahap), the
     haptic material of a scene (.gltf) and WAV hold it as played at one speed and force. These are played to
-    WAV. A texture or a recording becomes a texture of 8 to 512 bytes,
-    a texture one that feels otherwise (--scale).
+    WAV. With --bytes a texture or a recording becomes a small texture, with --scale a texture becomes one
+    that feels otherwise.
     """
     from texclass.document import Document
 
@@ -110,9 +111,7 @@ def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str 
     from texclass.textures import pack
 
     if source.suffix.lower() in TEXTURES:
-        is_xml = source.suffix.lower() == ".xml"
-        texture = exchange.read_hatt(source) if is_xml else exchange.load_texture(source)
-        packed = pack(texture, n_bytes, unit=exchange.describe(source)["unit"])
+        packed = pack(_texture(source), n_bytes, unit=exchange.describe(source)["unit"])
         lost = {"speed and force": "40 to 200 mm/s, 0.4 to 2 N: a level law, and the spectra at both ends"}
     else:
         recording = load_recording(source, fs=fs, unit=unit)
@@ -130,13 +129,7 @@ def _retouch(source: Path, target: Path, scales: list[str], n_bytes: int | None)
     from texclass import exchange
     from texclass.textures import felt_scales, retouch
 
-    asked = {}
-    for one in scales:
-        name, _, text = one.partition("=")
-        try:
-            asked[name.strip()] = float(text)
-        except ValueError as error:
-            raise ValueError(f"--scale is {one!r}; the rule is SCALE=VALUE, rough=8") from error
+    asked = options.named_numbers("--scale", scales, "SCALE=VALUE, rough=8")
     texture = exchange.load_texture(source)
     unit = exchange.describe(source)["unit"]
     retouched = retouch(texture, 128 if n_bytes is None else n_bytes, unit=unit, **asked)
@@ -171,7 +164,7 @@ def _rendition(
     source: Path, surface: str | None, speed: float | None, force: float | None, seconds: float, seed: int
 ) -> "Rendition":
     """Return what a file holds, played; the surface is one of a scene or of taps."""
-    from texclass.exchange import describe, load_taps, load_texture, play_taps, play_texture, read_hatt
+    from texclass.exchange import describe, load_taps, play_taps, play_texture
     from texclass.exchange.rendition import TAP_M_S
     from texclass.scene import SceneSurface, load_scene
     from texclass.textures.okamura2001 import TapLibrary
@@ -193,8 +186,15 @@ def _rendition(
     elif surface is not None:
         raise ValueError(f"{source}: holds one texture; the rule is no --surface")
     else:
-        texture = read_hatt(source) if source.suffix.lower() == ".xml" else load_texture(source)
+        texture = _texture(source)
     return play_texture(texture, unit=known["unit"], speed=speed, force=force, seconds=seconds, seed=seed)
+
+
+def _texture(source: Path) -> "Texture":
+    """Return the texture of a file of either kind."""
+    from texclass.exchange import load_texture, read_hatt
+
+    return read_hatt(source) if source.suffix.lower() == ".xml" else load_texture(source)
 
 
 def _check_surface(source: Path, surface: str | None, names: list[str]) -> None:

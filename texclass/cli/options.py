@@ -88,16 +88,21 @@ Seconds = Annotated[
 ]
 
 
-def seconds_of(given: list[str] | None) -> dict[str, float]:
-    """Return what gestures cost, as people write it on a command line."""
+def named_numbers(option: str, given: list[str] | None, rule: str) -> dict[str, float]:
+    """Return numbers by name, as people write them on a command line: NAME=NUMBER, several times."""
     found = {}
     for one in given or ():
         name, _, text = one.partition("=")
         try:
             found[name.strip()] = float(text)
         except ValueError as error:
-            raise ValueError(f"--seconds is {one!r}; the rule is GESTURE=SECONDS, tap=0.5") from error
+            raise ValueError(f"{option} is {one!r}; the rule is {rule}") from error
     return found
+
+
+def seconds_of(given: list[str] | None) -> dict[str, float]:
+    """Return what gestures cost."""
+    return named_numbers("--seconds", given, "GESTURE=SECONDS, tap=0.5")
 
 
 def _shared(name: str, made: Callable[..., Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:

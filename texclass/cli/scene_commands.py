@@ -53,10 +53,11 @@ def plan(
     read = read_scene(definition)
     with progress_bar() as progress:
         found = plan_scene(read, progress=progress)
-    tell(found.document())
+    document = found.document()
+    tell(document)
     write_json(json_file, found.to_json())
     if report is not None:
-        wrote(write_document(found.document(), report, read.source.stem))
+        wrote(write_document(document, report, read.source.stem))
     path = found.scene.save(output or Path(f"{read.source.stem}.texture"))
     typer.echo(f"wrote {path}, {path.stat().st_size} bytes")
     if not found.met:

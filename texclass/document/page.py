@@ -153,15 +153,20 @@ def _adapt(element: ElementTree.Element, prefix: str) -> None:
             found[key] = f"url(#{prefix}{value[5:-1]})"
 
 
-@cache
-def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("texclass.document"),
+def templates(package: str, folder: str) -> Environment:
+    """Return the templates of pages in a folder of a package: escaped, and nothing in them undefined."""
+    return Environment(
+        loader=PackageLoader(package, folder),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+
+
+@cache
+def _environment() -> Environment:
+    environment = templates("texclass.document", "templates")
     environment.filters |= {
         "kind": lambda block: next(macro for kind, macro in MACROS.items() if isinstance(block, kind)),
         "heads": _heads,

@@ -14,13 +14,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, ConfigDict, Field, model_validator
-from pydantic_core import from_json
+from pydantic import BeforeValidator, Field, model_validator
 
-from texclass.exchange.container import read_limited
+from texclass.exchange.foreign import Part, read_foreign
 from texclass.exchange.rendition import LONGEST_S, Rendition
 from texclass.recording import Samples
-from texclass.validation import Written, checked
 from texclass.whole_files import write_whole
 
 LARGEST_FILE, MOST_ENTRIES = 4 << 20, 20_000
@@ -44,20 +42,14 @@ def _within(low: float, high: float) -> Any:
     ]
 
 
-class Entry(Written):
-    """A table of a pattern: its known keys are checked, others are left alone as players do."""
-
-    model_config = ConfigDict(extra="ignore")
-
-
-class Parameter(Entry):
+class Parameter(Part):
     """A number of an event."""
 
     ParameterID: str
     ParameterValue: float
 
 
-class HapticEvent(Entry):
+class HapticEvent(Part):
     """What is played from a time on: a tap, or a vibration for a while."""
 
     Time: Seconds
@@ -77,14 +69,14 @@ class HapticEvent(Entry):
         return min(max(found.get(name, default), 0.0), 1.0)
 
 
-class Point(Entry):
+class Point(Part):
     """Of a curve; its time, s, counts from that of the curve."""
 
     Time: Seconds
     ParameterValue: _within(-1.0, 1.0)  # type: ignore[valid-type]
 
 
-class Curve(Entry):
+class Curve(Part):
     """How a parameter moves, straight from point to point."""
 
     ParameterID: str
@@ -99,14 +91,14 @@ class Curve(Entry):
         return self
 
 
-class Item(Entry):
+class Item(Part):
     """An event or a curve (a dynamic parameter is left alone)."""
 
     Event: HapticEvent | None = None
     ParameterCurve: Curve | None = None
 
 
-class Pattern(Entry):
+class Pattern(Part):
     """An .ahap file."""
 
     Version: float
@@ -124,12 +116,7 @@ def read_ahap(path: str | Path) -> Pattern:
     OSError
         If it cannot be read.
     """
-    path = Path(path)
-    try:
-        content = from_json(read_limited(path, LARGEST_FILE), allow_inf_nan=False)
-    except ValueError as error:
-        raise ValueError(f"{path}: is no JSON ({error}); the rule is an .ahap file") from error
-    return checked(Pattern, content, path)
+    return read_foreign(Pattern, path, LARGEST_FILE)
 
 
 def write_ahap(rendition: Rendition, path: str | Path) -> dict[str, str]:
@@ -173,7 +160,13 @@ def _taps(rendition: Rendition) -> tuple[list[Item], float, dict[str, str]]:
     """Return a transient a tap, the peak (in the unit) of intensity 1, and what else is lost."""
     full = float(rendition.taps[:, 1].max()) or 1.0
     items = [
-        Item(Event=_event("HapticTransient", at, peak / full, frequency))
+        Item(
+            Event=HapticEvent(
+                Time=round(at, 6),
+                EventType="HapticTransient",
+                EventParameters=_parameters(peak / full, _sharpness(frequency)),
+            )
+        )
         for at, peak, frequency in rendition.taps.tolist()
     ]
     return (
@@ -197,7 +190,8 @@ def _stroke(rendition: Rendition) -> tuple[list[Item], float, dict[str, str]]:
     sharpness = _sharpness(centroid_hz(x, fs))
     middle = np.array([_sharpness(centroid_hz(piece, fs)) for piece in pieces]) - sharpness
     event = HapticEvent(
-        **_event("HapticContinuous", 0.0, 1.0, 0.0).model_dump(exclude={"EventDuration", "EventParameters"}),
+        Time=0.0,
+        EventType="HapticContinuous",
         EventDuration=min(max(seconds, 1e-3), LONGEST_S),
         EventParameters=_parameters(1.0, sharpness),
     )
@@ -221,12 +215,6 @@ def _curves(name: Control, times: Samples, values: Samples) -> list[Curve]:
         ]
         found.append(Curve(ParameterID=name, Time=round(at, 6), ParameterCurveControlPoints=tuple(points)))
     return found
-
-
-def _event(kind: Any, at: float, intensity: float, frequency: float) -> HapticEvent:
-    parameters = _parameters(intensity, _sharpness(frequency))
-    lasts = 1e-3 if kind == "HapticContinuous" else None
-    return HapticEvent(Time=round(at, 6), EventType=kind, EventDuration=lasts, EventParameters=parameters)
 
 
 def _parameters(intensity: float, sharpness: float) -> tuple[Parameter, ...]:

@@ -15,13 +15,11 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib import image
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field
-from pydantic_core import from_json
+from pydantic import Field
 
-from texclass.exchange.container import read_limited
+from texclass.exchange.foreign import Part, read_foreign
 from texclass.exchange.rendition import Rendition, told_level
 from texclass.recording import Samples, Unit
-from texclass.validation import Written, checked
 from texclass.whole_files import write_whole
 
 NAME = "MPEG_haptic_material"
@@ -29,12 +27,6 @@ LARGEST_FILE = 8 << 20
 WIDEST = 4096
 """Pixels in a row of what is written and read."""
 _PNG = "data:image/png;base64,"
-
-
-class Part(Written):
-    """A part of a file: its known keys are checked, others are left alone."""
-
-    model_config = ConfigDict(extra="ignore")
 
 
 class Scale(Part):
@@ -154,12 +146,7 @@ def read_gltf(path: str | Path) -> Rendition:
     OSError
         If it cannot be read.
     """
-    path = Path(path)
-    try:
-        content = from_json(read_limited(path, LARGEST_FILE), allow_inf_nan=False)
-    except ValueError as error:
-        raise ValueError(f"{path}: is no JSON ({error}); the rule is a .gltf file") from error
-    file = checked(Gltf, content, path)
+    file = read_foreign(Gltf, path, LARGEST_FILE)
     material = file.extensions.MPEG_haptic_material.materials[0]
     if not material.vibrotactileTexture:
         raise ValueError(f"{path}: its first haptic material has no vibrotactileTexture; the rule is one")
@@ -196,9 +183,8 @@ def _values(file: Gltf, haptic: HapticTexture) -> Samples:
 def _scene(material: dict[str, Any], pictures: list[NDArray[np.uint8]]) -> dict[str, Any]:
     """Return a file with a square of 100 mm on which a material lies, and its pictures (n,), a row each."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype="<f4")
-    parts = [0.1 * corners, corners[:, :2].copy(), np.array([0, 1, 2, 2, 1, 3], dtype="<u2")]
-    data = b"".join(part.astype(part.dtype).tobytes() for part in (parts[0].astype("<f4"), *parts[1:]))
-    sizes = [48, 32, 12]
+    parts = [0.1 * corners, corners[:, :2], np.array([0, 1, 2, 2, 1, 3], dtype="<u2")]
+    data, sizes = b"".join(part.tobytes() for part in parts), [part.nbytes for part in parts]
     views = [{"buffer": 0, "byteOffset": sum(sizes[:i]), "byteLength": n} for i, n in enumerate(sizes)]
     kinds = [(5126, 4, "VEC3"), (5126, 4, "VEC2"), (5123, 6, "SCALAR")]
     accessors: list[dict[str, Any]] = [

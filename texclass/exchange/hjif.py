@@ -19,14 +19,12 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
-from pydantic_core import from_json
+from pydantic import Field, model_validator
 from scipy import interpolate
 
 from texclass.exchange import wavelet_stream
-from texclass.exchange.container import read_limited
+from texclass.exchange.foreign import Part, read_foreign
 from texclass.recording import Samples
-from texclass.validation import Written, checked
 
 LARGEST_FILE = 16 << 20
 LONGEST_S = 600.0
@@ -46,12 +44,6 @@ _INT = 2**31 - 1
 _MASK = 2**32 - 1
 
 Count = Field(ge=0, le=_INT)
-
-
-class Part(Written):
-    """A part of a file: its known keys are checked, others are left alone."""
-
-    model_config = ConfigDict(extra="ignore")
 
 
 class Keyframe(Part):
@@ -243,13 +235,7 @@ def read_hjif(path: str | Path) -> Haptics:
     OSError
         If it cannot be read.
     """
-    path = Path(path)
-    data = read_limited(path, LARGEST_FILE)
-    try:
-        content = from_json(data, allow_inf_nan=False)
-    except ValueError as error:
-        raise ValueError(f"{path}: is no JSON ({error}); the rule is a .hjif file") from error
-    return checked(Haptics, content, path)
+    return read_foreign(Haptics, path, LARGEST_FILE)
 
 
 # Playing ----------------------------------------------------------------------------------------------------

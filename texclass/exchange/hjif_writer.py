@@ -28,7 +28,8 @@ from texclass.exchange.hjif import (
     Perception,
     play_hjif,
 )
-from texclass.exchange.rendition import Rendition, resampled, told_level
+from texclass.exchange.rendition import Rendition, told_level
+from texclass.exchange.wav import resampled
 from texclass.recording import Samples
 from texclass.whole_files import write_whole
 

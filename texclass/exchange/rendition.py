@@ -6,11 +6,9 @@ and a force, and what these would have changed is told beside it.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from scipy import signal
 
 from texclass.recording import ACCELERATION_UNITS, Samples
 from texclass.textures.contract import Renderer
@@ -182,12 +180,6 @@ def play_taps(taps: "TapLibrary", *, velocity: float = TAP_M_S) -> Rendition:
     none = np.zeros((0, 3))
     return Rendition(taps.materials[0] if len(taps) == 1 else "taps", known, TAP_FS, x, 1000 * velocity, 0.0,
                      none, struck, 0.0, 0.0, lost)  # fmt: skip
-
-
-def resampled(x: Samples, fs: float, wanted: float) -> Samples:
-    """Return samples (n,) at another rate, both in Hz; what lies above half of the lower one is left out."""
-    ratio = Fraction(wanted / fs).limit_denominator(1000)
-    return x if ratio == 1 else np.asarray(signal.resample_poly(x, ratio.numerator, ratio.denominator))
 
 
 def level_db(x: Samples) -> float:

@@ -150,13 +150,18 @@ def audible(samples: ArrayLike, fs: float, *, shift_hz: float = 0.0) -> Samples:
     if not 0 <= shift_hz <= HIGHEST_SHIFT:
         raise ValueError(f"shift_hz is {shift_hz}; the rule is 0 ... {HIGHEST_SHIFT:g} Hz")
     x = np.asarray(samples, dtype=np.float64)
-    ratio = Fraction(AUDIBLE_FS / fs).limit_denominator(1000)
-    x = resample_poly(x, ratio.numerator, ratio.denominator, axis=0)
+    x = resampled(x, fs, AUDIBLE_FS)
     if not shift_hz:
-        return np.asarray(x)
+        return x
     both = hilbert(x, next_fast_len(len(x)), axis=0)[: len(x)]
     turned = np.exp(2j * np.pi * shift_hz / AUDIBLE_FS * np.arange(len(x)))
     return np.asarray((both.T * turned).T.real)
+
+
+def resampled(x: Samples, fs: float, wanted: float) -> Samples:
+    """Return samples (n, ...) at another rate (Hz) without what lies above half of the lower one."""
+    ratio = Fraction(wanted / fs).limit_denominator(1000)
+    return np.asarray(resample_poly(x, ratio.numerator, ratio.denominator, axis=0))
 
 
 def read_wav(path: str | Path) -> Vibration:

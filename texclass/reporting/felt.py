@@ -70,13 +70,13 @@ def describe(
         for one in listed
     ]
     dataset = references if isinstance(references, Dataset) else open_dataset(references)
-    surfaces = _surfaces(dataset, n_jobs, progress)
+    surfaces, known_unit = _surfaces(dataset, n_jobs, progress), dataset[0].unit
     found = FeatureExtractor("scales").fit(given).extract(given)
     measured = found.table.set_axis(range(len(given)))
     values, reasons = scale_values(measured), {(r.recording_id, r.feature): r.reason for r in found.reasons}
     rows = []
     for (at, recording), (name, scale) in product(enumerate(given), SCALES.items()):
-        alike = dataset[0].unit if scale.unit.startswith("log10") else recording.unit
+        alike = known_unit if scale.unit.startswith("log10") else recording.unit
         why = reasons.get((recording.recording_id, scale.column.partition(".")[0]), "")
         if not why and (why := _not_absolute(scale, recording)):
             values.loc[at, name] = np.nan

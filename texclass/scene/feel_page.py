@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from texclass.document.page import templates
 from texclass.scene.renderer import PlannedScene, packed
 from texclass.textures.grid import GridModel
 from texclass.vibration import TapModel
@@ -82,7 +82,7 @@ def feel_page(scene: PlannedScene, *, taps: Mapping[str, TapModel] | None = None
         "bank": base64.b64encode(bank.astype("<f8").tobytes()).decode(), "index": index.ravel().tolist(),
     }  # fmt: skip
     n_guessed = sum(one["guessed"] for one in surfaces)
-    return _environment().get_template("page.html").render(
+    return templates("texclass.scene", "feel").get_template("page.html").render(
         title=title or f"Feel: {scene.name}",
         scene=scene,
         unit=_shown(scene.unit),
@@ -166,13 +166,3 @@ def _guessed_tap(model: GridModel, scene: PlannedScene, middle: list[float], rms
         at, width = (model.frequency_hz + middle[0] * model.per_mm)[np.argmax(row)], 0.0
     decay = float(np.clip(np.pi * width, *GUESSED_DECAY_PER_S))
     return TapModel(LOUDEST * rms / QUICK_M_S, decay, float(max(at, scene.band_hz[0], 1.0)))
-
-
-def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader("texclass.scene", "feel"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )

@@ -6,6 +6,7 @@ All that could stand for a surface is fitted, from cheap to dear, and judged on 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Any, get_args
@@ -133,6 +134,10 @@ class ScenePlan:
 
     def to_json(self) -> str:
         """Return all of it as JSON."""
+        return self._json
+
+    @cached_property
+    def _json(self) -> str:
         judge = Judge(self.definition.device, self.definition.tolerance)
         surfaces = [
             {
