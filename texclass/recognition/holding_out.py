@@ -1,9 +1,11 @@
 """How recordings are held out of a training, and what those can tell of recordings to come, and cannot."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import pandas as pd
 
+from texclass.document.wording import counted
 from texclass.experiment.protocols import Protocol, Split, fewest, find_protocol, splits_of
 from texclass.experiment.windows import parents
 from texclass.recognition.unknown import cautious, check_false_alarms, least_held_out
@@ -99,6 +101,61 @@ def of_later(held_out: Mapping[str, float], n_classes: int) -> dict[str, float]:
     chance = 1 / n_classes
     low = chance + LATER_KEPT * (held_out["low"] - chance)
     return {"low": min(low, held_out["low"]), "high": held_out["high"]}
+
+
+def few_of(protocol: Protocol, table: pd.DataFrame) -> str:
+    """Return in words how few recordings (or runs) of a surface a table has; nothing for `FEW` and more."""
+    n = fewest(protocol, table)
+    return f"{counted(n, protocol.unit)} of a surface" if n < FEW else ""
+
+
+def as_tested(protocol: Protocol, why: str, splits: Sequence[Split], table: pd.DataFrame) -> dict[str, Any]:
+    """Return what a manifest states of how recordings were held out; see `untold`."""
+    return {
+        "protocol": protocol.name,
+        "why": why if splits else f"1 {protocol.unit} of a surface",
+        "n_folds": len(splits),
+        "how": f"held-out {'touches' if 'parent' in table else 'recordings'}",
+        "untold": untold(splits, table),
+    }
+
+
+def is_in_one_go(tests: Mapping[str, Any]) -> bool:
+    """Return whether the tests (`as_tested`) are recordings drawn at random of some that time orders."""
+    return tests["protocol"] == AT_RANDOM and any(fact.startswith(LATER) for fact in tests["untold"])
+
+
+def promised(
+    expected: Mapping[str, Any],
+    tests: Mapping[str, Any],
+    clusters: Iterable[str],
+    n_classes: int,
+    *,
+    is_few: bool,
+) -> dict[str, Any]:
+    """Return what a manifest promises: the accuracy that is expected of the choice, and by which tests.
+
+    Parameters
+    ----------
+    expected : mapping
+        mean, low, high, n_tested of the choice, unless nothing was held out; n_candidates.
+    tests : mapping
+        See `as_tested`.
+    clusters : iterable of str
+        Which recording (or run) each test comes from.
+    n_classes : int
+        Materials.
+    is_few : bool
+        Whether so few recordings were held out that one more counts as right, and one as wrong.
+    """
+    chosen = ", the choice among candidates included" * (expected["n_candidates"] > 1)
+    so_few = ", so few that one more counts as right and one as wrong" * is_few
+    found = {**tests, **expected, "how": f"{tests['how']}{chosen}{so_few}"}
+    if is_few and tests["n_folds"]:
+        found["mean"] = of_succession(expected["mean"], len(set(clusters)))
+    if is_in_one_go(tests):
+        found["later"] = of_later(expected, n_classes)
+    return found
 
 
 def untold(splits: Sequence[Split], table: pd.DataFrame) -> list[str]:

@@ -1,6 +1,6 @@
 """Recordings and a pipeline in, a trained model out; what is chosen is chosen by cross-validation alone."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -11,12 +11,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from texclass.document.wording import counted
 from texclass.experiment.cost import CostMeter
-from texclass.experiment.feature_table import cached_table, metadata
+from texclass.experiment.feature_table import FeatureTable, cached_table, metadata
 from texclass.experiment.folds import without_remarks
 from texclass.experiment.pipeline import PipelineDefinition, load_pipeline
-from texclass.experiment.protocols import fewest, find_protocol, splits_of
+from texclass.experiment.protocols import Protocol, Split, fewest, find_protocol, splits_of
 from texclass.experiment.windows import parents, touches
 from texclass.experiment.workers import Progress, each, one_thread
 from texclass.features.plan import Plan
@@ -34,26 +33,26 @@ from texclass.recognition.candidates import (
     without_choice,
 )
 from texclass.recognition.candidates import exportable as with_graph
-from texclass.recognition.conformal import recency
+from texclass.recognition.conformal import Conformity, recency
 from texclass.recognition.deployed import Deployed
 from texclass.recognition.holding_out import (
     AT_RANDOM,
     FALSE_ALARMS,
-    FEW,
     IN_TIME,
-    LATER,
+    as_tested,
     check_vouched_for,
+    few_of,
     held_out_splits,
     holding_out,
+    is_in_one_go,
     level_for,
-    of_later,
-    of_succession,
-    untold,
+    promised,
 )
 from texclass.recognition.live.evidence import CORRELATION, fit_correlation
 from texclass.recognition.model import Model, Ranges, Surfaces
 from texclass.recognition.model_files import Manifest, unsafe_classes
 from texclass.recognition.probabilities import (
+    Calibration,
     calibration_error_of_chance,
     expected_calibration_error,
     fit_calibration,
@@ -178,122 +177,39 @@ def train(
         skip_bad=skip_bad,
         progress=progress,
     )
-    meter = CostMeter.on(felt, table.frame["recording_id"].tolist(), defined.channels)
+    frame = table.frame
+    meter = CostMeter.on(felt, frame["recording_id"].tolist(), defined.channels)
     candidates = candidates_of(
         defined, table, meter, row=row, classifier=classifier, max_ms=max_ms, max_features=max_features
     )
     candidates = candidates if max_kb is None else of_size(candidates, max_kb)
-    frame = table.frame
-    n = fewest(held_out_by, frame)
-    few_of = {"few": f"{counted(n, held_out_by.unit)} of a surface"} if n < FEW else {}
-    candidates = without_choice(candidates) if few_of else candidates
-    if not (splits := held_out_splits(held_out_by, frame, defined.seed, protocol)):
-        candidates, why = untested(candidates), f"1 {held_out_by.unit} of a surface"
-    candidates, others, lacking = with_graph(candidates) if exportable else (candidates, [], ())
-    calls = [partial(hold_out, candidate, frame, splits) for candidate in (*candidates, *others)]
-    said = list(
-        each(
-            calls,
-            n_jobs=n_jobs if len(calls) > 1 else 1,
-            progress=progress,
-            what="candidates",
-            total=len(calls),
-        )
+    splits = held_out_splits(held_out_by, frame, defined.seed, protocol)
+    tests = as_tested(held_out_by, why, splits, frame)
+    try_all = partial(_tried, frame=frame, splits=splits, n_jobs=n_jobs, progress=progress)
+    chosen, held_out, recogniser, accuracy = _choice(
+        candidates, try_all, frame, held_out_by, tests, defined.seed, exportable=exportable
     )
-    tried = list(zip(candidates, said, strict=False))
-    clusters = held_out_by.clusters(frame)[tried[0][1].rows]
-    candidate, held_out, recogniser, expected = _best(tried, frame, clusters, defined.seed)
-    is_enough = len(held_out.rows) >= least_held_out(false_alarms)
-    far, stretch = held_out.strange if is_enough else np.empty(0), 1.0
-    if held_out_by.name == IN_TIME and kind_for(candidate.classifier) == "distance":
-        far, stretch = _stretched(candidate, frame, far, defined.seed)
-    plan = recogniser[0].plan_
-    X = frame[list(plan.columns)].to_numpy(dtype=np.float64)
-    y, kind = frame["material"].to_numpy(dtype=str), kind_for(recogniser[-1])
-    with one_thread():
-        prepared = X
-        for _, step in recogniser.steps[1:-1]:
-            prepared = step.transform(prepared)
-        near = fit_nearness(prepared, np.unique(y, return_inverse=True)[1]) if kind == "distance" else None
-    cannot = untold(splits, frame)
-    in_one_go = held_out_by.name == AT_RANDOM and any(fact.startswith(LATER) for fact in cannot)
-    novelty = Novelty(kind, np.sort(far), level_for(false_alarms, len(far), n, in_one_go), near)
-    calibration = (
-        fit_calibration(held_out.decisions, held_out.labels)
-        if splits
-        else prior_calibration(len(recogniser.classes_), len(frame))
-    )
-    p = calibration(held_out.decisions)
-    of_contacts = _of_contacts(p, held_out, frame)
-    tests, ages = frame.iloc[held_out.rows], np.zeros(len(held_out.rows), dtype=np.intp)
-    if held_out_by.name == IN_TIME:
-        ages = n_later(tests["material"].to_numpy(dtype=str), tests["repetition"].to_numpy())
-    conformity = conformities(
-        held_out.decisions,
-        held_out.labels,
-        parents(tests),
-        calibration,
-        correlation=of_contacts.get("correlation"),
-        counts=recency(ages, HALF_LIFE),
-    )
-    tested = "touches" if "parent" in frame else "recordings"
-    deployed = Deployed.of(recogniser, (prepared, y))
+    calibration, conformity, calibrated = _calibrated(held_out, frame, held_out_by)
+    far, stretch = _distances(chosen, held_out, frame, held_out_by, false_alarms, defined.seed)
+    level = level_for(false_alarms, len(far), fewest(held_out_by, frame), is_in_one_go(tests))
+    deployed, novelty, X, y = _deployed(recogniser, frame, far, level)
     manifest = Manifest(
-        **_recordings(felt, meter, plan),
-        materials=tuple(recogniser.classes_.tolist()),
-        pipeline={
-            "name": defined.name,
-            "hash": defined.hash,
-            "feature_set": defined.features.name,
-            "row": candidate.row,
-            "classifier": candidate.classifier_name,
-            **few_of,
-            **_budget(max_kb, max_ms, lambda: meter.kept(defined.features).machine),
-        },
-        trained_on={
-            "name": felt.name,
-            "hash": felt.input_hash,
-            "n_recordings": int(parents(frame).nunique()),
-            "n_windows": len(frame),
-            "left_out": [item.recording_id for item in table.left_out],
-        },
-        accuracy={
-            **expected,
-            **(
-                {"mean": of_succession(expected["mean"], len(np.unique(clusters)))}
-                if few_of and splits
-                else {}
-            ),
-            "protocol": held_out_by.name,
-            "why": why,
-            "n_folds": len(splits),
-            "how": f"held-out {tested}"
-            + ", the choice among candidates included" * (expected["n_candidates"] > 1)
-            + ", so few that one more counts as right and one as wrong" * bool(few_of),
-            "untold": cannot,
-            **({"later": of_later(expected, len(recogniser.classes_))} if in_one_go else {}),
-            **_with_all(lacking, others, said[len(candidates) :], clusters, defined.seed),
-        },
-        calibration={
-            "method": "temperature" if splits else "prior temperature",
-            **vars(calibration),
-            **_errors(p, held_out),
-            "n": len(p),
-            **of_contacts,
-            **_of_gestures(p, held_out, frame),
-            "sets": facts_of(conformity),
-        },
+        **_recordings(felt, meter, table, deployed.plan),
+        materials=deployed.classes,
+        pipeline=_pipeline(defined, chosen, meter, few_of(held_out_by, frame), max_kb, max_ms),
+        accuracy=accuracy,
+        calibration=calibrated,
         unknown={
-            "score": kind,
+            "score": novelty.kind,
             "false_alarms": false_alarms,
-            "level": novelty.false_alarms,
+            "level": level,
             "threshold": novelty.threshold if len(far) else None,
             "n": len(far),
             "stretch": stretch,
         },
         cost={
             "segmentation_ms": meter.segmentation_ms,
-            "features_ms": meter.measured(plan)[0],
+            "features_ms": meter.measured(deployed.plan)[0],
             "classifier_ms": 1e3 * min(repeat(partial(deployed.decided, X[:1]), number=1, repeat=5)),
         },
         touch_s=touch_s,
@@ -311,11 +227,44 @@ def train(
     )
 
 
-def _budget(max_kb: float | None, max_ms: float | None, machine: Callable[[], str]) -> dict[str, str]:
-    """Return what the manifest states of limits; nothing without any."""
-    limits = [f"{max_kb:g} kB of a kernel"] if max_kb else []
-    limits += [f"{max_ms:g} ms on {machine()}"] if max_ms else []
-    return {"budget": ", ".join(limits)} if limits else {}
+def _tried(
+    candidates: Sequence[Candidate],
+    frame: pd.DataFrame,
+    splits: Sequence[Split],
+    n_jobs: int,
+    progress: Progress | None,
+) -> list[HeldOut]:
+    """Return what each candidate says of the recordings that are held out."""
+    calls = [partial(hold_out, candidate, frame, splits) for candidate in candidates]
+    n_jobs = n_jobs if len(calls) > 1 else 1
+    return list(each(calls, n_jobs=n_jobs, progress=progress, what="candidates", total=len(calls)))
+
+
+def _choice(
+    candidates: Sequence[Candidate],
+    try_all: Callable[[Sequence[Candidate]], list[HeldOut]],
+    frame: pd.DataFrame,
+    held_out_by: Protocol,
+    tests: Mapping[str, Any],
+    seed: int,
+    *,
+    exportable: bool,
+) -> tuple[Candidate, HeldOut, Recogniser, dict[str, Any]]:
+    """Return the best candidate, what it said, trained on everything, and what the manifest says of it."""
+    is_few = bool(few_of(held_out_by, frame))
+    candidates = without_choice(candidates) if is_few else candidates
+    candidates = candidates if tests["n_folds"] else untested(candidates)
+    candidates, others, lacking = with_graph(candidates) if exportable else (candidates, [], ())
+    said = try_all((*candidates, *others))
+    clusters = held_out_by.clusters(frame)[said[0].rows]
+    tried = list(zip(candidates, said, strict=False))
+    candidate, held_out, recogniser, expected = _best(tried, frame, clusters, seed)
+    accuracy = promised(expected, tests, clusters, len(recogniser.classes_), is_few=is_few)
+    if others:
+        hits = np.array([one.hits for one in said[len(candidates) :]])
+        _, with_all = accuracy_of_choice(hits, [c.n_columns for c in others], clusters, seed)
+        accuracy |= {"without_graph": list(lacking), "with_all_features": with_all.mean}
+    return candidate, held_out, recogniser, accuracy
 
 
 def _best(
@@ -342,43 +291,32 @@ def _best(
     )
 
 
-def _with_all(
-    lacking: Sequence[str],
-    others: Sequence[Candidate],
-    said: Sequence[HeldOut],
-    clusters: NDArray[Any],
-    seed: int,
-) -> dict[str, Any]:
-    """Return which features have no graph, and how accurate the best of candidates with them is."""
-    if not others:
-        return {}
-    hits = np.array([held_out.hits for held_out in said])
-    _, accuracy = accuracy_of_choice(hits, [c.n_columns for c in others], clusters, seed)
-    return {"without_graph": list(lacking), "with_all_features": accuracy.mean}
-
-
-def _stretched(chosen: Candidate, frame: pd.DataFrame, later: Samples, seed: int) -> tuple[Samples, float]:
-    """Return how far recordings held out at random lie, stretched by drift, shape (n,), and the factor.
-
-    Distances shrink with every recording that trains: those of blocks in time, for which a half trains,
-    tell of the smaller half and of drift in one. Folds at random tell of neither. Their distances are
-    stretched by what later recordings are farther, in the median, than as many drawn at random.
-    """
-    at_random = find_protocol(AT_RANDOM)
-    halves = hold_out(chosen, frame, at_random.split(frame, 2, seed)).strange
-    folds = hold_out(chosen, frame, splits_of(at_random, frame, seed)).strange
-    stretch = max(1.0, float(np.median(later) / max(np.median(halves), 1e-300)))
-    return stretch * folds, stretch
-
-
-def _errors(p: Samples, held_out: HeldOut) -> dict[str, float]:
-    """Return how far probabilities (n, n_classes) are from the share of right answers, and chance alone."""
-    if not len(p):
-        return {}
-    return {
-        "expected_error": expected_calibration_error(p.max(axis=1), held_out.hits),
-        "error_of_chance": calibration_error_of_chance(p.max(axis=1)),
-    }
+def _calibrated(
+    held_out: HeldOut, frame: pd.DataFrame, held_out_by: Protocol
+) -> tuple[Calibration, dict[str, Conformity], dict[str, Any]]:
+    """Return how decisions become probabilities, and sets, and what the manifest says of both."""
+    tests, decisions = frame.iloc[held_out.rows], held_out.decisions
+    calibration, how = prior_calibration(decisions.shape[1], len(frame)), "prior temperature"
+    if len(tests):
+        calibration, how = fit_calibration(decisions, held_out.labels), "temperature"
+    p = calibration(decisions)
+    sure, of_contacts = p.max(axis=1), _of_contacts(p, held_out, frame)
+    ages = np.zeros(len(tests), dtype=np.intp)
+    if held_out_by.name == IN_TIME:
+        ages = n_later(tests["material"].to_numpy(dtype=str), tests["repetition"].to_numpy())
+    conformity = conformities(
+        decisions,
+        held_out.labels,
+        parents(tests),
+        calibration,
+        correlation=of_contacts.get("correlation"),
+        counts=recency(ages, HALF_LIFE),
+    )
+    facts = {"method": how, **vars(calibration), "n": len(p), **of_contacts, "sets": facts_of(conformity)}
+    if len(tests):
+        facts["expected_error"] = expected_calibration_error(sure, held_out.hits)
+        facts["error_of_chance"] = calibration_error_of_chance(sure)
+    return calibration, conformity, facts | _of_gestures(p, held_out, frame)
 
 
 def _of_contacts(p: Samples, held_out: HeldOut, frame: pd.DataFrame) -> dict[str, float]:
@@ -408,8 +346,68 @@ def _of_gestures(p: Samples, held_out: HeldOut, frame: pd.DataFrame) -> dict[str
     return {"confusion": confusion.round(4).tolist(), "repetition": repetition}
 
 
-def _recordings(felt: Dataset, meter: CostMeter, plan: Plan) -> dict[str, Any]:
-    """Return what the manifest states of the recordings a model is for: rate, unit, phases, length."""
+def _distances(
+    chosen: Candidate,
+    held_out: HeldOut,
+    frame: pd.DataFrame,
+    held_out_by: Protocol,
+    false_alarms: float,
+    seed: int,
+) -> tuple[Samples, float]:
+    """Return how far held-out recordings lie, shape (n,), ascending, and by what drift stretched that.
+
+    Distances shrink with every recording that trains: those of blocks in time, for which a half trains,
+    tell of the smaller half and of drift in one. Folds at random tell of neither. Their distances are
+    stretched by what later recordings are farther, in the median, than as many drawn at random.
+    """
+    if len(held_out.rows) < least_held_out(false_alarms):
+        return np.empty(0), 1.0
+    if held_out_by.name != IN_TIME or kind_for(chosen.classifier) != "distance":
+        return np.sort(held_out.strange), 1.0
+    at_random = find_protocol(AT_RANDOM)
+    halves = hold_out(chosen, frame, at_random.split(frame, 2, seed)).strange
+    folds = hold_out(chosen, frame, splits_of(at_random, frame, seed)).strange
+    stretch = max(1.0, float(np.median(held_out.strange) / max(np.median(halves), 1e-300)))
+    return np.sort(stretch * folds), stretch
+
+
+def _deployed(
+    recogniser: Recogniser, frame: pd.DataFrame, far: Samples, level: float
+) -> tuple[Deployed, Novelty, Samples, NDArray[Any]]:
+    """Return it as it answers, when a surface is unknown to it, and its columns X and the materials y."""
+    X, y = frame[list(recogniser.columns)].to_numpy(dtype=np.float64), frame["material"].to_numpy(dtype=str)
+    prepared, kind = X, kind_for(recogniser[-1])
+    with one_thread():
+        for _, step in recogniser.steps[1:-1]:
+            prepared = step.transform(prepared)
+        near = fit_nearness(prepared, np.unique(y, return_inverse=True)[1]) if kind == "distance" else None
+    return Deployed.of(recogniser, (prepared, y)), Novelty(kind, far, level, near), X, y
+
+
+def _pipeline(
+    defined: PipelineDefinition,
+    chosen: Candidate,
+    meter: CostMeter,
+    few: str,
+    max_kb: float | None,
+    max_ms: float | None,
+) -> dict[str, str]:
+    """Return what the manifest states of what was trained, within which limits."""
+    limits = [f"{max_kb:g} kB of a kernel"] if max_kb else []
+    limits += [f"{max_ms:g} ms on {meter.kept(defined.features).machine}"] if max_ms else []
+    return {
+        "name": defined.name,
+        "hash": defined.hash,
+        "feature_set": defined.features.name,
+        "row": chosen.row,
+        "classifier": chosen.classifier_name,
+        **({"few": few} if few else {}),
+        **({"budget": ", ".join(limits)} if limits else {}),
+    }
+
+
+def _recordings(felt: Dataset, meter: CostMeter, table: FeatureTable, plan: Plan) -> dict[str, Any]:
+    """Return what the manifest states of the recordings: those trained on, and which ones a model is for."""
     like = meter.recordings[0]
     if others := {recording.fs for recording in meter.recordings} - {like.fs}:
         raise RecordingError(f"{felt.name}: rates are {like.fs:g} and {others.pop():g} Hz; the rule is one")
@@ -424,6 +422,13 @@ def _recordings(felt: Dataset, meter: CostMeter, plan: Plan) -> dict[str, Any]:
         "input": TrainingFiles.of(felt, like),
         "loudest": float(max(sizes)) or None,
         "shortest_s": min(((stop - start) / like.fs for start, stop in spans), default=None),
+        "trained_on": {
+            "name": felt.name,
+            "hash": felt.input_hash,
+            "n_recordings": int(parents(table.frame).nunique()),
+            "n_windows": len(table.frame),
+            "left_out": [item.recording_id for item in table.left_out],
+        },
     }
 
 
