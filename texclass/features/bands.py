@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from texclass import fourier
 from texclass.features.conditioning import level, require, unit32
 from texclass.features.contract import Gain, feature_in_samples
-from texclass.features.phase_view import PhaseView, transform, undefined_if
-from texclass.features.spectra import BLOCK, window_of
+from texclass.features.phase_view import LONG, PhaseView, transform, undefined_if
+from texclass.features.spectra import BLOCK_SAMPLES, window_of
 from texclass.recording import Samples, read_only
 
 TAPER = 0.1
@@ -31,50 +32,59 @@ OCTAVES = ("o0", "o1", "o2", "o3", "o4")
 """What a frame resolves: bins 17-32, 9-16, 5-8, 3-4 and 2."""
 
 
-def density(running: Samples, step_hz: float, edges_hz: Samples) -> Samples:
-    """Return the mean power density (1/Hz) of a `periodogram` between neighbouring edges, (n_edges - 1,).
+Periodogram = tuple[NDArray[np.float32], Samples, float]
+"""Power density (1/Hz) of each bin, shape (..., n_bins), the least that counts (..., 1), and a bin in Hz."""
+
+
+def density(periodogram: Periodogram, edges_hz: Samples) -> Samples:
+    """Return the mean power density (1/Hz) between neighbouring edges, shape (..., n_edges - 1).
 
     An edge inside a bin takes its share of it.
     """
-    edges = np.minimum(edges_hz / step_hz, running.size - 1)
-    below = np.minimum(edges.astype(np.intp), running.size - 2)
-    sums = running[below] + (edges - below) * (running[below + 1] - running[below])
-    floor = FLOOR * running[-1] / (running.size - 1)
-    return np.asarray(np.maximum((sums[1:] - sums[:-1]) / (edges[1:] - edges[:-1]), floor))
+    power, least, step_hz = periodogram
+    n_bins = power.shape[-1]
+    edges = np.minimum(edges_hz / step_hz, n_bins)
+    first = np.minimum(edges.astype(np.intp), n_bins - 1)
+    sums = np.add.reduceat(power[..., : first[-1] + 1], first, axis=-1, dtype=np.float64)[..., :-1]
+    sums *= first[1:] > first[:-1]  # of no bin, reduceat returns the next one
+    shares = power[..., first] * (edges - first)
+    sums += shares[..., 1:] - shares[..., :-1]
+    sums /= edges[1:] - edges[:-1]
+    return np.maximum(sums, least, out=sums)
 
 
-def periodogram(x: NDArray[np.float32], fs: float) -> tuple[Samples, float]:
+def periodogram(x: NDArray[np.float32], fs: float) -> Periodogram:
     """Return the periodogram of the difference d_t = x_(t+1) - x_t, its ends tapered by a cosine.
 
     Vibrations fall by 60 dB and more from the lowest frequencies to the highest; the difference levels that,
     so that the strong ones do not leak over the weak ones, and nearly all samples count in full: what a short
     touch needs.
 
-    Returns
-    -------
-    running : ndarray of shape (n_bins + 1,)
-        running[k] is the power density (1/Hz) of bins 0 ... k-1, summed, so that any band is one difference.
-    step_hz : float
-        Distance of two bins.
+    Parameters
+    ----------
+    x : ndarray of shape (..., n)
+        Signals of one length.
+    fs : float
+        Sampling rate in Hz.
 
     Raises
     ------
     UndefinedFeatureError
-        If all differences are 0.
+        If all differences of a signal are 0.
     """
-    d = x[1:] - x[:-1]
-    n_taper = max(1, round(TAPER * d.size))
-    fade = _fade(n_taper)
-    d[:n_taper] *= fade
-    d[-n_taper:] *= fade[::-1]
-    n_fft = fft.next_fast_len(d.size, real=True)
-    spectrum = fft.rfft(d, n_fft)
-    running = np.zeros(spectrum.size + 1)
-    np.cumsum(spectrum.real**2 + spectrum.imag**2, out=running[1:], dtype=np.float64)
-    undefined_if(not running[-1] > 0, "silence: no sample differs from the one before")
-    weight = d.size - 2 * n_taper + 2 * float(fade @ fade)
-    running *= 2 / (fs * weight)
-    return running, fs / n_fft
+    n = x.shape[-1] - 1
+    n_fft, n_taper = fft.next_fast_len(n, real=True), max(1, round(TAPER * n))
+    d, fade = np.zeros((*x.shape[:-1], n_fft), dtype=np.float32), _fade(n_taper)
+    np.subtract(x[..., 1:], x[..., :-1], out=d[..., :n])
+    d[..., :n_taper] *= fade
+    d[..., n - n_taper : n] *= fade[::-1]
+    in_four = d.ndim == 1 and n_fft > LONG and n_fft % fourier.INTERLEAVED == 0
+    spectrum = fourier.rfft(d) if in_four else fft.rfft(d)
+    power = np.asarray(spectrum.real**2 + spectrum.imag**2, dtype=np.float32)
+    power *= np.float32(2 / (fs * (n - 2 * n_taper + 2 * float(fade @ fade))))
+    least = FLOOR * power.mean(axis=-1, keepdims=True).astype(np.float64)
+    undefined_if(not least.all(), "silence: no sample differs from the one before")
+    return power, least, fs / n_fft
 
 
 @functools.lru_cache(maxsize=8)
@@ -83,7 +93,7 @@ def _fade(n: int) -> NDArray[np.float32]:
 
 
 @transform
-def whole_periodogram(view: PhaseView) -> tuple[Samples, float]:
+def whole_periodogram(view: PhaseView) -> Periodogram:
     """Return the `periodogram` of the whole movement."""
     require(view, 32, "a periodogram")
     return periodogram(unit32(view), view.fs)
@@ -163,7 +173,7 @@ def octave_level(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octa
 
 def _levels(view: PhaseView, edges_hz: Samples, response: Samples) -> Samples:
     """Return the log10 power density between edges: that of the difference over its `response`."""
-    power = density(*whole_periodogram(view), edges_hz) / response
+    power = density(whole_periodogram(view), edges_hz) / response
     return np.asarray(np.log10(power) + 2 * np.log10(level(view)))
 
 
@@ -186,28 +196,35 @@ def _with_response(edges_hz: Samples, fs: float) -> tuple[Samples, Samples]:
 
 
 @transform
-def sixths(view: PhaseView) -> tuple[tuple[Samples, float], ...]:
-    """Return the periodograms of six equal parts of the movement."""
+def sixths(view: PhaseView) -> Periodogram:
+    """Return the periodograms of six equal parts of the movement, a row each."""
     x, n = unit32(view), view.n_samples // N_PARTS
-    return tuple(periodogram(x[i * n : (i + 1) * n], view.fs) for i in range(N_PARTS))
+    return periodogram(x[: N_PARTS * n].reshape(N_PARTS, n), view.fs)
 
 
 @transform
-def octave_frames(view: PhaseView) -> Samples:
-    """Return the power of Hann frames, one after the other, in octaves from fs/2 down, (n_frames, 5).
+def octave_courses(view: PhaseView) -> Samples:
+    """Return the log10 power of Hann frames, one after the other, in octaves from fs/2 down, (5, n_frames).
 
     In arbitrary units, floored far below the mean.
     """
     require(view, 8 * FRAME, f"8 frames of {FRAME} samples")
-    window = window_of("hann", FRAME)
     frames = unit32(view)[: view.n_samples // FRAME * FRAME].reshape(-1, FRAME)
-    power = np.empty((len(frames), len(OCTAVES)))
-    for k in range(0, len(frames), BLOCK):
-        spectra = fft.rfft(frames[k : k + BLOCK] * window)[:, 2:]
-        bins = spectra.real**2 + spectra.imag**2
-        power[k : k + BLOCK] = np.add.reduceat(bins, [0, 1, 3, 7, 15], axis=1, dtype=np.float64)[:, ::-1]
+    power = np.empty((len(OCTAVES), len(frames)))
+    for k in range(0, len(frames), BLOCK_SAMPLES // FRAME):
+        rows = slice(k, k + BLOCK_SAMPLES // FRAME)
+        spectra = fft.rfft(frames[rows] * window_of("hann", FRAME))
+        power[:, rows] = _parts_of_octaves().T @ np.square(spectra.view(np.float32)).T
     undefined_if(not power.any(), "silence: no frame holds any power")
-    return np.asarray(np.maximum(power, FLOOR * power.mean()))
+    return np.asarray(np.log10(np.maximum(power, FLOOR * power.mean())))
+
+
+@functools.cache
+def _parts_of_octaves() -> NDArray[np.float32]:
+    """Return whether the real and the imaginary part of each bin of a frame count in each octave."""
+    octave = len(OCTAVES) - np.ceil(np.log2(np.maximum(np.arange(FRAME // 2 + 1), 1)))
+    of_each = octave[:, np.newaxis] == np.arange(len(OCTAVES))
+    return read_only(np.repeat(of_each, 2, axis=0).astype(np.float32))
 
 
 @feature_in_samples(
@@ -247,7 +264,7 @@ def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] =
         raise ValueError(f"n_parts is {n_parts!r}; the rule is 2, 3 or 6")
     require(view, N_PARTS * max(16, low), f"1.5 periods of octave {octaves[1] - 1} in each sixth")
     edges = view.fs / 2 * np.exp2(-np.arange(octaves[1], octaves[0] - 1, -1.0))
-    power = np.array([density(*sixth, edges)[::-1] for sixth in sixths(view)])
+    power = density(sixths(view), edges)[:, ::-1]
     L = np.log10(power.reshape(n_parts, N_PARTS // n_parts, -1).mean(axis=1))
     return np.asarray(fft.dct(L, axis=0)[1:].reshape(-1) / n_parts)
 
@@ -271,7 +288,7 @@ def level_fluctuation(view: PhaseView) -> Samples:
     UndefinedFeatureError
         For silence, or fewer than 512 samples.
     """
-    return np.asarray(np.log10(octave_frames(view)).std(axis=0))
+    return np.asarray(octave_courses(view).std(axis=1))
 
 
 @feature_in_samples("1", "texclass; autocorrelation of log band levels", outputs=OCTAVES)
@@ -290,11 +307,11 @@ def level_persistence(view: PhaseView) -> Samples:
     UndefinedFeatureError
         For silence, fewer than 512 samples, or an octave whose level never changes.
     """
-    L = np.log10(octave_frames(view))
-    L -= L.mean(axis=0)
-    variance = np.mean(L**2, axis=0)
+    L = octave_courses(view)
+    L = L - L.mean(axis=1, keepdims=True)
+    variance = np.mean(L * L, axis=1)
     undefined_if(
         not variance.min() > 1e-12,
         f"the level of octave {variance.argmin()} is constant; the rule is one that changes",
     )
-    return np.asarray(np.mean(L[1:] * L[:-1], axis=0) / variance)
+    return np.asarray(np.mean(L[:, 1:] * L[:, :-1], axis=1) / variance)

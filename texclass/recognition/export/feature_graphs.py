@@ -187,7 +187,7 @@ def _band_course(view: GraphView, n_parts: int, octaves: tuple[int, int]) -> str
 
 
 def _octave_frames(view: GraphView) -> str:
-    """Add the log10 power of frames in octaves, (n, n_frames, 5); see `bands.octave_frames`."""
+    """Add the log10 power of frames in octaves, (n, n_frames, 5); see `bands.octave_courses`."""
 
     def make() -> str:
         size, n_octaves = bands.FRAME, len(bands.OCTAVES)
