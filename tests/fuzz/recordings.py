@@ -23,7 +23,7 @@ from texclass.loaders import load_recording
 from texclass.loaders.cards import FileReading, LabelTable
 from texclass.loaders.filesets import _read_labels, _read_rows
 from texclass.recognition import open_source
-from texclass.recognition.live.defects import Defects
+from texclass.recognition.live.session import Defects
 from texclass.recording import Recording
 
 FS = 1000.0

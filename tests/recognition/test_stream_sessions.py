@@ -7,7 +7,7 @@ import pytest
 from toy_surfaces import FS, SURFACES, signal
 
 from texclass.recognition import Block, Event, Notice, OnlineSettings, Session, WindowAnswer, listen
-from texclass.recognition.live.defects import FAR, MOST_LOST, Defects
+from texclass.recognition.live.session import FAR, MOST_LOST, Defects
 from texclass.recognition.sources.blocks import resampled
 from texclass.recording import Recording, RecordingError
 

@@ -5,7 +5,7 @@ import pytest
 
 from texclass.document import render_markdown
 from texclass.stability import Mark, StabilityResult
-from texclass.stability.result import stability_document, wrong_lines
+from texclass.stability.battery import stability_document, wrong_lines
 
 
 def cell(subject, family, mark, *, library="texclass", group="models", reason="", error=None, limit=None):

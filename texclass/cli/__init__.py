@@ -8,7 +8,6 @@ said at once.
 from texclass.cli import (
     convert_command,
     experiment_commands,
-    explore_command,
     listing_commands,
     model_commands,
     scene_commands,

@@ -296,7 +296,7 @@ def stability(
     from texclass.document import write_document
     from texclass.peers import extreme_inputs
     from texclass.stability import run_stability
-    from texclass.stability.result import stability_document, wrong_lines
+    from texclass.stability.battery import stability_document, wrong_lines
 
     peers, left_out = extreme_inputs.installed(quick)
     with progress_bar() as progress:

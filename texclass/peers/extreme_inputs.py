@@ -14,10 +14,9 @@ from texclass.recording import Samples
 from texclass.stability import exact, rules
 from texclass.stability.inputs import FORMS, VALUES, Case, in_families, lengths, samples_of
 from texclass.stability.judging import Attempt, Check, Subject
-from texclass.stability.subjects_features import cases as feature_cases
-from texclass.stability.subjects_features import extraction
 from texclass.stability.subjects_models import EXCITATION, at_orders, k_of, models, unit_model
-from texclass.stability.subjects_signals import SHORT, largest
+from texclass.stability.subjects_signals import SHORT, extraction, largest
+from texclass.stability.subjects_signals import cases as feature_cases
 
 LIBRARIES = ("librosa", "scipy", "spectrum", "statsmodels", "pysptk", "tsfel", "tsfresh", "pycatch22")
 """Public libraries that are tried where they are installed."""

@@ -21,8 +21,8 @@ from texclass.peers.peers_document import peers_document
 from texclass.provenance import code_hash
 from texclass.recognition.embedded_document import embedded_document
 from texclass.reporting.invariance_document import invariance_document
+from texclass.stability.battery import stability_document
 from texclass.stability.judging import Mark
-from texclass.stability.result import stability_document
 from texclass.tradeoff.tradeoff_document import tradeoff_document
 from texclass.validation import Written, checked
 from texclass.whole_files import write_whole

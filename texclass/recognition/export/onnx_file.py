@@ -155,7 +155,7 @@ def facts_of_samples(model: Model, n_samples: int, parity: SampleParity) -> dict
     parity : SampleParity
         How it was checked.
     """
-    from texclass.recognition.live.session import OnlineRecogniser, OnlineSettings
+    from texclass.recognition.live.online_recogniser import OnlineRecogniser, OnlineSettings
 
     settings = OnlineSettings(window_s=n_samples / model.manifest.fs)
     return {

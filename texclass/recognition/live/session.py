@@ -1,123 +1,40 @@
-"""From samples to answers as they come: blocks in; events, answers, verdicts and notices out.
-
-A sample comes in a `Block` (`texclass.recognition.sources`) to `Session.take`, which says what is wrong with
-the stream and passes finite samples on to `OnlineRecogniser.push`. There it is conditioned, kept, and part of
-a level, which tells movement, taps and lift-off (`contact`). A window that is due becomes a recording
-(`windows`), which the model answers as any other, and the answers of a contact are put together (`evidence`).
-"""
+"""A stream from its blocks to what is known: what is wrong with it is said, and bridged where it is short."""
 
 import math
 import time
-from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from texclass.recognition.live.contact import Contact, ContactRules, Event, Level, Ring
-from texclass.recognition.live.defects import Defects
-from texclass.recognition.live.evidence import CONFIDENCE, CORRELATION, ContactVerdict, Evidence, Kind
-from texclass.recognition.live.windows import Stretches, TapMemory, Tapped, scale_of
-from texclass.recognition.model import Answer, Model, load_model
+from texclass.loaders.stamps import MOST_LOST
+from texclass.recognition.live.online_recogniser import (
+    LONGEST_WINDOW_S,
+    RUN_WINDOW_S,
+    OnlineRecogniser,
+    OnlineSettings,
+    Update,
+)
+from texclass.recognition.live.windows import scale_of
+from texclass.recognition.model import Model, load_model
 from texclass.recognition.sources.blocks import Block
 from texclass.recognition.sources.open import is_live, open_source
-from texclass.recording import ACCELERATION_UNITS, Recording
-from texclass.signals import causal
-from texclass.validation import check_above_0
+from texclass.recording import ACCELERATION_UNITS, Recording, Samples
 
-DEFAULT_WINDOW_S, LONGEST_WINDOW_S = 1.0, 30.0
-RUN_WINDOW_S = 5.0
-"""Of a model whose recordings are runs, longer than the longest window: who waits so long for an answer?"""
-ENDLESS = 1e300
-"""How far a level falls only where it is exactly 0."""
-FADING_WINDOWS = 4
-"""Windows after which evidence fades where contact never ends."""
-HOPS = 2
-"""Windows that overlap, by default: a new answer after each half of a window."""
-TAPS_S = 6.0
-"""Taps of so many seconds before a movement are remembered."""
-SPREAD_S = 0.025
-"""Windows that were waiting are answered one after the other, this far apart: no block has to do them all."""
-PIECE_S = 0.1
-"""Longer blocks are taken in in pieces, so that the memory does not depend on their length."""
 NOTICE_S = 5.0
 """Notices of one kind are said once in so many seconds of the stream; others are counted."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class OnlineSettings:
-    """How a stream is listened to.
-
-    Attributes
-    ----------
-    window_s
-        Seconds of one answer; None: those the model was trained on, or `RUN_WINDOW_S` where these were runs.
-    hop_s
-        Seconds from one answer to the next; None: half a window.
-    evidence
-        How windows of a contact are put together; see `Evidence`.
-    confidence, forget_s
-        See `Evidence`.
-    correlation
-        See `Evidence`; None: as found in training, where contacts had several windows, else 1.
-    stop_when_sure
-        No more windows of a contact are computed once its verdict is sure.
-    assume_contact
-        Whether the stream begins in a movement; None: it does if the model was trained on movement only, else
-        the first tenth of a second decides.
-    always_in_contact
-        Wheels and legs: there is no lift-off but digital silence, and evidence fades after `FADING_WINDOWS`
-        windows, or `forget_s`.
-    rules
-        Which levels and durations make a contact, a tap, a lift-off.
-    """
-
-    window_s: float | None = None
-    hop_s: float | None = None
-    evidence: Kind = "sequential"
-    confidence: float = CONFIDENCE
-    correlation: float | None = None
-    forget_s: float = math.inf
-    stop_when_sure: bool = False
-    assume_contact: bool | None = None
-    always_in_contact: bool = False
-    rules: ContactRules = field(default_factory=ContactRules)
-
-    def __post_init__(self) -> None:
-        check_above_0(window_s=self.window_s, hop_s=self.hop_s)
-
-
-@dataclass(frozen=True, eq=False)
-class WindowAnswer:
-    """What was said of one window of a stream.
-
-    Attributes
-    ----------
-    start, stop
-        Samples [start, stop) of the stream.
-    known
-        Samples that had come when it was due.
-    answer
-        Of this window alone: the same as the model gives for it as a recording.
-    verdict
-        Of the contact so far.
-    onset
-        Sample at which the contact began.
-    ms
-        What features and classifier took.
-    """
-
-    start: int
-    stop: int
-    known: int
-    answer: Answer
-    verdict: ContactVerdict
-    onset: int
-    ms: float
+FAR = 100.0
+"""A step of so many times the largest acceleration of training is a loose wire, not a surface."""
+STRUCK_M_S2 = 1000.0
+"""A step that a tap on a hard surface may make, whatever was trained."""
+FAR_UNKNOWN = 1e6
+"""The step where a model does not say what it was trained on (files before format 2.1)."""
+LARGEST = 1e15
+"""No sensor measures more, in any unit."""
+LEVEL_S = 0.1
+"""Far samples that go on for longer are a new level: the stream goes on there, after a break."""
 
 
 @dataclass(frozen=True)
@@ -136,264 +53,69 @@ class Notice:
     what: str
 
 
-Update = Event | WindowAnswer
+class Defects:
+    """Samples that are no measurements: not finite, or a step from the last good one that no surface makes.
 
-
-class OnlineRecogniser:
-    """A model that listens: the same answers for any block size, each that of the model on its window.
-
-    Windows end at onset + window + k hop and are computed by the code that computes recordings, when a window
-    is due and at no other time. A window that ends in a pause waits until the pause is over; a lift-off
-    discards it and begins anew. Memory is a ring of a window and a pause, and does not grow.
+    Up to `MOST_LOST` in a row are replaced by a straight line, as messages that are missing; more are lost.
+    Rows come out the same however they come in blocks: bad ones wait for the next good one.
 
     Parameters
     ----------
     model : Model
-        Trained, best on touches of the length of a window.
-    fs : float, optional
-        Sampling rate of the stream in Hz; the model's by default. With another, answers say so and count as
-        unknown: resample first.
-    unit : str, optional
-        Of the acceleration; the model's by default. Physical units are converted.
-    raw : bool
-        Whether samples are as in the files the model was trained on: the scale of its dataset card applies.
-    settings : OnlineSettings
-        How it listens.
-
-    Examples
-    --------
-    >>> live = OnlineRecogniser(load_model("surface.skops"))  # doctest: +SKIP
-    >>> for update in live.push(block):  # doctest: +SKIP
-    ...     print(update)
+        Whose recordings tell how large a step may be.
+    n_axes : int
+        Columns of acceleration, the first ones.
+    fs : float
+        Sampling rate in Hz.
+    scale : float
+        From a number of the stream to the unit of the model's recordings.
     """
 
-    def __init__(
-        self,
-        model: Model,
-        *,
-        fs: float | None = None,
-        unit: str | None = None,
-        raw: bool = True,
-        settings: OnlineSettings | None = None,
-    ) -> None:
-        manifest, settings = model.manifest, settings or OnlineSettings()
-        self.model, self.settings, self._raw = model, settings, raw
-        self.fs, self.unit = float(fs or manifest.fs), unit or manifest.unit
-        trained_s = manifest.touch_s or manifest.shortest_s or DEFAULT_WINDOW_S
-        if trained_s > LONGEST_WINDOW_S and settings.window_s is None:
-            trained_s = RUN_WINDOW_S
-        self.window = max(1, round(self.fs * (settings.window_s or trained_s)))
-        self.hop = max(1, round(self.fs * (settings.hop_s or self.window / self.fs / HOPS)))
-        self._needs_taps = "tap" in manifest.phases
-        self._taps_only = self._needs_taps and "movement" not in manifest.phases
-        self._ready = False
-        found = manifest.calibration.get("correlation")
-        fades = settings.always_in_contact and settings.forget_s == math.inf
-        # Windows of another length, or put together otherwise, conform otherwise.
-        like_training = (settings.window_s, settings.evidence, settings.forget_s) in (
-            (None, "sequential", math.inf),
-            (manifest.touch_s, "sequential", math.inf),
-        )
-        self.evidence = Evidence(
-            model.materials,
-            settings.evidence,
-            window_s=self.window / self.fs,
-            hop_s=self.hop / self.fs,
-            correlation=next(r for r in (settings.correlation, found, CORRELATION) if r is not None),
-            lapse=0.0 if found is None else 1 / (manifest.calibration["n_contacts"] + 2),
-            forget_s=FADING_WINDOWS * self.window / self.fs if fades else settings.forget_s,
-            confidence=settings.confidence,
-            conformity=model.conformity_so_far if like_training and not fades else None,
-            levels=model.levels,
-        )
-        self._due = deque[int]()  # ends of windows that wait for a pause to end
-        self._next = self._free_from = self._contact_from = 0
-        self._tapped: Tapped | None = None
+    def __init__(self, model: Model, n_axes: int, fs: float, scale: float) -> None:
+        loudest = model.manifest.loudest
+        far = FAR_UNKNOWN if loudest is None else FAR * loudest
+        far = max(far, STRUCK_M_S2) if model.manifest.unit == "m/s^2" else far
+        self.n_axes, self.far = n_axes, far / scale
+        self._level = max(MOST_LOST + 2, round(LEVEL_S * fs))
+        self._last: Samples | None = None
+        self._waiting = self._far_for = 0
 
-    def push(self, samples: ArrayLike) -> tuple[Update, ...]:
-        """Take in the next samples and return what is known now.
+    def mended(self, rows: Samples) -> tuple[list[tuple[int, Samples]], int, int]:
+        """Take in rows (n, n_columns) in the unit of the stream.
 
-        Parameters
-        ----------
-        samples : array_like of shape (n,) or (n, n_columns)
-            Of any length. Columns are the axes of the acceleration, then (where the model has one) of the
-            turn rate.
-
-        Raises
-        ------
-        ValueError
-            If a sample is not finite, or the columns are not those of the model or of earlier blocks.
+        Returns
+        -------
+        stretches : list of (int, ndarray)
+            How many rows are lost before a stretch, and its rows, good or mended.
+        n_broken, n_far : int
+            How many of the rows are not finite (or no number a sensor sends), and how many are far.
         """
-        block = np.asarray(samples, dtype=np.float64)
-        rows = block[:, None] if block.ndim == 1 else block
-        if rows.ndim != 2 or rows.shape[1] == 0:
-            raise ValueError(f"samples have shape {block.shape}; the rule is (n,) or (n, n_columns)")
-        if not np.isfinite(rows).all():
-            raise ValueError("a sample is NaN or infinite; the rule is finite samples, or an interruption")
-        if not self._ready:
-            self._prepare(rows.shape[1])
-        if rows.shape[1] != self.n_columns:
-            raise ValueError(f"samples have {rows.shape[1]} columns; the rule is {self.n_columns}, as before")
-        rows, found = self._stretches.conditioned(rows), list[Update]()
-        for first in range(0, len(rows), self._piece):
-            self._ring.push(rows[first : first + self._piece])
-            heard = self._level.vibration.stop
-            whole = self._ring.stop - (self._ring.stop - heard) % self._level.bin_size
-            for new in self._level.push(self._ring.view(heard, whole)[:, : self._stretches.n_axes]):
-                for event in self._contact.step(new):
-                    found += self._after(event)
-                if self._contact.moving and not self._taps_only:
-                    found += self._windows(new.stop)
-        return tuple(found)
-
-    def interrupt(self, n_missing: int) -> tuple[Update, ...]:
-        """Say that `n_missing` samples were lost; no window reaches over a break."""
-        if not self._ready or n_missing < 1:
-            return ()
-        at = self._ring.stop
-        self._ring.skip(n_missing)
-        self._level.skip(self._ring.stop - self._level.vibration.stop)
-        events = self._contact.interrupt(at, n_missing, n_missing / self.fs)
-        self._due.clear()
-        self._taps.clear()
-        self._next = self._ring.stop + self.window
-        return tuple(update for event in events for update in self._after(event))
-
-    def finish(self) -> tuple[Update, ...]:
-        """Say that the stream has ended: a contact too short for a window is answered as far as it went."""
-        if not self._ready:
-            return ()
-        found: list[Update] = []
-        while self._contact.moving and not self._taps_only and (last := self._windows(self._ring.stop)):
-            found += last
-            self._free_from = 0
-        return (*found, *self._short_contact(self._ring.stop))
-
-    def constants(self, n_columns: int) -> dict[str, Any]:
-        """Return what a program needs to know that does the same around a window; see docs/stream-logic.md.
-
-        Parameters
-        ----------
-        n_columns : int
-            Of the stream.
-        """
-        if not self._ready:
-            self._prepare(n_columns)
-        sections = self._level.high_pass
-        return {
-            "window": self.window,
-            "hop": self.hop,
-            "spread": self._spread,
-            "turn": round(self.settings.rules.turn_s * self.fs),
-            "contact": {
-                **self._contact.constants,
-                "high_pass": sections.tolist(),
-                "high_pass_rest": np.asarray(causal(sections, np.ones(1))[1]).tolist(),
-            },
-            "evidence": self.evidence.constants,
-        }
-
-    @property
-    def verdict(self) -> ContactVerdict | None:
-        """What is known of the contact at hand; None before its first window."""
-        return self.evidence.verdict
-
-    @property
-    def phase(self) -> str:
-        """What the tool does: listening, rest, touched, moving, pause."""
-        return self._contact.phase if self._ready else "listening"
-
-    @property
-    def level(self) -> tuple[float, float]:
-        """Root mean square of the vibration (unit of the stream), and its level above the noise in dB."""
-        return (math.sqrt(self._contact.level), self._contact.level_db) if self._ready else (0.0, 0.0)
-
-    @property
-    def n_samples(self) -> int:
-        """Samples so far, missing ones included."""
-        return self._ring.stop if self._ready else 0
-
-    @property
-    def n_bytes(self) -> int:
-        """Memory of the rings, which is all that depends on the stream."""
-        return self._ring.n_bytes + self._level.vibration.n_bytes if self._ready else 0
-
-    def _prepare(self, n_columns: int) -> None:
-        """Make what depends on the number of columns."""
-        rules, asked = self.settings.rules, self.settings.assume_contact
-        if asked is None and self.model.manifest.input.phases == "movement":
-            asked = True  # all that the model knows is movement
-        if self.settings.always_in_contact:
-            asked, rules = True, replace(rules, drop_ratio=ENDLESS)
-        if self.model.manifest.input.phases == "taps":
-            rules = replace(rules, share=math.inf)  # nothing is a movement, however long it rings
-        self._stretches = Stretches(self.model, n_columns, self.fs, self.unit, self._raw)
-        self.unit, self.n_columns = self._stretches.unit, n_columns
-        self._piece = max(1, round(PIECE_S * self.fs))
-        behind_s = rules.pause_s + rules.window_s + (TAPS_S if self._needs_taps else 1.0)
-        self._ring = Ring(self.window + round(behind_s * self.fs) + 2 * self._piece, n_columns)
-        self._level = Level(self.fs, self._stretches.n_axes, behind_s)
-        self._contact = Contact(self._level, rules, asked, self.unit)
-        self._taps = TapMemory(self._stretches, self._ring, self._level)
-        spread = max(round(SPREAD_S * self.fs), self._level.bin_size)
-        self._spread = spread if 2 * spread <= self.hop else 0  # else more would come than go
-        self._ready = True
-
-    def _after(self, event: Event) -> list[Update]:
-        """Act on an event: what it means for windows and evidence."""
-        match event.kind:
-            case "contact":
-                self._contact_from = event.sample
-                self._next = event.sample + self.window
-                self._tapped = self._taps.before(event.sample) if self._needs_taps else None
-            case "lift-off":
-                last = self._short_contact(event.known, event.sample)
-                self._due.clear()
-                self.evidence.reset()
-                self._taps.clear()
-                return [*last, event]
-            case "tap":
-                tap = self._taps.add(event, self._contact.floor)
-                if tap is None:
-                    return []
-                if not self._taps_only:
-                    return [tap]
-                tapped, start = self._taps.last()
-                felt = self._stretches.tap(tapped, start)
-                return [tap, self._told(felt, start, tap.end, tap.known, start)]
-        return [event]
-
-    def _windows(self, known: int) -> list[Update]:
-        """Answer the windows that are due and do not end in a pause."""
-        while self._next <= known:
-            self._due.append(self._next)
-            self._next += self.hop
-        found: list[Update] = []
-        latest = self._contact.active_until + round(self.settings.rules.turn_s * self.fs)
-        while self._due and self._due[0] <= latest and known >= self._free_from:
-            stop, verdict = self._due.popleft(), self.evidence.verdict
-            if not (self.settings.stop_when_sure and verdict is not None and verdict.sure):
-                found.append(self._answer(stop - self.window, stop, known))
-                self._free_from = known + self._spread
-        return found
-
-    def _short_contact(self, known: int, end: int | None = None) -> list[Update]:
-        """Answer what was felt of a contact that no window was heard of, if it is half a window or more."""
-        if self.evidence.verdict is not None or self._taps_only or not (end or self._contact.moving):
-            return []
-        start = max(self._contact_from, self._ring.start)
-        stop = min(end or self._contact.active_until, known, start + self.window)
-        return [self._answer(start, stop, known)] if 2 * (stop - start) >= self.window else []
-
-    def _answer(self, start: int, stop: int, known: int) -> WindowAnswer:
-        window = self._stretches.window(self._ring.view(start, stop), start, self._tapped)
-        return self._told(window, start, stop, known, self._contact_from)
-
-    def _told(self, recording: Recording, start: int, stop: int, known: int, onset: int) -> WindowAnswer:
-        began = time.perf_counter()
-        answer = self.model.answer(recording)
-        verdict = self.evidence.add(answer, (stop - onset) / self.fs)
-        return WindowAnswer(start, stop, known, answer, verdict, onset, 1e3 * (time.perf_counter() - began))
+        broken = np.asarray(~(np.abs(rows) <= LARGEST).all(axis=1))  # nor is NaN
+        before = rows[:1] if self._last is None else self._last[None]
+        with np.errstate(invalid="ignore"):
+            steps = np.abs(np.diff(rows[:, : self.n_axes], axis=0, prepend=before[:, : self.n_axes]))
+        if not self._waiting and not broken.any() and (steps <= self.far).all():
+            self._last = rows[-1].copy()
+            return [(0, rows)], 0, 0
+        stretches: list[tuple[int, list[Samples]]] = [(0, [])]
+        n_far = 0
+        for row, is_broken in zip(rows, broken.tolist(), strict=True):
+            last = row if self._last is None else self._last
+            is_far = not is_broken and bool((np.abs(row - last)[: self.n_axes] > self.far).any())
+            self._far_for = self._far_for + 1 if is_far else 0
+            if is_broken or 0 < self._far_for < self._level:
+                n_far += is_far
+                self._waiting += 1
+                continue
+            if self._last is None or self._waiting > MOST_LOST:
+                stretches.append((self._waiting, []))
+            else:
+                shares = np.arange(1, self._waiting + 1)[:, None] / (self._waiting + 1)
+                stretches[-1][1].extend(last + shares * (row - last))
+            stretches[-1][1].append(row)
+            self._last, self._waiting, self._far_for = row.copy(), 0, 0
+        kept = [(lost, np.array(some)) for lost, some in stretches if some]
+        return kept, int(np.count_nonzero(broken)), n_far
 
 
 class Session:
