@@ -1,5 +1,6 @@
 """What files hold that no sensor felt: values held at an end, single wild samples, a volume that is faded."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -116,28 +117,29 @@ def mended(axes: Samples, glitches: NDArray[np.intp]) -> Samples:
     return axes
 
 
-def fade(level: Samples, bin_s: float) -> int:
+def fade(power: Callable[[int, int], float], n_bins: int, bin_s: float) -> int:
     """Return the bins at the start in which the level is turned up from nothing; 0 if it is not.
 
-    Such a level keeps rising each time as much time has passed again: a linear fade by 6 dB.
+    `power` is asked for the mean of bins [start, stop). Such a level keeps rising each time as much time has
+    passed again: a linear fade by 6 dB.
     """
+
+    def level_db(start: int, stop: int) -> float:
+        return 10.0 * float(np.log10(max(power(start, stop), 1e-300)))
+
     start, edge = 0, max(4, round(0.01 / bin_s))
-    if len(level) < edge:
+    if n_bins < edge:
         return 0
-    first = last = _db(level[:edge])
-    while 2 * edge <= len(level) and edge * bin_s < LONGEST_FADE_S:
+    first = last = level_db(start, edge)
+    while 2 * edge <= n_bins and edge * bin_s < LONGEST_FADE_S:
         start, edge = edge, 2 * edge
-        now = _db(level[start:edge])
+        now = level_db(start, edge)
         if not FADE_DB <= now - last <= FADE_MOST_DB:
             break
         last = now
     else:
         return 0
     return start if last - first >= FADE_TOTAL_DB else 0
-
-
-def _db(level: Samples) -> float:
-    return 10.0 * float(np.log10(max(level.mean(), 1e-300)))
 
 
 def _start(rows: Samples) -> Samples:

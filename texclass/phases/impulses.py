@@ -195,15 +195,28 @@ def _peaks(
     """
     tap_db, least_db, back = 10.0 * np.log10(rules.tap_ratio), rules.stand_out_db, n_bins(rules.before_s)
     rises, near = np.zeros(len(sharp)), 2 * n_bins(rules.spacing_s) - 1
+    reach = n_bins(RISE_S) + back // 2
     for level, most_db in ((sharp, np.inf), (loud, least_db)):
-        before = ndimage.maximum_filter1d(level, back, mode="constant")
-        before = np.concatenate([np.zeros(n_bins(RISE_S) + back // 2), before])[: len(level)]
+        before = _highest(level, back, reach + back // 2)[: len(level)]
+        before[:reach] = 0.0  # so near to the start it is not known
         above = np.where(before < most_db, level - before, 0.0)
-        np.maximum(rises, ndimage.maximum_filter1d(above, back, origin=(back - 1) // 2), out=rises)
+        np.maximum(rises, _highest(above, back, back - 1), out=rises)
     (risen,) = np.nonzero(rises >= least_db)
-    highest = [x[risen] == ndimage.maximum_filter1d(x, near, mode="constant")[risen] for x in (sharp, loud)]
+    highest = [x[risen] == _highest(x, near, near // 2, near // 2)[risen] for x in (sharp, loud)]
     is_peak = (highest[0] & (sharp[risen] >= tap_db)) | (highest[1] & (loud[risen] >= tap_db))
     return risen[is_peak].tolist(), rises
+
+
+def _highest(level: Samples, n: int, before: int = 0, after: int = 0) -> Samples:
+    """Return the maximum of each `n` bins in a row, with so many zeros before and after: len - n + 1 of them.
+
+    Maxima of twice as many are those of two neighbours, so it takes a few passes.
+    """
+    high, done = np.concatenate([np.zeros(before), level, np.zeros(after)]), 1
+    while 2 * done <= n:
+        high = np.maximum(high[:-done], high[done:])
+        done *= 2
+    return np.asarray(np.maximum(high[: len(high) - n + done], high[n - done :]))
 
 
 def find_movement(levels: Levels, impulses: Sequence[Impulse], rules: Rules) -> tuple[int, int] | None:
@@ -222,7 +235,7 @@ def find_movement(levels: Levels, impulses: Sequence[Impulse], rules: Rules) -> 
     if not len(lasting):
         return None
     begun, ended = int(lasting[0]), int(lasting[-1])
-    strong = quantiles(decibels(levels.strokes[begun * size : (ended + 1) * size]), 0.95)[0] + STRONG_DB
+    strong = quantiles(levels.strokes[begun * size : (ended + 1) * size], 0.95, of=decibels)[0] + STRONG_DB
     level = _blocks(without(levels.strokes, impulses, strong), size)
     active = ndimage.uniform_filter1d(level, 3, mode="nearest") > rules.stroke_ratio
     gap = max(1, round(levels.n_bins(rules.gap_s) / size))
@@ -247,7 +260,7 @@ def divide(
     if begins is not None:
         active = _blocks(levels.strokes[begins:first], max(levels.least, levels.n_bins(CALM_S)))
         first = begins if len(active) and np.mean(active > rules.active_ratio) > rules.share / 2 else first
-    usual, strong = quantiles(decibels(levels.felt[first:last]), 0.5, 0.95)
+    usual, strong = quantiles(levels.felt[first:last], 0.5, 0.95, of=decibels)
     before = [i for i in impulses if i.start < first]
     after = [i for i in impulses if i.start >= first and i.gone > last]
     while before and before[-1].felt_db < strong + STRONG_DB:
@@ -263,7 +276,7 @@ def divide(
 def _is_echo(levels: Levels, impulses: Sequence[Impulse], span: tuple[int, int]) -> bool:
     strongest = max((i.loud_db for i in impulses if i.start < span[0]), default=0.0)
     left = without(levels.loud, impulses, LASTING_DB)[slice(*span)]
-    is_faint = quantiles(decibels(left), 0.75)[0] < strongest - FAINT_DB
+    is_faint = quantiles(left, 0.75, of=decibels)[0] < strongest - FAINT_DB
     return bool(is_faint) and span[1] - span[0] < levels.n_bins(SHORT_S)
 
 
@@ -286,12 +299,12 @@ def only_taps(impulses: Sequence[Impulse], levels: Levels, rules: Rules) -> list
     return [impulse for impulse in impulses if is_tap(impulse)]
 
 
-def quantiles(level: Samples, *q: float) -> list[float]:
-    """Return quantiles as `numpy.quantile` does, which takes several times as long."""
+def quantiles(level: Samples, *q: float, of: Callable[[Samples], Samples] = np.asarray) -> list[float]:
+    """Return quantiles of a rising function of a level as `numpy.quantile` does, which takes far longer."""
     place = [each * (len(level) - 1) for each in q]
     near = sorted({k for at in place for k in (int(at), min(int(at) + 1, len(level) - 1))})
-    parts = np.partition(level, near)
-    return [float(np.interp(at, near, parts[near])) for at in place]
+    values = of(np.partition(level, near)[near])
+    return [float(np.interp(at, near, values)) for at in place]
 
 
 def mean_over(level: Samples, n: int, block: int = 1 << 19) -> Samples:
@@ -318,7 +331,7 @@ def _stall(level: Samples, n: int) -> int:
 
     The strongest within the next `2 n` bins is followed, so that a beat of two modes is no stop.
     """
-    high = ndimage.maximum_filter1d(level, 2 * n, origin=-n, mode="nearest")
+    high = _highest(level, 2 * n, after=2 * n - 1)
     at = _first(high[:-n] - high[n:] < STALL_DB, len(level))
     ahead = level[at : at + 3 * n]
     return at + int(np.argmax(ahead <= ahead.min() + STALL_DB)) if len(ahead) else at
@@ -328,8 +341,9 @@ def _tail(level: Samples, quiet_db: float, n_left: int) -> int:
     """Return how long what is left goes on, if it comes to rest, or to the next impulse, without a rise."""
     if not len(level):
         return 0
-    rise = _first(level > np.minimum.accumulate(level) + TAIL_DB, len(level))
     rest = _first(level < quiet_db, len(level))
+    before = level[:rest]
+    rise = _first(before > np.minimum.accumulate(before) + TAIL_DB, len(level))
     if rest < len(level) and rest <= rise:
         return rest
     if rise < len(level):

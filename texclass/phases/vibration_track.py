@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.phases.defects import BLOCK, LONGEST_FADE_S, Data, fade, find_data, find_glitches, mended
+from texclass.phases.defects import Data, fade, find_data, find_glitches, mended
 from texclass.phases.impulses import CALM_S, Levels, mean_over, quantiles
 from texclass.recording import Recording, Samples
 from texclass.signals import STEPS, butterworth, causal_channels
@@ -27,7 +27,9 @@ CLEAR = 50.0
 """Ratio that stands for what is clear in the soft band: a little more than that of a tap."""
 UNREST = 1.4
 """Power over noise that the hand's unrest, felt in the soft band alone, does not reach."""
-KEPT = 16
+BLOCK = 1 << 15
+"""Rows filtered at a time: so many that the calls take little beside the work."""
+KEPT = 8
 """So many filtered blocks are kept, for taps are looked at again."""
 LEAST_SAMPLES = 20
 """Samples without which a level is too uncertain to call vibration."""
@@ -310,9 +312,18 @@ def _full(axes: Samples, loud: Samples, data: tuple[int, int], size: int, bin_s:
 
     A fade is seen in the vibration, or in what gravity leaves of the samples.
     """
-    n, bins = round(2 * LONGEST_FADE_S / bin_s) * size, loud[slice(*data)]
-    raw = [block_mean(end[:n] ** 2 @ np.ones(axes.shape[1]), size) for end in (axes, axes[::-1])]
-    up, down = (max(fade(x, bin_s), fade(y, bin_s)) for x, y in zip(raw, (bins, bins[::-1]), strict=True))
+
+    def fades(axes: Samples, bins: Samples) -> int:
+        def raw(start: int, stop: int) -> float:
+            part = axes[start * size : stop * size]
+            return float(np.einsum("ij,ij->", part, part)) / len(part)
+
+        n_bins = -(-len(axes) // size)
+        vibration = fade(lambda start, stop: float(bins[start:stop].mean()), len(bins), bin_s)
+        return max(vibration, fade(raw, n_bins, bin_s))
+
+    bins = loud[slice(*data)]
+    up, down = fades(axes, bins), fades(axes[::-1], bins[::-1])
     return data[0] + up, data[1] - down
 
 
