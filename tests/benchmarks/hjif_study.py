@@ -20,7 +20,8 @@ from study import command_line, table, write
 
 from texclass.exchange import play_hjif, play_taps, play_texture, read_hjif, to_hatt, write_hjif
 from texclass.exchange.hjif import FS, Haptics
-from texclass.exchange.rendition import Rendition, level_db, resampled
+from texclass.exchange.rendition import Rendition, level_db
+from texclass.exchange.wav import resampled
 from texclass.provenance import versions
 from texclass.recording import Samples
 from texclass.scene import PlannedScene, SceneSurface, plan_scene
@@ -38,7 +39,7 @@ N_EACH, N_SPOILED, SECONDS = 20, 60, 1.0
 KINDS = ("LPC texture", "major frequencies", "features along a line", "taps", "surface of a scene")
 
 
-def simulated() -> Iterator[tuple[str, Rendition]]:
+def stand_ins() -> Iterator[HattTexture]:
     """Yield the nine resonant surfaces as HaTT textures, models at 5 speeds x 4 forces at 1000 Hz."""
     v, f = (axis.ravel() for axis in np.meshgrid(np.linspace(40, 200, 5), np.linspace(0.5, 3, 4)))
     for one in SURFACES:
@@ -46,7 +47,7 @@ def simulated() -> Iterator[tuple[str, Rendition]]:
         gain = level * np.sqrt(np.prod(1 - k**2, axis=-1))
         lsf = line_spectrum.spread(line_spectrum.from_reflection(k))
         texture = HattTexture.from_models(v, f, lsf, gain**2, 1000.0, name=one.name, mu=0.3)
-        yield "simulated HaTT texture", play_texture(to_hatt(texture), seconds=SECONDS)
+        yield to_hatt(texture)
 
 
 def shipped() -> Iterator[tuple[str, Rendition]]:
@@ -220,7 +221,8 @@ def main() -> None:
         raise SystemExit(f"--reference is {options.reference!r}; the rule is the path of the Synthesizer")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        surfaces = [*simulated(), *shipped(), *((kind, drawn(kind, rng)) for kind in KINDS * N_EACH)]
+        hatt = (("simulated HaTT texture", play_texture(one, seconds=SECONDS)) for one in stand_ins())
+        surfaces = [*hatt, *shipped(), *((kind, drawn(kind, rng)) for kind in KINDS * N_EACH)]
         rows = pd.DataFrame([compared(kind, sent, reference, folder) for kind, sent in surfaces])
         first = next(sent for kind, sent in surfaces if kind == "simulated HaTT texture")
         refused = refusals(first, reference, folder, rng)

@@ -8,11 +8,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter, resample_poly, welch
+from scipy.stats import spearmanr
 
 from texclass.exchange import describe, load_texture, save_texture
+from texclass.features.extractor import FeatureExtractor
+from texclass.features.scales import scale_values
 from texclass.loaders import load_recording
+from texclass.recording import Phases, Recording, Tap
+from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
 from texclass.textures import PackedTexture, Scan, pack
 from texclass.textures.packed import MARK, _checksum
+from texclass.vibration import DecayingModes
 
 FS = 8000.0
 EXCERPTS = sorted((Path(os.environ.get("TEXCLASS_DATA", "")) / "lmt_excerpts").glob("*.wav"))
@@ -78,6 +84,19 @@ def test_the_slopes_of_the_level_over_speed_and_force_are_kept():
     assert db[50, 2] - db[50, 1] == pytest.approx(2.0, abs=0.7)
 
 
+def test_the_level_holds_below_what_was_recorded_and_fades_at_rest():
+    packed = pack(_scan(0.0, 0.0), 64)
+    slow, soft = (axis[0] for axis in packed.model.axes)
+    db = [
+        20 * np.log10(_rendered(packed, v, f)[800:].std())
+        for v, f in ((slow, soft), (slow / 3, soft), (slow, soft / 3), (0.5, soft), (slow, 0.005))
+    ]
+    assert slow / 3 > 5
+    assert soft / 3 > 0.05
+    assert db[1:3] == pytest.approx([db[0]] * 2, abs=0.5)
+    assert db[3:] == pytest.approx([db[0] - 20] * 2, abs=0.5)
+
+
 @settings(max_examples=150, deadline=None)
 @given(st.binary(min_size=4, max_size=100))
 def test_whatever_the_bytes_what_is_read_is_stable(body):
@@ -90,6 +109,8 @@ def test_whatever_the_bytes_what_is_read_is_stable(body):
     assert np.abs(k).max() < 1
     y = texture.renderer(seed=0).process(np.tile([90.0, 0.0], (200, 1)), np.ones(200))
     assert np.isfinite(y).all()
+    assert np.isfinite(texture.tap.synthesize(200, texture.fs)).all()
+    assert texture.tap.decay_per_s.min(initial=2.0) >= 2.0
 
 
 def test_a_file_is_its_bytes_and_renders_the_same(tmp_path):
@@ -109,6 +130,58 @@ def test_a_texture_can_be_packed_again(tmp_path):
     scanned = pack(_scan(4.0, 0.0), 200)
     again = pack(scanned, 64)
     assert _likeness(_rendered(scanned), _rendered(again)) > 0.97
+
+
+def _knocked(modes, n_bytes, gain=1.0):
+    """Return a texture packed of three knocks of different strength, with rest between them, and a stroke."""
+    ringing = gain * modes.synthesize(1600, FS)
+    rest = np.zeros(2400)
+    x = np.concatenate(
+        [rest, *(np.concatenate([size * ringing, rest]) for size in (4, 1, 2)), _vibration(1.0)]
+    )
+    at = [2400 + i * 4000 for i in range(3)]
+    phases = Phases(tuple(Tap(i - 50, i, i + 1600) for i in at), (x.size - round(FS), x.size))
+    return pack(Recording(x, FS, "m/s^2", "knocked", phases=phases), n_bytes)
+
+
+@pytest.mark.parametrize(("n_bytes", "n_modes"), [(8, 0), (16, 1), (32, 2), (64, 4)])
+def test_a_tap_is_kept_as_modes_within_the_bytes(n_bytes, n_modes):
+    modes = DecayingModes(
+        [60.0, 180.0, 330.0, 700.0], [90.0, 150.0, 240.0, 350.0], [9.0, 6.0, 4.0, 3.0], np.ones(4)
+    )
+    packed = _knocked(modes, n_bytes)
+    assert (len(packed.to_bytes()) <= n_bytes, packed.tap.n_modes) == (True, n_modes)
+    felt, again = (DecayingModes.synthesize(tap, 1600, FS) for tap in (modes, packed.tap))
+    assert np.sum((again - felt) ** 2) < {0: 1.01, 1: 0.5, 2: 0.3, 4: 0.05}[n_modes] * np.sum(felt**2)
+
+
+def test_what_is_packed_is_as_hard_as_what_was_felt():
+    surfaces, operator = surface_catalogue(24, seed=6), operator_catalogue(4, seed=6)[0]
+    hard = []
+    for surface in surfaces[1::4]:
+        recording = record_freehand(surface, operator, duration_s=4.0, seed=5)
+        packed = pack(recording, 64)
+        rest, ringing = np.zeros(500), packed.tap.synthesize(250, recording.fs)
+        knock = Recording(
+            np.concatenate([rest, ringing]),
+            recording.fs,
+            "m/s^2",
+            "knock",
+            phases=Phases((Tap(0, 500, 750),)),
+        )
+        scales = (FeatureExtractor("scales").fit([one]).extract([one]) for one in (recording, knock))
+        hard.append([scale_values(found.table)["hard"].iloc[0] for found in scales])
+    felt, again = np.transpose(hard)
+    assert np.ptp(felt) > 5
+    assert np.median(np.abs(felt - again)) < 0.7
+    assert spearmanr(felt, again).statistic > 0.9
+
+
+def test_the_tap_of_a_packed_texture_stays_when_it_is_packed_again():
+    first = _knocked(DecayingModes([200.0], [120.0], [9.0], [0.0]), 64)
+    again = pack(first, 32).tap
+    assert np.allclose(again.frequency_hz, first.tap.frequency_hz[:2], rtol=1e-9)
+    assert again.n_modes == 2
 
 
 def test_damaged_files_and_what_cannot_be_packed_are_refused(tmp_path):

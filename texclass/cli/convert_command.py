@@ -106,22 +106,22 @@ def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str 
     """Write a texture, or the movement of a recording, in so few bytes, and return what is lost."""
     from texclass import exchange
     from texclass.loaders import load_recording
-    from texclass.phases import segment
-    from texclass.signals import dft321
     from texclass.textures import pack
+    from texclass.textures.packed import BYTES_A_MODE
 
     if source.suffix.lower() in TEXTURES:
         packed = pack(_texture(source), n_bytes, unit=exchange.describe(source)["unit"])
-        lost = {"speed and force": "40 to 200 mm/s, 0.4 to 2 N: a level law, and the spectra at both ends"}
+        law, taps = "40 to 200 mm/s, 0.4 to 2 N", "the texture holds none"
     else:
-        recording = load_recording(source, fs=fs, unit=unit)
-        begin, end = segment(recording).movement or (0, recording.n_samples)
-        x = recording.acceleration[begin:end]
-        combined = dft321(x) if x.ndim == 2 and x.shape[1] > 1 else x.reshape(-1)
-        packed = pack(combined, n_bytes, fs=recording.fs, unit=recording.unit, name=source.stem)
-        lost = {"speed and force": "one spectrum and one level, whatever they are", "taps": "left out"}
+        packed = pack(load_recording(source, fs=fs, unit=unit), n_bytes, name=source.stem)
+        law = "those of the recording"
+        taps = "none found" if n_bytes >= BYTES_A_MODE else f"left out below {BYTES_A_MODE} bytes"
+    several = packed.model.speeds.size > 1
+    felt = f"{law}: a level law, two spectra" if several else "one spectrum and one level, whatever they are"
+    if n_modes := packed.tap.n_modes:
+        taps = f"one, neither the hardest nor the softest, as {n_modes} decaying sinusoids"
     exchange.save_texture(packed, target)
-    return lost | {"spectrum": f"an AR model of order {packed.order}"}
+    return {"speed and force": felt, "taps": taps, "spectrum": f"an AR model of order {packed.order}"}
 
 
 def _retouch(source: Path, target: Path, scales: list[str], n_bytes: int | None) -> dict[str, str]:

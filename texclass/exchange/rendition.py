@@ -134,6 +134,8 @@ def play_texture(
     by_speed = _change(texture, x / factor, [(end, f) for end in slow_fast], seed)
     by_force = _change(texture, x / factor, [(v, end) for end in light_hard], seed)
     lost = {"speed": f"fixed at {v:.4g} mm/s; {by_speed}", "force": f"fixed at {f:.4g} N; {by_force}"}
+    if getattr(texture, "tap", None) is not None and texture.tap.n_modes:  # type: ignore[attr-defined]
+        lost["taps"] = "left out: a stroke is played"
     lines = np.zeros((0, 3))
     if getattr(texture, "family", "") == "oeztuerk2018-frequencies":
         # the major frequencies of this speed are all that it plays

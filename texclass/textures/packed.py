@@ -2,7 +2,8 @@
 
 The bytes are the whole file: a mark and a checksum, rate, unit, level, and codes of reflection coefficients;
 of what was felt at several speeds and forces also the course of the level and the spectra of the slowest and
-the fastest. Every code stands for a |k| below 1, so that whatever the bytes, what they render is stable.
+the fastest; and the modes of a tap, where there was one. Every code stands for a |k| below 1 or a mode that
+decays, so that whatever the bytes, what they render is stable.
 """
 
 import zlib
@@ -15,13 +16,18 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from texclass.recording import UNITS, Samples
+from texclass.features.hardness import damping
+from texclass.features.phase_view import TapView, UndefinedFeatureError, Views
+from texclass.phases import segment
+from texclass.recording import UNITS, Recording, Samples
+from texclass.signals import combine
 from texclass.textures.contract import Texture
 from texclass.textures.gliding import GlidingRenderer
 from texclass.textures.grid import GridModel, shares
 from texclass.textures.scan import Scan
 from texclass.vibration import recursions
 from texclass.vibration.autoregressive import from_autocorrelation
+from texclass.vibration.decaying_modes import DecayingModes
 from texclass.vibration.scores import BAND_EDGES_HZ
 
 MARK = 0xB5
@@ -38,10 +44,14 @@ SLOPES = -16.0, 0.25, 7
 """Of the level at twice the speed, and at twice the force: least, step in dB, bits."""
 ENDS = -8.0, 0.0625, 9
 """Slowest, fastest, softest and hardest, in octaves re 1 mm/s and 1 N: least, step, bits."""
+MODES = (3.0, 0.04, 8), (1.0, 0.2, 6), (-60.0, 2.5, 6), (0.0, np.pi / 8, 4)
+"""Of a tap, 24 bits each: octaves re 1 Hz and re 1/s, dB re 1 unit, phase; least, step and bits."""
+MOST_MODES, BYTES_A_MODE, MOST_SAMPLES = 4, 16, 1024
+"""One for each 16 bytes that may be used; of a tap so much is looked at."""
 FRAME_S, LOWEST_HZ = 0.125, 20.0
 """Pieces in which speed and force hold; below, it is the hand that is recorded, not the surface."""
 REST_MM_S, LIGHT_N = 5.0, 0.05
-"""What is slower or softer is left out of scans, and fades out where nothing is known of speed and force."""
+"""What is slower or softer is left out of scans, and fades out; above, the level of the slowest holds."""
 FELT = np.geomspace(40.0, 200.0, 5), np.geomspace(0.4, 2.0, 3)
 """Speeds and forces at which another texture is felt."""
 WIDEST = 6.0
@@ -110,6 +120,11 @@ class PackedTexture(Texture):
         """What the bytes stand for: reflection coefficients and powers at its nodes of speed and force."""
         return _grid(self._read)
 
+    @cached_property
+    def tap(self) -> DecayingModes:
+        """How a tap rings that is as strong as the recorded one; no mode where none was recorded."""
+        return _modes(self._read["modes"])
+
     @property
     def order(self) -> int:
         """Of the models."""
@@ -128,7 +143,8 @@ class PackedTexture(Texture):
         def read(velocity: Samples, force: Samples) -> tuple[Samples, Samples]:
             speed = np.hypot(*velocity.T)
             k, power = model.at(np.maximum(speed, slow), np.maximum(force, light))
-            heard = np.clip(speed / slow, 0.0, 1.0) * np.clip(force / light, 0.0, 1.0)
+            heard = np.clip(speed / min(slow, REST_MM_S), 0.0, 1.0)
+            heard *= np.clip(force / min(light, LIGHT_N), 0.0, 1.0)
             return np.ascontiguousarray(k), (heard * np.sqrt(power))[:, np.newaxis]
 
         limit = WIDEST * float(np.sqrt(model.power.max()))
@@ -138,7 +154,7 @@ class PackedTexture(Texture):
 
 
 def pack(
-    source: Scan | Texture | ArrayLike,
+    source: Recording | Scan | Texture | ArrayLike,
     n_bytes: int = 64,
     *,
     fs: float | None = None,
@@ -149,19 +165,21 @@ def pack(
     """Return the texture of at most so many bytes that comes closest to a surface.
 
     Order and bits of the coefficients are searched for: the goodness of fit of the amplitudes and the
-    energies of nine bands (`texclass.vibration.scores`) decide, in the mean over slowest and fastest.
+    energies of nine bands (`texclass.vibration.scores`) decide, in the mean over slowest and fastest. A
+    tap takes three bytes in sixteen, twelve at most.
 
     Parameters
     ----------
-    source : Scan, Texture or array_like of shape (n_samples,)
+    source : Recording, Scan, Texture or array_like of shape (n_samples,)
         A scan tells spectra and level over speed and force; a texture is felt at 15 speeds and forces; a
-        vibration alone has one spectrum and one level, whatever the speed.
+        vibration alone has one spectrum and one level, whatever the speed. Of a recording it is the movement,
+        a scan if it has speed and force; and the tap that is neither the hardest nor the softest.
     n_bytes : int
         Of the file, 8 to 512.
     fs : float, optional
         Of a vibration, Hz: a whole number up to 131,071.
     unit : str
-        Of the vibration.
+        Of the vibration; a recording has its own.
     name : str, optional
         Of the surface; by default that of the source.
     gain_db : callable, optional
@@ -176,13 +194,16 @@ def pack(
         raise ValueError(f"bytes are {n_bytes}; the rule is {LEAST_BYTES} to {MOST_BYTES}")
     if unit not in UNITS:
         raise ValueError(f"unit is {unit!r}; the rule is one of {', '.join(UNITS)}")
+    most, name = min(n_bytes // BYTES_A_MODE, MOST_MODES), name or str(getattr(source, "name", ""))
+    tap = source.tap.strongest(most) if isinstance(source, PackedTexture) else None
+    if isinstance(source, Recording):
+        source, fs, unit, tap = _felt_of(source, most)
     pieces, rate = _pieces(source, fs)
     if rate != round(rate) or not 40 <= rate < 1 << 17:
         raise ValueError(f"fs is {rate} Hz; the rule is a whole number, 40 to 131,071")
     seen = _seen(pieces, rate, gain_db)
-    facts: dict[str, Any] = {"fs": int(rate), "unit": unit} | {
-        key: seen[key] for key in ("level_db", "slopes_db", "ends")
-    }
+    facts: dict[str, Any] = {"fs": int(rate), "unit": unit, "modes": [] if tap is None else _mode_codes(tap)}
+    facts |= {key: seen[key] for key in ("level_db", "slopes_db", "ends")}
     k = from_autocorrelation(np.fft.irfft(seen["spectra"], axis=-1)[:, : min(MOST_ORDER, seen["most"]) + 1])
     best, least = b"", np.inf
     for bits in _allocations(8 * n_bytes, facts, k.order):
@@ -193,7 +214,67 @@ def pack(
     if not best:
         raise ValueError(f"bytes are {n_bytes}; the rule is more of them for several speeds: 16 at least")
     sealed = bytes([MARK, _checksum(best)]) + best
-    return PackedTexture.from_bytes(sealed, name or str(getattr(source, "name", "")))
+    return PackedTexture.from_bytes(sealed, name)
+
+
+def _felt_of(recording: Recording, most: int) -> tuple[Scan | Samples, float, str, DecayingModes | None]:
+    """Return the movement of a recording, rate and unit, and at most so many modes of its middle tap."""
+    phases = recording.phases or segment(recording)
+    begin, end = phases.movement or (0, recording.n_samples)
+    combined = combine(recording.acceleration[begin:end])
+    felt: Scan | Samples = combined
+    if recording.speed is not None and recording.normal_force is not None:
+        tracks = recording.speed[begin:end], recording.normal_force[begin:end]
+        felt = Scan.along_line(combined, *tracks, recording.fs)
+    try:
+        taps = Views(recording, phases).tap.taps
+        hardness = [damping(TapView((tap,), recording.fs)) for tap in taps]
+        middle = taps[int(np.argsort(hardness)[(len(taps) - 1) // 2])].impulse
+        modes = _ringing(middle[:MOST_SAMPLES], recording.fs, most)
+    except UndefinedFeatureError:
+        return felt, recording.fs, recording.unit, None
+    return felt, recording.fs, recording.unit, modes
+
+
+def _ringing(x: Samples, fs: float, most: int) -> DecayingModes:
+    """Return the modes that explain most of a tap (n,), one after another, then each again beside the others.
+
+    A mode is Re(s exp((2 pi i f - B) t)); of all f and B that can be written, that whose best s leaves least.
+    """
+    f, B = (2.0 ** _number(np.arange(1 << m[2]), *m) for m in MODES[:2])
+    t = np.arange(x.size) / fs
+    turns = np.exp(-2j * np.pi * np.outer(f[f < fs / 2], t))
+    fades = np.exp(-np.outer(t, B))
+    g, h = (fades**2).sum(axis=0), turns**2 @ fades**2
+    codes: list[list[int]] = []
+    for _ in range(3 * most):
+        others = codes if len(codes) < most else codes[1:]
+        left = x - _modes(others).synthesize(x.size, fs)
+        c = turns @ (left[:, np.newaxis] * fades)
+        s = 2 * (c * g - np.conj(c) * h) / np.maximum(g**2 - np.abs(h) ** 2, 1e-9 * g**2)
+        j, k = np.unravel_index(np.argmax((np.conj(s) * c).real), s.shape)
+        best = DecayingModes(f[j], B[k], np.abs(s[j, k]), np.angle(s[j, k]))
+        codes = [*others, *_mode_codes(best)]
+    return _modes(codes).strongest(most)
+
+
+def _mode_codes(modes: DecayingModes) -> list[list[int]]:
+    """Return the four codes of each mode."""
+    half = MODES[3][1] / 2
+    values = [
+        np.log2(np.maximum(modes.frequency_hz, 1.0)),
+        np.log2(np.maximum(modes.decay_per_s, 1.0)),
+        20 * np.log10(np.maximum(modes.amplitude, 1e-10)),
+        (modes.phase + half) % (2 * np.pi) - half,
+    ]
+    return [[_code(v, *rule) for v, rule in zip(row, MODES, strict=True)] for row in np.transpose(values)]
+
+
+def _modes(codes: Sequence[Sequence[int]]) -> DecayingModes:
+    """Return the modes of codes, four each."""
+    f, B, A, phi = np.array([[_number(c, *m) for c, m in zip(row, MODES, strict=True)] for row in codes]
+                            ).reshape(-1, 4).T  # fmt: skip
+    return DecayingModes(2.0**f, 2.0**B, 10 ** (A / 20), phi)
 
 
 def _pieces(source: Any, fs: float | None) -> tuple[list[tuple[Samples, float, float]], float]:
@@ -282,7 +363,8 @@ def _law(power: Samples, speed: Samples, force: Samples) -> dict[str, Any]:
 def _allocations(n_bits: int, facts: dict[str, Any], most: int) -> list[list[int]]:
     """Return bits of each coefficient, falling from the first to the last, that fit into so many bits."""
     n_nodes = 1 if facts["ends"] is None else 2
-    left = n_bits - 16 - len(_header(facts, [1]))
+    left = n_bits - 16 - len(_header(facts, [1])) - 24 * len(facts["modes"])
+    left -= left % 8 if facts["modes"] else 0
     found = []
     for first, last in product(range(2, MOST_BITS + 1), range(2, MOST_BITS + 1)):
         fits = [
@@ -350,6 +432,8 @@ def _encode(facts: dict[str, Any]) -> bytes:
     text = _header(facts, bits)
     text += "".join(f"{c:0{b}b}" for codes in facts["codes"] for c, b in zip(codes, bits, strict=True))
     text += "0" * (-len(text) % 8)
+    for codes in facts["modes"]:
+        text += "".join(f"{c:0{rule[2]}b}" for c, rule in zip(codes, MODES, strict=True))
     return bytes(int(text[i : i + 8], 2) for i in range(0, len(text), 8))
 
 
@@ -375,6 +459,9 @@ def _decode(body: bytes) -> dict[str, Any]:
     found["ends"] = [_number(take(ENDS[2]), *ENDS) for _ in range(4 * known)]
     bits = _falling(first, last, order)
     found["k"] = np.array([_values([take(b) for b in bits], bits) for _ in range(1 + known)])
+    place += -place % 8  # whole modes follow
+    n_modes = min((len(text) - place) // 24, MOST_MODES)
+    found["modes"] = [[take(rule[2]) for rule in MODES] for _ in range(n_modes)]
     return found
 
 
@@ -402,7 +489,7 @@ def _digits(value: float, least: float, step: float, bits: int) -> str:
     return f"{_code(value, least, step, bits):0{bits}b}"
 
 
-def _number(code: int, least: float, step: float, _bits: int) -> float:
+def _number(code: Any, least: float, step: float, _bits: int) -> Any:
     return least + step * code
 
 
