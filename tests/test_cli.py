@@ -1,3 +1,4 @@
+import gc
 import io
 import json
 import subprocess
@@ -68,6 +69,19 @@ def test_version_and_help_import_nothing_heavy():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0 or done.stderr.strip() == "", done.stderr
     assert "benchmark" in done.stdout
+
+
+def test_a_command_seldom_looks_for_garbage_and_leaves_none_to_look_for_at_its_end(monkeypatch):
+    often = gc.get_threshold()
+    monkeypatch.setattr(sys, "argv", ["texclass", "--version"])
+    try:
+        with pytest.raises(SystemExit):
+            main()
+        assert gc.get_threshold()[0] >= 100 * often[0]
+        assert gc.get_freeze_count() > 10_000
+    finally:
+        gc.unfreeze()
+        gc.set_threshold(*often)
 
 
 def test_what_an_output_cannot_show_is_left_out_of_it(monkeypatch):

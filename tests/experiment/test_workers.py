@@ -1,5 +1,6 @@
 """Work in processes of this machine and on a real cluster: in order, one thread each, safe from a death."""
 
+import gc
 import json
 import os
 import signal
@@ -53,6 +54,13 @@ def test_each_keeps_the_order_reports_and_stops_when_it_is_closed():
 def test_each_worker_uses_one_thread():
     found = list(each([partial(threadpool_info)] * 4, n_jobs=2))
     assert all(pool["num_threads"] == 1 for pools in found for pool in pools)
+
+
+def test_a_worker_seldom_looks_for_garbage_and_its_caller_as_before():
+    before = gc.get_threshold()
+    found = list(each([partial(gc.get_threshold)] * 2, n_jobs=2))
+    assert all(often[0] >= 100 * before[0] for often in found)
+    assert list(each([partial(gc.get_threshold)])) == [before] == [gc.get_threshold()]
 
 
 def test_a_cluster_gives_the_same_table_even_if_a_worker_is_killed_on_the_way(cluster, tmp_path, monkeypatch):

@@ -1,5 +1,6 @@
 """The program: the typer application, what it says of errors, and how it ends."""
 
+import gc
 import io
 import itertools
 import sys
@@ -86,6 +87,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # what a terminal, or a pipe on Windows, cannot show is "?"
             stream.reconfigure(errors="replace")
+    gc.set_threshold(100_000)  # the modules that a command loads are no garbage, here and at the end
     try:
         app(as_spelled_now(sys.argv[1:]), prog_name="texclass")
     except (ValueError, OSError, ImportError) as error:
@@ -94,3 +96,5 @@ def main() -> None:
     except KeyboardInterrupt:
         typer.echo("interrupted; what was computed is kept", err=True)
         sys.exit(130)
+    finally:
+        gc.freeze()
