@@ -156,11 +156,12 @@ def test_an_outcome_says_how_it_ended(interpreter, tmp_path):
     write_task(tmp_path / "t", iter(np.zeros((24, 1, 9))), np.arange(24) % 3, four, 1.0, 0)
     for behaviour, *ended in (
         ("perfect", "done", 4, ""),
-        ("slow", "out of time", 2, "stopped after 3 s"),
+        ("slow", "out of time", 2, "stopped after 5 s"),
         ("crash", "failed", 0, "Killed by its own hand"),
         ("absent", "not installed", 0, "needs aeon"),
     ):
-        outcome = run_worker(interpreter(behaviour), tmp_path / "t", "mfcc", tmp_path / behaviour, 3.0)
+        limit_s = 5.0 if behaviour == "slow" else 120.0
+        outcome = run_worker(interpreter(behaviour), tmp_path / "t", "mfcc", tmp_path / behaviour, limit_s)
         assert [outcome["status"], len(outcome["folds"]), outcome["message"]] == ended
 
 

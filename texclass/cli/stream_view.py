@@ -197,10 +197,6 @@ class Picture(Lines):
         self._events = deque[str](maxlen=3)
         self._drawn, self._ms = 0.0, deque[float](maxlen=100)
 
-    @property
-    def _asks(self) -> bool:
-        return self.heard is not None and isinstance(self.heard.verdict, ExploredVerdict)
-
     def __enter__(self) -> Self:
         """Begin to draw."""
         self._live.start()
@@ -230,7 +226,8 @@ class Picture(Lines):
     def happened(self, event: Event) -> None:
         """Remember an event; a lift-off ends what is shown of the contact."""
         self._events.append(f"{self.seconds(event.sample):.3f} s {event.kind}")
-        if event.kind == "lift-off" and not self._asks:
+        asks = self.heard is not None and isinstance(self.heard.verdict, ExploredVerdict)
+        if event.kind == "lift-off" and not asks:
             self.heard = None
 
     def noticed(self, notice: Notice) -> None:

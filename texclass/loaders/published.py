@@ -103,10 +103,6 @@ def _fetched(url: str, source: str, sha256: str, folder: Path) -> Path:
         raise OSError(f"{told}; what was fetched is kept, the same command goes on") from error
 
 
-def _same(paths: list[Path], fs: float) -> bytes:
-    return paths[0].read_bytes()
-
-
 def _frames(paths: list[Path], fs: float) -> bytes:
     """Return what stands in columns 5 to 26 of a table, row by row, as sound: 22 samples a frame (BioTac)."""
     frames = np.loadtxt(paths[0], delimiter=",", skiprows=1, usecols=range(4, 26))
@@ -142,5 +138,11 @@ def _csv(table: pd.DataFrame, form: str | None = None) -> bytes:
     return table.to_csv(index=False, lineterminator="\n", float_format=form).encode()
 
 
-CONVERSIONS = {"": _same, "frames": _frames, "rounded": _rounded, "counts": _counts, "sheets": _sheets}
+CONVERSIONS: dict[str, Callable[[list[Path], float], bytes]] = {
+    "": lambda paths, fs: paths[0].read_bytes(),
+    "frames": _frames,
+    "rounded": _rounded,
+    "counts": _counts,
+    "sheets": _sheets,
+}
 """What is done to published files, as `convert` of a card names it."""

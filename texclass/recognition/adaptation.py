@@ -26,8 +26,6 @@ from texclass.recognition.unknown import Novelty, least_held_out, strangeness
 from texclass.recording import Recording, Samples
 
 if TYPE_CHECKING:
-    from sklearn.preprocessing import MinMaxScaler
-
     from texclass.tradeoff.recogniser import Recogniser
 
 LEAST_LABELLED, LEAST_UNLABELLED = 3, 10
@@ -432,8 +430,13 @@ def _mapped(model: Model, found: Map, novelty: Novelty, told: Mapping[str, Any],
     before, step = model.deployed, {"does": "affine", "scale": scale, "shift": shift}
 
     def recogniser() -> "Recogniser":
+        from sklearn.preprocessing import MinMaxScaler
+
         first, *others = before.recogniser.steps
-        return type(before.recogniser)([first, ("adapted", _as_scaler(scale, shift)), *others])
+        # The map, as the scaler of values that lie between those it brings to 0 and to 1.
+        scaler = MinMaxScaler().fit(np.array([-shift / scale, (1 - shift) / scale]))
+        scaler.scale_, scaler.min_ = scale, shift
+        return type(before.recogniser)([first, ("adapted", scaler), *others])
 
     deployed = Deployed(
         before.plan, before.classes, [step, *before.steps], before.decide, recogniser, before.banks
@@ -451,15 +454,6 @@ def _mapped(model: Model, found: Map, novelty: Novelty, told: Mapping[str, Any],
         surfaces=None,
         manifest=facts.model_copy(update=changed),
     )
-
-
-def _as_scaler(scale: Samples, shift: Samples) -> "MinMaxScaler":
-    """Return the map as the scaler of values that lie between those it brings to 0 and to 1."""
-    from sklearn.preprocessing import MinMaxScaler
-
-    scaler = MinMaxScaler().fit(np.array([-shift / scale, (1 - shift) / scale]))
-    scaler.scale_, scaler.min_ = scale, shift
-    return scaler
 
 
 def _digest(felt: Sequence[Recording]) -> str:

@@ -69,7 +69,9 @@ def embedded_document(data: Data) -> Document:
 
 def _blocks(data: Data) -> Iterator[Block]:
     yield Heading("What a kilobyte buys")
-    front, marks = data["front"], {"knee": data["knee"], "chosen": _point(data["chosen"], data["points"])}
+    front, chosen = data["front"], data["chosen"]
+    tried = next((point for point in data["points"] if point.items() <= chosen.items()), chosen)
+    marks = {"knee": data["knee"], "chosen": tried}
     yield _table(front, marks, FRONT)
     first, last = front[0], front[-1]
     yield Figure(
@@ -176,10 +178,6 @@ def draw_bytes(data: Data, width: float) -> "Drawing":
     axes.set(xlabel="window, constants and what is computed, kB", ylabel="accuracy, %", ylim=(low, high))
     legend_above(figure, axes)
     return figure
-
-
-def _point(chosen: Data, tried: Sequence[Data]) -> Data:
-    return next((p for p in tried if p.items() <= chosen.items()), chosen)
 
 
 def _cost(point: Data) -> str:

@@ -217,11 +217,12 @@ class Exploration:
 
     def expected_bits(self) -> dict[str, float]:
         """Return what each gesture is expected to tell, made next: gesture -> bits."""
-        p = self.probabilities
-        return {
-            name: information_bits(p, known.confusion) * self._more(name)
-            for name, known in self.gestures.items()
-        }
+        bits, p = {}, self.probabilities
+        for name, known in self.gestures.items():
+            n, r = self._made(name), known.correlation
+            more = float(independent(n + 1, r) - independent(n, r))  # independent repetitions
+            bits[name] = information_bits(p, known.confusion) * more
+        return bits
 
     def best(self, among: Iterable[str]) -> str:
         """Return which of some gestures is expected to tell most in a second."""
@@ -239,11 +240,6 @@ class Exploration:
 
     def _made(self, gesture: str) -> int:
         return sum(name == gesture for name, _ in self._felt.values())
-
-    def _more(self, gesture: str) -> float:
-        """Return how many independent repetitions one more is worth."""
-        n, r = self._made(gesture), self.gestures[gesture].correlation
-        return float(independent(n + 1, r) - independent(n, r))
 
 
 def entropy_bits(p: ArrayLike) -> Any:

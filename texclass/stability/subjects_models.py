@@ -99,11 +99,6 @@ def _taps(quick: bool) -> tuple[Case, ...]:
     return (*taps, *(replace(case, required=False) for case in others))  # they need not decay
 
 
-def _for_covariance(quick: bool) -> list[Case]:
-    """Return what a fit of O(n p^2) is given."""
-    return [case for case in at_orders(quick, 18 if quick else 128) if case.order <= 128]
-
-
 # Fits -------------------------------------------------------------------------------------------------------
 
 
@@ -129,7 +124,10 @@ def _fit(x: Any, case: Case, *, method: Any) -> Attempt:
         yield rules.close("residual as the samples give it", model.residual[m], measured, 1e-6, scale=floor)
 
 
-@tried_on("fit, modified covariance", _for_covariance)
+@tried_on(  # O(n p^2): no order above 128
+    "fit, modified covariance",
+    lambda quick: [case for case in at_orders(quick, 18 if quick else 128) if case.order <= 128],
+)
 def _fit_both_ways(x: Any, case: Case) -> Attempt:
     """Check that it is stable, and leaves no more residual than Burg's, or is Burg's fit itself."""
     model = vibration.fit(x, case.order, method="modified_covariance")

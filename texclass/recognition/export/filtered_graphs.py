@@ -100,7 +100,8 @@ def _waviness(view: GraphView, cutoff_hz: float, frame_s: float, average_s: floa
     edges = np.append(np.arange(0, view.n_samples - frame + 1, frame), 0) // factor
     edges[-1] = (view.n_samples // frame) * frame // factor
     running = view.running(view.add("Abs", slow))
-    m = _means(view, running, edges[:-1], edges[1:])
+    low, high = (view.add("Gather", running, at.astype(np.int64), axis=1) for at in (edges[:-1], edges[1:]))
+    m = view.add("Div", view.add("Sub", high, low), np.diff(edges).astype(np.float64))
     away = view.add("Sub", m, view.moving_average(m, edges.size - 1, average))
     return view.add("Add", view.log10(_deviation(view, away)), view.log_level)
 
@@ -117,11 +118,6 @@ def _spikiness(view: GraphView, cutoff_hz: float, average_s: float, floor: float
     return view.add("Add", view.log10(excess), view.log_level)
 
 
-def _means(view: GraphView, running: str, first: Samples, stop: Samples) -> str:
-    low, high = (view.add("Gather", running, at.astype(np.int64), axis=1) for at in (first, stop))
-    return view.add("Div", view.add("Sub", high, low), (stop - first).astype(np.float64))
-
-
 def _deviation(view: GraphView, x: str) -> str:
     away = view.add("Sub", x, view.mean(x))
     return view.add("Sqrt", view.mean(view.add("Mul", away, away)))
@@ -130,6 +126,7 @@ def _deviation(view: GraphView, x: str) -> str:
 # Autoregressive models.
 
 
+@graph_of("log_area_ratios")
 def _reflection(view: GraphView, order: int, frame_s: float, band_hz: float) -> str:
     """Add the log-area ratios of the mean model, (n, order); see `autoregression.mean_model`.
 
@@ -177,11 +174,6 @@ def _burg(view: GraphView, x: str, n: int, order: int) -> list[str]:
             )
             f, b = view.shifted(ahead, 1, size), view.shifted(behind, 0, size)
     return found
-
-
-@graph_of("log_area_ratios")
-def _log_area_ratios(view: GraphView, order: int, frame_s: float, band_hz: float) -> str:
-    return _reflection(view, order, frame_s, band_hz)
 
 
 @graph_of("prediction_gain")

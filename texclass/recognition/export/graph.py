@@ -345,7 +345,10 @@ def _kernel(
 
     Prototypes are kept once: with a = z W and b = Z W in each view, a b' is (z W W') Z'.
     """
-    standardised = _before(views[0]["weights"], prototypes[0])
+    # The standardised samples of the first view; those of 16 bits exactly.
+    standardised = prototypes[0] / views[0]["weights"]
+    kept = standardised.astype(np.float16).astype(np.float64)
+    standardised = kept if np.array_equal(kept * views[0]["weights"], prototypes[0]) else standardised
     samples, kernels = graph.short(np.ascontiguousarray(standardised.T)), []
     product = "MatMul" if standardised.shape[1] > 1 else "Mul"  # see Graph.model
     for view, known in zip(views, prototypes, strict=True):
@@ -364,13 +367,6 @@ def _kernel(
         s = graph.add("Sqrt", graph.add("Mul", graph.add("Max", squares, 0.0), 3 / length**2))
         kernels.append(graph.add("Mul", graph.add("Add", s, 1.0), graph.add("Exp", graph.add("Neg", s))))
     return graph.add("MatMul", graph.add("Sum", *kernels), graph.short(dual / len(kernels)))
-
-
-def _before(weights: Samples, seen: Samples) -> Samples:
-    """Return the standardised samples of a view; those of 16 bits exactly."""
-    Z = seen / weights
-    short = Z.astype(np.float16).astype(np.float64)
-    return short if np.array_equal(short * weights, seen) else Z
 
 
 def _gauss(graph: Graph, rows: str, mean: Samples, variance: Samples, prior: Samples, votes: bool) -> str:

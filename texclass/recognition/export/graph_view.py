@@ -169,14 +169,13 @@ def member_graph(view: GraphView, member: Member) -> str:
     member : Member
         Its feature has a graph.
     """
-    given: Mapping[str, Any] = {**member.feature.defaults, **member.parameters}
-    given = dict(given)
+    given: dict[str, Any] = {**member.feature.defaults, **member.parameters}
     n_pieces = given.pop("n_pieces", 1) if member.feature.divisible else 1
     cut = n_pieces > 1 and view.n_samples >= n_pieces * LEAST_PIECE
     part = pieces_of(view, n_pieces) if cut else view
-    values = part.add(
-        "Where", part.silent, np.nan, part.once(_key(member, given), partial(_built, part, member, given))
-    )
+    name = member.feature.name
+    made = part.once(("feature", name, *sorted(given.items())), lambda: builders()[name](part, **given))
+    values = part.add("Where", part.silent, np.nan, made)
     n_outputs = len(member.all_columns) // n_pieces
     if cut:
         values = view.graph.reshape(values, -1, n_pieces, n_outputs)
@@ -185,14 +184,6 @@ def member_graph(view: GraphView, member: Member) -> str:
         values = view.add("Gather", values, np.repeat(np.arange(n_outputs), n_pieces), axis=1)
     finite = view.mean(view.add("Mul", values, 0.0), "ReduceSum")  # NaN if one is NaN or infinite
     return view.add("Where", view.add("IsNaN", finite), np.nan, values)
-
-
-def _key(member: Member, given: Mapping[str, Any]) -> tuple[Any, ...]:
-    return ("feature", member.feature.name, *sorted(given.items()))
-
-
-def _built(view: GraphView, member: Member, given: Mapping[str, Any]) -> str:
-    return builders()[member.feature.name](view, **given)
 
 
 def pieces_of(view: GraphView, n_pieces: int) -> GraphView:
