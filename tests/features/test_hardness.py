@@ -9,6 +9,7 @@ from texclass.features.contract import UndefinedFeatureError
 from texclass.features.friction import friction
 from texclass.features.phase_view import PhaseView, TapSignal, TapView
 from texclass.features.tap_modes import decimated, tap_amplitude_slope, tap_mode_decay, tap_mode_frequency
+from texclass.signals import find_peaks
 from texclass.vibration import DecayingModes
 
 FS = 10_000.0
@@ -46,6 +47,19 @@ def test_up_to_three_impulses_that_are_not_too_near_count():
     ):
         np.testing.assert_array_equal(h.impulse_peaks(impulse, 100, 0.01), peaks)
     assert h.hardness_as_printed(one(HAND, bounces(10))) == pytest.approx(1 / 13 / np.abs(HAND).sum())
+
+
+@pytest.mark.parametrize("steps", [4, 1000])
+def test_impulses_are_the_three_highest_of_all_peaks_that_stand_out(steps):
+    rng = np.random.default_rng(0)
+    for spacing, prominence in ((1, 0.0), (7, 0.05), (30, 0.3)):
+        for _ in range(50):
+            i = np.abs(np.round(steps * rng.standard_normal(300) * np.exp(-np.arange(300) / 100)))
+            padded = np.pad(i, 1)
+            least = prominence * i.max()
+            peaks = find_peaks(padded, height=least, distance=spacing, prominence=least)
+            highest = sorted(peaks, key=lambda k: (-padded[k], k))[:3]
+            assert h.impulse_peaks(i, spacing, prominence) == sorted(k - 1 for k in highest)
 
 
 def test_printed_hardness_falls_with_the_square_of_the_rate_and_the_corrected_one_does_not():

@@ -30,8 +30,8 @@ SILENT = 1e-10
 
 
 @transform
-def mean_model(view: PhaseView, order: int, frame_s: float, band_hz: float) -> tuple[Autoregression, float]:
-    """Return the average model of a movement, of unit gain, and the rate in Hz that it runs at.
+def mean_model(view: PhaseView, order: int, frame_s: float, band_hz: float) -> tuple[Samples, float]:
+    """Return the reflection coefficients of the average model of a movement, and the rate in Hz it runs at.
 
     Every frame is fitted by Burg's method, and the log-area ratios of those that are not silent are averaged.
     Frames follow each other without overlap; they hold four samples per coefficient at least, and a shorter
@@ -39,15 +39,15 @@ def mean_model(view: PhaseView, order: int, frame_s: float, band_hz: float) -> t
     """
     x, fs = banded(view, band_hz)
     n = x.size
-    undefined_if(n < 2 * order, f"{n} samples below {band_hz:g} Hz; the rule is 2 x the order of {order}")
+    if n < 2 * order:
+        raise UndefinedFeatureError(f"{n} samples below {band_hz:g} Hz; the rule is 2 x the order of {order}")
     length = min(n, max(round(frame_s * fs), 4 * order))
     frames = x[: n // length * length].reshape(-1, length)
     power = np.einsum("kt,kt->k", frames, frames)
     heard = frames[power > SILENT * power.max()]
     undefined_if(not heard.size, f"silence: no energy below {band_hz:g} Hz")
     lar = autoregressive.fit(heard, order).log_area_ratios.mean(axis=0)
-    k = np.clip(np.tanh(lar / 2), -1 + 2**-53, 1 - 2**-53)
-    return Autoregression(k, np.ones(())), fs
+    return np.clip(np.tanh(lar / 2), -1 + 2**-53, 1 - 2**-53), fs
 
 
 @feature("movement", "Hz", "abdulali2016, section 4.1", outputs="f{order}")
@@ -76,8 +76,8 @@ def line_spectral_frequencies(
     UndefinedFeatureError
         For silence, or a movement that holds fewer than 64 samples or than two per coefficient in the band.
     """
-    model, fs = mean_model(view, order, frame_s, band_hz)
-    return line_spectrum.from_reflection(model.reflection) * (fs / (2 * np.pi))
+    k, fs = mean_model(view, order, frame_s, band_hz)
+    return line_spectrum.from_reflection(k) * (fs / (2 * np.pi))
 
 
 @feature("movement", "1", "oeztuerk2018, eq. 3.1-3.7", outputs="g{order}")
@@ -102,7 +102,8 @@ def log_area_ratios(
     UndefinedFeatureError
         As `line_spectral_frequencies`.
     """
-    return mean_model(view, order, frame_s, band_hz)[0].log_area_ratios
+    k, _ = mean_model(view, order, frame_s, band_hz)
+    return Autoregression(k, np.ones(())).log_area_ratios
 
 
 @feature("movement", "1", "oeztuerk2018, eq. 3.1-3.7", outputs="c{n_coefficients}")
@@ -134,7 +135,8 @@ def lpc_cepstrum(
     UndefinedFeatureError
         As `line_spectral_frequencies`.
     """
-    return mean_model(view, order, frame_s, band_hz)[0].cepstrum(n_coefficients + 1)[1:]
+    k, _ = mean_model(view, order, frame_s, band_hz)
+    return Autoregression(k, np.ones(())).cepstrum(n_coefficients + 1)[1:]
 
 
 @feature("movement", "dB", "oeztuerk2018, section 3.1", outputs="p{orders}")
@@ -170,7 +172,7 @@ def prediction_gain(
     """
     if wrong := [p for p in orders if not 1 <= p <= order]:
         raise UndefinedFeatureError(f"prediction gain of order {wrong[0]}; the rule is 1 ... {order}")
-    k = mean_model(view, order, frame_s, band_hz)[0].reflection
+    k, _ = mean_model(view, order, frame_s, band_hz)
     gain = -10 * np.cumsum(np.log10((1 - k) * (1 + k)))  # of orders 1, 2, ...
     return np.asarray(gain[np.array(orders) - 1])
 
@@ -215,8 +217,8 @@ def resonances(
         not 1 <= n_resonances <= order // 2,
         f"{n_resonances} resonances; the rule is 1 ... {order // 2} (half the order)",
     )
-    model, fs = mean_model(view, order, frame_s, band_hz)
-    z = upper_poles(model.truncated(2 * n_resonances).poles(), n_resonances)
+    k, fs = mean_model(view, order, frame_s, band_hz)
+    z = upper_poles(Autoregression(k[: 2 * n_resonances], np.ones(())).poles(), n_resonances)
     frequency, decay = np.angle(z) * fs / (2 * np.pi), -np.log(np.abs(z)) * fs
     return np.concatenate([frequency, decay / np.pi])
 

@@ -3,12 +3,11 @@
 The features named after taps can be computed at any, even a nominal, rate.
 """
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterable
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 from scipy import fft
 
 from texclass.features.conditioning import magnitude_of
@@ -18,6 +17,7 @@ from texclass.features.phase_view import TapSignal, TapView, transform, undefine
 from texclass.recording import Samples
 from texclass.signals import find_peaks
 
+S = TypeVar("S")
 T = TypeVar("T")
 SHARES = (0.1, 0.25, 0.5, 0.75, 0.9)
 SHARE_NAMES = tuple(f"q{100 * share:.0f}" for share in SHARES)
@@ -40,11 +40,11 @@ def tap_level(view: TapView) -> float:
 def unit_taps(view: TapView) -> tuple[TapSignal, ...]:
     """Return the taps divided by `tap_level`."""
     scale = tap_level(view)
-    return tuple(replace(tap, hand=tap.hand / scale, impulse=tap.impulse / scale) for tap in view.taps)
+    return tuple(TapSignal(tap.hand / scale, tap.impulse / scale, tap.quality) for tap in view.taps)
 
 
-def per_tap(view: TapView, value: Callable[[TapSignal], T]) -> list[T]:
-    """Return `value` of every tap that has one.
+def per_tap(taps: Iterable[S], value: Callable[[S], T]) -> list[T]:
+    """Return `value` of every tap (of `unit_taps`, or what was made of them) that has one.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def per_tap(view: TapView, value: Callable[[TapSignal], T]) -> list[T]:
     """
     found: list[T] = []
     reasons: list[UndefinedFeatureError] = []
-    for tap in unit_taps(view):
+    for tap in taps:
         try:
             found.append(value(tap))
         except UndefinedFeatureError as reason:
@@ -63,7 +63,13 @@ def per_tap(view: TapView, value: Callable[[TapSignal], T]) -> list[T]:
     return found
 
 
-def impulse_peaks(magnitude: Samples, spacing: int, prominence: float) -> NDArray[np.intp]:
+def median_over_taps(values: ArrayLike) -> Samples:
+    """Return the median along the first axis; numpy's own takes longer than most features of taps."""
+    x = np.sort(values, axis=0)
+    return np.asarray((x[(len(x) - 1) // 2] + x[len(x) // 2]) / 2)
+
+
+def impulse_peaks(magnitude: Samples, spacing: int, prominence: float) -> list[int]:
     """Return the indices of the (at most) three largest peaks of a tap, in order of time.
 
     A tap that does not bounce has fewer; the first and last sample count as peaks if they stand out.
@@ -86,9 +92,27 @@ def impulse_peaks(magnitude: Samples, spacing: int, prominence: float) -> NDArra
     undefined_if(largest == 0, "silence: the tap has no impulse")
     padded = np.concatenate([[0.0], magnitude, [0.0]])
     least = prominence * largest  # nothing lower is so prominent, nor takes the place of what is higher
-    peaks = find_peaks(padded, height=least, distance=max(1, spacing), prominence=least)
-    highest = peaks[np.argsort(-padded[peaks], kind="stable")[:3]]
-    return np.asarray(np.sort(highest) - 1)
+    x, kept, found = padded.tolist(), list[int](), list[int]()
+    by_height = sorted(((x[k], k) for k in find_peaks(padded, height=least).tolist()), reverse=True)
+    for height, k in by_height:
+        if len(found) >= 3 and height < x[found[2]]:
+            break
+        if all(abs(k - other) >= spacing for other in kept):
+            kept.append(k)
+            if _falls(x[k:], least) and _falls(x[k::-1], least):
+                found.append(k)
+    highest = sorted(found, key=lambda k: (-x[k], k))[:3]
+    return sorted(k - 1 for k in highest)
+
+
+def _falls(x: list[float], least: float) -> bool:
+    """Return whether numbers fall by `least` below the first one before one is above it."""
+    for value in x:  # beside a peak that stands out, few are looked at
+        if value > x[0]:
+            return False
+        if x[0] - value >= least:
+            return True
+    return False
 
 
 @feature("tap", "1", "strese2015, eq. 1", depends_on=("rate",))
@@ -116,10 +140,11 @@ def hardness_as_printed(view: TapView, *, spacing: int = 100, prominence: float 
 
     def hardness_of(tap: TapSignal) -> float:
         i, h = np.abs(tap.impulse), np.abs(tap.hand)
-        n = float(np.mean(impulse_peaks(i, spacing, prominence) + 1))
+        peaks = impulse_peaks(i, spacing, prominence)
+        n = sum(peaks) / len(peaks) + 1
         return float(i.max()) / n / _moved(float(h.sum()))
 
-    return float(np.mean(per_tap(view, hardness_of)))
+    return float(np.mean(per_tap(unit_taps(view), hardness_of)))
 
 
 @feature("tap", "1/s^2", "strese2015, eq. 1, corrected")
@@ -151,10 +176,11 @@ def hardness(view: TapView, *, spacing_s: float = 0.01, prominence: float = 0.05
 
     def hardness_of(tap: TapSignal) -> tuple[float, float]:
         i, h = np.abs(tap.impulse), np.abs(tap.hand)
-        t = float(np.mean(impulse_peaks(i, round(spacing_s * view.fs), prominence) + 1)) / view.fs
+        peaks = impulse_peaks(i, round(spacing_s * view.fs), prominence)
+        t = (sum(peaks) / len(peaks) + 1) / view.fs
         return float(i.max()) / (t * _moved(float(h[h > 3 * noise].sum()) / view.fs)), tap.quality
 
-    values, qualities = np.transpose(per_tap(view, hardness_of))
+    values, qualities = np.transpose(per_tap(unit_taps(view), hardness_of))
     return weighted_median(values, qualities)
 
 
@@ -203,9 +229,11 @@ def damping_as_printed(view: TapView, *, length: int = 4096) -> float:
     UndefinedFeatureError
         If there is no tap, or none with an impulse.
     """
-    return float(
-        np.mean(per_tap(view, lambda tap: float(printed_centroids(tap.impulse[np.newaxis], length)[0])))
-    )
+
+    def centroid_of(tap: TapSignal) -> float:
+        return float(printed_centroids(tap.impulse[np.newaxis], length)[0])
+
+    return float(np.mean(per_tap(unit_taps(view), centroid_of)))
 
 
 @transform
@@ -216,9 +244,20 @@ def tap_spectra(view: TapView) -> tuple[tuple[Samples, Samples], ...]:
         n_fft = 2 * fft.next_fast_len(max(_energetic(tap).size, 32), real=True)
         spectrum = fft.rfft(tap.impulse, n_fft)
         power: Samples = np.asarray(spectrum.real**2 + spectrum.imag**2, dtype=np.float64)
-        return np.linspace(0, view.fs / 2, n_fft // 2 + 1), power
+        return np.arange(n_fft // 2 + 1, dtype=np.float64) * (view.fs / n_fft), power
 
-    return tuple(per_tap(view, spectrum_of))
+    return tuple(per_tap(unit_taps(view), spectrum_of))
+
+
+@transform
+def tap_energies(view: TapView) -> tuple[tuple[float, Samples], ...]:
+    """Return the largest magnitude, and the running energy of impact and decay, of each tap."""
+
+    def energy_of(tap: TapSignal) -> tuple[float, Samples]:
+        i = _energetic(tap)
+        return float(max(i.max(), -i.min())), np.cumsum(i * i)
+
+    return tuple(per_tap(unit_taps(view), energy_of))
 
 
 def _energetic(tap: TapSignal) -> Samples:
@@ -230,9 +269,8 @@ def _energetic(tap: TapSignal) -> Samples:
     return tap.impulse
 
 
-def _quantiles(x: Samples, density: Samples) -> Samples:
-    """Return where the running sum of `density` over `x` reaches each of `SHARES`."""
-    running = np.cumsum(density)
+def _quantiles(x: Samples, running: Samples) -> Samples:
+    """Return where over `x` a running sum reaches each of `SHARES` of its end."""
     return np.interp(SHARES, running / running[-1], x)
 
 
@@ -247,7 +285,7 @@ def damping(view: TapView) -> float:
     UndefinedFeatureError
         If there is no tap, or none with an impulse of 8 samples or more.
     """
-    return float(np.median([float(f @ power) / float(power.sum()) for f, power in tap_spectra(view)]))
+    return float(median_over_taps([f @ power / power.sum() for f, power in tap_spectra(view)]))
 
 
 @feature("tap", "Hz", "texclass, after strese2015, eq. 2", outputs=SHARE_NAMES)
@@ -263,7 +301,7 @@ def tap_band(view: TapView) -> Samples:
     UndefinedFeatureError
         If there is no tap, or none with an impulse of 8 samples or more.
     """
-    return np.asarray(np.median([_quantiles(f, power) for f, power in tap_spectra(view)], axis=0))
+    return median_over_taps([_quantiles(f, np.cumsum(power)) for f, power in tap_spectra(view)])
 
 
 @feature("tap", "s", "texclass, after strese2015, Fig. 7", outputs=SHARE_NAMES)
@@ -281,12 +319,9 @@ def tap_course(view: TapView) -> Samples:
     UndefinedFeatureError
         If there is no tap, or none with an impulse of 8 samples or more.
     """
-
-    def course_of(tap: TapSignal) -> Samples:
-        i = _energetic(tap)
-        return _quantiles(np.arange(1, i.size + 1) / view.fs, i**2)
-
-    return np.asarray(np.median(per_tap(view, course_of), axis=0))
+    running = [energy for _, energy in tap_energies(view)]
+    times = [_quantiles(np.arange(1.0, energy.size + 1), energy) for energy in running]
+    return median_over_taps(times) / view.fs
 
 
 @feature("tap", "1/s", "texclass, after okamura2001")
@@ -302,16 +337,14 @@ def tap_decay_rate(view: TapView) -> float:
         If there is no tap, or none that decays over 3 samples or more.
     """
 
-    def rate_of(tap: TapSignal) -> float:
-        i = _energetic(tap)
-        left = np.cumsum(i[::-1] ** 2)[::-1]
-        left = left / left[0]
-        span = np.flatnonzero((left <= 0.9) & (left >= 0.05))
-        undefined_if(span.size < 3, f"the tap decays within {span.size} samples; the rule is at least 3")
-        t = (span - span.mean()) / view.fs
-        return -float(t @ np.log(left[span])) / (2 * float(t @ t))
+    def rate_of(tap: tuple[float, Samples]) -> float:
+        left = 1 - tap[1] / tap[1][-1]
+        left = left[(left <= 0.9) & (left >= 0.05)]
+        undefined_if(left.size < 3, f"the tap decays within {left.size} samples; the rule is at least 3")
+        t = np.arange(left.size) - (left.size - 1) / 2
+        return -float(t @ np.log(left)) / (2 * float(t @ t)) * view.fs
 
-    return float(np.median(per_tap(view, rate_of)))
+    return float(median_over_taps(per_tap(tap_energies(view), rate_of)))
 
 
 @feature("tap", "log10(m/s^2)", "texclass", gain=Gain(shift=1))
@@ -323,8 +356,8 @@ def tap_strength(view: TapView) -> float:
     UndefinedFeatureError
         If there is no tap, or none with an impulse of 8 samples or more.
     """
-    peaks = per_tap(view, lambda tap: float(np.log10(np.abs(_energetic(tap)).max())))
-    return float(np.median(peaks) + np.log10(tap_level(view)))
+    peaks = np.log10([peak for peak, _ in tap_energies(view)])
+    return float(median_over_taps(peaks) + np.log10(tap_level(view)))
 
 
 @feature("tap", "1", "texclass")
@@ -336,9 +369,5 @@ def tap_crest(view: TapView) -> float:
     UndefinedFeatureError
         If there is no tap, or none with an impulse of 8 samples or more.
     """
-
-    def crest_of(tap: TapSignal) -> float:
-        i = _energetic(tap)
-        return float(np.abs(i).max() / np.sqrt(np.mean(i**2)))
-
-    return float(np.median(per_tap(view, crest_of)))
+    crests = [peak * (running.size / running[-1]) ** 0.5 for peak, running in tap_energies(view)]
+    return float(median_over_taps(crests))

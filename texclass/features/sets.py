@@ -85,14 +85,15 @@ class Member:
             If the feature breaks its declaration or fails otherwise; the message names recording and feature.
         """
         view = self.view(views)
-        where = f"{views.recording.recording_id}: feature {self.name}"
         try:
             given = np.array(self.feature.function(view, **self.parameters), dtype=np.float64, ndmin=1)
         except UndefinedFeatureError:
             raise
         except Exception as error:
+            where = f"{views.recording.recording_id}: feature {self.name}"
             raise ValueError(f"{where} failed with {type(error).__name__}: {error}") from error
         if given.shape != (len(self.all_columns),):
+            where = f"{views.recording.recording_id}: feature {self.name}"
             raise ValueError(f"{where} gave shape {given.shape}; it declares {len(self.all_columns)} outputs")
         if not np.isfinite(given).all():
             raise UndefinedFeatureError(f"not a finite number ({given[~np.isfinite(given)][0]})")

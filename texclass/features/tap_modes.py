@@ -5,7 +5,7 @@ import functools
 import numpy as np
 
 from texclass.features.contract import feature
-from texclass.features.hardness import per_tap
+from texclass.features.hardness import median_over_taps, per_tap, unit_taps
 from texclass.features.phase_view import TapSignal, TapView, transform, undefined_if
 from texclass.recording import Samples
 from texclass.vibration.decaying_modes import DecayingModes, fit_matrix_pencil
@@ -73,7 +73,7 @@ def tap_modes(view: TapView, n_modes: int, order: int) -> tuple[Samples, Samples
     undefined_if(
         not 1 <= n_modes <= order // 2, f"{n_modes} modes of order {order}; the rule is 1 ... half the order"
     )
-    fits = per_tap(view, lambda tap: modes_of(tap, view.fs, n_modes, order))
+    fits = per_tap(unit_taps(view), lambda tap: modes_of(tap, view.fs, n_modes, order))
     return np.array([m.frequency_hz for m in fits]), np.array([m.decay_per_s for m in fits])
 
 
@@ -101,7 +101,7 @@ def tap_mode_frequency(view: TapView, *, n_modes: int = 2, order: int = ORDER) -
     UndefinedFeatureError
         If there is no tap, or none with an impulse of two samples per pole.
     """
-    return np.asarray(np.median(tap_modes(view, n_modes, order)[0], axis=0))
+    return median_over_taps(tap_modes(view, n_modes, order)[0])
 
 
 @feature("tap", "log10(1/s)", "guruswamy2011, section IV-A, by the matrix pencil", outputs="b{n_modes}")
@@ -124,7 +124,7 @@ def tap_mode_decay(view: TapView, *, n_modes: int = 2, order: int = ORDER) -> Sa
     UndefinedFeatureError
         As `tap_mode_frequency`.
     """
-    return np.asarray(np.median(np.log10(tap_modes(view, n_modes, order)[1]), axis=0))
+    return median_over_taps(np.log10(tap_modes(view, n_modes, order)[1]))
 
 
 @feature("tap", "log10(1/s)", "okamura2001, eq. 1 and section II-B")
@@ -153,7 +153,7 @@ def tap_amplitude_slope(view: TapView) -> float:
         )
         return v, float(np.abs(tap.impulse).max())
 
-    v, a = np.array(per_tap(view, velocity_and_amplitude)).T
+    v, a = np.array(per_tap(unit_taps(view), velocity_and_amplitude)).T
     undefined_if(v.size < 3, f"{v.size} taps with a velocity; the rule is at least 3 for a slope")
     undefined_if(
         np.ptp(v) < LEAST_SPREAD * v.mean(),

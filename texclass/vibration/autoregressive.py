@@ -95,7 +95,8 @@ class Autoregression:
         self._store("fallback", self.fallback is not None and self.fallback, lead, np.bool_)
 
     def _store(self, name: str, value: ArrayLike, shape: tuple[int, ...], dtype: Any) -> None:
-        array = np.array(np.broadcast_to(np.asarray(value, dtype=dtype), shape))
+        array = np.empty(shape, dtype=dtype)
+        array[...] = value
         array.setflags(write=False)
         object.__setattr__(self, name, array)
 

@@ -79,7 +79,8 @@ def from_reflection(k: ArrayLike) -> Samples:
 def _upper_angles(k: Samples, last: float) -> Samples:
     """Return the angles in (0, pi) of the roots of P (`last` = 1) or Q (`last` = -1), increasing."""
     n = k.shape[1] + 1
-    ends = np.pad(k, ((0, 0), (1, 1)), constant_values=((0, 0), (1.0, last)))
+    ends = np.empty((len(k), n + 1))
+    ends[:, 0], ends[:, 1:-1], ends[:, -1] = 1.0, k, last
     u, v = (1 + ends) / 2, (1 - ends) / 2
     sines = v[:, :-1] * v[:, 1:]
     sines[:, 1::2] = (u[:, :-1] * u[:, 1:])[:, 1::2]
@@ -284,29 +285,16 @@ def squared_singular_values(path: Samples) -> Samples:
     ----------
     Fernando, Parlett, "Accurate singular values and differential qd algorithms", 1994.
     """
-    m = (path.shape[1] + 1) // 2
-    work = np.zeros((len(path), 4 * max(m, 1)))
-    if m:
-        _as_square(np.ascontiguousarray(path), work)
-    order, info = ctypes.c_int(m), ctypes.c_int(0)
+    n = path.shape[1]
+    size = (
+        n // 2 + 1
+    )  # an extra column is one of a square matrix whose last entry is 0, and its last value, too
+    work = np.zeros((len(path), 4 * size))
+    work[:, :n] = path
+    order, info = ctypes.c_int(size), ctypes.c_int(0)
     dlasq2, start = _dlasq2(), work.ctypes.data
-    for row in range(len(work) if m else 0):
+    for row in range(len(work)):
         dlasq2(order, start + row * work.strides[0], info)
         if info.value:
             raise ArithmeticError(f"dlasq2 returned {info.value}; the rule is convergence, info = 0")
-    return work[:, :m]
-
-
-def _as_square(path: Samples, out: Samples) -> None:
-    """One dqd sweep turns the extra column of a rectangular matrix into zeros."""
-    n = path.shape[1]
-    if n % 2:
-        out[:, :n] = path
-        return
-    d = path[:, 0]
-    for i in range(0, n - 2, 2):
-        out[:, i] = d + path[:, i + 1]
-        ratio = path[:, i + 2] / out[:, i]
-        out[:, i + 1] = path[:, i + 1] * ratio
-        d = d * ratio
-    out[:, n - 2] = d + path[:, n - 1]
+    return work[:, : (n + 1) // 2]
