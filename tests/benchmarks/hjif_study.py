@@ -35,8 +35,10 @@ from texclass.vibration import Autoregression, MajorFrequencies, TapModel, line_
 from texclass.vibration.scores import goodness_of_fit
 
 SEED = 31031
-N_EACH, N_SPOILED, SECONDS = 20, 60, 1.0
-KINDS = ("LPC texture", "major frequencies", "features along a line", "taps", "surface of a scene")
+N_EACH, N_SCENES, N_SPOILED, SECONDS = 20, 100, 60, 1.0
+KINDS = ("LPC texture", "major frequencies", "features along a line", "taps")
+MOST_SURFACES = 4
+"""Of a drawn scene; each is written as a file, as `texclass convert --surface` does."""
 
 
 def stand_ins() -> Iterator[HattTexture]:
@@ -94,10 +96,28 @@ def drawn(kind: str, rng: np.random.Generator) -> Rendition:
                 TapModel(loud * rng.normal(), rng.uniform(20, 900), rng.uniform(20, 2000)) for _ in range(n)
             ]
             return play_taps(TapLibrary(tuple(f"m{i}" for i in range(n)), tuple(found)))
-    grid = rng.uniform(-0.9, 0.9, (3, 2, int(rng.integers(1, 12))))
-    model = GridModel((speeds, np.array([0.5, 2.0])), grid, loud**2 * rng.uniform(0.2, 2, (3, 2)), 4 * loud)
-    scene = PlannedScene("drawn", fs, "m/s^2", (0.0, fs / 2), 10 * loud, 1, {"surface": 0}, (model,))
-    return play_texture(SceneSurface(scene, "surface"), seconds=SECONDS)
+    raise ValueError(f"kind is {kind!r}; the rule is one of {', '.join(KINDS)}")
+
+
+def drawn_scene(number: int, rng: np.random.Generator) -> Iterator[tuple[str, Rendition]]:
+    """Yield the surfaces of a scene: random lattices, lines or both at 3 speeds x 2 forces."""
+    fs = float(rng.choice([500.0, 1000.0, 1344.0, 2000.0, 4000.0]))
+    models: list[GridModel] = []
+    for _ in range(int(rng.integers(2, MOST_SURFACES + 1))):
+        order, n_lines = ((int(rng.integers(1, 12)), 0), (0, 5), (4, 3))[int(rng.integers(3))]
+        k, a = rng.uniform(-0.9, 0.9, (3, 2, order)), rng.uniform(0.1, 1.0, (3, 2, n_lines))
+        share = rng.uniform(0.1, 0.9) if order else 1.0  # of the power, in the lines
+        a *= np.sqrt(2 * share / np.maximum((a**2).sum(axis=2, keepdims=True), 0.01))
+        axes = np.sort(rng.uniform(10, 400, 3)) + np.arange(3), np.array([0.5, 2.0])
+        power = 10 ** rng.uniform(-6, 4) * rng.uniform(0.2, 2, (3, 2))
+        lines = rng.uniform(5, 0.4 * fs, n_lines), np.zeros(n_lines)
+        models.append(
+            GridModel(axes, np.concatenate([k, a], axis=2), power, 6 * np.sqrt(power.max()), *lines)
+        )
+    assigned = {f"surface {i}": i for i in range(len(models))}
+    scene = PlannedScene(f"scene {number}", fs, "m/s^2", (0.0, fs / 2), 1e3, 2, assigned, tuple(models))
+    for name in assigned:
+        yield "surface of a drawn scene", play_texture(SceneSurface(scene, name), seconds=SECONDS)
 
 
 def asked(reference: Path, path: Path, fs: int = int(FS)) -> tuple[str, Samples]:
@@ -223,8 +243,10 @@ def main() -> None:
         folder = Path(name)
         hatt = (("simulated HaTT texture", play_texture(one, seconds=SECONDS)) for one in stand_ins())
         surfaces = [*hatt, *shipped(), *((kind, drawn(kind, rng)) for kind in KINDS * N_EACH)]
+        for number in range(N_SCENES):
+            surfaces += drawn_scene(number, rng)
         rows = pd.DataFrame([compared(kind, sent, reference, folder) for kind, sent in surfaces])
-        first = next(sent for kind, sent in surfaces if kind == "simulated HaTT texture")
+        first = surfaces[0][1]
         refused = refusals(first, reference, folder, rng)
     found = rows.groupby("kind", sort=False).agg(
         files=("accepted", "size"), accepted=("accepted", "sum"), bytes=("bytes", "median"),
