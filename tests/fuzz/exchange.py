@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from safetensors import safe_open
@@ -28,7 +29,9 @@ from texclass.exchange import (
     read_hatt,
     read_hjif,
     read_wav,
+    rendition_of,
     save_texture,
+    texture_of,
     write_ahap,
     write_gltf,
     write_hatt,
@@ -36,6 +39,7 @@ from texclass.exchange import (
     write_wav,
 )
 from texclass.exchange.container import Header, sealed
+from texclass.exchange.rendition import Rendition
 from texclass.scene import PlannedScene, load_scene
 from texclass.textures.grid import GridModel
 from texclass.textures.hatt import HattTexture, Mesh
@@ -172,7 +176,8 @@ def _gltfs() -> list[bytes]:
 
 
 def _hjif(path: Path) -> object:
-    return _played(path, lambda: play_hjif(read_hjif(path), 100.0))
+    _played(path, lambda: play_hjif(read_hjif(path), 100.0))
+    return _again(path, lambda: rendition_of(read_hjif(path)))
 
 
 def _ahap(path: Path) -> object:
@@ -180,21 +185,32 @@ def _ahap(path: Path) -> object:
 
 
 def _gltf(path: Path) -> object:
-    return _played(path, lambda: read_gltf(path).samples)
+    _played(path, lambda: read_gltf(path).samples)
+    return _again(path, lambda: read_gltf(path))
 
 
 def _tree(rng: random.Random, data: bytes) -> bytes:
     return json_of(of_tree(rng, json.loads(data)))
 
 
+def _again(path: Path, read: Callable[[], Rendition]) -> object:
+    """Return the texture of what a file plays."""
+    return _named(path, lambda: texture_of(read()))
+
+
 def _played(path: Path, play: Callable[[], np.ndarray]) -> object:
-    """Return what a file plays; players do not know its name, so that it is put before what they say."""
-    try:
-        samples = play()
-    except ValueError as error:
-        raise ValueError(f"{str(path) * (str(path) not in str(error))}{error}") from error
+    """Return what a file plays."""
+    samples = _named(path, play)
     assert np.isfinite(samples).all()
     return samples
+
+
+def _named(path: Path, make: Callable[[], Any]) -> Any:
+    """Return what is made of a file; players do not know its name, so that it is put before what they say."""
+    try:
+        return make()
+    except ValueError as error:
+        raise ValueError(f"{str(path) * (str(path) not in str(error))}{error}") from error
 
 
 TARGETS = (

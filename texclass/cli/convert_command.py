@@ -25,7 +25,7 @@ def convert(
         Path,
         typer.Argument(
             metavar="IN",
-            help="A .texture (a texture, taps, a scene), a HaTT .xml; or .hjif, .ahap, .gltf, to be played; "
+            help="A .texture (a texture, taps, a scene), a HaTT .xml; or .hjif, .ahap, .gltf, as played; "
             "with --bytes a recording, too.",
         ),
     ],
@@ -69,9 +69,9 @@ def convert(
     """Convert a surface to the format of another device. What is lost there is told.
 
     Penn's XML holds a texture, as .texture does. MPEG haptics (.hjif), Apple's patterns (.ahap), the
-    haptic material of a scene (.gltf) and WAV hold it as played at one speed and force. These are played to
-    WAV. With --bytes a texture or a recording becomes a small texture, with --scale a texture becomes one
-    that feels otherwise.
+    haptic material of a scene (.gltf) and WAV hold it as played at one speed and force. The first three are
+    played to WAV; .hjif and .gltf become a texture again, as far as they hold one. With --bytes a texture or
+    a recording becomes a small texture, with --scale a texture becomes one that feels otherwise.
     """
     from texclass.document import Document
 
@@ -83,9 +83,10 @@ def convert(
         lost = _retouch(source, target, scale, n_bytes)
     elif n_bytes is not None:
         lost = _pack(source, target, n_bytes, fs, unit)
-    elif kinds[0] in PATTERNS and kinds[1] == ".wav":
+    elif kinds[0] in PATTERNS and kinds[1] in (".wav", ".texture") and kinds != (".ahap", ".texture"):
         try:
-            lost = _play_pattern(source, target, physical)
+            heard = kinds[1] == ".wav"
+            lost = _play_pattern(source, target, physical) if heard else _read_played(source, target)
         except ValueError as error:  # what plays does not know the file
             raise ValueError(str(error) if str(source) in str(error) else f"{source}: {error}") from error
     elif kinds[0] in TEXTURES and kinds[1] in (*PATTERNS, ".wav"):
@@ -95,7 +96,7 @@ def convert(
     else:
         raise ValueError(
             f"{source} to {target}; the rule is .texture or .xml to the other one, .hjif, .ahap, .gltf or "
-            ".wav, and .hjif, .ahap or .gltf to .wav"
+            ".wav, .hjif, .ahap or .gltf to .wav, .hjif or .gltf to .texture"
         )
     typer.echo(f"wrote {target}, {target.stat().st_size} bytes")
     if lost:
@@ -216,6 +217,16 @@ def _write_played(rendition: "Rendition", target: Path, physical: bool) -> dict[
     encoding: Encoding = "float32" if physical else "audible"
     write_wav(target, rendition.samples, rendition.fs, unit=rendition.unit, encoding=encoding)
     return dict(rendition.lost)
+
+
+def _read_played(source: Path, target: Path) -> dict[str, str]:
+    """Write the texture of a file that is made to be played, and return what is lost."""
+    from texclass.exchange import read_gltf, read_hjif, rendition_of, save_texture, texture_of
+
+    played = read_gltf(source) if source.suffix.lower() == ".gltf" else rendition_of(read_hjif(source))
+    texture, lost = texture_of(played)
+    save_texture(texture, target, unit=played.unit)
+    return lost
 
 
 def _play_pattern(source: Path, target: Path, physical: bool) -> dict[str, str]:

@@ -9,6 +9,8 @@ from .hatt_xml import write_hatt as write_hatt
 from .hjif import play_hjif as play_hjif
 from .hjif import read_hjif as read_hjif
 from .hjif_writer import write_hjif as write_hjif
+from .played_texture import rendition_of as rendition_of
+from .played_texture import texture_of as texture_of
 from .rendition import Rendition as Rendition
 from .rendition import play_taps as play_taps
 from .rendition import play_texture as play_texture

@@ -266,7 +266,7 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
     for perception in haptics.perceptions:
         library = {one.id: one for one in perception.effect_library if one.id is not None}
         for channel in perception.channels:
-            effects = [[*_effects(band.effects, library)] for band in channel.bands]
+            effects = [[*basis_effects(band.effects, library)] for band in channel.bands]
             if sum(map(len, effects)) > MOST_EFFECTS:
                 raise ValueError(f"a channel has over {MOST_EFFECTS} effects; the rule is at most so many")
             columns.append((channel, 10.0**perception.perception_unit_exponent * channel.gain, effects))
@@ -282,7 +282,7 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
     return played
 
 
-def _effects(
+def basis_effects(
     effects: Sequence[Effect], library: dict[int, Effect], at: int = 0, depth: int = 0
 ) -> Iterator[tuple[int, Effect]]:
     """Yield ticks and basis effects, compositions taken apart and references looked up."""
@@ -292,9 +292,9 @@ def _effects(
         begin = at + effect.position
         if effect.effect_type == "Reference":
             found = library[effect.id or 0].model_copy(update={"position": 0})
-            yield from _effects([found], library, begin, depth + 1)
+            yield from basis_effects([found], library, begin, depth + 1)
         elif effect.effect_type == "Composite":
-            yield from _effects(effect.composition, library, begin, depth + 1)
+            yield from basis_effects(effect.composition, library, begin, depth + 1)
         else:
             yield begin, effect
 
