@@ -83,7 +83,10 @@ def dft321(acceleration: ArrayLike, *, single: bool = False) -> Samples:
     if axes.ndim != 2 or axes.size == 0:
         raise ValueError(f"dft321 got shape {axes.shape}; the rule is (n_samples, n_axes), none of them 0")
     (n, n_axes), exponent = axes.shape, 0
-    largest = int(np.frexp(max(all_finite(axes, "dft321").max(), -axes.min()))[1])
+    peak = max(axes.max(), -axes.min())  # NaN and infinity pass through
+    if not np.isfinite(peak):
+        all_finite(axes, "dft321")
+    largest = int(np.frexp(peak)[1])
     if abs(largest) > (20 if single else 100):  # no gain over- or underflows when squared
         axes, exponent = np.ldexp(axes, -largest), largest
     if n_axes == 1:
@@ -206,12 +209,14 @@ def moving_average(x: ArrayLike, n: int) -> Samples:
     n = min(n, 2 * size)
     n_blocks = -(-size // n)
     blocks = np.zeros((n_blocks + 1, n))
-    blocks.reshape(-1)[n // 2 : n // 2 + size] = samples - offset
-    sums = np.empty((n_blocks, n))
-    np.cumsum(blocks[:-1, ::-1], axis=1, out=sums[:, ::-1])  # from each sample to the end of its block
-    np.cumsum(blocks, axis=1, out=blocks)
-    sums[:, 1:] += blocks[1:, :-1]  # and from the start of the next to n samples later
-    average = sums.reshape(-1)[:size]
+    np.subtract(samples, offset, out=blocks.reshape(-1)[n // 2 : n // 2 + size])
+    sums = np.empty((n_blocks, n), dtype=np.complex128)  # two sums in the time of one
+    sums.real, sums.imag = blocks[:-1, ::-1], blocks[1:]
+    np.cumsum(sums, axis=1, out=sums)
+    blocks = blocks[:-1]
+    blocks[:] = sums.real[:, ::-1]  # from each sample to the end of its block
+    blocks[:, 1:] += sums.imag[:, :-1]  # and from the start of the next to n samples later
+    average = blocks.reshape(-1)[:size]
     ends = np.r_[: min(n // 2, size), max(n // 2, size - (n - n // 2) + 1) : size]
     average[ends] *= n / (np.minimum(ends + n - n // 2, size) - np.maximum(ends - n // 2, 0))
     average /= n

@@ -27,11 +27,11 @@ def hand_start(axes: Samples, fs: float) -> int:
     if len(before) < 3:
         return 0
     before = ndimage.uniform_filter1d(before, round(0.02 * fs / step), axis=0, mode="nearest")
-    half = len(before) // 2
-    median = np.sort(before, axis=0)[(len(before) - 1) // 2 : half + 1].mean(axis=0)
-    deviation = np.linalg.norm(before - median, axis=1)
-    peak = half + int(np.argmax(deviation[half:]))
-    (still,) = np.nonzero(deviation[:peak] < STILL * deviation[peak])
+    half, ordered = len(before) // 2, np.sort(before, axis=0)
+    before -= (ordered[(len(before) - 1) // 2] + ordered[half]) / 2
+    deviation = np.einsum("ij,ij->i", before, before)
+    peak = half + int(deviation[half:].argmax())
+    (still,) = np.nonzero(deviation[:peak] < STILL**2 * deviation[peak])
     return min(len(axes), (int(still[-1]) + 1 if len(still) else 0) * step)
 
 

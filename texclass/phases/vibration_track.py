@@ -108,9 +108,10 @@ class Filtered:
         power, mean = np.empty(n_bins), np.zeros((n_channels, -(-n_bins // STEPS) * STEPS), self.kind)
         for k in range(-(-self.n_rows // self.size)):
             rows = self._rows(k)
-            squares = np.square(self._block(k, rows)).reshape(-1, self.per) @ ones
+            block = self._block(k, rows)
+            squares = np.einsum("ij,ij->j", block, block).reshape(-1, self.per) @ ones
             bins = slice(k * self.size // self.per, (k + 1) * self.size // self.per)
-            power[bins] = squares.reshape(n_channels, -1).sum(axis=0)[: n_bins - bins.start]
+            power[bins] = squares[: n_bins - bins.start]
             mean[:, bins] = (rows.reshape(-1, self.per) @ ones).reshape(n_channels, -1)
         power /= self.per
         mean /= self.per
