@@ -1,6 +1,6 @@
 """Accuracy against what a small computer has: bytes and operations, counted in the graph that is exported."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -204,58 +204,22 @@ def embedded_tradeoff(
     longest = LONGEST_S if max_seconds is None else max_seconds
     check_above_0(max_seconds=longest)
     like = dataset[0]
-    own = like.fs
-    rates = {rate for rate in RATES_HZ if rate <= own} | ({own} if own < max(RATES_HZ) else set())
-    at_rates = {fs: dataset if fs == own else at_rate(dataset, fs) for fs in sorted(rates, reverse=True)}
+    rates = {rate for rate in RATES_HZ if rate <= like.fs} | {min(like.fs, max(RATES_HZ))}
+    at_rates = {fs: dataset if fs == like.fs else at_rate(dataset, fs) for fs in sorted(rates, reverse=True)}
     plan = Plan.of(bought, channels_apart(like, channels))
     level = TrainingFiles.of(dataset, like).remove_resting_level
-    of_windows = Windows(plan, plan.channels or like.channels, 0, own, like.unit, level)
-    scale = full_scale_of(dataset)
-    grid = [(fs, seconds) for fs in at_rates for seconds in (longest, longest / 2, longest / 4)]
-    shortest = min(len(of_windows.channels) * round(fs * seconds) for fs, seconds in grid)
-    if limits.max_bytes is not None and limits.max_bytes < shortest:
-        raise ValueError(
-            f"max_bytes is {limits.max_bytes:g}; the rule is at least {shortest}: the shortest window alone"
-        )
-    calls = [
-        partial(cut_of, at_rates[fs], of_windows._replace(fs=fs), seconds, longest, scale)
-        for fs, seconds in grid
-    ]
-    work: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress}
-    found = zip(grid, each(calls, what="windows", total=len(calls), **work), strict=True)
-    # In the shortest windows nothing may be defined.
-    of_grid = {at: cut for at, cut in found if np.isfinite(cut.X[WORDS[0]]).any()}
-    if not of_grid:
-        raise ValueError(f"no feature is defined in {longest:g} s; the rule is a longer window")
-    grid, cuts = list(of_grid), list(of_grid.values())
+    of_windows = Windows(plan, plan.channels or like.channels, 0, like.fs, like.unit, level)
+    do_each = partial(each, n_jobs=n_jobs, progress=progress)
+    cuts = _cuts(at_rates, of_windows, longest, full_scale_of(dataset), limits, do_each)
     held_out_by, why = holding_out(protocol, AT_RANDOM, metadata(dataset.entries), FALSE_ALARMS)
     splits = [splits_of(held_out_by, cut.frame, seed) for cut in cuts]
     learnt = [_labelled(cut, held_out_by) for cut in cuts]
-    models = [partial(_models_of, *of, seed) for of in zip(cuts, learnt, strict=True)]
-    made = list(each(models, what="models", total=len(models), **work))
-    # Before the folds: what nothing keeps should not cost as many selections again.
-    limits.kept([point for models in made for point in models.values()])
-    parts = [
-        partial(_hits_of, cut, data, split, seed)
-        for cut, data, of in zip(cuts, learnt, splits, strict=True)
-        for split in of
-    ]
-    hits = iter(each(parts, what="selections", total=len(parts), **work))
-    points: list[dict[str, Any]] = []
-    for (_, seconds), models_of_cut, data, of in zip(grid, made, learnt, splits, strict=True):
-        folds = [next(hits) for _ in of]
-        points += [
-            {"window_s": seconds, **point, "accuracy": estimate(np.concatenate(right), of, data)}
-            for key, point in models_of_cut.items()
-            if len(right := [fold[key] for fold in folds if key in fold]) == len(of)
-        ]
+    points = _points(cuts, learnt, splits, limits, seed, do_each)
     front = front_of(points)
-    full = {"window_s": grid[0][1], **_full(cuts[0], splits[0], learnt[0])}
     chosen = chosen_of(points, limits)
     if model_file is not None:
-        felt = at_rates[chosen["fs_hz"]]
-        model = _trained(felt, bought, chosen, channels, seed, protocol=protocol, **work)
-        model.save(model_file)
+        felt, work = at_rates[chosen["fs_hz"]], {"n_jobs": n_jobs, "progress": progress}
+        _trained(felt, bought, chosen, channels, seed, protocol=protocol, **work).save(model_file)
         chosen["file"] = str(model_file)
     over, independent = held_out_by.independent(cuts[0].frame)
     recordings = cuts[0].frame.drop_duplicates("parent")
@@ -268,7 +232,7 @@ def embedded_tradeoff(
                 "n_windows": len(cuts[0].frame),
                 "n_materials": int(recordings["material"].nunique()),
                 "chance": float(cuts[0].frame["material"].value_counts(normalize=True).max()),
-                "fs_hz": float(own),
+                "fs_hz": float(like.fs),
                 "unit": like.unit,
             },
             "features": every.name,
@@ -284,7 +248,7 @@ def embedded_tradeoff(
             "points": [_without_columns(point) for point in points],
             "front": [_without_columns(point) for point in front],
             "knee": _without_columns(knee(front)),
-            "full": full,
+            "full": _full(cuts[0], splits[0], learnt[0]),
             "chosen": chosen,
             "versions": versions(*LIBRARIES, "onnx", "onnxruntime"),
             "seed": seed,
@@ -293,6 +257,74 @@ def embedded_tradeoff(
             "notes": list(dataset.notes),
         }
     )
+
+
+def _cuts(
+    at_rates: Mapping[float, Dataset],
+    of_windows: Windows,
+    longest_s: float,
+    full_scale: float,
+    limits: SmallLimits,
+    do_each: Callable[..., Iterator[Cut]],
+) -> list[Cut]:
+    """Return the windows at each rate (Hz), of the longest length, half and a quarter of it, if defined.
+
+    Raises
+    ------
+    ValueError
+        If the shortest alone take more than the limit, or no feature is defined in any.
+    """
+    grid = [(fs, seconds) for fs in at_rates for seconds in (longest_s, longest_s / 2, longest_s / 4)]
+    shortest = min(len(of_windows.channels) * round(fs * seconds) for fs, seconds in grid)
+    if limits.max_bytes is not None and limits.max_bytes < shortest:
+        raise ValueError(
+            f"max_bytes is {limits.max_bytes:g}; the rule is at least {shortest}: the shortest window alone"
+        )
+    calls = [
+        partial(cut_of, at_rates[fs], of_windows._replace(fs=fs), seconds, longest_s, full_scale)
+        for fs, seconds in grid
+    ]
+    found = do_each(calls, what="windows", total=len(calls))
+    # In the shortest windows nothing may be defined.
+    if not (cuts := [cut for cut in found if np.isfinite(cut.X[WORDS[0]]).any()]):
+        raise ValueError(f"no feature is defined in {longest_s:g} s; the rule is a longer window")
+    return cuts
+
+
+def _points(
+    cuts: Sequence[Cut],
+    learnt: Sequence[Labelled],
+    splits: Sequence[Sequence[Split]],
+    limits: SmallLimits,
+    seed: int,
+    do_each: Callable[..., Iterator[Any]],
+) -> list[dict[str, Any]]:
+    """Return what was tried: rate, window, words, columns and classifier, what they take, how right they are.
+
+    Raises
+    ------
+    ValueError
+        If nothing is within the limits.
+    """
+    models = [partial(_models_of, *of, seed) for of in zip(cuts, learnt, strict=True)]
+    made = list(do_each(models, what="models", total=len(models)))
+    # Before the folds: what nothing keeps should not cost as many selections again.
+    limits.kept([point for models in made for point in models.values()])
+    parts = [
+        partial(_hits_of, cut, data, split, seed)
+        for cut, data, of in zip(cuts, learnt, splits, strict=True)
+        for split in of
+    ]
+    hits = iter(do_each(parts, what="selections", total=len(parts)))
+    points = []
+    for cut, models_of_cut, data, of in zip(cuts, made, learnt, splits, strict=True):
+        folds = [next(hits) for _ in of]
+        points += [
+            {"window_s": cut.seconds, **point, "accuracy": estimate(np.concatenate(right), of, data)}
+            for key, point in models_of_cut.items()
+            if len(right := [fold[key] for fold in folds if key in fold]) == len(of)
+        ]
+    return points
 
 
 def _with_graph(features: FeatureSet) -> tuple[FeatureSet, tuple[str, ...]]:
@@ -423,7 +455,7 @@ def _full(cut: Cut, splits: Sequence[Split], data: Labelled) -> dict[str, Any]:
         return hits, decisions_of(cut.windows, names, steps).cost()
 
     hits, costs = zip(*over_folds(judged, data.X[:, kept], data.y, splits, preparation()), strict=True)
-    facts = {"fs_hz": cut.windows.fs, "classifier": "kernel", "n_columns": len(kept)}
+    facts = {"window_s": cut.seconds, "fs_hz": cut.windows.fs, "classifier": "kernel", "n_columns": len(kept)}
     accuracy = estimate(np.concatenate(hits), splits, data)
     return {**facts, "accuracy": accuracy, **taken(cut.windows, max(costs), WORDS[0][0])}
 

@@ -30,6 +30,7 @@ WORDS = ((32, 32), (16, 16), (16, 8), (8, 8))
 class Cut(NamedTuple):
     """The windows of a dataset at one rate and length, and what graphs make of them: (bits, bits) -> X."""
 
+    seconds: float
     windows: Windows
     frame: pd.DataFrame
     X: Mapping[Word, Samples]
@@ -81,7 +82,7 @@ def cut_of(dataset: Dataset, windows: Windows, seconds: float, step: float, full
         graph_of_bits = shortened(graph, bits).SerializeToString()
         found = run(graph_of_bits, felt_with.astype(np.float32), SAMPLES, ("features",))["features"]
         X[of_samples, bits] = np.where(np.isfinite(found), found, np.nan).astype(np.float64)
-    return Cut(windows, metadata(kept), X, operations_of(windows))
+    return Cut(seconds, windows, metadata(kept), X, operations_of(windows))
 
 
 def _features_model(windows: Windows) -> Any:
