@@ -9,7 +9,7 @@ from toy_surfaces import SURFACES, recording
 
 from texclass.recognition import adapt, export_onnx, load_model
 from texclass.recognition.adaptation import LEAST_UNLABELLED, fit_map, moments_map, rows_of
-from texclass.recognition.model import Surfaces
+from texclass.recognition.unknown import Surfaces
 
 
 def felt(surface, seed, **facts):

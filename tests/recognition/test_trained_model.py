@@ -7,7 +7,7 @@ import pytest
 from toy_surfaces import FS, SURFACES, pipeline, recording, surfaces
 
 from texclass.recognition import joined, load_model, train
-from texclass.recognition.model import Ranges
+from texclass.recognition.unknown import Ranges
 from texclass.recording import Phases, Recording
 
 MODELS = ("kernel_model", "linear_model")

@@ -6,10 +6,9 @@ from texclass.features import load_feature_set
 from texclass.features.plan import Plan
 from texclass.recognition import Calibration, Model, Novelty
 from texclass.recognition.deployed import Deployed
-from texclass.recognition.model import Ranges
 from texclass.recognition.model_files import Manifest
 from texclass.recognition.probabilities import class_scores
-from texclass.recognition.unknown import fit_nearness, kind_for, strangeness
+from texclass.recognition.unknown import Ranges, fit_nearness, kind_for, strangeness
 from texclass.tradeoff.recogniser import Recogniser
 
 NAMES = ("cork", "felt", "oak", "slate", "tin", "wool")

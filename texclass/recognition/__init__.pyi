@@ -1,4 +1,7 @@
 from .adaptation import adapt as adapt
+from .answers import Answer as Answer
+from .answers import Prediction as Prediction
+from .answers import joined as joined
 from .conformal import Conformity as Conformity
 from .embedded import Embedded as Embedded
 from .embedded import SmallLimits as SmallLimits
@@ -24,10 +27,7 @@ from .live.online_recogniser import WindowAnswer as WindowAnswer
 from .live.session import Notice as Notice
 from .live.session import Session as Session
 from .live.session import listen as listen
-from .model import Answer as Answer
 from .model import Model as Model
-from .model import Prediction as Prediction
-from .model import joined as joined
 from .model import load_model as load_model
 from .model import predict as predict
 from .model_document import answers_document as answers_document

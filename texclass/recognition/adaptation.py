@@ -21,8 +21,8 @@ from texclass.loaders.columns import BAG_FOLDER
 from texclass.loaders.files import is_bag_name
 from texclass.phases import segment
 from texclass.recognition.deployed import Deployed
-from texclass.recognition.model import Model, Ranges, Surfaces
-from texclass.recognition.unknown import Novelty, least_held_out, strangeness
+from texclass.recognition.model import Model
+from texclass.recognition.unknown import Novelty, Ranges, Surfaces, least_held_out, strangeness
 from texclass.recording import Recording, Samples
 
 if TYPE_CHECKING:

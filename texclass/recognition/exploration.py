@@ -15,10 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from texclass.recognition.answers import ranked
 from texclass.recognition.live.evidence import CONFIDENCE, ContactVerdict, independent
 from texclass.recognition.live.online_recogniser import OnlineSettings, Update, WindowAnswer
 from texclass.recognition.live.session import Notice, Session
-from texclass.recognition.model import Model, load_model, ranked
+from texclass.recognition.model import Model, load_model
 from texclass.recognition.probabilities import LEAST_PROBABILITY
 from texclass.recognition.sources.blocks import Block
 from texclass.recording import Samples

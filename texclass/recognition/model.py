@@ -4,16 +4,16 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from texclass.features.cepstrum import with_banks
 from texclass.features.phase_view import TURN
 from texclass.features.plan import Plan
 from texclass.phases import segment
-from texclass.recognition.conformal import LEVELS, Conformity, as_facts, check_level
+from texclass.recognition.answers import Answer, Prediction, joined, ranked
+from texclass.recognition.conformal import LEVELS, Conformity, check_level
 from texclass.recognition.deployed import Deployed
 from texclass.recognition.model_files import (
     Manifest,
@@ -25,7 +25,7 @@ from texclass.recognition.model_files import (
 )
 from texclass.recognition.probabilities import LEAST_PROBABILITY, Calibration
 from texclass.recognition.sources.training_input import Beside, Needs
-from texclass.recognition.unknown import Novelty, strangeness
+from texclass.recognition.unknown import Novelty, Ranges, Surfaces, strangeness
 from texclass.recording import Recording, Samples
 
 if TYPE_CHECKING:
@@ -42,115 +42,6 @@ MARGIN = 0.5
 """A value this many widths of the training range outside of it is far out."""
 MOST_NAMES = 3
 """Features that are named; the others are counted."""
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Which surface a recording is of.
-
-    Attributes
-    ----------
-    recording_id
-        The recording.
-    surface
-        The likeliest known material; also where `unknown`.
-    probability
-        Calibrated: of many answers of 0.8, eight in ten are right, if the surface is a known one.
-    runner_up
-        The second likeliest.
-    unknown
-        Whether this is probably none of the known surfaces, or a recording that cannot be judged.
-    p_known
-        Conformal p-value of "a known surface"; at most the model's false-alarm rate where `unknown`.
-    reasons
-        What a user should know: undefined features, clipping, a wrong rate, values never seen in training.
-    probabilities
-        Material -> probability, all of them.
-    sets
-        Level -> materials, likeliest first, among which the right one is so often, if the surface is a known
-        one; see `Conformity`. No level where nothing can be judged.
-    """
-
-    recording_id: str
-    surface: str
-    probability: float
-    runner_up: str
-    unknown: bool
-    p_known: float
-    reasons: tuple[str, ...] = ()
-    probabilities: Mapping[str, float] = field(default_factory=dict, repr=False)
-    sets: Mapping[float, tuple[str, ...]] = field(default_factory=dict)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what a machine reads, probabilities of all materials left out."""
-        return {
-            "recording": self.recording_id,
-            "surface": self.surface,
-            "probability": round(self.probability, 6),
-            "runner_up": self.runner_up,
-            "unknown": self.unknown,
-            "p_known": round(self.p_known, 6),
-            "reasons": list(self.reasons),
-            "sets": as_facts(self.sets),
-        }
-
-
-class Prediction(NamedTuple):
-    """What became of one file: an answer, or the problem that there is none."""
-
-    name: str
-    answer: Answer | None
-    problem: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class Ranges:
-    """Between which values each column lay in training, and its median; NaN for a column without values."""
-
-    low: Samples
-    median: Samples
-    high: Samples
-
-    @classmethod
-    def of(cls, X: Samples) -> "Ranges":
-        """Return the ranges of the columns of X (n, n_columns), NaN where undefined."""
-        empty = np.isnan(X).all(axis=0)
-        edges = np.nanquantile(np.where(empty, 0.0, X), [0, 0.5, 1], axis=0)
-        return cls(*(np.where(empty, np.nan, edge) for edge in edges))
-
-    def far(self, values: Samples) -> Samples:
-        """Return how far values lie outside, in widths of the range, shape (n_columns,); 0 inside."""
-        beyond = np.fmax(np.fmax(self.low - values, values - self.high), 0.0)
-        width = np.maximum(self.high - self.low, 1e-9 * np.maximum(np.abs(self.high), np.abs(self.low)))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            far = np.where(beyond > 0, beyond / width, 0.0)
-        return np.asarray(np.nan_to_num(far))
-
-
-class Surfaces(NamedTuple):
-    """Where surfaces lay in training: what a model needs in order to follow another sensor.
-
-    Attributes
-    ----------
-    means : ndarray of shape (n_materials, n_columns)
-        NaN where a column has no value for a surface.
-    within : ndarray of shape (n_columns,)
-        Deviation of recordings from the means of their surfaces.
-    """
-
-    means: Samples
-    within: Samples
-
-    @classmethod
-    def of(cls, X: Samples, y: NDArray[Any]) -> "Surfaces":
-        """Return them for features X (n, n_columns), NaN where undefined, of materials y (n,)."""
-        names, labels = np.unique(y, return_inverse=True)
-        there, one_hot = ~np.isnan(X), np.eye(len(names))[labels]
-        with np.errstate(invalid="ignore"):
-            means = one_hot.T @ np.where(there, X, 0) / (one_hot.T @ there)
-            squares = np.where(there, (X - means[labels]) ** 2, 0).sum(axis=0)
-        freedom = np.maximum(there.sum(axis=0) - np.isfinite(means).sum(axis=0), 1)
-        return cls(means, np.sqrt(squares / freedom))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -472,33 +363,6 @@ class Model:
         if unit != trained.unit:
             found.append(f"wrong unit: {unit}, trained with {trained.unit}; nothing converts these")
         return found
-
-
-def joined(answers: Sequence[Answer], recording_id: str) -> Answer:
-    """Return the answer of several touches of one recording: the mean of their probabilities."""
-    materials = tuple(answers[0].probabilities)
-    p = np.mean([[answer.probabilities[m] for m in materials] for answer in answers], axis=0)
-    n_unknown = sum(answer.unknown for answer in answers)
-    said = (f"{n_unknown} of {len(answers)} touches are of no known surface",) if n_unknown else ()
-    others = (r for answer in answers for r in answer.reasons if not r.startswith("unlike every"))
-    return Answer(
-        recording_id=recording_id,
-        unknown=2 * n_unknown >= len(answers),
-        p_known=float(np.median([answer.p_known for answer in answers])),
-        reasons=(*said, *tuple(dict.fromkeys(others))[:5]),
-        **ranked(p, materials),
-    )
-
-
-def ranked(p: Samples, materials: Sequence[str]) -> dict[str, Any]:
-    """Return what probabilities (n_materials,) say, as fields of an answer or of a verdict."""
-    best, second = np.argsort(-p, kind="stable")[:2]
-    return {
-        "surface": materials[best],
-        "probability": float(p[best]),
-        "runner_up": materials[second],
-        "probabilities": dict(zip(materials, p.tolist(), strict=True)),
-    }
 
 
 def predict(

@@ -5,8 +5,9 @@ from typing import Any
 
 from texclass.document import Document, Table
 from texclass.document.wording import counted
+from texclass.recognition.answers import Answer
 from texclass.recognition.conformal import told
-from texclass.recognition.model import Answer, Model
+from texclass.recognition.model import Model
 from texclass.recognition.model_files import Manifest
 
 

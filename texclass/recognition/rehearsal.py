@@ -3,8 +3,9 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
+from texclass.recognition.answers import Answer
 from texclass.recognition.exploration import Advice, Exploration
-from texclass.recognition.model import Answer, Model
+from texclass.recognition.model import Model
 from texclass.simulate import GESTURES, Recipe, operator_catalogue, record_gesture
 
 REHEARSED = Recipe(n_surfaces=6, n_recordings=8, n_operators=4, duration_s=5.0, fs=10_000, seed=6)

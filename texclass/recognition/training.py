@@ -49,7 +49,7 @@ from texclass.recognition.holding_out import (
     promised,
 )
 from texclass.recognition.live.evidence import CORRELATION, fit_correlation
-from texclass.recognition.model import Model, Ranges, Surfaces
+from texclass.recognition.model import Model
 from texclass.recognition.model_files import Manifest, unsafe_classes
 from texclass.recognition.probabilities import (
     Calibration,
@@ -62,6 +62,8 @@ from texclass.recognition.references import HALF_LIFE, conformities, facts_of, n
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recognition.unknown import (
     Novelty,
+    Ranges,
+    Surfaces,
     fit_nearness,
     kind_for,
     least_held_out,

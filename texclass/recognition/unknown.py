@@ -1,8 +1,8 @@
-"""Surfaces that were never trained: a score of strangeness, a threshold with a chosen false-alarm rate."""
+"""Surfaces that were never trained: where training lay, a score of strangeness, a chosen false-alarm rate."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,3 +222,53 @@ class Novelty:
         return cls(
             stated["kind"], held_out, float(stated["false_alarms"]), Nearness(**near) if near else None
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Ranges:
+    """Between which values each column lay in training, and its median; NaN for a column without values."""
+
+    low: Samples
+    median: Samples
+    high: Samples
+
+    @classmethod
+    def of(cls, X: Samples) -> "Ranges":
+        """Return the ranges of the columns of X (n, n_columns), NaN where undefined."""
+        empty = np.isnan(X).all(axis=0)
+        edges = np.nanquantile(np.where(empty, 0.0, X), [0, 0.5, 1], axis=0)
+        return cls(*(np.where(empty, np.nan, edge) for edge in edges))
+
+    def far(self, values: Samples) -> Samples:
+        """Return how far values lie outside, in widths of the range, shape (n_columns,); 0 inside."""
+        beyond = np.fmax(np.fmax(self.low - values, values - self.high), 0.0)
+        width = np.maximum(self.high - self.low, 1e-9 * np.maximum(np.abs(self.high), np.abs(self.low)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far = np.where(beyond > 0, beyond / width, 0.0)
+        return np.asarray(np.nan_to_num(far))
+
+
+class Surfaces(NamedTuple):
+    """Where surfaces lay in training: what a model needs in order to follow another sensor.
+
+    Attributes
+    ----------
+    means : ndarray of shape (n_materials, n_columns)
+        NaN where a column has no value for a surface.
+    within : ndarray of shape (n_columns,)
+        Deviation of recordings from the means of their surfaces.
+    """
+
+    means: Samples
+    within: Samples
+
+    @classmethod
+    def of(cls, X: Samples, y: NDArray[Any]) -> "Surfaces":
+        """Return them for features X (n, n_columns), NaN where undefined, of materials y (n,)."""
+        names, labels = np.unique(y, return_inverse=True)
+        there, one_hot = ~np.isnan(X), np.eye(len(names))[labels]
+        with np.errstate(invalid="ignore"):
+            means = one_hot.T @ np.where(there, X, 0) / (one_hot.T @ there)
+            squares = np.where(there, (X - means[labels]) ** 2, 0).sum(axis=0)
+        freedom = np.maximum(there.sum(axis=0) - np.isfinite(means).sum(axis=0), 1)
+        return cls(means, np.sqrt(squares / freedom))

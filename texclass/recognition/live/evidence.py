@@ -8,8 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from texclass.recognition.answers import Answer, ranked
 from texclass.recognition.conformal import LEVELS, Conformity, as_facts
-from texclass.recognition.model import Answer, ranked
 from texclass.recognition.probabilities import LEAST_PROBABILITY, Labels
 from texclass.recording import Samples
 
