@@ -12,7 +12,7 @@ from sklearn.neighbors import NearestCentroid
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import MinMaxScaler
 
-from texclass.experiment.folds import evaluate
+from texclass.experiment.folds import evaluate, evaluate_each
 from texclass.experiment.selection import ForwardSelector
 
 Y = np.repeat(["a", "b", "c", "d"], 15)
@@ -72,6 +72,18 @@ def test_preparation_sees_training_recordings_only_when_nested():
         Spy.fitted = []
         evaluate(X, Y, SPLITS, make_pipeline(Spy()), GaussianNB(), nested=nested)
         assert Spy.fitted == expected
+
+
+def test_classifiers_that_share_their_preparation_answer_as_each_alone_and_it_is_fitted_once_a_fold():
+    X = np.random.default_rng(0).normal(size=(60, 3)) + np.unique(Y, return_inverse=True)[1][:, None]
+    Spy.fitted, judges = [], [GaussianNB(), NearestCentroid()]
+    together = evaluate_each(X, Y, SPLITS, make_pipeline(Spy()), judges)
+    assert len(Spy.fitted) == len(SPLITS)
+    for judge, found in zip(judges, together, strict=True):
+        alone = evaluate(X, Y, SPLITS, make_pipeline(Spy()), judge)
+        assert [p.tolist() for p in found.predicted] == [p.tolist() for p in alone.predicted]
+        assert found.accuracy == alone.accuracy
+    assert together[0].accuracy != together[1].accuracy
 
 
 def test_undefined_values_without_an_imputer_are_refused():

@@ -173,27 +173,29 @@ def _evaluate(
     """Evaluate every computable row with every classifier: row name -> classifier -> evaluation."""
     clusters, (_, independent) = protocol.clusters(table.frame), protocol.independent(table.frame)
     options = {"nested": protocol.nested, "clusters": clusters, "independent": independent}
-    tasks = [
-        (row, name) for row in rows if row.columns for name in row.definition.judged_by(pipeline.classifiers)
-    ]
-    trials = [pipeline.trial(row, name, table) for row, name in tasks]
-    too_few = min(fewest(protocol, table.frame.iloc[train]) for train, _ in splits) < LEAST_TRAINED
-    tried = [partial(_unless_too_few, trial) for trial in trials] if too_few else trials
-    calls = (partial(trial, splits, **options) for trial in tried)
-    found = each(calls, what="rows", total=len(tasks), **work)
+    computable = [row for row in rows if row.columns]
+    tasks = [(row, *task) for row in computable for task in pipeline.trials(row, table)]
+    if min(fewest(protocol, table.frame.iloc[train]) for train, _ in splits) < LEAST_TRAINED:
+        tasks = [
+            (row, (name,), partial(_unless_too_few, pipeline.trial(row, name, table)))
+            for row in computable
+            for name in row.definition.judged_by(pipeline.classifiers)
+        ]
+    calls = (partial(trial, splits, **options) for _, _, trial in tasks)
     evaluations: dict[str, dict[str, Evaluation]] = {}
-    for (row, name), evaluation in zip(tasks, found, strict=True):
-        if evaluation is not None:
-            evaluations.setdefault(row.definition.name, {})[name] = evaluation
+    found = each(calls, what="rows", total=len(tasks), **work)
+    for (row, names, _), answers in zip(tasks, found, strict=True):
+        if answers:
+            evaluations.setdefault(row.definition.name, {}).update(zip(names, answers, strict=True))
     return evaluations
 
 
-def _unless_too_few(trial: Callable[..., Evaluation], *splits: Any, **options: Any) -> Evaluation | None:
-    """Return an evaluation; None if a classifier or selection refuses single recordings of a surface."""
+def _unless_too_few(trial: Callable[..., Evaluation], *splits: Any, **options: Any) -> list[Evaluation]:
+    """Return an evaluation; none if a classifier or selection refuses single recordings of a surface."""
     try:
-        return trial(*splits, **options)
+        return [trial(*splits, **options)]
     except ValueError:
-        return None
+        return []
 
 
 def _line(

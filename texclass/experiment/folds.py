@@ -197,47 +197,65 @@ class Evaluation:
 
 
 def evaluate(
+    X: Samples, y: Labels, splits: Sequence[Split], preparation: Any, classifier: Any, **options: Any
+) -> Evaluation:
+    """Fit on each fold's training recordings, predict its test recordings; see `evaluate_each`."""
+    return evaluate_each(X, y, splits, preparation, [classifier], **options)[0]
+
+
+def evaluate_each(
     X: Samples,
     y: Labels,
     splits: Sequence[Split],
     preparation: Any,
-    classifier: Any,
+    classifiers: Sequence[Any],
     *,
     nested: bool = True,
     clusters: Labels | None = None,
     independent: Labels | None = None,
-) -> Evaluation:
-    """Fit on each fold's training recordings, predict its test recordings.
+) -> list[Evaluation]:
+    """Evaluate several classifiers that share their preparation, which is fitted once a fold.
 
     Parameters
     ----------
     X, y, splits, preparation, nested
         See `over_folds`.
-    classifier : classifier
+    classifiers : sequence of classifier
         Unfitted.
     clusters, independent : ndarray of shape (n_recordings,), optional
         Which recording or run each row of X is a part of, and which operator or whatever is independent; see
         `score`.
+
+    Returns
+    -------
+    list of Evaluation
+        Of each classifier; the seconds of preparing count for each.
     """
 
-    def answers(fold: Fold) -> tuple[Labels, Labels, Samples, float, float]:
-        start = time.process_time()
-        fitted = fold.fitted(classifier)
-        middle = time.process_time()
-        predicted = fitted.predict(fold.asked)
-        predict_s = (time.process_time() - middle) / len(fold.test)
-        return fold.truth, predicted, fold.support, middle - start, predict_s
+    def answers(fold: Fold) -> list[tuple[Labels, Samples, float, float]]:
+        clock = time.process_time
+        times = [clock()]
+        for part in ("learnt", "asked"):
+            getattr(fold, part)
+            times.append(clock())
+        learnt_s, asked_s = np.diff(times).tolist()
+        said = []
+        for classifier in classifiers:
+            start = clock()
+            fitted = fold.fitted(classifier)
+            middle = clock()
+            predicted = fitted.predict(fold.asked)
+            predict_s = (asked_s + clock() - middle) / len(fold.test)
+            said.append((predicted, fold.support, learnt_s + middle - start, predict_s))
+        return said
 
-    folds = over_folds(answers, X, y, splits, preparation, nested=nested)
-    truth, predicted, support, fit_s, predict_s = zip(*folds, strict=True)
+    truth = tuple(y[test] for _, test in splits)
     tested, over = (
         None if of is None else [of[test] for _, test in splits] for of in (clusters, independent)
     )
-    return Evaluation(
-        truth,
-        predicted,
-        score(truth, predicted, tested, over),
-        np.mean(support, axis=0),
-        float(np.mean(fit_s)),
-        float(np.mean(predict_s)),
-    )
+    evaluations = []
+    for found in zip(*over_folds(answers, X, y, splits, preparation, nested=nested), strict=True):
+        predicted, support, *seconds = zip(*found, strict=True)
+        accuracy, costs = score(truth, predicted, tested, over), np.mean(seconds, axis=1).tolist()
+        evaluations.append(Evaluation(truth, predicted, accuracy, np.mean(support, axis=0), *costs))
+    return evaluations

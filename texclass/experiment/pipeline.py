@@ -4,7 +4,7 @@ import hashlib
 import importlib
 import inspect
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import partial
@@ -27,7 +27,7 @@ from sklearn.base import BaseEstimator, is_classifier
 from sklearn.pipeline import Pipeline, make_pipeline
 
 from texclass.experiment.feature_table import FeatureTable
-from texclass.experiment.folds import Evaluation, evaluate
+from texclass.experiment.folds import Evaluation, evaluate, evaluate_each
 from texclass.experiment.protocols import find_protocol
 from texclass.experiment.selection import ForwardSelector
 from texclass.experiment.vote_of_pieces import knowing
@@ -362,6 +362,23 @@ class PipelineDefinition(Written):
             preparation=self.preparation(row.definition, classifier),
             classifier=knowing(self.classifiers[classifier].make(), row.columns),
         )
+
+    def trials(
+        self, row: "MatchedRow", table: FeatureTable
+    ) -> Iterator[tuple[tuple[str, ...], Callable[..., list[Evaluation]]]]:
+        """Yield what evaluates a row on any splits, classifiers that share their preparation together."""
+        judges = row.definition.judged_by(self.classifiers)
+        for names in [(name,) for name in judges] if row.definition.select else [judges]:
+            yield (
+                names,
+                partial(
+                    evaluate_each,
+                    table.of(row.columns),
+                    table.materials,
+                    preparation=self.preparation(row.definition, names[0]),
+                    classifiers=[knowing(self.classifiers[name].make(), row.columns) for name in names],
+                ),
+            )
 
     def with_feature(self, feature: Feature) -> Self:
         """Return a pipeline with one more row, a feature alone, and the feature as its only addition.
