@@ -208,7 +208,7 @@ def promised(
         ):  # fmt: skip
             least = 1 / (len(known.strange) + 1)
             novelty = Novelty("decision", np.sort(known.strange), max(level, least))
-            unknown = novelty.is_unknown(got.strange)
+            unknown = novelty.p_value(got.strange) <= novelty.false_alarms
             alarms.append(
                 {f"{margin}_alarms": unknown[~strange].mean(), f"{margin}_found": unknown[strange].mean()}
             )

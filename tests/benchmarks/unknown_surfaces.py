@@ -92,7 +92,7 @@ def study(
         is_unknown = unknown[asked]
         for score in SCORES:
             known = np.sort(np.concatenate([each[score] for each in held_out]))
-            flagged = Novelty("decision", known, FALSE_ALARMS).is_unknown(said[score])
+            flagged = Novelty("decision", known, FALSE_ALARMS).p_value(said[score]) <= FALSE_ALARMS
             found.append(
                 {
                     "pair": list(pair),

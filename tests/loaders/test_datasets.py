@@ -225,7 +225,8 @@ def test_a_row_of_each_file_is_a_recording(taps):
 def test_a_gap_in_a_row_spoils_that_row_only(taps):
     values = taps.written.copy()
     values[1, 2, 7] = np.nan
-    results = [result for _, result in taps(values=values, skip_bad=True).attempts()]
+    dataset = taps(values=values, skip_bad=True)
+    results = [dataset.attempt(entry) for entry in dataset.entries]
     assert [isinstance(result, RecordingError) for result in results] == [False, False, True]
     assert "row 3" in str(results[2])
 
@@ -268,11 +269,12 @@ def test_a_bad_recording_is_bad_only_when_loaded_and_can_be_left_out(folder):
     (folder / "wood" / "r2.csv").write_text("ax,ay,az\n1,2,x\n")
     dataset = open_dataset(folder, fs=FS, unit="g")
     assert len(dataset) == 6
-    for load in (lambda: list(dataset), lambda: list(dataset.attempts())):
+    for load in (lambda: list(dataset), lambda: list(map(dataset.attempt, dataset.entries))):
         with pytest.raises(RecordingError, match=r"wood/r2\.csv"):
             load()
-    results = dict(open_dataset(folder, fs=FS, unit="g", skip_bad=True).attempts())
-    bad = {entry.recording_id: error for entry, error in results.items() if isinstance(error, RecordingError)}
+    able = open_dataset(folder, fs=FS, unit="g", skip_bad=True)
+    results = {entry.recording_id: able.attempt(entry) for entry in able.entries}
+    bad = {name: error for name, error in results.items() if isinstance(error, RecordingError)}
     assert (list(bad), len(results)) == (["wood/r2"], 6)
     assert "Row #2" in str(bad["wood/r2"])
 

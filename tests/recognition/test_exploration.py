@@ -226,12 +226,12 @@ def test_after_a_surface_is_sure_the_next_contact_is_with_another(models):
 def test_a_rehearsal_makes_what_is_asked_for_until_it_is_sure(models):
     surface = FEW.surfaces[1].name
     steps = list(rehearse(models, surface, recipe=FEW, confidence=0.99))
-    assert steps[-1].surface == surface
-    assert steps[-1].sure
-    assert [step.advice.gesture for step in steps[:-1]] == [step.gesture for step in steps[1:]]
+    assert steps[-1]["surface"] == surface
+    assert steps[-1]["sure"]
+    assert [step["advice"].gesture for step in steps[:-1]] == [step["gesture"] for step in steps[1:]]
     costs = dict.fromkeys(models, 5.0) | {"slow stroke": 0.1}
     cheap = next(rehearse(models, surface, recipe=FEW, seconds=costs))
-    assert (cheap.gesture, cheap.seconds) == ("slow stroke", 0.1)
+    assert (cheap["gesture"], cheap["seconds"]) == ("slow stroke", 0.1)
 
 
 def test_the_command_explores_and_the_stream_takes_the_folder(command, folder, tmp_path):

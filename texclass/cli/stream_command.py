@@ -229,18 +229,13 @@ def explore(
     for name in surface or [one.name for one in REHEARSED.surfaces]:
         costs = options.seconds_of(seconds)
         for step in rehearse(trained, name, seed=seed, seconds=costs, confidence=confidence):
-            told = f"{step.surface}, {100 * step.probability:.1f} %{', sure' if step.sure else ''}"
-            following = f"; next: {step.advice}" if step.advice is not None else ""
+            advice = step["advice"]
             if as_lines:
-                facts = {
-                    "felt": name,
-                    "gesture": step.gesture,
-                    "seconds": round(step.seconds, 6),
-                    "surface": step.surface,
-                    "probability": round(step.probability, 6),
-                    "sure": step.sure,
-                    "next": None if step.advice is None else step.advice.gesture,
-                }
-                typer.echo(json.dumps(facts))
+                facts = {key: step[key] for key in ("gesture", "seconds", "surface", "probability", "sure")}
+                facts |= {key: round(step[key], 6) for key in ("seconds", "probability")}
+                following = None if advice is None else advice.gesture
+                typer.echo(json.dumps({"felt": name, **facts, "next": following}))
             else:
-                typer.echo(f"{name}: {step.seconds:5.2f} s  {step.gesture:<12} {told}{following}")
+                told = f"{step['surface']}, {100 * step['probability']:.1f} %{', sure' * step['sure']}"
+                after = f"; next: {advice}" if advice is not None else ""
+                typer.echo(f"{name}: {step['seconds']:5.2f} s  {step['gesture']:<12} {told}{after}")

@@ -88,10 +88,6 @@ class Dataset(Sequence[Recording]):
                 raise
             return error
 
-    def attempts(self) -> Iterator[tuple[Entry, Recording | RecordingError]]:
-        """Yield every entry with its recording or, when `skip_bad`, the error that keeps it out."""
-        return ((entry, self.attempt(entry)) for entry in self.entries)
-
     @property
     def table(self) -> "pd.DataFrame":
         """One row a recording, indexed by `recording_id`: material, operator, session, repetition."""

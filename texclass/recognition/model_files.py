@@ -241,7 +241,7 @@ def read_deployed(
     FileNotFoundError
         If there is no such file.
     ModelFileError
-        As `read_model_file`.
+        If it is no whole model file, was changed, is of another format, or names a class that is not trusted.
     """
     manifest, data = _checked_file(path)
     members = members_of(data)
@@ -263,20 +263,6 @@ def read_deployed(
             f"{path}: {DEPLOYED} cannot be read ({type(error).__name__}: {error})"
         ) from error
     return answering, manifest, lambda: _whole(path, data)
-
-
-def read_model_file(path: str | Path) -> tuple[Mapping[str, Any], Manifest]:
-    """Return the document and the manifest of a model file; nothing but known classes is ever made of it.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    ModelFileError
-        If it is no whole model file, was changed, is of another format, or names a class that is not trusted.
-    """
-    manifest, data = _checked_file(path)
-    return _whole(path, data), manifest
 
 
 def _whole(path: str | Path, data: bytes) -> Mapping[str, Any]:

@@ -1,10 +1,9 @@
 """An exploration rehearsed: models of simulated gestures, and a simulated hand that does as it is told."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
-from texclass.recognition.answers import Answer
-from texclass.recognition.exploration import Advice, Exploration
+from texclass.recognition.exploration import Exploration
 from texclass.recognition.model import Model
 from texclass.simulate import GESTURES, Recipe, operator_catalogue, record_gesture
 
@@ -14,34 +13,6 @@ ROWS = {"tap": "Taps"}
 """Row of the pipeline `texclass` that a gesture is trained with."""
 STROKES = "Several time scales"
 MOST_STEPS = 12
-
-
-class Step(NamedTuple):
-    """A gesture that was made, and what is known then.
-
-    Attributes
-    ----------
-    gesture
-        Which.
-    seconds
-        What all gestures so far have cost.
-    answer
-        Of this gesture alone.
-    surface, probability
-        The likeliest surface after all gestures.
-    sure
-        Whether the confidence is reached.
-    advice
-        What to do next; None when the surface is sure, or nothing more is to be learnt.
-    """
-
-    gesture: str
-    seconds: float
-    answer: Answer
-    surface: str
-    probability: float
-    sure: bool
-    advice: Advice | None
 
 
 def train_gestures(
@@ -86,8 +57,12 @@ def rehearse(
     seed: int = 0,
     seconds: Mapping[str, float] | None = None,
     confidence: float = 0.95,
-) -> Iterator[Step]:
+) -> Iterator[dict[str, Any]]:
     """Yield the gestures that are made on a simulated surface, each as it was asked for, until it is sure.
+
+    What is yielded says which `gesture` was made, what all so far have cost in `seconds`, the `answer` of
+    this one alone, the likeliest `surface` after all with its `probability`, whether that is `sure`, and the
+    `advice` what to do next: None when it is, or nothing more is to be learnt.
 
     Parameters
     ----------
@@ -122,7 +97,12 @@ def rehearse(
         known.add(asked.gesture, answer.probabilities)
         spent += known.gestures[asked.gesture].seconds
         best = int(known.probabilities.argmax())
-        yield Step(
-            asked.gesture, spent, answer, known.materials[best], float(known.probabilities[best]),
-            known.sure, known.advice(),
-        )  # fmt: skip
+        yield {
+            "gesture": asked.gesture,
+            "seconds": spent,
+            "answer": answer,
+            "surface": known.materials[best],
+            "probability": float(known.probabilities[best]),
+            "sure": known.sure,
+            "advice": known.advice(),
+        }

@@ -186,10 +186,6 @@ class Novelty:
         at_least = len(self.held_out) - np.searchsorted(self.held_out, scores, side="left")
         return np.asarray((1 + at_least) / (len(self.held_out) + 1))
 
-    def is_unknown(self, scores: Samples) -> NDArray[np.bool_]:
-        """Return whether recordings are of no known surface, shape (n,)."""
-        return np.asarray(self.p_value(scores) <= self.false_alarms)
-
     @property
     def threshold(self) -> float:
         """Scores above it are called unknown."""
