@@ -82,7 +82,7 @@ def periodogram(x: NDArray[np.float32], fs: float) -> Periodogram:
     spectrum = fourier.rfft(d) if in_four else fft.rfft(d)
     power = np.asarray(spectrum.real**2 + spectrum.imag**2, dtype=np.float32)
     power *= np.float32(2 / (fs * (n - 2 * n_taper + 2 * float(fade @ fade))))
-    least = FLOOR * power.mean(axis=-1, keepdims=True).astype(np.float64)
+    least = (FLOOR / power.shape[-1]) * power.sum(axis=-1, keepdims=True).astype(np.float64)
     undefined_if(not least.all(), "silence: no sample differs from the one before")
     return power, least, fs / n_fft
 

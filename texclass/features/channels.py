@@ -4,6 +4,8 @@ A robot that rolls, pitches and shakes at once moves its channels together in a 
 how closely, and which follows which, no spectrum of one channel says.
 """
 
+import functools
+
 import numpy as np
 
 from texclass.features.conditioning import level, require, unit
@@ -15,11 +17,17 @@ ROUNDING = 1e-9
 """Of a signal's range: within it, two samples are the same number."""
 
 
+@functools.cache
+def both_ways(lags: tuple[int, ...]) -> tuple[int, ...]:
+    """Return lags and what they are the other way, in order."""
+    return tuple(sorted({way * lag for lag in lags for way in (-1, 1)}))
+
+
 @transform
 def standardised(view: PhaseView) -> Samples:
     """Return the samples about their mean, over their deviation and the root of their number: x.x = 1."""
     x = unit(view)
-    x -= x.mean()
+    x -= x.sum() / x.size
     x /= np.sqrt(x @ x)
     return x
 
@@ -27,10 +35,11 @@ def standardised(view: PhaseView) -> Samples:
 @transform
 def shifted(view: PhaseView, lags: tuple[int, ...]) -> Samples:
     """Return the `standardised` samples a lag later, 0 where there are none, shape (n_lags, n)."""
-    longest = max(map(abs, lags))
-    x = np.zeros(view.n_samples + 2 * longest)
-    x[longest : longest + view.n_samples] = standardised(view)
-    return np.stack([x[longest + lag : longest + lag + view.n_samples] for lag in lags])
+    x, n = standardised(view), view.n_samples
+    later = np.zeros((len(lags), n))
+    for row, lag in zip(later, lags, strict=True):
+        row[max(-lag, 0) : n - max(lag, 0)] = x[max(lag, 0) : n - max(-lag, 0)]
+    return later
 
 
 @feature(
@@ -67,11 +76,6 @@ def lag_correlation(view: PairView, *, lags: tuple[int, ...] = (0, 1, 2, 4)) -> 
     require(view.sides[0], max(32, 4 * max(lags)), "correlations that far apart")
     one, other = view.sides
     return np.asarray(shifted(other, both_ways(lags)) @ standardised(one))
-
-
-def both_ways(lags: tuple[int, ...]) -> tuple[int, ...]:
-    """Return lags and what they are the other way, in order."""
-    return tuple(sorted({way * lag for lag in lags for way in (-1, 1)}))
 
 
 @feature("movement", "1", "texclass; share of clipped samples", outputs="share")

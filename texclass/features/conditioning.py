@@ -5,6 +5,8 @@ underflows in between; a feature puts `level` back as its declared gain law says
 the movement, or is a power, stands in `spectra`.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
@@ -29,12 +31,13 @@ def magnitude_of(samples: Samples) -> float:
     """
     undefined_if(samples.size == 0, "0 samples; the rule is at least one")
     largest = float(max(samples.max(), -samples.min()))  # NaN and infinity pass through
-    if not np.isfinite(largest):
+    if not math.isfinite(largest):
         n_bad, first = int((~np.isfinite(samples)).sum()), int(np.argmin(np.isfinite(samples)))
         raise UndefinedFeatureError(
             f"{n_bad} samples are NaN or infinite (first at {first}); the rule is finite"
         )
-    undefined_if(largest == 0, f"silence: all {samples.size} samples are 0")
+    if largest == 0:
+        raise UndefinedFeatureError(f"silence: all {samples.size} samples are 0")
     return largest
 
 
@@ -48,10 +51,8 @@ def level(view: PhaseView) -> float:
         If there is no sample, one is NaN or infinite, or all are the same.
     """
     magnitude = magnitude_of(view.samples)
-    undefined_if(
-        view.samples[0] == view.samples[-1] and np.ptp(view.samples) == 0,
-        f"silence: all {view.n_samples} samples are {view.samples[0]:g}",
-    )
+    if view.samples[0] == view.samples[-1] and np.ptp(view.samples) == 0:
+        raise UndefinedFeatureError(f"silence: all {view.n_samples} samples are {view.samples[0]:g}")
     return magnitude
 
 
@@ -68,9 +69,8 @@ def require(view: PhaseView, n_samples: int, why: str) -> None:
 
 def below_nyquist(view: PhaseView, frequency_hz: float) -> float:
     """Return `frequency_hz`; refuse one that the sampling rate cannot hold."""
-    undefined_if(
-        not frequency_hz < view.fs / 2, f"fs is {view.fs:g} Hz; the rule is fs/2 above {frequency_hz:g} Hz"
-    )
+    if not frequency_hz < view.fs / 2:
+        raise UndefinedFeatureError(f"fs is {view.fs:g} Hz; the rule is fs/2 above {frequency_hz:g} Hz")
     return frequency_hz
 
 
@@ -81,8 +81,9 @@ def n_of(view: PhaseView, seconds: float) -> int:
 
 def log10_of(value: float, what: str) -> float:
     """Return log10(value); refuse 0."""
-    undefined_if(not value > 0, f"{what} is {value:g}; the rule is a logarithm of more than 0")
-    return float(np.log10(value))
+    if not value > 0:
+        raise UndefinedFeatureError(f"{what} is {value:g}; the rule is a logarithm of more than 0")
+    return math.log10(value)
 
 
 @transform

@@ -150,17 +150,17 @@ def transform(function: Callable[Concatenate[V, P], R]) -> Callable[Concatenate[
 
     Whoever receives a remembered array must not write to it.
     """
-    signature = inspect.signature(function)
-    defaults: tuple[Any, ...] = tuple(p.default for p in signature.parameters.values())[1:]
+    parameters = list(inspect.signature(function).parameters.values())[1:]
+    defaults: dict[str, Any] = {p.name: p.default for p in parameters}
+    in_order: tuple[Any, ...] = tuple(defaults.values())
 
     @functools.wraps(function)
     def remembered(view: V, /, *args: P.args, **kwargs: P.kwargs) -> R:
-        if kwargs:
-            bound: inspect.BoundArguments = signature.bind(view, *args, **kwargs)
-            bound.apply_defaults()
-            key = (function, *list(bound.arguments.values())[1:])
-        else:  # the same key, without the time that binding takes
-            key = (function, *args, *defaults[len(args) :])
+        if kwargs:  # by hand: what inspect offers takes as long as a short feature
+            given: dict[str, Any] = defaults | dict(zip(defaults, args, strict=False)) | kwargs
+            key = (function, *given.values())
+        else:
+            key = (function, *args, *in_order[len(args) :])
         memory = view.memory
         if key not in memory:
             timed = memory.timed

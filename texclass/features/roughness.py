@@ -7,7 +7,6 @@ in frequency above [section IV-C].
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy import fft
 
@@ -23,10 +22,19 @@ from texclass.features.conditioning import (
 )
 from texclass.features.contract import Gain, feature
 from texclass.features.phase_view import PhaseView, transform, undefined_if
-from texclass.features.spectra import autocorrelation, magnitudes, mean_square, spectral_changes, spread
+from texclass.features.spectra import (
+    autocorrelation,
+    frames_of,
+    magnitudes,
+    mean_square,
+    spectral_changes,
+    spread,
+)
 from texclass.recording import Samples
 from texclass.signals import moving_average
 
+BLOCK_PAIRS = 32
+"""Pairs of frames transformed at a time: larger arrays would be new memory each time."""
 PERIOD = 3
 """Samples in a period of the upper end of the fine band: a rate that holds the magnitudes of both."""
 
@@ -87,9 +95,8 @@ def waviness(
 
 def _waviness(view: PhaseView, slow: Samples, factor: int, frame: int, average: int) -> float:
     require(view, 2 * frame, f"two frames of {frame} samples")
-    edges = np.arange(0, view.n_samples - frame + 1, frame) // factor
-    x = np.abs(slow[: (view.n_samples // frame) * frame // factor])
-    m = np.add.reduceat(x, edges) / np.diff(edges, append=x.size)
+    edges = np.arange(0, view.n_samples + 1, frame) // factor
+    m = np.add.reduceat(np.abs(slow[: edges[-1]]), edges[:-1]) / (edges[1:] - edges[:-1])
     sigma = float(np.std(m - moving_average(m, average)))
     return log10_of(sigma, "the deviation of the frames' levels") + float(np.log10(level(view)))
 
@@ -205,23 +212,24 @@ def regularity(
     x, fs = banded(view, band_hz)
     length = min(max(1, round(frame_s * fs)), x.size)
     undefined_if(length < 32, f"{length} samples in a frame; the rule is at least 32")
-    frames = sliding_window_view(x.astype(np.float32), length)
-    frames = frames[spread(x.size - length, length // 2, n_frames)]
+    frames = frames_of(x.astype(np.float32), length)[spread(x.size - length, length // 2, n_frames)]
     frames -= frames.mean(axis=1, keepdims=True)
     frames = frames[np.ptp(frames, axis=1) > 0]
     # Zeros for half the length keep lags up to there apart from those that wrap around; twice the rate,
     # since near half a rate the extrema of a curve lie between its samples.
     n_fft = 2 * fft.next_fast_len(-(-3 * length // 4), real=True)
     spectra = fft.rfft(frames, n_fft)
-    r = fft.irfft(spectra.real**2 + spectra.imag**2, 2 * n_fft)[:, : 2 * (length // 2)]
-    r = r / r[:, :1] * (length / (length - np.arange(r.shape[1], dtype=np.float32) / 2))
+    r = fft.dct(spectra.real**2 + spectra.imag**2, type=1, n=n_fft + 1)
+    n_lags = 2 * (length // 2)
+    r = r[:, :n_lags] * (length / (length - np.arange(n_lags, dtype=np.float32) / 2) / r[:, :1])
     # The height of each rise, from a minimum to the next maximum.
-    up = np.diff(r, axis=1) > 0
+    up = r[:, 1:] > r[:, :-1]
     turn = np.flatnonzero(up[:, 1:] != up[:, :-1])
-    row = turn // (r.shape[1] - 2)
-    height = np.diff(r[:, 1:-1].reshape(-1)[turn].astype(np.float64))
-    height[(height < 0) | (row[1:] != row[:-1])] = 0
-    total, square = (np.bincount(row[1:], h, len(r)) for h in (height, height**2))
+    row = turn // (n_lags - 2)
+    height = np.diff(r.reshape(-1)[turn + 2 * row + 1].astype(np.float64))
+    rise = np.flatnonzero((height > 0) & (row[1:] == row[:-1]))
+    row, height = row[rise], height[rise]
+    total, square = (np.bincount(row, h, len(r)) for h in (height, height * height))
     heights = square[total > 0] / (2 * total[total > 0])
     undefined_if(not heights.any(), "the autocorrelation has no rise; the rule is at least one")
     return float(np.mean(heights[heights > 0]))
@@ -398,6 +406,10 @@ def spectral_roughness(
     length, shift = (max(1, round(seconds * fs)) for seconds in (frame_s, shift_s))
     last = x.size - length - shift
     undefined_if(last < 0, f"{x.size / fs:.3g} s; the rule is frames of {frame_s:g} s, {shift_s:g} s apart")
-    frames, first = sliding_window_view(x.astype(np.float32), length), spread(last, shift, n_pairs)
-    change = float(mean_square(magnitudes(frames[first]) - magnitudes(frames[first + shift])).mean())
+    frames, first, changes = frames_of(x.astype(np.float32), length), spread(last, shift, n_pairs), []
+    for k in range(0, first.size, BLOCK_PAIRS):
+        at = first[k : k + BLOCK_PAIRS]
+        one, other = np.split(magnitudes(frames[np.concatenate([at, at + shift])]), 2)
+        changes.append(mean_square(one - other))
+    change = float(np.concatenate(changes).mean())
     return log10_of(change, "the change of the spectrum") + 2 * float(np.log10(level(view)))

@@ -144,7 +144,7 @@ class FeatureSet:
         """Which movement it reads, in words."""
         return "without the path of the hand" if self.without_hand else "as printed, the hand left in"
 
-    @property
+    @cached_property
     def column_names(self) -> tuple[str, ...]:
         """All columns in order."""
         return tuple(column for member in self.members for column in member.columns)
@@ -209,29 +209,38 @@ class FeatureSet:
         reasons : tuple of (feature, reason)
             Why.
         """
+        of_parts = self._of_parts(views)
+        values, reasons, at = np.full(len(self.column_names), np.nan), [], 0
+        for member in self.members:
+            stop = at + len(member.columns)
+            if member.name not in of_parts:
+                outcome = member.outcome(views)
+            else:
+                defined = [part for part in of_parts[member.name] if not isinstance(part, str)]
+                outcome = np.mean(defined, axis=0) if defined else of_parts[member.name][0]
+            if isinstance(outcome, str):
+                reasons.append((member.name, outcome))
+            else:
+                values[at:stop] = outcome
+            at = stop
+        return values, tuple(reasons)
+
+    def _of_parts(self, views: Views) -> dict[str, list[Samples | str]]:
+        """Return what features give of each part of a movement above `LONGEST`."""
         start, stop = views.phases.movement or (0, 0)
-        n_parts = -(-(stop - start) // LONGEST)
+        if stop - start <= LONGEST:
+            return {}
         whole = ("tap", "pair")
         divided = [
-            m
-            for m in (self.members if n_parts > 1 else ())
-            if m.feature.phase not in whole and "length" not in m.feature.depends_on
+            m for m in self.members if m.feature.phase not in whole and "length" not in m.feature.depends_on
         ]
-        found: dict[str, list[Samples | str]] = {m.name: [] for m in self.members}
-        edges = np.linspace(start, stop, n_parts + 1).astype(int).tolist() if divided else ()
+        found: dict[str, list[Samples | str]] = {m.name: [] for m in divided}
+        edges = np.linspace(start, stop, -(-(stop - start) // LONGEST) + 1).astype(int).tolist()
         for span in pairwise(edges):
             part = replace(views, phases=replace(views.phases, movement=span))  # goes with its transforms
             for member in divided:
                 found[member.name].append(member.outcome(part))
-        values, reasons = [np.empty(0)], []
-        for member in self.members:
-            outcomes = found[member.name] or [member.outcome(views)]
-            defined = [outcome for outcome in outcomes if not isinstance(outcome, str)]
-            if not defined:
-                reasons.append((member.name, str(outcomes[0])))
-                defined = [np.full(len(member.columns), np.nan)]
-            values.append(defined[0] if len(defined) == 1 else np.mean(defined, axis=0))
-        return np.concatenate(values), tuple(reasons)
+        return found
 
 
 class SetFile(Written):

@@ -6,12 +6,14 @@ few means of it answer both. The signs of slopes and curvatures are shape withou
 drifts and single strong events change these little, and counting costs next to nothing.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from texclass.features.conditioning import level, log10_of, require, unit32
-from texclass.features.contract import Gain, feature, feature_in_samples
-from texclass.features.phase_view import PhaseView, transform, undefined_if
+from texclass.features.contract import Gain, UndefinedFeatureError, feature, feature_in_samples
+from texclass.features.phase_view import PhaseView, transform
 from texclass.recording import Samples
 
 SIGNS = "texclass; clipped autocorrelation (Van Vleck, 1943) of differences"
@@ -33,10 +35,18 @@ def rising(view: PhaseView, lag: int) -> NDArray[np.bool_]:
 @transform
 def convex(view: PhaseView, lag: int) -> NDArray[np.bool_]:
     """Return whether x_(t+2 lag) + x_t > 2 x_(t+lag), shape (n - 2 lag,)."""
-    x = unit32(view)
-    ends = x[2 * lag :] + x[: -2 * lag]
-    ends *= 0.5
-    return np.asarray(ends > x[lag:-lag])
+    return np.asarray(_middle(view, lag) > unit32(view)[lag:-lag])
+
+
+def _middle(view: PhaseView, lag: int) -> NDArray[np.float32]:
+    """Return (x_(t+2 lag) + x_t)/2, shape (n - 2 lag,)."""
+    half = _half(view)
+    return np.asarray(half[2 * lag :] + half[: -2 * lag])
+
+
+@transform
+def _half(view: PhaseView) -> NDArray[np.float32]:
+    return np.asarray(unit32(view) * np.float32(0.5))
 
 
 def agreement(signs: NDArray[np.bool_], shift: int) -> float:
@@ -126,8 +136,11 @@ def slope_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """
     require(view, 2 * max(lags), "slopes of that span")
     x = unit32(view)
-    # numpy adds in pairs: single precision is enough
-    means = [float(np.abs(x[lag:] - x[:-lag]).sum()) / (x.size - lag) for lag in lags]
+    means = []
+    for lag in lags:
+        change = x[lag:] - x[:-lag]
+        # numpy adds in pairs: single precision is enough
+        means.append(float(np.abs(change, out=change).sum()) / change.size)
     return np.asarray([log10_of(m, "the mean change") for m in means] + np.log10(level(view)))
 
 
@@ -144,23 +157,21 @@ def moments(view: PhaseView, lag: int) -> tuple[float, Samples]:
     """
     x = unit32(view)
     if lag:
-        c = x[2 * lag :] + x[: -2 * lag]
-        c *= 0.5
+        c = _middle(view, lag)
         c -= x[lag:-lag]
     else:
-        c = x - x.mean(dtype=np.float64).astype(np.float32)
+        c = x - np.float32(x.sum(dtype=np.float64) / x.size)
     size, n = np.abs(c), c.size
     first, signed = float(size.sum()) / n, float(np.dot(c, size)) / n  # mean |c|, mean c |c|
     c *= c
     second, fourth = float(c.sum()) / n, float(np.dot(c, c)) / n  # mean c^2, mean c^4
-    undefined_if(
-        not second > LEAST**2,
-        f"the curvature over {lag} samples is {np.sqrt(second):.2g} of the largest sample; "
-        f"the rule is more than {LEAST:g}",
-    )
-    return second, np.array(
-        [signed / second, np.log10(fourth / second**2), np.log10(first / np.sqrt(second))]
-    )
+    if not second > LEAST**2:
+        raise UndefinedFeatureError(
+            f"the curvature over {lag} samples is {np.sqrt(second):.2g} of the largest sample; "
+            f"the rule is more than {LEAST:g}"
+        )
+    peakedness, evenness = math.log10(fourth / second**2), math.log10(first / math.sqrt(second))
+    return second, np.array([signed / second, peakedness, evenness])
 
 
 @feature("movement", "1", MOMENTS, outputs=SHAPES, depends_on=("sign",), divisible=True)

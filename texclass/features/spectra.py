@@ -3,7 +3,6 @@
 import functools
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy import fft
 
@@ -47,6 +46,15 @@ def mean_spectrum(view: PhaseView) -> tuple[Samples, Samples]:
     offset = 0.5 if width > step else 0.0
     frequency = np.asarray((np.arange(n_bins) + offset) * width, dtype=np.float64)
     return frequency, np.asarray(power * (2 / (view.fs * view.n_samples)))
+
+
+def frames_of(x: NDArray[np.float32], length: int, hop: int = 1) -> NDArray[np.float32]:
+    """Return the frames of contiguous samples, (n_frames, length), without copying: nobody may write to them.
+
+    `numpy.lib.stride_tricks.sliding_window_view` takes as long as the transform of some frames.
+    """
+    n_frames, step = (x.size - length) // hop + 1, x.itemsize
+    return np.ndarray((n_frames, length), x.dtype, x, strides=(hop * step, step))
 
 
 def autocorrelation(view: PhaseView) -> NDArray[np.float32]:
@@ -100,7 +108,7 @@ def power_frames(
     require(view, length, f"one frame of {frame_s:g} s")
     w = window_of(window, length)
     n_fft = 1 << (length - 1).bit_length()
-    frames = sliding_window_view(unit32(view), length)[:: n_of(view, hop_s)]
+    frames = frames_of(unit32(view), length, n_of(view, hop_s))
     frequency = np.linspace(0, view.fs / 2, n_fft // 2 + 1)
     n_bins = int(np.searchsorted(frequency, high_hz, side="right"))
     undefined_if(n_bins < 2, f"bins lie every {frequency[1]:g} Hz; the rule is one up to {high_hz:g} Hz")
@@ -169,7 +177,7 @@ def spectral_changes(view: PhaseView, length: int, shift: int) -> Samples:
         If the movement does not hold two frames.
     """
     require(view, length + shift, f"two frames of {length} samples, {shift} apart")
-    frames = sliding_window_view(unit32(view), length)[::shift]
+    frames = frames_of(unit32(view), length, shift)
     blocks = (magnitudes(frames[k : k + 65]) for k in range(0, len(frames) - 1, 64))
     return np.concatenate([mean_square(block[1:] - block[:-1]) for block in blocks])
 
