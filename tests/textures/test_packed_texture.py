@@ -111,6 +111,30 @@ def test_whatever_the_bytes_what_is_read_is_stable(body):
     assert np.isfinite(y).all()
     assert np.isfinite(texture.tap.synthesize(200, texture.fs)).all()
     assert texture.tap.decay_per_s.min(initial=2.0) >= 2.0
+    assert 0 <= texture.mu <= 2.55
+
+
+def test_a_tap_and_friction_can_be_changed_in_three_bytes_a_mode_and_one_and_all_else_stays():
+    plain, tap = pack(_vibration(), 50, fs=FS), DecayingModes(*np.array([[210.0], [90.0], [30.0], [0.0]]))
+    for tap_given, mu in ((tap, 0.4), (tap, None), (None, 0.4)):
+        held = plain.holding(tap=tap_given, mu=mu)
+        assert len(held.to_bytes()) - len(plain.to_bytes()) == 3 * (tap_given is tap) + (mu is not None)
+        assert np.array_equal(_rendered(held), _rendered(plain))
+        for texture in (held, pack(held, 60)):
+            assert texture.mu == pytest.approx(mu or 0.0, abs=0.005)
+            assert texture.tap.n_modes == (tap_given is tap)
+            np.testing.assert_allclose(texture.tap.frequency_hz, held.tap.frequency_hz)
+    with pytest.raises(ValueError, match=r"0 to 2\.55"):
+        plain.holding(mu=3.0)
+
+
+def test_at_a_lower_rate_the_spectrum_below_half_of_it_and_its_level_stay():
+    low = pack(_vibration(), 100, fs=FS, most_hz=2000.0)
+    assert low.fs == 2000
+    x = resample_poly(_vibration(), 1, 4)
+    P, Q = (welch(one, 2000, nperseg=256)[1][4:100] for one in (x, _rendered(low)[200:]))
+    assert np.abs(10 * np.log10(Q / P)).mean() < 1.5
+    assert 10 * np.log10(Q.sum() / P.sum()) == pytest.approx(0.0, abs=0.6)
 
 
 def test_a_file_is_its_bytes_and_renders_the_same(tmp_path):

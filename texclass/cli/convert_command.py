@@ -42,7 +42,8 @@ def convert(
         typer.Option(
             "--scale",
             metavar="SCALE=VALUE",
-            help="Of a texture, several times: rough=8, bumpy=2, fine=5, as `describe` tells.",
+            help="Of a texture, several times: rough=8, bumpy=2, fine=5, regular=4, as `describe` tells; "
+            "hard=7 where it holds a tap, sticky=3 where it holds friction.",
         ),
     ] = None,
     fs: Annotated[
@@ -104,7 +105,7 @@ def convert(
 
 
 def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str | None) -> dict[str, str]:
-    """Write a texture, or the movement of a recording, in so few bytes, and return what is lost."""
+    """Write a texture, or what a recording holds, in so few bytes, and return what is lost."""
     from texclass import exchange
     from texclass.loaders import load_recording
     from texclass.textures import pack
@@ -131,7 +132,7 @@ def _retouch(source: Path, target: Path, scales: list[str], n_bytes: int | None)
     from texclass.textures import felt_scales, retouch
 
     asked = options.named_numbers("--scale", scales, "SCALE=VALUE, rough=8")
-    texture = exchange.load_texture(source)
+    texture = _texture(source)
     unit = exchange.describe(source)["unit"]
     retouched = retouch(texture, 128 if n_bytes is None else n_bytes, unit=unit, **asked)
     exchange.save_texture(retouched, target)

@@ -2,14 +2,14 @@
 
 The bytes are the whole file: a mark and a checksum, rate, unit, level, and codes of reflection coefficients;
 of what was felt at several speeds and forces also the course of the level and the spectra of the slowest and
-the fastest; and the modes of a tap, where there was one. Every code stands for a |k| below 1 or a mode that
-decays, so that whatever the bytes, what they render is stable.
+the fastest; and the modes of a tap and the friction, where they were felt. Every code stands for a |k| below
+1 or a mode that decays, so that whatever the bytes, what they render is stable.
 """
 
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import product
 from typing import Any, ClassVar, Self
 
@@ -48,6 +48,8 @@ MODES = (3.0, 0.04, 8), (1.0, 0.2, 6), (-60.0, 2.5, 6), (0.0, np.pi / 8, 4)
 """Of a tap, 24 bits each: octaves re 1 Hz and re 1/s, dB re 1 unit, phase; least, step and bits."""
 MOST_MODES, BYTES_A_MODE, MOST_SAMPLES = 4, 16, 1024
 """One for each 16 bytes that may be used; of a tap so much is looked at."""
+MU_STEP, MOST_MU = 0.01, 2.55
+"""Of the coefficient of friction: one byte, of which 0 stands for none."""
 FRAME_S, LOWEST_HZ = 0.125, 20.0
 """Pieces in which speed and force hold; below, it is the hand that is recorded, not the surface."""
 REST_MM_S, LIGHT_N = 5.0, 0.05
@@ -126,6 +128,25 @@ class PackedTexture(Texture):
         return _modes(self._read["modes"])
 
     @property
+    def mu(self) -> float:
+        """Coefficient of kinetic friction (of a recording: V of its bridge); 0 where none is known."""
+        return float(self._read["mu"])
+
+    def holding(self, *, tap: DecayingModes | None = None, mu: float | None = None) -> Self:
+        """Return the texture with another tap (up to 4 modes) or friction; None keeps it.
+
+        Raises
+        ------
+        ValueError
+            If the friction is not 0 to 2.55.
+        """
+        if mu is not None and not 0 <= mu <= MOST_MU:
+            raise ValueError(f"friction is {mu}; the rule is 0 to {MOST_MU:g}")
+        facts = {"modes": _mode_codes(self.tap if tap is None else tap), "mu": self.mu if mu is None else mu}
+        body = self.to_bytes()[2 : 2 + self._read["size"]] + _held(facts)
+        return type(self).from_bytes(bytes([MARK, _checksum(body)]) + body, self.name)
+
+    @property
     def order(self) -> int:
         """Of the models."""
         return int(self._read["k"].shape[1])
@@ -161,19 +182,21 @@ def pack(
     unit: str = "m/s^2",
     name: str = "",
     gain_db: Callable[[Any], Any] | None = None,
+    most_hz: float = np.inf,
 ) -> PackedTexture:
     """Return the texture of at most so many bytes that comes closest to a surface.
 
     Order and bits of the coefficients are searched for: the goodness of fit of the amplitudes and the
     energies of nine bands (`texclass.vibration.scores`) decide, in the mean over slowest and fastest. A
-    tap takes three bytes in sixteen, twelve at most.
+    tap takes three bytes in sixteen, twelve at most, friction one.
 
     Parameters
     ----------
     source : Recording, Scan, Texture or array_like of shape (n_samples,)
         A scan tells spectra and level over speed and force; a texture is felt at 15 speeds and forces; a
         vibration alone has one spectrum and one level, whatever the speed. Of a recording it is the movement,
-        a scan if it has speed and force; and the tap that is neither the hardest nor the softest.
+        a scan if it has speed and force; and the tap that is neither the hardest nor the softest, and the
+        mean friction, up to 2.55.
     n_bytes : int
         Of the file, 8 to 512.
     fs : float, optional
@@ -184,6 +207,8 @@ def pack(
         Of the surface; by default that of the source.
     gain_db : callable, optional
         Frequencies (Hz) -> dB by which the spectrum is raised; see `retouch`.
+    most_hz : float
+        The rate at most: what lies above half of it is left out.
 
     Raises
     ------
@@ -196,19 +221,24 @@ def pack(
         raise ValueError(f"unit is {unit!r}; the rule is one of {', '.join(UNITS)}")
     most, name = min(n_bytes // BYTES_A_MODE, MOST_MODES), name or str(getattr(source, "name", ""))
     tap = source.tap.strongest(most) if isinstance(source, PackedTexture) else None
+    mu = float(getattr(source, "mu", 0.0))
     if isinstance(source, Recording):
-        source, fs, unit, tap = _felt_of(source, most)
+        source, fs, unit, tap, mu = _felt_of(source, most)
     pieces, rate = _pieces(source, fs)
-    if rate != round(rate) or not 40 <= rate < 1 << 17:
+    if rate != round(rate) or not 40 <= min(rate, most_hz) < 1 << 17:
         raise ValueError(f"fs is {rate} Hz; the rule is a whole number, 40 to 131,071")
-    seen = _seen(pieces, rate, gain_db)
-    facts: dict[str, Any] = {"fs": int(rate), "unit": unit, "modes": [] if tap is None else _mode_codes(tap)}
-    facts |= {key: seen[key] for key in ("level_db", "slopes_db", "ends")}
+    seen = _seen(pieces, rate, gain_db, most_hz)
+    facts: dict[str, Any] = {
+        "unit": unit,
+        "modes": [] if tap is None else _mode_codes(tap),
+        "mu": min(mu, MOST_MU),
+    }
+    facts |= {key: seen[key] for key in ("fs", "level_db", "slopes_db", "ends")}
     k = from_autocorrelation(np.fft.irfft(seen["spectra"], axis=-1)[:, : min(MOST_ORDER, seen["most"]) + 1])
     best, least = b"", np.inf
     for bits in _allocations(8 * n_bytes, facts, k.order):
         coded = facts | {"bits": bits, "codes": [_codes(row[: len(bits)], bits) for row in k.reflection]}
-        cost = _cost(np.array([_values(c, bits) for c in coded["codes"]]), seen, rate)
+        cost = _cost(np.array([_values(c, bits) for c in coded["codes"]]), seen, facts["fs"])
         if cost < least:
             best, least = _encode(coded), cost
     if not best:
@@ -217,8 +247,10 @@ def pack(
     return PackedTexture.from_bytes(sealed, name)
 
 
-def _felt_of(recording: Recording, most: int) -> tuple[Scan | Samples, float, str, DecayingModes | None]:
-    """Return the movement of a recording, rate and unit, and at most so many modes of its middle tap."""
+def _felt_of(
+    recording: Recording, most: int
+) -> tuple[Scan | Samples, float, str, DecayingModes | None, float]:
+    """Return the movement of a recording, rate, unit, at most so many modes of its middle tap, friction."""
     phases = recording.phases or segment(recording)
     begin, end = phases.movement or (0, recording.n_samples)
     combined = combine(recording.acceleration[begin:end])
@@ -226,14 +258,15 @@ def _felt_of(recording: Recording, most: int) -> tuple[Scan | Samples, float, st
     if recording.speed is not None and recording.normal_force is not None:
         tracks = recording.speed[begin:end], recording.normal_force[begin:end]
         felt = Scan.along_line(combined, *tracks, recording.fs)
+    mu = 0.0 if recording.friction is None else float(np.abs(recording.friction[begin:end]).mean())
     try:
         taps = Views(recording, phases).tap.taps
         hardness = [damping(TapView((tap,), recording.fs)) for tap in taps]
         middle = taps[int(np.argsort(hardness)[(len(taps) - 1) // 2])].impulse
         modes = _ringing(middle[:MOST_SAMPLES], recording.fs, most)
     except UndefinedFeatureError:
-        return felt, recording.fs, recording.unit, None
-    return felt, recording.fs, recording.unit, modes
+        return felt, recording.fs, recording.unit, None, mu
+    return felt, recording.fs, recording.unit, modes, mu
 
 
 def _ringing(x: Samples, fs: float, most: int) -> DecayingModes:
@@ -311,6 +344,7 @@ def _seen(
     pieces: Sequence[tuple[Samples, float, float]],
     fs: float,
     gain_db: Callable[[Any], Any] | None,
+    most_hz: float,
 ) -> dict[str, Any]:
     """Return the spectra to be kept (of the slowest and the fastest, or of all), and the law of the level."""
     samples, speed, force = (np.array(each) for each in zip(*pieces, strict=True))
@@ -318,7 +352,9 @@ def _seen(
     window = np.hanning(n + 2)[1:-1]
     centred = (samples - samples.mean(axis=1, keepdims=True)) * window
     f = np.fft.rfftfreq(2 * n, 1 / fs)
-    S = np.abs(np.fft.rfft(centred, 2 * n)) ** 2 / (window @ window)
+    kept = f <= most_hz / 2  # power is the mean over all frequencies
+    S = np.abs(np.fft.rfft(centred, 2 * n))[:, kept] ** 2 / (window @ window) * kept.mean()
+    f = f[kept]
     if gain_db is not None:
         S *= 10 ** (gain_db(f) / 10)
     low = int(np.searchsorted(f, LOWEST_HZ))
@@ -338,7 +374,7 @@ def _seen(
         share = shares((np.array([slow, fast]),), (speed,))
         spectra = share.T @ (S / power[:, np.newaxis])
     spectra = spectra / np.fft.irfft(spectra, axis=-1)[:, :1]
-    return law | {"spectra": spectra, "hz": f, "most": n - 1}
+    return law | {"spectra": spectra, "hz": f, "most": f.size - 2, "fs": round(2 * f[-1])}
 
 
 def _law(power: Samples, speed: Samples, force: Samples) -> dict[str, Any]:
@@ -360,11 +396,10 @@ def _law(power: Samples, speed: Samples, force: Samples) -> dict[str, Any]:
     return {"level_db": float(db[0]), "slopes_db": [float(db[1]), float(db[2])], "ends": ends}
 
 
-def _allocations(n_bits: int, facts: dict[str, Any], most: int) -> list[list[int]]:
+def _allocations(n_bits: int, facts: dict[str, Any], most: int) -> list[tuple[int, ...]]:
     """Return bits of each coefficient, falling from the first to the last, that fit into so many bits."""
     n_nodes = 1 if facts["ends"] is None else 2
-    left = n_bits - 16 - len(_header(facts, [1])) - 24 * len(facts["modes"])
-    left -= left % 8 if facts["modes"] else 0
+    left = n_bits // 8 * 8 - 8 * len(_held(facts)) - 16 - len(_header(facts, [1]))
     found = []
     for first, last in product(range(2, MOST_BITS + 1), range(2, MOST_BITS + 1)):
         fits = [
@@ -378,8 +413,9 @@ def _allocations(n_bits: int, facts: dict[str, Any], most: int) -> list[list[int
     return found
 
 
-def _falling(first: int, last: int, order: int) -> list[int]:
-    return [int(b) for b in np.rint(np.linspace(first, last, order))]
+@cache
+def _falling(first: int, last: int, order: int) -> tuple[int, ...]:
+    return tuple(int(b) for b in np.rint(np.linspace(first, last, order)))
 
 
 def _codes(k: Samples, bits: Sequence[int]) -> list[int]:
@@ -432,9 +468,15 @@ def _encode(facts: dict[str, Any]) -> bytes:
     text = _header(facts, bits)
     text += "".join(f"{c:0{b}b}" for codes in facts["codes"] for c, b in zip(codes, bits, strict=True))
     text += "0" * (-len(text) % 8)
-    for codes in facts["modes"]:
-        text += "".join(f"{c:0{rule[2]}b}" for c, rule in zip(codes, MODES, strict=True))
-    return bytes(int(text[i : i + 8], 2) for i in range(0, len(text), 8))
+    return bytes(int(text[i : i + 8], 2) for i in range(0, len(text), 8)) + _held(facts)
+
+
+def _held(facts: dict[str, Any]) -> bytes:
+    """Return the bytes of a tap, three a mode, and of friction, if there is any."""
+    modes = [zip(codes, MODES, strict=True) for codes in facts["modes"]]
+    text = ["".join(f"{c:0{rule[2]}b}" for c, rule in mode) for mode in modes]
+    friction = [code] if (code := round(facts["mu"] / MU_STEP)) else []
+    return b"".join(int(mode, 2).to_bytes(3) for mode in text) + bytes(friction)
 
 
 def _decode(body: bytes) -> dict[str, Any]:
@@ -459,9 +501,11 @@ def _decode(body: bytes) -> dict[str, Any]:
     found["ends"] = [_number(take(ENDS[2]), *ENDS) for _ in range(4 * known)]
     bits = _falling(first, last, order)
     found["k"] = np.array([_values([take(b) for b in bits], bits) for _ in range(1 + known)])
-    place += -place % 8  # whole modes follow
+    place += -place % 8  # whole modes follow, and at most one byte of friction
+    found["size"] = place // 8
     n_modes = min((len(text) - place) // 24, MOST_MODES)
     found["modes"] = [[take(rule[2]) for rule in MODES] for _ in range(n_modes)]
+    found["mu"] = MU_STEP * take(8) if place < len(text) else 0.0
     return found
 
 

@@ -1,25 +1,34 @@
-"""A texture that feels rougher, bumpier or finer, and else the same."""
+"""A texture that feels otherwise on some of the six scales, and else the same."""
 
-from functools import partial
-from typing import Any
+from collections.abc import Callable, Sequence
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from texclass.features.scales import SCALES, scale_values
-from texclass.recording import Phases, Recording, Samples
+from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.textures.contract import Texture
 from texclass.textures.packed import PackedTexture, pack
+from texclass.vibration import DecayingModes
 
-RETOUCHED = ("rough", "bumpy", "fine")
-"""Scales that hang on the spectrum: the others are of taps, of friction, and of what repeats."""
+if TYPE_CHECKING:
+    from texclass.features.extractor import FeatureExtractor
+
+OF_SPECTRUM = ("rough", "bumpy", "fine", "regular")
+"""Scales that hang on the spectrum; `hard` hangs on a tap, `sticky` on friction, where a texture has them."""
 NODES_HZ = np.array([25.0, 60.0, 120.0, 300.0])
 """Where the spectrum is raised; linear in between over the logarithm, constant beyond."""
-PROBE_S, SPEED_MM_S, FORCE_N = 20.0, 110.0, 1.0
-MOST_DB, NEAR = 30.0, 0.5
+SHARPNESS = 0.35, 6.0, 2.0
+"""Nepers of frequency over which dB are smoothed, dB above that which count 1, and the most that counts."""
+MOST_RATE_HZ = 2000.0
+"""A finger feels up to 1 kHz, and few bytes hold the more below it."""
+PROBE_S, SPEED_MM_S, FORCE_N, TAP_FS = 20.0, 110.0, 1.0, 10_000.0
+MOST_DB, NEAR, EAGER = 30.0, 0.5, 0.6
 
 
 def felt_scales(texture: Texture, *, seed: int = 0) -> dict[str, float]:
-    """Return how a texture feels on the scales `rough`, `bumpy` and `fine`: see `texclass.features.scales`.
+    """Return how a texture feels: see `texclass.features.scales`.
 
     It is stroked to and fro for 20 s, by 1 N and 110 mm/s in the mean.
 
@@ -30,19 +39,26 @@ def felt_scales(texture: Texture, *, seed: int = 0) -> dict[str, float]:
     seed : int
         Of its noise.
 
+    Returns
+    -------
+    dict of str to float
+        `rough`, `bumpy`, `fine` and `regular`; `hard` if it has a `tap`, `sticky` if it has friction (`mu`).
+
     Raises
     ------
     ValueError
         If the texture is silent, or its rate is too low for the scales.
     """
-    return _felt(_probe(texture, seed), texture.fs)
+    return _felt(_probe(texture, seed), texture.fs) | _touched(*_held(texture))
 
 
 def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **asked: float) -> PackedTexture:
-    """Return a texture that feels as asked on some scales, and as before on the others of the three.
+    """Return a texture that feels as asked on some scales, and as before on the others.
 
-    The spectrum is raised around 25, 60, 120 and 300 Hz, by the same at every speed and force: by the least
-    gains, found on a rendered stroke, with which it measures so.
+    The spectrum is raised around 25, 60, 120 and 300 Hz, and sharpened or flattened, by the same at every
+    speed and force: by the least gains, found on a rendered stroke, with which it measures so. What lies
+    above 1 kHz is left out, and its level made up for below. A harder tap rings higher and shorter, at the
+    same damping, and is as much stronger: that of a stiffer spring.
 
     Parameters
     ----------
@@ -53,56 +69,94 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **aske
     unit : str
         Of the vibration.
     **asked : float
-        `rough`, `bumpy`, `fine`: where on the scale, usually 0 to 10.
+        Scale -> where on it, usually 0 to 10. `hard` needs a texture with a `tap`, `sticky` one with
+        friction (`mu`).
 
     Raises
     ------
     ValueError
-        If another scale is asked for, none is, or what is asked is out of reach: the result is more than half
-        a point off.
+        If another scale is asked for, none is, the texture lacks what it hangs on, or what is asked is out of
+        reach: the result is more than half a point off.
     """
-    if not asked or not set(asked) <= set(RETOUCHED):
+    if not asked or not set(asked) <= set(SCALES):
         told = ", ".join(asked) or "nothing"
-        raise ValueError(f"asked for {told}; the rule is one or more of {', '.join(RETOUCHED)}")
+        raise ValueError(f"asked for {told}; the rule is one or more of {', '.join(SCALES)}")
+    tap, mu = _held(texture)
+    for name, what, lacks in (("hard", "tap", not tap.n_modes), ("sticky", "friction", not mu)):
+        if name in asked and lacks:
+            raise ValueError(
+                f"asked for {name}, and the texture has no {what}; the rule is one with a {what}"
+            )
+    if "hard" in asked:  # a stiffer spring: a ~ v w sin(w t)
+        c = _measured("hard", asked["hard"]) / _measured("hard", _touched(tap, mu)["hard"])
+        tap = DecayingModes(c * tap.frequency_hz, c * tap.decay_per_s, c * tap.amplitude, tap.phase)
+    mu = _measured("sticky", asked["sticky"]) if "sticky" in asked else mu
+    if isinstance(texture, PackedTexture) and not set(asked) & set(OF_SPECTRUM):
+        return texture.holding(tap=tap, mu=mu)
+    return _reshaped(texture, asked, n_bytes, unit).holding(tap=tap, mu=mu)
+
+
+def _reshaped(texture: Texture, asked: dict[str, float], n_bytes: int, unit: str) -> PackedTexture:
+    """Return the texture with the least gains with which it feels as asked, packed."""
     x = _probe(texture, 0)
     before = _felt(x, texture.fs)
-    wanted = np.array(list((before | asked).values()))
-    gains, aim = np.zeros(NODES_HZ.size), wanted
-    for _ in range(3):  # what packing changes is asked for beforehand
-        gains = _gains(x, texture.fs, gains, aim)
-        packed = pack(texture, n_bytes, unit=unit, gain_db=partial(_gain_db, gains))
-        found = np.array(list(felt_scales(packed).values()))
-        if np.abs(found - wanted).max() < NEAR / 2:
-            return packed
-        aim = aim + wanted - found
-    if np.abs(found - wanted).max() > NEAR:
-        near = ", ".join(f"{name} {value:.1f}" for name, value in zip(before, found, strict=True))
+    wanted = np.array([asked.get(name, value) for name, value in before.items()])
+    f = np.fft.rfftfreq(x.size, 1 / texture.fs)
+    f = f[f <= MOST_RATE_HZ / 2]
+    spectrum = np.fft.rfft(x)[: f.size] * (2 * (f.size - 1) / x.size)
+    columns = _columns(f, np.abs(spectrum) ** 2)
+
+    def felt(gains: Samples) -> Samples:
+        return _values(np.fft.irfft(spectrum * 10 ** (columns(f) @ gains / 20)), 2 * f[-1])
+
+    gains, aim, nearest = np.zeros(NODES_HZ.size + 1), wanted, np.inf
+    for _ in range(6):  # what packing changes is asked for beforehand
+        gains = _gains(felt, gains, aim)
+        shape = partial(lambda gains, f: columns(f) @ gains, gains)
+        one = pack(texture, n_bytes, unit=unit, gain_db=shape, most_hz=MOST_RATE_HZ)
+        found = _values(_probe(one, 0), one.fs)
+        if (missed := np.abs(found - wanted).max()) < nearest:
+            packed, nearest, at = one, missed, found
+        if nearest < NEAR / 2:
+            break
+        aim = aim + EAGER * (wanted - found)
+    if nearest > NEAR:
+        near = ", ".join(f"{name} {value:.1f}" for name, value in zip(before, at, strict=True))
         raise ValueError(
             f"asked for {asked}; the rule is what {MOST_DB:g} dB and {n_bytes} bytes hold: {near}"
         )
     return packed
 
 
-def _gains(x: Samples, fs: float, gains: Samples, aim: Samples) -> Samples:
-    """Return the gains (dB) with which a vibration measures so on the three scales, by Newton's method."""
-    spectrum, f = np.fft.rfft(x), np.fft.rfftfreq(x.size, 1 / fs)
-
-    def felt(gains: Samples) -> Samples:
-        raised = np.fft.irfft(spectrum * 10 ** (_gain_db(gains, f) / 20), x.size)
-        return np.array(list(_felt(np.asarray(raised), fs).values()))
-
-    for _ in range(10):
-        missed = felt(gains) - aim
-        if np.abs(missed).max() < 0.05:
+def _gains(felt: Callable[[Samples], Samples], gains: Samples, aim: Samples) -> Samples:
+    """Return the gains (dB) with which a vibration measures so, by Newton's method, steps may shrink."""
+    at = felt(gains)
+    for _ in range(12):
+        if np.abs(at - aim).max() < 0.05:
             break
-        slopes = np.column_stack([felt(gains + step) - felt(gains) for step in np.eye(gains.size)])
-        gains = gains - np.clip(np.linalg.pinv(slopes, rcond=1e-2) @ missed, -4.0, 4.0)
-        gains = np.clip(gains, -MOST_DB, MOST_DB)
+        slopes = np.column_stack([felt(gains + step) - at for step in np.eye(gains.size)])
+        step = np.clip(np.linalg.pinv(slopes, rcond=1e-2) @ (at - aim), -4.0, 4.0)
+        tried = [np.clip(gains - share * step, -MOST_DB, MOST_DB) for share in (1.0, 0.4)]
+        found = [felt(one) for one in tried]
+        best = int(np.argmin([np.abs(one - aim).max() for one in found]))
+        gains, at = tried[best], found[best]
     return gains
 
 
-def _gain_db(gains: Samples, f: Any) -> Any:
-    return np.interp(np.log(np.maximum(f, 1.0)), np.log(NODES_HZ), gains)
+def _columns(f: Any, power: Any) -> Callable[[Any], Samples]:
+    """Return what makes the columns of gains at frequencies: of each node, and of what stands out by 6 dB."""
+    grid = np.geomspace(10.0, f[-1], 300)
+    within = np.abs(np.log(f[1:] / grid[:, np.newaxis])) < np.maximum(0.03, 2.0 / grid)[:, np.newaxis]
+    db = 10 * np.log10(within @ power[1:] / within.sum(axis=1) + 1e-300)
+    near = np.exp(-0.5 * (np.log(grid / grid[:, np.newaxis]) / SHARPNESS[0]) ** 2)
+    above = np.clip((db - near @ db / near.sum(axis=1)) / SHARPNESS[1], -SHARPNESS[2], SHARPNESS[2])
+
+    def columns(f: Any) -> Samples:
+        ln_f = np.log(np.maximum(f, 1.0))
+        raised = [np.interp(ln_f, np.log(NODES_HZ), one) for one in np.eye(NODES_HZ.size)]
+        return np.column_stack([*raised, np.interp(ln_f, np.log(grid), above)])
+
+    return columns
 
 
 def _probe(texture: Texture, seed: int) -> Samples:
@@ -115,13 +169,54 @@ def _probe(texture: Texture, seed: int) -> Samples:
 
 
 def _felt(x: Samples, fs: float) -> dict[str, float]:
-    """Return the three scales of a movement in m/s^2."""
+    """Return what the scales of the spectrum say of a movement in m/s^2."""
+    stroke = Recording(x, fs, "m/s^2", "stroke", phases=Phases(movement=(0, x.size)))
+    return _told(stroke, OF_SPECTRUM, f"texture at {fs:g} Hz")
+
+
+def _held(texture: Texture) -> tuple[DecayingModes, float]:
+    """Return the tap, of no mode where there is none, and the friction, 0 where there is none."""
+    none = DecayingModes(*np.zeros((4, 0)))
+    return getattr(texture, "tap", none), float(getattr(texture, "mu", 0.0))
+
+
+def _touched(tap: DecayingModes, mu: float) -> dict[str, float]:
+    """Return what the scales of a tap and of friction say, where there is one."""
+    found: dict[str, float] = {}
+    if tap.n_modes:
+        x = np.concatenate([np.zeros(500), tap.synthesize(4000, TAP_FS)])
+        struck = Phases(taps=(Tap(0, 500, x.size),))
+        found |= _told(Recording(x, TAP_FS, "m/s^2", "tap", phases=struck), ("hard",), "tap")
+    if mu:
+        sticky = SCALES["sticky"]
+        found["sticky"] = 10 * (mu - sticky.at_0) / (sticky.at_10 - sticky.at_0)
+    return found
+
+
+@cache
+def _extractor() -> "FeatureExtractor":
     from texclass.features.extractor import FeatureExtractor
 
-    stroke = Recording(x, fs, "m/s^2", "stroke", phases=Phases(movement=(0, x.size)))
-    found = FeatureExtractor("scales").fit([stroke]).extract([stroke])
-    values = scale_values(found.table).iloc[0]
+    return FeatureExtractor("scales").fit([Recording(np.zeros(2), 1.0)])
+
+
+def _told(recording: Recording, names: Sequence[str], what: str) -> dict[str, float]:
+    """Return what scales say of a recording; all of them have to be defined."""
+    found = _extractor().extract([recording])
     for reason in found.reasons:
-        if reason.feature in {SCALES[name].column.partition(".")[0] for name in RETOUCHED}:
-            raise ValueError(f"texture at {fs:g} Hz: {reason.reason}")
-    return {name: float(values[name]) for name in RETOUCHED}
+        if reason.feature in {SCALES[name].column.partition(".")[0] for name in names}:
+            raise ValueError(f"{what}: {reason.reason}")
+    values = scale_values(found.table).iloc[0]
+    return {name: float(values[name]) for name in names}
+
+
+def _values(x: Samples, fs: float) -> Samples:
+    return np.array(list(_felt(x, fs).values()))
+
+
+def _measured(name: str, value: float) -> float:
+    """Return what a scale's feature is at a value: see `scale_values`."""
+    scale = SCALES[name]
+    if scale.unit == "Hz":
+        return float(scale.at_0 * (scale.at_10 / scale.at_0) ** (value / 10))
+    return scale.at_0 + (scale.at_10 - scale.at_0) * value / 10
