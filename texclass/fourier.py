@@ -7,7 +7,6 @@ it. With Y_p the transform of every fourth of N samples from p on, of period N/4
 """
 
 import functools
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,15 +36,15 @@ def folded(x: NDArray[np.float32]) -> Bins:
         X_(k+qM) in row k and column q; what is missing are their complex conjugates.
     """
     Y: Bins = fft.rfft(x.reshape(-1, INTERLEAVED), axis=0)
-    for rows, turns, join in _blocks(len(Y), x.size):
+    for rows, turns, join, _ in _blocks(x.size):
         Y[rows] = (Y[rows] * turns) @ join
     return Y
 
 
 def unfolded(X: Bins, n: int) -> NDArray[np.float32]:
     """Return the n real samples whose bins are `X`, as `folded` has them; `X` is overwritten."""
-    for rows, turns, join in _blocks(len(X), n):
-        np.multiply(X[rows] @ (join.conj().T / INTERLEAVED), turns.conj(), out=X[rows])
+    for rows, turns, _, part in _blocks(n):
+        np.multiply(X[rows] @ part, turns.conj(), out=X[rows])
     return np.asarray(fft.irfft(X, n // INTERLEAVED, axis=0, overwrite_x=True)).reshape(n)
 
 
@@ -73,14 +72,18 @@ def rfft(x: NDArray[np.float32], *, quarter: bool = False) -> Bins:
     return X
 
 
-def _blocks(n_bins: int, n: int) -> Iterator[tuple[slice, Bins, Bins]]:
-    """Yield blocks of bins k, and what multiplies Y_p(k) to join them: bin by bin, then as a matrix.
+@functools.lru_cache(maxsize=8)
+def _blocks(n: int) -> tuple[tuple[slice, Bins, Bins, Bins], ...]:
+    """Return blocks of bins k; what multiplies Y_p(k) to join them, bin by bin and as a matrix; its inverse.
 
     exp(-2 pi i k p / n) is that of the block's first bin, which the matrix takes, times that from there on.
     """
+    found, n_bins = [], n // INTERLEAVED // 2 + 1
     for k in range(0, n_bins, BLOCK):
         first = np.exp(-2j * np.pi * k / n * np.arange(INTERLEAVED)).astype(np.complex64)
-        yield slice(k, k + BLOCK), _turns(n)[: n_bins - k], first[:, np.newaxis] * _FOUR
+        join = first[:, np.newaxis] * _FOUR
+        found.append((slice(k, k + BLOCK), _turns(n)[: n_bins - k], join, join.conj().T / INTERLEAVED))
+    return tuple(found)
 
 
 @functools.lru_cache(maxsize=8)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from texclass.fourier import INTERLEAVED
-from texclass.phases import find_data, find_glitches, mended, segment
+from texclass.phases import find_data, find_glitches, glitches_of, mended, segment
 from texclass.recording import STANDARD_GRAVITY, Phases, Recording, RecordingError, Samples
 from texclass.signals import combine, remove_hand_motion
 
@@ -282,7 +282,9 @@ class Views:
         first = min(find_data(columns, self.recording.fs).first, taps[0].start)
         left_out = (len(axes) - first) - kept_length(len(axes) - first)
         first += left_out if 2 * left_out <= taps[0].start - first else 0
-        axes = mended(columns, find_glitches(columns))[first:].reshape(-1, *axes.shape[1:])
+        together = self.channel is None  # then what the search for phases found will do
+        wild = glitches_of(self.recording, len(axes)) if together else find_glitches(columns)
+        axes = mended(columns, wild)[first:].reshape(-1, *axes.shape[1:])
         quiet, signal = taps[0].start - first, combine(axes, single=True)
         signal = signal - np.median(signal[:quiet] if quiet else signal)
         parts = []
@@ -290,8 +292,8 @@ class Views:
             start, impact, end = (at - first for at in (tap.start, tap.impact, tap.end))
             parts.append(TapSignal(signal[start:impact], signal[impact:end], tap.quality))
         # On the axes, not on their combination: DFT321 leaks the taps into the quiet stretch.
-        at_rest = axes[:quiet].reshape(quiet, columns.shape[1])
-        at_rest = at_rest - np.ones(quiet) @ at_rest / max(quiet, 1)
+        at_rest = axes[:quiet].reshape(quiet, columns.shape[1]).T.copy()
+        at_rest -= (at_rest @ np.ones(quiet) / max(quiet, 1))[:, np.newaxis]
         noise = math.sqrt(np.vdot(at_rest, at_rest) / quiet) if quiet else 0.0
         return TapView(tuple(parts), self.recording.fs, noise)
 

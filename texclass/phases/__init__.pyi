@@ -1,5 +1,6 @@
 from .defects import find_data as find_data
 from .defects import find_glitches as find_glitches
+from .defects import glitches_of as glitches_of
 from .defects import mended as mended
 from .hand import hand_start as hand_start
 from .impulses import Impulse as Impulse

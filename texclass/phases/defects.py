@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.recording import Samples
+from texclass.recording import Recording, Samples
 
 HELD_S = 0.005
 """All channels keep their value so long at an end of a recording: padding, not a sensor."""
@@ -23,7 +24,9 @@ FADE_DB = 2.5
 FADE_MOST_DB, FADE_TOTAL_DB = 25.0, 12.0
 LONGEST_FADE_S = 0.6
 BLOCK = 1 << 13
-"""Rows looked at and filtered at a time, so few that they stay near the processor."""
+"""Rows looked at at a time, so few that they stay near the processor."""
+GLITCHES: WeakKeyDictionary[Recording, NDArray[np.intp]] = WeakKeyDictionary()
+"""Those of recordings whose phases were searched, as long as there are these."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,19 +80,27 @@ def _held(axes: Samples) -> int:
     return len(axes)
 
 
-def find_glitches(axes: Samples) -> NDArray[np.intp]:
+def glitches_of(recording: Recording, stop: int) -> NDArray[np.intp]:
+    """Return the glitches before sample `stop`: those that the search for phases found, if it was made."""
+    found = GLITCHES.get(recording)
+    if found is None:
+        found = find_glitches(recording.acceleration.reshape(recording.n_samples, -1), stop)
+    return found[: np.searchsorted(found, stop)]
+
+
+def find_glitches(axes: Samples, stop: int | None = None) -> NDArray[np.intp]:
     """Return the samples of (n, n_channels) that leave alone, and by far, the line of their neighbours.
 
     What strikes a tool moves it for longer than a sample, and it rings; a bit that flips, a loose contact or
-    a lost word do not.
+    a lost word do not. If only those before `stop` are asked for, some after it may be missing.
     """
     n, n_channels = axes.shape
-    if n < 2 * NEAR + 1:
+    if n < 2 * NEAR + 1 or stop == 0:
         return np.zeros(0, dtype=np.intp)
     found, unit = list[NDArray[np.intp]](), 256  # rows compared at once: one by one takes far longer
     n_rows = min(BLOCK, -(-n // unit) * unit)
     jumps, lows = np.empty((n_rows + 1) * n_channels), np.empty(n_rows * n_channels)
-    for start in range(0, n - 2 * NEAR, BLOCK):
+    for start in range(0, min(n - 2 * NEAR, n if stop is None else stop), BLOCK):
         before = max(0, start - 1)
         rows = axes[before : start + BLOCK + 1].reshape(-1)
         jump = np.subtract(rows[n_channels:], rows[:-n_channels], out=jumps[: len(rows) - n_channels])

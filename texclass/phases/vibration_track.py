@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.phases.defects import Data, fade, find_data, find_glitches, mended
+from texclass.phases.defects import GLITCHES, Data, fade, find_data, find_glitches, mended
 from texclass.phases.impulses import CALM_S, Levels, mean_over, quantiles
 from texclass.recording import Recording, Samples
 from texclass.signals import STEPS, butterworth, causal_channels
@@ -231,6 +231,7 @@ def track(recording: Recording, *, hand_hz: float, bin_s: float, quiet_s: float)
     bin_size = max(1, round(bin_s * rate))
     n_bins, bin_s = -(-len(axes) // (step * bin_size)), bin_size / rate
     felt, glitches = find_data(axes, recording.fs), find_glitches(axes)
+    GLITCHES[recording] = glitches
     data = -(-felt.first // (step * bin_size)), n_bins
     if felt.stop < len(axes):
         data = data[0], max(data[0], felt.stop // (step * bin_size))
