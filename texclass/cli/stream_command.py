@@ -114,7 +114,7 @@ def stream(
     ] = None,
 ) -> None:
     """Say which surface is felt while it is felt. Ctrl-C, or SIGTERM, ends it with the final answer."""
-    from texclass.cli.stream_view import tell, view_of
+    from texclass.cli.stream_view import view_of
     from texclass.recognition import (
         AskingSession,
         OnlineSettings,
@@ -165,6 +165,18 @@ def stream(
     shown = view_of(session, source, as_lines, heartbeat)
     if json_file is not None:
         shown.contacts = {}
+    answered = _heard(shown, session, blocks, publisher)
+    if shown.contacts is not None:
+        found = {"source": source, "contacts": [*shown.contacts.values()]}
+        options.write_json(json_file, json.dumps(found, indent=1))
+    if not answered:
+        raise typer.Exit(NO_ANSWER)
+
+
+def _heard(shown: Any, session: Any, blocks: Any, publisher: Any) -> bool:
+    """Tell what a session makes of blocks, till they end or somebody ends it; return whether it answered."""
+    from texclass.cli.stream_view import tell
+
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with shown:
@@ -177,19 +189,14 @@ def stream(
             finally:
                 blocks.close()
             tell(shown, session.finish(), publisher)
-        answered = shown.end()
+        return bool(shown.end())
     except BrokenPipeError:  # nobody reads any more, and nobody asks for more than was found till then
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        answered = True
+        return True
     finally:
         signal.signal(signal.SIGTERM, before)
         if publisher is not None:
             publisher.close()
-    if shown.contacts is not None:
-        found = {"source": source, "contacts": [*shown.contacts.values()]}
-        options.write_json(json_file, json.dumps(found, indent=1))
-    if not answered:
-        raise typer.Exit(NO_ANSWER)
 
 
 @app.command(epilog="Example: texclass explore --surface wood-03 -o gestures")

@@ -147,21 +147,7 @@ def compare_with_peers(
     report = progress or (lambda done, total, what: None)
     total = len(settings.names) + 1
     report(0, total, "peers")
-    choice = result.data.get("choice")
-    pairs = _candidates(result, pipeline)
-    measured: dict[tuple[str, str], Entrant] = {}
-    for name, judge in dict.fromkeys((*pairs, *map(tuple, choice["chosen"] if choice else ()))):
-        definition = next(row for row in pipeline.rows if row.name == name)
-        row = MatchedRow.of(definition, pipeline.features, table)
-        measured[name, judge] = {
-            "name": name, "title": name, "ours": True, "reference": definition.reference,
-            "classifier": judge, "status": "done", "message": "", "n_columns": row.n_features,
-            **measure_ours(row, judge, pipeline, dataset, table, splits, nested=protocol.nested),
-        }  # fmt: skip
-    entrants = [measured[pair] for pair in pairs]
-    segmentation_s = min(of["segmentation_s"] for of in measured.values())
-    if choice:
-        entrants.insert(0, _chosen([measured[tuple(pair)] for pair in choice["chosen"]]))
+    entrants, segmentation_s = _ours(result, pipeline, dataset, table, protocol, splits)
     report(1, total, "peers")
     versions: dict[str, str] = {}
     with tempfile.TemporaryDirectory(prefix="texclass-peers-") as folder:
@@ -227,15 +213,38 @@ def whole_materials(dataset: Dataset, limit: int) -> Dataset:
     raise ValueError(f"a limit of {limit} recordings leaves no two materials whole; the rule is at least two")
 
 
-def _candidates(result: BenchmarkResult, pipeline: PipelineDefinition) -> list[tuple[str, str]]:
-    """Return our most accurate row and the widest one, each with its most accurate classifier, by name."""
+def _ours(
+    result: BenchmarkResult,
+    pipeline: PipelineDefinition,
+    dataset: Dataset,
+    table: FeatureTable,
+    protocol: Protocol,
+    splits: Sequence[Split],
+) -> tuple[list[Entrant], float]:
+    """Return what competes, and the seconds that finding the phases of a recording takes.
+
+    What was chosen inside the training parts, if the benchmark chose; our most accurate row; and the widest
+    one, with its most accurate classifier.
+    """
     if result.best is None:
         raise ValueError(f"no row of pipeline {pipeline.name} can be computed; the rule is at least one")
     accuracies = {row["name"]: row["accuracy"] for row in result.data["rows"] if row["accuracy"]}
     definitions = {row.name: row for row in pipeline.rows}
     widest = max(accuracies, key=lambda name: len(definitions[name].features))
     judge = max(accuracies[widest], key=lambda name: accuracies[widest][name]["mean"])
-    return list(dict.fromkeys((result.best, (widest, judge))))
+    pairs = list(dict.fromkeys((result.best, (widest, judge))))
+    chosen = [tuple(pair) for pair in (result.data.get("choice") or {"chosen": ()})["chosen"]]
+    measured: dict[tuple[str, str], Entrant] = {}
+    for name, judge in dict.fromkeys((*pairs, *chosen)):
+        row = MatchedRow.of(definitions[name], pipeline.features, table)
+        measured[name, judge] = {
+            "name": name, "title": name, "ours": True, "reference": definitions[name].reference,
+            "classifier": judge, "status": "done", "message": "", "n_columns": row.n_features,
+            **measure_ours(row, judge, pipeline, dataset, table, splits, nested=protocol.nested),
+        }  # fmt: skip
+    entrants = [_chosen([measured[pair] for pair in chosen])] if chosen else []
+    entrants += [measured[pair] for pair in pairs]
+    return entrants, min(of["segmentation_s"] for of in measured.values())
 
 
 def _hand_over(
