@@ -63,7 +63,7 @@ def test_json_lines_hold_events_answers_and_the_final_answer(run):
 
 
 def test_the_result_of_a_stream_is_written_although_nobody_reads_its_lines(model_file, tmp_path, samples):
-    np.savetxt(tmp_path / "oak.txt", np.tile(samples, 40))
+    np.savetxt(tmp_path / "oak.txt", np.tile(samples, 8))
     asked = [model_file, tmp_path / "oak.txt", "--fs", str(FS), "--jsonl", "--json", tmp_path / "felt.json"]
     command = [sys.executable, "-m", "texclass", "stream", *asked]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as listening:
