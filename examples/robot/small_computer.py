@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 
 import texclass as tx
 from texclass.recognition import SmallLimits, embedded_tradeoff
-from texclass.recognition.windows_in_bits import at_rate
+from texclass.recognition.small_computers import at_rate
 
 # A sensor of 1 kHz and three axes, windows of half a second and shorter; slopes, and levels of bands.
 dataset = at_rate(tx.open_dataset("simulated6"), 1000)

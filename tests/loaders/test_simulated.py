@@ -99,7 +99,9 @@ def test_a_sample_is_a_folder_that_goes_on_with_others_and_writes_over_nothing_e
     dataset = open_dataset(tmp_path, fs=10_000, unit="m/s^2")
     assert dataset.labels.value_counts().to_dict() == dict.fromkeys(("foam", "mesh", "oak", "slate"), 12)
     assert len({recording.acceleration.tobytes() for recording in dataset}) == 48
-    assert {segment(recording).kind for recording in map(dataset.__getitem__, range(0, 48, 7))} == {"taps and movement"}
+    assert {segment(recording).kind for recording in map(dataset.__getitem__, range(0, 48, 7))} == {
+        "taps and movement"
+    }
     last.write_text("mine\n")
     with pytest.raises(ValueError, match=r"mesh_06.txt: holds something else; the rule is a folder"):
         write_sample(tmp_path)

@@ -13,9 +13,8 @@ from texclass.loaders import open_dataset
 from texclass.recognition import SmallLimits, embedded, embedded_tradeoff, load_model
 from texclass.recognition.embedded import chosen_of, front_of
 from texclass.recognition.export.graph import Graph, along, tensor_of
-from texclass.recognition.export.graph_cost import rounded, shortened, work_of
 from texclass.recognition.export.sample_graph import Windows
-from texclass.recognition.windows_in_bits import cut_of, decisions_of, in_bits
+from texclass.recognition.small_computers import cut_of, decisions_of, in_bits, rounded, shortened, work_of
 from texclass.reporting.result_files import read_document
 from texclass.tradeoff.front import knee
 

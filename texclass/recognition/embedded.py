@@ -28,23 +28,23 @@ from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import made_by, versions
 from texclass.recognition.export.graph import OnnxExportError
-from texclass.recognition.export.graph_cost import GraphCost
 from texclass.recognition.export.graph_view import without_graph
 from texclass.recognition.export.onnx_file import check_installed
 from texclass.recognition.export.sample_graph import Windows
 from texclass.recognition.holding_out import AT_RANDOM, FALSE_ALARMS, holding_out
 from texclass.recognition.model import Model
-from texclass.recognition.sources.training_input import TrainingFiles
-from texclass.recognition.training import LIBRARIES, train
-from texclass.recognition.windows_in_bits import (
+from texclass.recognition.small_computers import (
     WORDS,
     Cut,
+    GraphCost,
     Word,
     at_rate,
     cut_of,
     decisions_of,
     in_bits,
 )
+from texclass.recognition.sources.training_input import TrainingFiles
+from texclass.recognition.training import LIBRARIES, train
 from texclass.tradeoff.curves import full_scale_of
 from texclass.tradeoff.front import (
     INNER_FOLDS,
