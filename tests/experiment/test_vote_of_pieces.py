@@ -36,8 +36,15 @@ def test_decision_is_the_mean_of_those_of_the_pieces_and_of_the_whole() -> None:
     np.testing.assert_allclose(model.decision_function(X), mean, atol=1e-12)
     np.testing.assert_array_equal(model.predict(X), mean.argmax(axis=1))
     whole = KernelDiscriminant().fit(X, y).decision_function(X)
-    both = VoteOfPieces(n_pieces=4, whole_weight=0.5).fit(X, y).decision_function(X)
-    np.testing.assert_allclose(both, (mean + 0.5 * whole) / 1.5, atol=1e-12)
+    both = VoteOfPieces(n_pieces=4, whole_weight=1.1).fit(X, y).decision_function(X)  # ten of each class
+    np.testing.assert_allclose(both, (mean + whole) / 2, atol=1e-12)
+
+
+def test_the_whole_is_heard_the_more_the_more_recordings_of_the_smallest_class_train() -> None:
+    X, y = recordings(10, 12)
+    for n, weight in ((1, 1 / 2), (3, 3 / 4), (10, 10 / 11)):
+        few = np.concatenate([np.flatnonzero(y == 0)[:n], np.flatnonzero(y > 0)])
+        assert VoteOfPieces(n_pieces=4).fit(X[few], y[few]).weight_ == pytest.approx(weight)
 
 
 def test_voting_beats_pieces_side_by_side_with_few_recordings() -> None:
@@ -89,7 +96,7 @@ def test_columns_of_the_whole_have_a_voter_of_their_own() -> None:
     model = VoteOfPieces(n_pieces=4, undivided=(0, 21)).fit(X, y)
     pieces = VoteOfPieces(n_pieces=4, whole_weight=0).fit(X[:, 1:-1], y).decision_function(X[:, 1:-1])
     taps = KernelDiscriminant().fit(X[:, [0, 21]], y).decision_function(X[:, [0, 21]])
-    np.testing.assert_allclose(model.decision_function(X), (pieces + 0.5 * taps) / 1.5, atol=1e-12)
+    np.testing.assert_allclose(model.decision_function(X), (pieces + 0.8 * taps) / 1.8, atol=1e-12)
 
 
 def test_a_recording_without_columns_of_pieces_is_one_piece() -> None:

@@ -35,7 +35,8 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
     n_pieces : int
         Pieces of a recording.
     whole_weight : float
-        Weight of the voter that sees the whole, against 1 of all pieces together.
+        Weight of the voter that sees the whole, against 1 of all pieces together, where recordings are many;
+        n/(n + 1) of it where a class has n.
     undivided : tuple of int
         Columns that are not of pieces but of the whole recording; see `knowing`.
 
@@ -47,6 +48,8 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
         Fitted on pieces.
     whole_ : classifier or None
         Fitted on the whole; None without weight, or where no recording has more than one piece.
+    weight_ : float
+        Of `whole_`; what the smallest class allows.
 
     Notes
     -----
@@ -56,7 +59,8 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
     recording are the same (it was too short to be divided), they count as one.
 
     A feature of the whole would be the same in all pieces of a recording, as if it never varied within a
-    surface that was felt once: it has a voter of its own.
+    surface that was felt once: it has a voter of its own. That voter learns from n samples of a class, pieces
+    from n_pieces n: of single recordings it cannot know what varies, so its weight grows with n.
 
     Examples
     --------
@@ -69,13 +73,14 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
     """
 
     undivided: tuple[int, ...] = ()  # of models of before, which have none
+    weight_: float = 0.5  # of models of before, for any number of recordings
 
     def __init__(
         self,
         estimator: Any = None,
         *,
         n_pieces: int = 1,
-        whole_weight: float = 0.5,
+        whole_weight: float = 1.0,
         undivided: tuple[int, ...] = (),
     ) -> None:
         self.estimator = estimator
@@ -113,6 +118,8 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
         self.estimator_ = self._unfitted().fit(pieces, labels[owner])
         more = len(seen) < rows.shape[1] or len(pieces) > len(rows)
         self.whole_ = self._unfitted().fit(rows[:, seen], labels) if more and self.whole_weight > 0 else None
+        n = int(np.unique(labels, return_counts=True)[1].min())
+        self.weight_ = float(self.whole_weight) * n / (n + 1)
         return self
 
     @property
@@ -157,7 +164,7 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
         if self.whole_ is None:
             return np.asarray(mean)
         whole = decide(self.whole_, rows[:, seen])
-        return np.asarray((mean + self.whole_weight * whole) / (1 + self.whole_weight))
+        return np.asarray((mean + self.weight_ * whole) / (1 + self.weight_))
 
     def _unfitted(self) -> Any:
         return KernelDiscriminant() if self.estimator is None else clone(self.estimator)

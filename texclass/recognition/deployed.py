@@ -254,7 +254,7 @@ def described_classifier(  # noqa: PLR0911
                 "whole": None if whole is None else described_classifier(whole, votes=True),
                 # Files of before have neither: all columns are of pieces, and seen by the whole.
                 **({"divided": divided, "seen": seen} if classifier.undivided else {}),
-                "whole_weight": float(classifier.whole_weight),
+                "whole_weight": classifier.weight_,
                 "n_columns": int(classifier.n_features_in_),
                 "n_classes": n_classes,
             }
