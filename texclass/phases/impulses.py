@@ -331,7 +331,7 @@ def _stall(level: Samples, n: int) -> int:
 
     The strongest within the next `2 n` bins is followed, so that a beat of two modes is no stop.
     """
-    high = _highest(level, 2 * n, after=2 * n - 1)
+    high = ndimage.maximum_filter1d(level, 2 * n, origin=-n, mode="nearest")  # faster, so short a level
     at = _first(high[:-n] - high[n:] < STALL_DB, len(level))
     ahead = level[at : at + 3 * n]
     return at + int(np.argmax(ahead <= ahead.min() + STALL_DB)) if len(ahead) else at
