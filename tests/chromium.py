@@ -49,11 +49,11 @@ class Browser:
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
 
-    def call(self, method: str, **params: Any) -> dict[str, Any]:
-        """Send a command, keep the events that come first, and return the answer."""
+    def call(self, method: str, *, of_page: bool = True, **params: Any) -> dict[str, Any]:
+        """Send a command to the page (or the browser), keep events that come first, return the answer."""
         self._n += 1
         message = {"id": self._n, "method": method, "params": params}
-        if self._session:
+        if self._session and of_page:
             message["sessionId"] = self._session
         os.write(self._out, json.dumps(message).encode() + b"\0")
         while True:
@@ -87,10 +87,26 @@ class Browser:
 
     def run(self, expression: str) -> Any:
         """Return the value of a JavaScript expression."""
-        found = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        found = self.call(
+            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True, userGesture=True
+        )
         if "exceptionDetails" in found:
             raise RuntimeError(str(found["exceptionDetails"]))
         return found["result"].get("value")
+
+    def traced(self, expression: str, categories: list[str]) -> tuple[Any, list[dict[str, Any]]]:
+        """Return the value of an expression, and the events that the browser traced meanwhile."""
+        config = {"recordMode": "recordUntilFull", "traceBufferSizeInKb": 400_000}
+        config["includedCategories"] = categories
+        self.call("Tracing.start", of_page=False, traceConfig=config)
+        value = self.run(expression)
+        self.events.clear()
+        self.call("Tracing.end", of_page=False)
+        while not any(event.get("method") == "Tracing.tracingComplete" for event in self.events):
+            self.events.append(self._receive())
+        parts = [e["params"]["value"] for e in self.events if e.get("method") == "Tracing.dataCollected"]
+        self.events.clear()
+        return value, [event for part in parts for event in part]
 
     def press(self, key: str, code: int) -> None:
         """Press a key: its name and its Windows code."""

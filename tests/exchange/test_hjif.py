@@ -228,6 +228,28 @@ def test_a_spoiled_file_is_refused_in_one_line(content, tmp_path, case):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("way", [(*C, "direction"), (*B, "curve_type"), (*B, "effects", 0, "id")])
+def test_null_is_no_value_as_the_reference_has_it(content, way):
+    *path, last = way
+    inner = content
+    for step in path:
+        inner = inner[step]
+    inner[last] = None
+    with pytest.raises(ValueError, match=f"{last} is null"):
+        Haptics.model_validate_json(json.dumps(content))
+
+
+@pytest.mark.parametrize("keyframes", [[], [{"relative_position": 0}]])
+def test_a_curve_without_amplitudes_is_refused(content, keyframes):
+    effect = {"effect_type": "Basis", "position": 0, "keyframes": keyframes}
+    bands = content["perceptions"][0]["channels"][0]["bands"]
+    bands[0] = {
+        "band_type": "Curve", "lower_frequency_limit": 0, "upper_frequency_limit": 9, "effects": [effect]
+    }  # fmt: skip
+    with pytest.raises(ValueError, match="one without amplitude"):
+        Haptics.model_validate_json(json.dumps(content))
+
+
 @pytest.mark.parametrize(
     "text", ["", "{", "[]", "3", "[" * 5000, '{"version": NaN}', '{"a":' * 500 + "1" + "}" * 500]
 )

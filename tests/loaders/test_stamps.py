@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from texclass.loaders import load_recording
 from texclass.loaders.stamps import at_uniform_rate, nominal_rate, resample
 from texclass.recording import RecordingError
 
@@ -140,3 +141,10 @@ def test_whatever_the_stamps_the_answer_is_bounded(stamps, random):
     assert len(signal) <= 2 * len(stamps) + 11
     assert np.isfinite(signal).all()
     assert fs > 0
+
+
+def test_a_table_with_times_and_no_row_is_empty(tmp_path):
+    path = tmp_path / "none.csv"
+    path.write_text("ax,ay,az,t\n")
+    with pytest.raises(RecordingError, match=r"none\.csv: acceleration is empty"):
+        load_recording(path, fs=100.0, unit="m/s^2")

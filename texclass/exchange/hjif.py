@@ -16,7 +16,7 @@ import binascii
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -46,7 +46,18 @@ _MASK = 2**32 - 1
 Count = Field(ge=0, le=_INT)
 
 
-class Keyframe(Part):
+class Stated(Part):
+    """A part of which what is not known is left out: null is no value."""
+
+    @model_validator(mode="after")
+    def _without_null(self) -> Self:
+        for name in self.model_fields_set:
+            if getattr(self, name) is None:
+                raise ValueError(f"{name} is null; the rule is a value, or to leave it out")
+        return self
+
+
+class Keyframe(Stated):
     """A point of an effect: ticks from its beginning, amplitude, frequency in whole Hz."""
 
     relative_position: int | None = Count
@@ -54,7 +65,7 @@ class Keyframe(Part):
     frequency_modulation: int | None = Field(default=None, ge=0, le=HIGHEST_HZ)
 
 
-class Effect(Part):
+class Effect(Stated):
     """What is felt from a position on: keyframes, a stream, other effects, or one of the library."""
 
     effect_type: Literal["Basis", "Composite", "Reference"]
@@ -75,7 +86,7 @@ class Effect(Part):
         return self
 
 
-class Band(Part):
+class Band(Stated):
     """Effects of one kind within limits of frequency (whole Hz); of wavelets the upper one is their rate."""
 
     band_type: Literal["WaveletWave", "VectorialWave", "Curve", "Transient"]
@@ -93,6 +104,10 @@ class Band(Part):
             raise ValueError(
                 f"a {self.band_type} band has a curve type; the rule is that of Curve bands only"
             )
+        points = [one.keyframes for one in self.effects if one.effect_type == "Basis"]
+        bare = any(not of or any(one.amplitude_modulation is None for one in of) for of in points)
+        if self.band_type == "Curve" and bare:
+            raise ValueError("a curve has no keyframe, or one without amplitude; the rule is one for each")
         if self.band_type == "WaveletWave":
             length = self.block_length
             if length is None or length & (length - 1):
@@ -104,7 +119,7 @@ class Band(Part):
         return self
 
 
-class Vector(Part):
+class Vector(Stated):
     """A direction, or a place among actuators."""
 
     X: int = Field(ge=-127, le=127)
@@ -112,7 +127,7 @@ class Vector(Part):
     Z: int = Field(ge=-127, le=127)
 
 
-class Channel(Part):
+class Channel(Stated):
     """What one actuator plays: the sum of its bands, at most 1 in size, times its gain."""
 
     id: int = Count
@@ -134,14 +149,14 @@ class Channel(Part):
         return self
 
 
-class Device(Part):
+class Device(Stated):
     """An actuator that a file was made for."""
 
     id: int = Field(ge=1, le=_INT)
     name: str
 
 
-class Perception(Part):
+class Perception(Stated):
     """One kind of feeling."""
 
     id: int = Count
@@ -175,7 +190,7 @@ class Perception(Part):
         return self
 
 
-class Avatar(Part):
+class Avatar(Stated):
     """A body, or a part of one."""
 
     id: int = Field(ge=1, le=_INT)
@@ -183,13 +198,13 @@ class Avatar(Part):
     type: Literal["Vibration", "Pressure", "Temperature", "Custom"]
 
 
-class Sync(Part):
+class Sync(Stated):
     """A moment of the timeline."""
 
     timestamp: int = Count
 
 
-class Haptics(Part):
+class Haptics(Stated):
     """A .hjif file."""
 
     version: str = Field(pattern="^20(2[3-9]|[3-9][0-9])(-[1-9])?$")

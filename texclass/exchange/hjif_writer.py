@@ -194,7 +194,9 @@ def _friction(mu: float) -> Perception:
 
 
 def _keyframe(at: int, amplitude: float, frequency: float | None = None) -> Keyframe:
-    whole = None if frequency is None else min(round(frequency), int(HIGHEST_HZ))
+    if frequency is None:
+        return Keyframe(relative_position=at, amplitude_modulation=amplitude)
+    whole = min(round(frequency), int(HIGHEST_HZ))
     return Keyframe(relative_position=at, amplitude_modulation=amplitude, frequency_modulation=whole)
 
 

@@ -328,7 +328,7 @@ def _read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSign
         return reader.read(path, wanted, options)  # type: ignore[no-any-return]  # its times are no numbers
     named = {name: as_samples(read.named[name], name, path) for name in wanted}
     n_times = len(read.named[times[0]]) if times else 0
-    if not times or (not asked and (read.fs is not None or any(len(s) != n_times for s in named.values()))):
+    if not n_times or (not asked and (read.fs is not None or any(len(s) != n_times for s in named.values()))):
         return replace(read, named=named)
     columns = [named[name].reshape(n_times, -1) for name in wanted]
     given = options.fs if read.fs is None else read.fs
