@@ -3,6 +3,7 @@
 import gc
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -14,8 +15,10 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from texclass.experiment.feature_table import extract_partitions, extract_table
-from texclass.experiment.workers import each, running_on
+from texclass.experiment.parts import write_part
+from texclass.experiment.workers import begin_loading, each, running_on
 from texclass.features import load_feature_set
+from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
 
 
@@ -54,6 +57,34 @@ def test_each_keeps_the_order_reports_and_stops_when_it_is_closed():
 def test_each_worker_uses_one_thread():
     found = list(each([partial(threadpool_info)] * 4, n_jobs=2))
     assert all(pool["num_threads"] == 1 for pools in found for pool in pools)
+
+
+def test_what_is_done_soon_is_done_here_and_the_rest_by_others():
+    calls = [partial(os.getpid)] * 4
+    assert set(each(calls, n_jobs=2, here_s=60.0)) == {os.getpid()}
+    assert os.getpid() not in set(each(calls, n_jobs=2))
+    told, spend = [], "import time\nend = time.process_time() + 0.2\nwhile time.process_time() < end: pass"
+    first, *others = [partial(exec, spend), *calls]
+    found = each([first, *others], n_jobs=2, here_s=0.1, progress=lambda *call: told.append(call), total=5)
+    assert os.getpid() not in list(found)[1:]
+    assert [done for done, *_ in told] == [1, 2, 3, 4, 5]
+
+
+def test_workers_load_what_computes_features_before_there_is_work_and_no_library_of_learning(tmp_path):
+    assert begin_loading(1) is None
+    begin_loading(2).join()
+    known = partial(eval, "'texclass.experiment.parts' in __import__('sys').modules")
+    assert any(each([known] * 4, n_jobs=2))
+    dataset, features = open_dataset("simulated"), load_feature_set("strese2015")
+    call = partial(write_part, dataset.load, dataset.entries[:1], Plan.of(features, ()), tmp_path / "part")
+    (tmp_path / "call").write_bytes(pickle.dumps(call))
+    code = (
+        f"import pickle, sys\nprint(pickle.load(open({str(tmp_path / 'call')!r}, 'rb'))())\n"
+        "print([m for m in ('sklearn', 'pandas', 'pyarrow', 'matplotlib') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split("\n")[:2] == ["None", "[]"]
+    assert (tmp_path / "part").stat().st_size > 0
 
 
 def test_a_worker_seldom_looks_for_garbage_and_its_caller_as_before():

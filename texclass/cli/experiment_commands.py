@@ -90,6 +90,10 @@ def benchmark(
     if touches is not None and touch is None:
         raise ValueError(f"--touches is {touches}, but there is no --touch; the rule is both")
     recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
+    from texclass.experiment.workers import begin_loading
+
+    if backend == "local":
+        begin_loading(jobs)
     from texclass.experiment import load_pipeline, run_benchmark, running_on, study_feature
     from texclass.experiment import touches as cut_touches
     from texclass.features import load_feature

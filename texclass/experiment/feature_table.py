@@ -11,7 +11,7 @@ import logging
 import re
 import shutil
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial, reduce
@@ -23,9 +23,9 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import BaseModel, FiniteFloat, TypeAdapter
 
 from texclass import __version__
+from texclass.experiment.parts import Part, read_part, write_part
 from texclass.experiment.windows import Window, by_recording, parent_id
 from texclass.experiment.workers import Progress, each
 from texclass.features.extractor import Reason
@@ -34,7 +34,7 @@ from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, code_hash
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.places import cache_root
-from texclass.recording import Recording, RecordingError, Samples
+from texclass.recording import RecordingError, Samples
 from texclass.whole_files import write_whole
 
 DOUBTS = ("unit:", "clipped:", "constant:")
@@ -341,35 +341,6 @@ def write_table(table: FeatureTable, path: Path) -> None:
     write_whole(path, file.getvalue())
 
 
-class Part(BaseModel):
-    """What is kept of a recording (or window) until all are done: its values, and why some are undefined."""
-
-    features: list[float]
-    reasons: list[tuple[str, str]]
-    flags: list[str]
-    ms: FiniteFloat
-
-
-PARTS = TypeAdapter(list[Part])
-
-
-def read_part(path: Path, n_columns: int) -> list[Part]:
-    """Read what is kept of one finished recording: one `Part`, or those of its windows.
-
-    Raises
-    ------
-    ValueError
-        If the file is damaged; the message names it.
-    """
-    try:
-        rows = PARTS.validate_json(path.read_bytes())
-        if any(len(row.features) != n_columns for row in rows):
-            raise ValueError(f"the rule is {n_columns} values a row")
-    except ValueError as error:
-        raise ValueError(f"{path}: is damaged; delete it, and it is computed again") from error
-    return rows
-
-
 def _plan(dataset: Dataset, feature_set: FeatureSet, channels: Channels, skip_bad: bool) -> Plan:
     """Decide what is computed on which channel; only channels kept apart need a recording to look at."""
     problem = "there is none; the rule is at least one"
@@ -399,31 +370,15 @@ def _compute_missing(
     done = len(every) - len(missing)
     if progress:
         progress(done, len(every), "features")
-    calls = (partial(_compute, dataset.load, entries, plan, part) for entries, part in missing)
+    calls = (partial(write_part, dataset.load, entries, plan, part) for entries, part in missing)
     bad: list[LeftOut] = []
     reported: dict[str, Any] = {"progress": progress, "what": "features", "done": done, "total": len(every)}
     with closing(each(calls, n_jobs=n_jobs, **reported)) as outcomes:
-        for outcome in outcomes:
-            if outcome is not None and not skip_bad:
-                raise RecordingError(outcome.reason)
-            bad += [] if outcome is None else [outcome]
+        for (entries, _), problem in zip(missing, outcomes, strict=True):
+            if problem and not skip_bad:
+                raise RecordingError(problem)
+            bad += [LeftOut(parent_id(entries[0]), problem)] if problem else []
     return tuple(bad)
-
-
-def _compute(
-    load: Callable[[Entry], Recording], entries: Sequence[Entry], plan: Plan, part: Path
-) -> LeftOut | None:
-    """Compute one recording, or its windows, into its part; return why not if it is bad."""
-    rows = []
-    try:
-        for recording in map(load, entries):
-            row = plan.compute(recording)
-            values: list[float] = row.values.tolist()  # noqa: PD011  (no pandas object)
-            rows.append({"features": values, "reasons": row.reasons, "flags": recording.flags, "ms": row.ms})
-    except RecordingError as error:
-        return LeftOut(parent_id(entries[0]), str(error))
-    write_whole(part, json.dumps(rows).encode())
-    return None
 
 
 def _join(

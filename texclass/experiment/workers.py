@@ -3,13 +3,15 @@
 import atexit
 import functools
 import gc
+import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
 from contextvars import ContextVar
+from threading import Thread
 from typing import Any, Literal, TypeVar
 
-from joblib import Parallel, delayed, parallel_config
+from joblib import Parallel, cpu_count, delayed, parallel_config
 from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped]
 
 R = TypeVar("R")
@@ -17,6 +19,19 @@ Backend = Literal["local", "dask"]
 Progress = Callable[[int, int, str], None]
 """Called with what is done, out of how many, and what is being done."""
 _cluster: ContextVar[Any] = ContextVar("cluster", default=None)
+
+
+def rarely_swept() -> None:
+    """Look for garbage seldom in this process: among the modules it loads, and where it ends, there is none.
+
+    Loading and ending the libraries of a benchmark takes two thirds of the time that way.
+    """
+    gc.set_threshold(100_000)
+    atexit.register(gc.freeze)
+
+
+PROCESSES: dict[str, Any] = {"backend": "loky", "inner_max_num_threads": 1, "initializer": rarely_swept}
+"""What joblib is told of processes of this machine: those of equal settings are used again."""
 
 
 @contextmanager
@@ -70,6 +85,7 @@ def each(
     what: str = "",
     done: int = 0,
     total: int = 0,
+    here_s: float = 0.0,
 ) -> Generator[R, None, None]:
     """Yield the result of every call, in their order, as the results come.
 
@@ -87,29 +103,61 @@ def each(
         What they do.
     done, total : int
         How many were done before these, and how many there are then, for `progress`.
+    here_s : float
+        CPU seconds that this process works itself before it hands on the rest: what is done by then is not
+        worth loading in other processes what it needs.
     """
+    with closing(_outcomes(iter(calls), n_jobs, time.process_time() + here_s)) as outcomes:
+        for number, outcome in enumerate(outcomes, start=done + 1):
+            if progress is not None:
+                progress(number, total, what)
+            yield outcome
+
+
+def _outcomes(calls: Iterator[Callable[[], R]], n_jobs: int, limit_s: float) -> Generator[R, None, None]:
+    while time.process_time() < limit_s:
+        if (call := next(calls, None)) is None:
+            return
+        yield _single_threaded(call)
     cluster = _cluster.get()
-    config: dict[str, Any] = {"backend": "loky", "inner_max_num_threads": 1, "initializer": rarely_swept}
+    config = PROCESSES
     if cluster is not None:
         config, n_jobs = {"backend": "dask", "client": cluster}, -1
     with parallel_config(**config), warnings.catch_warnings():
         # joblib advises against stopping early; the first bad recording is meant to.
         warnings.filterwarnings("ignore", message=".*tasks.*", category=UserWarning)
         tasks = (delayed(_single_threaded)(call) for call in calls)
-        with closing(Parallel(n_jobs=n_jobs, return_as="generator")(tasks)) as outcomes:
-            for number, outcome in enumerate(outcomes, start=done + 1):
-                if progress is not None:
-                    progress(number, total, what)
-                yield outcome
+        with closing(Parallel(n_jobs=n_jobs, return_as="generator")(tasks)) as found:
+            yield from found
 
 
-def rarely_swept() -> None:
-    """Look for garbage seldom in this process: among the modules it loads, and where it ends, there is none.
+def begin_loading(n_jobs: int) -> Thread | None:
+    """Let processes of this machine start and load what computes features, while this one does other things.
 
-    Loading and ending the libraries of a benchmark takes two thirds of the time that way.
+    Parameters
+    ----------
+    n_jobs : int
+        As of `each`, which uses these processes.
+
+    Returns
+    -------
+    Thread or None
+        It ends when they have loaded it; None where there is no other process.
     """
-    gc.set_threshold(100_000)
-    atexit.register(gc.freeze)
+    if n_jobs in (0, 1) or _cluster.get() is not None:
+        return None
+    waiting = Thread(target=_load_in, args=(n_jobs if n_jobs > 0 else cpu_count(),), daemon=True)
+    waiting.start()
+    return waiting
+
+
+def _load_in(number: int) -> None:
+    with parallel_config(**PROCESSES):  # no warnings are caught: that is not for threads
+        Parallel(n_jobs=number)([delayed(_load)()] * number)
+
+
+def _load() -> None:
+    import texclass.experiment.parts  # noqa: F401
 
 
 @contextmanager
