@@ -358,7 +358,7 @@ def _first(where: NDArray[np.bool_], otherwise: int) -> int:
 
 def _blocks(level: Samples, size: int) -> Samples:
     whole = len(level) // size * size
-    means = level[:whole].reshape(-1, size).mean(axis=1)
+    means = level[:whole].reshape(-1, size) @ np.full(size, 1 / size)
     return np.append(means, level[whole:].mean()) if len(level) > whole else means
 
 
