@@ -24,7 +24,7 @@ from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
 from texclass.loaders.places import DataNotFoundError
 from texclass.peers.comparison import same_signals
-from texclass.peers.peer_worker.files import write_task
+from texclass.peers.peer_worker.hand_over import write_task
 from texclass.peers.worker_process import run_worker
 from texclass.provenance import versions
 

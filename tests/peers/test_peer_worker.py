@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from texclass import peers
-from texclass.peers.peer_worker.files import read_task, write_task
+from texclass.peers.peer_worker.hand_over import read_task, write_task
 from texclass.peers.peer_worker.peers import (
     CLASSIFIERS,
     PEERS,

@@ -23,7 +23,7 @@ from texclass.features.phase_view import PhaseView, UndefinedFeatureError
 from texclass.features.plan import Plan
 from texclass.features.sets import Member
 from texclass.recognition import OnnxExportError, ParityError, export_onnx, train
-from texclass.recognition.export import fourier, graph_view
+from texclass.recognition.export import fourier_graphs, graph_view
 from texclass.recognition.export.graph import Graph, tensor_of
 from texclass.recognition.export.graph_view import GraphView, builders, graph_of
 from texclass.recognition.export.parity import run
@@ -68,21 +68,21 @@ def test_transforms_are_those_of_numpy(n):
         np.testing.assert_allclose(real + 1j * imaginary, X, rtol=0, atol=1e-11)
 
     def back_again(graph, x):
-        real, imaginary = fourier.rfft(graph, x, n, n, n // 2 + 1)
+        real, imaginary = fourier_graphs.rfft(graph, x, n, n, n // 2 + 1)
         bins = np.arange(n // 2 + 1)
         ends = np.where((bins == 0) | (2 * bins == n), 0.0, 1.0)
-        return fourier.irfft(graph, real, graph.add("Mul", imaginary, ends), n)
+        return fourier_graphs.irfft(graph, real, graph.add("Mul", imaginary, ends), n)
 
     np.testing.assert_allclose(computed(back_again, rows, 2)[0], rows, rtol=0, atol=1e-12)
 
 
 def transform(graph, x, **sizes):
-    return fourier.rfft(graph, x, **sizes)
+    return fourier_graphs.rfft(graph, x, **sizes)
 
 
 def test_transforms_keep_the_file_small():
     graph = Graph()
-    fourier.rfft(graph, "x", 10_000, 10_000, 5001)
+    fourier_graphs.rfft(graph, "x", 10_000, 10_000, 5001)
     assert sum(c.ByteSize() for c in graph.constants) < 250_000
 
 

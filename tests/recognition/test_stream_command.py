@@ -18,7 +18,7 @@ from toy_surfaces import signal as felt
 from texclass import recognition
 from texclass.cli.stream_view import Picture
 from texclass.recognition import OnlineSettings, Session
-from texclass.recognition.sources import open as sources
+from texclass.recognition.sources import source_by_name as sources
 
 
 @pytest.fixture(scope="module")

@@ -46,8 +46,8 @@ from .sources.blocks import BlockSource as BlockSource
 from .sources.blocks import Timing as Timing
 from .sources.dds import AnswerPublisher as AnswerPublisher
 from .sources.dds import ImuPublisher as ImuPublisher
-from .sources.open import is_live as is_live
-from .sources.open import open_source as open_source
+from .sources.source_by_name import is_live as is_live
+from .sources.source_by_name import open_source as open_source
 from .sources.topic import Subscriber as Subscriber
 from .sources.topic import discover as discover
 from .sources.topic import topic_blocks as topic_blocks

@@ -1,4 +1,4 @@
-"""Prony's method as published, kept for comparison; `matrix_pencil` holds the default fit."""
+"""Prony's method as published, kept for comparison; `decaying_modes` holds the default fit."""
 
 from dataclasses import dataclass
 

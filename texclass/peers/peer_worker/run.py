@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from sklearn.pipeline import make_pipeline
 
-from .files import Task, read_task, write_json
+from .hand_over import Task, read_task, write_json
 from .peers import CLASSIFIERS, PEERS, Extractor, Peer, Table
 
 N_WARM = 2

@@ -9,7 +9,7 @@ from scipy import fft
 from texclass.features import bands, cepstrum, slopes
 from texclass.features.excess import octaves_of
 from texclass.features.spectra import LONG_FRAME_S, window_of
-from texclass.recognition.export.fourier import power
+from texclass.recognition.export.fourier_graphs import power
 from texclass.recognition.export.graph_view import GraphView, graph_of
 from texclass.recording import Samples
 

@@ -4,7 +4,7 @@ import numpy as np
 from scipy import fft
 
 from texclass.features import autoregression, conditioning, roughness
-from texclass.recognition.export.fourier import irfft, rfft
+from texclass.recognition.export.fourier_graphs import irfft, rfft
 from texclass.recognition.export.graph_view import GraphView, graph_of
 from texclass.recording import Samples
 from texclass.vibration.autoregressive import EXHAUSTED, LARGEST

@@ -8,7 +8,7 @@ import numpy as np
 from texclass.features.phase_view import LEAST_PIECE, TURN, PhaseView, UndefinedFeatureError, kept_length
 from texclass.features.plan import Plan
 from texclass.features.sets import Member
-from texclass.recognition.export.fourier import irfft, rfft
+from texclass.recognition.export.fourier_graphs import irfft, rfft
 from texclass.recognition.export.graph import Graph, OnnxExportError, add_answers, along, tensor_of
 from texclass.recognition.export.graph_view import GraphView, member_graph, without_graph
 from texclass.recognition.model import Model

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from texclass.recognition.answers import Answer
 from texclass.recognition.live.contact import Contact, ContactRules, Event, Level, Ring
 from texclass.recognition.live.evidence import CONFIDENCE, CORRELATION, ContactVerdict, Evidence, Kind
-from texclass.recognition.live.windows import Stretches, TapMemory, Tapped
+from texclass.recognition.live.stretches import Stretches, TapMemory, Tapped
 from texclass.recognition.model import Model
 from texclass.recording import Recording
 from texclass.signals import causal

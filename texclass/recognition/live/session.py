@@ -17,10 +17,10 @@ from texclass.recognition.live.online_recogniser import (
     OnlineSettings,
     Update,
 )
-from texclass.recognition.live.windows import scale_of
+from texclass.recognition.live.stretches import scale_of
 from texclass.recognition.model import Model, load_model
 from texclass.recognition.sources.blocks import Block
-from texclass.recognition.sources.open import is_live, open_source
+from texclass.recognition.sources.source_by_name import is_live, open_source
 from texclass.recording import ACCELERATION_UNITS, Recording, Samples
 
 NOTICE_S = 5.0
