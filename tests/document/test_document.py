@@ -134,6 +134,14 @@ def test_columns_of_two_levels_are_titled_in_two_lines():
     assert 'data-column="3" class="num">Paper\xa0%' in head
 
 
+def test_a_character_that_the_font_lacks_is_drawn_as_a_box_and_a_list_in_a_cell_as_it_is():
+    assert "<svg" in inline_svg(
+        Figure("a", "b", "c", lambda width: row_axes(width, ["a\tb"], "x")[0]), 4.4, "s"
+    )
+    told = render_markdown(Document("toy", [Table(pd.DataFrame({"a": [[1, 2], True, 3]}), "")]))
+    assert "| [1, 2] |" in told
+
+
 def test_a_picture_holds_text_the_colours_of_the_page_and_words_for_who_does_not_see_it():
     block = Figure("ranking", "Every row", "The best is All.", draw)
     for width, kind in ((9.2, "wide"), (4.4, "narrow")):

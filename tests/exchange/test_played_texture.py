@@ -1,5 +1,7 @@
 """What comes back of a surface that was written for another device."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -96,8 +98,9 @@ def test_a_file_of_others_is_taken_for_a_usual_stroke(tmp_path):
 def test_silence_and_no_vibration_are_refused():
     none = np.zeros((0, 3))
     still = Rendition("still", "m/s^2", 1000.0, np.zeros(500), 100.0, 1.0, none, none, 0.0, 0.0, {})
-    with pytest.raises(ValueError, match="not silent"):
-        texture_of(still)
+    for x in (np.zeros(500), np.ones(500), np.ones(9), np.array([1e308, -1e308] * 250)):
+        with pytest.raises(ValueError, match="not silent"):
+            texture_of(replace(still, samples=x))
     haptics, _ = made_hjif(play_texture(noise(), seconds=0.6))
     felt = haptics.perceptions[0].model_copy(update={"perception_modality": "Force"})
     with pytest.raises(ValueError, match="Vibrotactile"):

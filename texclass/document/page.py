@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
@@ -113,7 +114,8 @@ def inline_svg(figure: Figure, width: float, name: str) -> str:
         Begins the ids inside; the page has its title as `name-t` and its sentence as `name-d`.
     """
     written = BytesIO()
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph", UserWarning)  # it is drawn as a box
         figure.draw(width).savefig(written, format="svg", transparent=True, metadata={"Date": None})
     root = ElementTree.fromstring(written.getvalue())  # matplotlib wrote it
     box = root.get("viewBox", "")

@@ -1,6 +1,7 @@
 """How numbers are written wherever results are told."""
 
 import math
+import numbers
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -103,4 +104,6 @@ def _text(value: Any) -> str:
         return value
     if _is_missing(value):
         return ""
-    return digits(value) if isinstance(value, float) else f"{value:,}"
+    if isinstance(value, float):
+        return digits(value)
+    return f"{value:,}" if isinstance(value, numbers.Number) else str(value)

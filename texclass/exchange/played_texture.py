@@ -25,6 +25,7 @@ from texclass.vibration import MajorFrequencies, TapModel, autoregressive, line_
 
 ORDER = 30
 """Of AR models, at most a tenth of the samples."""
+LARGEST = 1e100
 DECAY_PER_S = np.log(100.0) / TRANSIENT_S
 """A tap has faded to a hundredth when a transient ends."""
 USUAL = 100.0, 1.0, "arbitrary"
@@ -64,8 +65,10 @@ def texture_of(rendition: Rendition) -> tuple[Stored, dict[str, str]]:
             np.array([v / 2, 2 * v]), (lines, lines), peak, rendition.fs, rendition.name
         ), lost
     order = min(ORDER, x.size // 10)
-    if order < 1 or not np.ptp(x):
-        raise ValueError(f"{x.size} samples are played; the rule is ten at least that are not silent")
+    if order < 1 or not 0 < np.abs(x).max() < LARGEST or np.all(x == x[0]):
+        raise ValueError(
+            f"{x.size} samples are played; the rule is ten at least, not silent, below {LARGEST:g} in size"
+        )
     model = autoregressive.fit(x - x.mean(), order)
     lsf = line_spectrum.spread(line_spectrum.from_reflection(model.reflection))
     lost["waveform"] = f"noise of its spectrum, an AR model of order {order}"

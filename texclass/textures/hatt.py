@@ -379,7 +379,8 @@ def _filters(ar_lsf: Samples, ma_lsf: Samples, level: Samples) -> tuple[Samples,
     p, q = ar_lsf.shape[1], ma_lsf.shape[1]
     k, nu = np.zeros((level.size, max(p, q))), np.zeros((level.size, q + 1))
     k[:, :p] = line_spectrum.to_reflection(ar_lsf)
-    _ladder(k, line_spectrum.to_reflection(ma_lsf) if q else ma_lsf, level, nu)
+    # of one kind of array with and without an MA part: another would be compiled for by itself
+    _ladder(k, line_spectrum.to_reflection(ma_lsf) if q else np.zeros((level.size, 0)), level, nu)
     return k, nu
 
 
