@@ -266,7 +266,13 @@ def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] =
     edges = view.fs / 2 * np.exp2(-np.arange(octaves[1], octaves[0] - 1, -1.0))
     power = density(sixths(view), edges)[:, ::-1]
     L = np.log10(power.reshape(n_parts, N_PARTS // n_parts, -1).mean(axis=1))
-    return np.asarray(fft.dct(L, axis=0)[1:].reshape(-1) / n_parts)
+    return np.asarray((_terms(n_parts) @ L).reshape(-1))
+
+
+@functools.cache
+def _terms(n_parts: int) -> Samples:
+    """Return 2/n cos(pi j (i + 1/2)/n) in row j - 1 and column i, shape (n_parts - 1, n_parts)."""
+    return read_only(fft.dct(np.eye(n_parts), axis=0)[1:] / n_parts)
 
 
 @feature_in_samples("log10(1)", "texclass; deviation over frames of log band levels", outputs=OCTAVES)

@@ -172,7 +172,7 @@ def mfcc(
     """
     energies = log_energies(view, n_filters, low_hz, high_hz, decay_hz, frame_s, hop_s)
     mean = energies.mean(axis=0, dtype=np.float64)  # the transform is linear: of the mean is the mean of all
-    return np.asarray(fft.dct(mean, norm="ortho")[_checked(coefficients, n_filters)])
+    return np.asarray((mean @ _cosines(n_filters))[_checked(coefficients, n_filters)])
 
 
 @feature("movement", "1", "strese2015, section IV-A, extended", outputs="c{coefficients}")
@@ -206,9 +206,15 @@ def mfcc_deviation(
         As `mfcc`, and for fewer than two frames that are not silent.
     """
     energies = log_energies(view, n_filters, low_hz, high_hz, decay_hz, frame_s, hop_s)
-    frames = fft.dct(energies.astype(np.float64), axis=1, norm="ortho")
-    undefined_if(len(frames) < 2, "1 frame that is not silent; the rule is at least 2 for a deviation")
+    undefined_if(len(energies) < 2, "1 frame that is not silent; the rule is at least 2 for a deviation")
+    frames = energies @ _cosines(n_filters)
     return np.asarray(frames[:, _checked(coefficients, n_filters)].std(axis=0))
+
+
+@functools.cache
+def _cosines(n_filters: int) -> Samples:
+    """Return the orthonormal DCT-II as a matrix, a column each coefficient."""
+    return read_only(fft.dct(np.eye(n_filters), axis=1, norm="ortho"))
 
 
 def _checked(coefficients: tuple[int, ...], n_filters: int) -> list[int]:

@@ -93,8 +93,8 @@ def impulse_peaks(magnitude: Samples, spacing: int, prominence: float) -> list[i
     padded = np.concatenate([[0.0], magnitude, [0.0]])
     least = prominence * largest  # nothing lower is so prominent, nor takes the place of what is higher
     x, kept, found = padded.tolist(), list[int](), list[int]()
-    by_height = sorted(((x[k], k) for k in find_peaks(padded, height=least).tolist()), reverse=True)
-    for height, k in by_height:
+    peaks = find_peaks(padded, height=least)
+    for height, k in sorted(zip(padded[peaks].tolist(), peaks.tolist(), strict=True), reverse=True):
         if len(found) >= 3 and height < x[found[2]]:
             break
         if all(abs(k - other) >= spacing for other in kept):
@@ -238,15 +238,22 @@ def damping_as_printed(view: TapView, *, length: int = 4096) -> float:
 
 @transform
 def tap_spectra(view: TapView) -> tuple[tuple[Samples, Samples], ...]:
-    """Return frequency (Hz) and power of impact and decay of each tap, zero-padded to twice its length."""
+    """Return frequency (Hz) and power of impact and decay of taps, zero-padded to twice their length.
 
-    def spectrum_of(tap: TapSignal) -> tuple[Samples, Samples]:
-        n_fft = 2 * fft.next_fast_len(max(_energetic(tap).size, 32), real=True)
-        spectrum = fft.rfft(tap.impulse, n_fft)
-        power: Samples = np.asarray(spectrum.real**2 + spectrum.imag**2, dtype=np.float64)
-        return np.arange(n_fft // 2 + 1, dtype=np.float64) * (view.fs / n_fft), power
-
-    return tuple(per_tap(unit_taps(view), spectrum_of))
+    Taps that are padded to the same length stand together: (n_bins,) and (n_taps, n_bins).
+    """
+    alike: dict[int, list[Samples]] = {}
+    for impulse in per_tap(unit_taps(view), _energetic):
+        alike.setdefault(2 * fft.next_fast_len(max(impulse.size, 32), real=True), []).append(impulse)
+    found = []
+    for n_fft, impulses in alike.items():
+        padded = np.zeros((len(impulses), n_fft))
+        for row, impulse in zip(padded, impulses, strict=True):
+            row[: impulse.size] = impulse
+        spectra = fft.rfft(padded)
+        power: Samples = np.asarray(spectra.real**2 + spectra.imag**2, dtype=np.float64)
+        found.append((np.arange(n_fft // 2 + 1, dtype=np.float64) * (view.fs / n_fft), power))
+    return tuple(found)
 
 
 @transform
@@ -285,7 +292,8 @@ def damping(view: TapView) -> float:
     UndefinedFeatureError
         If there is no tap, or none with an impulse of 8 samples or more.
     """
-    return float(median_over_taps([f @ power / power.sum() for f, power in tap_spectra(view)]))
+    centroids = [(power * f).sum(axis=1) / power.sum(axis=1) for f, power in tap_spectra(view)]
+    return float(median_over_taps(np.concatenate(centroids)))
 
 
 @feature("tap", "Hz", "texclass, after strese2015, eq. 2", outputs=SHARE_NAMES)
@@ -301,7 +309,8 @@ def tap_band(view: TapView) -> Samples:
     UndefinedFeatureError
         If there is no tap, or none with an impulse of 8 samples or more.
     """
-    return median_over_taps([_quantiles(f, np.cumsum(power)) for f, power in tap_spectra(view)])
+    spectra = tap_spectra(view)
+    return median_over_taps([_quantiles(f, row) for f, power in spectra for row in np.cumsum(power, axis=1)])
 
 
 @feature("tap", "s", "texclass, after strese2015, Fig. 7", outputs=SHARE_NAMES)

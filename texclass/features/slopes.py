@@ -7,6 +7,7 @@ drifts and single strong events change these little, and counting costs next to 
 """
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,33 +26,23 @@ LEAST = 1e-6
 """Least root mean square, relative to the largest sample: below it, single precision says nothing."""
 
 
-@transform
 def rising(view: PhaseView, lag: int) -> NDArray[np.bool_]:
     """Return whether x_(t+lag) > x_t, shape (n - lag,)."""
     x = unit32(view)
     return np.asarray(x[lag:] > x[:-lag])
 
 
-@transform
 def convex(view: PhaseView, lag: int) -> NDArray[np.bool_]:
     """Return whether x_(t+2 lag) + x_t > 2 x_(t+lag), shape (n - 2 lag,)."""
-    return np.asarray(_middle(view, lag) > unit32(view)[lag:-lag])
+    x = unit32(view)
+    ends = x[2 * lag :] + x[: -2 * lag]
+    ends *= 0.5
+    return np.asarray(ends > x[lag:-lag])
 
 
-def _middle(view: PhaseView, lag: int) -> NDArray[np.float32]:
-    """Return (x_(t+2 lag) + x_t)/2, shape (n - 2 lag,)."""
-    half = _half(view)
-    return np.asarray(half[2 * lag :] + half[: -2 * lag])
-
-
-@transform
-def _half(view: PhaseView) -> NDArray[np.float32]:
-    return np.asarray(unit32(view) * np.float32(0.5))
-
-
-def agreement(signs: NDArray[np.bool_], shift: int) -> float:
-    """Return the share of times t at which the signs at t and t + shift agree."""
-    return float(np.count_nonzero(signs[shift:] == signs[:-shift]) / (signs.size - shift))
+def agreements(signs: NDArray[np.bool_], shifts: Iterable[int]) -> list[float]:
+    """Return the shares of times t at which the signs at t and t + shift agree."""
+    return [np.count_nonzero(signs[shift:] == signs[:-shift]) / (signs.size - shift) for shift in shifts]
 
 
 @feature_in_samples("1", SIGNS, outputs="lag{lags}.step{steps}")
@@ -80,7 +71,8 @@ def slope_agreement(
         For silence, or a movement not twice as long as the longest lag and step together.
     """
     require(view, 2 * max(lags) * (1 + max(steps)), "slopes that far apart")
-    return np.array([agreement(rising(view, lag), step * lag) for lag in lags for step in steps])
+    shares = [agreements(rising(view, lag), [step * lag for step in steps]) for lag in lags]
+    return np.array(shares).reshape(-1)
 
 
 @feature_in_samples("1", SIGNS, outputs="lag{lags}.step{steps}")
@@ -108,7 +100,8 @@ def curvature_agreement(
         As `slope_agreement`, for a movement twice as long as the longest span and step together.
     """
     require(view, 2 * max(lags) * (2 + max(steps)), "curvatures that far apart")
-    return np.array([agreement(convex(view, lag), step * lag) for lag in lags for step in steps])
+    shares = [agreements(convex(view, lag), [step * lag for step in steps]) for lag in lags]
+    return np.array(shares).reshape(-1)
 
 
 @feature_in_samples(
@@ -157,7 +150,8 @@ def moments(view: PhaseView, lag: int) -> tuple[float, Samples]:
     """
     x = unit32(view)
     if lag:
-        c = _middle(view, lag)
+        c = x[2 * lag :] + x[: -2 * lag]
+        c *= 0.5
         c -= x[lag:-lag]
     else:
         c = x - np.float32(x.sum(dtype=np.float64) / x.size)
