@@ -12,10 +12,12 @@ from typer.testing import CliRunner
 
 from texclass.cli import app
 from texclass.exchange import save_texture
+from texclass.recording import Phases, Recording, Tap
 from texclass.scene import PlannedScene, SceneRenderer, feel_page, write_feel_page
 from texclass.scene import render_kernels as kernels
 from texclass.scene.feel_page import files
 from texclass.scene.renderer import packed
+from texclass.textures import pack
 from texclass.textures.grid import GridModel
 from texclass.textures.okamura2001 import TapLibrary
 from texclass.vibration import TapModel
@@ -216,6 +218,20 @@ def test_hostile_names_stay_text_and_a_rate_above_the_loudspeakers_is_refused():
     assert hostile not in found
     with pytest.raises(ValueError, match="at most 44100"):
         feel_page(scene_of({"a": LATTICE}, fs=96_000.0))
+
+
+def test_the_page_of_a_packed_texture_taps_as_the_recording_did(tmp_path):
+    rng, fs = np.random.default_rng(0), 2000.0
+    knock = 40.0 * np.exp(-90 * np.arange(400) / fs) * np.sin(2 * np.pi * 210 * np.arange(400) / fs)
+    x = np.concatenate([np.zeros(600), knock, np.zeros(200), rng.standard_normal(4000)])
+    felt = Recording(x, fs, "m/s^2", "felt", phases=Phases((Tap(550, 600, 1000),), (1200, x.size)))
+    file = save_texture(pack(felt, 64), tmp_path / "felt.texture")
+    done = CliRunner().invoke(app, ["texture", str(file), "--page", str(tmp_path / "feel.html")])
+    assert done.exit_code == 0, done.output
+    page = (tmp_path / "feel.html").read_text()
+    assert "Taps were measured." in page
+    (amplitude, decay, hz), _ = json.JSONDecoder().raw_decode(page.split('"tap": ')[1])
+    assert (amplitude, decay, hz) == pytest.approx((400, 90, 210), rel=0.2)
 
 
 def test_the_commands_write_a_small_page_of_a_planned_scene_with_measured_taps(tmp_path):

@@ -175,13 +175,21 @@ def texture(
     write_json(json_file, json.dumps(found, indent=1))
     if page_file is not None:
         from texclass.scene import load_scene, plan_scene, scene_of_texture, write_feel_page
+        from texclass.scene.feel_page import QUICK_M_S
+        from texclass.textures import PackedTexture
+        from texclass.vibration import TapModel
 
+        taps: dict[str, TapModel] = {}
         if found["family"] == "scene":
             planned = load_scene(file)
         else:
             with progress_bar() as progress:
                 planned = plan_scene(scene_of_texture(file), progress=progress).scene
-        write_feel_page(page_file, planned)
+        if found["family"] == PackedTexture.family:
+            tap = PackedTexture.from_bytes(file.read_bytes()).tap.strongest(1)
+            table = zip(tap.amplitude / QUICK_M_S, tap.decay_per_s, tap.frequency_hz, strict=True)
+            taps = {name: TapModel(*mode) for mode in table for name in planned.assigned}
+        write_feel_page(page_file, planned, taps=taps)
         typer.echo(f"wrote {page_file}, {page_file.stat().st_size} bytes")
 
 
