@@ -21,7 +21,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
 from sklearn.svm import SVC
 from toy_models import model_of, plan_of, rows_of
-from toy_surfaces import FS, STRANGER, SURFACES, recording, signal
+from toy_surfaces import FS, STRANGER, SURFACES, signal
 
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.pipeline import load_pipeline
@@ -331,24 +331,6 @@ def test_the_file_says_what_a_program_needs_to_check_itself(tmp_path):
     assert got["label"].tolist() == [check["label"] for check in checks]
     assert got["unknown"].tolist() == [check["unknown"] for check in checks]
     np.testing.assert_allclose(got["probabilities"], [check["probabilities"] for check in checks], atol=1e-12)
-
-
-def test_features_and_graph_answer_recordings_as_the_model_does(kernel_model, linear_model, tmp_path):
-    for model in (kernel_model, linear_model):
-        graph = export_onnx(model, tmp_path / "surfaces.onnx").path.read_bytes()
-        unknown = 0
-        for surface in (*SURFACES, "stranger"):
-            felt = recording(surface, 77)
-            answer = model.answer(felt)
-            got = run(graph, model.plan.compute(felt).values[None])
-            assert got["label"][0] == answer.surface
-            assert got["unknown"][0] == answer.unknown
-            assert got["p_known"][0] == answer.p_known
-            said = dict(zip(model.materials, got["probabilities"][0], strict=True))
-            assert said == pytest.approx(answer.probabilities, abs=1e-12)
-            unknown += answer.unknown
-        assert STRANGER not in SURFACES.values()
-        assert 0 < unknown < len(SURFACES)
 
 
 def test_rows_of_the_check_lie_on_both_sides_of_boundaries(linear_model):

@@ -7,7 +7,7 @@ import typer
 
 from texclass.cli import options
 from texclass.cli.app import app
-from texclass.cli.options import progress_bar, tell, write_json, wrote
+from texclass.cli.options import progress_bar, tell, tell_and_save, write_json, wrote
 
 
 @app.command(epilog="Example: texclass benchmark recordings --fs 10000 --unit m/s^2 --jobs 1")
@@ -121,14 +121,11 @@ def benchmark(
             result = run_benchmark(recordings, definition, **asked, progress=progress)
         else:
             result = study_feature(recordings, definition, new, **asked, progress=progress)
-    tell(result.document())
-    write_json(json_file, result.to_json())
-    wrote(result.save(output))
+    tell_and_save(result, output, json_file)
     if peers:
         with progress_bar() as progress:
             compared = compare_with_peers(recordings, definition, result, settings, **work, progress=progress)
-        tell(compared.document())
-        wrote(compared.save(output))
+        tell_and_save(compared, output)
 
 
 @app.command(epilog="Example: texclass extract recordings --fs 10000 --unit m/s^2 -o features.parquet")
@@ -253,9 +250,7 @@ def tradeoff(
                 progress=progress,
                 model_file=output / f"{recordings.name}-embedded.skops",
             )
-        tell(fitting.document())
-        write_json(json_file, fitting.to_json())
-        wrote((*fitting.save(output), Path(fitting.data["chosen"]["file"])))
+        tell_and_save(fitting, output, json_file, Path(fitting.data["chosen"]["file"]))
         return
     from texclass.features import load_feature_set
     from texclass.tradeoff import Limits, trade_off
@@ -274,9 +269,7 @@ def tradeoff(
             progress=progress,
             model_file=output / f"{tradeoff_stem(facts)}.skops",
         )
-    tell(result.document())
-    write_json(json_file, result.to_json())
-    wrote((*result.save(output), Path(result.data["chosen"]["file"])))
+    tell_and_save(result, output, json_file, Path(result.data["chosen"]["file"]))
 
 
 @app.command(epilog="Example: texclass stability --quick")

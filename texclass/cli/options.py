@@ -11,6 +11,7 @@ import typer
 
 if TYPE_CHECKING:
     from texclass.document import Document
+    from texclass.experiment.result import Result
 
 
 def shipped(folder: Literal["feature_defs", "pipelines", "datasets"]) -> Callable[[str], list[str]]:
@@ -227,6 +228,13 @@ def wrote(paths: Iterable[Path]) -> None:
     """Say which files were written."""
     for path in paths:
         typer.echo(f"wrote {path}")
+
+
+def tell_and_save(result: "Result", folder: Path, json_file: Path | None = None, *beside: Path) -> None:
+    """Print a result, write it as JSON where that was asked for, and say what was written into a folder."""
+    tell(result.document())
+    write_json(json_file, result.to_json())
+    wrote((*result.save(folder), *beside))
 
 
 @contextmanager

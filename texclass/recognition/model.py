@@ -407,26 +407,7 @@ def load_model(path: str | Path) -> Model:
     try:
         with np.errstate(all="ignore"):  # of damaged numbers, whose answers are then others
             deployed, same_code = _deployed(document, read_whole)
-            calibration = Calibration(*(float(document["calibration"][name]) for name in ("beta", "lapse")))
-            edges = {name: np.asarray(a, dtype=np.float64) for name, a in document["ranges"].items()}
-            novelty = Novelty.of_document(document["novelty"])
-            conformity = {
-                kind: Conformity(
-                    *(np.asarray(a, dtype=np.float64) for a in (known["odds"], known["weights"]))
-                )
-                for kind, known in document.get("conformity", {}).items()  # since 2.3
-            }
-            lay = {name: np.asarray(a, dtype=np.float64) for name, a in document.get("surfaces", {}).items()}
-            surfaces = Surfaces(**lay) if lay else None  # since 2.3
-            model = Model(
-                deployed,
-                calibration,
-                novelty,
-                Ranges(**edges),
-                manifest,
-                conformity=conformity,
-                surfaces=surfaces,
-            )
+            model = _of_document(document, deployed, manifest)
             if sorted(model.materials) != sorted(manifest.materials):
                 raise ValueError("it knows other materials than its manifest says; the rule is the same")
             if not np.allclose(model._typical(), document["probe"]["probabilities"], atol=SAME_ANSWER):
@@ -446,6 +427,25 @@ def load_model(path: str | Path) -> Model:
             stacklevel=2,
         )
     return model
+
+
+def _of_document(document: Mapping[str, Any], deployed: Deployed, manifest: Manifest) -> Model:
+    """Return the model that a file describes, around what answers in it."""
+
+    def arrays(stated: Mapping[str, Any]) -> dict[str, Samples]:
+        return {name: np.asarray(values, dtype=np.float64) for name, values in stated.items()}
+
+    return Model(
+        deployed,
+        Calibration(*(float(document["calibration"][name]) for name in ("beta", "lapse"))),
+        Novelty.of_document(document["novelty"]),
+        Ranges(**arrays(document["ranges"])),
+        manifest,
+        conformity={  # this and the surfaces: since 2.3
+            kind: Conformity(**arrays(known)) for kind, known in document.get("conformity", {}).items()
+        },
+        surfaces=Surfaces(**arrays(lay)) if (lay := document.get("surfaces")) else None,
+    )
 
 
 def _deployed(
