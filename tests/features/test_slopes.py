@@ -76,6 +76,20 @@ def test_peakedness_is_the_kurtosis_of_scipy():
     assert slopes.vibration_shape(view(x))[1] == pytest.approx(kurtosis, rel=1e-5)
 
 
+def test_slopes_of_a_saw_lean_to_where_it_falls_and_turn_round_with_time():
+    saw = signal.sawtooth(2 * np.pi * 20.01 * np.arange(N) / FS)  # rises slowly, falls at once
+    forth, back = (slopes.slope_shape(view(x), lags=(1, 4)).reshape(2, 3) for x in (saw, saw[::-1]))
+    assert (forth[:, 0] < -0.9).all()
+    np.testing.assert_allclose(back, forth * [-1, 1, 1], atol=1e-6)
+    levels = [np.log10(np.mean(np.abs(saw[lag:] - saw[:-lag]))) for lag in (1, 4)]
+    np.testing.assert_allclose(slope_level(view(saw[::-1]), lags=(1, 4)), levels, atol=1e-6)
+
+
+def test_slope_shape_of_gaussian_noise_is_that_of_the_normal_distribution():
+    expected = [0, np.log10(3), np.log10(np.sqrt(2 / np.pi))]
+    np.testing.assert_allclose(slopes.slope_shape(view(NOISE)), expected * 6, atol=0.02)
+
+
 def test_turning_a_signal_upside_down_changes_lopsidedness_alone():
     up, down = (curvature_shape(view(s * np.abs(NOISE))).reshape(-1, 3) for s in (1, -1))
     np.testing.assert_allclose(down, up * [-1, 1, 1], rtol=1e-6)

@@ -74,19 +74,24 @@ def _moments(view: GraphView, lag: int) -> tuple[str, str]:
             c = view.add("Sub", view.add("Mul", ends, 0.5), view.shifted(x, lag, n))
         else:
             c = view.add("Sub", x, view.mean(x))
-        size, square = view.add("Abs", c), view.add("Mul", c, c)
-        first, signed = view.mean(size), view.mean(view.add("Mul", c, size))
-        second, fourth = view.mean(square), view.mean(view.add("Mul", square, square))
-        second = view.where(view.add("Greater", second, slopes.LEAST**2), second)
-        shapes = view.beside(
-            view.add("Div", signed, second),
-            view.log10(view.add("Div", fourth, view.add("Mul", second, second))),
-            view.log10(view.add("Div", first, view.add("Sqrt", second))),
-        )
-        return second, shapes
+        return _shapes(view, c)
 
     found: tuple[str, str] = view.once(("moments", lag), make)
     return found
+
+
+def _shapes(view: GraphView, c: str) -> tuple[str, str]:
+    """Add the mean square (n, 1) and the three shapes (n, 3) of some samples."""
+    size, square = view.add("Abs", c), view.add("Mul", c, c)
+    first, signed = view.mean(size), view.mean(view.add("Mul", c, size))
+    second, fourth = view.mean(square), view.mean(view.add("Mul", square, square))
+    second = view.where(view.add("Greater", second, slopes.LEAST**2), second)
+    shapes = view.beside(
+        view.add("Div", signed, second),
+        view.log10(view.add("Div", fourth, view.add("Mul", second, second))),
+        view.log10(view.add("Div", first, view.add("Sqrt", second))),
+    )
+    return second, shapes
 
 
 @graph_of("vibration_shape")
@@ -97,6 +102,13 @@ def _vibration_shape(view: GraphView) -> str:
 @graph_of("curvature_shape")
 def _curvature_shape(view: GraphView, lags: tuple[int, ...]) -> str:
     return view.beside(*(_moments(view, lag)[1] for lag in lags))
+
+
+@graph_of("slope_shape")
+def _slope_shape(view: GraphView, lags: tuple[int, ...]) -> str:
+    x, n = view.unit, view.n_samples
+    ends = ((view.shifted(x, lag, n - lag), view.shifted(x, 0, n - lag)) for lag in lags)
+    return view.beside(*(_shapes(view, view.add("Sub", *pair))[1] for pair in ends))
 
 
 @graph_of("curvature_level")
