@@ -76,7 +76,7 @@ def test_tables_of_fewer_bits_lie_on_equal_steps_and_short_ones_stay():
 def _few_sizes():
     """Try few numbers of columns: each takes its selections and its networks."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(embedded, "N_COLUMNS", (4, 16))
+        patch.setattr(embedded, "N_COLUMNS", (4, 8))
         yield
 
 
