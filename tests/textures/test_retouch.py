@@ -41,6 +41,7 @@ def test_what_a_texture_does_not_hold_and_what_is_out_of_reach_is_refused(textur
         (texture, {}, "asked for nothing"),
         (texture, {"rough": 90.0}, "30 dB"),
         (texture, {"sticky": 90.0}, "0 to 2.55"),
+        (texture, {"hard": 60.0}, "8 to 5000 Hz"),
         (texture.holding(tap=NO_TAP), {"hard": 3.0}, "has no tap"),
         (texture.holding(mu=0.0), {"sticky": 3.0}, "has no friction"),
     ):

@@ -162,6 +162,10 @@ def texture(
         Path | None,
         typer.Option("--page", help="Also write a page in which it is stroked and heard."),
     ] = None,
+    slider_file: Annotated[
+        Path | None,
+        typer.Option("--sliders", help="The same with a slider for each scale of `describe`; see `convert`."),
+    ] = None,
     json_file: options.Json = None,
 ) -> None:
     """Show what is in a texture file. Family, points, order, sampling rate, unit and bytes."""
@@ -175,22 +179,27 @@ def texture(
     write_json(json_file, json.dumps(found, indent=1))
     if page_file is not None:
         from texclass.scene import load_scene, plan_scene, scene_of_texture, write_feel_page
-        from texclass.scene.feel_page import QUICK_M_S
         from texclass.textures import PackedTexture
-        from texclass.vibration import TapModel
 
-        taps: dict[str, TapModel] = {}
+        taps = {}
         if found["family"] == "scene":
             planned = load_scene(file)
         else:
             with progress_bar() as progress:
                 planned = plan_scene(scene_of_texture(file), progress=progress).scene
         if found["family"] == PackedTexture.family:
-            tap = PackedTexture.from_bytes(file.read_bytes()).tap.strongest(1)
-            table = zip(tap.amplitude / QUICK_M_S, tap.decay_per_s, tap.frequency_hz, strict=True)
-            taps = {name: TapModel(*mode) for mode in table for name in planned.assigned}
+            tap = PackedTexture.from_bytes(file.read_bytes()).tap
+            taps = dict.fromkeys(planned.assigned, tap) if tap.n_modes else {}
         write_feel_page(page_file, planned, taps=taps)
         typer.echo(f"wrote {page_file}, {page_file.stat().st_size} bytes")
+    if slider_file is not None:
+        from texclass.exchange import load_texture, read_hatt
+        from texclass.scene import write_slider_page
+
+        felt = read_hatt(file) if file.suffix.lower() == ".xml" else load_texture(file)
+        with progress_bar() as progress:
+            write_slider_page(slider_file, felt, file=file.name, unit=found["unit"], progress=progress)
+        typer.echo(f"wrote {slider_file}, {slider_file.stat().st_size} bytes")
 
 
 def _words(value: object) -> str:

@@ -22,3 +22,5 @@ from .renderer import PlannedScene as PlannedScene
 from .renderer import SceneRenderer as SceneRenderer
 from .renderer import SceneSurface as SceneSurface
 from .renderer import load_scene as load_scene
+from .slider_page import slider_page as slider_page
+from .slider_page import write_slider_page as write_slider_page

@@ -18,7 +18,7 @@ from markupsafe import Markup
 from texclass.document.page import templates
 from texclass.scene.renderer import PlannedScene, packed
 from texclass.textures.grid import GridModel
-from texclass.vibration import TapModel
+from texclass.vibration import DecayingModes, TapModel
 from texclass.vibration.autoregressive import Autoregression
 from texclass.whole_files import write_whole
 
@@ -31,10 +31,16 @@ LOUDEST = 4.0
 QUICK_M_S = 0.1
 """Impact velocity that belongs to a force of 1 N."""
 GUESSED_DECAY_PER_S = 20.0, 400.0
-SCRIPTS = "kernels", "worklet", "page"
+SCRIPTS = "kernels", "worklet", "sliders", "page"
 
 
-def feel_page(scene: PlannedScene, *, taps: Mapping[str, TapModel] | None = None, title: str = "") -> str:
+def feel_page(
+    scene: PlannedScene,
+    *,
+    taps: Mapping[str, TapModel | DecayingModes] | None = None,
+    title: str = "",
+    more: Mapping[str, Any] | None = None,
+) -> str:
     """Return a planned scene as a page of HTML that needs no network.
 
     The pointer's speed and force drive the scene's models in an AudioWorklet; a press also taps.
@@ -43,11 +49,14 @@ def feel_page(scene: PlannedScene, *, taps: Mapping[str, TapModel] | None = None
     ----------
     scene : PlannedScene
         At most at 44.1 kHz.
-    taps : mapping of str to TapModel, optional
-        Surface -> its tap, as a `TapLibrary` has them, in the scene's unit. Surfaces without one get a guess:
-        a tap that rings at the strongest resonance of the planned model.
+    taps : mapping of str to TapModel or DecayingModes, optional
+        Surface -> its tap, as a `TapLibrary` has them, in the scene's unit; modes are those of a tap of 0.1
+        m/s. Surfaces without one get a guess: a tap that rings at the strongest resonance of the planned
+        model.
     title : str
         The scene's name by default.
+    more : mapping, optional
+        What `slider_page` adds.
 
     Raises
     ------
@@ -70,7 +79,8 @@ def feel_page(scene: PlannedScene, *, taps: Mapping[str, TapModel] | None = None
             "plan it for a lower rate_hz"
         )
     folder = files(__package__).joinpath("feel")
-    scripts = [(name, folder.joinpath(f"{name}.js").read_text(encoding="utf-8")) for name in SCRIPTS]
+    named = [name for name in SCRIPTS if more or name != "sliders"]
+    scripts = [(name, folder.joinpath(f"{name}.js").read_text(encoding="utf-8")) for name in named]
     styles = files("texclass.document").joinpath("templates", "page.css"), folder.joinpath("page.css")
     bank, index = packed(scene)
     surfaces = [_surface(name, scene, taps or {}) for name in scene.assigned]
@@ -81,10 +91,14 @@ def feel_page(scene: PlannedScene, *, taps: Mapping[str, TapModel] | None = None
         "full": LOUDEST * max([one["rms"] for one in surfaces if one["rms"] > 0], default=1.0),
         "bank": base64.b64encode(bank.astype("<f8").tobytes()).decode(), "index": index.ravel().tolist(),
     }  # fmt: skip
+    data |= more or {}
+    if more:
+        surfaces[0]["about"] = "as the sliders say"
     n_guessed = sum(one["guessed"] for one in surfaces)
     return templates("texclass.scene", "feel").get_template("page.html").render(
         title=title or f"Feel: {scene.name}",
         scene=scene,
+        scales=(more or {}).get("scales", {}),
         unit=_shown(scene.unit),
         surfaces=surfaces,
         sliders=[
@@ -103,7 +117,11 @@ def feel_page(scene: PlannedScene, *, taps: Mapping[str, TapModel] | None = None
 
 
 def write_feel_page(
-    path: str | Path, scene: PlannedScene, *, taps: Mapping[str, TapModel] | None = None, title: str = ""
+    path: str | Path,
+    scene: PlannedScene,
+    *,
+    taps: Mapping[str, TapModel | DecayingModes] | None = None,
+    title: str = "",
 ) -> Path:
     """Write what `feel_page` returns; a file of that name is replaced at once.
 
@@ -119,6 +137,13 @@ def write_feel_page(
     return path
 
 
+def tap_modes(tap: TapModel | DecayingModes) -> list[list[float]]:
+    """Return amplitude per m/s, decay rate (1/s), frequency (Hz) and phase (rad, of a sine) of each mode."""
+    modes = tap.modes(QUICK_M_S) if isinstance(tap, TapModel) else tap
+    rows = modes.amplitude / QUICK_M_S, modes.decay_per_s, modes.frequency_hz, modes.phase + np.pi / 2
+    return [[float(x) for x in row] for row in np.transpose(rows)]
+
+
 def _ends(surfaces: list[dict[str, Any]], key: str) -> tuple[float, float]:
     """Return the least and the largest speed or force of all surfaces that are felt."""
     ends = np.array([one[key] for one in surfaces if one["rms"] > 0] or [surfaces[0][key]])
@@ -126,7 +151,7 @@ def _ends(surfaces: list[dict[str, Any]], key: str) -> tuple[float, float]:
     return (low, high) if low < high else (low / 2, 2 * high)
 
 
-def _surface(name: str, scene: PlannedScene, taps: Mapping[str, TapModel]) -> dict[str, Any]:
+def _surface(name: str, scene: PlannedScene, taps: Mapping[str, TapModel | DecayingModes]) -> dict[str, Any]:
     """Return what the page knows of a surface beside its model."""
     model = scene.model_of(name)
     middle = [float(np.sqrt(axis[0] * axis[-1])) for axis in model.axes]
@@ -143,7 +168,7 @@ def _surface(name: str, scene: PlannedScene, taps: Mapping[str, TapModel]) -> di
         "speeds": (model.speeds[0], model.speeds[-1]),
         "forces": (model.forces[0], model.forces[-1]),
         "rms": rms,
-        "tap": None if tap is None else (tap.amplitude_slope, tap.decay_per_s, tap.frequency_hz),
+        "tap": None if tap is None else tap_modes(tap),
         "guessed": name not in taps,
         "about": felt if parts else "too weak for the device to be felt",
     }

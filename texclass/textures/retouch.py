@@ -89,11 +89,16 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **aske
             )
     if "hard" in asked:  # a stiffer spring: a ~ v w sin(w t)
         c = _measured("hard", asked["hard"]) / _measured("hard", _touched(tap, mu)["hard"])
-        tap = DecayingModes(c * tap.frequency_hz, c * tap.decay_per_s, c * tap.amplitude, tap.phase)
+        higher = np.minimum(c * tap.frequency_hz, 0.49 * TAP_FS)
+        tap = DecayingModes(higher, c * tap.decay_per_s, c * tap.amplitude, tap.phase)
     mu = _measured("sticky", asked["sticky"]) if "sticky" in asked else mu
-    if isinstance(texture, PackedTexture) and not set(asked) & set(OF_SPECTRUM):
-        return texture.holding(tap=tap, mu=mu)
-    return _reshaped(texture, asked, n_bytes, unit).holding(tap=tap, mu=mu)
+    same = isinstance(texture, PackedTexture) and not set(asked) & set(OF_SPECTRUM)
+    packed: PackedTexture = texture if same else _reshaped(texture, asked, n_bytes, unit)  # type: ignore[assignment]
+    found = packed.holding(tap=tap, mu=mu)
+    hard = _touched(found.tap, mu).get("hard", 0.0)
+    if abs(hard - asked.get("hard", hard)) > NEAR:
+        raise ValueError(f"asked for {asked}; the rule is what a tap of 8 to 5000 Hz holds: hard {hard:.1f}")
+    return found
 
 
 def _reshaped(texture: Texture, asked: dict[str, float], n_bytes: int, unit: str) -> PackedTexture:

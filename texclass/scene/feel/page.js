@@ -10,7 +10,7 @@
   const say = (text) => { if (by("said").textContent !== text) by("said").textContent = text; };
   const volume = () => 10 ** (by("volume").value / 20);
   const contacts = Array.from({ length: N_POINTERS + 1 }, () => null);  // {tile, x, y, past, force, pointer}
-  let context = null, node = null, analyser = null, starting = null, touched = 0;
+  let painting = 0, slidUntil = 0, context = null, node = null, analyser = null, starting = null, touched = 0;
 
   // Sound --------------------------------------------------------------------------------------------------
 
@@ -43,7 +43,7 @@
     const contact = contacts[i];
     const model = contact ? scene.surfaces[contact.tile.dataset.at].model : -1;
     node?.port.postMessage({ contact: i, model, vx, vy, force: contact?.force ?? 0 });
-    if (contact) contact.speed = Math.hypot(vx, vy);
+    if (contact) Object.assign(contact, { vx, vy, speed: Math.hypot(vx, vy) });
   }
 
   async function tap(tile, force) {
@@ -140,8 +140,9 @@
     const way = [...keys].reduce(([x, y], key) => [x + ARROWS[key][0], y + ARROWS[key][1]], [0, 0]);
     const size = Math.hypot(...way) || 1, stick = pad?.axes.slice(0, 2) ?? [0, 0];
     const pushed = Math.hypot(...stick) > 0.15;
-    const go = pushed ? stick : [way[0] / size, way[1] / size];
-    const strikes = Boolean(pad?.buttons[0]?.pressed), tile = document.activeElement?.closest?.(".tile");
+    const slid = performance.now() < slidUntil, focused = document.activeElement?.closest?.(".tile");
+    const go = pushed ? stick : slid && !focused ? [1, 0] : [way[0] / size, way[1] / size];
+    const strikes = Boolean(pad?.buttons[0]?.pressed), tile = focused ?? (slid ? tiles[0] : null);
     const trigger = pad?.buttons[7]?.value || 0;
     if (tile && strikes && !struck) tap(tile, chosenForce());
     struck = strikes;
@@ -256,5 +257,17 @@
   dark.addEventListener("change", () => tiles.forEach(paint));
   outputs();
   tiles.forEach(paint);
+  if (scene.scales) startSliders(scene, bank, ({ part, at }, model, tap) => {
+    bank.set(part, at);
+    node?.port.postMessage({ part, at });
+    Object.assign(scene.surfaces[0], { model, tap });
+    contacts.forEach((contact, i) => { if (contact) send(i, contact.vx, contact.vy); });
+    if (document.activeElement?.id.startsWith("scale-")) {  // who moves a slider has no hand free to stroke
+      slidUntil = performance.now() + 700;
+      start();
+    }
+    clearTimeout(painting);
+    painting = setTimeout(() => { outputs(); tiles.forEach(paint); }, 200);
+  });
   requestAnimationFrame(turn);
 })();

@@ -3,7 +3,7 @@
 
 const HALF = 16, PHASES = 128;  // taps on either side of a sample, and tables between two samples
 const CEILING = 0.5;  // of full scale: no sample that leaves is larger
-const MOST_TAPS = 8;
+const MOST_MODES = 32;  // of taps that still ring
 
 /** Return next(): samples of `source` at `ratio` = its rate / the new one, at most 1, through a linear-phase filter. */
 function createInterpolator(source, ratio) {
@@ -43,13 +43,15 @@ function createLimiter(fs, ceiling = CEILING) {
   };
 }
 
-/** Return { strike(tap, velocity), next() }: taps A v exp(-B t) sin(2 pi f t), as TapModel says, at `fs`. */
+/** Return { strike(modes, velocity), next() }: taps of modes A v exp(-B t) sin(2 pi f t + phase), at `fs`. */
 function createTaps(fs) {
   let ringing = [];
-  function strike([amplitude, decay, hz], velocity) {
-    const r = Math.exp(-decay / fs), angle = 2 * Math.PI * hz / fs;
-    const turn = { re: amplitude * velocity, im: 0, cos: r * Math.cos(angle), sin: r * Math.sin(angle) };
-    if (hz < fs / 2) ringing = [...ringing.slice(1 - MOST_TAPS), turn];
+  function strike(modes, velocity) {
+    for (const [amplitude, decay, hz, phase] of modes) {
+      const r = Math.exp(-decay / fs), angle = 2 * Math.PI * hz / fs, size = amplitude * velocity;
+      const turn = { re: size * Math.cos(phase), im: size * Math.sin(phase), cos: r * Math.cos(angle), sin: r * Math.sin(angle) };
+      if (hz < fs / 2) ringing = [...ringing.slice(1 - MOST_MODES), turn];
+    }
   }
   function next() {
     let sum = 0, ended = false;
@@ -68,7 +70,7 @@ function createTaps(fs) {
 
 /**
  * Two outputs: what is heard (limited), and what is felt, in parts of `full`. Messages: {contact, model, vx, vy,
- * force}, {tap, velocity}, {gain}. With a `script` of {vx, vy, force, model, noise}, sample by sample, contact 0
+ * force}, {tap, velocity}, {gain}, {part, at} of the bank. With a `script` of {vx, vy, force, model, noise}, sample by sample, contact 0
  * follows it, and its samples at the models' rate are sent back at its end.
  */
 function defineProcessor(Base) {
@@ -81,12 +83,13 @@ function defineProcessor(Base) {
       this.taps = createTaps(sampleRate);
       this.limit = createLimiter(sampleRate);
       this.sample = createInterpolator(() => this.feel(), fs / sampleRate);
-      Object.assign(this, { full, gain, wanted: gain, script, felt: [], silent: true });
+      Object.assign(this, { bank, full, gain, wanted: gain, script, felt: [], silent: true });
       this.port.onmessage = ({ data }) => this.hear(data);
     }
 
     hear(data) {
       if ("gain" in data) this.wanted = data.gain;
+      if ("part" in data) this.bank.set(data.part, data.at);
       if ("tap" in data) this.taps.strike(data.tap, data.velocity);
       if ("contact" in data && [data.vx, data.vy, data.force].every(Number.isFinite)) {
         this.renderer.touch(data.contact, data.model);
