@@ -205,7 +205,7 @@ def feature(
         ) -> Any:
             if not isinstance(view, View):
                 view = view_of(phase, view, fs, unit)
-            if not divisible:
+            if not divisible or "n_pieces" not in parameters:
                 return function(view, *args, **parameters)
             return _of_pieces(function, view, *args, **parameters)
 

@@ -240,7 +240,8 @@ class Views:
     def _pair(self, phase: Phase, *, without_hand: bool) -> PairView:
         if self.sides is None:
             raise UndefinedFeatureError("one channel, or several combined; the rule is two kept apart")
-        undefined_if(phase != "pair", f"two channels; the rule is one for a {phase}")
+        if phase != "pair":
+            raise UndefinedFeatureError(f"two channels; the rule is one for a {phase}")
         one, other = (side.without_hand if without_hand else side.movement for side in self.sides)
         return PairView((one, other))
 
