@@ -159,6 +159,8 @@ def draw_heat(heat: Heat) -> Drawing:
     axes.grid(which="minor")
     for i, row in enumerate(heat.rows.values()):
         for j, shade in enumerate(row):
+            if not shade.sign:
+                continue
             colour = "white" if shade.look[1:] in {"4", "5"} else INK
             axes.text(j, i, shade.sign, ha="center", va="center", fontsize=font, color=colour)
     axes.xaxis.tick_top()
