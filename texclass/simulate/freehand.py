@@ -140,10 +140,8 @@ def perform(
     acceleration = sensor.read(motion.acceleration, fs, sensor_rng, extra_noise=noise)
     # as a position tracker reports it, without the tip's own vibration
     speed = lowpass(motion.speed, _TRACKER_HZ, fs, order=2)
-    if path.lateral_m_s is not None:
-        knots = np.arange(path.lateral_m_s.size) / hand.CONTROL_RATE
-        speed = np.hypot(speed, np.interp(np.arange(n_samples) / fs, knots, path.lateral_m_s))
-    np.multiply(np.abs(speed, out=speed), 1e3, out=speed)
+    lateral = np.zeros_like(path.line) if path.lateral_m_s is None else path.lateral_m_s
+    _to_mm_s(speed, lateral, hand.CONTROL_RATE / fs)
     return Recording(
         acceleration=read_only(acceleration),
         fs=fs,
@@ -216,6 +214,17 @@ def _pose(acceleration: Samples, person: Operator, fs: float, rng: np.random.Gen
     azimuth = np.deg2rad(person.azimuth_deg + 3.0 * hand.smooth_noise(n_knots, 0.4, rng))
     turn = np.stack([f(angle) for angle in (tilt, azimuth) for f in (np.cos, np.sin)], axis=1)
     _turn(acceleration, turn, hand.CONTROL_RATE / fs)
+
+
+@njit(cache=True, error_model="numpy")
+def _to_mm_s(speed, lateral, knots_per_sample):  # type: ignore[no-untyped-def]
+    """Turn velocities along the stroke into speeds in the plane; those across are linear between knots."""
+    last = len(lateral) - 1
+    for i in range(len(speed)):
+        position = min(i * knots_per_sample, last)
+        knot = int(position)
+        across = lateral[knot] + (position - knot) * (lateral[min(knot + 1, last)] - lateral[knot])
+        speed[i] = 1e3 * np.sqrt(speed[i] * speed[i] + across * across)
 
 
 @njit(cache=True, error_model="numpy")

@@ -156,11 +156,22 @@ class Sensor:
         gain = 0.6 * np.exp(0.08 * rng.standard_normal())  # 1/N
         smooth = lateral_force_n.copy()
         _filter(butterworth("lowpass", min(150.0, 0.4 * fs), fs, order=1), np.zeros((1, 1, 2)), smooth[None])
-        drive = gain * np.sign(smooth) * np.abs(smooth) ** 0.9
+        drive = np.abs(smooth)
+        np.power(drive, 0.9, out=drive)
+        drive *= gain
+        np.copysign(drive, smooth, out=drive)
+        limited = np.abs(drive)
+        limited += 1.0
+        drive *= self.bridge_v
+        drive /= limited
         drift = np.linspace(0.0, rng.standard_normal(), drive.size)
-        offset = self.bridge_drift_v * (rng.standard_normal() + drift)
-        noise = self.bridge_noise_v * rng.standard_normal(drive.size)
-        return np.asarray(self.bridge_v * drive / (1.0 + np.abs(drive)) + offset + noise)
+        drift += rng.standard_normal()
+        drift *= self.bridge_drift_v
+        drive += drift
+        noise = rng.standard_normal(drive.size)
+        noise *= self.bridge_noise_v
+        drive += noise
+        return drive
 
 
 def steps_per_sample(fs: float) -> int:
