@@ -1,7 +1,9 @@
 """Work in processes of this machine and on a real cluster: in order, one thread each, safe from a death."""
 
+import ctypes
 import gc
 import json
+import mmap
 import os
 import pickle
 import signal
@@ -92,6 +94,24 @@ def test_a_worker_seldom_looks_for_garbage_and_its_caller_as_before():
     found = list(each([partial(gc.get_threshold)] * 2, n_jobs=2))
     assert all(often[0] >= 100 * before[0] for often in found)
     assert list(each([partial(gc.get_threshold)])) == [before] == [gc.get_threshold()]
+
+
+def faults_of_arrays_made_again():
+    """Return how many pages are taken anew where arrays follow others of their size that are gone."""
+    import resource
+
+    for _ in range(5):
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        made = [np.ones(200_000) for _ in range(10)]
+        taken = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+        del made
+    return taken
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallopt"), reason="a C library without mallopt")
+def test_a_worker_keeps_the_memory_of_the_last_recording_for_the_next():
+    pages = 10 * 200_000 * 8 / mmap.PAGESIZE
+    assert all(taken < 0.05 * pages for taken in each([faults_of_arrays_made_again] * 4, n_jobs=2))
 
 
 def test_a_cluster_gives_the_same_table_even_if_a_worker_is_killed_on_the_way(cluster, tmp_path, monkeypatch):
