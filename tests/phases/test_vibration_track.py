@@ -7,7 +7,7 @@ import pytest
 
 from texclass.phases import segment, vibration_track
 from texclass.phases.defects import Data, mended
-from texclass.phases.vibration_track import SINGLE, Filtered, block_mean
+from texclass.phases.vibration_track import SINGLE, Filtered, block_mean, track
 from texclass.recording import Recording
 from texclass.signals import STEPS, butterworth, causal
 
@@ -89,3 +89,15 @@ def test_phases_do_not_depend_on_the_blocks(monkeypatch):
         [tap.quality for tap in phases.taps], rel=1e-9
     )
     assert [replace(tap, quality=1) for tap in again.taps] == [replace(tap, quality=1) for tap in phases.taps]
+
+
+@pytest.mark.parametrize("turned", ["up", "down"])
+def test_a_volume_that_is_turned_is_seen_in_what_it_leaves_of_gravity(turned):
+    rng = np.random.default_rng(3)
+    volume = np.minimum(np.arange(20_000) / 3000, 1.0)
+    x = (9.8 * volume)[:, None] * [0.6, 0.0, 0.8] + 0.01 * rng.normal(size=(20_000, 3))
+    recording = Recording(x if turned == "up" else x[::-1], 10_000.0, "m/s^2")
+    first, stop = track(recording, hand_hz=60.0, bin_s=0.001, quiet_s=0.1).full
+    kept = (first, 2000) if turned == "up" else (0, stop)
+    assert (first, stop) == kept
+    assert 150 <= 2000 - (stop - first) <= 330
