@@ -209,7 +209,7 @@ def of_taps() -> Iterator[dict[str, Any]]:
     for i, surface in enumerate(surface_catalogue(24, seed=SEED)):
         recording = record_freehand(surface, operators[i % 4], duration_s=6.0, seed=i)
         n = round(np.median([tap.end - tap.impact for tap in recording.phases.taps]))
-        for n_bytes in BYTES[1:4]:
+        for n_bytes in BYTES[2:]:  # 16 hold speed and force and no tap
             tap = pack(recording, n_bytes).tap
             x = np.concatenate([np.zeros(500), tap.synthesize(n, recording.fs)])
             knock = Recording(x, recording.fs, "m/s^2", "knock", phases=Phases((Tap(0, 500, x.size),)))

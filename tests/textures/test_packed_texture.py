@@ -201,6 +201,17 @@ def test_what_is_packed_is_as_hard_as_what_was_felt():
     assert spearmanr(felt, again).statistic > 0.9
 
 
+def test_what_does_not_fit_beside_the_spectrum_is_left_out():
+    recording = record_freehand(
+        surface_catalogue(2, seed=6)[0], operator_catalogue(1, seed=6)[0], duration_s=4.0, seed=5
+    )
+    assert all(track is not None for track in (recording.speed, recording.normal_force, recording.friction))
+    small, large = pack(recording, 16), pack(recording, 32)
+    assert (len(small.to_bytes()), small.model.speeds.size) == (16, 2)
+    assert (small.tap.n_modes, small.mu, large.tap.n_modes) == (0, 0.0, 2)
+    assert large.mu > 0
+
+
 def test_the_tap_of_a_packed_texture_stays_when_it_is_packed_again():
     first = _knocked(DecayingModes([200.0], [120.0], [9.0], [0.0]), 64)
     again = pack(first, 32).tap

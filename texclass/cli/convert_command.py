@@ -109,21 +109,26 @@ def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str 
     from texclass import exchange
     from texclass.loaders import load_recording
     from texclass.textures import pack
-    from texclass.textures.packed import BYTES_A_MODE
 
     if source.suffix.lower() in TEXTURES:
         packed = pack(_texture(source), n_bytes, unit=exchange.describe(source)["unit"])
-        law, taps = "40 to 200 mm/s, 0.4 to 2 N", "the texture holds none"
+        law, taps = "40 to 200 mm/s, 0.4 to 2 N", "none in the texture, or too few bytes"
     else:
         packed = pack(load_recording(source, fs=fs, unit=unit), n_bytes, name=source.stem)
         law = "those of the recording"
-        taps = "none found" if n_bytes >= BYTES_A_MODE else f"left out below {BYTES_A_MODE} bytes"
+        taps = "none found, or too few bytes"
     several = packed.model.speeds.size > 1
     felt = f"{law}: a level law, two spectra" if several else "one spectrum and one level, whatever they are"
     if n_modes := packed.tap.n_modes:
         taps = f"one, neither the hardest nor the softest, as {n_modes} decaying sinusoids"
+    rubs = f"{packed.mu:.2f}" if packed.mu else "none known, or too few bytes"
     exchange.save_texture(packed, target)
-    return {"speed and force": felt, "taps": taps, "spectrum": f"an AR model of order {packed.order}"}
+    return {
+        "speed and force": felt,
+        "taps": taps,
+        "friction": rubs,
+        "spectrum": f"an AR model of order {packed.order}",
+    }
 
 
 def _retouch(source: Path, target: Path, scales: list[str], n_bytes: int | None) -> dict[str, str]:

@@ -235,6 +235,8 @@ def pack(
     }
     facts |= {key: seen[key] for key in ("fs", "level_db", "slopes_db", "ends")}
     k = from_autocorrelation(np.fft.irfft(seen["spectra"], axis=-1)[:, : min(MOST_ORDER, seen["most"]) + 1])
+    if not _allocations(8 * n_bytes, facts, k.order):  # the spectrum comes first
+        facts |= {"modes": [], "mu": 0.0}
     best, least = b"", np.inf
     for bits in _allocations(8 * n_bytes, facts, k.order):
         coded = facts | {"bits": bits, "codes": [_codes(row[: len(bits)], bits) for row in k.reflection]}
