@@ -207,7 +207,8 @@ def test_what_does_not_fit_beside_the_spectrum_is_left_out():
     )
     assert all(track is not None for track in (recording.speed, recording.normal_force, recording.friction))
     small, large = pack(recording, 16), pack(recording, 32)
-    assert (len(small.to_bytes()), small.model.speeds.size) == (16, 2)
+    assert len(small.to_bytes()) <= 16
+    assert small.model.speeds.size == 2
     assert (small.tap.n_modes, small.mu, large.tap.n_modes) == (0, 0.0, 2)
     assert large.mu > 0
 
