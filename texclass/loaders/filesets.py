@@ -122,22 +122,6 @@ def open_files(
         raise refused(
             root, f"holds no recording{beside}", "at least one file as `files` of the card describes"
         )
-    labels = doubtful_labels(entry.material for entry in entries)
-    kinds = {PurePosixPath(name).suffix.lower() for name in present - others}
-    own = {reading.labels.file} if reading.labels else set()
-    if missed := [name for name in others - own if PurePosixPath(name).suffix.lower() in kinds]:
-        is_card = isinstance(reading, FileCard)
-        way_out = (
-            f"widen `files`, {reading.files[0]!r}" if is_card else "put it into the folder of a material"
-        )
-        labels.append(
-            f"{counted(len(missed), 'file')} left out, {min(missed)!r} first: {way_out}, to take it in"
-        )
-    if reading.labels and leaves(root / reading.labels.file, (root,)):
-        labels.append(
-            f"the table of labels {reading.labels.file!r} is outside of the folder of the recordings"
-        )
-    absent = sorted(set(table) - {entry.recording_id for entry in entries})
     digested = [name for entry in entries for name in entry.paths]
     for folder in [(root / name).parent for name in digested if PurePosixPath(name).name == BAG_FOLDER]:
         inside = [file for file in sorted(folder.iterdir()) if storage_suffix(file.name) in STORAGE]
@@ -147,15 +131,33 @@ def open_files(
         entries=_unique(entries, root),
         load=partial(load_files, reading, root),
         input_hash=digest_files(root, digested, reading.facts),
-        notes=(
-            *notes,
-            *labels,
-            *(f"{i} is in the table of labels, but has no file" for i in absent),
-            *left_out,
-        ),
+        notes=(*notes, *_doubts(reading, root, entries, present - others, others, table), *left_out),
         skip_bad=skip_bad,
         **about,
     )
+
+
+def _doubts(
+    reading: FileReading,
+    root: Path,
+    entries: Sequence[Entry],
+    taken: set[str],
+    others: set[str],
+    table: Iterable[str],
+) -> Iterator[str]:
+    """Say what may be amiss: labels that are alike, files that are left out, labels without a file."""
+    yield from doubtful_labels(entry.material for entry in entries)
+    kinds = {PurePosixPath(name).suffix.lower() for name in taken}
+    own = {reading.labels.file} if reading.labels else set()
+    if missed := [name for name in others - own if PurePosixPath(name).suffix.lower() in kinds]:
+        way_out = "put it into the folder of a material"
+        if isinstance(reading, FileCard):
+            way_out = f"widen `files`, {reading.files[0]!r}"
+        yield f"{counted(len(missed), 'file')} left out, {min(missed)!r} first: {way_out}, to take it in"
+    if reading.labels and leaves(root / reading.labels.file, (root,)):
+        yield f"the table of labels {reading.labels.file!r} is outside of the folder of the recordings"
+    for absent in sorted(set(table) - {entry.recording_id for entry in entries}):
+        yield f"{absent} is in the table of labels, but has no file"
 
 
 def load_row(card: RowCard, where: str, samples: Mapping[str, Samples], entry: Entry) -> Recording:
