@@ -43,6 +43,36 @@ def test_power_of_all_bins_obeys_parseval():
     assert power == pytest.approx(np.mean(np.diff(x) ** 2), rel=0.1)
 
 
+def test_an_edge_inside_a_bin_takes_its_share_of_it():
+    power = np.array([[4.0, 1.0, 8.0, 2.0]], dtype=np.float32)
+    edges = np.array([0.0, 0.5, 0.75, 2.25, 4.0])  # in bins of 1 Hz; the second band lies inside one
+    expected = [4.0, 4.0, (1.0 + 1.0 + 2.0) / 1.5, (6.0 + 2.0) / 1.75]
+    np.testing.assert_allclose(bands.density((power, np.zeros((1, 1)), 1.0), edges), [expected], rtol=1e-12)
+    floored = bands.density((power, np.full((1, 1), 5.0), 1.0), edges)
+    np.testing.assert_array_equal(floored, [[5.0, 5.0, 5.0, 5.0]])
+
+
+def test_equal_parts_at_once_have_the_power_that_each_has_alone():
+    x = noise(3000).astype(np.float32).reshape(3, 1000)
+    together, least, step_hz = bands.periodogram(x, FS)
+    for row, part in enumerate(x):
+        alone = bands.periodogram(part, FS)
+        np.testing.assert_allclose(together[row], alone[0], rtol=1e-4, atol=1e-6 * alone[0].max())
+        assert [least[row, 0], step_hz] == pytest.approx([alone[1][0], alone[2]])
+    x[1] = 0.25
+    with pytest.raises(UndefinedFeatureError, match="silence"):
+        bands.periodogram(x, FS)
+
+
+def test_long_and_short_movements_have_one_spectrum():
+    x = noise(12_000).astype(np.float32)
+    n = x.size - 1
+    d = np.diff(x) * signal.windows.tukey(2 * n + 1, 2 * bands.TAPER)[1::2]
+    expected = np.abs(np.fft.rfft(d, 12_000)) ** 2
+    power, _, _ = bands.periodogram(x, FS)
+    np.testing.assert_allclose(power / power.sum(), expected / expected.sum(), atol=1e-7)
+
+
 def test_a_strong_slow_motion_does_not_leak_over_weak_high_frequencies():
     weak = 1e-3 * noise(2000)
     together = band_level(view(weak + tone(3.3, 2000, FS)))
