@@ -99,6 +99,22 @@ def test_columns_of_the_whole_have_a_voter_of_their_own() -> None:
     np.testing.assert_allclose(model.decision_function(X), (pieces + 0.8 * taps) / 1.8, atol=1e-12)
 
 
+def test_recordings_of_one_piece_are_judged_with_the_columns_of_the_whole() -> None:
+    X, y = of_two_kinds(13)
+    short = X.copy()
+    short[:, 1:-1] = np.repeat(X[:, 1:-1:4], 4, axis=1)
+    model = VoteOfPieces(n_pieces=4, undivided=(0, 21)).fit(short, y)
+    columns = [*range(1, 21, 4), 0, 21]
+    alone = KernelDiscriminant().fit(short[:, columns], y)
+    np.testing.assert_allclose(
+        model.decision_function(short), alone.decision_function(short[:, columns]), atol=1e-12
+    )
+    # Of a longer recording, each piece is judged so.
+    of_each = [alone.decision_function(X[:, [*range(1 + i, 21, 4), 0, 21]]) for i in range(4)]
+    np.testing.assert_allclose(model.decision_function(X), np.mean(of_each, axis=0), atol=1e-12)
+    assert model.fit(X, y).whole_ is not None  # of longer recordings, the whole has its own voter again
+
+
 def test_a_recording_without_columns_of_pieces_is_one_piece() -> None:
     X, y = recordings(6, 10)
     told = knowing(VoteOfPieces(n_pieces=4), [f"tap.{i}" for i in range(19)])

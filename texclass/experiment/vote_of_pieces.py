@@ -50,6 +50,8 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
         Fitted on the whole; None without weight, or where no recording has more than one piece.
     weight_ : float
         Of `whole_`; what the smallest class allows.
+    joined_ : bool
+        Whether pieces are judged with the columns of the whole: where all training recordings are short.
 
     Notes
     -----
@@ -60,7 +62,8 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
 
     A feature of the whole would be the same in all pieces of a recording, as if it never varied within a
     surface that was felt once: it has a voter of its own. That voter learns from n samples of a class, pieces
-    from n_pieces n: of single recordings it cannot know what varies, so its weight grows with n.
+    from n_pieces n: of single recordings it cannot know what varies, so its weight grows with n. Where every
+    training recording is one piece, nothing is repeated, and one classifier judges all columns together.
 
     Examples
     --------
@@ -74,6 +77,7 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
 
     undivided: tuple[int, ...] = ()  # of models of before, which have none
     weight_: float = 0.5  # of models of before, for any number of recordings
+    joined_: bool = False  # of models of before
 
     def __init__(
         self,
@@ -113,10 +117,14 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
             raise ValueError("y holds 1 class; the rule is at least 2")
         if not np.isin(self.undivided, np.arange(rows.shape[1])).all():
             raise ValueError(f"undivided is {self.undivided}; the rule is columns 0 to {rows.shape[1] - 1}")
+        self.joined_ = False
         divided, seen, n_pieces = self.columns_
         pieces, owner = pieces_of(rows[:, divided], n_pieces)
+        if self.undivided and len(pieces) == len(rows):
+            self.joined_ = True
+            pieces, owner = pieces_of(rows[:, self.columns_[0]], n_pieces)
         self.estimator_ = self._unfitted().fit(pieces, labels[owner])
-        more = len(seen) < rows.shape[1] or len(pieces) > len(rows)
+        more = not self.joined_ and (len(seen) < rows.shape[1] or len(pieces) > len(rows))
         self.whole_ = self._unfitted().fit(rows[:, seen], labels) if more and self.whole_weight > 0 else None
         n = int(np.unique(labels, return_counts=True)[1].min())
         self.weight_ = float(self.whole_weight) * n / (n + 1)
@@ -132,6 +140,8 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
         divided = np.setdiff1d(every, self.undivided)
         if not divided.size:
             return every, every, 1
+        if self.joined_:  # what is of the whole stands in each piece
+            return np.append(divided, np.repeat(self.undivided, self.n_pieces)), every, int(self.n_pieces)
         return divided, np.setdiff1d(every, divided) if self.undivided else every, int(self.n_pieces)
 
     def decision_function(self, X: ArrayLike) -> Samples:
