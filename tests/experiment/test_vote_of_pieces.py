@@ -91,28 +91,15 @@ def of_two_kinds(seed: int) -> tuple[Samples, Samples]:
     return np.column_stack([taps[:, 0], X, taps[:, 1]]), y
 
 
-def test_columns_of_the_whole_have_a_voter_of_their_own() -> None:
+def test_columns_of_the_whole_stand_in_each_piece() -> None:
     X, y = of_two_kinds(9)
+    pieces = np.concatenate([X[:, [*range(1 + i, 21, 4), 0, 21]] for i in range(4)])
+    alone = KernelDiscriminant().fit(pieces, np.tile(y, 4)).decision_function(pieces)
     model = VoteOfPieces(n_pieces=4, undivided=(0, 21)).fit(X, y)
-    pieces = VoteOfPieces(n_pieces=4, whole_weight=0).fit(X[:, 1:-1], y).decision_function(X[:, 1:-1])
-    taps = KernelDiscriminant().fit(X[:, [0, 21]], y).decision_function(X[:, [0, 21]])
-    np.testing.assert_allclose(model.decision_function(X), (pieces + 0.8 * taps) / 1.8, atol=1e-12)
-
-
-def test_recordings_of_one_piece_are_judged_with_the_columns_of_the_whole() -> None:
-    X, y = of_two_kinds(13)
-    short = X.copy()
-    short[:, 1:-1] = np.repeat(X[:, 1:-1:4], 4, axis=1)
-    model = VoteOfPieces(n_pieces=4, undivided=(0, 21)).fit(short, y)
-    columns = [*range(1, 21, 4), 0, 21]
-    alone = KernelDiscriminant().fit(short[:, columns], y)
+    assert model.whole_ is None
     np.testing.assert_allclose(
-        model.decision_function(short), alone.decision_function(short[:, columns]), atol=1e-12
+        model.decision_function(X), alone.reshape(4, y.size, -1).mean(axis=0), atol=1e-9
     )
-    # Of a longer recording, each piece is judged so.
-    of_each = [alone.decision_function(X[:, [*range(1 + i, 21, 4), 0, 21]]) for i in range(4)]
-    np.testing.assert_allclose(model.decision_function(X), np.mean(of_each, axis=0), atol=1e-12)
-    assert model.fit(X, y).whole_ is not None  # of longer recordings, the whole has its own voter again
 
 
 def test_a_recording_without_columns_of_pieces_is_one_piece() -> None:

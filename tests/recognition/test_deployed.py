@@ -58,7 +58,6 @@ def test_pieces_judged_with_columns_of_the_whole_decide_as_they_do_in_scikit_lea
     y = np.arange(40) % 3
     X = np.column_stack([np.repeat(RNG.normal(size=(40, 2)), 2, axis=1), RNG.normal(size=40)]) + y[:, None]
     fitted = VoteOfPieces(n_pieces=2, undivided=(4,)).fit(X, y)
-    assert fitted.joined_
     asked = np.concatenate([X, RNG.normal(size=(9, 5))])  # the last ones are of several pieces
     part = described_classifier(fitted, (X, y))
     np.testing.assert_allclose(function_of(part)(asked), class_scores(fitted, asked), rtol=1e-9, atol=1e-9)

@@ -23,9 +23,9 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
     """Classify each piece of a recording, then average the decisions.
 
     With few recordings, pieces are many more samples to learn from, and how they differ shows what to expect
-    of the next recording; a piece at which a finger lifts off or slips is outvoted. One more voter sees the
-    whole recording: columns that are not of pieces (taps, friction) where there are some, and else the pieces
-    side by side, what a stroke is like at its beginning, later, and at its end.
+    of the next recording; a piece at which a finger lifts off or slips is outvoted. Columns that are not of
+    pieces (taps, friction) stand in each of them. Where there are none, one more voter sees the whole, the
+    pieces side by side: what a stroke is like at its beginning, later, and at its end.
 
     Parameters
     ----------
@@ -50,8 +50,6 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
         Fitted on the whole; None without weight, or where no recording has more than one piece.
     weight_ : float
         Of `whole_`; what the smallest class allows.
-    joined_ : bool
-        Whether pieces are judged with the columns of the whole: where all training recordings are short.
 
     Notes
     -----
@@ -60,10 +58,8 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
     between pieces, so what scales columns one by one should stand inside `estimator`. Where all pieces of a
     recording are the same (it was too short to be divided), they count as one.
 
-    A feature of the whole would be the same in all pieces of a recording, as if it never varied within a
-    surface that was felt once: it has a voter of its own. That voter learns from n samples of a class, pieces
-    from n_pieces n: of single recordings it cannot know what varies, so its weight grows with n. Where every
-    training recording is one piece, nothing is repeated, and one classifier judges all columns together.
+    The voter of the whole learns from n samples of a class, pieces from n_pieces n: of single recordings it
+    cannot know what varies, so its weight grows with n.
 
     Examples
     --------
@@ -77,7 +73,6 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
 
     undivided: tuple[int, ...] = ()  # of models of before, which have none
     weight_: float = 0.5  # of models of before, for any number of recordings
-    joined_: bool = False  # of models of before
 
     def __init__(
         self,
@@ -117,32 +112,27 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
             raise ValueError("y holds 1 class; the rule is at least 2")
         if not np.isin(self.undivided, np.arange(rows.shape[1])).all():
             raise ValueError(f"undivided is {self.undivided}; the rule is columns 0 to {rows.shape[1] - 1}")
-        self.joined_ = False
-        divided, seen, n_pieces = self.columns_
-        pieces, owner = pieces_of(rows[:, divided], n_pieces)
-        if self.undivided and len(pieces) == len(rows):
-            self.joined_ = True
-            pieces, owner = pieces_of(rows[:, self.columns_[0]], n_pieces)
+        columns, n_pieces = self.columns_
+        pieces, owner = pieces_of(rows[:, columns], n_pieces)
         self.estimator_ = self._unfitted().fit(pieces, labels[owner])
-        more = not self.joined_ and (len(seen) < rows.shape[1] or len(pieces) > len(rows))
-        self.whole_ = self._unfitted().fit(rows[:, seen], labels) if more and self.whole_weight > 0 else None
+        more = len(pieces) > len(rows) and not self.undivided and self.whole_weight > 0
+        self.whole_ = self._unfitted().fit(rows, labels) if more else None
         n = int(np.unique(labels, return_counts=True)[1].min())
         self.weight_ = float(self.whole_weight) * n / (n + 1)
         return self
 
     @property
-    def columns_(self) -> tuple[NDArray[np.intp], NDArray[np.intp], int]:
-        """Which columns are of pieces, which ones the voter of the whole sees, and how many pieces vote.
+    def columns_(self) -> tuple[NDArray[np.intp], int]:
+        """Which columns the pieces have, side by side, and how many pieces vote.
 
-        Where no column is of pieces, a recording is one piece of all columns.
+        What is of the whole stands in each piece. Where no column is of pieces, a recording is one piece.
         """
         every = np.arange(self.n_features_in_)
         divided = np.setdiff1d(every, self.undivided)
         if not divided.size:
-            return every, every, 1
-        if self.joined_:  # what is of the whole stands in each piece
-            return np.append(divided, np.repeat(self.undivided, self.n_pieces)), every, int(self.n_pieces)
-        return divided, np.setdiff1d(every, divided) if self.undivided else every, int(self.n_pieces)
+            return every, 1
+        of_whole = np.repeat(np.asarray(self.undivided, dtype=np.intp), self.n_pieces)
+        return np.append(divided, of_whole), int(self.n_pieces)
 
     def decision_function(self, X: ArrayLike) -> Samples:
         """Return the mean decision of the pieces, shape (n_recordings, n_classes).
@@ -166,14 +156,14 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
         """Return the mean over the pieces of each recording, and over them and the whole."""
         check_is_fitted(self)
         rows = validate_data(self, X, dtype=np.float64, reset=False)
-        divided, seen, n_pieces = self.columns_
-        pieces, owner = pieces_of(rows[:, divided], n_pieces)
+        columns, n_pieces = self.columns_
+        pieces, owner = pieces_of(rows[:, columns], n_pieces)
         decisions = decide(self.estimator_, pieces)
         counts = np.bincount(owner).reshape(-1, *[1] * (decisions.ndim - 1))
         mean = np.add.reduceat(decisions, np.flatnonzero(np.diff(owner, prepend=-1)), axis=0) / counts
         if self.whole_ is None:
             return np.asarray(mean)
-        whole = decide(self.whole_, rows[:, seen])
+        whole = decide(self.whole_, rows)
         return np.asarray((mean + self.weight_ * whole) / (1 + self.weight_))
 
     def _unfitted(self) -> Any:

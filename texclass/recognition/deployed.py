@@ -246,14 +246,13 @@ def described_classifier(  # noqa: PLR0911
             facts = {"n": classifier.n_neighbors, "n_classes": n_classes, "votes": votes}
             return {"does": "neighbours", **known, **facts}
         case VoteOfPieces():
-            whole, (divided, seen, n_pieces) = classifier.whole_, classifier.columns_
+            whole, (divided, n_pieces) = classifier.whole_, classifier.columns_
             return {
                 "does": "vote",
                 "n_pieces": n_pieces,
                 "piece": described_classifier(classifier.estimator_, votes=True),
                 "whole": None if whole is None else described_classifier(whole, votes=True),
-                # Files of before have neither: all columns are of pieces, and seen by the whole.
-                **({"divided": divided, "seen": seen} if classifier.undivided else {}),
+                **({"divided": divided} if classifier.undivided else {}),
                 "whole_weight": classifier.weight_,
                 "n_columns": int(classifier.n_features_in_),
                 "n_classes": n_classes,
