@@ -69,6 +69,20 @@ def test_a_recording_at_10_khz_is_packed_as_it_feels_and_retouched():
         assert after[other] == pytest.approx(before[other], abs=1.0), other
 
 
+def test_a_recorded_surface_becomes_regular_and_irregular_and_else_stays():
+    surface, operator = (
+        tx.simulate.surface_catalogue(6, seed=6)[1],
+        tx.simulate.operator_catalogue(2, seed=6)[1],
+    )
+    texture = pack(tx.simulate.record_freehand(surface, operator, duration_s=6.0, fs=2000, seed=30), 128)
+    before = felt_scales(texture)
+    for asked in (before["regular"] - 2, 9.0):
+        after = felt_scales(retouch(texture, regular=asked), seed=5)
+        assert after["regular"] == pytest.approx(asked, abs=0.8)
+        for other in set(before) - {"regular"}:
+            assert after[other] == pytest.approx(before[other], abs=1.0), other
+
+
 def test_a_harder_tap_rings_higher_shorter_and_stronger_at_the_same_damping(texture):
     soft, hard = texture.tap, retouch(texture, hard=9.0).tap
     higher = hard.frequency_hz / soft.frequency_hz
