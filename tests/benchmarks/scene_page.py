@@ -36,7 +36,7 @@ const move = (feel, i, contacts, models) => {
     const model = models[(i / 20 + contact) % models.length];
     feel.hear({ contact, model, vx: 100 + 90 * Math.sin(i), vy: 0, force: 1 });
   }
-  if (i % 100 === 0) feel.hear({ tap: [30, 90, 210], velocity: 0.1 });
+  if (i % 100 === 0) feel.hear({ tap: [[30, 90, 210, -Math.PI / 2]], velocity: 0.1 });
 };
 """
 """All contacts move, from surface to surface, and tap."""

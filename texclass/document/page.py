@@ -116,6 +116,7 @@ def inline_svg(figure: Figure, width: float, name: str) -> str:
     written = BytesIO()
     with mpl.rc_context(STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph", UserWarning)  # it is drawn as a box
+        warnings.filterwarnings("ignore", "constrained_layout not applied", UserWarning)  # no room for labels
         figure.draw(width).savefig(written, format="svg", transparent=True, metadata={"Date": None})
     root = ElementTree.fromstring(written.getvalue())  # matplotlib wrote it
     box = root.get("viewBox", "")
