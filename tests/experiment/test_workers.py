@@ -92,7 +92,7 @@ def test_workers_load_what_computes_features_before_there_is_work_and_no_library
 def test_a_worker_seldom_looks_for_garbage_and_its_caller_as_before():
     before = gc.get_threshold()
     found = list(each([partial(gc.get_threshold)] * 2, n_jobs=2))
-    assert all(often[0] >= 100 * before[0] for often in found)
+    assert all(often[0] >= 100_000 for often in found)  # 700 as Python starts
     assert list(each([partial(gc.get_threshold)])) == [before] == [gc.get_threshold()]
 
 
