@@ -113,15 +113,17 @@ def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str 
     if source.suffix.lower() in TEXTURES:
         packed = pack(_texture(source), n_bytes, unit=exchange.describe(source)["unit"])
         law, taps = "40 to 200 mm/s, 0.4 to 2 N", "none in the texture, or too few bytes"
+        rubs_as = ""
     else:
         packed = pack(load_recording(source, fs=fs, unit=unit), n_bytes, name=source.stem)
         law = "those of the recording"
         taps = "none found, or too few bytes"
+        rubs_as = ", as the recording's channel says it; other devices take it for a coefficient"
     several = packed.model.speeds.size > 1
     felt = f"{law}: a level law, two spectra" if several else "one spectrum and one level, whatever they are"
     if n_modes := packed.tap.n_modes:
         taps = f"one, neither the hardest nor the softest, as {n_modes} decaying sinusoids"
-    rubs = f"{packed.mu:.2f}" if packed.mu else "none known, or too few bytes"
+    rubs = f"{packed.mu:.2f}{rubs_as}" if packed.mu else "none known, or too few bytes"
     exchange.save_texture(packed, target)
     return {
         "speed and force": felt,
