@@ -2,11 +2,16 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+COMMAND = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+needs_chromium = pytest.mark.skipif(COMMAND is None, reason="no Chromium on the PATH")
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
@@ -25,16 +30,14 @@ class Browser:
 
     Parameters
     ----------
-    command : str
-        The program.
     profile : path
         An empty folder.
     """
 
-    def __init__(self, command: str, profile: Path):
+    def __init__(self, profile: Path):
         read, self._out = os.pipe()
         self._in, write = os.pipe()
-        shim = [sys.executable, "-I", "-S", "-c", SHIM, str(read), str(write), command]
+        shim = [sys.executable, "-I", "-S", "-c", SHIM, str(read), str(write), COMMAND]
         self._process = subprocess.Popen(
             [*shim, *FLAGS, f"--user-data-dir={profile}", "about:blank"],
             pass_fds=(read, write), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,

@@ -35,6 +35,16 @@ def data_root(monkeypatch):
     return root
 
 
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    """Give a page of a browser with an empty profile; a test that asks for it `needs_chromium`."""
+    from chromium import Browser
+
+    shown = Browser(tmp_path_factory.mktemp("profile"))
+    yield shown
+    shown.close()
+
+
 @pytest.fixture
 def command(monkeypatch, capsys):
     """Run the command line; give exit code, standard output, standard error."""

@@ -42,7 +42,7 @@ def code_hash(*places: str, files: Iterable[Path] = (), words: bool = True) -> s
     Parameters
     ----------
     *places : str
-        Rooms ("phases": every module in it) and modules at the top ("signals") of texclass.
+        Rooms ("phases": every module and table in it) and modules at the top ("signals") of texclass.
     files : iterable of Path, optional
         More source files; one that is absent counts by its name.
     words : bool
@@ -65,13 +65,14 @@ def code_hash(*places: str, files: Iterable[Path] = (), words: bool = True) -> s
         modules = set(room.rglob("*.py")) if room.is_dir() else {room.with_suffix(".py")}
         if not modules or not all(module.is_file() for module in modules):
             raise ValueError(f"texclass holds no {place!r}; the rule is a room or a module of it")
-        found |= modules
+        found |= modules | set(room.rglob("*.csv"))
     digest = hashlib.sha256()
     for file in sorted(found, key=lambda f: (f.name, str(f))):
         source = file.read_bytes() if file.is_file() else b""
         if not words and file.name.endswith("_document.py"):
             continue
-        digest.update(file.name.encode() + (source if words else _without_words(source)))
+        as_is = words or file.suffix != ".py"
+        digest.update(file.name.encode() + (source if as_is else _without_words(source)))
     return digest.hexdigest()[:16]
 
 

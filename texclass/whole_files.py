@@ -7,6 +7,20 @@ import uuid
 from pathlib import Path
 
 
+def path_ending(path: str | Path, suffix: str) -> Path:
+    """Return the path of a file that is to be written, which has to end so, in whatever case.
+
+    Raises
+    ------
+    ValueError
+        If it does not.
+    """
+    path = Path(path)
+    if path.suffix.lower() != suffix:
+        raise ValueError(f"{path}: ends in {path.suffix!r}; the rule is {suffix!r}")
+    return path
+
+
 def write_whole(path: str | Path, content: bytes | str) -> None:
     """Write a file that is either complete or what it was before; its folders are made.
 

@@ -118,6 +118,7 @@ def page(feature, alone_ms, sets):
         "Reads": {
             "tap": "the taps",
             "movement": "the movement",
+            "travel": "the movement over the way of the tool, by its recorded speed",
             "friction": "the friction signal",
             "pair": "the movements of two channels",
         }[feature.phase],
@@ -166,7 +167,12 @@ def index(features):
         "input. How to write one: :doc:`/new-feature`.",
         "",
     ]
-    by_phase = {"movement": "Of the movement", "tap": "Of the taps", "friction": "Of the friction"}
+    by_phase = {
+        "movement": "Of the movement",
+        "travel": "Of the movement over the way of the tool, where its speed was recorded",
+        "tap": "Of the taps",
+        "friction": "Of the friction",
+    }
     for phase, title in by_phase.items():
         rows = [(f":doc:`{f.name}`", f.summary, f.reference) for f in features if f.phase == phase]
         lines += titled(title, "-") + listed(

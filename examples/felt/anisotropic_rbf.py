@@ -30,6 +30,15 @@ texture = tx.textures.abdulali2016.fit_texture(tx.textures.abdulali2016.conditio
 texture.parameters
 
 # %%
+# A tool that is tracked in space has places and forces of three axes: `scan_from_sensors` projects them on
+# the surface, by its normal, and conditions them.
+
+on_table = np.column_stack([scan.position, np.zeros(n)])
+pressing = np.column_stack([np.zeros((n, 2)), scan.force])
+again = tx.textures.abdulali2016.scan_from_sensors(scan.acceleration, on_table, pressing, fs)
+print(f"{again.speed.mean():.0f} mm/s and {again.force.mean():.1f} N in the mean")
+
+# %%
 # Rendered across and along the ribs, at one speed:
 
 figure, axis = plt.subplots(figsize=(8, 3.5))

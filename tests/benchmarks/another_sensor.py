@@ -1,7 +1,7 @@
 """What another sensor costs, and what of it a model gets back from references felt with it: `texclass adapt`.
 
-`python tests/benchmarks/another_sensor.py [--draws N]` (about half an hour) writes
-reports/studies/another_sensor.
+`python tests/benchmarks/another_sensor.py [--draws N]` (a few minutes; of the default pipeline, of others by
+`--pipelines`) writes reports/studies/another_sensor.
 """
 
 from collections.abc import Callable
@@ -251,7 +251,7 @@ def figures(same: pd.DataFrame, before: pd.DataFrame, after: pd.DataFrame) -> di
 
 
 def main() -> None:
-    asked_for = command_line(__doc__, draws=10, pipelines="texclass,multiscale")
+    asked_for = command_line(__doc__, draws=10, pipelines="surfaces")
     given = asked_for.parse_args()
     own_data()
     bio, results = open_dataset("biotac20"), []

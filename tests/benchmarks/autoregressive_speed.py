@@ -52,15 +52,15 @@ def lattices(order: int, dtype: type) -> dict[str, Callable[[], object]]:
     """Ten seconds of sound each way."""
     rng = np.random.default_rng(order)
     model = Autoregression(rng.uniform(-0.9, 0.9, order) * np.exp(-np.arange(order) / 5), np.asarray(1.0))
-    other = Autoregression(-model.reflection, np.asarray(2.0))
+    k = np.linspace(model.reflection, -model.reflection, 1000)
+    level = np.linspace(1, 2, 1000)
     e, a = rng.standard_normal(100_000).astype(dtype), model.direct_form().astype(dtype)
     kinds = (LatticeSynthesis, LatticeInverse, LatticeSynthesis)
     forth, back, gliding = (kind(model, dtype=dtype) for kind in kinds)
 
     def glide() -> None:
         for start in range(0, e.size, 1000):
-            gliding.move_to(other if start // 1000 % 2 else model, 1000)
-            gliding.process(e[start : start + 1000])
+            gliding.process_varying(e[start : start + 1000], k, level)
 
     return {
         "synthesis": lambda: forth.process(e),

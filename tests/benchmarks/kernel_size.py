@@ -17,7 +17,8 @@ from texclass.experiment.protocols import find_protocol, splits_of
 from texclass.loaders import open_dataset
 from texclass.provenance import versions
 from texclass.recognition.deployed import described_classifier
-from texclass.recognition.export.graph import Graph, add_part
+from texclass.recognition.export.answers_graph import add_part
+from texclass.recognition.export.graph import Graph, Tensor
 from texclass.tradeoff.front import Labelled, estimate, preparation
 
 ROW = "Several time scales"
@@ -34,7 +35,7 @@ def judged(classifier, data, splits):
 
     ((fitted, hits, seconds),) = over_folds(fitted_on, data.X, data.y, splits, preparation())
     graph = Graph()
-    add_part(described_classifier(fitted), graph, "rows")
+    add_part(described_classifier(fitted), Tensor(graph, "rows"))
     return {
         **estimate(hits, splits, data),
         "n_kept": len(fitted.dual_),

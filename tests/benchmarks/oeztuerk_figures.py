@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "examples" / "papers"))
 from oeztuerk2018_study import AT_MOST, LARGEST, floor, order_curves
 
 from texclass.document import Heading, Table
-from texclass.document.figure_style import FOURTH, INK, OTHER, OURS, THIRD
+from texclass.document.figure_style import FOURTH, INK, OTHER, OURS, THIRD, save_figure
 from texclass.loaders import open_dataset
 from texclass.provenance import versions
 from texclass.recording import Samples
@@ -236,7 +236,7 @@ def main() -> None:
     title = "Error against the order of the model, and synthesized spectra"
     write(asked.out, "order_error", result, title, blocks, draw_orders(results))
     fs = next(iter(loaded.values())).fs
-    draw_spectra(signals, fs).savefig(asked.out / "synthesized_spectra.png", dpi=110)
+    save_figure(draw_spectra(signals, fs), asked.out / "synthesized_spectra.png")
 
 
 if __name__ == "__main__":

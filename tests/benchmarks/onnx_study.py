@@ -16,7 +16,7 @@ import texclass as tx
 from texclass.experiment.windows import touches
 from texclass.provenance import versions
 from texclass.recognition import export_onnx, load_model
-from texclass.recognition.export.graph import OUTPUTS
+from texclass.recognition.export.answers_graph import OUTPUTS
 from texclass.recognition.export.parity import run
 from texclass.recognition.export.sample_graph import SAMPLES, build_of_samples, channels_of, recording_of
 from texclass.recognition.export.sample_parity import MARGIN, TOLERANCE, compared

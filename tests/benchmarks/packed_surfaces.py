@@ -30,7 +30,8 @@ from texclass.provenance import versions
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
 from texclass.textures import Scan, Texture, pack
-from texclass.textures.packed import FELT, FRAME_S, LIGHT_N, LOWEST_HZ, REST_MM_S
+from texclass.textures.packed import LIGHT_N, REST_MM_S
+from texclass.textures.packing import FELT, FRAME_S, LOWEST_HZ
 from texclass.vibration.scores import band_energy_distance, goodness_of_fit
 
 FS = 8000

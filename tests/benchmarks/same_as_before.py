@@ -606,13 +606,16 @@ def vibration_models() -> Any:
     lsf20 = ls.from_reflection(np.stack([a.reflection, b.reflection]))
     glide = v.LatticeSynthesis(a)
     first = glide.process(whites[:500])
-    glide.move_to(b, 1000)
     varying = (
         np.linspace(0, 1, 1000)[:, None] * b.reflection + np.linspace(1, 0, 1000)[:, None] * a.reflection
     )
+    w = np.arange(1, 1001) / 1000
+    gliding = (1 - w)[:, None] * a.reflection + w[:, None] * b.reflection
+    second = glide.process_varying(whites[500:1500], gliding, a.level ** (1 - w) * b.level**w)
     blend = v.ModelBlend([a, b])
+    nearest = v.Autoregression(ls.to_reflection(ls.spread(lsf20.mean(axis=0))), np.exp(-1.5))
     found["lattice"] = {
-        "synthesis": thin(np.concatenate([first, glide.process(whites[500:])])),
+        "synthesis": thin(np.concatenate([first, second, glide.process(whites[1500:])])),
         "varying": thin(
             v.LatticeSynthesis(a).process_varying(whites[:1000], varying, np.linspace(1, 2, 1000))
         ),
@@ -626,7 +629,7 @@ def vibration_models() -> Any:
         "rows": told(blend.at(np.array([[1.0, 0.0], [0.5, 0.5], [0.1, 0.9]]))),
         "interpolate": told(interpolation.interpolate(a, b, 0.25)),
         "level": told(interpolation.interpolate(a, b, 0.5, loudness="level")),
-        "from lines": told(interpolation.from_line_spectrum(lsf20.mean(axis=0), -1.5)),
+        "from lines": told(nearest),
         "spread": ls.spread(np.array([0.5, 0.4, 0.4, 1.0, 3.3, 3.2]), 0.01),
         "conditioning": thin(ls.conditioning(lsf20)),
         "from autocorrelation": told(from_autocorrelation([4.0, 2.0, 0.5, -0.3])),

@@ -8,7 +8,6 @@ tests/benchmarks/scene_page.py` (6 minutes). It writes reports/studies/scene_pag
 import json
 import os
 import platform
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -96,7 +95,7 @@ def block_times(page: Path, scene: PlannedScene, n: int, n_live: int) -> dict[st
     )
     found = {"node": np.array(json.loads(done.stdout))[WARM:]}
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        browser = Browser(chromium(), Path(profile))
+        browser = Browser(Path(profile))
         browser.open(page)
         told = json.dumps(given | {"n": n_live, "code": text + HAND})
         _, events = browser.traced(f"{PAGE}({told})", ["disabled-by-default-audio-worklet"])
@@ -109,15 +108,10 @@ def block_times(page: Path, scene: PlannedScene, n: int, n_live: int) -> dict[st
     return found
 
 
-def chromium() -> str:
-    """Return the browser's command."""
-    return next(c for name in ("chromium", "chromium-browser", "google-chrome") if (c := shutil.which(name)))
-
-
 def first_sounds(page: Path, n: int) -> list[float]:
     """Milliseconds from a press, as the page takes it, to the first sample that is heard, of each load."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        browser = Browser(chromium(), Path(profile))
+        browser = Browser(Path(profile))
         found = []
         for _ in range(n):
             browser.open(page)

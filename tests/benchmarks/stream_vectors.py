@@ -10,7 +10,7 @@ import numpy as np
 
 from texclass.phases import block_mean
 from texclass.recognition import Answer, Evidence
-from texclass.recognition.live.contact import Bin, Contact, ContactRules
+from texclass.recognition.live.contact import Contact, ContactRules
 
 FILE = Path(__file__).resolve().parents[2] / "examples" / "stream_vectors.json"
 FS, BIN, FINE = 4000.0, 20, 4
@@ -54,10 +54,10 @@ class Heard:
     def __init__(self, white: bool) -> None:
         self.white, self.samples, self.first = white, [], 0
 
-    def add(self, power: float) -> Bin:
-        start = self.first + len(self.samples)
+    def add(self, power: float) -> int:
+        """Hear a bin more, and return where it ends."""
         self.samples += [power] * BIN
-        return Bin(start, start + BIN, power)
+        return self.first + len(self.samples)
 
     def skip(self, n: int) -> None:
         self.first += len(self.samples) + n
@@ -84,7 +84,7 @@ def contacts() -> list[dict]:
                 heard.skip(-n)
                 events += contact.interrupt(at, -n, -n / FS)
             for _ in range(n):
-                events += contact.step(heard.add(float(power)))
+                events += contact.step(heard.add(float(power)), float(power))
         told = [{"kind": e.kind, "sample": e.sample, "known": e.known} for e in events if e.kind != "tap"]
         taps = sum(e.kind == "tap" for e in events)
         constants = contact.constants

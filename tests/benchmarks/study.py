@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from texclass.document import Document, Table, render_markdown, write_document
 from texclass.document.blocks import Block
+from texclass.document.figure_style import save_figure
 from texclass.provenance import made_by
 
 R = TypeVar("R")
@@ -100,7 +101,7 @@ def write(
     text = json.dumps(result, indent=1, default=lambda array: array.tolist())
     (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
     if picture is not None:
-        picture.savefig(folder / f"{name}.png", dpi=130, metadata={"Software": None})
+        save_figure(picture, folder / f"{name}.png")
         blocks = [f"![{title}]({name}.png)", *blocks]
     made = made or result
     again = {"Command": f"`python {Path(sys.argv[0]).resolve().relative_to(ROOT)}`"}

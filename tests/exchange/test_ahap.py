@@ -11,11 +11,10 @@ from texclass.textures.okamura2001 import TapLibrary
 from texclass.vibration import TapModel
 
 TAPS = TapLibrary(("wood", "steel"), (TapModel(300.0, 80.0, 155.0), TapModel(-800.0, 40.0, 600.0)))
-NONE = np.zeros((0, 3))
 
 
 def sent(samples, fs=1000.0):
-    return Rendition("cloth", "m/s^2", fs, samples, 80.0, 1.0, NONE, NONE, 0.0, 0.0, {"speed": "fixed"})
+    return Rendition("cloth", "m/s^2", fs, samples, 80.0, 1.0, lost={"speed": "fixed"})
 
 
 def swell(seconds, fs=1000.0, hz=150.0):

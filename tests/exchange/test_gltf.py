@@ -8,13 +8,11 @@ from numpy.testing import assert_allclose
 from texclass.exchange import Rendition, read_gltf, write_gltf
 from texclass.exchange.gltf import WIDEST
 
-NONE = np.zeros((0, 3))
 
-
-def sent(n=500, friction=0.4, taps=NONE):
+def sent(n=500, **more):
     x = 3 * np.sin(np.arange(n) / 7)
     lost = {"speed": "fixed", "force": "fixed"}
-    return Rendition("cloth", "m/s^2", 1000.0, x, 80.0, 1.5, NONE, taps, friction, 0.0, lost)
+    return Rendition("cloth", "m/s^2", 1000.0, x, 80.0, 1.5, friction=0.4, lost=lost, **more)
 
 
 def test_a_material_comes_back_within_a_step(tmp_path):

@@ -96,8 +96,7 @@ def test_a_file_of_others_is_taken_for_a_usual_stroke(tmp_path):
 
 
 def test_silence_and_no_vibration_are_refused():
-    none = np.zeros((0, 3))
-    still = Rendition("still", "m/s^2", 1000.0, np.zeros(500), 100.0, 1.0, none, none, 0.0, 0.0, {})
+    still = Rendition("still", "m/s^2", 1000.0, np.zeros(500), 100.0, 1.0)
     for x in (np.zeros(500), np.ones(500), np.ones(9), np.array([1e308, -1e308] * 250)):
         with pytest.raises(ValueError, match="not silent"):
             texture_of(replace(still, samples=x))

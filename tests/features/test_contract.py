@@ -52,6 +52,9 @@ def normal(phase, gain=1.0, fs=FS, **length_and_seed):
     if phase == "pair":
         x, y = (stroke(**recorded | {"seed": seed}) for seed in (0, 1))
         return PairView((PhaseView(gain * x, fs), PhaseView(gain * (x + y), fs)))
+    if phase == "travel":  # ribs, 300 a m
+        x = stroke(**recorded)
+        return PhaseView(gain * (x + sum(tone(300 * h, x.size, fs) / h for h in (1, 2, 3))), fs)
     return taps(fs, gain) if phase == "tap" else PhaseView(gain * stroke(**recorded), fs)
 
 
@@ -100,7 +103,7 @@ def test_gain_law_holds(feature):
         np.testing.assert_allclose(found, expected, rtol=2e-6, atol=1e-300, err_msg=f"gain {gain}")
 
 
-@pytest.mark.parametrize("phase", ["movement", "tap", "friction", "pair"])
+@pytest.mark.parametrize("phase", ["movement", "travel", "tap", "friction", "pair"])
 def test_values_do_not_depend_on_what_was_computed_before_on_the_view(phase):
     every = [f for f in FEATURES.values() if f.phase == phase]
     one = normal(phase)
@@ -210,7 +213,7 @@ def test_taps_need_no_absolute_rate_but_there_must_be_some(feature):
 def test_a_feature_reads_an_array_as_the_view_of_it(feature):
     with pytest.raises(ValueError, match="fs is None"):
         feature.function(MOVEMENT)
-    x = MOVEMENT[:20_000] + 3.0
+    x = (normal("travel").samples if feature.phase == "travel" else MOVEMENT)[:20_000] + 3.0
     if feature.phase == "pair":
         both = np.column_stack([x, x[::-1]])
         with pytest.raises(ValueError, match="a pair of 1 channels"):

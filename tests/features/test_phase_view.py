@@ -6,6 +6,8 @@ from feature_signals import noise
 from scipy import fft
 
 from texclass.features.bands import band_course, band_level
+from texclass.features.conditioning import level
+from texclass.features.contract import feature, registered
 from texclass.features.phase_view import (
     LEAST_PIECE,
     PhaseView,
@@ -13,6 +15,7 @@ from texclass.features.phase_view import (
     channels_apart,
     kept_length,
     transform,
+    undefined_if,
     views_of,
 )
 from texclass.features.sets import load_feature_set
@@ -72,12 +75,39 @@ def test_each_piece_has_the_value_it_has_by_itself():
     assert vibration_level(short, n_pieces=4).tolist() == 4 * vibration_level(short).tolist()
 
 
-def test_pieces_share_their_transforms_and_are_timed_one_by_one():
+def test_a_feature_of_one_row_of_samples_sees_pieces_one_by_one(monkeypatch):
+    monkeypatch.setattr("texclass.features.contract._REGISTRY", registered())
+
+    @feature("movement", "m/s^2", "test", divisible=True)
+    def last_magnitude(view):
+        undefined_if(view.samples[-1] == 0, "the last sample is 0")
+        return abs(float(view.samples[-1])) / level(view)
+
+    view, timed = PhaseView(X, FS), []
+    view.memory.timed = lambda key, compute: (timed.append((key[0].__name__, *key[1:])), compute())[1]
+    ends = np.abs(X.reshape(4, -1)) / np.abs(X.reshape(4, -1)).max(axis=1, keepdims=True)
+    np.testing.assert_array_equal(last_magnitude(view, n_pieces=4), ends[:, -1])
+    assert ("level", "piece 3", "4 pieces") in timed
+    zero = X.copy()
+    zero[2 * LEAST_PIECE - 1] = 0
+    with pytest.raises(UndefinedFeatureError, match="piece 2: the last sample is 0"):
+        last_magnitude(PhaseView(zero, FS), n_pieces=4)
+
+
+@pytest.mark.parametrize("name", [n for n, f in registered().items() if f.divisible == "at once"])
+def test_pieces_at_once_are_what_each_is_by_itself(name):
+    function = registered()[name].function
+    found = function(PhaseView(X, FS), n_pieces=4)
+    alone = [np.atleast_1d(function(PhaseView(piece, FS))) for piece in X.reshape(4, -1)]
+    np.testing.assert_allclose(found.reshape(-1, 4), np.stack(alone, axis=1), rtol=1e-6, atol=1e-7)
+
+
+def test_pieces_share_their_transforms_which_are_timed_together():
     timed = []
     view = PhaseView(X, FS)
     view.memory.timed = lambda key, compute: (timed.append((key[0].__name__, *key[1:])), compute())[1]
     band_level(view, n_pieces=2)
-    assert ("whole_periodogram", "piece 2") in timed
+    assert ("whole_periodogram", "2 pieces") in timed
     before = len(timed)
     band_level(view, n_pieces=2)
     assert len(timed) == before

@@ -11,7 +11,7 @@ import pytest
 
 from texclass.loaders import CardError, DataNotFoundError, open_dataset, read_card
 from texclass.loaders.filesets import digest_files
-from texclass.loaders.published import CONVERSIONS
+from texclass.loaders.published import converted
 
 CARD = """
 title = "Two plates"
@@ -163,19 +163,19 @@ def test_an_address_that_is_none_is_refused(shelf):
 
 
 def test_each_conversion_keeps_the_published_values(tmp_path):
-    def converted(name, *contents, fs=2200.0):
+    def made(convert, *contents):
         paths = [tmp_path / f"{i}" for i in range(len(contents))]
         for path, content in zip(paths, contents, strict=True):
             path.write_bytes(content.encode() if isinstance(content, str) else content)
-        return CONVERSIONS[name](paths, fs)
+        return converted(paths, convert, 2200.0)
 
     frame = ",".join(map(str, range(45)))
-    sound = converted("frames", f"names\n{frame},\n{frame},\n")
+    sound = made("frames", f"names\n{frame},\n{frame},\n")
     np.testing.assert_array_equal(np.frombuffer(sound[44:], "<i2"), [*range(4, 26), *range(4, 26)])
     assert np.frombuffer(sound[24:28], "<u4") == 2200
-    assert converted("rounded", "t,a\n0.01,-0.1234567\n") == b"t,a\n0.01,-0.12346\n"
+    assert made("rounded", "t,a\n0.01,-0.1234567\n") == b"t,a\n0.01,-0.12346\n"
     rows = [f"{i}.0000,1e20,3.0,4.0,5.0,6.0,0.0,0.0,0.0,{t}" for i, t in enumerate((0, 10, 20))]
-    counts = converted("counts", "\n".join(rows)).decode().split()
+    counts = made("counts", "\n".join(rows)).decode().split()
     assert counts == ["ax,ay,az,wx,wy,wz", *(f"{i},{10**20},3,4,5,6" for i in (0, 2))]
     books = []
     for value in (0.1, 0.2, 0.3):
@@ -183,4 +183,4 @@ def test_each_conversion_keeps_the_published_values(tmp_path):
         with zipfile.ZipFile(book, "w") as packed:
             packed.writestr("xl/worksheets/sheet1.xml", f'<c r="A1" t="n"><v>{value}</v></c>')
         books.append(book.getvalue())
-    assert converted("sheets", *books) == b"acceleration,normal_force,speed\n0.1,0.2,0.3\n"
+    assert made("sheets", *books) == b"acceleration,normal_force,speed\n0.1,0.2,0.3\n"

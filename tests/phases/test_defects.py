@@ -60,3 +60,13 @@ def test_what_is_mended_does_not_depend_on_whether_phases_were_searched(stop):
     np.testing.assert_array_equal(before, PLACES[stop > PLACES])
     segment(recording)
     np.testing.assert_array_equal(glitches_of(recording, stop), before)
+
+
+@pytest.mark.parametrize("far", [0.999, 1.001])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_glitch_is_so_far_from_the_median_of_its_neighbours_and_no_nearer(far, side):
+    for seed in range(20):
+        x = np.random.default_rng(seed).normal(size=(40, 1))
+        near = np.array([*x[16:20, 0], x[19, 0], *x[21:25, 0]])
+        x[20] = np.median(near) + side * far * WILD * np.ptp(near)
+        assert find_glitches(x).tolist() == ([20] if far > 1 else [])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from texclass.phases import Levels, Rules, find_impulses
 from texclass.phases.segmenter import Segmenter, segment
 from texclass.recording import Phases, Recording, Tap
 
@@ -175,6 +176,32 @@ def test_white_vibration_of_any_length_gives_valid_phases(n):
     phases = segment(_recording(np.random.default_rng(n).standard_normal(n)))
     assert phases.movement is None or 0 <= phases.movement[0] < phases.movement[1] <= n
     assert all(tap.end <= n for tap in phases.taps)
+
+
+def _levels(db):
+    ratio = 10.0 ** (np.asarray(db) / 10.0)
+    return Levels(ratio, ratio, ratio, bin_s=0.001)
+
+
+@pytest.mark.parametrize("later", [20, 40, 50])
+def test_an_impulse_is_sharp_if_its_peak_follows_the_rise_within_45_ms(later):
+    level_db = np.zeros(700)
+    level_db[300 : 301 + later] = np.linspace(25.0, 32.0, later + 1)
+    level_db[300 + later : 341 + later] = np.linspace(32.0, 0.0, 41)
+    found = find_impulses(_levels(level_db), Rules())
+    assert len(found) == (later < 45)
+    for impulse in found:
+        assert impulse.peak == pytest.approx(300 + later, abs=1)
+        # what was before ends 15 ms earlier: so long, the rise is compared with rest
+        assert impulse.stands_out_db == pytest.approx(25.0 + 7.0 * 15 / later, abs=0.5)
+
+
+@pytest.mark.parametrize(("at", "is_found"), [(20, True), (50, True), (65, False)])
+def test_vibration_with_which_the_data_begin_hides_no_impulse_within_50_ms(at, is_found):
+    level_db = np.zeros(700)
+    level_db[:at] = 17.0
+    level_db[at : at + 41] = np.linspace(25.0, 0.0, 41)
+    assert bool(find_impulses(_levels(level_db), Rules())) == is_found
 
 
 # Real recordings --------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from toy_surfaces import SURFACES, recording
 
 from texclass.recognition import adapt, export_onnx, load_model
-from texclass.recognition.adaptation import LEAST_UNLABELLED, fit_map, moments_map, rows_of
+from texclass.recognition.adaptation import LEAST_UNLABELLED, adapted_to, fit_map, moments_map, rows_of
 from texclass.recognition.unknown import Surfaces
 
 
@@ -133,6 +133,27 @@ def test_a_map_that_answers_fewer_references_right_is_not_taken(kernel_model, mo
     adapted = adapt(kernel_model, again)
     assert adapted.manifest.adapted["map"] == "none"
     assert [adapted.answer(one).surface for one in again] == [one.material for one in again]
+
+
+@pytest.mark.parametrize("n_touches", [1, 3])
+@pytest.mark.parametrize(("n_lost", "kind"), [(4, "affine"), (5, "shift")])
+def test_references_lost_by_chance_reject_no_map(kernel_model, monkeypatch, n_lost, kind, n_touches):
+    """Of nine; touches of one reference are one witness."""
+    n = len(kernel_model.columns)
+    constant, still = (np.zeros(n), np.full(n, 1e6)), (np.ones(n), np.zeros(n))
+    always = kernel_model.materials[kernel_model.judge(constant[1][None])[0].argmax()]
+    others = [s for s in SURFACES if s != always]
+    X, known, of = (
+        np.repeat(one, n_touches, axis=0)
+        for one in rows_of(kernel_model, [recording(s, k) for s in others for k in (50, 51, 52)])
+    )
+    asked = iter(range(100))
+
+    def poor_of_some(X, *_, scaled=True):
+        return constant if 1 <= next(asked) <= n_lost else still
+
+    monkeypatch.setattr("texclass.recognition.adaptation.moments_map", poor_of_some)
+    assert adapted_to(kernel_model, X, known, of, {}).manifest.adapted["map"] == kind
 
 
 def halving_map(X, *_, scaled=True):

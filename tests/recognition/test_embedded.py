@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from onnx import TensorProto
 from onnxruntime import InferenceSession
 from toy_noises import write_plates
 
@@ -12,7 +11,7 @@ from texclass.features import load_feature_set
 from texclass.loaders import open_dataset
 from texclass.recognition import SmallLimits, embedded, embedded_tradeoff, load_model
 from texclass.recognition.embedded import chosen_of, front_of
-from texclass.recognition.export.graph import Graph, along, tensor_of
+from texclass.recognition.export.graph import Graph, Tensor, tensor_of
 from texclass.recognition.export.sample_graph import Windows
 from texclass.recognition.small_computers import cut_of, decisions_of, in_bits, rounded, shortened, work_of
 from texclass.reporting.result_files import read_document
@@ -33,13 +32,12 @@ def small_graph():
     graph = Graph()
     turn = np.cos(2 * np.pi * np.arange(200) / 200)
     at = np.outer(np.arange(200), np.arange(70)) % 200
-    table = graph.add("Mul", graph.add("Gather", graph.constant(turn), at), 0.5)
-    rows = graph.reshape(graph.cast("samples", np.float64), 0, 200)
-    spectrum = graph.add("Add", graph.add("MatMul", rows, table), np.ones(70))
-    power = graph.add("ReduceSum", graph.add("Mul", spectrum, spectrum), along(1))
-    graph.add("Mul", power, 3.0, name="power")
-    entry = tensor_of("samples", TensorProto.FLOAT, 1, 1, 200)
-    return graph.model([entry], [tensor_of("power", TensorProto.DOUBLE, 1, 1)], "toy", "")
+    table = graph.constant(turn).take(at, axis=0) * 0.5
+    rows = Tensor(graph, "samples").cast(np.float64).reshape(0, 200)
+    spectrum = rows @ table + np.ones(70)
+    graph.add("Mul", (spectrum * spectrum).sum(1), 3.0, name="power")
+    entry = tensor_of("samples", np.float32, 1, 1, 200)
+    return graph.model([entry], [tensor_of("power", np.float64, 1, 1)], "toy", "")
 
 
 def test_a_small_graph_costs_what_is_counted_by_hand():

@@ -13,7 +13,7 @@ from texclass.experiment.feature_table import metadata
 from texclass.experiment.protocols import find_protocol, splits_of
 from texclass.loaders import open_dataset
 from texclass.recognition import check_parity, load_model, train
-from texclass.recognition.export.graph import build
+from texclass.recognition.export.answers_graph import build
 from texclass.recognition.holding_out import FEW, LATER_ALARMS, LATER_KEPT, of_later, untold
 from texclass.recognition.model_document import model_document
 from texclass.recognition.probabilities import prior_calibration

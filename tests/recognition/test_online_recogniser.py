@@ -9,7 +9,7 @@ from toy_surfaces import FS, SURFACES, signal
 
 from texclass.recognition import ContactRules, Event, OnlineRecogniser, OnlineSettings, WindowAnswer
 from texclass.recognition.export.parity import reference
-from texclass.recognition.live.contact import Bin, Contact, Level, Ring
+from texclass.recognition.live.contact import Contact, Level, Ring
 from texclass.recording import Phases, Recording
 from texclass.signals import butterworth
 
@@ -211,12 +211,12 @@ def test_bad_samples_are_refused(linear_model, samples, message):
 def test_the_level_is_that_of_a_causal_filter():
     x = np.random.default_rng(3).standard_normal((2000, 3)) + np.array([0, 0, 9.81])
     level, size = Level(1e4, 3, 1.0), 50
-    bins = [b for k in range(0, 2000, 100) for b in level.push(x[k : k + 100])]
+    powers = [power for k in range(0, 2000, 100) for _, power in level.push(x[k : k + 100])]
     sos = butterworth("highpass", 60.0, 1e4)
     rest = scipy_signal.sosfilt_zi(sos)[:, :, None] * x[0]
     y = scipy_signal.sosfilt(sos, x, axis=0, zi=rest)[0]
     expected = (y**2).sum(axis=1).reshape(-1, size).mean(axis=1)
-    np.testing.assert_allclose([b.power for b in bins], expected, rtol=1e-12)
+    np.testing.assert_allclose(powers, expected, rtol=1e-12)
 
 
 def test_the_ring_gives_any_stretch_of_the_last_rows():
@@ -243,7 +243,7 @@ def test_what_stays_within_ten_times_its_mean_at_the_start_is_rest():
         powers = np.full(20, 1e-6)
         powers[7] *= ratio * 19 / (20 - ratio)  # the mean of all times the ratio
         for k, power in enumerate(powers):
-            contact.step(Bin(k * level.bin_size, (k + 1) * level.bin_size, power))
+            contact.step((k + 1) * level.bin_size, power)
         assert contact.phase == phase
 
 
@@ -253,7 +253,7 @@ def events_of(recording):
     level = Level(recording.fs, axes.shape[1], 10.0)
     contact = Contact(level, ContactRules(), None, recording.unit)
     bins = level.push(axes[: len(axes) // level.bin_size * level.bin_size])
-    return [event for new in bins for event in contact.step(new)]
+    return [event for stop, power in bins for event in contact.step(stop, power)]
 
 
 @pytest.mark.parametrize("family", ["plain", "ringing taps only", "quick"])

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import onnx
 import pytest
-from onnx import TensorProto, numpy_helper
+from onnx import numpy_helper
 from onnxruntime import InferenceSession
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.impute import SimpleImputer
@@ -24,7 +24,7 @@ from texclass.features.plan import Plan
 from texclass.features.sets import Member
 from texclass.recognition import OnnxExportError, ParityError, export_onnx, train
 from texclass.recognition.export import fourier_graphs, graph_view
-from texclass.recognition.export.graph import Graph, tensor_of
+from texclass.recognition.export.graph import Graph, Tensor, tensor_of
 from texclass.recognition.export.graph_view import GraphView, builders, graph_of
 from texclass.recognition.export.parity import run
 from texclass.recognition.export.sample_graph import SAMPLES, build_of_samples, recording_of
@@ -36,10 +36,10 @@ TOUCH_S = 0.25
 def computed(build, rows, n_outputs=1):
     """Return what tensors are that `build` adds to a graph of an input `x`."""
     graph = Graph()
-    names = build(graph, "x")
-    names = [names] if isinstance(names, str) else list(names)
-    outputs = [tensor_of(name, TensorProto.DOUBLE, *[None] * (n_outputs or 2)) for name in names]
-    entry = tensor_of("x", TensorProto.DOUBLE, "n", *rows.shape[1:])
+    built = build(Tensor(graph, "x"))
+    tensors = [built] if isinstance(built, Tensor) else list(built)
+    outputs = [tensor_of(one.name, np.float64, *[None] * (n_outputs or 2)) for one in tensors]
+    entry = tensor_of("x", np.float64, "n", *rows.shape[1:])
     model = graph.model([entry], outputs, "test", "")
     session = InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"])
     return session.run(None, {"x": rows})
@@ -63,26 +63,22 @@ def felt_windows(touch_model):
 def test_transforms_are_those_of_numpy(n):
     rows = np.random.default_rng(0).standard_normal((3, n))
     for n_fft, n_bins in ((n, n // 2 + 1), (2 * n, n // 3)):
-        real, imaginary = computed(partial(transform, n=n, n_fft=n_fft, n_bins=n_bins), rows, 2)
+        real, imaginary = computed(partial(fourier_graphs.rfft, n=n, n_fft=n_fft, n_bins=n_bins), rows, 2)
         X = np.fft.rfft(rows, n_fft)[:, :n_bins]
         np.testing.assert_allclose(real + 1j * imaginary, X, rtol=0, atol=1e-11)
 
-    def back_again(graph, x):
-        real, imaginary = fourier_graphs.rfft(graph, x, n, n, n // 2 + 1)
+    def back_again(x):
+        real, imaginary = fourier_graphs.rfft(x, n, n, n // 2 + 1)
         bins = np.arange(n // 2 + 1)
         ends = np.where((bins == 0) | (2 * bins == n), 0.0, 1.0)
-        return fourier_graphs.irfft(graph, real, graph.add("Mul", imaginary, ends), n)
+        return fourier_graphs.irfft(real, imaginary * ends, n)
 
     np.testing.assert_allclose(computed(back_again, rows, 2)[0], rows, rtol=0, atol=1e-12)
 
 
-def transform(graph, x, **sizes):
-    return fourier_graphs.rfft(graph, x, **sizes)
-
-
 def test_transforms_keep_the_file_small():
     graph = Graph()
-    fourier_graphs.rfft(graph, "x", 10_000, 10_000, 5001)
+    fourier_graphs.rfft(Tensor(graph, "x"), 10_000, 10_000, 5001)
     assert sum(c.ByteSize() for c in graph.constants) < 250_000
 
 
@@ -129,7 +125,7 @@ def test_graphs_of_features_are_what_their_functions_compute(fs, n, n_pieces):
         if np.isnan(expected).all():
             continue
         (found,) = computed(
-            lambda g, x, member=member: graph_view.member_graph(GraphView(g, x, fs, n), member),
+            lambda x, member=member: graph_view.member_graph(GraphView(x, fs, n), member),
             signals,
             2,
         )

@@ -33,7 +33,7 @@ def test_a_surface_lies_among_its_references_and_next_to_itself(references):
     felt = tx.describe([references[0], references[1]], references)
     assert felt["recording"].nunique() == 2
     assert felt["scale"].tolist()[:6] == ["hard", "rough", "bumpy", "sticky", "fine", "regular"]
-    assert (felt["of"] == 6).all()
+    assert (felt["of"][felt["feature"] != "rib_density"] == 6).all()
     assert felt["value"].notna().all()
     hard = felt[felt["scale"] == "hard"].iloc[0]
     assert references[0].material in hard["between"]
@@ -41,7 +41,7 @@ def test_a_surface_lies_among_its_references_and_next_to_itself(references):
 
 def test_places_rise_with_what_is_measured(references):
     felt = tx.describe(list(references), references)
-    for _, of_scale in felt.groupby("scale"):
+    for _, of_scale in felt.groupby(["scale", "feature"]):
         ordered = of_scale.sort_values("measured")
         assert ordered["below"].is_monotonic_increasing
 
@@ -54,6 +54,23 @@ def test_what_a_recording_cannot_tell_is_said(references):
     assert "tap" in felt["why"]["hard"]
     text = render_markdown(felt_document(felt.reset_index()))
     assert "sticky: no friction signal" in text
+
+
+def test_by_what_fine_and_regular_are_told_is_said(references):
+    ribbed = [r for r in references if r.material == references[0].material]
+    felt = tx.describe(ribbed, references).set_index("scale")
+    assert set(felt["feature"]["regular"]) == {"rib_prominence"}
+    assert set(felt["unit"]["regular"]) == {"dB"}
+    without = tx.describe([r.with_(speed=None) for r in ribbed], references).set_index("scale")
+    assert set(without["feature"]["fine"]) == {"grain_frequency"}
+    assert set(without["feature"]["regular"]) == {"regularity"}
+    assert (without["of"] == 6).all()
+    measured = tx.extract(ribbed, "scales")
+    for i, values in enumerate(measured.to_dict("records")):
+        ribs = not np.isnan(values["rib_density"])
+        assert felt["feature"]["fine"].iloc[i] == ("rib_density" if ribs else "grain_frequency")
+        assert felt["of"]["fine"].iloc[i] == (3 if ribs else 6)
+    assert "Fine in 1/mm: ribs" in render_markdown(felt_document(felt.reset_index()))
 
 
 def test_levels_of_another_unit_have_neither_value_nor_place(references):

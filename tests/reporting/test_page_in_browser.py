@@ -1,15 +1,9 @@
 """The page in a headless Chromium: quiet, readable in both schemes, and usable by keyboard."""
 
-import shutil
-
 import pytest
-from chromium import Browser
+from chromium import needs_chromium
 
-CHROMIUM = next(
-    (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))),
-    None,
-)
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on the PATH")
+pytestmark = needs_chromium
 
 CONTRASTS = """(() => {
   const channels = (colour) => colour.match(/[\\d.]+/g).map(Number);
@@ -61,14 +55,6 @@ FOCUSED = """(() => {
 @pytest.fixture(scope="module")
 def path(page_file):
     return page_file
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    assert CHROMIUM is not None
-    shown = Browser(CHROMIUM, tmp_path_factory.mktemp("profile"))
-    yield shown
-    shown.close()
 
 
 def test_the_page_is_silent_and_asks_for_nothing_outside(browser, path):

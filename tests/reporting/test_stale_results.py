@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from told import result
 
+from texclass import provenance
 from texclass.experiment import load_pipeline
 from texclass.experiment.result import COMPUTED_BY
 from texclass.features import load_feature_set
@@ -64,3 +65,14 @@ def test_words_of_code_are_no_code(tmp_path):
     same, words, other = (code_hash(files=[tmp_path / n / "m.py"], words=False) for n in "abc")
     assert same == words != other
     assert code_hash(files=[tmp_path / "a" / "m.py"]) != code_hash(files=[tmp_path / "b" / "m.py"])
+
+
+def test_a_table_in_a_room_is_part_of_its_code(tmp_path, monkeypatch):
+    monkeypatch.setattr(provenance, "_PACKAGE", tmp_path)
+    (tmp_path / "room").mkdir()
+    (tmp_path / "room" / "m.py").write_text("x = 1\n")
+    seen = {code_hash("room", words=False)}
+    for table in ("a,1\n", "a,2\n"):
+        (tmp_path / "room" / "known.csv").write_text(table)
+        seen.add(code_hash("room", words=False))
+    assert len(seen) == 3

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from chromium import Browser
+from chromium import needs_chromium
 from typer.testing import CliRunner
 
 from texclass.cli import app
@@ -23,11 +23,7 @@ from texclass.textures.okamura2001 import TapLibrary
 from texclass.vibration import TapModel
 
 NODE = shutil.which("node")
-CHROMIUM = next(
-    (c for n in ("chromium", "chromium-browser", "google-chrome") if (c := shutil.which(n))), None
-)
 needs_node = pytest.mark.skipif(NODE is None, reason="no node on the PATH")
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on the PATH")
 V, F, N = np.array([40.0, 80.0, 160.0]), np.array([0.5, 2.0]), 3000
 RNG = np.random.default_rng(0)
 LATTICE = GridModel((V, F), RNG.uniform(-0.9, 0.9, (3, 2, 6)), RNG.uniform(1, 9, (3, 2)), 20.0)
@@ -45,6 +41,13 @@ def scene_of(models, fs=1000.0):
     return PlannedScene("all", fs, "m/s^2", (20.0, 450.0), 30.0, 1, assigned, tuple(models.values()))
 
 
+def drawn(n, seed=5):
+    """Return the noise that the renderer of one contact draws first."""
+    phase = np.zeros((1, kernels.N_COUNTS), dtype=np.int64)
+    phase[0, kernels.NOISE] = np.random.SeedSequence(seed).generate_state(1, np.uint64).view(np.int64)[0]
+    return [kernels.draw(phase, 0) for _ in range(n)]
+
+
 def script(scene):
     """A path over all surfaces with jumps, rests and lifts, the renderer's noise, and what it plays there."""
     rng, names = np.random.default_rng(1), [*scene.assigned, None]
@@ -57,12 +60,10 @@ def script(scene):
     touched = [names[i] for i in which[stay]]
     renderer = SceneRenderer(scene, n_contacts=1, seed=5)
     played = renderer.process(np.stack([vx, vy], axis=-1)[np.newaxis], pressed[np.newaxis], [touched])[0]
-    phase = np.zeros((1, kernels.N_COUNTS), dtype=np.int64)
-    phase[0, kernels.NOISE] = np.random.SeedSequence(5).generate_state(1, np.uint64).view(np.int64)[0]
-    noise = [kernels.draw(phase, 0) for _ in range(40 * N)]
     model = [scene.assigned.get(name, -1) for name in touched]
     bank, index = packed(scene)
-    given = {"vx": vx.tolist(), "vy": vy.tolist(), "force": pressed.tolist(), "model": model, "noise": noise}
+    given = {"vx": vx.tolist(), "vy": vy.tolist(), "force": pressed.tolist(), "model": model}
+    given["noise"] = drawn(40 * N)
     return {"bank": bank.tolist(), "index": index.ravel().tolist(), "script": given, "fs": scene.fs}, played
 
 
@@ -129,13 +130,6 @@ def page(tmp_path_factory):
     return write_feel_page(
         tmp_path_factory.mktemp("page") / "feel.html", scene_of(MODELS), taps={"lines": TAP}
     )
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    shown = Browser(CHROMIUM, tmp_path_factory.mktemp("profile"))
-    yield shown
-    shown.close()
 
 
 def text(browser, name):

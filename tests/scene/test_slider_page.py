@@ -7,9 +7,9 @@ import time
 
 import numpy as np
 import pytest
-from chromium import Browser
+from chromium import needs_chromium
 from scipy.stats import spearmanr
-from test_feel_page import CHROMIUM, needs_chromium, needs_node, node, text
+from test_feel_page import drawn, needs_node, node, text
 
 from texclass.exchange import save_texture
 from texclass.features import FeatureExtractor, scale_values
@@ -44,13 +44,6 @@ def data(page):
 @pytest.fixture(scope="module")
 def own(data):
     return {name: scale["value"] for name, scale in data["scales"].items()}
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    shown = Browser(CHROMIUM, tmp_path_factory.mktemp("profile"))
-    yield shown
-    shown.close()
 
 
 PLAY = """
@@ -99,10 +92,7 @@ def test_at_a_value_that_the_page_holds_it_plays_the_retouched_texture(data, own
     renderer = SceneRenderer(scene, n_contacts=1, seed=5)
     velocity = np.column_stack([speed, 0 * speed])[np.newaxis]
     played = renderer.process(velocity, np.ones((1, speed.size)), [["wood"] * speed.size])[0]
-    phase = np.zeros((1, kernels.N_COUNTS), dtype=np.int64)
-    phase[0, kernels.NOISE] = np.random.SeedSequence(5).generate_state(1, np.uint64).view(np.int64)[0]
-    noise = [kernels.draw(phase, 0) for _ in range(4000)]
-    found = play(data, [own | {scale: value}], speed, noise)[0]
+    found = play(data, [own | {scale: value}], speed, drawn(4000))[0]
     assert np.abs(found - played).max() <= 1e-9 * np.abs(played).max()
 
 

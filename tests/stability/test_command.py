@@ -5,7 +5,7 @@ import pytest
 
 from texclass.document import render_markdown
 from texclass.stability import Mark, StabilityResult
-from texclass.stability.battery import stability_document, wrong_lines
+from texclass.stability.battery import summed_up
 
 
 def cell(subject, family, mark, *, library="texclass", group="models", reason="", error=None, limit=None):
@@ -30,8 +30,9 @@ THEIRS = [
 
 
 def result(*cells):
-    left_out = ("tsfel: not installed",)
-    return StabilityResult(pd.DataFrame(cells), True, {"texclass": "0"}, "abc", 1.0, left_out=left_out)
+    found = pd.DataFrame(cells)
+    facts = {"quick": True, "versions": {"texclass": "0"}, "battery": "abc", "seed": 0}
+    return StabilityResult(facts | {"left_out": ["tsfel: not installed"]} | summed_up(found), found)
 
 
 @pytest.mark.parametrize(("cells", "code"), [((*RIGHT, *THEIRS), 0), ((*RIGHT, *WRONG), 1)])
@@ -49,8 +50,7 @@ def test_exit_code_is_1_if_one_of_ours_is_wrong(cells, code, monkeypatch, tmp_pa
 
 
 def test_the_report_shows_both_sides_by_one_rule():
-    data = json.loads(result(*RIGHT, *WRONG, *THEIRS).to_json())
-    document = stability_document(data)
+    document = result(*RIGHT, *WRONG, *THEIRS).document()
     assert document.finding.value == "1"
     assert "of 5 pairs of subject and input are wrong in texclass" in document.finding.sentence
     assert document.finding.beside.endswith("2 of 2.")
@@ -61,11 +61,10 @@ def test_the_report_shows_both_sides_by_one_rule():
     text = render_markdown(document)
     assert "| fit | 4 | 2 | 1 |" in text
     assert "too short \\| by far" not in text
-    assert wrong_lines(data) == ["WRONG: fit, an input of poles (poles): a check: 2; the limit is 1"]
 
 
 def test_what_is_kept_for_json_sums_up_every_cell():
-    data = result(*RIGHT, *WRONG, *THEIRS).to_dict()
+    data = result(*RIGHT, *WRONG, *THEIRS).data
     assert sum(tally["cells"] for tally in data["tallies"]) == 7
     fit = next(t for t in data["tallies"] if (t["subject"], t["family"]) == ("fit", "poles"))
     assert fit["marks"] == {"WRONG": 1, "exact": 1}

@@ -17,7 +17,7 @@ from texclass.loaders import load_recording
 from texclass.recording import Phases, Recording, Tap
 from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
 from texclass.textures import PackedTexture, Scan, pack
-from texclass.textures.packed import MARK, _checksum
+from texclass.textures.packed import LEVELS, sealed
 from texclass.vibration import DecayingModes
 
 FS = 8000.0
@@ -62,6 +62,10 @@ def test_real_excerpts_keep_their_spectrum_in_64_bytes():
     assert np.sum(np.array(likenesses) >= 0.95) >= 9
 
 
+def test_a_number_beyond_the_codes_gets_the_last_of_them():
+    assert [LEVELS.code(db) for db in (-1e9, -120.0, 0.0, 135.5, 1e9)] == [0, 0, 240, 511, 511]
+
+
 def test_bytes_do_not_grow_with_the_length():
     assert max(len(pack(_vibration(seconds), 40, fs=FS).to_bytes()) for seconds in (0.5, 2.0, 20.0)) <= 40
 
@@ -101,7 +105,7 @@ def test_the_level_holds_below_what_was_recorded_and_fades_at_rest():
 @given(st.binary(min_size=4, max_size=100))
 def test_whatever_the_bytes_what_is_read_is_stable(body):
     try:
-        texture = PackedTexture.from_bytes(bytes([MARK, _checksum(body)]) + body)
+        texture = PackedTexture.from_bytes(sealed(body))
     except ValueError:
         return
     model = texture.model

@@ -38,14 +38,16 @@ def test_inverse_filter_is_the_prediction_error_of_the_model():
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
-def test_parameters_of_each_sample_equal_constant_ones_when_they_are_constant(dtype):
+def test_parameters_of_each_sample_equal_constant_ones_when_they_are_constant_and_the_last_stay(dtype):
     model, e = _model(200), _noise(2000)
     rows = np.broadcast_to(model.reflection, (2000, 200))
     levels = np.full(2000, model.level)
-    varying = LatticeSynthesis(_model(200, seed=9), dtype=dtype).process_varying(e, rows, levels)
-    assert_array_equal(varying, LatticeSynthesis(model, dtype=dtype).process(e))
-    back = LatticeInverse(_model(200, seed=9), dtype=dtype).process_varying(varying, rows, levels)
-    assert_array_equal(back, LatticeInverse(model, dtype=dtype).process(varying))
+    x = np.concatenate([e, e])
+    for kind in (LatticeSynthesis, LatticeInverse):
+        lattice = kind(_model(200, seed=9), dtype=dtype)
+        varying = np.concatenate([lattice.process_varying(x[:2000], rows, levels), lattice.process(x[2000:])])
+        x = kind(model, dtype=dtype).process(x)
+        assert_array_equal(varying, x)
 
 
 @given(st.integers(0, 1000), st.sampled_from(DTYPES), st.sampled_from([0.5, 1e-3, 1e-9, 1e-15]))
@@ -64,17 +66,16 @@ def test_level_is_exact_at_every_sample_while_parameters_glide():
     """Orthogonal stages: states and excitation of unit variance stay so, as each output's response shows."""
     p, n = 6, 40
     out = np.empty((p + n, n))
+    k = np.linspace(_model(p).reflection, _model(p, seed=4).reflection, 30)
+    level = np.geomspace(0.1, 7.0, 30)
     for row in range(p + n):
         lattice, e = LatticeSynthesis(_model(p)), np.zeros(n)
         if row < p:
             lattice._b[row] = 1.0
         else:
             e[row - p] = 1.0
-        lattice.move_to(_model(p, seed=4, gain=3.0), 30)
-        out[row] = lattice.process(e)
-    expected = [float(m.level) for m in (_model(p), _model(p, seed=4, gain=3.0))]
-    w = np.minimum(np.arange(1, n + 1) / 30, 1.0)
-    assert_allclose(np.sqrt((out**2).sum(axis=0)), expected[0] ** (1 - w) * expected[1] ** w, rtol=1e-12)
+        out[row] = np.append(lattice.process_varying(e[:30], k, level), lattice.process(e[30:]))
+    assert_allclose(np.sqrt((out**2).sum(axis=0)), [*level] + [level[-1]] * 10, rtol=1e-12)
 
 
 def test_settled_process_starts_at_its_level():
@@ -98,21 +99,6 @@ def test_a_pole_at_radius_1_minus_1e_9_agrees_with_sixty_digits():
     model = Autoregression(k, np.asarray(1.0))
     assert_allclose(LatticeSynthesis(model).process(e), expected, atol=1e-10 * np.abs(expected).max())
     assert_allclose(LatticeInverse(model).process(expected), e, atol=1e-6)
-
-
-def test_a_model_of_lower_order_can_be_moved_to():
-    lattice, e = LatticeSynthesis(_model(9)), _noise(500)
-    lattice.move_to(_model(4), 1)
-    assert_allclose(lattice.process(e), LatticeSynthesis(_model(4)).process(e), atol=1e-12)
-
-
-def test_a_glide_under_way_is_left_where_it_stands():
-    e = _noise(300)
-    lattice = LatticeSynthesis(Autoregression([0.0], np.asarray(1.0)))
-    lattice.move_to(Autoregression([0.5], np.asarray(1.0)), 100)
-    lattice.process(e[:50])
-    lattice.move_to(Autoregression([0.25], np.asarray(1.0)), 10)
-    assert_allclose(lattice._k, 0.25)
 
 
 def test_reset_forgets_the_past_and_empty_pieces_change_nothing():

@@ -16,7 +16,7 @@ from texclass.vibration import autoregressive as ar
 from texclass.vibration import line_spectrum as ls
 from texclass.vibration.decaying_modes import fit_matrix_pencil
 from texclass.vibration.decaying_sinusoid import TapModel, fit_okamura, fit_tap_model
-from texclass.vibration.interpolation import ModelBlend, from_line_spectrum, interpolate
+from texclass.vibration.interpolation import ModelBlend, interpolate
 from texclass.vibration.order import select_order
 from texclass.vibration.prony import fit_prony
 from texclass.vibration.rising_peaks import segment_rising_peaks, vibration_band
@@ -71,8 +71,6 @@ REFUSED = {
         lambda: LatticeInverse(THREE, level=0.0),
         lambda: LatticeSynthesis(THREE).process([1.0, NAN]),
         lambda: LatticeSynthesis(THREE).process(np.ones((2, 2))),
-        lambda: LatticeSynthesis(THREE).move_to(A, 10),
-        lambda: LatticeSynthesis(THREE).move_to(THREE, 0),
         lambda: LatticeSynthesis(THREE).process_varying(np.ones(2), np.ones((2, 3)), np.ones(2)),
     ],
     "line spectrum": [
@@ -91,7 +89,6 @@ REFUSED = {
         lambda: ModelBlend([ENDLESS, Autoregression(np.zeros(1000), 1.0)], loudness="level"),
         lambda: ModelBlend([A], loudness="rms"),
         lambda: interpolate(A, B, 0.5, min_gap=1.0),
-        lambda: from_line_spectrum([1.0], 1e4),
     ],
     "order": [
         *(

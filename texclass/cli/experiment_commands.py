@@ -7,7 +7,7 @@ import typer
 
 from texclass.cli import options
 from texclass.cli.app import app
-from texclass.cli.options import progress_bar, tell, tell_and_save, write_json, wrote
+from texclass.cli.options import progress_bar, tell_and_save
 
 
 @app.command(epilog="Example: texclass benchmark recordings --fs 10000 --unit m/s^2 --jobs 1")
@@ -290,19 +290,15 @@ def stability(
 
     Public libraries that are installed here answer the same inputs. Exit code 1 if any of ours is wrong.
     """
-    from texclass.document import write_document
     from texclass.peers import extreme_inputs
     from texclass.stability import run_stability
-    from texclass.stability.battery import stability_document, wrong_lines
 
     peers, left_out = extreme_inputs.installed(quick)
     with progress_bar() as progress:
         result = run_stability(quick=quick, only=only, peers=peers, left_out=left_out, progress=progress)
-    found = result.to_dict()
-    document = stability_document(found)
-    tell(document, wrong_lines(found))
-    write_json(json_file, result.to_json())
-    wrote(write_document(document, output, "stability", json=result.to_json()))
+    tell_and_save(result, output, json_file)
+    for cell in result.data["ours_wrong"]:
+        typer.echo(f"{cell['mark']}: {cell['subject']}, {cell['case']} ({cell['family']}): {cell['reason']}")
     typer.echo(f"texclass: {len(result.wrong)} of {len(result.ours)} cells wrong")
     if len(result.wrong):
         raise typer.Exit(1)

@@ -19,7 +19,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from texclass.exchange.foreign import Part, read_foreign
 from texclass.exchange.rendition import LONGEST_S, Rendition
 from texclass.recording import Samples
-from texclass.whole_files import write_whole
+from texclass.whole_files import path_ending, write_whole
 
 LARGEST_FILE, MOST_ENTRIES = 4 << 20, 20_000
 MOST_POINTS = 16
@@ -33,13 +33,6 @@ TRANSIENT_S = 0.02
 FS = 8000.0
 Control = Literal["HapticIntensityControl", "HapticSharpnessControl"]
 Seconds = Annotated[float, Field(ge=0, le=1e6)]
-
-
-def _within(low: float, high: float) -> Any:
-    """Return the kind of number that players clamp into a range."""
-    return Annotated[
-        float, BeforeValidator(lambda x: min(max(x, low), high) if isinstance(x, int | float) else x)
-    ]
 
 
 class Parameter(Part):
@@ -70,10 +63,12 @@ class HapticEvent(Part):
 
 
 class Point(Part):
-    """Of a curve; its time, s, counts from that of the curve."""
+    """Of a curve; its time, s, counts from that of the curve; players clamp its value."""
 
     Time: Seconds
-    ParameterValue: _within(-1.0, 1.0)  # type: ignore[valid-type]
+    ParameterValue: Annotated[
+        float, BeforeValidator(lambda x: min(max(x, -1.0), 1.0) if isinstance(x, int | float) else x)
+    ]
 
 
 class Curve(Part):
@@ -137,9 +132,7 @@ def write_ahap(rendition: Rendition, path: str | Path) -> dict[str, str]:
     ValueError
         If the path has another ending.
     """
-    path = Path(path)
-    if path.suffix.lower() != ".ahap":
-        raise ValueError(f"{path}: ends in {path.suffix!r}; the rule is '.ahap'")
+    path = path_ending(path, ".ahap")
     items, full, lost = (_taps if rendition.taps.size else _stroke)(rendition)
     told = {
         "Description": rendition.told,

@@ -23,7 +23,7 @@ from texclass._version import __version__
 from texclass.recording import Unit
 from texclass.textures.contract import Stored
 from texclass.validation import Written, checked
-from texclass.whole_files import write_whole
+from texclass.whole_files import path_ending, write_whole
 
 SUFFIX = ".texture"
 VERSION = 2
@@ -100,9 +100,7 @@ def write_stored(stored: Stored, path: str | Path, *, unit: str) -> Path:
     ValueError
         If the path does not end in `.texture`, or something is not what a file may hold.
     """
-    path = Path(path)
-    if path.suffix != SUFFIX:
-        raise ValueError(f"{path}: ends in {path.suffix!r}; the rule is {SUFFIX!r}")
+    path = path_ending(path, SUFFIX)
     arrays = {name: np.array(array, order="C") for name, array in stored.arrays().items()}
     _check_arrays(arrays, path)
     write_whole(path, sealed(header_of(stored, unit, path), arrays))

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib import image
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import AliasPath, Field
 
 from texclass.exchange.foreign import Part, read_foreign
 from texclass.exchange.rendition import Rendition, told_level
@@ -40,16 +40,10 @@ class Scale(Part):
     force: float = Field(default=1.0, gt=0, le=1e5)
 
 
-class Place(Part):
-    """Which of the textures of the file."""
-
-    index: int = Field(ge=0)
-
-
 class HapticTexture(Part):
     """A texture of numbers."""
 
-    texture: Place
+    index: int = Field(ge=0, validation_alias=AliasPath("texture", "index"))
     type: Literal["High_Resolution", "Low_Resolution", "Reference", "Other"]
     extras: Scale = Scale()
 
@@ -60,18 +54,6 @@ class Material(Part):
     name: str = ""
     friction: tuple[HapticTexture, ...] = ()
     vibrotactileTexture: tuple[HapticTexture, ...] = ()  # noqa: N815  as the extension spells it
-
-
-class Materials(Part):
-    """All materials of a file."""
-
-    materials: tuple[Material, ...] = Field(min_length=1)
-
-
-class Extensions(Part):
-    """Those of a file."""
-
-    MPEG_haptic_material: Materials
 
 
 class Image(Part):
@@ -89,7 +71,9 @@ class Texture(Part):
 class Gltf(Part):
     """A .gltf file, as far as it is felt."""
 
-    extensions: Extensions
+    materials: tuple[Material, ...] = Field(
+        min_length=1, validation_alias=AliasPath("extensions", NAME, "materials")
+    )
     textures: tuple[Texture, ...]
     images: tuple[Image, ...]
 
@@ -147,7 +131,7 @@ def read_gltf(path: str | Path) -> Rendition:
         If it cannot be read.
     """
     file = read_foreign(Gltf, path, LARGEST_FILE)
-    material = file.extensions.MPEG_haptic_material.materials[0]
+    material = file.materials[0]
     if not material.vibrotactileTexture:
         raise ValueError(f"{path}: its first haptic material has no vibrotactileTexture; the rule is one")
     try:
@@ -157,10 +141,12 @@ def read_gltf(path: str | Path) -> Rendition:
         raise ValueError(
             f"{path}: a texture is unreadable ({error}); the rule is a grey PNG inside"
         ) from None
-    scale, none = material.vibrotactileTexture[0].extras, np.zeros((0, 3))
+    scale = material.vibrotactileTexture[0].extras
     lost = {"speed": f"played at {scale.speed:.4g} mm/s", "force": f"played at {scale.force:.4g} N"}
-    return Rendition(material.name, scale.unit, scale.speed / scale.pitch_mm, x, scale.speed, scale.force,
-                     none, none, max(mu, 0.0), scale.pitch_mm, lost)  # fmt: skip
+    pitch, v, f = scale.pitch_mm, scale.speed, scale.force
+    return Rendition(
+        material.name, scale.unit, v / pitch, x, v, f, friction=max(mu, 0.0), pitch_mm=pitch, lost=lost
+    )
 
 
 def _texture(index: int, scale: dict[str, Any]) -> dict[str, Any]:
@@ -169,7 +155,7 @@ def _texture(index: int, scale: dict[str, Any]) -> dict[str, Any]:
 
 def _values(file: Gltf, haptic: HapticTexture) -> Samples:
     """Return the numbers (n,) of the middle row of a haptic texture."""
-    data = base64.b64decode(file.images[file.textures[haptic.texture.index].source].uri.removeprefix(_PNG))
+    data = base64.b64decode(file.images[file.textures[haptic.index].source].uri.removeprefix(_PNG))
     width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
     if not (0 < width <= WIDEST and 0 < height <= WIDEST):
         raise ValueError(f"has {width} x {height} pixels; the rule is at most {WIDEST} each")

@@ -10,7 +10,8 @@ from texclass.recording import ACCELERATION_UNITS, Samples
 from texclass.textures import Texture
 from texclass.textures.hatt import HattTexture
 from texclass.vibration import Autoregression, line_spectrum
-from texclass.vibration.autoregressive import from_autocorrelation, log_cosines
+from texclass.vibration.autoregressive import from_autocorrelation
+from texclass.vibration.reflection import log_cosines
 
 FS = 1000.0
 """What the toolkit renders at, Hz."""

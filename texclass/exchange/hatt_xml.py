@@ -34,7 +34,7 @@ from texclass.recording import Samples
 from texclass.textures.hatt import HattTexture, Mesh
 from texclass.vibration import Autoregression, line_spectrum
 from texclass.vibration.autoregressive import from_direct_form
-from texclass.whole_files import write_whole
+from texclass.whole_files import path_ending, write_whole
 
 LARGEST_FILE = 8 << 20
 """Bytes; the published textures have 120,000."""
@@ -221,9 +221,7 @@ def write_hatt(texture: HattTexture, path: str | Path) -> Path:
         If the path does not end in `.xml`, the name cannot be shown, or an order is so high that coefficients
         no longer describe the model (ARcoeff belongs to the layout).
     """
-    path = Path(path)
-    if path.suffix.lower() != ".xml":
-        raise ValueError(f"{path}: ends in {path.suffix!r}; the rule is '.xml'")
+    path = path_ending(path, ".xml")
     root, mesh = Element("modelSet", texture="0"), texture.mesh
     image = f"{printable(texture.name)}_square.bmp"
     content: list[tuple[str, str | float | Samples]] = [

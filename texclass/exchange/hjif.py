@@ -335,7 +335,10 @@ def _play_effect(out: Samples, at: float, effect: Effect, band: Band, fs: float,
     first = math.ceil(at * fs - 1e-9)
     t = np.arange(max(first, 0), out.size) / fs - at
     if band.band_type == "WaveletWave":
-        x = _block_of(effect, band)
+        n = int((band.block_length or 0) / TICKS * band.upper_frequency_limit)
+        if n < 16 or n & (n - 1) or n > 1 << 16:
+            raise ValueError(f"a wavelet block has {n} samples; the rule is a power of two, 16 to {1 << 16}")
+        x = wavelet_stream.inverse(wavelet_stream.decode(_stream_of(effect), n))
         index = np.floor(t * band.upper_frequency_limit + 1e-6).astype(np.int64)
         t = t[index < x.size]
         out[first : first + t.size] += x[index[: t.size]]
@@ -401,14 +404,6 @@ _WAVES: dict[str, Callable[[Samples], Samples]] = {
     "SawToothUp": lambda turns: 2 * (turns - np.floor(turns + 0.5)),
     "SawToothDown": lambda turns: 2 * (np.floor(turns + 0.5) - turns),
 }
-
-
-def _block_of(effect: Effect, band: Band) -> Samples:
-    """Return the samples of a wavelet effect, in -1 ... 1 but for rounding."""
-    n = int((band.block_length or 0) / TICKS * band.upper_frequency_limit)
-    if n < 16 or n & (n - 1) or n > 1 << 16:
-        raise ValueError(f"a wavelet block has {n} samples; the rule is a power of two, 16 to {1 << 16}")
-    return wavelet_stream.inverse(wavelet_stream.decode(_stream_of(effect), n))
 
 
 def _stream_of(effect: Effect) -> bytes:

@@ -91,8 +91,9 @@ def made_hjif(rendition: Rendition, planes: int = wavelet_stream.PLANES) -> tupl
         lost["lines"] = f"{len(bands)} of {len(rendition.lines)}, frequencies in whole Hz"
     else:
         bands, gain, extent = _wavelets(rendition.samples, rate, planes)
-        top, unit = (extent["frequency_sampling"], "Hz") if not over else (_per_mm(extent, exponent), "/mm")
-        own = rendition.fs if not over else 1 / rendition.pitch_mm
+        top, own, unit = float(extent["frequency_sampling"]), rendition.fs, "Hz"
+        if over:
+            top, own, unit = top / 10.0 ** (3 + exponent + 3), 1 / rendition.pitch_mm, "/mm"
         lost["band"] = f"0 to {min(top, own) / 2:g} {unit} of 0 to {own / 2:g} {unit}"
     if over:
         lost["speed"] = f"how a feature rings: as at {rendition.speed:.4g} mm/s, drawn out with distance"
@@ -109,22 +110,11 @@ def made_hjif(rendition: Rendition, planes: int = wavelet_stream.PLANES) -> tupl
         timescale=TICKS, avatars=(Avatar(id=1, lod=0, type="Vibration"),), perceptions=tuple(perceptions),
         syncs=(),
     )  # fmt: skip
-    lost["level"] = _level_error(found, rendition)
+    lost["level"] = "the peak of each tap is kept"
+    if not rendition.taps.size:
+        fs = float(extent.get("frequency_sampling", FS))
+        lost["level"] = told_level(play_hjif(found, fs)[:, 0], rendition.samples)
     return found, lost
-
-
-def _level_error(haptics: Haptics, rendition: Rendition) -> str:
-    """Return how far the level of what is played of a file is from what was meant, in words."""
-    if rendition.taps.size:
-        return "the peak of each tap is kept"
-    band = haptics.perceptions[0].channels[0].bands[0]
-    fs = float(band.upper_frequency_limit) if band.band_type == "WaveletWave" else FS
-    return told_level(play_hjif(haptics, fs)[:, 0], rendition.samples)
-
-
-def _per_mm(extent: dict[str, int], exponent: int) -> float:
-    """Return the samples in a millimetre of a band over distance."""
-    return float(extent["frequency_sampling"] / 10.0 ** (3 + exponent + 3))
 
 
 def _transients(taps: Samples) -> tuple[list[Band], float, dict[str, int]]:

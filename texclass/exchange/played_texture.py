@@ -105,8 +105,8 @@ def rendition_of(haptics: Haptics) -> Rendition:
     kinds = {band.band_type for band in channel.bands}
     effects = [one for band in channel.bands for one in basis_effects(band.effects, library)]
     gain = 10.0 ** felt[0].perception_unit_exponent * channel.gain
-    taps = _taps(effects, gain, haptics.timescale) if kinds == {"Transient"} else np.zeros((0, 3))
-    lines = _lines(effects, gain) if kinds == {"VectorialWave"} else np.zeros((0, 3))
+    taps = _taps(effects if kinds == {"Transient"} else [], gain, haptics.timescale)
+    lines = _lines(effects if kinds == {"VectorialWave"} else [], gain)
     fs = float(max(channel.bands[0].upper_frequency_limit, 40)) if kinds == {"WaveletWave"} else FS
     x = play_hjif(_only(haptics, felt[0]), fs)[:, 0]
     mu = [float(np.median(play_hjif(_only(haptics, one), 100.0)[:, 0])) for one in rough]
@@ -114,7 +114,7 @@ def rendition_of(haptics: Haptics) -> Rendition:
     if felt[0].perception_modality == "Vibrotactile Texture":  # 1000 ticks are so many mm
         pitch = 10.0 ** (felt[0].unit_exponent + 6) / fs
         fs = speed / pitch
-    return Rendition(name, unit, fs, x, speed, force, lines, taps, max([0.0, *mu]), pitch, {})
+    return Rendition(name, unit, fs, x, speed, force, lines, taps, max([0.0, *mu]), pitch)
 
 
 def _only(haptics: Haptics, perception: Perception) -> Haptics:

@@ -5,13 +5,13 @@ and a force, and what these would have changed is told beside it.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from texclass.recording import ACCELERATION_UNITS, Samples
-from texclass.textures.contract import Renderer
+from texclass.textures.contract import Renderer, constant_stroke
 from texclass.validation import check_above_0
 
 if TYPE_CHECKING:
@@ -78,11 +78,11 @@ class Rendition:
     samples: Samples
     speed: float
     force: float
-    lines: Samples
-    taps: Samples
-    friction: float
-    pitch_mm: float
-    lost: Mapping[str, str]
+    lines: Samples = field(default_factory=lambda: np.zeros((0, 3)))
+    taps: Samples = field(default_factory=lambda: np.zeros((0, 3)))
+    friction: float = 0.0
+    pitch_mm: float = 0.0
+    lost: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def told(self) -> str:
@@ -146,7 +146,7 @@ def play_texture(
     pitch = v / texture.fs if length_mm else 0.0
     mu = float(getattr(texture, "mu", 0.0))
     known = "m/s^2" if unit in ACCELERATION_UNITS else unit
-    return Rendition(texture.name, known, texture.fs, x, v, f, lines, np.zeros((0, 3)), mu, pitch, lost)
+    return Rendition(texture.name, known, texture.fs, x, v, f, lines, friction=mu, pitch_mm=pitch, lost=lost)
 
 
 def play_taps(taps: "TapLibrary", *, velocity: float = TAP_M_S) -> Rendition:
@@ -179,9 +179,8 @@ def play_taps(taps: "TapLibrary", *, velocity: float = TAP_M_S) -> Rendition:
         "order": ", ".join(taps.materials) + f", every {TAP_EVERY_S:g} s",
     }
     known = "m/s^2" if taps.unit in ACCELERATION_UNITS else taps.unit
-    none = np.zeros((0, 3))
-    return Rendition(taps.materials[0] if len(taps) == 1 else "taps", known, TAP_FS, x, 1000 * velocity, 0.0,
-                     none, struck, 0.0, 0.0, lost)  # fmt: skip
+    name = taps.materials[0] if len(taps) == 1 else "taps"
+    return Rendition(name, known, TAP_FS, x, 1000 * velocity, 0.0, taps=struck, lost=lost)
 
 
 def level_db(x: Samples) -> float:
@@ -218,8 +217,8 @@ def _played(texture: Playable, speed: float, force: float, seconds: float, seed:
     before, n = round(SETTLED_S * texture.fs), max(round(seconds * texture.fs), 1)
     if length_mm := getattr(texture, "length_mm", 0.0):  # one whole turn, from its first feature on
         before = round(np.ceil(SETTLED_S * speed / length_mm) * length_mm / speed * texture.fs)
-    v = np.tile(speed * np.asarray(getattr(texture, "direction", (1.0, 0.0))), (before + n, 1))
-    return texture.renderer(seed=seed).process(v, np.full(before + n, force))[before:]
+    direction = getattr(texture, "direction", (1.0, 0.0))
+    return constant_stroke(texture, speed, force, n, settled=before, direction=direction, seed=seed)
 
 
 def _change(texture: Playable, x: Samples, ends: list[tuple[float, float]], seed: int) -> str:

@@ -18,7 +18,7 @@ from texclass.exchange.container import (
 from texclass.exchange.hatt_xml import read_hatt
 from texclass.textures.contract import Stored, Texture
 from texclass.textures.packed import MARK, PackedTexture
-from texclass.whole_files import write_whole
+from texclass.whole_files import path_ending, write_whole
 
 if TYPE_CHECKING:
     from texclass.textures.okamura2001 import TapLibrary
@@ -62,10 +62,9 @@ def save_texture(texture: Stored, path: str | Path, *, unit: str | None = None) 
         If the path has another ending, or what the texture says of itself is not what a file may hold.
     """
     if isinstance(texture, PackedTexture):
-        if Path(path).suffix != SUFFIX:
-            raise ValueError(f"{path}: ends in {Path(path).suffix!r}; the rule is {SUFFIX!r}")
+        path = path_ending(path, SUFFIX)
         write_whole(path, texture.to_bytes())
-        return Path(path)
+        return path
     if texture.family not in TEXTURES | TAPS:
         known = ", ".join(sorted(TEXTURES | TAPS))
         raise ValueError(f"{path}: family is {texture.family!r:.80}; the rule is one of {known}")

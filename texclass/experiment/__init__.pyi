@@ -1,6 +1,7 @@
 from .accuracy import Accuracy as Accuracy
 from .accuracy import cluster_interval as cluster_interval
 from .accuracy import wilson_interval as wilson_interval
+from .benchmark import BenchmarkResult as BenchmarkResult
 from .benchmark import run_benchmark as run_benchmark
 from .feature_table import FeatureTable as FeatureTable
 from .feature_table import cached_table as cached_table
@@ -20,7 +21,6 @@ from .protocols import PROTOCOLS as PROTOCOLS
 from .protocols import Protocol as Protocol
 from .protocols import find_protocol as find_protocol
 from .protocols import repeated as repeated
-from .result import BenchmarkResult as BenchmarkResult
 from .selection import ForwardSelector as ForwardSelector
 from .windows import Window as Window
 from .windows import touches as touches

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -29,21 +29,96 @@ from texclass.experiment.protocols import (
     require_unseen,
     splits_of,
 )
-from texclass.experiment.result import COMPUTED_BY, BenchmarkResult, best_of, example_of
+from texclass.experiment.result import COMPUTED_BY, Result, best_of, example_of, pairs_of
 from texclass.experiment.windows import parents
 from texclass.experiment.workers import Progress, each
 from texclass.features.extractor import Reason
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import made_by, versions
+from texclass.recording import Recording
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from texclass.document import Document
+
+ACCURACY_KEYS = ("mean", "low", "high", "interval", "clusters", "n_clusters", "balanced", "worst")
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "pandas", "PyWavelets", "librosa", "joblib")
 LEAST_TRAINED = 2
 """Recordings of each material that must be left to train on: spread cannot be learnt from one."""
-
-
 LOADING_S = 2.0
 """CPU seconds that other processes would take to load scikit-learn, at most."""
+
+
+class BenchmarkResult(Result):
+    """A pipeline evaluated on a dataset; see `run_benchmark`.
+
+    `data` holds `dataset` (facts and numbers), `pipeline`, `protocol`, `rows` (accuracies by classifier,
+    published ones, milliseconds, what is missing), `confusion` of the best row, `gains` (what additions
+    add), `choice` (made inside training parts), `example` (a recording and its phases), `left_out`, `flags`,
+    `undefined`, and what is needed to do it again.
+    """
+
+    def __repr__(self) -> str:
+        named = f"{self.data['dataset']['name']}, {self.data['pipeline']['name']}, {self.data['protocol']}"
+        if self.best is None:
+            return f"<{type(self).__name__}: {named}; no row was computed>"
+        mean = 100 * self.table["mean"].max()
+        return f"<{type(self).__name__}: {named}; best {mean:.1f} %, {' with '.join(self.best)}>"
+
+    def _repr_html_(self) -> str:
+        """Return the table for a notebook."""
+        return self.table.to_html(index=False, float_format="{:.3g}".format)
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One line a row and classifier: accuracy with its interval, published accuracy, milliseconds."""
+        lines = [
+            {
+                "row": pair.row["name"],
+                "classifier": pair.classifier,
+                "n_features": pair.row["n_features"],
+                **{key: pair.accuracy[key] for key in ACCURACY_KEYS},
+                "paper": pair.published,
+                "ms_per_recording": pair.row["ms_per_recording"],
+            }
+            for pair in pairs_of(self.data)
+        ]
+        return pd.DataFrame(lines)
+
+    def document(self) -> "Document":
+        """Return the benchmark as a document."""
+        from texclass.experiment.benchmark_document import benchmark_document
+
+        return benchmark_document(self.data)
+
+    def plot(self, classifier: str | None = None, width: float = 8.0) -> "Figure":
+        """Draw each row's accuracy beside the published figure.
+
+        Parameters
+        ----------
+        classifier : str, optional
+            Whose; every one by default.
+        width : float
+            In inches.
+
+        Raises
+        ------
+        ValueError
+            If no row was computed.
+        """
+        from texclass.experiment.benchmark_document import draw_rows
+
+        if self.best is None:
+            raise ValueError("no row was computed; the rule is at least one accuracy to draw")
+        return draw_rows(self.data, [classifier] if classifier else None, width)
+
+    @property
+    def best(self) -> tuple[str, str] | None:
+        """Row and classifier of the highest accuracy, the first of equals; None if no row was computed."""
+        best = best_of(self.data)
+        return (best.row["name"], best.classifier) if best else None
 
 
 def run_benchmark(
@@ -113,27 +188,14 @@ def run_benchmark(
     units = (chosen.unit, chosen.independent(table.frame)[0])
     lines = [_line(row, pipeline, meter, evaluations.get(row.definition.name, {}), units) for row in rows]
     agreement = {name: rank_agreement(lines, name) for name in pipeline.classifiers}
-    frame, windows = table.frame, "parent" in table.frame
-    tested = "windows" if windows else "recordings"
+    frame = table.frame
+    tested = "windows" if "parent" in frame else "recordings"
     # By feature: the commonest reason, and the number of recordings.
     reasons = pd.DataFrame(table.reasons, columns=Reason._fields).groupby("feature", sort=False)["reason"]
     undefined = reasons.agg(reason=lambda of: Counter(of).most_common(1)[0][0], n_recordings="size")
     return BenchmarkResult(
         {
-            "dataset": {
-                "name": dataset.name,
-                "title": dataset.title,
-                "n_recordings": int(parents(frame).nunique()),
-                **({"n_windows": len(frame)} if windows else {}),
-                **{f"n_{of}s": int(frame[of].nunique()) for of in ("material", "operator", "session")},
-                "materials": list(dataset.materials),
-                "chance": float(frame["material"].value_counts(normalize=True).max()),
-                "fs_hz": float(meter.recordings[0].fs),
-                "unit": meter.recordings[0].unit,
-                "licence": dataset.licence,
-                "source": dataset.source,
-                "notes": list(dataset.notes),
-            },
+            "dataset": _facts_of(dataset, frame, meter.recordings[0]),
             "example": example_of(meter.recordings[0]),
             "pipeline": {
                 "name": pipeline.name,
@@ -164,6 +226,24 @@ def run_benchmark(
             **made_by(*COMPUTED_BY),
         }
     )
+
+
+def _facts_of(dataset: Dataset, frame: pd.DataFrame, first: Recording) -> dict[str, Any]:
+    """Return the facts of a dataset and how much of it is in a feature table."""
+    return {
+        "name": dataset.name,
+        "title": dataset.title,
+        "n_recordings": int(parents(frame).nunique()),
+        **({"n_windows": len(frame)} if "parent" in frame else {}),
+        **{f"n_{of}s": int(frame[of].nunique()) for of in ("material", "operator", "session")},
+        "materials": list(dataset.materials),
+        "chance": float(frame["material"].value_counts(normalize=True).max()),
+        "fs_hz": float(first.fs),
+        "unit": first.unit,
+        "licence": dataset.licence,
+        "source": dataset.source,
+        "notes": list(dataset.notes),
+    }
 
 
 def _evaluate(

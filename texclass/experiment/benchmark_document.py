@@ -444,12 +444,12 @@ def _notes(data: Data, best: Pair | None) -> Iterator[str]:
         yield f"Columns that {best.row['name']} selects, by share of folds: {listed}."
     if choice := data.get("choice"):
         folds = Counter((row, name) for row, name in choice["chosen"]).most_common()
-        n = len(choice["chosen"])
+        n, found = len(choice["chosen"]), choice["accuracy"]
+        mean, low, high = (digits(round(100 * found[key], 1)) for key in ("mean", "low", "high"))
         listed = "; ".join(f"{row}, {classifier_title(name)} ({k} of {n} folds)" for (row, name), k in folds)
         yield (
             "Row and classifier chosen inside each training part (by "
-            f"{protocol_title(choice['protocol'])}): {_chosen_accuracy(choice['accuracy'])}; chosen: "
-            f"{listed}."
+            f"{protocol_title(choice['protocol'])}): {mean} % [{low}, {high}]; chosen: {listed}."
         )
     for row in data["rows"]:
         if row["accuracy"] and row["missing"]:
@@ -472,11 +472,6 @@ def _problems(data: Data) -> Iterator[str]:
         if lines:
             more = f"; and {len(lines) - MOST_LISTED} more, in the JSON" if len(lines) > MOST_LISTED else ""
             yield sentence(f"{what}, {len(lines)}: {'; '.join(lines[:MOST_LISTED])}{more}")
-
-
-def _chosen_accuracy(accuracy: Data) -> str:
-    mean, low, high = (digits(round(100 * accuracy[key], 1)) for key in ("mean", "low", "high"))
-    return f"{mean} % [{low}, {high}]"
 
 
 def _classifiers(data: Data) -> list[str]:

@@ -18,6 +18,10 @@ BLOCK = 2048
 """Rows of a kernel matrix computed at a time when predicting."""
 LEAST_RELEVANCE = 0.1
 """Correlation ratio below which no column falls: classes may differ in spread alone."""
+CHANGES_WEIGHT = 3.0
+"""Of the covariance of known changes, beside the within-class covariance of the training samples."""
+LARGEST_CHANGE = 3.0
+"""Standard deviations of a column that a known change may be, for what hardly varied in training."""
 
 
 class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
@@ -107,7 +111,7 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         self.max_kb = max_kb
         self.random_state = random_state
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+    def fit(self, X: ArrayLike, y: ArrayLike, changes: Samples | None = None) -> Self:
         """Learn views, prototypes and coefficients.
 
         Parameters
@@ -116,12 +120,15 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             Finite features; their scales do not matter.
         y : array_like of shape (n_samples,)
             Labels of at least two classes.
+        changes : ndarray of shape (n_changes, n_features), optional
+            What is known to change samples of one class, in the units of X: what few samples do not show. It
+            is whitened as what they show is, and makes the columns that it changes count less.
 
         Raises
         ------
         TypeError, ValueError
-            If a parameter is of another kind or out of its range, there is one class only, or not a sample of
-            each class is within `max_kb`.
+            If a parameter is of another kind or out of its range, there is one class only, changes have not
+            the columns of X, or not a sample of each class is within `max_kb`.
         """
         for name in ("length", "ridge"):
             check_scalar(getattr(self, name), name, Real, min_val=0, include_boundaries="neither")
@@ -134,6 +141,10 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             check_scalar(self.max_kb, "max_kb", Real, min_val=0, include_boundaries="neither")
         rows, given = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(given)
+        if changes is not None and changes.shape[1] != rows.shape[1]:
+            raise ValueError(
+                f"changes have {changes.shape[1]} columns; the rule is those of X, {rows.shape[1]}"
+            )
         self.classes_, labels = np.unique(given, return_inverse=True)
         n_classes = self.classes_.size
         if n_classes < 2:
@@ -145,7 +156,7 @@ class KernelDiscriminant(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             self.low_, self.high_ = mean - reach, mean + reach
         rows = self._limited(rows)
         shrinkages = (1.0,) if self.shrinkage == 1 else (1.0, self.shrinkage)
-        self.views_ = tuple(view_of(rows, labels, part, self.relevance) for part in shrinkages)
+        self.views_ = tuple(view_of(rows, labels, part, self.relevance, changes) for part in shrinkages)
         weight = (labels.size / n_classes / np.bincount(labels))[labels]
         Y = np.eye(n_classes)[labels] - 1 / n_classes
         if self.max_kb is not None:
@@ -243,39 +254,45 @@ class View:
         return np.asarray(Z * self.weights if self.weights.ndim == 1 else Z @ self.weights)
 
 
-def view_of(X: Samples, labels: Labels, shrinkage: float, relevance: float) -> View:
+def view_of(
+    X: Samples, labels: Labels, shrinkage: float, relevance: float, changes: Samples | None = None
+) -> View:
     """Return the view with S = (1 - shrinkage) S_w + shrinkage tr(S_w)/p I whitened; shrinkage 1: none.
 
-    S_w is the within-class covariance of the standardised samples. The whitened columns are the directions
-    S^(-1/2), so each still belongs to one feature, and is weighted by its correlation ratio.
+    S_w is the within-class covariance of the standardised samples; `CHANGES_WEIGHT` C' C / n is added where n
+    changes C are known. The whitened columns are the directions S^(-1/2), so each still belongs to one
+    feature, and is weighted by its correlation ratio.
     """
     mean, deviation = X.mean(axis=0), X.std(axis=0)
     scale = np.where(deviation > 1e-12 * np.abs(mean), deviation, np.inf)
     Z = (X - mean) / scale
+    C = np.zeros((1, Z.shape[1])) if changes is None else changes / scale
+    C = np.clip(C, -LARGEST_CHANGE, LARGEST_CHANGE) * np.sqrt(CHANGES_WEIGHT / len(C))
     if shrinkage == 1:
-        weights = _weights(Z, labels, relevance)
+        weights = _weights(Z, labels, relevance, C)
         seen = Z * weights
     else:
         residual = Z - class_means(Z, labels)[labels]
-        S = residual.T @ residual / len(Z)
+        S = residual.T @ residual / len(Z) + C.T @ C
         level = np.trace(S) / len(S) or 1.0
         # Few samples leave many equal values: LAPACK's default driver can fail on those.
         values, vectors = linalg.eigh((1 - shrinkage) * S + shrinkage * level * np.eye(len(S)), driver="evd")
         root = vectors / np.sqrt(np.maximum(values, 1e-12 * level)) @ vectors.T
-        weights = root * _weights(Z @ root, labels, relevance)
+        weights = root * _weights(Z @ root, labels, relevance, C @ root)
         seen = Z @ weights
     size = np.sqrt(np.mean(np.einsum("ij,ij->i", seen, seen)))
     return View(mean, scale, weights / (size or 1.0))
 
 
-def correlation_ratio(Z: Samples, labels: Labels) -> Samples:
+def correlation_ratio(Z: Samples, labels: Labels, changes: Samples | float = 0.0) -> Samples:
     """Return eta = sqrt(1 - within/total variance) of each column, shape (n_features,); 0 for a constant.
 
-    The variances are unbiased, so that a column of pure noise gets about 0 even with few samples a class.
+    The variances are unbiased, so that a column of pure noise gets about 0 even with few samples a class. The
+    variance of known `changes`, shape (n_features,), adds to both.
     """
     n, n_classes = len(Z), int(labels.max()) + 1
-    within = (Z - class_means(Z, labels)[labels]).var(axis=0) * n / max(1, n - n_classes)
-    total = Z.var(axis=0) * n / max(1, n - 1)
+    within = (Z - class_means(Z, labels)[labels]).var(axis=0) * n / max(1, n - n_classes) + changes
+    total = Z.var(axis=0) * n / max(1, n - 1) + changes
     ratio = np.divide(within, total, out=np.ones_like(total), where=total > 0)
     return np.asarray(np.sqrt(np.clip(1 - ratio, 0, 1)))
 
@@ -310,8 +327,9 @@ def drawn(labels: Labels, n: int, seed: int) -> Labels:
     return np.sort(np.concatenate([order[first], np.delete(order, first)])[:n])
 
 
-def _weights(Z: Samples, labels: Labels, relevance: float) -> Samples:
-    return np.asarray(np.maximum(correlation_ratio(Z, labels), LEAST_RELEVANCE) ** relevance)
+def _weights(Z: Samples, labels: Labels, relevance: float, changes: Samples) -> Samples:
+    ratio = correlation_ratio(Z, labels, np.einsum("ij,ij->j", changes, changes))
+    return np.asarray(np.maximum(ratio, LEAST_RELEVANCE) ** relevance)
 
 
 def class_means(X: Samples, labels: Labels) -> Samples:

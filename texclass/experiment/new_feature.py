@@ -18,12 +18,12 @@ from texclass.document.blocks import Block
 from texclass.document.wording import digits, estimate, p_value, percent, points, points_interval
 from texclass.experiment.accuracy import LEVEL
 from texclass.experiment.additions import unseen
-from texclass.experiment.benchmark import run_benchmark
+from texclass.experiment.benchmark import BenchmarkResult, run_benchmark
 from texclass.experiment.benchmark_document import benchmark_blocks, benchmark_document
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import FeatureTable, cached_table
 from texclass.experiment.pipeline import PipelineDefinition
-from texclass.experiment.result import BenchmarkResult, classifier_title, over
+from texclass.experiment.result import classifier_title, over
 from texclass.experiment.workers import one_thread
 from texclass.features.contract import Feature, Gain, UndefinedFeatureError
 from texclass.features.examination import EXACT, behaviour, gain_law

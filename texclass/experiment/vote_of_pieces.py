@@ -13,6 +13,7 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
+from texclass.experiment.known_changes import changes_of
 from texclass.recording import Samples
 
 OF_A_PIECE = ".piece"
@@ -39,6 +40,11 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
         n/(n + 1) of it where a class has n.
     undivided : tuple of int
         Columns that are not of pieces but of the whole recording; see `knowing`.
+    known_changes : bool
+        Let the estimator know what another stroke does to the columns, which few recordings do not show; for
+        columns of the set `surfaces`, and an estimator whose `fit` takes `changes`.
+    columns : tuple of str
+        Their names, where `known_changes`; see `knowing`.
 
     Attributes
     ----------
@@ -72,6 +78,8 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
     """
 
     undivided: tuple[int, ...] = ()  # of models of before, which have none
+    known_changes: bool = False
+    columns: tuple[str, ...] = ()
     weight_: float = 0.5  # of models of before, for any number of recordings
 
     def __init__(
@@ -81,11 +89,15 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
         n_pieces: int = 1,
         whole_weight: float = 1.0,
         undivided: tuple[int, ...] = (),
+        known_changes: bool = False,
+        columns: tuple[str, ...] = (),
     ) -> None:
         self.estimator = estimator
         self.n_pieces = n_pieces
         self.whole_weight = whole_weight
         self.undivided = undivided
+        self.known_changes = known_changes
+        self.columns = columns
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Learn from all pieces of all recordings.
@@ -101,7 +113,7 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
         ------
         ValueError
             If the number of columns of pieces is not a multiple of `n_pieces`, `undivided` names others than
-            columns of X, or as `estimator` does.
+            columns of X, there are not as many names as columns, or as `estimator` does.
         """
         check_scalar(self.n_pieces, "n_pieces", Integral, min_val=1)
         check_scalar(self.whole_weight, "whole_weight", Real, min_val=0)
@@ -112,11 +124,18 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
             raise ValueError("y holds 1 class; the rule is at least 2")
         if not np.isin(self.undivided, np.arange(rows.shape[1])).all():
             raise ValueError(f"undivided is {self.undivided}; the rule is columns 0 to {rows.shape[1] - 1}")
+        if self.columns and len(self.columns) != rows.shape[1]:
+            raise ValueError(
+                f"{len(self.columns)} names of columns; the rule is one a column, {rows.shape[1]}"
+            )
         columns, n_pieces = self.columns_
         pieces, owner = pieces_of(rows[:, columns], n_pieces)
-        self.estimator_ = self._unfitted().fit(pieces, labels[owner])
+        of_whole = {"changes": changes_of(self.columns)} if self.columns else {}
+        # All pieces change alike: the columns of the first are those of any.
+        of_piece = {name: changes[:, columns[::n_pieces]] for name, changes in of_whole.items()}
+        self.estimator_ = self._unfitted().fit(pieces, labels[owner], **of_piece)
         more = len(pieces) > len(rows) and not self.undivided and self.whole_weight > 0
-        self.whole_ = self._unfitted().fit(rows, labels) if more else None
+        self.whole_ = self._unfitted().fit(rows, labels, **of_whole) if more else None
         n = int(np.unique(labels, return_counts=True)[1].min())
         self.weight_ = float(self.whole_weight) * n / (n + 1)
         return self
@@ -171,11 +190,16 @@ class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type:
 
 
 def knowing(classifier: Any, columns: Sequence[str]) -> Any:
-    """Return an unfitted classifier that knows, if it lets pieces vote, which columns are not of pieces."""
-    if not isinstance(classifier, VoteOfPieces) or classifier.n_pieces == 1:
+    """Return an unfitted classifier that knows, if it lets pieces vote, what is asked of its columns.
+
+    Which are not of pieces; and their names, where it wants known changes.
+    """
+    if not isinstance(classifier, VoteOfPieces):
         return classifier
-    undivided = tuple(i for i, column in enumerate(columns) if OF_A_PIECE not in column)
-    return clone(classifier).set_params(undivided=undivided)
+    facts: dict[str, Any] = {"columns": tuple(columns)} if classifier.known_changes else {}
+    if classifier.n_pieces > 1:
+        facts["undivided"] = tuple(i for i, column in enumerate(columns) if OF_A_PIECE not in column)
+    return clone(classifier).set_params(**facts)
 
 
 def decisions_of(classifier: Any, rows: Samples) -> Samples:

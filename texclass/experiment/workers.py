@@ -153,14 +153,15 @@ def begin_loading(n_jobs: int) -> Thread | None:
     """
     if n_jobs in (0, 1) or _cluster.get() is not None:
         return None
-    waiting = Thread(target=_load_in, args=(n_jobs if n_jobs > 0 else cpu_count(),), daemon=True)
+    number = n_jobs if n_jobs > 0 else cpu_count()
+
+    def load_in_each() -> None:
+        with parallel_config(**PROCESSES):  # no warnings are caught: that is not for threads
+            Parallel(n_jobs=number)([delayed(_load)()] * number)
+
+    waiting = Thread(target=load_in_each, daemon=True)
     waiting.start()
     return waiting
-
-
-def _load_in(number: int) -> None:
-    with parallel_config(**PROCESSES):  # no warnings are caught: that is not for threads
-        Parallel(n_jobs=number)([delayed(_load)()] * number)
 
 
 def _load() -> None:

@@ -125,8 +125,7 @@ def band_level(view: PhaseView, *, n_bands: int = 24) -> Samples:
     UndefinedFeatureError
         For silence, or fewer samples than four a band.
     """
-    require(view, max(32, 4 * n_bands), f"{n_bands} bands")
-    return _levels(view, *_even_bands(view.fs, n_bands))
+    return even_levels(view, n_bands)
 
 
 def fraction_names(*, octaves: tuple[int, int], per_octave: int) -> tuple[str, ...]:
@@ -165,10 +164,23 @@ def octave_level(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_octa
     UndefinedFeatureError
         For silence, or a movement that holds fewer than 1.5 periods of the lowest frequency.
     """
+    return octave_levels(view, octaves, per_octave)
+
+
+@transform
+def even_levels(view: PhaseView, n_bands: int) -> Samples:
+    """Return what `band_level` is, shape (..., n_bands)."""
+    require(view, max(32, 4 * n_bands), f"{n_bands} bands")
+    return _levels(view, *_even_bands(view.fs, n_bands))
+
+
+@transform
+def octave_levels(view: PhaseView, octaves: tuple[int, int], per_octave: int) -> Samples:
+    """Return what `octave_level` is, shape (..., n_bands)."""
     edges_hz, response = _octaves(view.fs, octaves, per_octave)
     lowest = edges_hz[0]
     require(view, max(32, math.ceil(1.5 * view.fs / lowest)), f"1.5 periods of {lowest:.3g} Hz")
-    return _levels(view, edges_hz, response)[::-1]
+    return _levels(view, edges_hz, response)[..., ::-1]
 
 
 def _levels(view: PhaseView, edges_hz: Samples, response: Samples) -> Samples:
@@ -197,26 +209,29 @@ def _with_response(edges_hz: Samples, fs: float) -> tuple[Samples, Samples]:
 
 @transform
 def sixths(view: PhaseView) -> Periodogram:
-    """Return the periodograms of six equal parts of the movement, a row each."""
+    """Return the periodograms of six equal parts of the movement, shape (..., 6, n_bins)."""
     x, n = unit32(view), view.n_samples // N_PARTS
-    return periodogram(x[: N_PARTS * n].reshape(N_PARTS, n), view.fs)
+    return periodogram(x[..., : N_PARTS * n].reshape(*x.shape[:-1], N_PARTS, n), view.fs)
 
 
 @transform
 def octave_courses(view: PhaseView) -> Samples:
-    """Return the log10 power of Hann frames, one after the other, in octaves from fs/2 down, (5, n_frames).
+    """Return the log10 power of Hann frames, one after the other, in octaves from fs/2 down.
 
-    In arbitrary units, floored far below the mean.
+    Of shape (..., 5, n_frames), in arbitrary units, floored far below the mean.
     """
     require(view, 8 * FRAME, f"8 frames of {FRAME} samples")
-    frames = unit32(view)[: view.n_samples // FRAME * FRAME].reshape(-1, FRAME)
+    x, n = unit32(view), view.n_samples // FRAME
+    frames = x[..., : n * FRAME].reshape(-1, FRAME)
     power = np.empty((len(OCTAVES), len(frames)))
     for k in range(0, len(frames), BLOCK_SAMPLES // FRAME):
         rows = slice(k, k + BLOCK_SAMPLES // FRAME)
         spectra = fft.rfft(frames[rows] * window_of("hann", FRAME))
         power[:, rows] = _parts_of_octaves().T @ np.square(spectra.view(np.float32)).T
-    undefined_if(not power.any(), "silence: no frame holds any power")
-    return np.asarray(np.log10(np.maximum(power, FLOOR * power.mean())))
+    power = np.moveaxis(power.reshape(-1, *x.shape[:-1], n), 0, -2)
+    mean = power.mean(axis=(-2, -1), keepdims=True)
+    undefined_if(not mean.all(), "silence: no frame holds any power")
+    return np.asarray(np.log10(np.maximum(power, FLOOR * mean)))
 
 
 @functools.cache
@@ -264,9 +279,10 @@ def band_course(view: PhaseView, *, n_parts: int = 3, octaves: tuple[int, int] =
         raise ValueError(f"n_parts is {n_parts!r}; the rule is 2, 3 or 6")
     require(view, N_PARTS * max(16, low), f"1.5 periods of octave {octaves[1] - 1} in each sixth")
     edges = view.fs / 2 * np.exp2(-np.arange(octaves[1], octaves[0] - 1, -1.0))
-    power = density(sixths(view), edges)[:, ::-1]
-    L = np.log10(power.reshape(n_parts, N_PARTS // n_parts, -1).mean(axis=1))
-    return np.asarray((_terms(n_parts) @ L).reshape(-1))
+    power = density(sixths(view), edges)[..., ::-1]
+    lead = power.shape[:-2]
+    L = np.log10(power.reshape(*lead, n_parts, N_PARTS // n_parts, -1).mean(axis=-2))
+    return np.asarray((_terms(n_parts) @ L).reshape(*lead, -1))
 
 
 @functools.cache
@@ -294,7 +310,7 @@ def level_fluctuation(view: PhaseView) -> Samples:
     UndefinedFeatureError
         For silence, or fewer than 512 samples.
     """
-    return np.asarray(octave_courses(view).std(axis=1))
+    return np.asarray(octave_courses(view).std(axis=-1))
 
 
 @feature_in_samples("1", "texclass; autocorrelation of log band levels", outputs=OCTAVES)
@@ -314,10 +330,10 @@ def level_persistence(view: PhaseView) -> Samples:
         For silence, fewer than 512 samples, or an octave whose level never changes.
     """
     L = octave_courses(view)
-    L = L - L.mean(axis=1, keepdims=True)
-    variance = np.mean(L * L, axis=1)
+    L = L - L.mean(axis=-1, keepdims=True)
+    variance = np.mean(L * L, axis=-1)
     undefined_if(
         not variance.min() > 1e-12,
         f"the level of octave {variance.argmin()} is constant; the rule is one that changes",
     )
-    return np.asarray(np.mean(L[:, 1:] * L[:, :-1], axis=1) / variance)
+    return np.asarray(np.mean(L[..., 1:] * L[..., :-1], axis=-1) / variance)

@@ -6,13 +6,20 @@ the movement, or is a power, stands in `spectra`.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
 from texclass import fourier
-from texclass.features.phase_view import PhaseView, UndefinedFeatureError, transform, undefined_if
+from texclass.features.phase_view import (
+    PhaseView,
+    UndefinedFeatureError,
+    one_by_one,
+    transform,
+    undefined_if,
+)
 from texclass.recording import Samples
 
 FINEST = 20
@@ -42,14 +49,16 @@ def magnitude_of(samples: Samples) -> float:
 
 
 @transform
-def level(view: PhaseView) -> float:
-    """Return the largest magnitude of the samples, in their unit.
+def level(view: PhaseView) -> Any:
+    """Return the largest magnitude of the samples, in their unit; of pieces that of each, (n_pieces, 1).
 
     Raises
     ------
     UndefinedFeatureError
         If there is no sample, one is NaN or infinite, or all are the same.
     """
+    if view.samples.ndim > 1:
+        return np.array([[level(piece)] for piece in one_by_one(view)])
     magnitude = magnitude_of(view.samples)
     if view.samples[0] == view.samples[-1] and np.ptp(view.samples) == 0:
         raise UndefinedFeatureError(f"silence: all {view.n_samples} samples are {view.samples[0]:g}")
@@ -57,7 +66,7 @@ def level(view: PhaseView) -> float:
 
 
 def unit(view: PhaseView) -> Samples:
-    """Return the samples divided by `level`, shape (n,); made anew, for of an hour it is 0.3 GB."""
+    """Return the samples divided by `level`, shape as given; made anew, for of an hour it is 0.3 GB."""
     return np.asarray(view.samples / level(view))
 
 

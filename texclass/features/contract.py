@@ -10,6 +10,7 @@ import itertools
 import string
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -18,7 +19,15 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from texclass import plugins
-from texclass.features.phase_view import Phase, PhaseView, UndefinedFeatureError, View, pieces, view_of
+from texclass.features.phase_view import (
+    Phase,
+    PhaseView,
+    UndefinedFeatureError,
+    View,
+    one_by_one,
+    pieces,
+    view_of,
+)
 from texclass.recording import Samples
 
 __all__ = [
@@ -33,11 +42,12 @@ __all__ = [
 ]
 
 Dependence = Literal["length", "rate", "sign"]
+Divisible = bool | Literal["at once"]
 Outputs = str | tuple[str, ...] | Callable[..., tuple[str, ...]]
 R = TypeVar("R")
 DIMENSIONS = (
     "autoregression", "bands", "cepstrum", "channels", "decaying_segments", "excess", "fineness", "friction",
-    "hardness", "related_work", "roughness", "slopes", "tap_modes",
+    "hardness", "related_work", "ribs", "roughness", "slopes", "tap_modes",
 )  # fmt: skip
 """The modules of this room that hold features."""
 OWN = "texclass_own_"
@@ -92,7 +102,7 @@ class Feature:
         What its value is known to depend on: "length" of the phase, sampling "rate", "sign" of the samples,
         which a sensor mounted the other way round turns over.
     divisible
-        Whether a parameter `n_pieces` computes it of equal pieces of the movement; see `feature`.
+        Whether, and how, a parameter `n_pieces` computes it of equal pieces of the movement; see `feature`.
     """
 
     name: str
@@ -103,7 +113,7 @@ class Feature:
     outputs: Outputs = ()
     gain: Gain = Gain()
     depends_on: frozenset[Dependence] = frozenset()
-    divisible: bool = False
+    divisible: Divisible = False
 
     @property
     def summary(self) -> str:
@@ -161,7 +171,7 @@ def feature(
     outputs: Outputs = (),
     gain: Gain = Gain(),
     depends_on: tuple[Dependence, ...] = (),
-    divisible: bool = False,
+    divisible: Divisible = False,
 ) -> Callable[[Callable[..., R]], Callable[..., R]]:
     """Register the decorated function as a feature; see `Feature` for what is declared.
 
@@ -172,12 +182,14 @@ def feature(
     ----------
     phase, unit, reference, outputs, gain, depends_on
         See `Feature`.
-    divisible : bool
+    divisible : bool or "at once"
         Whether a keyword `n_pieces`, 1 by default, is added that computes the feature of equal pieces of the
         movement, each by itself, so that a classifier can let them vote. Values are then of shape
         (n_outputs, n_pieces), flat: the pieces of one output stand side by side, under the names b1.piece1,
         b1.piece2, b2.piece1. A movement too short for pieces (see `pieces`) counts as n_pieces equal ones.
-        The feature is undefined if a piece is; the reason names the piece.
+        The feature is undefined if a piece is; the reason names the piece. "at once" is for functions that
+        work along the last axis: of samples (n_pieces, n) they return (n_pieces, n_outputs), as of (n,)
+        (n_outputs,), which takes little longer than one piece.
 
     Raises
     ------
@@ -207,7 +219,7 @@ def feature(
                 view = view_of(phase, view, fs, unit)
             if not divisible or "n_pieces" not in parameters:
                 return function(view, *args, **parameters)
-            return _of_pieces(function, view, *args, **parameters)
+            return _of_pieces(function, view, *args, at_once=divisible == "at once", **parameters)
 
         if divisible:
             own = inspect.signature(function)
@@ -222,7 +234,7 @@ def feature(
     return register
 
 
-feature_in_samples = functools.partial(feature, "movement", depends_on=("rate",), divisible=True)
+feature_in_samples = functools.partial(feature, "movement", depends_on=("rate",), divisible="at once")
 """Like `feature`, of a movement whose spans or bands are counted in samples; also of its pieces."""
 
 
@@ -321,17 +333,21 @@ def _module_of(file: Path) -> ModuleType:
 
 
 def _of_pieces(
-    function: Callable[..., Any], view: PhaseView, *, n_pieces: int = 1, **parameters: Any
+    function: Callable[..., Any], view: PhaseView, *, at_once: bool, n_pieces: int = 1, **parameters: Any
 ) -> Samples:
     """Return what a function gives for equal pieces of a movement; see `feature`."""
     if not isinstance(n_pieces, int) or n_pieces < 1:
         raise ValueError(f"n_pieces is {n_pieces!r}; the rule is a whole number of at least 1")
-    if n_pieces == 1:
-        return np.asarray(function(view, **parameters))
+    cut = pieces(view, n_pieces)
+    if cut is view:
+        return np.repeat(function(view, **parameters), n_pieces)
+    if at_once:
+        with suppress(UndefinedFeatureError):  # which piece is undefined, they say one by one
+            return np.asarray(function(cut, **parameters)).T.reshape(-1)
     found = []
-    for number, piece in enumerate(pieces(view, n_pieces), 1):
+    for number, piece in enumerate(one_by_one(cut), 1):
         try:
             found.append(np.atleast_1d(function(piece, **parameters)))
         except UndefinedFeatureError as undefined:
             raise UndefinedFeatureError(f"piece {number}: {undefined}") from None
-    return np.broadcast_to(np.stack(found, axis=-1), (found[0].size, n_pieces)).reshape(-1)
+    return np.stack(found, axis=-1).reshape(-1)

@@ -7,10 +7,10 @@ distance between recordings counts once in every column. Here the tilt is a colu
 
 import numpy as np
 
-from texclass.features.bands import band_level, fraction_names, octave_level
+from texclass.features.bands import even_levels, fraction_names, octave_levels
 from texclass.features.contract import feature_in_samples
 from texclass.features.phase_view import PhaseView, transform
-from texclass.features.slopes import LAGS, curvature_level, slope_level
+from texclass.features.slopes import LAGS, curvature_levels, slope_levels
 from texclass.recording import Samples
 
 REFERENCE = "texclass; residuals of a straight line in log level over log frequency"
@@ -22,8 +22,10 @@ def octaves_of(lags: tuple[int, ...]) -> Samples:
 
 
 @transform
-def line(view: PhaseView) -> tuple[float, float]:
+def line(view: PhaseView) -> tuple[Samples, Samples]:
     """Return the least-squares line through the `slope_level` of `LAGS`: height at their middle, and tilt.
+
+    Both of shape (..., 1).
 
     Mean magnitudes follow how much a signal changes most of the time, so that single strong events and a
     strong tone move the line less than they would move one through a spectrum.
@@ -35,19 +37,14 @@ def line(view: PhaseView) -> tuple[float, float]:
     """
     octaves = octaves_of(LAGS)
     away = octaves - octaves.mean()
-    levels = _slopes(view, LAGS)
-    return float(levels.mean()), float(away @ levels / (away @ away))
+    levels = slope_levels(view, LAGS)
+    return levels.mean(axis=-1, keepdims=True), levels @ away[:, np.newaxis] / (away @ away)
 
 
 def line_at(view: PhaseView, octaves: Samples) -> Samples:
-    """Return the `line` at frequencies given in octaves from fs/2 (negative below it), shape as given."""
+    """Return the `line` at frequencies given in octaves from fs/2 (negative below it), (..., n_octaves)."""
     height, tilt = line(view)
     return np.asarray(height + tilt * (octaves - octaves_of(LAGS).mean()))
-
-
-@transform
-def _slopes(view: PhaseView, lags: tuple[int, ...]) -> Samples:
-    return slope_level(view, lags=lags)
 
 
 @feature_in_samples("log10(1) per octave", REFERENCE, outputs="tilt")
@@ -69,7 +66,7 @@ def level_tilt(view: PhaseView) -> Samples:
     UndefinedFeatureError
         As `slope_level`.
     """
-    return np.array([line(view)[1]])
+    return line(view)[1]
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs="b{n_bands}")
@@ -91,7 +88,7 @@ def band_excess(view: PhaseView, *, n_bands: int = 24) -> Samples:
         As `band_level` and `slope_level`.
     """
     middle = np.log2((np.arange(n_bands) + 0.5) / n_bands)
-    return np.asarray(band_level(view, n_bands=n_bands) - 2 * line_at(view, middle))
+    return np.asarray(even_levels(view, n_bands) - 2 * line_at(view, middle))
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs=fraction_names)
@@ -116,8 +113,7 @@ def octave_excess(view: PhaseView, *, octaves: tuple[int, int] = (2, 5), per_oct
     """
     n_bands = (octaves[1] - octaves[0]) * per_octave
     middle = -octaves[0] - (np.arange(n_bands) + 0.5) / per_octave
-    levels = octave_level(view, octaves=octaves, per_octave=per_octave)
-    return np.asarray(levels - 2 * line_at(view, middle))
+    return np.asarray(octave_levels(view, octaves, per_octave) - 2 * line_at(view, middle))
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs="lag{lags}")
@@ -138,7 +134,7 @@ def slope_excess(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     UndefinedFeatureError
         As `slope_level`.
     """
-    return np.asarray(_slopes(view, lags) - line_at(view, octaves_of(lags)))
+    return np.asarray(slope_levels(view, lags) - line_at(view, octaves_of(lags)))
 
 
 @feature_in_samples("log10(1)", REFERENCE, outputs="lag{lags}")
@@ -159,4 +155,4 @@ def curvature_excess(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Sample
     UndefinedFeatureError
         As `curvature_level` and `slope_level`.
     """
-    return np.asarray(curvature_level(view, lags=lags) - line_at(view, octaves_of(lags)))
+    return np.asarray(curvature_levels(view, lags) - line_at(view, octaves_of(lags)))

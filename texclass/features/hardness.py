@@ -92,15 +92,13 @@ def impulse_peaks(magnitude: Samples, spacing: int, prominence: float) -> list[i
     undefined_if(largest == 0, "silence: the tap has no impulse")
     padded = np.concatenate([[0.0], magnitude, [0.0]])
     least = prominence * largest  # nothing lower is so prominent, nor takes the place of what is higher
-    x, kept, found = padded.tolist(), list[int](), list[int]()
-    peaks = find_peaks(padded, height=least)
-    for height, k in sorted(zip(padded[peaks].tolist(), peaks.tolist(), strict=True), reverse=True):
-        if len(found) >= 3 and height < x[found[2]]:
-            break
-        if all(abs(k - other) >= spacing for other in kept):
-            kept.append(k)
-            if _falls(x[k:], least) and _falls(x[k::-1], least):
-                found.append(k)
+    x, found = padded.tolist(), list[int]()
+    left = sorted(find_peaks(padded, height=least).tolist(), key=lambda k: (x[k], k), reverse=True)
+    while left and not (len(found) >= 3 and x[left[0]] < x[found[2]]):
+        k = left[0]
+        left = [other for other in left[1:] if abs(other - k) >= spacing]
+        if _falls(x[k:], least) and _falls(x[k::-1], least):
+            found.append(k)
     highest = sorted(found, key=lambda k: (-x[k], k))[:3]
     return sorted(k - 1 for k in highest)
 

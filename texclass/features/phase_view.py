@@ -20,7 +20,7 @@ from texclass.signals import combine, remove_hand_motion
 
 P = ParamSpec("P")
 R = TypeVar("R")
-Phase = Literal["tap", "movement", "friction", "pair"]
+Phase = Literal["tap", "movement", "travel", "friction", "pair"]
 Channels = Literal["combine", "each", "auto", "all"]
 TURN = ("turn_x", "turn_y", "turn_z")
 """Names of the channels of a turn rate, after those of the acceleration."""
@@ -28,6 +28,8 @@ LONG = 5000
 """Movements of more samples are cut to a length that transforms take quickly; see `kept_length`."""
 LEAST_PIECE = 2048
 """Samples that a piece must hold: with fewer, what is gained by voting is lost in each piece."""
+TRAVEL_STEP_M = 5e-5
+"""From one sample of a movement over its way to the next: half of the shortest wave that it holds."""
 
 
 class UndefinedFeatureError(ValueError):
@@ -61,10 +63,10 @@ class PhaseView:
 
     Attributes
     ----------
-    samples : ndarray of shape (n,)
+    samples : ndarray of shape (n,), or (n_pieces, n) of pieces side by side
         The movement's acceleration (without its mean) or the friction voltage during it.
     fs : float
-        Sampling rate in Hz.
+        Sampling rate in Hz; of a movement over its way, in samples per m.
     """
 
     samples: Samples
@@ -73,8 +75,8 @@ class PhaseView:
 
     @property
     def n_samples(self) -> int:
-        """Number of samples."""
-        return int(self.samples.shape[0])
+        """Number of samples, of a piece if there are pieces."""
+        return int(self.samples.shape[-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,25 +174,32 @@ def transform(function: Callable[Concatenate[V, P], R]) -> Callable[Concatenate[
     return remembered
 
 
-def pieces(view: PhaseView, n_pieces: int) -> tuple[PhaseView, ...]:
-    """Return views of equal pieces of the movement, or of all of it as one piece where it is too short.
+def pieces(view: PhaseView, n_pieces: int) -> PhaseView:
+    """Return the view of equal pieces of the movement side by side, or `view` where it is too short for them.
 
     Too short is less than `n_pieces` times `LEAST_PIECE` samples; at most n_pieces - 1 samples at the end
     are left out.
     """
-    if n_pieces == 1 or view.n_samples < n_pieces * LEAST_PIECE:
-        return (view,)
-    return _cut(view, n_pieces)
+    return view if n_pieces == 1 or view.n_samples < n_pieces * LEAST_PIECE else _cut(view, n_pieces)
 
 
 @transform
-def _cut(view: PhaseView, n_pieces: int) -> tuple[PhaseView, ...]:
+def _cut(view: PhaseView, n_pieces: int) -> PhaseView:
     size, timed = view.n_samples // n_pieces, view.memory.timed
-    cut = tuple(PhaseView(view.samples[i * size : (i + 1) * size], view.fs) for i in range(n_pieces))
+    cut = PhaseView(view.samples[: n_pieces * size].reshape(n_pieces, size), view.fs)
     if timed is not None:
-        for i, piece in enumerate(cut, 1):
-            piece.memory.timed = lambda key, compute, i=i: timed((*key, f"piece {i}"), compute)
+        cut.memory.timed = lambda key, compute: timed((*key, f"{n_pieces} pieces"), compute)
     return cut
+
+
+@transform
+def one_by_one(view: PhaseView) -> tuple[PhaseView, ...]:
+    """Return a view of each piece by itself."""
+    each, timed = tuple(PhaseView(samples, view.fs) for samples in view.samples), view.memory.timed
+    if timed is not None:
+        for i, piece in enumerate(each, 1):
+            piece.memory.timed = lambda key, compute, i=i: timed((*key, f"piece {i}"), compute)
+    return each
 
 
 def kept_length(n: int) -> int:
@@ -270,6 +279,27 @@ class Views:
         return PhaseView(vibration, self.recording.fs)
 
     @cached_property
+    def travel(self) -> PhaseView:
+        """The movement `without_hand` over the way of the tool, where its speed was recorded.
+
+        Computed order tracking [Fyfe and Munck, Mech. Syst. Signal Process. 11, 1997], with the way
+        s(t) = integral of |v| dt in place of turns: samples are means over equal steps of s, of 0.05 mm, or
+        as many as there were in time. What lies so many mm apart comes so often, however fast the hand is.
+        """
+        speed = self.recording.speed
+        if speed is None:
+            raise UndefinedFeatureError("no speed signal")
+        x = self.without_hand.samples
+        first = self.phases.movement[0] if self.phases.movement else 0
+        steps = 1e-3 * np.abs(speed[first : first + x.size]) / self.recording.fs
+        s, integral = (np.concatenate([[0.0], np.cumsum(part)]) for part in (steps, x * steps))
+        undefined_if(s[-1] == 0, "the speed is 0 throughout; the rule is a tool that moves")
+        undefined_if(np.ptp(x) == 0, f"silence: all {x.size} samples are {x[0]:g}")
+        step = max(TRAVEL_STEP_M, s[-1] / x.size)
+        edges = step * np.arange(int(s[-1] / step) + 1)
+        return PhaseView(np.diff(np.interp(edges, s, integral)) / step, 1 / step)
+
+    @cached_property
     def tap(self) -> TapView:
         """The taps, resting level removed, with the root mean square of the quiet stretch before them.
 
@@ -327,12 +357,12 @@ def view_of(phase: Phase, signal: ArrayLike, fs: float | None, unit: str = "arbi
 
     Parameters
     ----------
-    phase : {"movement", "tap", "friction", "pair"}
+    phase : {"movement", "travel", "tap", "friction", "pair"}
         Of a signal of taps, those that `texclass.phases.segment` finds.
     signal : array_like of shape (n_samples,) or (n_samples, n_axes)
         Axes are combined by DFT321; a pair has two.
     fs : float
-        Sampling rate in Hz.
+        Sampling rate in Hz; of a movement over its way ("travel"), in samples per m.
     unit : str
         See `Recording`. It changes no value of a movement: its mean is removed, the path of the hand is not
         (see `texclass.signals.remove_hand_motion`).
@@ -345,6 +375,8 @@ def view_of(phase: Phase, signal: ArrayLike, fs: float | None, unit: str = "arbi
     x = np.asarray(signal, dtype=np.float64)
     recording = Recording(x, fs=fs, unit=unit, friction=x if phase == "friction" else None)  # type: ignore[arg-type]
     whole = Phases(movement=(0, recording.n_samples))
+    if phase == "travel":
+        return Views(recording, whole).movement
     if phase != "pair":
         return Views(recording, segment(recording) if phase == "tap" else whole).of(phase)
     if (n := len(recording.channels)) != 2:

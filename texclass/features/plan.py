@@ -44,7 +44,7 @@ class Plan:
         """Plan a set: on the combined channels; or on each channel, on each pair, and on the friction."""
         if not channels:
             return cls((("", feature_set),))
-        felt, of_pair = feature_set.reading("tap", "movement"), feature_set.reading("pair")
+        felt, of_pair = feature_set.reading("tap", "movement", "travel"), feature_set.reading("pair")
         pairs = list(combinations(channels, 2)) if of_pair.members else []
         # A single channel has no pair; the reason is told where all channels are one.
         rest = feature_set.reading("friction") if pairs else feature_set.reading("friction", "pair")

@@ -27,7 +27,7 @@ def standard_roughness(view: PhaseView) -> float:
         For silence.
     """
     x = unit(view)
-    return float(x @ x) / x.size * level(view) ** 2
+    return float(x @ x) / x.size * float(level(view)) ** 2
 
 
 @feature(
@@ -79,7 +79,7 @@ def mean_magnitude(view: PhaseView) -> float:
         For silence.
     """
     x = unit(view)
-    return float(np.abs(x, out=x).mean()) * level(view)
+    return float(np.abs(x, out=x).mean()) * float(level(view))
 
 
 @feature("movement", "(m/s^2)^2", CHATHURANGA, gain=Gain(power=2))
@@ -92,7 +92,7 @@ def variance(view: PhaseView) -> float:
         For silence.
     """
     x = unit(view)
-    return (float(x @ x) / x.size - float(x.mean()) ** 2) * level(view) ** 2
+    return (float(x @ x) / x.size - float(x.mean()) ** 2) * float(level(view)) ** 2
 
 
 @feature("movement", "(m/s^2)^2", CHATHURANGA, gain=Gain(power=2), depends_on=("rate",))
@@ -117,7 +117,7 @@ def wavelet_energy(view: PhaseView, *, wavelet: str = "coif3", depth: int = 5) -
     """
     energy = sum(float(np.sum(d * d, dtype=np.float64)) for d in details(view, 100.0, wavelet, depth))
     undefined_if(energy == 0, "silence: no energy in the details")
-    return energy / view.n_samples * level(view) ** 2
+    return energy / view.n_samples * float(level(view)) ** 2
 
 
 @feature("movement", "Hz", "strese2015, Table I [7] (Fishel and Loeb, 2012)")

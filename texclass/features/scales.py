@@ -6,16 +6,22 @@
 | rough | smooth | level of the movement's vibration | heights of structures below 1 mm |
 | bumpy | even | waviness: how the level below 100 Hz varies | heights of all structures |
 | sticky | slippery | kinetic friction | the same |
-| fine | coarse | frequency of the grain | period of ribs, read backwards |
-| regular | irregular | rises of the autocorrelation | - |
+| fine | coarse | ribs per mm; without: frequency of the grain | period of ribs, read backwards |
+| regular | irregular | how far ribs stand out; without: rises of the autocorrelation | that there are ribs |
+
+Ribs are looked for along the way of the tool: that needs its recorded speed. Without a speed, on a way that
+is too short, and for `fine` where no ribs stand out, the scale is linked to what is felt over time, which
+ranks surfaces less well (`reports/studies/scales`).
 
 0 and 10 are where the lowest and the highest twentieth of simulated everyday surfaces begin
-(`texclass.simulate.surface_catalogue`), explored freehand with its tool. Values go on beyond them.
+(`texclass.simulate.surface_catalogue`), explored freehand with its tool; of ribs per mm, those with ribs.
+Values go on beyond them.
 Frequencies are compared by their logarithm, and so are levels. What hands do (speed, force) and what tools do
 moves them: values of one tool and usual strokes compare.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -54,16 +60,38 @@ SCALES = {
     "regular": Scale("irregular", "regularity", 0.07, 0.18, ""),
 }
 
+OVER_THE_WAY = {
+    "fine": Scale("coarse", "rib_density", 0.2, 1.45, "1/mm"),
+    "regular": Scale("irregular", "rib_prominence", 2.2, 9.0, "dB"),
+}
+"""Links that hold instead where their feature is defined."""
+COLUMNS = tuple(scale.column for scale in (*SCALES.values(), *OVER_THE_WAY.values()))
+
+
+def link_of(name: str, measured: Mapping[Any, Any]) -> Scale:
+    """Return the link by which a scale is told of one recording.
+
+    Parameters
+    ----------
+    name : str
+        Of the scale.
+    measured : mapping of str to float
+        Column of the set `scales` -> value, NaN where it is undefined.
+    """
+    by_way = OVER_THE_WAY.get(name)
+    return by_way if by_way and np.isfinite(measured.get(by_way.column, np.nan)) else SCALES[name]
+
 
 def scale_values(measured: "pd.DataFrame") -> "pd.DataFrame":
     """Return what the features of the set `scales` say on each scale.
 
-    (m - m_0) / (m_10 - m_0) * 10 with m the feature, or its logarithm where it is a frequency.
+    (m - m_0) / (m_10 - m_0) * 10 with m the feature of `link_of`, or its logarithm where it is a frequency.
 
     Parameters
     ----------
     measured : DataFrame of shape (n_recordings, n_columns)
-        As `texclass.extract(recordings, "scales")` gives it, of recordings in m/s^2.
+        As `texclass.extract(recordings, "scales")` gives it, of recordings in m/s^2; columns of ribs may be
+        missing.
 
     Returns
     -------
@@ -80,9 +108,19 @@ def scale_values(measured: "pd.DataFrame") -> "pd.DataFrame":
     """
     import pandas as pd
 
-    found = {}
-    for name, scale in SCALES.items():
-        linked = np.log if scale.unit == "Hz" else np.asarray
-        m, low, high = (linked(x) for x in (measured[scale.column].astype(float), scale.at_0, scale.at_10))
-        found[name] = 10 * (m - low) / (high - low)
-    return pd.DataFrame(found, index=measured.index)
+    found = pd.DataFrame(
+        {name: _told(scale, measured) for name, scale in SCALES.items()}, index=measured.index
+    )
+    for name, scale in OVER_THE_WAY.items():
+        if scale.column in measured:
+            found[name] = _told(scale, measured).fillna(found[name])
+    return found
+
+
+def _told(scale: Scale, measured: "pd.DataFrame") -> "pd.Series[float]":
+    """Return what a link says."""
+    m: pd.Series[float] = measured[scale.column].astype(float)
+    if scale.unit in ("Hz", "1/mm"):
+        m = (m / scale.at_0).map(np.log) / np.log(scale.at_10 / scale.at_0)
+        return 10 * m
+    return 10 * (m - scale.at_0) / (scale.at_10 - scale.at_0)

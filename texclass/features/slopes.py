@@ -6,15 +6,14 @@ few means of it answer both. The signs of slopes and curvatures are shape withou
 drifts and single strong events change these little, and counting costs next to nothing.
 """
 
-import math
 from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.features.conditioning import level, log10_of, require, unit32
+from texclass.features.conditioning import level, require, unit32
 from texclass.features.contract import Gain, UndefinedFeatureError, feature, feature_in_samples
-from texclass.features.phase_view import PhaseView, transform
+from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.recording import Samples
 
 SIGNS = "texclass; clipped autocorrelation (Van Vleck, 1943) of differences"
@@ -27,22 +26,24 @@ LEAST = 1e-6
 
 
 def rising(view: PhaseView, lag: int) -> NDArray[np.bool_]:
-    """Return whether x_(t+lag) > x_t, shape (n - lag,)."""
+    """Return whether x_(t+lag) > x_t, shape (..., n - lag)."""
     x = unit32(view)
-    return np.asarray(x[lag:] > x[:-lag])
+    return np.asarray(x[..., lag:] > x[..., :-lag])
 
 
 def convex(view: PhaseView, lag: int) -> NDArray[np.bool_]:
-    """Return whether x_(t+2 lag) + x_t > 2 x_(t+lag), shape (n - 2 lag,)."""
+    """Return whether x_(t+2 lag) + x_t > 2 x_(t+lag), shape (..., n - 2 lag)."""
     x = unit32(view)
-    ends = x[2 * lag :] + x[: -2 * lag]
+    ends = x[..., 2 * lag :] + x[..., : -2 * lag]
     ends *= 0.5
-    return np.asarray(ends > x[lag:-lag])
+    return np.asarray(ends > x[..., lag:-lag])
 
 
-def agreements(signs: NDArray[np.bool_], shifts: Iterable[int]) -> list[float]:
-    """Return the shares of times t at which the signs at t and t + shift agree."""
-    return [np.count_nonzero(signs[shift:] == signs[:-shift]) / (signs.size - shift) for shift in shifts]
+def agreements(signs: NDArray[np.bool_], shifts: Iterable[int]) -> list[list[float]]:
+    """Return the shares of times t at which the signs at t and t + shift agree, of each shift and row."""
+    rows = signs.reshape(-1, signs.shape[-1])
+    same = (rows[:, shift:] == rows[:, :-shift] for shift in shifts)
+    return [[np.count_nonzero(row) / row.size for row in rows] for rows in same]  # along an axis it is slow
 
 
 @feature_in_samples("1", SIGNS, outputs="lag{lags}.step{steps}")
@@ -71,8 +72,8 @@ def slope_agreement(
         For silence, or a movement not twice as long as the longest lag and step together.
     """
     require(view, 2 * max(lags) * (1 + max(steps)), "slopes that far apart")
-    shares = [agreements(rising(view, lag), [step * lag for step in steps]) for lag in lags]
-    return np.array(shares).reshape(-1)
+    shares = [each for lag in lags for each in agreements(rising(view, lag), [s * lag for s in steps])]
+    return np.array(shares).T.reshape(*view.samples.shape[:-1], -1)
 
 
 @feature_in_samples("1", SIGNS, outputs="lag{lags}.step{steps}")
@@ -100,8 +101,8 @@ def curvature_agreement(
         As `slope_agreement`, for a movement twice as long as the longest span and step together.
     """
     require(view, 2 * max(lags) * (2 + max(steps)), "curvatures that far apart")
-    shares = [agreements(convex(view, lag), [step * lag for step in steps]) for lag in lags]
-    return np.array(shares).reshape(-1)
+    shares = [each for lag in lags for each in agreements(convex(view, lag), [s * lag for s in steps])]
+    return np.array(shares).T.reshape(*view.samples.shape[:-1], -1)
 
 
 @feature_in_samples(
@@ -127,19 +128,27 @@ def slope_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     UndefinedFeatureError
         For silence, a movement not twice as long as the longest lag, or one that does not change over a lag.
     """
+    return slope_levels(view, lags)
+
+
+@transform
+def slope_levels(view: PhaseView, lags: tuple[int, ...]) -> Samples:
+    """Return what `slope_level` is, shape (..., n_lags)."""
     require(view, 2 * max(lags), "slopes of that span")
     x = unit32(view)
     means = []
     for lag in lags:
-        change = x[lag:] - x[:-lag]
+        change = x[..., lag:] - x[..., :-lag]
         # numpy adds in pairs: single precision is enough
-        means.append(float(np.abs(change, out=change).sum()) / change.size)
-    return np.asarray([log10_of(m, "the mean change") for m in means] + np.log10(level(view)))
+        means.append(np.abs(change, out=change).sum(axis=-1) / np.float64(change.shape[-1]))
+    mean = np.array(means).T
+    undefined_if(not mean.all(), "the mean change is 0; the rule is a logarithm of more than 0")
+    return np.asarray(np.log10(mean) + np.log10(level(view)))
 
 
 @transform
-def moments(view: PhaseView, lag: int) -> tuple[float, Samples]:
-    """Return the mean square and the `SHAPES` of c_t = (x_(t+2 lag) + x_t)/2 - x_(t+lag).
+def moments(view: PhaseView, lag: int) -> tuple[Samples, Samples]:
+    """Return the mean square (...) and the `SHAPES` (..., 3) of c_t = (x_(t+2 lag) + x_t)/2 - x_(t+lag).
 
     Of the samples divided by `level`; for lag 0, of x - mean x.
 
@@ -150,26 +159,32 @@ def moments(view: PhaseView, lag: int) -> tuple[float, Samples]:
     """
     x = unit32(view)
     if lag:
-        c = x[2 * lag :] + x[: -2 * lag]
+        c = x[..., 2 * lag :] + x[..., : -2 * lag]
         c *= 0.5
-        c -= x[lag:-lag]
+        c -= x[..., lag:-lag]
     else:
-        c = x - np.float32(x.sum(dtype=np.float64) / x.size)
+        c = x - (x.sum(axis=-1, keepdims=True, dtype=np.float64) / x.shape[-1]).astype(np.float32)
     return _shapes(c, f"the curvature over {lag} samples")
 
 
-def _shapes(c: NDArray[np.float32], what: str) -> tuple[float, Samples]:
-    """Return the mean square and the `SHAPES` of some samples, which are overwritten."""
-    size, n = np.abs(c), c.size
-    first, signed = float(size.sum()) / n, float(np.dot(c, size)) / n  # mean |c|, mean c |c|
+def _shapes(c: NDArray[np.float32], what: str) -> tuple[Samples, Samples]:
+    """Return the mean square (...) and the `SHAPES` (..., 3) of some samples, which are overwritten."""
+    size, n = np.abs(c), c.shape[-1]
+    sums = [size.sum(axis=-1), _dot(c, size)]
     c *= c
-    second, fourth = float(c.sum()) / n, float(np.dot(c, c)) / n  # mean c^2, mean c^4
-    if not second > LEAST**2:
+    sums += [c.sum(axis=-1), _dot(c, c)]
+    first, signed, second, fourth = np.array(sums, dtype=np.float64) / n  # means of |c|, c |c|, c^2, c^4
+    if not (least := second.min()) > LEAST**2:
         raise UndefinedFeatureError(
-            f"{what} is {np.sqrt(second):.2g} of the largest sample; the rule is more than {LEAST:g}"
+            f"{what} is {np.sqrt(least):.2g} of the largest sample; the rule is more than {LEAST:g}"
         )
-    peakedness, evenness = math.log10(fourth / second**2), math.log10(first / math.sqrt(second))
-    return second, np.array([signed / second, peakedness, evenness])
+    peakedness, evenness = np.log10(fourth / second**2), np.log10(first / np.sqrt(second))
+    return second, np.array([signed / second, peakedness, evenness]).T
+
+
+def _dot(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the dot products along the last axis."""
+    return np.asarray((a[..., np.newaxis, :] @ b[..., np.newaxis])[..., 0, 0])
 
 
 def shape_names(*, lags: tuple[int, ...]) -> tuple[str, ...]:
@@ -177,7 +192,7 @@ def shape_names(*, lags: tuple[int, ...]) -> tuple[str, ...]:
     return tuple(f"lag{lag}.{shape}" for lag in lags for shape in SHAPES)
 
 
-@feature("movement", "1", MOMENTS, outputs=SHAPES, depends_on=("sign",), divisible=True)
+@feature("movement", "1", MOMENTS, outputs=SHAPES, depends_on=("sign",), divisible="at once")
 def vibration_shape(view: PhaseView) -> Samples:
     """Lopsidedness, peakedness and evenness of the samples about their mean; see `curvature_shape`.
 
@@ -227,7 +242,7 @@ def curvature_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
         lag.
     """
     require(view, 4 * max(lags), "curvatures of that span")
-    return np.concatenate([moments(view, lag)[1] for lag in lags])
+    return np.concatenate([moments(view, lag)[1] for lag in lags], axis=-1)
 
 
 @feature_in_samples(
@@ -259,7 +274,8 @@ def slope_shape(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples:
     """
     require(view, 2 * max(lags), "slopes of that span")
     x = unit32(view)
-    return np.concatenate([_shapes(x[lag:] - x[:-lag], f"the change over {lag} samples")[1] for lag in lags])
+    changes = ((x[..., lag:] - x[..., :-lag], f"the change over {lag} samples") for lag in lags)
+    return np.concatenate([_shapes(*change)[1] for change in changes], axis=-1)
 
 
 @feature_in_samples("log10(m/s^2)", MOMENTS, outputs="lag{lags}", gain=Gain(shift=1))
@@ -280,8 +296,14 @@ def curvature_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
     UndefinedFeatureError
         As `curvature_shape`.
     """
+    return curvature_levels(view, lags)
+
+
+@transform
+def curvature_levels(view: PhaseView, lags: tuple[int, ...]) -> Samples:
+    """Return what `curvature_level` is, shape (..., n_lags)."""
     require(view, 4 * max(lags), "curvatures of that span")
-    rms = np.sqrt([moments(view, lag)[0] for lag in lags])
+    rms = np.sqrt([moments(view, lag)[0] for lag in lags]).T
     return np.asarray(np.log10(rms) + np.log10(level(view)))
 
 
@@ -291,7 +313,7 @@ def curvature_level(view: PhaseView, *, lags: tuple[int, ...] = LAGS) -> Samples
     "texclass; level of a vibration",
     outputs="rms",
     gain=Gain(shift=1),
-    divisible=True,
+    divisible="at once",
 )
 def vibration_level(view: PhaseView) -> Samples:
     """Root mean square of the samples about their mean, log10.
@@ -309,4 +331,4 @@ def vibration_level(view: PhaseView) -> Samples:
         As `vibration_shape`.
     """
     require(view, 32, "a level")
-    return np.array([np.log10(moments(view, 0)[0]) / 2 + np.log10(level(view))])
+    return np.asarray(np.log10(moments(view, 0)[0][..., np.newaxis]) / 2 + np.log10(level(view)))

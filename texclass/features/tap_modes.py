@@ -62,9 +62,7 @@ def modes_of(tap: TapSignal, fs: float, n_modes: int, order: int) -> DecayingMod
     undefined_if(found.n_modes == 0, "silence: the tap has no impulse")
     rank = np.resize(np.arange(min(n_modes, found.n_modes)), n_modes)
     rank = rank[np.argsort(found.frequency_hz[rank], kind="stable")]
-    return DecayingModes(
-        found.frequency_hz[rank], found.decay_per_s[rank], found.amplitude[rank], found.phase[rank]
-    )
+    return DecayingModes(*found.table[rank].T)
 
 
 @transform

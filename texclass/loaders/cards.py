@@ -16,6 +16,7 @@ GROUPS = ("recording", "material", "operator", "session", "repetition", "axis")
 """What a pattern of file names, and (but for the axis) a table of labels, can tell."""
 MOST_LARGE = 1e100
 """Rates and factors beyond it are no measurement's."""
+Convert = Literal["", "frames", "rounded", "counts", "sheets"]
 DeclaredPhases = Literal["detect", "movement", "tap", "taps"]
 if TYPE_CHECKING:
     Signal = str
@@ -257,13 +258,13 @@ class Published(Written):
     url
         What stands before their names there; of one commit or record that does not change.
     convert
-        What is done to each of them (`published.CONVERSIONS`); by default nothing.
+        What is done to each of them (`published.converted`); by default nothing.
     sha256
         Over the names and digests of the files that come of it, those that the card reads.
     """
 
     url: str = Field(pattern=r"^https?://.+/$", description="an address that ends in /")
-    convert: Literal["", "frames", "rounded", "counts", "sheets"] = ""
+    convert: Convert = ""
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits")
 
 

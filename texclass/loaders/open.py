@@ -9,7 +9,7 @@ from typing import Any
 
 from texclass import shipped
 from texclass.loaders.cards import FileCard, FileReading, ModelsCard, RowCard, SimulatedCard, read_card
-from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, ReadSignals, refused
+from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, refused
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.files import (
     agreed_rate,
@@ -164,11 +164,18 @@ def _open_folder(
         )
     notes = doubtful_levels([path.relative_to(root).parts for path in files])
     if fs is None or unit is None:
-        first, where = _first_good(files, how, codes=unit == "counts", skip_bad=skip_bad)
+        options = ReadOptions(how["delimiter"], codes=unit == "counts", time_column=how["time_column"])
+        for path in files:  # the first one, or the first good one
+            try:
+                first = read_signals({"": path}, how["channels"], options)
+                break
+            except RecordingError:
+                if not skip_bad or path == files[-1]:
+                    raise
         if unit is None:
-            unit = agreed_unit(first.unit, None, where)
-            notes.append(f"in {unit}: the messages or the names of the columns of {where} say so")
-        fs = agreed_rate(first.fs, None, where) if fs is None else fs
+            unit = agreed_unit(first.unit, None, path)
+            notes.append(f"in {unit}: the messages or the names of the columns of {path} say so")
+        fs = agreed_rate(first.fs, None, path) if fs is None else fs
     if n_others := sum(not (path.name.startswith(".") or _is_recording(path)) for path in found):
         notes.append(f"{n_others} files of other kinds are ignored")
     return open_files(
@@ -182,20 +189,6 @@ def _open_folder(
         licence="not stated",
         source=str(root),
     )
-
-
-def _first_good(
-    files: Sequence[Path], how: Mapping[str, Any], *, codes: bool, skip_bad: bool
-) -> tuple[ReadSignals, str]:
-    """Return the signals of the first file, or of the first good one, and its name."""
-    options = ReadOptions(how["delimiter"], codes=codes, time_column=how["time_column"])
-    for path in files:
-        try:
-            return read_signals({"": path}, how["channels"], options), str(path)
-        except RecordingError:
-            if not skip_bad or path == files[-1]:
-                raise
-    raise AssertionError("there is a file")
 
 
 def _is_recording(path: Path) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy.io import wavfile
 
-from texclass.loaders.cards import CardError, StoredCard, read_card
+from texclass.loaders.cards import CardError, Convert, StoredCard, read_card
 from texclass.loaders.filesets import digest_files
 from texclass.loaders.places import cache_root, data_roots, leaves
 from texclass.whole_files import write_whole
@@ -62,7 +62,7 @@ def fetch_recordings(
     for done, (made, sources) in enumerate(lacking.items(), len(files) - len(lacking)):
         progress(done, len(files), card.name)
         paths = [_fetched(published.url, source, sha256, fetched) for source, sha256 in sources]
-        write_whole(begun / made, CONVERSIONS[published.convert](paths, card.fs_hz))
+        write_whole(begun / made, converted(paths, published.convert, card.fs_hz))
     if (found := digest_files(begun, files, "")) != published.sha256:
         raise ValueError(
             f"{begun}: the SHA-256 over {len(files)} files is {found}; the rule is {published.sha256}, as "
@@ -103,46 +103,34 @@ def _fetched(url: str, source: str, sha256: str, folder: Path) -> Path:
         raise OSError(f"{told}; what was fetched is kept, the same command goes on") from error
 
 
-def _frames(paths: list[Path], fs: float) -> bytes:
-    """Return what stands in columns 5 to 26 of a table, row by row, as sound: 22 samples a frame (BioTac)."""
-    frames = np.loadtxt(paths[0], delimiter=",", skiprows=1, usecols=range(4, 26))
-    sound = io.BytesIO()
-    wavfile.write(sound, round(fs), np.rint(frames).astype(np.int16).ravel())
-    return sound.getvalue()
+def converted(paths: list[Path], convert: Convert, fs: float) -> bytes:
+    """Return the file that a card reads, made of published ones as its `convert` says.
 
-
-def _rounded(paths: list[Path], fs: float) -> bytes:
-    """Return a table with five decimals."""
-    return _csv(pd.read_csv(paths[0]).round(5))
-
-
-def _counts(paths: list[Path], fs: float) -> bytes:
-    """Return the first six of ten columns without names, at 50 Hz; the last is the time in ms."""
-    table = pd.read_csv(paths[0], header=None)
-    step = round(20 / table[9].diff().median())
-    counts = table.iloc[::step, :6].set_axis(["ax", "ay", "az", "wx", "wy", "wz"], axis=1)
-    return _csv(counts.astype(float), "%.0f")  # one is 1e26, beyond whole numbers
-
-
-def _sheets(paths: list[Path], fs: float) -> bytes:
-    """Return workbooks of one column each as a table."""
-    columns = []
-    for path in paths:
-        with zipfile.ZipFile(path) as book:
-            cells = re.findall(rb"<v>([^<]*)</v>", book.read("xl/worksheets/sheet1.xml"))
-        columns.append(np.array(cells, dtype=float))
-    return _csv(pd.DataFrame(dict(zip(("acceleration", "normal_force", "speed"), columns, strict=True))))
-
-
-def _csv(table: pd.DataFrame, form: str | None = None) -> bytes:
+    "frames": what stands in columns 5 to 26 of a table, row by row, as sound: 22 samples a frame (BioTac).
+    "rounded": a table with five decimals. "counts": the first six of ten columns without names, at 50 Hz; the
+    last is the time in ms. "sheets": workbooks of one column each as a table.
+    """
+    match convert:
+        case "":
+            return paths[0].read_bytes()
+        case "frames":
+            frames = np.loadtxt(paths[0], delimiter=",", skiprows=1, usecols=range(4, 26))
+            sound = io.BytesIO()
+            wavfile.write(sound, round(fs), np.rint(frames).astype(np.int16).ravel())
+            return sound.getvalue()
+        case "rounded":
+            table, form = pd.read_csv(paths[0]).round(5), None
+        case "counts":
+            felt = pd.read_csv(paths[0], header=None)
+            step = round(20 / felt[9].diff().median())
+            counts = felt.iloc[::step, :6].set_axis(["ax", "ay", "az", "wx", "wy", "wz"], axis=1)
+            table, form = counts.astype(float), "%.0f"  # one is 1e26, beyond whole numbers
+        case "sheets":
+            columns = []
+            for path in paths:
+                with zipfile.ZipFile(path) as book:
+                    cells = re.findall(rb"<v>([^<]*)</v>", book.read("xl/worksheets/sheet1.xml"))
+                columns.append(np.array(cells, dtype=float))
+            names = ("acceleration", "normal_force", "speed")
+            table, form = pd.DataFrame(dict(zip(names, columns, strict=True))), None
     return table.to_csv(index=False, lineterminator="\n", float_format=form).encode()
-
-
-CONVERSIONS: dict[str, Callable[[list[Path], float], bytes]] = {
-    "": lambda paths, fs: paths[0].read_bytes(),
-    "frames": _frames,
-    "rounded": _rounded,
-    "counts": _counts,
-    "sheets": _sheets,
-}
-"""What is done to published files, as `convert` of a card names it."""

@@ -66,10 +66,19 @@ def peers_document(data: Data) -> Document:
     data : mapping
         As `PeerComparison.to_dict` returns it, or its JSON read back.
     """
-    pipeline = data["pipeline"]
+    pipeline, contestants = data["pipeline"], data["contestants"]
+    blocks: list[Block] = [Heading("Every tool and classifier"), _every(data)]
+    if any(map(_placed, contestants)):
+        blocks.append(_accuracy_against_time(contestants, 100 * chance_of(data)))
+    settings = dict.fromkeys((c["title"], c.get("reference", "")) for c in contestants if not c["ours"])
+    used = {
+        "Settings of the peers": pd.DataFrame(list(settings), columns=["Tool", "Setting"]),
+        "Versions of the peers": pd.DataFrame(data["peer_versions"].items(), columns=["Package", "Version"]),
+    }
+    folded = [Folded(title, [Table(frame, n_words=2)]) for title, frame in used.items()]
     return Document(
         f"{data['dataset']['name']}, beside other tools",
-        list(_blocks(data)),
+        [*blocks, list(_notes(data)), *folded],
         f"Pipeline {pipeline}, {protocol_title(data['protocol'])}: {size(data['dataset'])}",
         _finding(data),
         dataset_facts(data),
@@ -85,11 +94,6 @@ def best_peer(data: Data) -> Data | None:
     return max(finished, key=lambda c: float(c["accuracy"]["mean"]), default=None)
 
 
-def _speed(share: float) -> str:
-    """Return in words what a share of another's time is."""
-    return f"{digits(1 / share)} times as fast" if share <= 1 else f"{digits(share)} times as slow"
-
-
 def _finding(data: Data) -> Finding:
     ours = data["contestants"][0]
     best = best_peer(data)
@@ -101,7 +105,11 @@ def _finding(data: Data) -> Finding:
         clear = f"ours is {'ahead' if difference['low'] > 0 else 'behind'}"
     cost = ""
     if best["cost"] and ours["cost"] and best["cost"]["total_s"] > 0 and best["cost"]["feature_ms"] > 0:
-        whole, part = (_speed(ours["cost"][key] / best["cost"][key]) for key in ("total_s", "feature_ms"))
+        shares = (ours["cost"][key] / best["cost"][key] for key in ("total_s", "feature_ms"))
+        whole, part = (
+            f"{digits(1 / share)} times as fast" if share <= 1 else f"{digits(share)} times as slow"
+            for share in shares
+        )
         cost = f"Ours is {whole} in all, and {part} in its features."
     told_ours, told_best = (
         f"{c['title']}, {classifier_title(c['classifier'])}: {percent(c['accuracy']['mean'])} %"
@@ -134,20 +142,6 @@ def _in_view(data: Data) -> str:
         f"Ours here is the highest{pairs}, chosen with the tests in view, so optimistic (`--choose` says "
         f"what the choice is worth). {peer}"
     )
-
-
-def _blocks(data: Data) -> Iterator[Block]:
-    contestants = data["contestants"]
-    yield Heading("Every tool and classifier")
-    yield _every(data)
-    if any(_placed(c) for c in contestants):
-        yield _accuracy_against_time(contestants, 100 * chance_of(data))
-    yield list(_notes(data))
-    settings = dict.fromkeys((c["title"], c.get("reference", "")) for c in contestants if not c["ours"])
-    frame = pd.DataFrame(list(settings), columns=["Tool", "Setting"])
-    yield Folded("Settings of the peers", [Table(frame, n_words=2)])
-    versions = pd.DataFrame(list(data["peer_versions"].items()), columns=["Package", "Version"])
-    yield Folded("Versions of the peers", [Table(versions, n_words=2)])
 
 
 def _every(data: Data) -> Table:

@@ -97,9 +97,10 @@ def find_glitches(axes: Samples, stop: int | None = None) -> NDArray[np.intp]:
     n, n_channels = axes.shape
     if n < 2 * NEAR + 1 or stop == 0:
         return np.zeros(0, dtype=np.intp)
-    found, unit = list[NDArray[np.intp]](), 256  # rows compared at once: one by one takes far longer
+    found, unit = list[NDArray[np.intp]](), 64  # rows compared at once: one by one takes far longer
     n_rows = min(BLOCK, -(-n // unit) * unit)
     jumps, lows = np.empty((n_rows + 1) * n_channels), np.empty(n_rows * n_channels)
+    ones, least = np.ones(n_rows), np.empty((unit, n_channels))
     for start in range(0, min(n - 2 * NEAR, n if stop is None else stop), BLOCK):
         before = max(0, start - 1)
         rows = axes[before : start + BLOCK + 1].reshape(-1)
@@ -108,9 +109,8 @@ def find_glitches(axes: Samples, stop: int | None = None) -> NDArray[np.intp]:
         size = len(jump) - n_channels
         np.minimum(jump[n_channels:], jump[:-n_channels], out=lows[:size])
         lows[size:] = 0.0
-        low = lows.reshape(-1, unit * n_channels)
-        least = low.sum(axis=0).reshape(unit, n_channels).sum(axis=0) * (WILD * n_channels / size)
-        (at,) = np.nonzero((low > np.tile(least, unit)).reshape(-1))
+        least[:] = ones @ lows.reshape(-1, n_channels) * (WILD * n_channels / size)
+        (at,) = np.nonzero((lows.reshape(-1, least.size) > least.reshape(-1)).reshape(-1))
         at = at[lows[at] > (WILD - 2.0) * np.abs(rows[at + 2 * n_channels] - rows[at])]
         found.append(at + (before + 1) * n_channels)
     wild, channels = np.divmod(np.concatenate(found), n_channels)
@@ -161,5 +161,4 @@ def fade(power: Callable[[int, int], float], n_bins: int, bin_s: float) -> int:
 def _start(rows: Samples) -> Samples:
     """Return where the line through the rows begins."""
     t = np.arange(len(rows)) - (len(rows) - 1) / 2
-    slope = t @ rows / max(float(t @ t), 1.0)
-    return np.asarray(rows.mean(axis=0) + slope * t[0])
+    return np.asarray((1 / len(rows) + t[0] * t / max(float(t @ t), 1.0)) @ rows)

@@ -41,17 +41,10 @@ def lone_tap(recording: Recording) -> Tap | None:
     n_start, n_end = max(3, len(axes) // 50), len(axes) // 10
     if n_end < 3:
         return None
-    starts, start = _at_rest(axes[:n_start], axes)
-    ends, end = _at_rest(axes[-n_end:], axes)
-    if not (starts or ends):
-        return None
-    power = ((axes - (start if starts else end)) ** 2).sum(axis=1)
-    loud = np.flatnonzero(power > 4e-3 * power.max())
-    return Tap(int(loud[0]), int(loud[0]), int(loud[-1]) + 1)
-
-
-def _at_rest(part: Samples, whole: Samples) -> tuple[bool, Samples]:
-    """Whether `part` stays 25 dB below the greatest distance from it, and its median."""
-    median = np.median(part, axis=0)
-    peak = float(((whole - median) ** 2).sum(axis=1).max())
-    return peak > 0.0 and float(((part - median) ** 2).sum(axis=1).max()) < 3e-3 * peak, median
+    for part in (slice(n_start), slice(-n_end, None)):
+        away = axes - np.median(axes[part], axis=0)
+        power = np.einsum("ij,ij->i", away, away)
+        if power[part].max() < 3e-3 * power.max():  # at rest: 25 dB below the greatest distance from it
+            loud = np.flatnonzero(power > 4e-3 * power.max())
+            return Tap(int(loud[0]), int(loud[0]), int(loud[-1]) + 1)
+    return None

@@ -274,10 +274,11 @@ def divide(
 
 
 def _is_echo(levels: Levels, impulses: Sequence[Impulse], span: tuple[int, int]) -> bool:
+    if span[1] - span[0] >= levels.n_bins(SHORT_S):
+        return False
     strongest = max((i.loud_db for i in impulses if i.start < span[0]), default=0.0)
     left = without(levels.loud, impulses, LASTING_DB)[slice(*span)]
-    is_faint = quantiles(left, 0.75, of=decibels)[0] < strongest - FAINT_DB
-    return bool(is_faint) and span[1] - span[0] < levels.n_bins(SHORT_S)
+    return quantiles(left, 0.75, of=decibels)[0] < strongest - FAINT_DB
 
 
 def only_taps(impulses: Sequence[Impulse], levels: Levels, rules: Rules) -> list[Impulse]:
@@ -313,8 +314,8 @@ def mean_over(level: Samples, n: int, block: int = 1 << 19) -> Samples:
     for k in range(0, len(level), block):
         first = max(0, k - n)
         near = ndimage.uniform_filter1d(level[first : k + block + n], n, mode="nearest")
-        mean[k : k + block] = near[k - first : k - first + block]
-    return np.asarray(np.maximum(mean, 0.0, out=mean))
+        np.maximum(near[k - first : k - first + block], 0.0, out=mean[k : k + block])
+    return mean
 
 
 def without(strokes: Samples, impulses: Sequence[Impulse], least_db: float) -> Samples:

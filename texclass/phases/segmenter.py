@@ -107,7 +107,8 @@ class Segmenter(Rules):
     def _opens_in_movement(self, found: Track, opening: list[Impulse]) -> bool:
         """Whether the data begin with vibration, what impulses leave not counted."""
         levels, first = found.levels, found.data[0]
-        begin = without(levels.strokes, opening, 0.0)[first : first + levels.n_bins(2 * _OPENING_S)]
+        stop = first + levels.n_bins(2 * _OPENING_S)
+        begin = without(levels.strokes[:stop], opening, 0.0)[first:]
         return len(begin) > 0 and found.full[0] == first and float(begin.mean()) > self.active_ratio
 
     def _is_faint(self, found: Track, span: tuple[int, int]) -> bool:
@@ -156,8 +157,9 @@ class Segmenter(Rules):
 
 def leaves_noise(power: Samples, noise: float) -> int | None:
     """Return the sample from which a power is no noise and within 25 dB of its peak; None if it hardly is."""
-    least = max(CLEAR * noise, 3e-3 * float(power.max()))
-    return int(np.argmax(power >= least)) if power.max() >= 2.0 * least else None
+    peak = float(power.max())
+    least = max(CLEAR * noise, 3e-3 * peak)
+    return int(np.argmax(power >= least)) if peak >= 2.0 * least else None
 
 
 def segment(recording: Recording, holds: Holds = "taps and strokes") -> Phases:

@@ -242,7 +242,7 @@ def track(recording: Recording, *, hand_hz: float, bin_s: float, quiet_s: float)
     usable = slice(*(full if full[1] - full[0] >= n_quiet else (data[0], max(data[1], data[0] + 1))))
     noise, steady, varies = _quietest(loud[usable], n_quiet, bin_size * axes.shape[1])
     noise = max(noise, _DEAD * float(loud.max()))
-    some = axes[:1000]
+    some = axes[:200]
     if not np.ptp(some, axis=0).all() or _rounding(some) > noise:  # of more samples it is less
         noise = max(noise, _rounding(axes[:50_000]))
     found = vibration, noise, steady, data, full, step, bin_size

@@ -43,6 +43,8 @@ KINDS = ("affine", "shift", "none")
 """Maps, each simpler than the one before."""
 SETTLED = 1e-3
 """Change of shares after which they are found."""
+CHANCE = 0.05
+"""How often chance may take for a worse map what is none."""
 
 Map = tuple[Samples, Samples]
 """Scale and shift, both of shape (n_columns,): values of the new sensor -> as the old one would have them."""
@@ -140,7 +142,7 @@ def adapted_to(
     for kind in KINDS:
         found = fit_map(model, X, known, surfaces, n_recordings, kind)
         decisions, strange = _held_out(model, X, known, of, surfaces, found, kind)
-        if _hits(decisions, known) >= hits_before:
+        if not _is_worse(hits_before, _hits(decisions, known), of):
             break
     _check_told_apart(model, X * found[0] + found[1], known, n_labelled)
     novelty, by = _reset(model.novelty, strange, len(np.unique(of)))
@@ -149,9 +151,23 @@ def adapted_to(
     return _mapped(model, found, novelty, told, resampled=resampled)
 
 
-def _hits(decisions: Samples, known: Samples) -> int:
-    """Return of how many labelled rows the largest decision is that of their surface."""
-    return int(known[np.arange(len(known)), decisions.argmax(axis=1)].sum())
+def _hits(decisions: Samples, known: Samples) -> Samples:
+    """Return one for each labelled row whose largest decision is that of its surface, else zero."""
+    return np.asarray(known[np.arange(len(known)), decisions.argmax(axis=1)])
+
+
+def _is_worse(before: Samples, after: Samples, of: NDArray[np.intp]) -> bool:
+    """Return whether more recordings lose by a map than win, beyond chance (sign test).
+
+    Each is judged under the map of the others, which is poorer than that of all: of three or four lost, none
+    won, nothing follows. P[Binomial(lost + won, 1/2) >= lost] decides, of recordings with fewer or more rows
+    right than before.
+    """
+    from scipy.stats import binom
+
+    change = np.bincount(of, weights=after - before)
+    lost, won = np.count_nonzero(change < 0), np.count_nonzero(change > 0)
+    return bool(binom.sf(lost - 1, lost + won, 0.5) <= CHANCE)
 
 
 def _check_told_apart(model: Model, mapped: Samples, known: Samples, n_labelled: int) -> None:
@@ -166,7 +182,7 @@ def _check_told_apart(model: Model, mapped: Samples, known: Samples, n_labelled:
                 f"is {LEAST_APART:g} or more: references of more surfaces, or labelled (SURFACE=FILE)"
             )
         return
-    counts, hits = known.sum(axis=0), _hits(p, known)
+    counts, hits = known.sum(axis=0), int(_hits(p, known).sum())
     if np.count_nonzero(counts) > 1 and hits <= counts.max():
         raise ValueError(
             f"{hits} of {counts.sum():.0f} labelled references are answered right by the adapted model; "

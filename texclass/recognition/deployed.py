@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from texclass.features.cepstrum import Banks, with_banks
 from texclass.features.plan import Computed, Plan
-from texclass.recognition.probabilities import LEAST_PROBABILITY, class_scores
+from texclass.recognition.probabilities import class_scores, log_of, softmax
 from texclass.recording import Recording, Samples
 
 if TYPE_CHECKING:
@@ -144,31 +144,35 @@ def described_steps(step: Any) -> list[Part]:  # noqa: PLR0911  (one for each ki
         case Pipeline():
             return [part for _, inner in step.steps for part in described_steps(inner)]
         case SelectorMixin():
-            return [{"does": "take", "columns": np.flatnonzero(step.get_support())}]
+            return [_does("take", columns=np.flatnonzero(step.get_support()))]
         case SimpleImputer(add_indicator=False, missing_values=gap) if np.isnan(gap):
             values, taken = np.asarray(step.statistics_, dtype=np.float64), []
             if not step.keep_empty_features and np.isnan(values).any():
                 kept = np.flatnonzero(~np.isnan(values))
-                values, taken = values[kept], [{"does": "take", "columns": kept}]
-            return [*taken, {"does": "fill", "values": values}]
+                values, taken = values[kept], [_does("take", columns=kept)]
+            return [*taken, _does("fill", values=values)]
         case MinMaxScaler():
-            clipped = {"does": "clip", "low": step.feature_range[0], "high": step.feature_range[1]}
-            return [{"does": "affine", "scale": step.scale_, "shift": step.min_}, *([clipped] * step.clip)]
+            low, high = step.feature_range
+            clipped = [_does("clip", low=low, high=high)] * step.clip
+            return [_does("affine", scale=step.scale_, shift=step.min_), *clipped]
         case StandardScaler():
             return [_standardised(step.mean_ if step.with_mean else None, step.scale_)]
         case RobustScaler():
             return [_standardised(step.center_, step.scale_)]
         case MaxAbsScaler() if not getattr(step, "clip", False):
             return [_standardised(None, step.scale_)]
-    return [{"does": "ask", "estimator": step}]
+    return [_does("ask", estimator=step)]
+
+
+def _does(what: str, **held: Any) -> Part:
+    """Return the description of a step: the arguments of its function in `FUNCTIONS`."""
+    return {"does": what, **held}
 
 
 def _standardised(center: Samples | None, scale: Samples | None) -> Part:
-    return {
-        "does": "standardise",
-        "center": 0.0 if center is None else center,
-        "scale": 1.0 if scale is None else scale,
-    }
+    return _does(
+        "standardise", center=0.0 if center is None else center, scale=1.0 if scale is None else scale
+    )
 
 
 def described_classifier(  # noqa: PLR0911
@@ -202,62 +206,45 @@ def described_classifier(  # noqa: PLR0911
     match classifier:
         case Pipeline():
             steps = [part for _, step in classifier.steps[:-1] for part in described_steps(step)]
-            return {
-                "does": "chain",
-                "steps": steps,
-                "decide": described_classifier(classifier[-1], votes=votes),
-            }
+            return _does("chain", steps=steps, decide=described_classifier(classifier[-1], votes=votes))
         case LinearDiscriminantAnalysis() | LogisticRegression() | RidgeClassifier():
             weights = _of_both(np.ascontiguousarray(np.atleast_2d(classifier.coef_).T), n_classes)
-            return {
-                "does": "linear",
-                "weights": weights,
-                "intercept": _of_both(classifier.intercept_, n_classes),
-            }
+            return _does("linear", weights=weights, intercept=_of_both(classifier.intercept_, n_classes))
         case KernelDiscriminant():
-            kernel = {
-                "does": "kernel",
-                "views": [dict(vars(view)) for view in classifier.views_],
-                "prototypes": list(classifier.prototypes_),
-                "dual": _of_both(classifier.dual_, n_classes),
-                "length": float(classifier.length),
-            }
+            kernel = _does(
+                "kernel",
+                views=[dict(vars(view)) for view in classifier.views_],
+                prototypes=list(classifier.prototypes_),
+                dual=_of_both(classifier.dual_, n_classes),
+                length=float(classifier.length),
+            )
             if classifier.limit is None:
                 return kernel
-            limits = {"does": "clip", "low": classifier.low_, "high": classifier.high_}
-            return {"does": "chain", "steps": [limits], "decide": kernel}
+            limits = _does("clip", low=classifier.low_, high=classifier.high_)
+            return _does("chain", steps=[limits], decide=kernel)
         case GaussianNB():
-            arrays = {
-                "mean": classifier.theta_,
-                "variance": classifier.var_,
-                "prior": classifier.class_prior_,
-            }
-            return {"does": "gauss", **arrays, "votes": votes}
+            prior = classifier.class_prior_
+            return _does("gauss", mean=classifier.theta_, variance=classifier.var_, prior=prior, votes=votes)
         case NearestCentroid(metric="euclidean"):
             deviation = classifier.within_class_std_dev_
-            return {
-                "does": "centroids",
-                "points": classifier.centroids_,
-                "scale": np.where(deviation != 0, deviation, 1.0),
-                "prior": classifier.class_prior_,
-            }
+            scale, prior = np.where(deviation != 0, deviation, 1.0), classifier.class_prior_
+            return _does("centroids", points=classifier.centroids_, scale=scale, prior=prior)
         case KNeighborsClassifier(weights="uniform", effective_metric_="euclidean") if learnt is not None:
             known = {"points": learnt[0], "classes": np.searchsorted(classifier.classes_, learnt[1])}
-            facts = {"n": classifier.n_neighbors, "n_classes": n_classes, "votes": votes}
-            return {"does": "neighbours", **known, **facts}
+            return _does("neighbours", **known, n=classifier.n_neighbors, n_classes=n_classes, votes=votes)
         case VoteOfPieces():
             whole, (divided, n_pieces) = classifier.whole_, classifier.columns_
-            return {
-                "does": "vote",
-                "n_pieces": n_pieces,
-                "piece": described_classifier(classifier.estimator_, votes=True),
-                "whole": None if whole is None else described_classifier(whole, votes=True),
+            return _does(
+                "vote",
+                n_pieces=n_pieces,
+                piece=described_classifier(classifier.estimator_, votes=True),
+                whole=None if whole is None else described_classifier(whole, votes=True),
                 **({"divided": divided} if classifier.undivided else {}),
-                "whole_weight": classifier.weight_,
-                "n_columns": int(classifier.n_features_in_),
-                "n_classes": n_classes,
-            }
-    return {"does": "ask", "estimator": classifier, "votes": votes}
+                whole_weight=classifier.weight_,
+                n_columns=int(classifier.n_features_in_),
+                n_classes=n_classes,
+            )
+    return _does("ask", estimator=classifier, votes=votes)
 
 
 def _of_both(values: Samples, n_classes: int) -> Samples:
@@ -334,10 +321,10 @@ def _squares(X: Samples, points: Samples, weight: Samples | float = 1.0) -> Samp
     return np.concatenate([(d * d * weight).sum(axis=2) for d in blocks])
 
 
-def _log_of(p: Samples, votes: bool) -> Samples:
+def _as_decisions(p: Samples, votes: bool) -> Samples:
     """Return probabilities (n, n_classes) as decisions; a voter's as they are, of two classes about 0."""
     if not votes:
-        return np.asarray(np.log(np.maximum(p, LEAST_PROBABILITY)))
+        return log_of(p)
     return np.column_stack([0.5 - p[:, 1], p[:, 1] - 0.5]) if p.shape[1] == 2 else p
 
 
@@ -346,9 +333,7 @@ def _gauss(mean: Samples, variance: Samples, prior: Samples, votes: bool) -> Fun
     inverse = 1 / variance
 
     def decided(X: Samples) -> Samples:
-        joint = level - 0.5 * _squares(X, mean, inverse)
-        p = np.exp(joint - joint.max(axis=1, keepdims=True))
-        return _log_of(p / p.sum(axis=1, keepdims=True), votes)
+        return _as_decisions(softmax(level - 0.5 * _squares(X, mean, inverse)), votes)
 
     return decided
 
@@ -369,7 +354,7 @@ def _neighbours(points: Samples, classes: Samples, n: int, n_classes: int, votes
 
     def decided(X: Samples) -> Samples:
         nearest = np.argsort(_squares(X, points), axis=1, kind="stable")[:, :n]
-        return _log_of(right[nearest].mean(axis=1), votes)
+        return _as_decisions(right[nearest].mean(axis=1), votes)
 
     return decided
 

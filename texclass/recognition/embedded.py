@@ -17,7 +17,7 @@ from texclass.experiment.feature_table import metadata
 from texclass.experiment.folds import Fold, over_folds
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.pipeline import PipelineDefinition, RowDefinition, Use
-from texclass.experiment.protocols import Protocol, Split, splits_of
+from texclass.experiment.protocols import Split, splits_of
 from texclass.experiment.result import COMPUTED_BY, Result
 from texclass.experiment.selection import SubsetScore, inner_splits
 from texclass.experiment.workers import Progress, each
@@ -55,7 +55,9 @@ from texclass.tradeoff.front import (
     discriminant,
     estimate,
     knee,
+    labelled,
     preparation,
+    study_facts,
 )
 from texclass.validation import check_above_0
 
@@ -200,7 +202,10 @@ def embedded_tradeoff(
     limits = limits or SmallLimits()
     dataset = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)
     every = features if isinstance(features, FeatureSet) else load_feature_set(features)
-    bought, lacking = _with_graph(every)
+    lacking = without_graph(every)
+    if len(lacking) == len(every.members):
+        raise OnnxExportError(f"no feature of {every.name} has a graph; the rule is at least one")
+    bought = every.restricted_to(m.name for m in every.members if m.name not in lacking)
     longest = LONGEST_S if max_seconds is None else max_seconds
     check_above_0(max_seconds=longest)
     like = dataset[0]
@@ -213,7 +218,7 @@ def embedded_tradeoff(
     cuts = _cuts(at_rates, of_windows, longest, full_scale_of(dataset), limits, do_each)
     held_out_by, why = holding_out(protocol, AT_RANDOM, metadata(dataset.entries), FALSE_ALARMS)
     splits = [splits_of(held_out_by, cut.frame, seed) for cut in cuts]
-    learnt = [_labelled(cut, held_out_by) for cut in cuts]
+    learnt = [labelled(cut.X[WORDS[0]], cut.frame, held_out_by) for cut in cuts]
     points = _points(cuts, learnt, splits, limits, seed, do_each)
     front = front_of(points)
     chosen = chosen_of(points, limits)
@@ -221,28 +226,14 @@ def embedded_tradeoff(
         felt, work = at_rates[chosen["fs_hz"]], {"n_jobs": n_jobs, "progress": progress}
         _trained(felt, bought, chosen, channels, seed, protocol=protocol, **work).save(model_file)
         chosen["file"] = str(model_file)
-    over, independent = held_out_by.independent(cuts[0].frame)
-    recordings = cuts[0].frame.drop_duplicates("parent")
+    facts = study_facts(dataset, every, cuts[0].frame, like, held_out_by, splits[0], seed)
+    facts["dataset"]["n_windows"] = len(cuts[0].frame)
     return Embedded(
         {
-            "dataset": {
-                "name": dataset.name,
-                "title": dataset.title,
-                "n_recordings": len(recordings),
-                "n_windows": len(cuts[0].frame),
-                "n_materials": int(recordings["material"].nunique()),
-                "chance": float(cuts[0].frame["material"].value_counts(normalize=True).max()),
-                "fs_hz": float(like.fs),
-                "unit": like.unit,
-            },
-            "features": every.name,
-            "features_hash": every.hash,
-            "movement": every.movement,
+            **facts,
             "without_graph": list(lacking),
             "protocol": held_out_by.name,
             "why": why,
-            "clusters": over,
-            "n_clusters": len(np.unique(independent[np.concatenate([test for _, test in splits[0]])])),
             "max_bytes": limits.max_bytes,
             "max_ops": limits.max_ops,
             "points": [_without_columns(point) for point in points],
@@ -251,8 +242,6 @@ def embedded_tradeoff(
             "full": _full(cuts[0], splits[0], learnt[0]),
             "chosen": chosen,
             "versions": versions(*LIBRARIES, "onnx", "onnxruntime"),
-            "seed": seed,
-            "input_hash": dataset.input_hash,
             **made_by(*COMPUTED_BY, "tradeoff", "recognition"),
             "notes": list(dataset.notes),
         }
@@ -325,19 +314,6 @@ def _points(
             if len(right := [fold[key] for fold in folds if key in fold]) == len(of)
         ]
     return points
-
-
-def _with_graph(features: FeatureSet) -> tuple[FeatureSet, tuple[str, ...]]:
-    """Return the features that have a graph, and the names of the others."""
-    lacking = without_graph(features)
-    if len(lacking) == len(features.members):
-        raise OnnxExportError(f"no feature of {features.name} has a graph; the rule is at least one")
-    return features.restricted_to(m.name for m in features.members if m.name not in lacking), tuple(lacking)
-
-
-def _labelled(cut: Cut, protocol: Protocol) -> Labelled:
-    y = cut.frame["material"].to_numpy(dtype=str)
-    return Labelled(cut.X[WORDS[0]], y, protocol.clusters(cut.frame), protocol.independent(cut.frame)[1])
 
 
 Rule = tuple[int, float]

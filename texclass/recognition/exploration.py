@@ -20,7 +20,7 @@ from texclass.recognition.live.evidence import CONFIDENCE, ContactVerdict, indep
 from texclass.recognition.live.online_recogniser import OnlineSettings, Update, WindowAnswer
 from texclass.recognition.live.session import Notice, Session
 from texclass.recognition.model import Model, load_model
-from texclass.recognition.probabilities import LEAST_PROBABILITY
+from texclass.recognition.probabilities import LEAST_PROBABILITY, log_of, softmax
 from texclass.recognition.sources.blocks import Block
 from texclass.recording import Samples
 
@@ -194,7 +194,7 @@ class Exploration:
             raise ValueError(f"gesture is {gesture!r}; the rule is one of {', '.join(self.gestures)}")
         p = np.array([probabilities[m] for m in self.materials])
         key = len(self._felt) if contact is None else ("contact", contact)
-        self._felt[key] = gesture, np.log(np.maximum(p, LEAST_PROBABILITY))
+        self._felt[key] = gesture, log_of(p)
 
     @property
     def n_gestures(self) -> int:
@@ -208,8 +208,7 @@ class Exploration:
         for name, known in self.gestures.items():
             if said := [log_p for made, log_p in self._felt.values() if made == name]:
                 total += independent(len(said), known.correlation) * np.mean(said, axis=0)
-        p = np.exp(total - total.max())
-        return np.asarray(p / p.sum())
+        return softmax(total)
 
     @property
     def sure(self) -> bool:

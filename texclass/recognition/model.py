@@ -23,7 +23,7 @@ from texclass.recognition.model_files import (
     read_deployed,
     write_model_file,
 )
-from texclass.recognition.probabilities import LEAST_PROBABILITY, Calibration
+from texclass.recognition.probabilities import Calibration, log_of
 from texclass.recognition.sources.training_input import Beside, Needs
 from texclass.recognition.unknown import Novelty, Ranges, Surfaces, strangeness
 from texclass.recording import Recording, Samples
@@ -319,8 +319,7 @@ class Model:
         if not all(answer.sets for answer in answers):
             return together
         p = np.array([list(answer.probabilities.values()) for answer in answers])
-        mean = np.log(np.maximum(p, LEAST_PROBABILITY)).mean(axis=0)
-        return replace(together, sets=self.sets_of("recording", mean))
+        return replace(together, sets=self.sets_of("recording", log_of(p).mean(axis=0)))
 
     def cut(self, recording: Recording) -> tuple[Recording, ...]:
         """Return the touches of a recording, one after another; none without movement enough for one."""

@@ -23,6 +23,17 @@ LEAST_PROBABILITY = 1e-12
 """Of which a logarithm is still taken."""
 
 
+def softmax(scores: Samples) -> Samples:
+    """Return exp(s_k) / sum_j exp(s_j) over the last axis; scipy's takes its time for checks."""
+    p = np.exp(scores - scores.max(axis=-1, keepdims=True))
+    return np.asarray(p / p.sum(axis=-1, keepdims=True))
+
+
+def log_of(p: Samples) -> Samples:
+    """Return logarithms of probabilities, also where one is 0."""
+    return np.asarray(np.log(np.maximum(p, LEAST_PROBABILITY)))
+
+
 def class_scores(classifier: Any, rows: Samples) -> Samples:
     """Return the decisions of a classifier, one column a class, shape (n, n_classes).
 
@@ -32,7 +43,7 @@ def class_scores(classifier: Any, rows: Samples) -> Samples:
         found = np.asarray(classifier.decision_function(rows), dtype=np.float64)
         return found if found.ndim == 2 else np.column_stack([-found, found])
     if hasattr(classifier, "predict_proba"):
-        return np.asarray(np.log(np.maximum(classifier.predict_proba(rows), LEAST_PROBABILITY)))
+        return log_of(classifier.predict_proba(rows))
     return np.asarray(np.asarray(classifier.predict(rows))[:, None] == classifier.classes_, dtype=np.float64)
 
 
@@ -57,11 +68,7 @@ class Calibration:
 
     def __call__(self, scores: Samples) -> Samples:
         """Return probabilities of decisions, both of shape (n, n_classes)."""
-        # scipy's softmax, without the time that its checks take in every window of a stream.
-        p = self.beta * scores
-        p = np.exp(p - p.max(axis=1, keepdims=True))
-        p /= p.sum(axis=1, keepdims=True)
-        return np.asarray((1 - self.lapse) * p + self.lapse / scores.shape[1])
+        return np.asarray((1 - self.lapse) * softmax(self.beta * scores) + self.lapse / scores.shape[1])
 
 
 def fit_calibration(scores: Samples, labels: Labels) -> Calibration:

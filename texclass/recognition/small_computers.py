@@ -20,9 +20,10 @@ from texclass.experiment.windows import touches
 from texclass.features.phase_view import TURN
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recognition.deployed import described_classifier, described_steps
-from texclass.recognition.export.graph import LARGE, Graph, add_part, tensor_of
+from texclass.recognition.export.answers_graph import add_part
+from texclass.recognition.export.graph import LARGE, tensor_of
 from texclass.recognition.export.parity import run
-from texclass.recognition.export.sample_graph import SAMPLES, Windows, add_features, features_of
+from texclass.recognition.export.sample_graph import SAMPLES, Windows, add_features, features_of, windows_in
 from texclass.recording import Recording, RecordingError, Samples
 from texclass.tradeoff.curves import degraded, quantised
 
@@ -80,7 +81,7 @@ class Work(NamedTuple):
     sizes : mapping
         Tensor -> elements.
     kinds : mapping
-        Tensor -> number of its type, see `onnx.TensorProto`.
+        Tensor -> kind of its numbers, as `numpy.dtype.kind` says it: "f" of real ones, "b" of truths.
     inputs, outputs : list of str
         Of the graph.
     """
@@ -88,7 +89,7 @@ class Work(NamedTuple):
     nodes: list[Any]
     operations: list[int]
     sizes: dict[str, int]
-    kinds: dict[str, int]
+    kinds: dict[str, str]
     inputs: list[str]
     outputs: list[str]
 
@@ -106,14 +107,12 @@ class Work(NamedTuple):
 
     def _constants(self, bits: int) -> int:
         """Return the bytes of what nodes read and no node of these computes."""
-        from onnx import TensorProto
-
         made = {name for node in self.nodes for name in node.output} | set(self.inputs)
         # What an index points into is no longer than the longest tensor.
         index = np.min_scalar_type(max(self.sizes.values())).itemsize
         total = 0
         for name in {name for node in self.nodes for name in node.input if name} - made:
-            if self.kinds[name] in (TensorProto.FLOAT, TensorProto.DOUBLE):
+            if self.kinds[name] == "f":
                 total += self.sizes[name] * (bits if self.sizes[name] >= LARGE else 32) // 8
             else:
                 total += self.sizes[name] * index
@@ -121,13 +120,10 @@ class Work(NamedTuple):
 
     def _most_alive(self, sample_bits: int) -> int:
         """Return the bytes of the tensors that are in memory at the same time, at most."""
-        from onnx import TensorProto
-
-        real = {TensorProto.FLOAT, TensorProto.DOUBLE}
         place: dict[str, str] = {}  # tensor -> the one in whose memory it lies
         last: dict[str, int] = {}
         for at, node in enumerate(self.nodes):
-            of_reals = {self.kinds[name] for name in (*node.input, *node.output) if name} <= real
+            of_reals = {self.kinds[name] for name in (*node.input, *node.output) if name} == {"f"}
             # Doubles are computed in single precision, so that nothing is converted.
             if node.op_type in SAME_MEMORY or (node.op_type == "Cast" and of_reals):
                 place[node.output[0]] = place.get(node.input[0], node.input[0])
@@ -135,7 +131,7 @@ class Work(NamedTuple):
         last |= {place.get(name, name): len(self.nodes) for name in self.outputs}
 
         def size(name: str) -> int:
-            return self.sizes[name] * (1 if self.kinds[name] == TensorProto.BOOL else FLOAT_BYTES)
+            return self.sizes[name] * (1 if self.kinds[name] == "b" else FLOAT_BYTES)
 
         alive = {name: size(name) for name in self.inputs if sample_bits < 32}
         most = sum(alive.values())
@@ -152,14 +148,17 @@ class Work(NamedTuple):
 
 def work_of(model: Any) -> Work:
     """Return the nodes of an ONNX model that run for every window; all shapes follow from its inputs."""
-    from onnx import shape_inference
+    from onnx import helper, shape_inference
 
     graph = shape_inference.infer_shapes(model, data_prop=True).graph
     told = [*graph.input, *graph.value_info, *graph.output]
     shapes = {v.name: [d.dim_value for d in v.type.tensor_type.shape.dim] for v in told}
-    kinds = {v.name: v.type.tensor_type.elem_type for v in told}
+    types = {v.name: v.type.tensor_type.elem_type for v in told}
     shapes |= {c.name: list(c.dims) for c in graph.initializer}
-    kinds |= {c.name: c.data_type for c in graph.initializer}
+    types |= {c.name: c.data_type for c in graph.initializer}
+    kinds: dict[str, str] = {
+        name: helper.tensor_dtype_to_np_dtype(type_).kind for name, type_ in types.items()
+    }
     sizes = {name: math.prod(shape) for name, shape in shapes.items()}
     known = {c.name for c in graph.initializer}
     nodes = []
@@ -277,8 +276,10 @@ def cut_of(dataset: Dataset, windows: Windows, seconds: float, step: float, full
     if not rows:
         raise RecordingError(f"{dataset.name}: no recording moves for {seconds:g} s")
     samples, windows = np.stack(rows), windows._replace(n_samples=rows[0].shape[1])
-    graph = _features_model(windows)
-    X = {}
+    x, entry = windows_in(windows, "n")
+    x.graph.add("Identity", add_features(windows, x), name="features")
+    output = tensor_of("features", np.float64, "n", len(windows.plan.columns))
+    graph, X = x.graph.model([entry], [output], "features", ""), {}
     for of_samples, bits in WORDS:
         felt_with = samples if of_samples == 32 else quantised(samples, of_samples, full_scale)
         graph_of_bits = shortened(graph, bits).SerializeToString()
@@ -287,27 +288,13 @@ def cut_of(dataset: Dataset, windows: Windows, seconds: float, step: float, full
     return Cut(seconds, windows, metadata(kept), X, operations_of(windows))
 
 
-def _features_model(windows: Windows) -> Any:
-    """Return the graph of all features, of any number of windows, in double precision."""
-    from onnx import TensorProto
-
-    graph = Graph()
-    entry = tensor_of(SAMPLES, TensorProto.FLOAT, "n", len(windows.channels), windows.n_samples)
-    graph.add("Identity", add_features(windows, graph, graph.cast(SAMPLES, np.float64)), name="features")
-    output = tensor_of("features", TensorProto.DOUBLE, "n", len(windows.plan.columns))
-    return graph.model([entry], [output], "features", "")
-
-
 def operations_of(windows: Windows) -> CostModel:
     """Return what columns cost in operations a window: a part is what the same features need of the graph."""
-    from onnx import TensorProto
-
-    graph = Graph()
-    tensors, places = features_of(windows, graph, graph.cast(SAMPLES, np.float64))
-    entry = tensor_of(SAMPLES, TensorProto.FLOAT, 1, len(windows.channels), windows.n_samples)
-    work = work_of(
-        graph.model([entry], [tensor_of(t, TensorProto.DOUBLE, 1, "k") for t in tensors], "parts", "")
-    )
+    x, entry = windows_in(windows, 1)
+    found, places = features_of(windows, x)
+    tensors = [tensor.name for tensor in found]
+    outputs = [tensor_of(name, np.float64, 1, "k") for name in tensors]
+    work = work_of(x.graph.model([entry], outputs, "parts", ""))
     users = {tensor: {i} for i, tensor in enumerate(tensors)}
     operations: dict[frozenset[int], float] = {}
     for node, n in reversed(list(zip(work.nodes, work.operations, strict=True))):
@@ -340,17 +327,14 @@ def decisions_of(windows: Windows, columns: Sequence[str], steps: Sequence[Any])
     steps : sequence of estimator
         Fitted on these columns; a classifier last.
     """
-    from onnx import TensorProto
-
-    graph, plan = Graph(), windows.plan.restricted_to(columns)
-    rows = add_features(windows._replace(plan=plan), graph, graph.cast(SAMPLES, np.float64))
+    x, entry = windows_in(windows, 1)
+    rows = add_features(windows._replace(plan=windows.plan.restricted_to(columns)), x)
     described = [part for step in steps[:-1] for part in described_steps(step)]
     for part in (*described, described_classifier(steps[-1])):
-        rows = add_part(part, graph, rows)
-    graph.add("Identity", rows, name="decisions")
-    entry = tensor_of(SAMPLES, TensorProto.FLOAT, 1, len(windows.channels), windows.n_samples)
-    output = tensor_of("decisions", TensorProto.DOUBLE, 1, len(steps[-1].classes_))
-    return work_of(graph.model([entry], [output], "decisions", ""))
+        rows = add_part(part, rows)
+    x.graph.add("Identity", rows, name="decisions")
+    output = tensor_of("decisions", np.float64, 1, len(steps[-1].classes_))
+    return work_of(x.graph.model([entry], [output], "decisions", ""))
 
 
 def in_bits(classifier: Any, bits: int) -> Any:

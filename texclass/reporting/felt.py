@@ -14,7 +14,7 @@ from texclass.document.wording import digits
 from texclass.experiment.feature_table import cached_table
 from texclass.experiment.workers import Progress
 from texclass.features.extractor import FeatureExtractor
-from texclass.features.scales import SCALES, Scale, scale_values
+from texclass.features.scales import COLUMNS, OVER_THE_WAY, SCALES, Scale, link_of, scale_values
 from texclass.features.sets import load_feature_set
 from texclass.loaders import find_recording, open_dataset
 from texclass.loaders.dataset import Dataset
@@ -56,7 +56,8 @@ def describe(
     -------
     DataFrame
         Six rows a recording: `recording`, `scale`, `value` (see `texclass.features.scales`), `measured`,
-        `unit`, `below` (how many reference surfaces lie below), `of` (how many have it), `between` (the
+        `unit`, `feature` (what was measured; `fine` and `regular` over the way of the tool, where its speed
+        is known), `below` (how many reference surfaces lie below), `of` (how many have it), `between` (the
         nearest of them), and `why` where something is not told.
 
     Raises
@@ -74,19 +75,20 @@ def describe(
     found = FeatureExtractor("scales").fit(given).extract(given)
     measured = found.table.set_axis(range(len(given)))
     values, reasons = scale_values(measured), {(r.recording_id, r.feature): r.reason for r in found.reasons}
-    rows = []
-    for (at, recording), (name, scale) in product(enumerate(given), SCALES.items()):
+    rows, told = [], measured.to_dict("records")
+    for (at, recording), name in product(enumerate(given), SCALES):
+        scale = link_of(name, told[at])
         alike = known_unit if scale.unit.startswith("log10") else recording.unit
         why = reasons.get((recording.recording_id, scale.column.partition(".")[0]), "")
         if not why and (why := _not_absolute(scale, recording)):
             values.loc[at, name] = np.nan
-        m, among = float(measured[scale.column].to_numpy()[at]), surfaces[scale.column].dropna().sort_values()
+        m, among = float(told[at][scale.column]), surfaces[scale.column].dropna().sort_values()
         rows.append(
             {"recording": recording.recording_id, "scale": name, "value": values.loc[at, name], "measured": m}
-            | {"unit": scale.unit.replace("m/s^2", recording.unit), "why": why}
+            | {"unit": scale.unit.replace("m/s^2", recording.unit), "feature": scale.column, "why": why}
             | _place(m, among if recording.unit == alike and recording.fs != NOMINAL_FS else among[:0])
         )
-    columns = ["recording", "scale", "value", "measured", "unit", "below", "of", "between", "why"]
+    columns = ["recording", "scale", "value", "measured", "unit", "feature", "below", "of", "between", "why"]
     return pd.DataFrame(rows, columns=columns).astype({"below": "Int64", "of": "Int64"})
 
 
@@ -108,9 +110,15 @@ def _not_absolute(scale: Scale, recording: Recording) -> str:
 
 
 def _surfaces(dataset: Dataset, n_jobs: int, progress: Progress | None) -> pd.DataFrame:
-    """Return the features of the set `scales`, the median of each reference surface."""
+    """Return the features of the set `scales`, the median of each reference surface.
+
+    Ribs, which not every surface has, are those of at least half of its recordings.
+    """
     table = cached_table(dataset, load_feature_set("scales"), n_jobs=n_jobs, progress=progress)
-    return table.frame.groupby("material")[[scale.column for scale in SCALES.values()]].median()
+    surfaces = table.frame.groupby("material")[list(COLUMNS)]
+    ribs = [scale.column for scale in OVER_THE_WAY.values()]
+    often = (2 * surfaces.count()).ge(surfaces.size(), axis=0)
+    return surfaces.median().where(often | ~often.columns.isin(ribs))
 
 
 def felt_document(felt: pd.DataFrame) -> Document:
@@ -143,6 +151,7 @@ def felt_document(felt: pd.DataFrame) -> Document:
         [
             "0 and 10: the lowest and the highest twentieth of simulated everyday surfaces, freehand.",
             "Above: how many reference surfaces lie below.",
+            "Fine in 1/mm: ribs along the way of the tool, by its recorded speed; in Hz: none, or no speed.",
         ]
     )
     return Document("How it feels", blocks)

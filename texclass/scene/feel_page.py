@@ -20,7 +20,7 @@ from texclass.scene.renderer import PlannedScene, packed
 from texclass.textures.grid import GridModel
 from texclass.vibration import DecayingModes, TapModel
 from texclass.vibration.autoregressive import Autoregression
-from texclass.whole_files import write_whole
+from texclass.whole_files import path_ending, write_whole
 
 HIGHEST_FS = 44_100.0
 """Models are brought up to the rate of the loudspeaker, never down."""
@@ -130,9 +130,7 @@ def write_feel_page(
     ValueError
         As `feel_page`, or if the name does not end in `.html`.
     """
-    path = Path(path)
-    if path.suffix.lower() != ".html":
-        raise ValueError(f"{path}: ends in {path.suffix!r}; the rule is '.html'")
+    path = path_ending(path, ".html")
     write_whole(path, feel_page(scene, taps=taps, title=title).encode())
     return path
 

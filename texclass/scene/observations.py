@@ -22,6 +22,7 @@ from texclass.scene.definition import (
     SurfaceDefinition,
     Tolerance,
 )
+from texclass.textures.contract import constant_stroke
 
 STILL_MM_S, LIGHT_N = 5.0, 0.02
 """Pieces of freehand recordings that are slower or softer are left out."""
@@ -334,10 +335,9 @@ def _texture(path: Path, scene: SceneDefinition) -> Felt:
     factor = _factor(describe(path)["unit"], scene.device.unit, path)
 
     def felt(speed: float, force: float, seed: int) -> Samples:
-        n = round((SECONDS + SETTLE_S) * texture.fs)
-        velocity = np.column_stack([np.full(n, speed), np.zeros(n)])
-        x = texture.renderer(seed=seed).process(velocity, np.full(n, force))
-        return at_rate(factor * x[round(SETTLE_S * texture.fs) :], texture.fs, scene.device.rate_hz)
+        n, settled = round((SECONDS + SETTLE_S) * texture.fs), round(SETTLE_S * texture.fs)
+        x = constant_stroke(texture, speed, force, n - settled, settled=settled, seed=seed)
+        return at_rate(factor * x, texture.fs, scene.device.rate_hz)
 
     return felt
 
@@ -357,8 +357,8 @@ def _simulated(name: str, scene: SceneDefinition) -> Felt:
 
     def felt(speed: float, force: float, seed: int) -> Samples:
         n = round(SECONDS * fs)
-        velocity = np.column_stack([np.full(n, speed), np.zeros(n)])
-        x = what.vibration(velocity, np.full(n, force), fs, np.random.default_rng((scene.seed, seed)))
+        rng = np.random.default_rng((scene.seed, seed))
+        x = what.vibration(np.tile([speed, 0.0], (n, 1)), np.full(n, force), fs, rng)
         return at_rate(x, fs, fs)
 
     return felt

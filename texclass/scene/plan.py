@@ -134,10 +134,10 @@ class ScenePlan:
 
     def to_json(self) -> str:
         """Return all of it as JSON."""
-        return self._json
+        return json.dumps(self._told, indent=1)
 
     @cached_property
-    def _json(self) -> str:
+    def _told(self) -> dict[str, Any]:
         judge = Judge(self.definition.device, self.definition.tolerance)
         surfaces = [
             {
@@ -157,7 +157,7 @@ class ScenePlan:
             }
             for one in self.surfaces
         ]
-        told = {
+        return {
             "scene": self.scene.name,
             "met": self.met,
             "tolerance": self.definition.tolerance.model_dump(),
@@ -172,44 +172,36 @@ class ScenePlan:
             "recognition": self.recognition,
             "seed": self.definition.seed,
         }
-        return json.dumps(told, indent=1)
 
     def document(self) -> Document:
         """Return the plan as a table of surfaces, with the reasons and the budget."""
-        data = json.loads(self.to_json())
-        tolerance, each = data["tolerance"], data["budget"]["microseconds_each"]
+        data, tolerance = self._told, self.definition.tolerance
+        each, score = self.proof["microseconds_each"], f"{tolerance.over} {UNITS[tolerance.score]}"
         rows = []
         for one in data["surfaces"]:
             scores = one["scores"]
-            worst = min(scores) if tolerance["score"] == "gfc" else max(scores)
-            judged = worst if tolerance["over"] == "worst" else sum(scores) / len(scores)
+            worst = min(scores) if tolerance.score == "gfc" else max(scores)
+            judged = worst if tolerance.over == "worst" else sum(scores) / len(scores)
             nodes = "" if one["family"] == "silence" else f"{len(one['speeds'])}x{len(one['forces'])}"
             words = (
                 one["family"].replace("AR", f"AR {one['order']}").replace("lines", f"{one['lines']} lines")
             )
             rows.append(
-                (
-                    one["surface"], words, nodes, f"{judged:.2f}", f"{max(map(abs, one['levels_db'])):.1f}",
-                    f"{max(map(abs, one['slopes_db'])):.1f}", f"{100 * one['relative']:.0f} %",
-                    f"{one['operations']:.0f}", "shared" if one["shares"] else str(one["bytes"]),
-                    f"{each[one['surface']]:.1f}",
-                )
-            )  # fmt: skip
-        score = f"{tolerance['over']} {UNITS[tolerance['score']]}"
-        titles = [
-            "surface",
-            "model",
-            "nodes",
-            score,
-            "level",
-            "slope",
-            "of it all",
-            "operations",
-            "bytes",
-            "us",
-        ]
+                {
+                    "surface": one["surface"],
+                    "model": words,
+                    "nodes": nodes,
+                    score: f"{judged:.2f}",
+                    "level": f"{max(map(abs, one['levels_db'])):.1f}",
+                    "slope": f"{max(map(abs, one['slopes_db'])):.1f}",
+                    "of it all": f"{100 * one['relative']:.0f} %",
+                    "operations": f"{one['operations']:.0f}",
+                    "bytes": "shared" if one["shares"] else str(one["bytes"]),
+                    "us": f"{each[one['surface']]:.1f}",
+                }
+            )
         table = Table(
-            pd.DataFrame(rows, columns=titles),
+            pd.DataFrame(rows),
             "Where it was not fitted: the score asked for, the largest difference of level (dB) and of its "
             "slope (dB at twice the speed or force), and the deciding one in parts of the tolerance.",
             n_words=2,

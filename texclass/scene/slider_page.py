@@ -6,6 +6,7 @@ The page holds the texture as `retouch` makes it at some values of each scale, o
 
 import shlex
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,9 @@ import numpy as np
 from texclass.features.scales import SCALES
 from texclass.scene.feel_page import feel_page, tap_modes
 from texclass.scene.renderer import PlannedScene
-from texclass.textures import GridModel, PackedTexture, Texture, felt_scales, retouch
+from texclass.textures import PackedTexture, Texture, felt_scales, retouch
 from texclass.textures.retouch import OF_SPECTRUM
-from texclass.whole_files import write_whole
+from texclass.whole_files import path_ending, write_whole
 
 VALUES = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0)
 """Of each scale, beside its own; of `hard`, which goes by a law, and of `sticky`, not heard, the ends."""
@@ -68,9 +69,12 @@ def slider_page(
             models += found.values()
         elif name == "hard":
             scales[name]["taps"] = [tap_modes(one.tap) for one in found.values()]
-    grids = _alike([one.model for one in (*models, base, base)])  # the last two take what is blended
+    grids = [one.model for one in (*models, base, base)]  # the last two take what is blended
+    order = max(one.order for one in grids)
+    of_one_order = [np.pad(one.rows, ((0, 0), (0, 0), (0, order - one.order))) for one in grids]
+    grids = [replace(one, rows=rows) for one, rows in zip(grids, of_one_order, strict=True)]
     name = texture.name or Path(file).stem
-    scene = PlannedScene(name, base.fs, base.unit, (20.0, 0.45 * base.fs), 1e6, 1, {name: 0}, grids)
+    scene = PlannedScene(name, base.fs, base.unit, (20.0, 0.45 * base.fs), 1e6, 1, {name: 0}, tuple(grids))
     command = f"texclass convert {shlex.quote(file)} -o changed.texture"
     command += f" --bytes {n_bytes}" if n_bytes != 128 else ""
     taps = {name: base.tap} if base.tap.n_modes else {}
@@ -86,9 +90,7 @@ def write_slider_page(path: str | Path, texture: Texture, **given: Any) -> Path:
     ValueError
         As `slider_page`, or if the name does not end in `.html`.
     """
-    path = Path(path)
-    if path.suffix.lower() != ".html":
-        raise ValueError(f"{path}: ends in {path.suffix!r}; the rule is '.html'")
+    path = path_ending(path, ".html")
     write_whole(path, slider_page(texture, **given).encode())
     return path
 
@@ -107,12 +109,3 @@ def _along(
             except ValueError:
                 break
     return dict(sorted(found.items()))
-
-
-def _alike(models: list[GridModel]) -> tuple[GridModel, ...]:
-    """Return models of one order."""
-    order = max(model.order for model in models)
-    return tuple(
-        GridModel(one.axes, np.pad(one.rows, ((0, 0), (0, 0), (0, order - one.order))), one.power, one.peak)
-        for one in models
-    )

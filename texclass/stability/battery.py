@@ -1,6 +1,5 @@
 """The battery: subjects in processes of their own, a time limit for each cell; its result, as a document."""
 
-import json
 import math
 import multiprocessing
 import os
@@ -17,7 +16,7 @@ from typing import Any, Literal
 import pandas as pd
 
 from texclass.document import Document, Finding, Folded, Heading, Heat, Shade, Table
-from texclass.experiment.result import COMPUTED_BY
+from texclass.experiment.result import COMPUTED_BY, Result
 from texclass.provenance import made_by, versions
 from texclass.stability.inputs import FAMILIES, SEED, battery_hash
 from texclass.stability.judging import BAD, Mark, cells_at, quiet_thread
@@ -41,35 +40,29 @@ RULE = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class StabilityResult:
-    """What the battery found.
+@dataclass(frozen=True, eq=False, repr=False)
+class StabilityResult(Result):
+    """What the battery found; see `run_stability`.
+
+    `data` holds `versions` of Python, texclass and every library that was tried, the `seed` of every random
+    input, the hash of the `battery` of inputs, whether it was a `quick` one, the `seconds` it took, what was
+    `left_out` and why, and what `summed_up` says of the cells.
 
     Attributes
     ----------
     cells : DataFrame
         One line for each subject and input, with the columns that `texclass.stability.judge` returns.
-    quick
-        Whether it was the short battery.
-    versions
-        Of Python, texclass and every library that was tried; "not installed" otherwise.
-    battery
-        Hash of all inputs.
-    seconds
-        The run took.
-    seed
-        Of every random input.
-    left_out
-        Libraries that were not tried, and subjects that were given up, each with the reason.
     """
 
     cells: pd.DataFrame
-    quick: bool
-    versions: dict[str, str]
-    battery: str
-    seconds: float
-    seed: int = SEED
-    left_out: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self.wrong)} of {len(self.ours)} cells wrong>"
+
+    @property
+    def stem(self) -> str:
+        """What the names of its files begin with."""
+        return "stability"
 
     @property
     def ours(self) -> pd.DataFrame:
@@ -81,49 +74,42 @@ class StabilityResult:
         """Our cells that are wrong: a wrong number, a crash, a hang."""
         return self.ours[self.ours["mark"].isin(BAD)]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return versions, tallies by subject and family, and every cell that is a finding, for JSON."""
-        limit = self.cells["limit"].astype(float)
-        share = self.cells["error"].astype(float) / limit.where(limit > 0)
-        right = ~self.cells["mark"].isin(BAD)
-        cells = self.cells.assign(mark=self.cells["mark"].map(str), share=share.where(right))
-        is_ours, is_faulty = cells["library"] == OURS, cells["mark"].isin([*BAD, Mark.WARNED])
-        is_refused = cells["mark"].isin([Mark.DOCUMENTED, Mark.REFUSED, Mark.UNCHECKED])
-        measured = cells[is_ours & cells["share"].notna()]
-        near = measured.loc[measured.groupby("subject", sort=False)["share"].idxmax()]
-        return {
-            "versions": self.versions,
-            "machine": platform.platform(),
-            "seed": self.seed,
-            **made_by(*COMPUTED_BY, "stability"),
-            "battery": self.battery,
-            "quick": self.quick,
-            "seconds": round(self.seconds, 1),
-            "left_out": list(self.left_out),
-            "tallies": [
-                key
-                | {
-                    "cells": len(part),
-                    "worst_over_limit": float(part["share"].fillna(0.0).max()),
-                    "marks": dict(Counter(part["mark"])),
-                }
-                for key, part in _by(cells, "library", "group", "subject", "family")
-            ],
-            "ours_wrong": _records(cells[is_ours & is_faulty].drop(columns="share")),
-            "theirs_wrong": [
-                key | {"cases": "; ".join(part["case"]), "reason": part["reason"].iloc[0], "cells": len(part)}
-                for key, part in _by(cells[~is_ours & is_faulty], "library", "subject", "family", "mark")
-            ],
-            "reasons": [
-                key | {"cells": len(part), "first": part["case"].iloc[0], "reason": part["reason"].iloc[0]}
-                for key, part in _by(cells[is_refused], "library", "subject", "family", "mark")
-            ],
-            "nearest": _records(near[["subject", "what", "error", "limit", "case"]]),
-        }
+    def document(self) -> Document:
+        """Return the result as a document."""
+        return stability_document(self.data)
 
-    def to_json(self) -> str:
-        """Return `to_dict` as JSON."""
-        return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+def summed_up(cells: pd.DataFrame) -> dict[str, Any]:
+    """Return tallies by subject and family, and every cell that is a finding, as plain JSON values."""
+    limit = cells["limit"].astype(float)
+    share = cells["error"].astype(float) / limit.where(limit > 0)
+    right = ~cells["mark"].isin(BAD)
+    cells = cells.assign(mark=cells["mark"].map(str), share=share.where(right))
+    is_ours, is_faulty = cells["library"] == OURS, cells["mark"].isin([*BAD, Mark.WARNED])
+    is_refused = cells["mark"].isin([Mark.DOCUMENTED, Mark.REFUSED, Mark.UNCHECKED])
+    measured = cells[is_ours & cells["share"].notna()]
+    near = measured.loc[measured.groupby("subject", sort=False)["share"].idxmax()]
+    return {
+        "tallies": [
+            key
+            | {
+                "cells": len(part),
+                "worst_over_limit": float(part["share"].fillna(0.0).max()),
+                "marks": dict(Counter(part["mark"])),
+            }
+            for key, part in _by(cells, "library", "group", "subject", "family")
+        ],
+        "ours_wrong": _records(cells[is_ours & is_faulty].drop(columns="share")),
+        "theirs_wrong": [
+            key | {"cases": "; ".join(part["case"]), "reason": part["reason"].iloc[0], "cells": len(part)}
+            for key, part in _by(cells[~is_ours & is_faulty], "library", "subject", "family", "mark")
+        ],
+        "reasons": [
+            key | {"cells": len(part), "first": part["case"].iloc[0], "reason": part["reason"].iloc[0]}
+            for key, part in _by(cells[is_refused], "library", "subject", "family", "mark")
+        ],
+        "nearest": _records(near[["subject", "what", "error", "limit", "case"]]),
+    }
 
 
 def _records(cells: pd.DataFrame) -> list[dict[str, Any]]:
@@ -142,7 +128,7 @@ def _by(cells: pd.DataFrame, *names: str) -> list[tuple[dict[str, Any], pd.DataF
 
 
 def stability_document(data: Mapping[str, Any]) -> Document:
-    """Return what the battery found, from `StabilityResult.to_dict` or the JSON that it was saved as."""
+    """Return what the battery found, from the `data` of a `StabilityResult` or the JSON it was saved as."""
     tallies = pd.DataFrame(data["tallies"])
     marks = pd.DataFrame(list(tallies["marks"]), index=tallies.index).reindex(columns=list(Mark))
     tallies = tallies.drop(columns="marks").join(marks.fillna(0).astype(int))
@@ -246,14 +232,6 @@ def shade(tally: Mapping[Any, Any] | None) -> Shade:
     return Shade("d2" if mixed else "d3", CHECK + DOT * mixed, says)
 
 
-def wrong_lines(data: Mapping[str, Any]) -> list[str]:
-    """Return one line for each of our cells that is wrong or warned."""
-    return [
-        f"{cell['mark']}: {cell['subject']}, {cell['case']} ({cell['family']}): {cell['reason']}"
-        for cell in data["ours_wrong"]
-    ]
-
-
 Group = Literal["models", "filters", "transforms", "features", "peers"]
 CELL_S = 180.0
 """Time limit of one cell in s: some libraries are called up to ten times in it."""
@@ -310,13 +288,20 @@ def run_stability(
 
     with ThreadPoolExecutor(max_workers=jobs) as pool:
         cells = [cell for found in pool.map(cells_of, tasks) for cell in found]
+    found = pd.DataFrame(cells)
     return StabilityResult(
-        pd.DataFrame(cells),
-        quick,
-        versions("numpy", "pandas", "numba", "mpmath", *foreign),
-        battery_hash(),
-        time.monotonic() - start,
-        left_out=tuple(given_up),
+        {
+            "versions": versions("numpy", "pandas", "numba", "mpmath", *foreign),
+            "machine": platform.platform(),
+            "seed": SEED,
+            **made_by(*COMPUTED_BY, "stability"),
+            "battery": battery_hash(),
+            "quick": quick,
+            "seconds": round(time.monotonic() - start, 1),
+            "left_out": given_up,
+            **summed_up(found),
+        },
+        found,
     )
 
 

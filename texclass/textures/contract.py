@@ -148,6 +148,24 @@ class Texture(Stored, ABC):
         """Return a renderer at rest at the texture's rate; the seed is that of its noise, if it has any."""
 
 
+def constant_stroke(
+    texture: Any,
+    speed: float,
+    force: float,
+    n: int,
+    *,
+    settled: int = 0,
+    direction: ArrayLike = (1.0, 0.0),
+    seed: int = 0,
+) -> Samples:
+    """Return the vibration (n,) of what has a renderer, stroked at one speed (mm/s) and force (N).
+
+    What it plays in the first `settled` samples is thrown away; `direction` is a unit vector.
+    """
+    velocity = np.tile(speed * np.asarray(direction), (settled + n, 1))
+    return np.asarray(texture.renderer(seed=seed).process(velocity, np.full(settled + n, force))[settled:])
+
+
 def _arguments(value: Any) -> dict[str, Any]:
     return {each.name: getattr(value, each.name) for each in fields(value) if each.init}
 

@@ -9,7 +9,8 @@ import numpy as np
 from texclass.features.scales import SCALES, scale_values
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.textures.contract import Texture
-from texclass.textures.packed import PackedTexture, pack
+from texclass.textures.packed import PackedTexture
+from texclass.textures.packing import pack
 from texclass.vibration import DecayingModes
 
 if TYPE_CHECKING:

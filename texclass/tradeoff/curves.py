@@ -26,7 +26,7 @@ from texclass.features.phase_view import Channels, views_of
 from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import AUXILIARY_UNITS, Phases, Recording, RecordingError, Samples, Tap
-from texclass.tradeoff.front import Facts, Labelled, Labels, discriminant, estimate, preparation
+from texclass.tradeoff.front import Facts, Labelled, Labels, discriminant, estimate, labelled, preparation
 from texclass.validation import check_above_0
 
 SECONDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
@@ -81,12 +81,7 @@ class Conditions:
 
     def data(self, table: FeatureTable) -> Labelled:
         """Return the columns that some recording has, with labels and groups."""
-        return self.labelled(table.of(table.defined), table.frame)
-
-    def labelled(self, X: Samples, frame: pd.DataFrame) -> Labelled:
-        """Return columns with what is known of their rows."""
-        y = frame["material"].to_numpy(dtype=str)
-        return Labelled(X, y, self.protocol.clusters(frame), self.protocol.independent(frame)[1])
+        return labelled(table.of(table.defined), table.frame, self.protocol)
 
     def accuracy(self, table: FeatureTable) -> Facts:
         """Return the accuracy of the trade's classifier on all columns of a table."""
@@ -179,7 +174,7 @@ def order_curve(conditions: Conditions) -> Facts | None:
         return None
     models = np.array([found[i] for i in kept])
     frame = pd.DataFrame([vars(dataset.entries[i]) for i in kept])
-    splits, data = conditions.splits(frame), conditions.labelled(models, frame)
+    splits, data = conditions.splits(frame), labelled(models, frame, conditions.protocol)
     points = []
     for p in ORDERS:
         up_to = data._replace(X=models[:, : p + 1])

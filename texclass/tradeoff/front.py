@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.impute import SimpleImputer
@@ -15,10 +16,13 @@ from sklearn.preprocessing import StandardScaler
 from texclass.experiment.accuracy import cluster_interval
 from texclass.experiment.cost import CostModel
 from texclass.experiment.folds import Fold, over_folds
-from texclass.experiment.protocols import Split
+from texclass.experiment.protocols import Protocol, Split
 from texclass.experiment.selection import SubsetScore, inner_splits
+from texclass.experiment.windows import parents
 from texclass.experiment.workers import Progress, each
-from texclass.recording import Samples
+from texclass.features.sets import FeatureSet
+from texclass.loaders.dataset import Dataset
+from texclass.recording import Recording, Samples
 from texclass.tradeoff.cost_selection import CostAwareSelector, best_within
 from texclass.validation import check_above_0
 
@@ -72,6 +76,57 @@ class Labelled(NamedTuple):
     y: Labels
     groups: Labels
     independent: Labels
+
+
+def labelled(X: Samples, frame: pd.DataFrame, protocol: Protocol) -> Labelled:
+    """Return columns X (n, n_columns) with what a table says of their rows."""
+    y = frame["material"].to_numpy(dtype=str)
+    return Labelled(X, y, protocol.clusters(frame), protocol.independent(frame)[1])
+
+
+def study_facts(
+    dataset: Dataset,
+    features: FeatureSet,
+    frame: pd.DataFrame,
+    like: Recording,
+    protocol: Protocol,
+    splits: Sequence[Split],
+    seed: int,
+) -> dict[str, Any]:
+    """Return what a trade-off was measured on, and over what its intervals are, as plain JSON values.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Whose recordings, one of them `like`, the rows of `frame` are (or windows of them).
+    features : FeatureSet
+        What may be bought.
+    frame : DataFrame
+        Feature table.
+    like : Recording
+        States rate and unit.
+    protocol, splits, seed
+        How its rows were held out.
+    """
+    over, of = protocol.independent(frame)
+    return {
+        "dataset": {
+            "name": dataset.name,
+            "title": dataset.title,
+            "n_recordings": int(parents(frame).nunique()),
+            "n_materials": int(frame["material"].nunique()),
+            "chance": float(frame["material"].value_counts(normalize=True).max()),
+            "fs_hz": float(like.fs),
+            "unit": like.unit,
+        },
+        "features": features.name,
+        "features_hash": features.hash,
+        "movement": features.movement,
+        "clusters": over,
+        "n_clusters": len(np.unique(of[np.concatenate([test for _, test in splits])])),
+        "seed": seed,
+        "input_hash": dataset.input_hash,
+    }
 
 
 def preparation() -> Pipeline:
@@ -200,7 +255,11 @@ def nested_fewest(
     data: Labelled, splits: Sequence[Split], most: int, *, n_jobs: int = 1
 ) -> list[tuple[int, Facts]]:
     """Return the accuracy of the best 1, 2, ... `most` columns, chosen inside each training fold."""
-    few = partial(_few, data.groups, most)
+
+    def few(fold: Fold) -> list[NDArray[np.bool_]]:
+        path = fewest_path(fold.learnt, fold.labels, data.groups[fold.train], most)
+        return [fold.hits(discriminant(), columns) for columns in path]
+
     work = [partial(over_folds, few, data.X, data.y, [split], preparation()) for split in splits]
     hits = np.concatenate([fold for found in each(work, n_jobs=n_jobs) for fold in found], axis=1)
     return [(n, estimate(right, splits, data)) for n, right in enumerate(hits, 1)]
@@ -239,9 +298,3 @@ def _at_budgets(
         hits += [fold.hits(discriminant(), list(c)) for c in (columns, few.columns if few else ())]
         bought.append((costs.of(columns), len({costs.features[i] for i in columns}), len(columns)))
     return hits, bought
-
-
-def _few(groups: Labels, most: int, fold: Fold) -> list[NDArray[np.bool_]]:
-    """Return the hits of the best 1 ... `most` columns of one fold."""
-    path = fewest_path(fold.learnt, fold.labels, groups[fold.train], most)
-    return [fold.hits(discriminant(), columns) for columns in path]

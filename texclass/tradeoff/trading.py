@@ -37,6 +37,7 @@ from texclass.tradeoff.front import (
     nested_fewest,
     nested_front,
     preparation,
+    study_facts,
 )
 from texclass.tradeoff.recogniser import Recogniser
 
@@ -152,29 +153,17 @@ def trade_off(
     if limits.materials:
         most = min(MOST_COLUMNS, limits.max_features or MOST_COLUMNS, len(offer.costs.columns))
         fewest = nested_fewest(offer.data, splits, most, n_jobs=n_jobs)
-    over, of = conditions.protocol.independent(offer.table.frame)
+    facts = study_facts(
+        dataset, features, offer.table.frame, offer.meter.recordings[0], conditions.protocol, splits, seed
+    )
+    facts["dataset"] |= {"materials": list(limits.materials), "max_seconds": limits.max_seconds}
     middle = offer.costs.total - offer.costs.features_ms / 2
     half = [p for p in front if p["budget_ms"] <= middle * (1 + 1e-9)]
     n_drawn = n_repeats if conditions.protocol.drawn else 1
     left_out = (f"left out: {item}" for item in offer.table.left_out[:4])
     return Tradeoff(
         {
-            "dataset": {
-                "name": dataset.name,
-                "title": dataset.title,
-                "n_recordings": len(offer.table.frame),
-                "n_materials": int(offer.table.frame["material"].nunique()),
-                "chance": float(offer.table.frame["material"].value_counts(normalize=True).max()),
-                "fs_hz": float(offer.meter.recordings[0].fs),
-                "unit": offer.meter.recordings[0].unit,
-                "materials": list(limits.materials),
-                "max_seconds": limits.max_seconds,
-            },
-            "features": features.name,
-            "features_hash": features.hash,
-            "movement": features.movement,
-            "clusters": over,
-            "n_clusters": len(np.unique(of[np.concatenate([test for _, test in splits])])),
+            **facts,
             "protocol": f"{protocol}, {n_drawn} x {n_folds} folds",
             **_prices(offer, seed),
             "full": full,
@@ -188,8 +177,6 @@ def trade_off(
             "curves": _curves(conditions, offer.table, limits) if with_curves else [],
             "chosen": _chosen(limits, front, fewest, offer, model_file),
             "versions": {**versions(*LIBRARIES), "machine": platform.machine()},
-            "seed": seed,
-            "input_hash": dataset.input_hash,
             **made_by(*COMPUTED_BY, "tradeoff"),
             "notes": [*left_out, *dataset.notes],
         }

@@ -72,16 +72,21 @@ class DecayingModes(Sinusoids):
         """How many modes there are; a mode with 0 < f has two poles."""
         return int(np.size(self.frequency_hz))
 
+    @property
+    def table(self) -> Samples:
+        """Frequency (Hz), decay rate (1/s), amplitude and phase of each mode, shape (n_modes, 4)."""
+        return np.stack([self.frequency_hz, self.decay_per_s, self.amplitude, self.phase], axis=1)
+
     def below(self, limit_hz: float) -> "DecayingModes":
         """Return the modes whose frequency does not exceed `limit_hz`."""
-        return self._chosen(self.frequency_hz <= limit_hz)
+        return DecayingModes(*self.table[self.frequency_hz <= limit_hz].T)
 
     def strongest(self, n_modes: int, duration_s: float = np.inf) -> "DecayingModes":
         """Return the modes of most energy A^2 (1 - exp(-2 B T)) / B over the duration T, in that order."""
         largest = np.max(self.amplitude, initial=np.finfo(float).tiny)
         B = self.decay_per_s
         energy = (self.amplitude / largest) ** 2 * -np.expm1(-2 * B * duration_s) / B
-        return self._chosen(np.argsort(-energy, kind="stable")[:n_modes])
+        return DecayingModes(*self.table[np.argsort(-energy, kind="stable")[:n_modes]].T)
 
     def synthesize(self, n_samples: int, fs: float) -> Samples:
         """Return the vibration at t = 0, 1/fs, ..., evaluated in closed form.
@@ -100,7 +105,7 @@ class DecayingModes(Sinusoids):
         """
         t = np.arange(n_samples) / positive(fs, "fs")
         x = np.zeros(n_samples)
-        for f, B, A, phi in self._table(fs):
+        for f, B, A, phi in self.table[self.frequency_hz <= fs / 2]:
             x += A * np.exp(-B * t) * np.cos(2 * np.pi * f * t + phi)
         return x
 
@@ -126,7 +131,7 @@ class DecayingModes(Sinusoids):
             b0, b1, b2, a0, a1, a2 of each section, as scipy orders them.
         """
         positive(fs, "fs")
-        f, B, A, phi = self._table(fs).T
+        f, B, A, phi = self.table[self.frequency_hz <= fs / 2].T
         r = np.minimum(np.exp(-B / fs), 1 - 2**-50)
         w = 2 * np.pi * f / fs
         real = (f == 0) | (f == fs / 2)
@@ -147,15 +152,6 @@ class DecayingModes(Sinusoids):
         for section in sections:
             total += signal.sosfilt(section[np.newaxis], excitation)
         return total
-
-    def _table(self, fs: float) -> Samples:
-        rows = np.stack([self.frequency_hz, self.decay_per_s, self.amplitude, self.phase], axis=1)
-        return rows[self.frequency_hz <= fs / 2]
-
-    def _chosen(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> "DecayingModes":
-        return DecayingModes(
-            self.frequency_hz[which], self.decay_per_s[which], self.amplitude[which], self.phase[which]
-        )
 
 
 def fit_matrix_pencil(

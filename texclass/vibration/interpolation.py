@@ -13,10 +13,10 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from texclass.recording import Samples
 from texclass.vibration import line_spectrum
-from texclass.vibration.autoregressive import Autoregression, log_cosines
+from texclass.vibration.autoregressive import Autoregression
 from texclass.vibration.line_spectrum import MIN_GAP
+from texclass.vibration.reflection import log_cosines
 
 Loudness = Literal["gain", "level"]
 Models = Sequence[Autoregression] | Autoregression
@@ -120,7 +120,10 @@ class ModelBlend:
         mean = np.prod(np.where(sounding, self.amplitude, 1.0) ** v, axis=-1)
         mixed = np.einsum("...i,ij->...j", v, self.frequencies)  # bit for bit alike for one row and for many
         theta = line_spectrum.spread(mixed, self.min_gap)
-        return _model(theta, np.asarray(share[..., 0] * mean), self.loudness)
+        k, amplitude = line_spectrum.to_reflection(theta), np.asarray(share[..., 0] * mean)
+        if self.loudness == "level":  # gain = level prod sqrt(1 - k^2)
+            amplitude = amplitude * np.exp(log_cosines(k).sum(axis=-1))
+        return Autoregression(k, amplitude)
 
 
 def interpolate(
@@ -162,45 +165,3 @@ def interpolate(
     if not np.all((w >= 0) & (w <= 1)):
         raise ValueError(f"weight is {w[~((w >= 0) & (w <= 1))][0]}; the rule is 0 to 1")
     return ModelBlend([a, b], min_gap=min_gap, loudness=loudness).at(np.stack([1 - w, w], axis=-1))
-
-
-def from_line_spectrum(lsf: ArrayLike, log_gain: ArrayLike, *, min_gap: float = MIN_GAP) -> Autoregression:
-    """Return the stable model nearest to what a regression says of frequencies and log gain.
-
-    For networks and splines whose weights may be negative: their frequencies can leave their order, and are
-    put back by `line_spectrum.spread`.
-
-    Parameters
-    ----------
-    lsf : array_like of shape (..., p)
-        Any finite numbers, rad per sample.
-    log_gain : array_like of shape (...)
-        ln(gain); -inf for silence.
-    min_gap : float
-        As for `line_spectrum.spread`.
-
-    Returns
-    -------
-    Autoregression
-        Of leading shape (...).
-
-    Raises
-    ------
-    ValueError
-        If a frequency is not finite, the shapes do not fit, or the gain exceeds a float64.
-
-    Examples
-    --------
-    >>> bool(abs(from_line_spectrum([0.5, 1.5, 1.0, 2.0], 0.0).reflection).max() < 1)
-    True
-    """
-    with np.errstate(over="ignore"):
-        gain = np.asarray(np.exp(np.asarray(log_gain, dtype=np.float64)))
-    return _model(line_spectrum.spread(lsf, min_gap), gain, "gain")
-
-
-def _model(theta: Samples, amplitude: Samples, loudness: Loudness) -> Autoregression:
-    k = line_spectrum.to_reflection(theta)
-    if loudness == "level":  # gain = level prod sqrt(1 - k^2)
-        amplitude = amplitude * np.exp(log_cosines(k).sum(axis=-1))
-    return Autoregression(k, amplitude)

@@ -23,11 +23,10 @@ from texclass.vibration.autoregressive import Autoregression
 Real = NDArray[np.floating[Any]]
 
 _CHUNK = 4096
-_GLIDE_VALUES = 16_384
 
 
 class Lattice:
-    """Parameters, the glide to the next ones, and the state between calls: what both directions share.
+    """Parameters, and the state between calls: what both directions share.
 
     Parameters
     ----------
@@ -54,46 +53,17 @@ class Lattice:
             raise ValueError(f"dtype is {self.dtype}; the rule is float64 or float32")
         if model.order < 1:
             raise ValueError("order is 0; the rule is at least 1")
+        if model.reflection.ndim != 1:
+            raise ValueError(f"reflection has shape {model.reflection.shape}; the rule is one model, (p,)")
         self._shrink = 1 - 2 * float(np.finfo(self.dtype).eps)
-        self.order = model.order
-        self._done = self._total = 0
-        self._k, self._level = self._parameters(model, level)
-        self._target = self._k, self._level
-        self._fix()
+        self.order, self._level = model.order, float(model.level if level is None else level)
+        self._check_level(np.array([self._level]))
+        self._rotation = self._turns(model.reflection)
         self.reset()
 
     def reset(self) -> None:
         """Put the lattice at rest: all states 0. The parameters stay as they are."""
         self._b = np.zeros(self.order + 1, dtype=self.dtype)
-
-    def move_to(self, model: Autoregression, n_samples: int, *, level: float | None = None) -> None:
-        """Let the parameters glide to those of `model` over the next `n_samples`, however calls cut them.
-
-        k moves linearly, the level geometrically (linearly from or to 0), sample by sample. A glide under way
-        is left where it stands, and the next starts there.
-
-        Parameters
-        ----------
-        model : Autoregression
-            Of the same order or a lower one.
-        n_samples : int
-            At least 1; with 1 the very next sample has the new parameters.
-        level : float, optional
-            As for the constructor.
-
-        Raises
-        ------
-        ValueError
-            If the order is higher, `n_samples` is below 1, or for what the constructor refuses.
-        """
-        if n_samples < 1:
-            raise ValueError(f"n_samples is {n_samples}; the rule is at least 1")
-        target = self._parameters(model, level)
-        if self._done < self._total:
-            w = self._done / self._total
-            self._k = (1 - w) * self._k + w * self._target[0]
-            self._level = float(_between(self._level, self._target[1], np.array([w]))[0])
-        self._target, self._done, self._total = target, 0, n_samples
 
     def process(self, x: ArrayLike) -> Real:
         """Pass the next piece on; the pieces together are, bit for bit, what one call would return.
@@ -113,27 +83,13 @@ class Lattice:
         ValueError
             If `x` is not one-dimensional or holds NaN or infinity: it would stay in the state for ever.
         """
-        out, start, few = self._checked(x), 0, max(_GLIDE_VALUES // self.order, 16)
-        while start < out.size:
-            if self._done < self._total:
-                stop = min(start + few, start + self._total - self._done, out.size)
-                w = np.arange(self._done + 1, self._done + 1 + stop - start) / self._total
-                k, c = np.empty((2, w.size, self.order), dtype=self.dtype)
-                kernels.glide_rows(self._k, self._target[0], w, self._shrink, k, c)
-                level = _between(self._level, self._target[1], w).astype(self.dtype)
-                self._pass_rows(out[start:stop], k, c, level)
-                self._done += stop - start
-                if self._done == self._total:
-                    self._k, self._level = self._target
-                    self._fix()
-            else:
-                stop = min(start + _CHUNK, out.size)
-                self._pass(out[start:stop])
-            start = stop
+        out = self._checked(x)
+        for start in range(0, out.size, _CHUNK):
+            self._pass(out[start : start + _CHUNK])
         return out
 
     def process_varying(self, x: ArrayLike, reflection: ArrayLike, level: ArrayLike) -> Real:
-        """Pass the next piece on with parameters of each sample's own; the last ones stay, a glide ends.
+        """Pass the next piece on with parameters of each sample's own; the last ones stay.
 
         Parameters
         ----------
@@ -160,8 +116,7 @@ class Lattice:
             rows = slice(start, start + _CHUNK)
             self._pass_rows(out[rows], *self._turns(k[rows]), levels[rows].astype(self.dtype))
         if out.size:
-            self._k, self._level = k[-1].copy(), float(levels[-1])
-            self._fix()
+            self._rotation, self._level = self._turns(k[-1]), float(levels[-1])
         return out
 
     def _pass(self, x: Real) -> None:
@@ -170,25 +125,9 @@ class Lattice:
     def _pass_rows(self, x: Real, k: Real, c: Real, level: Real) -> None:
         raise NotImplementedError
 
-    def _fix(self) -> None:
-        """Make the parameters constant from here on."""
-        self._rotation = self._turns(self._k)
-        self._target, self._done, self._total = (self._k, self._level), 0, 0
-
     def _turns(self, k: Samples) -> tuple[Real, Real]:
         c = np.sqrt((1 - k) * (1 + k))
         return (k * self._shrink).astype(self.dtype), (c * self._shrink).astype(self.dtype)
-
-    def _parameters(self, model: Autoregression, level: float | None) -> tuple[Samples, float]:
-        if model.reflection.ndim != 1 or model.order > self.order:
-            raise ValueError(
-                f"reflection has shape {model.reflection.shape}; the rule is one model, order <= {self.order}"
-            )
-        k = np.zeros(self.order)
-        k[: model.order] = model.reflection
-        rms = float(model.level) if level is None else float(level)
-        self._check_level(np.array([rms]))
-        return k, rms
 
     def _check_level(self, level: Samples) -> None:
         info = np.finfo(self.dtype)
@@ -204,13 +143,6 @@ class Lattice:
         if out.ndim != 1 or not np.all(np.isfinite(out)):
             raise ValueError(f"got shape {out.shape}; the rule is (n,) finite samples")
         return out
-
-
-def _between(start: float, end: float, w: Samples) -> Samples:
-    """Return levels at the weights w: geometric, linear from or to 0."""
-    if start > 0 and end > 0:
-        return np.asarray(np.exp((1 - w) * np.log(start) + w * np.log(end)))
-    return np.asarray((1 - w) * start + w * end)
 
 
 class LatticeSynthesis(Lattice):

@@ -15,8 +15,6 @@ from numba import njit
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from texclass.vibration.autoregressive import LARGEST
-
 Real = NDArray[np.floating]
 
 FOURS_ORDER = 6
@@ -184,14 +182,3 @@ def whiten_rows(x: Real, k: Real, c: Real, b: Real) -> None:
             f = fma(k[t, m], below, f) / c[t, m]
             up = fma(k[t, m], f, c[t, m] * below)
         x[t] = f
-
-
-@njit(cache=True, error_model="numpy")
-def glide_rows(start: Real, end: Real, weight: Real, shrink: float, k: Real, c: Real) -> None:
-    """Fill `k` and `c` with the rotations of (1 - w) start + w end, times `shrink`, one row per weight."""
-    for t in range(weight.size):
-        w = weight[t]
-        for m in range(start.size):
-            between = min(max((1.0 - w) * start[m] + w * end[m], -LARGEST), LARGEST)
-            k[t, m] = between * shrink
-            c[t, m] = np.sqrt((1.0 - between) * (1.0 + between)) * shrink

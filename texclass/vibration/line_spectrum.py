@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from texclass.recording import Samples
-from texclass.vibration.autoregressive import LARGEST, SMALLEST_ANGLE
+from texclass.vibration.reflection import LARGEST, SMALLEST_ANGLE
 
 MIN_GAP = 1e-12
 """Least gap between line spectral frequencies, in rad: far above rounding, far below any felt resonance's."""

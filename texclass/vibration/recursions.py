@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from texclass.recording import Samples
-from texclass.vibration.autoregressive import EXHAUSTED, LARGEST, SMALLEST_ANGLE
+from texclass.vibration.reflection import EXHAUSTED, LARGEST, SMALLEST_ANGLE
 
 Indices = NDArray[np.int64]
 

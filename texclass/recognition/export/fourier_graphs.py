@@ -5,91 +5,85 @@ The `DFT` of ONNX Runtime is slow where a length is no power of two. Here a leng
 them. Matrices are looked up in a table of one turn when the file is loaded; the file holds the table.
 """
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
+from texclass.recognition.export.graph import Graph, Tensor
 from texclass.recording import Samples
 
-if TYPE_CHECKING:
-    from texclass.recognition.export.graph import Graph
 
-
-def rfft(graph: "Graph", rows: str, n: int, n_fft: int, n_bins: int) -> tuple[str, str]:
+def rfft(rows: Tensor, n: int, n_fft: int, n_bins: int) -> tuple[Tensor, Tensor]:
     """Add the first bins of the discrete Fourier transform of real rows, zero-padded to `n_fft`.
 
     Parameters
     ----------
-    graph : Graph
-        Grows.
-    rows : str
-        Tensor of shape (n_rows, n), double.
+    rows : Tensor
+        Of shape (n_rows, n), double.
     n, n_fft, n_bins : int
         Samples of a row, length of the transform, bins from 0 on that are wanted, at most n_fft // 2 + 1.
 
     Returns
     -------
-    real, imaginary : str
+    real, imaginary : Tensor
         Of shape (n_rows, n_bins).
     """
+    graph = rows.graph
     N1, N2 = factors(n_fft)
     K1 = N1 // 2 + 1
     if N2 == 1 or n * n_bins <= K1 * N2 * (N1 + 2 * N2):
         cos, sin = _turns(graph, n, n_bins, n_fft)
-        return graph.add("MatMul", rows, cos), graph.add("Neg", graph.add("MatMul", rows, sin))
+        return rows @ cos, -(rows @ sin)
     # X[k1 + N1 k2] = sum_n2 W_N^(n2 k1) (sum_n1 x[N2 n1 + n2] W_N1^(n1 k1)) W_N2^(n2 k2),
     # W_N = exp(-2 pi i / N); all through, what is kept beside the real part is minus the imaginary one.
     if n < n_fft:
         rows = graph.add("Pad", rows, np.array([0, 0, 0, n_fft - n], dtype=np.int64))
-    x = graph.reshape(rows, 0, N1, N2)
+    x = rows.reshape(0, N1, N2)
     cos, sin = _turns(graph, K1, N1, N1)
-    real, minus = graph.add("MatMul", cos, x), graph.add("MatMul", sin, x)
-    real, minus = _turned(graph, real, minus, K1, N2, n_fft)
+    real, minus = _turned(cos @ x, sin @ x, K1, N2, n_fft)
     cos, sin = _turns(graph, N2, N2, N2)
-    M = _beside([[cos, sin], [graph.add("Neg", sin), cos]], graph, ("rfft", N2))
-    X = graph.add("MatMul", graph.add("Concat", real, minus, axis=2), M)
-    X = graph.reshape(X, 0, K1 * 2 * N2)
+    M = _blocks(graph, ("rfft", N2), lambda: [[cos, sin], [-sin, cos]])
+    X = (graph.beside(real, minus, axis=2) @ M).reshape(0, K1 * 2 * N2)
     # Of the bins k1 above N1/2 the mirror images are there: X[k] = conj X[N - k].
     k = np.arange(n_bins)
     mirrored = k % N1 >= K1
     k = np.where(mirrored, n_fft - k, k)
     at = (k % N1) * 2 * N2 + k // N1
-    real, minus = graph.add("Gather", X, at, axis=1), graph.add("Gather", X, at + N2, axis=1)
-    return real, graph.add("Mul", minus, np.where(mirrored, 1.0, -1.0))
+    real, minus = X.take(at), X.take(at + N2)
+    return real, minus * np.where(mirrored, 1.0, -1.0)
 
 
-def power(graph: "Graph", rows: str, n: int, n_fft: int, n_bins: int) -> str:
+def power(rows: Tensor, n: int, n_fft: int, n_bins: int) -> Tensor:
     """Add |X_k|^2 of what `rfft` gives, shape (n_rows, n_bins)."""
-    real, imaginary = rfft(graph, rows, n, n_fft, n_bins)
-    return graph.add("Add", graph.add("Mul", real, real), graph.add("Mul", imaginary, imaginary))
+    real, imaginary = rfft(rows, n, n_fft, n_bins)
+    return real * real + imaginary * imaginary
 
 
-def irfft(graph: "Graph", real: str, imaginary: str, n: int) -> str:
+def irfft(real: Tensor, imaginary: Tensor, n: int) -> Tensor:
     """Add the real rows, shape (n_rows, n), of which all n // 2 + 1 bins are given.
 
     What is imaginary at 0 and at half the rate must be 0.
     """
-    n_bins, (N1, N2) = n // 2 + 1, factors(n)
+    graph, n_bins, (N1, N2) = real.graph, n // 2 + 1, factors(n)
     if N2 == 1 or n_bins <= 2 * N1 + N2:
         cos, sin = _turns(graph, n_bins, n, n)
         twice = np.where((np.arange(n_bins) == 0) | (2 * np.arange(n_bins) == n), 1.0, 2.0) / n
-        real, imaginary = graph.add("Mul", real, twice), graph.add("Mul", imaginary, twice)
-        return graph.add("Sub", graph.add("MatMul", real, cos), graph.add("MatMul", imaginary, sin))
+        real, imaginary = real * twice, imaginary * twice
+        return real @ cos - imaginary @ sin
     # x[c + N1 d] = 1/N sum_b V_N^(b c) (sum_a X[N2 a + b] V_N1^(a c)) V_N2^(b d), V_N = exp(2 pi i/N)
     k = np.arange(n)
     mirrored = k >= n_bins
     k = np.where(mirrored, n - k, k)
-    real = graph.add("Mul", graph.add("Gather", real, k, axis=1), 1 / n)
-    imaginary = graph.add("Mul", graph.add("Gather", imaginary, k, axis=1), np.where(mirrored, -1 / n, 1 / n))
-    X = graph.add("Concat", graph.reshape(real, 0, N1, N2), graph.reshape(imaginary, 0, N1, N2), axis=1)
+    real = real.take(k) * (1 / n)
+    imaginary = imaginary.take(k) * np.where(mirrored, -1 / n, 1 / n)
+    X = graph.beside(real.reshape(0, N1, N2), imaginary.reshape(0, N1, N2))
     cos, sin = _turns(graph, N1, N1, N1)
-    M = _beside([[cos, graph.add("Neg", sin)], [sin, cos]], graph, ("irfft", N1))
-    X = graph.add("MatMul", M, X)
-    real, imaginary = graph.cut(X, 0, N1, axis=1), graph.cut(X, N1, 2 * N1, axis=1)
-    real, imaginary = _turned(graph, real, imaginary, N1, N2, n)
+    X = _blocks(graph, ("irfft", N1), lambda: [[cos, -sin], [sin, cos]]) @ X
+    real, imaginary = X.cut(0, N1, axis=1), X.cut(N1, 2 * N1, axis=1)
+    real, imaginary = _turned(real, imaginary, N1, N2, n)
     cos, sin = _turns(graph, N2, N2, N2)
-    x = graph.add("Sub", graph.add("MatMul", real, cos), graph.add("MatMul", imaginary, sin))
-    return graph.reshape(graph.add("Transpose", x, perm=[0, 2, 1]), 0, n)
+    x = real @ cos - imaginary @ sin
+    return graph.add("Transpose", x, perm=[0, 2, 1]).reshape(0, n)
 
 
 def factors(n: int) -> tuple[int, int]:
@@ -99,22 +93,18 @@ def factors(n: int) -> tuple[int, int]:
     return N1, n // N1
 
 
-def _turned(
-    graph: "Graph", real: str, imaginary: str, n_rows: int, n_columns: int, n: int
-) -> tuple[str, str]:
+def _turned(real: Tensor, imaginary: Tensor, n_rows: int, n_columns: int, n: int) -> tuple[Tensor, Tensor]:
     """Add a rotation of element (r, c) of the last two axes by 2 pi r c / n."""
+    graph = real.graph
     angle = 2 * np.pi / n * np.outer(np.arange(n_rows, dtype=np.float64), np.arange(n_columns))
     cos, sin = graph.once(("turned", n_rows, n_columns, n), lambda: _constants(graph, angle))
-    return (
-        graph.add("Sub", graph.add("Mul", real, cos), graph.add("Mul", imaginary, sin)),
-        graph.add("Add", graph.add("Mul", real, sin), graph.add("Mul", imaginary, cos)),
-    )
+    return real * cos - imaginary * sin, real * sin + imaginary * cos
 
 
-def _turns(graph: "Graph", n_rows: int, n_columns: int, period: int) -> tuple[str, str]:
+def _turns(graph: Graph, n_rows: int, n_columns: int, period: int) -> tuple[Tensor, Tensor]:
     """Add cos and sin of 2 pi r c / period, shape (n_rows, n_columns): made when the file is loaded."""
 
-    def make() -> tuple[str, str]:
+    def make() -> tuple[Tensor, Tensor]:
         angle = 2 * np.pi / period * np.arange(period, dtype=np.float64)
         cos, sin = graph.once(("turn", period), lambda: _constants(graph, angle))
         r, c = np.arange(n_rows, dtype=np.int64)[:, None], np.arange(n_columns, dtype=np.int64)
@@ -124,15 +114,10 @@ def _turns(graph: "Graph", n_rows: int, n_columns: int, period: int) -> tuple[st
     return graph.once(("turns", n_rows, n_columns, period), make)
 
 
-def _constants(graph: "Graph", angle: Samples) -> tuple[str, str]:
+def _constants(graph: Graph, angle: Samples) -> tuple[Tensor, Tensor]:
     return graph.constant(np.cos(angle)), graph.constant(np.sin(angle))
 
 
-def _beside(blocks: list[list[str]], graph: "Graph", key: tuple[str, int]) -> str:
+def _blocks(graph: Graph, key: tuple[str, int], blocks: Callable[[], list[list[Tensor]]]) -> Tensor:
     """Add a matrix of blocks, once."""
-
-    def make() -> str:
-        rows = [graph.add("Concat", *row, axis=1) for row in blocks]
-        return graph.add("Concat", *rows, axis=0)
-
-    return graph.once(("blocks", *key), make)
+    return graph.once(key, lambda: graph.beside(*(graph.beside(*row) for row in blocks()), axis=0))

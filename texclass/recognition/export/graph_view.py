@@ -1,29 +1,25 @@
 """What features as graphs are made with: a view of movements as tensors, and which feature has a builder.
 
 A builder takes a `GraphView`, which stands for `PhaseView`, and the parameters of the feature; it returns
-the name of a tensor (n, n_outputs) of double precision, NaN in a row where the signal leaves the feature
-undefined. Where the length or the rate of a window does, nothing is built. Comparisons are made on samples of
-single precision, as the functions do, so that counts are equal; sums are made in double precision.
+a tensor (n, n_outputs) of double precision, NaN in a row where the signal leaves the feature undefined. Where
+the length or the rate of a window does, nothing is built. Comparisons are made on samples of single
+precision, as the functions do, so that counts are equal; sums are made in double precision.
 
 A feature of one's own gets a graph under ``@graph_of("its_name")``, anywhere in the module that defines it.
 """
 
 import importlib
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from texclass.features.phase_view import LEAST_PIECE
 from texclass.features.sets import FeatureSet, Member
+from texclass.recognition.export.graph import Graph, Made, Tensor
 
-if TYPE_CHECKING:
-    from texclass.recognition.export.graph import Graph
-
-Builder = Callable[..., str]
+Builder = Callable[..., Tensor]
 GRAPHS: dict[str, Builder] = {}
 """Feature -> its builder; see `builders`."""
 MODULES = ("feature_graphs", "filtered_graphs")
@@ -36,96 +32,75 @@ class GraphView:
 
     Attributes
     ----------
-    graph : Graph
-        Grows.
-    samples : str
-        Tensor of shape (n, n_samples), double, conditioned.
+    samples : Tensor
+        Of shape (n, n_samples), double, conditioned.
     fs : float
         Sampling rate in Hz.
     n_samples : int
         Samples of each movement.
     """
 
-    graph: "Graph"
-    samples: str
+    samples: Tensor
     fs: float
     n_samples: int
 
-    def once(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Any:
+    @property
+    def graph(self) -> Graph:
+        """What grows."""
+        return self.samples.graph
+
+    def once(self, key: tuple[Any, ...], make: Callable[[], Made]) -> Made:
         """Return what `make` adds for these movements, added once."""
-        return self.graph.once((self.samples, *key), make)
+        return self.graph.once((self.samples.name, *key), make)
 
     @property
-    def level(self) -> str:
+    def level(self) -> Tensor:
         """The largest magnitude, shape (n, 1)."""
-        return str(self.once(("level",), lambda: self.mean(self.add("Abs", self.samples), "ReduceMax")))
+        return self.once(("level",), lambda: abs(self.samples).reduced("ReduceMax", -1))
 
     @property
-    def silent(self) -> str:
+    def silent(self) -> Tensor:
         """Whether all samples are the same, or one is not finite, shape (n, 1), bool."""
 
-        def make() -> str:
-            range_ = self.add(
-                "Sub", self.mean(self.samples, "ReduceMax"), self.mean(self.samples, "ReduceMin")
-            )
-            finite = self.add("IsNaN", self.add("Mul", self.level, 0.0))
-            return self.add("Or", self.add("Not", self.add("Greater", range_, 0.0)), finite)
+        def make() -> Tensor:
+            range_ = self.samples.reduced("ReduceMax", -1) - self.samples.reduced("ReduceMin", -1)
+            is_broken = self.add("IsNaN", self.level * 0.0)
+            return self.add("Not", range_ > 0.0) | is_broken
 
-        return str(self.once(("silent",), make))
+        return self.once(("silent",), make)
 
     @property
-    def unit32(self) -> str:
+    def unit32(self) -> Tensor:
         """The samples divided by `level`, in single precision, shape (n, n_samples)."""
-        unit = partial(self.add, "Div", self.samples, self.level)
-        return str(self.once(("unit32",), lambda: self.graph.cast(unit(), np.float32)))
+        return self.once(("unit32",), lambda: (self.samples / self.level).cast(np.float32))
 
     @property
-    def unit(self) -> str:
+    def unit(self) -> Tensor:
         """What `unit32` holds, in double precision."""
-        return str(self.once(("unit",), lambda: self.graph.cast(self.unit32, np.float64)))
+        return self.once(("unit",), lambda: self.unit32.cast(np.float64))
 
     @property
-    def log_level(self) -> str:
+    def log_level(self) -> Tensor:
         """log10 of `level`, shape (n, 1)."""
-        return str(self.once(("log_level",), lambda: self.log10(self.level)))
+        return self.once(("log_level",), self.level.log10)
 
-    def add(self, operator: str, *operands: Any, **attributes: Any) -> str:
+    def add(self, operator: str, *operands: Any, **attributes: Any) -> Tensor:
         """Add a node; see `Graph.add`."""
         return self.graph.add(operator, *operands, **attributes)
 
-    def shifted(self, operand: str, at: int, n: int) -> str:
-        """Add the elements [at, at + n) of the last axis."""
-        return self.graph.cut(operand, at, at + n)
-
-    def mean(self, operand: str, reduction: str = "ReduceMean", axis: int = -1) -> str:
-        """Add a reduction over an axis, which is kept."""
-        return self.add(reduction, operand, np.array([axis], dtype=np.int64), keepdims=1)
-
-    def log10(self, operand: str) -> str:
-        """Add a logarithm."""
-        return self.add("Mul", self.add("Log", operand), 1 / math.log(10))
-
-    def running(self, operand: str) -> str:
+    def running(self, operand: Tensor) -> Tensor:
         """Add sums of the first 0, 1, 2 ... elements of rows."""
         return self.add(
             "Pad", self.add("CumSum", operand, np.array(1)), np.array([0, 1, 0, 0], dtype=np.int64)
         )
 
-    def moving_average(self, operand: str, size: int, n: int) -> str:
+    def moving_average(self, operand: Tensor, size: int, n: int) -> Tensor:
         """Add the centred moving average over n of rows of `size`, cut at the ends; see `moving_average`."""
         start = np.arange(size) - min(n, 2 * size) // 2
         first, stop = np.maximum(start, 0), np.minimum(start + min(n, 2 * size), size)
         running = self.running(operand)
-        low, high = (self.add("Gather", running, at, axis=1) for at in (first, stop))
-        return self.add("Div", self.add("Sub", high, low), (stop - first).astype(np.float64))
-
-    def beside(self, *columns: str) -> str:
-        """Add what has tensors (n, ...) side by side."""
-        return self.add("Concat", *columns, axis=1)
-
-    def where(self, defined: str, values: str) -> str:
-        """Add values, NaN where they are not defined."""
-        return self.add("Where", defined, values, np.nan)
+        low, high = (running.take(at) for at in (first, stop))
+        return (high - low) / (stop - first).astype(np.float64)
 
 
 def graph_of(feature: str) -> Callable[[Builder], Builder]:
@@ -159,7 +134,7 @@ def without_graph(feature_set: FeatureSet) -> tuple[str, ...]:
     )
 
 
-def member_graph(view: GraphView, member: Member) -> str:
+def member_graph(view: GraphView, member: Member) -> Tensor:
     """Add all columns of a member of a set, shape (n, n_columns): NaN in all where one is undefined.
 
     Parameters
@@ -178,12 +153,12 @@ def member_graph(view: GraphView, member: Member) -> str:
     values = part.add("Where", part.silent, np.nan, made)
     n_outputs = len(member.all_columns) // n_pieces
     if cut:
-        values = view.graph.reshape(values, -1, n_pieces, n_outputs)
-        values = view.graph.reshape(view.add("Transpose", values, perm=[0, 2, 1]), 0, n_outputs * n_pieces)
+        values = values.reshape(-1, n_pieces, n_outputs)
+        values = view.add("Transpose", values, perm=[0, 2, 1]).reshape(0, n_outputs * n_pieces)
     elif n_pieces > 1:
-        values = view.add("Gather", values, np.repeat(np.arange(n_outputs), n_pieces), axis=1)
-    finite = view.mean(view.add("Mul", values, 0.0), "ReduceSum")  # NaN if one is NaN or infinite
-    return view.add("Where", view.add("IsNaN", finite), np.nan, values)
+        values = values.take(np.repeat(np.arange(n_outputs), n_pieces))
+    broken = view.add("IsNaN", (values * 0.0).sum())  # one is NaN or infinite
+    return view.add("Where", broken, np.nan, values)
 
 
 def pieces_of(view: GraphView, n_pieces: int) -> GraphView:
@@ -191,8 +166,6 @@ def pieces_of(view: GraphView, n_pieces: int) -> GraphView:
 
     def make() -> GraphView:
         size = view.n_samples // n_pieces
-        whole = view.shifted(view.samples, 0, size * n_pieces)
-        return GraphView(view.graph, view.graph.reshape(whole, -1, size), view.fs, size)
+        return GraphView(view.samples.cut(0, size * n_pieces).reshape(-1, size), view.fs, size)
 
-    found: GraphView = view.once(("pieces", n_pieces), make)
-    return found
+    return view.once(("pieces", n_pieces), make)

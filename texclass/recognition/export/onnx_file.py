@@ -10,8 +10,17 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from texclass import __version__
-from texclass.recognition.export.graph import UNDEFINED, OnnxExportError, build
-from texclass.recognition.export.parity import TOLERANCE, Parity, check_parity, reference, remembered, run
+from texclass.recognition.export.answers_graph import UNDEFINED, build
+from texclass.recognition.export.graph import OnnxExportError
+from texclass.recognition.export.parity import (
+    TOLERANCE,
+    Parity,
+    check_of,
+    check_parity,
+    reference,
+    remembered,
+    run,
+)
 from texclass.recognition.export.sample_graph import (
     SAMPLES,
     build_of_samples,
@@ -268,16 +277,8 @@ def _self_checks(model: Model) -> list[dict[str, Any]]:
     some = np.linspace(0, len(known) - 1, min(N_REMEMBERED, len(known)), dtype=int)
     X = np.concatenate([[median, gaps], known[some]])
     said = reference(model, X)
-    return [
-        {
-            "features": _listed(X[i]),
-            "label": str(said["label"][i]),
-            "probabilities": said["probabilities"][i].tolist(),
-            "p_known": float(said["p_known"][i]),
-            "unknown": bool(said["unknown"][i]),
-        }
-        for i in np.flatnonzero(said["label"] != UNDEFINED)
-    ]
+    answered = np.flatnonzero(said["label"] != UNDEFINED).tolist()
+    return [{"features": _listed(X[i]), **check_of(said, i)} for i in answered]
 
 
 def _listed(values: Samples) -> list[float | None]:

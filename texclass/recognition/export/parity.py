@@ -16,7 +16,8 @@ from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.vote_of_pieces import VoteOfPieces
-from texclass.recognition.export.graph import FEATURES, OUTPUTS, UNDEFINED, OnnxExportError
+from texclass.recognition.export.answers_graph import FEATURES, OUTPUTS, UNDEFINED
+from texclass.recognition.export.graph import OnnxExportError
 from texclass.recognition.model import Model
 from texclass.recognition.probabilities import class_scores
 from texclass.recognition.unknown import strangeness
@@ -223,6 +224,16 @@ def reference(model: Model, X: Samples) -> Said:
         said[name] = np.full((len(X), *values.shape[1:]), undefined, dtype=values.dtype)
         said[name][defined] = values
     return said | {"unknown": _verdict(model, X, np.nan_to_num(said["p_known"]))}
+
+
+def check_of(said: Said, i: int) -> dict[str, Any]:
+    """Return the answer for row i, with which a program can check its own."""
+    return {
+        "label": str(said["label"][i]),
+        "probabilities": said["probabilities"][i].tolist(),
+        "p_known": float(said["p_known"][i]),
+        "unknown": bool(said["unknown"][i]),
+    }
 
 
 def _prepared(model: Model, X: Samples) -> Samples:

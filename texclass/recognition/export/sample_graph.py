@@ -8,8 +8,9 @@ import numpy as np
 from texclass.features.phase_view import LEAST_PIECE, TURN, PhaseView, UndefinedFeatureError, kept_length
 from texclass.features.plan import Plan
 from texclass.features.sets import Member
+from texclass.recognition.export.answers_graph import add_answers
 from texclass.recognition.export.fourier_graphs import irfft, rfft
-from texclass.recognition.export.graph import Graph, OnnxExportError, add_answers, along, tensor_of
+from texclass.recognition.export.graph import Graph, OnnxExportError, Tensor, tensor_of
 from texclass.recognition.export.graph_view import GraphView, member_graph, without_graph
 from texclass.recognition.model import Model
 from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples
@@ -132,19 +133,22 @@ def build_of_samples(model: Model, n_samples: int, *, with_features: bool = Fals
     OnnxExportError
         If a feature, a step or the classifier has no export.
     """
-    from onnx import TensorProto
-
     check_graphs(model)
-    graph, channels = Graph(same_pieces=_same_pieces(model, n_samples)), channels_of(model)
-    entry = tensor_of(SAMPLES, TensorProto.FLOAT, "n", len(channels), n_samples)
-    x = graph.cast(SAMPLES, np.float64)
-    features = add_features(Windows.of(model, n_samples), graph, x)
-    finite = graph.add("ReduceSum", graph.add("Mul", x, 0.0), along(1, 2), keepdims=0)
-    outputs = add_answers(model, graph, features, graph.add("IsNaN", finite))
+    windows = Windows.of(model, n_samples)
+    x, entry = windows_in(windows, "n", same_pieces=_same_pieces(model, n_samples))
+    features = add_features(windows, x)
+    broken = x.graph.add("IsNaN", (x * 0.0).reduced("ReduceSum", 1, 2, keepdims=False))
+    outputs = add_answers(model, features, broken)
     if with_features:
-        graph.add("Identity", features, name="features")
-        outputs.append(tensor_of("features", TensorProto.DOUBLE, "n", len(model.columns)))
-    return graph.model([entry], outputs, "surfaces", DOC)
+        x.graph.add("Identity", features, name="features")
+        outputs.append(tensor_of("features", np.float64, "n", len(model.columns)))
+    return x.graph.model([entry], outputs, "surfaces", DOC)
+
+
+def windows_in(windows: Windows, n: int | str, *, same_pieces: bool = False) -> tuple[Tensor, Any]:
+    """Return n windows of samples in double precision, in a new graph, and the description of its input."""
+    entry = tensor_of(SAMPLES, np.float32, n, len(windows.channels), windows.n_samples)
+    return Tensor(Graph(same_pieces=same_pieces), SAMPLES).cast(np.float64), entry
 
 
 def recording_of(model: Model, window: Samples) -> Recording:
@@ -182,21 +186,19 @@ def _same_pieces(model: Model, n_samples: int) -> bool:
     return bool((pieces == pieces[:, :, :1]).all())
 
 
-def features_of(windows: Windows, graph: Graph, x: str) -> tuple[list[str], list[str]]:
+def features_of(windows: Windows, x: Tensor) -> tuple[list[Tensor], list[str]]:
     """Add the columns of a plan, of windows (n, n_channels, n_samples) in double precision.
 
     Parameters
     ----------
     windows : Windows
         All features of the plan have a graph.
-    graph : Graph
-        Grows.
-    x : str
+    x : Tensor
         The windows.
 
     Returns
     -------
-    tensors : list of str
+    tensors : list of Tensor
         One a feature, shape (n, its columns).
     places : list of str
         The columns of these side by side.
@@ -204,106 +206,83 @@ def features_of(windows: Windows, graph: Graph, x: str) -> tuple[list[str], list
     plan = windows.plan
     apart = [(prefix.removesuffix("/"), part) for prefix, part in plan.parts if prefix]
     places: list[str] = []
-    tensors: list[str] = []
+    tensors: list[Tensor] = []
     if apart:  # the channels one after the other, as movements of their own
         names = [name for name, _ in apart]
         at = np.array([plan.channels.index(name) for name in names])
-        rows = graph.reshape(graph.add("Gather", x, at, axis=1), -1, 1, windows.n_samples)
+        rows = x.take(at).reshape(-1, 1, windows.n_samples)
         is_axis = np.array([name not in TURN for name in names])
-        views = _movements(windows, graph, rows, 1, is_axis)
+        views = _movements(windows, rows, 1, is_axis)
         members = {member.name: member for _, part in apart for member in part.members}
         for member in members.values():
-            values = _columns(graph, views[member.without_hand], member)
-            tensors.append(graph.reshape(values, -1, len(names) * len(member.all_columns)))
+            values = _columns(views[member.without_hand], member)
+            tensors.append(values.reshape(-1, len(names) * len(member.all_columns)))
             places += [f"{name}/{column}" for name in names for column in member.all_columns]
     for part in (part for prefix, part in plan.parts if not prefix):
-        views = _movements(windows, graph, x, len(windows.channels))
-        tensors += [_columns(graph, views[member.without_hand], member) for member in part.members]
+        views = _movements(windows, x, len(windows.channels))
+        tensors += [_columns(views[member.without_hand], member) for member in part.members]
         places += [column for member in part.members for column in member.all_columns]
     return tensors, places
 
 
-def add_features(windows: Windows, graph: Graph, x: str) -> str:
+def add_features(windows: Windows, x: Tensor) -> Tensor:
     """Add the columns of a plan in their order, shape (n, n_columns); see `features_of`."""
-    tensors, places = features_of(windows, graph, x)
-    every = graph.add("Concat", *tensors, axis=1) if len(tensors) > 1 else tensors[0]
+    tensors, places = features_of(windows, x)
+    every = x.graph.beside(*tensors) if len(tensors) > 1 else tensors[0]
     order = [places.index(column) for column in windows.plan.columns]
-    return every if order == list(range(len(places))) else graph.add("Gather", every, np.array(order), axis=1)
+    return every if order == list(range(len(places))) else every.take(np.array(order))
 
 
-def _columns(graph: Graph, view: GraphView, member: Member) -> str:
+def _columns(view: GraphView, member: Member) -> Tensor:
     """Add all columns of a member; NaN where the length or the rate leaves it undefined, found by trying."""
     noise = np.random.default_rng(0).standard_normal(view.n_samples)
     try:
         member.feature.function(PhaseView(noise, view.fs), **member.parameters)
     except UndefinedFeatureError:
-        nothing = np.full((1, len(member.all_columns)), np.nan)
-        return graph.add("Add", graph.add("Mul", view.level, 0.0), nothing)
+        return view.level * 0.0 + np.full((1, len(member.all_columns)), np.nan)
     return member_graph(view, member)
 
 
-def _movements(
-    windows: Windows, graph: Graph, x: str, n_axes: int, is_axis: Any = True
-) -> dict[bool, GraphView]:
+def _movements(windows: Windows, x: Tensor, n_axes: int, is_axis: Any = True) -> dict[bool, GraphView]:
     """Add conditioned movements of windows (n, n_axes, n_samples): with (False) and without the hand (True).
 
     See `Views.movement` and `Views.without_hand`.
     """
     fs, n_samples = windows.fs, windows.n_samples
     n = kept_length(n_samples)
-    kept = graph.cut(x, 0, n) if n < n_samples else x
-    mean = graph.add("ReduceMean", kept, along(2), keepdims=1)
-    axes = graph.add("Sub", kept, mean)
-    samples = graph.reshape(axes, 0, n) if n_axes == 1 else _dft321(graph, axes, n_axes, n)
-    movement = GraphView(graph, samples, fs, n)
+    kept = x.cut(0, n) if n < n_samples else x
+    mean = kept.mean(2)
+    axes = kept - mean
+    samples = axes.reshape(0, n) if n_axes == 1 else _dft321(axes, n_axes, n)
+    movement = GraphView(samples, fs, n)
     felt_by_hand = any(member.without_hand for _, part in windows.plan.parts for member in part.members)
     if windows.unit != "m/s^2" or not felt_by_hand:
         return {False: movement, True: movement}
     if windows.without_level:  # then the mean is no gravity
-        level = _median(graph, x, n_samples)
+        largest, _ = x.graph.largest(x, n_samples // 2 + 1)
+        level = largest.cut(n_samples // 2 - (n_samples % 2 == 0), n_samples // 2 + 1).mean(2)  # median
         if not np.all(is_axis):  # a turn rate keeps its own
-            level = graph.add("Mul", graph.reshape(level, -1, len(is_axis)), np.where(is_axis, 1.0, 0.0))
-            level = graph.reshape(level, -1, 1, 1)
-        mean = graph.add("Sub", mean, level)
-    weight = graph.add("Sqrt", graph.add("ReduceSumSquare", mean, along(1, 2), keepdims=0))
-    is_gravity = graph.add("Unsqueeze", graph.add("Greater", weight, STANDARD_GRAVITY / 2), along(1))
+            level = level.reshape(-1, len(is_axis)) * np.where(is_axis, 1.0, 0.0)
+            level = level.reshape(-1, 1, 1)
+        mean = mean - level
+    weight = mean.reduced("ReduceSumSquare", 1, 2, keepdims=False).sqrt()
+    is_gravity = (weight > STANDARD_GRAVITY / 2).unsqueeze()
     span = max(2 * round(HAND_SPAN_S * fs / 2) + 1, 3)
-    away = graph.add("Sub", samples, movement.moving_average(samples, n, span))
-    return {False: movement, True: GraphView(graph, graph.add("Where", is_gravity, away, samples), fs, n)}
+    away = samples - movement.moving_average(samples, n, span)
+    return {False: movement, True: GraphView(away.where(is_gravity, samples), fs, n)}
 
 
-def _median(graph: Graph, x: str, n: int) -> str:
-    """Add the median over the last axis, which is kept."""
-    from onnx import helper
-
-    largest = f"{x}_largest"
-    k = graph.constant(along(n // 2 + 1))
-    graph.nodes.append(helper.make_node("TopK", [x, k], [largest, f"{largest}_at"]))
-    middle = graph.cut(largest, n // 2 - (n % 2 == 0), n // 2 + 1)
-    return graph.add("ReduceMean", middle, along(2), keepdims=1)
-
-
-def _dft321(graph: Graph, axes: str, n_axes: int, n: int) -> str:
+def _dft321(axes: Tensor, n_axes: int, n: int) -> Tensor:
     """Add one signal (n_rows, n) of several axes (n_rows, n_axes, n) without their means; see `dft321`."""
-    n_bins = n // 2 + 1
+    add, n_bins = axes.graph.add, n // 2 + 1
     bins = np.arange(n_bins)
-    real, imaginary = (
-        graph.reshape(part, -1, n_axes, n_bins)
-        for part in rfft(graph, graph.reshape(axes, -1, n), n, n, n_bins)
-    )
-    imaginary = graph.add("Mul", imaginary, np.where((bins == 0) | (2 * bins == n), 0.0, 1.0))
-    squares = graph.add("Add", graph.add("Mul", real, real), graph.add("Mul", imaginary, imaginary))
-    energy = graph.add("ReduceSum", squares, along(1), keepdims=0)
-    size = graph.add("Sqrt", graph.add("Mul", energy, np.where(bins == 0, 0.0, 1.0)))
+    real, imaginary = (part.reshape(-1, n_axes, n_bins) for part in rfft(axes.reshape(-1, n), n, n, n_bins))
+    imaginary = imaginary * np.where((bins == 0) | (2 * bins == n), 0.0, 1.0)
+    energy = (real * real + imaginary * imaginary).reduced("ReduceSum", 1, keepdims=False)
+    size = (energy * np.where(bins == 0, 0.0, 1.0)).sqrt()
     weights = 1 + (n_axes - 1 - np.arange(n_axes)[:, None]) * AXIS_PREFERENCE_SINGLE
-    real, imaginary = (
-        graph.add("ReduceSum", graph.add("Mul", part, weights), along(1), keepdims=0)
-        for part in (real, imaginary)
-    )
-    magnitude = graph.add(
-        "Sqrt", graph.add("Add", graph.add("Mul", real, real), graph.add("Mul", imaginary, imaginary))
-    )
-    vanishing = graph.add("Equal", magnitude, 0.0)
-    scale = graph.add("Div", size, graph.add("Where", vanishing, 1.0, magnitude))
-    real = graph.add("Mul", graph.add("Where", vanishing, 1.0, real), scale)
-    return irfft(graph, real, graph.add("Mul", imaginary, scale), n)
+    real, imaginary = ((z * weights).reduced("ReduceSum", 1, keepdims=False) for z in (real, imaginary))
+    magnitude = (real * real + imaginary * imaginary).sqrt()
+    vanishing = add("Equal", magnitude, 0.0)
+    scale = size / add("Where", vanishing, 1.0, magnitude)
+    return irfft(add("Where", vanishing, 1.0, real) * scale, imaginary * scale, n)

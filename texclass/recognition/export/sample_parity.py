@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.recognition.export.graph import OUTPUTS, UNDEFINED
-from texclass.recognition.export.parity import check_same, reference, run
+from texclass.recognition.export.answers_graph import OUTPUTS, UNDEFINED
+from texclass.recognition.export.parity import check_of, check_same, reference, run
 from texclass.recognition.export.sample_graph import SAMPLES, channels_of, recording_of
 from texclass.recognition.model import Model
 from texclass.recording import STANDARD_GRAVITY, Samples
@@ -195,13 +195,6 @@ def self_checks(model: Model, n_samples: int) -> list[dict[str, Any]]:
     first = {kinds[i]: i for i in reversed(sure)}
     order = dict.fromkeys([*first.values(), *sure])
     return [
-        {
-            **some[i],
-            "label": str(said["label"][i]),
-            "probabilities": said["probabilities"][i].tolist(),
-            "p_known": float(said["p_known"][i]),
-            "unknown": bool(said["unknown"][i]),
-            "tolerance": TOLERANCE * float(far[i]),
-        }
+        {**some[i], **check_of(said, i), "tolerance": TOLERANCE * float(far[i])}
         for i in list(order)[:N_SELF_CHECKS]
     ]

@@ -7,8 +7,9 @@ activity at hand (`texclass.phases.divide`).
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -93,14 +94,6 @@ class Ring:
         return self._rows.nbytes
 
 
-class Bin(NamedTuple):
-    """Samples [start, stop) of the stream, and their mean square vibration."""
-
-    start: int
-    stop: int
-    power: float
-
-
 class Level:
     """Mean square of what a causal high-pass leaves, summed over axes, in bins of some milliseconds.
 
@@ -124,32 +117,28 @@ class Level:
         Samples a bin.
     vibration : Ring
         What the high-pass leaves, shape (n, n_axes).
+    high_pass : ndarray of shape (n_sections, 6)
+        Second-order sections of the filter.
     """
 
     def __init__(self, fs: float, n_axes: int, keep_s: float) -> None:
         self.fs = fs
         self.bin_size = max(LEAST_SAMPLES, round(BIN_S * fs))
         self.vibration = Ring(round(keep_s * fs) + 4 * self.bin_size, n_axes)
-        self._sos = butterworth("highpass", min(HAND_HZ, 0.2 * fs), fs)
+        self.high_pass = butterworth("highpass", min(HAND_HZ, 0.2 * fs), fs)
         self._state: Samples | None = None
 
-    @property
-    def high_pass(self) -> Samples:
-        """Second-order sections of the filter, shape (n_sections, 6)."""
-        return self._sos
-
-    def push(self, rows: Samples) -> list[Bin]:
-        """Filter finite samples (n, n_axes), n a multiple of `bin_size`, and return their bins."""
+    def push(self, rows: Samples) -> Iterable[tuple[int, float]]:
+        """Filter finite samples (n, n_axes), n a multiple of `bin_size`; return end and power of each bin."""
         if not len(rows):
             return []
         # Without a state the filter is at rest on the first sample: gravity causes no transient.
-        filtered, self._state = causal(self._sos, rows, self._state)
+        filtered, self._state = causal(self.high_pass, rows, self._state)
         start, size = self.vibration.stop, self.bin_size
         self.vibration.push(filtered)
-        starts = range(0, len(rows), size)
         # Each segment is summed by itself: the order does not depend on how many there are.
-        sums = np.add.reduceat(self.power(start, self.vibration.stop), starts).tolist()
-        return [Bin(start + k, start + k + size, s / size) for k, s in zip(starts, sums, strict=True)]
+        sums = np.add.reduceat(self.power(start, self.vibration.stop), range(0, len(rows), size)).tolist()
+        return zip(range(start + size, self.vibration.stop + 1, size), (s / size for s in sums), strict=True)
 
     def power(self, start: int, stop: int) -> Samples:
         """Return the square of the vibration, summed over axes, of samples [start, stop)."""
@@ -277,7 +266,8 @@ class Contact:
         self._peak = 0.0
         self._felt = 0.0
         """Level of a contact that the stream began in; 0 where the floor is known from a rest."""
-        self._opening: list[Bin] = []
+        self._opening: list[float] = []
+        """Powers of the bins so far, while nothing is known of the noise."""
         self._recent: deque[float] = deque(maxlen=self._n["smooth_s"])
         self._active: deque[bool] = deque(maxlen=self._n["window_s"])
         self._on, self._quiet_for, self._tapped_until = False, 0, 0
@@ -321,16 +311,16 @@ class Contact:
         floor = self._floor()
         return 10 * math.log10(max(self.level, _LEAST) / floor) if floor > 0 and self.floor > 0 else 0.0
 
-    def step(self, new: Bin) -> list[Event]:
-        """Take in a bin and return what is known now."""
-        self._recent.append(new.power)
+    def step(self, stop: int, power: float) -> list[Event]:
+        """Take in the bin that ends at a sample, its mean square vibration, and return what is known now."""
+        self._recent.append(power)
         self.level = sum(self._recent) / len(self._recent)
-        self._peak = max(self._peak, new.power)
+        self._peak = max(self._peak, power)
         if self.floor == 0.0 and not self._felt:
-            return self._open(new)
+            return self._open(stop, power)
         if self._felt:
-            return self._begun_in_contact(new)
-        return self._against_floor(new)
+            return self._begun_in_contact(stop)
+        return self._against_floor(stop, power)
 
     def interrupt(self, at: int, missing: int, missing_s: float) -> list[Event]:
         """Go on after `missing` samples; a break longer than a pause is a lift-off."""
@@ -346,68 +336,68 @@ class Contact:
             said.append(Event("contact", self.onset, self.onset, self.onset, "taken as going on"))
         return said
 
-    def _open(self, new: Bin) -> list[Event]:
+    def _open(self, stop: int, power: float) -> list[Event]:
         """Listen for a while before anything is said of the noise."""
         said = []
         if not self._opening:
-            self.onset = new.start
+            self.onset = stop - self._heard.bin_size
             if self._asked:
-                said = [Event("contact", new.start, new.stop, new.start, "the stream begins in movement")]
-        self._opening.append(new)
-        self.active_until = new.stop
+                said = [Event("contact", self.onset, stop, self.onset, "the stream begins in movement")]
+        self._opening.append(power)
+        self.active_until = stop
         if len(self._opening) < self._n["quiet_s"]:
             return said
-        mean = math.fsum(b.power for b in self._opening) / len(self._opening)
+        mean = math.fsum(self._opening) / len(self._opening)
         in_contact = self._asked
         if in_contact is None:
-            steady = max(b.power for b in self._opening) <= 10 * mean
+            steady = max(self._opening) <= 10 * mean
             small = self.unit == "m/s^2" and mean < AT_REST_M_S2**2
-            white = abs(self._heard.correlation(self._opening[0].start, new.stop)) <= _WHITE
+            white = abs(self._heard.correlation(self.onset, stop)) <= _WHITE
             in_contact = mean > 0 and not (steady and (small or white))
         if in_contact:
             if not self.moving:
-                start = self.onset
-                said = [Event("contact", start, new.stop, start, "no rest at the start: taken as movement")]
+                what = "no rest at the start: taken as movement"
+                said = [Event("contact", self.onset, stop, self.onset, what)]
             self.moving, self._felt = True, mean or _LEAST
         else:
             self.floor = mean or _LEAST
         self._opening = []
         return said
 
-    def _begun_in_contact(self, new: Bin) -> list[Event]:
+    def _begun_in_contact(self, stop: int) -> list[Event]:
         """Follow a contact whose noise floor nobody knows: it ends where its level drops by far."""
         if self.level * self.rules.drop_ratio >= self._felt:
             self._felt = max(self._felt, _LEAST) * (max(self.level, _LEAST) / self._felt) ** self._forget
-            self._quiet_for, self.active_until = 0, new.stop
+            self._quiet_for, self.active_until = 0, stop
             return []
         self._quiet_for += 1
         if self._quiet_for < self._n["pause_s"]:
             return []
         self.floor, self._felt = max(self.level, _LEAST), 0.0
-        return self._lift(new.stop)
+        return self._lift(stop)
 
-    def _against_floor(self, new: Bin) -> list[Event]:
+    def _against_floor(self, stop: int, power: float) -> list[Event]:
         """Tell activity from noise, and a movement, which lasts, from a tap."""
-        rules, n = self.rules, self._n
+        rules, n, start = self.rules, self._n, stop - self._heard.bin_size
         self._on = self.level > (rules.off_ratio if self._on else rules.active_ratio) * self._floor()
         self._active.append(self._on)
         said: list[Event] = []
         if self._on:
             if self.moving and self._quiet_for >= n["turn_s"]:
-                said.append(Event("stroke", new.start, new.stop, new.start))
-            self._quiet_for, self.active_until = 0, new.stop
-            self._run = [self._run[0] if self._run else new.start, new.stop]
+                said.append(Event("stroke", start, stop, start))
+            self._quiet_for, self.active_until = 0, stop
+            self._run = [self._run[0] if self._run else start, stop]
         else:
             self._quiet_for += 1
             if not self._run:
-                self.floor += self._forget * (new.power - self.floor)
+                self.floor += self._forget * (power - self.floor)
         if self.moving:
-            return said + (self._lift(new.stop) if self._quiet_for >= n["pause_s"] else [])
+            return said + (self._lift(stop) if self._quiet_for >= n["pause_s"] else [])
         if self._run and self._quiet_for >= n["gap_s"]:
-            said += self._told(new.stop, is_over=True)
+            said += self._told(stop, is_over=True)
             self._run = []
         elif self._run and sum(self._active) >= rules.share * n["window_s"]:
-            said += self._told(new.stop, is_over=False)
+            said += self._told(stop, is_over=False)
         return said
 
     def _told(self, known: int, *, is_over: bool) -> list[Event]:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from texclass.recognition.answers import Answer, ranked
 from texclass.recognition.conformal import LEVELS, Conformity, as_facts
-from texclass.recognition.probabilities import LEAST_PROBABILITY, Labels
+from texclass.recognition.probabilities import LEAST_PROBABILITY, Labels, log_of, softmax
 from texclass.recording import Samples
 
 Kind = Literal["majority", "sequential"]
@@ -87,7 +87,6 @@ def fit_correlation(p: Samples, labels: Labels, contacts: ArrayLike) -> float:
         If no contact has several windows.
     """
     from scipy.optimize import minimize_scalar
-    from scipy.special import softmax
 
     mean, n, of = so_far(p, contacts)
     if n.max(initial=0) < 2:
@@ -96,7 +95,7 @@ def fit_correlation(p: Samples, labels: Labels, contacts: ArrayLike) -> float:
     lapse, n_classes = 1 / (len(felt) + 2), p.shape[1]
 
     def loss(correlation: float) -> float:
-        told = softmax(independent(n, correlation)[:, None] * mean, axis=1)[right, labels]
+        told = softmax(independent(n, correlation)[:, None] * mean)[right, labels]
         return -float(np.sum(np.log((1 - lapse) * told + lapse / n_classes) / felt[of]))
 
     return float(minimize_scalar(loss, bounds=(0, 1), method="bounded", options={"xatol": 1e-3}).x)
@@ -123,7 +122,7 @@ def so_far(p: Samples, contacts: ArrayLike) -> tuple[Samples, Labels, Labels]:
     """
     import pandas as pd
 
-    logs = pd.DataFrame(np.log(np.maximum(p, LEAST_PROBABILITY)))
+    logs = pd.DataFrame(log_of(p))
     of = pd.factorize(np.asarray(contacts))[0]
     n = np.asarray(logs.groupby(of).cumcount(), dtype=np.intp) + 1
     return logs.groupby(of).cumsum().to_numpy() / n[:, None], n, np.asarray(of, dtype=np.intp)
@@ -234,7 +233,7 @@ class Evidence:
             self._sum = g * self._sum + p
             together = self._votes + 1 + 1e-6 * self._sum / self._weight
         else:
-            self._sum = g * self._sum + np.log(np.maximum(p, LEAST_PROBABILITY))
+            self._sum = g * self._sum + log_of(p)
             self._sum -= self._sum.max()
             self._worth = g * self._worth + (1.0 if self._n == 1 else self._later)
             worth = independent(self._worth, self._correlation)

@@ -217,11 +217,12 @@ class OnlineRecogniser:
             self._ring.push(rows[first : first + self._piece])
             heard = self._level.vibration.stop
             whole = self._ring.stop - (self._ring.stop - heard) % self._level.bin_size
-            for new in self._level.push(self._ring.view(heard, whole)[:, : self._stretches.n_axes]):
-                for event in self._contact.step(new):
+            axes = self._ring.view(heard, whole)[:, : self._stretches.n_axes]
+            for stop, power in self._level.push(axes):
+                for event in self._contact.step(stop, power):
                     found += self._after(event)
                 if self._contact.moving and not self._taps_only:
-                    found += self._windows(new.stop)
+                    found += self._windows(stop)
         return tuple(found)
 
     def interrupt(self, n_missing: int) -> tuple[Update, ...]:

@@ -18,7 +18,7 @@ from texclass.loaders.columns import refused
 from texclass.loaders.files import agreed_unit, check_stated, columns_of
 from texclass.recognition.model import Model
 from texclass.recognition.sources.blocks import Block, BlockSource, resampled
-from texclass.recognition.sources.training_input import ACCELERATION_ONLY, Needs
+from texclass.recognition.sources.training_input import ACCELERATION_ONLY
 from texclass.recording import Recording, RecordingError, Samples
 
 ROS2 = "ros2:"
@@ -115,8 +115,9 @@ def open_source(
             blocks = _binary(opened, fs, unit, raw_channels, n)
         if "column" in reading:
             blocks = _of_columns(blocks, columns_of(reading["column"]))
-        if model is not None and model.manifest.input.turn_rate_scale != 1.0:
-            blocks = _in_rad(blocks, needs, model.manifest.input.turn_rate_scale)
+        if model is not None and (in_rad := model.manifest.input.turn_rate_scale) != 1.0:
+            factors = np.array([in_rad if name in TURN else 1.0 for name in needs.names])
+            blocks = (replace(block, samples=block.samples * factors) for block in blocks)
     elif isinstance(source, str) and source.startswith(ROS2):
         try:
             from texclass.recognition.sources.topic import topic_blocks
@@ -131,13 +132,6 @@ def open_source(
         n = max(1, round(block_s * recording.fs))
         blocks = _played(recording, needs.columns_of(recording), n, paced)
     return blocks if rate is None else resampled(blocks, rate)
-
-
-def _in_rad(blocks: BlockSource, needs: Needs, scale: float) -> BlockSource:
-    """Yield blocks with the turn rate, stored as in the files of the model, in rad/s."""
-    factors = np.array([scale if name in TURN else 1.0 for name in needs.names])
-    for block in blocks:
-        yield replace(block, samples=block.samples * factors)
 
 
 def _check_options(source: str | Recording, reading: Mapping[str, Any], raw_channels: int | None) -> None:

@@ -14,7 +14,8 @@ from texclass.recording import Samples
 from texclass.signals import butterworth, combine, zero_phase
 from texclass.textures.scan import Scan
 from texclass.vibration import autoregressive, line_spectrum
-from texclass.vibration.autoregressive import Method, log_cosines
+from texclass.vibration.autoregressive import Method
+from texclass.vibration.reflection import log_cosines
 
 Indices = NDArray[np.int64]
 Loudness = Literal["level", "variance"]

@@ -197,11 +197,6 @@ class MapTexture(Texture):
     def order(self) -> int:
         """Order p of the AR models."""
 
-    @property
-    @abstractmethod
-    def operations(self) -> float:
-        """Multiplications and additions per sample: lattice, and a reading over the buffer."""
-
     @abstractmethod
     def outputs_at(self, u: Samples) -> Samples:
         """Return line spectral frequencies and loudness (n, p + 1) at normalised inputs (n, n_inputs)."""

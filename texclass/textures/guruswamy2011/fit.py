@@ -416,16 +416,17 @@ def fit_texture(
     # the line is the first principal axis of the path, from start to end
     axis = np.linalg.svd(scan.position - scan.position.mean(axis=0), full_matrices=False)[2][0]
     direction = -axis if (scan.position[-1] - scan.position[0]) @ axis < 0 else axis
+    f, B, A, phi = np.concatenate([m.table for m in modes]).T
     texture = (SinusoidTexture if method == "sinusoid" else SpatialTexture)(
         name=scan.name,
         fs=scan.fs,
         length_mm=max(float(x[-1]), float(np.nextafter(passed[-1], np.inf))),
         position_mm=passed,
         feature=np.repeat(np.arange(float(len(kept))), [m.n_modes for m in modes]),
-        frequency_hz=np.concatenate([m.frequency_hz for m in modes]),
-        decay_per_s=np.concatenate([m.decay_per_s for m in modes]),
-        amplitude=np.concatenate([m.amplitude for m in modes]),
-        phase=np.concatenate([m.phase for m in modes]),
+        frequency_hz=f,
+        decay_per_s=B,
+        amplitude=A,
+        phase=phi,
         scaling=scaling,
         peak=float(np.max(np.abs(profile.samples))),
         direction=direction,

@@ -14,6 +14,7 @@ from texclass.recording import Samples
 from texclass.signals import one_channel, positive
 from texclass.textures.contract import Texture
 from texclass.textures.gliding import checked_path
+from texclass.textures.grid import cell
 from texclass.vibration import (
     Autoregression,
     MajorFrequencies,
@@ -436,18 +437,10 @@ class SpeedRenderer:
 @njit(cache=True, error_model="numpy")
 def _follow(velocity, force, speeds, still, share, state, out):  # type: ignore[no-untyped-def]
     """Move place and loudness, sample by sample, towards those of the motion: s += share (target - s)."""
-    last = speeds.size - 1
     for t in range(force.size):
         v = np.sqrt(velocity[t, 0] ** 2 + velocity[t, 1] ** 2)
-        if v <= speeds[0]:
-            place = 0.0
-        elif v >= speeds[last]:
-            place = float(last)
-        else:
-            i = 0
-            while v >= speeds[i + 1]:
-                i += 1
-            place = i + (v - speeds[i]) / (speeds[i + 1] - speeds[i])
+        below, _, share_above = cell(speeds, v)
+        place = below + share_above
         loudness = min(v / still, 1.0) if force[t] > 0.0 else 0.0
         if state[0] < 0.0:
             state[0] = place

@@ -104,7 +104,11 @@ def fit_aligned(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Al
     x, v, exponent = checked_taps(taps, velocity, at_least=4)
     start = [find_onset(one) for one in x]
     cut = [one[min(max(round(t), 0), one.size - 4) :] for one, t in zip(x, start, strict=True)]
-    first = _start(cut, v, fs)
+    try:
+        first = fit_okamura(cut, v, fs)
+    except ValueError:  # no peaks are seen: the strongest tap's beginning
+        strongest = max(cut, key=lambda tap: float(tap @ tap))
+        first = fit_tap_model([strongest[:N_START]], [1.0], fs)
     problem = _Problem(x)
     beta, omega = first.decay_per_s / fs, 2 * np.pi * first.frequency_hz / fs
     reach = max(2.0, np.pi / (2 * omega))
@@ -130,15 +134,6 @@ def fit_aligned(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> Al
         r_squared,
         float(1 - rest @ rest / (problem.x @ problem.x)),
     )
-
-
-def _start(taps: list[Samples], v: Samples, fs: float) -> TapModel:
-    """Return the model as published, or where no peaks are seen, that of the strongest tap's beginning."""
-    try:
-        return fit_okamura(taps, v, fs)
-    except ValueError:
-        strongest = max(taps, key=lambda tap: float(tap @ tap))
-        return fit_tap_model([strongest[:N_START]], [1.0], fs)
 
 
 def slope_through_origin(velocity: Samples, amplitude: Samples) -> tuple[float, float]:

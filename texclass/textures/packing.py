@@ -1,0 +1,285 @@
+"""How a surface becomes a texture of so many bytes: what was felt is seen, and the best codes are found."""
+
+from collections.abc import Callable, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from texclass.features.hardness import damping
+from texclass.features.phase_view import TapView, UndefinedFeatureError, Views
+from texclass.phases import segment
+from texclass.recording import UNITS, Recording, Samples
+from texclass.signals import combine
+from texclass.textures.contract import Texture, constant_stroke
+from texclass.textures.grid import shares
+from texclass.textures.packed import (
+    ENDS,
+    LIGHT_N,
+    MODES,
+    MOST_BYTES,
+    MOST_MODES,
+    MOST_MU,
+    REST_MM_S,
+    PackedTexture,
+    encode,
+    falling,
+    header,
+    held,
+    mode_codes,
+    modes_of,
+    reflection_of,
+)
+from texclass.textures.scan import Scan
+from texclass.vibration import recursions
+from texclass.vibration.autoregressive import from_autocorrelation
+from texclass.vibration.decaying_modes import DecayingModes
+from texclass.vibration.scores import BAND_EDGES_HZ
+
+LEAST_BYTES = 8
+"""That may be asked for; a file may be shorter by what no coefficient needs."""
+MOST_ORDER, MOST_BITS = 127, 8
+BYTES_A_MODE, MOST_SAMPLES = 16, 1024
+"""One for each 16 bytes that may be used; of a tap so much is looked at."""
+FRAME_S, LOWEST_HZ = 0.125, 20.0
+"""Pieces in which speed and force hold; below, it is the hand that is recorded, not the surface."""
+FELT = np.geomspace(40.0, 200.0, 5), np.geomspace(0.4, 2.0, 3)
+"""Speeds and forces at which another texture is felt."""
+
+
+def pack(
+    source: Recording | Scan | Texture | ArrayLike,
+    n_bytes: int = 64,
+    *,
+    fs: float | None = None,
+    unit: str = "m/s^2",
+    name: str = "",
+    gain_db: Callable[[Any], Any] | None = None,
+    most_hz: float = np.inf,
+) -> PackedTexture:
+    """Return the texture of at most so many bytes that comes closest to a surface.
+
+    Order and bits of the coefficients are searched for: the goodness of fit of the amplitudes and the
+    energies of nine bands (`texclass.vibration.scores`) decide, in the mean over slowest and fastest. A
+    tap takes three bytes in sixteen, twelve at most, friction one.
+
+    Parameters
+    ----------
+    source : Recording, Scan, Texture or array_like of shape (n_samples,)
+        A scan tells spectra and level over speed and force; a texture is felt at 15 speeds and forces; a
+        vibration alone has one spectrum and one level, whatever the speed. Of a recording it is the movement,
+        a scan if it has speed and force; and the tap that is neither the hardest nor the softest, and the
+        mean friction, up to 2.55.
+    n_bytes : int
+        Of the file, 8 to 512.
+    fs : float, optional
+        Of a vibration, Hz: a whole number up to 131,071.
+    unit : str
+        Of the vibration; a recording has its own.
+    name : str, optional
+        Of the surface; by default that of the source.
+    gain_db : callable, optional
+        Frequencies (Hz) -> dB by which the spectrum is raised; see `retouch`.
+    most_hz : float
+        The rate at most: what lies above half of it is left out.
+
+    Raises
+    ------
+    ValueError
+        If a rule is broken, the source is silent, or shorter than a piece of 0.125 s.
+    """
+    if not LEAST_BYTES <= n_bytes <= MOST_BYTES:
+        raise ValueError(f"bytes are {n_bytes}; the rule is {LEAST_BYTES} to {MOST_BYTES}")
+    if unit not in UNITS:
+        raise ValueError(f"unit is {unit!r}; the rule is one of {', '.join(UNITS)}")
+    most, name = min(n_bytes // BYTES_A_MODE, MOST_MODES), name or str(getattr(source, "name", ""))
+    tap = source.tap.strongest(most) if isinstance(source, PackedTexture) else None
+    mu = float(getattr(source, "mu", 0.0))
+    if isinstance(source, Recording):
+        source, fs, unit, tap, mu = _felt_of(source, most)
+    pieces, rate = _pieces(source, fs)
+    if rate != round(rate) or not 40 <= min(rate, most_hz) < 1 << 17:
+        raise ValueError(f"fs is {rate} Hz; the rule is a whole number, 40 to 131,071")
+    seen = _seen(pieces, rate, gain_db, most_hz)
+    facts: dict[str, Any] = {
+        "unit": unit,
+        "modes": [] if tap is None else mode_codes(tap),
+        "mu": min(mu, MOST_MU),
+    }
+    facts |= {key: seen[key] for key in ("fs", "level_db", "slopes_db", "ends")}
+    k = from_autocorrelation(np.fft.irfft(seen["spectra"], axis=-1)[:, : min(MOST_ORDER, seen["most"]) + 1])
+    if not _allocations(8 * n_bytes, facts, k.order):  # the spectrum comes first
+        facts |= {"modes": [], "mu": 0.0}
+    best, least = b"", np.inf
+    for bits in _allocations(8 * n_bytes, facts, k.order):
+        steps, share = 2 ** np.array(bits), np.arcsin(k.reflection[:, : len(bits)]) / np.pi + 0.5
+        codes = np.clip(np.floor(share * steps), 0, steps - 1).astype(np.int64)
+        cost = _cost(reflection_of(codes, bits), seen, facts["fs"])
+        if cost < least:
+            best, least = encode(facts | {"bits": bits, "codes": codes.tolist()}), cost
+    if not best:
+        raise ValueError(f"bytes are {n_bytes}; the rule is more of them for several speeds: 16 at least")
+    return PackedTexture.from_bytes(best, name)
+
+
+def _felt_of(
+    recording: Recording, most: int
+) -> tuple[Scan | Samples, float, str, DecayingModes | None, float]:
+    """Return the movement of a recording, rate, unit, at most so many modes of its middle tap, friction."""
+    phases = recording.phases or segment(recording)
+    begin, end = phases.movement or (0, recording.n_samples)
+    combined = combine(recording.acceleration[begin:end])
+    felt: Scan | Samples = combined
+    if recording.speed is not None and recording.normal_force is not None:
+        tracks = recording.speed[begin:end], recording.normal_force[begin:end]
+        felt = Scan.along_line(combined, *tracks, recording.fs)
+    mu = 0.0 if recording.friction is None else float(np.abs(recording.friction[begin:end]).mean())
+    try:
+        taps = Views(recording, phases).tap.taps
+        hardness = [damping(TapView((tap,), recording.fs)) for tap in taps]
+        middle = taps[int(np.argsort(hardness)[(len(taps) - 1) // 2])].impulse
+        modes = _ringing(middle[:MOST_SAMPLES], recording.fs, most)
+    except UndefinedFeatureError:
+        return felt, recording.fs, recording.unit, None, mu
+    return felt, recording.fs, recording.unit, modes, mu
+
+
+def _ringing(x: Samples, fs: float, most: int) -> DecayingModes:
+    """Return the modes that explain most of a tap (n,), one after another, then each again beside the others.
+
+    A mode is Re(s exp((2 pi i f - B) t)); of all f and B that can be written, that whose best s leaves least.
+    """
+    f, B = (2.0 ** steps.number(np.arange(1 << steps.bits)) for steps in MODES[:2])
+    t = np.arange(x.size) / fs
+    turns = np.exp(-2j * np.pi * np.outer(f[f < fs / 2], t))
+    fades = np.exp(-np.outer(t, B))
+    g, h = (fades**2).sum(axis=0), turns**2 @ fades**2
+    codes: list[list[int]] = []
+    for _ in range(3 * most):
+        others = codes if len(codes) < most else codes[1:]
+        left = x - modes_of(others).synthesize(x.size, fs)
+        c = turns @ (left[:, np.newaxis] * fades)
+        s = 2 * (c * g - np.conj(c) * h) / np.maximum(g**2 - np.abs(h) ** 2, 1e-9 * g**2)
+        j, k = np.unravel_index(np.argmax((np.conj(s) * c).real), s.shape)
+        best = DecayingModes(f[j], B[k], np.abs(s[j, k]), np.angle(s[j, k]))
+        codes = [*others, *mode_codes(best)]
+    return modes_of(codes).strongest(most)
+
+
+def _pieces(source: Any, fs: float | None) -> tuple[list[tuple[Samples, float, float]], float]:
+    """Return pieces of 0.125 s with their speed and force (0 where unknown), and the rate."""
+    if isinstance(source, Texture):
+        n, settled = round(1.25 * source.fs), round(0.25 * source.fs)
+        pieces = []
+        for seed, (v, f) in enumerate(product(*FELT)):
+            x = constant_stroke(source, v, f, n - settled, settled=settled, seed=seed)
+            pieces += [(one, float(v), float(f)) for one in _cut(x, source.fs)]
+        return pieces, source.fs
+    if isinstance(source, Scan):
+        tracks = [_cut(x, source.fs) for x in (source.acceleration, source.speed, source.force)]
+        means = [(x, float(v.mean()), float(f.mean())) for x, v, f in zip(*tracks, strict=True)]
+        moved = [piece for piece in means if piece[1] >= REST_MM_S and piece[2] >= LIGHT_N]
+        if len(moved) < 8:
+            raise ValueError(f"scan has {len(moved)} pieces of {FRAME_S} s in motion; the rule is at least 8")
+        return moved, source.fs
+    if fs is None:
+        raise ValueError("fs is missing; the rule is a rate in Hz for a vibration alone")
+    x = np.asarray(source, dtype=np.float64)
+    if x.ndim != 1 or x.size < FRAME_S * fs or not np.isfinite(x).all():
+        raise ValueError(f"vibration has shape {x.shape}; the rule is one axis, finite, {FRAME_S} s at least")
+    return [(one, 0.0, 0.0) for one in _cut(x, fs, overlap=2)], fs
+
+
+def _cut(x: Samples, fs: float, overlap: int = 1) -> list[Samples]:
+    n = round(FRAME_S * fs)
+    return [x[i : i + n] for i in range(0, x.size - n + 1, n // overlap)]
+
+
+def _seen(
+    pieces: Sequence[tuple[Samples, float, float]],
+    fs: float,
+    gain_db: Callable[[Any], Any] | None,
+    most_hz: float,
+) -> dict[str, Any]:
+    """Return the spectra to be kept (of the slowest and the fastest, or of all), and the law of the level."""
+    samples, speed, force = (np.array(each) for each in zip(*pieces, strict=True))
+    n = samples.shape[1]
+    window = np.hanning(n + 2)[1:-1]
+    centred = (samples - samples.mean(axis=1, keepdims=True)) * window
+    f = np.fft.rfftfreq(2 * n, 1 / fs)
+    kept = f <= most_hz / 2  # power is the mean over all frequencies
+    S = np.abs(np.fft.rfft(centred, 2 * n))[:, kept] ** 2 / (window @ window) * kept.mean()
+    f = f[kept]
+    if gain_db is not None:
+        S *= 10 ** (gain_db(f) / 10)
+    low = int(np.searchsorted(f, LOWEST_HZ))
+    S[:, :low] = S[:, [low]]
+    power = np.fft.irfft(S, axis=-1)[:, 0]
+    if not power.max() > 0:
+        raise ValueError("the source is silent; the rule is a vibration")
+    heard = power > 1e-9 * power.max()
+    S, power, speed, force = S[heard], power[heard], speed[heard], force[heard]
+    known = bool(speed.min() > 0 and np.ptp(np.log2(speed)) >= 0.5)
+    if not known:
+        spectra = S.mean(axis=0, keepdims=True)
+        law = {"level_db": 10 * np.log10(power.mean()), "slopes_db": None, "ends": None}
+    else:
+        law = _law(power, speed, force)
+        slow, fast, *_ = 2.0 ** np.asarray(law["ends"])
+        share = shares((np.array([slow, fast]),), (speed,))
+        spectra = share.T @ (S / power[:, np.newaxis])
+    spectra = spectra / np.fft.irfft(spectra, axis=-1)[:, :1]
+    return law | {"spectra": spectra, "hz": f, "most": f.size - 2, "fs": round(2 * f[-1])}
+
+
+def _law(power: Samples, speed: Samples, force: Samples) -> dict[str, Any]:
+    """Return level (dB at the geometric middle), slopes at twice speed and force, ends in octaves.
+
+    The powers are gamma variables about exp(H theta): a regression with logarithmic link, by scoring.
+    """
+    at = np.log2([speed, force])
+    ends = [float(q) for axis in at for q in np.quantile(axis, [0.05, 0.95])]
+    ends = [ENDS.number(ENDS.code(e)) for e in ends]
+    middle = np.array([(ends[0] + ends[1]) / 2, (ends[2] + ends[3]) / 2])
+    H = np.column_stack([np.ones(speed.size), (at - middle[:, np.newaxis]).T])
+    H[:, 2] *= ends[3] - ends[2] >= 0.5
+    solve = np.linalg.pinv(H)
+    theta = solve @ np.log(power)
+    for _ in range(12):
+        theta = theta + solve @ np.minimum(power * np.exp(-H @ theta) - 1, 2.0)
+    db = 10 / np.log(10) * theta
+    return {"level_db": float(db[0]), "slopes_db": [float(db[1]), float(db[2])], "ends": ends}
+
+
+def _allocations(n_bits: int, facts: dict[str, Any], most: int) -> list[tuple[int, ...]]:
+    """Return bits of each coefficient, falling from the first to the last, that fit into so many bits."""
+    n_nodes = 1 if facts["ends"] is None else 2
+    left = n_bits // 8 * 8 - 8 * len(held(facts)) - 16 - len(header(facts, [1]))
+    found = []
+    for first, last in product(range(2, MOST_BITS + 1), range(2, MOST_BITS + 1)):
+        fits = [
+            bits
+            for order in range(1, min(MOST_ORDER, most) + 1)
+            if sum(bits := falling(first, last, order)) * n_nodes <= left
+        ]
+        if first >= last and fits:
+            chosen = {round(len(fits) * part) for part in (1.0, 0.85, 0.7, 0.5, 0.35, 0.2)}
+            found += [fits[max(i, 1) - 1] for i in sorted(chosen)]
+    return found
+
+
+def _cost(k: Samples, seen: dict[str, Any], fs: float) -> float:
+    """Return 1 - GFC of the amplitudes and a hundredth of the RMS difference in dB of the nine bands."""
+    f = seen["hz"]
+    within = (f >= LOWEST_HZ) & (f <= min(1000.0, fs / 2))
+    edges = np.searchsorted(f[within], BAND_EDGES_HZ[fs / 2 >= BAND_EDGES_HZ])[:-1]
+    cost = 0.0
+    for row, S in zip(k, seen["spectra"], strict=True):
+        ln_a = recursions.log_magnitudes(np.ascontiguousarray(row), 2 * np.pi * f[within] / fs)[-1]
+        M = np.exp(np.log1p(-(row**2)).sum() - 2 * ln_a)
+        T = np.maximum(S[within], 1e-12 * S.max())
+        gfc = np.sqrt(M * T).sum() / np.sqrt(M.sum() * T.sum())
+        bands = [np.add.reduceat(P, np.unique(np.minimum(edges, T.size - 1))) for P in (M, T)]
+        cost += 1 - gfc + 0.01 * np.sqrt(np.mean((10 * np.log10(bands[0] / bands[1])) ** 2))
+    return float(cost)
