@@ -22,7 +22,12 @@ def logic():
 
 def test_the_vectors_are_what_texclass_says():
     made = runpy.run_path(str(ROOT / "tests" / "benchmarks" / "stream_vectors.py"))["made"]()
-    assert json.loads(json.dumps(made)) == VECTORS
+    # The last digits are of the processor.
+    said, kept = (
+        json.loads(json.dumps(vectors), parse_float=lambda x: round(float(x), 9))
+        for vectors in (made, VECTORS)
+    )
+    assert said == kept
 
 
 def test_every_transition_is_in_the_vectors():

@@ -1,6 +1,7 @@
 """Textures of a hundred bytes."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -160,13 +161,13 @@ def test_a_texture_can_be_packed_again(tmp_path):
     assert _likeness(_rendered(scanned), _rendered(again)) > 0.97
 
 
-def _knocked(modes, n_bytes, gain=1.0):
-    """Return a texture packed of three knocks of different strength, with rest between them, and a stroke."""
-    ringing = gain * modes.synthesize(1600, FS)
-    rest = np.zeros(2400)
-    x = np.concatenate(
-        [rest, *(np.concatenate([size * ringing, rest]) for size in (4, 1, 2)), _vibration(1.0)]
-    )
+def _knocked(modes, n_bytes):
+    """Return a texture packed of three knocks, whose middle in hardness are these modes, and of a stroke."""
+    rest, knocks = np.zeros(2400), []
+    for size, fading in ((4, 1.25), (1, 1.0), (2, 0.8)):
+        faded = replace(modes, decay_per_s=fading * np.array(modes.decay_per_s))
+        knocks += [size * faded.synthesize(1600, FS), rest]
+    x = np.concatenate([rest, *knocks, _vibration(1.0)])
     at = [2400 + i * 4000 for i in range(3)]
     phases = Phases(tuple(Tap(i - 50, i, i + 1600) for i in at), (x.size - round(FS), x.size))
     return pack(Recording(x, FS, "m/s^2", "knocked", phases=phases), n_bytes)
