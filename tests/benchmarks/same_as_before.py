@@ -19,29 +19,64 @@ import contextlib
 import hashlib
 import io
 import json
+import lzma
 import math
 import os
 import re
-import shutil
 import sys
 import tempfile
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
+from unittest import mock
 
-for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_threads, "1")  # before NumPy: sums must not depend on the number of threads
 os.environ.setdefault("MPLBACKEND", "agg")
 
-import numpy as np  # noqa: E402
+from study import ROOT, own_data  # sets the number of threads, on which sums would depend
 
-PROJECT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "examples" / "papers"))
+import h5py
+import numpy as np
+import pandas as pd
+import scipy.io
+import soundfile
+from abdulali2016_simulated import simulate_scan as stroke_by_hand
+from abdulali2016_simulated import surface
+from guruswamy2011_objects import OBJECTS, lay_out
+from guruswamy2011_objects import simulate_scan as stroke_an_object
+from okamura2001_taps import FS as TAPS_HZ
+from okamura2001_taps import TABLE_I, simulate_taps
+
+from texclass import exchange, vibration
+from texclass.cli import main as texclass
+from texclass.experiment import cached_table, find_protocol, load_pipeline
+from texclass.experiment.cost import CostMeter
+from texclass.experiment.pipeline import MatchedRow
+from texclass.features import FeatureExtractor
+from texclass.loaders import load_recording, open_dataset
+from texclass.phases import segment
+from texclass.scene import load_scene, play_path, sweep_of
+from texclass.simulate import (
+    operator_catalogue,
+    record_rising_force,
+    record_rising_speed,
+    record_rising_taps,
+    surface_catalogue,
+)
+from texclass.textures import abdulali2016, guruswamy2011, oeztuerk2018, okamura2001
+from texclass.vibration import interpolation, major_frequencies, scores
+from texclass.vibration import line_spectrum as ls
+from texclass.vibration.autoregressive import from_autocorrelation, from_direct_form
+from texclass.vibration.order import aicc, spectral_error
+
 RECORD = Path(__file__).resolve().with_suffix("")
-SCRATCH = Path(os.environ.get("SAME_AS_BEFORE_SCRATCH") or tempfile.mkdtemp(prefix="same_as_before_"))
+SCRATCH = Path(tempfile.gettempdir())
+"""A folder of its own for each run; none of it is left."""
 TOLERANCE = {"recognition": 2e-6, "features": 1e-9}
 """Part (or what its name begins with) -> relative tolerance; `DEFAULT_TOLERANCE` of all others. Recognition
 prints six decimals. Raise one to 1e-6 where a library has taken the place of our own code."""
@@ -54,217 +89,12 @@ UNTOLD = {
     "ms_per_recording", "predict_ms", "seconds", "segmentation_ms", "versions",
 }  # fmt: skip
 """Keys of results that say how long something took, where it is, or with which code."""
-
-
-# What is called: the only section that knows modules of texclass -------------------------------------------
-
-
-def command(*words: object, stdin: bytes = b"") -> SimpleNamespace:
-    """Run the command line in this process; return exit code, standard output and standard error."""
-    from texclass.cli import main
-
-    out, err = io.StringIO(), io.StringIO()
-    given = io.TextIOWrapper(io.BytesIO(stdin), encoding="utf-8")
-    before, code = (sys.argv, sys.stdin), 0
-    sys.argv, sys.stdin = ["texclass", *map(str, words)], given
-    try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            main()
-    except SystemExit as ended:
-        code = ended.code if isinstance(ended.code, int) else int(bool(ended.code))
-    finally:
-        sys.argv, sys.stdin = before
-    return SimpleNamespace(code=code, out=out.getvalue(), err=err.getvalue())
-
-
-def open_dataset(name: str | Path) -> Any:
-    """Return a dataset: `len`, index -> recording, `materials`, `entries` with `recording_id`."""
-    from texclass.loaders import open_dataset
-
-    return open_dataset(name)
-
-
-def recording_of(samples: Any, fs: float, name: str, unit: str = "m/s^2") -> Any:
-    """Return a recording of samples."""
-    from texclass.recording import Recording
-
-    return Recording(samples, fs=fs, unit=unit, recording_id=name)
-
-
-def load_recording(path: Path, **facts: Any) -> Any:
-    """Return the recording of a file."""
-    from texclass.loaders import load_recording
-
-    return load_recording(path, **facts)
-
-
-def simulated_runs() -> list[Any]:
-    """Return four recordings under control: rising speed, rising force, rising taps."""
-    from texclass.simulate import (
-        operator_catalogue,
-        record_rising_force,
-        record_rising_speed,
-        record_rising_taps,
-        surface_catalogue,
-    )
-
-    plate, mesh = surface_catalogue(5, 3)[:2]
-    who = operator_catalogue(2, 3)[1]
-    return [
-        record_rising_speed(plate, who, duration_s=4.0, seed=1),
-        record_rising_force(mesh, who, duration_s=4.0, seed=2),
-        record_rising_taps(plate, who, n_taps=5, seed=3),
-        record_rising_taps(mesh, who, n_taps=3, seed=4),
-    ]
-
-
-def phases_of(recording: Any) -> Any:
-    """Return the phases: `taps` of (start, impact, end), `movement`, `onset`, `notes`."""
-    from texclass.phases import segment
-
-    return segment(recording)
-
-
-def feature_table(recordings: Sequence[Any], features: str, channels: str) -> tuple[Any, Any, Any]:
-    """Return columns, values (recordings, columns), and (recording, feature, reason) of what is undefined."""
-    from texclass.features import FeatureExtractor
-
-    found = FeatureExtractor(features, channels=channels).fit(recordings).extract(recordings)
-    return found.columns, found.values, [tuple(reason) for reason in found.reasons]
-
-
-def predictions(
-    dataset: str | Path, pipeline: str, protocol: str | None, folds: int | None
-) -> dict[str, Any]:
-    """Return folds (number of the fold that tests a recording) and predicted labels by row and classifier.
-
-    Of rows that select no columns: what the others select is in the result of the benchmark.
-    """
-    from texclass.experiment import cached_table, find_protocol, load_pipeline
-    from texclass.experiment.pipeline import MatchedRow
-
-    definition = load_pipeline(pipeline)
-    split_by = find_protocol(protocol or definition.protocol.name)
-    table = cached_table(open_dataset(dataset), *definition.needed, channels=definition.channels, n_jobs=1)
-    splits = split_by.split(
-        table.frame, definition.protocol.folds if folds is None else folds, definition.seed
-    )
-    y = table.frame["material"].to_numpy(dtype=str)
-    names = np.unique(y)
-    fold = np.full(len(y), -1, dtype=np.int16)
-    for number, (_, test) in enumerate(splits):
-        fold[test] = number
-    options = {"nested": split_by.nested, "clusters": split_by.clusters(table.frame)}
-    labels: dict[str, Any] = {}
-    for declared in (row for row in definition.rows if row.select is None):
-        row = MatchedRow.of(declared, definition.features, table)
-        for classifier in declared.judged_by(definition.classifiers) if row.columns else ():
-            found = definition.trial(row, classifier, table)(splits, **options)
-            said = np.searchsorted(names, np.concatenate(found.predicted)).astype(np.uint8)
-            labels.setdefault(declared.name, {})[classifier] = said
-    return {"materials": names.tolist(), "fold": fold, "predicted": labels}
-
-
-@contextlib.contextmanager
-def fixed_costs() -> Iterator[None]:
-    """Let every part of a feature set cost what its name says, not what the clock says."""
-    from texclass.experiment.cost import CostMeter
-
-    measured = CostMeter.model
-
-    def stated(self: Any, *args: Any, **options: Any) -> Any:
-        model = measured(self, *args, **options)
-        names = [FORMER_PARTS.get(name, name) for name in model.parts]
-        ms = [0.05 + int(hashlib.sha256(name.encode()).hexdigest()[:6], 16) / 2**24 for name in names]
-        return replace(model, parts=tuple(names), ms=np.array(ms), segmentation_ms=1.0)
-
-    CostMeter.model = stated  # type: ignore[method-assign]
-    try:
-        yield
-    finally:
-        CostMeter.model = measured  # type: ignore[method-assign]
-
-
-def fitted_textures(plates: Sequence[np.ndarray], speeds: Sequence[float]) -> dict[str, Any]:
-    """Return a texture of each way of the four papers, fitted to simulated recordings."""
-    from abdulali2016_simulated import simulate_scan as stroke_by_hand
-    from abdulali2016_simulated import surface
-    from guruswamy2011_objects import OBJECTS, lay_out, simulate_scan
-
-    from texclass.textures import abdulali2016, guruswamy2011, oeztuerk2018
-
-    hand = stroke_by_hand(surface("S7"), 10.0, 1000.0, np.random.default_rng(0))
-    modelled = abdulali2016.model_scan(hand)
-    network = modelled.network()
-    rng = np.random.default_rng(3)
-    rubber = OBJECTS[2]
-    stroke = simulate_scan(rubber, lay_out(rubber, 60.0, rng), rng)
-    return {
-        "abdulali2016 network": network,
-        "abdulali2016 delaunay": modelled.delaunay(),
-        "abdulali2016 baked": abdulali2016.bake(network, "S7", (5, 5, 3)),
-        "abdulali2016 as published": abdulali2016.fit_as_published(hand),
-        "guruswamy2011": guruswamy2011.fit_texture(stroke, rubber.law).texture,
-        "oeztuerk2018 lpc": oeztuerk2018.fit_lpc(plates, speeds, 10_000.0, order=40, name="felt"),
-        "oeztuerk2018 lines": oeztuerk2018.fit_frequencies(plates, speeds, 10_000.0, name="felt"),
-    }
-
-
-def fitted_taps() -> tuple[Any, Any, np.ndarray]:
-    """Return a library of taps, what it was fitted to (A, B, f), and the force of a virtual wall."""
-    from okamura2001_taps import FS, TABLE_I, simulate_taps
-
-    from texclass.textures import okamura2001
-
-    rng, materials = np.random.default_rng(5), ("wood", "rubber")
-    made = {name: simulate_taps(TABLE_I[name], rng, FS["wood"], n_taps=6) for name in materials}
-    library, _ = okamura2001.fit_library(
-        {name: taps for name, (taps, _) in made.items()},
-        {name: velocity for name, (_, velocity) in made.items()},
-        FS["wood"],
-    )
-    device = okamura2001.ForceDevice(limit_n=50.0)
-    scaled = okamura2001.scale_into(library, device, 0.4)
-    wall = okamura2001.VirtualWall(scaled["wood"], device)
-    t = np.arange(4000)
-    depth = 2 * np.sin(2 * np.pi * t / 1500 - 0.5)
-    force = wall.renderer().process(depth, np.gradient(depth) * device.rate_hz)
-    fits = [
-        (m.amplitude_slope, m.decay_per_s, m.frequency_hz) for one in (library, scaled) for m in one.values()
-    ]
-    return library, np.array(fits), force
-
-
-def arrays_of(texture: Any) -> dict[str, np.ndarray]:
-    """Return a texture's arrays by the names they had in files of version 1."""
-    if texture.family == "abdulali2016-baked":
-        grid = texture.grid
-        return {"grid": np.concatenate([grid.rows, np.sqrt(grid.power)[..., np.newaxis]], axis=-1)}
-    parts: dict[str, list[np.ndarray]] = {}
-    for name, array in texture.arrays().items():
-        parts.setdefault(name.rpartition(".")[2], []).append(array)
-    if texture.family == "oeztuerk2018-frequencies":
-        parts["n_lines"] = [np.array([float(part.size) for part in parts["frequency_hz"]])]
-    return {name: np.concatenate(each) if len(each) > 1 else each[0] for name, each in parts.items()}
-
-
-def played_scene(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return a planned scene's default path (velocity and force) and its rendered samples."""
-    from texclass.scene import load_scene, play_path, sweep_of
-
-    scene = load_scene(path)
-    hand = sweep_of(scene)
-    velocity, force, _ = hand.at_rate(scene.fs)
-    return np.column_stack([velocity, force]), play_path(scene, hand, seed=0).samples
-
-
-FORMER_PARTS = {
-    f"log_energies(20, 0.0, 1400.0, {decay}, 0.025, 0.015)": (
-        f"log_energies(Bank(n_filters=20, low_hz=0.0, high_hz=1400.0, decay_hz={decay}), 0.025, 0.015)"
-    )
-    for decay in ("inf", "500.0")
-}
-"""Parts of a recording's cost that had another name when the record was made; stated costs hang on it."""
+NESTED = (Mapping, list, tuple, np.ndarray)
+BY_COLUMN = "values (by column)"
+"""Key of a table whose columns, named under `columns` beside it, have scales of their own."""
+REAL = {"taps5": 5, "lmt_excerpts": 4, "stylus6": 4, "biotac20": 5, "borealtc": 3, "fabric_speeds": 3}
+"""Data sets, and how many of their recordings are looked at."""
+SETS = ("strese2015", "strese2015+models", "texclass", "multiscale", "coarse")
 OWN_FEATURE = '''
 import numpy as np
 from texclass.features import Gain, feature
@@ -276,42 +106,46 @@ def crest(view):
     x = np.asarray(view.samples)
     return np.abs(x).max() / np.sqrt(np.mean(x**2))
 '''
-
-# What is recorded ------------------------------------------------------------------------------------------
-
-PARTS: dict[str, tuple[Callable[[], Any], tuple[str, ...]]] = {}
+PARTS: dict[str, tuple[Callable[[], Any], Sequence[str]]] = {}
 
 
 def part(name: str, *needs: str) -> Callable[[Callable[[], Any]], Callable[[], Any]]:
     """Name a part, and the folders of recordings that it needs."""
-
-    def register(function: Callable[[], Any]) -> Callable[[], Any]:
-        PARTS[name] = (function, needs)
-        return function
-
-    return register
+    return lambda function: PARTS.setdefault(name, (function, needs))[0]
 
 
-def card(name: str, text: str) -> Path:
-    """Write a card (or another file) of our own and return its path."""
-    path = SCRATCH / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
-    return path
+def command(*words: object, stdin: bytes = b"") -> tuple[Any, str, str]:
+    """Run the command line in this process; return exit code, standard output and standard error."""
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    given = io.TextIOWrapper(io.BytesIO(stdin), encoding="utf-8")
+    argv = ["texclass", *map(str, words)]
+    try:
+        with mock.patch.multiple(sys, argv=argv, stdin=given, stdout=out, stderr=err):
+            texclass()
+    except SystemExit as ended:
+        code = ended.code or 0
+    return code, out.getvalue(), err.getvalue()
 
 
-def small(surfaces: int = 6, recordings: int = 8) -> Path:
-    """Return the card of a small simulated dataset, 4 operators."""
-    recipe = f"n_surfaces = {surfaces}\nn_recordings = {recordings}\nn_operators = 4\nduration_s = 4.0\n"
-    text = f'title = "Small"\nformat = "simulated"\n[recipe]\n{recipe}fs = 10000\nseed = 12\n'
-    return card(f"small{surfaces}.toml", text)
+def result_of(*words: object) -> Any:
+    """Return the JSON that a command writes, or its exit code and how it refuses."""
+    file = SCRATCH / "result.json"
+    file.unlink(missing_ok=True)
+    code, _, err = command(*words, "--out", SCRATCH / "out", "--json", file)
+    if not file.exists():
+        return {"code": code, "error": err.strip().splitlines()[-1:]}
+    return json.loads(file.read_text(encoding="utf-8"))
 
 
-def few_of_biotac() -> Path:
-    """Return the card of 6 materials of biotac20, 12 repetitions of each."""
-    text = (PROJECT / "datasets" / "biotac20.toml").read_text(encoding="utf-8")
-    files = r"files = '(?P<material>mat0[1-6])/(?P<recording>mat\\d+_(?P<repetition>0\\d|1[0-2]))\\.wav'"
-    return card("biotac.toml", re.sub(r"^files = .*$", files, text, flags=re.MULTILINE))
+def objects(lines: str) -> list[Any]:
+    """Return the JSON objects of lines."""
+    return [json.loads(line) for line in lines.splitlines() if line.startswith("{")]
+
+
+def columns_of(rows: list[dict[str, Any]]) -> dict[str, list[Any]]:
+    """Return rows with about the same keys as columns."""
+    frame = pd.json_normalize(rows).astype(object)
+    return frame.where(frame.notna(), None).to_dict("list")
 
 
 def thin(values: Any, n: int = 40) -> Any:
@@ -333,41 +167,110 @@ def attempt(function: Callable[..., Any], *args: Any, **options: Any) -> Any:
         return f"refused: {type(error).__name__}"
 
 
+def card(name: str, text: str) -> Path:
+    """Write a card (or another file) of our own and return its path."""
+    path = SCRATCH / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def small() -> Path:
+    """Return the card of a small simulated dataset, 4 operators."""
+    recipe = "n_surfaces = 6\nn_recordings = 8\nn_operators = 4\nduration_s = 4.0\n"
+    return card(
+        "small6.toml",
+        f'title = "Small"\nformat = "simulated"\n[recipe]\n{recipe}fs = 10000\nseed = 12\n',
+    )
+
+
+def few_of_biotac() -> Path:
+    """Return the card of 6 materials of biotac20, 12 repetitions of each."""
+    text = (ROOT / "datasets" / "biotac20.toml").read_text(encoding="utf-8")
+    files = r"files = '(?P<material>mat0[1-6])/(?P<recording>mat\\d+_(?P<repetition>0\\d|1[0-2]))\\.wav'"
+    return card("biotac.toml", re.sub(r"^files = .*$", files, text, flags=re.MULTILINE))
+
+
+def some(name: str | Path, n: int) -> list[Any]:
+    """Return `n` recordings spread over a dataset."""
+    dataset = open_dataset(name)
+    return [dataset[int(i)] for i in np.linspace(0, len(dataset) - 1, n).astype(int)]
+
+
+def simulated_recordings() -> dict[str, list[Any]]:
+    """Return 20 simulated recordings: taps, strokes and friction; rising speed, force and taps."""
+    plate, mesh = surface_catalogue(5, 3)[:2]
+    who = operator_catalogue(2, 3)[1]
+    controlled = [
+        record_rising_speed(plate, who, duration_s=4.0, seed=1),
+        record_rising_force(mesh, who, duration_s=4.0, seed=2),
+        record_rising_taps(plate, who, n_taps=5, seed=3),
+        record_rising_taps(mesh, who, n_taps=3, seed=4),
+    ]
+    return {"simulated": some("simulated", 10), "small": some(small(), 6), "controlled": controlled}
+
+
+def real_recordings() -> dict[str, list[Any]]:
+    """Return 24 real recordings."""
+    return {name: some(name, n) for name, n in REAL.items()}
+
+
+# What is recorded ------------------------------------------------------------------------------------------
+
+
 def benchmark(name: str | Path, pipeline: str, *options: object) -> Any:
-    """Return the JSON of `texclass benchmark`, what is measured and what is only drawn left out."""
-    file = SCRATCH / "benchmark.json"
-    file.unlink(missing_ok=True)
-    asked = ("--pipeline", pipeline, "--jobs", 1, "--out", SCRATCH / "out", "--json", file)
-    ended = command("benchmark", name, *asked, *options)
-    if not file.exists():
-        return {"code": ended.code, "error": ended.err.strip().splitlines()[-1:]}
-    found = json.loads(file.read_text(encoding="utf-8"))
+    """Return the JSON of `texclass benchmark`, what is only drawn left out."""
+    found = result_of("benchmark", name, "--pipeline", pipeline, "--jobs", 1, *options)
     return {key: value for key, value in found.items() if key != "example"}
 
 
-def _benchmark_part(
-    pipeline: str, name: str, dataset: Callable[[], str | Path], *needs: str, **asked: Any
-) -> None:
-    words = [word for key, value in asked.items() for word in (f"--{key}", value)]
+def predictions(
+    dataset: str | Path, pipeline: str, protocol: str | None = None, folds: int | None = None
+) -> dict[str, Any]:
+    """Return folds (number of the fold that tests a recording) and predicted labels by row and classifier.
 
-    @part(f"benchmark-{pipeline}-{name}", *needs)
-    def run() -> Any:
-        found = {"result": benchmark(dataset(), pipeline, *words)}
-        if "touch" not in asked and "rows" in found["result"]:
-            found |= predictions(dataset(), pipeline, asked.get("protocol"), asked.get("folds"))
-        return found
+    Of rows that select no columns: what the others select is in the result of the benchmark.
+    """
+    definition = load_pipeline(pipeline)
+    split_by = find_protocol(protocol or definition.protocol.name)
+    table = cached_table(open_dataset(dataset), *definition.needed, channels=definition.channels, n_jobs=1)
+    splits = split_by.split(
+        table.frame, definition.protocol.folds if folds is None else folds, definition.seed
+    )
+    y = table.frame["material"].to_numpy(dtype=str)
+    names = np.unique(y)
+    fold = np.full(len(y), -1)
+    for number, (_, test) in enumerate(splits):
+        fold[test] = number
+    options = {"nested": split_by.nested, "clusters": split_by.clusters(table.frame)}
+    labels: dict[str, Any] = {}
+    for declared in (row for row in definition.rows if row.select is None):
+        row = MatchedRow.of(declared, definition.features, table)
+        for classifier in declared.judged_by(definition.classifiers) if row.columns else ():
+            found = definition.trial(row, classifier, table)(splits, **options)
+            said = np.searchsorted(names, np.concatenate(found.predicted))
+            labels.setdefault(declared.name, {})[classifier] = said
+    return {"materials": names.tolist(), "fold": fold, "predicted": labels}
 
 
-for _pipeline in ("strese2015", "texclass", "multiscale", "coarse"):
-    _benchmark_part(_pipeline, "simulated", lambda: "simulated")
-_benchmark_part("texclass", "biotac20", few_of_biotac, "biotac20", protocol="blocks")
-_benchmark_part("multiscale", "biotac20", few_of_biotac, "biotac20", protocol="few-shot")
-_benchmark_part("strese2015", "taps5", lambda: "taps5", "taps5", folds=4)
-_benchmark_part("strese2015+models", "taps5", lambda: "taps5", "taps5", folds=4)
-_benchmark_part("texclass", "taps5", lambda: "taps5", "taps5", folds=4)
-_benchmark_part(
-    "coarse", "borealtc", lambda: "borealtc", "borealtc", touch=5, touches=6, protocol="run", folds=5
-)
+def benchmark_and_labels(pipeline: str, name: Callable[[], str | Path], **asked: Any) -> Any:
+    """Return the result of a benchmark and, of whole recordings, what each classifier says of them."""
+    options = [word for key, value in asked.items() for word in (f"--{key}", value)]
+    found = {"result": benchmark(name(), pipeline, *options)}
+    if "touch" not in asked and "rows" in found["result"]:
+        found |= predictions(name(), pipeline, **asked)
+    return found
+
+
+for _pipeline, _name, _dataset, _asked in (
+    *((name, "simulated", None, {}) for name in ("strese2015", "texclass", "multiscale", "coarse")),
+    ("texclass", "biotac20", few_of_biotac, {"protocol": "blocks"}),
+    ("multiscale", "biotac20", few_of_biotac, {"protocol": "few-shot"}),
+    *((name, "taps5", None, {"folds": 4}) for name in ("strese2015", "strese2015+models", "texclass")),
+    ("coarse", "borealtc", None, {"touch": 5, "touches": 6, "protocol": "run", "folds": 5}),
+):
+    _of = _dataset or (lambda name=_name: name)
+    _needs = () if _name == "simulated" else (_name,)
+    PARTS[f"benchmark-{_pipeline}-{_name}"] = partial(benchmark_and_labels, _pipeline, _of, **_asked), _needs
 
 
 @part("benchmark-protocols")
@@ -386,39 +289,18 @@ def protocols() -> Any:
     }
 
 
-def some(name: str | Path, n: int) -> list[Any]:
-    """Return `n` recordings spread over a dataset."""
-    dataset = open_dataset(name)
-    return [dataset[int(i)] for i in np.linspace(0, len(dataset) - 1, n).astype(int)]
-
-
-def simulated_recordings() -> dict[str, list[Any]]:
-    """Return 20 simulated recordings: taps, strokes and friction."""
-    return {"simulated": some("simulated", 10), "small": some(small(), 6), "controlled": simulated_runs()}
-
-
-def real_recordings() -> dict[str, list[Any]]:
-    """Return 24 real recordings."""
-    counts = {"taps5": 5, "lmt_excerpts": 4, "stylus6": 4, "biotac20": 5, "borealtc": 3, "fabric_speeds": 3}
-    return {name: some(name, n) for name, n in counts.items()}
-
-
-REAL = ("taps5", "lmt_excerpts", "stylus6", "biotac20", "borealtc", "fabric_speeds")
-SETS = ("strese2015", "strese2015+models", "texclass", "multiscale", "coarse")
-
-
 def tables(groups: Mapping[str, Sequence[Any]], plans: Sequence[tuple[str, str]]) -> Any:
-    """Return the feature tables of groups of recordings."""
+    """Return the feature tables of groups of recordings, and what is undefined of which."""
     found: dict[str, Any] = {}
     for group, recordings in groups.items():
         for features, channels in plans:
-            columns, values, reasons = feature_table(recordings, features, channels)
+            table = FeatureExtractor(features, channels=channels).fit(recordings).extract(recordings)
             undefined: dict[str, list[str]] = {}
-            for recording, feature, reason in reasons:
+            for recording, feature, reason in table.reasons:
                 undefined.setdefault(f"{feature}: {reason}", []).append(recording)
             found[f"{group} {features} {channels}"] = {
-                "columns": list(columns),
-                "values": Columns(values),
+                "columns": list(table.columns),
+                BY_COLUMN: table.values,  # noqa: PD011, no DataFrame
                 "undefined": {reason: sorted(who) for reason, who in sorted(undefined.items())},
             }
     return found
@@ -443,10 +325,9 @@ def phases(recordings: Iterator[Any] | Sequence[Any]) -> dict[str, Any]:
     """Return what was found in recordings, and what they are, in numbers."""
     found: dict[str, Any] = {}
     for recording in recordings:
-        p = phases_of(recording)
-        samples = np.asarray(recording.acceleration)
+        p, samples = segment(recording), recording.acceleration
         found[recording.recording_id] = {
-            "taps": np.array([(t.start, t.impact, t.end) for t in p.taps], dtype=np.int64).reshape(-1, 3),
+            "taps": np.array([(tap.start, tap.impact, tap.end) for tap in p.taps]),
             "movement": None if p.movement is None else list(map(int, p.movement)),
             "onset": None if p.onset is None else int(p.onset),
             "notes": list(p.notes),
@@ -464,35 +345,26 @@ def phases(recordings: Iterator[Any] | Sequence[Any]) -> dict[str, Any]:
 def phases_simulated() -> Any:
     """Phases of the whole simulated dataset and of the other simulated recordings."""
     others = [r for name, group in simulated_recordings().items() if name != "simulated" for r in group]
-    dataset = open_dataset("simulated")
-    return {
-        "simulated": phases(dataset),
-        "others": phases(recording.with_(phases=None) for recording in others),
-    }
+    found = phases(recording.with_(phases=None) for recording in others)
+    return {"simulated": phases(open_dataset("simulated")), "others": found}
 
 
 @part("phases-real", *REAL)
 def phases_real() -> Any:
     """Phases as declared by cards, and as found without their declaration."""
-    groups = real_recordings()
     return {
         name: {"declared": phases(group), "found": phases(r.with_(phases=None) for r in group)}
-        for name, group in groups.items()
+        for name, group in real_recordings().items()
     }
 
 
 @part("files")
 def files() -> Any:
     """One recording through every format of files, and a folder of materials."""
-    import h5py
-    import pandas as pd
-    import scipy.io
-    import soundfile
-
     rng = np.random.default_rng(8)
     x = np.round(rng.normal(0, 0.1, (3000, 3)), 5)
     folder = SCRATCH / "files"
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir()
     frame = pd.DataFrame(x, columns=["ax", "ay", "az"])
     np.savetxt(folder / "a.txt", x[:, 0])
     frame.to_csv(folder / "a.csv", index=False)
@@ -513,31 +385,29 @@ def files() -> Any:
             "fs": read.fs, "unit": read.unit, "channels": list(read.channels), "flags": list(read.flags),
             "samples": thin(read.acceleration, 12),
         }  # fmt: skip
+    return found | {"folder": folder_of_materials(rng)}
+
+
+def folder_of_materials(rng: np.random.Generator) -> Any:
+    """Return the features of a folder without a card."""
     for i in range(6):
         one = SCRATCH / "folder" / ("felt", "oak")[i % 2] / f"run_{i:02d}.csv"
         one.parent.mkdir(parents=True, exist_ok=True)
         np.savetxt(one, rng.normal(0, 1 + i % 2, 4000), header="a", comments="")
     table = SCRATCH / "folder.parquet"
-    ended = command("extract", SCRATCH / "folder", "--fs", 2000, "--unit", "g", "--jobs", 1, "-o", table)
-    if ended.code:
-        return found | {"folder": ended.err.strip().splitlines()[-1:]}
+    code, _, err = command(
+        "extract", SCRATCH / "folder", "--fs", 2000, "--unit", "g", "--jobs", 1, "-o", table
+    )
+    if code:
+        return err.strip().splitlines()[-1:]
     read = pd.read_parquet(table)
-    text = [name for name in read.columns if not pd.api.types.is_float_dtype(read[name])]
-    numbers = [name for name in read.columns if name not in text]
-    found["folder"] = {
-        "text": {name: read[name].astype("string").fillna("").tolist() for name in text},
-        "columns": numbers,
-        "values": Columns(read[numbers].to_numpy(np.float64)),
-    }
-    return found
+    numbers = list(read.select_dtypes("floating"))
+    text = read.drop(columns=numbers).astype("string").fillna("")
+    return {"text": text.to_dict("list"), "columns": numbers, BY_COLUMN: read[numbers].to_numpy(np.float64)}
 
 
-ROUNDED = False
-"""Whether `hard_signals` are rounded another way: what that changes, another machine may change, too."""
-
-
-def hard_signals() -> dict[str, np.ndarray]:
-    """Return seeded signals, easy and hard ones, of 2000 samples."""
+def hard_signals(*, rounded: bool = False) -> dict[str, np.ndarray]:
+    """Return seeded signals, easy and hard ones, of 2000 samples; rounded another way if asked for."""
     rng = np.random.default_rng(2015)
     t = np.arange(2000.0)
     noise = rng.standard_normal(2000)
@@ -557,37 +427,32 @@ def hard_signals() -> dict[str, np.ndarray]:
         "impulse": np.eye(1, 2000, 700)[0],
         "trend": 1e3 + t + noise,
     }
-    if ROUNDED:
+    if rounded:
         units = np.random.default_rng(99).integers(-1, 2, 2000) * np.finfo(np.float64).eps
         found |= {name: x * (1 + units) for name, x in found.items() if name != "constant"}
     return found
 
 
+def of_model(model: Any) -> dict[str, Any]:
+    """Return what an autoregressive model is."""
+    return {
+        "k": thin(model.reflection), "gain": np.asarray(model.gain), "residual": thin(model.residual, 12),
+        "fitted": np.asarray(model.fitted_order), "clipped": np.asarray(model.clipped),
+        "fallback": np.asarray(model.fallback),
+    }  # fmt: skip
+
+
 @part("vibration-models")
-def vibration_models() -> Any:
+def vibration_models(signals: Mapping[str, np.ndarray] | None = None) -> Any:
     """Autoregressive models, line spectra, lattices, interpolation, choice of the order."""
-    from texclass import vibration as v
-    from texclass.vibration import interpolation
-    from texclass.vibration import line_spectrum as ls
-    from texclass.vibration.autoregressive import from_autocorrelation, from_direct_form
-    from texclass.vibration.order import aicc, spectral_error
-
-    found: dict[str, Any] = {}
-    omega = np.linspace(0.01, 3.1, 50)
-
-    def told(model: Any) -> dict[str, Any]:
-        return {
-            "k": thin(model.reflection), "gain": np.asarray(model.gain), "residual": thin(model.residual, 12),
-            "fitted": np.asarray(model.fitted_order), "clipped": np.asarray(model.clipped),
-            "fallback": np.asarray(model.fallback),
-        }  # fmt: skip
-
-    for name, x in hard_signals().items():
+    v, found, omega = vibration, {}, np.linspace(0.01, 3.1, 50)
+    signals = hard_signals() if signals is None else signals
+    for name, x in signals.items():
         here: dict[str, Any] = {}
         for method in ("burg", "autocorrelation", "modified_covariance"):
             for order in (1, 2, 6, 24, 120, 400) if method != "modified_covariance" else (1, 2, 6, 24, 120):
                 model = v.fit(x, order, method=method)
-                here[f"{method} {order}"] = told(model)
+                here[f"{method} {order}"] = of_model(model)
                 if method == "burg" and order in (2, 24, 400) and name not in ("silence", "constant"):
                     lsf = ls.from_reflection(model.reflection)
                     here[f"lsf {order}"] = {
@@ -595,71 +460,85 @@ def vibration_models() -> Any:
                         "back": thin(attempt(ls.to_reflection, lsf)),
                         "spectrum": thin(v.Autoregression(model.reflection, 1.0).log_spectrum_db(omega), 20),
                     }
-        here["yule_walker"] = told(v.fit(x, 12, variance="yule_walker"))
+        here["yule_walker"] = of_model(v.fit(x, 12, variance="yule_walker"))
         found[name] = here
-    signals = hard_signals()
     a, b = (v.fit(signals[name], 20) for name in ("colored", "decay"))
-    frames = v.fit(signals["colored"].reshape(10, 200), 8)
-    found["frames"] = told(frames)
-    k400 = v.fit(signals["oversampled"], 400)
-    whites = np.random.default_rng(1).standard_normal(3000)
+    found["frames"] = of_model(v.fit(signals["colored"].reshape(10, 200), 8))
+    found["lattice"] = of_lattices(a, b, v.fit(signals["oversampled"], 400), signals)
     lsf20 = ls.from_reflection(np.stack([a.reflection, b.reflection]))
-    glide = v.LatticeSynthesis(a)
-    first = glide.process(whites[:500])
-    varying = (
-        np.linspace(0, 1, 1000)[:, None] * b.reflection + np.linspace(1, 0, 1000)[:, None] * a.reflection
-    )
-    w = np.arange(1, 1001) / 1000
-    gliding = (1 - w)[:, None] * a.reflection + w[:, None] * b.reflection
-    second = glide.process_varying(whites[500:1500], gliding, a.level ** (1 - w) * b.level**w)
-    blend = v.ModelBlend([a, b])
     nearest = v.Autoregression(ls.to_reflection(ls.spread(lsf20.mean(axis=0))), np.exp(-1.5))
-    found["lattice"] = {
-        "synthesis": thin(np.concatenate([first, second, glide.process(whites[1500:])])),
-        "varying": thin(
-            v.LatticeSynthesis(a).process_varying(whites[:1000], varying, np.linspace(1, 2, 1000))
-        ),
-        "high order": thin(v.synthesize(k400, 3000, np.random.default_rng(2))),
-        "whitened": thin(v.whiten(a, signals["colored"])),
-        "inverse": thin(v.LatticeInverse(b).process(signals["decay"])),
-        "settled": thin(v.LatticeSynthesis(a).settle(np.random.default_rng(3)).process(whites)),
-    }
+    blend = v.ModelBlend([a, b])
     found["between"] = {
-        "blend": told(blend.at([0.3, 0.7])),
-        "rows": told(blend.at(np.array([[1.0, 0.0], [0.5, 0.5], [0.1, 0.9]]))),
-        "interpolate": told(interpolation.interpolate(a, b, 0.25)),
-        "level": told(interpolation.interpolate(a, b, 0.5, loudness="level")),
-        "from lines": told(nearest),
+        "blend": of_model(blend.at([0.3, 0.7])),
+        "rows": of_model(blend.at(np.array([[1.0, 0.0], [0.5, 0.5], [0.1, 0.9]]))),
+        "interpolate": of_model(interpolation.interpolate(a, b, 0.25)),
+        "level": of_model(interpolation.interpolate(a, b, 0.5, loudness="level")),
+        "from lines": of_model(nearest),
         "spread": ls.spread(np.array([0.5, 0.4, 0.4, 1.0, 3.3, 3.2]), 0.01),
         "conditioning": thin(ls.conditioning(lsf20)),
-        "from autocorrelation": told(from_autocorrelation([4.0, 2.0, 0.5, -0.3])),
-        "from coefficients": told(from_direct_form([1.0, -1.2, 0.9, -0.2], 0.5)),
+        "from autocorrelation": of_model(from_autocorrelation([4.0, 2.0, 0.5, -0.3])),
+        "from coefficients": of_model(from_direct_form([1.0, -1.2, 0.9, -0.2], 0.5)),
     }
-    chosen = [
-        (criterion, v.select_order(signals[name], 60, criterion=criterion))
-        for criterion in ("spectral_error", "aicc")
-        for name in ("colored", "decay", "tones")
-    ]
-    found["order"] = [
-        {"criterion": c, "order": int(s.order), "met": bool(s.met), "values": thin(s.values)}
-        for c, s in chosen
-    ]
-    found["errors of orders"] = {
-        "spectral": spectral_error(signals["colored"], a),
-        "aicc": aicc(a, 2000),
-    }
+    found["order"] = []
+    for criterion in ("spectral_error", "aicc"):
+        for name in ("colored", "decay", "tones"):
+            chosen = v.select_order(signals[name], 60, criterion=criterion)
+            told = {"criterion": criterion, "order": int(chosen.order), "values": thin(chosen.values)}
+            found["order"].append(told)
+    found["errors of orders"] = {"spectral": spectral_error(signals["colored"], a), "aicc": aicc(a, 2000)}
     return found
 
 
-@part("vibration-modes")
-def vibration_modes() -> Any:
-    """Matrix pencil, Prony, taps, lines, pieces, bands and scores."""
-    from texclass import vibration as v
-    from texclass.vibration import major_frequencies, scores
+def of_lattices(a: Any, b: Any, k400: Any, signals: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Return what lattices of two models make of noise, alone and gliding, and what their inverses leave."""
+    v, rng = vibration, np.random.default_rng
+    whites, w = rng(1).standard_normal(3000), np.arange(1, 1001)[:, None] / 1000
+    glide = v.LatticeSynthesis(a)
+    first = glide.process(whites[:500])
+    gliding = (1 - w) * a.reflection + w * b.reflection
+    level = (a.level ** (1 - w) * b.level**w).ravel()
+    second = glide.process_varying(whites[500:1500], gliding, level)
+    u = np.linspace(0, 1, 1000)[:, None]
+    varying, rising = u * b.reflection + u[::-1] * a.reflection, np.linspace(1, 2, 1000)
+    return {
+        "synthesis": thin(np.concatenate([first, second, glide.process(whites[1500:])])),
+        "varying": thin(v.LatticeSynthesis(a).process_varying(whites[:1000], varying, rising)),
+        "high order": thin(v.synthesize(k400, 3000, rng(2))),
+        "whitened": thin(v.whiten(a, signals["colored"])),
+        "inverse": thin(v.LatticeInverse(b).process(signals["decay"])),
+        "settled": thin(v.LatticeSynthesis(a).settle(rng(3)).process(whites)),
+    }
 
-    signals, found = hard_signals(), {}
-    rng = np.random.default_rng(7)
-    fs = 10_000.0
+
+def of_modes(modes: Any) -> Any:
+    """Return frequencies, decays, amplitudes and phases, or how the fit is refused."""
+    if isinstance(modes, str):
+        return modes
+    return np.stack([modes.frequency_hz, modes.decay_per_s, modes.amplitude, modes.phase])
+
+
+def of_lines(lines: Any) -> Any:
+    """Return frequencies, amplitudes and phases, or how the fit is refused."""
+    if isinstance(lines, str):
+        return lines
+    return np.stack([lines.frequency_hz, lines.amplitude, lines.phase])
+
+
+def of_prony(found: Any) -> Any:
+    """Return the filter of Prony's method; its poles and sound where it is stable."""
+    if isinstance(found, str):
+        return found
+    told = {"order": found.order, "b": found.b, "a": found.a, "error": found.error}
+    return told | (
+        {"radius": found.pole_radius, "shown": thin(found.synthesize(200))} if found.is_stable else {}
+    )
+
+
+@part("vibration-modes")
+def vibration_modes(signals: Mapping[str, np.ndarray] | None = None) -> Any:
+    """Matrix pencil, Prony, taps, lines, pieces, bands and scores."""
+    signals = hard_signals() if signals is None else signals
+    v, found, rng, fs = vibration, {}, np.random.default_rng(7), 10_000.0
     rings = v.DecayingModes(
         [120.0, 333.0, 900.0, 0.0], [30.0, 80.0, 200.0, 50.0], [1, 0.5, 0.3, 0.2], [0.1, -1, 2, 0]
     )
@@ -669,42 +548,21 @@ def vibration_modes() -> Any:
         "filtered": thin(rings.filter(signals["noise"], fs)),
         "strongest": rings.strongest(2, 0.05).frequency_hz,
     }  # fmt: skip
-
-    def told(modes: Any) -> Any:
-        if isinstance(modes, str):
-            return modes
-        return np.stack([modes.frequency_hz, modes.decay_per_s, modes.amplitude, modes.phase])
-
     noisy = {"clean": ring, "noisy": ring + 1e-3 * rng.standard_normal(600), "decay": signals["decay"][:400]}
-    noisy |= {
-        name: signals[name][:300] for name in ("noise", "tones", "constant", "silence", "impulse", "huge")
-    }
-    for name, x in noisy.items():
+    short = ("noise", "tones", "constant", "silence", "impulse", "huge")
+    for name, x in (noisy | {name: signals[name][:300] for name in short}).items():
         found[f"pencil {name}"] = {
-            "own order": told(attempt(v.fit_matrix_pencil, x, fs)),
-            "order 6": told(attempt(v.fit_matrix_pencil, x, fs, order=6)),
-            "projected": told(attempt(v.fit_matrix_pencil, x, fs, order=4, outside="project")),
+            "own order": of_modes(attempt(v.fit_matrix_pencil, x, fs)),
+            "order 6": of_modes(attempt(v.fit_matrix_pencil, x, fs, order=6)),
+            "projected": of_modes(attempt(v.fit_matrix_pencil, x, fs, order=4, outside="project")),
         }
-        prony = attempt(v.fit_prony, x, 0.05 * (float(np.abs(x).max()) or 1.0))
-        if not isinstance(prony, str):
-            steady = (
-                {"radius": prony.pole_radius, "shown": thin(prony.synthesize(200))} if prony.is_stable else {}
-            )
-            prony = {"order": prony.order, "b": prony.b, "a": prony.a, "error": prony.error} | steady
-        found[f"prony {name}"] = prony
-        lines = attempt(v.fit_major_frequencies, x, fs)
-        told_lines = (
-            lines if isinstance(lines, str) else np.stack([lines.frequency_hz, lines.amplitude, lines.phase])
-        )
-        found[f"lines {name}"] = told_lines
+        found[f"prony {name}"] = of_prony(attempt(v.fit_prony, x, 0.05 * (float(np.abs(x).max()) or 1.0)))
+        found[f"lines {name}"] = of_lines(attempt(v.fit_major_frequencies, x, fs))
     slow, fast = (
         v.fit_major_frequencies(signals[name], fs, n_frequencies=9) for name in ("colored", "tones")
     )
-    for name, lines in {
-        "between": major_frequencies.interpolate(slow, fast, 0.4),
-        "at speed": major_frequencies.at_speed([slow, fast], [50.0, 100.0], 80.0),
-    }.items():
-        found[f"lines {name}"] = np.stack([lines.frequency_hz, lines.amplitude, lines.phase])
+    found["lines between"] = of_lines(major_frequencies.interpolate(slow, fast, 0.4))
+    found["lines at speed"] = of_lines(major_frequencies.at_speed([slow, fast], [50.0, 100.0], 80.0))
     found["lines played"] = thin(slow.synthesize(1000, fs, peak=1.0))
     velocity, t = np.array([0.1, 0.2, 0.35]), np.arange(300) / fs
     taps = [
@@ -712,29 +570,68 @@ def vibration_modes() -> Any:
         for u in velocity
     ]
     for name, fit in (("okamura", v.fit_okamura), ("least squares", v.fit_tap_model)):
-        model = fit(taps, velocity, fs)
-        found[f"tap {name}"] = np.array([model.amplitude_slope, model.decay_per_s, model.frequency_hz])
+        found[f"tap {name}"] = of_tap(fit(taps, velocity, fs))
     pieces = v.segment_rising_peaks(np.tile(ring[:200], 6) + 0.05 * rng.standard_normal(1200), 0.3)
-    band = v.vibration_band(np.arange(500.0), 1 / ((np.arange(500.0) - 80) ** 2 + 400), smoothing_hz=3.0)
-    found["pieces"] = {
-        "bounds": pieces.bounds,
-        "peaks": pieces.n_peaks,
-        "band": [band.major_hz, band.upper_hz],
-    }
-    for name, other in (
-        ("noise", "colored"),
-        ("colored", "quantized"),
-        ("decay", "tones"),
-        ("tiny", "noise"),
-    ):
-        x, y = signals[name], signals[other]
-        found[f"scores {name} {other}"] = {
-            score: attempt(getattr(scores, score), x, y)
-            for score in (
-                "rms_spectral_error", "goodness_of_fit", "mean_absolute_difference", "log_spectral_distance",
-            )
-        } | {"band_energy_distance": attempt(scores.band_energy_distance, x, y, fs)}  # fmt: skip
+    f = np.arange(500.0)
+    band = v.vibration_band(f, 1 / ((f - 80) ** 2 + 400), smoothing_hz=3.0)
+    bounds = {"bounds": pieces.bounds, "peaks": pieces.n_peaks}
+    found["pieces"] = bounds | {"band": [band.major_hz, band.upper_hz]}
+    pairs = ("noise", "colored"), ("colored", "quantized"), ("decay", "tones"), ("tiny", "noise")
+    for one, other in pairs:
+        x, y = signals[one], signals[other]
+        found[f"scores {one} {other}"] = {
+            "band_energy_distance": attempt(scores.band_energy_distance, x, y, fs),
+            "rms_spectral_error": attempt(scores.rms_spectral_error, x, y),
+            "goodness_of_fit": attempt(scores.goodness_of_fit, x, y),
+            "mean_absolute_difference": attempt(scores.mean_absolute_difference, x, y),
+            "log_spectral_distance": attempt(scores.log_spectral_distance, x, y),
+        }
     return found
+
+
+def of_tap(model: Any) -> list[float]:
+    """Return A, B and f of a tap."""
+    return [model.amplitude_slope, model.decay_per_s, model.frequency_hz]
+
+
+def fitted_textures() -> dict[str, Any]:
+    """Return a texture of each way of the papers, fitted to simulated recordings."""
+    rng, speeds = np.random.default_rng(4), [50.0, 100.0, 200.0]
+    plates = [np.convolve(rng.standard_normal(6000), np.hanning(round(4000 / v)), "same") for v in speeds]
+    plates = [v * plate for v, plate in zip(speeds, plates, strict=True)]
+    hand = stroke_by_hand(surface("S7"), 10.0, 1000.0, np.random.default_rng(0))
+    modelled = abdulali2016.model_scan(hand)
+    network = modelled.network()
+    rng, rubber = np.random.default_rng(3), OBJECTS[2]
+    stroke = stroke_an_object(rubber, lay_out(rubber, 60.0, rng), rng)
+    return {
+        "abdulali2016 network": network,
+        "abdulali2016 delaunay": modelled.delaunay(),
+        "abdulali2016 baked": abdulali2016.bake(network, "S7", (5, 5, 3)),
+        "abdulali2016 as published": abdulali2016.fit_as_published(hand),
+        "guruswamy2011": guruswamy2011.fit_texture(stroke, rubber.law).texture,
+        "oeztuerk2018 lpc": oeztuerk2018.fit_lpc(plates, speeds, 10_000.0, order=40, name="felt"),
+        "oeztuerk2018 lines": oeztuerk2018.fit_frequencies(plates, speeds, 10_000.0, name="felt"),
+    }
+
+
+def of_taps() -> dict[str, Any]:
+    """Return A, B, f of taps as fitted, scaled and loaded again, and the force of a virtual wall."""
+    rng, fs = np.random.default_rng(5), TAPS_HZ["wood"]
+    made = {name: simulate_taps(TABLE_I[name], rng, fs, n_taps=6) for name in ("wood", "rubber")}
+    taps, velocity = ({name: one[i] for name, one in made.items()} for i in range(2))
+    library, _ = okamura2001.fit_library(taps, velocity, fs)
+    device = okamura2001.ForceDevice(limit_n=50.0)
+    scaled = okamura2001.scale_into(library, device, 0.4)
+    wall = okamura2001.VirtualWall(scaled["wood"], device)
+    depth = 2 * np.sin(2 * np.pi * np.arange(4000) / 1500 - 0.5)
+    force = wall.renderer().process(depth, np.gradient(depth) * device.rate_hz)
+    again = exchange.load_taps(exchange.save_texture(library, SCRATCH / "taps.texture"))
+    return {
+        "fits": np.array([of_tap(one) for some in (library, scaled) for one in some.values()]),
+        "wall": thin(force, 100),
+        "again": np.array([of_tap(one) for one in again.values()]),
+    }
 
 
 def hand_path(n: int = 3000) -> tuple[np.ndarray, np.ndarray]:
@@ -748,61 +645,41 @@ def hand_path(n: int = 3000) -> tuple[np.ndarray, np.ndarray]:
 @part("scene")
 def scene() -> Any:
     """A planned scene and its samples, textures of all papers, and their files."""
-    from texclass import exchange as e
-
-    found: dict[str, Any] = {}
-    file, told = SCRATCH / "example.texture", SCRATCH / "plan.json"
-    command(
-        "scene", "plan", "example", "--out", file, "--json", told
-    )  # exit code 1: the machine was too slow
-    plan = json.loads(told.read_text(encoding="utf-8"))
+    e, file, plan_file = exchange, SCRATCH / "example.texture", SCRATCH / "plan.json"
+    command("scene", "plan", "example", "--out", file, "--json", plan_file)  # 1: the machine was too slow
+    plan = json.loads(plan_file.read_text(encoding="utf-8"))
     plan.pop("budget")
-    path, samples = played_scene(file)
-    found["plan"], found["path"], found["played"] = plan, thin(path), thin(samples, 400)
-    rng = np.random.default_rng(4)
-    speeds = [50.0, 100.0, 200.0]
-    plates = [v * np.convolve(rng.standard_normal(6000), np.hanning(round(4000 / v)), "same") for v in speeds]
-    velocity, force = hand_path()
-    textures = fitted_textures(plates, speeds)
+    planned = load_scene(file)
+    hand = sweep_of(planned)
+    velocity, force, _ = hand.at_rate(planned.fs)
+    samples = play_path(planned, hand, seed=0).samples
+    path = thin(np.column_stack([velocity, force]))
+    found: dict[str, Any] = {"plan": plan, "path": path, "played": thin(samples, 400)}
+    motion = hand_path()
+    textures = fitted_textures()
     for name, texture in textures.items():
-        x = texture.renderer(seed=3).process(velocity, force)
+        x = texture.renderer(seed=3).process(*motion)
         saved = e.save_texture(texture, SCRATCH / f"{name}.texture", unit="m/s^2")
-        again = e.load_texture(saved).renderer(seed=3).process(velocity, force)
+        again = e.load_texture(saved).renderer(seed=3).process(*motion)
         found[name] = {
             "fs": texture.fs, "operations": texture.operations, "rendered": thin(x, 100),
             "again": bool(np.array_equal(x, again)),
-            "arrays": {k: thin(a, 20) for k, a in arrays_of(texture).items()},
+            "arrays": {k: thin(a, 20) for k, a in texture.arrays().items()},
         }  # fmt: skip
-    library, fits, wall = fitted_taps()
-    taps = e.load_taps(e.save_texture(library, SCRATCH / "taps.texture"))
-    found["okamura2001"] = {
-        "fits": fits, "wall": thin(wall, 100),
-        "again": [(m.amplitude_slope, m.decay_per_s, m.frequency_hz) for m in taps.values()],
-    }  # fmt: skip
+    found["okamura2001"] = of_taps()
     for name in ("abdulali2016 network", "oeztuerk2018 lpc"):
         hatt = e.to_hatt(textures[name], unit="m/s^2", fs=1000.0, order=12)
         again = e.read_hatt(e.write_hatt(hatt, SCRATCH / "hatt.xml"))
         xml = (SCRATCH / "hatt.xml").read_text(encoding="utf-8")
         found[f"HaTT of {name}"] = {
-            "rendered": thin(hatt.renderer(seed=1).process(velocity, force), 60),
-            "again": thin(again.renderer(seed=1).process(velocity, force), 60),
+            "rendered": thin(hatt.renderer(seed=1).process(*motion), 60),
+            "again": thin(again.renderer(seed=1).process(*motion), 60),
             "xml": [xml.count("<value>"), re.findall(r"<(\w+)", xml)[:20]],
         }
     for encoding in ("float32", "pcm16"):
         read = e.read_wav(e.write_wav(SCRATCH / "x.wav", samples, 1000.0, unit="g", encoding=encoding))
         found[f"WAV {encoding}"] = [thin(read.samples, 60), read.fs, read.unit, read.peak]
     return found
-
-
-def objects(lines: str) -> list[Any]:
-    """Return the JSON objects of lines."""
-    return [json.loads(line) for line in lines.splitlines() if line.startswith("{")]
-
-
-def columns_of(rows: list[dict[str, Any]]) -> dict[str, list[Any]]:
-    """Return rows with about the same keys as columns: the records become smaller."""
-    keys = dict.fromkeys(key for row in rows for key in row)
-    return {key: [row.get(key) for row in rows] for key in keys}
 
 
 @part("recognition-answers")
@@ -813,80 +690,68 @@ def recognition_answers() -> Any:
     strangers = [f"simulated:{entry.recording_id}" for entry in open_dataset("simulated").entries[5:240:117]]
     found: dict[str, Any] = {}
     whole, touch = SCRATCH / "whole.skops", SCRATCH / "touch.skops"
-    for file, row, classifier, options in (
-        (whole, "Taps, movement, friction", "lda", ()),
-        (touch, "Movement", "kernel", ("--touch", 1.0)),
+    for file, n_asked, words in (
+        (whole, 48, ("--row", "Taps, movement, friction", "--classifier", "lda")),
+        (touch, 16, ("--row", "Movement", "--classifier", "kernel", "--touch", 1.0)),
     ):
-        asked = ("--row", row, "--classifier", classifier, "--jobs", 1, *options)
-        ended = command("train", small(), "-o", file, *asked)
-        assert file.exists(), ended.err
-        answers = objects(
-            command("predict", file, "--json", *names[: 48 if file == whole else 16], *strangers).out
-        )
+        _, _, err = command("train", small(), "-o", file, "--jobs", 1, *words)
+        assert file.exists(), err
+        answers = objects(command("predict", file, "--json", *names[:n_asked], *strangers)[1])
         for answer in answers:
-            answer["file"] = answer["file"].rpartition(":")[2]
-            answer["reasons"] = "; ".join(answer.get("reasons", ()))
+            answer["asked"] = answer.pop("file").rpartition(":")[2]
         found[f"predict {file.stem}"] = columns_of(answers)
     heard: list[Any] = []
-    for i in range(len(dataset)):
-        recording = dataset[i]
-        x = np.asarray(recording.acceleration).reshape(recording.n_samples, -1)
+    for i, recording in enumerate(dataset):
+        x = recording.acceleration.reshape(recording.n_samples, -1)
+        words, told = ("--channels", x.shape[1]), x.astype("<f4").tobytes()
         if i % 8 == 0:  # as text, a sample a line
-            text = "\n".join(" ".join(map(repr, row)) for row in x.tolist()).encode()
-            ended = command("stream", touch, "--rate", recording.fs, "--json", stdin=text)
-        else:
-            blocks = x.astype("<f4").tobytes()
-            ended = command(
-                "stream", touch, "--rate", recording.fs, "--channels", x.shape[1], "--json", stdin=blocks
-            )
-        heard += [
-            {"of": recording.recording_id, "code": ended.code, **told} for told in _flat(objects(ended.out))
-        ]
+            words, told = (), "\n".join(" ".join(map(repr, row)) for row in x.tolist()).encode()
+        code, out, _ = command("stream", touch, "--rate", recording.fs, *words, "--json", stdin=told)
+        heard += [{"of": recording.recording_id, "code": code, **one} for one in objects(out)]
     for i in (3, 30):
-        ended = command("stream", touch, "--source", names[i], "--evidence", "majority", "--json")
-        heard += [{"of": f"file {i}", "code": ended.code, **told} for told in _flat(objects(ended.out))]
-    found["stream"] = columns_of(heard)
+        code, out, _ = command("stream", touch, "--source", names[i], "--evidence", "majority", "--json")
+        heard += [{"of": f"file {i}", "code": code, **one} for one in objects(out)]
+    told = columns_of(heard)
+    by_clock_or_place = ("age_s", "ms", "window.ms", "source")
+    found["stream"] = {key: column for key, column in told.items() if key not in by_clock_or_place}
     return found
 
 
-def _flat(told: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return answers of a stream with those of the window beside those of the contact."""
-    return [
-        {key: value for key, value in one.items() if key not in ("window", "ms", "reasons")}
-        | {"reasons": "; ".join(one.get("reasons", ()))}
-        | {f"window {key}": value for key, value in one.get("window", {}).items()}
-        for one in told
-    ]
+@contextlib.contextmanager
+def fixed_costs() -> Iterator[None]:
+    """Let every part of a feature set cost what its name says, not what the clock says."""
+    measured = CostMeter.model
+
+    def stated(self: Any, *args: Any, **options: Any) -> Any:
+        model = measured(self, *args, **options)
+        digests = [hashlib.sha256(name.encode()).hexdigest() for name in model.parts]
+        ms = [0.05 + int(digest[:6], 16) / 2**24 for digest in digests]
+        return replace(model, ms=np.array(ms), segmentation_ms=1.0)
+
+    with mock.patch.object(CostMeter, "model", stated):
+        yield
 
 
 @part("recognition-tradeoff")
 def recognition_tradeoff() -> Any:
     """The front, curves and chosen columns of a trade-off whose costs are stated, not measured."""
-    file, found = SCRATCH / "tradeoff.json", {}
+    found = {}
     with fixed_costs():
         for name, words in {
             "front": ("--features", "strese2015"),
             "few columns": ("--features", "coarse", "--max-features", 3, "--no-curves"),
         }.items():
-            file.unlink(missing_ok=True)
-            ended = command(
-                "tradeoff", small(), "--jobs", 1, "--out", SCRATCH / "out", "--json", file, *words
-            )
-            assert file.exists(), ended.err
-            found[name] = json.loads(file.read_text(encoding="utf-8"))
-            found[name].pop("classifiers")
+            found[name] = result_of("tradeoff", small(), "--jobs", 1, *words)
+            found[name].pop("classifiers", None)
     return found
 
 
 @part("stability")
 def stability() -> Any:
-    """Verdicts of the short battery on filters and transforms."""
+    """Verdicts of the short battery on models, filters, transforms and features."""
     found: dict[str, Any] = {}
     for group in ("models", "filters", "transforms", "features"):
-        file = SCRATCH / "stability.json"
-        file.unlink(missing_ok=True)
-        command("stability", "--quick", "--only", group, "--out", SCRATCH / "out", "--json", file)
-        told = json.loads(file.read_text(encoding="utf-8"))
+        told = result_of("stability", "--quick", "--only", group)
         for tally in told["tallies"]:
             if tally["library"] == "texclass":
                 found[f"{group}, {tally['subject']}, {tally['family']}"] = tally["marks"]
@@ -897,172 +762,126 @@ def stability() -> Any:
 # How it is written down and compared -----------------------------------------------------------------------
 
 
-class Columns:
-    """A table whose columns have scales of their own."""
-
-    def __init__(self, values: Any) -> None:
-        self.values = np.asarray(values, dtype=np.float64)
-
-
 def flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield every leaf of nested results under its path; lists of numbers are arrays."""
-    is_list = isinstance(value, list | tuple)
-    if isinstance(value, Mapping):
+    """Yield every leaf of nested results under its path; an array is a leaf, and a list without lists."""
+    if isinstance(value, np.ndarray | np.generic):
+        yield path, value.tolist()
+    elif isinstance(value, Mapping):
         for key, inner in value.items():
             if key not in UNTOLD:
                 yield from flat(inner, f"{path} > {key}" if path else str(key))
-    elif isinstance(value, Columns):
-        yield f"{path} (by column)", shortened(value.values)
-    elif isinstance(value, np.ndarray | np.generic):
-        yield path, shortened(np.asarray(value))
-    elif is_list and any(map(_is_number, value)) and all(v is None or _is_number(v) for v in value):
-        whole = all(isinstance(v, int) for v in value)
-        yield path, shortened(np.array(value, dtype=np.int64 if whole else np.float64))
-    elif is_list and any(isinstance(v, Mapping | list | tuple | np.ndarray) for v in value):
+    elif isinstance(value, list | tuple) and any(isinstance(one, NESTED) for one in value):
         for i, inner in enumerate(value):
             yield from flat(inner, f"{path} > {i}")
-    elif isinstance(value, float):
-        yield path, shortened(np.array(value))
     else:
         yield path, list(value) if isinstance(value, tuple) else value
 
 
-def _is_number(value: Any) -> bool:
+def is_numeric(value: Any) -> bool:
+    """Whether a leaf holds numbers, perhaps None among them, and nothing else."""
+    if isinstance(value, list | tuple):
+        return any(v is not None for v in value) and all(v is None or is_numeric(v) for v in value)
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def shortened(x: np.ndarray) -> np.ndarray:
-    """Return an array without the last 16 bits of its numbers (4e-12 of them), which compresses better."""
-    if x.dtype != np.float64:
-        return x.astype(np.int32) if x.dtype == np.int64 and np.all(np.abs(x) < 2**31) else x
-    bits = np.array(x, order="C").reshape(-1).view(np.uint64)
-    rounded = (bits + np.uint64(1 << 15)) & ~np.uint64((1 << 16) - 1)
-    kept = np.where(np.isfinite(x.reshape(-1)), rounded.view(np.float64), x.reshape(-1))
-    return kept.reshape(x.shape)
+def rounded(leaf: Any) -> Any:
+    """Return a leaf with 12 digits of its numbers."""
+    if isinstance(leaf, list):
+        return [rounded(inner) for inner in leaf]
+    return float(f"{leaf:.12g}") if isinstance(leaf, float) else leaf
 
 
-def write(name: str, leaves: Mapping[str, Any], loose: Mapping[str, float]) -> None:
-    """Write the leaves of a part: numbers of all arrays in one compressed array a type, the rest as JSON."""
+def write(name: str, leaves: Mapping[str, Any], loose: Mapping[str, float]) -> int:
+    """Write the leaves of a part and the tolerance of those that are ill-conditioned; return the bytes."""
     RECORD.mkdir(exist_ok=True)
-    plain = {path: leaf for path, leaf in leaves.items() if not isinstance(leaf, np.ndarray)}
-    shapes: dict[str, list[Any]] = {}
-    stores: dict[str, list[np.ndarray]] = {}
-    for path, leaf in leaves.items():
-        if isinstance(leaf, np.ndarray):
-            shapes[path] = [leaf.dtype.str, *leaf.shape]
-            stores.setdefault(leaf.dtype.str, []).append(leaf.ravel())
-    arrays = {}
-    for kind, pieces in stores.items():
-        joined = np.concatenate(pieces)
-        # Bytes of one significance beside each other compress far better.
-        arrays[kind] = joined.view(np.uint8).reshape(-1, joined.itemsize).T.copy()
-    facts = json.dumps({"plain": plain, "shapes": shapes, "loose": dict(loose)}, ensure_ascii=False).encode()
-    np.savez_compressed(RECORD / f"{name}.npz", facts=np.frombuffer(facts, np.uint8), **arrays)
+    told = {"leaves": {path: rounded(leaf) for path, leaf in leaves.items()}, "loose": loose}
+    packed = lzma.compress(json.dumps(told, ensure_ascii=False, separators=(",", ":")).encode())
+    return (RECORD / f"{name}.json.xz").write_bytes(packed)
 
 
-def read(name: str) -> tuple[dict[str, Any], dict[str, float]]:
-    """Return the leaves of a recorded part, and path -> tolerance of those that are ill-conditioned."""
-    with np.load(RECORD / f"{name}.npz") as file:
-        facts = json.loads(file["facts"].tobytes().decode())
-        stores = {key: file[key] for key in file.files if key != "facts"}
-    leaves, at = dict(facts["plain"]), dict.fromkeys(stores, 0)
-    joined = {kind: np.ascontiguousarray(store.T).reshape(-1).view(kind) for kind, store in stores.items()}
-    for path, (kind, *shape) in facts["shapes"].items():
-        size = math.prod(shape)
-        leaves[path] = joined[kind][at[kind] : at[kind] + size].reshape(shape)
-        at[kind] += size
-    return leaves, facts.get("loose", {})
+def read(name: str) -> dict[str, Any]:
+    """Return what `write` wrote."""
+    return json.loads(lzma.decompress((RECORD / f"{name}.json.xz").read_bytes()))
 
 
 def differences(
     before: Mapping[str, Any], now: Mapping[str, Any], tolerance: float, loose: Mapping[str, float]
 ) -> Iterator[tuple[str, str, float]]:
     """Yield what differs: path, before and now in words, relative difference (inf of what is no number)."""
-    for path in [*before, *(path for path in now if path not in before)]:
+    for path in dict.fromkeys((*before, *now)):
         allowed = max(tolerance, loose.get(path, 0.0))
-        if allowed == math.inf:
-            continue
         if path not in before or path not in now:
             yield path, "is new" if path in now else "is gone", math.inf
             continue
         old, new = before[path], now[path]
-        if not isinstance(old, np.ndarray) or not isinstance(new, np.ndarray):
-            if isinstance(old, np.ndarray) or isinstance(new, np.ndarray) or old != new:
-                yield path, f"{_brief(old)} before, {_brief(new)} now", math.inf
-        elif old.shape != new.shape:
-            yield path, f"shape {old.shape} before, {new.shape} now", math.inf
-        elif old.dtype.kind in "iub" and new.dtype.kind in "iub":
-            if not np.array_equal(old, new):
-                at, n = np.argwhere(np.atleast_1d(old != new))[0], int((old != new).sum())
-                told = f"{_at(old, at)} before, {_at(new, at)} now {_place(old, at)}, {n} differ"
-                yield path, told, math.inf
-        else:
-            columns = before.get(path.replace("values (by column)", "columns"), ())
-            yield from _numbers(path, old.astype(np.float64), new.astype(np.float64), allowed, columns)
+        if allowed == math.inf or old == new:
+            continue
+        if not (is_numeric(old) and is_numeric(new)):
+            yield path, f"{brief(old)} before, {brief(new)} now", math.inf
+            continue
+        x, y = np.array(old, dtype=np.float64), np.array(new, dtype=np.float64)
+        if x.shape != y.shape:
+            yield path, f"shape {x.shape} before, {y.shape} now", math.inf
+            continue
+        relative = relative_difference(x, y, axis=0 if path.endswith(BY_COLUMN) else None)
+        if are_whole(old) and are_whole(new):
+            relative = np.where(x == y, 0.0, math.inf)
+        if np.any(relative > allowed):
+            at = np.unravel_index(np.argmax(relative), x.shape)
+            told = f"{x[at]:.17g} before, {y[at]:.17g} now at {list(map(int, at))}"
+            count = f"{np.sum(relative > allowed)} of {x.size} differ"
+            if path.endswith(BY_COLUMN):
+                columns = np.array(before[path.replace(BY_COLUMN, "columns")])
+                count += f", in {', '.join(columns[(relative > allowed).any(axis=0)][:6])}"
+            largest = float(relative[at])
+            yield path, f"{told}, relative difference {largest:.2g}, {count}", largest
 
 
-def _numbers(
-    path: str, old: np.ndarray, new: np.ndarray, tolerance: float, columns: Any
-) -> Iterator[tuple[str, str, float]]:
-    if not old.size:
-        return
-    axis = 0 if path.endswith("(by column)") else None
-    with np.errstate(all="ignore"):
-        size = np.where(np.isfinite(old), np.abs(old), np.nan)
-        known = np.isfinite(size).any(axis=axis, keepdims=True)
-        typical = np.nanmedian(np.where(known, size, 0.0), axis=axis, keepdims=True)
+def relative_difference(old: np.ndarray, new: np.ndarray, axis: int | None) -> np.ndarray:
+    """Return |new - old| over |old|, or over the typical size along an axis where that is larger."""
+    size = np.where(np.isfinite(old), np.abs(old), np.nan)
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a column without a number
+        typical = np.nan_to_num(np.nanmedian(size, axis=axis, keepdims=True))
         relative = np.abs(new - old) / np.maximum(np.abs(old), FLOOR * typical)
     relative = np.where((old == new) | (np.isnan(old) & np.isnan(new)), 0.0, relative)
-    relative = np.atleast_1d(np.where(np.isnan(relative), np.inf, relative))
-    wrong = relative > tolerance
-    if wrong.any():
-        at = np.array(np.unravel_index(int(np.argmax(relative)), relative.shape))
-        told = f"{_at(old, at):.17g} before, {_at(new, at):.17g} now {_place(old, at)}"
-        count = f", {wrong.sum()} of {wrong.size} differ" if wrong.size > 1 else ""
-        if path.endswith("(by column)"):
-            named = [columns[i] for i in np.flatnonzero(wrong.any(axis=0))]
-            count += f", in {', '.join(named[:6])}{' ...' if len(named) > 6 else ''}"
-        yield path, f"{told}, relative difference {_at(relative, at):.2g}{count}", float(_at(relative, at))
+    return np.nan_to_num(relative, nan=math.inf, posinf=math.inf)
 
 
-def _place(x: np.ndarray, at: np.ndarray) -> str:
-    return f"at [{', '.join(map(str, at))}]" if x.ndim else "alone"
+def are_whole(value: Any) -> bool:
+    """Whether all numbers of a leaf are integers."""
+    return all(map(are_whole, value)) if isinstance(value, list) else isinstance(value, int)
 
 
-def _at(x: np.ndarray, at: np.ndarray) -> Any:
-    return np.atleast_1d(x)[tuple(at)]
-
-
-def _brief(value: Any) -> str:
+def brief(value: Any) -> str:
+    """Return a value as text of at most 160 letters."""
     text = repr(value)
     return text if len(text) <= 160 else f"{text[:156]} ..."
-
-
-def data_here(needs: Sequence[str]) -> bool:
-    """Whether the folders of recordings are on this machine."""
-    root = Path(os.environ["TEXCLASS_DATA"])
-    return all((root / name).is_dir() for name in needs)
-
-
-def compute(name: str) -> dict[str, Any]:
-    """Return the leaves of a part, computed now."""
-    return dict(flat(PARTS[name][0]()))
 
 
 def ill_conditioned(name: str, leaves: Mapping[str, Any]) -> dict[str, float]:
     """Return path -> tolerance of numbers of vibrations that change by much more than their input.
 
-    Infinite where another rounding of the input gives another order, or a number without a digit in common.
+    Infinite where another rounding of the input gives another order, or a number without a digit in common:
+    what that changes, another machine may change, too.
     """
-    global ROUNDED  # noqa: PLW0603
     if not name.startswith("vibration"):
         return {}
-    ROUNDED = True
-    try:
-        changed = differences(leaves, compute(name), 1e-11, {})
-        return {path: 100 * change if change < 1e-4 else math.inf for path, _, change in changed}
-    finally:
-        ROUNDED = False
+    again = dict(flat(PARTS[name][0](hard_signals(rounded=True))))
+    changed = differences(leaves, again, 1e-11, {})
+    return {path: 100 * change if change < 1e-4 else math.inf for path, _, change in changed}
+
+
+def compared(name: str, leaves: Mapping[str, Any], most: int) -> str:
+    """Return what differs from the record of a part, "same" if nothing does."""
+    if not (RECORD / f"{name}.json.xz").exists():
+        return f"there is no record; `record --only {name}` makes one"
+    tolerance = next((t for key, t in TOLERANCE.items() if name.startswith(key)), DEFAULT_TOLERANCE)
+    record = read(name)
+    found = list(differences(record["leaves"], leaves, tolerance, record["loose"]))
+    told = [f"{len(found)} differences" if found else "same"]
+    told += [f"    {path}: {words}" for path, words, _ in found[:most]]
+    return "\n".join([*told, *([f"    and {len(found) - most} more"] if len(found) > most else [])])
 
 
 def main() -> int:
@@ -1072,55 +891,37 @@ def main() -> int:
     parser.add_argument("--only", nargs="+", metavar="PART", help="parts, or what their names begin with")
     parser.add_argument("--most", type=int, default=20, help="differences that are printed for each part")
     asked = parser.parse_args()
-    names = [name for name in PARTS if not asked.only or any(name.startswith(one) for one in asked.only)]
+    names = [name for name in PARTS if not asked.only or name.startswith(tuple(asked.only))]
     if not names:
         parser.error(f"no part begins with {asked.only}; the parts are {', '.join(PARTS)}")
     if asked.what == "list":
         print("\n".join(names))
         return 0
-    os.environ.setdefault("TEXCLASS_DATA", str(PROJECT.parent / "shared" / "data"))
+    own_data()
     os.environ["TEXCLASS_CACHE"] = str(SCRATCH / "cache")
-    os.environ["PYTHONPATH"] = os.pathsep.join([str(PROJECT), os.environ.get("PYTHONPATH", "")])  # of workers
-    sys.path[:0] = [str(PROJECT), str(PROJECT / "examples" / "papers")]
-    n_different = 0
+    said = {}
     for name in names:
+        function, needs = PARTS[name]
         started = time.process_time()
-        if not data_here(PARTS[name][1]):
-            print(f"{name}: skipped, the recordings are not here", flush=True)
-            continue
-        try:
-            now = compute(name)
-        except Exception:
-            if asked.what == "record":
-                raise
-            n_different += 1
-            print(f"{name}: failed\n{traceback.format_exc(limit=-3)}", flush=True)
-            continue
-        took = f"{time.process_time() - started:.0f} s"
-        if asked.what == "record":
-            write(name, now, ill_conditioned(name, now))
-            print(f"{name}: recorded, {(RECORD / f'{name}.npz').stat().st_size} bytes, {took}", flush=True)
-            continue
-        if not (RECORD / f"{name}.npz").exists():
-            n_different += 1
-            print(f"{name}: there is no record; `record --only {name}` makes one", flush=True)
-            continue
-        tolerance = next((t for key, t in TOLERANCE.items() if name.startswith(key)), DEFAULT_TOLERANCE)
-        before, loose = read(name)
-        found = list(differences(before, now, tolerance, loose))
-        n_different += bool(found)
-        print(f"{name}: {f'{len(found)} differences' if found else 'same'}, {took}", flush=True)
-        for path, words, _ in found[: asked.most]:
-            print(f"    {path}: {words}")
-        if len(found) > asked.most:
-            print(f"    and {len(found) - asked.most} more")
-    return 1 if n_different else 0
+        if not all((Path(os.environ["TEXCLASS_DATA"]) / folder).is_dir() for folder in needs):
+            said[name] = "skipped, the recordings are not here"
+        else:
+            try:
+                leaves = dict(flat(function()))
+            except Exception:
+                if asked.what == "record":
+                    raise
+                said[name] = f"failed\n{traceback.format_exc(limit=-3)}"
+            else:
+                if asked.what == "record":
+                    said[name] = f"recorded, {write(name, leaves, ill_conditioned(name, leaves))} bytes"
+                else:
+                    said[name] = compared(name, leaves, asked.most)
+        print(f"{name} ({time.process_time() - started:.0f} s): {said[name]}", flush=True)
+    return int(any(not words.startswith(("same", "skipped", "recorded")) for words in said.values()))
 
 
 if __name__ == "__main__":
-    try:
-        code = main()
-    finally:
-        if "SAME_AS_BEFORE_SCRATCH" not in os.environ:
-            shutil.rmtree(SCRATCH, ignore_errors=True)
-    sys.exit(code)
+    with tempfile.TemporaryDirectory(prefix="same_as_before_") as scratch:
+        SCRATCH = Path(scratch)
+        sys.exit(main())
