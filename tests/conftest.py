@@ -5,7 +5,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
+# The same examples in every run; `--hypothesis-profile=default` draws others.
+settings.register_profile("same examples", derandomize=True, deadline=None)
+settings.load_profile("same examples")
 # As many workers as cores, each of one thread, and one process where all cores are asked for (`n_jobs=-1`):
 # set before BLAS is loaded, inherited by what tests start.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LOKY_MAX_CPU_COUNT"):
