@@ -15,7 +15,6 @@ from abdulali2016_simulated import SURFACES, simulate_scan
 from abdulali2016_study import FS, study_bound, study_held_out
 
 from texclass.document import Table
-from texclass.provenance import versions
 from texclass.textures.abdulali2016 import bake, model_scan
 
 KEPT = ("speed", "force", "direction")
@@ -38,7 +37,6 @@ def main() -> None:
     )
     gfc = found.groupby("surface", sort=False)[list(KEPT)]
     result = {
-        "versions": versions("numpy", "scipy", "numba"),
         "n_seeds": asked.seeds,
         "n_paths": asked.paths,
         "gfc": {name: scores.to_dict("list") for name, scores in gfc},

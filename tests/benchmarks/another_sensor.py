@@ -19,7 +19,6 @@ from texclass.document import Heading
 from texclass.experiment import cached_table, load_pipeline
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.provenance import versions
 from texclass.recognition import Model, train
 from texclass.recognition.adaptation import adapted_to
 from texclass.recording import Recording, Samples
@@ -256,7 +255,6 @@ def main() -> None:
     own_data()
     bio, results = open_dataset("biotac20"), []
     made = {
-        "versions": versions("numpy", "scipy", "scikit-learn"),
         "seed": SEED,
         "input_hash": {"biotac20": bio.input_hash, "simulated": RECIPE.fingerprint()},
         "n_strangers": N_STRANGERS,

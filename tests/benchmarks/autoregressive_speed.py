@@ -14,7 +14,6 @@ from scipy import fft, linalg, signal
 from study import command_line, in_turns, table, write
 
 from texclass.document import Heading, Table
-from texclass.provenance import versions
 from texclass.recording import Samples
 from texclass.vibration import Autoregression, LatticeInverse, LatticeSynthesis, fit
 from texclass.vibration.autoregressive import from_direct_form
@@ -131,7 +130,6 @@ def main() -> None:
         },
         "n_rounds": asked.rounds,
         "input": {"fs": FS, "n": N, "order": ORDER},
-        "versions": versions("numpy", "scipy", "librosa", "numba"),
     }
     factors = pd.DataFrame(real_time).T.map("{:.0f}".format)
     factors.insert(0, "wanted", [f"{WANTED[int(key.split(',')[0])]:.0f}" for key in factors.index])

@@ -25,7 +25,6 @@ from texclass.experiment import (
 )
 from texclass.experiment.protocols import runs
 from texclass.loaders import open_dataset
-from texclass.provenance import versions
 from texclass.recognition import Answer, Evidence, expected_calibration_error, fit_calibration
 from texclass.recognition.probabilities import class_scores
 from texclass.recording import Samples
@@ -150,7 +149,6 @@ def main() -> None:
             "n_runs": int(runs(frame).nunique()),
             "n_windows": len(frame),
             "input_hash": dataset.input_hash,
-            "versions": versions("numpy", "scipy", "scikit-learn"),
         }
         first = draws[0]
         whole = {kind: [f"{100 * each[kind]['run']['accuracy']:.1f}" for each in draws] for kind in KINDS}

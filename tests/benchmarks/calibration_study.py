@@ -15,7 +15,6 @@ from study import command_line, interval, table, write
 from texclass.experiment import cached_table, cluster_interval, load_pipeline, touches
 from texclass.experiment.windows import parents
 from texclass.loaders import Dataset, open_dataset
-from texclass.provenance import versions
 from texclass.recognition import expected_calibration_error, train
 from texclass.recognition.probabilities import N_BINS
 
@@ -102,7 +101,6 @@ def main() -> None:
         results.append(measure(dict(zip(CASE, CASES[number], strict=True))))
         print(results[-1], flush=True)
     made = {
-        "versions": versions("numpy", "scipy", "scikit-learn"),
         "seed": SEED,
         "n_bins": N_BINS,
         "results": results,

@@ -26,7 +26,6 @@ from texclass.loaders.places import DataNotFoundError
 from texclass.peers.comparison import same_signals
 from texclass.peers.peer_worker.hand_over import write_task
 from texclass.peers.worker_process import run_worker
-from texclass.provenance import versions
 
 SECONDS, N_FOLDS, N_RESAMPLED, N_TIMED = 5.0, 5, 2000, 60
 FIRST, LAST = "Bands", "Bands, shape and pairs of channels"
@@ -131,7 +130,6 @@ def main() -> None:
         result = {
             "name": "channels", "seconds": SECONDS, "n_folds": N_FOLDS, "found": found, "seed": 0,
             "input_hash": {one["dataset"]: one["input_hash"] for one in found},
-            "versions": versions("numpy", "scipy", "scikit-learn"),
         }  # fmt: skip
         blocks = [
             table(

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from study import ROOT, command_line, table, write
 
-from texclass.provenance import versions
 from texclass.recognition import topic_blocks
 
 CHILD = ROOT / "tests" / "recognition" / "sources" / "dds_child.py"
@@ -112,7 +111,6 @@ def main() -> None:
         "rows": rows,
         "load": [*load, os.getloadavg()[0]],
         "cores": os.cpu_count(),
-        "versions": versions("cyclonedds", "numpy"),
         "platform": f"{platform.system()} {platform.machine()}",
     }
     flags = sorted({flag for row in rows for flag in row["flags"]})

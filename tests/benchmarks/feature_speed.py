@@ -28,7 +28,6 @@ from texclass.document import Heading
 from texclass.features import FeatureSet, load_feature_set
 from texclass.features.phase_view import Views
 from texclass.peers.worker_process import ENVIRONMENT, HERE
-from texclass.provenance import versions
 from texclass.recording import Phases, Recording, Samples, Tap
 
 FS, DURATION_S = 10_000.0, 25.0
@@ -161,7 +160,6 @@ def measure(knee: Path, n_rounds: int, python: Path | None) -> dict[str, Any]:
             "seed": SEED,
             "sha256": hashlib.sha256(given.tobytes()).hexdigest(),
         },
-        "versions": versions("numpy", "scipy", "PyWavelets"),
         "peer_versions": peer_versions(python) if python else {},
     }
 

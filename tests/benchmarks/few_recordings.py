@@ -24,7 +24,6 @@ from texclass.experiment.folds import Evaluation, evaluate
 from texclass.experiment.pipeline import MatchedRow
 from texclass.experiment.protocols import N_STARTS, Indices, Split, runs, splits_of
 from texclass.loaders import open_dataset
-from texclass.provenance import versions
 from texclass.recognition import Novelty
 from texclass.recognition.candidates import Candidate, HeldOut, candidates_of, hold_out, without_choice
 from texclass.recognition.holding_out import LATER_ALARMS, of_succession
@@ -81,7 +80,7 @@ def main() -> None:
             told = {"set": case.name, "n": n, "start": start}
             found["promises"].append(told | promised(default, tables[0].frame, trains, later, start))
     made = {
-        "versions": versions("numpy", "scipy", "scikit-learn"), "seed": SEED, "input_hash": hashes,
+        "seed": SEED, "input_hash": hashes,
         "near": NEAR, "false_alarms": FALSE_ALARMS,
     }  # fmt: skip
     report(found, made, asked.out)

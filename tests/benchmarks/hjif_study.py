@@ -22,7 +22,6 @@ from texclass.exchange import play_hjif, play_taps, play_texture, read_hjif, to_
 from texclass.exchange.hjif import FS, Haptics
 from texclass.exchange.rendition import Rendition, level_db
 from texclass.exchange.wav import resampled
-from texclass.provenance import versions
 from texclass.recording import Samples
 from texclass.scene import PlannedScene, SceneSurface, plan_scene
 from texclass.textures import GridModel
@@ -284,7 +283,7 @@ def main() -> None:
         f"with {endless} the reference came to no end."
     )
     lists = {
-        "seed": SEED, "versions": versions(), "surfaces": rows.to_dict("records"), "spoiled": refused,
+        "seed": SEED, "surfaces": rows.to_dict("records"), "spoiled": refused,
         "by_kind": found.to_dict("records"),
     }  # fmt: skip
     result = json.loads(json.dumps(lists, default=float).replace("NaN", "null"))

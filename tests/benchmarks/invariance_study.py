@@ -21,7 +21,6 @@ from texclass.document.figure_style import LOOKS, MUTED, OTHER, OURS, THIRD
 from texclass.features import load_feature_set
 from texclass.features.plan import Plan
 from texclass.phases import segment
-from texclass.provenance import versions
 from texclass.recording import AUXILIARY_UNITS, Phases, Recording, Tap
 from texclass.simulate import (
     Surface,
@@ -195,7 +194,6 @@ def main() -> None:
     found = pd.concat([first, second], ignore_index=True)
     chosen = [surfaces[i].name for i in np.linspace(0, len(surfaces) - 1, 4).astype(int)]
     result = {
-        "versions": versions("numpy"),
         "seed": SEED,
         "rows": json.loads(found.to_json(orient="records", double_precision=15)),  # NaN becomes null
     }

@@ -15,7 +15,6 @@ from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.pipeline import MatchedRow
 from texclass.experiment.protocols import find_protocol, splits_of
 from texclass.loaders import open_dataset
-from texclass.provenance import versions
 from texclass.recognition.deployed import described_classifier
 from texclass.recognition.export.answers_graph import add_part
 from texclass.recognition.export.graph import Graph, Tensor
@@ -72,7 +71,6 @@ def main() -> None:
         "n_train": len(splits[0][0]),
         "n_test": len(splits[0][1]),
         "input_hash": felt.input_hash,
-        "versions": versions("numpy", "scipy", "scikit-learn", "onnx"),
     }
     shown = [one | {"limit": f"{one['max_kb'] or 'none'}", "right": interval(one, "mean")} for one in rows]
     blocks = [

@@ -11,7 +11,6 @@ from scipy import signal
 from study import command_line, in_turns, table, write
 
 from texclass.document import Heading
-from texclass.provenance import versions
 from texclass.vibration.autoregressive import Autoregression
 from texclass.vibration.line_spectrum import conditioning, from_reflection, to_reflection
 
@@ -119,7 +118,6 @@ def main() -> None:
         "speed": speed(orders, asked.rounds),
         "n_rounds": asked.rounds,
         "input": {"n_samples": N_SAMPLES, "n_frequencies": N_FREQUENCIES, "seed": 0},
-        "versions": versions("numpy", "scipy"),
     }
     of_p = found.groupby("p")
     worst = of_p[["rms_db", "max_db", "conditioning"]].max().join(of_p[["stable", "interlaced"]].sum())

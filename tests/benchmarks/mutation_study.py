@@ -244,8 +244,6 @@ def report(folder: Path, result: dict[str, Any]) -> None:
     """Write JSON and Markdown; loads the package, so after the last fault."""
     from study import table, write
 
-    from texclass.provenance import versions
-
     ran = [m for m in result["mutants"] if m["status"] not in ("", "gone")]
     at_once = sum(m["first"] in SEEN for m in ran)
     blocks: list[Any] = [
@@ -268,7 +266,7 @@ def report(folder: Path, result: dict[str, Any]) -> None:
         if rows:
             cells = "{id} | {file}:{number} | `{before}` | `{after}` | {reason}"
             blocks.append(table(rows, "fault | where | line | changed to | why", cells, caption))
-    write(folder, "mutation", result | {"versions": versions()}, "Would the tests notice", blocks)
+    write(folder, "mutation", result, "Would the tests notice", blocks)
 
 
 def main() -> None:

@@ -19,7 +19,6 @@ from study import command_line, table, write
 from texclass.document import Heading
 from texclass.experiment import cached_table, load_pipeline
 from texclass.loaders.simulated import open_gestures
-from texclass.provenance import versions
 from texclass.recognition import Exploration, KnownGesture, Model, train
 from texclass.recognition.rehearsal import ROWS, STROKES
 from texclass.recording import Samples
@@ -324,7 +323,6 @@ def main() -> None:
     made = {
         "seed": SEED,
         "input_hash": " ".join(recipe_of(found["n_surfaces"]).fingerprint()[:16] for found in results),
-        "versions": versions("numpy", "scipy", "scikit-learn"),
     }
     blocks = [
         "A tap, a slow, a fast and a hard stroke, each made on demand on the surfaces of the "

@@ -14,7 +14,6 @@ from study import command_line, in_turns, own_data, table, timed, write
 
 import texclass as tx
 from texclass.experiment.windows import touches
-from texclass.provenance import versions
 from texclass.recognition import export_onnx, load_model
 from texclass.recognition.export.answers_graph import OUTPUTS
 from texclass.recognition.export.parity import run
@@ -139,7 +138,6 @@ def report(rows, n_rounds, out) -> None:
         "tolerance": TOLERANCE,
         "margin": MARGIN,
         "n_rounds": n_rounds,
-        "versions": versions("numpy", "scipy", "scikit-learn", "onnx", "onnxruntime"),
     }
     blocks = [
         "Windows of all recordings are asked, those of repetitions that did not train (`biotac20` 21 to 40) "

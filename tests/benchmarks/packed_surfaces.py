@@ -26,7 +26,6 @@ from study import command_line, own_data, table, write
 from texclass.features.extractor import FeatureExtractor
 from texclass.features.scales import scale_values
 from texclass.loaders import load_recording, open_dataset
-from texclass.provenance import versions
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
 from texclass.textures import Scan, Texture, pack
@@ -339,7 +338,6 @@ def main() -> None:
         "rows": rows,
         "taps": taps.to_dict("records"),
         "seed": SEED,
-        "versions": versions("numpy", "scipy"),
     }
     write(asked.out, "packed_surfaces", result, "Surfaces in few bytes", blocks)
 

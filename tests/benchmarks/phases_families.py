@@ -23,7 +23,7 @@ from made_recordings import FAMILIES, MATCH_S, make, matched, overlap
 
 from texclass.document import Heading, Table
 from texclass.phases import segment
-from texclass.provenance import code_hash, versions
+from texclass.provenance import code_hash
 from texclass.recording import Recording
 
 SEED = 602_214
@@ -88,7 +88,6 @@ def main() -> None:
         "recordings": asked.recordings,
         "match_s": MATCH_S,
         "ms_per_s": round(float(table["ms_per_s"].median()), 3),
-        "versions": versions("numpy", "scipy"),
         "input_hash": {"code": code_hash("recording", "signals", "phases")},
         "knocks30": real,
         "results": {title: view.to_dict("records") for title, view in views.items()},

@@ -21,7 +21,6 @@ from made_recordings import MATCH_S, matched, overlap
 
 from texclass.document import Heading, Table
 from texclass.phases import segment
-from texclass.provenance import versions
 from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
 
 SEED = 48611
@@ -118,7 +117,6 @@ def main() -> None:
         "surfaces": asked.surfaces,
         "duration_s": asked.duration,
         "match_s": MATCH_S,
-        "versions": versions("numpy", "scipy"),
         "results": {title: view.to_dict("records") for title, view in views.items()},
     }
     blocks = [

@@ -18,7 +18,6 @@ from scipy.io import wavfile
 from study import command_line, own_data, timed, write
 
 from texclass.document import Heading, Table
-from texclass.provenance import versions
 from texclass.recording import Samples
 from texclass.vibration import DecayingModes, fit_matrix_pencil, fit_prony
 from texclass.vibration.prony import prony
@@ -192,7 +191,6 @@ def main() -> None:
     real = [recorded(name, x) for name, x in segments.items()]
     result = {
         "seed": SEED,
-        "versions": versions("numpy", "scipy"),
         "trials": asked.trials,
         "stability": methods.to_dict("index"),
         "accuracy": found.to_dict("records"),

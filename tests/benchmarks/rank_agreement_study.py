@@ -17,7 +17,6 @@ from study import command_line, table, write
 from texclass.document import Table
 from texclass.experiment.benchmark import run_benchmark
 from texclass.experiment.pipeline import load_pipeline
-from texclass.provenance import versions
 
 SEED, DURATION_S, N_RECORDINGS, N_OPERATORS = 2015, 6.0, 10, 5
 COMBINED = (
@@ -100,7 +99,6 @@ def main() -> None:
         for name in TITLES
     }
     made = {
-        "versions": versions("numpy", "scipy", "scikit-learn"),
         "seed": f"{seeds[0]} ... {seeds[-1]}",
         "n_surfaces": asked.surfaces,
         "n_recordings": N_RECORDINGS,

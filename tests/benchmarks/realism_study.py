@@ -16,7 +16,6 @@ from study import command_line, own_data, write
 from texclass.document import Table
 from texclass.loaders import open_dataset
 from texclass.phases import segment
-from texclass.provenance import versions
 from texclass.recording import Recording
 from texclass.signals import combine
 
@@ -104,7 +103,6 @@ def main() -> None:
     )
     medians = values.groupby("dataset", sort=False)[list(STATISTICS)].median().rename(columns=STATISTICS)
     result = {
-        "versions": versions("numpy"),
         "input_hash": {dataset.name: dataset.input_hash for dataset in datasets},
         "values": json.loads(values.to_json(orient="records", double_precision=15)),  # NaN becomes null
     }

@@ -17,7 +17,6 @@ from texclass.features import OVER_THE_WAY, SCALES, load_feature_set, scale_valu
 from texclass.loaders import open_dataset, read_card
 from texclass.loaders.places import find_folder
 from texclass.loaders.simulated import open_simulated
-from texclass.provenance import versions
 from texclass.simulate import Recipe, surface_catalogue
 from texclass.simulate.profile import synthesize_profile
 
@@ -103,7 +102,6 @@ def main() -> None:
         "seeds": seeds,
         "between_scales": values[list(SCALES)].corr("spearman").round(3).to_dict(),
         "input_hash": dataset.input_hash,
-        "versions": versions("numpy", "scipy", "scikit-learn"),
     }
     among = values[list(SCALES)].corr("spearman").round(2)
     among.index.name = "rank correlation"

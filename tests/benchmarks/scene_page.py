@@ -19,7 +19,6 @@ import numpy as np
 from study import ROOT, command_line, table, write
 
 from texclass.document.blocks import Block
-from texclass.provenance import versions
 from texclass.scene import PlannedScene, plan_scene, write_feel_page
 from texclass.scene.feel_page import N_CONTACTS
 from texclass.scene.renderer import packed
@@ -151,7 +150,6 @@ def main() -> None:
     result = {
         "blocks": rows, "quantum_ms": QUANTUM_MS, "contacts": N_CONTACTS, "first_sound_ms": sounds,
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}",
-        "versions": versions("numpy", "scipy", "numba"),
     }  # fmt: skip
     write(asked.out, "scene_page", result, "A page of 20 surfaces to be stroked", told(rows, sounds))
 

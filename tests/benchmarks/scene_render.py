@@ -15,7 +15,6 @@ import numpy as np
 from study import command_line, table, write
 
 from texclass.document import Heading
-from texclass.provenance import versions
 from texclass.scene import PlannedScene, SceneRenderer, plan_scene, read_scene
 from texclass.scene.proof import quantiles, run_steps, without_garbage_collection
 from texclass.scene.renderer import PEAK_FACTOR
@@ -86,7 +85,6 @@ def main() -> None:
         },
         "bounded": (b := largest_output(plan.scene, asked.seed, asked.paths)),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}",
-        "versions": versions("numpy", "scipy", "numba"),
         "seed": asked.seed,
         "input_sha256": hashlib.sha256(definition.source.read_bytes()).hexdigest(),
     }

@@ -18,7 +18,6 @@ from texclass.experiment.cost import CostMeter
 from texclass.experiment.protocols import find_protocol, splits_of
 from texclass.experiment.windows import parents
 from texclass.loaders import open_dataset
-from texclass.provenance import versions
 from texclass.recognition.candidates import candidates_of, hold_out
 from texclass.recognition.conformal import LEVELS, Conformity, log_odds, recency
 from texclass.recognition.live.evidence import fit_correlation
@@ -155,7 +154,6 @@ def main() -> None:
         results += measure(dict(zip(CASE, CASES[number], strict=True)))
         print(results[-1], flush=True)
     made = {
-        "versions": versions("numpy", "scipy", "scikit-learn"),
         "seed": SEED,
         "half_life": HALF_LIFE,
         "results": results,

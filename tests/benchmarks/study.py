@@ -21,10 +21,15 @@ from threadpoolctl import threadpool_limits
 from texclass.document import Document, Table, render_markdown, write_document
 from texclass.document.blocks import Block
 from texclass.document.figure_style import save_figure
-from texclass.provenance import made_by
+from texclass.provenance import made_by, versions
 
 R = TypeVar("R")
 ROOT = Path(__file__).resolve().parents[2]
+LIBRARIES = {
+    "numpy": "numpy", "scipy": "scipy", "sklearn": "scikit-learn", "pywt": "PyWavelets", "librosa": "librosa",
+    "numba": "numba", "onnx": "onnx", "onnxruntime": "onnxruntime", "cyclonedds": "cyclonedds",
+}  # fmt: skip
+"""Modules on whose versions figures depend, and their distributions."""
 WORDS = {"cli", "document", "front_door", "provenance", "reporting", "_version"}
 """Rooms and modules on which no figure depends."""
 
@@ -91,13 +96,14 @@ def write(
     folder: Path, name: str, result: Mapping[str, Any], title: str, blocks: Sequence[Block],
     picture: Figure | None = None, made: Mapping[str, Any] | None = None,
 ) -> None:  # fmt: skip
-    """Write NAME.json (with a hash of the code that was loaded), NAME.md, perhaps NAME.png; print the text.
+    """Write NAME.json (with versions and a hash of the code), NAME.md, perhaps NAME.png; print the text.
 
     The text ends with the command, and with what `made` (`result`) holds of seed, input hash and versions.
     """
     folder.mkdir(parents=True, exist_ok=True)
     loaded = {name.split(".")[1] for name in sys.modules if name.startswith("texclass.")}
-    result = {**result, **made_by(*loaded - WORDS)}
+    used = versions(*(name for module, name in LIBRARIES.items() if module in sys.modules))
+    result = {"versions": used, **result, **made_by(*loaded - WORDS)}
     text = json.dumps(result, indent=1, default=lambda array: array.tolist())
     (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
     if picture is not None:

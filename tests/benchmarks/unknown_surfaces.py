@@ -20,7 +20,6 @@ from texclass.experiment import PipelineDefinition, cached_table, find_protocol,
 from texclass.experiment.accuracy import jackknife_error
 from texclass.experiment.pipeline import MatchedRow
 from texclass.loaders import open_dataset
-from texclass.provenance import versions
 from texclass.recognition import Novelty
 from texclass.recognition.probabilities import class_scores
 from texclass.recognition.unknown import fit_nearness
@@ -54,7 +53,6 @@ def main() -> None:
     pairs = list(itertools.combinations(dataset.materials, 2))
     drawn = np.random.default_rng(SEED).permutation(len(pairs))[: asked.pairs]
     made = {
-        "versions": versions("numpy", "scipy", "scikit-learn"),
         "seed": SEED,
         "input_hash": dataset.input_hash,
         "pipeline": [PIPELINE, ROW, CLASSIFIER, pipeline.hash],

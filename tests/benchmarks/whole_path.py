@@ -30,7 +30,6 @@ from texclass.features import FeatureSet, load_feature_set
 from texclass.features.phase_view import UndefinedFeatureError, Views
 from texclass.loaders import load_recording, open_dataset
 from texclass.phases import segment
-from texclass.provenance import versions
 from texclass.recognition import Model, train
 from texclass.recording import Phases, Recording
 from texclass.simulate.recipe import Recipe
@@ -216,7 +215,6 @@ def main() -> None:
         "n_rounds": asked.rounds,
         "seed": SEED,
         "input_hash": {row["recording"]: row["input_hash"] for row in found},
-        "versions": versions("numpy", "scipy", "PyWavelets", "librosa", "scikit-learn"),
         "peer_versions": peer_versions(asked.peers_python) if asked.peers_python else {},
     }
     shown = ["read", *(f"texclass: {stage}" for stage in STAGES), *SETS[::-1], *PEERS.values()]
