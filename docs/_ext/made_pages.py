@@ -44,9 +44,11 @@ def make_pages(app, _config):
     shutil.copytree(
         ROOT / "reports", source / "reports", ignore=shutil.ignore_patterns("README.md", "*.json")
     )
-    for table in (source / "reports" / "tables").glob("*.md"):  # of several results: one title above theirs
-        told = re.sub(r"^#", "##", table.read_text(encoding="utf-8"), flags=re.M)
-        table.write_text(f"# {table.stem}\n\n{told}", encoding="utf-8")
+    for page in (source / "reports").glob("[ts]*/*.md"):  # of several results: one title above theirs
+        told = page.read_text(encoding="utf-8")
+        if len(re.findall(r"^# ", told, flags=re.M)) > 1 or page.parent.name == "tables":
+            told = re.sub(r"^#", "##", told, flags=re.M)
+            page.write_text(f"# {page.stem.capitalize()}\n\n{told}", encoding="utf-8")
     write_feature_pages(source / "features")
     write_room(source / "api", "texclass", tx)
 

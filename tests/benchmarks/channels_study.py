@@ -1,7 +1,7 @@
 """Several channels of a slow sensor: what their shapes and their pairs add to bands, beside MiniRocket.
 
 Run it by hand from the project's root: `python tests/benchmarks/channels_study.py --peers-python PATH`, with
-the interpreter of an environment that has aeon. It writes reports/studies/channels.json and .md. Windows of
+the interpreter of an environment that has aeon. It writes reports/studies/channels.json. Windows of
 5 s; folds grouped by run, drawn `--draws` times (seeds 0, 1, ...). The figure is the balanced accuracy, the
 mean of the draws; its interval, and that of a difference on the same windows, draws runs anew within each
 material. No recording of either data set is in this project: one that is absent is left out.

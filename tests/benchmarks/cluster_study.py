@@ -1,7 +1,7 @@
 """What many recordings cost on a Dask cluster: one table of them all, or partitions that never meet.
 
 Run it by hand from the project's root, on a machine that does nothing else: `python
-tests/benchmarks/cluster_study.py`. It writes reports/studies/cluster.json and .md. Each run has a scheduler
+tests/benchmarks/cluster_study.py`. It writes reports/studies/cluster.json. Each run has a scheduler
 and two workers of its own, processes of this machine, and goes the real way: WAV files of a card are opened,
 loaded, segmented, computed (set `texclass`) and written to Parquet by `texclass.experiment`. Bytes are what
 passed the loopback interface meanwhile; memory is the most that a process ever held. Beyond the largest run

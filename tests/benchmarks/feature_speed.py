@@ -1,7 +1,7 @@
 """What feature sets cost: ratio to one `np.fft.rfft` of the same recording, ms per feature, and peers.
 
 Run it by hand from the project's root: `python tests/benchmarks/feature_speed.py [--peers-python PATH]`. It
-writes reports/studies/feature_speed.json and .md. One thread; CPU time of that thread; the reference, the
+writes reports/studies/feature_speed.json. One thread; CPU time of that thread; the reference, the
 sets and the peers take turns within each round, and medians over rounds are compared, so that a loaded
 machine slows all alike. The recording has one axis and its phases are given, so nothing but features is
 timed; peers are given the samples that features read. `--peers-python`: an interpreter that has TSFEL,

@@ -1,7 +1,7 @@
 """How extraction scales: with the number of recordings, cores, the length of a recording; and after kill -9.
 
 Run it by hand from the project's root, on a machine that does nothing else: `python
-tests/benchmarks/scaling_study.py`. It writes reports/studies/scaling.json, .md and .png. `--only cores`
+tests/benchmarks/scaling_study.py`. It writes reports/studies/scaling.json and .png. `--only cores`
 (numbers, cores, length, kill) measures one part again and keeps the others. Everything goes the real way:
 WAV files of a card are opened, loaded, segmented, computed, written to Parquet and joined. One thread a
 process. Runs that are compared take turns; of cores the best of each counts, because what else runs can only

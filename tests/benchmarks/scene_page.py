@@ -1,7 +1,7 @@
 """The page of 20 surfaces: what a block of 128 frames takes, how soon a touch is heard, how large it is.
 
 Run it by hand from the project's root, best on a quiet machine, with node and Chromium on the PATH: `python
-tests/benchmarks/scene_page.py` (6 minutes). It writes reports/studies/scene_page.json and .md. `--blocks`,
+tests/benchmarks/scene_page.py` (6 minutes). It writes reports/studies/scene_page.json. `--blocks`,
 `--live`, `--loads`: timed in node, timed in Chromium, tried.
 """
 

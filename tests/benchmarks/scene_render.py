@@ -1,7 +1,7 @@
 """A scene of 20 surfaces: what planning saves, how long a sample takes, and whether the output is bounded.
 
 Run it by hand from the project's root, best on a quiet machine: `python
-tests/benchmarks/scene_render.py`. It writes reports/studies/scene.json and .md. `--paced` adds a run that
+tests/benchmarks/scene_render.py`. It writes reports/studies/scene.json. `--paced` adds a run that
 waits for each millisecond, as a haptic loop does (2 minutes). `--samples`, `--paths`: timed and tried.
 """
 

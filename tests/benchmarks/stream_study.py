@@ -2,7 +2,7 @@
 
 Run it by hand from the project's root: `python tests/benchmarks/stream_study.py [--part NAME]
 [--models DIR]`. Each part (speed, memory, equality-simulated, equality-biotac20, accuracy) writes its section
-of reports/studies/stream.json; reports/studies/stream.md is then written from all of them. One thread.
+of reports/studies/stream.json; what is told in robot.md is then written from all of them. One thread.
 `--models` keeps trained models in a folder; `--every N` takes every n-th recording only. Times are those of
 single pushes: median and p99 of all of them, as a robot gets them; and, the same blocks pushed several times
 (`--rounds`), of the least of each, for the machine may be shared. Beside them stands what one `np.fft.rfft`

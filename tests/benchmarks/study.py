@@ -8,6 +8,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUM
 
 import argparse
 import json
+import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -18,13 +19,31 @@ import pandas as pd
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
-from texclass.document import Document, Table, render_markdown, write_document
+from texclass.document import Document, Table, render_markdown
 from texclass.document.blocks import Block
 from texclass.document.figure_style import save_figure
 from texclass.provenance import made_by, versions
 
 R = TypeVar("R")
 ROOT = Path(__file__).resolve().parents[2]
+PAGES = {
+    "simulation": ("phases", "phases_families", "realism", "invariance", "rank_agreement", "scales"),
+    "vibrations": ("autoregressive", "line_spectrum", "prony"),
+    "speed": ("feature_speed", "whole_path", "scaling", "cluster"),
+    "felt": ("scene", "scene_page", "hjif", "packed_surfaces"),
+    "certainty": ("calibration", "unknown_surfaces", "sets", "few_recordings", "another_sensor", "channels"),
+    "robot": (
+        "stream",
+        "borealtc-driven",
+        "next_movement",
+        "dds",
+        "touch_peers_biotac20",
+        "onnx",
+        "kernel_size",
+    ),
+    "tests": ("mutation", "fuzzing"),
+}
+"""Pages, and the studies that they tell; any other study has a page of its own."""
 LIBRARIES = {
     "numpy": "numpy", "scipy": "scipy", "sklearn": "scikit-learn", "pywt": "PyWavelets", "librosa": "librosa",
     "numba": "numba", "onnx": "onnx", "onnxruntime": "onnxruntime", "cyclonedds": "cyclonedds",
@@ -96,7 +115,7 @@ def write(
     folder: Path, name: str, result: Mapping[str, Any], title: str, blocks: Sequence[Block],
     picture: Figure | None = None, made: Mapping[str, Any] | None = None,
 ) -> None:  # fmt: skip
-    """Write NAME.json (with versions and a hash of the code), NAME.md, perhaps NAME.png; print the text.
+    """Write NAME.json (with versions and a hash of the code), perhaps NAME.png; put the text into its page.
 
     The text ends with the command, and with what `made` (`result`) holds of seed, input hash and versions.
     """
@@ -118,5 +137,16 @@ def write(
     document = Document(
         title, blocks, again={name: fact for name, fact in again.items() if fact}, versions=made["versions"]
     )
-    write_document(document, folder, name)
-    print(render_markdown(document))
+    text = render_markdown(document)
+    page = next((page for page, studies in PAGES.items() if name in studies), name)
+    put(text, folder / f"{page}.md")
+    print(text)
+
+
+def put(told: str, page: Path) -> None:
+    """Write what a study tells, a title first, into a page: where it stood before, or at the end."""
+    before = page.read_text(encoding="utf-8") if page.exists() else ""
+    studies = {text.partition("\n")[0]: text for text in re.split(r"^(?=# )", before, flags=re.M) if text}
+    studies[told.partition("\n")[0]] = told
+    text = "\n".join(text.rstrip("\n") + "\n" for text in studies.values())
+    page.write_text(text, encoding="utf-8")

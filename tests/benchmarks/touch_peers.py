@@ -2,7 +2,7 @@
 
 Run it by hand from the project's root: `python tests/benchmarks/touch_peers.py --peers-python PATH`, with
 the interpreter of an environment that has the extra `peers`. It writes
-reports/studies/touch_peers_<dataset>.json, .md and .png. Training windows and test windows are the first few
+reports/studies/touch_peers_<dataset>.json and .png. Training windows and test windows are the first few
 (`--touches`) of each recording; recordings are split as the protocol says, so no recording is on both sides.
 Intervals count recordings, not windows. `--whole-s`: where whole movements stand in the figure.
 """

@@ -1,7 +1,7 @@
 """The whole path, by stage: from the samples as recorded (and from their file) to features and the answer.
 
 Run it by hand from the project's root: `python tests/benchmarks/whole_path.py --peers-python PATH`. It writes
-reports/studies/whole_path.json, .md and .png. One thread, warm, CPU time of that thread; one `np.fft.rfft` of
+reports/studies/whole_path.json and .png. One thread, warm, CPU time of that thread; one `np.fft.rfft` of
 one axis of the recording (the median of five), every stage and the peers take turns within each round, and
 medians over rounds are compared. Recordings of 6 s and longer are simulated, with taps and strokes; shorter
 ones are cut out of a stroke. No recording says where its phases are. `--peers-python`: an interpreter that

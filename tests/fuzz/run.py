@@ -1,4 +1,4 @@
-"""Feed every reader with inputs and write reports/studies/fuzzing.{json,md}.
+"""Feed every reader with inputs and write reports/studies/fuzzing.json, told in tests.md.
 
     python tests/fuzz/run.py [--inputs 1000000] [--targets text,csv] [--engine atheris|own]
 
@@ -55,7 +55,7 @@ def main() -> None:
 
 
 def report(folder: Path, found: dict[str, Any], facts: dict[str, Any]) -> None:
-    """Write fuzzing.json and fuzzing.md; called after each target, so that partial results stay."""
+    """Write the report; called after each target, so that partial results stay."""
     total = {key: sum(one[key] for one in found.values()) for key in SUMMED}
     result = {
         **facts,
