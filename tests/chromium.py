@@ -111,6 +111,14 @@ class Browser:
         self.events.clear()
         return value, [event for part in parts for event in part]
 
+    def noises(self, page: Path) -> list[str]:
+        """Return what the console said, and what a page asked for beside itself, of the events."""
+        spoken = ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded")
+        said = [str(event) for event in self.events if event.get("method") in spoken]
+        sent = [e["params"] for e in self.events if e.get("method") == "Network.requestWillBeSent"]
+        urls = [one["request"]["url"] for one in sent]
+        return said + [url for url in urls if url != page.as_uri() and not url.startswith("data:")]
+
     def press(self, key: str, code: int) -> None:
         """Press a key: its name and its Windows code."""
         for kind in ("keyDown", "keyUp"):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 from safetensors.numpy import save
+from spoiling import GONE, put
 
 from texclass.exchange.container import Header, read_container, sealed
 from texclass.exchange.texture_file import TEXTURES
@@ -57,14 +58,7 @@ def forge():
         header, found = read_container(path)
         content = header.model_dump()
         for key, value in (changes or {}).items():
-            inner = content
-            *way, last = key.split("/")
-            for step in way:
-                inner = inner[step]
-            if value is None:
-                del inner[last]
-            else:
-                inner[last] = value
+            put(content, tuple(key.split("/")), GONE if value is None else value)
         path.write_bytes(resealed(content, found | arrays))
         return path
 

@@ -4,6 +4,7 @@ import json
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from spoiling import put
 
 from texclass.exchange import Rendition, read_gltf, write_gltf
 from texclass.exchange.gltf import WIDEST
@@ -61,10 +62,7 @@ def test_what_is_too_long_is_cut_and_told_and_taps_have_no_place(tmp_path):
 def test_a_spoiled_file_is_refused_in_one_line(tmp_path, way, value):
     write_gltf(sent(), tmp_path / "a.gltf")
     content = json.loads((tmp_path / "a.gltf").read_text())
-    inner = content
-    for step in way[:-1]:
-        inner = inner[step]
-    inner[way[-1]] = value
+    put(content, way, value)
     (tmp_path / "b.gltf").write_text(json.dumps(content))
     with pytest.raises(ValueError, match=r"b\.gltf: ") as error:
         read_gltf(tmp_path / "b.gltf")

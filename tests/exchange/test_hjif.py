@@ -4,6 +4,7 @@ import json
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from spoiling import GONE, put
 
 from texclass.exchange import play_hjif, play_taps, play_texture, read_hjif, wavelet_stream, write_hjif
 from texclass.exchange.hjif import MOST_BANDS, Haptics
@@ -185,32 +186,18 @@ def test_effects_of_a_library_and_within_each_other_are_played(content):
     assert not np.any((sounding > 0.0325) & (sounding < 0.1395))
 
 
-def spoiled(way, value):
-    def change(content):
-        *path, last = way
-        inner = content
-        for step in path:
-            inner = inner[step]
-        if value is None:
-            del inner[last]
-        else:
-            inner[last] = value
-
-    return change
-
-
 P, C = ("perceptions", 0), ("perceptions", 0, "channels", 0)
 B = (*C, "bands", 0)
 SPOILED = {
     "version": (("version",), "1999"), "profile": (("profile",), "Deluxe"), "level": (("level",), 3),
-    "timescale": (("timescale",), 0), "syncs": (("syncs",), None), "no perception": (("perceptions",), []),
+    "timescale": (("timescale",), 0), "syncs": (("syncs",), GONE), "no perception": (("perceptions",), []),
     "avatar": ((*P, "avatar_id"), 7), "twice": (("avatars",), 2 * [{"id": 1, "lod": 0, "type": "Vibration"}]),
     "modality": ((*P, "perception_modality"), "Taste"), "no channel": ((*P, "channels"), []),
-    "mask": ((*C, "body_part_mask"), None), "gain": ((*C, "gain"), -1.0), "text": ((*C, "gain"), "1"),
+    "mask": ((*C, "body_part_mask"), GONE), "gain": ((*C, "gain"), -1.0), "text": ((*C, "gain"), "1"),
     "device": ((*C, "reference_device_id"), 9), "direction": ((*C, "direction"), {"X": 1, "Y": 0, "Z": 0}),
     "limits": ((*B, "lower_frequency_limit"), 9000), "fraction": ((*B, "upper_frequency_limit"), 99.5),
     "length": ((*B, "block_length"), 100), "curve": ((*B, "curve_type"), "Cubic"),
-    "position": ((*B, "effects", 0, "position"), -4), "stream": ((*B, "effects", 0, "wavelet_stream"), None),
+    "position": ((*B, "effects", 0, "position"), -4), "stream": ((*B, "effects", 0, "wavelet_stream"), GONE),
     "base64": ((*B, "effects", 0, "wavelet_stream"), "a"),
     "kind": ((*B, "effects", 0, "effect_type"), "Boom"),
     "keyframes": ((*B, "effects", 0, "keyframes"), [{"relative_position": 0}]),
@@ -221,7 +208,7 @@ SPOILED = {
 
 @pytest.mark.parametrize("case", SPOILED)
 def test_a_spoiled_file_is_refused_in_one_line(content, tmp_path, case):
-    spoiled(*SPOILED[case])(content)
+    put(content, *SPOILED[case])
     (tmp_path / "b.hjif").write_text(json.dumps(content))
     with pytest.raises(ValueError, match=r"b\.hjif: .*") as error:
         read_hjif(tmp_path / "b.hjif")
@@ -230,12 +217,8 @@ def test_a_spoiled_file_is_refused_in_one_line(content, tmp_path, case):
 
 @pytest.mark.parametrize("way", [(*C, "direction"), (*B, "curve_type"), (*B, "effects", 0, "id")])
 def test_null_is_no_value_as_the_reference_has_it(content, way):
-    *path, last = way
-    inner = content
-    for step in path:
-        inner = inner[step]
-    inner[last] = None
-    with pytest.raises(ValueError, match=f"{last} is null"):
+    put(content, way, None)
+    with pytest.raises(ValueError, match=f"{way[-1]} is null"):
         Haptics.model_validate_json(json.dumps(content))
 
 

@@ -8,6 +8,7 @@ from scipy.stats import spearmanr
 import texclass as tx
 from texclass.exchange import load_texture, save_texture
 from texclass.features import SCALES
+from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
 from texclass.textures import felt_scales, pack, retouch
 from texclass.vibration import DecayingModes
 
@@ -35,6 +36,10 @@ def test_one_scale_follows_what_is_asked_and_the_others_stay(texture, scale):
         assert np.abs([one[other] - before[other] for one in felt]).max() < 1.0, other
 
 
+COARSE = pytest.mark.parametrize("texture", [90.0], indirect=True, ids=["coarse"])
+
+
+@COARSE
 def test_what_a_texture_does_not_hold_and_what_is_out_of_reach_is_refused(texture):
     for source, asked, why in (
         (texture, {"soft": 3.0}, "one or more of hard, rough"),
@@ -50,12 +55,14 @@ def test_what_a_texture_does_not_hold_and_what_is_out_of_reach_is_refused(textur
     assert set(felt_scales(texture.holding(tap=NO_TAP, mu=0.0))) == set(SCALES) - {"hard", "sticky"}
 
 
+def felt(fs=10_000):
+    """Return a simulated recording."""
+    surface, operator = (of(6, seed=6)[1] for of in (surface_catalogue, operator_catalogue))
+    return record_freehand(surface, operator, duration_s=6.0, fs=fs, seed=30)
+
+
 def test_a_recording_at_10_khz_is_packed_as_it_feels_and_retouched():
-    surface, operator = (
-        tx.simulate.surface_catalogue(6, seed=6)[1],
-        tx.simulate.operator_catalogue(2, seed=6)[1],
-    )
-    recording = tx.simulate.record_freehand(surface, operator, duration_s=6.0, seed=30)
+    recording = felt()
     texture = pack(recording, 128)
     told = tx.describe(recording).set_index("scale")["value"]
     before = felt_scales(texture)
@@ -70,11 +77,7 @@ def test_a_recording_at_10_khz_is_packed_as_it_feels_and_retouched():
 
 
 def test_a_recorded_surface_becomes_regular_and_irregular_and_else_stays():
-    surface, operator = (
-        tx.simulate.surface_catalogue(6, seed=6)[1],
-        tx.simulate.operator_catalogue(2, seed=6)[1],
-    )
-    texture = pack(tx.simulate.record_freehand(surface, operator, duration_s=6.0, fs=2000, seed=30), 128)
+    texture = pack(felt(fs=2000), 128)
     before = felt_scales(texture)
     for asked in (before["regular"] - 2, 9.0):
         after = felt_scales(retouch(texture, regular=asked), seed=5)
@@ -83,6 +86,7 @@ def test_a_recorded_surface_becomes_regular_and_irregular_and_else_stays():
             assert after[other] == pytest.approx(before[other], abs=1.0), other
 
 
+@COARSE
 def test_a_harder_tap_rings_higher_shorter_and_stronger_at_the_same_damping(texture):
     soft, hard = texture.tap, retouch(texture, hard=9.0).tap
     higher = hard.frequency_hz / soft.frequency_hz
@@ -91,6 +95,7 @@ def test_a_harder_tap_rings_higher_shorter_and_stronger_at_the_same_damping(text
     np.testing.assert_allclose(hard.amplitude / soft.amplitude, higher, rtol=0.35)  # of 2.5 dB
 
 
+@COARSE
 def test_a_texture_is_retouched_on_the_command_line(command, texture, tmp_path):
     path = save_texture(texture, tmp_path / "cloth.texture")
     rough = felt_scales(texture)["rough"]
