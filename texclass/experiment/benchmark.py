@@ -29,14 +29,12 @@ from texclass.experiment.protocols import (
     require_unseen,
     splits_of,
 )
-from texclass.experiment.result import COMPUTED_BY, Result, best_of, example_of, pairs_of
-from texclass.experiment.windows import parents
+from texclass.experiment.result import COMPUTED_BY, Result, best_of, example_of, measured_on, pairs_of
 from texclass.experiment.workers import Progress, each
 from texclass.features.extractor import Reason
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import made_by, versions
-from texclass.recording import Recording
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -195,7 +193,7 @@ def run_benchmark(
     undefined = reasons.agg(reason=lambda of: Counter(of).most_common(1)[0][0], n_recordings="size")
     return BenchmarkResult(
         {
-            "dataset": _facts_of(dataset, frame, meter.recordings[0]),
+            "dataset": measured_on(dataset, frame, meter.recordings[0]),
             "example": example_of(meter.recordings[0]),
             "pipeline": {
                 "name": pipeline.name,
@@ -226,24 +224,6 @@ def run_benchmark(
             **made_by(*COMPUTED_BY),
         }
     )
-
-
-def _facts_of(dataset: Dataset, frame: pd.DataFrame, first: Recording) -> dict[str, Any]:
-    """Return the facts of a dataset and how much of it is in a feature table."""
-    return {
-        "name": dataset.name,
-        "title": dataset.title,
-        "n_recordings": int(parents(frame).nunique()),
-        **({"n_windows": len(frame)} if "parent" in frame else {}),
-        **{f"n_{of}s": int(frame[of].nunique()) for of in ("material", "operator", "session")},
-        "materials": list(dataset.materials),
-        "chance": float(frame["material"].value_counts(normalize=True).max()),
-        "fs_hz": float(first.fs),
-        "unit": first.unit,
-        "licence": dataset.licence,
-        "source": dataset.source,
-        "notes": list(dataset.notes),
-    }
 
 
 def _evaluate(

@@ -11,10 +11,14 @@ import numpy as np
 
 from texclass.document.wording import counted
 from texclass.experiment.accuracy import LEAST_CLUSTERS
+from texclass.experiment.windows import parents
 from texclass.recording import Recording, Samples
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from texclass.document import Document
+    from texclass.loaders.dataset import Dataset
 
 COMPUTED_BY = ("recording", "signals", "phases", "features", "vibration", "experiment")
 """Rooms and modules whose code the figures of a result depend on."""
@@ -178,6 +182,34 @@ def again_facts(data: Mapping[str, Any], pipeline: str) -> dict[str, str]:
         "Code": data.get("code_hash", ""),
     }
     return {what: fact for what, fact in told.items() if fact}
+
+
+def measured_on(dataset: "Dataset", frame: "pd.DataFrame", like: Recording) -> dict[str, Any]:
+    """Return the facts of a dataset, and how much of it is in a feature table, as plain JSON values.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Whose recordings, one of them `like`, the rows of `frame` are (or windows of them).
+    frame : DataFrame
+        Feature table.
+    like : Recording
+        States rate and unit.
+    """
+    return {
+        "name": dataset.name,
+        "title": dataset.title,
+        "n_recordings": int(parents(frame).nunique()),
+        **({"n_windows": len(frame)} if "parent" in frame else {}),
+        **{f"n_{of}s": int(frame[of].nunique()) for of in ("material", "operator", "session")},
+        "materials": list(dataset.materials),
+        "chance": float(frame["material"].value_counts(normalize=True).max()),
+        "fs_hz": float(like.fs),
+        "unit": like.unit,
+        "licence": dataset.licence,
+        "source": dataset.source,
+        "notes": list(dataset.notes),
+    }
 
 
 def example_of(recording: Recording) -> dict[str, Any]:

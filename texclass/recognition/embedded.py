@@ -227,7 +227,6 @@ def embedded_tradeoff(
         _trained(felt, bought, chosen, channels, seed, protocol=protocol, **work).save(model_file)
         chosen["file"] = str(model_file)
     facts = study_facts(dataset, every, cuts[0].frame, like, held_out_by, splits[0], seed)
-    facts["dataset"]["n_windows"] = len(cuts[0].frame)
     return Embedded(
         {
             **facts,

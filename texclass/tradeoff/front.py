@@ -17,8 +17,8 @@ from texclass.experiment.accuracy import cluster_interval
 from texclass.experiment.cost import CostModel
 from texclass.experiment.folds import Fold, over_folds
 from texclass.experiment.protocols import Protocol, Split
+from texclass.experiment.result import measured_on
 from texclass.experiment.selection import SubsetScore, inner_splits
-from texclass.experiment.windows import parents
 from texclass.experiment.workers import Progress, each
 from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset
@@ -110,15 +110,7 @@ def study_facts(
     """
     over, of = protocol.independent(frame)
     return {
-        "dataset": {
-            "name": dataset.name,
-            "title": dataset.title,
-            "n_recordings": int(parents(frame).nunique()),
-            "n_materials": int(frame["material"].nunique()),
-            "chance": float(frame["material"].value_counts(normalize=True).max()),
-            "fs_hz": float(like.fs),
-            "unit": like.unit,
-        },
+        "dataset": measured_on(dataset, frame, like),
         "features": features.name,
         "features_hash": features.hash,
         "movement": features.movement,

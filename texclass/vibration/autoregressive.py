@@ -6,6 +6,7 @@ in the k_m, never in the a_i. Each frame is first divided by a power of two: no 
 k does not depend on it.
 """
 
+import sys
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -16,7 +17,7 @@ from scipy import fft
 
 from texclass.recording import Samples
 from texclass.signals import angular_frequencies
-from texclass.vibration.reflection import EXHAUSTED, LARGEST, burg, log_cosines, residual_of
+from texclass.vibration.reflection import EXHAUSTED, LARGEST, log_cosines, residual_of
 
 Method = Literal["autocorrelation", "burg", "modified_covariance"]
 Variance = Literal["residual", "yule_walker"]
@@ -27,6 +28,8 @@ OUTERMOST = 1 - 2.0**-52
 """The largest radius of a pole that is returned."""
 LOSS = 1e8
 """Levinson's recursion is replaced where it magnifies the rounding of the autocorrelation by more."""
+WORTH_LOADING = 1e7
+"""Samples times order from which on it takes less time to load numba than to do without."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,7 +301,7 @@ def fit(
     if method == "autocorrelation":
         k, deviation, fitted = _autocorrelation(frames, order)
     else:
-        k, deviation, fitted = burg(frames, order)
+        k, deviation, fitted = _burg(frames, order)
     fallback = np.zeros(len(frames), dtype=np.bool_)
     for row, each in enumerate(frames if method == "modified_covariance" else ()):
         from texclass.vibration import recursions
@@ -443,3 +446,38 @@ def _scaled(x: ArrayLike) -> tuple[Samples, NDArray[np.int64], tuple[int, ...]]:
         raise ValueError(f"sample {at[-1]} is {frames[tuple(at)]}; the rule is finite samples")
     _, exponent = np.frexp(np.abs(frames).max(axis=1, keepdims=True))
     return np.ldexp(frames, -exponent), exponent, samples.shape[:-1]
+
+
+def _burg(frames: Samples, order: int) -> tuple[Samples, Samples, NDArray[np.int64]]:
+    """Fit each row by Burg's method as `recursions.burg` does, without padding.
+
+    A little work is done in numpy: below `WORTH_LOADING` that is fast enough, and spares answers of `texclass
+    predict` the second that loading numba takes.
+    """
+    if "numba" in sys.modules or frames.size * order > WORTH_LOADING:
+        from texclass.vibration import recursions
+
+        return recursions.burg(frames, order, 0)
+    n, f, b = frames.shape[1], frames, frames
+    deviation = np.repeat(np.sqrt(np.mean(frames**2, axis=1, keepdims=True)), order + 1, axis=1)
+    k, fitted = np.zeros((len(frames), order)), np.zeros(len(frames), np.int64)
+    going, least = np.ones(len(frames), np.bool_), 2 * (EXHAUSTED * deviation[:, 0]) ** 2
+    total = _energy(f[:, 1:]) + _energy(b[:, :-1])
+    for m in range(1, min(order, n - 1) + 1):
+        going &= total > (n - m) * least
+        if not going.any():
+            break
+        f, b = f[:, 1:], b[:, :-1]
+        step = -2.0 * np.einsum("kt,kt->k", f, b) / np.where(going, total, 1.0)
+        step = np.where(going, np.clip(step, -LARGEST, LARGEST), 0.0)
+        f, b = f + step[:, None] * b, b + step[:, None] * f
+        total = _energy(f[:, 1:]) + _energy(b[:, :-1])
+        left = total + f[:, 0] ** 2 + b[:, -1] ** 2  # the next stage pairs all but these two
+        k[:, m - 1] = step
+        fitted[going] = m
+        deviation[going, m:] = np.sqrt(left / (2 * (n - m)))[going, np.newaxis]
+    return k, deviation, fitted
+
+
+def _energy(x: Samples) -> Samples:
+    return np.asarray(np.einsum("kt,kt->k", x, x))
