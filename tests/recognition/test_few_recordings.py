@@ -141,7 +141,7 @@ def test_the_default_is_told_beside_the_best_other_row_of_every_cell():
     told = json.loads(STUDY.read_text(encoding="utf-8"))
     lacks = [cell["best"]["mean"] - cell["default"]["mean"] for cell in told["cells"]]
     assert told["n_near"] == sum(lack <= told["near"] + 1e-9 for lack in lacks)
-    assert f"better, in {told['n_near']} of {len(lacks)} cells" in STUDY.with_suffix(".md").read_text(
+    assert f"better, in {told['n_near']} of {len(lacks)} cells" in (STUDY.parent / "certainty.md").read_text(
         encoding="utf-8"
     )
     for cell in told["cells"]:
