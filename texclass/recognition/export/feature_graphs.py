@@ -1,6 +1,5 @@
 """Features that need the samples, their differences or the power of their spectrum, as graphs."""
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,31 +10,29 @@ from texclass.features.excess import octaves_of
 from texclass.features.spectra import LONG_FRAME_S, window_of
 from texclass.recognition.export.fourier_graphs import power
 from texclass.recognition.export.graph import Tensor
-from texclass.recognition.export.graph_view import GraphView, graph_of
+from texclass.recognition.export.graph_view import GraphView, graph_of, once
 from texclass.recording import Samples
 
 # Slopes and curvatures.
 
 
-def _agreement(view: GraphView, kind: str, lags: tuple[int, ...], steps: tuple[int, ...]) -> Tensor:
-    """Add the share of equal signs, (1 + mean of their product) / 2.
-
-    They are +1 where x rises over a lag (or bends upwards), else -1, in single precision.
-    """
+@once
+def _signs(view: GraphView, kind: str, lag: int) -> Tensor:
+    """Add +1 where x rises over a lag (or bends upwards), else -1, in single precision."""
     x, n = view.unit32, view.n_samples
-    ones = np.array(1, dtype=np.float32), np.array(-1, dtype=np.float32)
+    if kind == "rising":
+        up = x.cut(lag, n) > x.cut(0, n - lag)
+    else:
+        ends = (x.cut(2 * lag, n) + x.cut(0, n - 2 * lag)) * np.array(0.5, dtype=np.float32)
+        up = ends > x.cut(lag, n - lag)
+    return view.add("Where", up, np.array(1, dtype=np.float32), np.array(-1, dtype=np.float32))
 
-    def signs(lag: int) -> Tensor:
-        if kind == "rising":
-            up = x.cut(lag, n) > x.cut(0, n - lag)
-        else:
-            ends = (x.cut(2 * lag, n) + x.cut(0, n - 2 * lag)) * np.array(0.5, dtype=np.float32)
-            up = ends > x.cut(lag, n - lag)
-        return view.add("Where", up, *ones)
 
+def _agreement(view: GraphView, kind: str, lags: tuple[int, ...], steps: tuple[int, ...]) -> Tensor:
+    """Add the share of equal signs, (1 + mean of their product) / 2."""
     sums, counts = [], []
     for lag in lags:
-        of_lag, size = view.once((kind, lag), partial(signs, lag)), n - lag * (1 if kind == "rising" else 2)
+        of_lag, size = _signs(view, kind, lag), view.n_samples - lag * (1 if kind == "rising" else 2)
         for step in steps:
             sums.append((of_lag.cut(step * lag, size) * of_lag.cut(0, size - step * lag)).sum())
             counts.append(size - step * lag)
@@ -47,28 +44,25 @@ graph_of("slope_agreement")(lambda view, lags, steps: _agreement(view, "rising",
 graph_of("curvature_agreement")(lambda view, lags, steps: _agreement(view, "convex", lags, steps))
 
 
+@once
+def _mean_step(view: GraphView, lag: int) -> Tensor:
+    """Add mean |x_(t+lag) - x_t|."""
+    x, n = view.unit, view.n_samples
+    return abs(x.cut(lag, n) - x.cut(0, n - lag)).mean()
+
+
 @graph_of("slope_level")
 def _slope_level(view: GraphView, lags: tuple[int, ...]) -> Tensor:
-    """Add log10 mean |x_(t+lag) - x_t|."""
-
-    def level(lag: int) -> Tensor:
-        x, n = view.unit, view.n_samples
-        return abs(x.cut(lag, n) - x.cut(0, n - lag)).mean()
-
-    means = view.graph.beside(*(view.once(("slope", lag), partial(level, lag)) for lag in lags))
-    return means.log10() + view.log_level
+    return view.graph.beside(*(_mean_step(view, lag) for lag in lags)).log10() + view.log_level
 
 
+@once
 def _moments(view: GraphView, lag: int) -> tuple[Tensor, Tensor]:
     """Add the mean square (n, 1) and the three shapes (n, 3) of half the second difference; see `moments`."""
-
-    def make() -> tuple[Tensor, Tensor]:
-        x, n = view.unit, view.n_samples
-        if lag:
-            return _shapes((x.cut(2 * lag, n) + x.cut(0, n - 2 * lag)) * 0.5 - x.cut(lag, n - lag))
-        return _shapes(x - x.mean())
-
-    return view.once(("moments", lag), make)
+    x, n = view.unit, view.n_samples
+    if lag:
+        return _shapes((x.cut(2 * lag, n) + x.cut(0, n - 2 * lag)) * 0.5 - x.cut(lag, n - lag))
+    return _shapes(x - x.mean())
 
 
 def _shapes(c: Tensor) -> tuple[Tensor, Tensor]:
@@ -113,11 +107,14 @@ def _vibration_level(view: GraphView) -> Tensor:
 # Levels of bands.
 
 
-def _periodogram(view: GraphView, rows: Tensor, n: int) -> tuple[Tensor, int, float]:
+@once
+def _periodogram(view: GraphView, n_parts: int = 1) -> tuple[Tensor, int, float]:
     """Add the running sum of the periodogram (n_rows, n_bins + 1), and say n_bins and the step in Hz.
 
-    Of rows (n_rows, n); see `texclass.features.bands.periodogram`.
+    Of equal parts, one after the other; see `texclass.features.bands.periodogram`.
     """
+    n = view.n_samples // n_parts
+    rows = view.unit if n_parts == 1 else view.unit.cut(0, n * n_parts).reshape(-1, n)
     d = rows.cut(1, n) - rows.cut(0, n - 1)
     size = n - 1
     n_taper = max(1, round(bands.TAPER * size))
@@ -145,9 +142,8 @@ def _density(view: GraphView, periodogram: tuple[Tensor, int, float], edges_hz: 
 
 def _levels(view: GraphView, edges_hz: Samples) -> Tensor:
     """Add the log10 power density between edges."""
-    whole = view.once(("periodogram",), lambda: _periodogram(view, view.unit, view.n_samples))
     middle = (edges_hz[:-1] + edges_hz[1:]) / 2
-    felt = _density(view, whole, edges_hz) / (4 * np.sin(np.pi * middle / view.fs) ** 2)
+    felt = _density(view, _periodogram(view), edges_hz) / (4 * np.sin(np.pi * middle / view.fs) ** 2)
     return felt.log10() + view.log_level * 2.0
 
 
@@ -166,14 +162,9 @@ def _octave_level(view: GraphView, octaves: tuple[int, int], per_octave: int) ->
 
 @graph_of("band_course")
 def _band_course(view: GraphView, n_parts: int, octaves: tuple[int, int]) -> Tensor:
-    n = view.n_samples // bands.N_PARTS
     n_octaves = octaves[1] - octaves[0]
-
-    def sixths() -> tuple[Tensor, int, float]:
-        return _periodogram(view, view.unit.cut(0, n * bands.N_PARTS).reshape(-1, n), n)
-
     edges = view.fs / 2 * np.exp2(-np.arange(octaves[1], octaves[0] - 1, -1.0))
-    felt = _density(view, view.once(("sixths",), sixths), edges)
+    felt = _density(view, _periodogram(view, bands.N_PARTS), edges)
     felt = felt.reshape(-1, n_parts, bands.N_PARTS // n_parts, n_octaves)
     L = felt.reduced("ReduceMean", 2, keepdims=False).log10()
     terms = fft.dct(np.eye(n_parts), axis=0)[1:] / n_parts
@@ -197,15 +188,12 @@ def _octave_frames(view: GraphView) -> Tensor:
     return felt.where(mean > 0.0).log10()
 
 
+@once
 def _deviations(view: GraphView) -> tuple[Tensor, Tensor]:
     """Add how levels of octaves deviate from their mean, (n, n_frames, 5), and its square, (n, 1, 5)."""
-
-    def make() -> tuple[Tensor, Tensor]:
-        L = _octave_frames(view)
-        away = L - L.mean(1)
-        return away, (away * away).mean(1)
-
-    return view.once(("deviations",), make)
+    L = _octave_frames(view)
+    away = L - L.mean(1)
+    return away, (away * away).mean(1)
 
 
 @graph_of("level_fluctuation")
@@ -234,8 +222,9 @@ def _above_line(view: GraphView, levels: Tensor, octaves: Samples, power: float)
     return levels - line
 
 
+@once
 def _slopes(view: GraphView) -> Tensor:
-    return view.once(("line",), lambda: _slope_level(view, slopes.LAGS))
+    return _slope_level(view, slopes.LAGS)
 
 
 @graph_of("level_tilt")
@@ -271,6 +260,7 @@ def _curvature_excess(view: GraphView, lags: tuple[int, ...]) -> Tensor:
 # Frames: cepstrum and fineness.
 
 
+@once
 def _power_frames(
     view: GraphView, frame_s: float, hop_s: float, window: str, high_hz: float
 ) -> tuple[Tensor, int, int, Samples]:
@@ -283,18 +273,14 @@ def _power_frames(
     frequency = np.linspace(0, view.fs / 2, n_fft // 2 + 1)
     n_bins = int(np.searchsorted(frequency, high_hz, side="right"))
     starts = np.arange(0, view.n_samples - length + 1, hop)
-
-    def make() -> Tensor:
-        at = (starts[:, None] + np.arange(length)).reshape(-1)
-        frames = view.unit.take(at).reshape(-1, length) * window_of(window, length).astype(np.float64)
-        half = np.ones(n_bins)
-        half[0] = half[n_fft // 2 :] = 0.5
-        return power(frames, length, n_fft, n_bins) * half
-
-    square = view.once(("frames", length, hop, window, n_bins), make)
-    return square, len(starts), n_fft, frequency[:n_bins]
+    at = (starts[:, None] + np.arange(length)).reshape(-1)
+    frames = view.unit.take(at).reshape(-1, length) * window_of(window, length).astype(np.float64)
+    half = np.ones(n_bins)
+    half[0] = half[n_fft // 2 :] = 0.5
+    return power(frames, length, n_fft, n_bins) * half, len(starts), n_fft, frequency[:n_bins]
 
 
+@once
 def _log_energies(
     view: GraphView,
     n_filters: int,
@@ -308,23 +294,17 @@ def _log_energies(
 
     And which are not, (n, n_frames, 1), as 1 or 0, and how many these are, (n, 1, 1), NaN if there is none.
     """
-
-    def make() -> tuple[Tensor, Tensor, Tensor]:
-        square, n_frames, n_fft, frequency = _power_frames(view, frame_s, hop_s, "hamming", high_hz)
-        filters = cepstrum.mel_filters(
-            view.fs, n_fft, n_filters, low_hz, min(high_hz, view.fs / 2), decay_hz
-        )[: frequency.size].astype(np.float64)
-        energy = (square @ filters).reshape(-1, n_frames, n_filters)
-        total = energy.sum()
-        is_heard = total > 0.0
-        logs = view.add("Log", view.add("Max", energy, total * cepstrum.FLOOR))
-        heard = is_heard.cast(np.float64)
-        count = heard.sum(1)
-        count = count.where(count > 0.0)
-        return logs.where(is_heard, 0.0), heard, count
-
-    key = ("log_energies", n_filters, low_hz, high_hz, decay_hz, frame_s, hop_s)
-    return view.once(key, make)
+    square, n_frames, n_fft, frequency = _power_frames(view, frame_s, hop_s, "hamming", high_hz)
+    filters = cepstrum.mel_filters(view.fs, n_fft, n_filters, low_hz, min(high_hz, view.fs / 2), decay_hz)
+    filters = filters[: frequency.size].astype(np.float64)
+    energy = (square @ filters).reshape(-1, n_frames, n_filters)
+    total = energy.sum()
+    is_heard = total > 0.0
+    logs = view.add("Log", view.add("Max", energy, total * cepstrum.FLOOR))
+    heard = is_heard.cast(np.float64)
+    count = heard.sum(1)
+    count = count.where(count > 0.0)
+    return logs.where(is_heard, 0.0), heard, count
 
 
 def _cosines(n_filters: int, coefficients: tuple[int, ...]) -> Samples:
@@ -348,26 +328,23 @@ def _mfcc_deviation(view: GraphView, coefficients: tuple[int, ...], **frames: An
     return (square / count.where(count > 1.0)).sqrt().reshape(0, len(coefficients))
 
 
+@once
 def _spectral_moments(view: GraphView) -> tuple[Tensor, Tensor]:
     """Add the means over frames of centroid and deviation in Hz, (n, 1) each; see `spectral_moments`."""
+    frame_s = min(LONG_FRAME_S, view.n_samples / view.fs)
+    square, n_frames, _, frequency = _power_frames(view, frame_s, frame_s / 2, "hann", np.inf)
+    f = frequency - frequency[-1] / 2
+    sums = square @ np.stack([f**0, f, f**2], axis=1)
+    total, first, second = (sums.cut(k, k + 1) for k in range(3))
+    is_heard = total > 0.0
+    count = is_heard.cast(np.float64).reshape(-1, n_frames).sum()
+    centroid = first / total
+    variance = second / total - centroid * centroid
 
-    def make() -> tuple[Tensor, Tensor]:
-        frame_s = min(LONG_FRAME_S, view.n_samples / view.fs)
-        square, n_frames, _, frequency = _power_frames(view, frame_s, frame_s / 2, "hann", np.inf)
-        f = frequency - frequency[-1] / 2
-        sums = square @ np.stack([f**0, f, f**2], axis=1)
-        total, first, second = (sums.cut(k, k + 1) for k in range(3))
-        is_heard = total > 0.0
-        count = is_heard.cast(np.float64).reshape(-1, n_frames).sum()
-        centroid = first / total
-        variance = second / total - centroid * centroid
+    def mean(values: Tensor) -> Tensor:
+        return values.where(is_heard, 0.0).reshape(-1, n_frames).sum() / count
 
-        def mean(values: Tensor) -> Tensor:
-            return values.where(is_heard, 0.0).reshape(-1, n_frames).sum() / count
-
-        return mean(centroid + frequency[-1] / 2), mean(view.add("Max", variance, 0.0).sqrt())
-
-    return view.once(("spectral_moments",), make)
+    return mean(centroid + frequency[-1] / 2), mean(view.add("Max", variance, 0.0).sqrt())
 
 
 @graph_of("fineness")

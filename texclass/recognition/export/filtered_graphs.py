@@ -6,7 +6,7 @@ from scipy import fft
 from texclass.features import autoregression, conditioning, roughness
 from texclass.recognition.export.fourier_graphs import irfft, rfft
 from texclass.recognition.export.graph import Tensor
-from texclass.recognition.export.graph_view import GraphView, graph_of
+from texclass.recognition.export.graph_view import GraphView, graph_of, once
 from texclass.recording import Samples
 from texclass.vibration.reflection import EXHAUSTED, LARGEST
 
@@ -17,41 +17,40 @@ def _padded(view: GraphView) -> int:
     return conditioning.FINEST * int(fft.next_fast_len(-(-view.n_samples // conditioning.FINEST)))
 
 
+@once
+def _spectrum(view: GraphView, n_bins: int) -> tuple[Tensor, Tensor]:
+    return rfft(view.unit, view.n_samples, _padded(view), n_bins)
+
+
 def _filtered(view: GraphView, response: Samples, n: int) -> Tensor:
     """Add the first bins of the spectrum times a response, back in time at n samples: (n_rows, n)."""
-    n_fft, n_bins = _padded(view), n // 2 + 1
-    real, imaginary = view.once(("spectrum", n_bins), lambda: rfft(view.unit, view.n_samples, n_fft, n_bins))
-    bins = np.arange(n_bins)
-    scale = response * n / n_fft
+    real, imaginary = _spectrum(view, n // 2 + 1)
+    bins = np.arange(n // 2 + 1)
+    scale = response * n / _padded(view)
     return irfft(real * scale, imaginary * np.where((bins == 0) | (2 * bins == n), 0.0, scale), n)
 
 
+@once
 def _low_passed(view: GraphView, cutoff_hz: float) -> tuple[Tensor, int, int]:
     """Add the low-passed movement, and say by which factor its rate is lower, and its length."""
     n_fft, rate = _padded(view), cutoff_hz * 10
     factor = next((k for k in (conditioning.FINEST, 10, 5, 4, 2) if view.fs / k >= rate), 1)
     size = -(-view.n_samples // factor)
-
-    def make() -> Tensor:
-        f = np.arange(n_fft // factor // 2 + 1) * (view.fs / n_fft)
-        return _filtered(view, 1 / (1 + (f / cutoff_hz) ** 4), n_fft // factor).cut(0, size)
-
-    return view.once(("low_passed", cutoff_hz), make), factor, size
+    f = np.arange(n_fft // factor // 2 + 1) * (view.fs / n_fft)
+    slow = _filtered(view, 1 / (1 + (f / cutoff_hz) ** 4), n_fft // factor).cut(0, size)
+    return slow, factor, size
 
 
+@once
 def _band_magnitude(view: GraphView, band_hz: tuple[float, float], rate_hz: float) -> Tensor:
     """Add the magnitude of the movement in a band; see `conditioning.band_passed`."""
     low_hz, high_hz = band_hz
-
-    def make() -> Tensor:
-        n_fft = _padded(view)
-        n = 2 * int(fft.next_fast_len(int(np.ceil(n_fft * rate_hz / view.fs / 2)), real=True))
-        n = min(n_fft, n)
-        f = np.arange(n // 2 + 1) * (view.fs / n_fft)
-        through, beside = (f * (high_hz - low_hz)) ** 4, (f**2 - low_hz * high_hz) ** 4
-        return abs(_filtered(view, through / (through + beside), n).cut(0, view.n_samples * n // n_fft))
-
-    return view.once(("magnitude", band_hz, rate_hz), make)
+    n_fft = _padded(view)
+    n = 2 * int(fft.next_fast_len(int(np.ceil(n_fft * rate_hz / view.fs / 2)), real=True))
+    n = min(n_fft, n)
+    f = np.arange(n // 2 + 1) * (view.fs / n_fft)
+    through, beside = (f * (high_hz - low_hz)) ** 4, (f**2 - low_hz * high_hz) ** 4
+    return abs(_filtered(view, through / (through + beside), n).cut(0, view.n_samples * n // n_fft))
 
 
 # Roughness.
@@ -106,29 +105,27 @@ def _deviation(x: Tensor) -> Tensor:
 
 
 @graph_of("log_area_ratios")
+@once
 def _log_area_ratios(view: GraphView, order: int, frame_s: float, band_hz: float) -> Tensor:
     """Add the log-area ratios of the mean model, (n, order); see `autoregression.mean_model`.
 
     Where a frame holds nothing but the ringing of a filter, the rounding of single precision is what the
     function finds that cannot be predicted; here there is none.
     """
-
-    def make() -> Tensor:
-        x, n, fs = _banded(view, band_hz)
-        length = min(n, max(round(frame_s * fs), 4 * order))
-        n_frames = n // length
-        frames = x.cut(0, n_frames * length).reshape(-1, n_frames, length)
-        power = frames.reduced("ReduceSumSquare", -1)
-        loudest = power.reduced("ReduceMax", 1)
-        heard = power > loudest * autoregression.SILENT
-        ratios = view.graph.beside(*_burg(frames.reshape(-1, length), length, order))
-        total = ratios.reshape(-1, n_frames, order).where(heard, 0.0).sum(1)
-        count = heard.cast(np.float64).sum(1)
-        return (total / count.where(count > 0.0)).reshape(0, order)
-
-    return view.once(("log_area_ratios", order, frame_s, band_hz), make)
+    x, n, fs = _banded(view, band_hz)
+    length = min(n, max(round(frame_s * fs), 4 * order))
+    n_frames = n // length
+    frames = x.cut(0, n_frames * length).reshape(-1, n_frames, length)
+    power = frames.reduced("ReduceSumSquare", -1)
+    loudest = power.reduced("ReduceMax", 1)
+    heard = power > loudest * autoregression.SILENT
+    ratios = view.graph.beside(*_burg(frames.reshape(-1, length), length, order))
+    total = ratios.reshape(-1, n_frames, order).where(heard, 0.0).sum(1)
+    count = heard.cast(np.float64).sum(1)
+    return (total / count.where(count > 0.0)).reshape(0, order)
 
 
+@once
 def _banded(view: GraphView, band_hz: float) -> tuple[Tensor, int, float]:
     """Add the movement at twice the band, and say its length and rate; see `conditioning.banded`."""
     if view.fs <= 2 * band_hz:
@@ -136,8 +133,7 @@ def _banded(view: GraphView, band_hz: float) -> tuple[Tensor, int, float]:
     n_fft = _padded(view)
     n = 2 * int(band_hz * n_fft / view.fs)
     size = view.n_samples * n // n_fft
-    slow = view.once(("banded", band_hz), lambda: _filtered(view, np.ones(n // 2 + 1), n).cut(0, size))
-    return slow, size, view.fs * n / n_fft
+    return _filtered(view, np.ones(n // 2 + 1), n).cut(0, size), size, view.fs * n / n_fft
 
 
 def _burg(x: Tensor, n: int, order: int) -> list[Tensor]:

@@ -11,7 +11,8 @@ A feature of one's own gets a graph under ``@graph_of("its_name")``, anywhere in
 import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property, partial, wraps
+from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from texclass.features.sets import FeatureSet, Member
 from texclass.recognition.export.graph import Graph, Made, Tensor
 
 Builder = Callable[..., Tensor]
+Given = ParamSpec("Given")
 GRAPHS: dict[str, Builder] = {}
 """Feature -> its builder; see `builders`."""
 MODULES = ("feature_graphs", "filtered_graphs")
@@ -49,40 +51,32 @@ class GraphView:
         """What grows."""
         return self.samples.graph
 
-    def once(self, key: tuple[Any, ...], make: Callable[[], Made]) -> Made:
-        """Return what `make` adds for these movements, added once."""
-        return self.graph.once((self.samples.name, *key), make)
-
-    @property
+    @cached_property
     def level(self) -> Tensor:
         """The largest magnitude, shape (n, 1)."""
-        return self.once(("level",), lambda: abs(self.samples).reduced("ReduceMax", -1))
+        return abs(self.samples).reduced("ReduceMax", -1)
 
-    @property
+    @cached_property
     def silent(self) -> Tensor:
         """Whether all samples are the same, or one is not finite, shape (n, 1), bool."""
+        range_ = self.samples.reduced("ReduceMax", -1) - self.samples.reduced("ReduceMin", -1)
+        is_broken = self.add("IsNaN", self.level * 0.0)
+        return self.add("Not", range_ > 0.0) | is_broken
 
-        def make() -> Tensor:
-            range_ = self.samples.reduced("ReduceMax", -1) - self.samples.reduced("ReduceMin", -1)
-            is_broken = self.add("IsNaN", self.level * 0.0)
-            return self.add("Not", range_ > 0.0) | is_broken
-
-        return self.once(("silent",), make)
-
-    @property
+    @cached_property
     def unit32(self) -> Tensor:
         """The samples divided by `level`, in single precision, shape (n, n_samples)."""
-        return self.once(("unit32",), lambda: (self.samples / self.level).cast(np.float32))
+        return (self.samples / self.level).cast(np.float32)
 
-    @property
+    @cached_property
     def unit(self) -> Tensor:
         """What `unit32` holds, in double precision."""
-        return self.once(("unit",), lambda: self.unit32.cast(np.float64))
+        return self.unit32.cast(np.float64)
 
-    @property
+    @cached_property
     def log_level(self) -> Tensor:
         """log10 of `level`, shape (n, 1)."""
-        return self.once(("log_level",), self.level.log10)
+        return self.level.log10()
 
     def add(self, operator: str, *operands: Any, **attributes: Any) -> Tensor:
         """Add a node; see `Graph.add`."""
@@ -101,6 +95,19 @@ class GraphView:
         running = self.running(operand)
         low, high = (running.take(at) for at in (first, stop))
         return (high - low) / (stop - first).astype(np.float64)
+
+
+def once(
+    adds: Callable[Concatenate[GraphView, Given], Made],
+) -> Callable[Concatenate[GraphView, Given], Made]:
+    """Let the decorated function add for a view what it adds only once: asked again, it returns the same."""
+
+    @wraps(adds)
+    def added(view: GraphView, /, *args: Given.args, **options: Given.kwargs) -> Made:
+        key = adds, view, args, *sorted(options.items())
+        return view.graph.once(key, partial(adds, view, *args, **options))
+
+    return added
 
 
 def graph_of(feature: str) -> Callable[[Builder], Builder]:
@@ -148,8 +155,7 @@ def member_graph(view: GraphView, member: Member) -> Tensor:
     n_pieces = given.pop("n_pieces", 1) if member.feature.divisible else 1
     cut = n_pieces > 1 and view.n_samples >= n_pieces * LEAST_PIECE
     part = pieces_of(view, n_pieces) if cut else view
-    name = member.feature.name
-    made = part.once(("feature", name, *sorted(given.items())), lambda: builders()[name](part, **given))
+    made = once(builders()[member.feature.name])(part, **given)
     values = part.add("Where", part.silent, np.nan, made)
     n_outputs = len(member.all_columns) // n_pieces
     if cut:
@@ -161,11 +167,8 @@ def member_graph(view: GraphView, member: Member) -> Tensor:
     return view.add("Where", broken, np.nan, values)
 
 
+@once
 def pieces_of(view: GraphView, n_pieces: int) -> GraphView:
     """Return the view of equal pieces, one after the other: n_pieces rows of each movement."""
-
-    def make() -> GraphView:
-        size = view.n_samples // n_pieces
-        return GraphView(view.samples.cut(0, size * n_pieces).reshape(-1, size), view.fs, size)
-
-    return view.once(("pieces", n_pieces), make)
+    size = view.n_samples // n_pieces
+    return GraphView(view.samples.cut(0, size * n_pieces).reshape(-1, size), view.fs, size)
