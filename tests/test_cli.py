@@ -152,30 +152,16 @@ def test_a_missing_unit_is_said_before_anything_heavy_is_imported(tmp_path):
     assert "unit is missing" in done.stderr
 
 
-def test_version(run):
-    assert run("--version")[:2] == (0, f"texclass {__version__}\n")
-
-
 def test_benchmark_prints_the_table_and_writes_its_report(run, tmp_path):
     (tmp_path / "few.toml").write_text(FEW)
     told = ("--pipeline", "few.toml", "--folds", "4", "--jobs", "1")
     code, out, _ = run("benchmark", "tiny.toml", *told, "--output", "here", "--json", "here/x.json")
     assert code == 0
     assert "Level" in out
-    result = json.loads((tmp_path / "here" / "x.json").read_text())
-    assert {"dataset", "protocol", "rows", "versions", "seed", "input_hash"} <= set(result)
-    (row,) = result["rows"]
-    assert {"name", "n_features", "accuracy", "paper", "ms_per_recording", "missing"} <= set(row)
-    assert 0 <= row["accuracy"]["bayes"]["low"] <= row["accuracy"]["bayes"]["high"] <= 1
+    (row,) = json.loads((tmp_path / "here" / "x.json").read_text())["rows"]
+    assert list(row["accuracy"]) == ["bayes"]
     written = {path.suffix for path in (tmp_path / "here").iterdir()}
     assert {".json", ".md", ".png"} <= written
-
-
-def test_benchmark_says_that_ten_folds_need_ten_recordings(run):
-    code, _, err = run("benchmark", "tiny.toml")
-    assert code == 1
-    assert "10" in err
-    assert "4" in err
 
 
 def test_benchmark_of_touches_reports_windows_and_the_vote_of_each_run(run, tmp_path):
@@ -217,6 +203,7 @@ def test_inspect_draws_a_recording_and_says_what_it_found(run, tmp_path):
         (("inspect", "absent.txt", "--fs", "1000", "--unit", "g"), "absent.txt"),
         (("inspect", "numbers.txt", "--unit", "g"), "--fs"),
         (("benchmark", "empty_folder", "--fs", "1000", "--unit", "g"), "empty_folder"),
+        (("benchmark", "tiny.toml"), "has 4 recordings; 10 folds need at least 10 of each"),
         (("benchmark", "tiny.toml", "--touch", "-1"), "-1"),
         (("benchmark", "tiny.toml", "--touches", "2"), "--touch"),
         (("benchmark", "tiny.toml", "--pipeline", "no_such_pipeline"), "no_such_pipeline"),
@@ -252,11 +239,19 @@ def test_one_bad_recording_stops_the_run_unless_it_may_be_skipped(run, tmp_path)
     assert "oak_1" in out
 
 
-@pytest.mark.parametrize("words", [("datasets",), ("features",), ("features", "texclass")])
-def test_listings_name_what_is_shipped(run, words):
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("--version",), f"texclass {__version__}\n"),
+        (("datasets",), "simulated69"),
+        (("features",), "waviness"),
+        (("features", "texclass"), "waviness"),
+    ],
+)
+def test_listings_name_what_is_shipped(run, words, named):
     code, out, _ = run(*words)
     assert code == 0
-    assert ("simulated69" if words == ("datasets",) else "waviness") in out
+    assert named in out
 
 
 def test_benchmark_trains_on_these_and_tests_on_those(run, tmp_path):

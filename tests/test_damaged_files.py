@@ -11,7 +11,6 @@ import zlib
 
 import h5py
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -197,13 +196,6 @@ def test_columns_that_pandas_is_told_to_rename_are_refused(tmp_path):
         read_table(path)
 
 
-def test_a_parquet_file_cut_in_its_data_is_no_feature_table(tmp_path):
-    data = target_of("feature table").seeds()[0]
-    for at in range(4, len(data) // 2, 97):
-        spoilt = data[:at] + bytes(40) + data[at + 40 :]
-        assert _kind("feature table", spoilt, tmp_path)[0] in ("refused", "accepted")
-
-
 @pytest.mark.parametrize(
     "row",
     [{"features": None}, {"features": [1.0]}, {"features": ["a", "b"]}, {"reasons": "["}, {"reasons": [[1]]},
@@ -217,10 +209,3 @@ def test_a_damaged_part_of_an_extraction_says_what_to_do(row, tmp_path):
     path.write_text(json.dumps([whole | row]))
     with pytest.raises(ValueError, match=r"p\.json: is damaged.*delete it"):
         read_part(path, 2)
-
-
-def test_a_column_of_lists_is_no_signal(tmp_path):
-    path = tmp_path / "r.parquet"
-    pd.DataFrame({"acceleration": [[1.0], [2.0, 3.0]]}).to_parquet(path)
-    with pytest.raises(RecordingError, match=r"r\.parquet: acceleration holds object"):
-        load_recording(path, fs=100.0, unit="g")

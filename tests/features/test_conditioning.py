@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from feature_signals import FS, noise, tone
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy import signal
 
 from texclass.features.conditioning import (
@@ -18,6 +19,7 @@ from texclass.features.conditioning import (
 )
 from texclass.features.phase_view import PhaseView
 from texclass.features.spectra import (
+    frames_of,
     long_frames,
     mean_spectrum,
     power_frames,
@@ -66,13 +68,6 @@ def test_bins_beyond_a_fourth_of_the_rate_and_of_slow_sensors_come_from_the_whol
     np.testing.assert_array_equal(first_bins(slow, 100), spectrum(slow)[:100])
 
 
-def test_power_of_all_frames_is_that_of_the_signal():
-    x = noise(100_000)
-    frames, frequency = power_frames(PhaseView(x, FS), 0.4096, 0.2048, "hann")
-    power = frames.sum(axis=1).mean() * frequency[1]
-    assert power == pytest.approx(np.mean(x**2) / np.abs(x).max() ** 2, rel=0.02)
-
-
 def test_moments_are_those_of_each_frame_written_out():
     view = PhaseView(np.cumsum(noise(30_000, 1)), FS)
     frames, f = long_frames(view)
@@ -108,3 +103,17 @@ def test_windows_and_low_pass_are_those_of_scipy(length):
     x = np.random.default_rng(0).standard_normal(500)
     expected = np.convolve(x, signal.firwin(13, 1 / 3), "valid")[::3]
     np.testing.assert_allclose(decimated(x, 3 * TAP_RATE)[0], expected, atol=1e-13)
+
+
+@pytest.mark.parametrize(("n", "length", "hop"), [(100, 100, 7), (1000, 64, 1), (1003, 250, 150)])
+def test_frames_are_those_of_a_sliding_window(n, length, hop):
+    x = noise(n).astype(np.float32)
+    np.testing.assert_array_equal(frames_of(x, length, hop), sliding_window_view(x, length)[::hop])
+
+
+def test_power_of_frames_is_a_one_sided_density():
+    x, fs = noise(20_000), 2000.0
+    power, frequency = power_frames(PhaseView(x, fs), 0.25, 0.125, "hann")
+    assert power.shape == (79, frequency.size)
+    of_unit = np.mean((x / np.abs(x).max()) ** 2)
+    assert power.mean(axis=0).sum() * frequency[1] == pytest.approx(of_unit, rel=0.02)

@@ -64,6 +64,7 @@ def test_slope_level_of_a_random_walk_grows_with_the_root_of_the_lag():
 def test_shape_of_gaussian_noise_is_that_of_the_normal_distribution():
     expected = [0, np.log10(3), np.log10(np.sqrt(2 / np.pi))]
     np.testing.assert_allclose(curvature_shape(view(NOISE)), expected * 6, atol=0.02)
+    np.testing.assert_allclose(slopes.slope_shape(view(NOISE)), expected * 6, atol=0.02)
     np.testing.assert_allclose(slopes.vibration_shape(view(NOISE + 5)), expected, atol=0.02)
 
 
@@ -83,11 +84,6 @@ def test_slopes_of_a_saw_lean_to_where_it_falls_and_turn_round_with_time():
     np.testing.assert_allclose(back, forth * [-1, 1, 1], atol=1e-6)
     levels = [np.log10(np.mean(np.abs(saw[lag:] - saw[:-lag]))) for lag in (1, 4)]
     np.testing.assert_allclose(slope_level(view(saw[::-1]), lags=(1, 4)), levels, atol=1e-6)
-
-
-def test_slope_shape_of_gaussian_noise_is_that_of_the_normal_distribution():
-    expected = [0, np.log10(3), np.log10(np.sqrt(2 / np.pi))]
-    np.testing.assert_allclose(slopes.slope_shape(view(NOISE)), expected * 6, atol=0.02)
 
 
 def test_turning_a_signal_upside_down_changes_lopsidedness_alone():

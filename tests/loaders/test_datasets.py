@@ -3,6 +3,7 @@
 import os
 import pickle
 import re
+import shutil
 import time
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 from texclass.features import FeatureExtractor, load_feature_set
 from texclass.loaders import CardError, DataNotFoundError, find_recording, open_dataset
-from texclass.loaders.filesets import contact, digest_files
+from texclass.loaders.filesets import contact
 from texclass.loaders.places import cache_root, data_roots
 from texclass.recording import RecordingError
 
@@ -324,9 +325,10 @@ def test_axes_join_and_stay_apart_from_recordings_without_axes(tmp_path, axes):
     assert dataset[1].acceleration.ndim == 1
 
 
-def test_the_hash_changes_with_content_names_and_facts_only(folder, axes, write):
+def test_the_hash_changes_with_content_names_and_facts_only(folder, tmp_path, axes, write):
     first = open_dataset(folder, fs=FS, unit="g").input_hash
-    assert open_dataset(folder, fs=FS, unit="g").input_hash == first
+    shutil.copytree(folder, tmp_path / "elsewhere" / "mine")
+    assert open_dataset(tmp_path / "elsewhere" / "mine", fs=FS, unit="g").input_hash == first
     assert open_dataset(folder, fs=FS, unit="mg").input_hash != first
     write(folder / "wood" / "r1.csv", axes + 100)
     second = open_dataset(folder, fs=FS, unit="g").input_hash
@@ -366,24 +368,6 @@ def test_data_and_caches_are_where_the_variables_say(tmp_path, monkeypatch):
     assert (roots[0], roots[-1], len(roots)) == (tmp_path / "stated", tmp_path / "cards", 3)
     monkeypatch.delenv("TEXCLASS_DATA")
     assert data_roots() == roots[1:2]
-
-
-def test_a_digest_follows_facts_content_and_names_not_the_place(tmp_path):
-    for place in ("here", "there"):
-        (tmp_path / place).mkdir()
-        (tmp_path / place / "a").write_bytes(b"one")
-    (tmp_path / "there" / "b").write_bytes(b"one")
-    first = digest_files(tmp_path / "here", ["a"], "facts")
-    assert (
-        first
-        == digest_files(tmp_path / "here", ["a"], "facts")
-        == digest_files(tmp_path / "there", ["a"], "facts")
-    )
-    (tmp_path / "here" / "a").write_bytes(b"other")
-    others = (("here", "a", "facts"), ("there", "a", "other"), ("there", "b", "facts"))
-    assert (
-        len({first, *(digest_files(tmp_path / place, [name], facts) for place, name, facts in others)}) == 4
-    )
 
 
 def patterned(pattern, card=CARD):

@@ -112,13 +112,6 @@ def test_what_broke_off_goes_on_with_the_files_that_lack(shelf, server, command)
     assert server.asked == ["/shelf/tin%20plate.csv"]
 
 
-def test_what_is_complete_needs_no_network(shelf, server, command):
-    assert command("datasets", "get", shelf)[0] == 0
-    server.asked.clear()
-    assert command("datasets", "get", shelf)[0] == 0
-    assert server.asked == []
-
-
 def test_another_file_than_the_published_one_is_refused_and_named(shelf, server, command):
     server.files["oak/1.csv"] = b"x\n1\n2\n"
     code, _, said = command("datasets", "get", shelf)
@@ -126,8 +119,11 @@ def test_another_file_than_the_published_one_is_refused_and_named(shelf, server,
     assert not list((shelf.parent / "data").rglob("*.csv"))
 
 
-def test_a_file_that_was_changed_here_is_told(shelf, command):
+def test_what_is_complete_needs_no_network_and_a_file_that_was_changed_here_is_told(shelf, server, command):
     assert command("datasets", "get", shelf)[0] == 0
+    server.asked.clear()
+    assert command("datasets", "get", shelf)[0] == 0
+    assert server.asked == []
     (shelf.parent / "data" / "plates" / "oak" / "1.csv").write_text("x\n1\n2\n")
     code, _, said = command("datasets", "get", shelf)
     assert (code, "plates: the SHA-256 over 2 files is" in said) == (1, True)
@@ -151,12 +147,9 @@ def test_a_list_that_breaks_the_rule_is_told_by_its_line(shelf, command, line):
     assert (code, "mine.sha256: line 3 is" in said) == (1, True)
 
 
-def test_a_card_that_is_published_nowhere_says_where_to_ask(command):
+def test_a_card_published_nowhere_says_where_to_ask_and_an_address_that_is_none_is_refused(shelf, command):
     code, _, said = command("datasets", "get", "lmt69")
     assert (code, "no [published]; they are at https://zeus.lmt" in said) == (1, True)
-
-
-def test_an_address_that_is_none_is_refused(shelf):
     shelf.write_text(shelf.read_text().replace("http://", "ftp://"))
     with pytest.raises(CardError, match=r"published.url is 'ftp:.*; the rule is an address that ends in /"):
         read_card(shelf)

@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from texclass.loaders import load_recording
-from texclass.loaders.stamps import at_uniform_rate, nominal_rate, resample
+from texclass.loaders.stamps import at_uniform_rate, nominal_rate
 from texclass.recording import RecordingError
 
 FS = 100.0
@@ -119,11 +118,6 @@ def test_a_contradicted_rate_is_refused():
         _uniform(np.arange(N) * T, _slow(), given=90.0)
 
 
-def test_resampling_removes_what_would_alias():
-    t = np.arange(20_000) / 10_000
-    assert np.abs(resample(np.sin(2 * np.pi * 1500 * t), 10_000, 2000)[20:-20]).max() < 0.01
-
-
 @pytest.mark.parametrize("stamps", [[0, 0, 0], [5], [3, 3]])
 def test_messages_at_one_instant_are_refused(stamps):
     with pytest.raises(RecordingError, match="the rule is"):
@@ -141,10 +135,3 @@ def test_whatever_the_stamps_the_answer_is_bounded(stamps, random):
     assert len(signal) <= 2 * len(stamps) + 11
     assert np.isfinite(signal).all()
     assert fs > 0
-
-
-def test_a_table_with_times_and_no_row_is_empty(tmp_path):
-    path = tmp_path / "none.csv"
-    path.write_text("ax,ay,az,t\n")
-    with pytest.raises(RecordingError, match=r"none\.csv: acceleration is empty"):
-        load_recording(path, fs=100.0, unit="m/s^2")

@@ -102,12 +102,6 @@ def test_one_wild_sample_is_no_tap_and_changes_no_hardness(at):
     assert dirty == pytest.approx(clean, rel=0.02)
 
 
-def test_ringing_between_taps_is_no_movement():
-    phases = of(tapped(decay_s=0.06))
-    assert impacts(phases) == [0.5, 0.9, 1.3, 1.7]
-    assert phases.movement is None
-
-
 def stroked(begin=2.0, lasting=2.0, late=0.0, seed=5):
     """Four taps, and strokes that begin at `begin` seconds and are followed by rest."""
     rng = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""A model that is trained once."""
+"""Models that are trained once."""
 
 import sys
 from pathlib import Path
@@ -20,3 +20,8 @@ def kernel_model(_own_cache):
 @pytest.fixture(scope="session")
 def linear_model(_own_cache):
     return train(surfaces(), pipeline(), row="Spectrum", classifier="lda")
+
+
+@pytest.fixture(scope="session")
+def touch_model(_own_cache):
+    return train(surfaces(), pipeline(), row="Spectrum", classifier="lda", touch_s=0.25)

@@ -83,11 +83,6 @@ def test_truncated_files_are_refused(file, tmp_path):
             load_model(cut)
 
 
-def test_a_missing_file_is_said_to_be_missing(tmp_path):
-    with pytest.raises(FileNotFoundError, match="none"):
-        load_model(tmp_path / "none.skops")
-
-
 def of_format(*schema):
     def change(members):
         stated = json.loads(members["manifest.json"]) | {"schema": schema}

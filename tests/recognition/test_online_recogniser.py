@@ -8,7 +8,6 @@ from scipy import signal as scipy_signal
 from toy_surfaces import FS, SURFACES, signal
 
 from texclass.recognition import ContactRules, Event, OnlineRecogniser, OnlineSettings, WindowAnswer
-from texclass.recognition.export.parity import reference
 from texclass.recognition.live.contact import Contact, Level, Ring
 from texclass.recording import Phases, Recording
 from texclass.signals import butterworth
@@ -69,16 +68,6 @@ def test_each_window_has_the_answer_of_the_model_for_these_samples(name, stream,
         assert batch.surface == window.answer.surface
         assert batch.unknown == window.answer.unknown
         assert dict(batch.probabilities) == pytest.approx(dict(window.answer.probabilities), abs=1e-12)
-
-
-@pytest.mark.parametrize("name", ["linear_model", "kernel_model"])
-def test_rows_are_judged_as_by_scikit_learn(name, request):
-    model = request.getfixturevalue(name)
-    X = np.random.default_rng(1).standard_normal((20, len(model.columns)))
-    X[3, 2] = np.nan
-    said = reference(model, X)
-    for one, output in zip(model.judge(X), ("probabilities", "p_known"), strict=True):
-        np.testing.assert_allclose(one, said[output], rtol=1e-12, atol=1e-15)
 
 
 def test_contacts_taps_and_lift_offs_are_found_as_they_happen(linear_model, stream):

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from toy_surfaces import SURFACES, pipeline, recording, surfaces
+from toy_surfaces import SURFACES, recording
 
-from texclass.recognition import export_onnx, train
+from texclass.recognition import export_onnx
 from texclass.recognition.export.sample_graph import recording_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "robot"
@@ -19,10 +19,10 @@ ONNXRUNTIME = Path(os.environ.get("ONNXRUNTIME_ROOT", "/usr"))
 
 
 @pytest.fixture(scope="module")
-def felt(_own_cache, tmp_path_factory):
+def felt(touch_model, tmp_path_factory):
     """Return a folder with a model, its facts, and windows, and what texclass says of these."""
     folder = tmp_path_factory.mktemp("felt")
-    model = train(surfaces(), pipeline(), row="Spectrum", classifier="lda", touch_s=0.25)
+    model = touch_model
     exported = export_onnx(model, folder / "windows.onnx", start="samples")
     (folder / "windows.json").write_text(json.dumps(exported.facts), encoding="utf-8")
     touches = [model.cut(recording(surface, 61))[0] for surface in (*SURFACES, "stranger")]

@@ -30,8 +30,6 @@ from texclass.recognition.export.parity import run
 from texclass.recognition.export.sample_graph import SAMPLES, build_of_samples, recording_of
 from texclass.recognition.export.sample_parity import MARGIN, check_sample_parity, made, made_windows, recipes
 
-TOUCH_S = 0.25
-
 
 def computed(build, rows, n_outputs=1):
     """Return what tensors are that `build` adds to a graph of an input `x`."""
@@ -43,11 +41,6 @@ def computed(build, rows, n_outputs=1):
     model = graph.model([entry], outputs, "test", "")
     session = InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"])
     return session.run(None, {"x": rows})
-
-
-@pytest.fixture(scope="module")
-def touch_model(_own_cache):
-    return train(surfaces(), pipeline(), row="Spectrum", classifier="lda", touch_s=TOUCH_S)
 
 
 @pytest.fixture(scope="module")
@@ -406,4 +399,4 @@ def test_training_for_export_leaves_out_what_has_no_graph_and_says_what_that_cos
 def test_rows_without_any_graph_cannot_be_trained_for_export():
     rows = (RowDefinition(name="Taps", features=("temporal_roughness",)),)
     with pytest.raises(ValueError, match=r"no row has a feature with a graph \(temporal_roughness have none"):
-        train(surfaces(), pipeline(rows=rows), exportable=True, touch_s=TOUCH_S)
+        train(surfaces(), pipeline(rows=rows), exportable=True, touch_s=0.25)

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 import pytest
-from toy_surfaces import pipeline, signal, surfaces
+from toy_surfaces import signal
 
-from texclass.recognition import OnlineRecogniser, export_onnx, train
+from texclass.recognition import OnlineRecogniser, export_onnx
 
 ROOT = Path(__file__).parents[2]
 VECTORS = json.loads((ROOT / "examples" / "stream_vectors.json").read_text(encoding="utf-8"))
@@ -71,9 +71,8 @@ def test_the_reference_gives_the_verdicts_of_the_vectors(vector, logic):
         evidence.reset()
 
 
-@pytest.mark.usefixtures("_own_cache")
-def test_the_reference_and_the_exported_file_answer_a_stream_as_texclass_does(logic, tmp_path):
-    model = train(surfaces(), pipeline(), row="Spectrum", classifier="lda", touch_s=0.25)
+def test_the_reference_and_the_exported_file_answer_a_stream_as_texclass_does(logic, touch_model, tmp_path):
+    model = touch_model
     exported = export_onnx(model, tmp_path / "windows.onnx", start="samples")
     session = onnxruntime.InferenceSession(exported.path, providers=["CPUExecutionProvider"])
     constants = json.loads(session.get_modelmeta().custom_metadata_map["texclass.stream"])

@@ -97,9 +97,3 @@ def test_bad_input_ends_in_one_line_that_names_value_and_rule(tradeoff, options,
     assert err.startswith("error: ")
     assert err.count("\n") == 1
     assert told in err
-
-
-def test_a_dataset_that_is_not_there_is_named(tradeoff):
-    code, _, err = tradeoff(dataset="plaits")
-    assert code == 1
-    assert "plaits" in err

@@ -121,7 +121,7 @@ REFUSED = {
         lambda: major_frequencies.fit_major_frequencies(NOISE, 1e4, n_frequencies=0),
         lambda: major_frequencies.fit_major_frequencies(NOISE, 0.0),
         lambda: major_frequencies.interpolate(SLOW, SLOW, 1.1),
-        lambda: major_frequencies.at_speed([SLOW, SLOW], [2.0, 1.0], 1.5),
+        lambda: major_frequencies.at_speed([SLOW, SLOW], [1.0, 1.0], 1.5),
         lambda: major_frequencies.at_speed([SLOW], [1.0, 2.0], 1.5),
         lambda: MajorFrequencies([1.0], [-1.0], [0.0]),
         lambda: MajorFrequencies([1.0, 2.0], [1.0], [0.0]),

@@ -87,8 +87,6 @@ def test_what_lies_outside_the_felt_range_does_not_count():
 def test_bands_above_half_the_rate_are_left_out():
     a = np.random.default_rng(0).standard_normal(3000)
     assert_allclose(band_energy_distance(a, 2 * a, 500.0), 20 * np.log10(2))
-    with pytest.raises(ValueError, match="one band at least"):
-        band_energy_distance(a, a, 50.0)
 
 
 def test_silence_lies_at_the_floor_and_not_at_infinity():
