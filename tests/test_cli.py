@@ -120,6 +120,7 @@ def test_options_mean_one_thing_and_each_help_has_an_example(name):
     for spelled in {"-o", "--json", "--jsonl"} & set(options):
         takes = {"-o": ("output", True), "--json": ("json", True), "--jsonl": ("jsonl", False)}[spelled]
         assert ((f"--{takes[0]}" in options[spelled].opts), not options[spelled].is_flag) == (True, takes[1])
+    assert [p.name for p in command.params if not (p.help or p.hidden)] == []
     example = command.epilog.removeprefix("Example: ")
     assert example.startswith(f"texclass {name}")
     assert {word for word in example.split() if word.startswith("--")} <= set(options)

@@ -1,9 +1,13 @@
 """The program: the typer application, what it says of errors, and how it ends."""
 
+import copy
 import gc
+import inspect
 import io
 import itertools
+import re
 import sys
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
@@ -58,6 +62,37 @@ def _options(
     ] = False,
 ) -> None:
     """Which surface is this, and how does it feel, from what a tool's accelerometer recorded."""
+
+
+def told(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a docstring tell of options: "name : -o, --output PATH" how one is spelled, and below what it is.
+
+    By default it is spelled as its argument, and one that is False is no option to be told "--no-".
+    """
+    doc, _, listed = inspect.cleandoc(function.__doc__ or "").partition("\n\nParameters\n----------\n")
+    parameters = dict(inspect.signature(function).parameters)
+    for name, spelled, text in re.findall(r"^(\w+)(?: : (.+))?\n((?: {4}.+\n?)+)", listed, re.MULTILINE):
+        asked, words = parameters[name], spelled.replace(",", " ").split()
+        flags = [word for word in words if word.startswith("-")]
+        if asked.default is False and not flags:
+            flags = [f"--{name.replace('_', '-')}"]
+        is_option = bool(flags) or asked.default is not asked.empty
+        stated = getattr(asked.annotation, "__metadata__", None)
+        info = copy.copy(stated[0]) if stated else typer.Option() if is_option else typer.Argument()
+        info.param_decls, info.help = tuple(flags), " ".join(text.split())
+        info.metavar = " ".join(words[len(flags) :]) or None
+        kind = asked.annotation.__origin__ if stated else asked.annotation
+        parameters[name] = asked.replace(annotation=Annotated[kind, info])
+    function.__doc__ = doc
+    vars(function)["__signature__"] = inspect.Signature([*parameters.values()])
+    function.__annotations__ = {name: p.annotation for name, p in parameters.items()}
+    return function
+
+
+def command(example: str, group: typer.Typer = app) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return what makes a function a command, as its docstring tells, with an example below its help."""
+    register = group.command(epilog=f"Example: {example}")
+    return lambda function: register(told(function))
 
 
 def shown(text: str) -> str:

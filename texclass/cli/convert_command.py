@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from texclass.cli import options
-from texclass.cli.app import app
+from texclass.cli.app import command
 from texclass.cli.options import tell
 
 if TYPE_CHECKING:
@@ -19,53 +19,22 @@ TEXTURES, PATTERNS = (".texture", ".xml"), (".hjif", ".ahap", ".gltf")
 """What holds a texture, and what holds it as played once."""
 
 
-@app.command(epilog="Example: texclass convert wood.texture -o wood.hjif --speed 80 --force 1")
+@command("texclass convert wood.texture -o wood.hjif --speed 80 --force 1")
 def convert(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="IN",
-            help="A .texture (a texture, taps, a scene), a HaTT .xml; or .hjif, .ahap, .gltf, as played; "
-            "with --bytes a recording, too.",
-        ),
-    ],
+    source: Path,
     older_target: Annotated[Path | None, typer.Argument(metavar="OUT", hidden=True)] = None,
-    target: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", help="To be written: .texture, .xml, .hjif, .ahap, .gltf or .wav."),
-    ] = None,
-    n_bytes: Annotated[
-        int | None, typer.Option("--bytes", help="Pack a texture or a recording into a .texture so small.")
-    ] = None,
-    scale: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--scale",
-            metavar="SCALE=VALUE",
-            help="Of a texture, several times: rough=8, bumpy=2, fine=5, regular=4, as `describe` tells; "
-            "hard=7 where it holds a tap, sticky=3 where it holds friction.",
-        ),
-    ] = None,
-    fs: Annotated[
-        float | None,
-        typer.Option(
-            "--fs", help="To XML: sampling rate of the models, Hz, 1000 by default. Of a recording: its own."
-        ),
-    ] = None,
+    target: Path | None = None,
+    n_bytes: int | None = None,
+    scale: list[str] | None = None,
+    fs: float | None = None,
     unit: options.Unit = None,
-    order: Annotated[int, typer.Option(help="To XML: largest order of the models.", min=1, max=100)] = 20,
-    surface: Annotated[
-        str | None, typer.Option(help="Which one, of a scene or of taps; of taps all by default.")
-    ] = None,
-    speed: Annotated[
-        float | None, typer.Option(help="To be played at, mm/s; amid what the texture knows by default.")
-    ] = None,
-    force: Annotated[float | None, typer.Option(help="The same, N.")] = None,
-    seconds: Annotated[float, typer.Option(help="To be played, at most 30.")] = 2.0,
-    physical: Annotated[
-        bool, typer.Option("--physical", help="To WAV: 32-bit float in the unit, not for ears.")
-    ] = False,
-    seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
+    order: Annotated[int, typer.Option(min=1, max=100)] = 20,
+    surface: str | None = None,
+    speed: float | None = None,
+    force: float | None = None,
+    seconds: float = 2.0,
+    physical: bool = False,
+    seed: int = 0,
 ) -> None:
     """Convert a surface to the format of another device. What is lost there is told.
 
@@ -73,6 +42,35 @@ def convert(
     haptic material of a scene (.gltf) and WAV hold it as played at one speed and force. The first three are
     played to WAV; .hjif and .gltf become a texture again, as far as they hold one. With --bytes a texture or
     a recording becomes a small texture, with --scale a texture becomes one that feels otherwise.
+
+    Parameters
+    ----------
+    source : IN
+        A .texture (a texture, taps, a scene), a HaTT .xml; or .hjif, .ahap, .gltf, as played; with
+        --bytes a recording, too.
+    target : -o, --output
+        To be written: .texture, .xml, .hjif, .ahap, .gltf or .wav.
+    n_bytes : --bytes
+        Pack a texture or a recording into a .texture so small.
+    scale : SCALE=VALUE
+        Of a texture, several times: rough=8, bumpy=2, fine=5, regular=4, as `describe` tells; hard=7
+        where it holds a tap, sticky=3 where it holds friction.
+    fs
+        To XML: sampling rate of the models, Hz, 1000 by default. Of a recording: its own.
+    order
+        To XML: largest order of the models.
+    surface
+        Which one, of a scene or of taps; of taps all by default.
+    speed
+        To be played at, mm/s; amid what the texture knows by default.
+    force
+        The same, N.
+    seconds
+        To be played, at most 30.
+    physical
+        To WAV: 32-bit float in the unit, not for ears.
+    seed
+        Of the noise.
     """
     from texclass.document import Document
 

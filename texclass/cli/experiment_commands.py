@@ -6,83 +6,66 @@ from typing import Annotated, Any, Literal
 import typer
 
 from texclass.cli import options
-from texclass.cli.app import app
+from texclass.cli.app import command
 from texclass.cli.options import progress_bar, tell_and_save
 
 
-@app.command(epilog="Example: texclass benchmark recordings --fs 10000 --unit m/s^2 --jobs 1")
+@command("texclass benchmark recordings --fs 10000 --unit m/s^2 --jobs 1")
 @options.reads_files
 @options.holds_out
 def benchmark(
     dataset: options.Recordings = "simulated",
     pipeline: options.Pipeline = "strese2015",
-    feature: Annotated[
-        str | None,
-        typer.Option(
-            help="A feature of yours to put against the table: module:function or file.py:function."
-        ),
-    ] = None,
-    touch: Annotated[
-        float | None,
-        typer.Option(help="Classify single windows of so many seconds of movement, not recordings."),
-    ] = None,
-    touches: Annotated[
-        int | None, typer.Option(help="At most so many windows of each recording, the first; all by default.")
-    ] = None,
-    folds: Annotated[
-        int | None, typer.Option(min=2, help="Number of folds; the pipeline's own by default.")
-    ] = None,
-    choose: Annotated[
-        bool,
-        typer.Option(
-            "--choose", help="Also choose row and classifier inside each training part, unseen by tests."
-        ),
-    ] = False,
-    peers: Annotated[
-        bool,
-        typer.Option(
-            "--peers",
-            help="Run librosa MFCC, TSFEL, tsfresh, catch22, QUANT and the rockets on the same folds, too.",
-        ),
-    ] = False,
-    peers_python: Annotated[
-        Path | None,
-        typer.Option(
-            help="The interpreter that has the peers and scikit-learn; this one by default (extra `peers`)."
-        ),
-    ] = None,
-    peers_only: Annotated[
-        str | None, typer.Option(help="Only these peers, separated by commas: mfcc,minirocket.")
-    ] = None,
-    peers_limit: Annotated[
-        int | None,
-        typer.Option(help="At most so many recordings: materials are left out whole, for ours as well."),
-    ] = None,
-    peers_seconds: Annotated[
-        float, typer.Option(help="Time limit for each peer, in seconds; the folds it finished count.")
-    ] = 900.0,
-    peers_signals: Annotated[
-        str,
-        typer.Option(
-            help="What peers are given: the `same` signals as our features, or `each` channel by itself."
-        ),
-    ] = "same",
+    feature: str | None = None,
+    touch: float | None = None,
+    touches: int | None = None,
+    folds: Annotated[int | None, typer.Option(min=2)] = None,
+    choose: bool = False,
+    peers: bool = False,
+    peers_python: Path | None = None,
+    peers_only: str | None = None,
+    peers_limit: int | None = None,
+    peers_seconds: float = 900.0,
+    peers_signals: str = "same",
     jobs: options.Jobs = -1,
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
     skip_bad: options.SkipBad = False,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o", "--output", help="Folder for the table (Markdown), the pictures (PNG) and the JSON."
-        ),
-    ] = Path("reports"),
+    output: Path = Path("reports"),
     json_file: options.Json = None,
     *,
     protocol: str | None,
     reading: dict[str, Any],
 ) -> None:
-    """Classify a dataset with every row of a pipeline's table. Published figures stand beside ours."""
+    """Classify a dataset with every row of a pipeline's table. Published figures stand beside ours.
+
+    Parameters
+    ----------
+    feature
+        A feature of yours to put against the table: module:function or file.py:function.
+    touch
+        Classify single windows of so many seconds of movement, not recordings.
+    touches
+        At most so many windows of each recording, the first; all by default.
+    folds
+        Number of folds; the pipeline's own by default.
+    choose
+        Also choose row and classifier inside each training part, unseen by tests.
+    peers
+        Run librosa MFCC, TSFEL, tsfresh, catch22, QUANT and the rockets on the same folds, too.
+    peers_python
+        The interpreter that has the peers and scikit-learn; this one by default (extra `peers`).
+    peers_only
+        Only these peers, separated by commas: mfcc,minirocket.
+    peers_limit
+        At most so many recordings: materials are left out whole, for ours as well.
+    peers_seconds
+        Time limit for each peer, in seconds; the folds it finished count.
+    peers_signals
+        What peers are given: the `same` signals as our features, or `each` channel by itself.
+    output : -o, --output
+        Folder for the table (Markdown), the pictures (PNG) and the JSON.
+    """
     from texclass.loaders import open_dataset
 
     if peers and feature:
@@ -128,21 +111,13 @@ def benchmark(
         tell_and_save(compared, output)
 
 
-@app.command(epilog="Example: texclass extract recordings --fs 10000 --unit m/s^2 -o features.parquet")
+@command("texclass extract recordings --fs 10000 --unit m/s^2 -o features.parquet")
 @options.reads_files
 def extract(
     dataset: options.Recordings,
-    output: Annotated[
-        Path, typer.Option("-o", "--output", help="Parquet file to write, with --partition a folder of them.")
-    ],
+    output: Path,
     features: options.FeatureSet = "texclass",
-    partition: Annotated[
-        int | None,
-        typer.Option(
-            help="Recordings of a file: each is computed and written by one worker, and no process holds "
-            "them all."
-        ),
-    ] = None,
+    partition: int | None = None,
     jobs: options.Jobs = -1,
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
@@ -150,7 +125,15 @@ def extract(
     *,
     reading: dict[str, Any],
 ) -> None:
-    """Compute a feature table. A run that was killed goes on where it stopped."""
+    """Compute a feature table. A run that was killed goes on where it stopped.
+
+    Parameters
+    ----------
+    output : -o, --output
+        Parquet file to write, with --partition a folder of them.
+    partition
+        Recordings of a file: each is computed and written by one worker, and no process holds them all.
+    """
     from texclass.loaders import open_dataset
 
     recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
@@ -181,50 +164,48 @@ def extract(
         typer.echo(f"note: {note}")
 
 
-@app.command(epilog="Example: texclass tradeoff recordings --fs 10000 --unit m/s^2 --max-ms 5")
+@command("texclass tradeoff recordings --fs 10000 --unit m/s^2 --max-ms 5")
 @options.reads_files
 @options.holds_out
 def tradeoff(
     dataset: options.Recordings = "simulated",
     features: options.FeatureSet = "texclass",
     max_ms: options.MaxMs = None,
-    max_seconds: Annotated[
-        float | None, typer.Option(help="Seconds of movement that are felt; whole recordings by default.")
-    ] = None,
+    max_seconds: float | None = None,
     max_features: options.MaxFeatures = None,
-    materials: Annotated[
-        str | None,
-        typer.Option(help="Materials of a scene, separated by commas: the fewest columns for these."),
-    ] = None,
-    curves: Annotated[
-        bool, typer.Option(help="Also accuracy against touch, training, rate, bits and model order.")
-    ] = True,
-    whom: Annotated[
-        Literal["embedded"] | None,
-        typer.Option("--for", help="For a small computer: bytes, operations, rate, window and word length."),
-    ] = None,
-    max_bytes: Annotated[
-        float | None,
-        typer.Option(help="With --for embedded: for samples, constants and what is computed of them."),
-    ] = None,
-    max_ops: Annotated[
-        float | None, typer.Option(help="With --for embedded: operations a second of signal.")
-    ] = None,
+    materials: str | None = None,
+    curves: bool = True,
+    whom: Literal["embedded"] | None = None,
+    max_bytes: float | None = None,
+    max_ops: float | None = None,
     jobs: options.Jobs = -1,
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o", "--output", help="Folder for the report (Markdown, JSON, PNG) and the pipeline (skops)."
-        ),
-    ] = Path("reports"),
+    output: Path = Path("reports"),
     json_file: options.Json = None,
     *,
     protocol: str | None,
     reading: dict[str, Any],
 ) -> None:
-    """Measure what accuracy costs on a dataset. The pipeline at the budget, or at the knee, is saved."""
+    """Measure what accuracy costs on a dataset. The pipeline at the budget, or at the knee, is saved.
+
+    Parameters
+    ----------
+    max_seconds
+        Seconds of movement that are felt; whole recordings by default.
+    materials
+        Materials of a scene, separated by commas: the fewest columns for these.
+    curves
+        Also accuracy against touch, training, rate, bits and model order.
+    whom : --for
+        For a small computer: bytes, operations, rate, window and word length.
+    max_bytes
+        With --for embedded: for samples, constants and what is computed of them.
+    max_ops
+        With --for embedded: operations a second of signal.
+    output : -o, --output
+        Folder for the report (Markdown, JSON, PNG) and the pipeline (skops).
+    """
     small = {"--max-bytes": max_bytes, "--max-ops": max_ops}
     large = {"--max-ms": max_ms, "--max-features": max_features, "--materials": materials}
     for name, given in (small if whom is None else large).items():
@@ -272,23 +253,25 @@ def tradeoff(
     tell_and_save(result, output, json_file, Path(result.data["chosen"]["file"]))
 
 
-@app.command(epilog="Example: texclass stability --quick")
+@command("texclass stability --quick")
 def stability(
-    quick: Annotated[
-        bool, typer.Option("--quick", help="A small part of the battery, in half a minute.")
-    ] = False,
-    only: Annotated[
-        Literal["models", "filters", "transforms", "features", "peers"] | None,
-        typer.Option(help="One part alone."),
-    ] = None,
-    output: Annotated[
-        Path, typer.Option("-o", "--output", help="Folder for stability.md, .json and pictures.")
-    ] = Path("reports"),
+    quick: bool = False,
+    only: Literal["models", "filters", "transforms", "features", "peers"] | None = None,
+    output: Path = Path("reports"),
     json_file: options.Json = None,
 ) -> None:
     """Try hard inputs on every model, filter and feature.
 
     Public libraries that are installed here answer the same inputs. Exit code 1 if any of ours is wrong.
+
+    Parameters
+    ----------
+    quick
+        A small part of the battery, in half a minute.
+    only
+        One part alone.
+    output : -o, --output
+        Folder for stability.md, .json and pictures.
     """
     from texclass.peers import extreme_inputs
     from texclass.stability import run_stability
@@ -304,24 +287,26 @@ def stability(
         raise typer.Exit(1)
 
 
-@app.command(epilog="Example: texclass report reports/*.json -o report.html")
+@command("texclass report reports/*.json -o report.html")
 def report(
-    results: Annotated[
-        list[Path],
-        typer.Argument(
-            help="JSON files that benchmark, tradeoff, stability or the study of invariance wrote."
-        ),
-    ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="HTML, or Markdown (.md).")] = Path(
-        "report.html"
-    ),
-    title: Annotated[str, typer.Option(help="Its title; the datasets' names by default.")] = "",
-    stale: Annotated[
-        bool,
-        typer.Option("--stale", help="List those whose code, pipeline or features have changed; no page."),
-    ] = False,
+    results: list[Path],
+    output: Path = Path("report.html"),
+    title: str = "",
+    stale: bool = False,
 ) -> None:
-    """Write results as one page that needs no network. It holds tables, figures, datasets and versions."""
+    """Write results as one page that needs no network. It holds tables, figures, datasets and versions.
+
+    Parameters
+    ----------
+    results
+        JSON files that benchmark, tradeoff, stability or the study of invariance wrote.
+    output : -o, --output
+        HTML, or Markdown (.md).
+    title
+        Its title; the datasets' names by default.
+    stale
+        List those whose code, pipeline or features have changed; no page.
+    """
     from texclass.reporting import stale_results, write_page
 
     if stale:

@@ -7,31 +7,33 @@ from typing import Annotated, Any
 import typer
 
 from texclass.cli import options
-from texclass.cli.app import app
+from texclass.cli.app import app, command
 from texclass.cli.options import progress_bar, shipped, tell, write_json
 
 cards = typer.Typer(invoke_without_command=True, epilog="Example: texclass datasets get taps5")
 app.add_typer(cards, name="datasets")
 
 
-@app.command(epilog="Example: texclass inspect recordings/oak/oak_01.txt --fs 10000 --unit m/s^2")
+@command("texclass inspect recordings/oak/oak_01.txt --fs 10000 --unit m/s^2")
 @options.reads_files
 def inspect(
-    recording: Annotated[
-        str,
-        typer.Argument(help="A file in any supported format, or DATASET:RECORDING (simulated:wood-03-01)."),
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", help="Picture to write; <recording>.inspect.png here by default."),
-    ] = None,
-    features: Annotated[
-        str, typer.Option(help="Feature set whose values are shown.", autocompletion=shipped("feature_defs"))
-    ] = "strese2015",
+    recording: str,
+    output: Path | None = None,
+    features: Annotated[str, typer.Option(autocompletion=shipped("feature_defs"))] = "strese2015",
     *,
     reading: dict[str, Any],
 ) -> None:
-    """Draw one recording: phases, taps, spectrum and features."""
+    """Draw one recording: phases, taps, spectrum and features.
+
+    Parameters
+    ----------
+    recording
+        A file in any supported format, or DATASET:RECORDING (simulated:wood-03-01).
+    output : -o, --output
+        Picture to write; <recording>.inspect.png here by default.
+    features
+        Feature set whose values are shown.
+    """
     from texclass.loaders import find_recording
 
     found = find_recording(recording, **reading)
@@ -53,23 +55,25 @@ def inspect(
     typer.echo(f"wrote {path}")
 
 
-@app.command(epilog="Example: texclass describe recordings/oak/oak_01.txt --fs 10000 --unit m/s^2")
+@command("texclass describe recordings/oak/oak_01.txt --fs 10000 --unit m/s^2")
 @options.reads_files
 def describe(
-    recordings: Annotated[list[str], typer.Argument(help="Recordings: files, or DATASET:RECORDING.")],
-    references: Annotated[
-        str,
-        typer.Option(
-            help="Surfaces to compare with: a shipped dataset card, a card, or a folder that needs no --fs.",
-            autocompletion=shipped("datasets"),
-        ),
-    ] = "simulated",
+    recordings: list[str],
+    references: Annotated[str, typer.Option(autocompletion=shipped("datasets"))] = "simulated",
     jobs: options.Jobs = -1,
     json_file: options.Json = None,
     *,
     reading: dict[str, Any],
 ) -> None:
-    """Say how a surface feels. Hard, rough, bumpy, sticky, fine, regular, among reference surfaces."""
+    """Say how a surface feels. Hard, rough, bumpy, sticky, fine, regular, among reference surfaces.
+
+    Parameters
+    ----------
+    recordings
+        Recordings: files, or DATASET:RECORDING.
+    references
+        Surfaces to compare with: a shipped dataset card, a card, or a folder that needs no --fs.
+    """
     from texclass.loaders import find_recording
 
     found = [find_recording(name, **reading) for name in recordings]
@@ -83,14 +87,20 @@ def describe(
         tell(felt_document(felt))
 
 
-@app.command(epilog="Example: texclass sample recordings")
+@command("texclass sample recordings")
 def sample(
-    folder: Annotated[Path, typer.Argument(help="Folder to write, one subfolder per surface.")],
-    first: Annotated[
-        int, typer.Option(min=1, max=995, help="Number of the first recording of each surface.")
-    ] = 1,
+    folder: Path,
+    first: Annotated[int, typer.Option(min=1, max=995)] = 1,
 ) -> None:
-    """Write a small folder of recordings to try commands on."""
+    """Write a small folder of recordings to try commands on.
+
+    Parameters
+    ----------
+    folder
+        Folder to write, one subfolder per surface.
+    first
+        Number of the first recording of each surface.
+    """
     from texclass.loaders import write_sample
 
     written = write_sample(folder, first)
@@ -107,16 +117,17 @@ def datasets(context: typer.Context) -> None:
         tell(datasets_document())
 
 
-@cards.command(epilog="Example: texclass datasets get taps5")
+@command("texclass datasets get taps5", cards)
 def get(
-    names: Annotated[
-        list[str],
-        typer.Argument(
-            help="Shipped dataset cards, or cards of yours (TOML).", autocompletion=shipped("datasets")
-        ),
-    ],
+    names: Annotated[list[str], typer.Argument(autocompletion=shipped("datasets"))],
 ) -> None:
-    """Fetch the recordings of cards from where they are published."""
+    """Fetch the recordings of cards from where they are published.
+
+    Parameters
+    ----------
+    names
+        Shipped dataset cards, or cards of yours (TOML).
+    """
     from texclass.loaders import fetch_recordings, read_card
 
     for name in names:
@@ -129,16 +140,17 @@ def get(
         typer.echo(f"complete, each file as published: {folder}")
 
 
-@app.command(epilog="Example: texclass features strese2015")
+@command("texclass features strese2015")
 def features(
-    name: Annotated[
-        str | None,
-        typer.Argument(
-            help="A shipped feature set or a TOML of yours.", autocompletion=shipped("feature_defs")
-        ),
-    ] = None,
+    name: Annotated[str | None, typer.Argument(autocompletion=shipped("feature_defs"))] = None,
 ) -> None:
-    """List every feature with its source, or those of one set."""
+    """List every feature with its source, or those of one set.
+
+    Parameters
+    ----------
+    name
+        A shipped feature set or a TOML of yours.
+    """
     from texclass.reporting import features_document
 
     tell(features_document(name))

@@ -6,53 +6,53 @@ from typing import Annotated, Any, Literal
 import typer
 
 from texclass.cli import options
-from texclass.cli.app import app, shown
+from texclass.cli.app import command, shown
 from texclass.cli.options import progress_bar, shipped, tell, write_json
 
 
-@app.command(epilog="Example: texclass train recordings --fs 10000 --unit m/s^2 -o surfaces.skops")
+@command("texclass train recordings --fs 10000 --unit m/s^2 -o surfaces.skops")
 @options.reads_files
 @options.holds_out
 def train(
     dataset: options.Recordings,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Model file to write (.skops).")],
-    pipeline: Annotated[
-        str | None,
-        typer.Option(
-            help="A shipped pipeline, or a TOML of yours; by default surfaces, for an inertial unit coarse, "
-            "with a row, a classifier or a budget texclass.",
-            autocompletion=shipped("pipelines"),
-        ),
-    ] = None,
-    row: Annotated[
-        str | None, typer.Option(help="Row of the pipeline; the best by cross-validation by default.")
-    ] = None,
-    classifier: Annotated[
-        str | None, typer.Option(help="Classifier of the pipeline; the best by default.")
-    ] = None,
+    output: Path,
+    pipeline: Annotated[str | None, typer.Option(autocompletion=shipped("pipelines"))] = None,
+    row: str | None = None,
+    classifier: str | None = None,
     max_ms: options.MaxMs = None,
     max_features: options.MaxFeatures = None,
-    max_kb: Annotated[
-        float | None,
-        typer.Option(help="Kilobytes of an exported kernel: fewer training samples, in fewer bits."),
-    ] = None,
-    touch: Annotated[
-        float | None,
-        typer.Option("--touch", help="Seconds of movement of one answer; whole recordings by default."),
-    ] = None,
-    false_alarms: Annotated[
-        float, typer.Option(help="Share of known surfaces that may be called unknown.")
-    ] = 0.05,
-    exportable: Annotated[
-        bool, typer.Option("--exportable", help="Only features that `export --from samples` can write.")
-    ] = False,
+    max_kb: float | None = None,
+    touch: float | None = None,
+    false_alarms: float = 0.05,
+    exportable: bool = False,
     jobs: options.Jobs = -1,
     skip_bad: options.SkipBad = False,
     *,
     protocol: str | None,
     reading: dict[str, Any],
 ) -> None:
-    """Train a model on all recordings. What is chosen is chosen by cross-validation."""
+    """Train a model on all recordings. What is chosen is chosen by cross-validation.
+
+    Parameters
+    ----------
+    output : -o, --output
+        Model file to write (.skops).
+    pipeline
+        A shipped pipeline, or a TOML of yours; by default surfaces, for an inertial unit coarse, with a
+        row, a classifier or a budget texclass.
+    row
+        Row of the pipeline; the best by cross-validation by default.
+    classifier
+        Classifier of the pipeline; the best by default.
+    max_kb
+        Kilobytes of an exported kernel: fewer training samples, in fewer bits.
+    touch
+        Seconds of movement of one answer; whole recordings by default.
+    false_alarms
+        Share of known surfaces that may be called unknown.
+    exportable
+        Only features that `export --from samples` can write.
+    """
     from texclass.loaders import open_dataset
 
     recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
@@ -82,20 +82,28 @@ def train(
     typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")
 
 
-@app.command(epilog="Example: texclass predict surfaces.skops felt.txt")
+@command("texclass predict surfaces.skops felt.txt")
 @options.reads_files
 def predict(
-    model: Annotated[Path, typer.Argument(help="A model file that `texclass train` wrote.")],
-    files: Annotated[list[str], typer.Argument(help="Recordings: files, or DATASET:RECORDING.")],
+    model: Path,
+    files: list[str],
     as_lines: options.JsonLines = False,
     json_file: options.Json = None,
-    skip_bad: Annotated[
-        bool, typer.Option("--skip-bad", help="Exit with 0 although some files were bad; they are named.")
-    ] = False,
+    skip_bad: bool = False,
     *,
     reading: dict[str, Any],
 ) -> None:
-    """Say which surface each recording is of. Bad files are named, the others answered."""
+    """Say which surface each recording is of. Bad files are named, the others answered.
+
+    Parameters
+    ----------
+    model
+        A model file that `texclass train` wrote.
+    files
+        Recordings: files, or DATASET:RECORDING.
+    skip_bad
+        Exit with 0 although some files were bad; they are named.
+    """
     import json
 
     from texclass.recognition import load_model
@@ -121,27 +129,30 @@ def predict(
         raise typer.Exit(1)
 
 
-@app.command(
-    epilog="Example: texclass adapt surfaces.skops oak=new/1.txt slate=new/2.txt foam=new/3.txt -o new.skops"
-)
+@command("texclass adapt surfaces.skops oak=new/1.txt slate=new/2.txt foam=new/3.txt -o new.skops")
 @options.reads_files
 def adapt(
-    model: Annotated[Path, typer.Argument(help="A model file that `texclass train` wrote.")],
-    references: Annotated[
-        list[str],
-        typer.Argument(
-            help="Recordings felt with the other sensor: SURFACE=FILE, files of unknown surfaces, "
-            "DATASET:RECORDING, cards, or folders with one subfolder per surface."
-        ),
-    ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Model file to write (.skops).")],
-    unlabelled: Annotated[
-        bool, typer.Option("--unlabelled", help="Do not believe which surfaces they are of.")
-    ] = False,
+    model: Path,
+    references: list[str],
+    output: Path,
+    unlabelled: bool = False,
     *,
     reading: dict[str, Any],
 ) -> None:
-    """Let a model follow another sensor. From a few references felt with it, without training again."""
+    """Let a model follow another sensor. From a few references felt with it, without training again.
+
+    Parameters
+    ----------
+    model
+        A model file that `texclass train` wrote.
+    references
+        Recordings felt with the other sensor: SURFACE=FILE, files of unknown surfaces, DATASET:RECORDING,
+        cards, or folders with one subfolder per surface.
+    output : -o, --output
+        Model file to write (.skops).
+    unlabelled
+        Do not believe which surfaces they are of.
+    """
     from texclass.recognition import load_model
     from texclass.recognition.adaptation import adapt as adapt_model
     from texclass.recognition.adaptation import references_of
@@ -155,12 +166,18 @@ def adapt(
     typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")
 
 
-@app.command(epilog="Example: texclass model surfaces.skops")
+@command("texclass model surfaces.skops")
 def model(
-    file: Annotated[Path, typer.Argument(metavar="MODEL", help="A model file that `texclass train` wrote.")],
+    file: Path,
     json_file: options.Json = None,
 ) -> None:
-    """Show what is in a model. Surfaces, features, accuracy, calibration, cost and versions."""
+    """Show what is in a model. Surfaces, features, accuracy, calibration, cost and versions.
+
+    Parameters
+    ----------
+    file : MODEL
+        A model file that `texclass train` wrote.
+    """
     from texclass.recognition import load_model
     from texclass.recognition.model_document import model_document
 
@@ -170,29 +187,30 @@ def model(
         tell(model_document(loaded))
 
 
-@app.command(epilog="Example: texclass export surfaces.skops --from samples -o surfaces.onnx")
+@command("texclass export surfaces.skops --from samples -o surfaces.onnx")
 def export(
-    model: Annotated[
-        Path,
-        typer.Argument(
-            metavar="MODEL", help="A model file that `texclass train` wrote; with --check, the ONNX file."
-        ),
-    ],
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="ONNX file to write (.onnx).")] = None,
-    start: Annotated[
-        Literal["features", "samples"],
-        typer.Option("--from", help="What the file takes: features of your own, or windows of samples."),
-    ] = "features",
-    touch: Annotated[
-        float | None,
-        typer.Option("--touch", help="Seconds of a window of samples; as in the training by default."),
-    ] = None,
-    check: Annotated[
-        bool, typer.Option("--check", help="Ask an ONNX file what it holds the answers to.")
-    ] = False,
+    model: Path,
+    output: Path | None = None,
+    start: Literal["features", "samples"] = "features",
+    touch: float | None = None,
+    check: bool = False,
     json_file: options.Json = None,
 ) -> None:
-    """Write a model as ONNX. It is refused where its answers differ from texclass's."""
+    """Write a model as ONNX. It is refused where its answers differ from texclass's.
+
+    Parameters
+    ----------
+    model : MODEL
+        A model file that `texclass train` wrote; with --check, the ONNX file.
+    output : -o, --output
+        ONNX file to write (.onnx).
+    start : --from
+        What the file takes: features of your own, or windows of samples.
+    touch
+        Seconds of a window of samples; as in the training by default.
+    check
+        Ask an ONNX file what it holds the answers to.
+    """
     import json
 
     from texclass.recognition import check_onnx, export_onnx, load_model

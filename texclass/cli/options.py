@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from texclass.cli.app import told
+
 if TYPE_CHECKING:
     from texclass.document import Document
     from texclass.experiment.result import Result
@@ -125,39 +127,31 @@ def _shared(name: str, made: Callable[..., Any]) -> Callable[[Callable[..., None
     return with_options
 
 
+@told
 def _protocol(
     *,
-    protocol: Annotated[
-        Literal["recording", "operator", "blocks", "few-shot", "run", "paper"] | None,
-        typer.Option(
-            help="How recordings are held out; by default as the pipeline says. `texclass train` takes the "
-            "later ones (`blocks`) from 20 numbered repetitions of each surface on: a sensor may drift."
-        ),
-    ] = None,
-    shots: Annotated[
-        int | None,
-        typer.Option(min=1, help="Repetitions of each material that train under `few-shot`; 3 by default."),
-    ] = None,
-    train: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--train",
-            metavar="LABEL=VALUES",
-            help="Instead, train on these recordings alone: repetition=1-20, session=a,b; several all hold.",
-        ),
-    ] = None,
-    test: Annotated[
-        list[str] | None,
-        typer.Option("--test", metavar="LABEL=VALUES", help="And test on those: repetition=31-40."),
-    ] = None,
-    leave_out: Annotated[
-        str | None,
-        typer.Option(
-            "--leave-out", metavar="LABEL", help="Or test on each operator, session or repetition in turn."
-        ),
-    ] = None,
+    protocol: Literal["recording", "operator", "blocks", "few-shot", "run", "paper"] | None = None,
+    shots: Annotated[int | None, typer.Option(min=1)] = None,
+    train: list[str] | None = None,
+    test: list[str] | None = None,
+    leave_out: str | None = None,
 ) -> str | None:
-    """Return the name of a protocol."""
+    """Return the name of a protocol.
+
+    Parameters
+    ----------
+    protocol
+        How recordings are held out; by default as the pipeline says. `texclass train` takes the later
+        ones (`blocks`) from 20 numbered repetitions of each surface on: a sensor may drift.
+    shots
+        Repetitions of each material that train under `few-shot`; 3 by default.
+    train : LABEL=VALUES
+        Instead, train on these recordings alone: repetition=1-20, session=a,b; several all hold.
+    test : LABEL=VALUES
+        And test on those: repetition=31-40.
+    leave_out : LABEL
+        Or test on each operator, session or repetition in turn.
+    """
     if bool(train) != bool(test):
         raise ValueError("--train without --test, or --test without --train; the rule is both")
     if sum(map(bool, (protocol, train, leave_out))) > 1:
@@ -175,21 +169,25 @@ holds_out = _shared("protocol", _protocol)
 """Gives a command the options that say what trains and what tests; it gets the name of a protocol."""
 
 
+@told
 def _reading(
     *,
-    fs: Annotated[
-        float | None, typer.Option("--fs", help="Sampling rate in Hz, where the files do not state it.")
-    ] = None,
+    fs: float | None = None,
     unit: Unit = None,
     column: Column = None,
     delimiter: Delimiter = None,
     time_column: TimeColumn = None,
-    resample: Annotated[
-        float | None,
-        typer.Option("--resample", help="Rate in Hz to which all files are brought, band-limited."),
-    ] = None,
+    resample: float | None = None,
 ) -> dict[str, Any]:
-    """Return how files are read."""
+    """Return how files are read.
+
+    Parameters
+    ----------
+    fs
+        Sampling rate in Hz, where the files do not state it.
+    resample
+        Rate in Hz to which all files are brought, band-limited.
+    """
     read = columns_read(column=column, delimiter=delimiter, time_column=time_column)
     return {"fs": fs, "unit": unit, "resample": resample, **read}
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from texclass.cli import options
-from texclass.cli.app import app
+from texclass.cli.app import app, command
 from texclass.cli.options import progress_bar, tell, write_json, wrote
 
 if TYPE_CHECKING:
@@ -25,27 +25,23 @@ SceneArgument = Annotated[
 ]
 
 
-@scene.command(epilog="Example: texclass scene plan example -o example.texture")
+@command("texclass scene plan example -o example.texture", scene)
 def plan(
     definition: SceneArgument = "example",
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--output", help="Where the planned models are written; SCENE.texture here by default."
-        ),
-    ] = None,
-    report: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER",
-            help="Write the plan here as Markdown, with a figure of what the speed does to each surface.",
-        ),
-    ] = None,
+    output: Path | None = None,
+    report: Path | None = None,
     json_file: options.Json = None,
 ) -> None:
     """Choose the cheapest model of each surface. The budget is proved by measuring.
 
     Exit code 1 if a surface is outside the tolerance or the budget does not hold.
+
+    Parameters
+    ----------
+    output : -o, --output
+        Where the planned models are written; SCENE.texture here by default.
+    report : FOLDER
+        Write the plan here as Markdown, with a figure of what the speed does to each surface.
     """
     from texclass.document import write_document
     from texclass.scene import plan_scene, read_scene
@@ -64,36 +60,34 @@ def plan(
         raise typer.Exit(1)
 
 
-@scene.command(epilog="Example: texclass scene render example.texture -o example.wav")
+@command("texclass scene render example.texture -o example.wav", scene)
 def render(
-    definition: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENE", help="A planned scene (.texture), or what `plan` takes: it is planned first."
-        ),
-    ],
-    path: Annotated[
-        Path | None,
-        typer.Argument(help="CSV with time (s), x, y (mm), force (N), surface; a sweep over all by default."),
-    ] = None,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The WAV to be written.")] = Path(
-        "scene.wav"
-    ),
-    physical: Annotated[
-        bool,
-        typer.Option(
-            "--physical", help="For devices: 32-bit float in the unit of the scene, at its own rate."
-        ),
-    ] = False,
-    shift: Annotated[
-        float, typer.Option("--shift", help="For ears: move the whole band up, Hz (0 ... 10000).")
-    ] = 0.0,
-    seed: Annotated[int, typer.Option(help="Of the noise.")] = 0,
+    definition: str,
+    path: Annotated[Path | None, typer.Argument()] = None,
+    output: Path = Path("scene.wav"),
+    physical: bool = False,
+    shift: float = 0.0,
+    seed: int = 0,
 ) -> None:
     """Play a path over a scene to WAV. It is rendered one sample a call, and timed.
 
     The WAV is for ears: 48 kHz, 16 bit, as loud as it can be. What full scale stands for is printed, and
     noted in the file.
+
+    Parameters
+    ----------
+    definition : SCENE
+        A planned scene (.texture), or what `plan` takes: it is planned first.
+    path
+        CSV with time (s), x, y (mm), force (N), surface; a sweep over all by default.
+    output : -o, --output
+        The WAV to be written.
+    physical
+        For devices: 32-bit float in the unit of the scene, at its own rate.
+    shift
+        For ears: move the whole band up, Hz (0 ... 10000).
+    seed
+        Of the noise.
     """
     from texclass.exchange import read_wav, write_wav
     from texclass.scene import play_path, read_path, sweep_of
@@ -115,27 +109,24 @@ def render(
     typer.echo(f"wrote {output}, {wav.fs:g} Hz{'' if physical else full}")
 
 
-@scene.command(epilog="Example: texclass scene page example.texture -o feel.html")
+@command("texclass scene page example.texture -o feel.html", scene)
 def page(
-    definition: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENE", help="A planned scene (.texture), or what `plan` takes: it is planned first."
-        ),
-    ] = "example",
-    output: Annotated[Path, typer.Option("-o", "--output", help="The page to be written.")] = Path(
-        "feel.html"
-    ),
-    taps: Annotated[
-        Path | None,
-        typer.Option(
-            "--taps", help="A library of taps (.texture), by names of surfaces; guessed by default."
-        ),
-    ] = None,
+    definition: Annotated[str, typer.Argument()] = "example",
+    output: Path = Path("feel.html"),
+    taps: Path | None = None,
 ) -> None:
     """Write a page in which a planned scene is stroked, tapped, heard and felt.
 
     One file that needs no network: the very models of the plan, driven by the pointer's speed and pressure.
+
+    Parameters
+    ----------
+    definition : SCENE
+        A planned scene (.texture), or what `plan` takes: it is planned first.
+    output : -o, --output
+        The page to be written.
+    taps
+        A library of taps (.texture), by names of surfaces; guessed by default.
     """
     from texclass.exchange import load_taps
     from texclass.scene import write_feel_page
@@ -155,20 +146,24 @@ def _planned(definition: str) -> "PlannedScene":
         return plan_scene(read_scene(definition), progress=progress).scene
 
 
-@app.command(epilog="Example: texclass texture wood.texture --page wood.html")
+@command("texclass texture wood.texture --page wood.html")
 def texture(
-    file: Annotated[Path, typer.Argument(help="A .texture, or the .xml of a HaTT texture.")],
-    page_file: Annotated[
-        Path | None,
-        typer.Option("--page", help="Also write a page in which it is stroked and heard."),
-    ] = None,
-    slider_file: Annotated[
-        Path | None,
-        typer.Option("--sliders", help="The same with a slider for each scale of `describe`; see `convert`."),
-    ] = None,
+    file: Path,
+    page_file: Path | None = None,
+    slider_file: Path | None = None,
     json_file: options.Json = None,
 ) -> None:
-    """Show what is in a texture file. Family, points, order, sampling rate, unit and bytes."""
+    """Show what is in a texture file. Family, points, order, sampling rate, unit and bytes.
+
+    Parameters
+    ----------
+    file
+        A .texture, or the .xml of a HaTT texture.
+    page_file : --page
+        Also write a page in which it is stroked and heard.
+    slider_file : --sliders
+        The same with a slider for each scale of `describe`; see `convert`.
+    """
     import json
 
     from texclass.document import Document

@@ -10,110 +10,97 @@ from typing import Annotated, Any
 import typer
 
 from texclass.cli import options
-from texclass.cli.app import app
+from texclass.cli.app import command
 from texclass.cli.options import progress_bar
 
 NO_ANSWER = 3
 """Exit code of a stream in which nothing was felt long enough for an answer."""
 
 
-@app.command(epilog="Example: texclass stream surfaces.skops felt.txt --fs 10000 --unit m/s^2")
+@command("texclass stream surfaces.skops felt.txt --fs 10000 --unit m/s^2")
 def stream(
-    model: Annotated[
-        Path,
-        typer.Argument(
-            help="A model file that `texclass train` wrote; or a folder of them, one for each gesture "
-            "(tap.skops, slow_stroke.skops): the stream then says which gesture would tell most."
-        ),
-    ],
-    source: Annotated[
-        str,
-        typer.Argument(
-            help="- (standard input: text, a sample a line), FILE or DATASET:RECORDING, "
-            "bag:FILE?topic=/NAME, ros2:/TOPIC. Columns: axes of the acceleration, then, where the model "
-            "needs them, 3 of the turn rate (rad/s), 1 of the friction."
-        ),
-    ] = "-",
+    model: Path,
+    source: Annotated[str, typer.Argument()] = "-",
     older_source: Annotated[str | None, typer.Option("--source", hidden=True)] = None,
-    fs: Annotated[
-        float | None,
-        typer.Option("--fs", help="Sampling rate of the source in Hz, where it does not state it."),
-    ] = None,
-    unit: Annotated[
-        str | None, typer.Option("--unit", help="Of the source; that of the training files by default.")
-    ] = None,
-    resample: Annotated[
-        bool, typer.Option("--resample", help="Convert another rate to the model's, band-limited.")
-    ] = False,
+    fs: float | None = None,
+    unit: str | None = None,
+    resample: bool = False,
     column: options.Column = None,
     delimiter: options.Delimiter = None,
     time_column: options.TimeColumn = None,
-    touch: Annotated[
-        float | None, typer.Option(help="Seconds of movement of one answer; as trained by default.")
-    ] = None,
-    hop: Annotated[
-        float | None, typer.Option(help="Seconds from answer to answer; half a touch by default.")
-    ] = None,
-    evidence: Annotated[
-        str, typer.Option(help="How answers of one contact are put together: sequential or majority.")
-    ] = "sequential",
-    confidence: Annotated[float, typer.Option(help="Probability from which on a verdict is sure.")] = 0.95,
-    stop_when_sure: Annotated[
-        bool, typer.Option("--stop-when-sure", help="Compute no more of a contact whose verdict is sure.")
-    ] = False,
+    touch: float | None = None,
+    hop: float | None = None,
+    evidence: str = "sequential",
+    confidence: float = 0.95,
+    stop_when_sure: bool = False,
     seconds: options.Seconds = None,
-    forget: Annotated[
-        float | None,
-        typer.Option(
-            help="Seconds after which evidence fades, for tools that slide on to other surfaces; 4 windows "
-            "with --always-in-contact, else never."
-        ),
-    ] = None,
-    in_contact: Annotated[
-        bool | None,
-        typer.Option(
-            "--in-contact/--at-rest",
-            help="The stream begins in a movement, or at rest; found out by default.",
-        ),
-    ] = None,
-    always_in_contact: Annotated[
-        bool,
-        typer.Option(
-            "--always-in-contact", help="Wheels and legs: no lift-off, and evidence fades (see --forget)."
-        ),
-    ] = False,
-    channels: Annotated[
-        int | None,
-        typer.Option(help="Standard input is little-endian float32 of so many channels, not text."),
-    ] = None,
-    paced: Annotated[bool, typer.Option("--paced", help="Play a file at its own speed.")] = False,
-    as_lines: Annotated[
-        bool,
-        typer.Option(
-            "--jsonl", help="Print one JSON object a line: answers, events, notices, the final answer."
-        ),
-    ] = False,
+    forget: float | None = None,
+    in_contact: bool | None = None,
+    always_in_contact: bool = False,
+    channels: int | None = None,
+    paced: bool = False,
+    as_lines: bool = False,
     json_file: options.Json = None,
-    heartbeat: Annotated[
-        float, typer.Option(help="With --jsonl, a line says every so many seconds that it listens; 0: never.")
-    ] = 5.0,
-    domain: Annotated[int | None, typer.Option(help="DDS domain; $ROS_DOMAIN_ID or 0 by default.")] = None,
-    reliability: Annotated[
-        str | None,
-        typer.Option(help="Of ros2:/TOPIC: reliable or 'best effort'; what its publishers offer by default."),
-    ] = None,
-    depth: Annotated[
-        int | None,
-        typer.Option(help="Of ros2:/TOPIC: messages kept until they are taken; 20,000 by default."),
-    ] = None,
-    publish: Annotated[
-        str | None, typer.Option(help="Publish answers as JSON (std_msgs/String) on this ROS 2 topic.")
-    ] = None,
-    diagnostics: Annotated[
-        str | None, typer.Option(help="With --publish: diagnostic_msgs/DiagnosticArray on this topic, too.")
-    ] = None,
+    heartbeat: float = 5.0,
+    domain: int | None = None,
+    reliability: str | None = None,
+    depth: int | None = None,
+    publish: str | None = None,
+    diagnostics: str | None = None,
 ) -> None:
-    """Say which surface is felt while it is felt. Ctrl-C, or SIGTERM, ends it with the final answer."""
+    """Say which surface is felt while it is felt. Ctrl-C, or SIGTERM, ends it with the final answer.
+
+    Parameters
+    ----------
+    model
+        A model file that `texclass train` wrote; or a folder of them, one for each gesture (tap.skops,
+        slow_stroke.skops): the stream then says which gesture would tell most.
+    source
+        - (standard input: text, a sample a line), FILE or DATASET:RECORDING, bag:FILE?topic=/NAME,
+        ros2:/TOPIC. Columns: axes of the acceleration, then, where the model needs them, 3 of the turn
+        rate (rad/s), 1 of the friction.
+    fs
+        Sampling rate of the source in Hz, where it does not state it.
+    unit
+        Of the source; that of the training files by default.
+    resample
+        Convert another rate to the model's, band-limited.
+    touch
+        Seconds of movement of one answer; as trained by default.
+    hop
+        Seconds from answer to answer; half a touch by default.
+    evidence
+        How answers of one contact are put together: sequential or majority.
+    confidence
+        Probability from which on a verdict is sure.
+    stop_when_sure
+        Compute no more of a contact whose verdict is sure.
+    forget
+        Seconds after which evidence fades, for tools that slide on to other surfaces; 4 windows with
+        --always-in-contact, else never.
+    in_contact : --in-contact/--at-rest
+        The stream begins in a movement, or at rest; found out by default.
+    always_in_contact
+        Wheels and legs: no lift-off, and evidence fades (see --forget).
+    channels
+        Standard input is little-endian float32 of so many channels, not text.
+    paced
+        Play a file at its own speed.
+    as_lines : --jsonl
+        Print one JSON object a line: answers, events, notices, the final answer.
+    heartbeat
+        With --jsonl, a line says every so many seconds that it listens; 0: never.
+    domain
+        DDS domain; $ROS_DOMAIN_ID or 0 by default.
+    reliability
+        Of ros2:/TOPIC: reliable or 'best effort'; what its publishers offer by default.
+    depth
+        Of ros2:/TOPIC: messages kept until they are taken; 20,000 by default.
+    publish
+        Publish answers as JSON (std_msgs/String) on this ROS 2 topic.
+    diagnostics
+        With --publish: diagnostic_msgs/DiagnosticArray on this topic, too.
+    """
     from texclass.cli.stream_view import view_of
     from texclass.recognition import (
         AskingSession,
@@ -199,28 +186,31 @@ def _heard(shown: Any, session: Any, blocks: Any, publisher: Any) -> bool:
             publisher.close()
 
 
-@app.command(epilog="Example: texclass explore --surface wood-03 -o gestures")
+@command("texclass explore --surface wood-03 -o gestures")
 def explore(
-    models: Annotated[
-        Path | None,
-        typer.Argument(
-            help="Folder of models that `-o` wrote; by default they are trained on simulated gestures."
-        ),
-    ] = None,
-    surface: Annotated[
-        list[str] | None,
-        typer.Option("--surface", help="What is explored, several times; each of the six by default."),
-    ] = None,
-    confidence: Annotated[float, typer.Option(help="Probability from which on a surface is sure.")] = 0.95,
+    models: Annotated[Path | None, typer.Argument()] = None,
+    surface: list[str] | None = None,
+    confidence: float = 0.95,
     seconds: options.Seconds = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of what the simulated hand does.")] = 0,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", help="Folder to write the models to; `texclass stream` takes it."),
-    ] = None,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    output: Path | None = None,
     as_lines: options.JsonLines = False,
 ) -> None:
-    """Show how to explore: a simulated hand makes the gesture that would tell most, until it is sure."""
+    """Show how to explore: a simulated hand makes the gesture that would tell most, until it is sure.
+
+    Parameters
+    ----------
+    models
+        Folder of models that `-o` wrote; by default they are trained on simulated gestures.
+    surface
+        What is explored, several times; each of the six by default.
+    confidence
+        Probability from which on a surface is sure.
+    seed
+        Of what the simulated hand does.
+    output : -o, --output
+        Folder to write the models to; `texclass stream` takes it.
+    """
     from texclass.recognition import load_gestures
     from texclass.recognition.rehearsal import REHEARSED, rehearse, train_gestures
 
