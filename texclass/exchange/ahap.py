@@ -8,6 +8,7 @@ survives relative to the loudest moment only, and the spectrum as one number tha
 """
 
 import itertools
+import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,6 +34,8 @@ TRANSIENT_S = 0.02
 FS = 8000.0
 Control = Literal["HapticIntensityControl", "HapticSharpnessControl"]
 Seconds = Annotated[float, Field(ge=0, le=1e6)]
+Content = dict[str, Any]
+"""A part of a file by its keys; `Pattern` checks the whole."""
 
 
 class Parameter(Part):
@@ -55,6 +58,11 @@ class HapticEvent(Part):
         if self.EventType == "HapticContinuous" and not self.EventDuration:
             raise ValueError("a continuous event has no EventDuration; the rule is above 0 s")
         return self
+
+    @property
+    def seconds(self) -> float:
+        """How long it is felt."""
+        return TRANSIENT_S if self.EventType == "HapticTransient" else self.EventDuration or 0.0
 
     def parameter(self, name: str, default: float) -> float:
         """Return a parameter, 0 to 1, or its default."""
@@ -134,42 +142,31 @@ def write_ahap(rendition: Rendition, path: str | Path) -> dict[str, str]:
     """
     path = path_ending(path, ".ahap")
     items, full, lost = (_taps if rendition.taps.size else _stroke)(rendition)
-    told = {
-        "Description": rendition.told,
-        "Intensity1": f"{full:.6g} {rendition.unit}",
-        "Project": "texclass",
-    }
-    pattern = Pattern(Version=1.0, Metadata=told, Pattern=tuple(items))
+    unit = rendition.unit
+    told = {"Description": rendition.told, "Intensity1": f"{full:.6g} {unit}", "Project": "texclass"}
+    content = {"Version": 1.0, "Metadata": told, "Pattern": items}
+    pattern = Pattern.model_validate_json(json.dumps(content))
     write_whole(path, pattern.model_dump_json(exclude_none=True, indent=1))
     return {
         **rendition.lost,
         **lost,
-        "level": f"relative to {full:.4g} {rendition.unit}, which is intensity 1",
+        "level": f"relative to {full:.4g} {unit}, which is intensity 1",
         "band": f"one sharpness, 0 to 1 for {SHARP_HZ[0]:g} to {SHARP_HZ[1]:g} Hz",
     }
 
 
-def _taps(rendition: Rendition) -> tuple[list[Item], float, dict[str, str]]:
+def _taps(rendition: Rendition) -> tuple[list[Content], float, dict[str, str]]:
     """Return a transient a tap, the peak (in the unit) of intensity 1, and what else is lost."""
     full = float(rendition.taps[:, 1].max()) or 1.0
     items = [
-        Item(
-            Event=HapticEvent(
-                Time=round(at, 6),
-                EventType="HapticTransient",
-                EventParameters=_parameters(peak / full, _sharpness(frequency)),
-            )
-        )
+        _event("HapticTransient", at, peak / full, _sharpness(frequency))
         for at, peak, frequency in rendition.taps.tolist()
     ]
-    return (
-        items,
-        full,
-        {"waveform": "a player's own: of a tap, time, peak and frequency are kept, not its decay"},
-    )
+    lost = "a player's own: of a tap, time, peak and frequency are kept, not its decay"
+    return items, full, {"waveform": lost}
 
 
-def _stroke(rendition: Rendition) -> tuple[list[Item], float, dict[str, str]]:
+def _stroke(rendition: Rendition) -> tuple[list[Content], float, dict[str, str]]:
     """Return a continuous event and its curves, the RMS of intensity 1, and what else is lost."""
     x, fs = rendition.samples, rendition.fs
     seconds = x.size / fs
@@ -182,39 +179,35 @@ def _stroke(rendition: Rendition) -> tuple[list[Item], float, dict[str, str]]:
     times[0], times[-1] = 0.0, seconds if len(pieces) > 1 else 0.0
     sharpness = _sharpness(centroid_hz(x, fs))
     middle = np.array([_sharpness(centroid_hz(piece, fs)) for piece in pieces]) - sharpness
-    event = HapticEvent(
-        Time=0.0,
-        EventType="HapticContinuous",
-        EventDuration=min(max(seconds, 1e-3), LONGEST_S),
-        EventParameters=_parameters(1.0, sharpness),
-    )
-    curves = [
+    lasts = {"EventDuration": min(max(seconds, 1e-3), LONGEST_S)}
+    items = [
+        _event("HapticContinuous", 0.0, 1.0, sharpness, **lasts),
         *_curves("HapticIntensityControl", times, rms / full),
         *_curves("HapticSharpnessControl", times, middle),
     ]
     lost = {"waveform": f"its RMS and centroid every {1000 * seconds / len(pieces):.3g} ms are kept"}
-    return [Item(Event=event), *(Item(ParameterCurve=curve) for curve in curves)], full, lost
+    return items, full, lost
 
 
-def _curves(name: Control, times: Samples, values: Samples) -> list[Curve]:
+def _event(kind: str, at: float, intensity: float, sharpness: float, **more: float) -> Content:
+    values = {"HapticIntensity": intensity, "HapticSharpness": sharpness}
+    given = [{"ParameterID": name, "ParameterValue": round(value, 4)} for name, value in values.items()]
+    return {"Event": {"Time": round(at, 6), "EventType": kind, "EventParameters": given, **more}}
+
+
+def _curves(name: Control, times: Samples, values: Samples) -> list[Content]:
     """Return curves through points (n,), seconds and values, none of which has over `MOST_POINTS`."""
     found = []
     for first in range(0, max(times.size - 1, 1), MOST_POINTS - 1):
         cut = slice(first, first + MOST_POINTS)  # the last point of one is the first of the next
         at = float(times[first])
         points = [
-            Point(Time=round(t - at, 6), ParameterValue=round(value, 4))
+            {"Time": round(t - at, 6), "ParameterValue": round(value, 4)}
             for t, value in zip(times[cut].tolist(), values[cut].tolist(), strict=True)
         ]
-        found.append(Curve(ParameterID=name, Time=round(at, 6), ParameterCurveControlPoints=tuple(points)))
+        curve = {"ParameterID": name, "Time": round(at, 6), "ParameterCurveControlPoints": points}
+        found.append({"ParameterCurve": curve})
     return found
-
-
-def _parameters(intensity: float, sharpness: float) -> tuple[Parameter, ...]:
-    values = {"HapticIntensity": intensity, "HapticSharpness": sharpness}
-    return tuple(
-        Parameter(ParameterID=name, ParameterValue=round(value, 4)) for name, value in values.items()
-    )
 
 
 def centroid_hz(x: Samples, fs: float) -> float:
@@ -240,11 +233,9 @@ def play_ahap(pattern: Pattern, fs: float = FS) -> Samples:
     ValueError
         If it lasts longer than ten minutes.
     """
-    events = [
-        item.Event for item in pattern.Pattern if item.Event and item.Event.EventType.startswith("Haptic")
-    ]
-    lasts = [TRANSIENT_S if e.EventType == "HapticTransient" else e.EventDuration or 0.0 for e in events]
-    seconds = max((event.Time + last for event, last in zip(events, lasts, strict=True)), default=0.0)
+    found = [item.Event for item in pattern.Pattern if item.Event]
+    events = [event for event in found if event.EventType.startswith("Haptic")]
+    seconds = max((event.Time + event.seconds for event in events), default=0.0)
     if seconds > 20 * LONGEST_S:
         raise ValueError(f"it lasts {seconds:g} s; the rule is at most {20 * LONGEST_S:g}")
     out = np.zeros(max(round(seconds * fs), 1))
@@ -252,18 +243,15 @@ def play_ahap(pattern: Pattern, fs: float = FS) -> Samples:
     curves = [item.ParameterCurve for item in pattern.Pattern if item.ParameterCurve]
     loudness = _course(curves, "HapticIntensityControl", 1.0, t)
     shift = _course(curves, "HapticSharpnessControl", 0.0, t)
-    for event, last in zip(events, lasts, strict=True):
-        inside = slice(math.ceil(event.Time * fs), min(math.ceil((event.Time + last) * fs), out.size))
+    for event in events:
+        end = min(math.ceil((event.Time + event.seconds) * fs), out.size)
+        inside = slice(math.ceil(event.Time * fs), end)
         sharpness = np.clip(event.parameter("HapticSharpness", 0.5) + shift[inside], 0, 1)
         turns = np.cumsum(SHARP_HZ[0] + sharpness * (SHARP_HZ[1] - SHARP_HZ[0])) / fs
-        fade = (
-            np.exp(-5 * (t[inside] - event.Time) / TRANSIENT_S)
-            if event.EventType == "HapticTransient"
-            else 1.0
-        )
-        out[inside] += (
-            event.parameter("HapticIntensity", 1.0) * fade * loudness[inside] * np.sin(2 * np.pi * turns)
-        )
+        played = event.parameter("HapticIntensity", 1.0) * loudness[inside] * np.sin(2 * np.pi * turns)
+        if event.EventType == "HapticTransient":
+            played *= np.exp(-5 * (t[inside] - event.Time) / TRANSIENT_S)
+        out[inside] += played
     return out
 
 

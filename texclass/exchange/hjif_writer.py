@@ -5,8 +5,8 @@ whatever the file says.
 """
 
 import base64
+import json
 import math
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,20 +14,7 @@ from typing import Any
 import numpy as np
 
 from texclass.exchange import wavelet_stream
-from texclass.exchange.hjif import (
-    FS,
-    HIGHEST_HZ,
-    MOST_BANDS,
-    TICKS,
-    Avatar,
-    Band,
-    Channel,
-    Effect,
-    Haptics,
-    Keyframe,
-    Perception,
-    play_hjif,
-)
+from texclass.exchange.hjif import FS, HIGHEST_HZ, MOST_BANDS, TICKS, Haptics, play_hjif
 from texclass.exchange.rendition import Rendition, told_level
 from texclass.exchange.wav import resampled
 from texclass.recording import Samples
@@ -38,6 +25,9 @@ RATES = (1000, 2000, 4000, 8000)
 BLOCK = 512
 HEADROOM = 1.01
 """Gains over the largest sample: 16-bit players may wrap at 1, which rounded coefficients exceed a little."""
+
+Content = dict[str, Any]
+"""A part of a file by its keys; `Haptics` checks the whole."""
 
 
 def write_hjif(
@@ -71,7 +61,7 @@ def write_hjif(
     if path.suffix.lower() != ".hjif" or not 1 <= planes <= wavelet_stream.MOST_PLANES:
         raise ValueError(f"{path}, {planes} planes; the rule is a name in .hjif, and 1 to 15")
     haptics, lost = made_hjif(rendition, planes)
-    write_whole(path, haptics.model_dump_json(exclude_none=True, exclude_defaults=False))
+    write_whole(path, haptics.model_dump_json(exclude_none=True))
     return lost
 
 
@@ -84,14 +74,14 @@ def made_hjif(rendition: Rendition, planes: int = wavelet_stream.PLANES) -> tupl
         while rate > RATES[-1] and exponent > -6:
             exponent, rate = exponent - 1, rate / 10
     if rendition.taps.size:
-        bands, gain, extent = _transients(rendition.taps)
+        channel = _transients(rendition.taps)
         lost["waveform"] = "a player's own: of a tap, time, peak and frequency are kept, not its decay"
     elif rendition.lines.size:
-        bands, gain, extent = _oscillators(rendition)
-        lost["lines"] = f"{len(bands)} of {len(rendition.lines)}, frequencies in whole Hz"
+        channel = _oscillators(rendition)
+        lost["lines"] = f"{len(channel['bands'])} of {len(rendition.lines)}, frequencies in whole Hz"
     else:
-        bands, gain, extent = _wavelets(rendition.samples, rate, planes)
-        top, own, unit = float(extent["frequency_sampling"]), rendition.fs, "Hz"
+        channel = _wavelets(rendition.samples, rate, planes)
+        top, own, unit = float(channel["frequency_sampling"]), rendition.fs, "Hz"
         if over:
             top, own, unit = top / 10.0 ** (3 + exponent + 3), 1 / rendition.pitch_mm, "/mm"
         lost["band"] = f"0 to {min(top, own) / 2:g} {unit} of 0 to {own / 2:g} {unit}"
@@ -99,58 +89,58 @@ def made_hjif(rendition: Rendition, planes: int = wavelet_stream.PLANES) -> tupl
         lost["speed"] = f"how a feature rings: as at {rendition.speed:.4g} mm/s, drawn out with distance"
     if rendition.unit != "m/s^2":
         lost["unit"] = f"{rendition.unit}: its level in m/s^2 is unknown"
-    channel = _channel(rendition.told, gain, bands, **extent)
     modality = "Vibrotactile Texture" if over else "Vibrotactile"
-    perceptions = [_perception(0, modality, f"{rendition.told}, {rendition.unit}", channel, exponent)]
-    if rendition.friction:
-        perceptions.append(_friction(rendition.friction))
-    found = Haptics(
-        version="2023", profile="Main", level=1 if len(bands) <= MOST_BANDS[1] else 2,
-        date=datetime.now(UTC).isoformat(timespec="seconds"), description=rendition.name or "surface",
-        timescale=TICKS, avatars=(Avatar(id=1, lod=0, type="Vibration"),), perceptions=tuple(perceptions),
-        syncs=(),
-    )  # fmt: skip
+    felt = _perception(0, modality, rendition.told, channel)
+    felt |= {"description": f"{rendition.told}, {rendition.unit}", "unit_exponent": exponent}
+    mu = rendition.friction
+    rubbed = [_perception(1, "Friction", "coefficient of kinetic friction", _constant(mu))] if mu else []
+    content = {
+        "version": "2023",
+        "profile": "Main",
+        "level": 1 if len(channel["bands"]) <= MOST_BANDS[1] else 2,
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "description": rendition.name or "surface",
+        "timescale": TICKS,
+        "avatars": [{"id": 1, "lod": 0, "type": "Vibration"}],
+        "perceptions": [felt, *rubbed],
+        "syncs": [],
+    }
+    found = Haptics.model_validate_json(json.dumps(content))
     lost["level"] = "the peak of each tap is kept"
     if not rendition.taps.size:
-        fs = float(extent.get("frequency_sampling", FS))
+        fs = float(channel.get("frequency_sampling", FS))
         lost["level"] = told_level(play_hjif(found, fs)[:, 0], rendition.samples)
     return found, lost
 
 
-def _transients(taps: Samples) -> tuple[list[Band], float, dict[str, int]]:
-    """Return a band of transients for taps (n, 3), time (s), peak and frequency (Hz), and the gain."""
+def _transients(taps: Samples) -> Content:
+    """Return a channel of transients for taps (n, 3): time (s), peak and frequency (Hz)."""
     gain = HEADROOM * float(taps[:, 1].max())
     effects = [
-        Effect(
-            effect_type="Basis",
-            position=round(TICKS * at),
-            keyframes=(_keyframe(0, peak / gain, frequency),),
-        )
+        _effect(round(TICKS * at), keyframes=[_keyframe(0, peak / gain, frequency)])
         for at, peak, frequency in taps.tolist()
     ]
-    low, high = _limits(taps[:, 2])
-    return [_band("Transient", low, high, effects)], gain, {}
+    return {"gain": gain, "bands": [_band("Transient", _limits(taps[:, 2]), effects)]}
 
 
-def _oscillators(rendition: Rendition) -> tuple[list[Band], float, dict[str, int]]:
-    """Return a band for each of the strongest lines, the gain, and how long they sound."""
+def _oscillators(rendition: Rendition) -> Content:
+    """Return a channel with a band for each of the strongest lines."""
     strongest = np.argsort(-rendition.lines[:, 1], kind="stable")[: MOST_BANDS[2]]
     lines = rendition.lines[np.sort(strongest)]
     gain = HEADROOM * float(lines[:, 1].sum())  # so that they never add up to more than 1
     end = max(round(TICKS * rendition.samples.size / rendition.fs), 1)
     bands = []
     for frequency, amplitude, phase in lines.tolist():
-        low, high = _limits(np.array([frequency]))
         # players begin a sine; a cosine is a quarter of a turn ahead
         turn = min((phase + math.pi / 2) % (2 * math.pi), 6.28318)
-        frames = tuple(_keyframe(at, amplitude / gain, frequency) for at in (0, end))
-        effect = Effect(effect_type="Basis", position=0, phase=turn, base_signal="Sine", keyframes=frames)
-        bands.append(_band("VectorialWave", low, high, [effect]))
-    return bands, gain, {}
+        frames = [_keyframe(at, amplitude / gain, frequency) for at in (0, end)]
+        effect = _effect(0, phase=turn, base_signal="Sine", keyframes=frames)
+        bands.append(_band("VectorialWave", _limits(np.array([frequency])), [effect]))
+    return {"gain": gain, "bands": bands}
 
 
-def _wavelets(x: Samples, rate: float, planes: int) -> tuple[list[Band], float, dict[str, int]]:
-    """Return the band of samples (n,) of a rate (in 1000 ticks), the gain, and rate and number of samples."""
+def _wavelets(x: Samples, rate: float, planes: int) -> Content:
+    """Return the channel of samples (n,) of a rate (in 1000 ticks): one band, rate and number of samples."""
     wanted = next((one for one in RATES if one >= rate * (1 - 1e-9)), RATES[-1])
     x = resampled(x, rate, wanted)
     blocks = np.pad(x, (0, -x.size % BLOCK)).reshape(-1, BLOCK)
@@ -158,36 +148,28 @@ def _wavelets(x: Samples, rate: float, planes: int) -> tuple[list[Band], float, 
     largest = float(np.abs(coefficients).max()) / wavelet_stream.LARGEST
     gain = HEADROOM * max(float(np.abs(x).max()), largest) or 1.0
     length = BLOCK * TICKS // wanted
-    effects = [
-        Effect(
-            effect_type="Basis",
-            position=i * length,
-            # players take a final = for further bits
-            wavelet_stream=base64.b64encode(wavelet_stream.encode(one / gain, planes)).decode().rstrip("="),
-        )
-        for i, one in enumerate(coefficients)
-    ]
-    band = _band("WaveletWave", 0, wanted, effects, block_length=length)
-    return [band], gain, {"frequency_sampling": wanted, "sample_count": x.size}
+    streams = [base64.b64encode(wavelet_stream.encode(one / gain, planes)).decode() for one in coefficients]
+    # players take a final = for further bits
+    effects = [_effect(i * length, wavelet_stream=stream.rstrip("=")) for i, stream in enumerate(streams)]
+    band = _band("WaveletWave", (0, wanted), effects) | {"block_length": length}
+    return {"gain": gain, "bands": [band], "frequency_sampling": wanted, "sample_count": x.size}
 
 
-def _friction(mu: float) -> Perception:
-    """Return the coefficient of friction as a constant curve."""
-    gain = max(mu, 1.0)
-    effect = Effect(
-        effect_type="Basis", position=0, keyframes=tuple(_keyframe(at, mu / gain) for at in (0, TICKS))
-    )
-    channel = _channel(
-        "coefficient of kinetic friction", gain, [_band("Curve", 0, 0, [effect], curve_type="Linear")]
-    )
-    return _perception(1, "Friction", "coefficient of kinetic friction", channel)
+def _constant(value: float) -> Content:
+    """Return a channel that holds a number above 0."""
+    gain = max(value, 1.0)
+    frames = [{"relative_position": at, "amplitude_modulation": value / gain} for at in (0, TICKS)]
+    band = _band("Curve", (0, 0), [_effect(0, keyframes=frames)]) | {"curve_type": "Linear"}
+    return {"gain": gain, "bands": [band]}
 
 
-def _keyframe(at: int, amplitude: float, frequency: float | None = None) -> Keyframe:
-    if frequency is None:
-        return Keyframe(relative_position=at, amplitude_modulation=amplitude)
+def _keyframe(at: int, amplitude: float, frequency: float) -> Content:
     whole = min(round(frequency), int(HIGHEST_HZ))
-    return Keyframe(relative_position=at, amplitude_modulation=amplitude, frequency_modulation=whole)
+    return {"relative_position": at, "amplitude_modulation": amplitude, "frequency_modulation": whole}
+
+
+def _effect(at: int, **more: Any) -> Content:
+    return {"effect_type": "Basis", "position": at, **more}
 
 
 def _limits(frequency_hz: Samples) -> tuple[int, int]:
@@ -195,19 +177,17 @@ def _limits(frequency_hz: Samples) -> tuple[int, int]:
     return max(int(frequency_hz.min()) - 1, 0), min(int(frequency_hz.max()) + 2, int(HIGHEST_HZ))
 
 
-def _band(kind: Any, low: int, high: int, effects: Sequence[Effect], **more: Any) -> Band:
-    return Band(
-        band_type=kind, lower_frequency_limit=low, upper_frequency_limit=high, effects=tuple(effects), **more
-    )
+def _band(kind: str, limits: tuple[int, int], effects: list[Content]) -> Content:
+    low, high = limits
+    return {
+        "band_type": kind, "lower_frequency_limit": low, "upper_frequency_limit": high, "effects": effects
+    }  # fmt: skip
 
 
-def _channel(description: str, gain: float, bands: Sequence[Band], **more: int) -> Channel:
-    fixed = {"id": 0, "mixing_coefficient": 1.0, "body_part_mask": 0}
-    return Channel(description=description, gain=gain, bands=tuple(bands), **fixed, **more)  # type: ignore[arg-type]
-
-
-def _perception(i: int, modality: Any, description: str, channel: Channel, exponent: int = -3) -> Perception:
-    return Perception(
-        id=i, perception_modality=modality, description=description, avatar_id=1, effect_library=(),
-        channels=(channel,), unit_exponent=exponent,
-    )  # fmt: skip
+def _perception(i: int, modality: str, description: str, channel: Content) -> Content:
+    """Return a perception of one channel, which bears its description."""
+    only = {"id": 0, "description": description, "mixing_coefficient": 1.0, "body_part_mask": 0} | channel
+    return {
+        "id": i, "perception_modality": modality, "description": description, "avatar_id": 1,
+        "effect_library": [], "channels": [only],
+    }  # fmt: skip
