@@ -8,23 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import typer
+from toy_noises import TINY
 
 from texclass import __version__
 from texclass.cli import app, main
 from texclass.cli.app import GROUPS
-
-TINY = """
-title = "Three simulated surfaces"
-format = "simulated"
-[recipe]
-n_surfaces = 3
-n_recordings = 4
-n_operators = 2
-duration_s = 4.0
-fs = 10000
-seed = 11
-"""
-
 
 FEW = """
 features = "coarse"

@@ -1,5 +1,7 @@
-"""Every command and snippet of README and pages for users is run, in order, in a folder that is empty."""
+"""Every command and snippet of README and pages is run, in order, in an empty folder; docstrings are, too."""
 
+import doctest
+import importlib
 import json
 import re
 import shlex
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 import typer
 
+import texclass
 from texclass.cli import app, main
 from texclass.features import load_feature
 from texclass.features.contract import registered
@@ -100,3 +103,19 @@ def test_every_command_that_the_readme_only_mentions_exists(said):
     name, *options = said.split()
     parameters = typer.main.get_command(app).commands[name].params
     assert set(options) <= {option for parameter in parameters for option in parameter.opts}
+
+
+PACKAGE = Path(texclass.__file__).parent
+WITH_EXAMPLES = sorted(
+    ".".join(("texclass", *file.relative_to(PACKAGE).with_suffix("").parts))
+    for file in PACKAGE.rglob("*.py")
+    if ">>>" in file.read_text(encoding="utf-8")
+)
+
+
+@pytest.mark.parametrize("module", WITH_EXAMPLES)
+def test_every_example_of_a_module_gives_what_it_says(module, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert (
+        doctest.testmod(importlib.import_module(module), optionflags=doctest.NORMALIZE_WHITESPACE).failed == 0
+    )

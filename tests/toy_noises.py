@@ -15,10 +15,10 @@ from texclass.recording import Phases, Recording, RecordingError
 
 FS = 1000.0
 TINY = """
-title = "Two simulated surfaces"
+title = "Three simulated surfaces"
 format = "simulated"
 [recipe]
-n_surfaces = 2
+n_surfaces = 3
 n_recordings = 4
 n_operators = 2
 duration_s = 4.0

@@ -16,7 +16,8 @@ from texclass.vibration import Autoregression
 from texclass.vibration.line_spectrum import from_reflection
 from texclass.vibration.major_frequencies import MajorFrequencies
 
-LSF = from_reflection([-0.8, 0.5, 0.1])
+K = np.array([[-0.8, 0.5, 0.1], [-0.5, 0.6, 0.2]])
+LSF = from_reflection(K[0])
 FRAME = Frame(True, (80.0, 1.0), (40.0, 0.5), 160.0, 2.0, 4.0, 0.05, 5.0, 20.0)
 POLYNOMIAL = np.vstack([np.append(LSF, 0.4), np.append(0.05 * LSF, 0.1), np.append(0.02 * LSF, 0.1)])
 
@@ -33,9 +34,8 @@ def delaunay():
     return DelaunayTexture("slate", 1000.0, FRAME, u, outputs)
 
 
-def lpc():
-    models = Autoregression([[-0.8, 0.5, 0.1], [-0.5, 0.6, 0.2]], [0.2, 0.5])
-    return LpcTexture([50.0, 150.0], models, 3.0, 2000.0, "slate")
+def lpc(fs=2000.0):
+    return LpcTexture([50.0, 150.0], Autoregression(K, [0.2, 0.5]), 3.0, fs, "slate")
 
 
 def frequencies():

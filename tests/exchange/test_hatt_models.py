@@ -3,29 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from test_families import K, lpc, network
 
 from texclass.exchange import read_hatt, to_hatt, write_hatt
-from texclass.textures.abdulali2016 import Frame, NetworkTexture, RadialNetwork
 from texclass.textures.oeztuerk2018 import LpcTexture
 from texclass.vibration import Autoregression, fit
-from texclass.vibration.line_spectrum import from_reflection
-
-K = np.array([[-0.8, 0.5, 0.1], [-0.5, 0.6, 0.2]])
-
-
-def lpc(fs, k=K):
-    return LpcTexture([50.0, 150.0], Autoregression(k, [0.2, 0.5]), 3.0, fs, "slate")
-
-
-@pytest.fixture(scope="module")
-def network():
-    """A network that is linear in speed and force."""
-    lsf = from_reflection(K[0])
-    polynomial = np.vstack([np.append(lsf, 0.4), np.append(0.05 * lsf, 0.1), np.append(0.02 * lsf, 0.1)])
-    frame = Frame(True, (80.0, 1.0), (40.0, 0.5), 160.0, 2.0, 4.0, 0.05, 5.0, 20.0)
-    return NetworkTexture(
-        "slate", 1000.0, frame, RadialNetwork(np.zeros((1, 2)), np.zeros((1, 4)), polynomial)
-    )
 
 
 def test_models_at_the_recorded_speeds_are_kept_at_the_same_rate():
@@ -57,10 +39,10 @@ def test_higher_orders_are_fitted_anew():
     assert np.linalg.norm(found.at(50.0, 1.0)[1]) == pytest.approx(float(long.level[0]), rel=0.02)
 
 
-def test_a_network_is_read_on_a_grid(network, tmp_path):
-    found = to_hatt(network)
+def test_a_network_is_read_on_a_grid(tmp_path):
+    found = to_hatt(network())
     assert found.mesh.largest == pytest.approx((160.0, 2.0))
-    k, level = network.models([[160.0, 0.0]], [2.0])
+    k, level = network().models([[160.0, 0.0]], [2.0])
     taps = found.at(160.0, 2.0)[1]
     assert_allclose(found.at(160.0, 2.0)[0], k[0], atol=1e-9)
     assert np.linalg.norm(taps) == pytest.approx(level[0])

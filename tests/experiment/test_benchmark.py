@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,7 @@ from toy_noises import CLASSIFIERS, FS, STEPS, TINY, a_table, row
 from texclass.document import render_markdown
 from texclass.experiment.benchmark import choose_inside, inner_splits, rank_agreement, run_benchmark
 from texclass.experiment.feature_table import FeatureTable
-from texclass.experiment.pipeline import MatchedRow, Selection, Use
+from texclass.experiment.pipeline import MatchedRow, Selection, Use, load_pipeline
 from texclass.experiment.protocols import find_protocol
 from texclass.recording import RecordingError
 
@@ -140,10 +141,10 @@ def test_bad_recordings_stop_the_run_or_are_listed(toy_dataset, several):
 
 
 def test_dataset_and_pipeline_may_be_named(tmp_path):
-    (tmp_path / "two.toml").write_text(TINY)
+    (tmp_path / "tiny.toml").write_text(TINY)
     (tmp_path / "few.toml").write_text(PIPELINE)
-    result = run_benchmark(tmp_path / "two.toml", str(tmp_path / "few.toml"), n_folds=2)
-    assert (result.data["dataset"]["n_materials"], result.data["pipeline"]["name"]) == (2, "few")
+    result = run_benchmark(tmp_path / "tiny.toml", str(tmp_path / "few.toml"), n_folds=2)
+    assert (result.data["dataset"]["n_materials"], result.data["pipeline"]["name"]) == (3, "few")
 
 
 def test_a_result_carries_rate_unit_surfaces_chance_clusters_and_hashes_of_code_and_features(result, several):
@@ -301,3 +302,27 @@ def test_the_papers_protocol_is_refused_and_a_part_of_single_recordings_too(toy_
 
 def _columns(pipeline, feature):
     return pipeline.features.restricted_to([feature]).column_names
+
+
+RANKS = Path(__file__).parents[2] / "reports" / "studies" / "rank_agreement.json"
+
+
+def test_rank_agreement_is_told_over_ten_catalogues_with_an_interval_and_without_the_combined_rows():
+    told = json.loads(RANKS.read_text(encoding="utf-8"))
+    rows = pd.DataFrame(told["accuracy"])
+    published = [row.name for row in load_pipeline("strese2015").rows if row.published]
+    assert list(rows["row"].unique()) == published
+    assert rows["seed"].nunique() >= 10
+    pools = {"all rows": published, "without the combined rows": published[:-2]}
+    assert {(one["rows"], one["n_rows"]) for one in told["results"]} == {
+        (k, len(v)) for k, v in pools.items()
+    }
+    assert len(told["results"]) == 2 * rows["classifier"].nunique()
+    bayes = rows[rows["classifier"] == "naive_bayes"]
+    for one in told["results"][:2]:
+        assert one["classifier"] == "Naive Bayes"
+        counted = bayes[bayes["row"].isin(pools[one["rows"]])]
+        found = [spearmanr(part["ours"], part["published"]).statistic for _, part in counted.groupby("seed")]
+        np.testing.assert_allclose(one["of_catalogues"], found, atol=0.01)
+        assert one["low"] < np.mean(found) < one["high"]
+        assert one["mean"] == pytest.approx(np.mean(found), abs=0.01)

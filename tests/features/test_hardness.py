@@ -39,16 +39,6 @@ def test_hardness_as_printed_is_equation_1_written_out():
     assert h.hardness_as_printed(one(HAND, bounces(10, 250, 600))) == pytest.approx(expected)
 
 
-def test_up_to_three_impulses_that_are_not_too_near_count():
-    for impulse, peaks in (
-        (bounces(10, 250, 600, 900), [12, 252, 602]),
-        (bounces(10, 60, 600), [12, 602]),
-        (np.exp(-np.arange(50.0)), [0]),
-    ):
-        np.testing.assert_array_equal(h.impulse_peaks(impulse, 100, 0.01), peaks)
-    assert h.hardness_as_printed(one(HAND, bounces(10))) == pytest.approx(1 / 13 / np.abs(HAND).sum())
-
-
 @pytest.mark.parametrize("steps", [4, 1000])
 def test_impulses_are_the_three_highest_of_all_peaks_that_stand_out(steps):
     rng = np.random.default_rng(0)
