@@ -104,6 +104,7 @@ def candidates_of(
     classifier: str | None = None,
     max_ms: float | None = None,
     max_features: int | None = None,
+    max_kb: float | None = None,
 ) -> list[Candidate]:
     """Return what may be trained, and is affordable.
 
@@ -119,11 +120,14 @@ def candidates_of(
         Only this one; the row "budget" is a selection among the columns of the whole set.
     max_ms, max_features : optional
         Milliseconds of the features, columns at the classifier. Within them, columns are also selected.
+    max_kb : float, optional
+        Kilobytes of kernels; other classifiers are as they are.
 
     Raises
     ------
     ValueError
-        If there is no such row or classifier, the dataset lacks what the row needs, or nothing is affordable.
+        If there is no such row or classifier, the dataset lacks what the row needs, nothing is affordable, or
+        kilobytes are limited and none is a kernel.
     """
     _check_named(row, [*(r.name for r in pipeline.rows), BUDGET], "row", pipeline.name)
     _check_named(classifier, list(pipeline.classifiers), "classifier", pipeline.name)
@@ -162,7 +166,7 @@ def candidates_of(
             f"pipeline {pipeline.name}: {lacking[0] if lacking else 'no row is affordable'}; the rule is at "
             f"least one row that the dataset has the features for{' within the budget' if limited else ''}"
         )
-    return found
+    return found if max_kb is None else _of_size(found, max_kb)
 
 
 def _check_named(given: str | None, known: Sequence[str], what: str, where: str) -> None:
@@ -224,14 +228,8 @@ def exportable(
     return found, list(candidates) if lacking else [], tuple(lacking)
 
 
-def of_size(candidates: Sequence[Candidate], max_kb: float) -> list[Candidate]:
-    """Return the candidates with kernels of at most so many kilobytes; other classifiers are as they are.
-
-    Raises
-    ------
-    ValueError
-        If none is a kernel.
-    """
+def _of_size(candidates: Sequence[Candidate], max_kb: float) -> list[Candidate]:
+    """Return the candidates with kernels of at most so many kilobytes."""
     kernels = [isinstance(candidate.classifier, KernelDiscriminant) for candidate in candidates]
     if not any(kernels):
         raise ValueError(

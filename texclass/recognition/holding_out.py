@@ -1,6 +1,8 @@
 """How recordings are held out of a training, and what those can tell of recordings to come, and cannot."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import pandas as pd
@@ -62,27 +64,6 @@ def holding_out(
     return find_protocol(own), "the pipeline's"
 
 
-def held_out_splits(
-    protocol: Protocol, table: pd.DataFrame, seed: int, asked: str | None
-) -> tuple[Split, ...]:
-    """Return how recordings are held out: not at all where one of a surface is all, unless asked."""
-    return splits_of(protocol, table, seed) if asked or fewest(protocol, table) > 1 else ()
-
-
-def check_vouched_for(false_alarms: float, splits: Sequence[Split]) -> None:
-    """Refuse a rate smaller than the default, asked for, that too few held-out recordings vouch for."""
-    least_held_out(false_alarms)  # a rate at all
-    if splits and false_alarms < FALSE_ALARMS:
-        check_false_alarms(false_alarms, sum(len(test) for _, test in splits))
-
-
-def level_for(false_alarms: float, n_held_out: int, n_each: int, in_one_go: bool) -> float:
-    """Return the rate of false alarms that is asked of held-out recordings, so many of each surface."""
-    if n_each >= (ENOUGH_REPETITIONS if in_one_go else FEW):
-        return false_alarms
-    return cautious(false_alarms, n_held_out, LATER_ALARMS if in_one_go else 1.0)
-
-
 def of_succession(share: float, n: int) -> float:
     """Return the share of hits to expect after n tests, (n share + 1) / (n + 2): the rule of succession.
 
@@ -103,59 +84,93 @@ def of_later(held_out: Mapping[str, float], n_classes: int) -> dict[str, float]:
     return {"low": min(low, held_out["low"]), "high": held_out["high"]}
 
 
-def few_of(protocol: Protocol, table: pd.DataFrame) -> str:
-    """Return in words how few recordings (or runs) of a surface a table has; nothing for `FEW` and more."""
-    n = fewest(protocol, table)
-    return f"{counted(n, protocol.unit)} of a surface" if n < FEW else ""
+@dataclass(frozen=True, eq=False)
+class HoldingOut:
+    """How the recordings of a table are held out, so that they can test what others train.
 
-
-def as_tested(protocol: Protocol, why: str, splits: Sequence[Split], table: pd.DataFrame) -> dict[str, Any]:
-    """Return what a manifest states of how recordings were held out; see `untold`."""
-    return {
-        "protocol": protocol.name,
-        "why": why if splits else f"1 {protocol.unit} of a surface",
-        "n_folds": len(splits),
-        "how": f"held-out {'touches' if 'parent' in table else 'recordings'}",
-        "untold": untold(splits, table),
-    }
-
-
-def is_in_one_go(tests: Mapping[str, Any]) -> bool:
-    """Return whether the tests (`as_tested`) are recordings drawn at random of some that time orders."""
-    return tests["protocol"] == AT_RANDOM and any(fact.startswith(LATER) for fact in tests["untold"])
-
-
-def promised(
-    expected: Mapping[str, Any],
-    tests: Mapping[str, Any],
-    clusters: Iterable[str],
-    n_classes: int,
-    *,
-    is_few: bool,
-) -> dict[str, Any]:
-    """Return what a manifest promises: the accuracy that is expected of the choice, and by which tests.
-
-    Parameters
+    Attributes
     ----------
-    expected : mapping
-        mean, low, high, n_tested of the choice, unless nothing was held out; n_candidates.
-    tests : mapping
-        See `as_tested`.
-    clusters : iterable of str
-        Which recording (or run) each test comes from.
-    n_classes : int
-        Materials.
-    is_few : bool
-        Whether so few recordings were held out that one more counts as right, and one as wrong.
+    table : DataFrame
+        Metadata of recordings, or of windows of them.
+    protocol, why
+        As `holding_out` returns them.
+    asked : bool
+        Whether somebody asked for this protocol.
+    seed : int
+        Of the folds.
     """
-    chosen = ", the choice among candidates included" * (expected["n_candidates"] > 1)
-    so_few = ", so few that one more counts as right and one as wrong" * is_few
-    found = {**tests, **expected, "how": f"{tests['how']}{chosen}{so_few}"}
-    if is_few and tests["n_folds"]:
-        found["mean"] = of_succession(expected["mean"], len(set(clusters)))
-    if is_in_one_go(tests):
-        found["later"] = of_later(expected, n_classes)
-    return found
+
+    table: pd.DataFrame
+    protocol: Protocol
+    why: str
+    asked: bool
+    seed: int
+
+    @cached_property
+    def splits(self) -> tuple[Split, ...]:
+        """Rows that train and rows that test: none where one recording of a surface is all, unless asked."""
+        able = self.asked or self.n_each > 1
+        return splits_of(self.protocol, self.table, self.seed) if able else ()
+
+    @cached_property
+    def n_each(self) -> int:
+        """Recordings (or runs) of the surface that has fewest."""
+        return fewest(self.protocol, self.table)
+
+    @property
+    def few(self) -> str:
+        """How few recordings (or runs) of a surface there are, in words; nothing for `FEW` and more."""
+        return f"{counted(self.n_each, self.protocol.unit)} of a surface" if self.n_each < FEW else ""
+
+    @cached_property
+    def untold(self) -> list[str]:
+        """What they cannot tell of recordings to come; see `untold`."""
+        return untold(self.splits, self.table)
+
+    @property
+    def in_one_go(self) -> bool:
+        """Whether they are recordings drawn at random of some that time orders."""
+        return self.protocol.name == AT_RANDOM and any(fact.startswith(LATER) for fact in self.untold)
+
+    def check_vouched_for(self, false_alarms: float) -> None:
+        """Refuse a rate smaller than the default, asked for, that too few held-out recordings vouch for."""
+        least_held_out(false_alarms)  # a rate at all
+        if self.splits and false_alarms < FALSE_ALARMS:
+            check_false_alarms(false_alarms, sum(len(test) for _, test in self.splits))
+
+    def level(self, false_alarms: float, n_held_out: int) -> float:
+        """Return the rate of false alarms that is asked of so many held-out recordings."""
+        if self.n_each >= (ENOUGH_REPETITIONS if self.in_one_go else FEW):
+            return false_alarms
+        return cautious(false_alarms, n_held_out, LATER_ALARMS if self.in_one_go else 1.0)
+
+    def promised(self, expected: Mapping[str, Any], n_recordings: int, n_classes: int) -> dict[str, Any]:
+        """Return what a manifest promises: the accuracy that is expected of the choice, and by which tests.
+
+        Parameters
+        ----------
+        expected : mapping
+            mean, low, high, n_tested of the choice, unless nothing was held out; n_candidates.
+        n_recordings : int
+            Recordings (or runs) that were held out: of few, one more counts as right, and one as wrong.
+        n_classes : int
+            Materials.
+        """
+        chosen = ", the choice among candidates included" * (expected["n_candidates"] > 1)
+        so_few = ", so few that one more counts as right and one as wrong" * bool(self.few)
+        found = {
+            "protocol": self.protocol.name,
+            "why": self.why if self.splits else f"1 {self.protocol.unit} of a surface",
+            "n_folds": len(self.splits),
+            "untold": self.untold,
+            **expected,
+            "how": f"held-out {'touches' if 'parent' in self.table else 'recordings'}{chosen}{so_few}",
+        }
+        if self.few and self.splits:
+            found["mean"] = of_succession(expected["mean"], n_recordings)
+        if self.in_one_go:
+            found["later"] = of_later(expected, n_classes)
+        return found
 
 
 def untold(splits: Sequence[Split], table: pd.DataFrame) -> list[str]:

@@ -1,7 +1,8 @@
 """Recordings and a pipeline in, a trained model out; what is chosen is chosen by cross-validation alone."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from timeit import repeat
@@ -15,7 +16,7 @@ from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import FeatureTable, cached_table, metadata
 from texclass.experiment.folds import without_remarks
 from texclass.experiment.pipeline import PipelineDefinition, load_pipeline
-from texclass.experiment.protocols import Protocol, Split, fewest, find_protocol, splits_of
+from texclass.experiment.protocols import find_protocol, splits_of
 from texclass.experiment.windows import parents, touches
 from texclass.experiment.workers import Progress, each, one_thread
 from texclass.features.plan import Plan
@@ -28,26 +29,13 @@ from texclass.recognition.candidates import (
     accuracy_of_choice,
     candidates_of,
     hold_out,
-    of_size,
     untested,
     without_choice,
 )
 from texclass.recognition.candidates import exportable as with_graph
 from texclass.recognition.conformal import Conformity, recency
 from texclass.recognition.deployed import Deployed
-from texclass.recognition.holding_out import (
-    AT_RANDOM,
-    FALSE_ALARMS,
-    IN_TIME,
-    as_tested,
-    check_vouched_for,
-    few_of,
-    held_out_splits,
-    holding_out,
-    is_in_one_go,
-    level_for,
-    promised,
-)
+from texclass.recognition.holding_out import AT_RANDOM, FALSE_ALARMS, IN_TIME, HoldingOut, holding_out
 from texclass.recognition.live.evidence import CORRELATION, fit_correlation
 from texclass.recognition.model import Model
 from texclass.recognition.model_files import Manifest, unsafe_classes
@@ -74,6 +62,8 @@ from texclass.validation import check_above_0
 
 NAMED_OF = "texclass"
 """The pipeline of rows, classifiers and budgets that are named without one: its columns can be selected."""
+Facts = dict[str, Any]
+"""What a manifest states."""
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "skops", "PyWavelets", "librosa")
 
 
@@ -165,55 +155,32 @@ def train(
     felt = dataset if isinstance(dataset, Dataset) else open_dataset(dataset, fs=fs, unit=unit)
     named = pipeline or (NAMED_OF if row or classifier or max_ms or max_features else pipeline_for(felt))
     defined = named if isinstance(named, PipelineDefinition) else load_pipeline(named)
+    work: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress}
     if touch_s is not None:
-        felt = touches(felt, touch_s, n_jobs=n_jobs, progress=progress)
+        felt = touches(felt, touch_s, **work)
     known = metadata(felt.entries)
     held_out_by, why = holding_out(protocol, defined.protocol.name, known, false_alarms)
+    tests = HoldingOut(known, held_out_by, why, protocol is not None, defined.seed)
     # Before the features: what is impossible should not cost an extraction.
-    check_vouched_for(false_alarms, held_out_splits(held_out_by, known, defined.seed, protocol))
-    table = cached_table(
-        felt,
-        *defined.needed,
-        channels=defined.channels,
-        n_jobs=n_jobs,
-        skip_bad=skip_bad,
-        progress=progress,
-    )
-    frame = table.frame
-    meter = CostMeter.on(felt, frame["recording_id"].tolist(), defined.channels)
-    candidates = candidates_of(
-        defined, table, meter, row=row, classifier=classifier, max_ms=max_ms, max_features=max_features
-    )
-    candidates = candidates if max_kb is None else of_size(candidates, max_kb)
-    splits = held_out_splits(held_out_by, frame, defined.seed, protocol)
-    tests = as_tested(held_out_by, why, splits, frame)
-    try_all = partial(_tried, frame=frame, splits=splits, n_jobs=n_jobs, progress=progress)
-    chosen, held_out, recogniser, accuracy = _choice(
-        candidates, try_all, frame, held_out_by, tests, defined.seed, exportable=exportable
-    )
-    calibration, conformity, calibrated = _calibrated(held_out, frame, held_out_by)
-    far, stretch = _distances(chosen, held_out, frame, held_out_by, false_alarms, defined.seed)
-    level = level_for(false_alarms, len(far), fewest(held_out_by, frame), is_in_one_go(tests))
-    deployed, novelty, X, y = _deployed(recogniser, frame, far, level)
+    tests.check_vouched_for(false_alarms)
+    table = cached_table(felt, *defined.needed, channels=defined.channels, skip_bad=skip_bad, **work)
+    tests = replace(tests, table=table.frame)
+    meter = CostMeter.on(felt, table.frame["recording_id"].tolist(), defined.channels)
+    limits: dict[str, Any] = {"max_ms": max_ms, "max_features": max_features, "max_kb": max_kb}
+    candidates = candidates_of(defined, table, meter, row=row, classifier=classifier, **limits)
+    chosen, held_out, recogniser, accuracy = _choice(candidates, tests, exportable=exportable, **work)
+    calibration, conformity, calibrated = _calibrated(held_out, tests)
+    far, stretch = _distances(chosen, held_out, tests, false_alarms)
+    X, y = table.frame[list(recogniser.columns)].to_numpy(dtype=np.float64), chosen.trained_on(table.frame)[1]
+    deployed, novelty = _deployed(recogniser, X, y, far, tests.level(false_alarms, len(far)))
     manifest = Manifest(
         **_recordings(felt, meter, table, deployed.plan),
         materials=deployed.classes,
-        pipeline=_pipeline(defined, chosen, meter, few_of(held_out_by, frame), max_kb, max_ms),
+        pipeline=_pipeline(defined, chosen, meter, tests.few, max_kb, max_ms),
         accuracy=accuracy,
         calibration=calibrated,
-        unknown={
-            "score": novelty.kind,
-            "false_alarms": false_alarms,
-            "level": level,
-            "threshold": novelty.threshold if len(far) else None,
-            "n": len(far),
-            "stretch": stretch,
-        },
-        cost={
-            "segmentation_ms": meter.segmentation_ms,
-            "features_ms": meter.measured(deployed.plan)[0],
-            "classifier_ms": 1e3 * min(repeat(partial(deployed.decided, X[:1]), number=1, repeat=5)),
-        },
+        unknown=_unknown(novelty, false_alarms, stretch),
+        cost=_cost(deployed, meter, X[:1]),
         touch_s=touch_s,
         versions=versions(*LIBRARIES),
     )
@@ -229,61 +196,47 @@ def train(
     )
 
 
-def _tried(
-    candidates: Sequence[Candidate],
-    frame: pd.DataFrame,
-    splits: Sequence[Split],
-    n_jobs: int,
-    progress: Progress | None,
-) -> list[HeldOut]:
-    """Return what each candidate says of the recordings that are held out."""
-    calls = [partial(hold_out, candidate, frame, splits) for candidate in candidates]
-    n_jobs = n_jobs if len(calls) > 1 else 1
-    return list(each(calls, n_jobs=n_jobs, progress=progress, what="candidates", total=len(calls)))
-
-
 def _choice(
     candidates: Sequence[Candidate],
-    try_all: Callable[[Sequence[Candidate]], list[HeldOut]],
-    frame: pd.DataFrame,
-    held_out_by: Protocol,
-    tests: Mapping[str, Any],
-    seed: int,
+    tests: HoldingOut,
     *,
     exportable: bool,
-) -> tuple[Candidate, HeldOut, Recogniser, dict[str, Any]]:
+    n_jobs: int,
+    progress: Progress | None,
+) -> tuple[Candidate, HeldOut, Recogniser, Facts]:
     """Return the best candidate, what it said, trained on everything, and what the manifest says of it."""
-    is_few = bool(few_of(held_out_by, frame))
-    candidates = without_choice(candidates) if is_few else candidates
-    candidates = candidates if tests["n_folds"] else untested(candidates)
+    candidates = without_choice(candidates) if tests.few else candidates
+    candidates = candidates if tests.splits else untested(candidates)
     candidates, others, lacking = with_graph(candidates) if exportable else (candidates, [], ())
-    said = try_all((*candidates, *others))
-    clusters = held_out_by.clusters(frame)[said[0].rows]
+    calls = [partial(hold_out, one, tests.table, tests.splits) for one in (*candidates, *others)]
+    n_jobs = n_jobs if len(calls) > 1 else 1
+    said = list(each(calls, n_jobs=n_jobs, progress=progress, what="candidates", total=len(calls)))
+    clusters = tests.protocol.clusters(tests.table)[said[0].rows]
     tried = list(zip(candidates, said, strict=False))
-    candidate, held_out, recogniser, expected = _best(tried, frame, clusters, seed)
-    accuracy = promised(expected, tests, clusters, len(recogniser.classes_), is_few=is_few)
+    candidate, held_out, recogniser, expected = _best(tried, tests, clusters)
+    accuracy = tests.promised(expected, len(set(clusters)), len(recogniser.classes_))
     if others:
         hits = np.array([one.hits for one in said[len(candidates) :]])
-        _, with_all = accuracy_of_choice(hits, [c.n_columns for c in others], clusters, seed)
+        _, with_all = accuracy_of_choice(hits, [c.n_columns for c in others], clusters, tests.seed)
         accuracy |= {"without_graph": list(lacking), "with_all_features": with_all.mean}
     return candidate, held_out, recogniser, accuracy
 
 
 def _best(
-    tried: Sequence[tuple[Candidate, HeldOut]], frame: pd.DataFrame, clusters: NDArray[Any], seed: int
-) -> tuple[Candidate, HeldOut, Recogniser, dict[str, Any]]:
+    tried: Sequence[tuple[Candidate, HeldOut]], tests: HoldingOut, clusters: NDArray[Any]
+) -> tuple[Candidate, HeldOut, Recogniser, Facts]:
     """Return the best candidate that can be saved, trained on everything, and its expected accuracy."""
     left = list(tried)
     while left:
         best, expected = 0, dict[str, Any]()
         if len(clusters):
             hits = np.array([held_out.hits for _, held_out in left])
-            best, accuracy = accuracy_of_choice(hits, [c.n_columns for c, _ in left], clusters, seed)
+            best, accuracy = accuracy_of_choice(hits, [c.n_columns for c, _ in left], clusters, tests.seed)
             low, high = accuracy.interval
             expected = {"mean": accuracy.mean, "low": low, "high": high, "n_tested": accuracy.n_tested}
         candidate, held_out = left[best]
         with without_remarks(), one_thread():  # the number of threads would change last digits
-            X, y = candidate.trained_on(frame)
+            X, y = candidate.trained_on(tests.table)
             recogniser = Recogniser.fitted_on(candidate.plan, X, y, candidate.steps).prune()
         if not (unsafe := unsafe_classes(recogniser.document())):
             return candidate, held_out, recogniser, expected | {"n_candidates": len(left)}
@@ -293,46 +246,42 @@ def _best(
     )
 
 
-def _calibrated(
-    held_out: HeldOut, frame: pd.DataFrame, held_out_by: Protocol
-) -> tuple[Calibration, dict[str, Conformity], dict[str, Any]]:
+def _calibrated(held_out: HeldOut, tests: HoldingOut) -> tuple[Calibration, dict[str, Conformity], Facts]:
     """Return how decisions become probabilities, and sets, and what the manifest says of both."""
-    tests, decisions = frame.iloc[held_out.rows], held_out.decisions
-    calibration, how = prior_calibration(decisions.shape[1], len(frame)), "prior temperature"
-    if len(tests):
+    told, decisions = tests.table.iloc[held_out.rows], held_out.decisions
+    calibration, how = prior_calibration(decisions.shape[1], len(tests.table)), "prior temperature"
+    if len(told):
         calibration, how = fit_calibration(decisions, held_out.labels), "temperature"
     p = calibration(decisions)
-    sure, of_contacts = p.max(axis=1), _of_contacts(p, held_out, frame)
-    ages = np.zeros(len(tests), dtype=np.intp)
-    if held_out_by.name == IN_TIME:
-        ages = n_later(tests["material"].to_numpy(dtype=str), tests["repetition"].to_numpy())
+    of_contacts = _of_contacts(p, held_out, told)
+    ages = np.zeros(len(told), dtype=np.intp)
+    if tests.protocol.name == IN_TIME:
+        ages = n_later(told["material"].to_numpy(dtype=str), told["repetition"].to_numpy())
     conformity = conformities(
         decisions,
         held_out.labels,
-        parents(tests),
+        parents(told),
         calibration,
         correlation=of_contacts.get("correlation"),
         counts=recency(ages, HALF_LIFE),
     )
     facts = {"method": how, **vars(calibration), "n": len(p), **of_contacts, "sets": facts_of(conformity)}
-    if len(tests):
-        facts["expected_error"] = expected_calibration_error(sure, held_out.hits)
-        facts["error_of_chance"] = calibration_error_of_chance(sure)
-    return calibration, conformity, facts | _of_gestures(p, held_out, frame)
+    if len(told):
+        facts["expected_error"] = expected_calibration_error(p.max(axis=1), held_out.hits)
+        facts["error_of_chance"] = calibration_error_of_chance(p.max(axis=1))
+    return calibration, conformity, facts | _of_gestures(p, held_out, tests.table)
 
 
-def _of_contacts(p: Samples, held_out: HeldOut, frame: pd.DataFrame) -> dict[str, float]:
+def _of_contacts(p: Samples, held_out: HeldOut, told: pd.DataFrame) -> dict[str, float]:
     """Return how windows of one recording agree by their recording; nothing where each has but one."""
-    if "parent" not in frame:  # several starts ask about a recording several times
-        return {}
-    contacts = parents(frame).to_numpy()[held_out.rows]
+    contacts = parents(told).to_numpy()
     n_contacts = len(set(contacts))
-    if n_contacts == len(contacts):
+    if "parent" not in told or n_contacts == len(contacts):  # several starts ask about a recording again
         return {}
     return {"correlation": fit_correlation(p, held_out.labels, contacts), "n_contacts": n_contacts}
 
 
-def _of_gestures(p: Samples, held_out: HeldOut, frame: pd.DataFrame) -> dict[str, Any]:
+def _of_gestures(p: Samples, held_out: HeldOut, frame: pd.DataFrame) -> Facts:
     """Return what is answered where a material is felt, and how answers agree by the hand that repeats it.
 
     Of the confusion, row m is the mean probability of each material where m was felt; one answer that knows
@@ -349,12 +298,7 @@ def _of_gestures(p: Samples, held_out: HeldOut, frame: pd.DataFrame) -> dict[str
 
 
 def _distances(
-    chosen: Candidate,
-    held_out: HeldOut,
-    frame: pd.DataFrame,
-    held_out_by: Protocol,
-    false_alarms: float,
-    seed: int,
+    chosen: Candidate, held_out: HeldOut, tests: HoldingOut, false_alarms: float
 ) -> tuple[Samples, float]:
     """Return how far held-out recordings lie, shape (n,), ascending, and by what drift stretched that.
 
@@ -364,26 +308,46 @@ def _distances(
     """
     if len(held_out.rows) < least_held_out(false_alarms):
         return np.empty(0), 1.0
-    if held_out_by.name != IN_TIME or kind_for(chosen.classifier) != "distance":
+    if tests.protocol.name != IN_TIME or kind_for(chosen.classifier) != "distance":
         return np.sort(held_out.strange), 1.0
-    at_random = find_protocol(AT_RANDOM)
-    halves = hold_out(chosen, frame, at_random.split(frame, 2, seed)).strange
-    folds = hold_out(chosen, frame, splits_of(at_random, frame, seed)).strange
+    at_random, table = find_protocol(AT_RANDOM), tests.table
+    halves = hold_out(chosen, table, at_random.split(table, 2, tests.seed)).strange
+    folds = hold_out(chosen, table, splits_of(at_random, table, tests.seed)).strange
     stretch = max(1.0, float(np.median(held_out.strange) / max(np.median(halves), 1e-300)))
     return np.sort(stretch * folds), stretch
 
 
 def _deployed(
-    recogniser: Recogniser, frame: pd.DataFrame, far: Samples, level: float
-) -> tuple[Deployed, Novelty, Samples, NDArray[Any]]:
-    """Return it as it answers, when a surface is unknown to it, and its columns X and the materials y."""
-    X, y = frame[list(recogniser.columns)].to_numpy(dtype=np.float64), frame["material"].to_numpy(dtype=str)
+    recogniser: Recogniser, X: Samples, y: NDArray[Any], far: Samples, level: float
+) -> tuple[Deployed, Novelty]:
+    """Return a recogniser that was trained on X and y as it answers, and when a surface is unknown to it."""
     prepared, kind = X, kind_for(recogniser[-1])
     with one_thread():
         for _, step in recogniser.steps[1:-1]:
             prepared = step.transform(prepared)
         near = fit_nearness(prepared, np.unique(y, return_inverse=True)[1]) if kind == "distance" else None
-    return Deployed.of(recogniser, (prepared, y)), Novelty(kind, far, level, near), X, y
+    return Deployed.of(recogniser, (prepared, y)), Novelty(kind, far, level, near)
+
+
+def _unknown(novelty: Novelty, false_alarms: float, stretch: float) -> Facts:
+    """Return what the manifest states of unknown surfaces."""
+    return {
+        "score": novelty.kind,
+        "false_alarms": false_alarms,
+        "level": novelty.false_alarms,
+        "threshold": novelty.threshold if len(novelty.held_out) else None,
+        "n": len(novelty.held_out),
+        "stretch": stretch,
+    }
+
+
+def _cost(deployed: Deployed, meter: CostMeter, row: Samples) -> dict[str, float]:
+    """Return what the manifest states of milliseconds here, the classifier's on one row of features."""
+    return {
+        "segmentation_ms": meter.segmentation_ms,
+        "features_ms": meter.measured(deployed.plan)[0],
+        "classifier_ms": 1e3 * min(repeat(partial(deployed.decided, row), number=1, repeat=5)),
+    }
 
 
 def _pipeline(
@@ -408,7 +372,7 @@ def _pipeline(
     }
 
 
-def _recordings(felt: Dataset, meter: CostMeter, table: FeatureTable, plan: Plan) -> dict[str, Any]:
+def _recordings(felt: Dataset, meter: CostMeter, table: FeatureTable, plan: Plan) -> Facts:
     """Return what the manifest states of the recordings: those trained on, and which ones a model is for."""
     like = meter.recordings[0]
     if others := {recording.fs for recording in meter.recordings} - {like.fs}:
