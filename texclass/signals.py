@@ -21,6 +21,9 @@ AXIS_PREFERENCE, AXIS_PREFERENCE_SINGLE = 1e-9, 1e-6
 """Relative extra weight of an earlier axis in the sum whose phase DFT321 takes; in single precision."""
 STEPS = 32
 """Samples that a causal filter takes at once, blocks of them, and groups of these blocks."""
+_FEW = 16
+_SUMS = np.triu(np.ones((_FEW, _FEW)))
+"""Few samples times it are their cumulative sums."""
 
 
 def dft321(acceleration: ArrayLike, *, single: bool = False) -> Samples:
@@ -193,9 +196,9 @@ def moving_average(x: ArrayLike, n: int) -> Samples:
 
     Notes
     -----
-    A window of n samples covers the end of one block of n samples and the start of the next. Its sum is that
-    of the two parts, accumulated within the blocks: rounding never travels further than 2 n samples, whatever
-    the length of the signal, and the cost does not depend on n.
+    A window of n samples covers the end of one block of n samples and the start of the next. Sums are
+    accumulated within the blocks: rounding never travels further than 2 n samples, whatever the length of the
+    signal, and the cost does not depend on n.
     """
     samples = np.asarray(x, dtype=np.float64)
     if samples.ndim != 1 or samples.size == 0 or n < 1:
@@ -210,16 +213,19 @@ def moving_average(x: ArrayLike, n: int) -> Samples:
     n_blocks = -(-size // n)
     blocks = np.zeros((n_blocks + 1, n))
     np.subtract(samples, offset, out=blocks.reshape(-1)[n // 2 : n // 2 + size])
-    sums = np.empty((n_blocks, n), dtype=np.complex128)  # two sums in the time of one
-    sums.real, sums.imag = blocks[:-1, ::-1], blocks[1:]
-    np.cumsum(sums, axis=1, out=sums)
+    few = np.zeros((n_blocks + 1, -(-n // _FEW), _FEW))
+    few.reshape(n_blocks + 1, -1)[:, :n] = blocks
+    sums = few @ _SUMS  # numpy's cumulative sum of all takes twice as long
+    sums[:, 1:] += np.cumsum(sums[:, :-1, -1:], axis=1)
+    sums = sums.reshape(n_blocks + 1, -1)
     blocks = blocks[:-1]
-    blocks[:] = sums.real[:, ::-1]  # from each sample to the end of its block
-    blocks[:, 1:] += sums.imag[:, :-1]  # and from the start of the next to n samples later
+    blocks[:] = sums[:-1, -1:]  # a block, less its start, with that of the next
+    blocks[:, 1:] += sums[1:, : n - 1]
+    blocks[:, 1:] -= sums[:-1, : n - 1]
     average = blocks.reshape(-1)[:size]
     ends = np.r_[: min(n // 2, size), max(n // 2, size - (n - n // 2) + 1) : size]
     average[ends] *= n / (np.minimum(ends + n - n // 2, size) - np.maximum(ends - n // 2, 0))
-    average /= n
+    average *= 1 / n
     average += offset
     return average
 

@@ -3,7 +3,7 @@
 The features named after taps can be computed at any, even a nominal, rate.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -19,6 +19,8 @@ from texclass.signals import find_peaks
 
 S = TypeVar("S")
 T = TypeVar("T")
+Struck = tuple[TapSignal, Samples, list[int]]
+"""A tap, the magnitude of its impulse, and where its largest peaks are."""
 SHARES = (0.1, 0.25, 0.5, 0.75, 0.9)
 SHARE_NAMES = tuple(f"q{100 * share:.0f}" for share in SHARES)
 
@@ -69,46 +71,62 @@ def median_over_taps(values: ArrayLike) -> Samples:
     return np.asarray((x[(len(x) - 1) // 2] + x[len(x) // 2]) / 2)
 
 
-def impulse_peaks(magnitude: Samples, spacing: int, prominence: float) -> list[int]:
-    """Return the indices of the (at most) three largest peaks of a tap, in order of time.
+def impulse_peaks(magnitudes: Sequence[Samples], spacing: int, prominence: float) -> list[list[int]]:
+    """Return the indices of the (at most) three largest peaks of each tap, in order of time; none of silence.
 
-    A tap that does not bounce has fewer; the first and last sample count as peaks if they stand out.
+    A tap that does not bounce has fewer than three; its first and last sample count as peaks if they stand
+    out.
 
     Parameters
     ----------
-    magnitude : ndarray of shape (m,)
-        |i|.
+    magnitudes : sequence of ndarray of shape (m,)
+        |i| of each tap.
     spacing : int
         Least distance of two peaks, in samples.
     prominence : float
-        Least prominence, in fractions of the largest magnitude.
-
-    Raises
-    ------
-    UndefinedFeatureError
-        If the tap is silent.
+        Least prominence, in fractions of the largest magnitude of the tap.
     """
-    largest = float(magnitude.max(initial=0.0))
-    undefined_if(largest == 0, "silence: the tap has no impulse")
-    padded = np.concatenate([[0.0], magnitude, [0.0]])
-    least = prominence * largest  # nothing lower is so prominent, nor takes the place of what is higher
-    x, found = padded.tolist(), list[int]()
-    left = sorted(find_peaks(padded, height=least).tolist(), key=lambda k: (x[k], k), reverse=True)
+    silence = np.zeros(1)
+    all_taps = np.concatenate([silence, *(part for i in magnitudes for part in (i, silence))])
+    first = 1 + np.cumsum([0, *(i.size + 1 for i in magnitudes)])
+    least = prominence * np.maximum.reduceat(all_taps, first[:-1])
+    peaks = find_peaks(all_taps, height=0.0)
+    of = np.searchsorted(first, peaks, side="right") - 1
+    high = all_taps[peaks] >= least[of]  # what is lower neither stands out so far nor hides what is higher
+    of, left = of[high], peaks[high].tolist()
+    ends = np.searchsorted(of, np.arange(len(magnitudes) + 1)).tolist()
+    x = all_taps.tolist()
+    highest = (
+        _highest(x, left[begin:end], spacing, fall)
+        for begin, end, fall in zip(ends, ends[1:], least.tolist(), strict=False)
+    )
+    return [sorted(k - start for k in found) for found, start in zip(highest, first.tolist(), strict=False)]
+
+
+def _struck(view: TapView, spacing: int, prominence: float) -> Iterable[Struck]:
+    taps = unit_taps(view)
+    magnitudes = [np.abs(tap.impulse) for tap in taps]
+    return zip(taps, magnitudes, impulse_peaks(magnitudes, spacing, prominence), strict=True)
+
+
+def _highest(x: list[float], peaks: list[int], spacing: int, least: float) -> list[int]:
+    """Return the (at most) three highest of the peaks, `spacing` apart, that stand out by `least`."""
+    found, left = list[int](), sorted(peaks, key=lambda k: (x[k], k), reverse=True)
     while left and not (len(found) >= 3 and x[left[0]] < x[found[2]]):
         k = left[0]
         left = [other for other in left[1:] if abs(other - k) >= spacing]
-        if _falls(x[k:], least) and _falls(x[k::-1], least):
+        if _falls(x, range(k, len(x)), least) and _falls(x, range(k, -1, -1), least):
             found.append(k)
-    highest = sorted(found, key=lambda k: (-x[k], k))[:3]
-    return sorted(k - 1 for k in highest)
+    return sorted(found, key=lambda k: (-x[k], k))[:3]
 
 
-def _falls(x: list[float], least: float) -> bool:
+def _falls(x: list[float], ks: range, least: float) -> bool:
     """Return whether numbers fall by `least` below the first one before one is above it."""
-    for value in x:  # beside a peak that stands out, few are looked at
-        if value > x[0]:
+    top = x[ks[0]]
+    for k in ks:  # beside a peak that stands out, few are looked at
+        if x[k] > top:
             return False
-        if x[0] - value >= least:
+        if top - x[k] >= least:
             return True
     return False
 
@@ -136,13 +154,13 @@ def hardness_as_printed(view: TapView, *, spacing: int = 100, prominence: float 
         If there is no tap, or none with an impulse and some hand acceleration.
     """
 
-    def hardness_of(tap: TapSignal) -> float:
-        i, h = np.abs(tap.impulse), np.abs(tap.hand)
-        peaks = impulse_peaks(i, spacing, prominence)
+    def hardness_of(struck: Struck) -> float:
+        tap, i, peaks = struck
+        undefined_if(not peaks, "silence: the tap has no impulse")
         n = sum(peaks) / len(peaks) + 1
-        return float(i.max()) / n / _moved(float(h.sum()))
+        return float(i.max()) / n / _moved(float(np.abs(tap.hand).sum()))
 
-    return float(np.mean(per_tap(unit_taps(view), hardness_of)))
+    return float(np.mean(per_tap(_struck(view, spacing, prominence), hardness_of)))
 
 
 @feature("tap", "1/s^2", "strese2015, eq. 1, corrected")
@@ -172,13 +190,14 @@ def hardness(view: TapView, *, spacing_s: float = 0.01, prominence: float = 0.05
     """
     noise = view.noise / tap_level(view)
 
-    def hardness_of(tap: TapSignal) -> tuple[float, float]:
-        i, h = np.abs(tap.impulse), np.abs(tap.hand)
-        peaks = impulse_peaks(i, round(spacing_s * view.fs), prominence)
-        t = (sum(peaks) / len(peaks) + 1) / view.fs
+    def hardness_of(struck: Struck) -> tuple[float, float]:
+        tap, i, peaks = struck
+        undefined_if(not peaks, "silence: the tap has no impulse")
+        h, t = np.abs(tap.hand), (sum(peaks) / len(peaks) + 1) / view.fs
         return float(i.max()) / (t * _moved(float(h[h > 3 * noise].sum()) / view.fs)), tap.quality
 
-    values, qualities = np.transpose(per_tap(unit_taps(view), hardness_of))
+    struck = _struck(view, round(spacing_s * view.fs), prominence)
+    values, qualities = np.transpose(per_tap(struck, hardness_of))
     return weighted_median(values, qualities)
 
 
