@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import signal
-from scipy.spatial.transform import Rotation
 
 from texclass.signals import (
     bandpass,
@@ -35,34 +34,13 @@ def _axes(n, c=3, seed=0):
 
 
 @pytest.mark.parametrize("n", [2, 3, 64, 997, 1000, 1001])
-@pytest.mark.parametrize("c", [2, 3, 6])
+@pytest.mark.parametrize("c", [1, 2, 3, 6])
 def test_dft321_has_the_printed_magnitude_and_phase(n, c):
-    spectra = np.fft.rfft(_axes(n, c) - _axes(n, c).mean(axis=0), axis=0)[1:]
-    found = np.fft.rfft(dft321(_axes(n, c)))[1:]
-    assert_allclose(np.abs(found), np.sqrt((np.abs(spectra) ** 2).sum(axis=1)), rtol=1e-9)
+    spectra = np.fft.rfft(_axes(n, c) - _axes(n, c).mean(axis=0), axis=0)
+    found = np.fft.rfft(dft321(_axes(n, c)))
+    assert_allclose(np.abs(found), np.sqrt((np.abs(spectra) ** 2).sum(axis=1)), rtol=1e-9, atol=1e-9)
     total = spectra.sum(axis=1)
     assert_allclose(found * np.abs(total), total * np.abs(found), atol=1e-6 * np.abs(spectra).max() ** 2)
-
-
-@given(st.integers(1, 400), st.integers(1, 4), st.integers(0, 5))
-@settings(deadline=None, max_examples=60)
-def test_dft321_preserves_the_energy_of_the_axes_without_their_means(n, c, seed):
-    axes = _axes(n, c, seed)
-    energy = ((axes - axes.mean(axis=0)) ** 2).sum()
-    assert_allclose((dft321(axes) ** 2).sum(), energy, rtol=1e-11, atol=1e-20)
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_dft321_passes_a_single_moving_axis_unchanged(axis):
-    axes = np.tile([0.0, 9.81, -3.0], (501, 1))
-    axes[:, axis] += _axes(501, 1)[:, 0]
-    assert_allclose(dft321(axes), axes[:, axis] - axes[:, axis].mean(), atol=1e-12)
-
-
-def test_dft321_spectral_energy_is_invariant_to_rotation():
-    axes = _axes(1000)
-    turned = Rotation.from_rotvec([0.3, -1.1, 0.7]).apply(axes)
-    assert_allclose(np.abs(np.fft.rfft(dft321(turned))), np.abs(np.fft.rfft(dft321(axes))), atol=1e-9)
 
 
 def test_dft321_of_opposite_axes_takes_the_phase_of_the_earlier_one():
@@ -229,13 +207,6 @@ def test_causal_filter_gives_the_same_in_pieces(shape):
         filtered, state = causal(sos, piece, state)
         pieces.append(filtered)
     assert_allclose(np.concatenate(pieces), whole, atol=1e-12)
-
-
-def test_causal_filter_responds_to_nothing_before_it_happens_and_not_to_a_constant():
-    x = np.full(1000, 9.81)
-    x[600] += 1.0
-    filtered, _ = causal(butterworth("highpass", 50.0, FS), x)
-    assert np.abs(filtered[:600]).max() < 1e-9 < np.abs(filtered[600])
 
 
 @pytest.mark.parametrize("cutoff", [5000.0, 6000.0, 0.0, -1.0, float("nan")])

@@ -47,12 +47,6 @@ def test_the_whole_is_heard_the_more_the_more_recordings_of_the_smallest_class_t
         assert VoteOfPieces(n_pieces=4).fit(X[few], y[few]).weight_ == pytest.approx(weight)
 
 
-def test_voting_beats_pieces_side_by_side_with_few_recordings() -> None:
-    train, test = recordings(3, 3), recordings(100, 4)
-    voted = VoteOfPieces(n_pieces=4).fit(*train).score(*test)
-    assert voted > KernelDiscriminant().fit(*train).score(*test) + 0.02
-
-
 def test_recordings_too_short_to_be_divided_count_once() -> None:
     X, y = recordings(6, 5)
     whole = X[:, ::4]

@@ -133,15 +133,6 @@ def test_levels_are_the_excess_and_the_line_at_the_middle_of_each_band():
     assert (left.sum(), left @ excess.octaves_of(LAGS)) == pytest.approx((0, 0), abs=1e-9)
 
 
-def test_a_tilt_of_the_whole_spectrum_changes_the_excess_less_than_the_levels():
-    frequency = np.maximum(np.arange(N // 2 + 1), 1) / N
-    spectra = np.fft.rfft(noise(N, 2)) * frequency ** np.array([[-0.5], [-0.3]])
-    plain, tilted = map(view, np.fft.irfft(spectra, N))
-    for feature, levels in LEVELS.items():
-        moved = np.abs(levels(tilted) - levels(plain)).mean()
-        assert np.abs(feature(tilted) - feature(plain)).mean() < 0.5 * moved
-
-
 def test_what_does_not_bend_or_is_too_short_is_refused_with_the_rule():
     for feature, x, reason in (
         (curvature_shape, np.linspace(-1, 1, 2000), "over 1 samples is .* of the largest sample"),

@@ -192,12 +192,6 @@ def test_the_same_rate_changes_nothing():
     assert Resampler(100, 100).push(x) is x
 
 
-def test_what_would_alias_is_removed():
-    t = np.arange(20_000) / 10_000
-    y = _pushed(np.sin(2 * np.pi * 1800 * t)[:, None], 10_000, 2000, [20_000])
-    assert np.abs(y[100:]).max() < 0.02
-
-
 @pytest.mark.parametrize("to", [0, -1, float("nan"), 1e9])
 def test_an_impossible_rate_is_refused(to):
     with pytest.raises(ValueError, match="the rule is above 0"):

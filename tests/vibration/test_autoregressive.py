@@ -70,15 +70,6 @@ def test_burg_minimises_the_residual_of_each_order_and_sums_it_anew():
     assert_allclose(model.gain, 1e-8, rtol=0.3)
 
 
-def test_modified_covariance_has_no_bias_on_a_short_sinusoid():
-    x = np.cos(0.7 * np.arange(25) + 0.3) * 0.999 ** np.arange(25) + 1e-9 * _noise(25)
-    model = fit(x, 2, method="modified_covariance")
-    assert not model.fallback
-    assert_allclose(np.abs(np.angle(model.poles())), 0.7, atol=1e-3)
-    bias = np.abs(np.abs(np.angle(fit(x, 2).poles())) - 0.7).max()
-    assert bias > 3 * np.abs(np.abs(np.angle(model.poles())) - 0.7).max()
-
-
 def test_modified_covariance_solves_the_least_squares_problem():
     x, p = _process(3000)[0], 12
     model = fit(x, p, method="modified_covariance")

@@ -14,13 +14,6 @@ def _model(seed, p=18, gain=1.0):
     return Autoregression(np.random.default_rng(seed).uniform(-0.9, 0.9, p), gain)
 
 
-@pytest.mark.parametrize(("weight", "end"), [(0, _model(1)), (1, _model(2, gain=7e-3))])
-def test_the_ends_of_the_path_are_the_models(weight, end):
-    between = interpolate(_model(1), _model(2, gain=7e-3), weight)
-    assert_allclose(between.log_spectrum_db(OMEGA), end.log_spectrum_db(OMEGA), atol=1e-9)
-    assert between.gain == end.gain
-
-
 def test_frequencies_and_log_gain_are_mixed_linearly():
     a, b = _model(1, gain=1e-3), _model(2, gain=10.0)
     weight = np.linspace(0, 1, 9)

@@ -85,13 +85,6 @@ def test_settled_process_starts_at_its_level():
     assert_allclose(starts.std(axis=0), model.level, rtol=0.04)
 
 
-def test_synthesis_has_the_spectrum_of_the_model():
-    model = _model(30, gain=0.01)
-    again = fit(synthesize(model, 300_000, np.random.default_rng(1)), 30)
-    omega = np.linspace(0, np.pi, 200)
-    assert_allclose(again.log_spectrum_db(omega), model.log_spectrum_db(omega), atol=1.0)
-
-
 def test_a_pole_at_radius_1_minus_1e_9_agrees_with_sixty_digits():
     radius, e = 1 - 1e-9, _noise(400)
     k = np.array([-2 * radius * np.cos(0.3) / (1 + radius**2), radius**2])

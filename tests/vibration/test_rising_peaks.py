@@ -12,14 +12,6 @@ from texclass.vibration.rising_peaks import Segmentation, segment_rising_peaks, 
 FS = 10_000.0
 
 
-def strokes(onsets: list[int], n: int) -> Samples:
-    """A mode of 200 Hz and 150 1/s, struck anew at each onset."""
-    excitation = np.zeros(n)
-    excitation[onsets] = 1.0
-    t = np.arange(400) / FS
-    return np.asarray(np.convolve(excitation, np.exp(-150 * t) * np.sin(2 * np.pi * 200 * t))[:n])
-
-
 def as_written(x: Samples, d: float, alpha: float, beta: float) -> list[int]:
     """The criterion peak by peak, with scipy's peaks."""
     magnitude = np.abs(x)
@@ -32,12 +24,6 @@ def as_written(x: Samples, d: float, alpha: float, beta: float) -> list[int]:
             j = 0
         j += 1
     return [*bounds, x.size]
-
-
-def test_segments_begin_where_the_tool_is_struck() -> None:
-    onsets = [0, 300, 650, 1000, 1390]
-    found = segment_rising_peaks(strokes(onsets, 1700), 0.1)
-    np.testing.assert_allclose(found.bounds, [*onsets, 1700], atol=3)
 
 
 @pytest.mark.parametrize(

@@ -27,11 +27,6 @@ def test_rms_spectral_error_is_the_printed_ratio_of_magnitudes():
     assert_allclose(rms_spectral_error(a, 3 * a), 2.0)
 
 
-def test_independent_realisations_of_one_process_differ_by_the_rayleigh_figure():
-    found = [rms_spectral_error(_texture(i), _texture(i + 500)) for i in range(0, 60, 2)]
-    assert_allclose(np.mean(found), np.sqrt(2 - np.pi / 2), rtol=0.05)
-
-
 def test_gfc_is_the_printed_sum_over_windows():
     a, b = _texture(0, 1300), _texture(1, 1300)
     expected = []
@@ -42,14 +37,6 @@ def test_gfc_is_the_printed_sum_over_windows():
         )
         expected.append(np.sum(A * B) / np.sqrt(np.sum(A**2) * np.sum(B**2)))
     assert_allclose(goodness_of_fit(a, b), np.mean(expected), rtol=1e-12)
-
-
-def test_gfc_ignores_gain_rewards_the_same_spectrum_and_stays_in_its_range():
-    a = _texture(0)
-    other = np.random.default_rng(1).standard_normal(a.size)
-    assert_allclose(goodness_of_fit(a, 1e-3 * a), 1.0)
-    assert goodness_of_fit(a, _texture(1)) > 0.9
-    assert 0 < goodness_of_fit(a, other) < 0.8
 
 
 def test_silent_windows_count_as_documented():
