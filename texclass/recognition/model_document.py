@@ -13,65 +13,104 @@ from texclass.recognition.model_files import Manifest
 
 def model_document(model: Model) -> Document:
     """Return the facts of a model: surfaces, features, accuracy, calibration, cost, versions."""
-    m = model.manifest
-    accuracy, calibration, unknown, on = m.accuracy, m.calibration, m.unknown, m.trained_on
-    windows = f", {on['n_windows']} touches of {m.touch_s:g} s" if m.touch_s is not None else ""
-    best_of = f", best of {accuracy['n_candidates']}" if accuracy["n_candidates"] > 1 else ""
-    if few := m.pipeline.get("few"):
-        best_of += f"; {few}: too few to choose by, margins are wider"
-    best_of += f"; within {m.pipeline['budget']}" if "budget" in m.pipeline else ""
-    wide = "; so few that strangers often pass" if unknown.get("level", 1) < unknown["false_alarms"] else ""
-    untold = accuracy.get("untold", ())
-    only = "; later ones: cannot be told" if untold and untold[0].startswith("later") else ""
-    if later := accuracy.get("later"):
-        only = f"; later ones: {100 * later['low']:.0f} to {100 * later['high']:.0f} %, as in other data sets"
-        wide += "; later ones may be called unknown more often"
-    felt = f", movements of about {m.shortest_s:.2g} s and more" if m.shortest_s is not None else ""
-    if m.touch_s is not None:
-        felt = f", touches of {m.touch_s:g} s"
-    drift = f"; drift makes distances {unknown['stretch']:.2g} times as large" * (unknown["stretch"] > 1)
-    promise = "no promise: nothing could be held out"
-    if "mean" in accuracy:  # else the model is of one recording of a surface
-        low, mean, high = (f"{100 * accuracy[name]:.1f}" for name in ("low", "mean", "high"))
-        promise = f"{mean} % ({low} to {high}) of {accuracy['n_tested']} {accuracy['how']}{only}"
-    n_recordings, n_folds = counted(on["n_recordings"], "recording"), counted(accuracy["n_folds"], "fold")
-    steps = ", ".join(  # models of 0.2 do not hold the first
-        f"{step} {m.cost[f'{step}_ms']:.2f}"
-        for step in ("segmentation", "features", "classifier")
-        if f"{step}_ms" in m.cost
-    )
-    exportable = {}
-    if "without_graph" in accuracy:
-        exportable["Left out"] = (
-            f"{', '.join(accuracy['without_graph'])}: no graph for ONNX; with them, the same choice is right "
-            f"in {100 * accuracy['with_all_features']:.1f} %"
-        )
+    m, by_sklearn = model.manifest, ", ".join(model.deployed.asked)
     facts = {
         "Surfaces": f"{len(m.materials)}: {', '.join(m.materials)}",
-        "Trained on": f"{on['name']}, {n_recordings}{windows} ({on['hash'][:12]})",
-        **({"Adapted to": adapted_facts(m)} if m.adapted else {}),
-        "Pipeline": f"{m.pipeline['name']}: {m.pipeline['row']} with {m.pipeline['classifier']}{best_of}",
+        "Trained on": _trained_on(m),
+        "Adapted to": adapted_facts(m) if m.adapted else "",
+        "Pipeline": _pipeline(m),
         "Features": f"{counted(len(model.columns), 'column')} of {', '.join(m.features)}",
-        **exportable,
-        "Recordings": f"{', '.join(m.phases)}; {m.fs:g} Hz, {m.unit}{felt}",
-        "Accuracy": promise,
-        "Held out": f"protocol {accuracy['protocol']}, {n_folds} ({accuracy['why']}){drift}",
-        "Cannot be told": "; ".join(untold) or "nothing of what the recordings name",
-        "Probabilities": f"{calibration['method']} scaling, beta {calibration['beta']:.3g}; "
-        + _of_errors(calibration),
+        "Left out": _left_out(m.accuracy),
+        "Recordings": _recordings(m),
+        "Accuracy": _promise(m.accuracy),
+        "Held out": _held_out(m),
+        "Cannot be told": "; ".join(m.accuracy.get("untold", ())) or "nothing of what the recordings name",
+        "Probabilities": _probabilities(m.calibration),
         "Sets": _of_sets(model),
-        "Unknown surfaces": f"by {unknown['score']}, {100 * unknown['false_alarms']:g} % false alarms, "
-        f"threshold {unknown['threshold']:.4g} from {unknown['n']} held out{wide}"
-        if unknown["threshold"] is not None
-        else "not judged: too few recordings were held out",
-        "Cost": f"{sum(m.cost.values()):.2f} ms a recording ({steps}) on the machine that trained it",
-        "Answers": f"by scikit-learn: {', '.join(asked)}"
-        if (asked := model.deployed.asked)
-        else "from arrays",
+        "Unknown surfaces": _unknown(m),
+        "Cost": _cost(m.cost),
+        "Answers": f"by scikit-learn: {by_sklearn}" if by_sklearn else "from arrays",
         "Versions": ", ".join(f"{name} {version}" for name, version in m.versions.items()),
         "Format": ".".join(map(str, m.format_version)),
     }
-    return Document(f"Model of {counted(len(m.materials), 'surface')}", [facts])
+    told = {name: fact for name, fact in facts.items() if fact}
+    return Document(f"Model of {counted(len(m.materials), 'surface')}", [told])
+
+
+def _trained_on(m: Manifest) -> str:
+    on = m.trained_on
+    windows = f", {on['n_windows']} touches of {m.touch_s:g} s" if m.touch_s is not None else ""
+    return f"{on['name']}, {counted(on['n_recordings'], 'recording')}{windows} ({on['hash'][:12]})"
+
+
+def _pipeline(m: Manifest) -> str:
+    """Return what was trained, of how many candidates, and within which limits."""
+    of = m.pipeline
+    best_of = f", best of {m.accuracy['n_candidates']}" if m.accuracy["n_candidates"] > 1 else ""
+    few = f"; {of['few']}: too few to choose by, margins are wider" if "few" in of else ""
+    within = f"; within {of['budget']}" if "budget" in of else ""
+    return f"{of['name']}: {of['row']} with {of['classifier']}{best_of}{few}{within}"
+
+
+def _left_out(accuracy: Mapping[str, Any]) -> str:
+    """Return what an exportable model does without, and how accurate it was with that; or nothing."""
+    if "without_graph" not in accuracy:
+        return ""
+    return (
+        f"{', '.join(accuracy['without_graph'])}: no graph for ONNX; with them, the same choice is right "
+        f"in {100 * accuracy['with_all_features']:.1f} %"
+    )
+
+
+def _recordings(m: Manifest) -> str:
+    """Return what recordings it is for."""
+    felt = f", movements of about {m.shortest_s:.2g} s and more" if m.shortest_s is not None else ""
+    if m.touch_s is not None:
+        felt = f", touches of {m.touch_s:g} s"
+    return f"{', '.join(m.phases)}; {m.fs:g} Hz, {m.unit}{felt}"
+
+
+def _promise(accuracy: Mapping[str, Any]) -> str:
+    """Return how accurate it is on recordings like those held out, and what that says of later ones."""
+    if "mean" not in accuracy:  # the model is of one recording of a surface
+        return "no promise: nothing could be held out"
+    low, mean, high = (f"{100 * accuracy[name]:.1f}" for name in ("low", "mean", "high"))
+    untold, only = accuracy.get("untold"), ""
+    if later := accuracy.get("later"):
+        only = f"; later ones: {100 * later['low']:.0f} to {100 * later['high']:.0f} %, as in other data sets"
+    elif untold and untold[0].startswith("later"):
+        only = "; later ones: cannot be told"
+    return f"{mean} % ({low} to {high}) of {accuracy['n_tested']} {accuracy['how']}{only}"
+
+
+def _held_out(m: Manifest) -> str:
+    """Return how recordings were held out, why so, and what a drift did."""
+    stretch, folds = m.unknown["stretch"], counted(m.accuracy["n_folds"], "fold")
+    drift = f"; drift makes distances {stretch:.2g} times as large" * (stretch > 1)
+    return f"protocol {m.accuracy['protocol']}, {folds} ({m.accuracy['why']}){drift}"
+
+
+def _unknown(m: Manifest) -> str:
+    """Return when a surface is unknown to it, and how far that can be relied on."""
+    unknown = m.unknown
+    if unknown["threshold"] is None:
+        return "not judged: too few recordings were held out"
+    wide = "; so few that strangers often pass" if unknown.get("level", 1) < unknown["false_alarms"] else ""
+    wide += "; later ones may be called unknown more often" * bool(m.accuracy.get("later"))
+    return (
+        f"by {unknown['score']}, {100 * unknown['false_alarms']:g} % false alarms, "
+        f"threshold {unknown['threshold']:.4g} from {unknown['n']} held out{wide}"
+    )
+
+
+def _cost(cost: Mapping[str, float]) -> str:
+    # Models of 0.2 do not hold the first.
+    steps = ", ".join(
+        f"{step} {cost[f'{step}_ms']:.2f}"
+        for step in ("segmentation", "features", "classifier")
+        if f"{step}_ms" in cost
+    )
+    return f"{sum(cost.values()):.2f} ms a recording ({steps}) on the machine that trained it"
 
 
 def adapted_facts(manifest: Manifest) -> str:
@@ -117,15 +156,15 @@ def _sets(answers: Sequence[Answer]) -> dict[str, list[str]]:
     return {f"{level} set": [one.get(level, "") for one in found] for level in levels}
 
 
-def _of_errors(calibration: Mapping[str, Any]) -> str:
-    """Return how far the probabilities of a model are from shares of right answers."""
+def _probabilities(calibration: Mapping[str, Any]) -> str:
+    """Return how decisions become probabilities, and how far these are from shares of right answers."""
+    scaling = f"{calibration['method']} scaling, beta {calibration['beta']:.3g}"
     if "expected_error" not in calibration:
-        return "that of other data sets"
+        return f"{scaling}; that of other data sets"
     of_chance = calibration.get("error_of_chance")
-    return (
-        f"expected calibration error {calibration['expected_error']:.3f} on {calibration['n']} held out"
-        + f" ({of_chance or 0:.3f} by chance alone)" * bool(of_chance)
-    )
+    by_chance = f" ({of_chance:.3f} by chance alone)" if of_chance else ""
+    held_out = f"{calibration['expected_error']:.3f} on {calibration['n']} held out"
+    return f"{scaling}; expected calibration error {held_out}{by_chance}"
 
 
 def _of_sets(model: Model) -> str:
