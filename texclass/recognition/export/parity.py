@@ -4,7 +4,7 @@ Both are asked about rows of features that are ordinary, extreme, undefined, and
 between answers. What differs is an error, unless rounding alone decides.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -111,84 +111,88 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     """
     X, kinds = check_rows(model, seed)
     expected, found = reference(model, X), run(graph, X)
-    defined, tied = expected["label"] != UNDEFINED, expected["tied"]
-    p, other = found["probabilities"], expected["probabilities"]
-    gap = np.nan_to_num(np.abs(p - other), nan=np.inf)
-    gap[~defined & np.isnan(p).all(axis=1)] = 0.0
-    largest, at = gap.max(axis=1), (np.arange(len(X)), gap.argmax(axis=1))
-    allowed = TOLERANCE + _rounding(model, X, other, np.random.default_rng(seed))
-    # A label is the largest of its own probabilities, and of the expected ones but for a tie.
-    place = {material: k for k, material in enumerate(model.materials)}
-    k = np.array([place.get(label, -1) for label in found["label"].tolist()])
-    own, chosen = (np.where(k >= 0, one[at[0], k], np.nan) for one in (p, other))
-    right = (own == p.max(axis=1)) & (tied | (chosen >= other.max(axis=1) - 2 * allowed))
-    # A p-value is that of the expected strangeness, within its rounding.
-    strange, p_known = expected["strange"], found["p_known"]
-    rounding = TOLERANCE * np.maximum(np.abs(strange), LEAST_STRANGENESS)
-    low, high = (model.novelty.p_value(strange + side * rounding) for side in (1, -1))
-    between = (low <= p_known) & (p_known <= high)
-    verdict = _verdict(model, X, np.nan_to_num(p_known))
-    check_same(
-        [
-            (
-                "label",
-                np.where(defined, right, found["label"] == UNDEFINED),
-                found["label"],
-                expected["label"],
-            ),
-            ("probability", (largest <= allowed) | tied, p[at], other[at]),
-            ("p_known", np.where(defined, between, np.isnan(p_known)), p_known, expected["p_known"]),
-            ("unknown =", found["unknown"] == verdict, found["unknown"], verdict),
-        ],
-        "scikit-learn",
-        [f"row {i} ({kind})" for i, kind in enumerate(kinds)],
-        TOLERANCE,
-    )
-    decided = (found["label"] != expected["label"]) | (largest > TOLERANCE)
-    decided |= defined & (p_known != expected["p_known"])
-    names, counts = np.unique(kinds, return_counts=True)
+    allowed = TOLERANCE + _rounding(model, X, expected["probabilities"], np.random.default_rng(seed))
+    allowed[expected["tied"]] = np.inf
+    rounding = TOLERANCE * np.maximum(np.abs(expected["strange"]), LEAST_STRANGENESS)
+    names = [f"row {i} ({kind})" for i, kind in enumerate(kinds)]
+    gap = check_same(model, X, found, expected, allowed, rounding, ("scikit-learn", names, TOLERANCE))
+    decided = (found["label"] != expected["label"]) | (gap > TOLERANCE)
+    decided |= (expected["label"] != UNDEFINED) & (found["p_known"] != expected["p_known"])
+    kinds_of, counts = np.unique(kinds, return_counts=True)
     return Parity(
-        rows=dict(zip(names.tolist(), counts.tolist(), strict=True)),
+        rows=dict(zip(kinds_of.tolist(), counts.tolist(), strict=True)),
         n_answered=len(set(expected["label"].tolist()) - {UNDEFINED}),
         n_materials=len(model.materials),
         n_unknown=int(expected["unknown"].sum()),
         n_ties=int(decided.sum()),
-        difference=float(largest[largest <= TOLERANCE].max(initial=0.0)),
+        difference=float(gap[gap <= TOLERANCE].max(initial=0.0)),
     )
 
 
 def check_same(
-    checks: Sequence[tuple[str, NDArray[np.bool_], NDArray[Any], NDArray[Any]]],
-    reference: str,
-    names: Sequence[str],
-    tolerance: float,
-) -> None:
-    """Refuse the first difference.
+    model: Model,
+    X: Samples,
+    found: Mapping[str, NDArray[Any]],
+    expected: Said,
+    allowed: Samples,
+    rounding: Samples,
+    told: tuple[str, Sequence[str], float],
+) -> Samples:
+    """Refuse answers of a graph that differ from those of a model by more than rounding explains.
 
     Parameters
     ----------
-    checks : sequence of (what, whether it agrees, what ONNX says, what the reference says)
-        An array each, of shape (n, ...).
-    reference : str
-        What ONNX is compared with.
-    names : sequence of str, length n
-        Of rows or windows.
-    tolerance : float
-        Of probabilities, for the message.
+    model : Model
+        What the graph was made of.
+    X : ndarray of shape (n, n_columns)
+        Features of what both were asked.
+    found, expected : mapping of str to ndarray
+        What the graph says, and what it has to, as `reference` returns it.
+    allowed, rounding : ndarray of shape (n,)
+        By how much probabilities may differ, and how strange what is asked is.
+    told : tuple of (str, n names, float)
+        For the message: what the graph is compared with, what each is called, and the tolerance.
+
+    Returns
+    -------
+    ndarray of shape (n,)
+        Largest difference of a probability.
 
     Raises
     ------
     ParityError
-        Naming the first that does not agree, and how many do not.
+        Naming the first that differs, and how many do.
     """
-    for what, agree, found, expected in checks:
+    defined = expected["label"] != UNDEFINED
+    p, other = found["probabilities"], expected["probabilities"]
+    gap = np.nan_to_num(np.abs(p - other), nan=np.inf)
+    gap[~defined & np.isnan(p).all(axis=1)] = 0.0
+    largest, at = gap.max(axis=1), (np.arange(len(X)), gap.argmax(axis=1))
+    # A label is the largest of its own probabilities, and of the expected ones but for a tie.
+    place = {material: k for k, material in enumerate(model.materials)}
+    k = np.array([place.get(label, -1) for label in found["label"].tolist()])
+    own, chosen = (np.where(k >= 0, one[at[0], k], np.nan) for one in (p, other))
+    right = (own == p.max(axis=1)) & (chosen >= other.max(axis=1) - 2 * allowed)
+    # A p-value is that of the expected strangeness, within its rounding.
+    p_known = found["p_known"]
+    low, high = (model.novelty.p_value(expected["strange"] + side * rounding) for side in (1, -1))
+    between = (low <= p_known) & (p_known <= high)
+    verdict = _verdict(model, X, np.nan_to_num(p_known))
+    against, names, tolerance = told
+    for what, agree, one, reference_ in (
+        ("label", np.where(defined, right, found["label"] == UNDEFINED), found["label"], expected["label"]),
+        ("probability", largest <= allowed, p[at], other[at]),
+        ("p_known", np.where(defined, between, np.isnan(p_known)), p_known, expected["p_known"]),
+        ("unknown =", found["unknown"] == verdict, found["unknown"], verdict),
+    ):
         if not agree.all():
             i = int(np.argmin(agree))
             raise ParityError(
-                f"ONNX differs from {reference} in {int((~agree).sum())} of {len(names)} "
-                f"{names[i].partition(' ')[0]}s; {names[i]} has {what} {found[i]} in ONNX, {expected[i]} in "
-                f"{reference}; the rule is the same label and verdict, and probabilities within {tolerance:g}"
+                f"ONNX differs from {against} in {int((~agree).sum())} of {len(names)} "
+                f"{names[i].partition(' ')[0]}s; {names[i]} has {what} {one[i]} in ONNX, {reference_[i]} in "
+                f"{against}; the rule is the same label and verdict, and probabilities within {tolerance:g}"
             )
+    return np.asarray(largest)
 
 
 def reference(model: Model, X: Samples) -> Said:

@@ -109,38 +109,22 @@ def compared(model: Model, X: Samples, found: Mapping[str, NDArray[Any]]) -> Sam
     ParityError
         As `check_sample_parity`.
     """
-    expected = reference(model, X)
-    n, defined = len(X), expected["label"] != UNDEFINED
-    far = outside(model, X)
-    p, other = (np.nan_to_num(said["probabilities"], nan=-1.0) for said in (found, expected))
-    gap = np.abs(p - other).max(axis=1)
-    ordered = np.sort(other, axis=1)
-    close_label = ordered[:, -1] - ordered[:, -2] <= MARGIN * far
-    limit = model.novelty.threshold
+    expected, far, limit = reference(model, X), outside(model, X), model.novelty.threshold
     strange = np.nan_to_num(expected["strange"])
     near = MARGIN * far * np.maximum(np.abs(strange), np.abs(limit))
-    close_verdict = np.abs(strange - limit) <= near
-    low, high = (model.novelty.p_value(strange + side * near) for side in (1, -1))
-    p_known = np.nan_to_num(found["p_known"], nan=-1.0)
-    same = {name: found[name] == expected[name] for name in ("label", "unknown")}
-    between = np.where(defined, (low <= p_known) & (p_known <= high), p_known < 0)
-    agrees = {
-        "label": same["label"] | (defined & close_label),
-        "probabilities": gap <= TOLERANCE * far,
-        "p_known": between,
-        "unknown": same["unknown"] | (defined & close_verdict),
-    }
-    checks = [(what, agree, found[what], expected[what]) for what, agree in agrees.items()]
-    check_same(checks, "texclass", [f"window {i}" for i in range(n)], TOLERANCE)
+    told = "texclass", [f"window {i}" for i in range(len(X))], TOLERANCE
+    gap = check_same(model, X, found, expected, TOLERANCE * far, near, told)
+    ordered = np.sort(np.nan_to_num(expected["probabilities"], nan=-1.0), axis=1)
+    close = (ordered[:, -1] - ordered[:, -2] <= MARGIN * far) | (np.abs(strange - limit) <= near)
     width = np.where(model.ranges.high > model.ranges.low, model.ranges.high - model.ranges.low, np.inf)
     apart = np.abs(found["features"] - X) / np.nan_to_num(width, nan=np.inf) / far[:, None]
     inside = far <= 1
     return SampleParity(
-        n_windows=n,
+        n_windows=len(X),
         n_unknown=int(expected["unknown"].sum()),
         n_answered=len(set(expected["label"].tolist()) - {UNDEFINED}),
         n_materials=len(model.materials),
-        n_close=int((close_label | close_verdict).sum()),
+        n_close=int(close.sum()),
         difference=float(gap[inside].max(initial=0.0)),
         feature_difference=float(np.nan_to_num(apart).max(initial=0.0)),
     )
