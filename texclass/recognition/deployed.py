@@ -127,6 +127,13 @@ class Deployed:
         return function_of(self.decide)
 
 
+def prepared_by(recogniser: "Recogniser", rows: Samples) -> Samples:
+    """Return what the steps between features and classifier make of rows of features (n, n_columns)."""
+    for _, step in recogniser.steps[1:-1]:
+        rows = rows if step in (None, "passthrough") else step.transform(rows)
+    return rows
+
+
 def described_steps(step: Any) -> list[Part]:  # noqa: PLR0911  (one for each kind)
     """Return what a fitted transformer does, as steps one after the other.
 

@@ -34,7 +34,7 @@ from texclass.recognition.candidates import (
 )
 from texclass.recognition.candidates import exportable as with_graph
 from texclass.recognition.conformal import Conformity, recency
-from texclass.recognition.deployed import Deployed
+from texclass.recognition.deployed import Deployed, prepared_by
 from texclass.recognition.holding_out import AT_RANDOM, FALSE_ALARMS, IN_TIME, HoldingOut, holding_out
 from texclass.recognition.live.evidence import CORRELATION, fit_correlation
 from texclass.recognition.model import Model
@@ -321,10 +321,9 @@ def _deployed(
     recogniser: Recogniser, X: Samples, y: NDArray[Any], far: Samples, level: float
 ) -> tuple[Deployed, Novelty]:
     """Return a recogniser that was trained on X and y as it answers, and when a surface is unknown to it."""
-    prepared, kind = X, kind_for(recogniser[-1])
+    kind = kind_for(recogniser[-1])
     with one_thread():
-        for _, step in recogniser.steps[1:-1]:
-            prepared = step.transform(prepared)
+        prepared = prepared_by(recogniser, X)
         near = fit_nearness(prepared, np.unique(y, return_inverse=True)[1]) if kind == "distance" else None
     return Deployed.of(recogniser, (prepared, y)), Novelty(kind, far, level, near)
 

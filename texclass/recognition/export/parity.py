@@ -16,6 +16,7 @@ from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.vote_of_pieces import VoteOfPieces
+from texclass.recognition.deployed import prepared_by
 from texclass.recognition.export.answers_graph import FEATURES, OUTPUTS, UNDEFINED
 from texclass.recognition.export.graph import OnnxExportError
 from texclass.recognition.model import Model
@@ -204,7 +205,7 @@ def reference(model: Model, X: Samples) -> Said:
         The outputs of a graph; how strange the rows are, as "strange"; and as "tied" where neighbours are so
         equally far that rounding says which of them count. Of rows of which nothing can be said: "", NaN.
     """
-    prepared = _prepared(model, X)
+    prepared = prepared_by(model.recogniser, X)
     defined = np.isfinite(prepared).all(axis=1)
     classifier, seen = model.recogniser[-1], prepared[defined]
     decisions = class_scores(classifier, seen)
@@ -240,13 +241,6 @@ def check_of(said: Said, i: int) -> dict[str, Any]:
     }
 
 
-def _prepared(model: Model, X: Samples) -> Samples:
-    """Return what the steps before the classifier make of rows of features."""
-    for _, step in model.recogniser.steps[1:-1]:
-        X = X if step in (None, "passthrough") else step.transform(X)
-    return X
-
-
 def _rounding(model: Model, X: Samples, p: Samples, rng: np.random.Generator) -> Samples:
     """Return by how much probabilities may differ by rounding alone, shape (n,).
 
@@ -256,7 +250,7 @@ def _rounding(model: Model, X: Samples, p: Samples, rng: np.random.Generator) ->
     changes, classifier = np.zeros(len(X)), model.recogniser[-1]
     if isinstance(classifier, NearestCentroid):
         deviation = classifier.within_class_std_dev_
-        rows = np.nan_to_num(_prepared(model, X)) / np.where(deviation != 0, deviation, 1.0)
+        rows = np.nan_to_num(prepared_by(model.recogniser, X)) / np.where(deviation != 0, deviation, 1.0)
         changes = 2 * model.calibration.beta * ROUNDING * np.einsum("ij,ij->i", rows, rows)
     for _ in range(N_NUDGES):
         nudged = reference(model, X * (1 + NUDGE * rng.choice([-1.0, 1.0], X.shape)))["probabilities"]

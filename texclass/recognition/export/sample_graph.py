@@ -8,12 +8,14 @@ import numpy as np
 from texclass.features.phase_view import LEAST_PIECE, TURN, PhaseView, UndefinedFeatureError, kept_length
 from texclass.features.plan import Plan
 from texclass.features.sets import Member
+from texclass.recognition.deployed import prepared_by
 from texclass.recognition.export.answers_graph import add_answers
 from texclass.recognition.export.fourier_graphs import irfft, rfft
 from texclass.recognition.export.graph import Graph, OnnxExportError, Tensor, tensor_of
 from texclass.recognition.export.graph_view import GraphView, member_graph, without_graph
+from texclass.recognition.live.stretches import Stretches
 from texclass.recognition.model import Model
-from texclass.recording import STANDARD_GRAVITY, Phases, Recording, Samples
+from texclass.recording import STANDARD_GRAVITY, Recording, Samples
 from texclass.signals import AXIS_PREFERENCE_SINGLE, HAND_SPAN_S
 
 SAMPLES = "samples"
@@ -153,19 +155,8 @@ def windows_in(windows: Windows, n: int | str, *, same_pieces: bool = False) -> 
 
 def recording_of(model: Model, window: Samples) -> Recording:
     """Return a window (n_channels, n_samples) as the recording that a stream makes of it."""
-    rows = np.asarray(window, dtype=np.float64).T.copy()
-    n_axes = len(channels_of(model)) - sum(name in TURN for name in model.plan.channels)
-    if model.manifest.input.remove_resting_level:
-        rows[:, :n_axes] -= np.median(rows[:, :n_axes], axis=0)
-    return Recording(
-        rows[:, 0] if n_axes == 1 else rows[:, :n_axes],
-        model.manifest.fs,
-        model.manifest.unit,
-        "window",
-        turn_rate=rows[:, n_axes:] if n_axes < rows.shape[1] else None,
-        channels=tuple(name for name in model.plan.channels if name not in TURN),
-        phases=Phases(movement=(0, len(rows))),
-    )
+    rows = np.asarray(window, dtype=np.float64).T
+    return Stretches(model, rows.shape[1], model.manifest.fs, model.manifest.unit).window(rows, 0)
 
 
 def _same_pieces(model: Model, n_samples: int) -> bool:
@@ -177,9 +168,7 @@ def _same_pieces(model: Model, n_samples: int) -> bool:
         return False
     rows = np.random.default_rng(0).standard_normal((2, len(model.columns) // n_pieces))
     rows[1] = np.nan
-    prepared = np.repeat(rows, n_pieces, axis=1)
-    for _, step in model.recogniser.steps[1:-1]:
-        prepared = prepared if step in (None, "passthrough") else step.transform(prepared)
+    prepared = prepared_by(model.recogniser, np.repeat(rows, n_pieces, axis=1))
     if prepared.shape[1] % n_pieces:
         return False
     pieces = prepared.reshape(2, -1, n_pieces)
