@@ -108,18 +108,18 @@ def seconds_of(given: list[str] | None) -> dict[str, float]:
     return named_numbers("--seconds", given, "GESTURE=SECONDS, tap=0.5")
 
 
-def _shared(name: str, made: Callable[..., Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def shared(name: str, made: Callable[..., Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return what gives a command the options of a function, whose result the command gets under a name."""
-    shared = inspect.signature(made).parameters
+    given_to_it = inspect.signature(made).parameters
 
     def with_options(command: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(command)
         def called(**given: Any) -> None:
-            told = made(**{option: given.pop(option) for option in shared})
+            told = made(**{option: given.pop(option) for option in given_to_it})
             command(**given, **{name: told})
 
         own = [p for other, p in inspect.signature(command).parameters.items() if other != name]
-        parameters = [*(p.replace(kind=p.KEYWORD_ONLY) for p in own), *shared.values()]
+        parameters = [*(p.replace(kind=p.KEYWORD_ONLY) for p in own), *given_to_it.values()]
         vars(called)["__signature__"] = inspect.Signature(parameters)
         called.__annotations__ = {p.name: p.annotation for p in parameters}
         return called
@@ -165,7 +165,7 @@ def _protocol(
     return f"leave-out {leave_out}" if leave_out else protocol
 
 
-holds_out = _shared("protocol", _protocol)
+holds_out = shared("protocol", _protocol)
 """Gives a command the options that say what trains and what tests; it gets the name of a protocol."""
 
 
@@ -192,7 +192,7 @@ def _reading(
     return {"fs": fs, "unit": unit, "resample": resample, **read}
 
 
-reads_files = _shared("reading", _reading)
+reads_files = shared("reading", _reading)
 """Gives a command the options that say how files are read; it gets them as one mapping."""
 
 

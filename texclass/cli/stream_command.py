@@ -10,61 +10,68 @@ from typing import Annotated, Any
 import typer
 
 from texclass.cli import options
-from texclass.cli.app import command
+from texclass.cli.app import command, told
 from texclass.cli.options import progress_bar
 
 NO_ANSWER = 3
 """Exit code of a stream in which nothing was felt long enough for an answer."""
 
 
-@command("texclass stream surfaces.skops felt.txt --fs 10000 --unit m/s^2")
-def stream(
-    model: Path,
-    source: Annotated[str, typer.Argument()] = "-",
-    older_source: Annotated[str | None, typer.Option("--source", hidden=True)] = None,
+@told
+def _opening(
+    *,
     fs: float | None = None,
     unit: str | None = None,
     resample: bool = False,
     column: options.Column = None,
     delimiter: options.Delimiter = None,
     time_column: options.TimeColumn = None,
-    touch: float | None = None,
-    hop: float | None = None,
-    evidence: str = "sequential",
-    confidence: float = 0.95,
-    stop_when_sure: bool = False,
-    seconds: options.Seconds = None,
-    forget: float | None = None,
-    in_contact: bool | None = None,
-    always_in_contact: bool = False,
     channels: int | None = None,
     paced: bool = False,
-    as_lines: bool = False,
-    json_file: options.Json = None,
-    heartbeat: float = 5.0,
-    domain: int | None = None,
     reliability: str | None = None,
     depth: int | None = None,
-    publish: str | None = None,
-    diagnostics: str | None = None,
-) -> None:
-    """Say which surface is felt while it is felt. Ctrl-C, or SIGTERM, ends it with the final answer.
+) -> dict[str, Any]:
+    """Return how a source is opened.
 
     Parameters
     ----------
-    model
-        A model file that `texclass train` wrote; or a folder of them, one for each gesture (tap.skops,
-        slow_stroke.skops): the stream then says which gesture would tell most.
-    source
-        - (standard input: text, a sample a line), FILE or DATASET:RECORDING, bag:FILE?topic=/NAME,
-        ros2:/TOPIC. Columns: axes of the acceleration, then, where the model needs them, 3 of the turn
-        rate (rad/s), 1 of the friction.
     fs
         Sampling rate of the source in Hz, where it does not state it.
     unit
         Of the source; that of the training files by default.
     resample
         Convert another rate to the model's, band-limited.
+    channels
+        Standard input is little-endian float32 of so many channels, not text.
+    paced
+        Play a file at its own speed.
+    reliability
+        Of ros2:/TOPIC: reliable or 'best effort'; what its publishers offer by default.
+    depth
+        Of ros2:/TOPIC: messages kept until they are taken; 20,000 by default.
+    """
+    read = options.columns_read(column=column, delimiter=delimiter, time_column=time_column)
+    of_topic = {"reliability": reliability, "depth": depth}
+    stated = {"fs": fs, "unit": unit, "resample": resample, "paced": paced, "raw_channels": channels}
+    return {**stated, **read, **of_topic}
+
+
+@told
+def _settings(
+    *,
+    touch: float | None = None,
+    hop: float | None = None,
+    evidence: str = "sequential",
+    confidence: float = 0.95,
+    stop_when_sure: bool = False,
+    forget: float | None = None,
+    in_contact: bool | None = None,
+    always_in_contact: bool = False,
+) -> Any:
+    """Return how a stream is listened to.
+
+    Parameters
+    ----------
     touch
         Seconds of movement of one answer; as trained by default.
     hop
@@ -82,41 +89,11 @@ def stream(
         The stream begins in a movement, or at rest; found out by default.
     always_in_contact
         Wheels and legs: no lift-off, and evidence fades (see --forget).
-    channels
-        Standard input is little-endian float32 of so many channels, not text.
-    paced
-        Play a file at its own speed.
-    as_lines : --jsonl
-        Print one JSON object a line: answers, events, notices, the final answer.
-    heartbeat
-        With --jsonl, a line says every so many seconds that it listens; 0: never.
-    domain
-        DDS domain; $ROS_DOMAIN_ID or 0 by default.
-    reliability
-        Of ros2:/TOPIC: reliable or 'best effort'; what its publishers offer by default.
-    depth
-        Of ros2:/TOPIC: messages kept until they are taken; 20,000 by default.
-    publish
-        Publish answers as JSON (std_msgs/String) on this ROS 2 topic.
-    diagnostics
-        With --publish: diagnostic_msgs/DiagnosticArray on this topic, too.
     """
-    from texclass.cli.stream_view import view_of
-    from texclass.recognition import (
-        AskingSession,
-        OnlineSettings,
-        Session,
-        is_live,
-        load_gestures,
-        load_model,
-        open_source,
-    )
+    from texclass.recognition import OnlineSettings
 
-    if publish:
-        from texclass.recognition import AnswerPublisher  # of the extra `robot`
     kind: Any = evidence
-    source = older_source or source
-    settings = OnlineSettings(
+    return OnlineSettings(
         window_s=touch,
         hop_s=hop,
         evidence=kind,
@@ -126,32 +103,69 @@ def stream(
         assume_contact=in_contact,
         always_in_contact=always_in_contact,
     )
+
+
+@command("texclass stream surfaces.skops felt.txt --fs 10000 --unit m/s^2")
+@options.shared("settings", _settings)
+@options.shared("opening", _opening)
+def stream(
+    model: Path,
+    source: Annotated[str, typer.Argument()] = "-",
+    older_source: Annotated[str | None, typer.Option("--source", hidden=True)] = None,
+    as_lines: bool = False,
+    json_file: options.Json = None,
+    heartbeat: float = 5.0,
+    seconds: options.Seconds = None,
+    publish: str | None = None,
+    diagnostics: str | None = None,
+    domain: int | None = None,
+    *,
+    opening: dict[str, Any],
+    settings: Any,
+) -> None:
+    """Say which surface is felt while it is felt. Ctrl-C, or SIGTERM, ends it with the final answer.
+
+    Parameters
+    ----------
+    model
+        A model file that `texclass train` wrote; or a folder of them, one for each gesture (tap.skops,
+        slow_stroke.skops): the stream then says which gesture would tell most.
+    source
+        - (standard input: text, a sample a line), FILE or DATASET:RECORDING, bag:FILE?topic=/NAME,
+        ros2:/TOPIC. Columns: axes of the acceleration, then, where the model needs them, 3 of the turn
+        rate (rad/s), 1 of the friction.
+    as_lines : --jsonl
+        Print one JSON object a line: answers, events, notices, the final answer.
+    heartbeat
+        With --jsonl, a line says every so many seconds that it listens; 0: never.
+    publish
+        Publish answers as JSON (std_msgs/String) on this ROS 2 topic.
+    diagnostics
+        With --publish: diagnostic_msgs/DiagnosticArray on this topic, too.
+    domain
+        DDS domain; $ROS_DOMAIN_ID or 0 by default.
+    """
+    from texclass.cli.stream_view import view_of
+    from texclass.recognition import AskingSession, Session, is_live, load_gestures, load_model, open_source
+
+    if publish:
+        from texclass.recognition import AnswerPublisher  # of the extra `robot`
+    source = older_source or source
     models = load_gestures(model) if model.is_dir() else {}
     trained = next(iter(models.values())) if models else load_model(model)
-    of_topic: dict[str, Any] = {"reliability": reliability, "depth": depth}
+    rate = trained.manifest.fs if opening.pop("resample") else None
     if source.startswith("ros2:") or not publish:  # else the domain is that of the answers alone
-        of_topic["domain"] = domain
-    blocks = open_source(
-        source,
-        fs=fs,
-        unit=unit,
-        rate=trained.manifest.fs if resample else None,
-        paced=paced,
-        raw_channels=channels,
-        **options.columns_read(column=column, delimiter=delimiter, time_column=time_column),
-        model=trained,
-        **of_topic,
-    )
+        opening["domain"] = domain
+    blocks = open_source(source, rate=rate, model=trained, **opening)
     publisher = AnswerPublisher(publish, diagnostics, domain=domain) if publish else None
-    raw = is_live(source)
+    listening: dict[str, Any] = {"raw": is_live(source), "settings": settings}
     session = (
-        AskingSession(models, raw=raw, settings=settings, seconds=options.seconds_of(seconds))
+        AskingSession(models, seconds=options.seconds_of(seconds), **listening)
         if models
-        else Session(trained, raw=raw, settings=settings)
+        else Session(trained, **listening)
     )
     shown = view_of(session, source, as_lines, heartbeat)
-    if json_file is not None:
-        shown.contacts = {}
+    shown.contacts = None if json_file is None else {}
     answered = _heard(shown, session, blocks, publisher)
     if shown.contacts is not None:
         found = {"source": source, "contacts": [*shown.contacts.values()]}
