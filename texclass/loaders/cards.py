@@ -41,6 +41,11 @@ def _named(given: Any) -> Any:
     return tuple(str(one) if isinstance(one, int) and one is not True else one for one in listed)
 
 
+Factor = Annotated[
+    float,
+    Predicate(bool),
+    Field(ge=-MOST_LARGE, le=MOST_LARGE, description="a finite factor other than 0"),
+]
 Columns = Annotated[
     tuple[str, ...],
     BeforeValidator(_named),
@@ -107,12 +112,8 @@ class Reading(Written):
     fs_hz: float = Field(gt=0, le=MOST_LARGE, description="a rate in Hz above 0")
     unit: Unit
     files: Texts
-    scale: Annotated[float, Predicate(bool)] = Field(
-        default=1.0, ge=-MOST_LARGE, le=MOST_LARGE, description="a finite factor other than 0"
-    )
-    turn_rate_scale: Annotated[float, Predicate(bool)] = Field(
-        default=1.0, ge=-MOST_LARGE, le=MOST_LARGE, description="a finite factor other than 0"
-    )
+    scale: Factor = 1.0
+    turn_rate_scale: Factor = 1.0
     phases: DeclaredPhases = "detect"
     remove_resting_level: bool = False
 

@@ -145,15 +145,11 @@ def choose_acceleration(names: Sequence[str], path: Path) -> tuple[str, ...]:
         return tuple(others)
     if not others:
         raise refused(path, "holds no column", "at least one, of numbers")
-    is_parted = tuple(names) == ("c1", "c2")
-    raise refused(
-        path,
-        f"its columns are {listed(names)}",
-        f"to say which hold the acceleration, by name or number: --column {','.join(others[:3])} "
-        "(`acceleration` under [channels] in a card)"
-        + ", or --delimiter ';' where 0,98 is one number"
-        * is_parted,
-    )
+    rule = f"to say which hold the acceleration, by name or number: --column {','.join(others[:3])} "
+    rule += "(`acceleration` under [channels] in a card)"
+    if tuple(names) == ("c1", "c2"):
+        rule += ", or --delimiter ';' where 0,98 is one number"
+    raise refused(path, f"its columns are {listed(names)}", rule)
 
 
 def numbered(wanted: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:

@@ -115,28 +115,20 @@ def doubts(
             if share >= CLIPPED_SHARE:
                 found.append(f"clipped: {100 * share:.1f} % of the samples of the {name} at full scale")
     acceleration = named[UNNAMED]
-    if (
-        unit not in ACCELERATION_UNITS
-        or acceleration.shape[1:] != (3,)
-        or any(s.startswith("unit:") for s in said)
-    ):
+    is_told = any(one.startswith("unit:") for one in said)
+    if unit not in ACCELERATION_UNITS or acceleration.shape[1:] != (3,) or is_told:
         return tuple(found)
     n = max(1, min(round(RESTING_BLOCK_S * fs), len(acceleration)))
     blocks = acceleration[: len(acceleration) // n * n].reshape(-1, n, 3).mean(axis=1)
     level = float(np.median(np.linalg.norm(blocks, axis=1))) * abs(scale)
-    gravities = level * ACCELERATION_UNITS[unit] / STANDARD_GRAVITY
-    meant = [
-        other
-        for other, factor in ACCELERATION_UNITS.items()
-        if abs(level * factor / STANDARD_GRAVITY - 1) <= SAME_LEVEL
-    ]
-    if not (OWN_GRAVITY[0] <= gravities <= OWN_GRAVITY[1]):
-        rests = (
-            f"unit: rests at {level:.3g} {unit}, gravity is {STANDARD_GRAVITY / ACCELERATION_UNITS[unit]:.3g}"
-        )
+    gravities = {other: level * size / STANDARD_GRAVITY for other, size in ACCELERATION_UNITS.items()}
+    meant = next((other for other, times in gravities.items() if abs(times - 1) <= SAME_LEVEL), None)
+    if not OWN_GRAVITY[0] <= gravities[unit] <= OWN_GRAVITY[1]:
+        gravity = STANDARD_GRAVITY / ACCELERATION_UNITS[unit]
+        rests = f"unit: rests at {level:.3g} {unit}, gravity is {gravity:.3g}"
         if meant:
-            found.append(f"{rests}: is it in {meant[0]}? (--unit {meant[0]}, `unit` in a card)")
-        elif gravities > NO_GRAVITY:
+            found.append(f"{rests}: is it in {meant}? (--unit {meant}, `unit` in a card)")
+        elif gravities[unit] > NO_GRAVITY:
             found.append(f"{rests} or none: are unit, scale and columns right?")
     return tuple(found)
 
@@ -163,11 +155,8 @@ def doubtful_levels(files: Iterable[Sequence[str]]) -> list[str]:
     for parts in files:
         below.setdefault(parts[0], set()).update(parts[1:2] if len(parts) > 2 else ())
     shared = set.intersection(*below.values()) if below else set()
-    if (
-        len(below) < 2
-        or len(shared) < 2
-        or not (len(shared) > len(below) or all(map(_SESSION.fullmatch, below)))
-    ):
+    are_sessions = len(shared) > len(below) or all(map(_SESSION.fullmatch, below))
+    if min(len(below), len(shared)) < 2 or not are_sessions:
         return []
     labels, inside = (", ".join(sorted(names)[:4]) for names in (below, shared))
     return [

@@ -53,9 +53,7 @@ def open_simulated(recipe: Recipe, **about: Any) -> Dataset:
     input_hash = recipe.fingerprint()
     made_by = hashlib.sha256(f"{input_hash} numpy {np.__version__}".encode()).hexdigest()[:16]
     return Dataset(
-        entries=tuple(
-            Entry(id_, surface, operator, repetition=k) for id_, surface, operator, k in recipe.entries()
-        ),
+        entries=_entries(recipe),
         load=partial(load_simulated, recipe, cache_root() / "simulated" / made_by),
         input_hash=input_hash,
         **about,
@@ -73,8 +71,11 @@ def open_gestures(recipe: Recipe, gesture: str) -> Dataset:
         One of `texclass.simulate.GESTURES`.
     """
     made_by = hashlib.sha256(f"{recipe.fingerprint()} {gesture}".encode()).hexdigest()
-    entries = tuple(Entry(id_, surface, who, repetition=k) for id_, surface, who, k in recipe.entries())
-    return Dataset(gesture, entries, partial(_made_on_demand, recipe, gesture), made_by)
+    return Dataset(gesture, _entries(recipe), partial(_made_on_demand, recipe, gesture), made_by)
+
+
+def _entries(recipe: Recipe) -> tuple[Entry, ...]:
+    return tuple(Entry(id_, surface, who, repetition=k) for id_, surface, who, k in recipe.entries())
 
 
 def _made_on_demand(recipe: Recipe, gesture: str, entry: Entry) -> Recording:
