@@ -215,6 +215,21 @@ def test_a_spoiled_file_is_refused_in_one_line(content, tmp_path, case):
     assert "\n" not in str(error.value)
 
 
+def test_an_effect_of_the_library_that_refers_to_none_is_not_played(content):
+    perception = content["perceptions"][0]
+    effect = {
+        "effect_type": "Composite",
+        "id": 4,
+        "position": 0,
+        "composition": [{"effect_type": "Reference", "position": 0, "id": 9}],
+    }
+    perception["effect_library"] = [effect]
+    band = perception["channels"][0]["bands"][0]
+    band["effects"] = [{"effect_type": "Reference", "position": 0, "id": 4}]
+    with pytest.raises(ValueError, match="effect 9 is referred to; the rule is one of the library"):
+        play_hjif(Haptics.model_validate_json(json.dumps(content)))
+
+
 @pytest.mark.parametrize("way", [(*C, "direction"), (*B, "curve_type"), (*B, "effects", 0, "id")])
 def test_null_is_no_value_as_the_reference_has_it(content, way):
     put(content, way, None)

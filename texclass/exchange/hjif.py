@@ -14,7 +14,7 @@ that knows its actuator can show the true level.
 import base64
 import binascii
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, Self
 
@@ -173,6 +173,11 @@ class Perception(Stated):
     unit_exponent: int = Field(default=-3, ge=-128, le=127)
     perception_unit_exponent: int = Field(default=0, ge=-30, le=30)
 
+    @property
+    def library(self) -> dict[int | None, Effect]:
+        """What references refer to, by id."""
+        return {one.id: one for one in self.effect_library}
+
     @model_validator(mode="after")
     def _consistent(self) -> "Perception":
         for what, parts in (("channel", self.channels), ("reference device", self.reference_devices)):
@@ -186,7 +191,7 @@ class Perception(Stated):
                 )
             for band in channel.bands:
                 for effect in band.effects:
-                    _check_references(effect, {one.id for one in self.effect_library})
+                    _check_references(effect, self.library)
         return self
 
 
@@ -279,9 +284,8 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
     """
     columns = []
     for perception in haptics.perceptions:
-        library = {one.id: one for one in perception.effect_library if one.id is not None}
         for channel in perception.channels:
-            effects = [[*basis_effects(band.effects, library)] for band in channel.bands]
+            effects = [[*basis_effects(band.effects, perception.library)] for band in channel.bands]
             if sum(map(len, effects)) > MOST_EFFECTS:
                 raise ValueError(f"a channel has over {MOST_EFFECTS} effects; the rule is at most so many")
             columns.append((channel, 10.0**perception.perception_unit_exponent * channel.gain, effects))
@@ -298,7 +302,7 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
 
 
 def basis_effects(
-    effects: Sequence[Effect], library: dict[int, Effect], at: int = 0, depth: int = 0
+    effects: Sequence[Effect], library: Mapping[int | None, Effect], at: int = 0, depth: int = 0
 ) -> Iterator[tuple[int, Effect]]:
     """Yield ticks and basis effects, compositions taken apart and references looked up."""
     if depth > DEEPEST:
@@ -306,7 +310,7 @@ def basis_effects(
     for effect in effects:
         begin = at + effect.position
         if effect.effect_type == "Reference":
-            found = library[effect.id or 0].model_copy(update={"position": 0})
+            found = _referred(effect, library).model_copy(update={"position": 0})
             yield from basis_effects([found], library, begin, depth + 1)
         elif effect.effect_type == "Composite":
             yield from basis_effects(effect.composition, library, begin, depth + 1)
@@ -419,12 +423,18 @@ def _different(what: str, ids: Sequence[int | None]) -> None:
         raise ValueError(f"a {what} id is given twice; the rule is once")
 
 
-def _check_references(effect: Effect, library: set[int | None], depth: int = 0) -> None:
-    if depth > DEEPEST:
-        raise ValueError(f"effects stand in each other over {DEEPEST} deep; the rule is at most so")
-    if effect.effect_type == "Reference" and effect.id not in library:
+def _referred(effect: Effect, library: Mapping[int | None, Effect]) -> Effect:
+    if effect.id not in library:
         raise ValueError(
             f"effect {effect.id} is referred to; the rule is one of the library, {sorted(map(str, library))}"
         )
+    return library[effect.id]
+
+
+def _check_references(effect: Effect, library: Mapping[int | None, Effect], depth: int = 0) -> None:
+    if depth > DEEPEST:
+        raise ValueError(f"effects stand in each other over {DEEPEST} deep; the rule is at most so")
+    if effect.effect_type == "Reference":
+        _referred(effect, library)
     for inner in effect.composition:
         _check_references(inner, library, depth + 1)

@@ -59,11 +59,9 @@ def texture_of(rendition: Rendition) -> tuple[Stored, dict[str, str]]:
     if rendition.friction and rendition.lines.size:
         lost["friction"] = f"{rendition.friction:g}: major frequencies have none"
     if rendition.lines.size:
-        lines = MajorFrequencies(*rendition.lines.T)
+        lines, speeds = MajorFrequencies(*rendition.lines.T), np.array([v / 2, 2 * v])
         peak = float(lines.amplitude.sum())
-        return FrequencyTexture(
-            np.array([v / 2, 2 * v]), (lines, lines), peak, rendition.fs, rendition.name
-        ), lost
+        return FrequencyTexture(speeds, (lines, lines), peak, rendition.fs, rendition.name), lost
     order = min(ORDER, x.size // 10)
     if order < 1 or not 0 < np.abs(x).max() < LARGEST or np.all(x == x[0]):
         raise ValueError(
@@ -93,17 +91,14 @@ def rendition_of(haptics: Haptics) -> Rendition:
     rough = [one for one in haptics.perceptions if one.perception_modality == "Friction"][:1]
     if not felt:
         raise ValueError("it holds no vibration; the rule is a Vibrotactile perception")
-    channel, library = (
-        felt[0].channels[0],
-        {one.id: one for one in felt[0].effect_library if one.id is not None},
-    )
+    channel = felt[0].channels[0]
     told = _TOLD.fullmatch(felt[0].description)
     name, (speed, force, unit) = haptics.description, USUAL
     if told and told[4] in UNITS:
         name, speed, force, unit = told[1], float(told[2]), float(told[3] or 0), told[4]
     check_above_0(speed=speed)
     kinds = {band.band_type for band in channel.bands}
-    effects = [one for band in channel.bands for one in basis_effects(band.effects, library)]
+    effects = [one for band in channel.bands for one in basis_effects(band.effects, felt[0].library)]
     gain = 10.0 ** felt[0].perception_unit_exponent * channel.gain
     taps = _taps(effects if kinds == {"Transient"} else [], gain, haptics.timescale)
     lines = _lines(effects if kinds == {"VectorialWave"} else [], gain)

@@ -201,10 +201,8 @@ def _reach(texture: Playable) -> tuple[tuple[float, float], tuple[float, float]]
         v, f = (axis[axis > 0] for axis in (mesh.speed, mesh.force))
         return (float(v.min()), float(v.max())), (float(f.min()), float(f.max()))
     if (frame := getattr(texture, "frame", None)) is not None:
-        return (max(frame.slow, frame.fastest / 10), frame.fastest), (
-            max(frame.light, frame.hardest / 10),
-            frame.hardest,
-        )
+        slowest, lightest = max(frame.slow, frame.fastest / 10), max(frame.light, frame.hardest / 10)
+        return (slowest, frame.fastest), (lightest, frame.hardest)
     if (scaling := getattr(texture, "scaling", None)) is not None:
         force = scaling.force or 1.0
         return (scaling.speed / 2, 2 * scaling.speed), (force / 2, 2 * force)

@@ -132,9 +132,7 @@ def describe(path: str | Path) -> dict[str, Any]:
         header, arrays = read_container(path)
         written = {"written by": f"texclass {header.texclass}"}
         origin = {"format": f"texclass texture {header.version}", **written}
-    shapes: dict[
-        str, list[int]
-    ] = {}  # by the last part of the name; where several share it, how many numbers
+    shapes = dict[str, list[int]]()  # by the last part of the name; where several share it, how many numbers
     for name, array in arrays.items():
         last = name.rpartition(".")[2]
         shapes[last] = [int(np.prod(shapes[last])) + array.size] if last in shapes else list(array.shape)

@@ -170,8 +170,8 @@ def play_path(scene: PlannedScene, path: HandPath, *, seed: int = 0) -> Played:
         If the path meets a surface that the scene does not have.
     """
     velocity, force, surfaces = path.at_rate(scene.fs)
-    if unknown := sorted({name for name in surfaces if name is not None} - set(scene.assigned)):
-        raise ValueError(f"surface is {unknown[0]!r}; the rule is one of {', '.join(scene.assigned)}")
+    for name in sorted({name for name in surfaces if name is not None}):
+        scene.index_of(name)
     renderer = SceneRenderer(scene, n_contacts=1, seed=seed)
     samples, took = np.empty((2, force.size))
     motion = zip(velocity[:, 0].tolist(), velocity[:, 1].tolist(), force.tolist(), surfaces, strict=True)
@@ -192,9 +192,7 @@ def sweep_of(scene: PlannedScene) -> HandPath:
     """Return the default path over all surfaces, within the speeds and forces of their models."""
     models = [model for model in scene.models if model.kind != "silence"]
     ends = [
-        (min(float(axis[0]) for axis in axes), max(float(axis[-1]) for axis in axes))
-        if axes
-        else (50.0, 150.0)
-        for axes in ([m.speeds for m in models], [m.forces for m in models])
+        (float(np.min(nodes)), float(np.max(nodes))) if nodes else (50.0, 150.0)
+        for nodes in ([v for m in models for v in m.speeds], [f for m in models for f in m.forces])
     ]
     return sweep(list(scene.assigned), *ends, fs=scene.fs)

@@ -85,11 +85,15 @@ class PlannedScene(Stored):
             found = f"{len(odd[0].axes)} axes, scale {odd[0].scale!r}"
             raise ValueError(f"a model has {found}; the rule is speed and force, 'log'")
 
-    def model_of(self, surface: str) -> GridModel:
-        """Return the model of a surface."""
+    def index_of(self, surface: str) -> int:
+        """Return which model a surface has."""
         if surface not in self.assigned:
             raise ValueError(f"surface is {surface!r}; the rule is one of {', '.join(self.assigned)}")
-        return self.models[self.assigned[surface]]
+        return self.assigned[surface]
+
+    def model_of(self, surface: str) -> GridModel:
+        """Return the model of a surface."""
+        return self.models[self.index_of(surface)]
 
     @property
     def n_bytes(self) -> int:
@@ -183,7 +187,7 @@ class SceneRenderer:
         if n < 1:
             raise ValueError(f"n_contacts is {n}; the rule is at least 1")
         self.fs, self.n_contacts, self._seed = scene.fs, n, seed
-        self._models: Mapping[str, int] = dict(scene.assigned)
+        self._scene = scene
         bank, index = packed(scene)
         columns = max(model.rows.shape[-1] for model in scene.models)
         self._state = np.zeros((n, kernels.VOICES + 6 * (columns + 1)))
@@ -297,11 +301,7 @@ class SceneRenderer:
         return found
 
     def _model(self, surface: str | None) -> int:
-        if surface is None:
-            return kernels.NONE
-        if surface not in self._models:
-            raise ValueError(f"surface is {surface!r}; the rule is one of {', '.join(self._models)}")
-        return self._models[surface]
+        return kernels.NONE if surface is None else self._scene.index_of(surface)
 
     def _checked(self, contact: int) -> int:
         if not 0 <= contact < self.n_contacts:

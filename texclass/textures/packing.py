@@ -12,25 +12,10 @@ from texclass.features.phase_view import TapView, UndefinedFeatureError, Views
 from texclass.phases import segment
 from texclass.recording import UNITS, Recording, Samples
 from texclass.signals import combine
+from texclass.textures import packed
 from texclass.textures.contract import Texture, constant_stroke
 from texclass.textures.grid import shares
-from texclass.textures.packed import (
-    ENDS,
-    LIGHT_N,
-    MODES,
-    MOST_BYTES,
-    MOST_MODES,
-    MOST_MU,
-    REST_MM_S,
-    PackedTexture,
-    encode,
-    falling,
-    header,
-    held,
-    mode_codes,
-    modes_of,
-    reflection_of,
-)
+from texclass.textures.packed import PackedTexture
 from texclass.textures.scan import Scan
 from texclass.vibration import recursions
 from texclass.vibration.autoregressive import from_autocorrelation
@@ -89,11 +74,11 @@ def pack(
     ValueError
         If a rule is broken, the source is silent, or shorter than a piece of 0.125 s.
     """
-    if not LEAST_BYTES <= n_bytes <= MOST_BYTES:
-        raise ValueError(f"bytes are {n_bytes}; the rule is {LEAST_BYTES} to {MOST_BYTES}")
+    if not LEAST_BYTES <= n_bytes <= packed.MOST_BYTES:
+        raise ValueError(f"bytes are {n_bytes}; the rule is {LEAST_BYTES} to {packed.MOST_BYTES}")
     if unit not in UNITS:
         raise ValueError(f"unit is {unit!r}; the rule is one of {', '.join(UNITS)}")
-    most, name = min(n_bytes // BYTES_A_MODE, MOST_MODES), name or str(getattr(source, "name", ""))
+    most, name = min(n_bytes // BYTES_A_MODE, packed.MOST_MODES), name or str(getattr(source, "name", ""))
     tap = source.tap.strongest(most) if isinstance(source, PackedTexture) else None
     mu = float(getattr(source, "mu", 0.0))
     if isinstance(source, Recording):
@@ -104,8 +89,8 @@ def pack(
     seen = _seen(pieces, rate, gain_db, most_hz)
     facts: dict[str, Any] = {
         "unit": unit,
-        "modes": [] if tap is None else mode_codes(tap),
-        "mu": min(mu, MOST_MU),
+        "modes": [] if tap is None else packed.mode_codes(tap),
+        "mu": min(mu, packed.MOST_MU),
     }
     facts |= {key: seen[key] for key in ("fs", "level_db", "slopes_db", "ends")}
     k = from_autocorrelation(np.fft.irfft(seen["spectra"], axis=-1)[:, : min(MOST_ORDER, seen["most"]) + 1])
@@ -115,9 +100,9 @@ def pack(
     for bits in _allocations(8 * n_bytes, facts, k.order):
         steps, share = 2 ** np.array(bits), np.arcsin(k.reflection[:, : len(bits)]) / np.pi + 0.5
         codes = np.clip(np.floor(share * steps), 0, steps - 1).astype(np.int64)
-        cost = _cost(reflection_of(codes, bits), seen, facts["fs"])
+        cost = _cost(packed.reflection_of(codes, bits), seen, facts["fs"])
         if cost < least:
-            best, least = encode(facts | {"bits": bits, "codes": codes.tolist()}), cost
+            best, least = packed.encode(facts | {"bits": bits, "codes": codes.tolist()}), cost
     if not best:
         raise ValueError(f"bytes are {n_bytes}; the rule is more of them for several speeds: 16 at least")
     return PackedTexture.from_bytes(best, name)
@@ -150,7 +135,7 @@ def _ringing(x: Samples, fs: float, most: int) -> DecayingModes:
 
     A mode is Re(s exp((2 pi i f - B) t)); of all f and B that can be written, that whose best s leaves least.
     """
-    f, B = (2.0 ** steps.number(np.arange(1 << steps.bits)) for steps in MODES[:2])
+    f, B = (2.0 ** steps.number(np.arange(1 << steps.bits)) for steps in packed.MODES[:2])
     t = np.arange(x.size) / fs
     turns = np.exp(-2j * np.pi * np.outer(f[f < fs / 2], t))
     fades = np.exp(-np.outer(t, B))
@@ -158,13 +143,13 @@ def _ringing(x: Samples, fs: float, most: int) -> DecayingModes:
     codes: list[list[int]] = []
     for _ in range(3 * most):
         others = codes if len(codes) < most else codes[1:]
-        left = x - modes_of(others).synthesize(x.size, fs)
+        left = x - packed.modes_of(others).synthesize(x.size, fs)
         c = turns @ (left[:, np.newaxis] * fades)
         s = 2 * (c * g - np.conj(c) * h) / np.maximum(g**2 - np.abs(h) ** 2, 1e-9 * g**2)
         j, k = np.unravel_index(np.argmax((np.conj(s) * c).real), s.shape)
         best = DecayingModes(f[j], B[k], np.abs(s[j, k]), np.angle(s[j, k]))
-        codes = [*others, *mode_codes(best)]
-    return modes_of(codes).strongest(most)
+        codes = [*others, *packed.mode_codes(best)]
+    return packed.modes_of(codes).strongest(most)
 
 
 def _pieces(source: Any, fs: float | None) -> tuple[list[tuple[Samples, float, float]], float]:
@@ -179,7 +164,7 @@ def _pieces(source: Any, fs: float | None) -> tuple[list[tuple[Samples, float, f
     if isinstance(source, Scan):
         tracks = [_cut(x, source.fs) for x in (source.acceleration, source.speed, source.force)]
         means = [(x, float(v.mean()), float(f.mean())) for x, v, f in zip(*tracks, strict=True)]
-        moved = [piece for piece in means if piece[1] >= REST_MM_S and piece[2] >= LIGHT_N]
+        moved = [piece for piece in means if piece[1] >= packed.REST_MM_S and piece[2] >= packed.LIGHT_N]
         if len(moved) < 8:
             raise ValueError(f"scan has {len(moved)} pieces of {FRAME_S} s in motion; the rule is at least 8")
         return moved, source.fs
@@ -240,7 +225,7 @@ def _law(power: Samples, speed: Samples, force: Samples) -> dict[str, Any]:
     """
     at = np.log2([speed, force])
     ends = [float(q) for axis in at for q in np.quantile(axis, [0.05, 0.95])]
-    ends = [ENDS.number(ENDS.code(e)) for e in ends]
+    ends = [packed.ENDS.number(packed.ENDS.code(e)) for e in ends]
     middle = np.array([(ends[0] + ends[1]) / 2, (ends[2] + ends[3]) / 2])
     H = np.column_stack([np.ones(speed.size), (at - middle[:, np.newaxis]).T])
     H[:, 2] *= ends[3] - ends[2] >= 0.5
@@ -255,13 +240,13 @@ def _law(power: Samples, speed: Samples, force: Samples) -> dict[str, Any]:
 def _allocations(n_bits: int, facts: dict[str, Any], most: int) -> list[tuple[int, ...]]:
     """Return bits of each coefficient, falling from the first to the last, that fit into so many bits."""
     n_nodes = 1 if facts["ends"] is None else 2
-    left = n_bits // 8 * 8 - 8 * len(held(facts)) - 16 - len(header(facts, [1]))
+    left = n_bits // 8 * 8 - 8 * len(packed.held(facts)) - 16 - len(packed.header(facts, [1]))
     found = []
     for first, last in product(range(2, MOST_BITS + 1), range(2, MOST_BITS + 1)):
         fits = [
             bits
             for order in range(1, min(MOST_ORDER, most) + 1)
-            if sum(bits := falling(first, last, order)) * n_nodes <= left
+            if sum(bits := packed.falling(first, last, order)) * n_nodes <= left
         ]
         if first >= last and fits:
             chosen = {round(len(fits) * part) for part in (1.0, 0.85, 0.7, 0.5, 0.35, 0.2)}

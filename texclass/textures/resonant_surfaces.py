@@ -125,7 +125,7 @@ SURFACES = (
 
 def surface(name: str) -> ResonantSurface:
     """Return the surface of a name, S1 ... S9."""
-    for each in SURFACES:
-        if each.name == name:
-            return each
-    raise ValueError(f"surface is {name!r}; the rule is one of {', '.join(s.name for s in SURFACES)}")
+    known = {each.name: each for each in SURFACES}
+    if name not in known:
+        raise ValueError(f"surface is {name!r}; the rule is one of {', '.join(known)}")
+    return known[name]

@@ -15,7 +15,7 @@ from texclass.signals import positive
 from texclass.textures.abdulali2016.model_points import MOTION_HZ, STEEPEST, Loudness, level_of
 from texclass.textures.contract import Texture, freeze
 from texclass.textures.gliding import GlidingRenderer
-from texclass.textures.grid import GridModel, cell
+from texclass.textures.grid import GridModel, cell, warped
 from texclass.vibration import line_spectrum
 
 LIMIT = 2.0
@@ -384,7 +384,7 @@ class BakedTexture(Texture):
     def renderer(self, *, seed: int = 0) -> GlidingRenderer:
         """Return a renderer at rest."""
         frame, grid = self.frame, self.grid
-        axes = tuple(np.sign(axis) * np.sqrt(np.abs(axis)) for axis in grid.axes)
+        axes = tuple(warped(axis, "root") for axis in grid.axes)
         level = np.sqrt(grid.power)[..., np.newaxis]
         nodes = np.concatenate([grid.rows, level], axis=-1).reshape(-1, self.order + 1)
         bounds = (*np.maximum([frame.fastest, frame.hardest, frame.slow, frame.light], 1e-12), frame.loudest)

@@ -139,6 +139,7 @@ def profile_of(
 
 RING_S = 0.5
 """A filter has fallen by 60 dB after that long, at the latest."""
+LEAST_DECAY = float(np.log(1000) / RING_S)
 MAX_POLES = 24
 """Largest order of a filter: it bounds what a feature costs to render, and to fit."""
 CANCELLING = 100.0
@@ -284,7 +285,7 @@ def fit_sinusoid(piece: Samples, fs: float) -> DecayingModes:
     if piece.size < 2 or not np.any(piece):  # every shape begins with 0
         return NONE
     t = np.arange(piece.size) / fs
-    low = np.log([_least_decay(), 0.25 / max(t[-1], 1 / fs)])
+    low = np.log([LEAST_DECAY, 0.25 / max(t[-1], 1 / fs)])
     high = np.log([2 * fs, 0.49 * fs])
     for _ in range(5):
         B, f = (np.exp(axis) for axis in np.meshgrid(*np.linspace(low, high, 24).T))
@@ -299,9 +300,9 @@ def fit_sinusoid(piece: Samples, fs: float) -> DecayingModes:
 
 def _bounded(modes: DecayingModes, x: Samples, fs: float) -> DecayingModes:
     """Return the modes, those that decay too slowly made faster, all amplitudes then fitted again."""
-    if not modes.n_modes or modes.decay_per_s.min() >= _least_decay():
+    if not modes.n_modes or modes.decay_per_s.min() >= LEAST_DECAY:
         return modes
-    f, B = modes.frequency_hz, np.maximum(modes.decay_per_s, _least_decay())
+    f, B = modes.frequency_hz, np.maximum(modes.decay_per_s, LEAST_DECAY)
     t = np.arange(x.size)[:, np.newaxis] / fs
     s = np.exp((-B + 2j * np.pi * f) * t)
     turning = (f > 0) & (f < fs / 2)
@@ -309,10 +310,6 @@ def _bounded(modes: DecayingModes, x: Samples, fs: float) -> DecayingModes:
     amplitude = c[: f.size].astype(np.complex128)
     amplitude[turning] += 1j * c[f.size :]
     return DecayingModes(f, B, np.abs(amplitude), np.angle(amplitude))
-
-
-def _least_decay() -> float:
-    return float(np.log(1000) / RING_S)
 
 
 def _ring_samples(fs: float) -> int:

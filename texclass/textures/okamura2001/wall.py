@@ -230,11 +230,8 @@ class WallRenderer:
         """
         x = np.ascontiguousarray(depth_mm, dtype=np.float64)
         v = np.ascontiguousarray(velocity_mm_s, dtype=np.float64)
-        if (
-            np.ndim(depth_mm) != 1
-            or x.shape != v.shape
-            or not (np.isfinite(x).all() and np.isfinite(v).all())
-        ):
+        fits = np.ndim(depth_mm) == 1 and x.shape == v.shape
+        if not (fits and np.isfinite([x, v]).all()):
             raise ValueError(f"depth {x.shape} and velocity {v.shape}; the rule is (n,) finite values each")
         out = np.empty(x.size)
         p = self._pole
