@@ -149,28 +149,6 @@ def test_folds_that_all_agree_but_for_rounding_cannot_be_judged_and_one_fold_is_
         corrected_resampled_t([0.1], 0.5)
 
 
-def test_the_corrected_test_is_wrong_as_rarely_as_it_says_where_the_plain_one_is_not():
-    # Two classifiers of equal skill: nearest mean on either of two columns that say the same.
-    def difference_in_folds(rng, n=60, n_folds=5, n_repeats=4):
-        y = np.repeat([0, 1], n // 2)
-        X = y[:, None] * 1.0 + rng.normal(size=(n, 2))
-        found = []
-        for _ in range(n_repeats):
-            for test in np.array_split(rng.permutation(n), n_folds):
-                train = np.setdiff1d(np.arange(n), test)
-                middle = (X[train][y[train] == 0].mean(axis=0) + X[train][y[train] == 1].mean(axis=0)) / 2
-                hits = (X[test] > middle) == (y[test] == 1)[:, None]
-                found.append(hits[:, 0].mean() - hits[:, 1].mean())
-        return found
-
-    rng = np.random.default_rng(0)
-    trials = [difference_in_folds(rng) for _ in range(300)]
-    plain = np.mean([corrected_resampled_t(d, 0.0)[1] < 0.05 for d in trials])
-    corrected = np.mean([corrected_resampled_t(d, 1 / 4)[1] < 0.05 for d in trials])
-    assert plain > 0.15
-    assert corrected < 0.08
-
-
 def test_mcnemar_is_a_fair_coin_over_discordant_recordings():
     assert exact_mcnemar(0, 0) == 1.0
     for gained, lost in ((3, 0), (7, 2), (12, 30)):

@@ -97,16 +97,6 @@ def test_each_channel_gives_the_columns_of_that_channel_alone():
         each.transform([recording.with_(channels=("a", "b", "d"))])
 
 
-def test_axes_of_a_turn_rate_are_channels_too():
-    turning = [exploration(seed, turn_rate=noise(3000, 9).reshape(1000, 3)) for seed in (0, 1)]
-    bands = load_feature_set("coarse").restricted_to(["band_level", "octave_level"])
-    extractor = FeatureExtractor(bands, channels="all").fit(turning)
-    values = extractor.transform(turning)
-    assert values.shape == (2, 6 * 15)
-    assert np.isfinite(values).all()
-    assert "turn_z/band_level.b12" in extractor.get_feature_names_out()
-
-
 def as_recording(x, unit="arbitrary", **facts):
     return Recording(x, FS, unit, phases=Phases(movement=(0, len(x))), **facts)
 

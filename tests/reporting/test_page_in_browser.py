@@ -38,11 +38,6 @@ CONTRASTS = """(() => {
   }
   return found.sort((a, b) => a[0] - b[0]);
 })()"""
-NAMED = """[...document.querySelectorAll("svg, img")].filter((picture) => {
-  if (picture.closest("[aria-hidden=true]")) return false;
-  const ids = (picture.getAttribute("aria-labelledby") ?? "").split(" ");
-  return !ids.every((id) => document.getElementById(id)?.textContent.trim());
-}).length"""
 FOCUSED = """(() => {
   const e = document.activeElement, all = [...document.querySelectorAll("*")];
   const mark = e.querySelector?.("use, path");
@@ -73,11 +68,6 @@ def test_text_stands_out_from_what_is_behind_it(browser, path, scheme):
     assert found[0][0] >= 4.5, found[:3]
     ground = browser.run("getComputedStyle(document.body).backgroundColor")
     assert (ground == "rgb(255, 255, 255)") == (scheme == "light")
-
-
-def test_every_picture_is_named_by_text_on_the_page(browser, path):
-    browser.open(path)
-    assert browser.run(NAMED) == 0
 
 
 def test_the_tab_key_goes_down_the_page_and_what_has_the_focus_is_seen(browser, path):
@@ -138,12 +128,6 @@ def test_on_a_phone_a_row_begins_with_its_name_and_accuracy_and_captions_are_not
     assert browser.run(f"{table}.tBodies[0].rows[0].cells[1].textContent").startswith("90.0")
     assert browser.run(right) <= 360
     assert browser.run(f"{table}.caption.getBoundingClientRect().right") <= 360
-
-
-def test_hostile_names_ran_nothing(browser, path):
-    browser.open(path)
-    assert browser.run("document.querySelectorAll('script').length") == 1
-    assert "alert" in browser.run("document.querySelector('table.matrix').textContent")
 
 
 def test_a_heading_sorts_its_column_by_click_and_by_key(browser, path):
