@@ -7,12 +7,15 @@ import pytest
 from onnxruntime import InferenceSession
 from toy_noises import write_plates
 
+from texclass.experiment.feature_table import metadata
+from texclass.experiment.protocols import find_protocol
 from texclass.features import load_feature_set
 from texclass.loaders import open_dataset
 from texclass.recognition import SmallLimits, embedded, embedded_tradeoff, load_model
 from texclass.recognition.embedded import chosen_of, front_of
 from texclass.recognition.export.graph import Graph, Tensor, tensor_of
 from texclass.recognition.export.sample_graph import Windows
+from texclass.recognition.holding_out import HoldingOut
 from texclass.recognition.small_computers import cut_of, decisions_of, in_bits, rounded, shortened, work_of
 from texclass.reporting.result_files import read_document
 from texclass.tradeoff.front import knee
@@ -97,6 +100,10 @@ def told(plates, _own_cache):
     )  # fmt: skip
 
 
+def at_random(recordings):
+    return HoldingOut(metadata(recordings.entries), find_protocol("recording"), "asked for", True, 0)
+
+
 def test_features_of_the_graph_in_single_precision_are_those_of_texclass(plates):
     recordings = open_dataset(plates / "plates", unit="arbitrary")
     features = load_feature_set(plates / "few.toml").restricted_to(["band_level", "slope_level"])
@@ -104,9 +111,9 @@ def test_features_of_the_graph_in_single_precision_are_those_of_texclass(plates)
     from texclass.features.plan import Plan
 
     windows = Windows(Plan.of(features, ()), ("acceleration",), 0, 1000.0, "arbitrary", False)
-    cut = cut_of(recordings, windows, 0.25, 0.25, 1.0)
+    cut = cut_of(recordings, windows, 0.25, 0.25, 1.0, at_random(recordings))
     table = extract_table(touches(recordings, 0.25), features, plates / "table.parquet")
-    assert cut.frame["recording_id"].tolist() == table.frame["recording_id"].tolist()
+    assert cut.tests.table["recording_id"].tolist() == table.frame["recording_id"].tolist()
     both = np.isfinite(table.values)
     np.testing.assert_allclose(cut.X[32, 32][both], table.values[both], atol=1e-4)
     errors = [np.nanmax(abs(cut.X[word] - cut.X[32, 32])) for word in ((16, 16), (8, 8))]
@@ -118,7 +125,8 @@ def test_a_transform_that_features_share_is_bought_once(plates):
     from texclass.features.plan import Plan
 
     windows = Windows(Plan.of(features, ()), ("acceleration",), 0, 1000.0, "arbitrary", False)
-    costs = cut_of(open_dataset(plates / "plates", unit="arbitrary"), windows, 0.25, 1.0, 1.0).costs
+    recordings = open_dataset(plates / "plates", unit="arbitrary")
+    costs = cut_of(recordings, windows, 0.25, 1.0, 1.0, at_random(recordings)).costs
     of = {name: [c for c in costs.columns if c.startswith(name)] for name in ("band", "octave", "slope")}
     alone = {name: costs.cost(columns) for name, columns in of.items()}
     assert costs.cost(of["band"][:1]) == alone["band"]

@@ -17,7 +17,7 @@ from texclass.experiment.feature_table import metadata
 from texclass.experiment.folds import Fold, over_folds
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.pipeline import PipelineDefinition, RowDefinition, Use
-from texclass.experiment.protocols import Split, splits_of
+from texclass.experiment.protocols import Split
 from texclass.experiment.result import COMPUTED_BY, Result
 from texclass.experiment.selection import SubsetScore, inner_splits
 from texclass.experiment.workers import Progress, each
@@ -31,7 +31,7 @@ from texclass.recognition.export.graph import OnnxExportError
 from texclass.recognition.export.graph_view import without_graph
 from texclass.recognition.export.onnx_file import check_installed
 from texclass.recognition.export.sample_graph import Windows
-from texclass.recognition.holding_out import AT_RANDOM, FALSE_ALARMS, holding_out
+from texclass.recognition.holding_out import AT_RANDOM, FALSE_ALARMS, HoldingOut, holding_out
 from texclass.recognition.model import Model
 from texclass.recognition.small_computers import (
     WORDS,
@@ -55,7 +55,6 @@ from texclass.tradeoff.front import (
     discriminant,
     estimate,
     knee,
-    labelled,
     preparation,
     study_facts,
 )
@@ -215,18 +214,19 @@ def embedded_tradeoff(
     level = TrainingFiles.of(dataset, like).remove_resting_level
     of_windows = Windows(plan, plan.channels or like.channels, 0, like.fs, like.unit, level)
     do_each = partial(each, n_jobs=n_jobs, progress=progress)
-    cuts = _cuts(at_rates, of_windows, longest, full_scale_of(dataset), limits, do_each)
-    held_out_by, why = holding_out(protocol, AT_RANDOM, metadata(dataset.entries), FALSE_ALARMS)
-    splits = [splits_of(held_out_by, cut.frame, seed) for cut in cuts]
-    learnt = [labelled(cut.X[WORDS[0]], cut.frame, held_out_by) for cut in cuts]
-    points = _points(cuts, learnt, splits, limits, seed, do_each)
+    known = metadata(dataset.entries)
+    held_out_by, why = holding_out(protocol, AT_RANDOM, known, FALSE_ALARMS)
+    tests = HoldingOut(known, held_out_by, why, asked=True, seed=seed)
+    cuts = _cuts(at_rates, of_windows, longest, full_scale_of(dataset), tests, limits, do_each)
+    points = _points(cuts, limits, do_each)
     front = front_of(points)
     chosen = chosen_of(points, limits)
     if model_file is not None:
         felt, work = at_rates[chosen["fs_hz"]], {"n_jobs": n_jobs, "progress": progress}
         _trained(felt, bought, chosen, channels, seed, protocol=protocol, **work).save(model_file)
         chosen["file"] = str(model_file)
-    facts = study_facts(dataset, every, cuts[0].frame, like, held_out_by, splits[0], seed)
+    first = cuts[0].tests
+    facts = study_facts(dataset, every, first.table, like, held_out_by, first.splits, seed)
     return Embedded(
         {
             **facts,
@@ -238,7 +238,7 @@ def embedded_tradeoff(
             "points": [_without_columns(point) for point in points],
             "front": [_without_columns(point) for point in front],
             "knee": _without_columns(knee(front)),
-            "full": _full(cuts[0], splits[0], learnt[0]),
+            "full": _full(cuts[0]),
             "chosen": chosen,
             "versions": versions(*LIBRARIES, "onnx", "onnxruntime"),
             **made_by(*COMPUTED_BY, "tradeoff", "recognition"),
@@ -252,6 +252,7 @@ def _cuts(
     of_windows: Windows,
     longest_s: float,
     full_scale: float,
+    tests: HoldingOut,
     limits: SmallLimits,
     do_each: Callable[..., Iterator[Cut]],
 ) -> list[Cut]:
@@ -269,7 +270,7 @@ def _cuts(
             f"max_bytes is {limits.max_bytes:g}; the rule is at least {shortest}: the shortest window alone"
         )
     calls = [
-        partial(cut_of, at_rates[fs], of_windows._replace(fs=fs), seconds, longest_s, full_scale)
+        partial(cut_of, at_rates[fs], of_windows._replace(fs=fs), seconds, longest_s, full_scale, tests)
         for fs, seconds in grid
     ]
     found = do_each(calls, what="windows", total=len(calls))
@@ -280,12 +281,7 @@ def _cuts(
 
 
 def _points(
-    cuts: Sequence[Cut],
-    learnt: Sequence[Labelled],
-    splits: Sequence[Sequence[Split]],
-    limits: SmallLimits,
-    seed: int,
-    do_each: Callable[..., Iterator[Any]],
+    cuts: Sequence[Cut], limits: SmallLimits, do_each: Callable[..., Iterator[Any]]
 ) -> list[dict[str, Any]]:
     """Return what was tried: rate, window, words, columns and classifier, what they take, how right they are.
 
@@ -294,23 +290,20 @@ def _points(
     ValueError
         If nothing is within the limits.
     """
-    models = [partial(_models_of, *of, seed) for of in zip(cuts, learnt, strict=True)]
+    models = [partial(_models_of, cut) for cut in cuts]
     made = list(do_each(models, what="models", total=len(models)))
     # Before the folds: what nothing keeps should not cost as many selections again.
     limits.kept([point for models in made for point in models.values()])
-    parts = [
-        partial(_hits_of, cut, data, split, seed)
-        for cut, data, of in zip(cuts, learnt, splits, strict=True)
-        for split in of
-    ]
+    parts = [partial(_hits_of, cut, split) for cut in cuts for split in cut.tests.splits]
     hits = iter(do_each(parts, what="selections", total=len(parts)))
     points = []
-    for cut, models_of_cut, data, of in zip(cuts, made, learnt, splits, strict=True):
-        folds = [next(hits) for _ in of]
+    for cut, models_of_cut in zip(cuts, made, strict=True):
+        splits, data = cut.tests.splits, cut.data
+        folds = [next(hits) for _ in splits]
         points += [
-            {"window_s": cut.seconds, **point, "accuracy": estimate(np.concatenate(right), of, data)}
+            {"window_s": cut.seconds, **point, "accuracy": estimate(np.concatenate(right), splits, data)}
             for key, point in models_of_cut.items()
-            if len(right := [fold[key] for fold in folds if key in fold]) == len(of)
+            if len(right := [fold[key] for fold in folds if key in fold]) == len(splits)
         ]
     return points
 
@@ -319,11 +312,9 @@ Rule = tuple[int, float]
 """How many columns were asked for (`ALL`), and at what thrift."""
 
 
-def _hits_of(
-    cut: Cut, data: Labelled, split: Split, seed: int
-) -> dict[tuple[Rule, str, Word], NDArray[np.bool_]]:
+def _hits_of(cut: Cut, split: Split) -> dict[tuple[Rule, str, Word], NDArray[np.bool_]]:
     """Return which windows of the test part are recognised by what each rule chooses of the training part."""
-    found = {}
+    found, data, seed = {}, cut.data, cut.tests.seed
     for rule, columns in _grown(cut.costs, data, split).items():
         for kind in _kinds(rule):
             fitted: dict[Word, list[Any]] = {}
@@ -340,9 +331,10 @@ def _hits_of(
     return found
 
 
-def _models_of(cut: Cut, data: Labelled, seed: int) -> dict[tuple[Rule, str, Word], dict[str, Any]]:
+def _models_of(cut: Cut) -> dict[tuple[Rule, str, Word], dict[str, Any]]:
     """Return the points without accuracies: what the models of all windows take, by rule and classifier."""
-    every, windows = np.arange(len(data.y)), cut.windows
+    data, windows, seed = cut.data, cut.windows, cut.tests.seed
+    every = np.arange(len(data.y))
     found: dict[tuple[Rule, str, Word], dict[str, Any]] = {}
     # What a classifier costs does not depend on its weights: a few windows make one.
     few = np.flatnonzero(pd.Series(data.y).groupby(data.y).cumcount() < FEW)
@@ -419,8 +411,9 @@ def front_of(points: Sequence[Facts]) -> list[Facts]:
     return sorted(kept, key=lambda point: (point["bytes"], point["ops_per_s"]))
 
 
-def _full(cut: Cut, splits: Sequence[Split], data: Labelled) -> dict[str, Any]:
+def _full(cut: Cut) -> dict[str, Any]:
     """Return what all columns give with a classifier that keeps what it was trained on."""
+    data, splits = cut.data, cut.tests.splits
     kept = np.flatnonzero(np.isfinite(data.X).any(axis=0))
     names = [cut.windows.plan.columns[i] for i in kept]
 

@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from texclass.experiment.cost import CostModel
 from texclass.experiment.feature_table import metadata
@@ -24,8 +23,10 @@ from texclass.recognition.export.answers_graph import add_part
 from texclass.recognition.export.graph import LARGE, tensor_of
 from texclass.recognition.export.parity import run
 from texclass.recognition.export.sample_graph import SAMPLES, Windows, add_features, features_of, windows_in
+from texclass.recognition.holding_out import HoldingOut
 from texclass.recording import Recording, RecordingError, Samples
 from texclass.tradeoff.curves import degraded, quantised
+from texclass.tradeoff.front import Labelled, labelled
 
 SAME_MEMORY = {"Reshape", "Identity", "Unsqueeze", "Squeeze", "Flatten"}
 """Operators that compute and move nothing."""
@@ -229,13 +230,32 @@ WORDS = ((32, 32), (16, 16), (16, 8), (8, 8))
 
 
 class Cut(NamedTuple):
-    """The windows of a dataset at one rate and length, and what graphs make of them: (bits, bits) -> X."""
+    """The windows of a dataset at one rate and length.
+
+    Attributes
+    ----------
+    seconds
+        Of a window.
+    windows
+        What their graph has to know of them.
+    tests
+        How they are held out.
+    X
+        Bits of samples and of tables -> their features, as graphs compute them.
+    costs
+        What columns cost in operations a window.
+    """
 
     seconds: float
     windows: Windows
-    frame: pd.DataFrame
+    tests: HoldingOut
     X: Mapping[Word, Samples]
     costs: CostModel
+
+    @property
+    def data(self) -> Labelled:
+        """What is learnt from: features of exact samples and tables, with the labels of windows."""
+        return labelled(self.X[WORDS[0]], self.tests.table, self.tests.protocol)
 
 
 def at_rate(dataset: Dataset, fs: float) -> Dataset:
@@ -248,7 +268,9 @@ def _at_rate(load: Callable[[Entry], Recording], fs: float, entry: Entry) -> Rec
     return load(entry).with_(fs=fs)
 
 
-def cut_of(dataset: Dataset, windows: Windows, seconds: float, step: float, full_scale: float) -> Cut:
+def cut_of(
+    dataset: Dataset, windows: Windows, seconds: float, step: float, full_scale: float, tests: HoldingOut
+) -> Cut:
     """Cut a dataset at one rate, and compute its features with graphs of fewer and fewer bits.
 
     Parameters
@@ -261,6 +283,8 @@ def cut_of(dataset: Dataset, windows: Windows, seconds: float, step: float, full
         Of a window, and from one to the next.
     full_scale : float
         Of the converter.
+    tests : HoldingOut
+        How recordings are held out.
     """
     felt, rows, kept = touches(dataset, seconds, step=step), [], []
     for entry in felt.entries:
@@ -285,7 +309,7 @@ def cut_of(dataset: Dataset, windows: Windows, seconds: float, step: float, full
         graph_of_bits = shortened(graph, bits).SerializeToString()
         found = run(graph_of_bits, felt_with.astype(np.float32), SAMPLES, ("features",))["features"]
         X[of_samples, bits] = np.where(np.isfinite(found), found, np.nan).astype(np.float64)
-    return Cut(seconds, windows, metadata(kept), X, operations_of(windows))
+    return Cut(seconds, windows, replace(tests, table=metadata(kept)), X, operations_of(windows))
 
 
 def operations_of(windows: Windows) -> CostModel:
