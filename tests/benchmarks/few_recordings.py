@@ -17,7 +17,14 @@ import pandas as pd
 from study import command_line, own_data, table, write
 
 from texclass.document import Heading
-from texclass.experiment import PipelineDefinition, cached_table, find_protocol, load_pipeline, touches
+from texclass.experiment import (
+    PipelineDefinition,
+    cached_table,
+    find_protocol,
+    load_pipeline,
+    touches,
+    windows,
+)
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.folds import Evaluation, evaluate
@@ -67,7 +74,8 @@ def main() -> None:
         dataset = open_dataset(case.name)
         hashes[case.name] = dataset.input_hash
         if case.touch_s is not None:
-            dataset = touches(dataset, case.touch_s, n_jobs=1)
+            touched = touches(dataset, case.touch_s, n_jobs=1)
+            dataset = windows.overlapping(touched, load_pipeline(case.default).overlap)
         pipelines = [load_pipeline(name) for name in dict.fromkeys((case.default, *case.pipelines))]
         tables = [cached_table(dataset, *p.needed, channels=p.channels, n_jobs=1) for p in pipelines]
         meter = CostMeter.on(dataset, tables[0].frame["recording_id"].tolist(), pipelines[0].channels)
@@ -76,9 +84,10 @@ def main() -> None:
             cell = {"set": case.name, "protocol": protocol, "n": n, "n_folds": len(splits)}
             found["cells"].append(cell | compared(default, list(zip(pipelines, tables, strict=True)), splits))
             print(cell, *(found["cells"][-1][who]["mean"] for who in ("default", "best")), flush=True)
-        for n, start, trains, later in made_in_one_go(tables[0].frame):
+        frame = tables[0].frame[windows.asked(tables[0].frame)].reset_index(drop=True)
+        for n, start, trains, later in made_in_one_go(frame):
             told = {"set": case.name, "n": n, "start": start}
-            found["promises"].append(told | promised(default, tables[0].frame, trains, later, start))
+            found["promises"].append(told | promised(default, frame, trains, later, start))
     made = {
         "seed": SEED, "input_hash": hashes,
         "near": NEAR, "false_alarms": FALSE_ALARMS,

@@ -7,11 +7,12 @@ import pandas as pd
 import pytest
 from toy_noises import CLASSIFIERS, row
 
+from texclass.experiment import windows
 from texclass.experiment.benchmark import run_benchmark
 from texclass.experiment.feature_table import cached_table, extract_table, metadata
 from texclass.experiment.pipeline import FoldSettings
 from texclass.experiment.protocols import PROTOCOLS
-from texclass.experiment.windows import touches
+from texclass.experiment.windows import overlapping, touches
 from texclass.features.extractor import FeatureExtractor
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import Phases, Recording, RecordingError, Tap
@@ -49,8 +50,37 @@ def test_windows_may_be_one_a_recording_or_overlap(counting):
     first = touches(counting, 1.2, per_recording=1)
     assert len(first) == len(counting)
     np.testing.assert_array_equal(first[0].acceleration, np.arange(40.0, 160.0))
-    overlapping = touches(counting, 0.5, step=0.25, per_recording=4)
-    assert [entry.start for entry in overlapping.entries[:4]] == [40, 65, 90, 115]
+    closer = touches(counting, 0.5, step=0.25, per_recording=4)
+    assert [entry.start for entry in closer.entries[:4]] == [40, 65, 90, 115]
+
+
+def test_short_windows_that_follow_each_other_get_others_between_them(counting, monkeypatch):
+    felt = touches(counting, 0.4)  # of 40 samples, 4 a recording
+    found = overlapping(felt, 4)
+    assert [entry.start for entry in found.entries[:13]] == list(range(40, 170, 10))
+    assert [entry.recording_id for entry in found.entries[:3]] == ["m0_1#1", "m0_1#1.1", "m0_1#1.2"]
+    assert tuple(entry for entry in found.entries if not entry.between) == felt.entries
+    np.testing.assert_array_equal(found[1].acceleration, np.arange(50.0, 90.0))
+    for alone in (counting, touches(counting, 0.4, per_recording=1), touches(counting, 0.4, step=0.6)):
+        assert overlapping(alone, 4).entries == alone.entries
+    monkeypatch.setattr(windows, "MOST_WINDOWS", len(felt) + 6 * 3)  # one between, not three
+    assert [entry.start for entry in overlapping(felt, 4).entries[:3]] == [40, 60, 80]
+    monkeypatch.setattr(windows, "MOST_WINDOWS", len(felt))
+    assert overlapping(felt, 4).entries == felt.entries
+    monkeypatch.undo()
+    monkeypatch.setattr(windows, "SHORT", 40)
+    assert overlapping(felt, 4).entries == felt.entries
+
+
+def test_windows_between_others_train_and_are_never_asked_about(toy_dataset):
+    felt = touches(toy_dataset(3, 6), 0.1)
+    alone, closer = metadata(felt.entries), metadata(overlapping(felt, 2).entries)
+    for protocol in PROTOCOLS.values():
+        splits = zip(protocol.split(alone, 3, 0), protocol.split(closer, 3, 0), strict=True)
+        for (train, test), (more, same) in splits:
+            assert alone["recording_id"][test].tolist() == closer["recording_id"][same].tolist()
+            assert set(closer["parent"][more]) == set(alone["parent"][train])
+            assert (closer.iloc[more].groupby("parent").size() == 3 + 2).all()
 
 
 def test_what_is_too_short_or_bad_says_so_when_it_is_loaded(toy_dataset, feature_set, tmp_path):
@@ -96,17 +126,17 @@ def test_extraction_gives_what_the_extractor_gives_for_each_window(toy_dataset, 
 
 def test_no_protocol_parts_the_windows_of_a_recording_and_they_are_split_as_recordings_are(toy_dataset):
     dataset = toy_dataset(3, 6)
-    whole, windows = metadata(dataset.entries), metadata(touches(dataset, 0.1).entries)
-    shuffled = windows.sample(frac=1, random_state=1, ignore_index=True)
+    whole, cut = metadata(dataset.entries), metadata(touches(dataset, 0.1).entries)
+    shuffled = cut.sample(frac=1, random_state=1, ignore_index=True)
     for name, protocol in PROTOCOLS.items():
         for train, test in protocol.split(shuffled, 3, 0):
             assert not set(shuffled["parent"][train]) & set(shuffled["parent"][test])
             for rows in (train, test):  # all windows of a recording, or none
                 assert (shuffled.iloc[rows].groupby("parent").size() == 3).all()
         if name in ("recording", "blocks", "few-shot"):
-            pairs = zip(protocol.split(whole, 3, 0), protocol.split(windows, 3, 0), strict=True)
+            pairs = zip(protocol.split(whole, 3, 0), protocol.split(cut, 3, 0), strict=True)
             for (_, test), (_, of_windows) in pairs:
-                assert set(whole["recording_id"][test]) == set(windows["parent"][of_windows])
+                assert set(whole["recording_id"][test]) == set(cut["parent"][of_windows])
     assert "parent" not in whole
     assert whole.dtypes["repetition"] == pd.Int64Dtype()
 
@@ -123,3 +153,7 @@ def test_the_benchmark_of_windows_reports_them_their_interval_and_their_vote(toy
     assert told["per_run"]["interval"] == "Wilson"
     assert told["per_run"]["mean"] > told["mean"]
     assert told["balanced"] == pytest.approx(told["mean"])
+    felt, closer = touches(toy_dataset(3, 6), 0.02), few.model_copy(update={"overlap": 2})
+    found = run_benchmark(felt, closer, protocol="run").data
+    assert found["dataset"] == facts
+    assert np.sum(found["confusion"]["counts"]) == facts["n_windows"]

@@ -30,6 +30,7 @@ from texclass.experiment.protocols import (
     splits_of,
 )
 from texclass.experiment.result import COMPUTED_BY, Result, best_of, example_of, measured_on, pairs_of
+from texclass.experiment.windows import asked, overlapping
 from texclass.experiment.workers import Progress, each
 from texclass.features.extractor import Reason
 from texclass.loaders import open_dataset
@@ -135,8 +136,9 @@ def run_benchmark(
     Parameters
     ----------
     dataset : Dataset, str or path
-        Labelled recordings, or `touches` of them: windows go where their recording goes, and it votes. Or
-        what `open_dataset` opens: a shipped name, a card, a folder that says its own rate and unit.
+        Labelled recordings, or `touches` of them: windows go where their recording goes, and it votes; short
+        ones that train overlap where the pipeline says so. Or what `open_dataset` opens: a shipped name, a
+        card, a folder that says its own rate and unit.
     pipeline : PipelineDefinition, str or path
         See `load_pipeline`.
     protocol : str, optional
@@ -166,6 +168,7 @@ def run_benchmark(
     """
     dataset = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)
     pipeline = pipeline if isinstance(pipeline, PipelineDefinition) else load_pipeline(pipeline)
+    dataset = overlapping(dataset, pipeline.overlap)
     chosen = find_protocol(protocol or pipeline.protocol.name)
     folds = pipeline.protocol.folds if n_folds is None else n_folds
     # Before the features: a split that is impossible should not cost an extraction.
@@ -189,8 +192,10 @@ def run_benchmark(
     frame = table.frame
     tested = "windows" if "parent" in frame else "recordings"
     # By feature: the commonest reason, and the number of recordings.
-    reasons = pd.DataFrame(table.reasons, columns=Reason._fields).groupby("feature", sort=False)["reason"]
-    undefined = reasons.agg(reason=lambda of: Counter(of).most_common(1)[0][0], n_recordings="size")
+    reasons = pd.DataFrame(table.reasons, columns=Reason._fields)
+    reasons = reasons[reasons["recording_id"].isin(frame["recording_id"][asked(frame)])]
+    by_feature = reasons.groupby("feature", sort=False)["reason"]
+    undefined = by_feature.agg(reason=lambda of: Counter(of).most_common(1)[0][0], n_recordings="size")
     return BenchmarkResult(
         {
             "dataset": measured_on(dataset, frame, meter.recordings[0]),

@@ -40,7 +40,8 @@ from texclass.whole_files import write_whole
 DOUBTS = ("unit:", "clipped:", "constant:")
 """Flags that a user has to see before any table: what they begin with."""
 METADATA = ("recording_id", "material", "operator", "session", "repetition")
-"""Columns of every table, before the features; tables of windows add `parent`, the recording."""
+"""Columns of every table, before the features; tables of windows add `parent`, the recording; and
+`between`, where windows overlap to train."""
 
 
 class LeftOut(NamedTuple):
@@ -145,7 +146,8 @@ def metadata(entries: Sequence[Entry]) -> pd.DataFrame:
     frame = frame.astype({**dict.fromkeys(text, "str"), "repetition": "Int64"})
     if any(isinstance(entry, Window) for entry in entries):
         frame["parent"] = pd.Series([parent_id(entry) for entry in entries], dtype="str")
-    return frame
+    between = [isinstance(entry, Window) and entry.between for entry in entries]
+    return frame.assign(between=between) if any(between) else frame
 
 
 def cached_table(dataset: Dataset, *feature_sets: FeatureSet, **options: Any) -> FeatureTable:

@@ -262,6 +262,8 @@ class PipelineDefinition(Written):
         Of folds, and of the bootstrap.
     channels
         See `FeatureExtractor`.
+    overlap
+        Windows that begin within each short touch of a training part; see `texclass.experiment.windows`.
     protocol, gain
         How recordings are split, and how it is measured what groups add.
     published_on
@@ -277,6 +279,7 @@ class PipelineDefinition(Written):
     additions: tuple[RowDefinition, ...] = ()
     steps: tuple[Annotated[Use, AfterValidator(_transforms)], ...] = ()
     channels: Channels = "combine"
+    overlap: Annotated[int, Field(ge=1)] = 1
     protocol: FoldSettings = FoldSettings()
     gain: AdditionSettings = AdditionSettings()
     published_on: PublishedOn | None = None

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sklearn.model_selection import LeaveOneGroupOut, StratifiedGroupKFold, StratifiedKFold
 
 from texclass.document.wording import counted
-from texclass.experiment.windows import parents
+from texclass.experiment.windows import asked, parents
 
 Indices = NDArray[np.intp]
 Split = tuple[Indices, Indices]
@@ -45,8 +45,8 @@ class Protocol:
         As given on the command line.
     description
         One line for the report.
-    split
-        (table, n_folds, seed) -> (train, test) row numbers for each fold. Rows may be windows of recordings.
+    splitter
+        (table, n_folds, seed) -> (train, test) row numbers for each fold; see `split`.
     nested
         Whether scaling and selection are fitted inside each fold. Only `paper` is not.
     drawn
@@ -62,12 +62,25 @@ class Protocol:
 
     name: str
     description: str
-    split: Splitter
+    splitter: Splitter
     nested: bool = True
     drawn: bool = False
     unit: Literal["recording", "run"] = "recording"
     leaves_out: str = ""
     several_starts: bool = False
+
+    def split(self, table: pd.DataFrame, n_folds: int, seed: int) -> tuple[Split, ...]:
+        """Return (train, test) row numbers for each fold. Rows may be windows of recordings.
+
+        Windows between others have no say in the folds: they train where their recording does.
+        """
+        rows, recording = np.flatnonzero(asked(table)), parents(table)
+        if len(rows) == len(table):
+            return self.splitter(table, n_folds, seed)
+        found = self.splitter(table.iloc[rows].reset_index(drop=True), n_folds, seed)
+        return tuple(
+            (np.flatnonzero(recording.isin(recording.iloc[rows[train]])), rows[test]) for train, test in found
+        )
 
     def clusters(self, table: pd.DataFrame) -> NDArray[np.str_]:
         """Return which `unit` each row belongs to."""

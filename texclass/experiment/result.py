@@ -11,7 +11,7 @@ import numpy as np
 
 from texclass.document.wording import counted
 from texclass.experiment.accuracy import LEAST_CLUSTERS
-from texclass.experiment.windows import parents
+from texclass.experiment.windows import asked, parents
 from texclass.recording import Recording, Samples
 
 if TYPE_CHECKING:
@@ -196,6 +196,7 @@ def measured_on(dataset: "Dataset", frame: "pd.DataFrame", like: Recording) -> d
     like : Recording
         States rate and unit.
     """
+    frame = frame[asked(frame)]
     return {
         "name": dataset.name,
         "title": dataset.title,

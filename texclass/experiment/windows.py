@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Annotated
 
@@ -34,12 +34,15 @@ class Window(Entry):
         Samples [start, stop) of the recording.
     problem
         Why there is nothing to cut; loading the window then raises RecordingError.
+    between
+        Whether it lies across two others: such a window trains, but is never asked about.
     """
 
     parent: Entry
     start: int
     stop: int
     problem: str = ""
+    between: bool = False
 
 
 Movement = tuple[
@@ -49,6 +52,10 @@ Movement = tuple[
     str,
 ]
 """Where a recording moves: samples [start, stop) at fs; the problem that keeps it from being cut, or ""."""
+SHORT = 1024
+"""Samples of a touch below which windows overlap to train; of longer ones they say the same again."""
+MOST_WINDOWS = 12_000
+"""Windows of a dataset, those that overlap included: to train on more would take minutes a fold."""
 MOVEMENTS = TypeAdapter(tuple[Movement, ...])
 
 
@@ -106,6 +113,44 @@ def touches(
     )
 
 
+def overlapping(dataset: Dataset, overlap: int) -> Dataset:
+    """Return a dataset of short touches with further windows across those that follow one another.
+
+    Much of what a window of few samples says depends on where it happens to begin. Windows that begin
+    elsewhere show a classifier more of that, from the same samples. They are for training alone; what is
+    asked about stays as it is (`asked`).
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Any other dataset, and touches of `SHORT` samples or more, come back as they are.
+    overlap : int
+        Windows that begin within a touch, itself included; a half or a quarter of them where there would be
+        more than `MOST_WINDOWS`.
+    """
+    pairs = [
+        (a, b)
+        for a, b in pairwise(dataset.entries)
+        if isinstance(a, Window) and isinstance(b, Window) and a.parent == b.parent and a.stop == b.start
+    ]
+    while len(dataset) + (overlap - 1) * len(pairs) > MOST_WINDOWS and overlap > 1:
+        overlap //= 2
+    across = {
+        a.recording_id: tuple(_moved(a, k, overlap) for k in range(1, overlap))
+        for a, _ in pairs
+        if a.stop - a.start < SHORT
+    }
+    entries = (one for entry in dataset.entries for one in (entry, *across.get(entry.recording_id, ())))
+    return replace(dataset, entries=tuple(entries))
+
+
+def _moved(window: Window, k: int, overlap: int) -> Window:
+    """Return the window that begins k parts of `overlap` later, for training alone."""
+    later, name = k * (window.stop - window.start) // overlap, f"{window.recording_id}.{k}"
+    start, stop = window.start + later, window.stop + later
+    return replace(window, recording_id=name, start=start, stop=stop, between=True)
+
+
 class WindowLoader:
     """Loads windows; a `Dataset`'s `load`, picklable.
 
@@ -149,6 +194,11 @@ def by_recording(entries: Iterable[Entry]) -> Iterator[tuple[Entry, ...]]:
 def parents(table: pd.DataFrame) -> "pd.Series[str]":
     """Return the recording of each row of a table: the one it is a window of, or the row itself."""
     return table["parent" if "parent" in table else "recording_id"]
+
+
+def asked(table: pd.DataFrame) -> "pd.Series[bool]":
+    """Return whether each row of a table may be asked about: all but windows between others."""
+    return ~table["between"] if "between" in table else pd.Series(True, index=table.index)
 
 
 def _cut(

@@ -18,6 +18,7 @@ from texclass.experiment.feature_table import FeatureTable, cached_table
 from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
 from texclass.experiment.protocols import Protocol, Split, find_protocol
 from texclass.experiment.result import CHOICE, COMPUTED_BY, Result
+from texclass.experiment.windows import overlapping
 from texclass.experiment.workers import Progress
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import Views, channels_apart, views_of
@@ -141,6 +142,7 @@ def compare_with_peers(
     """
     settings = settings or PeerSettings()
     options = {"channels": pipeline.channels, "n_jobs": n_jobs, "skip_bad": skip_bad}
+    dataset = overlapping(dataset, pipeline.overlap)
     table = cached_table(dataset, *pipeline.needed, **options)
     protocol = find_protocol(result.data["protocol"])
     n_folds = pipeline.protocol.folds if n_folds is None else n_folds

@@ -17,7 +17,7 @@ from texclass.experiment.feature_table import FeatureTable, cached_table, metada
 from texclass.experiment.folds import without_remarks
 from texclass.experiment.pipeline import PipelineDefinition, load_pipeline
 from texclass.experiment.protocols import find_protocol, splits_of
-from texclass.experiment.windows import parents, touches
+from texclass.experiment.windows import asked, overlapping, parents, touches
 from texclass.experiment.workers import Progress, each, one_thread
 from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
@@ -158,6 +158,7 @@ def train(
     work: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress}
     if touch_s is not None:
         felt = touches(felt, touch_s, **work)
+    felt = overlapping(felt, defined.overlap)
     known = metadata(felt.entries)
     held_out_by, why = holding_out(protocol, defined.protocol.name, known, false_alarms)
     tests = HoldingOut(known, held_out_by, why, protocol is not None, defined.seed)
@@ -249,7 +250,8 @@ def _best(
 def _calibrated(held_out: HeldOut, tests: HoldingOut) -> tuple[Calibration, dict[str, Conformity], Facts]:
     """Return how decisions become probabilities, and sets, and what the manifest says of both."""
     told, decisions = tests.table.iloc[held_out.rows], held_out.decisions
-    calibration, how = prior_calibration(decisions.shape[1], len(tests.table)), "prior temperature"
+    n_apart = int(asked(tests.table).sum())
+    calibration, how = prior_calibration(decisions.shape[1], n_apart), "prior temperature"
     if len(told):
         calibration, how = fit_calibration(decisions, held_out.labels), "temperature"
     p = calibration(decisions)
