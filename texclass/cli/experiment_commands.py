@@ -15,7 +15,7 @@ from texclass.cli.options import progress_bar, tell_and_save
 @options.holds_out
 def benchmark(
     dataset: options.Recordings = "simulated",
-    pipeline: options.Pipeline = "strese2015",
+    pipeline: Annotated[str, typer.Option(autocompletion=options.shipped("pipelines"))] = "strese2015",
     feature: str | None = None,
     touch: float | None = None,
     touches: int | None = None,
@@ -41,6 +41,8 @@ def benchmark(
 
     Parameters
     ----------
+    pipeline
+        A shipped pipeline, or a TOML of yours.
     feature
         A feature of yours to put against the table: module:function or file.py:function.
     touch

@@ -70,9 +70,6 @@ Scheduler = Annotated[
 SkipBad = Annotated[
     bool, typer.Option("--skip-bad", help="Leave bad recordings out and list them, instead of stopping.")
 ]
-Pipeline = Annotated[
-    str, typer.Option(help="A shipped pipeline, or a TOML of yours.", autocompletion=shipped("pipelines"))
-]
 Json = Annotated[
     Path | None, typer.Option("--json", metavar="PATH", help="Write the result as JSON here; - prints it.")
 ]

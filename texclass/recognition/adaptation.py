@@ -19,7 +19,6 @@ from texclass import shipped
 from texclass.loaders import open_dataset
 from texclass.loaders.columns import BAG_FOLDER
 from texclass.loaders.files import is_bag_name
-from texclass.phases import segment
 from texclass.recognition.deployed import Deployed
 from texclass.recognition.model import Model
 from texclass.recognition.unknown import Novelty, Ranges, Surfaces, least_held_out, strangeness
@@ -384,7 +383,7 @@ def rows_of(
                 f"one of {', '.join(model.materials)}, or references without labels (--unlabelled)"
             )
         for touch in model.cut(recording):
-            rows.append(model.deployed.compute(touch.with_(phases=segment(touch))).values)
+            rows.append(model.deployed.compute(touch).values)
             known.append([float(material == label) for material in model.materials])
             of.append(i)
     X = np.array(rows).reshape(-1, len(model.columns))

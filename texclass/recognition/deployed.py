@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from texclass.features.cepstrum import Banks, with_banks
 from texclass.features.plan import Computed, Plan
+from texclass.phases import segment
 from texclass.recognition.probabilities import class_scores, log_of, softmax
 from texclass.recording import Recording, Samples
 
@@ -95,9 +96,9 @@ class Deployed:
         return self._load()
 
     def compute(self, recording: Recording) -> Computed:
-        """Compute the features of a recording."""
+        """Compute the features of a recording; its phases are found unless it declares them."""
         with with_banks(dict(self.banks)):  # those of other rates are not the model's
-            return self.plan.compute(recording)
+            return self.plan.compute(recording.with_(phases=segment(recording)))
 
     @cached_property
     def asked(self) -> tuple[str, ...]:

@@ -1,5 +1,6 @@
 """What a small computer gets, as a document: accuracy against bytes, operations, rate, window and word."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -100,22 +101,17 @@ def _table(shown: Sequence[Data], marks: Mapping[str, Data], caption: str) -> Ta
 
 def _best_of_each(data: Data) -> Table:
     """Return the best point within the limits of each rate, window and word."""
-    kept = [
-        p
-        for p in data["points"]
-        if p["bytes"] <= (data["max_bytes"] or float("inf"))
-        and p["ops_per_s"] <= (data["max_ops"] or float("inf"))
-    ]
-    best: dict[tuple[float, float], dict[str, Data]] = {}
-    for p in sorted(kept, key=lambda p: (p["accuracy"]["mean"], -p["bytes"])):
-        best.setdefault((p["fs_hz"], p["window_s"]), {})[_word(p)] = p
+    most = {key: data[limit] or math.inf for key, limit in (("bytes", "max_bytes"), ("ops_per_s", "max_ops"))}
+    kept = [p for p in data["points"] if all(p[key] <= most[key] for key in most)]
+    kept.sort(key=lambda p: (p["accuracy"]["mean"], -p["bytes"]))
+    best = {(p["fs_hz"], p["window_s"], _word(p)): p for p in kept}  # the last of each
     words = list(dict.fromkeys(_word(p) for p in data["points"]))
     rows = [
         (f"{fs:g}", f"{seconds:g}", *(
-            f"{percent(found[word]['accuracy']['mean'])} ({found[word]['bytes'] / 1000:.0f} kB)"
-            if word in found else "" for word in words
+            f"{percent(p['accuracy']['mean'])} ({p['bytes'] / 1000:.0f} kB)"
+            if (p := best.get((fs, seconds, word))) else "" for word in words
         ))
-        for (fs, seconds), found in sorted(best.items(), reverse=True)
+        for fs, seconds in sorted({at[:2] for at in best}, reverse=True)
     ]  # fmt: skip
     limits = "within the limits" if data["max_bytes"] or data["max_ops"] else "whatever it takes"
     frame = pd.DataFrame(rows, columns=["Rate, Hz", "Window, s", *words])

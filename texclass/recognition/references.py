@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from texclass.experiment.feature_table import metadata
 from texclass.loaders.dataset import Dataset
-from texclass.phases import segment
 from texclass.recognition.conformal import LEVELS, Conformity, log_odds, recency
 from texclass.recognition.live.evidence import independent, so_far
 from texclass.recognition.model import Model
@@ -128,7 +127,7 @@ def with_references(model: Model, references: Dataset) -> Model:
         if unlike := model.unlike(recording.fs, recording.unit):
             raise ValueError(f"{recording.recording_id}: {unlike[0]}")
         for touch in model.cut(recording) or (recording,):
-            rows.append(model.deployed.compute(touch.with_(phases=segment(touch))).values)
+            rows.append(model.deployed.compute(touch).values)
             contacts.append(i)
     numbered = table["repetition"].notna().all()
     ages = n_later(materials, table["repetition"].to_numpy()) if numbered else np.zeros(len(table))

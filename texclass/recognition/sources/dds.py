@@ -153,11 +153,10 @@ class AnswerPublisher:
         self._participant, qos = participant(domain), quality(reliability, 10)
         self._name = name
         self._text = _writer(self._participant, topic, "std_msgs/msg/String", qos)
-        self._array = (
-            _writer(self._participant, diagnostics, "diagnostic_msgs/msg/DiagnosticArray", qos)
-            if diagnostics
-            else None
-        )
+        self._array = None
+        if diagnostics:
+            kind = "diagnostic_msgs/msg/DiagnosticArray"
+            self._array = _writer(self._participant, diagnostics, kind, qos)
 
     def publish(self, answer: Mapping[str, Any], *, stamp_ns: int | None = None) -> None:
         """Publish an answer.
