@@ -6,15 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.exchange.container import (
-    LARGEST_FILE,
-    SUFFIX,
-    header_of,
-    read_container,
-    read_limited,
-    read_stored,
-    write_stored,
-)
+from texclass.exchange import container
 from texclass.exchange.hatt_xml import read_hatt
 from texclass.textures.contract import Stored, Texture
 from texclass.textures.packed import MARK, PackedTexture
@@ -62,13 +54,13 @@ def save_texture(texture: Stored, path: str | Path, *, unit: str | None = None) 
         If the path has another ending, or what the texture says of itself is not what a file may hold.
     """
     if isinstance(texture, PackedTexture):
-        path = path_ending(path, SUFFIX)
+        path = path_ending(path, container.SUFFIX)
         write_whole(path, texture.to_bytes())
         return path
     if texture.family not in TEXTURES | TAPS:
         known = ", ".join(sorted(TEXTURES | TAPS))
         raise ValueError(f"{path}: family is {texture.family!r:.80}; the rule is one of {known}")
-    return write_stored(texture, path, unit=unit or str(getattr(texture, "unit", "m/s^2")))
+    return container.write_stored(texture, path, unit=unit or str(getattr(texture, "unit", "m/s^2")))
 
 
 def load_texture(path: str | Path) -> Texture:
@@ -85,13 +77,13 @@ def load_texture(path: str | Path) -> Texture:
     packed = _packed(Path(path))
     if packed is not None:
         return packed
-    texture: Texture = read_stored(path, TEXTURES)
+    texture: Texture = container.read_stored(path, TEXTURES)
     return texture
 
 
 def _packed(path: Path) -> PackedTexture | None:
     """Return the texture of a file that is nothing but its bytes; None if it is a container."""
-    begin = read_limited(path, LARGEST_FILE)
+    begin = container.read_limited(path, container.LARGEST_FILE)
     if not begin or begin[0] != MARK:
         return None
     try:
@@ -108,7 +100,7 @@ def load_taps(path: str | Path) -> "TapLibrary":
     ValueError, OSError
         As `load_texture`.
     """
-    taps: TapLibrary = read_stored(path, TAPS)
+    taps: TapLibrary = container.read_stored(path, TAPS)
     return taps
 
 
@@ -123,13 +115,13 @@ def describe(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     if path.suffix.lower() == ".xml":
         hatt = read_hatt(path)
-        header, arrays = header_of(hatt, "m/s^2", path), dict[str, NDArray[Any]](hatt.arrays())
+        header, arrays = container.header_of(hatt, "m/s^2", path), dict[str, NDArray[Any]](hatt.arrays())
         origin = {"format": "HaTT XML"}
     elif (packed := _packed(path)) is not None:
-        header, arrays = header_of(packed, packed.unit, path), {"data": packed.data}
+        header, arrays = container.header_of(packed, packed.unit, path), {"data": packed.data}
         origin = {"format": "packed texture"}
     else:
-        header, arrays = read_container(path)
+        header, arrays = container.read_container(path)
         written = {"written by": f"texclass {header.texclass}"}
         origin = {"format": f"texclass texture {header.version}", **written}
     shapes = dict[str, list[int]]()  # by the last part of the name; where several share it, how many numbers

@@ -10,20 +10,8 @@ import numpy as np
 
 from texclass import vibration
 from texclass.recording import Samples
-from texclass.stability import exact, rules
-from texclass.stability.inputs import (
-    ORDERS,
-    RATES_HZ,
-    VALUES,
-    Case,
-    N,
-    battery,
-    beyond,
-    in_families,
-    noise,
-    samples_of,
-    with_orders,
-)
+from texclass.stability import exact, inputs, rules
+from texclass.stability.inputs import Case, noise, samples_of
 from texclass.stability.judging import Attempt, Check, Subject, tried
 from texclass.vibration import line_spectrum
 from texclass.vibration.autoregressive import autocorrelation, from_autocorrelation
@@ -59,7 +47,10 @@ TAP_FITS = {  # Okamura's is one by eye: a spectral peak, and a line through som
 
 def at_orders(quick: bool, largest: int) -> tuple[Case, ...]:
     """Return the battery at each order, and signals hardly longer than the order."""
-    return (*with_orders(battery(quick, with_rates=False), quick, largest), *beyond(quick))
+    return (
+        *inputs.with_orders(inputs.battery(quick, with_rates=False), quick, largest),
+        *inputs.beyond(quick),
+    )
 
 
 def models(quick: bool, largest: int) -> tuple[Case, ...]:
@@ -74,9 +65,9 @@ def models(quick: bool, largest: int) -> tuple[Case, ...]:
             "k = 1 - 2^-53": np.full(p, 1 - 2.0**-53),
         }
 
-    orders = [p for p in ((1, 2, 18, 128) if quick else ORDERS) if p <= largest]
+    orders = [p for p in ((1, 2, 18, 128) if quick else inputs.ORDERS) if p <= largest]
     by_hand = [Case(name, "poles", k).at_order(p) for p in orders for name, k in handmade(p).items()]
-    return (*with_orders(in_families(*VALUES, quick=quick), quick, largest), *by_hand)
+    return (*inputs.with_orders(inputs.in_families(*inputs.VALUES, quick=quick), quick, largest), *by_hand)
 
 
 def _known(what: str, synthesize: Callable[[float], Any], rates_hz: Any, quick: bool) -> Iterator[Case]:
@@ -88,14 +79,14 @@ def _known(what: str, synthesize: Callable[[float], Any], rates_hz: Any, quick: 
 
 
 def _segments(quick: bool, longest: int, largest: int = 0) -> tuple[Case, ...]:
-    decays = _known("decay", lambda fs: MODE.synthesize(SEGMENT, fs), RATES_HZ, quick)
-    with_order = with_orders(in_families(*VALUES, quick=quick), quick, largest)
-    return (*battery(quick, longest=longest, with_rates=False), *decays, *with_order)
+    decays = _known("decay", lambda fs: MODE.synthesize(SEGMENT, fs), inputs.RATES_HZ, quick)
+    with_order = inputs.with_orders(inputs.in_families(*inputs.VALUES, quick=quick), quick, largest)
+    return (*inputs.battery(quick, longest=longest, with_rates=False), *decays, *with_order)
 
 
 def _taps(quick: bool) -> tuple[Case, ...]:
-    taps = _known("tap", lambda fs: TAP.synthesize(1.0, LONGEST_TAP, fs), RATES_HZ[4:], quick)
-    others = battery(quick, longest=120, with_rates=False)
+    taps = _known("tap", lambda fs: TAP.synthesize(1.0, LONGEST_TAP, fs), inputs.RATES_HZ[4:], quick)
+    others = inputs.battery(quick, longest=120, with_rates=False)
     return (*taps, *(replace(case, required=False) for case in others))  # they need not decay
 
 
@@ -176,7 +167,10 @@ def _from_lags(x: Any, case: Case) -> Attempt:
         yield Check("Yule-Walker equations", float(error), 1e-13)
 
 
-@tried_on("select_order", lambda quick: with_orders(battery(quick, longest=0, with_rates=False), quick, 50))
+@tried_on(
+    "select_order",
+    lambda quick: inputs.with_orders(inputs.battery(quick, longest=0, with_rates=False), quick, 50),
+)
 def _select_order(x: Any, case: Case) -> Attempt:
     criteria: Any = ("spectral_error", "aicc")
     chosen = {c: vibration.select_order(x, case.order, criterion=c) for c in criteria}
@@ -366,7 +360,7 @@ def _tap(x: Any, case: Case, *, fit: Callable[..., vibration.TapModel], limit: f
         yield rules.close("its frequency", tap.frequency_hz, TAP.frequency_hz, limit)
 
 
-@tried_on("major frequencies", battery)
+@tried_on("major frequencies", inputs.battery)
 def _major_frequencies(x: Any, case: Case) -> Attempt:
     """Compare amplitudes with the Fourier transform at each frequency, in 80-bit floats."""
     lines = vibration.fit_major_frequencies(x, case.fs)
@@ -392,14 +386,14 @@ def _major_frequencies(x: Any, case: Case) -> Attempt:
 # Scores -----------------------------------------------------------------------------------------------------
 
 
-@tried_on({f"score, {name}": {"name": name} for name in PERFECT}, battery)
+@tried_on({f"score, {name}": {"name": name} for name in PERFECT}, inputs.battery)
 def _score(x: Any, case: Case, *, name: str) -> Attempt:
     def rated(a: Any, b: Any) -> float:
         rate = (case.fs,) if name == "band_energy_distance" else ()
         return float(getattr(vibration.scores, name)(a, b, *rate))
 
     signal = samples_of(x)
-    other = signal * (1 + 0.1 * noise(N, 5)[: signal.size])
+    other = signal * (1 + 0.1 * noise(inputs.N, 5)[: signal.size])
     alone, rating = rated(x, x), rated(x, other)
     yield rules.finite("score", (alone, rating))
     yield Check("score of a signal against itself", abs(alone - PERFECT[name]), 1e-12)

@@ -10,19 +10,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from texclass import vibration
 from texclass.recording import Samples
 from texclass.signals import one_channel, positive
 from texclass.textures.contract import Texture
 from texclass.textures.gliding import checked_path
 from texclass.textures.grid import cell
-from texclass.vibration import (
-    Autoregression,
-    MajorFrequencies,
-    ModelBlend,
-    fit,
-    fit_major_frequencies,
-    synthesize,
-)
+from texclass.vibration import Autoregression, MajorFrequencies, ModelBlend
 from texclass.vibration.interpolation import Loudness
 from texclass.vibration.lattice_kernels import turn
 from texclass.vibration.major_frequencies import at_speed, pairs_closer_than_beats
@@ -154,7 +148,7 @@ class LpcTexture(SpeedTexture):
 
     def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
         """Return the vibration at a constant speed (mm/s), shape (n_samples,)."""
-        return synthesize(self.at(speed), n_samples, np.random.default_rng(seed))
+        return vibration.synthesize(self.at(speed), n_samples, np.random.default_rng(seed))
 
     @cached_property
     def grid(self) -> tuple[Samples, Samples]:
@@ -302,7 +296,7 @@ def fit_lpc(
     method smears the ends of short recordings less.
     """
     v, found, peak = _checked(signals, speeds)
-    models = [fit(x, order) for x in found]
+    models = [vibration.fit(x, order) for x in found]
     stack = Autoregression(np.stack([m.reflection for m in models]), np.stack([m.gain for m in models]))
     return LpcTexture(v, stack, peak, fs, name, loudness)
 
@@ -348,7 +342,7 @@ def fit_frequencies(
     size = sizes[scale]
     models = []
     for x in found:
-        model = fit_major_frequencies(x, fs, n_frequencies=n_frequencies)
+        model = vibration.fit_major_frequencies(x, fs, n_frequencies=n_frequencies)
         made = size(model.synthesize(x.size, fs))
         gain = size(x) / made if made > 0 else 1.0
         models.append(MajorFrequencies(model.frequency_hz, gain * model.amplitude, model.phase))
