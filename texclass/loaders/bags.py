@@ -17,12 +17,11 @@ from texclass.loaders.ros_messages import (
     READABLE,
     TURN_RATE,
     TYPES,
-    Stamps,
     decode_multi_array,
     decode_stamped,
     type_of,
 )
-from texclass.loaders.stamps import at_uniform_rate
+from texclass.loaders.stamps import Stamps, at_uniform_rate
 from texclass.recording import STANDARD_GRAVITY, RecordingError, Samples
 
 BATCH = 4096

@@ -8,11 +8,12 @@ from annotated_types import Predicate
 from pydantic import BeforeValidator, Field, PrivateAttr, RootModel, model_validator
 
 from texclass import shipped
+from texclass.loaders.dataset import GROUPS
 from texclass.recording import AUXILIARY_UNITS, Unit
 from texclass.simulate.recipe import Recipe
 from texclass.validation import Written, checked, read_toml
 
-GROUPS = ("recording", "material", "operator", "session", "repetition", "axis")
+TOLD = ("recording", *GROUPS, "axis")
 """What a pattern of file names, and (but for the axis) a table of labels, can tell."""
 MOST_LARGE = 1e100
 """Rates and factors beyond it are no measurement's."""
@@ -182,7 +183,7 @@ class LabelTable(Written):
 
     @property
     def columns(self) -> dict[str, str]:
-        """Of `GROUPS`, which one is in which column."""
+        """Of `TOLD`, which one is in which column."""
         return {group: column for group, column in self if group != "file" and column is not None}
 
     def __repr__(self) -> str:
@@ -195,7 +196,7 @@ class FileReading(Reading):
     Attributes
     ----------
     files
-        Patterns of relative file names, with the named groups of `GROUPS`.
+        Patterns of relative file names, with the named groups of `TOLD`.
     materials
         What the names tell of the material -> what it is called; those that are not in it keep theirs.
     labels
@@ -212,7 +213,7 @@ class FileReading(Reading):
         Rate to which recordings are brought, band-limited; then each file may state its own, and `fs_hz` is
         that of files which state none.
     topic
-        Of bags: a topic's name, or a pattern of names with the named groups of `GROUPS`; every topic that
+        Of bags: a topic's name, or a pattern of names with the named groups of `TOLD`; every topic that
         matches is then a recording.
     trim
         Cut signals of different lengths to the shortest.
@@ -246,8 +247,8 @@ def _groups(key: str, patterns: tuple[str, ...]) -> set[str]:
             told |= set(re.compile(pattern).groupindex)
         except (re.error, OverflowError, RecursionError) as error:
             raise ValueError(f"{key} holds {pattern!r:.200}, not a regular expression ({error})") from error
-    if unknown := told - set(GROUPS):
-        raise ValueError(f"{key} names groups {sorted(unknown)}; the rule is {', '.join(GROUPS)}")
+    if unknown := told - set(TOLD):
+        raise ValueError(f"{key} names groups {sorted(unknown)}; the rule is {', '.join(TOLD)}")
     return told
 
 

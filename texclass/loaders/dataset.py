@@ -10,6 +10,9 @@ from texclass.recording import Recording, RecordingError
 if TYPE_CHECKING:
     import pandas as pd
 
+GROUPS = ("material", "operator", "session", "repetition")
+"""What recordings are told apart by: the label, and what is known of who made them and when."""
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -93,9 +96,8 @@ class Dataset(Sequence[Recording]):
         """One row a recording, indexed by `recording_id`: material, operator, session, repetition."""
         import pandas as pd
 
-        groups = ("material", "operator", "session", "repetition")
         index = pd.Index([entry.recording_id for entry in self.entries], name="recording_id")
-        told = {name: [getattr(entry, name) for entry in self.entries] for name in groups}
+        told = {name: [getattr(entry, name) for entry in self.entries] for name in GROUPS}
         return pd.DataFrame(told, index).astype({"repetition": "Int64"})
 
     @property

@@ -23,7 +23,7 @@ from texclass.loaders.columns import (
     refused,
     storage_suffix,
 )
-from texclass.loaders.dataset import Dataset, Entry
+from texclass.loaders.dataset import GROUPS, Dataset, Entry
 from texclass.loaders.files import build_recording, is_bag, read_signals, topics
 from texclass.loaders.places import cache_root, leaves, write_atomically
 from texclass.loaders.plausibility import doubtful_labels
@@ -346,8 +346,7 @@ def contact(acceleration: Samples, share: float = 0.1) -> int:
 
 
 def _recording(signals: ReadSignals, told: Reading, entry: Entry, source: str) -> Recording:
-    known = ("recording_id", "material", "operator", "session", "repetition")
-    facts = {name: getattr(entry, name) for name in known}
+    facts = {name: getattr(entry, name) for name in ("recording_id", *GROUPS)}
     resample = told.resample_hz if isinstance(told, FileReading) else None
     recording = build_recording(
         signals, fs=told.fs_hz, unit=told.unit, source=source, scale=told.scale, resample=resample, **facts

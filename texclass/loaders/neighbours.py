@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from texclass.loaders.columns import UNNAMED, ReadSignals, refused
+from texclass.loaders.dataset import GROUPS
 from texclass.loaders.files import build_recording
 from texclass.loaders.stamps import by_times
 from texclass.recording import Phases, Recording, Samples
@@ -103,7 +104,6 @@ def _of_xarray(given: Any, fs: float | None) -> Iterator[tuple[ReadSignals, str,
         rows = samples.reshape(len(samples), -1)
         rows, rate, flags = by_times(rows, times, called, rate, resampled=False, where=name)
         samples = rows.reshape(-1, *samples.shape[1:])
-    groups = ("material", "operator", "session", "repetition")
-    facts = {group: given.attrs[group] for group in groups if group in given.attrs}
+    facts = {group: given.attrs[group] for group in GROUPS if group in given.attrs}
     unit = given.attrs.get("unit", given.attrs.get("units"))
     yield ReadSignals({UNNAMED: samples}, rate, flags, axes, unit), name, {"recording_id": name, **facts}

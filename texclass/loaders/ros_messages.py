@@ -10,11 +10,9 @@ from operator import attrgetter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from texclass.loaders.stamps import Stamps
 from texclass.recording import RecordingError, Samples
-
-Stamps = NDArray[np.int64]
 
 MULTI_ARRAY = "std_msgs/msg/Float64MultiArray"
 MOST_DEFINITION = 1 << 16
