@@ -1,16 +1,63 @@
 """What a researcher asks for: benchmark, extract, tradeoff, stability, report."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from texclass.cli import options
-from texclass.cli.app import command
+from texclass.cli.app import command, told
 from texclass.cli.options import progress_bar, tell_and_save
+
+if TYPE_CHECKING:
+    from texclass.experiment.result import Result
+    from texclass.peers import PeerSettings
+
+
+@told
+def _peers(
+    *,
+    peers: bool = False,
+    peers_python: Path | None = None,
+    peers_only: str | None = None,
+    peers_limit: int | None = None,
+    peers_seconds: float = 900.0,
+    peers_signals: str = "same",
+) -> "tuple[PeerSettings, int | None] | None":
+    """Return how peers are compared, and on how many recordings at most; None where they are not.
+
+    Parameters
+    ----------
+    peers
+        Run librosa MFCC, TSFEL, tsfresh, catch22, QUANT and the rockets on the same folds, too.
+    peers_python
+        The interpreter that has the peers and scikit-learn; this one by default (extra `peers`).
+    peers_only
+        Only these peers, separated by commas: mfcc,minirocket.
+    peers_limit
+        At most so many recordings: materials are left out whole, for ours as well.
+    peers_seconds
+        Time limit for each peer, in seconds; the folds it finished count.
+    peers_signals
+        What peers are given: the `same` signals as our features, or `each` channel by itself.
+    """
+    if not peers:
+        return None
+    from texclass.peers import PeerSettings
+
+    given: dict[str, Any] = {"time_limit_s": peers_seconds, "signals": peers_signals}
+    if peers_python is not None:
+        # Not resolved: the interpreter of a virtual environment is a link.
+        given["python"] = peers_python.expanduser().absolute()
+    if peers_only is not None:
+        given["names"] = tuple(name.strip() for name in peers_only.split(","))
+    return PeerSettings(**given), peers_limit
 
 
 @command("texclass benchmark recordings --fs 10000 --unit m/s^2 --jobs 1")
+@options.shared("peers", _peers)
 @options.reads_files
 @options.holds_out
 def benchmark(
@@ -21,12 +68,6 @@ def benchmark(
     touches: int | None = None,
     folds: Annotated[int | None, typer.Option(min=2)] = None,
     choose: bool = False,
-    peers: bool = False,
-    peers_python: Path | None = None,
-    peers_only: str | None = None,
-    peers_limit: int | None = None,
-    peers_seconds: float = 900.0,
-    peers_signals: str = "same",
     jobs: options.Jobs = -1,
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
@@ -36,6 +77,7 @@ def benchmark(
     *,
     protocol: str | None,
     reading: dict[str, Any],
+    peers: "tuple[PeerSettings, int | None] | None",
 ) -> None:
     """Classify a dataset with every row of a pipeline's table. Published figures stand beside ours.
 
@@ -53,18 +95,6 @@ def benchmark(
         Number of folds; the pipeline's own by default.
     choose
         Also choose row and classifier inside each training part, unseen by tests.
-    peers
-        Run librosa MFCC, TSFEL, tsfresh, catch22, QUANT and the rockets on the same folds, too.
-    peers_python
-        The interpreter that has the peers and scikit-learn; this one by default (extra `peers`).
-    peers_only
-        Only these peers, separated by commas: mfcc,minirocket.
-    peers_limit
-        At most so many recordings: materials are left out whole, for ours as well.
-    peers_seconds
-        Time limit for each peer, in seconds; the folds it finished count.
-    peers_signals
-        What peers are given: the `same` signals as our features, or `each` channel by itself.
     output : -o, --output
         Folder for the table (Markdown), the pictures (PNG) and the JSON.
     """
@@ -83,20 +113,13 @@ def benchmark(
     from texclass.experiment import touches as cut_touches
     from texclass.features import load_feature
 
-    if peers:
-        from texclass.peers import PeerSettings, compare_with_peers, whole_materials
-
-        given: dict[str, Any] = {"time_limit_s": peers_seconds, "signals": peers_signals}
-        if peers_python is not None:
-            # Not resolved: the interpreter of a virtual environment is a link.
-            given["python"] = peers_python.expanduser().absolute()
-        if peers_only is not None:
-            given["names"] = tuple(name.strip() for name in peers_only.split(","))
-        settings = PeerSettings(**given)
     definition = load_pipeline(pipeline)
     new = load_feature(feature) if feature else None
-    if peers and peers_limit is not None:
-        recordings = whole_materials(recordings, peers_limit)
+    if peers:
+        from texclass.peers import compare_with_peers, whole_materials
+
+        settings, most = peers
+        recordings = recordings if most is None else whole_materials(recordings, most)
     work: dict[str, Any] = {"n_folds": folds, "n_jobs": jobs, "skip_bad": skip_bad}
     asked = {"protocol": protocol, "choose": choose, **work}
     with running_on(backend, scheduler), progress_bar() as progress:
@@ -222,36 +245,33 @@ def tradeoff(
     if whom is not None:
         from texclass.recognition import SmallLimits, embedded_tradeoff
 
-        with running_on(backend, scheduler), progress_bar() as progress:
-            fitting = embedded_tradeoff(
-                recordings,
-                features,
-                SmallLimits(max_bytes, max_ops),
-                protocol=protocol,
-                max_seconds=max_seconds,
-                n_jobs=jobs,
-                progress=progress,
-                model_file=output / f"{recordings.name}-embedded.skops",
-            )
-        tell_and_save(fitting, output, json_file, Path(fitting.data["chosen"]["file"]))
-        return
-    from texclass.features import load_feature_set
-    from texclass.tradeoff import Limits, trade_off
-    from texclass.tradeoff.trading import tradeoff_stem
+        study: Callable[..., Result] = partial(
+            embedded_tradeoff,
+            recordings,
+            features,
+            SmallLimits(max_bytes, max_ops),
+            protocol=protocol,
+            max_seconds=max_seconds,
+            model_file=output / f"{recordings.name}-embedded.skops",
+        )
+    else:
+        from texclass.features import load_feature_set
+        from texclass.tradeoff import Limits, trade_off
+        from texclass.tradeoff.trading import tradeoff_stem
 
-    scene = tuple(name.strip() for name in (materials or "").split(",") if name.strip())
-    facts = {"name": recordings.name, "materials": scene, "max_seconds": max_seconds}
-    with running_on(backend, scheduler), progress_bar() as progress:
-        result = trade_off(
+        scene = tuple(name.strip() for name in (materials or "").split(",") if name.strip())
+        facts = {"name": recordings.name, "materials": scene, "max_seconds": max_seconds}
+        study = partial(
+            trade_off,
             recordings,
             load_feature_set(features),
             Limits(max_ms, max_seconds, max_features, scene),
             protocol=protocol or "recording",
             with_curves=curves,
-            n_jobs=jobs,
-            progress=progress,
             model_file=output / f"{tradeoff_stem(facts)}.skops",
         )
+    with running_on(backend, scheduler), progress_bar() as progress:
+        result = study(n_jobs=jobs, progress=progress)
     tell_and_save(result, output, json_file, Path(result.data["chosen"]["file"]))
 
 
