@@ -13,16 +13,13 @@ from texclass.features.conditioning import (
     level,
     low_passed,
     low_spectrum,
-    padded_length,
     spectrum,
-    unit,
 )
 from texclass.features.phase_view import PhaseView
 from texclass.features.spectra import (
     frames_of,
     long_frames,
     mean_spectrum,
-    power_frames,
     spectral_moments,
     spread,
     window_of,
@@ -51,14 +48,6 @@ def test_low_pass_of_corrected_features_is_that_of_printed_ones_to_rounding():
     (own, factor), (shared, same) = low_passed(view, 100.0), low_passed(view, 100.0, shared=True)
     assert factor == same
     np.testing.assert_allclose(shared, own, atol=1e-6)
-
-
-def test_low_spectrum_is_the_first_quarter_of_the_spectrum():
-    for n in (64, 65, 1000, 20_000, 99_991):
-        view = PhaseView(noise(n), FS)
-        low, whole = low_spectrum(view), np.fft.rfft(unit(view), padded_length(view))
-        assert low.size == padded_length(view) // 4 + 1
-        np.testing.assert_allclose(low, whole[: low.size], atol=1e-6 * np.abs(whole).max())
 
 
 def test_bins_beyond_a_fourth_of_the_rate_and_of_slow_sensors_come_from_the_whole_spectrum():
@@ -109,11 +98,3 @@ def test_windows_and_low_pass_are_those_of_scipy(length):
 def test_frames_are_those_of_a_sliding_window(n, length, hop):
     x = noise(n).astype(np.float32)
     np.testing.assert_array_equal(frames_of(x, length, hop), sliding_window_view(x, length)[::hop])
-
-
-def test_power_of_frames_is_a_one_sided_density():
-    x, fs = noise(20_000), 2000.0
-    power, frequency = power_frames(PhaseView(x, fs), 0.25, 0.125, "hann")
-    assert power.shape == (79, frequency.size)
-    of_unit = np.mean((x / np.abs(x).max()) ** 2)
-    assert power.mean(axis=0).sum() * frequency[1] == pytest.approx(of_unit, rel=0.02)

@@ -3,8 +3,6 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from texclass.recognition import open_source
 from texclass.recording import Recording, RecordingError
@@ -114,19 +112,6 @@ def test_float32_that_is_not_finite_is_passed_on_without_a_warning():
         _signal(open_source("-", fs=FS, unit="g", raw_channels=1, file=io.BytesIO(data)))[:, 0],
         [1, np.inf, 2, np.nan],
     )
-
-
-@settings(max_examples=200, deadline=None)
-@given(st.binary(max_size=300), st.booleans())
-def test_any_input_is_samples_or_one_error(data, raw):
-    source = open_source("-", fs=FS, unit="g", raw_channels=2 if raw else None, file=io.BytesIO(data))
-    try:
-        assert all(block.samples.ndim == 2 for block in source)
-    except RecordingError as error:
-        said = str(error)
-    else:
-        said = "standard input"
-    assert said.startswith("standard input")
 
 
 def test_a_recording_is_played_in_blocks_with_its_flags_first():

@@ -22,13 +22,6 @@ def _model(p, seed=0, gain=1.0):
     return Autoregression(rng.uniform(-0.9, 0.9, p) * np.exp(-np.arange(p) / 10), np.asarray(gain))
 
 
-@pytest.mark.parametrize("p", [1, 2, 3, 8, 18])
-def test_synthesis_equals_the_direct_form_at_low_order(p):
-    model, e = _model(p, gain=0.3), _noise(3001)
-    expected = signal.lfilter([0.3], model.direct_form(), e)
-    assert_allclose(LatticeSynthesis(model).process(e), expected, atol=1e-11)
-
-
 def test_inverse_filter_is_the_prediction_error_of_the_model():
     x = signal.lfilter([1.0], [1.0, -1.5, 0.9], _noise(5000))
     model = fit(x, 8)

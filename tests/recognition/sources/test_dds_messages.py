@@ -2,8 +2,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (the extra `robot`)")
 pytest.importorskip("rosbags", reason="rosbags is not installed (the extra `robot`)")
@@ -13,7 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 from texclass.loaders.ros_messages import MULTI_ARRAY
 from texclass.recognition import AnswerPublisher
 from texclass.recognition.sources.dds import dds_topic, dds_type, message_class, ros_type
-from texclass.recognition.sources.topic import SIGNALS, decoded_messages
+from texclass.recognition.sources.topic import decoded_messages
 
 
 def made(name, *values):
@@ -124,20 +122,3 @@ def test_blocks_of_another_size_than_the_first_are_left_out():
     assert received.samples.shape == (2, 3, 2)
     assert received.n_bad == 1
     np.testing.assert_array_equal(received.stamps_ns, [1, 3])
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.lists(st.binary(max_size=340), min_size=1, max_size=4), st.sampled_from(sorted(SIGNALS)))
-def test_any_bytes_are_messages_or_left_out(raws, name):
-    sent = list(range(len(raws)))
-    received = decoded_messages(raws, sent, name, AXES if name != MULTI_ARRAY else ())
-    assert received is None or len(received.samples) + received.n_bad == len(raws)
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.binary(min_size=1, max_size=12), st.integers(0, 330))
-def test_changed_bytes_are_messages_or_left_out(piece, at):
-    raw = bytearray(_imu(7))
-    raw[at : at + len(piece)] = piece
-    received = decoded_messages([_imu(1), bytes(raw)], [1, 2], IMU, AXES)
-    assert len(received.samples) + received.n_bad == 2
