@@ -165,25 +165,7 @@ class OnlineRecogniser:
         self._needs_taps = "tap" in manifest.phases
         self._taps_only = self._needs_taps and "movement" not in manifest.phases
         self._ready = False
-        found = manifest.calibration.get("correlation")
-        fades = settings.always_in_contact and settings.forget_s == math.inf
-        # Windows of another length, or put together otherwise, conform otherwise.
-        like_training = (settings.window_s, settings.evidence, settings.forget_s) in (
-            (None, "sequential", math.inf),
-            (manifest.touch_s, "sequential", math.inf),
-        )
-        self.evidence = Evidence(
-            model.materials,
-            settings.evidence,
-            window_s=self.window / self.fs,
-            hop_s=self.hop / self.fs,
-            correlation=next(r for r in (settings.correlation, found, CORRELATION) if r is not None),
-            lapse=0.0 if found is None else 1 / (manifest.calibration["n_contacts"] + 2),
-            forget_s=FADING_WINDOWS * self.window / self.fs if fades else settings.forget_s,
-            confidence=settings.confidence,
-            conformity=model.conformity_so_far if like_training and not fades else None,
-            levels=model.levels,
-        )
+        self.evidence = _evidence(model, settings, self.window / self.fs, self.hop / self.fs)
         self._due = deque[int]()  # ends of windows that wait for a pause to end
         self._next = self._free_from = self._contact_from = 0
         self._tapped: Tapped | None = None
@@ -373,3 +355,27 @@ class OnlineRecogniser:
         answer = self.model.answer(recording)
         verdict = self.evidence.add(answer, (stop - onset) / self.fs)
         return WindowAnswer(start, stop, known, answer, verdict, onset, 1e3 * (time.perf_counter() - began))
+
+
+def _evidence(model: Model, settings: OnlineSettings, window_s: float, hop_s: float) -> Evidence:
+    """Return how windows of a contact are put together: as asked for, else as found in training."""
+    known = model.manifest.calibration
+    found = known.get("correlation")
+    forget_s = settings.forget_s
+    if settings.always_in_contact and forget_s == math.inf:
+        forget_s = FADING_WINDOWS * window_s
+    # Windows of another length, or put together otherwise, conform otherwise.
+    is_long_as_trained = settings.window_s in (None, model.manifest.touch_s)
+    like_training = is_long_as_trained and settings.evidence == "sequential" and forget_s == math.inf
+    return Evidence(
+        model.materials,
+        settings.evidence,
+        window_s=window_s,
+        hop_s=hop_s,
+        correlation=next(r for r in (settings.correlation, found, CORRELATION) if r is not None),
+        lapse=0.0 if found is None else 1 / (known["n_contacts"] + 2),
+        forget_s=forget_s,
+        confidence=settings.confidence,
+        conformity=model.conformity_so_far if like_training else None,
+        levels=model.levels,
+    )

@@ -99,25 +99,7 @@ def open_source(
     if not block_s > 0:
         raise ValueError(f"block_s is {block_s}; the rule is above 0")
     if source == "-":
-        check_stated(STDIN, fs, unit, delimiter=reading.get("delimiter"))
-        unit = agreed_unit(None, unit or (None if model is None else model.manifest.input.unit), STDIN)
-        if fs is None:
-            raise RecordingError(
-                f"{STDIN}: fs is missing; the rule is a rate in Hz, never guessed: give --fs"
-            )
-        n, opened = max(1, round(block_s * fs)), file or sys.stdin.buffer
-        if raw_channels is None:
-            blocks = _text(opened, fs, unit, n, reading.get("delimiter"))
-        else:
-            if not 1 <= raw_channels <= MOST_CHANNELS:
-                raise ValueError(f"n_channels is {raw_channels}; the rule is 1 to {MOST_CHANNELS}")
-            needs.n_axes(len(columns_of(reading.get("column"))) or raw_channels)
-            blocks = _binary(opened, fs, unit, raw_channels, n)
-        if "column" in reading:
-            blocks = _of_columns(blocks, columns_of(reading["column"]))
-        if model is not None and (in_rad := model.manifest.input.turn_rate_scale) != 1.0:
-            factors = np.array([in_rad if name in TURN else 1.0 for name in needs.names])
-            blocks = (replace(block, samples=block.samples * factors) for block in blocks)
+        blocks = _heard(file or sys.stdin.buffer, fs, unit, block_s, raw_channels, model, **reading)
     elif isinstance(source, str) and source.startswith(ROS2):
         try:
             from texclass.recognition.sources.topic import topic_blocks
@@ -145,6 +127,38 @@ def _check_options(source: str | Recording, reading: Mapping[str, Any], raw_chan
         raise ValueError(f"{', '.join(reading)} given with {STDIN}; the rule is {rule}")
     if raw_channels is not None and source != "-":
         raise ValueError(f"{raw_channels} channels given with {source}; the rule is standard input, -")
+
+
+def _heard(
+    file: BinaryIO,
+    fs: float | None,
+    unit: str | None,
+    block_s: float,
+    raw_channels: int | None,
+    model: Model | None,
+    column: Any = None,
+    delimiter: str | None = None,
+) -> BlockSource:
+    """Return what standard input says, as text or as numbers of so many channels, in the units of a model."""
+    check_stated(STDIN, fs, unit, delimiter=delimiter)
+    unit = agreed_unit(None, unit or (None if model is None else model.manifest.input.unit), STDIN)
+    if fs is None:
+        raise RecordingError(f"{STDIN}: fs is missing; the rule is a rate in Hz, never guessed: give --fs")
+    n = max(1, round(block_s * fs))
+    if raw_channels is None:
+        blocks = _text(file, fs, unit, n, delimiter)
+    else:
+        if not 1 <= raw_channels <= MOST_CHANNELS:
+            raise ValueError(f"n_channels is {raw_channels}; the rule is 1 to {MOST_CHANNELS}")
+        if model is not None:
+            model.needs.n_axes(len(columns_of(column)) or raw_channels)
+        blocks = _binary(file, fs, unit, raw_channels, n)
+    if column is not None:
+        blocks = _of_columns(blocks, columns_of(column))
+    if model is not None and (in_rad := model.manifest.input.turn_rate_scale) != 1.0:
+        factors = np.array([in_rad if name in TURN else 1.0 for name in model.needs.names])
+        blocks = (replace(block, samples=block.samples * factors) for block in blocks)
+    return blocks
 
 
 def _played(recording: Recording, signal: Samples, n: int, paced: bool) -> BlockSource:
