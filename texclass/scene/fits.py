@@ -13,16 +13,13 @@ from scipy import ndimage
 
 from texclass.recording import Samples
 from texclass.scene.observations import Judge, Observed, Points
-from texclass.textures.grid import GridModel, mixed_power, shares
+from texclass.textures.grid import GridModel, likeliest_logarithms, mixed_power, shares
 from texclass.vibration import recursions
 from texclass.vibration.autoregressive import from_autocorrelation
 from texclass.vibration.major_frequencies import strongest_lines
 
 LARGEST_ORDER = 400
 """What is tried at most, and what a plan is compared with; `oeztuerk2018`, figure 3.2."""
-N_STEPS = 12
-"""Of the scoring; it has settled to 1e-3 after about 8."""
-LARGEST_STEP = 2.0
 TIE = 1e-3
 """Weight that ties powers of nodes to their neighbours: it decides only where no point does."""
 SHARPNESS = 12.0
@@ -244,29 +241,15 @@ def node_spectra(points: Points, axes: Axes, judge: Judge) -> Samples:
 
 
 def node_powers(share: Samples, power: Samples, axes: Axes) -> Samples:
-    """Return the powers of the nodes that make the powers P_i of the points likeliest.
+    """Return the powers of the nodes that make those of the points likeliest, see `likeliest_logarithms`.
 
-    Between the nodes ln powers mix linearly, ln M_i = sum_n H_in theta_n, and estimates of a power scatter
-    about it as gamma variables: a regression with logarithmic link, by scoring::
-
-        theta <- theta + (H'H + tie D'D)^-1 (H' (P / M - 1) - tie D'D theta)
-
-    with D the differences between neighbouring nodes.
-
-    References
-    ----------
-    McCullagh, Nelder, "Generalized linear models", 1989, chapter 8.
+    Between the nodes ln powers mix linearly, by the shares; T is tie D'D, with D the differences between
+    neighbouring nodes.
     """
     steps = [np.diff(np.eye(nodes.size), axis=0) for nodes in axes]
     along = [one.T @ one for one in steps]
     D2 = np.kron(along[0], np.eye(axes[1].size)) + np.kron(np.eye(axes[0].size), along[1])
-    H, tie = share, TIE * D2
-    solve = np.linalg.pinv(H.T @ H + tie)
-    theta = solve @ (H.T @ np.log(power))
-    for _ in range(N_STEPS):
-        step = np.minimum(power * np.exp(-H @ theta) - 1, LARGEST_STEP)
-        theta = theta + solve @ (H.T @ step - tie @ theta)
-    return np.asarray(np.exp(theta))
+    return np.asarray(np.exp(likeliest_logarithms(share, power, TIE * D2)))
 
 
 def pattern_frequencies(points: Points, judge: Judge, most: int) -> Samples:

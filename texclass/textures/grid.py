@@ -19,6 +19,8 @@ PER_STAGE_RENEWAL, PER_LINE_RENEWAL = 21, 12
 """Those of a stage's k and sqrt(1 - k^2) between four nodes, and of a line's amplitude and step."""
 LEAST_POWER = 1e-300
 """A node without power counts as this, so that it has a logarithm."""
+N_STEPS, LARGEST_STEP = 12, 2.0
+"""Of the scoring; it has settled to 1e-3 after about 8."""
 RENEWAL_HZ = 1000.0
 """How often the parameters between the nodes are renewed; the level is renewed at each sample."""
 
@@ -207,6 +209,34 @@ def mixed_power(share: Samples, power: ArrayLike, scale: Scale = "log") -> Sampl
         return np.asarray(np.tensordot(share, np.sqrt(power), axes=1) ** 2)
     ln_power = np.log(np.maximum(np.asarray(power, dtype=np.float64), LEAST_POWER))
     return np.asarray(np.exp(np.tensordot(share, ln_power, axes=1)))
+
+
+def likeliest_logarithms(H: Samples, power: Samples, tie: ArrayLike = 0.0) -> Samples:
+    """Return the theta (n,) for which the powers P_i about exp(H theta) are likeliest.
+
+    Estimates of a power scatter about it as gamma variables: a regression with logarithmic link, by scoring::
+
+        theta <- theta + (H'H + T)^-1 (H' (P / M - 1) - T theta),    M = exp(H theta)
+
+    Parameters
+    ----------
+    H : ndarray of shape (n_points, n)
+    power : ndarray of shape (n_points,)
+        P, above 0.
+    tie : array_like of shape (n, n) or ()
+        T, what holds theta where no point does.
+
+    References
+    ----------
+    McCullagh, Nelder, "Generalized linear models", 1989, chapter 8.
+    """
+    T = np.broadcast_to(tie, (H.shape[1], H.shape[1]))
+    solve = np.linalg.pinv(H.T @ H + T)
+    theta = solve @ (H.T @ np.log(power))
+    for _ in range(N_STEPS):
+        step = np.minimum(power * np.exp(-H @ theta) - 1, LARGEST_STEP)
+        theta = theta + solve @ (H.T @ step - T @ theta)
+    return np.asarray(theta)
 
 
 @njit(cache=True, error_model="numpy")

@@ -14,7 +14,7 @@ from texclass.recording import UNITS, Recording, Samples
 from texclass.signals import combine
 from texclass.textures import packed
 from texclass.textures.contract import Texture, constant_stroke
-from texclass.textures.grid import shares
+from texclass.textures.grid import likeliest_logarithms, shares
 from texclass.textures.packed import PackedTexture
 from texclass.textures.scan import Scan
 from texclass.vibration import recursions
@@ -219,21 +219,14 @@ def _seen(
 
 
 def _law(power: Samples, speed: Samples, force: Samples) -> dict[str, Any]:
-    """Return level (dB at the geometric middle), slopes at twice speed and force, ends in octaves.
-
-    The powers are gamma variables about exp(H theta): a regression with logarithmic link, by scoring.
-    """
+    """Return level (dB at the geometric middle), slopes at twice speed and force, ends in octaves."""
     at = np.log2([speed, force])
     ends = [float(q) for axis in at for q in np.quantile(axis, [0.05, 0.95])]
     ends = [packed.ENDS.number(packed.ENDS.code(e)) for e in ends]
     middle = np.array([(ends[0] + ends[1]) / 2, (ends[2] + ends[3]) / 2])
     H = np.column_stack([np.ones(speed.size), (at - middle[:, np.newaxis]).T])
     H[:, 2] *= ends[3] - ends[2] >= 0.5
-    solve = np.linalg.pinv(H)
-    theta = solve @ np.log(power)
-    for _ in range(12):
-        theta = theta + solve @ np.minimum(power * np.exp(-H @ theta) - 1, 2.0)
-    db = 10 / np.log(10) * theta
+    db = 10 / np.log(10) * likeliest_logarithms(H, power)
     return {"level_db": float(db[0]), "slopes_db": [float(db[1]), float(db[2])], "ends": ends}
 
 
