@@ -111,12 +111,8 @@ def test_an_override_changes_the_value_and_the_hash(load, views):
             "[features.b]\nuse = 'band_level'\n[features.'b.b1']\nuse = 'waviness'",
             "two columns are named 'b.b1'",
         ),
-        ("features = 3", "features is 3; the rule"),
         ("features = {}", "at least 1"),
-        ("name = 'x'", "lacks the key features"),
         ("features.friction = 3", r"features\.friction is 3; the rule"),
-        ("flavour = 'x'\n[features.friction]", "unknown key flavour"),
-        ("[features.friction", "not valid TOML"),
     ],
 )
 def test_a_wrong_set_is_refused_with_file_key_and_rule(load, text, rule):

@@ -12,7 +12,7 @@ import pytest
 from toy_surfaces import FS, SURFACES, pipeline, recording, surfaces
 
 from texclass.experiment import cost
-from texclass.recognition import joined, load_model, train
+from texclass.recognition import joined, train
 from texclass.recognition.model_files import MANIFEST
 from texclass.recognition.unknown import Ranges
 from texclass.recording import Phases
@@ -48,15 +48,6 @@ def test_values_give_the_answer_of_their_recording(model):
     assert model.answer_values(values, recording_id=given.recording_id) == model.answer(given)
     with pytest.raises(ValueError, match=r"values have shape \(3,\); the rule is one of each of 13 columns"):
         model.answer_values([1, 2, 3])
-
-
-def test_saved_and_loaded_it_says_the_same(model, tmp_path, recwarn):
-    model.save(tmp_path / "models" / "surface.skops")
-    loaded = load_model(tmp_path / "models" / "surface.skops")
-    for surface in (*SURFACES, "stranger"):
-        assert loaded.answer(recording(surface, 5)) == model.answer(recording(surface, 5))
-    assert loaded.manifest == model.manifest
-    assert not recwarn.list
 
 
 def test_only_the_features_of_the_row_are_computed(model):
