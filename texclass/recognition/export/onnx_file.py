@@ -10,17 +10,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from texclass import __version__
-from texclass.recognition.export.answers_graph import UNDEFINED, build
+from texclass.recognition.export import sample_parity
+from texclass.recognition.export.answers_graph import build
 from texclass.recognition.export.graph import OnnxExportError
-from texclass.recognition.export.parity import (
-    TOLERANCE,
-    Parity,
-    check_of,
-    check_parity,
-    reference,
-    remembered,
-    run,
-)
+from texclass.recognition.export.parity import TOLERANCE, Parity, check_parity, listed, run, self_checks
 from texclass.recognition.export.sample_graph import (
     SAMPLES,
     build_of_samples,
@@ -28,25 +21,13 @@ from texclass.recognition.export.sample_graph import (
     check_graphs,
     window_of_model,
 )
-from texclass.recognition.export.sample_parity import (
-    FORMULA,
-    SampleParity,
-    check_sample_parity,
-    made,
-    made_windows,
-    recipes,
-    self_checks,
-)
 from texclass.recognition.model import Model
-from texclass.recording import Samples
 from texclass.whole_files import write_whole
 
 NEEDED = ("onnx", "onnxruntime", "skl2onnx")
 PREFIX = "texclass."
 """Of the names of all facts."""
 Start = Literal["features", "samples"]
-N_REMEMBERED = 3
-"""Rows like those of training, from all over them, with which a program can check itself."""
 
 
 class Exported(NamedTuple):
@@ -70,7 +51,7 @@ class Exported(NamedTuple):
     parity: Parity
     single_precision: tuple[str, ...]
     facts: Mapping[str, Any]
-    of_samples: SampleParity | None = None
+    of_samples: sample_parity.SampleParity | None = None
 
 
 def export_onnx(
@@ -112,9 +93,9 @@ def export_onnx(
         graph = build(model)
         parity, single = check_parity(model, graph.SerializeToString()), single_precision(graph)
         if start == "samples":
-            windows = made_windows(model, n_samples, recipes(model))
+            windows = sample_parity.made_windows(model, n_samples, sample_parity.recipes(model))
             whole = build_of_samples(model, n_samples, with_features=True)
-            of_samples = check_sample_parity(model, whole.SerializeToString(), windows)
+            of_samples = sample_parity.check_sample_parity(model, whole.SerializeToString(), windows)
             graph = build_of_samples(model, n_samples)
     except OnnxExportError as error:
         raise type(error)(f"{path}: not written: {error}") from error
@@ -152,7 +133,7 @@ def check_installed(what: str) -> None:
             ) from error
 
 
-def facts_of_samples(model: Model, n_samples: int, parity: SampleParity) -> dict[str, Any]:
+def facts_of_samples(model: Model, n_samples: int, parity: sample_parity.SampleParity) -> dict[str, Any]:
     """Return what the metadata of a file of samples say besides.
 
     Parameters
@@ -176,8 +157,8 @@ def facts_of_samples(model: Model, n_samples: int, parity: SampleParity) -> dict
         },
         "sample_parity": asdict(parity),
         "stream": OnlineRecogniser(model, settings=settings).constants(len(channels_of(model))),
-        "formula": FORMULA,
-        "self_check": self_checks(model, n_samples),
+        "formula": sample_parity.FORMULA,
+        "self_check": sample_parity.self_checks(model, n_samples),
     }
 
 
@@ -215,7 +196,9 @@ def check_onnx(path: str | Path) -> str:
         ) from error
     if entry == SAMPLES:
         shape = json.loads(facts["window"])
-        X = np.stack([made(check, len(shape["channels"]), shape["n_samples"]) for check in checks])
+        X = np.stack(
+            [sample_parity.made(check, len(shape["channels"]), shape["n_samples"]) for check in checks]
+        )
     else:
         X = np.array([[np.nan if v is None else v for v in check["features"]] for check in checks])
     found, largest = run(graph, X, entry), 0.0
@@ -257,33 +240,13 @@ def facts_of(model: Model, parity: Parity, single: tuple[str, ...]) -> dict[str,
         "fs_hz": model.manifest.fs,
         "channels": model.plan.channels,
         "false_alarms": model.novelty.false_alarms,
-        "ranges": {edge: _listed(values) for edge, values in vars(model.ranges).items()},
+        "ranges": {edge: listed(values) for edge, values in vars(model.ranges).items()},
         "calibration": asdict(model.calibration),
         "sets": model.manifest.calibration.get("sets", {}),
         "single_precision": single,
         "parity": asdict(parity),
-        "self_check": _self_checks(model),
+        "self_check": self_checks(model),
     }
-
-
-def _self_checks(model: Model) -> list[dict[str, Any]]:
-    """Return rows of features with the answers they have: medians, with gaps, and what training was like.
-
-    null stands for NaN.
-    """
-    median = model.ranges.median
-    gaps = np.where(np.arange(len(median)) % 2, median, np.nan)
-    known = remembered(model)
-    some = np.linspace(0, len(known) - 1, min(N_REMEMBERED, len(known)), dtype=int)
-    X = np.concatenate([[median, gaps], known[some]])
-    said = reference(model, X)
-    answered = np.flatnonzero(said["label"] != UNDEFINED).tolist()
-    return [{"features": _listed(X[i]), **check_of(said, i)} for i in answered]
-
-
-def _listed(values: Samples) -> list[float | None]:
-    """Return values as JSON has them: null for NaN."""
-    return [None if np.isnan(value) else value for value in values.tolist()]
 
 
 def single_precision(graph: Any) -> tuple[str, ...]:

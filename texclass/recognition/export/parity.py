@@ -44,6 +44,9 @@ SHARE_UNDEFINED = 0.2
 FITTED = ("means_", "theta_", "centroids_")
 """Attributes in which classifiers of scikit-learn keep means of classes, as prepared rows."""
 
+N_REMEMBERED = 3
+"""Rows like those of training, from all over them, with which a program can check itself."""
+
 Said = dict[str, NDArray[Any]]
 """What is said of rows, by output."""
 
@@ -361,6 +364,26 @@ def remembered(model: Model) -> Samples:
             return nothing
         rows = step.inverse_transform(rows)
     return rows
+
+
+def self_checks(model: Model) -> list[dict[str, Any]]:
+    """Return rows of features with the answers they have: medians, with gaps, and what training was like.
+
+    null stands for NaN.
+    """
+    median = model.ranges.median
+    gaps = np.where(np.arange(len(median)) % 2, median, np.nan)
+    known = remembered(model)
+    some = np.linspace(0, len(known) - 1, min(N_REMEMBERED, len(known)), dtype=int)
+    X = np.concatenate([[median, gaps], known[some]])
+    said = reference(model, X)
+    answered = np.flatnonzero(said["label"] != UNDEFINED).tolist()
+    return [{"features": listed(X[i]), **check_of(said, i)} for i in answered]
+
+
+def listed(values: Samples) -> list[float | None]:
+    """Return values as JSON has them: null for NaN."""
+    return [None if np.isnan(value) else value for value in values.tolist()]
 
 
 def _of_classifier(classifier: Any) -> list[Samples]:

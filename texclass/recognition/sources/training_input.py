@@ -10,25 +10,10 @@ from typing import Any, Literal
 import numpy as np
 
 from texclass.features.phase_view import TURN
-from texclass.loaders import find_recording
+from texclass.loaders import files, find_recording
 from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
 from texclass.loaders.columns import BAG_FOLDER, ReadOptions, choose_acceleration
 from texclass.loaders.dataset import Dataset
-from texclass.loaders.files import (
-    READERS,
-    agreed_unit,
-    axis_files,
-    build_recording,
-    check_stated,
-    column_names,
-    columns_of,
-    is_bag,
-    is_bag_name,
-    located,
-    read_signals,
-    recording_name,
-    topics,
-)
 from texclass.loaders.filesets import conditioned
 from texclass.loaders.ros_messages import TURN_RATE
 from texclass.loaders.stamps import NEAR_RATE
@@ -193,10 +178,10 @@ class TrainingFiles(Written):
             As `find_recording`.
         """
         path = Path(name).expanduser()
-        is_file = path.suffix.lower() in READERS and (path.exists() or ":" not in str(name))
+        is_file = path.suffix.lower() in files.READERS and (path.exists() or ":" not in str(name))
         if is_file or _is_bag(name):
             resample = reading.pop("resample", None)
-            told = {"acceleration": columns_of(reading.pop("column", None)), **reading}
+            told = {"acceleration": files.columns_of(reading.pop("column", None)), **reading}
             like = self.model_copy(update={key: value for key, value in told.items() if value})
             return like.load(name, fs=fs, unit=unit, resample=resample)
         return find_recording(name, fs=fs, unit=unit, **reading)
@@ -219,33 +204,34 @@ class TrainingFiles(Written):
         RecordingError
             If the file is bad, or contradicts `fs` or `unit`.
         """
-        path, asked = located(name) if _is_bag(name) else (Path(name).expanduser(), None)
-        if not asked and self.topic is not None and is_bag(path) and self.topic in topics(path):
+        path, asked = files.located(name) if _is_bag(name) else (Path(name).expanduser(), None)
+        if not asked and self.topic is not None and files.is_bag(path) and self.topic in files.topics(path):
             asked = self.topic
-        check_stated(path, fs, unit, resample=resample, delimiter=self.delimiter)
+        files.check_stated(path, fs, unit, resample=resample, delimiter=self.delimiter)
         codes = (unit or self.unit) == "counts"
         options = ReadOptions(self.delimiter, codes=codes, topic=asked, fs=fs, time_column=self.time_column)
-        axes = axis_files(path)
+        axes = files.axis_files(path)
         first = next(iter(axes.values()))
+        of_bag = files.is_bag(first)
         roles = {"acceleration": self.acceleration, **self.auxiliary}
-        if is_bag(first):
+        if of_bag:
             roles = self._roles_in(first, options)
-        signals = read_signals(axes, roles, options)
-        if is_bag(first):
+        signals = files.read_signals(axes, roles, options)
+        if of_bag:
             if fs is None and 0 < abs(float(signals.fs or 0) / self.fs - 1) <= NEAR_RATE:
-                signals = read_signals(axes, roles, replace(options, fs=self.fs))
+                signals = files.read_signals(axes, roles, replace(options, fs=self.fs))
             if len(signals.channels) == len(self.axes):
                 signals = replace(signals, channels=self.axes)
-        own = signals.unit if is_bag(first) or self.scale == 1.0 else None  # else it was scaled to another
-        stated = agreed_unit(own, unit or own or self.unit, path)
+        own = signals.unit if of_bag or self.scale == 1.0 else None  # else it was scaled to another
+        stated = files.agreed_unit(own, unit or own or self.unit, path)
         scale = self.scale if stated == self.unit else 1.0
-        recording = build_recording(
+        recording = files.build_recording(
             signals,
             scale=scale,
             fs=fs or (self.fs if signals.fs is None else None),
             unit=stated,
             resample=resample or (self.fs if self.resample else None),
-            recording_id=recording_name(path, axes),
+            recording_id=files.recording_name(path, axes),
             source=str(path),
         )
         as_trained = roles.get("turn_rate") == self.auxiliary.get("turn_rate")
@@ -259,7 +245,7 @@ class TrainingFiles(Written):
 
     def _roles_in(self, path: Path, options: ReadOptions) -> dict[str, tuple[str, ...]]:
         """Return which columns of a bag are what: as in the training files if it has those, else its own."""
-        present = column_names(path, options)
+        present = files.column_names(path, options)
         own = [name for name in present if not name.startswith("/")]
         auxiliary = {field: names for field, names in self.auxiliary.items() if set(names) <= set(present)}
         if "turn_rate" in self.auxiliary and set(TURN_RATE) <= set(own):
@@ -276,5 +262,5 @@ class TrainingFiles(Written):
 def _is_bag(name: str | Path) -> bool:
     """Whether a name is of a bag: "bag:FILE", a file, or a folder of rosbag2."""
     path = Path(name).expanduser()
-    is_there = (path.exists() or ":" not in str(name)) and is_bag(path)
-    return is_bag_name(name) or is_there or (path / BAG_FOLDER).is_file()
+    is_there = (path.exists() or ":" not in str(name)) and files.is_bag(path)
+    return files.is_bag_name(name) or is_there or (path / BAG_FOLDER).is_file()
