@@ -147,17 +147,10 @@ class Timing:
             return [Block(at, nothing, fs, self.unit, 0, tuple(flags))] if flags else []
         if self._last is None:
             self._last = (t[0] - period, sent[0] - period, samples[0])
-        step = np.diff(t, prepend=self._last[0])
-        real = np.diff(sent, prepend=self._last[1])
-        jumped = (step < -MOST_LATE * period) | ((step > CLOCK_JUMP_S) & (step - real > CLOCK_JUMP_S))
-        if jumped.any():
-            flags.append(
-                f"clock jumps: {np.count_nonzero(jumped)} (largest {np.max(np.abs(step[jumped])):.3g} s)"
-            )
-            step = np.where(jumped, np.maximum(real, period), step)
+        step, jumps = _steps(t, sent, self._last, period)
         changed = self._changed(step, period)
         lost = np.where(step > 1.5 * period, np.rint(step / period) - 1, 0).astype(np.int64)
-        flags += self._contradicted(step / (1 + lost), period, fs)
+        flags += jumps + self._contradicted(step / (1 + lost), period, fs)
         first_s = start_s - period + 1 / fs  # the last sample of a message stands at its stamp
         made, previous = [], self._last[2]
         starts = [0, *np.flatnonzero(lost[1:] > MOST_LOST) + 1]
@@ -219,6 +212,19 @@ class Timing:
         if not self._is_wrong or was_wrong:
             return []
         return [f"rate: {measured * fs:.4g} Hz by the stamps, {fs:g} Hz is assumed"]
+
+
+def _steps(
+    t: Samples, sent: Samples, last: tuple[float, float, Samples], period: float
+) -> tuple[Samples, list[str]]:
+    """Return the steps of stamps, those of the times of sending where the clock jumps, and say if it does."""
+    step, real = np.diff(t, prepend=last[0]), np.diff(sent, prepend=last[1])
+    jumped = (step < -MOST_LATE * period) | ((step > CLOCK_JUMP_S) & (step - real > CLOCK_JUMP_S))
+    if not jumped.any():
+        return step, []
+    largest = np.max(np.abs(step[jumped]))
+    said = f"clock jumps: {np.count_nonzero(jumped)} (largest {largest:.3g} s)"
+    return np.where(jumped, np.maximum(real, period), step), [said]
 
 
 def _bridged(previous: Samples, samples: Samples, lost: NDArray[np.int64]) -> Samples:

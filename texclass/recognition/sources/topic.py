@@ -143,7 +143,9 @@ def topic_blocks(
     subscriber = Subscriber(
         topic, type_name, reliability=reliability, depth=depth, domain=domain, columns=columns
     )
-    return _blocks(subscriber, Timing(fs, unit or stated), end_s)
+    blocks = _blocks(subscriber, Timing(fs, unit or stated), end_s)
+    turned = [subscriber.columns.index(name) for name in TURN_RATE if name in subscriber.columns]
+    return _doubted(blocks, turned) if turned else blocks
 
 
 def discover(
@@ -372,9 +374,7 @@ def _samples(
 def _blocks(subscriber: Subscriber, timing: Timing, end_s: float | None) -> BlockSource:
     """Yield blocks as messages arrive; what DDS says of them goes with the first."""
     heard, is_silent, n_lost, ended_s = time.monotonic(), False, 0, 0.0
-    said: list[str] = []
-    turn = [subscriber.columns.index(name) for name in TURN_RATE if name in subscriber.columns]
-    unturned_s, looked, several = 0.0, -math.inf, list[str]()
+    said, several, looked = list[str](), list[str](), -math.inf
     with closing(subscriber):
         while True:
             received = subscriber.take(0.1)
@@ -400,15 +400,22 @@ def _blocks(subscriber: Subscriber, timing: Timing, end_s: float | None) -> Bloc
                 said.append(f"lost: {subscriber.n_lost - n_lost} messages on the network")
                 n_lost = subscriber.n_lost
             for block in timing.push(received.stamps_ns, received.sent_ns, received.samples):
-                length_s = len(block.samples) / block.fs
-                ended_s = block.t_s + length_s
-                # A gyroscope is never so quiet for long: its driver sends what it does not measure.
-                unturned_s += length_s
-                if turn and block.samples[:, turn].any():
-                    turn = []
-                elif turn and unturned_s >= UNTURNED_S:
-                    said.append(f"turn rate: 0 for the first {UNTURNED_S:g} s, does the sensor measure it?")
-                    turn = []
+                ended_s = block.t_s + len(block.samples) / block.fs
                 age_s = max(0.0, (time.time_ns() - int(received.sent_ns[-1])) / 1e9)
                 yield replace(block, flags=(*said, *block.flags), age_s=age_s)
                 said.clear()
+
+
+def _doubted(blocks: BlockSource, turned: list[int]) -> BlockSource:
+    """Yield blocks, and say if a gyroscope is quiet for long: its driver sends what it does not measure."""
+    quiet_s = 0.0
+    with closing(blocks):
+        for block in blocks:
+            said: tuple[str, ...] = ()
+            if quiet_s < UNTURNED_S and len(block.samples):
+                quiet_s += len(block.samples) / block.fs
+                if block.samples[:, turned].any():
+                    quiet_s = math.inf
+                elif quiet_s >= UNTURNED_S:
+                    said = (f"turn rate: 0 for the first {UNTURNED_S:g} s, does the sensor measure it?",)
+            yield replace(block, flags=(*said, *block.flags))
