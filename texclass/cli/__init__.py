@@ -1,7 +1,9 @@
 """The command line: parse, call one function, print.
 
 Nothing heavy is imported before a command needs it: recordings are opened first, so that a missing unit is
-said at once.
+said at once. The options of a command are the arguments of its function, told in its docstring (`app.told`);
+groups of them that several commands have, or that belong together, are functions of their own
+(`options.shared`).
 """
 
 # Importing commands puts them into the program, in this order.

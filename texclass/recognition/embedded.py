@@ -45,6 +45,7 @@ from texclass.recognition.small_computers import (
 )
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recognition.training import LIBRARIES, train
+from texclass.recording import Recording
 from texclass.tradeoff.curves import full_scale_of
 from texclass.tradeoff.front import (
     INNER_FOLDS,
@@ -201,28 +202,22 @@ def embedded_tradeoff(
     limits = limits or SmallLimits()
     dataset = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)
     every = features if isinstance(features, FeatureSet) else load_feature_set(features)
-    lacking = without_graph(every)
-    if len(lacking) == len(every.members):
-        raise OnnxExportError(f"no feature of {every.name} has a graph; the rule is at least one")
-    bought = every.restricted_to(m.name for m in every.members if m.name not in lacking)
+    bought, lacking = _with_graph(every)
     longest = LONGEST_S if max_seconds is None else max_seconds
     check_above_0(max_seconds=longest)
-    like = dataset[0]
-    rates = {rate for rate in RATES_HZ if rate <= like.fs} | {min(like.fs, max(RATES_HZ))}
-    at_rates = {fs: dataset if fs == like.fs else at_rate(dataset, fs) for fs in sorted(rates, reverse=True)}
-    plan = Plan.of(bought, channels_apart(like, channels))
-    level = TrainingFiles.of(dataset, like).remove_resting_level
-    of_windows = Windows(plan, plan.channels or like.channels, 0, like.fs, like.unit, level)
-    do_each = partial(each, n_jobs=n_jobs, progress=progress)
-    known = metadata(dataset.entries)
+    like, known = dataset[0], metadata(dataset.entries)
+    at_rates = _at_rates(dataset, like.fs)
+    of_windows = _windows(dataset, like, Plan.of(bought, channels_apart(like, channels)))
     held_out_by, why = holding_out(protocol, AT_RANDOM, known, FALSE_ALARMS)
     tests = HoldingOut(known, held_out_by, why, asked=True, seed=seed)
+    work: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress}
+    do_each = partial(each, **work)
     cuts = _cuts(at_rates, of_windows, longest, full_scale_of(dataset), tests, limits, do_each)
     points = _points(cuts, limits, do_each)
     front = front_of(points)
     chosen = chosen_of(points, limits)
     if model_file is not None:
-        felt, work = at_rates[chosen["fs_hz"]], {"n_jobs": n_jobs, "progress": progress}
+        felt = at_rates[chosen["fs_hz"]]
         _trained(felt, bought, chosen, channels, seed, protocol=protocol, **work).save(model_file)
         chosen["file"] = str(model_file)
     first = cuts[0].tests
@@ -245,6 +240,26 @@ def embedded_tradeoff(
             "notes": list(dataset.notes),
         }
     )
+
+
+def _with_graph(every: FeatureSet) -> tuple[FeatureSet, tuple[str, ...]]:
+    """Return the features of a set that have a graph, and the names of those that have none."""
+    lacking = without_graph(every)
+    if len(lacking) == len(every.members):
+        raise OnnxExportError(f"no feature of {every.name} has a graph; the rule is at least one")
+    return every.restricted_to(m.name for m in every.members if m.name not in lacking), lacking
+
+
+def _at_rates(dataset: Dataset, fs: float) -> dict[float, Dataset]:
+    """Return a dataset at its own rate fs (Hz), or the highest that is tried, and at each lower one."""
+    rates = {rate for rate in RATES_HZ if rate <= fs} | {min(fs, max(RATES_HZ))}
+    return {rate: dataset if rate == fs else at_rate(dataset, rate) for rate in sorted(rates, reverse=True)}
+
+
+def _windows(dataset: Dataset, like: Recording, plan: Plan) -> Windows:
+    """Return what a graph has to know of windows of a dataset, but for their length."""
+    level = TrainingFiles.of(dataset, like).remove_resting_level
+    return Windows(plan, plan.channels or like.channels, 0, like.fs, like.unit, level)
 
 
 def _cuts(
