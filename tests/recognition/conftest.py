@@ -8,6 +8,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 from toy_surfaces import pipeline, surfaces
+from turning_surfaces import turning_model
 
 from texclass.recognition import train
 
@@ -25,3 +26,8 @@ def linear_model(_own_cache):
 @pytest.fixture(scope="session")
 def touch_model(_own_cache):
     return train(surfaces(), pipeline(), row="Spectrum", classifier="lda", touch_s=0.25)
+
+
+@pytest.fixture(scope="session")
+def turning(_own_cache):
+    return turning_model()

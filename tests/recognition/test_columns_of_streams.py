@@ -79,11 +79,6 @@ def folder(bags, imu_bag, tmp_path_factory):
     return root
 
 
-@pytest.fixture(scope="module")
-def model():
-    return turning_model()
-
-
 @pytest.fixture
 def run(command, folder, monkeypatch):
     def call(*arguments, text=""):
@@ -155,7 +150,7 @@ def test_a_bag_stands_for_files_whose_columns_have_other_names(bags, imu_bag, tm
     ],
 )
 def test_a_bag_without_turn_rates_is_refused_before_the_stream_begins(
-    bags, imu_bag, model, tmp_path, monkeypatch, change, told
+    bags, imu_bag, turning, tmp_path, monkeypatch, change, told
 ):
     both = values("sand", 3)
     both[:, 3:] = 0
@@ -164,9 +159,9 @@ def test_a_bag_without_turn_rates_is_refused_before_the_stream_begins(
     bag = imu_bag(tmp_path, both, kind=bags.IMU if change != "type" else "geometry_msgs/msg/AccelStamped")
     roles = {"turn_rate": ("wx", "wy", "wz")}
     files = TrainingFiles(fs=FS, unit="m/s^2", acceleration=("ax", "ay", "az"), auxiliary=roles)
-    model = replace(model, manifest=model.manifest.model_copy(update={"input": files}))
+    turning = replace(turning, manifest=turning.manifest.model_copy(update={"input": files}))
     with pytest.raises(RecordingError, match=told):
-        open_source(f"bag:{bag}", model=model)
+        open_source(f"bag:{bag}", model=turning)
 
 
 def _disclaiming(make):
@@ -188,15 +183,15 @@ def test_a_disclaimer_beside_real_numbers_is_not_believed(bags, imu_bag, tmp_pat
 
 
 @pytest.mark.parametrize("n_columns", [3, 5, 7])
-def test_text_of_other_columns_is_refused_by_name(model, n_columns):
+def test_text_of_other_columns_is_refused_by_name(turning, n_columns):
     text = io.BytesIO("\n".join([" ".join(["1"] * n_columns)] * 50).encode())
-    session = Session(model)
+    session = Session(turning)
     with pytest.raises(
         ValueError, match=f"has {n_columns} columns; the rule is 6, ax, ay, az, turn_x, turn_y"
     ):
-        list(session.run(open_source("-", fs=FS, unit="m/s^2", file=text, model=model)))
+        list(session.run(open_source("-", fs=FS, unit="m/s^2", file=text, model=turning)))
     with pytest.raises(ValueError, match=f"has {n_columns} columns; the rule is 6"):
-        open_source("-", fs=FS, unit="m/s^2", file=io.BytesIO(b""), raw_channels=n_columns, model=model)
+        open_source("-", fs=FS, unit="m/s^2", file=io.BytesIO(b""), raw_channels=n_columns, model=turning)
 
 
 # Friction: a last column.

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (the extra `robot`)")
 
-from turning_surfaces import FS, N, recording, turning_model, values
+from turning_surfaces import FS, N, recording, values
 
 from texclass.recognition import Notice, OnlineSettings, Session, WindowAnswer, open_source, topic_blocks
 from texclass.recognition.sources.dds import message_class
@@ -13,19 +13,14 @@ from texclass.recognition.sources.topic import decoded_messages
 from texclass.recording import RecordingError
 
 
-@pytest.fixture(scope="module")
-def model():
-    return turning_model()
-
-
-def test_a_model_of_turn_rates_hears_them_over_dds(child, model, tmp_path):
+def test_a_model_of_turn_rates_hears_them_over_dds(child, turning, tmp_path):
     terrain = "grass"
     both = values(terrain, 70)
     both[:, :3] -= np.median(both[:, :3], axis=0)
     np.save(tmp_path / "rows.npy", both)
     child("rows", "/turning", FS, tmp_path / "rows.npy")
-    source = topic_blocks("/turning", fs=FS, end_s=0.6, needs=model.needs)
-    session = Session(model, settings=OnlineSettings(assume_contact=True, window_s=N / FS))
+    source = topic_blocks("/turning", fs=FS, end_s=0.6, needs=turning.needs)
+    session = Session(turning, settings=OnlineSettings(assume_contact=True, window_s=N / FS))
     heard, said = [], []
     for block in source:
         heard.append(block.samples)
@@ -34,14 +29,14 @@ def test_a_model_of_turn_rates_hears_them_over_dds(child, model, tmp_path):
     np.testing.assert_array_equal(np.concatenate(heard), both)
     assert not any(isinstance(update, Notice) for update in said)
     (answer,) = [update.answer for update in said if isinstance(update, WindowAnswer)]
-    asked = model.answer(recording(terrain, 70))
+    asked = turning.answer(recording(terrain, 70))
     assert asked.surface == terrain
     assert answer.probabilities == pytest.approx(asked.probabilities)
 
 
-def test_open_source_asks_a_topic_for_what_the_model_needs(child, model):
+def test_open_source_asks_a_topic_for_what_the_model_needs(child, turning):
     child("imu", "/plain", 200, 30, 0)
-    source = open_source("ros2:/plain", fs=200, model=model)
+    source = open_source("ros2:/plain", fs=200, model=turning)
     flags = []
     for block in source:
         assert block.samples.shape[1] == 6
@@ -54,7 +49,7 @@ def test_open_source_asks_a_topic_for_what_the_model_needs(child, model):
         RecordingError, match="geometry_msgs/msg/AccelStamped has no turn rate; the rule is ax"
     ):
         topic_blocks(
-            "/x", type_name="geometry_msgs/msg/AccelStamped", reliability="reliable", needs=model.needs
+            "/x", type_name="geometry_msgs/msg/AccelStamped", reliability="reliable", needs=turning.needs
         )
 
 

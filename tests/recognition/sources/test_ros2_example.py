@@ -7,17 +7,12 @@ from pathlib import Path
 
 import pytest
 import ros_stand_in
-from turning_surfaces import FS, N, recording, turning_model, values
+from turning_surfaces import FS, N, recording, values
 
 from texclass.recognition.sources.dds import message_class
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "ros2_node.py"
 START_S = 1_700_000_000
-
-
-@pytest.fixture(scope="module")
-def model():
-    return turning_model()
 
 
 @pytest.fixture
@@ -31,8 +26,8 @@ def example(monkeypatch):
 
 
 @pytest.fixture
-def node(example, model, monkeypatch, tmp_path):
-    model.save(tmp_path / "m.skops")
+def node(example, turning, monkeypatch, tmp_path):
+    turning.save(tmp_path / "m.skops")
     given = {"model": str(tmp_path / "m.skops"), "topic": "/drive/imu", "fs": FS}
     monkeypatch.setattr(ros_stand_in.Node, "given", given)
     return example.SurfaceNode()
@@ -61,11 +56,11 @@ def test_it_subscribes_as_sensors_are_published(node):
 
 
 @pytest.mark.parametrize("terrain", ["gravel", "sand"])
-def test_it_publishes_the_answer_of_the_model(node, model, terrain):
+def test_it_publishes_the_answer_of_the_model(node, turning, terrain):
     ((_, _, hear, _),) = node.subscriptions
     _play(node, values(terrain, 90), hear)
     (said,) = [json.loads(message.data) for message in node.publishers["~/surface"].sent]
-    asked = model.answer(recording(terrain, 90))
+    asked = turning.answer(recording(terrain, 90))
     assert said["surface"] == asked.surface == terrain
     assert said["felt_s"] == pytest.approx(N / FS)
     (array,) = node.publishers["/diagnostics"].sent
