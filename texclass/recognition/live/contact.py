@@ -279,15 +279,11 @@ class Contact:
     @property
     def constants(self) -> dict[str, Any]:
         """What a program needs to know that follows the tool by the table in docs/stream-logic.md."""
-        rules = self.rules
+        ruled = ("active_ratio", "off_ratio", "share", "drop_ratio", "pause_s")
         return {
             "bin_samples": self._heard.bin_size,
             "n_bins": dict(self._n),
-            "active_ratio": rules.active_ratio,
-            "off_ratio": rules.off_ratio,
-            "share": rules.share,
-            "drop_ratio": rules.drop_ratio,
-            "pause_s": rules.pause_s,
+            **{name: getattr(self.rules, name) for name in ruled},
             "floor_forget": self._forget,
             "dead": _DEAD,
             "least": _LEAST,

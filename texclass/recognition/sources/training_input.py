@@ -143,27 +143,14 @@ class TrainingFiles(Written):
         told = loader.args[0] if isinstance(loader, partial) else None  # what `load_files` is to read
         if not isinstance(told, Reading):
             return cls(fs=like.fs, unit=like.unit, axes=like.channels)
-        facts: dict[str, Any] = {}
+        facts = {name: stated for name, stated in told if name in cls.model_fields}
         if isinstance(told, FileReading):
-            is_pattern = told.topic is not None and re.compile(told.topic).groupindex
-            facts = {
-                "delimiter": told.delimiter,
-                "acceleration": told.channels.get("acceleration", ()),
-                "auxiliary": {name: told.channels[name] for name in told.channels if name != "acceleration"},
-                "topic": None if is_pattern else told.topic,
-                "time_column": told.time_column,
-                "resample": told.resample_hz is not None,
-            }
-        return cls(
-            fs=like.fs,
-            unit=told.unit,
-            scale=told.scale,
-            phases=told.phases,
-            remove_resting_level=told.remove_resting_level,
-            turn_rate_scale=told.turn_rate_scale,
-            axes=like.channels,
-            **facts,
-        )
+            channels = dict(told.channels)
+            facts["acceleration"] = channels.pop("acceleration", ())
+            facts |= {"auxiliary": channels, "resample": told.resample_hz is not None}
+            if told.topic is not None and re.compile(told.topic).groupindex:  # a pattern, of many topics
+                facts["topic"] = None
+        return cls(**facts, fs=like.fs, axes=like.channels)
 
     def find(
         self, name: str | Path, *, fs: float | None = None, unit: str | None = None, **reading: Any
