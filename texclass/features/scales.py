@@ -50,6 +50,18 @@ class Scale(NamedTuple):
     at_10: float
     unit: str
 
+    def told(self, m: float) -> float:
+        """Return what a value of the feature says on the scale."""
+        if self.unit in ("Hz", "1/mm"):
+            return float(10 * np.log(m / self.at_0) / np.log(self.at_10 / self.at_0))
+        return 10 * (m - self.at_0) / (self.at_10 - self.at_0)
+
+    def measured(self, told: float) -> float:
+        """Return the value of the feature at a place of the scale."""
+        if self.unit in ("Hz", "1/mm"):
+            return float(self.at_0 * (self.at_10 / self.at_0) ** (told / 10))
+        return self.at_0 + (self.at_10 - self.at_0) * told / 10
+
 
 SCALES = {
     "hard": Scale("soft", "damping", 45.0, 370.0, "Hz"),
@@ -108,19 +120,11 @@ def scale_values(measured: "pd.DataFrame") -> "pd.DataFrame":
     """
     import pandas as pd
 
-    found = pd.DataFrame(
-        {name: _told(scale, measured) for name, scale in SCALES.items()}, index=measured.index
-    )
+    def told(scale: Scale) -> "pd.Series[float]":
+        return measured[scale.column].astype(float).map(scale.told)
+
+    found = pd.DataFrame({name: told(scale) for name, scale in SCALES.items()}, index=measured.index)
     for name, scale in OVER_THE_WAY.items():
         if scale.column in measured:
-            found[name] = _told(scale, measured).fillna(found[name])
+            found[name] = told(scale).fillna(found[name])
     return found
-
-
-def _told(scale: Scale, measured: "pd.DataFrame") -> "pd.Series[float]":
-    """Return what a link says."""
-    m: pd.Series[float] = measured[scale.column].astype(float)
-    if scale.unit in ("Hz", "1/mm"):
-        m = (m / scale.at_0).map(np.log) / np.log(scale.at_10 / scale.at_0)
-        return 10 * m
-    return 10 * (m - scale.at_0) / (scale.at_10 - scale.at_0)

@@ -1,20 +1,19 @@
 """A texture that feels otherwise on some of the six scales, and else the same."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from texclass.features.scales import SCALES, scale_values
+from texclass.features.plan import Plan
+from texclass.features.scales import SCALES
+from texclass.features.sets import load_feature_set
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.textures.contract import Texture
 from texclass.textures.packed import PackedTexture
 from texclass.textures.packing import pack
 from texclass.vibration import DecayingModes
-
-if TYPE_CHECKING:
-    from texclass.features.extractor import FeatureExtractor
 
 OF_SPECTRUM = ("rough", "bumpy", "fine", "regular")
 """Scales that hang on the spectrum; `hard` hangs on a tap, `sticky` on friction, where a texture has them."""
@@ -89,10 +88,10 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **aske
                 f"asked for {name}, and the texture has no {what}; the rule is one with a {what}"
             )
     if "hard" in asked:  # a stiffer spring: a ~ v w sin(w t)
-        c = _measured("hard", asked["hard"]) / _measured("hard", _touched(tap, mu)["hard"])
+        c = SCALES["hard"].measured(asked["hard"]) / SCALES["hard"].measured(_touched(tap, mu)["hard"])
         higher = np.minimum(c * tap.frequency_hz, 0.49 * TAP_FS)
         tap = DecayingModes(higher, c * tap.decay_per_s, c * tap.amplitude, tap.phase)
-    mu = _measured("sticky", asked["sticky"]) if "sticky" in asked else mu
+    mu = SCALES["sticky"].measured(asked["sticky"]) if "sticky" in asked else mu
     same = isinstance(texture, PackedTexture) and not set(asked) & set(OF_SPECTRUM)
     packed: PackedTexture = texture if same else _reshaped(texture, asked, n_bytes, unit)  # type: ignore[assignment]
     found = packed.holding(tap=tap, mu=mu)
@@ -194,35 +193,24 @@ def _touched(tap: DecayingModes, mu: float) -> dict[str, float]:
         struck = Phases(taps=(Tap(0, 500, x.size),))
         found |= _told(Recording(x, TAP_FS, "m/s^2", "tap", phases=struck), ("hard",), "tap")
     if mu:
-        sticky = SCALES["sticky"]
-        found["sticky"] = 10 * (mu - sticky.at_0) / (sticky.at_10 - sticky.at_0)
+        found["sticky"] = SCALES["sticky"].told(mu)
     return found
 
 
 @cache
-def _extractor() -> "FeatureExtractor":
-    from texclass.features.extractor import FeatureExtractor
-
-    return FeatureExtractor("scales").fit([Recording(np.zeros(2), 1.0)])
+def _plan(names: tuple[str, ...]) -> Plan:
+    return Plan.of(load_feature_set("scales")).restricted_to(SCALES[name].column for name in names)
 
 
-def _told(recording: Recording, names: Sequence[str], what: str) -> dict[str, float]:
+def _told(recording: Recording, names: tuple[str, ...], what: str) -> dict[str, float]:
     """Return what scales say of a recording; all of them have to be defined."""
-    found = _extractor().extract([recording])
-    for reason in found.reasons:
-        if reason.feature in {SCALES[name].column.partition(".")[0] for name in names}:
-            raise ValueError(f"{what}: {reason.reason}")
-    values = scale_values(found.table).iloc[0]
-    return {name: float(values[name]) for name in names}
+    plan = _plan(names)
+    found = plan.compute(recording)
+    for _, reason in found.reasons:
+        raise ValueError(f"{what}: {reason}")
+    measured = dict(zip(plan.columns, found.values.tolist(), strict=True))
+    return {name: SCALES[name].told(measured[SCALES[name].column]) for name in names}
 
 
 def _values(x: Samples, fs: float) -> Samples:
     return np.array(list(_felt(x, fs).values()))
-
-
-def _measured(name: str, value: float) -> float:
-    """Return what a scale's feature is at a value: see `scale_values`."""
-    scale = SCALES[name]
-    if scale.unit == "Hz":
-        return float(scale.at_0 * (scale.at_10 / scale.at_0) ** (value / 10))
-    return scale.at_0 + (scale.at_10 - scale.at_0) * value / 10
