@@ -22,6 +22,8 @@ GROUPS = {
     "Felt again": ("scene", "texture", "convert"),
 }
 """The commands under their headings, in the order of a day's work."""
+OPTION = re.compile(r"^(\w+)(?: : (.+))?\n((?: {4}.+\n?)+)", re.MULTILINE)
+"""Of the parameters in a docstring: name, how it is spelled, what it is."""
 SPELLED = {"--out": "--output", "--window": "--touch", "--rate": "--fs"}
 """How options were spelled until 0.2, and are now; both are understood until 1.0."""
 
@@ -65,23 +67,23 @@ def _options(
 
 
 def told(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Let a docstring tell of options: "name : -o, --output PATH" how one is spelled, and below what it is.
+    """Let the docstring of a function tell of its options: "name : -o, --output PATH", and below, what it is.
 
-    By default it is spelled as its argument, and one that is False is no option to be told "--no-".
+    An option is spelled as its argument where nothing is said; one that is False by default is a flag.
     """
     doc, _, listed = inspect.cleandoc(function.__doc__ or "").partition("\n\nParameters\n----------\n")
     parameters = dict(inspect.signature(function).parameters)
-    for name, spelled, text in re.findall(r"^(\w+)(?: : (.+))?\n((?: {4}.+\n?)+)", listed, re.MULTILINE):
+    for name, spelled, text in OPTION.findall(listed):
         asked, words = parameters[name], spelled.replace(",", " ").split()
         flags = [word for word in words if word.startswith("-")]
+        metavar = " ".join(words[len(flags) :]) or None
         if asked.default is False and not flags:
             flags = [f"--{name.replace('_', '-')}"]
-        is_option = bool(flags) or asked.default is not asked.empty
-        stated = getattr(asked.annotation, "__metadata__", None)
-        info = copy.copy(stated[0]) if stated else typer.Option() if is_option else typer.Argument()
-        info.param_decls, info.help = tuple(flags), " ".join(text.split())
-        info.metavar = " ".join(words[len(flags) :]) or None
+        stated = getattr(asked.annotation, "__metadata__", None)  # what a docstring cannot tell: min, max
         kind = asked.annotation.__origin__ if stated else asked.annotation
+        is_option = bool(flags) or asked.default is not asked.empty
+        info = copy.copy(stated[0]) if stated else typer.Option() if is_option else typer.Argument()
+        info.param_decls, info.metavar, info.help = tuple(flags), metavar, " ".join(text.split())
         parameters[name] = asked.replace(annotation=Annotated[kind, info])
     function.__doc__ = doc
     vars(function)["__signature__"] = inspect.Signature([*parameters.values()])
