@@ -59,6 +59,13 @@ def test_version_and_help_import_nothing_heavy():
     assert "benchmark" in done.stdout
 
 
+def test_options_are_told_where_python_keeps_no_docstrings():
+    words = [sys.executable, "-OO", "-m", "texclass", "train", "--help"]
+    told = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    assert "-o, --output" in told
+    assert "Model file to write (.skops)." in " ".join(told.split())
+
+
 def test_a_command_seldom_looks_for_garbage_and_leaves_none_to_look_for_at_its_end(monkeypatch):
     before, often = gc.get_threshold(), (700, 10, 10)  # a command in this process may have raised it
     monkeypatch.setattr(sys, "argv", ["texclass", "--version"])

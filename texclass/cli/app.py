@@ -1,5 +1,6 @@
 """The program: the typer application, what it says of errors, and how it ends."""
 
+import ast
 import copy
 import gc
 import inspect
@@ -8,7 +9,7 @@ import itertools
 import re
 import sys
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 from typer.core import TyperGroup
@@ -71,7 +72,11 @@ def told(function: Callable[..., Any]) -> Callable[..., Any]:
 
     An option is spelled as its argument where nothing is said; one that is False by default is a flag.
     """
-    doc, _, listed = inspect.cleandoc(function.__doc__ or "").partition("\n\nParameters\n----------\n")
+    written = function.__doc__
+    if written is None:  # python -OO keeps none
+        (parsed,) = ast.parse(inspect.getsource(function)).body
+        written = ast.get_docstring(cast(ast.FunctionDef, parsed)) or ""
+    doc, _, listed = inspect.cleandoc(written).partition("\n\nParameters\n----------\n")
     parameters = dict(inspect.signature(function).parameters)
     for name, spelled, text in OPTION.findall(listed):
         asked, words = parameters[name], spelled.replace(",", " ").split()
