@@ -111,13 +111,6 @@ def test_the_nominal_rate_is_the_roundest_within_a_thousandth(measured, nominal)
     assert nominal_rate(measured) == nominal
 
 
-def test_a_contradicted_rate_is_refused():
-    with pytest.raises(
-        RecordingError, match="fs is 100 Hz by its stamps, 90 Hz was given; the rule is one rate"
-    ):
-        _uniform(np.arange(N) * T, _slow(), given=90.0)
-
-
 @pytest.mark.parametrize("stamps", [[0, 0, 0], [5], [3, 3]])
 def test_messages_at_one_instant_are_refused(stamps):
     with pytest.raises(RecordingError, match="the rule is"):
