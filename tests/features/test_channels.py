@@ -24,6 +24,15 @@ def turning(n=N, seed=0, **given):
     return Recording(signals[:, :3], FS, turn_rate=signals[:, 3:], phases=Phases(movement=(0, n)), **given)
 
 
+def test_a_delayed_copy_correlates_at_its_delay_and_noise_nowhere_else():
+    x = noise(N)
+    for delay in (-4, -1, 0, 2):
+        found = pair(x, 3 - 5 * np.roll(x, delay))
+        expected = np.where(np.array(both_ways(LAGS)) == delay, -1.0, 0.0)
+        np.testing.assert_allclose(found, expected, atol=0.15)
+        assert found[both_ways(LAGS).index(delay)] < -0.98
+
+
 def test_correlations_are_those_of_numpy():
     x, y = noise(N, 1).cumsum(), noise(N, 2).cumsum()
     right = np.correlate(y - y.mean(), x - x.mean(), "full")[N - 1 + np.array(both_ways((3, 7)))]

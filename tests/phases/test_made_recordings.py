@@ -67,6 +67,29 @@ def impacts(phases, fs=10_000.0, moved_s=0.0):
     return [round(tap.impact / fs - moved_s, 2) for tap in phases.taps]
 
 
+@pytest.mark.parametrize("before_s", [0.05, 0.1, 0.5])
+@pytest.mark.parametrize("value", ["zeros", "first"])
+def test_values_held_before_a_recording_change_no_tap(before_s, value):
+    x = tapped()
+    held = np.full(round(before_s * 1e4), 0.0 if value == "zeros" else x[0])
+    phases = of(np.concatenate([held, x]))
+    assert impacts(phases, moved_s=before_s) == [0.5, 0.9, 1.3, 1.7]
+    assert phases.movement is None
+
+
+def test_zeros_after_a_recording_change_no_tap():
+    assert impacts(of(np.concatenate([tapped(), np.zeros(2000)]))) == [0.5, 0.9, 1.3, 1.7]
+
+
+@pytest.mark.parametrize("shape", [np.asarray, lambda up: np.sin(0.5 * np.pi * up) ** 2])
+@pytest.mark.parametrize("gravity", [0.0, 9.81])
+def test_a_volume_that_is_turned_up_or_down_is_no_noise_floor(shape, gravity):
+    x = tapped() - 9.81 + gravity
+    x[:1500] *= shape(np.linspace(0.0, 1.0, 1500))
+    x[-1500:] *= shape(np.linspace(1.0, 0.0, 1500))
+    assert impacts(of(x)) == [0.5, 0.9, 1.3, 1.7]
+
+
 @pytest.mark.parametrize("at", [2000, 4800, 7000, 8990, 20_500])
 def test_one_wild_sample_is_no_tap_and_changes_no_hardness(at):
     x = tapped()
@@ -77,6 +100,12 @@ def test_one_wild_sample_is_no_tap_and_changes_no_hardness(at):
     assert impacts(found) == impacts(phases)
     clean, dirty = (hardness(Views(r, p).tap) for r, p in ((recording, phases), (spoiled, found)))
     assert dirty == pytest.approx(clean, rel=0.02)
+
+
+def test_ringing_between_taps_is_no_movement():
+    phases = of(tapped(decay_s=0.06))
+    assert impacts(phases) == [0.5, 0.9, 1.3, 1.7]
+    assert phases.movement is None
 
 
 def stroked(begin=2.0, lasting=2.0, late=0.0, seed=5):
@@ -101,6 +130,13 @@ def test_a_tap_just_before_a_stroke_is_found_and_not_part_of_it(wait_s):
 def test_the_movement_ends_where_the_tool_rests(late_s):
     _, last = of(stroked(late=late_s)).movement
     assert last / 1e4 == pytest.approx(4.0, abs=0.03)
+
+
+def test_a_soft_tap_far_below_the_strongest_is_found_without_a_pull_of_the_hand():
+    x = tapped(at=(0.5, 0.9))
+    t = np.arange(len(x)) / 1e4
+    x += 2.0 * np.sin(np.pi * np.clip((t - 1.5) / 0.006, 0.0, 1.0))
+    assert impacts(of(x)) == [0.5, 0.9, 1.5]
 
 
 def test_a_tap_softer_than_the_pull_of_the_hand_before_it_is_found():
