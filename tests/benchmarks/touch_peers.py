@@ -77,7 +77,7 @@ def told(part: dict[str, Any], c: dict[str, Any]) -> dict[str, str]:
 def main() -> None:
     """Compare at every length; write the report after each, so that nothing computed is lost."""
     parser = command_line(
-        __doc__, dataset="biotac20", pipeline="multiscale", protocol="blocks", touches=4, whole_s=8.0,
+        __doc__, dataset="biotac20", pipeline="surfaces", protocol="blocks", touches=4, whole_s=8.0,
         peers=PEERS, peers_seconds=900.0, jobs=2,
     )  # fmt: skip
     parser.add_argument("--peers-python", type=Path, required=True)
