@@ -11,6 +11,7 @@ from glob import glob
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import typer
 
@@ -119,3 +120,12 @@ def test_every_example_of_a_module_gives_what_it_says(module, tmp_path, monkeypa
     assert (
         doctest.testmod(importlib.import_module(module), optionflags=doctest.NORMALIZE_WHITESPACE).failed == 0
     )
+
+
+def test_the_page_of_experiments_says_what_a_cluster_was_measured_to_move():
+    study = json.loads((ROOT / "reports/studies/cluster.json").read_text(encoding="utf-8"))
+    runs = pd.DataFrame(study["runs"])
+    moved, caller = (runs.pivot_table(what, "n", "way") for what in ("moved_mb", "caller_mb"))
+    assert "move a third of the bytes" in (ROOT / "docs/experiments.md").read_text(encoding="utf-8")
+    assert moved.partitions[5000] / moved.table[5000] == pytest.approx(1 / 3, abs=0.05)
+    assert caller.partitions[5000] < 1.05 * caller.partitions[500]
