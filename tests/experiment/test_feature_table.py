@@ -1,10 +1,8 @@
 """Feature tables: nothing lost by a kill, nothing computed twice, bad recordings named."""
 
-import json
 import os
 import signal
 from multiprocessing import get_context
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -208,12 +206,3 @@ def test_notes_of_a_dataset_are_told_whether_it_becomes_one_file_or_several(comm
         code, out, err = command("extract", *read, *options)
         assert code == 0, err
         assert out.count("note: 1 files of other kinds are ignored") == 1
-
-
-def test_partitions_move_less_than_a_sixth_as_the_page_of_experiments_says():
-    root = Path(__file__).parents[2]
-    assert "less than a sixth of the bytes" in (root / "docs" / "experiments.md").read_text(encoding="utf-8")
-    runs = json.loads((root / "reports" / "studies" / "cluster.json").read_text(encoding="utf-8"))["runs"]
-    moved = {(run["n"], run["way"]): run["moved_mb"] for run in runs}
-    for n in {run["n"] for run in runs}:
-        assert moved[n, "partitions"] < moved[n, "table"] / 6
