@@ -10,8 +10,7 @@ from pydantic import ValidationError
 from safetensors.numpy import save
 from spoiling import GONE, put
 
-from texclass.exchange.container import Header, read_container, sealed
-from texclass.exchange.texture_file import TEXTURES
+from texclass.exchange.texture_file import TEXTURES, Header, read_container, sealed
 from texclass.textures.contract import Stored
 from texclass.textures.hatt import HattTexture
 

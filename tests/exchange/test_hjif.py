@@ -8,7 +8,7 @@ from spoiling import GONE, put
 
 from texclass.exchange import play_hjif, play_taps, play_texture, read_hjif, wavelet_stream, write_hjif
 from texclass.exchange.hjif import MOST_BANDS, Haptics
-from texclass.exchange.hjif_writer import BLOCK, HEADROOM, made_hjif
+from texclass.exchange.hjif_rendition import BLOCK, HEADROOM, made_hjif
 from texclass.textures.guruswamy2011 import Amplitude, LevelLaw, SpatialTexture
 from texclass.textures.oeztuerk2018 import FrequencyTexture, LpcTexture
 from texclass.textures.okamura2001 import TapLibrary

@@ -20,7 +20,7 @@ from texclass.exchange import (
     write_hatt,
     write_hjif,
 )
-from texclass.exchange.hjif_writer import made_hjif
+from texclass.exchange.hjif_rendition import made_hjif
 from texclass.exchange.rendition import Rendition, level_db
 from texclass.vibration.scores import band_energy_distance, goodness_of_fit
 

@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 from safetensors import safe_open
 from safetensors.numpy import load_file, save
 
-from texclass.exchange import container, describe, load_taps, load_texture, save_texture
+from texclass.exchange import describe, load_taps, load_texture, save_texture, texture_file
 from texclass.textures.okamura2001 import TapLibrary
 from texclass.vibration import TapModel
 
@@ -178,7 +178,7 @@ def test_limits_folders_and_missing_files(path, tmp_path, monkeypatch):
     refused(tmp_path, "regular file")
     with pytest.raises(FileNotFoundError):
         load_texture(tmp_path / "absent.texture")
-    monkeypatch.setattr(container, "LARGEST_FILE", 100)
+    monkeypatch.setattr(texture_file, "LARGEST_FILE", 100)
     refused(path, "at most 100")
 
 

@@ -38,8 +38,8 @@ from texclass.exchange import (
     write_hjif,
     write_wav,
 )
-from texclass.exchange.container import Header, sealed
 from texclass.exchange.rendition import Rendition
+from texclass.exchange.texture_file import Header, sealed
 from texclass.scene import PlannedScene, load_scene
 from texclass.textures.grid import GridModel
 from texclass.textures.hatt import HattTexture, Mesh

@@ -27,7 +27,7 @@ SPECTRAL = ("rough", "bumpy", "fine", "regular")
 @pytest.fixture(scope="module")
 def texture():
     surface, operator = surface_catalogue(6, seed=6)[2], operator_catalogue(2, seed=6)[1]
-    return pack(record_freehand(surface, operator, duration_s=6.0, fs=2000, seed=30), 128, name="wood")
+    return pack(record_freehand(surface, operator, duration_s=6.0, fs=1000, seed=30), 128, name="wood")
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def stored(data, model):
     order = data["index"][kernels.ORDER]
     rows = np.pad(model.rows, ((0, 0), (0, 0), (0, order - model.order)))
     return PlannedScene(
-        "one", data["fs"], "m/s^2", (20.0, 900.0), 1e6, 1, {"wood": 0},
+        "one", data["fs"], "m/s^2", (20.0, 450.0), 1e6, 1, {"wood": 0},
         (GridModel(model.axes, rows, model.power, model.peak),),
     )  # fmt: skip
 

@@ -1,15 +1,41 @@
-"""JSON files of formats that are not ours: checked, never trusted, and their unknown keys let pass."""
+"""Files that others wrote: read up to a limit, checked, never trusted; unknown keys are let pass."""
 
+import os
 from pathlib import Path
 from typing import TypeVar
 
 from pydantic import BaseModel, ConfigDict
 from pydantic_core import from_json
 
-from texclass.exchange.container import read_limited
 from texclass.validation import Written, checked
 
 M = TypeVar("M", bound=BaseModel)
+
+
+def read_limited(path: Path, limit: int) -> bytes:
+    """Return the bytes of a file that may be hostile.
+
+    Raises
+    ------
+    ValueError
+        If it is no regular file (a pipe or a device may never end) or longer than `limit` bytes.
+    OSError
+        If it cannot be read.
+    """
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path}: is not a file; the rule is a regular file")
+    with path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > limit:
+            raise ValueError(f"{path}: holds {size} bytes; the rule is at most {limit}")
+        return file.read(size)
+
+
+def printable(name: str) -> str:
+    """Return the name of a surface, or raise the ValueError that says why a terminal cannot show it."""
+    if len(name) > 200 or not name.isprintable():
+        raise ValueError(f"holds {name!r:.80}; the rule is printable text, at most 200 characters")
+    return name
 
 
 class Part(Written):

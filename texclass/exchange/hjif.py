@@ -14,7 +14,8 @@ that knows its actuator can show the true level.
 import base64
 import binascii
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Literal, Self
 
@@ -24,6 +25,7 @@ from scipy import interpolate
 
 from texclass.exchange import wavelet_stream
 from texclass.exchange.foreign import Part, read_foreign
+from texclass.exchange.rendition import TRANSIENT_S
 from texclass.recording import Samples
 
 LARGEST_FILE = 16 << 20
@@ -34,8 +36,6 @@ MOST_EFFECTS, DEEPEST = 100_000, 8
 TICKS = 1000
 FS = 8000.0
 """Hz, the reference software's."""
-TRANSIENT_S = 0.022
-"""How long a transient is felt, two turns of a sine, in the reference software."""
 HIGHEST_HZ = 10_000.0
 MOST_BANDS = {1: 7, 2: 63}
 """A channel's, by level; the schema allows more than the reference software does."""
@@ -76,6 +76,11 @@ class Effect(Stated):
     keyframes: tuple[Keyframe, ...] = ()
     composition: tuple["Effect", ...] = ()
     wavelet_stream: str | None = None
+
+    @property
+    def last(self) -> int:
+        """Ticks from its beginning to its last keyframe."""
+        return max((one.relative_position or 0 for one in self.keyframes), default=0)
 
     @model_validator(mode="after")
     def _whole(self) -> "Effect":
@@ -282,56 +287,64 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
     ValueError
         If it is longer than `LONGEST_S`, or has more than `MOST_EFFECTS` effects.
     """
-    columns = []
-    for perception in haptics.perceptions:
-        for channel in perception.channels:
-            effects = [[*basis_effects(band.effects, perception.library)] for band in channel.bands]
-            if sum(map(len, effects)) > MOST_EFFECTS:
-                raise ValueError(f"a channel has over {MOST_EFFECTS} effects; the rule is at most so many")
-            columns.append((channel, 10.0**perception.perception_unit_exponent * channel.gain, effects))
-    seconds = max(_seconds(channel, effects, haptics.timescale) for channel, _, effects in columns)
+    felt = [(channel, perception) for perception in haptics.perceptions for channel in perception.channels]
+    effects = [basis_effects(channel, perception) for channel, perception in felt]
+    seconds = max(
+        _seconds(channel, found, haptics.timescale) for (channel, _), found in zip(felt, effects, strict=True)
+    )
     if seconds > LONGEST_S:
         raise ValueError(f"it plays for {seconds:g} s; the rule is at most {LONGEST_S:g}")
-    played = np.zeros((max(round(seconds * fs), 1), len(columns)))
-    for column, (channel, gain, effects) in zip(played.T, columns, strict=True):
-        for band, found in zip(channel.bands, effects, strict=True):
-            for at, effect in found:
-                _play_effect(column, at / haptics.timescale, effect, band, fs, haptics.timescale)
-        column[:] = gain * np.clip(column, -1, 1)
+    played = np.zeros((max(round(seconds * fs), 1), len(felt)))
+    for column, (channel, perception), found in zip(played.T, felt, effects, strict=True):
+        for at, effect, band in found:
+            _play_effect(column, at / haptics.timescale, effect, band, fs, haptics.timescale)
+        column[:] = 10.0**perception.perception_unit_exponent * channel.gain * np.clip(column, -1, 1)
     return played
 
 
-def basis_effects(
-    effects: Sequence[Effect], library: Mapping[int | None, Effect], at: int = 0, depth: int = 0
+def basis_effects(channel: Channel, perception: Perception) -> list[tuple[int, Effect, Band]]:
+    """Return ticks, basis effect and band of all that a channel of a perception plays.
+
+    Raises
+    ------
+    ValueError
+        If there are more than `MOST_EFFECTS`, or compositions and references without end.
+    """
+    library = perception.library
+    every = ((at, effect, band) for band in channel.bands for at, effect in _within(band.effects, library))
+    # a few effects may refer to each other so often that they are never all seen
+    first = [*islice(every, 2 * MOST_EFFECTS + 1)]
+    found = [one for one in first if one[1].effect_type == "Basis"]
+    if len(found) > MOST_EFFECTS or len(first) > 2 * MOST_EFFECTS:
+        raise ValueError(f"a channel has over {MOST_EFFECTS} effects; the rule is at most so many")
+    return found
+
+
+def _within(
+    effects: Iterable[Effect], library: Mapping[int | None, Effect], at: int = 0, depth: int = 0
 ) -> Iterator[tuple[int, Effect]]:
-    """Yield ticks and basis effects, compositions taken apart and references looked up."""
+    """Yield ticks and effect of each effect, then of those that it is composed of, or refers to."""
     if depth > DEEPEST:
         raise ValueError(f"effects stand in each other over {DEEPEST} deep; the rule is at most so")
     for effect in effects:
         begin = at + effect.position
+        yield begin, effect
         if effect.effect_type == "Reference":
-            found = _referred(effect, library).model_copy(update={"position": 0})
-            yield from basis_effects([found], library, begin, depth + 1)
+            meant = _referred(effect, library).model_copy(update={"position": 0})
+            yield from _within([meant], library, begin, depth + 1)
         elif effect.effect_type == "Composite":
-            yield from basis_effects(effect.composition, library, begin, depth + 1)
-        else:
-            yield begin, effect
+            yield from _within(effect.composition, library, begin, depth + 1)
 
 
-def _seconds(channel: Channel, effects: Sequence[Sequence[tuple[int, Effect]]], timescale: int) -> float:
+def _seconds(channel: Channel, effects: Iterable[tuple[int, Effect, Band]], timescale: int) -> float:
     if channel.frequency_sampling and channel.sample_count:
         return channel.sample_count / channel.frequency_sampling
     ends = [0.0]
-    for band, found in zip(channel.bands, effects, strict=True):
-        ring = {"Transient": TRANSIENT_S, "WaveletWave": (band.block_length or 0) / TICKS}.get(
-            band.band_type, 0.0
-        )
-        ends += [(at + max(_positions(one), default=0)) / timescale + ring for at, one in found]
+    for at, effect, band in effects:
+        block_s = (band.block_length or 0) / TICKS if band.band_type == "WaveletWave" else 0.0
+        ring = TRANSIENT_S if band.band_type == "Transient" else block_s
+        ends.append((at + effect.last) / timescale + ring)
     return max(ends)
-
-
-def _positions(effect: Effect) -> list[int]:
-    return [one.relative_position for one in effect.keyframes if one.relative_position is not None]
 
 
 def _play_effect(out: Samples, at: float, effect: Effect, band: Band, fs: float, timescale: int) -> None:
@@ -347,7 +360,7 @@ def _play_effect(out: Samples, at: float, effect: Effect, band: Band, fs: float,
         t = t[index < x.size]
         out[first : first + t.size] += x[index[: t.size]]
         return
-    end = max(_positions(effect), default=0) / timescale
+    end = effect.last / timescale
     t = t[t <= end + (TRANSIENT_S if band.band_type == "Transient" else 0.0) + 1e-12]
     part = out[first : first + t.size]
     if band.band_type == "Transient":

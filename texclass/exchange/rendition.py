@@ -1,21 +1,29 @@
 """What other devices can be sent of a surface: its vibration at one speed and force, and what else it has.
 
 Formats of other players know neither the speed nor the force of a hand. A texture is played once, at a speed
-and a force, and what these would have changed is told beside it.
+and a force, and what these would have changed is told beside it. What such a file plays becomes a texture
+again, as far as it is one:
+
+| what is played | as a texture |
+|---|---|
+| transients | taps; their decay is a player's, so that it is taken from how long one is felt |
+| waves that stay as they are | the major frequencies |
+| any other vibration, over time or over distance | an AR model, with the friction that stands beside it |
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from texclass.recording import ACCELERATION_UNITS, Samples
-from texclass.textures.contract import Renderer, constant_stroke
+from texclass.textures.contract import Renderer, Stored, constant_stroke
+from texclass.textures.hatt import HattTexture
+from texclass.textures.oeztuerk2018 import FrequencyTexture
+from texclass.textures.okamura2001 import TapLibrary, tap_peak
 from texclass.validation import check_above_0
-
-if TYPE_CHECKING:
-    from texclass.textures.okamura2001 import TapLibrary
+from texclass.vibration import MajorFrequencies, TapModel, autoregressive, line_spectrum
 
 SECONDS = 2.0
 """Played by default."""
@@ -26,6 +34,13 @@ SETTLED_S = 0.5
 TAP_M_S, TAP_EVERY_S, TAP_FS = 0.1, 0.25, 8000.0
 """Impact velocity of taps, m/s, seconds from one material to the next, and rate, Hz."""
 SILENT = 1e-300
+ORDER = 30
+"""Of AR models of what was played, at most a tenth of the samples."""
+LARGEST = 1e100
+TRANSIENT_S = 0.022
+"""How long a transient is felt, two turns of a sine, in the reference software of MPEG."""
+DECAY_PER_S = np.log(100.0) / TRANSIENT_S
+"""A tap has faded to a hundredth when a transient ends."""
 
 
 class Playable(Protocol):
@@ -149,7 +164,7 @@ def play_texture(
     return Rendition(texture.name, known, texture.fs, x, v, f, lines, friction=mu, pitch_mm=pitch, lost=lost)
 
 
-def play_taps(taps: "TapLibrary", *, velocity: float = TAP_M_S) -> Rendition:
+def play_taps(taps: TapLibrary, *, velocity: float = TAP_M_S) -> Rendition:
     """Play the taps of a library for other formats, its materials one after another.
 
     Parameters
@@ -163,8 +178,6 @@ def play_taps(taps: "TapLibrary", *, velocity: float = TAP_M_S) -> Rendition:
     ValueError
         If the velocity is not above 0, or there are so many materials that `LONGEST_S` would be exceeded.
     """
-    from texclass.textures.okamura2001 import tap_peak
-
     check_above_0(velocity=velocity)
     n = round(TAP_EVERY_S * TAP_FS)
     if len(taps) * TAP_EVERY_S > LONGEST_S:
@@ -181,6 +194,52 @@ def play_taps(taps: "TapLibrary", *, velocity: float = TAP_M_S) -> Rendition:
     known = "m/s^2" if taps.unit in ACCELERATION_UNITS else taps.unit
     name = taps.materials[0] if len(taps) == 1 else "taps"
     return Rendition(name, known, TAP_FS, x, 1000 * velocity, 0.0, taps=struck, lost=lost)
+
+
+def texture_of(rendition: Rendition) -> tuple[Stored, dict[str, str]]:
+    """Return the texture, or the taps, of what is played, and what is lost.
+
+    Parameters
+    ----------
+    rendition : Rendition
+        Of `read_gltf`, or `rendition_of` what `read_hjif` returns.
+
+    Raises
+    ------
+    ValueError
+        If it is silent, or too short for a model.
+    """
+    v, x = rendition.speed, rendition.samples
+    lost = {"speed and force": f"what was played at {v:g} mm/s stands for all"}
+    if rendition.taps.size:
+        models = []
+        for _, peak, hz in rendition.taps.tolist():
+            per_peak = float(tap_peak(TapModel(1.0, DECAY_PER_S, hz)))
+            models.append(TapModel(peak / (v / 1000) / per_peak, DECAY_PER_S, hz))
+        lost = {"decay": f"unknown, taken for {DECAY_PER_S:.0f} 1/s", "names": "those of the materials"}
+        names = tuple(f"tap {i + 1}" for i in range(len(models)))
+        return TapLibrary(names, tuple(models), rendition.unit), lost
+    if rendition.friction and rendition.lines.size:
+        lost["friction"] = f"{rendition.friction:g}: major frequencies have none"
+    if rendition.lines.size:
+        lines, speeds = MajorFrequencies(*rendition.lines.T), np.array([v / 2, 2 * v])
+        peak = float(lines.amplitude.sum())
+        return FrequencyTexture(speeds, (lines, lines), peak, rendition.fs, rendition.name), lost
+    order = min(ORDER, x.size // 10)
+    if order < 1 or not 0 < np.abs(x).max() < LARGEST or np.all(x == x[0]):
+        raise ValueError(
+            f"{x.size} samples are played; the rule is ten at least, not silent, below {LARGEST:g} in size"
+        )
+    model = autoregressive.fit(x - x.mean(), order)
+    lsf = line_spectrum.spread(line_spectrum.from_reflection(model.reflection))
+    lost["waveform"] = f"noise of its spectrum, an AR model of order {order}"
+    if rendition.pitch_mm:
+        lost["place"] = "where on the surface something is felt"
+    power, force = [float(model.gain) ** 2], [rendition.force or 1.0]
+    texture = HattTexture.from_models(
+        [v], force, lsf[np.newaxis], power, rendition.fs, name=rendition.name, mu=rendition.friction
+    )
+    return texture, lost
 
 
 def level_db(x: Samples) -> float:

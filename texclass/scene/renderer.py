@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from texclass.exchange.container import read_stored, write_stored
+from texclass.exchange.texture_file import read_stored, write_stored
 from texclass.recording import Samples
 from texclass.scene import render_kernels as kernels
 from texclass.signals import positive

@@ -1,12 +1,13 @@
-"""Surfaces written as MPEG haptics (.hjif): taps, lines, what repeats along a surface, any other vibration.
+"""Surfaces as MPEG haptics (.hjif): taps, lines, what repeats along a surface, any other vibration; and back.
 
-All files have 1000 ticks a second: the public reference software takes some durations for milliseconds
-whatever the file says.
+All files that are written have 1000 ticks a second: the public reference software takes some durations for
+milliseconds whatever the file says.
 """
 
 import base64
 import json
 import math
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,17 +15,32 @@ from typing import Any
 import numpy as np
 
 from texclass.exchange import wavelet_stream
-from texclass.exchange.hjif import FS, HIGHEST_HZ, MOST_BANDS, TICKS, Haptics, play_hjif
+from texclass.exchange.hjif import (
+    FS,
+    HIGHEST_HZ,
+    MOST_BANDS,
+    TICKS,
+    Effect,
+    Haptics,
+    Perception,
+    basis_effects,
+    play_hjif,
+)
 from texclass.exchange.rendition import Rendition, told_level
 from texclass.exchange.wav import resampled
-from texclass.recording import Samples
-from texclass.whole_files import write_whole
+from texclass.recording import UNITS, Samples
+from texclass.validation import check_above_0
+from texclass.whole_files import path_ending, write_whole
 
 RATES = (1000, 2000, 4000, 8000)
 """Of wavelet bands, samples in 1000 ticks: blocks of 512 samples then last a power of two of ticks."""
 BLOCK = 512
 HEADROOM = 1.01
 """Gains over the largest sample: 16-bit players may wrap at 1, which rounded coefficients exceed a little."""
+USUAL = 100.0, 1.0, "arbitrary"
+"""mm/s, N and unit of files that do not say them as ours do."""
+_TOLD = re.compile(r"(.*) at ([\d.]+(?:e[+-]\d\d)?) mm/s(?:, ([\d.]+(?:e[+-]\d\d)?) N)?, (\S+)")
+"""How a vibration is described: `Rendition.told`, then the unit."""
 
 Content = dict[str, Any]
 """A part of a file by its keys; `Haptics` checks the whole."""
@@ -57,9 +73,9 @@ def write_hjif(
     ValueError
         If the path has another ending, or `planes` breaks its rule.
     """
-    path = Path(path)
-    if path.suffix.lower() != ".hjif" or not 1 <= planes <= wavelet_stream.MOST_PLANES:
-        raise ValueError(f"{path}, {planes} planes; the rule is a name in .hjif, and 1 to 15")
+    path = path_ending(path, ".hjif")
+    if not 1 <= planes <= wavelet_stream.MOST_PLANES:
+        raise ValueError(f"planes are {planes}; the rule is 1 to {wavelet_stream.MOST_PLANES}")
     haptics, lost = made_hjif(rendition, planes)
     write_whole(path, haptics.model_dump_json(exclude_none=True))
     return lost
@@ -191,3 +207,65 @@ def _perception(i: int, modality: str, description: str, channel: Content) -> Co
         "id": i, "perception_modality": modality, "description": description, "avatar_id": 1,
         "effect_library": [], "channels": [only],
     }  # fmt: skip
+
+
+def rendition_of(haptics: Haptics) -> Rendition:
+    """Return the first vibration of a .hjif file as it is played, with what of it is known beyond samples.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or as `play_hjif`.
+    """
+    felt = [one for one in haptics.perceptions if one.perception_modality.startswith("Vibrotactile")]
+    rough = [one for one in haptics.perceptions if one.perception_modality == "Friction"][:1]
+    if not felt:
+        raise ValueError("it holds no vibration; the rule is a Vibrotactile perception")
+    channel = felt[0].channels[0]
+    told = _TOLD.fullmatch(felt[0].description)
+    name, (speed, force, unit) = haptics.description, USUAL
+    if told and told[4] in UNITS:
+        name, speed, force, unit = told[1], float(told[2]), float(told[3] or 0), told[4]
+    check_above_0(speed=speed)
+    kinds = {band.band_type for band in channel.bands}
+    effects = [(at, effect) for at, effect, _ in basis_effects(channel, felt[0])]
+    gain = 10.0 ** felt[0].perception_unit_exponent * channel.gain
+    taps = _taps(effects if kinds == {"Transient"} else [], gain, haptics.timescale)
+    lines = _lines(effects if kinds == {"VectorialWave"} else [], gain)
+    fs = float(max(channel.bands[0].upper_frequency_limit, 40)) if kinds == {"WaveletWave"} else FS
+    x = play_hjif(_only(haptics, felt[0]), fs)[:, 0]
+    mu = [float(np.median(play_hjif(_only(haptics, one), 100.0)[:, 0])) for one in rough]
+    pitch = 0.0
+    if felt[0].perception_modality == "Vibrotactile Texture":  # 1000 ticks are so many mm
+        pitch = 10.0 ** (felt[0].unit_exponent + 6) / fs
+        fs = speed / pitch
+    return Rendition(name, unit, fs, x, speed, force, lines, taps, max([0.0, *mu]), pitch)
+
+
+def _only(haptics: Haptics, perception: Perception) -> Haptics:
+    return haptics.model_copy(update={"perceptions": (perception,)})
+
+
+def _taps(effects: list[tuple[int, Effect]], gain: float, timescale: int) -> Samples:
+    """Return time (s), peak and frequency (Hz) of each transient, (n, 3)."""
+    found = [
+        ((at + (frame.relative_position or 0)) / timescale, gain * abs(frame.amplitude_modulation or 0), hz)
+        for at, effect in effects
+        for frame in effect.keyframes
+        if (hz := frame.frequency_modulation or 0)
+    ]
+    return np.array(found, dtype=np.float64).reshape(-1, 3)
+
+
+def _lines(effects: list[tuple[int, Effect]], gain: float) -> Samples:
+    """Return frequency (Hz), amplitude and phase of cosines, (n, 3); none if one of the waves changes."""
+    found = []
+    for at, effect in effects:
+        levels = {frame.amplitude_modulation for frame in effect.keyframes} - {None}
+        tones = {frame.frequency_modulation for frame in effect.keyframes} - {None}
+        if at or effect.base_signal != "Sine" or len(levels) != 1 or len(tones) != 1:
+            return np.zeros((0, 3))
+        level, hz = levels.pop() or 0.0, tones.pop() or 0
+        turn = effect.phase - np.pi / 2 + (np.pi if level < 0 else 0)
+        found += [(hz, gain * abs(level), turn)] * (0 < hz < FS / 2)
+    return np.array(found, dtype=np.float64).reshape(-1, 3)
