@@ -20,6 +20,7 @@ from texclass.cli import app, main
 from texclass.features import load_feature
 from texclass.features.contract import registered
 from texclass.features.phase_view import PhaseView
+from texclass.scene import pages
 from texclass.simulate.recipe import Recipe
 from texclass.tradeoff import trade_off
 
@@ -32,10 +33,12 @@ BLOCK = re.compile(r"```(sh|python|toml)(?: (\S+))?\n(.*?)```", re.S)
 
 @pytest.fixture(autouse=True, scope="module")
 def _once():
-    """Simulate each recording of `texclass sample` for all pages at once, and repeat no cross-validation."""
+    """Simulate each recording of `texclass sample` once for all pages, repeat no cross-validation, and hold
+    one value a slider."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Recipe, "record", cache(Recipe.record))
         patch.setitem(trade_off.__kwdefaults__, "n_repeats", 1)
+        patch.setattr(pages, "VALUES", (7.0,))
         yield
 
 

@@ -20,7 +20,7 @@ from study import ROOT, command_line, table, write
 
 from texclass.document.blocks import Block
 from texclass.scene import PlannedScene, plan_scene, write_feel_page
-from texclass.scene.feel_page import N_CONTACTS
+from texclass.scene.pages import N_CONTACTS
 from texclass.scene.renderer import packed
 from texclass.textures.grid import GridModel
 

@@ -8,6 +8,7 @@ import pytest
 from matplotlib import pyplot as plt
 
 from texclass.features.contract import registered
+from texclass.scene import pages
 
 GALLERY = Path(__file__).parents[2] / "examples"
 SCRIPTS = sorted(p for header in GALLERY.glob("*/GALLERY_HEADER.rst") for p in header.parent.glob("*.py"))
@@ -32,6 +33,7 @@ def test_a_script_runs(script, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(plt, "show", lambda: None)
     monkeypatch.setattr("texclass.features.contract._REGISTRY", registered())
+    monkeypatch.setattr(pages, "VALUES", (7.0,))  # one a slider, of those that the tests of its page hold
     runpy.run_path(str(script))
     plt.close("all")
     assert not list(tmp_path.iterdir())

@@ -10,8 +10,10 @@ from .definition import read_path as read_path
 from .definition import read_scene as read_scene
 from .definition import scene_of_texture as scene_of_texture
 from .definition import sweep as sweep
-from .feel_page import feel_page as feel_page
-from .feel_page import write_feel_page as write_feel_page
+from .pages import feel_page as feel_page
+from .pages import slider_page as slider_page
+from .pages import write_feel_page as write_feel_page
+from .pages import write_slider_page as write_slider_page
 from .plan import PlannedSurface as PlannedSurface
 from .plan import ScenePlan as ScenePlan
 from .plan import plan_scene as plan_scene
@@ -22,5 +24,3 @@ from .renderer import PlannedScene as PlannedScene
 from .renderer import SceneRenderer as SceneRenderer
 from .renderer import SceneSurface as SceneSurface
 from .renderer import load_scene as load_scene
-from .slider_page import slider_page as slider_page
-from .slider_page import write_slider_page as write_slider_page

@@ -1,13 +1,17 @@
-"""A planned scene as one page to be stroked in a browser: its very models, played sample by sample.
+"""Pages to be stroked in a browser: a planned scene, or one texture with sliders for how it feels.
 
 `feel/kernels.js` is `render_kernels` again, function by function, and plays the same arrays (`packed`);
 around it stand a worklet, which brings the samples to the loudspeaker's rate below a limit, and the page.
+A page with sliders holds the texture as `retouch` makes it at some values of each scale, one scale at a time.
+`feel/sliders.js` adds up what several do: at those values it plays what `texclass convert --scale` writes.
 """
 
 import base64
 import hashlib
 import json
-from collections.abc import Mapping
+import shlex
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -16,8 +20,11 @@ import numpy as np
 from markupsafe import Markup
 
 from texclass.document.page import templates
+from texclass.features.scales import SCALES
 from texclass.scene.renderer import PlannedScene, packed
+from texclass.textures import PackedTexture, Texture, felt_scales, retouch
 from texclass.textures.grid import GridModel
+from texclass.textures.retouch import OF_SPECTRUM
 from texclass.vibration import DecayingModes, TapModel
 from texclass.vibration.autoregressive import Autoregression
 from texclass.whole_files import path_ending, write_whole
@@ -32,6 +39,10 @@ QUICK_M_S = 0.1
 """Impact velocity that belongs to a force of 1 N."""
 GUESSED_DECAY_PER_S = 20.0, 400.0
 SCRIPTS = "kernels", "worklet", "sliders", "page"
+VALUES = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0)
+"""Of each scale, beside its own; of `hard`, which goes by a law, and of `sticky`, not heard, the ends."""
+APART = 0.5
+"""From the texture's own value, at least."""
 
 
 def feel_page(
@@ -84,11 +95,14 @@ def feel_page(
     styles = files("texclass.document").joinpath("templates", "page.css"), folder.joinpath("page.css")
     bank, index = packed(scene)
     surfaces = [_surface(name, scene, taps or {}) for name in scene.assigned]
-    (slow, fast), (soft, hard) = (_ends(surfaces, key) for key in ("speeds", "forces"))
+    heard = [one for one in surfaces if one["rms"] > 0]
+    nodes = [np.array([one[key] for one in heard or surfaces[:1]]) for key in ("speeds", "forces")]
+    ends = [(x.min(), x.max()) if x.min() < x.max() else (x.min() / 2, 2 * x.max()) for x in nodes]
+    (slow, fast), (soft, hard) = ends
     speed, force = np.sqrt(slow * fast), np.sqrt(soft * hard)
     data = {
         "fs": scene.fs, "unit": _shown(scene.unit), "forces": (soft, hard), "surfaces": surfaces,
-        "full": LOUDEST * max([one["rms"] for one in surfaces if one["rms"] > 0], default=1.0),
+        "full": LOUDEST * max([one["rms"] for one in heard], default=1.0),
         "bank": base64.b64encode(bank.astype("<f8").tobytes()).decode(), "index": index.ravel().tolist(),
     }  # fmt: skip
     data |= more or {}
@@ -135,18 +149,80 @@ def write_feel_page(
     return path
 
 
+def slider_page(
+    texture: Texture,
+    *,
+    file: str = "surface.texture",
+    unit: str = "m/s^2",
+    n_bytes: int = 128,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> str:
+    """Return a texture as a page of HTML with a slider for each scale that it has (see `felt_scales`).
+
+    Parameters
+    ----------
+    texture : Texture
+        As for `retouch`.
+    file : str
+        Its name in the command that the page says.
+    unit : str
+        Of the vibration.
+    n_bytes : int
+        Of each model; see `pack`.
+    progress : callable, optional
+        Called with (done, total, what).
+
+    Raises
+    ------
+    ValueError
+        If the texture cannot be retouched at all. What is out of reach shortens a slider.
+    """
+    felt = {name: round(value, 1) for name, value in felt_scales(texture).items()}
+    base = retouch(texture, n_bytes, unit=unit, rough=felt["rough"])
+    models, scales = [base], dict[str, Any]()
+    for done, (name, value) in enumerate(felt.items()):
+        if progress is not None:
+            progress(done, len(felt), name)
+        source = texture if name in OF_SPECTRUM else base
+        found = _along(source, name, value, base, n_bytes, unit)
+        if len(found) == 1:  # nothing else is in reach
+            continue
+        scales[name] = {"value": value, "values": list(found), "end": SCALES[name].other_end}
+        if name in OF_SPECTRUM:
+            scales[name]["models"] = list(range(len(models), len(models) + len(found)))
+            models += found.values()
+        elif name == "hard":
+            scales[name]["taps"] = [tap_modes(one.tap) for one in found.values()]
+    grids = [one.model for one in (*models, base, base)]  # the last two take what is blended
+    order = max(one.order for one in grids)
+    grids = [replace(one, rows=np.pad(one.rows, [(0, 0), (0, 0), (0, order - one.order)])) for one in grids]
+    name = texture.name or Path(file).stem
+    scene = PlannedScene(name, base.fs, base.unit, (20.0, 0.45 * base.fs), 1e6, 1, {name: 0}, tuple(grids))
+    command = f"texclass convert {shlex.quote(file)} -o changed.texture"
+    command += f" --bytes {n_bytes}" if n_bytes != 128 else ""
+    taps = {name: base.tap} if base.tap.n_modes else {}
+    more = {"scales": scales, "command": command}
+    return feel_page(scene, taps=taps, title=f"How {name} feels", more=more)
+
+
+def write_slider_page(path: str | Path, texture: Texture, **given: Any) -> Path:
+    """Write what `slider_page` returns; a file of that name is replaced at once.
+
+    Raises
+    ------
+    ValueError
+        As `slider_page`, or if the name does not end in `.html`.
+    """
+    path = path_ending(path, ".html")
+    write_whole(path, slider_page(texture, **given).encode())
+    return path
+
+
 def tap_modes(tap: TapModel | DecayingModes) -> list[list[float]]:
     """Return amplitude per m/s, decay rate (1/s), frequency (Hz) and phase (rad, of a sine) of each mode."""
     modes = tap.modes(QUICK_M_S) if isinstance(tap, TapModel) else tap
     rows = modes.amplitude / QUICK_M_S, modes.decay_per_s, modes.frequency_hz, modes.phase + np.pi / 2
     return [[float(x) for x in row] for row in np.transpose(rows)]
-
-
-def _ends(surfaces: list[dict[str, Any]], key: str) -> tuple[float, float]:
-    """Return the least and the largest speed or force of all surfaces that are felt."""
-    ends = np.array([one[key] for one in surfaces if one["rms"] > 0] or [surfaces[0][key]])
-    low, high = float(ends.min()), float(ends.max())
-    return (low, high) if low < high else (low / 2, 2 * high)
 
 
 def _surface(name: str, scene: PlannedScene, taps: Mapping[str, TapModel | DecayingModes]) -> dict[str, Any]:
@@ -189,3 +265,19 @@ def _guessed_tap(model: GridModel, scene: PlannedScene, middle: list[float], rms
         at, width = (model.frequency_hz + middle[0] * model.per_mm)[np.argmax(row)], 0.0
     decay = float(np.clip(np.pi * width, *GUESSED_DECAY_PER_S))
     return TapModel(LOUDEST * rms / QUICK_M_S, decay, float(max(at, scene.band_hz[0], 1.0)))
+
+
+def _along(
+    texture: Texture, name: str, value: float, base: PackedTexture, n_bytes: int, unit: str
+) -> dict[float, PackedTexture]:
+    """Return the texture at values of a scale, from its own on both ways as far as it goes."""
+    found = {value: base}
+    below = [v for v in reversed(VALUES) if v < value - APART]
+    above = [v for v in VALUES if v > value + APART]
+    for beyond in (below, above):
+        for v in beyond if name in OF_SPECTRUM else beyond[-1:]:
+            try:
+                found[v] = retouch(texture, n_bytes, unit=unit, **{name: v})
+            except ValueError:
+                break
+    return dict(sorted(found.items()))
