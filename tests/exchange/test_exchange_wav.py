@@ -94,7 +94,7 @@ def test_what_a_wav_cannot_hold_is_refused(tmp_path, change, match):
         ('{"texclass": 1, "unit": "g", "peak": 1.0, "fs": 44100.0}', "header"),
         ('{"texclass": 1', "JSON"),
     ],
-)
+)  # fmt: skip
 def test_a_comment_that_breaks_a_rule_is_refused(tmp_path, comment, match):
     path = tmp_path / "a.wav"
     with soundfile.SoundFile(path, "w", 1000, 1, "PCM_16") as file:

@@ -77,36 +77,29 @@ def refused(path, match):
     assert len(str(error.value)) < 1000
 
 
-@pytest.mark.parametrize("order", [(1, 2, 3, 4), (4, 2, 1, 3)])
-def test_the_published_layout_is_read(write, order):
-    texture = read_hatt(write(document(order)))
-    assert (texture.name, texture.fs, texture.mu) == ("Slate", 1000.0, 0.31)
-    assert_array_equal(texture.mesh.triangles, [[0, 1, 2], [1, 3, 2]])
-    assert_array_equal(texture.mesh.speed, [0, 120, 0, 120])
-    assert_array_equal(texture.mesh.force, [0, 0, 4, 4])
-    assert_allclose(texture.variance, [0.01, 0.02, 0.03, 0.04])
-    assert_allclose(texture.gain, [2, 3, 4, 5])
+def test_the_published_layout_is_read_in_any_order_its_line_spectra_sharpened(write):
+    for order in ((1, 2, 3, 4), (4, 2, 1, 3)):
+        texture = read_hatt(write(document(order)))
+        assert (texture.name, texture.fs, texture.mu) == ("Slate", 1000.0, 0.31)
+        assert_array_equal(texture.mesh.triangles, [[0, 1, 2], [1, 3, 2]])
+        assert_array_equal(texture.mesh.speed, [0, 120, 0, 120])
+        assert_array_equal(texture.mesh.force, [0, 0, 4, 4])
+        assert_allclose(texture.variance, [0.01, 0.02, 0.03, 0.04])
+        assert_allclose(texture.gain, [2, 3, 4, 5])
+        assert_allclose(texture.ar_lsf, [from_reflection(K[i]) for i in (1, 2, 3, 4)], atol=1e-12)
+        assert_allclose(texture.ma_lsf, [from_reflection(MA)] * 4, atol=1e-12)
 
 
-def test_rounded_line_spectra_are_sharpened_by_the_coefficients(write):
-    texture = read_hatt(write(document()))
-    assert_allclose(texture.ar_lsf, [from_reflection(K[i]) for i in (1, 2, 3, 4)], atol=1e-12)
-    assert_allclose(texture.ma_lsf, [from_reflection(MA)] * 4, atol=1e-12)
-
-
-def test_line_spectra_alone_and_coefficients_alone_are_enough(write):
+def test_line_spectra_or_coefficients_or_an_ar_part_alone_are_enough(write):
     expected = read_hatt(write(document()))
     for tag, tolerance in (("ARcoeff", 1e-6), ("MAcoeff", 1e-6), ("ARlsf", 1e-12), ("MAlsf", 1e-12)):
         found = read_hatt(write(re.sub(f"<{tag}>.*?</{tag}>", "", document())))
         assert_allclose(found.ar_lsf, expected.ar_lsf, atol=tolerance)
         assert_allclose(found.ma_lsf, expected.ma_lsf, atol=tolerance)
-
-
-def test_without_an_ma_part_no_gain_is_taken(write):
     text = document().replace("<numMACoeff>2</numMACoeff>", "")
-    texture = read_hatt(write(re.sub("<MA.*?</MAlsf>", "", text)))
-    assert texture.ma_order == 0
-    assert_array_equal(texture.gain, 1.0)
+    found = read_hatt(write(re.sub("<MA.*?</MAlsf>", "", text)))
+    assert found.ma_order == 0
+    assert_array_equal(found.gain, 1.0)  # without an MA part none is taken
 
 
 def test_round_trip_is_exact_and_in_the_published_elements(slate, tmp_path):
@@ -171,18 +164,18 @@ def test_models_that_are_not_stable_or_not_one_are_refused(write, part, form, va
 LAUGHS = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 10))
 
 
-@pytest.mark.parametrize(
-    "doctype",
-    [
-        f'<!DOCTYPE modelSet [<!ENTITY l0 "ha">{LAUGHS}]>',
-        '<!DOCTYPE modelSet [<!ENTITY l9 SYSTEM "file:///etc/passwd">]>',
-        '<!DOCTYPE modelSet SYSTEM "http://localhost:1/evil.dtd">',
-        '<!DOCTYPE modelSet [<!ENTITY % p SYSTEM "file:///etc/passwd"> %p;]>',
-    ],
+DOCTYPES = (
+    f'<!DOCTYPE modelSet [<!ENTITY l0 "ha">{LAUGHS}]>',
+    '<!DOCTYPE modelSet [<!ENTITY l9 SYSTEM "file:///etc/passwd">]>',
+    '<!DOCTYPE modelSet SYSTEM "http://localhost:1/evil.dtd">',
+    '<!DOCTYPE modelSet [<!ENTITY % p SYSTEM "file:///etc/passwd"> %p;]>',
 )
-def test_entities_and_document_types_are_refused(write, doctype):
+
+
+def test_entities_and_document_types_are_refused(write):
     text = document().replace("Slate", "&l9;")
-    refused(write(text.replace("<modelSet", f"{doctype}<modelSet", 1)), "no document type")
+    for doctype in DOCTYPES:
+        refused(write(text.replace("<modelSet", f"{doctype}<modelSet", 1)), "no document type")
 
 
 def test_limits_of_size_depth_and_elements(write, monkeypatch):

@@ -70,21 +70,18 @@ def test_power_within_the_band_is_that_of_the_signal_there():
     assert judge().power(judge().spectrum(x)) == pytest.approx(2.0, rel=0.01)
 
 
-def test_what_drowns_in_the_noise_of_the_device_does_not_count():
-    weak = judge().spectrum(1e-4 * noise())[np.newaxis]
-    verdict = judge().verdict(at(weak, [80.0]), np.zeros_like(weak))
-    assert verdict["within"]
-    assert verdict["scores"] == [0.0]
-
-
-def test_worst_and_mean_decide_as_asked():
+def test_worst_and_mean_decide_as_asked_and_what_drowns_in_the_noise_of_the_device_does_not_count():
     S = judge().spectrum(noise())[np.newaxis].repeat(2, axis=0)
     M = S * np.array([[1.0], [10 ** (0.4)]])
     points = at(S, [80.0, 80.0])
-    assert judge(over="worst").verdict(points, M)["relative"] == pytest.approx(4 / 3, abs=1e-3)
-    assert judge(over="mean").verdict(points, M)["relative"] == pytest.approx(2 / 3, abs=1e-3)
+    for over, expected in (("worst", 4 / 3), ("mean", 2 / 3)):
+        assert judge(over=over).verdict(points, M)["relative"] == pytest.approx(expected, abs=1e-3)
     two_models = np.stack([np.zeros(3), np.ones(3)], axis=1)  # three points of each
     assert judge(over="mean").relative(two_models, two_models, np.zeros((2, 2)))[0] == 0
+    weak = 1e-8 * S
+    verdict = judge().verdict(at(weak, [80.0, 80.0]), np.zeros_like(weak))
+    assert verdict["within"]
+    assert verdict["scores"] == [0.0, 0.0]
 
 
 def test_slopes_of_levels_are_those_that_were_put_in_and_none_where_nothing_tells_them():
@@ -111,19 +108,15 @@ def test_a_model_that_loses_what_speed_does_is_outside_even_where_its_mean_is_wi
     assert judge(over="mean", slope_db=99.0).verdict(at(S, v), flat)["within"]
 
 
-def test_a_power_law_needs_no_node_between_the_ends():
-    v, f = np.geomspace(40, 160, 9), np.full(9, 1.0)
+def test_node_powers_need_no_node_within_a_power_law_and_are_unbiased_by_the_scatter_of_spectra():
     axes = np.array([40.0, 160.0]), np.ones(1)
-    H = shares(axes, (v, f))
+    v = np.geomspace(40, 160, 9)
+    H = shares(axes, (v, np.ones(9)))
     found = node_powers(H, v**1.6, axes)
     np.testing.assert_allclose(found, [40**1.6, 160**1.6], rtol=3e-3)
     np.testing.assert_allclose(mixed_power(H, found), v**1.6, rtol=3e-3)
-
-
-def test_node_powers_are_unbiased_by_the_scatter_of_spectra():
     v = np.tile(np.geomspace(40, 160, 5), 400)
     drawn = np.random.default_rng(0).gamma(2.0, v / 2.0)
-    axes = np.array([40.0, 160.0]), np.ones(1)
     found = node_powers(shares(axes, (v, np.ones(v.size))), drawn, axes)
     np.testing.assert_allclose(found, [40, 160], rtol=0.08)
 
@@ -173,12 +166,17 @@ def test_a_pattern_is_told_from_what_rings():
     assert judge().power(left.spectra).max() < judge().power(points.spectra).min() - 1
 
 
-def test_units_of_acceleration_are_changed_and_others_refused():
+def test_units_and_rates_are_changed_and_others_refused():
     assert _factor("g", "m/s^2", "it") == pytest.approx(9.80665)
     assert _factor("m", "m", "it") == 1
     for unit, wanted in (("m", "m/s^2"), ("g", "m")):
         with pytest.raises(ValueError, match=f"it: unit is {unit}, the device's {re.escape(wanted)}; the"):
             _factor(unit, wanted, "it")
+    x = at_rate(np.sin(2 * np.pi * 50 * np.arange(0, 2, 1 / 2200)), 2200.0, 1000.0)
+    expected = np.sin(2 * np.pi * 50 * np.arange(x.size) / 1000)
+    assert np.abs(x - expected)[100:-100].max() < 0.01
+    with pytest.raises(ValueError, match="ratio of whole numbers"):
+        at_rate(np.ones(10), 1000.0, 1001.37)
 
 
 def test_held_out_speeds_are_in_no_fit():
@@ -188,12 +186,3 @@ def test_held_out_speeds_are_in_no_fit():
     assert set(observed.fit.speed) == {20.0, 80.0, 160.0}
     assert set(observed.choose.speed) == set(observed.prove.speed) == {40.0}
     assert not np.array_equal(observed.choose.spectra, observed.prove.spectra)
-
-
-def test_rates_are_changed_without_loss_within_the_band():
-    t = np.arange(0, 2, 1 / 2200)
-    x = at_rate(np.sin(2 * np.pi * 50 * t), 2200.0, 1000.0)
-    expected = np.sin(2 * np.pi * 50 * np.arange(x.size) / 1000)
-    assert np.abs(x - expected)[100:-100].max() < 0.01
-    with pytest.raises(ValueError, match="ratio of whole numbers"):
-        at_rate(np.ones(10), 1000.0, 1001.37)
