@@ -1,11 +1,11 @@
 """Documents as one HTML page that holds all it shows and asks for nothing outside."""
 
-import base64
-import hashlib
 import re
 import warnings
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from functools import cache
+from hashlib import sha256
 from importlib.resources import files
 from io import BytesIO
 from typing import Any
@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 
 import matplotlib as mpl
 import pandas as pd
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from texclass.document.blocks import Document, Figure, Folded, Heading, Heat, Table
@@ -66,9 +66,8 @@ def render_page(documents: Sequence[Document], title: str = "", *, written_by: s
         data=[(name, facts) for (name, _), facts in data.items()],
         again=None if again.empty else Table(again, "What the results came from", again.shape[1]),
         versions=_versions(documents),
-        script=Markup(script),
+        scripts={"page": Markup(script)},
         style=Markup(style),
-        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
         written_by=written_by,
     )  # fmt: skip
 
@@ -157,14 +156,20 @@ def _adapt(element: ElementTree.Element, prefix: str) -> None:
 
 
 def templates(package: str, folder: str) -> Environment:
-    """Return the templates of pages in a folder of a package: escaped, and nothing in them undefined."""
-    return Environment(
-        loader=PackageLoader(package, folder),
+    """Return the templates of pages in a folder of a package: escaped, and nothing in them undefined.
+
+    They may extend `shell.html`, which is given `title`, `style` and `scripts`, name -> text.
+    """
+    folders = PackageLoader(package, folder), PackageLoader("texclass.document", "templates")
+    environment = Environment(
+        loader=ChoiceLoader(folders),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["sha256"] = lambda text: b64encode(sha256(text.encode()).digest()).decode()
+    return environment
 
 
 @cache

@@ -7,7 +7,6 @@ A page with sliders holds the texture as `retouch` makes it at some values of ea
 """
 
 import base64
-import hashlib
 import json
 import shlex
 from collections.abc import Callable, Mapping
@@ -91,7 +90,7 @@ def feel_page(
         )
     folder = files(__package__).joinpath("feel")
     named = [name for name in SCRIPTS if more or name != "sliders"]
-    scripts = [(name, folder.joinpath(f"{name}.js").read_text(encoding="utf-8")) for name in named]
+    scripts = {name: folder.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in named}
     styles = files("texclass.document").joinpath("templates", "page.css"), folder.joinpath("page.css")
     bank, index = packed(scene)
     surfaces = [_surface(name, scene, taps or {}) for name in scene.assigned]
@@ -123,8 +122,7 @@ def feel_page(
         tap_note="Taps are guessed from the textures: none was measured." if n_guessed == len(surfaces)
         else f"Taps were measured{f', but for {n_guessed} that are guessed' if n_guessed else ''}.",
         data=Markup(json.dumps(data).replace("<", "\\u003c")),
-        scripts=[(name, Markup(text)) for name, text in scripts],
-        hashes=[base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for _, text in scripts],
+        scripts={name: Markup(text) for name, text in scripts.items()},
         style=Markup("\n".join(style.read_text(encoding="utf-8") for style in styles)),
         n_contacts=N_CONTACTS,
     )  # fmt: skip
