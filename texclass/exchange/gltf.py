@@ -20,7 +20,7 @@ from pydantic import AliasPath, Field
 from texclass.exchange.foreign import Part, read_foreign
 from texclass.exchange.rendition import Rendition, told_level
 from texclass.recording import Samples, Unit
-from texclass.whole_files import write_whole
+from texclass.whole_files import path_ending, write_whole
 
 NAME = "MPEG_haptic_material"
 LARGEST_FILE = 8 << 20
@@ -93,9 +93,9 @@ def write_gltf(rendition: Rendition, path: str | Path) -> dict[str, str]:
     ValueError
         If the path has another ending, or the rendition is one of taps: a material has no place for them.
     """
-    path = Path(path)
-    if path.suffix.lower() != ".gltf" or rendition.taps.size:
-        raise ValueError(f"{path}: the rule is a name in .gltf, and a texture: a material has no taps")
+    path = path_ending(path, ".gltf")
+    if rendition.taps.size:
+        raise ValueError(f"{path}: holds taps; the rule is a texture: a material has no taps")
     x = rendition.samples[:WIDEST]
     peak = float(np.abs(x).max()) or 1.0
     pitch = rendition.pitch_mm or rendition.speed / rendition.fs

@@ -101,6 +101,12 @@ class Band(Stated):
     block_length: int | None = Field(default=None, ge=16, le=1 << 20)
     effects: tuple[Effect, ...]
 
+    @property
+    def ring_s(self) -> float:
+        """How long an effect is felt beyond its last keyframe."""
+        block_s = (self.block_length or 0) / TICKS if self.band_type == "WaveletWave" else 0.0
+        return TRANSIENT_S if self.band_type == "Transient" else block_s
+
     @model_validator(mode="after")
     def _fits(self) -> "Band":
         if self.upper_frequency_limit < self.lower_frequency_limit:
@@ -145,6 +151,11 @@ class Channel(Stated):
     sample_count: int | None = Field(default=None, ge=0, le=_INT)
     direction: Vector | None = None
     bands: tuple[Band, ...]
+
+    @property
+    def stated_s(self) -> float:
+        """How long it plays by its own account; 0 if it does not say."""
+        return (self.sample_count or 0) / self.frequency_sampling if self.frequency_sampling else 0.0
 
     @model_validator(mode="after")
     def _unit(self) -> "Channel":
@@ -287,18 +298,20 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
     ValueError
         If it is longer than `LONGEST_S`, or has more than `MOST_EFFECTS` effects.
     """
-    felt = [(channel, perception) for perception in haptics.perceptions for channel in perception.channels]
-    effects = [basis_effects(channel, perception) for channel, perception in felt]
-    seconds = max(
-        _seconds(channel, found, haptics.timescale) for (channel, _), found in zip(felt, effects, strict=True)
-    )
+    felt, seconds = [], 0.0
+    for perception in haptics.perceptions:
+        for channel in perception.channels:
+            effects = basis_effects(channel, perception)
+            ends = [(at + one.last) / haptics.timescale + band.ring_s for at, one, band in effects]
+            seconds = max([seconds, *([channel.stated_s] if channel.stated_s else ends)])
+            felt.append((10.0**perception.perception_unit_exponent * channel.gain, effects))
     if seconds > LONGEST_S:
         raise ValueError(f"it plays for {seconds:g} s; the rule is at most {LONGEST_S:g}")
     played = np.zeros((max(round(seconds * fs), 1), len(felt)))
-    for column, (channel, perception), found in zip(played.T, felt, effects, strict=True):
-        for at, effect, band in found:
+    for column, (gain, effects) in zip(played.T, felt, strict=True):
+        for at, effect, band in effects:
             _play_effect(column, at / haptics.timescale, effect, band, fs, haptics.timescale)
-        column[:] = 10.0**perception.perception_unit_exponent * channel.gain * np.clip(column, -1, 1)
+        column[:] = gain * np.clip(column, -1, 1)
     return played
 
 
@@ -336,23 +349,12 @@ def _within(
             yield from _within(effect.composition, library, begin, depth + 1)
 
 
-def _seconds(channel: Channel, effects: Iterable[tuple[int, Effect, Band]], timescale: int) -> float:
-    if channel.frequency_sampling and channel.sample_count:
-        return channel.sample_count / channel.frequency_sampling
-    ends = [0.0]
-    for at, effect, band in effects:
-        block_s = (band.block_length or 0) / TICKS if band.band_type == "WaveletWave" else 0.0
-        ring = TRANSIENT_S if band.band_type == "Transient" else block_s
-        ends.append((at + effect.last) / timescale + ring)
-    return max(ends)
-
-
 def _play_effect(out: Samples, at: float, effect: Effect, band: Band, fs: float, timescale: int) -> None:
     """Add an effect that begins at a time (s) to samples (n,)."""
     first = math.ceil(at * fs - 1e-9)
     t = np.arange(max(first, 0), out.size) / fs - at
     if band.band_type == "WaveletWave":
-        n = int((band.block_length or 0) / TICKS * band.upper_frequency_limit)
+        n = int(band.ring_s * band.upper_frequency_limit)
         if n < 16 or n & (n - 1) or n > 1 << 16:
             raise ValueError(f"a wavelet block has {n} samples; the rule is a power of two, 16 to {1 << 16}")
         x = wavelet_stream.inverse(wavelet_stream.decode(_stream_of(effect), n))
@@ -360,8 +362,7 @@ def _play_effect(out: Samples, at: float, effect: Effect, band: Band, fs: float,
         t = t[index < x.size]
         out[first : first + t.size] += x[index[: t.size]]
         return
-    end = effect.last / timescale
-    t = t[t <= end + (TRANSIENT_S if band.band_type == "Transient" else 0.0) + 1e-12]
+    t = t[t <= effect.last / timescale + band.ring_s + 1e-12]
     part = out[first : first + t.size]
     if band.band_type == "Transient":
         for frame in effect.keyframes:

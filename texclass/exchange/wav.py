@@ -10,11 +10,11 @@ import json
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import soundfile
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 from pydantic_core import from_json
 from scipy.fft import next_fast_len
@@ -22,7 +22,7 @@ from scipy.signal import hilbert, resample_poly
 
 from texclass.recording import UNITS, Samples, Unit
 from texclass.validation import Written, checked
-from texclass.whole_files import write_whole
+from texclass.whole_files import path_ending, write_whole
 
 Encoding = Literal["float32", "pcm16", "audible"]
 FULL_SCALE = 32767
@@ -92,11 +92,9 @@ def write_wav(
     OSError
         If it cannot be written; nothing is left behind.
     """
-    path, x = Path(path), np.asarray(samples, dtype=np.float64)
-    if path.suffix.lower() != ".wav" or encoding not in get_args(Encoding) or unit not in UNITS:
-        raise ValueError(
-            f"{path}, {encoding!r}, {unit!r}; the rule is a name in .wav, {get_args(Encoding)} and {UNITS}"
-        )
+    path, x = path_ending(path, ".wav"), np.asarray(samples, dtype=np.float64)
+    if encoding not in get_args(Encoding) or unit not in UNITS:
+        raise ValueError(f"{encoding!r}, {unit!r}; the rule is one of {get_args(Encoding)} and of {UNITS}")
     if x.ndim not in (1, 2) or not x.size or not np.all(np.isfinite(x)):
         raise ValueError(f"samples have shape {x.shape}; the rule is (n,) or (n, channels), finite, n >= 1")
     if not 1 <= fs <= HIGHEST_FS:
@@ -108,11 +106,10 @@ def write_wav(
     peak = float(np.abs(x).max())
     if peak > float(np.finfo(np.float32).max):
         raise ValueError(f"peak is {peak:g}; the rule is what a 32-bit float holds")
-    codes = (
-        x.astype(np.float32)
-        if encoding == "float32"
-        else np.rint(x / (peak or 1.0) * FULL_SCALE).astype(np.int16)
-    )
+    if encoding == "float32":
+        codes: NDArray[Any] = x.astype(np.float32)
+    else:
+        codes = np.rint(x / (peak or 1.0) * FULL_SCALE).astype(np.int16)
     channels = 1 if x.ndim == 1 else x.shape[1]
     gain = 1 / max(peak, 1e-300) if encoding == "audible" else None
     note = _Note(texclass=1, unit=unit, peak=peak, fs=float(fs), gain=gain, shift_hz=float(shift_hz))

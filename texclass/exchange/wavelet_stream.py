@@ -179,10 +179,6 @@ class _Coder:
             self._high = border
             self._zeros[context] += 1
         self._total[context] += 1
-        self._double()
-        return bit
-
-    def _double(self) -> None:
         while True:
             if self._high <= _HALF:
                 shift = 0
@@ -194,7 +190,7 @@ class _Coder:
                 shift = _QUARTER
                 self._pending += 1
             else:
-                return
+                return bit
             self._low, self._high = 2 * (self._low - shift), 2 * (self._high - shift)
             if self._given is not None:
                 self._value = 2 * (self._value - shift) + self._next()
