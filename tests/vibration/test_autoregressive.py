@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import linalg, signal
 
 from texclass.stability.inputs import low_passed
+from texclass.vibration import recursions
 from texclass.vibration.autoregressive import Autoregression, fit, from_autocorrelation, from_direct_form
 
 METHODS = ["autocorrelation", "burg", "modified_covariance"]
@@ -195,3 +196,11 @@ def test_burg_gives_the_same_compiled_or_not(method, monkeypatch):
     assert_allclose(plain.residual, compiled.residual, rtol=1e-12)
     assert_array_equal(plain.fitted_order, compiled.fitted_order)
     assert_array_equal(plain.clipped, compiled.clipped)
+
+
+def test_the_magnitude_of_one_order_is_the_last_of_those_of_all_orders():
+    omega = np.linspace(0, np.pi, 60)
+    for order, largest in ((0, 0.5), (1, 0.9), (16, 0.9), (127, 0.9), (1000, 1 - 1e-9)):
+        k = largest * np.sign(np.random.default_rng(order).uniform(-1, 1, order))
+        expected = recursions.log_magnitudes(k, omega)[-1]
+        assert_allclose(recursions.log_magnitude(k, omega), expected, rtol=1e-9, atol=1e-9)

@@ -254,7 +254,7 @@ def _cost(k: Samples, seen: dict[str, Any], fs: float) -> float:
     edges = np.searchsorted(f[within], BAND_EDGES_HZ[fs / 2 >= BAND_EDGES_HZ])[:-1]
     cost = 0.0
     for row, S in zip(k, seen["spectra"], strict=True):
-        ln_a = recursions.log_magnitudes(np.ascontiguousarray(row), 2 * np.pi * f[within] / fs)[-1]
+        ln_a = recursions.log_magnitude(np.ascontiguousarray(row), 2 * np.pi * f[within] / fs)
         M = np.exp(np.log1p(-(row**2)).sum() - 2 * ln_a)
         T = np.maximum(S[within], 1e-12 * S.max())
         gfc = np.sqrt(M * T).sum() / np.sqrt(M.sum() * T.sum())
