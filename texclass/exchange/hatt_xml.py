@@ -46,6 +46,8 @@ LARGEST_FILE = 8 << 20
 MOST_ELEMENTS, DEEPEST = 300_000, 16
 MOST_MODELS = 10_000
 _UNITS = {"AccelUnits": "m/s^2", "SpeedUnits": "mm/s", "ForceUnits": "N"}
+_OPTIONAL = _UNITS | {"material": "", "mu": "0", "numMACoeff": "0"}
+"""What a file may leave out -> what it then means."""
 _DECIMALS = 6
 """Of the line spectra in the published files: those of the coefficients, rounded."""
 _TOLERANCE = 2e-6
@@ -109,8 +111,11 @@ class _BoundedTree(ElementTree.TreeBuilder):
 def _texture(root: Element) -> HattTexture:
     if root.tag != "modelSet":
         raise ValueError(f"is a <{root.tag:.40}>; the rule is <modelSet>")
+    for tag, usual in _OPTIONAL.items():
+        if root.find(tag) is None:
+            ElementTree.SubElement(root, tag).text = usual
     for tag, unit in _UNITS.items():
-        if (found := _text(root, tag, unit)) != unit:
+        if (found := _text(root, tag)) != unit:
             raise ValueError(f"<{tag}> is {found!r:.40}; the rule is {unit!r}")
     models, triangles = root.findall("model"), root.findall("tri")
     n, n_triangles = _count(root, "numMod"), _count(root, "numTri")
@@ -129,7 +134,7 @@ def _texture(root: Element) -> HattTexture:
             "the speeds and forces of the models are not those of speedList and forceList; "
             "the rule is the same, none twice"
         )
-    p, q = _count(root, "numARCoeff"), _count(root, "numMACoeff", 0)
+    p, q = _count(root, "numARCoeff"), _count(root, "numMACoeff")
     models = [places[point] for point in points]
     return HattTexture(
         Mesh(speed, force, corners - 1),
@@ -138,8 +143,8 @@ def _texture(root: Element) -> HattTexture:
         variance=np.array([_number(model, "var") for model in models]),
         gain=np.array([_number(model, "gain") if q else 1.0 for model in models]),
         fs=_number(root, "SampleRate"),
-        name=printable(_text(root, "material", "")),
-        mu=_number(root, "mu", 0.0),
+        name=printable(_text(root, "material")),
+        mu=_number(root, "mu"),
     )
 
 
@@ -170,7 +175,7 @@ def _frequencies(model: Element, part: str, order: int) -> Samples:
             )
         return line_spectrum.spread(lsf)
     except ValueError as error:
-        raise ValueError(f"model {_text(model, 'modNum', '?')!r:.20}: {part}: {error}") from error
+        raise ValueError(f"model {model.findtext('modNum', '?')!r:.20}: {part}: {error}") from error
 
 
 def _found(element: Element, tag: str) -> Element | None:
@@ -193,22 +198,19 @@ def _numbers(element: Element, n: int) -> Samples:
     return np.array(values)
 
 
-def _number(element: Element, tag: str, default: float | None = None) -> float:
-    if default is not None and _found(element, tag) is None:
-        return default
+def _number(element: Element, tag: str) -> float:
     return _parsed(_child(element, tag))
 
 
-def _count(element: Element, tag: str, default: float | None = None) -> int:
-    value = _number(element, tag, default)
+def _count(element: Element, tag: str) -> int:
+    value = _number(element, tag)
     if not (value == int(value) and 0 <= value <= 1e6):
         raise ValueError(f"<{tag}> is {value:g}; the rule is a count")
     return int(value)
 
 
-def _text(element: Element, tag: str, default: str) -> str:
-    found = _found(element, tag)
-    return default if found is None else (found.text or "").strip()
+def _text(element: Element, tag: str) -> str:
+    return (_child(element, tag).text or "").strip()
 
 
 def _parsed(element: Element) -> float:
