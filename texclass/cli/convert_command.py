@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from texclass.exchange import Rendition
     from texclass.exchange.rendition import Playable
     from texclass.exchange.wav import Encoding
-    from texclass.textures import Texture
 
 TEXTURES, PATTERNS = (".texture", ".xml"), (".hjif", ".ahap", ".gltf")
 """What holds a texture, and what holds it as played once."""
@@ -109,7 +108,7 @@ def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str 
     from texclass.textures import pack
 
     if source.suffix.lower() in TEXTURES:
-        packed = pack(_texture(source), n_bytes, unit=exchange.describe(source)["unit"])
+        packed = pack(exchange.load_texture(source), n_bytes, unit=exchange.describe(source)["unit"])
         law, taps = "40 to 200 mm/s, 0.4 to 2 N", "none in the texture, or too few bytes"
         rubs_as = ""
     else:
@@ -137,7 +136,7 @@ def _retouch(source: Path, target: Path, scales: list[str], n_bytes: int | None)
     from texclass.textures import felt_scales, retouch
 
     asked = options.named_numbers("--scale", scales, "SCALE=VALUE, rough=8")
-    texture = _texture(source)
+    texture = exchange.load_texture(source)
     unit = exchange.describe(source)["unit"]
     retouched = retouch(texture, 128 if n_bytes is None else n_bytes, unit=unit, **asked)
     exchange.save_texture(retouched, target)
@@ -171,7 +170,7 @@ def _rendition(
     source: Path, surface: str | None, speed: float | None, force: float | None, seconds: float, seed: int
 ) -> "Rendition":
     """Return what a file holds, played; the surface is one of a scene or of taps."""
-    from texclass.exchange import describe, load_taps, play_taps, play_texture
+    from texclass.exchange import describe, load_taps, load_texture, play_taps, play_texture
     from texclass.exchange.rendition import TAP_M_S
     from texclass.scene import SceneSurface, load_scene
     from texclass.textures.okamura2001 import TapLibrary
@@ -193,15 +192,8 @@ def _rendition(
     elif surface is not None:
         raise ValueError(f"{source}: holds one texture; the rule is no --surface")
     else:
-        texture = _texture(source)
+        texture = load_texture(source)
     return play_texture(texture, unit=known["unit"], speed=speed, force=force, seconds=seconds, seed=seed)
-
-
-def _texture(source: Path) -> "Texture":
-    """Return the texture of a file of either kind."""
-    from texclass.exchange import load_texture, read_hatt
-
-    return read_hatt(source) if source.suffix.lower() == ".xml" else load_texture(source)
 
 
 def _check_surface(source: Path, surface: str | None, names: list[str]) -> None:

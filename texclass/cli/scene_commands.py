@@ -188,10 +188,10 @@ def texture(
         write_feel_page(page_file, planned, taps=taps)
         typer.echo(f"wrote {page_file}, {page_file.stat().st_size} bytes")
     if slider_file is not None:
-        from texclass.exchange import load_texture, read_hatt
+        from texclass.exchange import load_texture
         from texclass.scene import write_slider_page
 
-        felt = read_hatt(file) if file.suffix.lower() == ".xml" else load_texture(file)
+        felt = load_texture(file)
         with progress_bar() as progress:
             write_slider_page(slider_file, felt, file=file.name, unit=found["unit"], progress=progress)
         typer.echo(f"wrote {slider_file}, {slider_file.stat().st_size} bytes")

@@ -88,7 +88,7 @@ def save_texture(texture: Stored, path: str | Path, *, unit: str | None = None) 
 
 
 def load_texture(path: str | Path) -> Texture:
-    """Return the texture of a file; it renders, bit for bit, what the written one did.
+    """Return the texture of a `.texture` or HaTT `.xml`; it renders, bit for bit, what the written one did.
 
     Raises
     ------
@@ -98,10 +98,10 @@ def load_texture(path: str | Path) -> Texture:
     OSError
         If it cannot be read.
     """
-    packed = _packed(Path(path))
-    if packed is not None:
-        return packed
-    texture: Texture = read_stored(path, TEXTURES)
+    path = Path(path)
+    if path.suffix.lower() == ".xml":
+        return read_hatt(path)
+    texture: Texture = _packed(path) or read_stored(path, TEXTURES)
     return texture
 
 

@@ -329,9 +329,9 @@ def _parts(pieces: Sequence[Piece], begin: float, end: float) -> list[Piece]:
 
 
 def _texture(path: Path, scene: SceneDefinition) -> Felt:
-    from texclass.exchange import describe, load_texture, read_hatt
+    from texclass.exchange import describe, load_texture
 
-    texture = read_hatt(path) if path.suffix.lower() == ".xml" else load_texture(path)
+    texture = load_texture(path)
     factor = _factor(describe(path)["unit"], scene.device.unit, path)
 
     def felt(speed: float, force: float, seed: int) -> Samples:

@@ -43,15 +43,19 @@ def against_speed(model: GridModel, observed: Observed, verdict: Scored, judge: 
         the middle of each third of all points in "speeds", "hz", and densities in dB of "surface", "model";
         "rise_db": how much the surface's level rises at twice the speed, and at twice the force.
     """
-    known = [observed.fit, observed.choose, observed.prove]
-    every = Points(*(np.concatenate([getattr(p, a) for p in known]) for a in ("spectra", "speed", "force")))
+    fitted = _joined(observed.fit, observed.choose)
+    every = _joined(fitted, observed.prove)
     largest = float(judge.power(every.spectra).max())
     least = max(judge.device.noise_floor**2, LEAST_POWER * largest, 1e-300)
 
     def level(spectra: Samples) -> Samples:
         return np.asarray(10 * np.log10(np.maximum(judge.power(spectra), least)))
 
-    proved = level(observed.prove.spectra)
+    def told(points: Points) -> dict[str, list[float]]:
+        speed, force = _rounded(points.speed), _rounded(points.force, 3)
+        return {"speed": speed, "force": force, "level": _rounded(level(points.spectra))}
+
+    rendered = _rounded(level(observed.prove.spectra) + np.array(verdict["levels_db"]))
     v = np.geomspace(every.speed.min(), every.speed.max(), N_CURVE)
     forces = np.quantile(every.force, [0.0, 0.5, 1.0])
     at = [Points(np.zeros((N_CURVE, 0)), v, np.full(N_CURVE, f)) for f in forces]
@@ -65,17 +69,8 @@ def against_speed(model: GridModel, observed: Observed, verdict: Scored, judge: 
 
     return {
         "unit": judge.device.unit,
-        "points": {
-            "speed": _rounded(observed.prove.speed),
-            "force": _rounded(observed.prove.force, 3),
-            "level": _rounded(proved),
-            "model": _rounded(proved + np.array(verdict["levels_db"])),
-        },
-        "fitted": {
-            "speed": _rounded(np.concatenate([p.speed for p in known[:2]])),
-            "force": _rounded(np.concatenate([p.force for p in known[:2]]), 3),
-            "level": _rounded(np.concatenate([level(p.spectra) for p in known[:2]])),
-        },
+        "points": told(observed.prove) | {"model": rendered},
+        "fitted": told(fitted),
         "curve": {
             "speed": _rounded(v),
             "force": _rounded(forces, 3),
@@ -152,6 +147,10 @@ def draw_speed(told: Mapping[str, Any], width: float) -> "Drawing":
     style.log_x(right)
     style.legend_above(figure, left)
     return figure
+
+
+def _joined(*parts: Points) -> Points:
+    return Points(*(np.concatenate([getattr(p, a) for p in parts]) for a in ("spectra", "speed", "force")))
 
 
 def _rounded(values: Samples, digits: int = 1) -> list[float]:
