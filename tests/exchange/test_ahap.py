@@ -77,7 +77,7 @@ def test_silence_is_written_as_silence(tmp_path):
 
 
 def test_numbers_beyond_their_range_are_clamped_as_players_do_and_hours_are_not_played(tmp_path):
-    event = EVENT | LASTING | {"EventDuration": 0.1, "Vendor": 1}
+    event = {"Time": 0, "EventType": "HapticContinuous", "EventDuration": 0.1, "Vendor": 1}
     event["EventParameters"] = [{"ParameterID": "HapticIntensity", "ParameterValue": 7}]
     pattern = {"Version": 1.0, "Pattern": [{"Event": event}]}
     (tmp_path / "a.ahap").write_text(json.dumps(pattern))
@@ -86,31 +86,3 @@ def test_numbers_beyond_their_range_are_clamped_as_players_do_and_hours_are_not_
     (tmp_path / "a.ahap").write_text(json.dumps(pattern))
     with pytest.raises(ValueError, match="at most 600"):
         play_ahap(read_ahap(tmp_path / "a.ahap"))
-
-
-EVENT = {"Time": 0.0, "EventType": "HapticTransient"}
-LASTING, NO_POINTS = {"EventType": "HapticContinuous"}, {"ParameterCurveControlPoints": []}
-CURVE = {"ParameterID": "HapticIntensityControl", "Time": 0.0}
-
-
-@pytest.mark.parametrize(
-    ("pattern", "words"),
-    [
-        ("{", "no JSON"),
-        ({"Pattern": []}, "Version"),
-        ({"Version": 1.0, "Pattern": [{"Event": EVENT | {"Time": -1}}]}, "Time"),
-        ({"Version": 1.0, "Pattern": [{"Event": EVENT | {"EventType": "Boom"}}]}, "EventType"),
-        ({"Version": 1.0, "Pattern": [{"Event": EVENT | LASTING}]}, "EventDuration"),
-        ({"Version": 1.0, "Pattern": [{"ParameterCurve": CURVE | NO_POINTS}]}, "at least"),
-        (
-            {"Version": 1.0, "Pattern": [{"ParameterCurve": CURVE | {"ParameterCurveControlPoints": [
-                {"Time": 1.0, "ParameterValue": 0.1}, {"Time": 0.0, "ParameterValue": 0.1}]}}]},
-            "rising",
-        ),
-    ],
-)  # fmt: skip
-def test_a_broken_pattern_is_refused_in_one_line(tmp_path, pattern, words):
-    (tmp_path / "b.ahap").write_text(pattern if isinstance(pattern, str) else json.dumps(pattern))
-    with pytest.raises(ValueError, match=rf"b\.ahap: .*{words}") as error:
-        read_ahap(tmp_path / "b.ahap")
-    assert "\n" not in str(error.value)

@@ -105,15 +105,7 @@ def test_a_comment_that_breaks_a_rule_is_refused(tmp_path, comment, match):
     assert str(path) in str(error.value)
 
 
-def test_truncated_and_foreign_files_are_refused(tmp_path):
-    path = write_wav(tmp_path / "a.wav", np.ones(100), 1000.0)
-    data = path.read_bytes()
-    for n in (0, 11, 40, 100, len(data) - 1):
-        path.write_bytes(data[:n])
-        with pytest.raises(ValueError, match="the rule is"):
-            read_wav(path)
+def test_samples_of_another_size_are_refused(tmp_path):
     soundfile.write(tmp_path / "b.wav", np.ones(9), 1000, subtype="PCM_24")
     with pytest.raises(ValueError, match="PCM_24"):
         read_wav(tmp_path / "b.wav")
-    with pytest.raises(ValueError, match="regular file"):
-        read_wav(tmp_path)

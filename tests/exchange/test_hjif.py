@@ -1,12 +1,10 @@
 import base64
-import copy
 import itertools
 import json
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from spoiling import GONE, put
 
 from texclass.exchange import play_hjif, play_taps, play_texture, read_hjif, wavelet_stream, write_hjif
 from texclass.exchange.hjif import MOST_BANDS, Haptics
@@ -190,61 +188,6 @@ def test_a_library_that_lacks_an_effect_or_holds_itself_is_not_played(content):
         ]
         with pytest.raises(ValueError, match=match):
             play_hjif(parsed(content))
-
-
-P, C = ("perceptions", 0), ("perceptions", 0, "channels", 0)
-B = (*C, "bands", 0)
-SPOILED = {
-    "version": (("version",), "1999"), "profile": (("profile",), "Deluxe"), "level": (("level",), 3),
-    "timescale": (("timescale",), 0), "syncs": (("syncs",), GONE), "no perception": (("perceptions",), []),
-    "avatar": ((*P, "avatar_id"), 7), "twice": (("avatars",), 2 * [{"id": 1, "lod": 0, "type": "Vibration"}]),
-    "modality": ((*P, "perception_modality"), "Taste"), "no channel": ((*P, "channels"), []),
-    "mask": ((*C, "body_part_mask"), GONE), "gain": ((*C, "gain"), -1.0), "text": ((*C, "gain"), "1"),
-    "device": ((*C, "reference_device_id"), 9), "direction": ((*C, "direction"), {"X": 1, "Y": 0, "Z": 0}),
-    "limits": ((*B, "lower_frequency_limit"), 9000), "fraction": ((*B, "upper_frequency_limit"), 99.5),
-    "length": ((*B, "block_length"), 100), "curve": ((*B, "curve_type"), "Cubic"),
-    "position": ((*B, "effects", 0, "position"), -4), "stream": ((*B, "effects", 0, "wavelet_stream"), GONE),
-    "base64": ((*B, "effects", 0, "wavelet_stream"), "a"),
-    "kind": ((*B, "effects", 0, "effect_type"), "Boom"),
-    "keyframes": ((*B, "effects", 0, "keyframes"), [{"relative_position": 0}]),
-    "reference": ((*B, "effects", 0), {"effect_type": "Reference", "id": 5, "position": 0}),
-    "simple": (("profile",), "Simple Parametric"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", SPOILED)
-def test_a_spoiled_file_is_refused_in_one_line(content, tmp_path, case):
-    put(content, *SPOILED[case])
-    refused(tmp_path / "b.hjif", json.dumps(content))
-
-
-@pytest.mark.parametrize(
-    "text", ["", "{", "[]", "3", "[" * 5000, '{"version": NaN}', '{"a":' * 500 + "1" + "}" * 500]
-)
-def test_what_is_no_file_of_its_kind_is_refused(tmp_path, text):
-    refused(tmp_path / "b.hjif", text)
-
-
-def refused(path, text):
-    path.write_text(text)
-    with pytest.raises(ValueError, match=r"b\.hjif: .*") as error:
-        read_hjif(path)
-    assert "\n" not in str(error.value)
-
-
-def test_null_is_no_value_as_the_reference_has_it(content):
-    for way in ((*C, "direction"), (*B, "curve_type"), (*B, "effects", 0, "id")):
-        spoiled = copy.deepcopy(content)
-        put(spoiled, way, None)
-        with pytest.raises(ValueError, match=f"{way[-1]} is null"):
-            parsed(spoiled)
-
-
-def test_a_curve_without_amplitudes_is_refused(content):
-    for keyframes in ([], [{"relative_position": 0}]):
-        put(content, B, band("Curve", 9, effect("Basis", keyframes=keyframes)))
-        with pytest.raises(ValueError, match="one without amplitude"):
-            parsed(content)
 
 
 def test_hours_and_huge_blocks_are_not_played(content):

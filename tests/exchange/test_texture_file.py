@@ -174,10 +174,7 @@ def test_files_of_the_former_kind_say_what_to_do(tmp_path):
     refused(tmp_path / "old.texture", "written by texclass 0.1; .*save it, or plan the scene again")
 
 
-def test_limits_folders_and_missing_files(path, tmp_path, monkeypatch):
-    refused(tmp_path, "regular file")
-    with pytest.raises(FileNotFoundError):
-        load_texture(tmp_path / "absent.texture")
+def test_a_file_that_is_too_large_is_refused(path, monkeypatch):
     monkeypatch.setattr(texture_file, "LARGEST_FILE", 100)
     refused(path, "at most 100")
 
