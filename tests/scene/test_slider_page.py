@@ -2,13 +2,12 @@
 
 import json
 import re
-import time
 
 import numpy as np
 import pytest
 from chromium import needs_chromium
 from scipy.stats import spearmanr
-from test_feel_page import drawn, needs_node, node, text
+from test_feel_page import comes, drawn, needs_node, node
 
 from texclass.exchange import save_texture
 from texclass.features import FeatureExtractor, scale_values
@@ -156,16 +155,14 @@ def test_in_the_browser_a_slider_reaches_the_samples_and_the_command(browser, pa
     value = a_held_value(data, "rough")
     browser.run("document.getElementById('scale-rough').focus()")
     browser.press(*(("Home", 36) if value < own["rough"] else ("End", 35)))
-    time.sleep(0.6)
+    assert comes(browser, "said", "wood: ")  # strokes by itself
     assert browser.run("document.getElementById('command').value") == (
         f"texclass convert 'my wood.texture' -o changed.texture --scale rough={value:g}"
     )
-    assert text(browser, "said").startswith("wood: ")  # strokes by itself
     sent = browser.run("window.sent.filter((m) => m.part).map((m) => [...m.part])")[-1]
     bank, index = packed(stored(data, retouch(texture, rough=value).model))
     np.testing.assert_allclose(sent, bank[index[0, kernels.AT_SPEEDS] :], rtol=1e-9)
     browser.run("document.getElementById('reset').click()")
-    time.sleep(0.2)
     assert "as it was" in browser.run("document.getElementById('command').value")
     assert not browser.noises(page)
 
