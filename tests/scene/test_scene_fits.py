@@ -122,7 +122,7 @@ def test_node_powers_need_no_node_within_a_power_law_and_are_unbiased_by_the_sca
 
 
 def test_lattices_recover_the_process_and_its_law(observed):
-    grid = fit_lattices(observed, judge(), (np.array([40.0, 160.0]), np.array([0.5, 2.0])), 8)
+    grid = fit_lattices(observed, judge(), (np.array([40.0, 160.0]), np.array([0.5, 2.0])), 8, np.zeros(0))
     model = grid.model(2)
     true = Autoregression([-0.9 / 1.6, 0.6], 1.0)
     np.testing.assert_allclose(model.rows[..., 1], 0.6, atol=0.06)
@@ -133,9 +133,26 @@ def test_lattices_recover_the_process_and_its_law(observed):
     assert scores.max() < 1.2
 
 
-def test_what_is_predicted_is_what_is_rendered():
-    rows = np.tile([-0.5, 0.6, 0.8], (2, 2, 1))
-    model = GridModel(([40, 160], [0.5, 2]), rows, [[1, 2], [3, 6]], 8.0, [0.0], [1.3])
+def test_what_is_predicted_of_all_orders_is_what_their_models_sound_like(observed):
+    axes = np.array([40.0, 160.0]), np.array([0.5, 2.0])
+    grid = fit_lattices(observed, judge(), axes, 8, np.array([1.5, 0.8]))
+    between = at(np.ones((2, 1)), [60.0, 130.0])
+    seen = grid.spectra(between, judge(), np.array([1, 8]))
+    for i, order in enumerate((1, 8)):
+        expected = model_spectra(grid.model(order), between, judge())
+        np.testing.assert_allclose(seen[:, i], expected, rtol=1e-9)
+
+
+BOTH = GridModel(
+    ([40, 160], [0.5, 2]), np.tile([-0.5, 0.6, 0.8], (2, 2, 1)), [[1, 2], [3, 6]], 8.0, [0.0], [1.3]
+)
+CROSSING = GridModel(  # from one line to the other: halfway, half of the power is missing
+    ([40, 160], [1]), np.sqrt(2) * np.eye(2)[:, np.newaxis], [[1], [1]], 8.0, [90.0, 210.0], [0.0, 0.0]
+)
+
+
+@pytest.mark.parametrize("model", [BOTH, CROSSING], ids=["both", "crossing"])
+def test_what_is_predicted_is_what_is_rendered(model):
     points = Points(np.ones((2, judge().frequencies.size)), np.array([60.0, 130.0]), np.array([1.0, 1.7]))
     rendered = np.stack([judge().spectrum(x) for x in render_at(model, points, DEVICE)])
     scores, levels = judge().errors(rendered, model_spectra(model, points, judge()))

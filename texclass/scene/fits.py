@@ -84,20 +84,17 @@ class LatticeGrid:
         share = shares(self.axes, (points.speed, points.force))
         k, total = share @ self.reflection, self.noise[:, orders] + self.tones.sum(axis=1, keepdims=True)
         tonal = self.tones[:, np.newaxis] / np.where(total > 0, total, 1.0)[..., np.newaxis]
-        a2 = np.tensordot(share, np.sqrt(tonal), axes=1) ** 2  # (n_points, n_orders, n_lines)
-        power = mixed_power(share, total)
-        left = power * np.maximum(1 - a2.sum(axis=-1), 0.0)
-        noise = [w[:, np.newaxis] * unit_spectra(row, judge)[orders] for row, w in zip(k, left, strict=True)]
-        shape = line_shapes(np.multiply.outer(points.speed, self.per_mm), judge)
-        return np.asarray(np.stack(noise) + np.einsum("nol,nlf->nof", power[..., np.newaxis] * a2, shape))
+        tonal = np.tensordot(share, np.sqrt(tonal), axes=1) ** 2
+        hz = np.multiply.outer(points.speed, self.per_mm)
+        return _mixed_spectra(k, orders, mixed_power(share, total), tonal, hz, judge)
 
 
 def fit_lattices(
     observed: Observed,
     judge: Judge,
     axes: Axes,
-    order: int = LARGEST_ORDER,
-    per_mm: Samples | None = None,
+    order: int,
+    per_mm: Samples,
 ) -> LatticeGrid:
     """Fit autoregressive models to what was observed, at the nodes of a grid.
 
@@ -112,11 +109,10 @@ def fit_lattices(
         Speeds and forces of the nodes.
     order : int
         Largest order.
-    per_mm : ndarray of shape (n_lines,), optional
+    per_mm : ndarray of shape (n_lines,)
         Lines that are played as lines; the models are then fitted to the noise between them.
     """
-    lines = np.zeros(0) if per_mm is None else per_mm
-    noise, tonal = split(observed.fit, lines, judge)
+    noise, tonal = split(observed.fit, per_mm, judge)
     X = node_spectra(noise, axes, judge)
     # within the band at least the device's noise; beyond it as at its ends, and falling by 6 dB an octave
     f, (low, high) = judge.frequencies, judge.device.band_hz
@@ -132,7 +128,7 @@ def fit_lattices(
     least = 1e-6 * max(float(tonal.max(initial=0.0)), 1e-200)
     tones = [node_powers(share, np.maximum(one, least), axes) for one in tonal.T]
     level = judge.power(X)[:, np.newaxis] / unit
-    return LatticeGrid(axes, k, level, np.array(tones).T.reshape(len(k), -1), lines, observed.peak)
+    return LatticeGrid(axes, k, level, np.array(tones).T.reshape(len(k), -1), per_mm, observed.peak)
 
 
 def fit_lines(observed: Observed, judge: Judge, axes: Axes, n: int, course: Course) -> GridModel | None:
@@ -191,10 +187,23 @@ def model_spectra(model: GridModel, points: Points, judge: Judge) -> Samples:
     rows, power = model.at(points.speed, points.force)
     k, tonal = rows[:, : model.order], rows[:, model.order :] ** 2 / 2
     hz = model.frequency_hz + np.multiply.outer(points.speed, model.per_mm)
-    found = np.einsum("nl,nlf->nf", power[:, np.newaxis] * tonal, line_shapes(hz, judge))
-    if model.order:
-        left = power * np.maximum(1 - tonal.sum(axis=1), 0.0)
-        found += np.stack([w * unit_spectra(row, judge)[-1] for row, w in zip(k, left, strict=True)])
+    orders = np.array([model.order])
+    return _mixed_spectra(k, orders, power[:, np.newaxis], tonal[:, np.newaxis], hz, judge)[:, 0]
+
+
+def _mixed_spectra(
+    k: Samples, orders: NDArray[np.int64], power: Samples, tonal: Samples, hz: Samples, judge: Judge
+) -> Samples:
+    """Return what first stages of lattices (n_points, p) and lines sound like: (n_points, n_orders, n_bins).
+
+    Of the power (n_points, n_orders) each line at `hz` (n_points, n_lines) has its part, `tonal` (n_points,
+    n_orders, n_lines), and noise through the lattice has the rest.
+    """
+    found = np.einsum("nol,nlf->nof", power[..., np.newaxis] * tonal, line_shapes(hz, judge))
+    if k.shape[1]:
+        left = power * np.maximum(1 - tonal.sum(axis=-1), 0.0)
+        for i, row in enumerate(k):
+            found[i] += left[i, :, np.newaxis] * unit_spectra(row, judge)[orders]
     return np.asarray(found)
 
 
