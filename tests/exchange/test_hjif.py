@@ -203,6 +203,18 @@ def test_hours_and_huge_blocks_are_not_played(content):
         play_hjif(parsed(content))
 
 
+def test_more_channels_and_longer_effects_than_a_program_can_play_are_refused(content):
+    channel = content["perceptions"][0]["channels"][0]
+    long = channel | {"frequency_sampling": 1000, "sample_count": 600_000}
+    content["perceptions"][0]["channels"] = [long | {"id": i} for i in range(21)]
+    with pytest.raises(ValueError, match=r"21 channels of 600 s.* at most 12000 s of channels"):
+        play_hjif(parsed(content))
+    held = effect("Basis", keyframes=[{"relative_position": 590_000, "amplitude_modulation": 1}])
+    content["perceptions"][0]["channels"] = [long | {"bands": [band("VectorialWave", 9, *170 * [held])]}]
+    with pytest.raises(ValueError, match="effects of 100300 s in all"):
+        play_hjif(parsed(content))
+
+
 def test_other_keys_are_left_alone_and_padding_is_no_matter(content):
     wavelets = content["perceptions"][0]["channels"][0]["bands"][0]
     before = play_hjif(parsed(content))

@@ -32,6 +32,8 @@ SHARP_HZ = (80.0, 230.0)
 """What sharpness 0 and 1 stand for: about where the actuator of a phone vibrates. Ours; Apple gives none."""
 TRANSIENT_S = 0.02
 FS = 8000.0
+MOST_S = 6000.0
+"""Of all events together, that are played."""
 Control = Literal["HapticIntensityControl", "HapticSharpnessControl"]
 Seconds = Annotated[float, Field(ge=0, le=1e6)]
 Content = dict[str, Any]
@@ -231,13 +233,15 @@ def play_ahap(pattern: Pattern, fs: float = FS) -> Samples:
     Raises
     ------
     ValueError
-        If it lasts longer than ten minutes.
+        If it lasts longer than ten minutes, or its events more than `MOST_S` in all.
     """
     found = [item.Event for item in pattern.Pattern if item.Event]
     events = [event for event in found if event.EventType.startswith("Haptic")]
     seconds = max((event.Time + event.seconds for event in events), default=0.0)
     if seconds > 20 * LONGEST_S:
         raise ValueError(f"it lasts {seconds:g} s; the rule is at most {20 * LONGEST_S:g}")
+    if (lasting := sum(event.seconds for event in events)) > MOST_S:
+        raise ValueError(f"its events last {lasting:g} s in all; the rule is at most {MOST_S:g}")
     out = np.zeros(max(round(seconds * fs), 1))
     t = np.arange(out.size) / fs
     curves = [item.ParameterCurve for item in pattern.Pattern if item.ParameterCurve]

@@ -31,6 +31,8 @@ from texclass.recording import Samples
 LARGEST_FILE = 16 << 20
 LONGEST_S = 600.0
 """Of what is played of a file."""
+MOST_CHANNEL_S, MOST_EFFECT_S = 12_000.0, 100_000.0
+"""Of all channels, and of all effects, together: a small file can ask for any memory, and for hours."""
 MOST_EFFECTS, DEEPEST = 100_000, 8
 """Effects played, and compositions or references within each other."""
 TICKS = 1000
@@ -296,17 +298,24 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
     Raises
     ------
     ValueError
-        If it is longer than `LONGEST_S`, or has more than `MOST_EFFECTS` effects.
+        If it is longer than `LONGEST_S`, or has more than `MOST_EFFECTS` effects in a channel, or more than
+        `MOST_CHANNEL_S` and `MOST_EFFECT_S` allow.
     """
-    felt, seconds = [], 0.0
+    felt, seconds, lasting = [], 0.0, 0.0
     for perception in haptics.perceptions:
         for channel in perception.channels:
             effects = basis_effects(channel, perception)
             ends = [(at + one.last) / haptics.timescale + band.ring_s for at, one, band in effects]
             seconds = max([seconds, *([channel.stated_s] if channel.stated_s else ends)])
+            lasting += sum(ends) - sum(at for at, *_ in effects) / haptics.timescale
             felt.append((10.0**perception.perception_unit_exponent * channel.gain, effects))
     if seconds > LONGEST_S:
         raise ValueError(f"it plays for {seconds:g} s; the rule is at most {LONGEST_S:g}")
+    if len(felt) * seconds > MOST_CHANNEL_S or lasting > MOST_EFFECT_S:
+        raise ValueError(
+            f"it plays {len(felt)} channels of {seconds:g} s, effects of {lasting:g} s in all; the rule is "
+            f"at most {MOST_CHANNEL_S:g} s of channels and {MOST_EFFECT_S:g} s of effects"
+        )
     played = np.zeros((max(round(seconds * fs), 1), len(felt)))
     for column, (gain, effects) in zip(played.T, felt, strict=True):
         for at, effect, band in effects:
@@ -351,8 +360,9 @@ def _within(
 
 def _play_effect(out: Samples, at: float, effect: Effect, band: Band, fs: float, timescale: int) -> None:
     """Add an effect that begins at a time (s) to samples (n,)."""
-    first = math.ceil(at * fs - 1e-9)
-    t = np.arange(max(first, 0), out.size) / fs - at
+    lasting = effect.last / timescale + band.ring_s
+    first = max(math.ceil(at * fs - 1e-9), 0)
+    t = np.arange(first, min(first + math.ceil(lasting * fs) + 2, out.size)) / fs - at
     if band.band_type == "WaveletWave":
         n = int(band.ring_s * band.upper_frequency_limit)
         if n < 16 or n & (n - 1) or n > 1 << 16:
@@ -362,7 +372,7 @@ def _play_effect(out: Samples, at: float, effect: Effect, band: Band, fs: float,
         t = t[index < x.size]
         out[first : first + t.size] += x[index[: t.size]]
         return
-    t = t[t <= effect.last / timescale + band.ring_s + 1e-12]
+    t = t[t <= lasting + 1e-12]
     part = out[first : first + t.size]
     if band.band_type == "Transient":
         for frame in effect.keyframes:
