@@ -1,4 +1,7 @@
-"""Textures and vibrations as files: our own, Penn HaTT XML, WAV. Nothing in a file is ever executed."""
+"""Surfaces and vibrations as files: our own, Penn's HaTT XML, MPEG haptics, AHAP, glTF, WAV.
+
+Nothing in a file is ever executed.
+"""
 
 import lazy_loader
 
