@@ -37,6 +37,7 @@ SILENT = 1e-300
 ORDER = 30
 """Of AR models of what was played, at most a tenth of the samples."""
 LARGEST = 1e100
+"""Samples of that size are no vibration."""
 TRANSIENT_S = 0.022
 """How long a transient is felt, two turns of a sine, in the reference software of MPEG."""
 DECAY_PER_S = np.log(100.0) / TRANSIENT_S
@@ -219,9 +220,9 @@ def texture_of(rendition: Rendition) -> tuple[Stored, dict[str, str]]:
         lost = {"decay": f"unknown, taken for {DECAY_PER_S:.0f} 1/s", "names": "those of the materials"}
         names = tuple(f"tap {i + 1}" for i in range(len(models)))
         return TapLibrary(names, tuple(models), rendition.unit), lost
-    if rendition.friction and rendition.lines.size:
-        lost["friction"] = f"{rendition.friction:g}: major frequencies have none"
     if rendition.lines.size:
+        if rendition.friction:
+            lost["friction"] = f"{rendition.friction:g}: major frequencies have none"
         lines, speeds = MajorFrequencies(*rendition.lines.T), np.array([v / 2, 2 * v])
         peak = float(lines.amplitude.sum())
         return FrequencyTexture(speeds, (lines, lines), peak, rendition.fs, rendition.name), lost
