@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from texclass.textures.grid import cell
-from texclass.vibration.lattice_kernels import turn
+from texclass.vibration.lattice import turn
 from texclass.vibration.reflection import LARGEST
 
 GLIDE, HOP, FADE, STILL, RADIANS, OUTPUT = range(6)

@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from texclass.recording import Samples
-from texclass.vibration.lattice_kernels import turn
+from texclass.vibration.lattice import turn
 
 AT_ONCE = 4096
 """Samples of a path for which readings are held at a time."""

@@ -14,14 +14,17 @@ sample, even while the parameters move. gain e[t] drives the same model in direc
 from typing import Any, Self
 
 import numpy as np
+from numba import njit
+from numba.extending import intrinsic
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from texclass.recording import Samples
-from texclass.vibration import lattice_kernels as kernels
 from texclass.vibration.autoregressive import Autoregression
 
 Real = NDArray[np.floating[Any]]
 
+FOURS_ORDER = 6
+"""Least order with four samples in flight: twice as fast."""
 _CHUNK = 4096
 
 
@@ -85,7 +88,7 @@ class Lattice:
         """
         out = self._checked(x)
         for start in range(0, out.size, _CHUNK):
-            self._pass(out[start : start + _CHUNK])
+            self._pass(out[start : start + _CHUNK], *self._rotation, self.dtype.type(self._level))
         return out
 
     def process_varying(self, x: ArrayLike, reflection: ArrayLike, level: ArrayLike) -> Real:
@@ -114,15 +117,13 @@ class Lattice:
         self._check_level(levels)
         for start in range(0, out.size, _CHUNK):
             rows = slice(start, start + _CHUNK)
-            self._pass_rows(out[rows], *self._turns(k[rows]), levels[rows].astype(self.dtype))
+            self._pass(out[rows], *self._turns(k[rows]), levels[rows].astype(self.dtype))
         if out.size:
             self._rotation, self._level = self._turns(k[-1]), float(levels[-1])
         return out
 
-    def _pass(self, x: Real) -> None:
-        raise NotImplementedError
-
-    def _pass_rows(self, x: Real, k: Real, c: Real, level: Real) -> None:
+    def _pass(self, x: Real, k: Real, c: Real, level: Any) -> None:
+        """Turn a piece in place; k, c and level are of shape (p,), (p,), () or (n, p), (n, p), (n,)."""
         raise NotImplementedError
 
     def _turns(self, k: Samples) -> tuple[Real, Real]:
@@ -164,18 +165,8 @@ class LatticeSynthesis(Lattice):
         self._b[: self.order] = rng.standard_normal(self.order)
         return self
 
-    def _pass(self, x: Real) -> None:
-        k, c = self._rotation
-        if self.order >= kernels.WAVE_ORDER and x.size >= 32:
-            kernels.synthesize_front(x, k, c, self._b)
-        else:
-            whole = x.size // 4 * 4 if self.order >= kernels.FOURS_ORDER else 0
-            kernels.synthesize_fours(x[:whole], k, c, self._b)
-            kernels.synthesize(x[whole:], k, c, self._b)
-        x *= self.dtype.type(self._level)
-
-    def _pass_rows(self, x: Real, k: Real, c: Real, level: Real) -> None:
-        kernels.synthesize_rows(x, k, c, self._b)
+    def _pass(self, x: Real, k: Real, c: Real, level: Any) -> None:
+        (sound if k.ndim == 1 else sound_rows)(x, k, c, self._b)
         x *= level
 
 
@@ -191,13 +182,9 @@ class LatticeInverse(Lattice):
         if np.any(level == 0):
             raise ValueError("level is 0; the rule for inverse filtering is a level above 0")
 
-    def _pass(self, x: Real) -> None:
-        x /= self.dtype.type(self._level)
-        kernels.whiten(x, *self._rotation, self._b)
-
-    def _pass_rows(self, x: Real, k: Real, c: Real, level: Real) -> None:
+    def _pass(self, x: Real, k: Real, c: Real, level: Any) -> None:
         x /= level
-        kernels.whiten_rows(x, k, c, self._b)
+        (undo if k.ndim == 1 else undo_rows)(x, k, c, self._b)
 
 
 def synthesize(model: Autoregression, n: int, rng: np.random.Generator) -> Samples:
@@ -236,3 +223,120 @@ def whiten(model: Autoregression, x: ArrayLike) -> Samples:
     ndarray of shape (n,)
     """
     return np.asarray(LatticeInverse(model).process(x), dtype=np.float64)
+
+
+# Inner loops ------------------------------------------------------------------------------------------------
+#
+# Every sample meets the same operations in one order: each line of a stage is one product and one fused
+# multiply-add, spelt out so that no compiler chooses for itself. Pieces of a signal then equal the whole bit
+# for bit.
+
+
+def _fma(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
+    """Type and generate a b + c, rounded once."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.fma(*args)
+
+    return a(a, b, c), generate
+
+
+fma: Any = intrinsic(_fma)
+
+
+@njit(inline="always", error_model="numpy")
+def turn(f, b, k, c):  # type: ignore[no-untyped-def]
+    """Return f_{m-1} and b_m."""
+    return fma(c, f, -(k * b)), fma(k, f, c * b)
+
+
+@njit(cache=True, error_model="numpy")
+def sound(x: Real, k: Real, c: Real, b: Real) -> None:
+    """Turn the excitation `x` into f_0 in place; state b_0 ... b_{p-1} in `b`.
+
+    From `FOURS_ORDER` on four samples are in flight, each two stages behind the one before; b1, b2, b3 go
+    from one sample to the next. What is left follows one after the other.
+    """
+    p = k.size
+    q = p - 1
+    whole = x.size // 4 * 4 if p >= FOURS_ORDER else 0
+    for t in range(0, whole, 4):
+        f0, f1, f2, f3 = x[t], x[t + 1], x[t + 2], x[t + 3]
+        f0, b1 = turn(f0, b[q], k[q], c[q])
+        f0, b1 = turn(f0, b[q - 1], k[q - 1], c[q - 1])
+        f1, b2 = turn(f1, b1, k[q], c[q])
+        f0, b1 = turn(f0, b[q - 2], k[q - 2], c[q - 2])
+        f1, b2 = turn(f1, b1, k[q - 1], c[q - 1])
+        f0, b1 = turn(f0, b[q - 3], k[q - 3], c[q - 3])
+        f2, b3 = turn(f2, b2, k[q], c[q])
+        f1, b2 = turn(f1, b1, k[q - 2], c[q - 2])
+        f0, b1 = turn(f0, b[q - 4], k[q - 4], c[q - 4])
+        f2, b3 = turn(f2, b2, k[q - 1], c[q - 1])
+        f1, b2 = turn(f1, b1, k[q - 3], c[q - 3])
+        f0, b1 = turn(f0, b[q - 5], k[q - 5], c[q - 5])
+        for m in range(p - 7, -1, -1):
+            f3, up = turn(f3, b3, k[m + 6], c[m + 6])
+            f2, b3 = turn(f2, b2, k[m + 4], c[m + 4])
+            f1, b2 = turn(f1, b1, k[m + 2], c[m + 2])
+            f0, b1 = turn(f0, b[m], k[m], c[m])
+            b[m + 7] = up
+        f3, b[6] = turn(f3, b3, k[5], c[5])
+        f2, b3 = turn(f2, b2, k[3], c[3])
+        f1, b2 = turn(f1, b1, k[1], c[1])
+        f3, b[5] = turn(f3, b3, k[4], c[4])
+        f2, b3 = turn(f2, b2, k[2], c[2])
+        f1, b2 = turn(f1, f0, k[0], c[0])
+        f3, b[4] = turn(f3, b3, k[3], c[3])
+        f2, b3 = turn(f2, b2, k[1], c[1])
+        f3, b[3] = turn(f3, b3, k[2], c[2])
+        f2, b3 = turn(f2, f1, k[0], c[0])
+        f3, b[2] = turn(f3, b3, k[1], c[1])
+        f3, b[1] = turn(f3, f2, k[0], c[0])
+        b[0] = f3
+        x[t], x[t + 1], x[t + 2], x[t + 3] = f0, f1, f2, f3
+    for t in range(whole, x.size):
+        f = x[t]
+        for m in range(p - 1, -1, -1):
+            f, b[m + 1] = turn(f, b[m], k[m], c[m])
+        b[0] = f
+        x[t] = f
+
+
+@njit(cache=True, error_model="numpy")
+def sound_rows(x: Real, k: Real, c: Real, b: Real) -> None:
+    """Do what `sound` does with parameters (n, p) of each sample's own."""
+    p = k.shape[1]
+    for t in range(x.size):
+        f = x[t]
+        for m in range(p - 1, -1, -1):
+            f, b[m + 1] = turn(f, b[m], k[t, m], c[t, m])
+        b[0] = f
+        x[t] = f
+
+
+@njit(cache=True, error_model="numpy")
+def undo(x: Real, k: Real, c: Real, b: Real) -> None:
+    """Turn f_0 in `x` into the excitation in place: what `sound` did, undone stage by stage."""
+    now, after = np.zeros(x.size + 1, x.dtype), np.zeros(x.size + 1, x.dtype)
+    now[1:] = x
+    for m in range(k.size):
+        now[0] = b[m]  # b_m of the sample before
+        b[m] = now[x.size]
+        for t in range(x.size):  # f_m = (f_{m-1} + k b_{m-1}) / c and b_m = k f_m + c b_{m-1}
+            x[t] = fma(k[m], now[t], x[t]) / c[m]
+            after[t + 1] = fma(k[m], x[t], c[m] * now[t])
+        now, after = after, now
+
+
+@njit(cache=True, error_model="numpy")
+def undo_rows(x: Real, k: Real, c: Real, b: Real) -> None:
+    """Do what `undo` does with parameters (n, p) of each sample's own."""
+    for t in range(x.size):
+        f = x[t]
+        up = f
+        for m in range(k.shape[1]):
+            below = b[m]
+            b[m] = up
+            f = fma(k[t, m], below, f) / c[t, m]
+            up = fma(k[t, m], f, c[t, m] * below)
+        x[t] = f

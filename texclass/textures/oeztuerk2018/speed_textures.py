@@ -18,7 +18,7 @@ from texclass.textures.gliding import checked_path
 from texclass.textures.grid import cell
 from texclass.vibration import Autoregression, MajorFrequencies, ModelBlend
 from texclass.vibration.interpolation import Loudness
-from texclass.vibration.lattice_kernels import turn
+from texclass.vibration.lattice import turn
 from texclass.vibration.major_frequencies import at_speed, pairs_closer_than_beats
 
 ORDER = 400
