@@ -24,7 +24,7 @@ from texclass.textures.guruswamy2011 import (
 )
 from texclass.textures.scan import Scan
 from texclass.vibration import DecayingModes, PronyFilter, fit_prony
-from texclass.vibration.prony import n_extrema, prony
+from texclass.vibration.decaying_modes import n_extrema, prony
 from texclass.vibration.scores import goodness_of_fit, mean_absolute_difference
 
 DURATION_S = 10.0

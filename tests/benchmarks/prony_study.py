@@ -20,7 +20,7 @@ from study import command_line, own_data, timed, write
 from texclass.document import Heading, Table
 from texclass.recording import Samples
 from texclass.vibration import DecayingModes, fit_matrix_pencil, fit_prony
-from texclass.vibration.prony import prony
+from texclass.vibration.decaying_modes import prony
 
 SEED = 90217
 """Drawn for this study; the method was developed on other seeds.

@@ -2,7 +2,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 from scipy import signal
 
-from texclass.vibration.prony import fit_prony, n_extrema, prony
+from texclass.vibration.decaying_modes import fit_prony, n_extrema, prony
 
 IMPULSE = np.eye(1, 200)[0]
 B, A = [1.0, 0.4, 0.2, 0.1], [1.0, -1.5, 0.8, -0.1]

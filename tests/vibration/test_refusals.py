@@ -14,11 +14,10 @@ from texclass.vibration import (
 )
 from texclass.vibration import autoregressive as ar
 from texclass.vibration import line_spectrum as ls
-from texclass.vibration.decaying_modes import fit_matrix_pencil
+from texclass.vibration.decaying_modes import fit_matrix_pencil, fit_prony
 from texclass.vibration.decaying_sinusoid import TapModel, fit_okamura, fit_tap_model
 from texclass.vibration.interpolation import ModelBlend, interpolate
 from texclass.vibration.order import select_order
-from texclass.vibration.prony import fit_prony
 from texclass.vibration.rising_peaks import segment_rising_peaks, vibration_band
 
 NAN, INF = np.nan, np.inf
@@ -146,7 +145,6 @@ REFUSED = {
             lambda p=p: vibration_band([0.0, 1.0, 2.0], p, smoothing_hz=0.0)
             for p in ([0.0, 0.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0], [1.0, INF, 0.0])
         ),
-        lambda: vibration_band([0.0, 1.0, 2.0], [1.0, 2.0, 0.0], smoothing_hz=0.0, share=1.0),
         lambda: vibration_band([0.0, 1.0, 2.0], [1.0, 2.0, 0.0], smoothing_hz=-1.0),
     ],
 }  # fmt: skip

@@ -8,7 +8,7 @@ from texclass.features.contract import feature
 from texclass.features.phase_view import PhaseView, transform, undefined_if
 from texclass.features.spectra import mean_spectrum
 from texclass.recording import Samples
-from texclass.vibration.prony import fit_prony
+from texclass.vibration.decaying_modes import fit_prony
 from texclass.vibration.rising_peaks import (
     THRESHOLD,
     Segmentation,

@@ -4,7 +4,9 @@ from . import scores as scores
 from .autoregressive import Autoregression as Autoregression
 from .autoregressive import fit as fit
 from .decaying_modes import DecayingModes as DecayingModes
+from .decaying_modes import PronyFilter as PronyFilter
 from .decaying_modes import fit_matrix_pencil as fit_matrix_pencil
+from .decaying_modes import fit_prony as fit_prony
 from .decaying_sinusoid import TapModel as TapModel
 from .decaying_sinusoid import fit_okamura as fit_okamura
 from .decaying_sinusoid import fit_tap_model as fit_tap_model
@@ -17,8 +19,6 @@ from .major_frequencies import MajorFrequencies as MajorFrequencies
 from .major_frequencies import fit_major_frequencies as fit_major_frequencies
 from .order import OrderSelection as OrderSelection
 from .order import select_order as select_order
-from .prony import PronyFilter as PronyFilter
-from .prony import fit_prony as fit_prony
 from .rising_peaks import Segmentation as Segmentation
 from .rising_peaks import VibrationBand as VibrationBand
 from .rising_peaks import segment_rising_peaks as segment_rising_peaks

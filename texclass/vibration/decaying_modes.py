@@ -1,4 +1,4 @@
-"""A vibration as a sum of decaying sinusoids: parameters, synthesis, and their fit by the matrix pencil."""
+"""A vibration as a sum of decaying sinusoids: by the matrix pencil, and by Prony's method as published."""
 
 from dataclasses import dataclass, fields
 from typing import Literal
@@ -77,10 +77,6 @@ class DecayingModes(Sinusoids):
         """Frequency (Hz), decay rate (1/s), amplitude and phase of each mode, shape (n_modes, 4)."""
         return np.stack([self.frequency_hz, self.decay_per_s, self.amplitude, self.phase], axis=1)
 
-    def below(self, limit_hz: float) -> "DecayingModes":
-        """Return the modes whose frequency does not exceed `limit_hz`."""
-        return DecayingModes(*self.table[self.frequency_hz <= limit_hz].T)
-
     def strongest(self, n_modes: int, duration_s: float = np.inf) -> "DecayingModes":
         """Return the modes of most energy A^2 (1 - exp(-2 B T)) / B over the duration T, in that order."""
         largest = np.max(self.amplitude, initial=np.finfo(float).tiny)
@@ -147,11 +143,8 @@ class DecayingModes(Sinusoids):
         from scipy import signal
 
         excitation = one_channel(x, "excitation")
-        sections = self.sections(fs)
-        total = np.zeros_like(excitation)
-        for section in sections:
-            total += signal.sosfilt(section[np.newaxis], excitation)
-        return total
+        parts = (signal.sosfilt(section[np.newaxis], excitation) for section in self.sections(fs))
+        return np.asarray(sum(parts, np.zeros_like(excitation)))
 
 
 def fit_matrix_pencil(
@@ -225,7 +218,9 @@ def fit_matrix_pencil(
     W = linalg.svd(both, lapack_driver="gesvd")[2].T  # many equal singular values: gesdd may give up
     Phi = -W[:rank, rank:] @ linalg.pinv(W[rank:, rank:])
     z = stabilised(np.asarray(linalg.eigvals(Phi), dtype=np.complex128), n, outside)
-    modes = _modes(z, samples, fs).strongest(n, n / fs)
+    z = z[z.imag >= 0]  # one of each conjugate pair; a negative real pole lies exactly at fs/2
+    f, B = fs * (np.abs(np.angle(z)) / (2 * np.pi)), -np.log(np.abs(z)) * fs
+    modes = fit_amplitudes(samples, f, B, fs).strongest(n, n / fs)
     with np.errstate(under="ignore"):
         amplitude = np.ldexp(modes.amplitude, exponent)
     return DecayingModes(modes.frequency_hz, modes.decay_per_s, amplitude, modes.phase)
@@ -283,17 +278,182 @@ def _above_rounding(singular: Samples) -> int:
     return int(np.sum(singular > RESOLVED * singular[0]))
 
 
-def _modes(z: Poles, x: Samples, fs: float) -> DecayingModes:
-    """Return the modes of the poles (one of each conjugate pair), their amplitudes fitted to `x`."""
-    z = z[z.imag >= 0]
-    is_real = z.imag == 0
+def fit_amplitudes(x: Samples, frequency_hz: Samples, decay_per_s: Samples, fs: float) -> DecayingModes:
+    """Return the modes of these frequencies (0 ... fs/2) and decay rates with the best amplitudes and phases.
+
+    They are linear in the vibration: real and imaginary part of one complex amplitude a mode, of which those
+    without oscillation (f = 0, f = fs/2) have the real part alone.
+    """
+    turning = (frequency_hz > 0) & (frequency_hz < fs / 2)
     n = np.arange(x.size)[:, np.newaxis]
     with np.errstate(under="ignore"):
-        powers = np.exp(n * np.log(np.abs(z))) * np.exp(1j * n * np.angle(z))
-    design = np.hstack([powers.real, -powers.imag[:, ~is_real]])
+        powers = np.exp(-n * (decay_per_s / fs)) * np.exp(2j * np.pi * n * (frequency_hz / fs))
+    design = np.hstack([powers.real, -powers.imag[:, turning]])
     size = np.maximum(linalg.norm(design, axis=0), np.finfo(float).tiny)
     c = linalg.lstsq(design / size, x, cond=1e-12)[0] / size
-    amplitude = c[: z.size].astype(np.complex128)
-    amplitude[~is_real] += 1j * c[z.size :]
-    frequency_hz = fs * (np.abs(np.angle(z)) / (2 * np.pi))  # exactly fs/2 for a negative real pole
-    return DecayingModes(frequency_hz, -np.log(np.abs(z)) * fs, np.abs(amplitude), np.angle(amplitude))
+    amplitude = c[: frequency_hz.size].astype(np.complex128)
+    amplitude[turning] += 1j * c[frequency_hz.size :]
+    return DecayingModes(frequency_hz, decay_per_s, np.abs(amplitude), np.angle(amplitude))
+
+
+# Prony's method, kept for comparison ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class PronyFilter:
+    """H(z) = sum_i b_i z^-i / sum_i a_i z^-i with M = N, whose impulse response stands for a segment.
+
+    It is what the method gave: whether it is stable is stated, not ensured.
+
+    Attributes
+    ----------
+    b, a : ndarray of shape (order + 1,)
+        Numerator (unit of the segment) and denominator (a_0 = 1).
+    error : float
+        Mean absolute difference of the impulse response to the segment, in the unit of the segment; infinite
+        if the response overflows within the segment.
+    resolved : bool
+        Whether the error came to lie below the resolution that was asked for.
+    """
+
+    b: Samples
+    a: Samples
+    error: float
+    resolved: bool
+
+    @property
+    def order(self) -> int:
+        """Order N of the denominator and M = N of the numerator."""
+        return self.a.size - 1
+
+    @property
+    def pole_radius(self) -> float:
+        """Magnitude of the outermost pole, that of the companion matrix of `a`; 0 without poles."""
+        return float(np.max(np.abs(np.roots(self.a)), initial=0.0))
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether all poles lie inside the unit circle."""
+        return self.pole_radius < 1
+
+    def synthesize(self, n_samples: int) -> Samples:
+        """Return the impulse response, shape (n_samples,), at the rate of the segment, in direct form.
+
+        An unstable filter grows without bound: to infinity and NaN, if `n_samples` is large enough.
+        """
+        from scipy import signal
+
+        impulse = np.zeros(n_samples)
+        impulse[:1] = 1.0
+        return np.asarray(signal.lfilter(self.b, self.a, impulse))
+
+
+def fit_prony(
+    x: ArrayLike, resolution: float, *, least_order: int | None = None, max_order: int | None = None
+) -> PronyFilter:
+    """Fit a filter of the smallest order that meets the sensor's resolution, by Prony's method.
+
+    The order starts at the number of extrema of the segment and is raised by one until the mean absolute
+    error (1/n) sum |x - h| of the impulse response h falls below the resolution.
+
+    Parameters
+    ----------
+    x : array_like of shape (n_samples,)
+        Segment that starts at the onset of a decaying vibration. Any unit, at least 2 samples.
+    resolution : float
+        In the unit of `x`, above 0; the paper's is one bit, 0.153 m/s^2.
+    least_order : int, optional
+        First order tried instead of the number of extrema (at least 1).
+    max_order : int, optional
+        Last order tried; n_samples - 1 by default, where the numerator alone can hold the segment.
+
+    Returns
+    -------
+    PronyFilter
+        The first one that meets the resolution, stable or not; otherwise that of the least error.
+
+    Raises
+    ------
+    ValueError
+        For fewer than 2 samples, more than one channel, NaN or infinity, a resolution that is not above 0, or
+        a first order beyond `max_order` or below 1.
+
+    References
+    ----------
+    `guruswamy2011`, section IV-A; its denominators of section III with M = N.
+    """
+    samples = one_channel(x, "segment", at_least=2)
+    last = samples.size - 1 if max_order is None else max_order
+    first = min(max(n_extrema(samples), 1), last) if least_order is None else least_order
+    if not resolution > 0:
+        raise ValueError(f"resolution is {resolution}; the rule is above 0, in the unit of the segment")
+    if not 1 <= first <= last:
+        raise ValueError(f"orders run from {first} to {last}; the rule is 1 <= first <= last")
+    best = prony(samples, first, resolution)
+    for order in range(first + 1, last + 1):
+        if best.resolved:
+            break
+        tried = prony(samples, order, resolution)
+        best = tried if tried.error < best.error else best
+    return best
+
+
+def prony(x: ArrayLike, order: int, resolution: float = 0.0) -> PronyFilter:
+    """Fit the filter of one order M = N by Prony's method.
+
+    Past sample M the impulse response obeys h_n = -sum_(k=1..N) a_k h_(n-k): the a_k are the least-squares
+    solution over n = M+1 ... of the segment. The numerator makes the first M+1 samples exact,
+    b_n = sum_(k=0..n) a_k h_(n-k). A segment shorter than M + N + 2 samples is padded with zeros to that
+    length.
+
+    Parameters
+    ----------
+    x : array_like of shape (n_samples,)
+        Segment. Any unit.
+    order : int
+        At least 1.
+    resolution : float
+        Only decides `resolved`.
+
+    Returns
+    -------
+    PronyFilter
+
+    Raises
+    ------
+    ValueError
+        For an empty segment, more than one channel, NaN or infinity, or an order below 1.
+
+    References
+    ----------
+    `guruswamy2011`, section IV-A.
+
+    Examples
+    --------
+    >>> from scipy import signal
+    >>> h = signal.lfilter([1.0, 0.4], [1.0, -1.5, 0.8], np.eye(1, 40)[0])
+    >>> prony(h, 2).a.round(9)
+    array([ 1. , -1.5,  0.8])
+    """
+    from scipy import signal
+
+    samples = one_channel(x, "segment")
+    if order < 1:
+        raise ValueError(f"order is {order}; the rule is at least 1")
+    h, exponent = to_unit_scale(samples)
+    padded = np.pad(h, (0, max(0, 2 * order + 2 - h.size)))
+    past = linalg.toeplitz(padded[order:-1], padded[order::-1][:order])
+    a = np.concatenate([[1.0], linalg.lstsq(past[:, :order], -padded[order + 1 :])[0]])
+    b = np.convolve(a, padded[: order + 1])[: order + 1]
+    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
+        response = signal.lfilter(b, a, np.eye(1, h.size)[0])
+        error = float(np.ldexp(np.mean(np.abs(response - h)), exponent))
+        error = error if np.isfinite(error) else np.inf
+        return PronyFilter(np.ldexp(b, exponent), a, error, error < resolution)
+
+
+def n_extrema(x: ArrayLike) -> int:
+    """Return how many local maxima and minima lie inside a segment; a plateau counts once."""
+    slopes = np.sign(np.diff(np.asarray(x, dtype=np.float64)))
+    slopes = slopes[slopes != 0]
+    return int(np.sum(slopes[1:] != slopes[:-1]))

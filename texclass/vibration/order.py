@@ -10,7 +10,7 @@ from scipy import fft
 from texclass.recording import Samples
 from texclass.vibration import recursions
 from texclass.vibration.autoregressive import Autoregression, fit
-from texclass.vibration.scores import N_DFT, checked_dft, relative_error
+from texclass.vibration.scores import N_DFT, relative_error
 
 Criterion = Literal["spectral_error", "aicc"]
 
@@ -96,10 +96,10 @@ def select_order(
     )
 
 
-def spectral_error(x: ArrayLike, model: Autoregression, *, n_dft: int = N_DFT) -> Samples:
+def spectral_error(x: ArrayLike, model: Autoregression) -> Samples:
     """Return the RMS spectral error of the orders 0 ... p of a model, relative to the spectrum of the signal.
 
-    C = RMS(|X| - |G|) / RMS(|X|), the RMS taken over the DFT's bins.
+    C = RMS(|X| - |G|) / RMS(|X|), the RMS taken over the N = `N_DFT` bins of the DFT.
 
     Parameters
     ----------
@@ -107,8 +107,6 @@ def spectral_error(x: ArrayLike, model: Autoregression, *, n_dft: int = N_DFT) -
         The signal, in the unit of the model.
     model : Autoregression
         Fitted to it by Burg's or the autocorrelation method; one of the same leading shape.
-    n_dft : int
-        N, points of the DFT.
 
     Returns
     -------
@@ -118,7 +116,7 @@ def spectral_error(x: ArrayLike, model: Autoregression, *, n_dft: int = N_DFT) -
     Raises
     ------
     ValueError
-        If the leading shapes differ, the signal is empty or holds NaN or infinity, or `n_dft` is below 1.
+        If the leading shapes differ, or the signal is empty or holds NaN or infinity.
 
     Notes
     -----
@@ -140,16 +138,16 @@ def spectral_error(x: ArrayLike, model: Autoregression, *, n_dft: int = N_DFT) -
         )
     if not np.all(np.isfinite(samples)):
         raise ValueError("the signal holds NaN or infinity; the rule is finite samples")
-    omega, length = 2 * np.pi * fft.rfftfreq(checked_dft(n_dft)), min(n_dft, samples.shape[-1])
+    omega, length = 2 * np.pi * fft.rfftfreq(N_DFT), min(N_DFT, samples.shape[-1])
     rows = np.atleast_2d(samples), np.atleast_2d(model.reflection), np.atleast_2d(model.residual)
     curves = np.zeros(rows[2].shape)
     for curve, row, k, residual in zip(curves, *rows, strict=True):
         if (peak := np.abs(row).max()) > 0:
             segments = (row / peak)[: row.size // length * length].reshape(-1, length)
-            measured = np.sqrt(np.mean(np.abs(fft.rfft(segments, n_dft, axis=1)) ** 2, axis=0))
+            measured = np.sqrt(np.mean(np.abs(fft.rfft(segments, N_DFT, axis=1)) ** 2, axis=0))
             ln_a = recursions.log_magnitudes(np.ascontiguousarray(k), omega)
             modelled = (residual / peak * np.sqrt(length))[:, np.newaxis] * np.exp(-ln_a)
-            curve[:] = relative_error(measured, modelled, n_dft)
+            curve[:] = relative_error(measured, modelled)
     return curves.reshape(model.residual.shape)
 
 

@@ -4,9 +4,7 @@ The passage over each feature of a surface makes the tool ring: a segment begins
 lasts while it decays, so that one decaying filter can stand for it.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +19,8 @@ THRESHOLD = 1.0
 """alpha of `guruswamy2011`, section IV-B."""
 DECAY = 0.05
 """beta of `guruswamy2011`, section IV-B, per peak."""
+SHARE, FLOOR = 0.75, 0.1
+"""Of `guruswamy2011`, eq. (6) and (7): parts of the whole power and of the highest one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,53 +115,24 @@ def segment_rising_peaks(
     >>> segment_rising_peaks(np.tile(ring, 3), dead_band=0.1).bounds
     array([  0, 100, 200, 300])
     """
+    from texclass.vibration import recursions  # numba: half a second, which only what cuts waits for
+
     samples = one_channel(x, "signal", at_least=1)
     if not (dead_band >= 0 and threshold >= 0 and decay >= 0):
         raise ValueError(
             f"dead band, threshold, decay are {dead_band}, {threshold}, {decay}; the rule is all at least 0"
         )
     samples = np.require(samples, requirements=["C", "W"])  # one compiled version serves all
-    starts, n_peaks = _compiled()(samples, dead_band, threshold, decay)
+    starts, n_peaks = recursions.rises(samples, dead_band, threshold, decay)
     return Segmentation(np.concatenate([[0], starts, [samples.size]]), n_peaks)
 
 
-@cache
-def _compiled() -> Callable[[Samples, float, float, float], tuple[Indices, Indices]]:
-    from numba import njit  # half a second, which only what asks for segments waits for
-
-    return njit(cache=True, error_model="numpy")(_rising)
-
-
-def _rising(x: Samples, d: float, alpha: float, beta: float) -> tuple[Indices, Indices]:
-    """Return where the segments after the first begin, and how many peaks each segment has, in one pass."""
-    starts, n_peaks = np.empty(x.size, np.int64), np.zeros(x.size + 1, np.int64)
-    segment, height, up, last = 0, -1.0, True, 0.0
-    lowest, at = abs(x[0]), 0
-    for t in range(x.size):
-        now = abs(x[t])
-        following = abs(x[t + 1]) if t + 1 < x.size else 0.0
-        up = up or now > last
-        last = now
-        if now < lowest:
-            lowest, at = now, t
-        if up and following < now:
-            rise = now - height
-            if height >= 0 and rise > d and rise > alpha * np.exp(-beta * n_peaks[segment]) * height:
-                starts[segment] = at
-                segment += 1
-            n_peaks[segment] += 1
-            height, lowest, at, up = now, now, t, False
-    return starts[:segment].copy(), n_peaks[: segment + 1].copy()
-
-
-def vibration_band(
-    frequency_hz: ArrayLike, power: ArrayLike, *, smoothing_hz: float, share: float = 0.75, floor: float = 0.1
-) -> VibrationBand:
+def vibration_band(frequency_hz: ArrayLike, power: ArrayLike, *, smoothing_hz: float) -> VibrationBand:
     """Return the major frequency of a power spectrum and its automatic upper cut-off.
 
     With Y the smoothed spectrum, the cut-off is the lowest frequency of the grid with both ::
 
-        sum_(f <= f_upper) Y / sum Y > share,    Y(f) < floor Y(f_major)  for all f > f_upper
+        sum_(f <= f_upper) Y / sum Y > SHARE,    Y(f) < FLOOR Y(f_major)  for all f > f_upper
 
     Parameters
     ----------
@@ -171,8 +142,6 @@ def vibration_band(
         Power (density) at these frequencies, not negative, not all 0. Any unit.
     smoothing_hz : float
         Standard deviation of the Gaussian that low-passes the spectrum, at least 0.
-    share, floor : float
-        Parts of the whole and of the highest power, in (0, 1).
 
     Returns
     -------
@@ -182,7 +151,7 @@ def vibration_band(
     ------
     ValueError
         If the shapes differ, there are fewer than 2 bins, a power is negative, NaN or infinite, all are 0, or
-        a parameter is out of its range.
+        the smoothing is negative.
 
     Notes
     -----
@@ -204,13 +173,10 @@ def vibration_band(
     P, _ = to_unit_scale(one_channel(power, "power", at_least=2))
     if f.shape != P.shape or np.any(P < 0) or not np.any(P):
         raise ValueError(f"power is {P} at {f} Hz; the rule is one for each frequency, >= 0 and not all 0")
-    if not (0 < share < 1 and 0 < floor < 1 and smoothing_hz >= 0):
-        raise ValueError(
-            f"share, floor, smoothing are {share}, {floor}, {smoothing_hz} Hz; "
-            "the rule is (0, 1), (0, 1) and at least 0"
-        )
+    if not smoothing_hz >= 0:
+        raise ValueError(f"smoothing is {smoothing_hz} Hz; the rule is at least 0")
     Y = ndimage.gaussian_filter1d(P, smoothing_hz / (f[1] - f[0])) if smoothing_hz > 0 else P
     running = np.cumsum(Y)
-    enough = int(np.argmax(running > share * running[-1]))
-    high = int(np.flatnonzero(floor * Y.max() <= Y)[-1])
+    enough = int(np.argmax(running > SHARE * running[-1]))
+    high = int(np.flatnonzero(FLOOR * Y.max() <= Y)[-1])
     return VibrationBand(float(f[np.argmax(Y)]), float(f[max(enough, high)]))

@@ -8,7 +8,7 @@ from texclass.recording import Samples
 from texclass.signals import one_channel, to_unit_scale
 
 N_DFT = 2800
-"""Points of the DFT in `oeztuerk2018`, section 3.1."""
+"""N, points of the DFT in `oeztuerk2018`, section 3.1; even."""
 FLOOR = 1e-12
 """Power below this part of the largest power of the recording counts as this part (-120 dB)."""
 BAND_EDGES_HZ: Samples = np.geomspace(20.0, 1000.0, 10)
@@ -16,18 +16,16 @@ BAND_EDGES_HZ: Samples = np.geomspace(20.0, 1000.0, 10)
 BAND_EDGES_HZ.flags.writeable = False
 
 
-def rms_spectral_error(recorded: ArrayLike, synthesized: ArrayLike, *, n_fft: int = N_DFT) -> float:
+def rms_spectral_error(recorded: ArrayLike, synthesized: ArrayLike) -> float:
     """Return the RMS difference of the magnitude spectra over the RMS of the recorded one.
 
-    C = RMS(|DFT{a}| - |DFT{a_g}|) / RMS(|DFT{a}|), with transforms of `n_fft` points: longer signals are cut,
+    C = RMS(|DFT{a}| - |DFT{a_g}|) / RMS(|DFT{a}|), with transforms of `N_DFT` points: longer signals are cut,
     shorter ones padded with zeros.
 
     Parameters
     ----------
     recorded, synthesized : array_like of shape (n_samples,)
         Of one unit and rate; lengths may differ.
-    n_fft : int
-        Points of the transforms; the thesis takes 2800.
 
     Returns
     -------
@@ -37,7 +35,7 @@ def rms_spectral_error(recorded: ArrayLike, synthesized: ArrayLike, *, n_fft: in
     Raises
     ------
     ValueError
-        If the recorded part is silent, a signal is empty, or holds NaN or infinity, or `n_fft` is below 1.
+        If the recorded part is silent, a signal is empty, or holds NaN or infinity.
 
     Notes
     -----
@@ -51,9 +49,9 @@ def rms_spectral_error(recorded: ArrayLike, synthesized: ArrayLike, *, n_fft: in
     `oeztuerk2018`, eqs. (3.11) and (3.12).
     """
     a, a_g = _in_one_scale(recorded, synthesized)
-    A, A_g = (np.abs(fft.rfft(x, checked_dft(n_fft))) for x in (a, a_g))
-    _not_silent(float(A.max()), f"in its first {n_fft} samples")
-    return float(relative_error(A, A_g, n_fft))
+    A, A_g = (np.abs(fft.rfft(x, N_DFT)) for x in (a, a_g))
+    _not_silent(float(A.max()), f"in its first {N_DFT} samples")
+    return float(relative_error(A, A_g))
 
 
 def goodness_of_fit(
@@ -240,15 +238,10 @@ def _band_powers(x: Samples, fs: float, edges: Samples) -> tuple[Samples, float]
     return np.diff(np.interp(edges, bounds, cumulative)), float(cumulative[-1])
 
 
-def checked_dft(n_dft: int) -> int:
-    """Return the number of points, or say which rule it breaks."""
-    if n_dft < 1:
-        raise ValueError(f"the DFT has {n_dft} points; the rule is at least 1")
-    return n_dft
+def relative_error(A: Samples, A_g: Samples) -> Samples:
+    """Return C = RMS(A_g - A) / RMS(A), the RMS taken over all N = `N_DFT` bins.
 
-
-def relative_error(A: Samples, A_g: Samples, n_dft: int) -> Samples:
-    """Return C = RMS(A_g - A) / RMS(A), the RMS taken over all N bins of the DFT.
+    The upper half of the bins mirrors the lower one, the first and the middle one apart.
 
     Parameters
     ----------
@@ -256,17 +249,13 @@ def relative_error(A: Samples, A_g: Samples, n_dft: int) -> Samples:
         Magnitudes of the recorded signal at the bins of `rfft`, not all 0.
     A_g : ndarray of shape (..., N // 2 + 1)
         Those of the synthesized ones.
-    n_dft : int
-        N; the upper half of the bins mirrors the lower one.
 
     Returns
     -------
     ndarray of shape (...)
     """
-    twice = np.full(n_dft // 2 + 1, 2.0)
-    twice[0] = 1.0
-    if n_dft % 2 == 0:
-        twice[-1] = 1.0
+    twice = np.full(N_DFT // 2 + 1, 2.0)
+    twice[[0, -1]] = 1.0
     return np.asarray(root_mean_square(A_g - A, twice) / root_mean_square(A, twice))
 
 

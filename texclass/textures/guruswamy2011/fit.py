@@ -14,7 +14,7 @@ from texclass.recording import Samples
 from texclass.textures.guruswamy2011.level import LOWER_HZ, Amplitude, LevelLaw, normalised
 from texclass.textures.guruswamy2011.texture import Course, SinusoidTexture, SpatialTexture
 from texclass.textures.scan import Scan
-from texclass.vibration import DecayingModes, fit_matrix_pencil
+from texclass.vibration.decaying_modes import DecayingModes, fit_amplitudes, fit_matrix_pencil
 from texclass.vibration.rising_peaks import Segmentation, VibrationBand, segment_rising_peaks, vibration_band
 
 RESOLUTION = 0.153
@@ -256,7 +256,10 @@ def fit_modes(piece: Samples, fs: float, resolution: float) -> DecayingModes:
 
     def error(order: int) -> float:
         if order not in tried:
-            modes = _bounded(fit_matrix_pencil(x, fs, order=order), x, fs)
+            modes = fit_matrix_pencil(x, fs, order=order)
+            if modes.decay_per_s.min(initial=LEAST_DECAY) < LEAST_DECAY:
+                faster = np.maximum(modes.decay_per_s, LEAST_DECAY)
+                modes = fit_amplitudes(x, modes.frequency_hz, faster, fs)
             missed = float(np.mean(np.abs(modes.synthesize(piece.size, fs) - piece)))
             moderate = np.max(modes.amplitude, initial=0.0) <= CANCELLING * np.max(np.abs(x))
             tried[order] = missed if moderate else np.inf, modes
@@ -296,20 +299,6 @@ def fit_sinusoid(piece: Samples, fs: float) -> DecayingModes:
         low, high = np.maximum(centre - half, low), np.minimum(centre + half, high)
     A = shape[[best]] @ piece / size[best] ** 2
     return DecayingModes(f.ravel()[[best]], B.ravel()[[best]], np.abs(A), np.where(A >= 0, -0.5, 0.5) * np.pi)
-
-
-def _bounded(modes: DecayingModes, x: Samples, fs: float) -> DecayingModes:
-    """Return the modes, those that decay too slowly made faster, all amplitudes then fitted again."""
-    if not modes.n_modes or modes.decay_per_s.min() >= LEAST_DECAY:
-        return modes
-    f, B = modes.frequency_hz, np.maximum(modes.decay_per_s, LEAST_DECAY)
-    t = np.arange(x.size)[:, np.newaxis] / fs
-    s = np.exp((-B + 2j * np.pi * f) * t)
-    turning = (f > 0) & (f < fs / 2)
-    c = np.linalg.lstsq(np.hstack([s.real, -s.imag[:, turning]]), x, rcond=1e-9)[0]
-    amplitude = c[: f.size].astype(np.complex128)
-    amplitude[turning] += 1j * c[f.size :]
-    return DecayingModes(f, B, np.abs(amplitude), np.angle(amplitude))
 
 
 def _ring_samples(fs: float) -> int:
