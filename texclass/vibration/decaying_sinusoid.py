@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import fft, optimize
 from scipy.signal import find_peaks
 
@@ -177,31 +178,27 @@ def fit_tap_model(taps: Sequence[ArrayLike], velocity: ArrayLike, fs: float) -> 
     (-1500, 60.0, 592.0)
     """
     scaled, v, exponent = checked_taps(taps, velocity, at_least=4)
-    x = np.concatenate(scaled)
-    if not np.any(x):
+    if not any(np.any(tap) for tap in scaled):
         raise ValueError("taps are all zero; the rule is at least one sample that is not")
-    n = np.concatenate([np.arange(tap.size) for tap in scaled])
-    weight = np.repeat(v / np.max(np.abs(v)), [tap.size for tap in scaled])
-    longest = int(n.max()) + 1
+    problem = TapShapes(scaled, v / np.max(np.abs(v)))
+    longest = max(tap.size for tap in scaled)
     lower, upper = np.array([1e-6, 0.02 * np.pi]) / longest, np.array([1e3 / longest, np.pi])
     ends = [
         optimize.least_squares(
-            _residual,
+            problem.residual,
             np.clip(start, lower * 1.01, upper / 1.01),
-            _jacobian,
+            problem.jacobian,
             bounds=(lower, upper),
             x_scale="jac",
             xtol=1e-12,
             ftol=1e-14,
             gtol=1e-14,
-            args=(x, n, weight),
         )
         for start in _starts(scaled, v, fs)
     ]
-    beta, omega = min(ends, key=lambda end: float(end.cost)).x
-    shape = _shape(beta, omega, n, weight)
-    A = float(x @ shape / (shape @ shape))
-    return TapModel(_slope(A, v, exponent), float(beta * fs), float(omega * fs / (2 * np.pi)))
+    best = min(ends, key=lambda end: float(end.cost)).x
+    (A,), (beta, omega) = problem.amplitudes(problem.shapes(best)[1]), best
+    return TapModel(_slope(float(A), v, exponent), float(beta * fs), float(omega * fs / (2 * np.pi)))
 
 
 def checked_taps(
@@ -250,22 +247,59 @@ def _starts(taps: list[Samples], v: Samples, fs: float) -> list[Samples]:
     return starts
 
 
-def _shape(beta: float, omega: float, n: Samples, weight: Samples) -> Samples:
-    with np.errstate(under="ignore"):
-        return np.asarray(weight * np.exp(-beta * n) * np.sin(omega * n))
+class TapShapes:
+    """Taps less their decaying sinusoids: what `scipy.optimize.least_squares` brings near zero.
 
+    The parameters are B / fs, w / fs and, where the taps do not begin with the impact, the sample of each
+    one's onset. The amplitudes are eliminated: at given parameters they are projections.
 
-def _residual(p: Samples, x: Samples, n: Samples, weight: Samples) -> Samples:
-    """Return (phi phi^T / phi^T phi - 1) x."""
-    phi = _shape(p[0], p[1], n, weight)
-    return np.asarray(phi * (phi @ x / (phi @ phi)) - x)
+    Parameters
+    ----------
+    taps : list of ndarray of shape (n_samples,)
+    share : ndarray of shape (n_taps,), optional
+        Amplitudes of the taps relative to each other, of which one is found for all; by default each tap has
+        its own.
+    """
 
+    def __init__(self, taps: list[Samples], share: Samples | None = None) -> None:
+        sizes = [x.size for x in taps]
+        self.x = np.concatenate(taps)
+        self.n = np.concatenate([np.arange(size, dtype=np.float64) for size in sizes])
+        self.tap: NDArray[np.intp] = np.repeat(np.arange(len(taps)), sizes)
+        self.group = self.tap if share is None else np.zeros_like(self.tap)
+        self.weight = 1.0 if share is None else share[self.tap]
 
-def _jacobian(p: Samples, x: Samples, n: Samples, weight: Samples) -> Samples:
-    """Return A (1 - phi phi^T / phi^T phi) d phi, Kaufman's form."""
-    phi = _shape(p[0], p[1], n, weight)
-    with np.errstate(under="ignore"):
-        cosine = weight * np.exp(-p[0] * n) * np.cos(p[1] * n)
-    d_phi = np.stack([-n * phi, n * cosine], axis=1)
-    unit = phi / np.sqrt(phi @ phi)
-    return np.asarray((phi @ x / (phi @ phi)) * (d_phi - np.outer(unit, unit @ d_phi)))
+    def sums(self, values: Samples) -> Samples:
+        """Sum over the samples that have one amplitude."""
+        return np.asarray(np.bincount(self.group, values), dtype=np.float64)
+
+    def shapes(self, p: Samples) -> tuple[Samples, Samples, Samples]:
+        """Return t, phi = exp(-B t) sin(w t) and exp(-B t) cos(w t), 0 before the onset."""
+        t = self.n - p[2:][self.tap] if p.size > 2 else self.n
+        with np.errstate(under="ignore"):
+            envelope = np.where(t >= 0, self.weight * np.exp(-p[0] * np.maximum(t, 0.0)), 0.0)
+            return t, envelope * np.sin(p[1] * t), envelope * np.cos(p[1] * t)
+
+    def amplitudes(self, phi: Samples) -> Samples:
+        """Return a = phi x / phi phi of each tap, or the one of all."""
+        energy = self.sums(phi * phi)
+        return np.asarray(self.sums(phi * self.x) / np.where(energy > 0, energy, 1.0))
+
+    def residual(self, p: Samples) -> Samples:
+        """Return a phi - x."""
+        phi = self.shapes(p)[1]
+        return np.asarray(self.amplitudes(phi)[self.group] * phi - self.x)
+
+    def jacobian(self, p: Samples) -> Samples:
+        """Return a (1 - phi phi^T / phi^T phi) d phi, Kaufman's form; a row has B, w and one onset."""
+        t, phi, cosine = self.shapes(p)
+        a, energy = self.amplitudes(phi)[self.group], self.sums(phi * phi)
+        energy = np.where(energy > 0, energy, 1.0)
+        derivatives: list[tuple[Any, Samples]] = [(0, -t * phi), (1, t * cosine)]
+        if p.size > 2:
+            derivatives.append((2 + self.tap, p[0] * phi - p[1] * cosine))
+        out = np.zeros((self.x.size, p.size))
+        for column, d_phi in derivatives:
+            along = (self.sums(phi * d_phi) / energy)[self.group] * phi
+            out[np.arange(self.x.size), column] = a * (d_phi - along)
+        return out
