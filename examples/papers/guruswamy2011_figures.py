@@ -89,7 +89,8 @@ def draw_textures(width: float, fitted: Mapping[str, FittedScan]) -> Drawing:
         n, fs = len(each.scan), each.scan.fs
         total = each.responses.sum(n, fs)
         speed = each.scan.speed.mean()
-        cut = slice(int(2 * fs), int(2 * fs + 8 * fs / max(speed * each.texture.features_per_mm, 8)))
+        per_s = speed * each.texture.n_features / each.texture.length_mm
+        cut = slice(int(2 * fs), int(2 * fs + 8 * fs / max(per_s, 8)))
         t = np.arange(n)[cut] / fs
         axes.plot(t, each.normalised[cut], "x", color=INK, markersize=3, label="scan")
         axes.plot(t, total[cut], color=OURS, linewidth=1.4, label="texture")

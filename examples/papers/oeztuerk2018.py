@@ -16,14 +16,13 @@ from texclass.document.figure_style import FAINT, INK, OTHER, OURS
 from texclass.exchange import write_wav
 from texclass.provenance import versions
 from texclass.textures.oeztuerk2018 import (
-    displayed_signals,
+    BIN_MM_S,
+    ORDER,
+    PEAK_FACTOR,
     fit_frequencies,
     fit_lpc,
-    seamless,
     speed_intervals,
 )
-from texclass.textures.oeztuerk2018.signals_per_interval import BIN_MM_S
-from texclass.textures.oeztuerk2018.speed_textures import ORDER, PEAK_FACTOR
 from texclass.vibration import fit, fit_major_frequencies, synthesize
 from texclass.vibration.major_frequencies import BEAT_THRESHOLDS_HZ
 
@@ -67,13 +66,15 @@ def main():
     texture = fit_frequencies(plates[wood], SPEEDS_MM_S, FS, name=wood)
     told = tell(numbers, curves, excerpts, plates | fabrics, wood, seed)
     shared.write_chapter(told, numbers, asked.out, KEY)
-    write_wav(asked.out / f"{KEY}-between.wav", displayed_signals(texture, 0.2)[2], FS, encoding="pcm16")
+    write_wav(
+        asked.out / f"{KEY}-between.wav", study.displayed_signals(texture, 0.2)[2], FS, encoding="pcm16"
+    )
 
 
 def compute(plates, excerpts, fabrics, curves, seed, small):
     """Return what goes into the JSON. What needs recordings that are absent is empty."""
     one = next(iter(plates.values()))
-    endless = seamless(one[0][:10_000], FS)
+    endless = study.seamless(one[0][:10_000], FS)
     joins = np.arange(10_000, endless.size, 10_000)
     lengths = [[x.size / FS for x in four] for four in fabrics.values()]
     predictions = {}
@@ -361,7 +362,8 @@ def draw_frequencies(x, width):
     Compressed wood of `lmt_excerpts` instead of oak.
     """
     lines = fit_major_frequencies(x, FS, n_frequencies=30)
-    made = lines.synthesize(x.size, FS, peak=float(np.abs(x).max()))
+    made = lines.synthesize(x.size, FS)
+    made *= np.abs(x).max() / np.abs(made).max()
     figure = _time_and_spectrum([("recorded", x, INK), ("of 30 frequencies", made, OURS)], width)
     f, A = _amplitudes(x)
     high = A[f <= SHOWN_HZ].max() / 2 < A

@@ -8,8 +8,14 @@ from scipy import special
 
 from texclass.signals import combine, remove_hand_motion
 from texclass.simulate import operator_catalogue, record_rising_speed, surface_catalogue
-from texclass.textures.oeztuerk2018 import fit_frequencies, fit_lpc, intervals_from_speeds, speed_intervals
-from texclass.textures.oeztuerk2018.speed_textures import PEAK_FACTOR
+from texclass.textures.oeztuerk2018 import (
+    BIN_MM_S,
+    PEAK_FACTOR,
+    SpeedIntervals,
+    fit_frequencies,
+    fit_lpc,
+    speed_intervals,
+)
 from texclass.vibration import fit, fit_major_frequencies, select_order
 from texclass.vibration.major_frequencies import beat_threshold_hz
 from texclass.vibration.order import spectral_error
@@ -28,6 +34,11 @@ N_SPEEDS = 240
 REST_S = 0.6
 """What is cut off a simulated plate's start."""
 N_SEEDS, PATH_SAMPLES = 50, 2000
+NOTABLE = 0.05
+"""Share of the samples that makes a bin notable; the thesis judges by eye."""
+DURATION_S = 10.0
+N_COPIES = 5
+"""Mirrored copies in an endless signal."""
 
 
 def order_curves(x, largest=LARGEST):
@@ -89,6 +100,50 @@ def stroking_speeds(friction, rng):
     was chosen by us so that the histograms have about as many bins: it tests the rule, not the thesis.
     """
     return rng.gamma(SHAPE, MEAN_MM_S * np.exp(-friction / FRICTION_SCALE) / SHAPE, N_SPEEDS)
+
+
+def intervals_from_speeds(speed, notable=NOTABLE):
+    """Return the intervals that speeds (mm/s) of people on a surface ask for, one speed each step of time.
+
+    The histogram of figure 4.2: intervals up to the last bin that holds a notable share of the samples; what
+    is faster belongs to the last interval.
+    """
+    share = np.bincount(np.floor(np.asarray(speed) / BIN_MM_S).astype(int)) / len(speed)
+    last = np.flatnonzero(share >= notable)[-1:]
+    return SpeedIntervals.equal(int(last.sum()) + 1)
+
+
+def mirrored(x):
+    """Return the signal with its reflection behind it: x_0 ... x_n-1 x_n-1 ... x_0.
+
+    Wherever copies of it meet, one sample stands beside its equal: no join has a jump.
+    """
+    return np.concatenate([x, x[::-1]])
+
+
+def seamless(x, fs, duration_s=DURATION_S, peak=None):
+    """Return a signal of the duration: the mirrored one, as often as needed, scaled to a peak.
+
+    Of 1 s, 5 mirrored copies make 10 s, as printed. The peak is that of the reference it is compared with;
+    `oeztuerk2018`, end of section 3.2.
+    """
+    endless = np.resize(mirrored(x), round(duration_s * fs))
+    largest = np.abs(endless).max()
+    return endless if peak is None or largest == 0 else endless * (peak / largest)
+
+
+def displayed_signals(texture, friction, duration_s=DURATION_S, peaks=None, seed=0):
+    """Return a seamless signal for each of the `speed_intervals` of a friction, from slow to fast.
+
+    Each is that of the texture at the centre of its interval: a tenth of the duration, mirrored and repeated
+    5 times, and scaled to the peak of its reference, if given; sections 3.2 and 6.1, Table 6.1.
+    """
+    speeds = speed_intervals(friction).centres_mm_s
+    n = max(1, round(duration_s * texture.fs / (2 * N_COPIES)))
+    return [
+        seamless(texture.signal(v, n, seed=seed + i), texture.fs, duration_s, peak)
+        for i, (v, peak) in enumerate(zip(speeds, peaks or [None] * len(speeds), strict=True))
+    ]
 
 
 def intervals_of(friction, seed):

@@ -35,7 +35,7 @@ class MajorFrequencies(Sinusoids):
     amplitude: Samples
     phase: Samples
 
-    def synthesize(self, n_samples: int, fs: float, *, peak: float | None = None) -> Samples:
+    def synthesize(self, n_samples: int, fs: float) -> Samples:
         """Return the vibration, shape (n_samples,): eq. (3.16) in the time domain, at any length and rate.
 
         Parameters
@@ -44,16 +44,13 @@ class MajorFrequencies(Sinusoids):
             Any length. At the length and rate of the fit it is the inverse transform of the chosen lines.
         fs : float
             Sampling rate in Hz. Frequencies of fs/2 and above are left out.
-        peak : float, optional
-            Largest magnitude to scale the result to, as the thesis does with that of the recording.
         """
         t = np.arange(n_samples) / fs
         x = np.zeros(n_samples)
         for f, A, phi in zip(self.frequency_hz, self.amplitude, self.phase, strict=True):
             if f < fs / 2:
                 x += A * np.cos(2 * np.pi * f * t + phi)
-        largest = np.max(np.abs(x), initial=0.0)
-        return x if peak is None or largest == 0 else x / largest * peak
+        return x
 
 
 def beat_threshold_hz(frequency_hz: ArrayLike) -> Samples:

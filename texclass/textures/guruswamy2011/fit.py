@@ -11,12 +11,21 @@ from scipy import signal
 
 from texclass import signals
 from texclass.recording import Samples
-from texclass.textures.guruswamy2011.level import LOWER_HZ, Amplitude, LevelLaw, normalised
-from texclass.textures.guruswamy2011.texture import Course, SinusoidTexture, SpatialTexture
+from texclass.textures.guruswamy2011.texture import (
+    Amplitude,
+    Course,
+    LevelLaw,
+    SinusoidTexture,
+    SpatialTexture,
+)
 from texclass.textures.scan import Scan
 from texclass.vibration.decaying_modes import DecayingModes, fit_amplitudes, fit_matrix_pencil
 from texclass.vibration.rising_peaks import Segmentation, VibrationBand, segment_rising_peaks, vibration_band
 
+LOWER_HZ = 0.122
+"""Lower limit of the band, `guruswamy2011` section V-A; 500 / 4096 and 1000 / 8192 Hz."""
+PATH_CUTOFF_HZ = 10.0
+"""Low-pass of force and speed (f_lowpass). The paper gives none; a hand is slower than that."""
 RESOLUTION = 0.153
 """One bit of the paper's sensor, m/s^2 (2 g / 128)."""
 DEAD_BAND_BITS = 2.0
@@ -26,6 +35,104 @@ HIGHEST = 0.9
 """An upper cut-off above that part of fs/2 would only turn the phase of what it keeps: none is applied."""
 
 Phase = Literal["causal", "zero"]
+
+
+# How strongly a surface vibrates ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class LevelFit:
+    """A law found from repeated scans, and the scans it was found from.
+
+    Attributes
+    ----------
+    law : LevelLaw
+    speed, force, rms : ndarray of shape (n_scans,)
+        Means (mm/s, N) and RMS acceleration (m/s^2) of the scans.
+    r_squared : float
+        Part of the variance of the RMS (without the share of a given k_c) that the law explains.
+    """
+
+    law: LevelLaw
+    speed: Samples
+    force: Samples
+    rms: Samples
+    r_squared: float
+
+
+def fit_level_law(scans: Sequence[Scan], k_c: float | None = None) -> LevelFit:
+    """Regress the law on repeated scans of one surface at different speeds.
+
+    Least squares of the deviation relative to the level: two scans of one kind differ by some per cent, not
+    by some m/s^2, so that weak scans know a_0 best.
+
+    Parameters
+    ----------
+    scans : sequence of Scan
+        At least 2, of different mean speed; at least 3, of different mean force, too, without `k_c`.
+    k_c : float, optional
+        Force factor known from elsewhere, as the paper takes it; regressed with the others by default.
+
+    Returns
+    -------
+    LevelFit
+        Factors that would come out negative are held at 0.
+
+    Raises
+    ------
+    ValueError
+        For too few scans, scans that do not differ, or silence.
+
+    References
+    ----------
+    `guruswamy2011`, section III (eq. 2), section V-B, figure 10.
+    """
+    from scipy.optimize import nnls
+
+    speed, force, rms = np.array([scan_level(scan) for scan in scans]).reshape(-1, 3).T
+    known = np.zeros_like(rms) if k_c is None else k_c * force
+    design = np.column_stack([speed / 1000, *([force] if k_c is None else []), np.ones_like(speed)])
+    if np.linalg.matrix_rank(design) < design.shape[1] or not np.any(rms):
+        raise ValueError(
+            f"scans at {speed} mm/s and {force} N of RMS {rms}; the rule is {design.shape[1]} scans or more "
+            "that differ in speed (and in force, if k_c is not given), not silent"
+        )
+    weight = np.ones_like(rms)
+    for _ in range(5):
+        weighted = design * weight[:, np.newaxis]
+        size = np.linalg.norm(weighted, axis=0)
+        found = nnls(weighted / size, (rms - known) * weight)[0] / size
+        weight = 1 / np.maximum(design @ found + known, 1e-3 * rms.max())
+    k_v, k_f, a_0 = (found[0], k_c, found[1]) if k_c is not None else found
+    rest, spread = rms - known - design @ found, rms - known - np.mean(rms - known)
+    explained = 1 - float(rest @ rest) / max(float(spread @ spread), np.finfo(float).tiny)
+    return LevelFit(LevelLaw(float(k_v), float(k_f), float(a_0)), speed, force, rms, explained)
+
+
+def scan_level(scan: Scan) -> tuple[float, float, float]:
+    """Return mean speed (mm/s), mean force (N) and RMS acceleration (m/s^2) of a scan.
+
+    Of the acceleration only a linear trend is left out: the law speaks of all that was felt, and over the
+    seconds of a fast scan a filter at `LOWER_HZ` would mostly show its own transient.
+    """
+    a = signal.detrend(scan.acceleration)
+    return float(scan.speed.mean()), float(scan.force.mean()), float(np.sqrt(np.mean(a**2)))
+
+
+def smoothed_path(scan: Scan) -> tuple[Samples, Samples]:
+    """Return speed (mm/s) and force (N) of a scan below `PATH_CUTOFF_HZ`, not negative."""
+    cutoff = min(PATH_CUTOFF_HZ, 0.4 * scan.fs)
+    both = signals.lowpass(np.column_stack([scan.speed, scan.force]), cutoff, scan.fs)
+    return np.maximum(both[:, 0], 0.0), np.maximum(both[:, 1], 0.0)
+
+
+def normalised(scan: Scan, amplitude: Amplitude) -> Samples:
+    """Return the acceleration as it would be at the constant speed and force of `amplitude`, (n_samples,)."""
+    factor = amplitude.factor(*smoothed_path(scan))
+    return np.asarray(scan.acceleration / np.maximum(factor, 1 / 16))
+
+
+# Band and segments ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,9 +294,11 @@ def fit_responses(
     resolution: float,
     *,
     method: Method = "modes",
-    tails: Literal["subtracted", "ignored"] = "subtracted",
 ) -> Responses:
     """Fit one filter to each segment of a profile.
+
+    What earlier filters still ring is taken off a segment before it is fitted, so that the sum of all filters
+    is the profile again; fitted alone, as printed, the sum has tails on top.
 
     Parameters
     ----------
@@ -203,10 +312,6 @@ def fit_responses(
         Mean absolute error to reach, in the unit of `x`.
     method : {"modes", "sinusoid"}
         `fit_modes`, or one decaying sinusoid, eq. (3).
-    tails : {"subtracted", "ignored"}
-        "subtracted": what earlier filters still ring is taken off a segment before it is fitted, so that the
-        sum of all filters is the profile again. "ignored": each is fitted alone, as printed; the sum then has
-        tails on top.
 
     Returns
     -------
@@ -222,9 +327,8 @@ def fit_responses(
         piece = rest[start:stop]
         modes = fit_modes(piece, fs, resolution) if method == "modes" else fit_sinusoid(piece, fs)
         fitted.append(modes)
-        if tails == "subtracted":
-            end = min(start + _ring_samples(fs), rest.size)
-            rest[start:end] -= modes.synthesize(end - start, fs)
+        end = min(start + _ring_samples(fs), rest.size)
+        rest[start:end] -= modes.synthesize(end - start, fs)
     return Responses(np.asarray(bounds[:-1], dtype=np.float64), tuple(fitted))
 
 
@@ -341,8 +445,6 @@ def fit_texture(
     *,
     resolution: float = RESOLUTION,
     method: Method = "modes",
-    phase: Phase = "causal",
-    tails: Literal["subtracted", "ignored"] = "subtracted",
     compensated: bool = True,
     course: Course = "line",
 ) -> FittedScan:
@@ -358,10 +460,6 @@ def fit_texture(
         One bit of the sensor, in the unit of the acceleration.
     method : {"modes", "sinusoid"}
         Filters of the order that each segment needs, or one decaying sinusoid each (the baseline).
-    phase : {"causal", "zero"}
-        Of the band-pass, see `profile_of`.
-    tails : {"subtracted", "ignored"}
-        See `fit_responses`.
     compensated : bool
         See `Amplitude`.
     course : {"line", "travelled"}
@@ -388,10 +486,9 @@ def fit_texture(
         )
     scaling = Amplitude(law, speed, max(float(scan.force.mean()), 0.0), compensated)
     a = normalised(scan, scaling)
-    profile = profile_of(a, scan.fs, resolution=resolution, phase=phase)
-    responses = fit_responses(
-        profile.samples, profile.segmentation.bounds.tolist(), scan.fs, resolution, method=method, tails=tails
-    )
+    profile = profile_of(a, scan.fs, resolution=resolution)
+    bounds = profile.segmentation.bounds.tolist()
+    responses = fit_responses(profile.samples, bounds, scan.fs, resolution, method=method)
     kept = [i for i, modes in enumerate(responses.modes) if modes.n_modes]
     if not kept:
         raise ValueError(f"scan {scan.name!r}: the rule is a vibration that exceeds the resolution somewhere")

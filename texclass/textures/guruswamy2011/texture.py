@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from texclass.recording import Samples
 from texclass.textures.contract import Texture, freeze
-from texclass.textures.guruswamy2011.level import Amplitude
 
 Course = Literal["line", "travelled"]
 _RANGES = (("fs", 1e-3, 1e9), ("length_mm", 1e-6, 1e9), ("origin_mm", -1e9, 1e9), ("peak", 1e-100, 1e100))
@@ -22,6 +21,101 @@ _RANGES = (("fs", 1e-3, 1e9), ("length_mm", 1e-6, 1e9), ("origin_mm", -1e9, 1e9)
 MOST = 1e9
 """Largest amplitude of a mode, in peaks: modes of one feature may cancel."""
 _MODES = ("frequency_hz", "decay_per_s", "amplitude", "phase")
+
+
+@dataclass(frozen=True)
+class LevelLaw:
+    """RMS acceleration of a tool that strokes a surface: a_RMS = k_v v_t + k_c f + a_0.
+
+    Attributes
+    ----------
+    k_v : float
+        Speed factor, (m/s^2) / (m/s) = 1/s; at least 0.
+    k_c : float
+        Force factor, (m/s^2) / N; at least 0.
+    a_0 : float
+        Offset, m/s^2; at least 0. Not all three are 0.
+
+    Raises
+    ------
+    ValueError
+        For a factor that breaks its rule.
+
+    References
+    ----------
+    `guruswamy2011`, eq. (2); with k_v = 0 eq. (1).
+    """
+
+    k_v: float
+    k_c: float
+    a_0: float
+
+    def __post_init__(self) -> None:
+        values = np.array([self.k_v, self.k_c, self.a_0])
+        if not (np.all(np.isfinite(values)) and np.all(values >= 0) and np.any(values > 0)):
+            raise ValueError(f"{self}; the rule is finite, at least 0, and not all 0")
+
+    def rms(self, speed: ArrayLike, force: ArrayLike) -> Samples:
+        """Return a_RMS (m/s^2) at a speed in mm/s and a force in N."""
+        v_t = np.asarray(speed, dtype=np.float64) / 1000
+        return np.asarray(self.k_v * v_t + self.k_c * np.asarray(force, dtype=np.float64) + self.a_0)
+
+
+@dataclass(frozen=True)
+class Amplitude:
+    """The factor A_k of eq. (5) at a speed and a force: 1 where the surface was scanned.
+
+    Attributes
+    ----------
+    law : LevelLaw
+    speed : float
+        Of the scan, mm/s, above 0.
+    force : float
+        Of the scan, N, at least 0.
+    compensated : bool
+        Whether faster strokes, which meet more features per second, are weakened for that, see `factor`.
+    limit : float
+        Largest factor, above 0.
+
+    Raises
+    ------
+    ValueError
+        If speed, force or limit break their rule, or the law is 0 there.
+    """
+
+    law: LevelLaw
+    speed: float
+    force: float
+    compensated: bool = True
+    limit: float = 4.0
+
+    def __post_init__(self) -> None:
+        values = np.array([self.speed, self.force, self.limit])
+        if not (np.all(np.isfinite(values)) and self.speed > 0 and self.force >= 0 and self.limit > 0):
+            raise ValueError(
+                f"speed, force, limit are {self.speed} mm/s, {self.force} N, {self.limit}; "
+                "the rule is above 0, at least 0, above 0"
+            )
+        with np.errstate(over="ignore"):
+            level = float(self.law.rms(self.speed, self.force))
+        if not 0 < level < np.inf:
+            raise ValueError(
+                f"{self.law} is {level} at {self.speed} mm/s, {self.force} N; the rule is finite, above 0"
+            )
+
+    def factor(self, speed: ArrayLike, force: ArrayLike) -> Samples:
+        """Return A = a_RMS(v, f) / a_RMS(v_0, f_0) sqrt(v_0 / max(v, v_0)), at most `limit`.
+
+        Eq. (2) is a law of the RMS of the whole vibration. Responses that overlap add in power, so a stroke
+        twice as fast has sqrt(2) times the RMS without any change of amplitude; the root takes that back, and
+        the rendered vibration obeys eq. (2). Without `compensated` it is left out, as the paper may be read.
+        Slower than the scan the features stand alone and keep the amplitude of the law.
+        """
+        v = np.asarray(speed, dtype=np.float64)
+        A = self.law.rms(v, force) / self.law.rms(self.speed, self.force)
+        if self.compensated:
+            A = A * np.sqrt(self.speed / np.maximum(v, self.speed))
+        return np.minimum(A, self.limit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,11 +214,6 @@ class SpatialTexture(Texture):
     def n_features(self) -> int:
         """How many features the line has."""
         return int(self.position_mm.size)
-
-    @property
-    def features_per_mm(self) -> float:
-        """Density of the features."""
-        return self.n_features / self.length_mm
 
     @property
     def operations(self) -> float:
@@ -271,7 +360,7 @@ def place_of(k: int, position: Samples, length: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def factor(speed: float, force: float, law: Samples) -> float:
-    """Return A of `level.Amplitude.factor`; law: k_v, k_c, a_0, v_0, f_0, compensated, limit."""
+    """Return A of `Amplitude.factor`; law: k_v, k_c, a_0, v_0, f_0, compensated, limit."""
     here = law[0] * speed / 1000 + law[1] * force + law[2]
     A = here / (law[0] * law[3] / 1000 + law[1] * law[4] + law[2])
     if law[5] != 0 and speed > law[3]:

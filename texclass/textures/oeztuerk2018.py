@@ -1,10 +1,14 @@
-"""Textures between recordings at a few speeds: LPC models, or major frequencies, for every speed."""
+"""Textures of oeztuerk2018, between recordings at a few speeds: LPC models, or major frequencies.
+
+How many speeds a surface needs, its friction tells: `speed_intervals`.
+"""
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, ClassVar, Literal, get_args
+from itertools import pairwise
+from typing import Any, ClassVar
 
 import numpy as np
 from numba import njit
@@ -37,8 +41,14 @@ UPDATE_HZ = 1000.0
 """How often the renderer of LPC models renews k."""
 UNKNOWN = -1.0
 """Place before the first sample, which takes its own at once."""
+BIN_MM_S = 40.0
+"""`oeztuerk2018`, figure 4.2: bins of 4 cm/s."""
+FRICTION = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
+N_INTERVALS = (7, 5, 4, 3, 2, 2)
+"""`oeztuerk2018`, section 4.2: intervals at each of these coefficients."""
+EXTREME = 1.2
+"""From here on 1 interval. The thesis calls its seventh coefficient extreme and does not print it."""
 
-Scale = Literal["peak", "rms", "none"]
 Player = Callable[[Samples, Samples], None]
 """Fills samples (n,) along places among the speeds and loudness (n, 2)."""
 
@@ -308,9 +318,11 @@ def fit_frequencies(
     *,
     n_frequencies: int = N_FREQUENCIES,
     name: str = "",
-    scale: Scale = "peak",
 ) -> FrequencyTexture:
     """Fit major frequencies to recordings of one surface at two or more speeds.
+
+    The sum of the lines of each recording is scaled to its largest magnitude, as in the thesis: a few lines
+    alone would be too weak.
 
     Parameters
     ----------
@@ -318,33 +330,22 @@ def fit_frequencies(
         As for `fit_lpc`.
     n_frequencies : int
         Lines per recording, at most.
-    scale : {"peak", "rms", "none"}
-        What of each recording the sum of its lines is scaled to: its largest magnitude as in the thesis (a
-        few lines alone would be too weak), its RMS, or nothing.
 
     Raises
     ------
     ValueError
-        As `fit_lpc` and `fit_major_frequencies`, and for an unknown scale.
+        As `fit_lpc` and `fit_major_frequencies`.
 
     References
     ----------
     `oeztuerk2018`, eqs. (3.13) to (3.16), Table 3.2.
     """
-    if scale not in get_args(Scale):
-        raise ValueError(f"scale is {scale!r}; the rule is one of {get_args(Scale)}")
     v, found, peak = _checked(signals, speeds)
-    sizes: dict[str, Callable[[Samples], float]] = {
-        "peak": lambda x: np.abs(x).max(),
-        "rms": lambda x: float(np.std(x)),
-        "none": lambda _: 1.0,
-    }
-    size = sizes[scale]
     models = []
     for x in found:
         model = vibration.fit_major_frequencies(x, fs, n_frequencies=n_frequencies)
-        made = size(model.synthesize(x.size, fs))
-        gain = size(x) / made if made > 0 else 1.0
+        made = np.abs(model.synthesize(x.size, fs)).max()
+        gain = np.abs(x).max() / made if made > 0 else 1.0
         models.append(MajorFrequencies(model.frequency_hz, gain * model.amplitude, model.phase))
     return FrequencyTexture(v, tuple(models), peak, fs, name)
 
@@ -402,6 +403,9 @@ def follow_lines(models: Sequence[MajorFrequencies]) -> tuple[Samples, Samples, 
         A[known, j] = [models[i].amplitude[lines[i]] for i in known]
         phase[j] = models[known[0]].phase[lines[known[0]]]
     return f, A, phase
+
+
+# Playing a texture ------------------------------------------------------------------------------------------
 
 
 class SpeedRenderer:
@@ -479,3 +483,70 @@ def _play_lines(course, omega, amplitude, phase, limit, out):  # type: ignore[no
             if phase[j] > np.pi:
                 phase[j] -= 2.0 * np.pi
         out[t] = min(max(course[t, 1] * x, -limit), limit)
+
+
+# How many signals a surface needs ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SpeedIntervals:
+    """Speeds for each of which one signal is displayed.
+
+    Attributes
+    ----------
+    bounds_mm_s : tuple of float
+        Rising, from 0 to infinity: n_intervals + 1 of them.
+    """
+
+    bounds_mm_s: tuple[float, ...]
+
+    @classmethod
+    def equal(cls, n: int, width_mm_s: float = BIN_MM_S) -> "SpeedIntervals":
+        """Return n intervals of one width, the last one open."""
+        return cls((*(i * width_mm_s for i in range(n)), np.inf))
+
+    @property
+    def n_intervals(self) -> int:
+        """How many signals are needed."""
+        return len(self.bounds_mm_s) - 1
+
+    @property
+    def centres_mm_s(self) -> tuple[float, ...]:
+        """A speed for each interval: its middle, for the last that of its first 40 mm/s."""
+        bounds = [*self.bounds_mm_s[:-1], self.bounds_mm_s[-2] + BIN_MM_S]
+        return tuple((a + b) / 2 for a, b in pairwise(bounds))
+
+    def __str__(self) -> str:
+        edges = [f"{b / 10:g}" for b in self.bounds_mm_s[:-1]]
+        return ", ".join([*(f"{a}-{b}" for a, b in pairwise(edges)), f"> {edges[-1]}"]) + " cm/s"
+
+
+def speed_intervals(friction: float) -> SpeedIntervals:
+    """Return the intervals for a friction coefficient: 40 mm/s each, the last one open.
+
+    At the coefficients of the thesis their number is its own; between two of them the larger one, so that
+    never a signal is lacking; 1 from `EXTREME` on.
+
+    Parameters
+    ----------
+    friction : float
+        Kinetic friction coefficient.
+
+    Raises
+    ------
+    ValueError
+        If the coefficient is negative, NaN or infinite.
+
+    References
+    ----------
+    `oeztuerk2018`, chapter 4 and Table 6.1.
+
+    Examples
+    --------
+    >>> print(speed_intervals(0.4))
+    0-4, 4-8, 8-12, > 12 cm/s
+    """
+    if not (np.isfinite(friction) and friction >= 0):
+        raise ValueError(f"friction is {friction}; the rule is finite and at least 0")
+    known = int(np.searchsorted(FRICTION, friction + 1e-9, side="right")) - 1
+    return SpeedIntervals.equal(1 if friction >= EXTREME else N_INTERVALS[known])
