@@ -236,10 +236,10 @@ def draw_input_space(training, width):
         axes = figure.add_subplot(1, 2, column + 1, projection="3d")
         points = modelled.points.joined(modelled.silent) if column else modelled.points
         u = points.u * modelled.frame.deviation + modelled.frame.mean
-        for kind, (label, colour, marker) in enumerate(looks[: 3 if column else 1]):
-            axes.scatter(
-                *u[points.kind == kind].T, color=colour, marker=marker, label=label, depthshade=False
-            )
+        still, lifted = np.hypot(u[:, 0], u[:, 1]) < 1e-9, np.abs(u[:, 2]) < 1e-9
+        kinds = (~still & ~lifted, lifted & ~still, still)
+        for kind, (label, colour, marker) in zip(kinds[: 3 if column else 1], looks, strict=False):
+            axes.scatter(*u[kind].T, color=colour, marker=marker, label=label, depthshade=False)
         axes.set(xlabel="v_x (mm/s)", ylabel="v_y (mm/s)", zlabel="f_n (N)", title=title)
         axes.locator_params(nbins=5)
         axes.set_zlim(0, None)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from abdulali2016_simulated import SURFACES, simulate_constant, simulate_scan, surface
 
-from texclass.textures.abdulali2016 import bake, fit_as_published, model_scan, segment_input
+from texclass.textures.abdulali2016 import bake, model_scan, segment_input
 from texclass.textures.abdulali2016.model_points import limit_vibration
 from texclass.textures.abdulali2016.network_fit import segment_enough
 from texclass.textures.abdulali2016.network_texture import LIMIT
@@ -32,6 +32,16 @@ class Score(NamedTuple):
     gfc: float
     deviation: float
     level_db: float
+
+
+def fit_as_published(scan, isotropic=False):
+    """Return the texture as the paper has it.
+
+    No pooling, the printed thresholds, variance as extra output, sparse network, 16-sample buffer with jumps.
+    """
+    as_printed = {"pooling": "none", "mirror": "none", "loudness": "variance", "method": "autocorrelation"}
+    modelled = model_scan(scan, isotropic=isotropic, segments=segment_input(scan), **as_printed)
+    return modelled.network("sparse", glide=False)
 
 
 def compare(recorded, rendered):

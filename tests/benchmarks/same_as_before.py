@@ -47,6 +47,7 @@ import scipy.io
 import soundfile
 from abdulali2016_simulated import simulate_scan as stroke_by_hand
 from abdulali2016_simulated import surface
+from abdulali2016_study import fit_as_published
 from guruswamy2011_objects import OBJECTS, lay_out
 from guruswamy2011_objects import simulate_scan as stroke_an_object
 from okamura2001_taps import FS as TAPS_HZ
@@ -608,7 +609,7 @@ def fitted_textures() -> dict[str, Any]:
         "abdulali2016 network": network,
         "abdulali2016 delaunay": modelled.delaunay(),
         "abdulali2016 baked": abdulali2016.bake(network, "S7", (5, 5, 3)),
-        "abdulali2016 as published": abdulali2016.fit_as_published(hand),
+        "abdulali2016 as published": fit_as_published(hand),
         "guruswamy2011": guruswamy2011.fit_texture(stroke, rubber.law).texture,
         "oeztuerk2018 lpc": oeztuerk2018.fit_lpc(plates, speeds, 10_000.0, order=40, name="felt"),
         "oeztuerk2018 lines": oeztuerk2018.fit_frequencies(plates, speeds, 10_000.0, name="felt"),

@@ -28,7 +28,7 @@ def cloud():
 
 def _points(u, lsf):
     n = len(u)
-    return ModelPoints(u, lsf, np.ones(n), np.full(n, 0.2), np.zeros(n, dtype=np.int64))
+    return ModelPoints(u, lsf, np.ones(n), np.full(n, 0.2))
 
 
 def test_equation_5_is_scipys_linear_kernel_smoothed_or_not(cloud):

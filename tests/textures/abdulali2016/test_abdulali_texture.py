@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from abdulali2016_simulated import simulate_scan
-from abdulali2016_study import cross_validate, study_held_out
+from abdulali2016_study import cross_validate, fit_as_published, study_held_out
 from numpy.testing import assert_allclose, assert_array_equal
 
 from texclass.loaders import open_dataset
 from texclass.textures import Scan
-from texclass.textures.abdulali2016 import bake, condition, fit_as_published, fit_texture, model_scan
+from texclass.textures.abdulali2016 import bake, condition, fit_texture, model_scan
 from texclass.textures.abdulali2016.model_points import growth_of, level_of
 from texclass.textures.resonant_surfaces import surface
 from texclass.vibration import Autoregression

@@ -3,7 +3,6 @@ from .model_points import condition as condition
 from .model_points import scan_from_sensors as scan_from_sensors
 from .model_points import segment_input as segment_input
 from .network_fit import ModelledScan as ModelledScan
-from .network_fit import fit_as_published as fit_as_published
 from .network_fit import fit_exact as fit_exact
 from .network_fit import fit_sparse as fit_sparse
 from .network_fit import fit_texture as fit_texture

@@ -272,15 +272,12 @@ class ModelPoints(NamedTuple):
         vibration (unit of the acceleration) or the variance of the innovation (its square).
     weight : ndarray of shape (n_points,)
         Seconds of signal behind each point.
-    kind : ndarray of int, shape (n_points,)
-        0 a segment, 1 zero force, 2 zero speed.
     """
 
     u: Samples
     lsf: Samples
     loudness: Samples
     weight: Samples
-    kind: NDArray[np.int64]
 
     def joined(self, others: "ModelPoints") -> "ModelPoints":
         """Return these points and the others."""
@@ -324,8 +321,7 @@ def segment_points(
     loud = np.array([m.gain**2 for m in models])
     if loudness == "level":
         loud = np.array([np.sqrt(np.mean(x**2)) for x in pieces])
-    kind = np.zeros(len(segments), np.int64)
-    return ModelPoints(segments.means(u), lsf, loud, segments.n_samples / scan.fs, kind)
+    return ModelPoints(segments.means(u), lsf, loud, segments.n_samples / scan.fs)
 
 
 def growth_of(speed: Samples, force: Samples, level: Samples, weight: Samples) -> tuple[float, float]:
@@ -402,8 +398,7 @@ def zero_force_points(points: ModelPoints, scaling: Samples) -> ModelPoints:
         lowest = np.unique(hull.simplices[hull.equations[:, -2] < -1e-9])
     u = points.u[lowest].copy()
     u[:, -1] = -scaling[0, -1] / scaling[1, -1]
-    n = len(lowest)
-    return ModelPoints(u, points.lsf[lowest], np.zeros(n), points.weight[lowest], np.ones(n, np.int64))
+    return ModelPoints(u, points.lsf[lowest], np.zeros(len(lowest)), points.weight[lowest])
 
 
 def zero_speed_points(points: ModelPoints, scaling: Samples, n: int = N_STILL) -> ModelPoints:
@@ -418,7 +413,7 @@ def zero_speed_points(points: ModelPoints, scaling: Samples, n: int = N_STILL) -
     still[:, -1] = np.linspace(0.0, max(float(force.max()), 0.0), n)
     u = (still - scaling[0]) / scaling[1]
     nearest = spatial.KDTree(points.u).query(u)[1]
-    return ModelPoints(u, points.lsf[nearest], np.zeros(n), points.weight[nearest], np.full(n, 2, np.int64))
+    return ModelPoints(u, points.lsf[nearest], np.zeros(n), points.weight[nearest])
 
 
 def mirrored(points: ModelPoints, scaling: Samples) -> ModelPoints:

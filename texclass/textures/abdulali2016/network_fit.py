@@ -158,24 +158,6 @@ def fit_texture(scan: Scan, *, solver: Solver = "exact", buffer: int = 16, **opt
     return model_scan(scan, **options).network(solver, buffer=buffer)
 
 
-def fit_as_published(scan: Scan, *, isotropic: bool = False, order: int = ORDER) -> NetworkTexture:
-    """Return the texture as the paper has it.
-
-    No pooling, the printed thresholds, variance as extra output, sparse network, 16-sample buffer with jumps.
-    """
-    modelled = model_scan(
-        scan,
-        isotropic=isotropic,
-        order=order,
-        loudness="variance",
-        pooling="none",
-        mirror="none",
-        method="autocorrelation",
-        segments=segment_input(scan),
-    )
-    return modelled.network("sparse", glide=False)
-
-
 def model_scan(
     scan: Scan,
     *,
