@@ -23,7 +23,7 @@ from texclass.features.scales import SCALES
 from texclass.scene.renderer import PlannedScene, packed
 from texclass.textures import PackedTexture, Texture, felt_scales, retouch
 from texclass.textures.grid import GridModel
-from texclass.textures.retouch import OF_SPECTRUM
+from texclass.textures.packing import OF_SPECTRUM
 from texclass.vibration import DecayingModes, TapModel
 from texclass.vibration.autoregressive import Autoregression
 from texclass.whole_files import path_ending, write_whole

@@ -8,7 +8,7 @@ from .contract import Stored as Stored
 from .contract import Texture as Texture
 from .grid import GridModel as GridModel
 from .packed import PackedTexture as PackedTexture
+from .packing import felt_scales as felt_scales
 from .packing import pack as pack
-from .retouch import felt_scales as felt_scales
-from .retouch import retouch as retouch
+from .packing import retouch as retouch
 from .scan import Scan as Scan
