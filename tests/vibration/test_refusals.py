@@ -87,7 +87,6 @@ REFUSED = {
         lambda: ModelBlend([ENDLESS], loudness="level"),
         lambda: ModelBlend([ENDLESS, Autoregression(np.zeros(1000), 1.0)], loudness="level"),
         lambda: ModelBlend([A], loudness="rms"),
-        lambda: interpolate(A, B, 0.5, min_gap=1.0),
     ],
     "order": [
         *(

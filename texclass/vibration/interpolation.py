@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from texclass.vibration import line_spectrum
 from texclass.vibration.autoregressive import Autoregression
-from texclass.vibration.line_spectrum import MIN_GAP
 from texclass.vibration.reflection import log_cosines
 
 Loudness = Literal["gain", "level"]
@@ -32,10 +31,6 @@ class ModelBlend:
     ----------
     models : sequence of Autoregression of leading shape (), or one of leading shape (n_models,)
         Of one order, at least 1, and one unit.
-    min_gap : float
-        Least distance of neighbouring line spectral frequencies, and of the outermost to 0 and pi, in rad;
-        see `line_spectrum.spread`. Models that come closer are moved apart too, so that the path is
-        continuous up to its ends.
     loudness : {"gain", "level"}
         Whose logarithm is mixed: the gain's, as in the papers, or that of the RMS of the vibration. Sharp
         resonances of two models lie between different frequencies, so that none remains halfway, and the
@@ -52,13 +47,13 @@ class ModelBlend:
     Raises
     ------
     ValueError
-        If there is no model, orders differ or are 0, a model is a stack, a level is not finite, or for a gap
-        out of its range.
+        If there is no model, orders differ or are 0, a model is a stack, or a level is not finite.
 
     Notes
     -----
-    A model of silence (gain 0) has no spectrum: it takes its share of the amplitude, linearly, and leaves the
-    frequencies to the others.
+    Frequencies that come closer than `line_spectrum.MIN_GAP` are moved apart, those of the models too, so
+    that the path is continuous up to its ends. A model of silence (gain 0) has no spectrum: it takes its
+    share of the amplitude, linearly, and leaves the frequencies to the others.
 
     References
     ----------
@@ -71,7 +66,7 @@ class ModelBlend:
     (2.0, (2, 2))
     """
 
-    def __init__(self, models: Models, *, min_gap: float = MIN_GAP, loudness: Loudness = "gain") -> None:
+    def __init__(self, models: Models, *, loudness: Loudness = "gain") -> None:
         if loudness not in get_args(Loudness):
             raise ValueError(f"loudness is {loudness!r}; the rule is one of {get_args(Loudness)}")
         rows = [models] if isinstance(models, Autoregression) else list(models)
@@ -85,8 +80,8 @@ class ModelBlend:
         self.amplitude = np.concatenate([np.atleast_1d(getattr(m, loudness)) for m in rows])
         if not np.all(np.isfinite(self.amplitude)):
             raise ValueError(f"{loudness} of a model is {self.amplitude.max()}; the rule is a finite one")
-        self.min_gap, self.loudness = min_gap, loudness
-        self.frequencies = line_spectrum.spread(line_spectrum.from_reflection(k), min_gap)
+        self.loudness = loudness
+        self.frequencies = line_spectrum.spread(line_spectrum.from_reflection(k))
 
     def at(self, weights: ArrayLike) -> Autoregression:
         """Return the model at the weights.
@@ -119,7 +114,7 @@ class ModelBlend:
         v = np.where(share > 0, np.where(sounding, w, 0.0) / np.where(share > 0, share, 1.0), w)
         mean = np.prod(np.where(sounding, self.amplitude, 1.0) ** v, axis=-1)
         mixed = np.einsum("...i,ij->...j", v, self.frequencies)  # bit for bit alike for one row and for many
-        theta = line_spectrum.spread(mixed, self.min_gap)
+        theta = line_spectrum.spread(mixed)
         k, amplitude = line_spectrum.to_reflection(theta), np.asarray(share[..., 0] * mean)
         if self.loudness == "level":  # gain = level prod sqrt(1 - k^2)
             amplitude = amplitude * np.exp(log_cosines(k).sum(axis=-1))
@@ -127,12 +122,7 @@ class ModelBlend:
 
 
 def interpolate(
-    a: Autoregression,
-    b: Autoregression,
-    weight: ArrayLike,
-    *,
-    min_gap: float = MIN_GAP,
-    loudness: Loudness = "gain",
+    a: Autoregression, b: Autoregression, weight: ArrayLike, *, loudness: Loudness = "gain"
 ) -> Autoregression:
     """Return the model between two of one order: theta = (1 - w) theta_a + w theta_b, and so the log gain.
 
@@ -142,7 +132,7 @@ def interpolate(
         Of leading shape (), of one order and unit.
     weight : array_like of shape (...)
         0 gives `a`, 1 gives `b`; in [0, 1], nothing is extrapolated.
-    min_gap, loudness
+    loudness
         As for `ModelBlend`, which is faster for many weights one after the other.
 
     Returns
@@ -164,4 +154,4 @@ def interpolate(
     w = np.asarray(weight, dtype=np.float64)
     if not np.all((w >= 0) & (w <= 1)):
         raise ValueError(f"weight is {w[~((w >= 0) & (w <= 1))][0]}; the rule is 0 to 1")
-    return ModelBlend([a, b], min_gap=min_gap, loudness=loudness).at(np.stack([1 - w, w], axis=-1))
+    return ModelBlend([a, b], loudness=loudness).at(np.stack([1 - w, w], axis=-1))

@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
 from texclass import signals
@@ -264,13 +264,13 @@ class Responses:
 
     Attributes
     ----------
-    start : ndarray of shape (n_segments,)
+    start : ndarray of int, shape (n_segments,)
         First sample of each segment.
     modes : tuple of DecayingModes
         The filter of each; one without modes adds nothing to what still rings.
     """
 
-    start: Samples
+    start: NDArray[np.int64]
     modes: tuple[DecayingModes, ...]
 
     @property
@@ -281,7 +281,7 @@ class Responses:
     def sum(self, n_samples: int, fs: float) -> Samples:
         """Return the sum of all filters, each struck at its start: eq. (5) at the speed of the scan."""
         total = np.zeros(n_samples)
-        for start, modes in zip(self.start.astype(np.int64), self.modes, strict=True):
+        for start, modes in zip(self.start, self.modes, strict=True):
             stop = min(start + _ring_samples(fs), n_samples)
             total[start:stop] += modes.synthesize(stop - start, fs)
         return total
@@ -329,7 +329,7 @@ def fit_responses(
         fitted.append(modes)
         end = min(start + _ring_samples(fs), rest.size)
         rest[start:end] -= modes.synthesize(end - start, fs)
-    return Responses(np.asarray(bounds[:-1], dtype=np.float64), tuple(fitted))
+    return Responses(np.asarray(bounds[:-1]), tuple(fitted))
 
 
 def fit_modes(piece: Samples, fs: float, resolution: float) -> DecayingModes:
@@ -494,7 +494,7 @@ def fit_texture(
         raise ValueError(f"scan {scan.name!r}: the rule is a vibration that exceeds the resolution somewhere")
     modes = [responses.modes[i] for i in kept]
     # each filter begins where its segment does: along the path, half a sample before the start
-    x, start = scan.distance_mm, responses.start[kept].astype(np.int64)
+    x, start = scan.distance_mm, responses.start[kept]
     passed = (x[np.maximum(start - 1, 0)] + x[start]) / 2
     # the line is the first principal axis of the path, from start to end
     axis = np.linalg.svd(scan.position - scan.position.mean(axis=0), full_matrices=False)[2][0]
