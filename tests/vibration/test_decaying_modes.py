@@ -3,12 +3,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy import signal
 from scipy.linalg import hankel as hankel_matrix
 from scipy.linalg import svdvals
 
 from texclass.stability.inputs import in_families
 from texclass.stability.rules import stable_sections
-from texclass.vibration.decaying_modes import DecayingModes, fit_matrix_pencil, numerical_rank
+from texclass.vibration.decaying_modes import (
+    DecayingModes,
+    fit_matrix_pencil,
+    fit_prony,
+    n_extrema,
+    numerical_rank,
+    prony,
+)
 
 FS = 10_000.0
 THREE = DecayingModes([100.0, 340.0, 900.0], [60.0, 150.0, 20.0], [2.0, 1.0, 0.5], [-1.5, 0.4, 2.0])
@@ -37,10 +45,9 @@ def _bound(modes, noise, n):
 # Modes ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("fs", [4000.0, FS, 50_000.0])
-def test_the_sections_have_the_modes_as_impulse_response(fs):
-    impulse = np.eye(1, 500)[0]
-    assert_allclose(THREE.filter(impulse, fs), THREE.synthesize(500, fs), atol=1e-11)
+def test_the_sections_have_the_modes_as_impulse_response():
+    for fs in (4000.0, FS, 50_000.0):
+        assert_allclose(THREE.filter(np.eye(1, 500)[0], fs), THREE.synthesize(500, fs), atol=1e-11)
 
 
 def test_one_sine_mode_is_the_filter_of_guruswamy2011_eq_4():
@@ -105,12 +112,12 @@ def test_rank_counts_the_modes_at_30_db():
     assert [fit_matrix_pencil(_noisy(x, 30.0, rng), FS).n_modes for _ in range(10)] == [3] * 10
 
 
-@pytest.mark.parametrize("n", [20, 60, 200])
-def test_white_noise_alone_has_rank_0_in_most_segments(n):
-    rng = np.random.default_rng(n)
-    noise = (rng.standard_normal(n) for _ in range(60))
-    ranks = [numerical_rank(svdvals(hankel_matrix(x[: n - n // 2], x[n - n // 2 - 1 :]))) for x in noise]
-    assert np.mean(np.array(ranks) > 0) < 0.08
+def test_white_noise_alone_has_rank_0_in_most_segments():
+    for n in (20, 60, 200):
+        rng = np.random.default_rng(n)
+        noise = (rng.standard_normal(n) for _ in range(60))
+        ranks = [numerical_rank(svdvals(hankel_matrix(x[: n - n // 2], x[n - n // 2 - 1 :]))) for x in noise]
+        assert np.mean(np.array(ranks) > 0) < 0.08
 
 
 def test_a_growing_mode_is_reflected_with_its_frequency_and_rate():
@@ -122,14 +129,9 @@ def test_a_growing_mode_is_reflected_with_its_frequency_and_rate():
     assert_allclose(projected.frequency_hz[0], 250.0, rtol=1e-8)
     assert 0 < projected.decay_per_s[0] < 1e-6
 
-    def error(modes):
-        return np.sum((modes.synthesize(300, FS) - x) ** 2)
-
-    louder = DecayingModes(
-        reflected.frequency_hz, reflected.decay_per_s, 1.01 * reflected.amplitude, reflected.phase
-    )
-    assert error(reflected) < error(louder)  # amplitudes belong to the poles returned
-    assert error(projected) < error(reflected)
+    louder = DecayingModes(*(reflected.table * [1, 1, 1.01, 1]).T)
+    errors = [np.sum((each.synthesize(300, FS) - x) ** 2) for each in (projected, reflected, louder)]
+    assert errors == sorted(errors)  # amplitudes belong to the poles returned
 
 
 @pytest.mark.parametrize("outside", ["reflect", "project"])
@@ -147,3 +149,57 @@ def test_a_long_segment_costs_no_precision():
     found = fit_matrix_pencil(truth.synthesize(12_000, FS), FS, order=4)
     assert_allclose(found.frequency_hz, [300.0, 100.0], rtol=1e-9)
     assert_allclose(found.decay_per_s, [5.0, 3.0], rtol=1e-6)
+
+
+# Prony ------------------------------------------------------------------------------------------------------
+
+
+def _noisy_decay(n=120, noise=0.1):
+    t = np.arange(n) / 10_000
+    x = np.exp(-60 * t) * np.sin(2 * np.pi * 300 * t)
+    return x + noise * x.std() * np.random.default_rng(0).standard_normal(n)
+
+
+def test_prony_recovers_the_filter_of_its_order():
+    B, A = [1.0, 0.4, 0.2, 0.1], [1.0, -1.5, 0.8, -0.1]
+    H = signal.lfilter(B, A, np.eye(1, 200)[0])
+    found = prony(H, 3)
+    assert_allclose(found.a, A, atol=1e-10)
+    assert_allclose(found.b, B, atol=1e-10)
+    assert_allclose(found.synthesize(200), H, atol=1e-10)
+    assert found.is_stable
+
+
+def test_the_numerator_makes_the_first_samples_exact_and_the_denominator_fits_the_rest():
+    x, N = _noisy_decay(), 11
+    assert_allclose(prony(x, N).synthesize(N + 1), x[: N + 1], atol=1e-12)
+    past = np.stack([x[N + 1 - k : x.size - k] for k in range(1, N + 1)], axis=1)
+    residual = x[N + 1 :] + past @ prony(x, N).a[1:]
+    assert_allclose(past.T @ residual, 0, atol=1e-10)  # the normal equations
+
+
+def test_the_order_grows_from_the_extrema_until_the_error_is_below_the_resolution():
+    x = _noisy_decay()
+    found = fit_prony(x, 0.05)
+    assert found.resolved
+    assert found.error < 0.05
+    assert found.order >= n_extrema(x)
+    tried = [prony(x, order) for order in range(n_extrema(x), found.order)]
+    assert all(fit.error >= 0.05 for fit in tried)
+    assert_allclose(found.error, np.mean(np.abs(found.synthesize(x.size) - x)), rtol=1e-9)
+    best = fit_prony(x, 1e-9, max_order=n_extrema(x) + 6)  # out of reach: the least error, and it says so
+    assert not best.resolved
+    assert best.error == min(prony(x, n_extrema(x) + i).error for i in range(7))
+
+
+def test_an_unstable_fit_is_returned_and_called_unstable():
+    growing = np.cumprod(np.full(60, 1.05))
+    found = prony(growing, 1)
+    assert_allclose(found.pole_radius, 1.05, rtol=1e-9)
+    assert not found.is_stable
+
+
+def test_extrema_are_counted_once_per_plateau_and_not_at_the_ends():
+    assert n_extrema([0, 1, 1, 0, -1, 2, 2, 2]) == 2
+    assert n_extrema(np.sin(2 * np.pi * np.arange(100) / 25 + 0.1)) == 8
+    assert n_extrema([3.0, 3.0]) == 0
