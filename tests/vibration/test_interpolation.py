@@ -1,12 +1,10 @@
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from texclass.vibration.autoregressive import Autoregression, fit
 from texclass.vibration.interpolation import ModelBlend, interpolate
 from texclass.vibration.line_spectrum import MIN_GAP, from_reflection
 
-OMEGA = np.linspace(0.01, 3.13, 300)
 TONE = Autoregression([-np.cos(0.5), np.nextafter(1.0, 0.0)], 1e-12)
 
 
@@ -14,17 +12,7 @@ def _model(seed, p=18, gain=1.0):
     return Autoregression(np.random.default_rng(seed).uniform(-0.9, 0.9, p), gain)
 
 
-def test_frequencies_and_log_gain_are_mixed_linearly():
-    a, b = _model(1, gain=1e-3), _model(2, gain=10.0)
-    weight = np.linspace(0, 1, 9)
-    between = interpolate(a, b, weight)
-    theta_a, theta_b = from_reflection(a.reflection), from_reflection(b.reflection)
-    theta = (1 - weight)[:, np.newaxis] * theta_a + weight[:, np.newaxis] * theta_b
-    assert_allclose(from_reflection(between.reflection), theta, rtol=0, atol=1e-12)
-    assert_allclose(between.log_gain, (1 - weight) * a.log_gain + weight * b.log_gain, atol=1e-12)
-
-
-def test_many_models_mix_as_their_weights_say():
+def test_frequencies_and_log_gain_are_mixed_linearly_as_the_weights_say():
     models = [_model(seed, gain=10.0**seed) for seed in range(4)]
     weights = np.random.default_rng(0).dirichlet(np.ones(4), size=(2, 3))
     mixed = ModelBlend(models).at(weights)
@@ -35,6 +23,10 @@ def test_many_models_mix_as_their_weights_say():
     assert_array_equal(ModelBlend(models).at(weights[1, 2]).reflection, mixed.reflection[1, 2])
     stack = Autoregression(np.stack([m.reflection for m in models]), [m.gain for m in models])
     assert_array_equal(ModelBlend(stack).at(weights).reflection, mixed.reflection)
+    between = interpolate(models[1], models[2], np.linspace(0, 1, 9))
+    pair = ModelBlend(models[1:3]).at(np.column_stack([np.linspace(1, 0, 9), np.linspace(0, 1, 9)]))
+    assert_array_equal(between.reflection, pair.reflection)
+    assert_array_equal(between.gain, pair.gain)
 
 
 def test_every_model_on_the_path_is_stable_and_its_frequencies_a_gap_apart():
@@ -62,12 +54,12 @@ def test_level_between_tones_is_kept_where_it_is_asked_for():
     assert interpolate(quiet, loud, 0.5).level < 0.01 * level[2]  # no resonance is left halfway
 
 
-@pytest.mark.parametrize("loudness", ["gain", "level"])
-def test_silence_takes_its_share_of_the_amplitude_and_has_no_spectrum(loudness):
+def test_silence_takes_its_share_of_the_amplitude_and_has_no_spectrum():
     loud, silent = _model(1, gain=2.0), fit(np.zeros(100), 18)
-    faded = interpolate(loud, silent, [0.25, 0.999, 1.0], loudness=loudness)
-    assert_allclose(faded.gain, [1.5, 0.002, 0.0])
-    assert_allclose(faded.reflection[:2], [loud.reflection] * 2, atol=1e-9)
+    for loudness in ("gain", "level"):
+        faded = interpolate(loud, silent, [0.25, 0.999, 1.0], loudness=loudness)
+        assert_allclose(faded.gain, [1.5, 0.002, 0.0])
+        assert_allclose(faded.reflection[:2], [loud.reflection] * 2, atol=1e-9)
     assert ModelBlend([silent, silent]).at([0.3, 0.7]).gain == 0
 
 

@@ -9,7 +9,6 @@ from texclass.stability import exact
 from texclass.vibration.autoregressive import Autoregression, fit
 from texclass.vibration.lattice import LatticeInverse, LatticeSynthesis, synthesize, whiten
 
-ORDERS = [1, 2, 3, 5, 18, 64, 250]
 DTYPES = [np.float64, np.float32]
 
 

@@ -14,14 +14,16 @@ def _process(n=50_000, seed=0):
     return signal.lfilter([1.0], a, np.random.default_rng(seed).standard_normal(n))
 
 
-@pytest.mark.parametrize("method", ["burg", "autocorrelation"])
-@pytest.mark.parametrize("criterion", ["spectral_error", "aicc"])
-def test_order_of_a_known_process_is_found(method, criterion):
-    chosen = select_order(_process(), 60, criterion=criterion, method=method)
-    assert 4 <= chosen.order <= 6
-    assert chosen.met
-    assert chosen.values.shape == (61,)
-    assert_array_equal(chosen.model.reflection, fit(_process(), 60, method=method).reflection[: chosen.order])
+def test_order_of_a_known_process_is_found():
+    x = _process()
+    for method in ("burg", "autocorrelation"):
+        model = fit(x, 60, method=method)
+        for criterion in ("spectral_error", "aicc"):
+            chosen = select_order(x, 60, criterion=criterion, method=method)
+            assert 4 <= chosen.order <= 6
+            assert chosen.met
+            assert chosen.values.shape == (61,)
+            assert_array_equal(chosen.model.reflection, model.reflection[: chosen.order])
 
 
 def test_spectral_error_refuses_one_bad_sample():
@@ -41,19 +43,16 @@ def test_spectral_error_is_the_printed_ratio_of_magnitudes():
         assert_allclose(spectral_error(x, model)[m], error, rtol=1e-10)
 
 
-def test_smallest_order_that_meets_an_error_is_taken():
+def test_smallest_order_that_meets_an_error_is_taken_or_the_one_of_the_least():
     x = _process()
     chosen = select_order(x, 60, at_most=0.2)
     assert chosen.met
     assert np.all(chosen.values[: chosen.order] > 0.2)
     assert chosen.values[chosen.order] <= 0.2
     assert select_order(x, 60, at_most=10.0).order == 0
-
-
-def test_an_error_no_order_meets_is_reported():
-    chosen = select_order(_process(), 30, at_most=1e-6)
-    assert not chosen.met
-    assert chosen.order == np.argmin(chosen.values)
+    unmet = select_order(x, 30, at_most=1e-6)
+    assert not unmet.met
+    assert unmet.order == np.argmin(unmet.values)
 
 
 def test_aicc_is_its_equation():

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from texclass.recording import Samples
-from texclass.vibration.rising_peaks import Segmentation, segment_rising_peaks, vibration_band
+from texclass.vibration.rising_peaks import segment_rising_peaks, vibration_band
 
 FS = 10_000.0
 
@@ -60,11 +60,9 @@ def test_segments_tile_the_signal_and_no_gain_moves_them(
         np.testing.assert_array_equal(scaled.n_peaks, found.n_peaks)
 
 
-@pytest.mark.parametrize("x", [np.zeros(50), np.array([3.0]), np.ones(7)])
-def test_a_signal_without_a_rise_is_one_segment(x: Samples) -> None:
-    found = segment_rising_peaks(x, 0.0)
-    assert isinstance(found, Segmentation)
-    assert found.bounds.tolist() == [0, x.size]
+def test_a_signal_without_a_rise_is_one_segment() -> None:
+    for x in (np.zeros(50), np.array([3.0]), np.ones(7)):
+        assert segment_rising_peaks(x, 0.0).bounds.tolist() == [0, x.size]
 
 
 @pytest.mark.parametrize("pedestal", [0.0, 0.05])  # above it the floor decides, with it the share
@@ -84,13 +82,11 @@ def test_cut_off_meets_both_conditions_and_is_the_lowest_that_does(pedestal: flo
     assert band.major_hz == 120
 
 
-@pytest.mark.parametrize("gain", [1e-200, 1.0, 1e200])
-def test_band_does_not_depend_on_the_level(gain: float) -> None:
+def test_band_does_not_depend_on_the_level() -> None:
     f = np.arange(0.0, 500.0, 0.5)
     Y = np.random.default_rng(2).exponential(size=f.size) * np.exp(-f / 100)
-    assert vibration_band(f, gain * Y, smoothing_hz=10.0) == pytest.approx(
-        vibration_band(f, Y, smoothing_hz=10.0)
-    )
+    for gain in (1e-200, 1e200):
+        assert vibration_band(f, gain * Y, smoothing_hz=10.0) == vibration_band(f, Y, smoothing_hz=10.0)
 
 
 def test_smoothing_lets_a_broad_hump_win_over_one_high_bin() -> None:
