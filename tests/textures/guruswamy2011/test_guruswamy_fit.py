@@ -16,35 +16,31 @@ FS = 500.0
 RING = DecayingModes(*np.array([[30.0, 80.0], [25.0, 60.0], [3.0, 2.0], [-1.5, 0.3]]))
 
 
-def test_modes_of_a_known_ring_are_found_with_as_many_poles_as_it_has():
-    found = fit_modes(RING.synthesize(80, FS), FS, 1e-6)
-    assert found.n_modes == 2
+def test_modes_of_a_known_ring_are_found_with_as_many_poles_as_it_has_or_the_resolution_asks():
+    piece = RING.synthesize(80, FS)
+    found = fit_modes(piece, FS, 1e-6)
     assert np.sort(found.frequency_hz) == pytest.approx([30, 80], rel=1e-6)
     assert np.sort(found.decay_per_s) == pytest.approx([25, 60], rel=1e-5)
-
-
-def test_a_coarser_resolution_needs_fewer_poles():
-    piece = RING.synthesize(80, FS)
-    assert fit_modes(piece, FS, 0.3).n_modes < fit_modes(piece, FS, 1e-6).n_modes
+    assert fit_modes(piece, FS, 0.3).n_modes < 2
     assert fit_modes(piece, FS, 10.0).n_modes == 0
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 5, 20, 300])
-def test_any_segment_gives_stable_modes_that_end(n):
-    piece = np.cumsum(np.random.default_rng(n).standard_normal(n))
-    modes = fit_modes(piece, FS, 1e-3)
-    assert np.all(modes.decay_per_s >= np.log(1000) / RING_S * (1 - 1e-9))
-    assert np.sum(1 + (modes.frequency_hz > 0)) <= MAX_POLES
-    assert np.all(np.isfinite(modes.synthesize(2000, FS)))
+def test_any_segment_gives_stable_modes_that_end():
+    for n in (1, 2, 3, 5, 20, 300):
+        modes = fit_modes(np.cumsum(np.random.default_rng(n).standard_normal(n)), FS, 1e-3)
+        assert np.all(modes.decay_per_s >= np.log(1000) / RING_S * (1 - 1e-9))
+        assert np.sum(1 + (modes.frequency_hz > 0)) <= MAX_POLES
+        assert np.all(np.isfinite(modes.synthesize(2000, FS)))
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_decaying_sinusoid_is_recovered(sign):
+def test_decaying_sinusoid_is_recovered():
     t = np.arange(100) / FS
-    found = fit_sinusoid(sign * 4 * np.exp(-30 * t) * np.sin(2 * np.pi * 22 * t), FS)
-    assert found.frequency_hz == pytest.approx([22], rel=1e-2)
-    assert found.decay_per_s == pytest.approx([30], rel=5e-2)
-    assert found.amplitude == pytest.approx([4], rel=5e-2)
+    for sign in (1.0, -1.0):
+        piece = sign * 4 * np.exp(-30 * t) * np.sin(2 * np.pi * 22 * t)
+        found = fit_sinusoid(piece, FS)
+        assert found.frequency_hz == pytest.approx([22], rel=1e-2)
+        assert found.decay_per_s == pytest.approx([30], rel=5e-2)
+        assert np.abs(found.synthesize(100, FS) - piece).max() < 0.2
 
 
 def test_subtracted_tails_make_the_sum_the_profile_again():
@@ -76,11 +72,15 @@ def test_major_frequency_and_cut_off_of_a_narrow_band():
     assert 65 < band.upper_hz < 80
 
 
-@pytest.mark.parametrize("f", [25.0, 40.0])
-def test_every_ring_becomes_one_segment_that_begins_at_its_onset(f):
-    profile = profile_of(rings(f=f), FS)
-    assert profile.segmentation.n_segments == 40
-    assert np.abs(profile.segmentation.bounds[1:-1] - 100 * np.arange(1, 40)).max() <= 5
+def test_every_ring_becomes_one_segment_that_begins_at_its_onset_and_the_delay_is_taken_back():
+    for f in (25.0, 30.0, 40.0):
+        x = rings(f=f)
+        profile = profile_of(x, FS)
+        assert profile.segmentation.n_segments == 40
+        assert np.abs(profile.segmentation.bounds[1:-1] - 100 * np.arange(1, 40)).max() <= 5
+        lags = np.arange(-8, 9)
+        overlap = [np.dot(np.roll(profile.samples, lag), x) for lag in lags]
+        assert abs(lags[int(np.argmax(overlap))]) <= 1
 
 
 def test_a_filter_that_runs_backwards_cuts_onsets_into_pieces():
@@ -88,14 +88,6 @@ def test_a_filter_that_runs_backwards_cuts_onsets_into_pieces():
     causal, zero = (profile_of(x, FS, phase=phase).segmentation.n_segments for phase in ("causal", "zero"))
     assert causal == 40
     assert zero > 1.2 * causal
-
-
-def test_the_delay_is_taken_back():
-    x = rings()
-    profile = profile_of(x, FS)
-    lags = np.arange(-8, 9)
-    overlap = [np.dot(np.roll(profile.samples, lag), x) for lag in lags]
-    assert abs(lags[int(np.argmax(overlap))]) <= 1
 
 
 def test_nothing_is_cut_where_the_band_reaches_half_the_rate():
@@ -111,7 +103,7 @@ def test_drift_is_left_out():
     assert abs(drifting.samples[1000:].mean()) < 0.1
 
 
-@pytest.mark.parametrize("bad", [np.zeros(100), np.ones(4), np.full(100, np.nan), np.ones((50, 2))])
-def test_silence_and_broken_signals_are_refused(bad):
-    with pytest.raises(ValueError, match="the rule is 8 samples"):
-        profile_of(bad, FS)
+def test_silence_and_broken_signals_are_refused():
+    for bad in (np.zeros(100), np.ones(4), np.full(100, np.nan), np.ones((50, 2))):
+        with pytest.raises(ValueError, match="the rule is 8 samples"):
+            profile_of(bad, FS)
