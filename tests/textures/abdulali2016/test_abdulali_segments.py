@@ -42,7 +42,7 @@ def test_lines_end_at_corners_and_turns_and_segments_at_a_step_of_speed():
     assert_array_equal([found.start, found.stop], [[0, 400], [400, 800]])
 
 
-def test_every_line_keeps_equations_1_and_2(scan):
+def test_every_line_keeps_equations_1_and_2_and_every_segment_is_steady_and_long_enough(scan):
     bounds = straight_lines(scan.position)
     assert (bounds[0], bounds[-1]) == (0, len(scan))
     for a, b in pairwise(bounds):
@@ -52,9 +52,6 @@ def test_every_line_keeps_equations_1_and_2(scan):
         assert h.max() <= LINE_MM * (1 + 1e-9)
         feet = sum(np.sqrt(np.maximum((V**2).sum(axis=1) - h**2, 0)) for V in (A, B))
         assert np.all(feet <= np.hypot(*C) + 2 * 0.05 * LINE_MM + 1e-9)
-
-
-def test_every_segment_is_steady_long_enough_and_in_one_line(scan):
     found = segment_input(scan)
     assert len(found) > 10
     assert found.n_samples.min() >= 75

@@ -3,11 +3,10 @@ from itertools import product
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from oeztuerk2018_study import click
+from oeztuerk2018_study import render_check
 from scipy import signal
 
 from texclass.textures.oeztuerk2018 import (
-    PEAK_FACTOR,
     STILL,
     FrequencyTexture,
     LpcTexture,
@@ -40,23 +39,10 @@ def texture(request):
     return TEXTURES[request.param]
 
 
-def _path(n=4000, seed=0):
-    rng = np.random.default_rng(seed)
-    knots = rng.uniform(-250, 250, (6, 2))
-    t = np.linspace(0, 5, n)
-    velocity = np.column_stack([np.interp(t, np.arange(6), k) for k in knots.T])
-    return velocity, np.where(np.sin(3 * t) > -0.8, 1.0, 0.0)
-
-
-def test_output_is_finite_and_bounded_over_random_paths(texture):
-    renderer = texture.renderer(seed=0)
-    for seed in range(8):
-        y = renderer.process(*_path(1000, seed))
-        assert np.all(np.abs(y) <= PEAK_FACTOR * texture.peak)
-
-
-def test_speed_jumps_cause_no_click(texture):
-    assert click(texture, 0) < 1.3
+def test_output_is_finite_and_bounded_over_random_paths_and_speed_jumps_cause_no_click(texture):
+    found = render_check(texture, 0, 8)
+    assert found["finite"]
+    assert found["click"] < 1.3
 
 
 def test_without_contact_or_motion_it_falls_silent(texture):
@@ -99,7 +85,7 @@ def test_lpc_at_a_recorded_speed_is_the_fit_and_between_the_interpolation():
     assert_allclose(texture.at(900.0).reflection, texture.at(200.0).reflection)
 
 
-def test_tracks_between_speeds_are_the_interpolated_frequencies():
+def test_tracks_between_speeds_are_the_interpolated_frequencies_and_oscillators_render_them():
     texture = TEXTURES["frequencies"]
     for speed in (50.0, 60.0, 100.0, 170.0, 200.0, 300.0):
         expected = at_speed(texture.models, texture.speeds, speed)
@@ -109,24 +95,17 @@ def test_tracks_between_speeds_are_the_interpolated_frequencies():
         order = np.argsort(f[A > 0])
         assert_allclose(f[A > 0][order], expected.frequency_hz)
         assert_allclose(A[A > 0][order], expected.amplitude)
-
-
-def test_oscillators_render_the_lines_of_a_constant_speed():
-    texture = TEXTURES["frequencies"]
     n = 20_000
     y = texture.renderer().process(np.tile([50.0, 0.0], (n, 1)), np.ones(n))
     assert_allclose(y[3000:], texture.at(50.0).synthesize(n, FS)[3000:], atol=1e-6 * texture.peak)
 
 
-def test_a_line_that_pairs_glides_and_one_that_does_not_fades():
+def test_a_line_that_pairs_glides_one_that_does_not_fades_and_all_have_the_recorded_peak():
     slow = MajorFrequencies([100.0, 300.0], [1.0, 2.0], [0.0, 0.0])
     fast = MajorFrequencies([104.0, 600.0], [3.0, 4.0], [0.0, 0.0])
     frequency_hz, amplitude, _ = follow_lines([slow, fast])
     assert_array_equal(frequency_hz, [[100, 300, 600], [104, 300, 600]])
     assert_array_equal(amplitude, [[1, 2, 0], [3, 0, 4]])
-
-
-def test_lines_are_scaled_to_the_peak_of_their_recording():
     for x, model in zip(RECORDINGS, TEXTURES["frequencies"].models, strict=True):
         assert_allclose(np.abs(model.synthesize(x.size, FS)).max(), np.abs(x - x.mean()).max(), rtol=1e-9)
 

@@ -38,7 +38,8 @@ def test_any_blocking_gives_the_same_forces_again():
         assert_array_equal(np.concatenate(pieces), whole)
 
 
-def test_outside_the_wall_there_is_no_force_before_and_soon_after_a_tap():
+def test_outside_the_wall_there_is_no_force_before_and_soon_after_a_tap_nor_when_it_was_left_at_once():
+    assert_allclose(WALL.renderer().process(*_press(1.0, -100.0, 50)), WALL.stiffness_n_mm)
     renderer = WALL.renderer()
     assert not renderer.process(*_press(-1.0, 100.0, 100)).any()
     inside = renderer.process(*_press(1e-9, 100.0, 50))
@@ -72,20 +73,10 @@ def test_force_never_exceeds_the_limit():
     assert force.min() >= -4.0
 
 
-def test_going_out_at_the_first_sample_inside_strikes_nothing():
-    force = WALL.renderer().process(*_press(1.0, -100.0, 50))
-    assert_allclose(force, WALL.stiffness_n_mm)
-
-
-@pytest.mark.parametrize(
-    ("depth", "velocity"), [([1.0, np.nan], [0.0, 0.0]), ([1.0], [np.inf]), ([1.0], [1.0, 2.0]), (1.0, 1.0)]
-)
-def test_bad_paths_are_refused(depth, velocity):
-    with pytest.raises(ValueError, match="rule is"):
-        WALL.renderer().process(depth, velocity)
-
-
-def test_a_frequency_above_half_the_rate_is_refused():
+def test_bad_paths_and_a_frequency_above_half_the_rate_are_refused():
+    for path in (([1.0, np.nan], [0.0, 0.0]), ([1.0], [np.inf]), ([1.0], [1.0, 2.0]), (1.0, 1.0)):
+        with pytest.raises(ValueError, match="rule is"):
+            WALL.renderer().process(*path)
     with pytest.raises(ValueError, match="rule is"):
         VirtualWall(TABLE_II["aluminum"], ForceDevice(rate_hz=601.0, band_hz=(30.0, 250.0)), -1.0)
     with pytest.raises(ValueError, match="below half"):
