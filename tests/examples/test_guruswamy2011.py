@@ -56,32 +56,28 @@ def test_the_chapter_has_every_table_and_figure_and_says_what_is_simulated(tmp_p
     assert numbers["paths"]["finite"]
 
 
-def test_scan_and_texture_are_drawn_each_around_a_labelled_zero():
-    rng, rubber = np.random.default_rng(3), OBJECTS[2]
-    scan = simulate_scan(rubber, lay_out(rubber, 80.0, rng), rng)
-    pairs = [{"scan": scan, "rendered": np.zeros(len(scan))}]
-    axes = draw_speeds(9.2, rubber.name, pairs).axes[0]
-    zeros = [
-        y
-        for y, label in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)
-        if label.get_text() == "0"
-    ]
+def test_scan_and_texture_are_drawn_each_around_a_labelled_zero(rubber_fit):
+    scan = rubber_fit.scan
+    axes = draw_speeds(9.2, scan.name, [{"scan": scan, "rendered": np.zeros(len(scan))}]).axes[0]
+    labels = [label.get_text() for label in axes.get_yticklabels()]
+    zeros = [y for y, label in zip(axes.get_yticks(), labels, strict=True) if label == "0"]
     above, below = (np.median(line.get_ydata()) for line in axes.lines)
     assert [below, above] == pytest.approx(zeros, abs=1.0)
 
 
-@pytest.mark.parametrize("thing", OBJECTS, ids=lambda thing: thing.name)
-def test_simulated_scans_are_what_table_1_says(thing):
-    truth = dict(zip(ROW, TABLE_1[thing.name], strict=True))
-    section = lay_out(thing, 10 * thing.speed, np.random.default_rng(0))
-    scan = simulate_scan(thing, section, np.random.default_rng(1))
-    assert section.position_mm.size / section.length_mm == pytest.approx(truth["segments_per_mm"], rel=0.06)
-    assert scan.speed.mean() == pytest.approx(truth["speed"], rel=0.05)
-    assert scan.force.mean() == pytest.approx(truth["force"], rel=0.05)
-    assert np.abs(scan.acceleration / BIT - np.round(scan.acceleration / BIT)).max() < 1e-9
-    clean = simulate_scan(thing, section, np.random.default_rng(1), repeatability=0.0, quantised=False)
-    level = thing.law.rms(clean.speed, clean.force)
-    assert np.mean(clean.acceleration**2) == pytest.approx(np.mean(level**2), rel=1e-9)
+def test_simulated_scans_are_what_table_1_says():
+    for thing in OBJECTS:
+        truth = dict(zip(ROW, TABLE_1[thing.name], strict=True))
+        section = lay_out(thing, 10 * thing.speed, np.random.default_rng(0))
+        scan = simulate_scan(thing, section, np.random.default_rng(1))
+        per_mm = section.position_mm.size / section.length_mm
+        assert per_mm == pytest.approx(truth["segments_per_mm"], rel=0.06)
+        assert scan.speed.mean() == pytest.approx(truth["speed"], rel=0.05)
+        assert scan.force.mean() == pytest.approx(truth["force"], rel=0.05)
+        assert np.abs(scan.acceleration / BIT - np.round(scan.acceleration / BIT)).max() < 1e-9
+        clean = simulate_scan(thing, section, np.random.default_rng(1), repeatability=0.0, quantised=False)
+        level = thing.law.rms(clean.speed, clean.force)
+        assert np.mean(clean.acceleration**2) == pytest.approx(np.mean(level**2), rel=1e-9)
 
 
 def test_truth_is_recovered_within_the_bounds_of_the_study():
@@ -97,14 +93,11 @@ def test_a_recovery_counts_what_lies_within():
     assert summary["a_0"][:2] == pytest.approx((0.04, 0.04))
 
 
-def test_a_row_measures_the_scan_as_published(rubber_fit):
+def test_a_row_measures_the_scan_as_published_and_random_paths_stay_bounded(rubber_fit):
     row = published_row(rubber_fit.scan, rubber_fit.texture.scaling.law)["row"]
     assert row["sad_bandpass"] < 153
     assert row["order"] > 5
     assert row["segments_per_mm"] == pytest.approx(0.316, rel=0.1)
-
-
-def test_random_paths_stay_bounded(rubber_fit):
     result = random_paths([rubber_fit.texture], np.random.default_rng(0), n_paths=20)
     assert result["finite"]
     assert 0 < result["largest"] <= 8
@@ -118,22 +111,20 @@ def test_device_lines_are_left_out():
 
 
 def test_an_excerpt_in_any_unit_gives_the_same_filters():
-    rng = np.random.default_rng(2)
-    a = np.convolve(
-        rng.standard_normal(2000), np.exp(-np.arange(60) / 12) * np.sin(np.arange(60)), mode="same"
+    noise, ring = (
+        np.random.default_rng(2).standard_normal(2000),
+        np.exp(-np.arange(60) / 12) * np.sin(np.arange(60)),
     )
+    a = np.convolve(noise, ring, mode="same")
     one, other = excerpt(a, 10_000.0, "x"), excerpt(1024 * a, 10_000.0, "x")
     assert one["segments_per_s"] == other["segments_per_s"]
     assert one["sad_bandpass"] == pytest.approx(other["sad_bandpass"], rel=1e-9)
 
 
-def test_filters_as_published_meet_the_resolution_within_their_segment():
+def test_filters_as_published_meet_the_resolution_and_two_modes_need_more_than_a_sinusoid():
     pieces = [RING.synthesize(n, FS) for n in (40, 3, 1, 90)]
     found = fit_published(pieces, 0.153)
     assert all(f.error < 0.153 for f in found)
-
-
-def test_more_than_a_sinusoid_is_needed_for_two_modes():
     fits = {(fit["method"], fit["order"]): fit for fit in fits_by_order(RING.synthesize(90, FS), FS, 0.05)}
     assert fits["decaying sinusoid", 2]["error"] > 0.1
     assert fits["stable modes", 4]["error"] < 0.05

@@ -41,9 +41,7 @@ def test_the_chapter_says_what_is_simulated_and_what_was_skipped(tmp_path):
     assert (numbers["seed"], numbers["input_hash"]) == (1, {})
     for by_material in numbers["recovery_percent"].values():
         assert all(max(one["largest"]) < 5 for one in by_material.values())
-    for one in numbers[
-        "recovery_as_published_percent"
-    ].values():  # B by 8 %, whatever the noise after the tap
+    for one in numbers["recovery_as_published_percent"].values():  # B by 8 %, whatever noise comes after
         assert np.all(np.array(one["largest"]) < [15, 8, 10])
     assert numbers["identification"]["correct"] == pytest.approx(35, abs=6)
 
@@ -79,22 +77,14 @@ def test_the_design_has_each_combination_once_and_balanced():
     assert models[1] == TapModel(4.0, 2.0, 3.0)
 
 
-def test_normalised_ratings_have_mean_0_and_deviation_1_for_each_user():
-    r = simulate_ratings("decay", np.random.default_rng(0))
-    y = normalized_ratings(r)
-    assert_allclose(y.mean(axis=1), 0, atol=1e-12)
-    assert_allclose(y.std(axis=1), 1)
-    assert_allclose(normalized_ratings(3 * r + 7), y, atol=1e-12)
-
-
-def test_ratings_that_follow_one_factor_have_only_its_effect():
-    result = analyse(np.tile(5 + 3 * DESIGN[:, 1], (4, 1)))
-    assert most_sensitive(result) == "decay"
-    assert_allclose(result["effect"], [0, 2, 0, 0, 0, 0, 0], atol=1e-12)
-
-
-def test_analysis_of_variance_is_that_of_the_linear_model():
-    y = normalized_ratings(simulate_ratings("frequency", np.random.default_rng(1), n_users=6))
+def test_analysis_of_variance_of_normalised_ratings_is_that_of_the_linear_model():
+    alone = analyse(np.tile(5 + 3 * DESIGN[:, 1], (4, 1)))  # one factor, and only its effect
+    assert most_sensitive(alone) == "decay"
+    assert_allclose(alone["effect"], [0, 2, 0, 0, 0, 0, 0], atol=1e-12)
+    ratings = simulate_ratings("frequency", np.random.default_rng(1), n_users=6)
+    y = normalized_ratings(3 * ratings + 7)
+    assert_allclose([y.mean(axis=1), y.std(axis=1)], [[0] * 6, [1] * 6], atol=1e-12)
+    assert_allclose(normalized_ratings(ratings), y, atol=1e-12)
     result = analyse(y)
     A, B, w = DESIGN.T
     full = np.tile(np.stack([np.ones(8), A, B, w, A * B, A * w, B * w, A * B * w], axis=1), (6, 1))
@@ -131,15 +121,12 @@ def test_ratings_that_say_nothing_are_refused():
             analyse(ratings)
 
 
-def test_users_name_everything_right_without_noise_and_guess_with_much():
+def test_users_name_everything_right_without_noise_and_guess_with_much_all_counted_once():
     right = simulate_answers(TABLE_II, 0.0, np.random.default_rng(0))
     assert_array_equal(confusion(right), 42 * np.eye(3))
     assert all_right(right).all()
     guessed = simulate_answers(TABLE_II, 1e6, np.random.default_rng(0), n_experiments=6000)
     assert_allclose(all_right(guessed).mean(), 1 / 6, atol=0.02)
-
-
-def test_confusions_count_every_surface_and_every_name_once_an_experiment():
     answers = simulate_answers(TABLE_II, 1.0, np.random.default_rng(0), n_experiments=100)
     table = confusion(answers)
     assert_array_equal(table.sum(axis=0), [100] * 3)
@@ -167,9 +154,8 @@ def test_velocity_errors_only_move_the_slope():
 
 
 def test_real_taps_are_fitted_in_samples_and_what_cannot_be_is_left_out():
-    taps = [
-        np.concatenate([np.zeros(10), TapModel(a, 0.02, 0.05).synthesize(1.0, 190, 1.0)]) for a in (50, -80)
-    ]
+    ringing = [TapModel(a, 0.02, 0.05).synthesize(1.0, 190, 1.0) for a in (50, -80)]
+    taps = [np.concatenate([np.zeros(10), tap]) for tap in ringing]
     *found, none = okamura2001.fit_each([*taps, np.zeros(50)])
     assert none is None
     for one in found:
