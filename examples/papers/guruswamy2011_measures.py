@@ -24,7 +24,7 @@ from texclass.textures.guruswamy2011 import (
 )
 from texclass.textures.scan import Scan
 from texclass.vibration import DecayingModes, PronyFilter, fit_prony
-from texclass.vibration.decaying_modes import n_extrema, prony
+from texclass.vibration.decaying_modes import prony
 from texclass.vibration.scores import goodness_of_fit, mean_absolute_difference
 
 DURATION_S = 10.0
@@ -129,11 +129,7 @@ def fit_published(pieces: Sequence[Samples], resolution: float) -> list[PronyFil
 
     Some of these filters are unstable; they are for comparison and are not rendered.
     """
-    padded = [np.pad(piece, (0, max(0, 2 - piece.size))) for piece in pieces]
-    return [
-        fit_prony(piece, resolution, least_order=min(max(n_extrema(piece), 1), piece.size - 1))
-        for piece in padded
-    ]
+    return [fit_prony(np.pad(piece, (0, max(0, 2 - piece.size))), resolution) for piece in pieces]
 
 
 def modes_row(fitted: FittedScan, law: LevelLaw) -> dict[str, float]:

@@ -563,8 +563,10 @@ def vibration_modes(signals: Mapping[str, np.ndarray] | None = None) -> Any:
         v.fit_major_frequencies(signals[name], fs, n_frequencies=9) for name in ("colored", "tones")
     )
     found["lines between"] = of_lines(major_frequencies.interpolate(slow, fast, 0.4))
-    found["lines at speed"] = of_lines(major_frequencies.at_speed([slow, fast], [50.0, 100.0], 80.0))
-    found["lines played"] = thin(slow.synthesize(1000, fs, peak=1.0))
+    between = oeztuerk2018.FrequencyTexture([50.0, 100.0], [slow, fast], 1.0, fs)
+    found["lines at speed"] = of_lines(between.at(80.0))
+    played = slow.synthesize(1000, fs)
+    found["lines played"] = thin(played / np.abs(played).max())
     velocity, t = np.array([0.1, 0.2, 0.35]), np.arange(300) / fs
     taps = [
         -800 * u * np.exp(-90 * t) * np.sin(2 * np.pi * 270 * t) + 0.2 * rng.standard_normal(300)

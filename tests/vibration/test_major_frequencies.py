@@ -3,7 +3,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from texclass.vibration.major_frequencies import (
     MajorFrequencies,
-    at_speed,
     beat_threshold_hz,
     fit_major_frequencies,
     interpolate,
@@ -61,11 +60,3 @@ def test_amplitudes_are_interpolated_linearly_close_lines_become_one_and_nothing
     x = [interpolate(SLOW, FAST, w).synthesize(200, FS) for w in np.linspace(0, 1, 401)]
     assert np.abs(np.diff(x, axis=0)).max() < 0.03
     assert_allclose([x[0], x[-1]], [end.synthesize(200, FS) for end in (SLOW, FAST)], atol=1e-12)
-
-
-def test_speeds_between_and_beyond_the_recordings():
-    models, speeds = [SLOW, FAST, SLOW], [40.0, 100.0, 400.0]
-    assert at_speed(models, speeds, 10.0) is SLOW
-    assert at_speed(models, speeds, 100.0) is FAST
-    assert at_speed(models, speeds, 999.0) is models[2]
-    assert_allclose(at_speed(models, speeds, 70.0).amplitude, interpolate(SLOW, FAST, 0.5).amplitude)

@@ -129,7 +129,7 @@ TAP_FITS = {
     "pencil": lambda x, g: _parameters(
         fit_matrix_pencil(x, 1e4, order=4), ["frequency_hz", "decay_per_s", "phase"], "amplitude"
     ),
-    "prony": lambda x, g: _parameters(fit_prony(x, 0.02 * g, least_order=2), ["a", "resolved"], "b"),
+    "prony": lambda x, g: _parameters(fit_prony(x, 0.02 * g), ["a", "resolved"], "b"),
     "okamura": lambda x, g: _parameters(
         fit_okamura([x], [2.0], 1e4), ["frequency_hz", "decay_per_s"], "amplitude_slope"
     ),

@@ -23,7 +23,7 @@ from texclass.textures.grid import cell
 from texclass.vibration import Autoregression, MajorFrequencies, ModelBlend
 from texclass.vibration.interpolation import Loudness
 from texclass.vibration.lattice import turn
-from texclass.vibration.major_frequencies import at_speed, pairs_closer_than_beats
+from texclass.vibration.major_frequencies import interpolate, pairs_closer_than_beats
 
 ORDER = 400
 """`oeztuerk2018`, figure 3.2: beyond it additional coefficients have minimal benefit."""
@@ -250,9 +250,10 @@ class FrequencyTexture(SpeedTexture):
         return 8.0 * self.tracks[2].size
 
     def at(self, speed: float) -> MajorFrequencies:
-        """Return the frequencies at a speed (mm/s)."""
-        self.place(speed)  # refuses what is no speed
-        return at_speed(self.models, self.speeds, speed)
+        """Return the frequencies at a speed (mm/s): between those of the two nearest recordings."""
+        place = float(self.place(speed))
+        below = min(int(place), len(self.models) - 2)
+        return interpolate(self.models[below], self.models[below + 1], place - below)
 
     def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
         """Return the vibration at a constant speed (mm/s), shape (n_samples,); nothing in it is random."""
@@ -372,10 +373,10 @@ def _checked(signals: Sequence[ArrayLike], speeds: ArrayLike) -> tuple[Samples, 
 
 
 def follow_lines(models: Sequence[MajorFrequencies]) -> tuple[Samples, Samples, Samples]:
-    """Follow every line to its partner at the next speed, as `at_speed` pairs them.
+    """Follow every line to its partner at the next speed, as `interpolate` pairs them.
 
     A track without a line at some speed has amplitude 0 there and keeps the frequency of its nearest line, so
-    that linear interpolation between two speeds is that of `at_speed`.
+    that linear interpolation between two speeds is that of `interpolate`.
 
     Returns
     -------

@@ -348,9 +348,7 @@ class PronyFilter:
         return np.asarray(signal.lfilter(self.b, self.a, impulse))
 
 
-def fit_prony(
-    x: ArrayLike, resolution: float, *, least_order: int | None = None, max_order: int | None = None
-) -> PronyFilter:
+def fit_prony(x: ArrayLike, resolution: float, *, max_order: int | None = None) -> PronyFilter:
     """Fit a filter of the smallest order that meets the sensor's resolution, by Prony's method.
 
     The order starts at the number of extrema of the segment and is raised by one until the mean absolute
@@ -362,8 +360,6 @@ def fit_prony(
         Segment that starts at the onset of a decaying vibration. Any unit, at least 2 samples.
     resolution : float
         In the unit of `x`, above 0; the paper's is one bit, 0.153 m/s^2.
-    least_order : int, optional
-        First order tried instead of the number of extrema (at least 1).
     max_order : int, optional
         Last order tried; n_samples - 1 by default, where the numerator alone can hold the segment.
 
@@ -376,7 +372,7 @@ def fit_prony(
     ------
     ValueError
         For fewer than 2 samples, more than one channel, NaN or infinity, a resolution that is not above 0, or
-        a first order beyond `max_order` or below 1.
+        a last order below 1.
 
     References
     ----------
@@ -384,10 +380,10 @@ def fit_prony(
     """
     samples = one_channel(x, "segment", at_least=2)
     last = samples.size - 1 if max_order is None else max_order
-    first = min(max(n_extrema(samples), 1), last) if least_order is None else least_order
+    first = min(max(n_extrema(samples), 1), last)
     if not resolution > 0:
         raise ValueError(f"resolution is {resolution}; the rule is above 0, in the unit of the segment")
-    if not 1 <= first <= last:
+    if first < 1:
         raise ValueError(f"orders run from {first} to {last}; the rule is 1 <= first <= last")
     best = prony(samples, first, resolution)
     for order in range(first + 1, last + 1):

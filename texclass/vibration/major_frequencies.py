@@ -1,6 +1,5 @@
 """Major frequencies: a vibration as the few strongest lines of its spectrum that cause no beats."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -187,35 +186,6 @@ def interpolate(slow: MajorFrequencies, fast: MajorFrequencies, weight: float) -
     order = np.argsort(f, kind="stable")
     order = order[A[order] > 0]
     return MajorFrequencies(f[order], A[order], phi[order])
-
-
-def at_speed(models: Sequence[MajorFrequencies], speeds: ArrayLike, speed: float) -> MajorFrequencies:
-    """Return the vibration at a speed, interpolated between the recordings at the two nearest speeds.
-
-    Parameters
-    ----------
-    models : sequence of MajorFrequencies
-        Of one surface.
-    speeds : array_like of shape (n_models,)
-        Rising, in any one unit.
-    speed : float
-        In the same unit. Slower than the slowest and faster than the fastest recording, that one is returned.
-
-    Raises
-    ------
-    ValueError
-        If there is no model, not one speed for each, or the speeds do not rise.
-    """
-    grid = one_channel(speeds, "speeds")
-    if grid.size != len(models) or np.any(np.diff(grid) <= 0) or not np.isfinite(speed):
-        raise ValueError(
-            f"speeds are {grid} for {len(models)} models, speed is {speed}; "
-            "the rule is one rising speed for each, and a finite one to go to"
-        )
-    place = float(np.interp(speed, grid, np.arange(grid.size)))
-    lower = min(int(place), grid.size - 1)
-    upper = min(lower + 1, grid.size - 1)
-    return interpolate(models[lower], models[upper], place - lower) if place > lower else models[lower]
 
 
 def pairs_closer_than_beats(f: Samples, g: Samples) -> tuple[list[int], list[int]]:
