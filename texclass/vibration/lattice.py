@@ -254,44 +254,42 @@ def turn(f, b, k, c):  # type: ignore[no-untyped-def]
 def sound(x: Real, k: Real, c: Real, b: Real) -> None:
     """Turn the excitation `x` into f_0 in place; state b_0 ... b_{p-1} in `b`.
 
-    From `FOURS_ORDER` on four samples are in flight, each two stages behind the one before; b1, b2, b3 go
-    from one sample to the next. What is left follows one after the other.
+    From `FOURS_ORDER` on four samples are in flight, each two stages behind the one before: they set out in
+    turn, go on together, and arrive in turn; b1, b2, b3 go from one to the next. What is left follows one
+    after the other.
     """
     p = k.size
     q = p - 1
     whole = x.size // 4 * 4 if p >= FOURS_ORDER else 0
     for t in range(0, whole, 4):
         f0, f1, f2, f3 = x[t], x[t + 1], x[t + 2], x[t + 3]
-        f0, b1 = turn(f0, b[q], k[q], c[q])
-        f0, b1 = turn(f0, b[q - 1], k[q - 1], c[q - 1])
-        f1, b2 = turn(f1, b1, k[q], c[q])
-        f0, b1 = turn(f0, b[q - 2], k[q - 2], c[q - 2])
-        f1, b2 = turn(f1, b1, k[q - 1], c[q - 1])
-        f0, b1 = turn(f0, b[q - 3], k[q - 3], c[q - 3])
-        f2, b3 = turn(f2, b2, k[q], c[q])
-        f1, b2 = turn(f1, b1, k[q - 2], c[q - 2])
-        f0, b1 = turn(f0, b[q - 4], k[q - 4], c[q - 4])
-        f2, b3 = turn(f2, b2, k[q - 1], c[q - 1])
-        f1, b2 = turn(f1, b1, k[q - 3], c[q - 3])
-        f0, b1 = turn(f0, b[q - 5], k[q - 5], c[q - 5])
-        for m in range(p - 7, -1, -1):
+        for m in range(q, q - 2, -1):
+            f0, b1 = turn(f0, b[m], k[m], c[m])
+        for m in range(q - 2, q - 4, -1):
+            f1, b2 = turn(f1, b1, k[m + 2], c[m + 2])
+            f0, b1 = turn(f0, b[m], k[m], c[m])
+        for m in range(q - 4, q - 6, -1):
+            f2, b3 = turn(f2, b2, k[m + 4], c[m + 4])
+            f1, b2 = turn(f1, b1, k[m + 2], c[m + 2])
+            f0, b1 = turn(f0, b[m], k[m], c[m])
+        for m in range(q - 6, -1, -1):
             f3, up = turn(f3, b3, k[m + 6], c[m + 6])
             f2, b3 = turn(f2, b2, k[m + 4], c[m + 4])
             f1, b2 = turn(f1, b1, k[m + 2], c[m + 2])
             f0, b1 = turn(f0, b[m], k[m], c[m])
             b[m + 7] = up
-        f3, b[6] = turn(f3, b3, k[5], c[5])
-        f2, b3 = turn(f2, b2, k[3], c[3])
-        f1, b2 = turn(f1, b1, k[1], c[1])
-        f3, b[5] = turn(f3, b3, k[4], c[4])
-        f2, b3 = turn(f2, b2, k[2], c[2])
-        f1, b2 = turn(f1, f0, k[0], c[0])
-        f3, b[4] = turn(f3, b3, k[3], c[3])
-        f2, b3 = turn(f2, b2, k[1], c[1])
-        f3, b[3] = turn(f3, b3, k[2], c[2])
-        f2, b3 = turn(f2, f1, k[0], c[0])
-        f3, b[2] = turn(f3, b3, k[1], c[1])
-        f3, b[1] = turn(f3, f2, k[0], c[0])
+        for m in range(1, -1, -1):
+            f3, b[m + 5] = turn(f3, b3, k[m + 4], c[m + 4])
+            f2, b3 = turn(f2, b2, k[m + 2], c[m + 2])
+            f1, b2 = turn(f1, b1, k[m], c[m])
+            b1 = f0  # b_0 is f_0
+        for m in range(1, -1, -1):
+            f3, b[m + 3] = turn(f3, b3, k[m + 2], c[m + 2])
+            f2, b3 = turn(f2, b2, k[m], c[m])
+            b2 = f1
+        for m in range(1, -1, -1):
+            f3, b[m + 1] = turn(f3, b3, k[m], c[m])
+            b3 = f2
         b[0] = f3
         x[t], x[t + 1], x[t + 2], x[t + 3] = f0, f1, f2, f3
     for t in range(whole, x.size):

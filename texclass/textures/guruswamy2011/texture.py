@@ -376,9 +376,9 @@ def strike(k: int, A: float, first: Counts, modes: Samples, pool: Samples, count
     """
     for m in range(first[k], first[k + 1]):
         re, im = A * modes[m, 0], A * modes[m, 1]
-        row = counts[0]
+        row = counts[RINGING]
         if row < pool.shape[0]:
-            counts[0] += 1
+            counts[RINGING] += 1
         else:
             row, least = -1, re * re + im * im
             for i in range(pool.shape[0]):
@@ -395,12 +395,12 @@ def ring(pool: Samples, counts: Counts, silent: float) -> float:
     """Return the sum of what rings now, and step every mode; those below `silent` leave the pool."""
     total = 0.0
     i = 0
-    while i < counts[0]:
+    while i < counts[RINGING]:
         re, im = pool[i, 0], pool[i, 1]
         total += re
         if re * re + im * im < silent * silent:
-            counts[0] -= 1
-            pool[i] = pool[counts[0]]
+            counts[RINGING] -= 1
+            pool[i] = pool[counts[RINGING]]
             continue
         pool[i, 0], pool[i, 1] = re * pool[i, 2] - im * pool[i, 3], re * pool[i, 3] + im * pool[i, 2]
         i += 1
@@ -414,7 +414,7 @@ def advance(
 ) -> None:  # fmt: skip
     """Strike the features between the last coordinate of the tip and this one; x <= now are behind it."""
     n = position.size
-    k = counts[1]
+    k = counts[NEXT]
     if place_of(k, position, length) > now and place_of(k - 1, position, length) <= now:
         return
     end = locate(now, position, length)
@@ -424,7 +424,7 @@ def advance(
         low, high = (max(k, end - MAX_PASSED), end) if end > k else (end, min(k, end + MAX_PASSED))
         for j in range(low, high):
             strike(j % n, A, first, modes, pool, counts)
-    counts[1] = end
+    counts[NEXT] = end
 
 
 @njit(cache=True, error_model="numpy")
@@ -447,24 +447,24 @@ def render(
     for t in range(force.size):
         if given:
             x, y = path[t, 0], path[t, 1]
-        elif counts[2] == 0:
+        elif counts[STARTED] == 0:
             x, y = 0.0, 0.0
         else:
-            x, y = where[2] + velocity[t, 0] / fs, where[3] + velocity[t, 1] / fs
-        if counts[2] == 0:
+            x, y = where[X] + velocity[t, 0] / fs, where[Y] + velocity[t, 1] / fs
+        if counts[STARTED] == 0:
             s = 0.0 if travelled != 0 else x * along_x + y * along_y - origin
-            where[1] = s
-            counts[1] = locate(s, position, length)
+            where[FELT] = s
+            counts[NEXT] = locate(s, position, length)
         elif travelled != 0:
-            s = where[0] + np.sqrt((x - where[2]) ** 2 + (y - where[3]) ** 2)
+            s = where[PLACE] + np.sqrt((x - where[X]) ** 2 + (y - where[Y]) ** 2)
         else:
             s = x * along_x + y * along_y - origin
-        counts[2] = 1
-        where[0], where[2], where[3] = s, x, y
-        felt = min(max(where[1], s), s + play)
+        counts[STARTED] = 1
+        where[PLACE], where[X], where[Y] = s, x, y
+        felt = min(max(where[FELT], s), s + play)
         speed = np.sqrt(velocity[t, 0] ** 2 + velocity[t, 1] ** 2)
         A = factor(speed, force[t], law) if force[t] > 0 else 0.0
         advance(felt, A, position, length, first, modes, pool, counts)
-        where[1] = felt
+        where[FELT] = felt
         out[t] = min(max(ring(pool, counts, silent), -largest), largest)
     return True
