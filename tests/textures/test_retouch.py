@@ -10,11 +10,10 @@ from texclass.features.extractor import FeatureExtractor
 from texclass.features.scales import scale_values
 from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
 from texclass.textures import felt_scales, pack, retouch
-from texclass.vibration import DecayingModes
+from texclass.vibration.decaying_modes import NO_MODES, DecayingModes
 
 FS = 2000.0
 TAP = DecayingModes(*np.array([[210.0, 400.0], [90.0, 200.0], [30.0, 8.0], [-1.5, 0.5]]))
-NO_TAP = DecayingModes(*np.zeros((4, 0)))
 
 
 @pytest.fixture(scope="module", params=[90.0, 180.0], ids=["coarse", "fine"])
@@ -70,12 +69,12 @@ def test_what_a_texture_does_not_hold_and_what_is_out_of_reach_is_refused(textur
         (texture, {"rough": 90.0}, "30 dB"),
         (texture, {"sticky": 90.0}, "0 to 2.55"),
         (texture, {"hard": 60.0}, "8 to 5000 Hz"),
-        (texture.holding(tap=NO_TAP), {"hard": 3.0}, "has no tap"),
+        (texture.holding(tap=NO_MODES), {"hard": 3.0}, "has no tap"),
         (texture.holding(mu=0.0), {"sticky": 3.0}, "has no friction"),
     ):
         with pytest.raises(ValueError, match=why):
             retouch(source, **asked)
-    assert set(felt_scales(texture.holding(tap=NO_TAP, mu=0.0))) == set(SCALES) - {"hard", "sticky"}
+    assert set(felt_scales(texture.holding(tap=NO_MODES, mu=0.0))) == set(SCALES) - {"hard", "sticky"}
 
 
 @COARSE

@@ -1,6 +1,7 @@
 """How a surface becomes a texture of so many bytes, as it feels, or as it shall feel on the six scales."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cache, partial
 from itertools import product
 from typing import Any
@@ -23,7 +24,7 @@ from texclass.textures.packed import PackedTexture
 from texclass.textures.scan import Scan
 from texclass.vibration import recursions
 from texclass.vibration.autoregressive import from_autocorrelation
-from texclass.vibration.decaying_modes import DecayingModes
+from texclass.vibration.decaying_modes import NO_MODES, DecayingModes
 from texclass.vibration.scores import BAND_EDGES_HZ
 
 LEAST_BYTES = 8
@@ -83,7 +84,7 @@ def pack(
     if unit not in UNITS:
         raise ValueError(f"unit is {unit!r}; the rule is one of {', '.join(UNITS)}")
     most, name = min(n_bytes // BYTES_A_MODE, packed.MOST_MODES), name or str(getattr(source, "name", ""))
-    tap = source.tap.strongest(most) if isinstance(source, PackedTexture) else None
+    tap = source.tap.strongest(most) if isinstance(source, PackedTexture) else NO_MODES
     mu = float(getattr(source, "mu", 0.0))
     if isinstance(source, Recording):
         source, fs, unit, tap, mu = _felt_of(source, most)
@@ -91,11 +92,7 @@ def pack(
     if rate != round(rate) or not 40 <= min(rate, most_hz) < 1 << 17:
         raise ValueError(f"fs is {rate} Hz; the rule is a whole number, 40 to 131,071")
     seen = _seen(pieces, rate, gain_db, most_hz)
-    facts: dict[str, Any] = {
-        "unit": unit,
-        "modes": [] if tap is None else packed.mode_codes(tap),
-        "mu": min(mu, packed.MOST_MU),
-    }
+    facts: dict[str, Any] = {"unit": unit, "modes": packed.mode_codes(tap), "mu": min(mu, packed.MOST_MU)}
     facts |= {key: seen[key] for key in ("fs", "level_db", "slopes_db", "ends")}
     k = from_autocorrelation(np.fft.irfft(seen["spectra"], axis=-1)[:, : min(MOST_ORDER, seen["most"]) + 1])
     if not _allocations(8 * n_bytes, facts, k.order):  # the spectrum comes first
@@ -112,9 +109,7 @@ def pack(
     return PackedTexture.from_bytes(best, name)
 
 
-def _felt_of(
-    recording: Recording, most: int
-) -> tuple[Scan | Samples, float, str, DecayingModes | None, float]:
+def _felt_of(recording: Recording, most: int) -> tuple[Scan | Samples, float, str, DecayingModes, float]:
     """Return the movement of a recording, rate, unit, at most so many modes of its middle tap, friction."""
     phases = recording.phases or segment(recording)
     begin, end = phases.movement or (0, recording.n_samples)
@@ -124,13 +119,12 @@ def _felt_of(
         tracks = recording.speed[begin:end], recording.normal_force[begin:end]
         felt = Scan.along_line(combined, *tracks, recording.fs)
     mu = 0.0 if recording.friction is None else float(np.abs(recording.friction[begin:end]).mean())
-    try:
+    modes = NO_MODES
+    with suppress(UndefinedFeatureError):  # no tap whose hardness is defined
         taps = Views(recording, phases).tap.taps
         hardness = [damping(TapView((tap,), recording.fs)) for tap in taps]
         middle = taps[int(np.argsort(hardness)[(len(taps) - 1) // 2])].impulse
         modes = _ringing(middle[:MOST_SAMPLES], recording.fs, most)
-    except UndefinedFeatureError:
-        return felt, recording.fs, recording.unit, None, mu
     return felt, recording.fs, recording.unit, modes, mu
 
 
@@ -437,8 +431,7 @@ def _felt(x: Samples, fs: float) -> Samples:
 
 def _held(texture: Texture) -> tuple[DecayingModes, float]:
     """Return the tap, of no mode where there is none, and the friction, 0 where there is none."""
-    none = DecayingModes(*np.zeros((4, 0)))
-    return getattr(texture, "tap", none), float(getattr(texture, "mu", 0.0))
+    return getattr(texture, "tap", NO_MODES), float(getattr(texture, "mu", 0.0))
 
 
 def _touched(tap: DecayingModes, mu: float) -> dict[str, float]:

@@ -147,6 +147,10 @@ class DecayingModes(Sinusoids):
         return np.asarray(sum(parts, np.zeros_like(excitation)))
 
 
+NO_MODES = DecayingModes(*np.zeros((4, 0)))
+"""Silence: no mode at all."""
+
+
 def fit_matrix_pencil(
     x: ArrayLike, fs: float, *, order: int | None = None, outside: Literal["reflect", "project"] = "reflect"
 ) -> DecayingModes:
@@ -211,7 +215,7 @@ def fit_matrix_pencil(
     singular, V = _right_subspace(samples)
     rank = numerical_rank(singular) if order is None else min(order, _above_rounding(singular))
     if rank == 0:
-        return DecayingModes(*np.zeros((4, 0)))
+        return NO_MODES
     # The eigenvalues of Phi, V_1 Phi = V_2: with W the right vectors of [V_1 V_2], Phi = -W_12 W_22^-1.
     rank = min(rank, len(V) - 1)
     both = np.hstack([V[:-1, :rank], V[1:, :rank]])

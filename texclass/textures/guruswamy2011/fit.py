@@ -19,7 +19,7 @@ from texclass.textures.guruswamy2011.texture import (
     SpatialTexture,
 )
 from texclass.textures.scan import Scan
-from texclass.vibration.decaying_modes import DecayingModes, fit_amplitudes, fit_matrix_pencil
+from texclass.vibration.decaying_modes import NO_MODES, DecayingModes, fit_amplitudes, fit_matrix_pencil
 from texclass.vibration.rising_peaks import Segmentation, VibrationBand, segment_rising_peaks, vibration_band
 
 LOWER_HZ = 0.122
@@ -255,7 +255,6 @@ LEAST_SAMPLES = 8
 """Shorter segments are continued by zeros, as the paper pads them."""
 
 Method = Literal["modes", "sinusoid"]
-NONE = DecayingModes(*np.zeros((4, 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,7 +353,7 @@ def fit_modes(piece: Samples, fs: float, resolution: float) -> DecayingModes:
         None at all for a segment below the resolution.
     """
     if np.mean(np.abs(piece)) < resolution:
-        return NONE
+        return NO_MODES
     x = np.pad(piece, (0, max(0, LEAST_SAMPLES - piece.size)))
     tried: dict[int, tuple[float, DecayingModes]] = {}
 
@@ -390,7 +389,7 @@ def fit_sinusoid(piece: Samples, fs: float) -> DecayingModes:
     `guruswamy2011`, eq. (3) and (4), after `okamura2001`, whose fit from peaks and spectrum needs two peaks.
     """
     if piece.size < 2 or not np.any(piece):  # every shape begins with 0
-        return NONE
+        return NO_MODES
     t = np.arange(piece.size) / fs
     low = np.log([LEAST_DECAY, 0.25 / max(t[-1], 1 / fs)])
     high = np.log([2 * fs, 0.49 * fs])
