@@ -128,7 +128,7 @@ def test_truncated_is_the_fit_of_the_lower_order():
         low, high = fit(x, 4, method=method), fit(x, 30, method=method)
         assert_allclose(high.truncated(4).reflection, low.reflection, atol=1e-14)
         assert_allclose(high.truncated(4).gain, low.gain, rtol=1e-12)
-    cut = Autoregression([0.5, 0.5, LARGEST, 0.5], 1.0, clipped=np.array(True))
+    cut = Autoregression([0.5, 0.5, LARGEST, 0.5], 1.0)
     assert [bool(cut.truncated(order).clipped) for order in (2, 3, 4)] == [False, True, True]
 
 

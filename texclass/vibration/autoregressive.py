@@ -47,8 +47,6 @@ class Autoregression:
         what k and `gain` say: gain / prod_{i > m} sqrt(1 - k_i^2).
     fitted_order : array_like of int, shape (...), optional
         Orders the signal gave; beyond it k = 0. p by default.
-    clipped : array_like of bool, shape (...), optional
-        Whether a |k| of 1 was cut to the last number below 1.
     fallback : array_like of bool, shape (...), optional
         Whether the method asked for was unstable and Burg's took its place.
 
@@ -66,7 +64,6 @@ class Autoregression:
     gain: Samples
     residual: Samples = None  # type: ignore[assignment]
     fitted_order: NDArray[np.int64] = None  # type: ignore[assignment]
-    clipped: NDArray[np.bool_] = None  # type: ignore[assignment]
     fallback: NDArray[np.bool_] = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
@@ -86,7 +83,6 @@ class Autoregression:
         residual = residual_of(k, gain) if self.residual is None else self.residual
         self._store("residual", residual, (*lead, p + 1), np.float64)
         self._store("fitted_order", p if self.fitted_order is None else self.fitted_order, lead, np.int64)
-        self._store("clipped", self.clipped is not None and self.clipped, lead, np.bool_)
         self._store("fallback", self.fallback is not None and self.fallback, lead, np.bool_)
 
     def _store(self, name: str, value: ArrayLike, shape: tuple[int, ...], dtype: Any) -> None:
@@ -99,6 +95,11 @@ class Autoregression:
     def order(self) -> int:
         """The order p."""
         return int(self.reflection.shape[-1])
+
+    @property
+    def clipped(self) -> NDArray[np.bool_]:
+        """Whether a |k| of 1 was cut to the last number below 1, shape (...)."""
+        return np.asarray(np.abs(self.reflection).max(axis=-1, initial=0.0) == LARGEST)
 
     @property
     def log_gain(self) -> Samples:
@@ -130,11 +131,7 @@ class Autoregression:
             raise ValueError(f"order is {order}; the rule is 0 ... {self.order}, the order of the model")
         kept = self.residual[..., : order + 1]
         fitted = np.minimum(self.fitted_order, order)
-        largest = np.abs(self.reflection[..., :order]).max(axis=-1, initial=0.0)
-        clipped = self.clipped & (largest == LARGEST)
-        return Autoregression(
-            self.reflection[..., :order], kept[..., -1], kept, fitted, clipped, self.fallback
-        )
+        return Autoregression(self.reflection[..., :order], kept[..., -1], kept, fitted, self.fallback)
 
     def direct_form(self) -> Samples:
         """Return the coefficients 1, a_1 ... a_p, where they still describe the model.
@@ -321,10 +318,9 @@ def fit(
         deviation[:, 0] = np.sqrt(np.mean(frames**2, axis=1))
         deviation[:, 1:] = deviation[:, :1] * np.exp(np.cumsum(log_cosines(k), axis=1))
     deviation = np.ldexp(deviation, exponent)
-    clipped = np.abs(k).max(axis=1) == LARGEST
-    shaped = [np.reshape(each, lead) for each in (deviation[:, -1], fitted, clipped, fallback)]
+    residual = deviation.reshape(*lead, order + 1)
     return Autoregression(
-        k.reshape(*lead, order), shaped[0], deviation.reshape(*lead, order + 1), *shaped[1:]
+        k.reshape(*lead, order), residual[..., -1], residual, fitted.reshape(lead), fallback.reshape(lead)
     )
 
 
