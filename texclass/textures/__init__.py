@@ -1,4 +1,4 @@
-"""From recordings to a surface that can be felt at any speed and force: one folder per paper."""
+"""From recordings to a surface that can be felt at any speed and force: a module or a folder per paper."""
 
 import lazy_loader
 

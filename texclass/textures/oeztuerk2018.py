@@ -5,7 +5,7 @@ How many speeds a surface needs, its friction tells: `speed_intervals`.
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any, ClassVar
@@ -347,7 +347,7 @@ def fit_frequencies(
         model = vibration.fit_major_frequencies(x, fs, n_frequencies=n_frequencies)
         made = np.abs(model.synthesize(x.size, fs)).max()
         gain = np.abs(x).max() / made if made > 0 else 1.0
-        models.append(MajorFrequencies(model.frequency_hz, gain * model.amplitude, model.phase))
+        models.append(replace(model, amplitude=gain * model.amplitude))
     return FrequencyTexture(v, tuple(models), peak, fs, name)
 
 

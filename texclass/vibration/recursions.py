@@ -12,8 +12,6 @@ from texclass.vibration.reflection import EXHAUSTED, LARGEST, SMALLEST_ANGLE
 
 Indices = NDArray[np.int64]
 
-_BLOCK = 1024
-
 
 @njit(cache=True, error_model="numpy")
 def levinson(r: Samples) -> tuple[Samples, Samples, Samples, Indices]:
@@ -71,22 +69,6 @@ def _cross(f: Samples, b: Samples, k: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _stage(f: Samples, b: Samples, k: float) -> tuple[float, float]:
-    """Let the residuals pass one stage and return the `_sums` of the next one, block by block in the cache.
-
-    The next stage pairs f one sample later with b.
-    """
-    product, energy, start = 0.0, 0.0, 0
-    while start < f.size:
-        stop = min(start + _BLOCK, f.size)
-        _cross(f[start:stop], b[start:stop], k)
-        first = max(start, 1)
-        part, more = _sums(f[first:stop], b[first - 1 : stop - 1])
-        product, energy, start = product + part, energy + more, stop
-    return product, energy
-
-
-@njit(cache=True, error_model="numpy")
 def burg(x: Samples, order: int, padding: int) -> tuple[Samples, Samples, Indices]:
     """Fit each row by Burg's method, the residual energy summed anew at each order.
 
@@ -112,7 +94,8 @@ def burg(x: Samples, order: int, padding: int) -> tuple[Samples, Samples, Indice
             if total <= 2 * count * (EXHAUSTED * deviation[row, 0]) ** 2:
                 break
             step = min(max(-2.0 * product / total, -LARGEST), LARGEST)
-            product, total = _stage(f[m:], b[: n - m], step)
+            _cross(f[m:], b[: n - m], step)
+            product, total = _sums(f[m + 1 :], b[: n - m - 1])
             left = total + f[m] ** 2 + b[n - m - 1] ** 2  # the next stage pairs all but these two
             k[row, m - 1], fitted[row] = step, m
             deviation[row, m:] = np.sqrt(left / (2 * count))

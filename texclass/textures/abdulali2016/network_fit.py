@@ -119,11 +119,11 @@ class ModelledScan:
             self.name, self.fs, self.frame, net, loudness=self.loudness, growth=self.growth, **options
         )
 
-    def delaunay(self, **options: Any) -> DelaunayTexture:
+    def delaunay(self) -> DelaunayTexture:
         """Return the texture of a triangulation of the points; ValueError if they do not span the input."""
         u, outputs = self._samples()
         return DelaunayTexture(
-            self.name, self.fs, self.frame, u, outputs, loudness=self.loudness, growth=self.growth, **options
+            self.name, self.fs, self.frame, u, outputs, loudness=self.loudness, growth=self.growth
         )
 
     def _samples(self) -> tuple[Samples, Samples]:
