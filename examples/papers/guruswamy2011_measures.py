@@ -138,11 +138,16 @@ def modes_row(fitted: FittedScan, law: LevelLaw) -> dict[str, float]:
     total = fitted.responses.sum(n, fs)
     baseline = fit_texture(fitted.scan, law, method="sinusoid").responses.sum(n, fs)
     return {
-        "poles": float(fitted.responses.n_poles.mean()),
+        "poles": float(np.mean([n_poles(modes) for modes in fitted.responses.modes])),
         "sad_bandpass": 1e3 * mean_absolute_difference(fitted.profile.samples, total),
         "sad_original": 1e3 * mean_absolute_difference(fitted.normalised, total),
         "sad_sinusoid": 1e3 * mean_absolute_difference(fitted.profile.samples, baseline),
     }
+
+
+def n_poles(modes: DecayingModes) -> int:
+    """Return the order of a filter: two for a sinusoid, one for an exponential."""
+    return int(np.sum(1 + (modes.frequency_hz > 0)))
 
 
 def fits_by_order(piece: Samples, fs: float, resolution: float) -> list[dict[str, Any]]:
@@ -161,7 +166,7 @@ def _of_modes(method: str, modes: DecayingModes, piece: Samples, fs: float) -> d
     response = modes.synthesize(piece.size, fs)
     return {
         "method": method,
-        "order": int(np.sum(1 + (modes.frequency_hz > 0))),
+        "order": n_poles(modes),
         "pole_radius": float(np.exp(-modes.decay_per_s.min(initial=np.inf) / fs)),
         "error": float(np.mean(np.abs(piece - response))),
         "response": response,
@@ -316,7 +321,7 @@ def held_out(scan: Scan, *, piece_s: float = 0.25) -> dict[str, Any]:
         "r_squared": level.r_squared,
         **_band(fitted),
         "segments_per_mm": fitted.profile.segmentation.n_segments / first.distance_mm[-1],
-        "poles": float(fitted.responses.n_poles.mean()),
+        "poles": float(np.mean([n_poles(modes) for modes in fitted.responses.modes])),
         "sad_bandpass": _relative_difference(fitted),
         "level": float(np.sqrt(np.mean(rendered**2) / np.mean(recorded**2))),
         "fit": goodness_of_fit(recorded, rendered),
@@ -332,7 +337,7 @@ def excerpt(acceleration: Samples, fs: float, name: str) -> dict[str, Any]:
         "name": name,
         **_band(fitted),
         "segments_per_s": fitted.profile.segmentation.n_segments / len(scan) * fs,
-        "poles": float(fitted.responses.n_poles.mean()),
+        "poles": float(np.mean([n_poles(modes) for modes in fitted.responses.modes])),
         "sad_bandpass": _relative_difference(fitted),
     }
 

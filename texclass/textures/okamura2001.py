@@ -275,8 +275,6 @@ class ForceDevice:
         Largest force of its motors, wall and vibration together.
     mass_kg : float
         What the motors have to shake: force = mass * acceleration.
-    cutoff_hz : float
-        Where its response has fallen by 3 dB.
     rate_hz : float
         Of its loop.
 
@@ -291,11 +289,10 @@ class ForceDevice:
     force_n: tuple[float, float] = (0.5, 4.0)
     limit_n: float = 8.0
     mass_kg: float = 0.05
-    cutoff_hz: float = 100.0
     rate_hz: float = 10_000.0
 
     def __post_init__(self) -> None:
-        for name in ("limit_n", "mass_kg", "cutoff_hz", "rate_hz"):
+        for name in ("limit_n", "mass_kg", "rate_hz"):
             positive(getattr(self, name), name)
         for name in ("band_hz", "force_n"):
             low, high = getattr(self, name)
@@ -306,17 +303,8 @@ class ForceDevice:
                 f"{self}; the rule is a band below half the rate, and a vibration within the limit"
             )
 
-    def response(self, frequency_hz: ArrayLike) -> Samples:
-        """Return the magnitude of its response, 1 at low frequencies: that of a second-order low pass.
-
-        |H| = 1 / sqrt(1 + (f / f_c)^4), Butterworth: the force that accelerates the mass at the end of an
-        elastic drive. In the place of figure 6.
-        """
-        f = np.asarray(frequency_hz, dtype=np.float64)
-        return np.asarray(1 / np.sqrt(1 + (f / self.cutoff_hz) ** 4))
-
     def peak_force(self, model: TapModel, velocity: float) -> float:
-        """Return the largest force (N) that a tap at this velocity (m/s) asks for, before the response."""
+        """Return the largest force (N) that a tap at this velocity (m/s) asks for."""
         return float(self.mass_kg * abs(model.amplitude_slope * velocity) * tap_peak(model))
 
 

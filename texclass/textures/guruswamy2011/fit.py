@@ -272,11 +272,6 @@ class Responses:
     start: NDArray[np.int64]
     modes: tuple[DecayingModes, ...]
 
-    @property
-    def n_poles(self) -> Samples:
-        """Order of each filter, shape (n_segments,): two for a sinusoid, one for an exponential."""
-        return np.array([float(np.sum(1 + (m.frequency_hz > 0))) for m in self.modes])
-
     def sum(self, n_samples: int, fs: float) -> Samples:
         """Return the sum of all filters, each struck at its start: eq. (5) at the speed of the scan."""
         total = np.zeros(n_samples)
@@ -287,12 +282,7 @@ class Responses:
 
 
 def fit_responses(
-    x: Samples,
-    bounds: Sequence[int],
-    fs: float,
-    resolution: float,
-    *,
-    method: Method = "modes",
+    x: Samples, bounds: Sequence[int], fs: float, resolution: float, *, method: Method = "modes"
 ) -> Responses:
     """Fit one filter to each segment of a profile.
 
