@@ -1,5 +1,7 @@
 """From scans to filters and levels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -142,6 +144,18 @@ def test_regression_finds_a_known_law():
         assert fit.law.a_0 == pytest.approx(0.435, rel=2e-3)
         assert fit.r_squared > 0.9999
     assert LAW.rms(21.6, 0.443) == pytest.approx(18.5 * 0.0216 + 0.117 * 0.443 + 0.435)
+
+
+def test_the_regression_is_of_relative_deviations():
+    gains = 1 + 0.1 * (-1.0) ** np.arange(6)
+    rough = [
+        replace(scan, acceleration=g * scan.acceleration) for g, scan in zip(gains, scans(LAW), strict=True)
+    ]
+    fit = fit_level_law(rough, 0.117)
+    level = fit.law.rms(fit.speed, fit.force)
+    weighted = (fit.rms - level) / level**2  # the normal equations
+    for column in (fit.speed, np.ones(6)):
+        assert abs(weighted @ column) < 1e-3 * np.abs(weighted) @ column
 
 
 def test_a_linear_drift_does_not_count_as_vibration():
