@@ -26,8 +26,6 @@ LATTICE_OPERATIONS = 12
 """Per stage and sample: k between two, sqrt(1 - k^2), and the rotation."""
 ANISOTROPIC, ISOTROPIC = (17, 17, 8), (24, 10)
 """Nodes of a baked texture over v_x, v_y, f_n, and over |v|, f_n."""
-AT_ONCE = 64
-"""Models computed at a time while baking."""
 
 
 @dataclass(frozen=True)
@@ -425,10 +423,7 @@ def bake(texture: MapTexture, name: str, nodes: tuple[int, ...] | None = None) -
     axes.append(frame.hardest * np.linspace(0, 1, size[-1]) ** 2)
     *v, force = (each.ravel() for each in np.meshgrid(*axes, indexing="ij"))
     velocity = np.column_stack([*v, np.zeros(force.size)][:2])
-    k, level = np.empty((force.size, texture.order)), np.empty(force.size)
-    for start in range(0, force.size, AT_ONCE):
-        some = slice(start, start + AT_ONCE)
-        k[some], level[some] = texture.models(velocity[some], force[some])
+    k, level = texture.models(velocity, force)
     grid = GridModel(tuple(axes), k.reshape(*size, -1), level.reshape(size) ** 2, frame.peak, scale="root")
     return BakedTexture(name, texture.fs, frame, grid)
 
