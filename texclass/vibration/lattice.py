@@ -25,7 +25,8 @@ Real = NDArray[np.floating[Any]]
 
 FOURS_ORDER = 6
 """Least order with four samples in flight: twice as fast."""
-_CHUNK = 4096
+CHUNK = 4096
+"""Samples undone at a time, so that the next stage finds them in the cache: three times as fast."""
 
 
 class Lattice:
@@ -87,8 +88,7 @@ class Lattice:
             If `x` is not one-dimensional or holds NaN or infinity: it would stay in the state for ever.
         """
         out = self._checked(x)
-        for start in range(0, out.size, _CHUNK):
-            self._pass(out[start : start + _CHUNK], *self._rotation, self.dtype.type(self._level))
+        self._pass(out, *self._rotation, self.dtype.type(self._level))
         return out
 
     def process_varying(self, x: ArrayLike, reflection: ArrayLike, level: ArrayLike) -> Real:
@@ -115,9 +115,7 @@ class Lattice:
                 f"the rule is (n, {self.order}) and (n,), each |k| < 1"
             )
         self._check_level(levels)
-        for start in range(0, out.size, _CHUNK):
-            rows = slice(start, start + _CHUNK)
-            self._pass(out[rows], *self._turns(k[rows]), levels[rows].astype(self.dtype))
+        self._pass(out, *self._turns(k), levels.astype(self.dtype))
         if out.size:
             self._rotation, self._level = self._turns(k[-1]), float(levels[-1])
         return out
@@ -184,7 +182,11 @@ class LatticeInverse(Lattice):
 
     def _pass(self, x: Real, k: Real, c: Real, level: Any) -> None:
         x /= level
-        (undo if k.ndim == 1 else undo_rows)(x, k, c, self._b)
+        if k.ndim == 2:
+            undo_rows(x, k, c, self._b)
+        else:
+            for start in range(0, x.size, CHUNK):
+                undo(x[start : start + CHUNK], k, c, self._b)
 
 
 def synthesize(model: Autoregression, n: int, rng: np.random.Generator) -> Samples:
