@@ -502,9 +502,9 @@ class SpeedIntervals:
     bounds_mm_s: tuple[float, ...]
 
     @classmethod
-    def equal(cls, n: int, width_mm_s: float = BIN_MM_S) -> "SpeedIntervals":
-        """Return n intervals of one width, the last one open."""
-        return cls((*(i * width_mm_s for i in range(n)), np.inf))
+    def equal(cls, n: int) -> "SpeedIntervals":
+        """Return n intervals of 40 mm/s, the last one open."""
+        return cls((*(i * BIN_MM_S for i in range(n)), np.inf))
 
     @property
     def n_intervals(self) -> int:
