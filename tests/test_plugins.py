@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import texclass as tx
-from texclass import plugins, shipped
+from texclass import shipped
 from texclass.features import contract, find
 
 PACKAGE = Path(__file__).parent / "added_package"
@@ -27,14 +27,14 @@ def installed(tmp_path, monkeypatch):
             f"[{group}]\n{name} = {of}\n" for group, names in groups.items() for name, of in names.items()
         )
         (metadata / "entry_points.txt").write_text("".join(said))
-        plugins.added.cache_clear()
+        shipped.added.cache_clear()
 
     monkeypatch.setattr(contract, "_REGISTRY", contract.registered())
     for place in (tmp_path, PACKAGE):
         monkeypatch.syspath_prepend(place)
     install.groups = project["entry-points"]
     yield install
-    plugins.added.cache_clear()
+    shipped.added.cache_clear()
     for name in [name for name in sys.modules if name.startswith("texclass_toy")]:
         del sys.modules[name]
 

@@ -79,15 +79,10 @@ def _blocks(n: int) -> tuple[tuple[slice, Bins, Bins, Bins], ...]:
     exp(-2 pi i k p / n) is that of the block's first bin, which the matrix takes, times that from there on.
     """
     found, n_bins = [], n // INTERLEAVED // 2 + 1
+    angle = -2j * np.pi / n * np.outer(np.arange(BLOCK), np.arange(INTERLEAVED))
+    turns = read_only(np.exp(angle).astype(np.complex64))
     for k in range(0, n_bins, BLOCK):
         first = np.exp(-2j * np.pi * k / n * np.arange(INTERLEAVED)).astype(np.complex64)
         join = first[:, np.newaxis] * _FOUR
-        found.append((slice(k, k + BLOCK), _turns(n)[: n_bins - k], join, join.conj().T / INTERLEAVED))
+        found.append((slice(k, k + BLOCK), turns[: n_bins - k], join, join.conj().T / INTERLEAVED))
     return tuple(found)
-
-
-@functools.lru_cache(maxsize=8)
-def _turns(n: int) -> Bins:
-    """Return exp(-2 pi i k p / n), shape (BLOCK, 4)."""
-    angle = -2j * np.pi / n * np.outer(np.arange(BLOCK), np.arange(INTERLEAVED))
-    return read_only(np.exp(angle).astype(np.complex64))

@@ -1,10 +1,21 @@
-"""Find the TOML definitions that are shipped, or that other packages add; a user's own file may stand in."""
+"""Find what has a name: shipped definitions, a user's own, and what other installed packages add.
 
+What a package adds it says by entry points. Under `texclass.definitions` stands a package with
+`feature_defs`, `pipelines` or `datasets`, known by name as the shipped ones are. Under `texclass.features`
+stands a module with decorated features, and under `texclass.readers` a suffix and the module that reads such
+files by `names(path, options)` and `read(path, wanted, options)`, as `texclass.loaders.tables` does:
+
+    [project.entry-points."texclass.readers"]
+    rec = "mine.rec_files"
+"""
+
+import importlib
+from functools import cache
+from importlib.metadata import entry_points
+from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Literal
-
-from texclass.plugins import definition_folders
-from texclass.validation import read_toml
 
 Kind = Literal["feature_defs", "pipelines", "datasets"]
 
@@ -19,12 +30,6 @@ def folder(kind: Kind) -> Path:
 def names(kind: Kind) -> tuple[str, ...]:
     """Return the names of the definitions of a kind, sorted."""
     return tuple(sorted(_files(kind)))
-
-
-def _files(kind: Kind) -> dict[str, Path]:
-    """Return the file of each name; where a package repeats one of ours, ours."""
-    folders = [*(added / kind for added in definition_folders()), folder(kind)]
-    return {path.stem: path for one in folders for path in one.glob("*.toml")}
 
 
 def locate(kind: Kind, name_or_path: str | Path) -> Path:
@@ -55,4 +60,45 @@ def read(kind: Kind, name_or_path: str | Path) -> dict[str, Any]:
     ValueError
         If it is not valid TOML; the message names the file and the place.
     """
+    from texclass.validation import read_toml  # pydantic: a recording is loaded sooner without it
+
     return read_toml(locate(kind, name_or_path))
+
+
+@cache
+def added(group: str) -> dict[str, str]:
+    """Return what packages say under texclass.<group>: name -> module."""
+    return {entry.name: entry.value for entry in entry_points(group=f"texclass.{group}")}
+
+
+def module_of(group: str, name: str) -> ModuleType:
+    """Import what a package names.
+
+    Raises
+    ------
+    ImportError
+        If it cannot be imported; the message names the entry point.
+    """
+    try:
+        return importlib.import_module(added(group)[name])
+    except Exception as error:
+        raise ImportError(f"{_entry_point(group, name)} ({type(error).__name__}: {error})") from error
+
+
+def _files(kind: Kind) -> dict[str, Path]:
+    """Return the file of each name; where a package repeats one of ours, ours.
+
+    Packages are found without importing them.
+    """
+    folders = []
+    for name, package in added("definitions").items():
+        found = find_spec(package)
+        if found is None or not found.submodule_search_locations:
+            raise ImportError(f"{_entry_point('definitions', name)} is no package")
+        folders.append(Path(found.submodule_search_locations[0]) / kind)
+    return {path.stem: path for one in (*folders, folder(kind)) for path in one.glob("*.toml")}
+
+
+def _entry_point(group: str, name: str) -> str:
+    """Return an entry point as messages tell it."""
+    return f"entry point texclass.{group}: {name} = {added(group)[name]!r}"

@@ -1,10 +1,18 @@
-"""Files that are whole or absent: whoever is killed, however full the disk is, whoever else writes."""
+"""Files that are whole or absent, whoever is killed, however full the disk is; and the folder of caches."""
 
 import contextlib
 import os
 import time
 import uuid
 from pathlib import Path
+
+import platformdirs
+
+
+def cache_root() -> Path:
+    """Return the folder for what can be computed again: $TEXCLASS_CACHE, else the user's cache folder."""
+    stated = os.environ.get("TEXCLASS_CACHE")
+    return Path(stated).expanduser() if stated else platformdirs.user_cache_path("texclass")
 
 
 def path_ending(path: str | Path, suffix: str) -> Path:
@@ -61,3 +69,9 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
         finally:
             with contextlib.suppress(OSError):
                 unfinished.unlink(missing_ok=True)
+
+
+def write_if_possible(path: Path, content: bytes) -> None:
+    """Write a file of the cache, whole; a full or read-only disk is no error."""
+    with contextlib.suppress(OSError):
+        write_whole(path, content)

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from texclass.loaders import CardError, DataNotFoundError, open_dataset, read_card
-from texclass.loaders.filesets import digest_files
-from texclass.loaders.published import converted
+from texclass.loaders.places import converted, digest_files
 
 CARD = """
 title = "Two plates"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from texclass.cli import options
-from texclass.cli.app import command, told
+from texclass.cli.app import command
 from texclass.cli.options import progress_bar, tell_and_save
 
 if TYPE_CHECKING:
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from texclass.peers import PeerSettings
 
 
-@told
-def _peers(
+@options.shared("peers")
+def compares_peers(
     *,
     peers: bool = False,
     peers_python: Path | None = None,
@@ -26,7 +26,7 @@ def _peers(
     peers_seconds: float = 900.0,
     peers_signals: str = "same",
 ) -> "tuple[PeerSettings, int | None] | None":
-    """Return how peers are compared, and on how many recordings at most; None where they are not.
+    """Give a command how peers are compared, and on how many recordings at most; None where they are not.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def _peers(
 
 
 @command("texclass benchmark recordings --fs 10000 --unit m/s^2 --jobs 1")
-@options.shared("peers", _peers)
+@compares_peers
 @options.reads_files
 @options.holds_out
 def benchmark(

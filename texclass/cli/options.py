@@ -105,27 +105,34 @@ def seconds_of(given: list[str] | None) -> dict[str, float]:
     return named_numbers("--seconds", given, "GESTURE=SECONDS, tap=0.5")
 
 
-def shared(name: str, made: Callable[..., Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return what gives a command the options of a function, whose result the command gets under a name."""
-    given_to_it = inspect.signature(made).parameters
+def shared(name: str) -> Callable[[Callable[..., Any]], Callable[[Callable[..., None]], Callable[..., None]]]:
+    """Return what turns a function into a decorator that gives commands the function's options.
 
-    def with_options(command: Callable[..., None]) -> Callable[..., None]:
-        @functools.wraps(command)
-        def called(**given: Any) -> None:
-            told = made(**{option: given.pop(option) for option in given_to_it})
-            command(**given, **{name: told})
+    The command gets what the function makes of them under a name.
+    """
 
-        own = [p for other, p in inspect.signature(command).parameters.items() if other != name]
-        parameters = [*(p.replace(kind=p.KEYWORD_ONLY) for p in own), *given_to_it.values()]
-        vars(called)["__signature__"] = inspect.Signature(parameters)
-        called.__annotations__ = {p.name: p.annotation for p in parameters}
-        return called
+    def of(made: Callable[..., Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+        given_to_it = inspect.signature(told(made)).parameters
 
-    return with_options
+        def with_options(command: Callable[..., None]) -> Callable[..., None]:
+            @functools.wraps(command)
+            def called(**given: Any) -> None:
+                found = made(**{option: given.pop(option) for option in given_to_it})
+                command(**given, **{name: found})
+
+            own = [p for other, p in inspect.signature(command).parameters.items() if other != name]
+            parameters = [*(p.replace(kind=p.KEYWORD_ONLY) for p in own), *given_to_it.values()]
+            vars(called)["__signature__"] = inspect.Signature(parameters)
+            called.__annotations__ = {p.name: p.annotation for p in parameters}
+            return called
+
+        return with_options
+
+    return of
 
 
-@told
-def _protocol(
+@shared("protocol")
+def holds_out(
     *,
     protocol: Literal["recording", "operator", "blocks", "few-shot", "run", "paper"] | None = None,
     shots: Annotated[int | None, typer.Option(min=1)] = None,
@@ -133,7 +140,7 @@ def _protocol(
     test: list[str] | None = None,
     leave_out: str | None = None,
 ) -> str | None:
-    """Return the name of a protocol.
+    """Give a command the options that say what trains and what tests; it gets the name of a protocol.
 
     Parameters
     ----------
@@ -162,12 +169,8 @@ def _protocol(
     return f"leave-out {leave_out}" if leave_out else protocol
 
 
-holds_out = shared("protocol", _protocol)
-"""Gives a command the options that say what trains and what tests; it gets the name of a protocol."""
-
-
-@told
-def _reading(
+@shared("reading")
+def reads_files(
     *,
     fs: float | None = None,
     unit: Unit = None,
@@ -176,7 +179,7 @@ def _reading(
     time_column: TimeColumn = None,
     resample: float | None = None,
 ) -> dict[str, Any]:
-    """Return how files are read.
+    """Give a command the options that say how files are read; it gets them as one mapping.
 
     Parameters
     ----------
@@ -187,10 +190,6 @@ def _reading(
     """
     read = columns_read(column=column, delimiter=delimiter, time_column=time_column)
     return {"fs": fs, "unit": unit, "resample": resample, **read}
-
-
-reads_files = shared("reading", _reading)
-"""Gives a command the options that say how files are read; it gets them as one mapping."""
 
 
 def columns_read(column: str | None, delimiter: str | None, time_column: str | None) -> dict[str, Any]:

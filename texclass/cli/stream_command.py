@@ -10,15 +10,15 @@ from typing import Annotated, Any
 import typer
 
 from texclass.cli import options
-from texclass.cli.app import command, told
+from texclass.cli.app import command
 from texclass.cli.options import progress_bar
 
 NO_ANSWER = 3
 """Exit code of a stream in which nothing was felt long enough for an answer."""
 
 
-@told
-def _opening(
+@options.shared("opening")
+def opens_source(
     *,
     fs: float | None = None,
     unit: str | None = None,
@@ -31,7 +31,7 @@ def _opening(
     reliability: str | None = None,
     depth: int | None = None,
 ) -> dict[str, Any]:
-    """Return how a source is opened.
+    """Give a command how a source is opened.
 
     Parameters
     ----------
@@ -56,8 +56,8 @@ def _opening(
     return {**stated, **read, **of_topic}
 
 
-@told
-def _settings(
+@options.shared("settings")
+def listens(
     *,
     touch: float | None = None,
     hop: float | None = None,
@@ -68,7 +68,7 @@ def _settings(
     in_contact: bool | None = None,
     always_in_contact: bool = False,
 ) -> Any:
-    """Return how a stream is listened to.
+    """Give a command how a stream is listened to.
 
     Parameters
     ----------
@@ -106,8 +106,8 @@ def _settings(
 
 
 @command("texclass stream surfaces.skops felt.txt --fs 10000 --unit m/s^2")
-@options.shared("settings", _settings)
-@options.shared("opening", _opening)
+@listens
+@opens_source
 def stream(
     model: Path,
     source: Annotated[str, typer.Argument()] = "-",

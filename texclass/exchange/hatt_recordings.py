@@ -10,7 +10,8 @@ from numpy.random import Generator
 from texclass.exchange.hatt_xml import read_hatt
 from texclass.loaders.cards import ModelsCard
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.loaders.filesets import conditioned, digest_files, match_name
+from texclass.loaders.filesets import conditioned, match_name
+from texclass.loaders.places import digest_files
 from texclass.recording import Recording, RecordingError, Samples
 from texclass.simulate.hand import CONTROL_RATE, smooth_noise
 

@@ -24,11 +24,11 @@ from texclass.features.phase_view import Channels, Views, channels_apart, views_
 from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, Member, code_hash
 from texclass.loaders.dataset import Dataset
-from texclass.loaders.places import cache_root, write_atomically
 from texclass.phases import segment
 from texclass.provenance import code_hash as hash_of_code
 from texclass.provenance import versions
 from texclass.recording import Recording, Samples
+from texclass.whole_files import cache_root, write_if_possible
 
 R = TypeVar("R")
 PRECISE = time.get_clock_info("thread_time").resolution < 1e-5
@@ -205,7 +205,7 @@ class CostMeter:
             return CostModel(**facts)
         model = replace(self.model(feature_set), machine=f"{_processor()}, {date.today()}")
         facts = vars(model) | {"ms": model.ms.tolist(), "needs": model.needs.astype(int).tolist()}
-        write_atomically(path, json.dumps(facts).encode())
+        write_if_possible(path, json.dumps(facts).encode())
         return model
 
     def model(self, feature_set: FeatureSet, n_repeats: int = 5) -> CostModel:

@@ -33,9 +33,8 @@ from texclass.features.phase_view import Channels, channels_apart
 from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, code_hash
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.loaders.places import cache_root
 from texclass.recording import RecordingError, Samples
-from texclass.whole_files import write_whole
+from texclass.whole_files import cache_root, write_whole
 
 DOUBTS = ("unit:", "clipped:", "constant:")
 """Flags that a user has to see before any table: what they begin with."""

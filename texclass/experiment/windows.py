@@ -15,11 +15,11 @@ from pydantic import Field, TypeAdapter
 
 from texclass.experiment.workers import Progress, each
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.loaders.places import cache_root, write_atomically
 from texclass.phases import segment
 from texclass.provenance import code_hash
 from texclass.recording import Recording, RecordingError
 from texclass.validation import check_above_0
+from texclass.whole_files import cache_root, write_if_possible
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,7 +229,7 @@ def _movements(dataset: Dataset, n_jobs: int, progress: Progress | None) -> tupl
     calls = [partial(_movement, dataset.load, entry) for entry in dataset.entries]
     found = tuple(each(calls, n_jobs=n_jobs, progress=progress, what="movements", total=len(calls)))
     if not any(problem for *_, problem in found):
-        write_atomically(path, json.dumps(found).encode())
+        write_if_possible(path, json.dumps(found).encode())
     return found
 
 

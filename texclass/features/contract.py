@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from texclass import plugins
+from texclass import shipped
 from texclass.features.phase_view import (
     Phase,
     PhaseView,
@@ -242,8 +242,8 @@ def registered() -> dict[str, Feature]:
     """Return every registered feature by name, sorted by name."""
     for module in DIMENSIONS:
         importlib.import_module(f"texclass.features.{module}")
-    for name in plugins.added("features"):
-        plugins.module_of("features", name)
+    for name in shipped.added("features"):
+        shipped.module_of("features", name)
     return dict(sorted(_REGISTRY.items()))
 
 

@@ -9,5 +9,5 @@ from .neighbours import recordings_of as recordings_of
 from .open import find_recording as find_recording
 from .open import open_dataset as open_dataset
 from .places import DataNotFoundError as DataNotFoundError
-from .published import fetch_recordings as fetch_recordings
+from .places import fetch_recordings as fetch_recordings
 from .simulated import write_sample as write_sample

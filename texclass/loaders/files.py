@@ -1,17 +1,15 @@
 """One recording from one file of any format, or from one file per axis."""
 
 import importlib
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 
-from texclass import plugins
+from texclass import shipped
 from texclass.loaders.columns import (
     BAG_FOLDER,
     UNNAMED,
@@ -25,9 +23,8 @@ from texclass.loaders.columns import (
     unit_of,
     without_unit,
 )
-from texclass.loaders.plausibility import MOST_HZ, check_acceleration, doubts
+from texclass.loaders.plausibility import MOST_HZ, UNIT_RULE, build_recording
 from texclass.loaders.stamps import by_times
-from texclass.loaders.stamps import resample as band_limited
 from texclass.recording import (
     AUXILIARY_UNITS,
     UNITS,
@@ -46,7 +43,6 @@ AXIS = re.compile(r"_(?P<axis>[XYZxyz])(?=[_.])")
 """The part of a file's name that says which axis it holds: `<name>_X.txt`, `<name>_X_train1.txt`."""
 BAG = "bag:"
 """Before the path of a bag whose topic is named, too: bag:FILE?topic=/name."""
-UNIT_RULE = f"one of {', '.join(UNITS)}"
 
 
 def load_recording(
@@ -166,7 +162,7 @@ def topics(path: Path) -> tuple[str, ...]:
 
 def suffixes() -> tuple[str, ...]:
     """Return the suffixes of files that can be read, those of other packages last."""
-    return (*READERS, *(f".{suffix}" for suffix in plugins.added("readers")))
+    return (*READERS, *(f".{suffix}" for suffix in shipped.added("readers")))
 
 
 def is_bag(path: Path) -> bool:
@@ -187,7 +183,7 @@ def _reader(path: Path) -> ModuleType:
     kind = "bags" if is_bag(path) else READERS.get(path.suffix.lower())
     if kind is None:
         if path.suffix.lower() in suffixes():
-            return plugins.module_of("readers", path.suffix[1:].lower())
+            return shipped.module_of("readers", path.suffix[1:].lower())
         raise refused(path, f"suffix is {path.suffix!r}", f"one of {', '.join(suffixes())}")
     try:
         return importlib.import_module(f"texclass.loaders.{kind}")
@@ -346,88 +342,6 @@ def _read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSign
         for name, part in zip(wanted, parts, strict=True)
     }
     return replace(read, named=named, fs=fs, flags=(*read.flags, *flags))
-
-
-def build_recording(
-    signals: ReadSignals,
-    *,
-    fs: float | None,
-    unit: str | None,
-    source: str,
-    scale: float = 1.0,
-    resample: float | None = None,
-    flags: tuple[str, ...] = (),
-    **facts: Any,
-) -> Recording:
-    """Check signals and return them as a recording.
-
-    Parameters
-    ----------
-    signals : ReadSignals
-        As read.
-    fs : float or None
-        Rate in Hz that user or card state; if files may have different ones, of those that state none.
-    unit : str or None
-        That user or card state; what the files state must agree, unless it is scaled to another.
-    source, flags, **facts
-        Fields of `Recording`.
-    scale : float
-        Factor by which the acceleration will be scaled.
-    resample : float, optional
-        Rate in Hz to which they are brought; then each file may have its own.
-
-    Raises
-    ------
-    RecordingError
-        If unit or sampling rate are missing or contradicted, the acceleration too short, constant or not
-        finite.
-    """
-    unit = agreed_unit(signals.unit if scale == 1.0 else None, unit, source)
-    facts |= {**signals.named, "channels": signals.channels, "unit": unit, "source": source}
-    rate = agreed_rate(signals.fs, fs if resample is None or signals.fs is None else None, source)
-    recording = Recording(fs=rate, **facts)
-    flags = (*flags, *signals.flags, *check_acceleration(recording.acceleration, recording.channels, source))
-    flags = (*flags, *doubts(signals.named, rate, unit, scale, flags))
-    if resample is not None and resample != rate:
-        changed = {name: band_limited(getattr(recording, name), rate, resample) for name in signals.named}
-        recording = recording.with_(fs=resample, **changed)
-        flags = (*flags, f"resampled: from {rate:g} Hz to {resample:g} Hz, band-limited")
-    return recording.with_(flags=flags) if flags else recording
-
-
-def agreed_rate(stated: float | None, given: float | None, where: object) -> float:
-    """Return the sampling rate in Hz, from the file, from the user or card, or from both if they agree.
-
-    Raises
-    ------
-    RecordingError
-        If it is missing or contradicted.
-    """
-    if stated is None and given is None:
-        raise refused(where, "fs is missing", "a rate in Hz, never guessed: give --fs or --time-column")
-    if stated is not None and given is not None and not math.isclose(stated, given, rel_tol=1e-9):
-        found = f"fs is {stated:g} Hz there, {given:g} Hz was given (or is another file's)"
-        raise refused(where, found, "one rate: --resample HZ brings files to one (`resample_hz` in a card)")
-    rate = float(stated if stated is not None else given)  # type: ignore[arg-type]
-    if rate > MOST_HZ:
-        raise refused(where, f"fs is {rate:g} Hz", f"a sampling rate in Hz, at most {MOST_HZ:g}")
-    return rate
-
-
-def agreed_unit(stated: str | None, given: str | None, where: object) -> str:
-    """Return the unit of the acceleration, from the file, from the user or card, or from both if they agree.
-
-    Raises
-    ------
-    RecordingError
-        If it is missing or contradicted.
-    """
-    if (unit := stated if given is None else given) is None:
-        raise refused(where, "unit is missing", f"{UNIT_RULE}, never guessed: give --unit")
-    if stated not in (None, unit):
-        found = f"unit is {stated!r} there, {unit!r} was given (or is another file's)"
-        raise refused(where, found, "one unit (`scale` in a card for another)")
-    return unit
 
 
 def columns_of(names: str | Sequence[str] | None) -> tuple[str, ...]:

@@ -1,7 +1,6 @@
 """Datasets in files: a recording is a file (or one per axis) whose name tells what it is, or a row of one."""
 
 import csv
-import hashlib
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -24,9 +23,9 @@ from texclass.loaders.columns import (
     storage_suffix,
 )
 from texclass.loaders.dataset import GROUPS, Dataset, Entry
-from texclass.loaders.files import build_recording, is_bag, read_signals, topics
-from texclass.loaders.places import cache_root, leaves, write_atomically
-from texclass.loaders.plausibility import doubtful_labels
+from texclass.loaders.files import is_bag, read_signals, topics
+from texclass.loaders.places import digest_files, leaves
+from texclass.loaders.plausibility import build_recording, doubtful_labels
 from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
 
 LONGEST_MATCH_S = 0.2
@@ -267,30 +266,6 @@ def not_recordings(files: Iterable[str]) -> set[str]:
         if (path in storing and path.parent in described)
         or (path.name == BAG_FOLDER and path.parent not in holding)
     }
-
-
-def digest_files(root: Path, relative: Iterable[str], facts: str) -> str:
-    """Return the SHA-256 hex digest of facts, names and contents of files.
-
-    Reading gigabytes takes seconds, so the digest is remembered in the cache under names, sizes and times of
-    modification: a file that was changed without changing its size and time goes unnoticed.
-    """
-    paths = sorted(set(relative))
-    states = hashlib.sha256(f"{root.resolve()}\0{facts}".encode())
-    for name in paths:
-        state = (root / name).stat()
-        states.update(f"\0{name}\0{state.st_size}\0{state.st_mtime_ns}".encode())
-    memo = cache_root() / "digests" / states.hexdigest()
-    try:
-        return memo.read_text(encoding="ascii")
-    except (OSError, UnicodeDecodeError):
-        pass
-    digest = hashlib.sha256(facts.encode())
-    for name in paths:
-        with (root / name).open("rb") as file:
-            digest.update(f"\0{name}\0{hashlib.file_digest(file, 'sha256').hexdigest()}".encode())
-    write_atomically(memo, digest.hexdigest().encode("ascii"))
-    return digest.hexdigest()
 
 
 def conditioned(

@@ -7,7 +7,7 @@ import numpy as np
 
 from texclass.loaders.columns import UNNAMED, ReadSignals, refused
 from texclass.loaders.dataset import GROUPS
-from texclass.loaders.files import build_recording
+from texclass.loaders.plausibility import build_recording
 from texclass.loaders.stamps import by_times
 from texclass.recording import Phases, Recording, Samples
 

@@ -12,8 +12,6 @@ from texclass.loaders.cards import FileCard, FileReading, ModelsCard, RowCard, S
 from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, refused
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.files import (
-    agreed_rate,
-    agreed_unit,
     check_stated,
     columns_of,
     is_bag,
@@ -24,7 +22,7 @@ from texclass.loaders.files import (
 )
 from texclass.loaders.filesets import not_recordings, open_files, open_rows
 from texclass.loaders.places import data_roots, find_folder, leaves
-from texclass.loaders.plausibility import doubtful_levels
+from texclass.loaders.plausibility import agreed_rate, agreed_unit, doubtful_levels
 from texclass.recording import Recording, RecordingError
 
 MAKERS = {"hatt-models": "texclass.exchange.hatt_recordings"}

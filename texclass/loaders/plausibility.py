@@ -1,13 +1,17 @@
-"""Whether signals can be what they are said to be: the impossible is refused, the unlikely is told."""
+"""Signals as read become a recording: the impossible is refused, the unlikely is told."""
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from texclass.loaders.columns import UNNAMED, refused
-from texclass.recording import ACCELERATION_UNITS, STANDARD_GRAVITY, Samples
+from texclass.loaders.columns import UNNAMED, ReadSignals, refused
+from texclass.loaders.stamps import resample as band_limited
+from texclass.recording import ACCELERATION_UNITS, STANDARD_GRAVITY, UNITS, Recording, Samples
 
+UNIT_RULE = f"one of {', '.join(UNITS)}"
 MOST_HZ = 1e8
 """No sensor that a hand holds is sampled faster."""
 MOST_VALUE = 1e30
@@ -29,6 +33,88 @@ _BLOCK = 1 << 20
 _SESSION = re.compile(
     r"(session|run|day|trial|operator|subject|user|participant|person|s|p)[ _-]?\d+", re.IGNORECASE
 )
+
+
+def build_recording(
+    signals: ReadSignals,
+    *,
+    fs: float | None,
+    unit: str | None,
+    source: str,
+    scale: float = 1.0,
+    resample: float | None = None,
+    flags: tuple[str, ...] = (),
+    **facts: Any,
+) -> Recording:
+    """Check signals and return them as a recording.
+
+    Parameters
+    ----------
+    signals : ReadSignals
+        As read.
+    fs : float or None
+        Rate in Hz that user or card state; if files may have different ones, of those that state none.
+    unit : str or None
+        That user or card state; what the files state must agree, unless it is scaled to another.
+    source, flags, **facts
+        Fields of `Recording`.
+    scale : float
+        Factor by which the acceleration will be scaled.
+    resample : float, optional
+        Rate in Hz to which they are brought; then each file may have its own.
+
+    Raises
+    ------
+    RecordingError
+        If unit or sampling rate are missing or contradicted, the acceleration too short, constant or not
+        finite.
+    """
+    unit = agreed_unit(signals.unit if scale == 1.0 else None, unit, source)
+    facts |= {**signals.named, "channels": signals.channels, "unit": unit, "source": source}
+    rate = agreed_rate(signals.fs, fs if resample is None or signals.fs is None else None, source)
+    recording = Recording(fs=rate, **facts)
+    flags = (*flags, *signals.flags, *check_acceleration(recording.acceleration, recording.channels, source))
+    flags = (*flags, *doubts(signals.named, rate, unit, scale, flags))
+    if resample is not None and resample != rate:
+        changed = {name: band_limited(getattr(recording, name), rate, resample) for name in signals.named}
+        recording = recording.with_(fs=resample, **changed)
+        flags = (*flags, f"resampled: from {rate:g} Hz to {resample:g} Hz, band-limited")
+    return recording.with_(flags=flags) if flags else recording
+
+
+def agreed_rate(stated: float | None, given: float | None, where: object) -> float:
+    """Return the sampling rate in Hz, from the file, from the user or card, or from both if they agree.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing or contradicted.
+    """
+    if stated is None and given is None:
+        raise refused(where, "fs is missing", "a rate in Hz, never guessed: give --fs or --time-column")
+    if stated is not None and given is not None and not math.isclose(stated, given, rel_tol=1e-9):
+        found = f"fs is {stated:g} Hz there, {given:g} Hz was given (or is another file's)"
+        raise refused(where, found, "one rate: --resample HZ brings files to one (`resample_hz` in a card)")
+    rate = float(stated if stated is not None else given)  # type: ignore[arg-type]
+    if rate > MOST_HZ:
+        raise refused(where, f"fs is {rate:g} Hz", f"a sampling rate in Hz, at most {MOST_HZ:g}")
+    return rate
+
+
+def agreed_unit(stated: str | None, given: str | None, where: object) -> str:
+    """Return the unit of the acceleration, from the file, from the user or card, or from both if they agree.
+
+    Raises
+    ------
+    RecordingError
+        If it is missing or contradicted.
+    """
+    if (unit := stated if given is None else given) is None:
+        raise refused(where, "unit is missing", f"{UNIT_RULE}, never guessed: give --unit")
+    if stated not in (None, unit):
+        found = f"unit is {stated!r} there, {unit!r} was given (or is another file's)"
+        raise refused(where, found, "one unit (`scale` in a card for another)")
+    return unit
 
 
 def check_acceleration(acceleration: Samples, channels: Sequence[str], where: str) -> tuple[str, ...]:

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.loaders.places import cache_root, write_atomically
 from texclass.recording import AUXILIARY_UNITS, Recording
 from texclass.simulate.recipe import Recipe
-from texclass.whole_files import write_whole
+from texclass.whole_files import cache_root, write_if_possible, write_whole
 
 SIGNALS = ("acceleration", *AUXILIARY_UNITS)
 FACTS = ("fs", "unit", "recording_id", "material", "operator", "repetition", "source", "channels", "flags")
@@ -80,7 +79,7 @@ def _entries(recipe: Recipe) -> tuple[Entry, ...]:
 
 def _made_on_demand(recipe: Recipe, gesture: str, entry: Entry) -> Recording:
     """Return one gesture, its phases to be found."""
-    from texclass.simulate.gestures import GESTURES, record_gesture  # numba: as in `Recipe.record`
+    from texclass.simulate.controlled import GESTURES, record_gesture  # numba: as in `Recipe.record`
 
     place = [surface.name for surface in recipe.surfaces].index(entry.material)
     who = [operator.name for operator in recipe.operators].index(entry.operator or "")
@@ -135,7 +134,7 @@ def remember(path: Path, recording: Recording) -> None:
     facts = {name: getattr(recording, name) for name in FACTS}
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, facts=np.array(json.dumps(facts)), **arrays)
-    write_atomically(path, buffer.getvalue())
+    write_if_possible(path, buffer.getvalue())
 
 
 def recall(path: Path) -> Recording | None:

@@ -1,9 +1,9 @@
+from .controlled import GESTURES as GESTURES
+from .controlled import record_gesture as record_gesture
 from .controlled import record_rising_force as record_rising_force
 from .controlled import record_rising_speed as record_rising_speed
 from .controlled import record_rising_taps as record_rising_taps
 from .freehand import record_freehand as record_freehand
-from .gestures import GESTURES as GESTURES
-from .gestures import record_gesture as record_gesture
 from .hand import Operator as Operator
 from .hand import operator_catalogue as operator_catalogue
 from .recipe import Recipe as Recipe

@@ -15,7 +15,8 @@ import numpy as np
 from texclass.features.phase_view import TURN
 from texclass.loaders import find_recording
 from texclass.loaders.columns import refused
-from texclass.loaders.files import agreed_unit, check_stated, columns_of
+from texclass.loaders.files import check_stated, columns_of
+from texclass.loaders.plausibility import agreed_unit
 from texclass.recognition.model import Model
 from texclass.recognition.sources.blocks import Block, BlockSource, resampled
 from texclass.recognition.sources.training_input import ACCELERATION_ONLY

@@ -15,6 +15,7 @@ from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
 from texclass.loaders.columns import BAG_FOLDER, ReadOptions, choose_acceleration
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.filesets import conditioned
+from texclass.loaders.plausibility import agreed_unit, build_recording
 from texclass.loaders.ros_messages import TURN_RATE
 from texclass.loaders.stamps import NEAR_RATE
 from texclass.recording import Recording, RecordingError, Samples
@@ -210,9 +211,9 @@ class TrainingFiles(Written):
             if len(signals.channels) == len(self.axes):
                 signals = replace(signals, channels=self.axes)
         own = signals.unit if of_bag or self.scale == 1.0 else None  # else it was scaled to another
-        stated = files.agreed_unit(own, unit or own or self.unit, path)
+        stated = agreed_unit(own, unit or own or self.unit, path)
         scale = self.scale if stated == self.unit else 1.0
-        recording = files.build_recording(
+        recording = build_recording(
             signals,
             scale=scale,
             fs=fs or (self.fs if signals.fs is None else None),
