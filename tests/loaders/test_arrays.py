@@ -1,13 +1,23 @@
-"""Named arrays (NPZ, HDF5, MATLAB): what is stored comes back; what is hostile is not followed."""
+"""Arrays (NPZ, HDF5, MATLAB): what is stored comes back; what is hostile is neither followed nor believed."""
 
+import contextlib
 import io
+import itertools
 import pickle
+import struct
+import tracemalloc
 import zipfile
+import zlib
 
 import h5py
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import scipy.io
+from fuzz.contract import judge
+from fuzz.mutate import archive_of
+from fuzz.targets import target_of
 
 from texclass.loaders import columns, load_recording
 from texclass.recording import RecordingError
@@ -112,3 +122,97 @@ def test_an_unreadable_matlab_file_is_refused(tmp_path):
     for content in (b"not matlab", b"MATLAB 5.0 MAT-file".ljust(128, b"\0"), bytes(300)):
         (tmp_path / "r.mat").write_bytes(content)
         refused(tmp_path / "r.mat", r"r\.mat")
+
+
+@contextlib.contextmanager
+def bounded():
+    """Refuse more than 100 MB in the meantime."""
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < 100 << 20
+    finally:
+        tracemalloc.stop()
+
+
+def judged(name, data, tmp_path):
+    verdict = judge(target_of(name), data, tmp_path)
+    return verdict.kind, verdict.detail
+
+
+def test_files_of_a_few_kilobytes_cannot_announce_gigabytes_but_what_deflate_can_shrink_is_read(tmp_path):
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        file.create_dataset("acceleration", shape=(900_000_000,), chunks=(1 << 20,), dtype="f8")
+    repeated = pa.DictionaryArray.from_arrays(pa.array(np.zeros(20_000_000, np.int8)), pa.array([1.5]))
+    pq.write_table(pa.table({"acceleration": repeated}), tmp_path / "r.parquet")
+    del repeated
+    for name, n in (("r.h5", 900_000_000), ("r.parquet", 20_000_000)):
+        assert (tmp_path / name).stat().st_size < 100_000
+        with bounded():
+            refused(tmp_path / name, rf"{name}: announces {n} values in \d+ bytes")
+    ticks = np.zeros(2_000_000)
+    ticks[::1000] = 1.0
+    np.savez_compressed(tmp_path / "r.npz", acceleration=ticks)
+    assert (tmp_path / "r.npz").stat().st_size < ticks.nbytes / 100
+    assert load_recording(tmp_path / "r.npz", fs=100.0, unit="g").n_samples == len(ticks)
+
+
+def test_a_checksummed_chunk_without_data_does_not_end_the_process(tmp_path):
+    path = tmp_path / "r.h5"
+    with h5py.File(path, "w", libver="earliest") as file:
+        a = file.create_dataset("acceleration", data=np.arange(20.0), chunks=(10,), fletcher32=True)
+        key = struct.pack("<II2Q", a.id.get_chunk_info(0).size, 0, 0, 0)
+    assert load_recording(path, fs=100.0, unit="g").n_samples == 20
+    data = path.read_bytes()
+    assert data.count(key) == 1
+    path.write_bytes(data.replace(key, bytes(4) + key[4:]))
+    refused(path, r"r\.h5: acceleration has a chunk without data")
+
+
+def write_mat(path, kind, order, compressed, name=b"x"):
+    def element(number, data):
+        return struct.pack(f"{order}2I", number, len(data)) + data + bytes(-len(data) % 8)
+
+    flags = element(6, struct.pack(f"{order}2I", 6, 0)) + element(5, struct.pack(f"{order}2i", 4, 1))
+    matrix = element(14, flags + element(1, name) + element(kind, struct.pack(f"{order}4d", 1, 2, 4, 3)))
+    version = struct.pack(f"{order}H", 0x0100) + (b"IM" if order == "<" else b"MI")
+    packed = struct.pack(f"{order}2I", 15, len(zlib.compress(matrix))) + zlib.compress(matrix)
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + version + (packed if compressed else matrix))
+
+
+def test_numbers_of_an_unknown_type_do_not_end_the_process(tmp_path):
+    path = tmp_path / "r.mat"
+    for byte_order, compressed in itertools.product("<>", (False, True)):
+        write_mat(path, 9, byte_order, compressed)
+        assert load_recording(path, fs=100.0, unit="g").n_samples == 4
+        for kind in (0, 8, 14, 20, 41, 256, 4105, 0xFFFF):
+            write_mat(path, kind, byte_order, compressed)
+            refused(path, rf"r\.mat: .*the numbers of x are of type {kind}")
+    write_mat(path, 0, "<", compressed=False, name=b"")  # scipy takes it for what MATLAB keeps for itself
+    refused(path, r"r\.mat")
+
+
+def test_a_rate_that_is_complex_and_a_byte_order_that_scipy_only_guesses_are_refused(tmp_path):
+    path = tmp_path / "r.mat"
+    scipy.io.savemat(path, {"acceleration": np.arange(5.0), "fs": 100.0 + 1j})
+    refused(path, r"r\.mat: not a readable MATLAB file", fs=None)
+    scipy.io.savemat(path, {"x": np.arange(5.0)}, format="4")
+    cray = (4000).to_bytes(4, "little") + path.read_bytes()[4:]
+    assert judged("matlab 4 and 5", cray, tmp_path)[0] == "refused"
+
+
+def test_two_variables_of_a_name_and_an_array_of_python_2_warn_of_nothing(tmp_path):
+    scipy.io.savemat(tmp_path / "r.mat", {"acceleration": np.arange(5.0)})
+    data = (tmp_path / "r.mat").read_bytes()
+    assert judged("matlab 4 and 5", data + data[128:], tmp_path) == ("accepted", "")
+    member = io.BytesIO()
+    np.lib.format.write_array(member, np.arange(5.0))
+    old = member.getvalue().replace(b"(5,), }", b"(5L,),}", 1)
+    assert judged("npz", archive_of({"x.npy": old}), tmp_path) == ("accepted", "")
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).max == np.finfo(float).max, reason="no wider float here")
+def test_a_float_too_large_for_float64_is_refused_without_a_warning(tmp_path):
+    member = io.BytesIO()
+    np.save(member, np.array([1, 2, np.finfo(np.longdouble).max], dtype=np.longdouble))
+    assert judged("npz", archive_of({"x.npy": member.getvalue()}), tmp_path)[0] == "refused"

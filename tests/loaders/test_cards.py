@@ -1,4 +1,5 @@
 import pytest
+from fuzz.mutate import toml_of
 
 from texclass.loaders import CardError, read_card
 
@@ -17,23 +18,9 @@ RECIPE = {"n_surfaces": 2, "n_recordings": 2, "n_operators": 1, "duration_s": 2.
 SIMULATED = {"title": "mine", "source": "here", "licence": "MIT", "format": "simulated", "recipe": RECIPE}
 
 
-def toml(value):
-    """Write a value as TOML: enough for cards."""
-    match value:
-        case bool():
-            return str(value).lower()
-        case str():
-            return f"'{value}'"
-        case list():
-            return f"[{', '.join(map(toml, value))}]"
-        case dict():
-            return "{" + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + "}"
-    return str(value)
-
-
 def card(tmp_path, content):
     path = tmp_path / "mine.toml"
-    path.write_text("\n".join(f"{key} = {toml(value)}" for key, value in content.items()))
+    path.write_bytes(toml_of(content))
     return read_card(path)
 
 

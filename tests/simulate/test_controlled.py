@@ -1,4 +1,4 @@
-"""The controlled runs change one condition and show what that does to the signal."""
+"""Controlled runs change one condition and show what that does; gestures are what their names say."""
 
 from dataclasses import replace
 
@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from texclass.loaders.simulated import open_gestures
 from texclass.simulate import (
+    GESTURES,
     Grating,
+    Recipe,
     operator_catalogue,
+    record_gesture,
     record_rising_force,
     record_rising_speed,
     record_rising_taps,
@@ -17,6 +21,7 @@ from texclass.simulate import (
 
 OPERATOR = replace(operator_catalogue(1, 1)[0], direction_deg=0.0)
 ROUGH = replace(surface_catalogue(1, 1)[0], gratings=(), bumps=None, rms_um=2.0, stiffness_n_m=6e4)
+FELT = surface_catalogue(3, 6)[2]
 RIBBED = replace(ROUGH, rms_um=0.1, gratings=(Grating(wavelength_mm=2.0, depth_um=8.0),))
 
 
@@ -77,11 +82,6 @@ def test_rising_taps_hit_harder_and_harder():
     assert (np.diff(peaks) > 0).all()
 
 
-def test_controlled_runs_repeat_by_seed():
-    a, b = (record_rising_taps(ROUGH, OPERATOR, n_taps=3, seed=6) for _ in range(2))
-    np.testing.assert_array_equal(a.acceleration, b.acceleration)
-
-
 @pytest.mark.parametrize("fs", [1000.0, 10_000.0, 50_000.0])
 def test_controlled_runs_take_any_rate(fs):
     recording = record_rising_speed(RIBBED, OPERATOR, duration_s=3.0, seed=1, fs=fs, speed_mm_s=(80.0, 80.0))
@@ -93,3 +93,40 @@ def test_impossible_taps_are_refused():
     for wrong in ({"n_taps": 0}, {"tap_speed_mm_s": (0.0, 10.0)}):
         with pytest.raises(ValueError, match="at least one, above 0"):
             record_rising_taps(ROUGH, OPERATOR, seed=1, **wrong)
+
+
+def made(gesture, seed=1):
+    return record_gesture(gesture, FELT, OPERATOR, seed=seed)
+
+
+def test_a_tap_is_one_tap_and_a_stroke_a_movement():
+    assert (made("tap").phases.kind, len(made("tap").phases.taps)) == ("taps only", 1)
+    assert {made(name).phases.kind for name in GESTURES if name != "tap"} == {"movement only"}
+
+
+def test_strokes_are_slow_fast_or_hard():
+    felt = {name: [made(name, seed) for seed in range(4)] for name in GESTURES if name != "tap"}
+    speed = {name: np.median([r.speed[r.phases.onset :].mean() for r in some]) for name, some in felt.items()}
+    force = {name: np.median([r.normal_force.mean() for r in some]) for name, some in felt.items()}
+    assert 2 * speed["slow stroke"] < speed["hard stroke"]
+    assert 1.5 * speed["hard stroke"] < speed["fast stroke"]
+    assert force["hard stroke"] == pytest.approx(2.5 * force["fast stroke"], rel=0.2)
+
+
+def test_taps_of_one_hand_differ_in_strength_and_are_the_same_again():
+    peaks = [np.abs(made("tap", seed).acceleration).max() for seed in range(5)]
+    assert np.std(peaks) > 0.03 * np.mean(peaks)
+    assert made("tap", 3).acceleration.tobytes() == made("tap", 3).acceleration.tobytes()
+
+
+def test_a_dataset_of_a_gesture_has_the_people_of_its_recipe_and_withholds_the_phases():
+    recipe = Recipe(n_surfaces=2, n_recordings=4, n_operators=2, duration_s=5, fs=8000, seed=6)
+    taps, strokes = open_gestures(recipe, "tap"), open_gestures(recipe, "fast stroke")
+    assert taps.input_hash != strokes.input_hash
+    assert taps.input_hash != open_gestures(recipe.model_copy(update={"seed": 7}), "tap").input_hash
+    entry = taps.entries[1]
+    recording = taps.load(entry)
+    assert (recording.operator, recording.material) == (entry.operator, entry.material)
+    assert (recording.phases, recording.fs) == (None, 8000)
+    other = taps.load(replace(entry, operator=taps.entries[0].operator))
+    assert recording.n_samples != other.n_samples or (recording.acceleration != other.acceleration).any()

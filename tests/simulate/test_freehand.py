@@ -97,11 +97,6 @@ def test_strokes_slow_down_at_their_ends_and_turn_back_and_force_varies():
     assert recording.normal_force[slide].mean() == pytest.approx(OPERATORS[0].force_n, rel=0.5)
 
 
-def test_without_taps_there_is_movement_only():
-    recording = record(with_taps=False, duration_s=3.0)
-    assert recording.phases.kind == "movement only"
-
-
 @pytest.mark.parametrize("fs", [1000.0, 2000.0, 5000.0, 8000.0, 16000.0, 44100.0, 50000.0])
 def test_motion_does_not_depend_on_the_sampling_rate(fs):
     reference, other = record(duration_s=4.0), record(duration_s=4.0, fs=fs)

@@ -302,21 +302,19 @@ def conditioned(
     return recording.with_(phases=segment(recording, "taps"))
 
 
-def contact(acceleration: Samples, share: float = 0.1) -> int:
+def contact(acceleration: Samples) -> int:
     """Return the first sample of the contact in a recording of one tap.
 
-    That is the first sample at which any channel changes by more than `share` of its own largest change
+    That is the first sample at which any channel changes by more than a tenth of its own largest change
     from one sample to the next. Changes, unlike levels, do not depend on what the channel reads at rest.
 
     Parameters
     ----------
     acceleration : ndarray of shape (n,) or (n, n_channels)
         One tap.
-    share : float
-        Of the largest change; above the noise, below the impact.
     """
     change = np.abs(np.diff(acceleration.reshape(len(acceleration), -1), axis=0))
-    is_large = (change > share * change.max(axis=0)).any(axis=1)
+    is_large = (change > 0.1 * change.max(axis=0)).any(axis=1)  # above the noise, below the impact
     return 1 + int(np.argmax(is_large))
 
 

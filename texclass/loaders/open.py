@@ -25,20 +25,6 @@ from texclass.loaders.places import data_roots, find_folder, leaves
 from texclass.loaders.plausibility import agreed_rate, agreed_unit, doubtful_levels
 from texclass.recording import Recording, RecordingError
 
-MAKERS = {"hatt-models": "texclass.exchange.hatt_recordings"}
-"""Format -> the module that makes its recordings, whose room builds on this one: found by name, as readers
-that other packages add."""
-
-
-def patterns() -> tuple[str, ...]:
-    """Return how files of a folder without a card are named: an axis each, a recording each, rosbag2."""
-    ends = rf"\.(?i:{'|'.join(re.escape(suffix[1:]) for suffix in suffixes())})"
-    return (
-        rf"(?P<material>[^/]+)/(?:.+/)?[^/]+_(?P<axis>[XYZxyz])(?:_[^/]*)?{ends}",
-        rf"(?P<material>[^/]+)/.+{ends}",
-        rf"(?P<material>[^/]+)/.+/{re.escape(BAG_FOLDER)}",
-    )
-
 
 def open_dataset(
     name_or_path: str | Path,
@@ -113,7 +99,8 @@ def open_dataset(
         outside = f"the card's folder {card.folder!r} is outside of the card's own and of the folders of data"
         about["notes"] = (*card.notes, f"{outside}: {root}")
     if isinstance(card, ModelsCard):
-        made: Dataset = import_module(MAKERS[card.format]).open_models(card, root, **about)
+        # Their room builds on this one, so that the module which makes them is found by name.
+        made: Dataset = import_module("texclass.exchange.hatt_recordings").open_models(card, root, **about)
         return made
     if isinstance(card, RowCard):
         return open_rows(card, root, **about)
@@ -176,8 +163,14 @@ def _open_folder(
         fs = agreed_rate(first.fs, None, path) if fs is None else fs
     if n_others := sum(not (path.name.startswith(".") or _is_recording(path)) for path in found):
         notes.append(f"{n_others} files of other kinds are ignored")
+    ends = rf"\.(?i:{'|'.join(re.escape(suffix[1:]) for suffix in suffixes())})"
+    patterns = (  # an axis each, a recording each, rosbag2
+        rf"(?P<material>[^/]+)/(?:.+/)?[^/]+_(?P<axis>[XYZxyz])(?:_[^/]*)?{ends}",
+        rf"(?P<material>[^/]+)/.+{ends}",
+        rf"(?P<material>[^/]+)/.+/{re.escape(BAG_FOLDER)}",
+    )
     return open_files(
-        FileReading(fs_hz=fs, unit=unit, files=patterns(), **how),
+        FileReading(fs_hz=fs, unit=unit, files=patterns, **how),
         # A process that works elsewhere, such as one kept from an earlier call, finds the files too.
         root.absolute(),
         notes=tuple(notes),

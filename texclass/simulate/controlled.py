@@ -1,13 +1,12 @@
 """What a hand does as it is told: controlled runs, and single gestures.
 
-In the controlled runs of `strese2015` (Sec. III) one condition rises linearly and the others stay; a gesture is
-a tap, a slow, a fast or a hard stroke, each from a rest of its own.
+In the controlled runs of `strese2015` (Sec. III) one condition rises linearly and the others stay; a gesture
+is a tap, a slow, a fast or a hard stroke, each from a rest of its own.
 """
 
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +25,15 @@ from texclass.simulate.surfaces import Surface
 from texclass.simulate.tool import Sensor
 
 Range = tuple[float, float]
+GESTURES: Mapping[str, tuple[float, float, float] | None] = MappingProxyType(
+    {
+        "tap": None,
+        "slow stroke": (0.4, 1.0, 2.0),
+        "fast stroke": (2.0, 1.0, 1.0),
+        "hard stroke": (1.0, 2.5, 1.2),
+    }
+)
+"""Gestures by name; of a stroke, factors of the operator's speed and force, and its seconds with a rest."""
 _REST_S = 0.3
 _START_S = 0.05
 
@@ -123,25 +131,6 @@ def record_rising_taps(
     )
 
 
-class Stroke(NamedTuple):
-    """How a stroke differs from the operator's own: factors of speed and force; its seconds, with a rest."""
-
-    speed: float
-    force: float
-    seconds: float
-
-
-GESTURES: Mapping[str, Stroke | None] = MappingProxyType(
-    {
-        "tap": None,
-        "slow stroke": Stroke(0.4, 1.0, 2.0),
-        "fast stroke": Stroke(2.0, 1.0, 1.0),
-        "hard stroke": Stroke(1.0, 2.5, 1.2),
-    }
-)
-"""Gestures by name; None is a tap."""
-
-
 def record_gesture(
     gesture: str, surface: Surface, operator: Operator, *, seed: Seed, fs: float = 10_000.0
 ) -> Recording:
@@ -170,16 +159,13 @@ def record_gesture(
     """
     if gesture not in GESTURES:
         raise ValueError(f"gesture is {gesture!r}; the rule is one of {', '.join(GESTURES)}")
-    stroke = GESTURES[gesture]
-    if stroke is None:
+    if (stroke := GESTURES[gesture]) is None:
         person = operator.redrawn(generators(seed)[0])
-        speed = (person.tap_speed_mm_s, person.tap_speed_mm_s)
-        made = record_rising_taps(surface, person, n_taps=1, fs=fs, seed=seed, tap_speed_mm_s=speed)
+        met = (person.tap_speed_mm_s, person.tap_speed_mm_s)
+        made = record_rising_taps(surface, person, n_taps=1, fs=fs, seed=seed, tap_speed_mm_s=met)
     else:
-        person = replace(
-            operator, speed_mm_s=stroke.speed * operator.speed_mm_s, force_n=stroke.force * operator.force_n
-        )
-        seconds = stroke.seconds
+        speed, force, seconds = stroke
+        person = replace(operator, speed_mm_s=speed * operator.speed_mm_s, force_n=force * operator.force_n)
         made = record_freehand(surface, person, duration_s=seconds, fs=fs, seed=seed, with_taps=False)
     return made.with_(recording_id=f"{gesture} on {surface.name} by {operator.name}")
 
