@@ -166,19 +166,6 @@ def test_signals_of_different_length_are_refused_unless_the_card_trims(mine):
     assert trimmed.flags[0].startswith("trimmed")
 
 
-def test_a_card_that_fits_two_files_of_one_id_is_refused(mine, axes, write):
-    (mine.root / "again").mkdir()
-    write(mine.root / "again" / "wood_AB_2.csv", axes)
-    with pytest.raises(RecordingError, match="'wood_AB_2' occurs twice"):
-        mine(card=CARD.replace("files = '", "files = '(?:.*/)?"))
-
-
-def test_absent_data_says_where_to_get_it_and_where_it_was_looked_for(mine):
-    said = r"(?s)data/elsewhere.*https://example\.org/mine.*TEXCLASS_DATA"
-    with pytest.raises(DataNotFoundError, match=said):
-        mine(card=CARD.replace('folder = "mine"', 'folder = "elsewhere"'))
-
-
 def test_facts_that_contradict_a_card_are_refused(mine):
     for given, message in (({"fs": 8000}, "fs is 10000 Hz there, 8000 Hz"), ({"unit": "g"}, "'g' was given")):
         with pytest.raises(RecordingError, match=message):
@@ -383,11 +370,18 @@ def test_a_pattern_of_a_card_that_takes_for_ever_is_an_error_within_seconds(mine
     assert time.process_time() - began < 2
 
 
-def test_a_card_that_fits_no_file_shows_one_beside_its_pattern(mine):
-    with pytest.raises(
-        RecordingError, match=r"holds no recording: 'steel_AB_2.csv' is not like '\(\?P<material>x\)"
+def test_a_card_that_does_not_fit_its_folder_says_what_is_there_or_where_it_was_looked_for(mine, axes, write):
+    (mine.root / "again").mkdir()
+    write(mine.root / "again" / "wood_AB_2.csv", axes)
+    unlike = r"holds no recording: 'again/wood_AB_2.csv' is not like '\(\?P<material>x\)"
+    absent = r"(?s)data/elsewhere.*https://example\.org/mine.*TEXCLASS_DATA"
+    for error, said, card in (
+        (RecordingError, "'wood_AB_2' occurs twice", CARD.replace("files = '", "files = '(?:.*/)?")),
+        (RecordingError, unlike, patterned(r"(?P<material>x)\.csv")),
+        (DataNotFoundError, absent, CARD.replace('folder = "mine"', 'folder = "elsewhere"')),
     ):
-        mine(card=patterned(r"(?P<material>x)\.csv"))
+        with pytest.raises(error, match=said):
+            mine(card=card)
 
 
 def test_files_that_are_left_out_though_others_like_them_are_taken_are_counted(mine, folder, axes, write):

@@ -62,32 +62,21 @@ def server(monkeypatch):
 
 @pytest.fixture
 def shelf(server, tmp_path, monkeypatch):
-    """Two files, served; the card that says so."""
+    """Two files, served; the card that says so, and the list of files (published -> here) beside it."""
     monkeypatch.setenv("TEXCLASS_DATA", str(tmp_path / "data"))
     monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path / "cache"))
-    rng = np.random.default_rng(0)
-    for name in ("oak/1.csv", "tin plate.csv"):
+    rng, listed = np.random.default_rng(0), ""
+    for name, here in {"oak/1.csv": "oak/1.csv", "tin plate.csv": "tin/2.csv"}.items():
         rows = "\n".join(f"{value:.3f}" for value in rng.standard_normal(500))
-        server.files[name.replace(" ", "%20")] = f"x\n{rows}\n".encode()
-    return publish(tmp_path, server, {"oak/1.csv": "oak/1.csv", "tin plate.csv": "tin/2.csv"})
-
-
-def publish(folder, server, names, convert=""):
-    """Write a card, and the list of files (published -> here) beside it."""
-    files = {here: server.files[name.replace(" ", "%20")] for name, here in names.items()}
-    lines = (f"{sha256(files[here])}\t{name}" + f"\t{here}" * (here != name) for name, here in names.items())
-    (folder / "mine.sha256").write_text("\n".join(lines) + "\n")
-    for here, content in files.items():
-        (folder / "expected" / here).parent.mkdir(parents=True, exist_ok=True)
-        (folder / "expected" / here).write_bytes(content)
-    total = digest_files(folder / "expected", files, "")
-    published = f'[published]\nurl = "{server.url}shelf/"\nconvert = "{convert}"\nsha256 = "{total}"\n'
-    (folder / "mine.toml").write_text(CARD + published)
-    return folder / "mine.toml"
-
-
-def sha256(content):
-    return hashlib.sha256(content).hexdigest()
+        server.files[name.replace(" ", "%20")] = content = f"x\n{rows}\n".encode()
+        listed += f"{hashlib.sha256(content).hexdigest()}\t{name}" + f"\t{here}" * (here != name) + "\n"
+        (tmp_path / "expected" / here).parent.mkdir(parents=True)
+        (tmp_path / "expected" / here).write_bytes(content)
+    total = digest_files(tmp_path / "expected", ("oak/1.csv", "tin/2.csv"), "")
+    (tmp_path / "mine.sha256").write_text(listed)
+    published = f'[published]\nurl = "{server.url}shelf/"\nsha256 = "{total}"\n'
+    (tmp_path / "mine.toml").write_text(CARD + published)
+    return tmp_path / "mine.toml"
 
 
 def test_what_is_fetched_is_read_after_licence_and_citation_were_said(shelf, command):
@@ -136,14 +125,12 @@ def test_a_proxy_of_the_environment_is_asked(shelf, server, command, monkeypatch
     assert server.asked[0] == "http://nowhere.invalid/shelf/oak/1.csv"
 
 
-@pytest.mark.parametrize(
-    "line", ["", "abc\toak.csv", f"{'0' * 64}\toak.csv\t../oak.csv", f"{'0' * 64}\t/oak.csv\toak.csv"]
-)
-def test_a_list_that_breaks_the_rule_is_told_by_its_line(shelf, command, line):
-    with shelf.with_suffix(".sha256").open("a") as listed:
-        listed.write(f"{line}\n")
-    code, _, said = command("datasets", "get", shelf)
-    assert (code, "mine.sha256: line 3 is" in said) == (1, True)
+def test_a_list_that_breaks_the_rule_is_told_by_its_line(shelf, command):
+    whole, digest = shelf.with_suffix(".sha256").read_text(), "0" * 64
+    for line in ("", "abc\toak.csv", f"{digest}\toak.csv\t../oak.csv", f"{digest}\t/oak.csv\toak.csv"):
+        shelf.with_suffix(".sha256").write_text(f"{whole}{line}\n")
+        code, _, said = command("datasets", "get", shelf)
+        assert (code, "mine.sha256: line 3 is" in said) == (1, True), line
 
 
 def test_a_card_published_nowhere_says_where_to_ask_and_an_address_that_is_none_is_refused(shelf, command):
