@@ -146,7 +146,8 @@ def test_tip_rests_with_the_force_the_hand_presses_with():
     n = 1200
     force = 0.8
     depth = PLAIN.indentation_m(force) + force / OPERATORS[0].grip_stiffness_n_m
-    path = Gesture(np.full(n, -float(depth)), np.zeros(n), np.zeros(n))
+    still = np.zeros(n)
+    path = Gesture(np.full(n, -float(depth)), still, still, still)
     flat = replace(PLAIN, rms_um=1e-6, body_mass_kg=1e3)
     recording = perform(path, flat, OPERATORS[0], duration_s=1.0, fs=10_000.0, rngs=generators(1),
                         sensor=Sensor(), recording_id="rest")  # fmt: skip

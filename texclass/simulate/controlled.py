@@ -118,7 +118,8 @@ def record_rising_taps(
     depth = float(pressing_depth(surface, operator, 0.3 * operator.force_n))
     normal, times = hand.tap_path(taps, 0.4, depth, stay=False)
     n = len(normal)
-    path = hand.Gesture(normal + hand.tremor(operator, n, rngs[0]), np.zeros(n), np.zeros(n), times)
+    still = np.zeros(n)
+    path = hand.Gesture(normal + hand.tremor(operator, n, rngs[0]), still, still, still, times)
     return perform(
         path,
         surface,
@@ -189,7 +190,8 @@ def _record_plate(
     rising = since / since[-1]
     velocity = 1e-3 * (speed[0] + (speed[1] - speed[0]) * rising) * np.minimum(since / _START_S, 1.0)
     normal = -pressing_depth(surface, operator, force[0] + (force[1] - force[0]) * rising)
-    path = hand.Gesture(normal, velocity, np.zeros(n_knots), strokes_s=_REST_S)
+    straight = np.zeros(n_knots)
+    path = hand.Gesture(normal, velocity, straight, straight, strokes_s=_REST_S)
     return perform(
         path,
         surface,

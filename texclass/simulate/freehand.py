@@ -90,7 +90,7 @@ def record_freehand(
     velocity[begin:], lateral[begin:], line[begin:] = hand.draw_strokes(person, n_knots - begin, rng)
     tremble = [hand.tremor(person, n_knots, rng) for _ in range(2)]
     velocity += np.gradient(tremble[1]) * hand.CONTROL_RATE
-    path = hand.Gesture(normal + tremble[0], velocity, line, times, begin / hand.CONTROL_RATE, lateral)
+    path = hand.Gesture(normal + tremble[0], velocity, lateral, line, times, begin / hand.CONTROL_RATE)
     return perform(
         path,
         surface,
@@ -140,8 +140,7 @@ def perform(
     acceleration = sensor.read(motion.acceleration, fs, sensor_rng, extra_noise=noise)
     # as a position tracker reports it, without the tip's own vibration
     speed = lowpass(motion.speed, _TRACKER_HZ, fs, order=2)
-    lateral = np.zeros_like(path.line) if path.lateral_m_s is None else path.lateral_m_s
-    _to_mm_s(speed, lateral, hand.CONTROL_RATE / fs)
+    _to_mm_s(speed, path.lateral_m_s, hand.CONTROL_RATE / fs)
     return Recording(
         acceleration=read_only(acceleration),
         fs=fs,

@@ -127,22 +127,22 @@ class Gesture:
         Height of the hand above the place where the tip would just touch, and its velocity.
     tangential_m_s : ndarray of shape (n_knots,)
         Velocity along the stroke.
+    lateral_m_s : ndarray of shape (n_knots,)
+        Velocity across the stroke, which carries the tip around the turns; 0 for straight strokes.
     line : ndarray of shape (n_knots,)
         Line of the profile under the tip; fractional while a stroke turns.
     taps_s : tuple of (float, float)
         For each tap the start of the hand's acceleration, and the time at which the hand does something else.
     strokes_s : float or None
         Start of the first stroke.
-    lateral_m_s : ndarray of shape (n_knots,) or None
-        Velocity across the stroke, which carries the tip around the turns; None for straight strokes.
     """
 
     normal_m: Samples
     tangential_m_s: Samples
+    lateral_m_s: Samples
     line: Samples
     taps_s: tuple[tuple[float, float], ...] = ()
     strokes_s: float | None = None
-    lateral_m_s: Samples | None = None
 
     @property
     def normal_m_s(self) -> Samples:

@@ -206,8 +206,7 @@ def move_tool(
         Analogue filter in front of the converter, designed at `fs * steps_per_sample(fs)`.
     """
     acceleration, other = np.empty((n_samples, 3)), np.empty((3, n_samples)).T
-    across = np.zeros_like(gesture.line) if gesture.lateral_m_s is None else gesture.lateral_m_s
-    path = np.column_stack([gesture.normal_m_s, gesture.tangential_m_s, across, gesture.line])
+    path = np.column_stack([gesture.normal_m_s, gesture.tangential_m_s, gesture.lateral_m_s, gesture.line])
     n_substeps = steps_per_sample(fs)
     _run(
         mechanics,
