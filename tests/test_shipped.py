@@ -80,6 +80,14 @@ def test_every_shipped_card_is_valid_and_says_where_its_data_comes_from():
         assert card.licence
 
 
+def test_what_is_shipped_wins_over_what_a_package_names_alike(installed, tmp_path):
+    (tmp_path / "repeats" / "datasets").mkdir(parents=True)
+    (tmp_path / "repeats" / "__init__.py").touch()
+    (tmp_path / "repeats" / "datasets" / "simulated.toml").touch()
+    installed({"texclass.definitions": {"again": "repeats"}})
+    assert shipped.locate("datasets", "simulated") == shipped.folder("datasets") / "simulated.toml"
+
+
 def test_a_path_to_ones_own_definition_passes_through(tmp_path):
     own = tmp_path / "mine.toml"
     own.write_text("title = 'mine'")
