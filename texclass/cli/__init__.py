@@ -8,12 +8,11 @@ groups of them that several commands have, or that belong together, are function
 
 # Importing commands puts them into the program, in this order.
 from texclass.cli import (
-    convert_command,
     experiment_commands,
     listing_commands,
     model_commands,
-    scene_commands,
     stream_command,
+    texture_commands,
 )
 from texclass.cli.app import app, main
 
