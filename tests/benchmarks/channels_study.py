@@ -24,7 +24,7 @@ from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
 from texclass.loaders.places import DataNotFoundError
 from texclass.peers.comparison import same_signals
-from texclass.peers.peer_worker.hand_over import write_task
+from texclass.peers.peer_worker.run import write_task
 from texclass.peers.worker_process import run_worker
 
 SECONDS, N_FOLDS, N_RESAMPLED, N_TIMED = 5.0, 5, 2000, 60

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import signal
 from study import command_line
 
-from texclass.experiment.known_changes import FILE
+from texclass.experiment.vote_of_pieces import KNOWN_CHANGES
 from texclass.features.plan import Plan
 from texclass.features.sets import load_feature_set
 from texclass.loaders.simulated import open_simulated
@@ -69,7 +69,7 @@ def main() -> None:
     size = np.sqrt(np.mean(moves**2, axis=0)) + 1e-12
     _, values, vectors = np.linalg.svd(moves / size, full_matrices=False)
     some = np.sqrt(N_CHANGES / len(moves)) * values[:N_CHANGES, None] * vectors[:N_CHANGES] * size
-    with FILE.open("w", encoding="utf-8", newline="") as file:
+    with KNOWN_CHANGES.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerows(
             [name, *(f"{v:.4g}" for v in column)] for name, column in zip(names, some.T, strict=True)

@@ -5,8 +5,7 @@ import pytest
 
 from texclass.experiment import load_pipeline
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
-from texclass.experiment.known_changes import changes_of
-from texclass.experiment.vote_of_pieces import VoteOfPieces, knowing
+from texclass.experiment.vote_of_pieces import VoteOfPieces, changes_of, knowing
 from texclass.features.plan import Plan
 from texclass.features.sets import load_feature_set
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from texclass import peers
-from texclass.peers.peer_worker.hand_over import read_task, write_task
 from texclass.peers.peer_worker.peers import (
     CLASSIFIERS,
     PEERS,
@@ -20,7 +19,7 @@ from texclass.peers.peer_worker.peers import (
     PerRecording,
     equal_lengths,
 )
-from texclass.peers.peer_worker.run import main, timed, watch_memory
+from texclass.peers.peer_worker.run import main, read_task, timed, watch_memory, write_task
 from texclass.peers.worker_process import read_outcome, run_worker
 
 SPLITS = ((np.arange(0, 18), np.arange(18, 24)), (np.arange(6, 24), np.arange(0, 6)))

@@ -240,29 +240,33 @@ def _evaluate(
     **work: Any,
 ) -> dict[str, dict[str, Evaluation]]:
     """Evaluate every computable row with every classifier: row name -> classifier -> evaluation."""
-    clusters, (_, independent) = protocol.clusters(table.frame), protocol.independent(table.frame)
-    options = {"nested": protocol.nested, "clusters": clusters, "independent": independent}
-    computable = [row for row in rows if row.columns]
-    tasks = [(row, *task) for row in computable for task in pipeline.trials(row, table)]
-    if min(fewest(protocol, table.frame.iloc[train]) for train, _ in splits) < LEAST_TRAINED:
-        tasks = [
-            (row, (name,), partial(_unless_too_few, pipeline.trial(row, name, table)))
-            for row in computable
-            for name in row.definition.judged_by(pipeline.classifiers)
-        ]
-    calls = (partial(trial, splits, **options) for _, _, trial in tasks)
+    options = {
+        "nested": protocol.nested,
+        "clusters": protocol.clusters(table.frame),
+        "independent": protocol.independent(table.frame)[1],
+    }
+    single = min(fewest(protocol, table.frame.iloc[train]) for train, _ in splits) < LEAST_TRAINED
+    tasks, calls = [], []
+    for row in rows:
+        judges = row.definition.judged_by(pipeline.classifiers) if row.columns else ()
+        # A row that selects does so for each classifier; each by itself may refuse single recordings.
+        apart = single or row.definition.select is not None
+        for names in [(name,) for name in judges] if apart else filter(None, [judges]):
+            trial = partial(pipeline.trials(row, names, table), splits, **options)
+            calls.append(partial(_unless_too_few, trial) if single else trial)
+            tasks.append((row.definition.name, names))
     evaluations: dict[str, dict[str, Evaluation]] = {}
-    found = each(calls, what="rows", total=len(tasks), here_s=LOADING_S, **work)
-    for (row, names, _), answers in zip(tasks, found, strict=True):
+    found = each(calls, what="rows", total=len(calls), here_s=LOADING_S, **work)
+    for (row_name, names), answers in zip(tasks, found, strict=True):
         if answers:
-            evaluations.setdefault(row.definition.name, {}).update(zip(names, answers, strict=True))
+            evaluations.setdefault(row_name, {}).update(zip(names, answers, strict=True))
     return evaluations
 
 
-def _unless_too_few(trial: Callable[..., Evaluation], *splits: Any, **options: Any) -> list[Evaluation]:
-    """Return an evaluation; none if a classifier or selection refuses single recordings of a surface."""
+def _unless_too_few(trial: Callable[[], list[Evaluation]]) -> list[Evaluation]:
+    """Return evaluations; none if a classifier or selection refuses single recordings of a surface."""
     try:
-        return [trial(*splits, **options)]
+        return trial()
     except ValueError:
         return []
 
@@ -426,17 +430,14 @@ def inner_splits(
 
 
 def _split_again(protocol: Protocol, part: pd.DataFrame, seed: int) -> tuple[str, tuple[Split, ...]]:
-    problem: ValueError | None = None
     for tried in dict.fromkeys((protocol.name, "recording")):
         way = find_protocol(tried)
         try:
             found = splits_of(way, part, seed)
             least = min(fewest(way, part.iloc[train]) for train, _ in found)
-            if least < LEAST_TRAINED:
-                raise ValueError(
-                    f"{least} {way.unit} of a material would train; the rule is at least {LEAST_TRAINED}"
-                )
-            return tried, found
+            if least >= LEAST_TRAINED:
+                return tried, found
+            problem = f"{least} {way.unit} of a material would train; the rule is at least {LEAST_TRAINED}"
         except ValueError as error:
-            problem = error
-    raise ValueError(f"a training part cannot be split again to choose within it: {problem}") from problem
+            problem = str(error)
+    raise ValueError(f"a training part cannot be split again to choose within it: {problem}")

@@ -4,7 +4,7 @@ import hashlib
 import importlib
 import inspect
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import partial
@@ -63,7 +63,14 @@ class Use(Written):
 
     def make(self) -> Any:
         """Return a new, unfitted object."""
-        return resolve(self.use)(**{key: _made(value) for key, value in self.parameters.items()})
+        made = dict(self.parameters)
+        for key, value in made.items():
+            if _is_use(value):
+                try:
+                    made[key] = Use(**value).make()
+                except ValidationError as error:  # its first fault, in one line
+                    raise ValueError(error.errors()[0]["msg"]) from None
+        return resolve(self.use)(**made)
 
     @property
     def parameters(self) -> Mapping[str, Any]:
@@ -95,16 +102,6 @@ class Use(Written):
 
 def _is_use(value: Any) -> bool:
     return isinstance(value, dict) and "use" in value
-
-
-def _made(value: Any) -> Any:
-    """Return an argument as it is, or the object that it describes."""
-    if not _is_use(value):
-        return value
-    try:
-        return Use(**value).make()
-    except ValidationError as error:  # its first fault, in one line
-        raise ValueError(error.errors()[0]["msg"]) from None
 
 
 def resolve(path: str) -> type[BaseEstimator]:
@@ -367,21 +364,16 @@ class PipelineDefinition(Written):
         )
 
     def trials(
-        self, row: "MatchedRow", table: FeatureTable
-    ) -> Iterator[tuple[tuple[str, ...], Callable[..., list[Evaluation]]]]:
-        """Yield what evaluates a row on any splits, classifiers that share their preparation together."""
-        judges = row.definition.judged_by(self.classifiers)
-        for names in [(name,) for name in judges] if row.definition.select else [judges]:
-            yield (
-                names,
-                partial(
-                    evaluate_each,
-                    table.of(row.columns),
-                    table.materials,
-                    preparation=self.preparation(row.definition, names[0]),
-                    classifiers=[knowing(self.classifiers[name].make(), row.columns) for name in names],
-                ),
-            )
+        self, row: "MatchedRow", classifiers: Sequence[str], table: FeatureTable
+    ) -> Callable[..., list[Evaluation]]:
+        """Return what evaluates a row with classifiers that share their preparation; see `evaluate_each`."""
+        return partial(
+            evaluate_each,
+            table.of(row.columns),
+            table.materials,
+            preparation=self.preparation(row.definition, classifiers[0]),
+            classifiers=[knowing(self.classifiers[name].make(), row.columns) for name in classifiers],
+        )
 
     def with_feature(self, feature: Feature) -> Self:
         """Return a pipeline with one more row, a feature alone, and the feature as its only addition.

@@ -161,26 +161,22 @@ class SubsetScore:
 
     def _scores(self, selected: Sequence[int], candidates: Sequence[int]) -> Samples:
         if self.fast:
-            some = np.asarray(candidates, dtype=np.intp)
-            pairs = zip(self.forms, self.folds, strict=True)
-            parts = [self._closed(*pair, list(selected), some) for pair in pairs]
+            some, parts = np.asarray(candidates, dtype=np.intp), []
+            for (scores_of, labels), fold in zip(self.forms, self.folds, strict=True):
+                scores = scores_of(list(selected), some)
+                if self.soft:
+                    log_p = log_softmax(scores, axis=2)
+                    parts.append(log_p[:, np.arange(fold.truth.size), fold.truth].mean(axis=1))
+                else:
+                    parts.append((labels[scores.argmax(axis=2)] == fold.truth).mean(axis=1))
         else:
-            tried = [[*selected, c] for c in candidates]
             with without_remarks():
                 parts = [
-                    np.array([self._refitted(fold, columns) for columns in tried]) for fold in self.folds
+                    np.array([self._refitted(fold, [*selected, c]) for c in candidates])
+                    for fold in self.folds
                 ]
         # Rounded, so that equal candidates are equal.
         return np.asarray(np.mean(parts, axis=0).round(12))
-
-    def _closed(
-        self, form: tuple[Scores, Labels], fold: Fold, selected: list[int], candidates: Labels
-    ) -> Samples:
-        scores, labels = form[0](selected, candidates), form[1]
-        if not self.soft:
-            return np.asarray((labels[scores.argmax(axis=2)] == fold.truth).mean(axis=1))
-        log_p = log_softmax(scores, axis=2)
-        return np.asarray(log_p[:, np.arange(fold.truth.size), fold.truth].mean(axis=1))
 
     def _refitted(self, fold: Fold, columns: list[int]) -> float:
         if not self.soft:

@@ -1,7 +1,15 @@
-"""A classifier of recordings described in pieces: it learns from all of them and lets them vote."""
+"""A classifier of recordings described in pieces: it learns from all of them and lets them vote.
 
+It may know besides what another stroke does to features, a quicker one, a stronger one, a brighter one: one
+recording of a surface says little about the next one of it, but how features change when the same surface is
+felt in another way is known from simulation, and much the same for all surfaces.
+"""
+
+import csv
 from collections.abc import Callable, Sequence
+from functools import cache
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -13,11 +21,12 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
-from texclass.experiment.known_changes import changes_of
 from texclass.recording import Samples
 
 OF_A_PIECE = ".piece"
 """What the name of a column of a piece holds; see `texclass.features.contract.feature`."""
+KNOWN_CHANGES = Path(__file__).with_name("known_changes.csv")
+"""Columns of the set `surfaces`, and their changes; made by tests/benchmarks/known_changes.py."""
 
 
 class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type: ignore[misc]
@@ -239,3 +248,30 @@ def pieces_of(X: Samples, n_pieces: int) -> tuple[Samples, NDArray[np.intp]]:
     kept[same, 1:] = False
     owner, piece = np.nonzero(kept)
     return pieces[owner, :, piece], owner
+
+
+def changes_of(columns: Sequence[str]) -> Samples:
+    """Return what changes columns of the set `surfaces` together, in the units of each.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        Names, with or without a channel before and a piece behind: all channels and pieces change alike.
+
+    Returns
+    -------
+    ndarray of shape (n_changes, n_columns)
+        Principal changes C of features when strokes are a tenth quicker, 1.3 times as strong, or rise by
+        1.5 dB an octave against what they were: C' C / n_changes is their covariance about no change. 0 for
+        columns that are not known.
+    """
+    known = _known_changes()
+    nothing = np.zeros_like(next(iter(known.values())))
+    names = [column.rpartition("/")[2].partition(".piece")[0] for column in columns]
+    return np.array([known.get(name, nothing) for name in names]).T
+
+
+@cache
+def _known_changes() -> dict[str, Samples]:
+    with KNOWN_CHANGES.open(encoding="utf-8", newline="") as file:
+        return {name: np.array(values, dtype=np.float64) for name, *values in csv.reader(file)}

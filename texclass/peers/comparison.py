@@ -23,8 +23,8 @@ from texclass.experiment.workers import Progress
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import Views, channels_apart, views_of
 from texclass.loaders.dataset import Dataset
-from texclass.peers.peer_worker.hand_over import write_task
 from texclass.peers.peer_worker.peers import PEERS, Peer
+from texclass.peers.peer_worker.run import write_task
 from texclass.peers.worker_process import measure_ours, run_worker
 from texclass.phases import segment
 from texclass.provenance import made_by

@@ -46,7 +46,7 @@ def run_worker(python: Path, task: Path, peer: str, out: Path, time_limit_s: flo
     python : Path
         Interpreter with numpy, scikit-learn and the peer; nothing of texclass is imported by it.
     task : Path
-        Folder written by `peer_worker.hand_over.write_task`.
+        Folder written by `peer_worker.run.write_task`.
     peer : str
         Name in the registry.
     out : Path
