@@ -140,32 +140,26 @@ def test_a_channel_with_a_slash_in_its_name_keeps_its_features_and_reasons():
     table = FeatureTable(frame, tuple(frame.columns), np.zeros(1), (reason,))
     assert table.matching(["mfcc.m1"]) == ("force/left/mfcc.m1", "mfcc.m1")
     assert table.reason_of("hardness") == "no tap"
-
-
-def test_columns_of_pieces_stay_beside_each_other_where_there_are_several_channels():
     columns = tuple(f"{channel}/level.piece{i}" for channel in "xy" for i in (1, 2))
-    table = FeatureTable(pd.DataFrame([[1.0] * 4], columns=columns), columns, np.zeros(1))
-    assert table.matching(["level.piece1", "level.piece2"]) == columns
+    pieces = FeatureTable(pd.DataFrame([[1.0] * 4], columns=columns), columns, np.zeros(1))
+    assert pieces.matching(["level.piece1", "level.piece2"]) == columns  # those of a channel together
 
 
 def test_parts_that_a_second_process_took_away_cost_no_recording(toy_dataset, tmp_path, monkeypatch):
-    data, features, path = (
-        toy_dataset(2, 3),
-        load_feature_set("strese2015").restricted_to(["variance"]),
-        tmp_path / "t.parquet",
-    )
+    data, path = toy_dataset(2, 3), tmp_path / "t.parquet"
+    features = load_feature_set("strese2015").restricted_to(["variance"])
     whole = extract_table(data, features, path)
     path.unlink()
     joined = tables._join
 
-    def after_the_other(dataset, plan, folder, key, left_out):
-        if not path.is_file():  # the other one has finished: its table stands, half of the parts are gone
-            for part in sorted(folder.iterdir())[::2]:
-                part.unlink()
-            found = joined(dataset, plan, folder, key, left_out)
+    def after_the_other(dataset, plan, folder, *others):
+        finished = path.is_file()
+        for part in () if finished else sorted(folder.iterdir())[::2]:  # the other took half of the parts
+            part.unlink()
+        found = joined(dataset, plan, folder, *others)
+        if not finished:
             tables.write_table(whole, path)
-            return found
-        return joined(dataset, plan, folder, key, left_out)
+        return found
 
     monkeypatch.setattr(tables, "_join", after_the_other)
     pd.testing.assert_frame_equal(extract_table(data, features, path).frame, whole.frame)

@@ -1,3 +1,5 @@
+"""The kernel discriminant: equations that it solves, rules that it keeps, what it makes of known changes."""
+
 import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
@@ -167,15 +169,8 @@ def test_training_samples_in_one_place_do_no_harm() -> None:
 
 
 def test_a_parameter_out_of_range_is_refused_by_name() -> None:
-    wrongs = {
-        "length": 0.0,
-        "ridge": -1.0,
-        "shrinkage": 0.0,
-        "relevance": -1.0,
-        "limit": 0.0,
-        "max_samples": 1,
-    }
-    for name, wrong in wrongs.items():
+    above_0 = dict.fromkeys(("length", "shrinkage", "limit"), 0.0)
+    for name, wrong in (above_0 | {"ridge": -1.0, "relevance": -1.0, "max_samples": 1}).items():
         with pytest.raises(ValueError, match=f"{name} == {wrong}, must be"):
             KernelDiscriminant(**{name: wrong}).fit(*drifting(3, 12))
     with pytest.raises(TypeError, match="ridge must be an instance of"):
@@ -194,3 +189,24 @@ def test_what_is_beyond_a_limit_counts_as_if_it_were_there() -> None:
     of_limited = KernelDiscriminant().fit(at, y).decision_function(at)
     np.testing.assert_allclose(model.decision_function(X), of_limited, atol=1e-10)
     assert not np.allclose(model.decision_function(X), KernelDiscriminant().fit(X, y).decision_function(X))
+
+
+def test_what_is_known_to_change_misleads_less_and_no_change_known_is_as_none() -> None:
+    """Twenty classes, a sample of each: two columns tell them apart, a stroke shifts the first."""
+    X, y = np.random.default_rng(3).standard_normal((20, 2)), np.arange(20)
+    later = X + np.array([0.6, 0.0])
+    plain = KernelDiscriminant().fit(X, y)
+    knowing_it = KernelDiscriminant().fit(X, y, changes=np.array([[1.0, 0.0]]))
+    assert knowing_it.score(later, y) > plain.score(later, y)
+    nothing = KernelDiscriminant().fit(X, y, changes=np.zeros((3, 2)))
+    np.testing.assert_allclose(nothing.decision_function(later), plain.decision_function(later))
+    with pytest.raises(ValueError, match="changes have 3 columns; the rule is those of X, 2"):
+        KernelDiscriminant().fit(X, y, changes=np.zeros((1, 3)))
+
+
+def test_units_of_columns_do_not_matter() -> None:
+    rng = np.random.default_rng(0)
+    X, y, C = rng.standard_normal((40, 6)), np.repeat(np.arange(4), 10), rng.standard_normal((3, 6))
+    unit = 10.0 ** rng.integers(-3, 4, 6)
+    told = [KernelDiscriminant().fit(X * u, y, C * u).decision_function(X * u) for u in (1.0, unit)]
+    np.testing.assert_allclose(*told, rtol=1e-6, atol=1e-9)

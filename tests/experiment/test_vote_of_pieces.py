@@ -1,3 +1,5 @@
+"""Pieces of a recording vote, and know what another stroke does to their columns."""
+
 from itertools import product
 
 import numpy as np
@@ -6,8 +8,11 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.utils.estimator_checks import check_estimator
 
+from texclass.experiment import load_pipeline
 from texclass.experiment.kernel_discriminant import KernelDiscriminant
-from texclass.experiment.vote_of_pieces import VoteOfPieces, knowing, pieces_of
+from texclass.experiment.vote_of_pieces import VoteOfPieces, changes_of, knowing, pieces_of
+from texclass.features.plan import Plan
+from texclass.features.sets import load_feature_set
 from texclass.recording import Samples
 
 
@@ -107,6 +112,54 @@ def test_a_classifier_knows_the_columns_of_the_whole_by_their_names() -> None:
     names = ["x/level.piece1", "x/level.piece2", "damping", "y/level.piece1", "y/level.piece2"]
     assert knowing(VoteOfPieces(n_pieces=2), names).undivided == (2,)
     assert knowing(VoteOfPieces(), names).undivided == ()
+    told = knowing(load_pipeline("surfaces").classifiers["vote"].make(), names[:2])  # knows what changes
+    assert (told.columns, told.undivided) == (tuple(names[:2]), ())
+    assert knowing(VoteOfPieces(n_pieces=2), names).columns == ()
     X, y = recordings(3, 11)
     with pytest.raises(ValueError, match=r"undivided is \(20,\); the rule is columns 0 to 19"):
         VoteOfPieces(n_pieces=4, undivided=(20,)).fit(X, y)
+    with pytest.raises(ValueError, match="3 names of columns; the rule is one a column, 20"):
+        VoteOfPieces(columns=("a", "b", "c")).fit(X, y)
+
+
+def test_every_column_of_the_default_set_is_known_and_some_move_together() -> None:
+    columns = Plan.of(load_feature_set("surfaces")).columns
+    changes = changes_of(columns)
+    assert changes.shape[1] == len(columns)
+    assert np.isfinite(changes).all()
+    moved = [c for c, size in zip(columns, np.abs(changes).max(axis=0), strict=True) if size > 0]
+    assert {c.partition(".")[0] for c in moved} >= {"band_level", "vibration_level", "tap_strength"}
+
+
+def test_pieces_and_channels_change_alike_and_strangers_not_at_all() -> None:
+    one, same, other, unknown = changes_of(
+        ["band_level.b3.piece1", "y/band_level.b3.piece4", "band_level.b4.piece1", "my_feature"]
+    ).T
+    np.testing.assert_array_equal(one, same)
+    assert (one != other).any()
+    assert not unknown.any()
+
+
+def test_neighbouring_levels_rise_and_fall_together() -> None:
+    C = changes_of(["slope_level.lag1", "slope_level.lag2"])
+    first, second = (C / np.linalg.norm(C, axis=0)).T
+    assert first @ second > 0.8
+
+
+def test_pieces_get_the_changes_of_their_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of columns in pieces and one of the whole, every piece has each feature once, in its order."""
+    seen = []
+
+    class Judge(KernelDiscriminant):
+        def fit(self, X: np.ndarray, y: np.ndarray, changes: np.ndarray | None = None) -> "Judge":
+            seen.append(changes)
+            return super().fit(X, y, changes)
+
+    columns = ["tap_strength", *(f"band_level.b{b}.piece{p}" for b in (1, 2) for p in (1, 2, 3, 4))]
+    X, y = np.random.default_rng(0).standard_normal((8, 9)), np.repeat([0, 1], 4)
+    vote = VoteOfPieces(Judge(), n_pieces=4, known_changes=True)
+    knowing(vote, columns).fit(X, y)
+    (changes,) = seen
+    np.testing.assert_array_equal(changes, changes_of(["band_level.b1", "band_level.b2", "tap_strength"]))
+    knowing(vote, columns[1:]).fit(X[:, 1:], y)
+    np.testing.assert_array_equal(seen[-1], changes_of(columns[1:]))

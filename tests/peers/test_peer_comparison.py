@@ -16,7 +16,10 @@ from texclass.recording import Phases, Recording, Tap
 @pytest.fixture(scope="module")
 def compared(bench, interpreter):
     """Compare the benchmark with a peer of each behaviour."""
-    peers = {"tsfel": "absent", "minirocket": "perfect", "mfcc": "first fold wrong", "quant": "slow"}
+    peers = {
+        "tsfel": "absent", "minirocket": "perfect", "mfcc": "first fold wrong", "quant": "slow",
+        "catch22": "crash",
+    }  # fmt: skip
     return compare_with_peers(*bench, PeerSettings(tuple(peers), interpreter(**peers), time_limit_s=4.0))
 
 
@@ -40,22 +43,28 @@ def test_a_perfect_peer_is_level_with_a_perfect_row_at_the_cost_of_one_fold(benc
     assert cost["total_s"] == pytest.approx(12 * of_a_recording + 0.5 + 3 * 0.001)
 
 
-def test_a_missing_peer_is_a_line_and_no_error_and_our_widest_row_competes_beside_the_best(compared):
+def test_a_peer_that_is_missing_or_dies_is_a_line_and_no_error_and_our_widest_row_competes_beside_the_best(
+    compared,
+):
     kept = json.loads(compared.to_json())
     assert {"dataset", "protocol", "versions", "peer_versions", "seed", "input_hash"} <= set(kept)
     ours = [c for c in kept["contestants"] if c["ours"]]
     assert all(c["cost"]["feature_ms"] > 0 and c["cost"]["fit_s"] > 0 for c in ours)
     assert "Modified MFCC, Constant Mel Filter Bank" in {c["name"] for c in ours}
-    absent = of_peer(compared, "tsfel")
-    told = ("not installed", "needs aeon", None)
-    assert (absent["status"], absent["message"], absent["accuracy"]) == told
+    for name, status, message in (
+        ("tsfel", "not installed", "needs aeon"),
+        ("catch22", "failed", "Killed by its own hand"),
+    ):
+        peer = of_peer(compared, name)
+        assert (peer["status"], peer["message"], peer["accuracy"]) == (status, message, None)
 
 
 def test_a_wrong_fold_costs_what_it_tests_and_one_that_is_not_finished_nothing(compared):
     wrong, slow = of_peer(compared, "mfcc"), of_peer(compared, "quant")
     assert wrong["accuracy"]["folds"] == [0.0, 1.0, 1.0, 1.0]
     assert wrong["difference"]["test"].startswith("corrected resampled")
-    assert (slow["status"], slow["n_folds"], slow["accuracy"]["n_tested"]) == ("out of time", 2, 6)
+    assert (slow["status"], slow["message"]) == ("out of time", "stopped after 4 s")
+    assert (slow["n_folds"], slow["accuracy"]["n_tested"]) == (2, 6)
     assert len(slow["difference"]["folds"][0]) == 2
     contestants = [c for c in compared.data["contestants"] if c["ours"] or c is slow]
     assert PeerComparison({**compared.data, "contestants": contestants}).best_peer is None
@@ -77,10 +86,8 @@ def test_what_was_chosen_inside_the_training_parts_competes_first_and_is_compare
     assert first["accuracy"]["folds"][:3] == best["accuracy"]["folds"][:3]
     hits = first["accuracy"]["mean"]
     assert of_peer(found, "mfcc")["difference"]["difference"] == pytest.approx(hits - 1.0)
-    assert (
-        "Ours is chosen inside each training part. The best peer is the highest of"
-        in found.document().finding.rest
-    )
+    told = "Ours is chosen inside each training part. The best peer is the highest of"
+    assert told in found.document().finding.rest
 
 
 def test_settings_are_checked():
@@ -115,21 +122,18 @@ def recording():
     )  # fmt: skip
 
 
-def test_peers_are_given_the_movement_that_our_features_read(recording):
+def test_peers_are_given_the_movement_that_our_features_read_or_each_channel_without_its_mean(recording):
     given = same_signals(recording, ())
     np.testing.assert_array_equal(given, views_of(recording)[""].movement.samples[None])
     apart = same_signals(recording, recording.channels)
     assert apart.shape[0] == 3
     views = views_of(recording, recording.channels)
     np.testing.assert_array_equal(apart[2], views["z/"].movement.samples)
-
-
-def test_each_channel_by_itself_includes_the_turn_rate_and_no_mean(recording):
-    given = every_channel(recording)
-    assert given.shape == (6, 3000)
-    assert np.abs(given.mean(axis=1)).max() < 1e-12
+    each = every_channel(recording)
+    assert each.shape == (6, 3000)
+    assert np.abs(each.mean(axis=1)).max() < 1e-12
     turn = recording.turn_rate[500:3500, 1]
-    np.testing.assert_allclose(given[4], turn - turn.mean())
+    np.testing.assert_allclose(each[4], turn - turn.mean())
 
 
 def test_taps_stand_in_where_there_is_no_movement_and_all_of_it_where_there_are_neither(recording):

@@ -98,10 +98,6 @@ def test_count_scaler_standardises_roots_and_leaves_zeros():
     assert not scaled[20:, 2].any()
 
 
-def test_every_classifier_of_every_peer_exists():
-    assert {name for peer in PEERS.values() for name in peer.classifiers} <= set(CLASSIFIERS)
-
-
 def test_a_system_that_tells_no_memory_gives_none(monkeypatch, tmp_path):
     for name in ("STATUS", "RESET"):
         monkeypatch.setattr(f"texclass.peers.peer_worker.run.{name}", tmp_path / "proc" / name)
@@ -121,6 +117,7 @@ def test_memory_that_came_and_went_and_the_time_of_this_process_are_measured():
 
 
 def test_mfcc_tells_two_noises_apart_in_an_interpreter_of_its_own(task, tmp_path):
+    assert {name for peer in PEERS.values() for name in peer.classifiers} <= set(CLASSIFIERS)
     outcome = run_worker(Path(sys.executable), task, "mfcc", tmp_path / "out", 120.0)
     assert (outcome["status"], len(outcome["folds"])) == ("done", 2)
     assert {"librosa", "numpy", "scikit-learn"} <= set(outcome["versions"])
@@ -143,25 +140,8 @@ def test_a_peer_that_is_not_there_is_reported_as_not_installed(task, tmp_path, m
     with warnings.catch_warnings():
         assert main() == 1
     outcome = read_outcome(tmp_path, expired=False, time_limit_s=60.0)
-    assert (outcome["status"], outcome["message"], outcome["folds"]) == (
-        "not installed",
-        "needs pycatch22",
-        [],
-    )
-
-
-def test_an_outcome_says_how_it_ended(interpreter, tmp_path):
-    four = tuple((np.arange(0, 18), np.arange(18, 24)) for _ in range(4))
-    write_task(tmp_path / "t", iter(np.zeros((24, 1, 9))), np.arange(24) % 3, four, 1.0, 0)
-    for behaviour, *ended in (
-        ("perfect", "done", 4, ""),
-        ("slow", "out of time", 2, "stopped after 5 s"),
-        ("crash", "failed", 0, "Killed by its own hand"),
-        ("absent", "not installed", 0, "needs aeon"),
-    ):
-        limit_s = 5.0 if behaviour == "slow" else 120.0
-        outcome = run_worker(interpreter(behaviour), tmp_path / "t", "mfcc", tmp_path / behaviour, limit_s)
-        assert [outcome["status"], len(outcome["folds"]), outcome["message"]] == ended
+    told = ("not installed", "needs pycatch22", [])
+    assert (outcome["status"], outcome["message"], outcome["folds"]) == told
 
 
 def test_no_such_interpreter_is_a_bad_input(tmp_path):

@@ -1,3 +1,5 @@
+"""How recordings feel: places among references, and what a recording cannot tell."""
+
 import json
 
 import numpy as np
@@ -86,18 +88,8 @@ def test_describe_on_the_command_line(command, monkeypatch, tmp_path, references
     monkeypatch.chdir(tmp_path)
     (tmp_path / "six.toml").write_text(REFERENCES)
     (tmp_path / "felt.txt").write_text("\n".join(map(str, references[0].acceleration[:, 2])))
-    asked = (
-        "describe",
-        "felt.txt",
-        "--fs",
-        "10000",
-        "--unit",
-        "m/s^2",
-        "--references",
-        "six.toml",
-        "--jobs",
-        "1",
-    )
+    reading = ("felt.txt", "--fs", "10000", "--unit", "m/s^2")
+    asked = ("describe", *reading, "--references", "six.toml", "--jobs", "1")
     code, out, _ = command(*asked)
     assert code == 0
     assert "hard (0: soft)" in out
