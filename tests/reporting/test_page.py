@@ -148,23 +148,6 @@ def test_the_key_message_is_the_best_accuracy_beside_the_published_one(text_of):
     assert "+4.0 points [−3.4, +8.5] against the 86 % published" in page
 
 
-def test_without_a_published_figure_of_the_best_row_the_best_published_row_is_compared(text_of):
-    data = result("benchmark")
-    data["rows"][0]["paper"] = {}
-    page = text_of(data)
-    assert "−10.0 points" in page
-    assert "published for Row" in page
-
-
-def test_a_benchmark_without_any_computed_row_says_so(text_of):
-    data = result("benchmark") | {"confusion": None, "gains": None}
-    for row in data["rows"]:
-        row |= {"accuracy": {}, "missing": "no taps"}
-    page = text_of(data)
-    assert "of the rows could be computed" in page
-    assert "not computed: no taps" in page
-
-
 def test_the_confusion_matrix_has_a_cell_for_each_pair_and_lists_each_confusion(text_of):
     data, n = result("benchmark"), 69
     names = [f"material-{i:02d}" for i in range(n)]

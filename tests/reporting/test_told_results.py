@@ -65,21 +65,12 @@ def test_a_row_holds_ours_with_its_interval_then_the_published_figure():
     assert "Friction not computed: no friction signal" in everywhere(document("benchmark"))[0]
 
 
-def test_where_nothing_is_published_there_is_no_column_for_it():
-    data = result("benchmark")
-    for row in data["rows"]:
-        row["paper"] = {}
-    assert all("aper" not in told for told in everywhere(document("benchmark", data)))
-    assert "No row of this table has a published figure." in everywhere(document("benchmark", data))[0]
-
-
 def test_windows_have_their_balance_and_the_vote_of_each_run():
     data = result("benchmark")
     data["dataset"]["n_windows"] = 800
-    for row in data["rows"]:
-        for accuracy in row["accuracy"].values():
-            accuracy |= {"interval": "t over runs", "clusters": "run", "n_clusters": 8}
-            accuracy["per_run"] = accuracy.pop("per_recording", {"mean": 1.0, "low": 0.4, "high": 1.0})
+    for accuracy in accuracies(data):
+        accuracy |= {"interval": "t over runs", "clusters": "run", "n_clusters": 8}
+        accuracy["per_run"] = accuracy.pop("per_recording", {"mean": 1.0, "low": 0.4, "high": 1.0})
     told = document("benchmark", data)
     assert table(told, 1)["All"] == ["85.0", "90.0 [69.9, 97.2]", "80.0", "100.0 [40.0, 100.0]"]
     for text in everywhere(told):
@@ -87,38 +78,76 @@ def test_windows_have_their_balance_and_the_vote_of_each_run():
             assert said in text
 
 
-def test_balanced_accuracies_equal_to_the_others_need_no_table():
-    data = result("benchmark")
+def accuracies(data):
+    """Return the accuracies of a benchmark, to be changed."""
+    return [accuracy for row in data["rows"] for accuracy in row["accuracy"].values()]
+
+
+def nothing_published(data):
     for row in data["rows"]:
-        for accuracy in row["accuracy"].values():
-            accuracy["balanced"] = accuracy["mean"]
-            accuracy.pop("per_recording", None)
-    assert "other terms" not in render_markdown(document("benchmark", data))
-    assert "Balanced: mean over materials." in render_markdown(document("benchmark"))
+        row["paper"] = {}
 
 
-def test_what_was_chosen_inside_the_training_parts_is_told():
-    choice = {"accuracy": {"mean": 0.7, "low": 0.604, "high": 0.781}, "protocol": "blocks",
-              "chosen": [["All", "lda"], ["Level", "lda"], ["All", "lda"]]}  # fmt: skip
-    told, _ = everywhere(document("benchmark", result("benchmark") | {"choice": choice}))
-    assert "70.0 % [60.4, 78.1] of the recordings recognised among 3 materials, by row and classifier" in told
-    assert (
-        "90.0 % by All with LDA: the highest of 3 pairs of row and classifier, chosen with the tests" in told
-    )
-    assert "chosen: All, LDA (2 of 3 folds); Level, LDA (1 of 3 folds)." in told
+def as_balanced(data):
+    for accuracy in accuracies(data):
+        accuracy["balanced"] = accuracy["mean"]
+        accuracy.pop("per_recording", None)
 
 
-def test_left_out_flagged_and_undefined_are_listed_up_to_a_number():
-    more = {
-        "left_out": [["r1", "empty"]],
-        "flags": [[f"r{i}", "clipped"] for i in range(9)],
-        "undefined": [{"feature": "waviness", "reason": "too short", "n_recordings": n} for n in (3, 100)],
-    }
-    told, _ = everywhere(document("benchmark", result("benchmark") | more))
-    assert "Recordings left out, 1: r1: empty." in told
-    assert "r5: clipped; and 3 more, in the JSON." in told
-    assert "waviness in 3 of 100: too short" in told
-    assert "100 of 100" not in told
+def nothing_computed(data):
+    data |= {"confusion": None, "gains": None}
+    for row in data["rows"]:
+        row |= {"accuracy": {}, "missing": "no taps"}
+
+
+def over_operators(data, interval, n, **more):
+    for accuracy in accuracies(data):
+        accuracy |= {
+            "interval": f"{interval} over operators",
+            "clusters": "operator",
+            "n_clusters": n,
+            **more,
+        }
+
+
+CHOICE = {
+    "accuracy": {"mean": 0.7, "low": 0.604, "high": 0.781}, "protocol": "blocks",
+    "chosen": [["All", "lda"], ["Level", "lda"], ["All", "lda"]],
+}  # fmt: skip
+PROBLEMS = {
+    "left_out": [["r1", "empty"]],
+    "flags": [[f"r{i}", "clipped"] for i in range(9)],
+    "undefined": [{"feature": "waviness", "reason": "too short", "n_recordings": n} for n in (3, 100)],
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "said", "unsaid"),
+    [
+        (lambda d: None, ["Balanced: mean over materials."], []),
+        (nothing_published, ["No row of this table has a published figure."], ["aper"]),
+        (as_balanced, [], ["other terms"]),
+        (nothing_computed, ["of the rows could be computed", "not computed: no taps"], []),
+        (lambda d: d["rows"][0].update(paper={}), ["−10.0 points", "published for Row"], []),
+        (lambda d: d.update(choice=CHOICE),
+         ["70.0 %", "[60.4, 78.1] of the recordings recognised among 3 materials, by row and classifier",
+          "90.0 % by All with LDA: the highest of 3 pairs of row and classifier, chosen with the tests",
+          "chosen: All, LDA (2 of 3 folds); Level, LDA (1 of 3 folds)."], []),
+        (lambda d: d.update(PROBLEMS),
+         ["Recordings left out, 1: r1: empty.", "r5: clipped; and 3 more, in the JSON.",
+          "waviness in 3 of 100: too short"], ["100 of 100"]),
+        (lambda d: over_operators(d, "Wilson", 3),
+         ["95 % interval over 3 operators", "3 operators are too few, so their spread tells nothing"], []),
+        (lambda d: over_operators(d, "t", 7, mean=0.97),
+         ["So near the end of the scale 7 operators cannot tell well"], []),
+    ],
+)  # fmt: skip
+def test_what_is_special_about_a_benchmark_is_told(change, said, unsaid):
+    data = result("benchmark")
+    change(data)
+    for told in everywhere(document("benchmark", data)):
+        assert all(text in told for text in said), [text for text in said if text not in told]
+        assert not any(text in told for text in unsaid)
 
 
 def test_the_confusion_matrix_says_each_pair():
@@ -291,23 +320,6 @@ def test_published_figures_are_a_measure_only_of_as_many_surfaces_under_the_same
             assert "points [" not in text.partition("Every row beside")[0]
             assert "reach their published" not in text
         assert not any(figure(told, "ranking").table.frame["Points"])
-
-
-def test_clusters_that_cannot_tell_are_said_to_in_words():
-    data = result("benchmark")
-    for row in data["rows"]:
-        for accuracy in row["accuracy"].values():
-            accuracy |= {"interval": "Wilson over operators", "clusters": "operator", "n_clusters": 3}
-    told, text = everywhere(document("benchmark", data))
-    assert "95 % interval over 3 operators" in told
-    assert "3 operators are too few, so their spread tells nothing" in text
-    for row in data["rows"]:
-        for accuracy in row["accuracy"].values():
-            accuracy |= {"interval": "t over operators", "n_clusters": 7, "mean": 0.97}
-    assert (
-        "So near the end of the scale 7 operators cannot tell well"
-        in everywhere(document("benchmark", data))[0]
-    )
 
 
 def test_chance_stands_beside_every_accuracy_in_text_and_picture():
