@@ -76,8 +76,17 @@ def test_a_result_is_told_in_a_line_and_a_table_written_and_drawn(result, tmp_pa
     assert published == pytest.approx([90, 95, 20])
 
 
-def test_a_result_holds_one_recording_as_outline_and_phases(result):
-    example = result.data["example"]
+def test_a_result_carries_facts_hashes_what_is_undefined_and_one_recording_with_its_phases(result, several):
+    facts, example = result.data["dataset"], result.data["example"]
+    assert (facts["fs_hz"], facts["unit"], facts["n_materials"], facts["chance"]) == (FS, "m/s^2", 3, 1 / 3)
+    assert len(result.data["code_hash"]) == 16
+    assert result.data["movement"] == "as printed, the hand left in"
+    assert result.data["pipeline"]["features_hash"] == several.features.hash
+    assert set(zip(result.table["clusters"], result.table["n_clusters"], strict=True)) == {("recording", 12)}
+    undefined = {u["feature"]: u for u in result.data["undefined"]}
+    assert undefined["knock"]["n_recordings"] == 12
+    assert undefined["rarely"]["reason"] == "starts above 0"
+    assert 0 < undefined["rarely"]["n_recordings"] < 12
     assert len(example["low"]) == len(example["high"]) >= 300
     assert all(low <= high for low, high in zip(example["low"], example["high"], strict=True))
     assert example["recording"]
@@ -106,20 +115,10 @@ def test_a_row_that_lacks_a_phase_says_so_and_one_that_selects_how_often_what(re
     assert sum(selected["selected"]["naive_bayes"].values()) == pytest.approx(2)
 
 
-def test_undefined_values_are_summed_up_by_feature(result):
-    found = {u["feature"]: u for u in result.data["undefined"]}
-    assert found["knock"]["n_recordings"] == 12
-    assert found["rarely"]["reason"] == "starts above 0"
-    assert 0 < found["rarely"]["n_recordings"] < 12
-
-
 def test_a_second_run_changes_nothing_but_milliseconds(result, toy_dataset, several):
     def without_ms(result):
-        found = result.to_dict()
-        return found | {
-            "segmentation_ms": 0,
-            "rows": [line | {"ms_per_recording": 0} for line in found["rows"]],
-        }
+        rows = [line | {"ms_per_recording": 0} for line in result.data["rows"]]
+        return result.to_dict() | {"segmentation_ms": 0, "rows": rows}
 
     assert without_ms(run_benchmark(toy_dataset(), several)) == without_ms(result)
 
@@ -147,17 +146,8 @@ def test_dataset_and_pipeline_may_be_named(tmp_path):
     assert (result.data["dataset"]["n_materials"], result.data["pipeline"]["name"]) == (3, "few")
 
 
-def test_a_result_carries_rate_unit_surfaces_chance_clusters_and_hashes_of_code_and_features(result, several):
-    facts = result.data["dataset"]
-    assert (facts["fs_hz"], facts["unit"], facts["n_materials"], facts["chance"]) == (FS, "m/s^2", 3, 1 / 3)
-    assert len(result.data["code_hash"]) == 16
-    assert result.data["movement"] == "as printed, the hand left in"
-    assert result.data["pipeline"]["features_hash"] == several.features.hash
-    assert set(zip(result.table["clusters"], result.table["n_clusters"], strict=True)) == {("recording", 12)}
-
-
 def test_where_operators_are_left_out_interval_and_choice_are_over_operators(toy_dataset, pipeline):
-    few = pipeline(row("Chance", "rarely", "level"), classifiers={"euclidean": CLASSIFIERS["euclidean"]})
+    few = pipeline(row("Chance", "rarely", "level"), classifiers=EUCLIDEAN)
     data = run_benchmark(toy_dataset(3, 12, operators=6), few, protocol="operator", choose=True).data
     for found in (data["rows"][0]["accuracy"]["euclidean"], data["choice"]["accuracy"]):
         assert (found["clusters"], found["n_clusters"]) == ("operator", 6)
@@ -192,12 +182,9 @@ def test_what_refuses_single_recordings_is_left_out_of_the_table(toy_dataset, pi
 def test_the_interval_of_rank_agreement_covers():
     rng, rho, inside = np.random.default_rng(0), 0.8, 0
     for _ in range(300):
-        x, noise = rng.normal(size=(2, 16))
-        ours = {"accuracy": x, "paper": rho * x + np.sqrt(1 - rho**2) * noise}
-        lines = [
-            {"accuracy": {"lda": {"mean": ours["accuracy"][i]}}, "paper": {"lda": ours["paper"][i]}}
-            for i in range(16)
-        ]
+        ours, noise = rng.normal(size=(2, 16))
+        pairs = zip(ours, rho * ours + np.sqrt(1 - rho**2) * noise, strict=True)
+        lines = [{"accuracy": {"lda": {"mean": x}}, "paper": {"lda": y}} for x, y in pairs]
         r, (low, high) = rank_agreement(lines, "lda")
         assert low < r < high
         inside += low <= 6 / np.pi * np.arcsin(rho / 2) <= high
@@ -226,7 +213,7 @@ def test_the_row_that_fits_the_tests_by_chance_is_not_chosen(two):
     """`level` tells materials apart in training; `peaks` only in the tests, where `level` is noise."""
     rng, later = np.random.default_rng(0), np.tile(np.arange(20) >= 10, 4)
     truth, noise = np.repeat(np.arange(4.0), 20) + rng.normal(0, 0.05, 80), rng.uniform(0, 3, (2, 80))
-    level, *peaks = (column for name in ("level", "peaks") for column in _columns(two, name))
+    level, *peaks = two.features.restricted_to(["level", "peaks"]).column_names
     values = dict.fromkeys(two.features.column_names, np.zeros(80))
     values |= {level: np.where(later, noise[0], truth)}
     values |= {peak: np.where(later, truth, noise[1]) for peak in peaks}
@@ -298,10 +285,6 @@ def test_the_papers_protocol_is_refused_and_a_part_of_single_recordings_too(toy_
         run_benchmark(toy_dataset(), two, protocol="paper", choose=True)
     with pytest.raises(ValueError, match="cannot be split again"):
         inner_splits(find_protocol("recording"), a_table(3, 2), [(np.arange(6), None)], 0)
-
-
-def _columns(pipeline, feature):
-    return pipeline.features.restricted_to([feature]).column_names
 
 
 RANKS = Path(__file__).parents[2] / "reports" / "studies" / "rank_agreement.json"

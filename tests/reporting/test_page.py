@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +9,6 @@ from pathlib import Path
 import pytest
 from told import DATA, HOSTILE, result
 
-from texclass.cli import main
 from texclass.reporting import read_document, write_page
 from texclass.reporting.result_files import KINDS
 
@@ -222,38 +220,34 @@ def test_what_is_no_result_is_refused_with_file_and_rule(text, rule, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "rule"),
+    ("kind", "change", "rule"),
     [
-        (lambda d: d["rows"][0]["accuracy"]["lda"].update(mean=90), r"rows\.1\..*\.mean is 90; .* 1"),
-        (lambda d: d["rows"][0].pop("name"), r"lacks the key rows\.1\.name"),
-        (lambda d: d["confusion"]["counts"].pop(), r"confusion: counts has sides of .* is 3"),
-        (lambda d: d["example"]["low"].pop(), r"example: low and high have \[3, 4\] members"),
-        (lambda d: d.update(seed="seven"), "seed is 'seven'; the rule is a whole number"),
-        (lambda d: d.update(rows=[]), r"rows is \[\]; the rule is at least 1"),
-        (lambda d: d["gains"]["groups"][0]["paired"].update(low=None), r"groups\.1\.paired\.low is None"),
-        (lambda d: d.update(choice={"accuracy": {"mean": 1, "low": 1, "high": 1}, "chosen": [["All"]],
-                                    "protocol": "x"}), r"choice\.chosen\.1\.2"),
-        (lambda d: d["rows"][0].update(ms_per_recording=1e308), r"ms_per_recording is 1e\+308; .* 1e\+100"),
+        ("benchmark", lambda d: d["rows"][0]["accuracy"]["lda"].update(mean=90),
+         r"rows\.1\..*\.mean is 90; .* 1"),
+        ("benchmark", lambda d: d["rows"][0].pop("name"), r"lacks the key rows\.1\.name"),
+        ("benchmark", lambda d: d["confusion"]["counts"].pop(), r"confusion: counts has sides of .* is 3"),
+        ("benchmark", lambda d: d["example"]["low"].pop(), r"example: low and high have \[3, 4\] members"),
+        ("benchmark", lambda d: d.update(seed="seven"), "seed is 'seven'; the rule is a whole number"),
+        ("benchmark", lambda d: d.update(rows=[]), r"rows is \[\]; the rule is at least 1"),
+        ("benchmark", lambda d: d["gains"]["groups"][0]["paired"].update(low=None),
+         r"groups\.1\.paired\.low is None"),
+        ("benchmark", lambda d: d.update(choice={"accuracy": {"mean": 1, "low": 1, "high": 1},
+                                                 "chosen": [["All"]], "protocol": "x"}),
+         r"choice\.chosen\.1\.2"),
+        ("benchmark", lambda d: d["rows"][0].update(ms_per_recording=1e308),
+         r"ms_per_recording is 1e\+308; .* 1e\+100"),
+        ("stability", lambda d: d["tallies"][0]["marks"].update(fine=1),
+         r"tallies\.1: marks has 'fine'; the rule is one of exact, "),
+        ("tradeoff", lambda d: d["curves"][0]["labels"].pop(),
+         r"curves\.1: x, accuracy and labels have \[2, 3\] members"),
     ],
 )  # fmt: skip
-def test_a_broken_result_is_refused_with_place_and_rule(change, rule, tmp_path):
-    data = result("benchmark")
+def test_a_broken_result_is_refused_with_place_and_rule(kind, change, rule, tmp_path):
+    data, path = result(kind), tmp_path / "broken.json"
     change(data)
-    path = tmp_path / "broken.json"
     path.write_text(json.dumps(data))
     with pytest.raises(ValueError, match=rf"broken\.json: .*{rule}"):
         read_document(path)
-
-
-def test_marks_and_curves_that_do_not_exist_are_refused(text_of):
-    data = result("stability")
-    data["tallies"][0]["marks"]["fine"] = 1
-    with pytest.raises(ValueError, match=r"tallies\.1: marks has 'fine'; the rule is one of exact, "):
-        text_of(data)
-    data = result("tradeoff")
-    data["curves"][0]["labels"].pop()
-    with pytest.raises(ValueError, match=r"curves\.1: x, accuracy and labels have \[2, 3\] members"):
-        text_of(data)
 
 
 def test_binary_files_and_pages_over_results_are_refused(tmp_path):
@@ -274,21 +268,13 @@ def test_a_result_that_cannot_be_drawn_names_its_file(text_of, monkeypatch):
         text_of(result("benchmark"))
 
 
-def test_the_command_writes_the_page_or_one_line_of_error(tmp_path, monkeypatch, capsys):
+def test_the_command_writes_the_page_or_one_line_of_error(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(
-        sys, "argv", ["texclass", "report", str(INVARIANCE), "-o", "out/r.html", "--title", "My <b>"]
-    )
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert not ended.value.code
+    code, _, err = command("report", INVARIANCE, "-o", "out/r.html", "--title", "My <b>")
+    assert code == 0, err
     assert "<h1>My &lt;b&gt;</h1>" in Path("out/r.html").read_text(encoding="utf-8")
     (tmp_path / "other.json").write_text("{}")
-    monkeypatch.setattr(sys, "argv", ["texclass", "report", "other.json"])
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 1
-    error = capsys.readouterr().err
-    assert error.startswith("error: other.json: holds no result")
-    assert error.count("\n") == 1
+    code, _, err = command("report", "other.json")
+    assert code == 1
+    assert err.startswith("error: other.json: holds no result")
+    assert err.count("\n") == 1
