@@ -36,6 +36,8 @@ clock = time.thread_time if PRECISE else time.perf_counter
 """Seconds of this thread alone, where the system counts them finely: what else runs then matters little."""
 QUARTILE = 0.25
 """Of several runs: what else runs can only make one slower."""
+N_RECORDINGS, N_REPEATS = 3, 5
+"""On how many recordings costs are measured, and how often."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,9 +163,10 @@ class CostMeter:
     input_hash: str = ""
 
     @classmethod
-    def on(cls, dataset: Dataset, usable: Sequence[str], channels: Channels, n: int = 3) -> "CostMeter":
-        """Take up to `n` usable recordings spread over a dataset."""
-        wanted = {usable[i] for i in np.linspace(0, len(usable) - 1, min(n, len(usable))).astype(int)}
+    def on(cls, dataset: Dataset, usable: Sequence[str], channels: Channels) -> "CostMeter":
+        """Take up to `N_RECORDINGS` usable recordings spread over a dataset."""
+        n = min(N_RECORDINGS, len(usable))
+        wanted = {usable[i] for i in np.linspace(0, len(usable) - 1, n).astype(int)}
         loaded = [dataset.load(entry) for entry in dataset.entries if entry.recording_id in wanted]
         recordings = tuple(recording.with_(phases=segment(recording)) for recording in loaded)
         with one_thread():
@@ -175,7 +178,7 @@ class CostMeter:
         """Return what a set takes, finding the phases included; see `CostModel`."""
         return self.segmentation_ms + self.measured(Plan.of(feature_set, self.channels), n_repeats=3)[0]
 
-    def measured(self, *plans: Plan, n_repeats: int = 5) -> tuple[float, ...]:
+    def measured(self, *plans: Plan, n_repeats: int = N_REPEATS) -> tuple[float, ...]:
         """Return what plans take where phases are known: lower quartiles of runs, means over recordings.
 
         They take turns, so that a machine that gets slower or faster meanwhile does so for all of them.
@@ -208,7 +211,7 @@ class CostMeter:
         write_if_possible(path, json.dumps(facts).encode())
         return model
 
-    def model(self, feature_set: FeatureSet, n_repeats: int = 5) -> CostModel:
+    def model(self, feature_set: FeatureSet) -> CostModel:
         """Measure every part of a set, each feature by itself on fresh views.
 
         A part's time is the lower quartile of the runs that computed it, and the mean over recordings. All
@@ -221,7 +224,7 @@ class CostMeter:
         with one_thread():
             for recording in self.recordings:
                 times: dict[Hashable, list[float]] = defaultdict(list)
-                for _ in range(1 + n_repeats):  # the first run warms up
+                for _ in range(1 + N_REPEATS):  # the first run warms up
                     for i, (prefix, member) in enumerate(members):
                         views = views_of(recording, self.channels)[prefix]
                         for part, seconds in _seconds_of(member, views, prefix).items():
@@ -264,7 +267,7 @@ def _seconds_of(member: Member, views: Views, prefix: str) -> dict[Hashable, flo
     return seconds
 
 
-def classifier_cost(classifier: Any, X: Samples, y: NDArray[Any], n_repeats: int = 5) -> dict[str, float]:
+def classifier_cost(classifier: Any, X: Samples, y: NDArray[Any]) -> dict[str, float]:
     """Measure a classifier on prepared features (finite), one thread; medians of a few runs.
 
     Returns
@@ -273,9 +276,9 @@ def classifier_cost(classifier: Any, X: Samples, y: NDArray[Any], n_repeats: int
         `fit_ms`: fitting all recordings once; `predict_ms`: one recording at a time, as a robot asks.
     """
     with one_thread():
-        fits = [_timed(lambda: clone(classifier).fit(X, y)) for _ in range(n_repeats)]
+        fits = [_timed(lambda: clone(classifier).fit(X, y)) for _ in range(N_REPEATS)]
         fitted = fits[-1][0]
-        rows = X[np.linspace(0, len(X) - 1, 4 * n_repeats).astype(int)]
+        rows = X[np.linspace(0, len(X) - 1, 4 * N_REPEATS).astype(int)]
         predictions = [_timed(partial(fitted.predict, row[None]))[1] for row in rows]
     return {"fit_ms": float(np.median([ms for _, ms in fits])), "predict_ms": float(np.median(predictions))}
 

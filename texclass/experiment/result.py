@@ -23,15 +23,14 @@ if TYPE_CHECKING:
 COMPUTED_BY = ("recording", "signals", "phases", "features", "vibration", "experiment")
 """Rooms and modules whose code the figures of a result depend on."""
 
-
-CLASSIFIERS = {
+CLASSIFIER_TITLES = {
     "naive_bayes": "Naive Bayes",
     "lda": "LDA",
     "shrinkage_lda": "Shrinkage LDA",
     "euclidean": "Euclidean",
     "nearest_neighbour": "Nearest neighbour",
 }
-PROTOCOLS = {
+PROTOCOL_TITLES = {
     "recording": "folds over recordings",
     "operator": "leave one operator out",
     "run": "folds over whole runs",
@@ -39,7 +38,6 @@ PROTOCOLS = {
     "few-shot": "three repetitions, several starts, to second half",
     "paper": "the paper's protocol",
 }
-COUNTS = ("operator", "session", "test")
 CHOICE = "row chosen inside the training parts"
 """What the choice of a benchmark is called beside its rows."""
 FEW = 10
@@ -113,7 +111,7 @@ def best_of(data: Mapping[str, Any]) -> Pair | None:
 
 def classifier_title(name: str) -> str:
     """Return a classifier in words."""
-    return CLASSIFIERS.get(name, name.replace("_", " ").capitalize())
+    return CLASSIFIER_TITLES.get(name, name.replace("_", " ").capitalize())
 
 
 def protocol_title(name: str) -> str:
@@ -121,7 +119,7 @@ def protocol_title(name: str) -> str:
     if name.startswith("few-shot "):
         n_shots = counted(int(name.removeprefix("few-shot ")), "repetition")
         return f"{n_shots}, several starts, to second half"
-    return PROTOCOLS.get(name, name)
+    return PROTOCOL_TITLES.get(name, name)
 
 
 def size(facts: Mapping[str, Any]) -> str:
@@ -156,7 +154,8 @@ def caution(found: Mapping[str, Any]) -> str:
 def dataset_facts(data: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
     """Return name and facts of the dataset that a result was measured on."""
     facts = data["dataset"]
-    counts = [counted(facts[f"n_{what}s"], what) for what in COUNTS if facts.get(f"n_{what}s")]
+    others = ("operator", "session", "test")
+    counts = [counted(facts[f"n_{what}s"], what) for what in others if facts.get(f"n_{what}s")]
     told = {
         "What it is": facts.get("title"),
         "Size": ", ".join([size(facts), *counts]),

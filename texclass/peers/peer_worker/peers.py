@@ -5,7 +5,7 @@ Each turns the signals of some recordings into a table of features. What it need
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,13 +55,12 @@ class PerRecording:
         (samples of one channel, shape (n_samples,); fs in Hz) -> values, shape (n_columns,).
     fs : float
         Sampling rate in Hz.
-    learns : bool
-        Whether `fit` takes values from its signals; if not, every recording is computed only once.
     """
 
     describe: Callable[[Signal, float], Table]
     fs: float
-    learns: bool = False
+    learns: ClassVar[bool] = False
+    """Nothing is taken from the signals it is fitted on, so every recording is computed only once."""
 
     def fit(self, signals: Sequence[Signal]) -> Self:
         """Learn nothing."""
