@@ -78,10 +78,10 @@ def a_document():
     )
 
 
-def on_terminal(width):
+def on_terminal(width, document=None):
     console = Console(width=width)
     with console.capture() as capture:
-        console.print(render_terminal(a_document()))
+        console.print(render_terminal(document or a_document()))
     return capture.get()
 
 
@@ -112,22 +112,16 @@ def test_a_table_too_wide_for_any_terminal_is_told_in_parts_that_each_name_their
     names = [f"Method {i}" for i in range(9)]
     frame = pd.DataFrame([["wood", *["90.0 [82.6, 94.5]"] * 9], ["tile", *["8.0 [2.6, 14.5]"] * 9]])
     frame.columns = pd.MultiIndex.from_tuples([("Row", ""), *((name, "% [95 %]") for name in names)])
-    console = Console(width=50)
-    with console.capture() as capture:
-        console.print(render_terminal(Document("t", [Table(frame)])))
-    told = capture.get()
+    told = on_terminal(50, Document("t", [Table(frame)]))
     assert told.count("83–94") == told.count("90.0") == 9
     assert told.count("wood") == told.count("tile") > 1
     assert max(map(len, told.splitlines())) <= 50
 
 
-def test_rows_of_markdown_have_as_many_cells_as_the_header():
+def test_rows_of_markdown_have_as_many_cells_as_the_header_and_two_levels_of_titles_are_two_lines_on_a_page():
     text = render_markdown(Document("toy", [a_table()])).replace("\\|", "")
     assert {line.count("|") for line in text.splitlines() if line.startswith("|")} == {6}
     assert "| **All** | **12** | **90.0** [82.6, 94.5] | **86** | **1.5** |" in text
-
-
-def test_columns_of_two_levels_are_titled_in_two_lines():
     head = re.findall("<thead>(.*?)</thead>", render_page([Document("toy", [a_table()])]), re.S)[0]
     assert head.count("<tr>") == 2
     assert 'colspan="2" class="group">LDA' in head

@@ -88,7 +88,10 @@ def test_a_result_carries_facts_hashes_what_is_undefined_and_one_recording_with_
     assert undefined["rarely"]["reason"] == "starts above 0"
     assert 0 < undefined["rarely"]["n_recordings"] < 12
     assert len(example["low"]) == len(example["high"]) >= 300
-    assert all(low <= high for low, high in zip(example["low"], example["high"], strict=True))
+    low, high = np.array(example["low"]), np.array(example["high"])
+    assert (low <= high).all()
+    assert (low[1:] <= high[:-1]).all()  # each block touches the next
+    assert (high[1:] >= low[:-1]).all()
     assert example["recording"]
     assert 0 <= example["movement"][0] < example["movement"][1] <= example["seconds"]
 
@@ -113,6 +116,14 @@ def test_a_row_that_lacks_a_phase_says_so_and_one_that_selects_how_often_what(re
     assert whatever["accuracy"] == level["accuracy"]
     assert selected["n_features"] == 2
     assert sum(selected["selected"]["naive_bayes"].values()) == pytest.approx(2)
+
+
+def test_each_classifier_selects_for_itself(toy_dataset, pipeline):
+    selecting, found = row("Selected", "peaks", select=Selection(n=1, folds=2)), []
+    for classifiers in (CLASSIFIERS, EUCLIDEAN):
+        result = run_benchmark(toy_dataset(3, 8), pipeline(selecting, classifiers=classifiers))
+        found.append(result.data["rows"][0]["selected"])
+    assert found[0]["naive_bayes"] != found[0]["euclidean"] == found[1]["euclidean"]
 
 
 def test_a_second_run_changes_nothing_but_milliseconds(result, toy_dataset, several):

@@ -121,15 +121,14 @@ def test_costs_that_decide_are_measured_once(ticks, toy_dataset, monkeypatch, tm
     dataset = toy_dataset()
     meter = CostMeter.on(dataset, [dataset.entries[0].recording_id], "combine")
     first = meter.kept(ticks)
-    monkeypatch.setattr(CostMeter, "model", None)  # not asked again
-    again = meter.kept(ticks)
+    with monkeypatch.context() as patched:
+        patched.setattr(CostMeter, "model", None)  # not asked again
+        again = meter.kept(ticks)
     assert again.machine == first.machine
     assert again.machine.endswith(str(date.today()))
     assert (again.columns, again.features, again.parts) == (first.columns, first.features, first.parts)
     np.testing.assert_array_equal(again.ms, first.ms)
     np.testing.assert_array_equal(again.needs, first.needs)
-    monkeypatch.undo()
     (kept,) = (tmp_path / "costs").iterdir()
     kept.write_bytes(kept.read_bytes()[:-9])  # damaged: measured anew
-    monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path))
     assert meter.kept(ticks).columns == first.columns

@@ -145,7 +145,7 @@ def test_a_scheduler_that_does_not_answer_and_an_impossible_backend_are_refused(
     import dask
 
     with (
-        dask.config.set({"distributed.comm.timeouts.connect": "1s"}),
+        dask.config.set({"distributed.comm.timeouts.connect": "200ms"}),
         pytest.raises(OSError, match=r"127\.0\.0\.1:9"),
         running_on("dask", "tcp://127.0.0.1:9"),
     ):

@@ -1,3 +1,5 @@
+"""The picture of one recording: every kind of phases, short recordings, hostile names."""
+
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -15,9 +17,9 @@ def _recording(n=20_000, n_axes=3, fs=10_000.0, **facts):
     return Recording(x if n_axes > 1 else x[:, 0], fs, "m/s^2", "made", **facts)
 
 
-def _drawn(recording, phases, values):
+def _drawn(recording, phases, values, units=None):
     """Return the shown texts of a picture with something in it."""
-    figure = draw_inspection(recording, phases, values)
+    figure = draw_inspection(recording, phases, values, units)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     pixels = np.asarray(canvas.buffer_rgba())[..., :3] / 255
@@ -43,19 +45,10 @@ def test_every_kind_of_phases_is_drawn(phases, said):
     assert texts.count("movement") == ("movement" in said)
 
 
-@pytest.mark.parametrize("n", [1, 40])
-def test_short_and_constant_recordings_are_drawn(n):
-    recording = Recording(np.full(n, 9.81), 1000.0, "counts", "short")
-    assert "no feature values" in _drawn(recording, segment(recording), None)
-
-
-def test_features_are_named_in_full_with_the_unit_of_the_recording():
-    name = "line_spectral_frequencies.c12"
-    recording = Recording(np.zeros(2000), 1000.0, "counts", "made")
-    figure = draw_inspection(
-        recording, Phases(), {name: 1.0, "spikiness": 2.0}, {"spikiness": "log10(m/s^2)"}
-    )
-    assert {name, "log10(counts)"} <= {text.get_text() for text in figure.findobj(Text)}
+def test_short_and_constant_recordings_are_drawn():
+    for n in (1, 40):
+        recording = Recording(np.full(n, 9.81), 1000.0, "counts", "short")
+        assert "no feature values" in _drawn(recording, segment(recording), None)
 
 
 def test_legends_stand_clear_of_the_data():
@@ -68,9 +61,10 @@ def test_legends_stand_clear_of_the_data():
         assert legend.get_window_extent().y0 >= axes.get_window_extent().y1
 
 
-def test_names_with_dollars_and_many_features_are_drawn():
-    recording = _recording(material="a $b_{c$ d", flags=("clipped: 3 %",) * 9)
-    values = {f"a_long_name_of_a_feature_${i}": 10.0**i for i in range(100)}
-    texts = _drawn(recording, Phases(), values)
-    assert "and 61 more" in texts
+def test_names_are_drawn_in_full_with_the_unit_of_the_recording_and_dollars_are_no_mathematics():
+    recording = _recording(material="a $b_{c$ d", flags=("clipped: 3 %",) * 9).with_(unit="counts")
+    values = {"spikiness": 2.0, "line_spectral_frequencies.c12": 1.0}
+    values |= {f"a_long_name_of_a_feature.${i}": 10.0**i for i in range(98)}
+    texts = _drawn(recording, Phases(), values, {"spikiness": "log10(m/s^2)"})
+    assert {"line_spectral_frequencies.c12", "log10(counts)", "and 61 more"} <= set(texts)
     assert sum("a $b_{c$ d" in text for text in texts) == 1
