@@ -43,6 +43,22 @@ def test_results_of_other_code_pipelines_or_features_are_listed_with_the_reason(
     assert stale_results([path]) == ({path: why} if why else {})
 
 
+def test_each_kind_of_result_names_its_pipeline_and_features_in_its_own_way(tmp_path):
+    path, pipeline = tmp_path / "r.json", todays()["pipeline"]
+    added = {"name": "strese2015+crest", "hash": f"{pipeline['hash']}+c0de"}  # and the feature `crest`
+    by_name = {"pipeline": "strese2015", "pipeline_hash": pipeline["hash"]}
+    features = {"features": "strese2015", "features_hash": pipeline["features_hash"]}
+    for kind, named, changed, why in (
+        ("feature", {"pipeline": pipeline | added}, {"pipeline": pipeline | added | {"hash": "0+c0de"}},
+         "pipeline strese2015 has changed"),
+        ("peers", by_name, {"pipeline_hash": "0"}, "pipeline strese2015 has changed"),
+        ("tradeoff", features, {"features_hash": "0"}, "feature set strese2015 has changed"),
+    ):  # fmt: skip
+        for facts, reason in (({}, None), (changed, why)):
+            path.write_text(json.dumps(result(kind) | named | made_by(*COMPUTED_BY) | facts))
+            assert stale_results([path]).get(path) == reason
+
+
 def test_studies_name_the_code_that_made_them_and_are_listed_too(tmp_path):
     path = tmp_path / "study.json"
     for facts, why in (

@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -352,20 +352,7 @@ def stale_results(paths: Sequence[str | Path]) -> dict[Path, str]:
             except ValueError:  # a room that is gone
                 same = False
             reasons += [] if same else ["made by other code"]
-        if kind == "study":
-            data = {}
-        pipeline, features = data.get("pipeline"), data.get("features")
-        hashed, features_hash = data.get("pipeline_hash"), data.get("features_hash")
-        if isinstance(pipeline, dict):
-            hashed, features = pipeline["hash"], pipeline["features"]
-            pipeline, features_hash = pipeline["name"], pipeline.get("features_hash")
-        if kind == "feature":  # the pipeline that the feature was added to
-            pipeline = pipeline.removesuffix(f"+{data['new_feature']['name']}")
-            hashed, features_hash = hashed.partition("+")[0], None
-        for what, name, its, load in (
-            ("pipeline", pipeline, hashed, load_pipeline),
-            ("feature set", features, features_hash, load_feature_set),
-        ):
+        for what, name, its, load in _definitions(kind, data):
             if name and its:
                 try:
                     reasons += [f"{what} {name} has changed"] if load(name).hash != its else []
@@ -374,6 +361,20 @@ def stale_results(paths: Sequence[str | Path]) -> dict[Path, str]:
         if reasons:
             found[path] = "; ".join(reasons)
     return found
+
+
+def _definitions(kind: str, data: Any) -> Iterator[tuple[str, Any, Any, Callable[[str], Any]]]:
+    """Yield what a result was made by: pipeline and feature set, the name and hash of each, what loads it."""
+    pipeline = data.get("pipeline")
+    if kind == "feature":  # the pipeline that the feature was added to
+        name = pipeline["name"].removesuffix(f"+{data['new_feature']['name']}")
+        yield "pipeline", name, pipeline["hash"].partition("+")[0], load_pipeline
+    elif kind == "benchmark":
+        yield "pipeline", pipeline["name"], pipeline["hash"], load_pipeline
+        yield "feature set", pipeline["features"], pipeline.get("features_hash"), load_feature_set
+    elif kind != "study":
+        yield "pipeline", pipeline, data.get("pipeline_hash"), load_pipeline
+        yield "feature set", data.get("features"), data.get("features_hash"), load_feature_set
 
 
 def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "") -> Path:
