@@ -28,10 +28,12 @@ def test_it_keeps_the_rules_of_scikit_learn() -> None:
     check_estimator(VoteOfPieces(), on_skip=None)
 
 
-def test_one_piece_is_the_classifier_itself() -> None:
+def test_one_piece_is_the_classifier_itself_and_so_is_a_recording_without_columns_of_pieces() -> None:
     X, y = recordings(10, 1)
-    alone = KernelDiscriminant().fit(X, y)
-    np.testing.assert_allclose(VoteOfPieces().fit(X, y).decision_function(X), alone.decision_function(X))
+    without = knowing(VoteOfPieces(n_pieces=4), [f"tap.{i}" for i in range(20)])
+    alone = KernelDiscriminant().fit(X, y).decision_function(X)
+    for model in (VoteOfPieces(), without):
+        np.testing.assert_allclose(model.fit(X, y).decision_function(X), alone, atol=1e-12)
 
 
 def test_decision_is_the_mean_of_those_of_the_pieces_and_of_the_whole() -> None:
@@ -99,13 +101,6 @@ def test_columns_of_the_whole_stand_in_each_piece() -> None:
     np.testing.assert_allclose(
         model.decision_function(X), alone.reshape(4, y.size, -1).mean(axis=0), atol=1e-9
     )
-
-
-def test_a_recording_without_columns_of_pieces_is_one_piece() -> None:
-    X, y = recordings(6, 10)
-    told = knowing(VoteOfPieces(n_pieces=4), [f"tap.{i}" for i in range(19)])
-    alone = KernelDiscriminant().fit(X[:, :19], y).decision_function(X[:, :19])
-    np.testing.assert_allclose(told.fit(X[:, :19], y).decision_function(X[:, :19]), alone, atol=1e-12)
 
 
 def test_a_classifier_knows_the_columns_of_the_whole_by_their_names() -> None:
