@@ -267,7 +267,7 @@ def changes_of(columns: Sequence[str]) -> Samples:
     """
     known = _known_changes()
     nothing = np.zeros_like(next(iter(known.values())))
-    names = [column.rpartition("/")[2].partition(".piece")[0] for column in columns]
+    names = [column.rpartition("/")[2].partition(OF_A_PIECE)[0] for column in columns]
     return np.array([known.get(name, nothing) for name in names]).T
 
 
