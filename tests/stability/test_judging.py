@@ -8,8 +8,10 @@ import pytest
 
 from texclass.features.contract import UndefinedFeatureError
 from texclass.stability import rules
+from texclass.stability.exact import NoReferenceError
 from texclass.stability.inputs import Case, plain
-from texclass.stability.judging import Check, Mark, NoReferenceError, Subject, judge
+from texclass.stability.rules import Check, Mark, Subject, judge
+from texclass.stability.subjects_signals import LAW_GAINS, inferred_laws, under_gain, whole
 
 CASE = Case("some noise", "order", plain(64).copy(), order=2)
 REQUIRED = Case("plain", "plain", plain(64).copy(), order=2, required=True)
@@ -151,7 +153,7 @@ def test_a_feature_without_a_reason_or_a_column_is_found():
     usual = {"a": 1.0, "b": 2.0}
 
     def holds(values, reasons=()):
-        found = rules.features(pd.Series(values), dict(reasons), pd.Series(usual))
+        found = whole(pd.Series(values), dict(reasons), pd.Series(usual))
         return all(f.excess <= 1 for f in found if isinstance(f, Check))
 
     assert holds({"a": 1.0, "b": 3.0})
@@ -168,11 +170,11 @@ def test_a_gain_law_is_inferred_and_its_breach_found():
             {"rms": 3 * g, "level": level, "shape": 0.5, "odd": g + g**2, "large": g > 0.1}, dtype=float
         )
 
-    laws = rules.inferred_laws([outputs(g) for g in rules.LAW_GAINS])
+    laws = inferred_laws([outputs(g) for g in LAW_GAINS])
     assert set(laws) == {"rms", "level", "shape"}
     assert laws["rms"] == pytest.approx((1.0, 0.0))
     assert laws["level"] == pytest.approx((0.0, 2.0))
-    assert rules.under_gain(outputs(1e-100), outputs(1.0), laws, 1e-100, 1e-9).excess <= 1
+    assert under_gain("law", outputs(1e-100), outputs(1.0), laws, 1e-100, 1e-9).excess <= 1
     lost = outputs(1e-100)
     lost["shape"] = 0.0
-    assert rules.under_gain(lost, outputs(1.0), laws, 1e-100, 1e-9).excess > 1
+    assert under_gain("law", lost, outputs(1.0), laws, 1e-100, 1e-9).excess > 1

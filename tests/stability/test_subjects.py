@@ -8,7 +8,7 @@ import pytest
 from texclass.features import registered
 from texclass.peers import extreme_inputs
 from texclass.stability import inputs, subjects_models, subjects_signals
-from texclass.stability.judging import BAD, Check, Mark, judge
+from texclass.stability.rules import BAD, Check, Mark, judge
 from texclass.stability.subjects_models import models
 
 EVERY = [*subjects_models.SUBJECTS, *subjects_signals.SUBJECTS, *subjects_signals.subjects()]

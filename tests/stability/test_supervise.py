@@ -6,14 +6,14 @@ from collections import Counter
 import pytest
 
 from texclass.stability import supervise
-from texclass.stability.judging import Mark
+from texclass.stability.rules import Mark
 
 SUBJECTS = """
     import os
     import time
 
     from texclass.stability.inputs import Case, noise
-    from texclass.stability.judging import Check, Subject
+    from texclass.stability.rules import Check, Subject
 
 
     def _case(name):

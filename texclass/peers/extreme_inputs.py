@@ -13,7 +13,7 @@ from scipy import linalg, ndimage, signal
 from texclass.recording import Samples
 from texclass.stability import exact, rules
 from texclass.stability.inputs import FORMS, VALUES, Case, in_families, lengths, samples_of
-from texclass.stability.judging import Attempt, Check, Subject
+from texclass.stability.rules import Attempt, Check, Subject
 from texclass.stability.subjects_models import EXCITATION, at_orders, k_of, models, unit_model
 from texclass.stability.subjects_signals import SHORT, extraction, largest
 from texclass.stability.subjects_signals import cases as feature_cases

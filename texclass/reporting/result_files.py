@@ -22,7 +22,7 @@ from texclass.provenance import code_hash
 from texclass.recognition.embedded_document import embedded_document
 from texclass.reporting.invariance_document import invariance_document
 from texclass.stability.battery import stability_document
-from texclass.stability.judging import Mark
+from texclass.stability.rules import Mark
 from texclass.tradeoff.tradeoff_document import tradeoff_document
 from texclass.validation import Written, checked
 from texclass.whole_files import write_whole

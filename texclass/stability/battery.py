@@ -19,7 +19,7 @@ from texclass.document import Document, Finding, Folded, Heading, Heat, Shade, T
 from texclass.experiment.result import COMPUTED_BY, Result
 from texclass.provenance import made_by, versions
 from texclass.stability.inputs import FAMILIES, SEED, battery_hash
-from texclass.stability.judging import BAD, Mark, cells_at, quiet_thread
+from texclass.stability.rules import BAD, Mark, cells_at, quiet_thread
 
 OURS = "texclass"
 REFUSALS = (Mark.DOCUMENTED, Mark.REFUSED)

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from texclass.recording import Samples
-from texclass.stability.judging import NoReferenceError
 
 DIGITS = 60
 BITS = 256
@@ -20,6 +19,10 @@ LARGEST_ORDER = 128
 """Orders up to this one are fitted in fixed point; beyond, in 80-bit floats."""
 EXTENDED = np.finfo(np.longdouble).eps < 1e-18
 """Whether `numpy.longdouble` has 64 bits of mantissa here."""
+
+
+class NoReferenceError(Exception):
+    """A reference cannot be computed here: the checks that need it, and those after it, are not made."""
 
 
 def multiprecision() -> Any:

@@ -1,17 +1,35 @@
-"""What "right" means, wherever ours and a public library do the same thing: one rule for both."""
+"""What "right" means: how one cell is judged, a subject on an input, by one rule for ours and for theirs.
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+A subject yields findings about its result; the checks it shares with others stand below. The end runs in
+processes of their own.
+"""
+
+import importlib
+import os
+import re
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from enum import StrEnum
+from functools import cache, partial
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
+from texclass import vibration
 from texclass.recording import Samples
 from texclass.stability import exact
-from texclass.stability.judging import Check
-from texclass.vibration import Autoregression
+from texclass.stability.inputs import Case
 
+_FLOATING_POINT = re.compile(
+    r"(invalid value|divide by zero|overflow|underflow) encountered|Mean of empty slice|Degrees of freedom"
+)
+_UNDEFINED = re.compile(r"\bnan\b|undefined|constant|too short|singular|not converge|ill.condition", re.I)
+"""Words of a warning by which a library says that its result is undefined."""
+_UNTOLD = re.compile(r"\x1b\[[0-9;]*m|(?:\.{1,2}/|/)(?:[\w.+-]+/)+(?=[\w.+-])")
+"""Colours, and folders before a file's name, which differ from machine to machine."""
 OMEGA: Samples = (np.arange(256) + 0.5) * np.pi / 256
 EXCESS = 1e-6
 """Residual energy above the optimum of the method, relative to it."""
@@ -19,14 +37,208 @@ EXCESS_SINGLE = 1e-3
 """The same for samples that come in single precision, in which a library may go on."""
 FLOOR = 1e-20
 """Residual energy over that of the signal that counts as 0: times `EXCESS`, the rounding of the samples."""
-STABLE = "every |k| below 1 (stable)"
-LAW_GAINS = (1e-6, 1e-3, 1.0, 1e3, 1e6)
-"""A library that declares no gain law has one where an output follows it over these twelve decades."""
 RESPONSE = 1e-9
 """Error of a response over its largest magnitude."""
-SENSITIVITY = 1e-3
-"""Relative change of a feature that a relative change of the samples by 1e-13 may make."""
-Values = pd.Series
+
+
+class Mark(StrEnum):
+    """What became of a cell, from best to worst."""
+
+    EXACT = "exact"
+    DOCUMENTED = "documented"
+    REFUSED = "error"
+    UNCHECKED = "not checked"
+    WARNED = "warned"
+    SILENT = "silent NaN"
+    WRONG = "WRONG"
+    CRASH = "crash"
+    HANG = "hang"
+
+
+BAD = (Mark.SILENT, Mark.WRONG, Mark.CRASH, Mark.HANG)
+"""NaN or infinity without a word, a wrong result handed over as right, an accident, no answer at all."""
+
+
+class Check(NamedTuple):
+    """One invariant or reference: what it says, the error measured, and the largest that is exact enough."""
+
+    what: str
+    error: float
+    limit: float
+
+    @property
+    def excess(self) -> float:
+        """Error over limit; infinite where nothing was measured, or a limit of 0 is not kept."""
+        if self.error == 0:
+            return 0.0
+        return self.error / self.limit if np.isfinite(self.error) and self.limit > 0 else np.inf
+
+
+Given = Callable[[bool], Iterable[Case]]
+"""Inputs of the battery that a subject is given; the argument says whether the run is a quick one."""
+Attempt = Iterator[Any]
+"""Findings about a result, one after another: a `Check`, or a reason (str) by which the subject itself says
+that this input has no proper answer; anything else is passed over. What stands before the first `yield` is
+tried, and judged if it raises."""
+Trial = Callable[[Any, Case], Attempt]
+
+
+class Subject(NamedTuple):
+    """Something that is tried: how it runs on an input, and what "right" means for it.
+
+    Attributes
+    ----------
+    name
+        Unique within its library.
+    group
+        "models", "filters", "transforms", "features" or "peers".
+    cases
+        What it is given.
+    trial
+        Generator over (signal, case) that yields findings about the result.
+    library
+        Package it comes from: "texclass", or the name of a public library.
+    """
+
+    name: str
+    group: str
+    cases: Given
+    trial: Trial
+    library: str = "texclass"
+
+
+def tried(
+    subjects: list[Subject], group: str, named: str | Mapping[str, Mapping[str, Any]], cases: Given
+) -> Callable[[Callable[..., Attempt]], Callable[..., Attempt]]:
+    """Return a decorator that adds a trial to `subjects`: once, or by name with further arguments."""
+
+    def add(trial: Callable[..., Attempt]) -> Callable[..., Attempt]:
+        for name, given in ({named: {}} if isinstance(named, str) else named).items():
+            subjects.append(Subject(name, group, cases, partial(trial, **given)))
+        return trial
+
+    return add
+
+
+def judge(subject: Subject, case: Case) -> dict[str, Any]:
+    """Run a subject on an input and say what came out.
+
+    - An exception raised on purpose (`is_clear`) is a clear error; `UndefinedFeatureError` a documented NaN
+      with its reason. Either is wrong on an input marked `required`, which every subject must answer.
+    - Any other exception is a crash.
+    - A result is wrong if one of its checks fails, or if the input was written to. If its numbers are not
+      finite it is a silent NaN, unless the library itself said why (by a warning or a reason).
+    - A right result with a floating-point warning of NumPy is `WARNED`.
+
+    Returns
+    -------
+    dict
+        library, group, subject, family, case and mark; reason: why it is documented, refused, wrong, ...;
+        error, limit and what: those of the check that comes nearest to its limit (or exceeds it most), None
+        and "" where nothing was measured; seconds.
+    """
+    before, start = case.x.tobytes(), time.perf_counter()
+    attempt = subject.trial(case.x, case)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            findings, refused = [next(attempt)], None
+        except Exception as error:
+            findings, refused = [], error
+    seconds = time.perf_counter() - start
+    if refused:
+        return cell_of(subject, case, *_refusal(refused, subject, case), seconds=seconds)
+    if case.x.tobytes() != before:
+        return cell_of(subject, case, Mark.WRONG, "the input was written to", seconds=seconds)
+    unchecked = ""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        try:
+            findings.extend(attempt)
+        except exact.NoReferenceError as error:
+            unchecked = str(error)
+        except Exception as error:
+            what = f"a result of the expected form ({type(error).__name__}: {error})"
+            findings.append(Check(what, np.inf, 0.0))
+    checks = [finding for finding in findings if isinstance(finding, Check)]
+    worst = max(checks, key=lambda check: check.excess, default=None)  # of equals the first: finite numbers
+    reasons = [finding for finding in findings if isinstance(finding, str)]
+    said = [str(warning.message) for warning in caught]
+    mark, reason = _verdict(worst, reasons, said, unchecked, required=case.required)
+    return cell_of(subject, case, mark, reason, seconds=seconds, **worst._asdict() if worst else {})
+
+
+def is_clear(error: Exception, library: str) -> bool:
+    """Whether an exception was raised on purpose: by a `raise`, of a kind that can say what is wrong.
+
+    A `ValueError`, `TypeError`, `NotImplementedError`, `RuntimeError`, `ArithmeticError` or `AssertionError`,
+    or an exception of the library's own, whose innermost frame is a `raise` or `assert` (of the library or of
+    one it calls; in compiled code that cannot be seen and is believed), or that says that a type is not
+    supported; with a message of ten characters or more.
+    """
+    accidents = (ZeroDivisionError, OverflowError, RecursionError)
+    kinds = (ValueError, TypeError, NotImplementedError, RuntimeError, ArithmeticError, AssertionError)
+    own = type(error).__module__.split(".")[0] == library
+    frames = traceback.extract_tb(error.__traceback__)
+    line = frames[-1].line or "" if frames else ""
+    compiled = bool(frames) and frames[-1].filename.endswith((".pyx", ".pxd", ".pxi"))
+    statement = "assert" if isinstance(error, AssertionError) else "raise"
+    on_purpose = line.startswith(statement) or compiled or "not supported" in str(error)
+    kind = isinstance(error, kinds) and not isinstance(error, accidents)
+    return (kind or own) and on_purpose and len(str(error)) >= 10
+
+
+def cell_of(subject: Subject, case: Case, mark: Mark, reason: str = "", **found: Any) -> dict[str, Any]:
+    """Return a cell; its reason loses colours and what differs from machine to machine."""
+    return {
+        "library": subject.library,
+        "group": subject.group,
+        "subject": subject.name,
+        "family": case.family,
+        "case": case.name,
+        "mark": mark,
+        "reason": " ".join(_UNTOLD.sub("", reason).split())[:300],
+        "error": None,
+        "limit": None,
+        "what": "",
+        "seconds": 0.0,
+    } | found
+
+
+def _refusal(error: Exception, subject: Subject, case: Case) -> tuple[Mark, str]:
+    """Return mark and reason of an exception."""
+    text = f"{type(error).__name__}: {error}"
+    if not is_clear(error, subject.library):
+        frames = traceback.extract_tb(error.__traceback__)
+        where = f" ({frames[-1].filename.rsplit('/', 1)[-1]}:{frames[-1].lineno})" if frames else ""
+        return Mark.CRASH, text + where
+    if case.required:
+        return Mark.WRONG, f"refuses an ordinary input: {text}"
+    undefined = type(error).__name__ == "UndefinedFeatureError"  # by name: its import takes a second
+    return (Mark.DOCUMENTED if undefined else Mark.REFUSED), text
+
+
+def _verdict(
+    worst: Check | None, reasons: list[str], said: list[str], unchecked: str, *, required: bool
+) -> tuple[Mark, str]:
+    """Return mark and reason of a result, from its worst check, its reasons and the warnings it gave."""
+    noisy = [text for text in said if _FLOATING_POINT.search(text)]
+    reasons = [*reasons, *(text for text in said if text not in noisy and _UNDEFINED.search(text))]
+    if worst is not None and worst.excess > 1:
+        if np.isfinite(worst.error):
+            return Mark.WRONG, f"{worst.what}: {worst.error:.3g}; the limit is {worst.limit:.3g}"
+        no_number = worst.what.startswith("finite")
+        if not (no_number and reasons):
+            return (Mark.SILENT if no_number else Mark.WRONG), f"not so: {worst.what}"
+        return (Mark.WRONG if required else Mark.DOCUMENTED), reasons[0]
+    if noisy:
+        return Mark.WARNED, noisy[0]
+    if reasons:
+        return Mark.DOCUMENTED, reasons[0]
+    return (Mark.UNCHECKED if unchecked and worst is None else Mark.EXACT), unchecked
+
+
+# Checks that ours and public libraries share ----
 
 
 def holds(what: str, condition: object) -> Check:
@@ -51,7 +263,7 @@ def close(what: str, value: ArrayLike, reference: ArrayLike, limit: float, *, sc
 
 def stable(k: Samples) -> Check:
     """Check that every |k| is below 1: a stable filter."""
-    return holds(STABLE, np.all(np.abs(k) < 1))
+    return holds("every |k| below 1 (stable)", np.all(np.abs(k) < 1))
 
 
 def stable_coefficients(a: Samples) -> Iterator[Check]:
@@ -128,7 +340,7 @@ def line_spectrum(k: Samples, lsf: Samples, back: Samples | None) -> Iterator[Ch
 
 def spectrum_db(k: Samples) -> Samples:
     """Return the power spectrum of a model at unit gain at the frequencies `OMEGA`, in dB."""
-    return Autoregression(k, np.asarray(1.0)).log_spectrum_db(OMEGA)
+    return vibration.Autoregression(k, np.asarray(1.0)).log_spectrum_db(OMEGA)
 
 
 def response(what: str, out: Samples, k: Samples, excitation: Samples) -> Check:
@@ -136,64 +348,32 @@ def response(what: str, out: Samples, k: Samples, excitation: Samples) -> Check:
     return close(f"{what}, against 60 digits", out, exact.all_pole_response(k, excitation), RESPONSE)
 
 
-# Features ---------------------------------------------------------------------------------------------------
+# In a process of its own, which imports no more than this: it is started anew after each crash --------------
 
 
-def features(values: Values, reasons: Mapping[str, str], expected: Values) -> Iterator[Any]:
-    """Check that every output that plain noise has is there, and is finite or has a reason."""
-    n_differ = values.index.symmetric_difference(expected.index).size
-    yield Check(f"as many columns as for noise ({n_differ} differ)", float(n_differ), 0.0)
-    unsaid = values.index[~np.isfinite(values)].difference(list(reasons), sort=False)
-    silent = [name for name in unsaid if np.isfinite(expected.get(name, 0.0))]
-    first = f", {', '.join(silent[:3])}" if silent else ""
-    what = f"finite outputs, or a reason: {len(silent)} of {len(values)} NaN without a reason{first}"
-    yield holds(what, not silent)
-    if reasons:
-        yield f"{len(reasons)} of {len(values)}: {next(iter(reasons.values()))}"
+def quiet_thread(said: str) -> None:
+    """Keep the process to one thread, and what is printed in it in a file."""
+    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+    printed = os.open(said, os.O_WRONLY | os.O_APPEND)
+    os.dup2(printed, 1)
+    os.dup2(printed, 2)
+    threadpool_limits(1)
 
 
-def same_values(
-    what: str, values: Values, reference: Values, limit: float, scale: Values | None = None
-) -> Check:
-    """Check the worst relative difference of outputs that both have a value; `scale` says what is small."""
-    both = pd.concat({"given": values, "right": reference, "scale": scale}, axis=1)
-    both = both[np.isfinite(both["given"]) & np.isfinite(both["right"])]
-    size = both.abs().replace(np.inf, 0.0).max(axis=1)
-    return _worst(what, (both["given"] - both["right"]).abs() / size, limit)
+@cache
+def _pairs(place: str, group: str, quick: bool) -> list[tuple[Subject, Case]]:
+    module, name = place.split(":")
+    found = getattr(importlib.import_module(module), name)
+    subjects: list[Subject] = found() if callable(found) else found
+    return [
+        (subject, case) for subject in subjects if subject.group == group for case in subject.cases(quick)
+    ]
 
 
-def inferred_laws(outputs: Sequence[Values]) -> dict[Any, tuple[float, float]]:
-    """Return (power, shift) of outputs with y(g x) = g^power y(x) + shift log10(g) at all `LAW_GAINS`."""
-    decades, laws = np.diff(np.log10(LAW_GAINS)), {}
-    for name, y in pd.concat(outputs, axis=1).T.dropna(axis=1).items():
-        if not np.all(np.isfinite(y)):
-            continue
-        steps, rounding = np.diff(y) / decades, 1e-6 * y.abs().max()
-        if np.ptp(steps) <= rounding:
-            shift = float(steps.mean())
-            laws[name] = 0.0, (shift if abs(shift) > rounding else 0.0)
-        elif np.all(y > 0) or np.all(y < 0):
-            powers = np.diff(np.log10(np.abs(y))) / decades
-            if np.ptp(powers) <= 1e-6:
-                laws[name] = float(powers.mean().round(6)), 0.0
-    return laws
-
-
-def under_gain(
-    values: Values, once: Values, laws: Mapping[Any, tuple[float, float]], gain: float, limit: float
-) -> Check:
-    """Check that outputs keep their law at any gain; values out of the range of float64 do not count."""
-    errors = {}
-    for name, (power, shift) in laws.items():
-        exponent = power * np.log10(gain) + np.log10(abs(once[name])) if once[name] else 0.0
-        given, added = values.get(name, np.nan), shift * np.log10(gain)
-        if np.isfinite(given) and abs(exponent) <= 290:
-            right = once[name] * gain**power + added
-            errors[name] = abs(given - right) / max(abs(right), abs(added), 1e-300)
-    return _worst("the gain law it follows from 1e-6 to 1e6", pd.Series(errors, dtype=float), limit)
-
-
-def _worst(what: str, errors: Values, limit: float) -> Check:
-    """Check the largest of some outputs' errors, naming the output that exceeds its limit."""
-    worst = float(errors.fillna(0.0).max()) if len(errors) else 0.0
-    return Check(f"{what} ({errors.idxmax()})" if worst > limit else what, worst, limit)
+def cells_at(place: str, group: str, quick: bool, number: int | None = None) -> Any:
+    """Return a cell; without a number all cells, as they are before they are judged."""
+    pairs = _pairs(place, group, quick)
+    if number is None:
+        return [cell_of(subject, case, Mark.HANG) for subject, case in pairs]
+    return judge(*pairs[number])

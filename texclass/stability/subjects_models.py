@@ -12,7 +12,7 @@ from texclass import vibration
 from texclass.recording import Samples
 from texclass.stability import exact, inputs, rules
 from texclass.stability.inputs import Case, noise, samples_of
-from texclass.stability.judging import Attempt, Check, Subject, tried
+from texclass.stability.rules import Attempt, Check, Subject, tried
 from texclass.vibration import line_spectrum
 from texclass.vibration.autoregressive import autocorrelation, from_autocorrelation
 

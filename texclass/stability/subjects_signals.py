@@ -1,7 +1,7 @@
 """Subjects: filters, streams of 10^8 samples, the transforms that features share; and every feature."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from itertools import pairwise
@@ -22,7 +22,7 @@ from texclass.features.sets import FeatureSet, Member
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.stability import exact, rules
 from texclass.stability.inputs import LONG, RATES_HZ, Case, battery, lengths, noise, plain, samples_of
-from texclass.stability.judging import Attempt, Check, Subject, Trial, tried
+from texclass.stability.rules import Attempt, Check, Subject, Trial, tried
 from texclass.vibration import Autoregression, LatticeInverse, LatticeSynthesis
 
 SUBJECTS: list[Subject] = []
@@ -278,22 +278,27 @@ def _shared(x: Any, case: Case, *, name: str) -> Attempt:
     yield rules.close("free of gain", other, out, 1e-5, scale=scale)
 
 
+# Features, ours one by one, and those of a library all together ---------------------------------------------
+
+
 GAIN_ERROR = 1e-5
-"""Relative error of the gain law; features work in single precision inside."""
+"""Relative error of a declared gain law; our features work in single precision inside."""
+LAW_GAINS = (1e-6, 1e-3, 1.0, 1e3, 1e6)
+"""A library that declares no gain law has one where an output follows it over these twelve decades."""
+SENSITIVITY = 1e-3
+"""Relative change of a feature that a relative change of the samples by 1e-13 may make."""
 STEADY = ("plain", "poles", "oversampled", "gain", "rate")
 """Families on which a change of the samples by 1e-13 may not be seen.
 
 Symmetric signals may tip over, and for what stands on an offset that is no small change.
 """
-SHAKEN = "change when samples change by 1e-13"
 cases = partial(battery, n=LONG)
 """What a feature is given."""
 Extract = Callable[[Any, Case], tuple[dict[str, Any], dict[str, str]]]
-
-
-def without_ribs(quick: bool) -> list[Case]:
-    """Return the cases as inputs that may be refused: even ordinary noise has no ribs."""
-    return [replace(case, required=False) for case in cases(quick)]
+"""Takes samples and case, returns outputs by name, and reasons by output."""
+Laws = Mapping[Any, tuple[float, float]]
+"""Output -> (power, shift) of y(g x) = g^power y(x) + shift log10(g)."""
+Values = pd.Series
 
 
 def subjects() -> list[Subject]:
@@ -307,8 +312,11 @@ def subjects() -> list[Subject]:
         told = {c: why[m.name] for m in members if m.name in why for c in m.columns}
         return dict(zip(whole.column_names, values.tolist(), strict=True)), told
 
+    def without_ribs(quick: bool) -> list[Case]:
+        return [replace(case, required=False) for case in cases(quick)]  # even ordinary noise has none
+
     given = {"rib_density": without_ribs}
-    each = [Subject(m.name, "features", given.get(m.name, cases), partial(_feature, m)) for m in members]
+    each = [Subject(m.name, "features", given.get(m.name, cases), _feature(m)) for m in members]
     return [*each, Subject("all features", "features", cases, extraction(extract))]
 
 
@@ -328,118 +336,168 @@ def views_of(x: Any, fs: float, phase: Phase = "movement") -> Views:
     return Views(Recording(x, fs=fs, friction=x, speed=np.full(n, 1000.0), phases=phases), phases)
 
 
-def shaken(x: Samples) -> Samples:
-    """Return the samples changed by 1e-13 of each."""
-    return x * (1 + 1e-13 * noise(x.size, 6))
+def _feature(member: Member) -> Trial:
+    """Return an attempt at one of our features: as a library of its outputs; then what else is known."""
+    feature = member.feature
+    law = feature.gain.power, feature.gain.shift
+
+    def extract(x: Any, case: Case) -> tuple[dict[str, Any], dict[str, str]]:
+        if case.family == "broken":  # a recording would refuse it
+            given = feature.function(bare_view(feature.phase, samples_of(x), case.fs))
+            values = np.atleast_1d(np.asarray(given, dtype=np.float64))
+        else:
+            values = member.values(views_of(x, case.fs, feature.phase))
+        return dict(zip(member.columns, values.tolist(), strict=True)), {}
+
+    as_of_a_library = extraction(extract, dict.fromkeys(member.columns, law))
+
+    def attempt(x: Any, case: Case) -> Attempt:
+        findings = as_of_a_library(x, case)
+        values = next(findings)
+        yield values
+        yield from findings
+        signal = samples_of(x)
+        yield rules.holds("no value for silence", np.any(signal))
+        yield from _in_many_digits(feature.name, signal, list(values.values()))
+
+    return attempt
 
 
-def _feature(member: Member, x: Any, case: Case) -> Attempt:
-    feature, signal = member.feature, samples_of(x)
-    if case.family == "broken":
-        values = np.atleast_1d(
-            np.asarray(feature.function(bare_view(feature.phase, signal, case.fs)), np.float64)
-        )
-    else:
-        values = member.values(views_of(x, case.fs, feature.phase))
-    yield rules.finite("value", values)
-    yield Check("as many values as declared", abs(values.size - len(member.columns)), 0.0)
-    if not np.any(signal):
-        yield Check("a value for silence", np.inf, 0.0)
-        return
-    # 1.1 rounds every sample anew; 1.1 times 1e6 is rounded by 1e-10, which is 1e-7 of the noise on it
-    limit = 1e-3 if case.family == "offset" else GAIN_ERROR
-    louder = _values(member, 1.1 * signal, case.fs)
-    yield _law("the declared gain law, at gain 1.1", louder, feature.gain.apply(values, 1.1), limit)
-    if case.family in STEADY:
-        size = np.maximum(np.abs(values), np.abs(_usual(member.name)))
-        change = np.abs(_values(member, shaken(signal), case.fs) - values)
-        change = np.divide(change, size, out=np.zeros_like(change), where=change > 0)
-        yield Check(SHAKEN, float(np.max(change, initial=0.0)), rules.SENSITIVITY)
-    if case.family in ("dtype", "layout"):
-        yield rules.close("as of the float64 copy", values, _values(member, signal, case.fs), 0.0)
-    if case.family == "gain":
-        law = feature.gain.apply(_values(member, plain(LONG), case.fs), case.gain)
-        yield _law("the declared gain law, from gain 1", values, law, GAIN_ERROR)
-    match feature.name:  # those that can be had in many digits
+def _in_many_digits(name: str, signal: Samples, values: list[float]) -> Attempt:
+    """Check the features that can be had in many digits."""
+    wide = signal.astype(np.longdouble)
+    match name:
         case "friction":
             right = math.fsum(np.abs(signal)) / signal.size
             yield rules.close("mean |x|, against exact sums", values[0], right, 1e-13)
         case "mean_magnitude":
-            wide = signal.astype(np.longdouble)
             right = float(np.abs(wide - wide.mean()).mean())
-            scale = 1e-4 * float(np.max(np.abs(signal)))
-            yield rules.close("mean |x - mean|", values[0], right, 1e-13, scale=scale)
+            yield rules.close("mean |x - mean|", values[0], right, 1e-13, scale=1e-4 * largest(signal))
         case "variance":
-            square = float(signal.astype(np.longdouble).var())
+            square = float(wide.var())
             if 1e-290 < square < 1e290:
-                rounding = (1e-13 * float(np.max(np.abs(signal)))) ** 2 / square  # of an offset
+                rounding = (1e-13 * largest(signal)) ** 2 / square  # of an offset
                 yield rules.close("variance, in 80-bit floats", values[0], square, 1e-13 + rounding)
         case "lpc_coefficients":
-            yield from rules.stable_coefficients(np.concatenate([[1.0], -values]))
+            yield from rules.stable_coefficients(np.append(1.0, -np.array(values)))
 
 
-def _values(member: Member, samples: Any, fs: float) -> Samples:
-    try:
-        return member.values(views_of(samples, fs, member.feature.phase))
-    except UndefinedFeatureError:
-        return np.full(len(member.columns), np.nan)
-
-
-def _law(what: str, given: Samples, expected: Any, limit: float) -> Check:
-    """Check y(g x) = g^power y(x) + shift log10(g), apart from values near the end of float64's range.
-
-    Outputs of one feature share a scale: 0 may come out as 1e-17.
-    """
-    right = np.asarray(expected, dtype=np.float64)
-    size = np.maximum(np.maximum(np.abs(right), np.abs(given)), 1e-290)
-    size = np.maximum(size, 1e-7 * size.max())
-    counts = (np.abs(right) > 1e-290) & (np.abs(right) < 1e290)
-    error = np.max(np.where(counts, np.abs(given - right) / size, 0.0), initial=0.0)
-    return Check(what, float(error), limit)
-
-
-@cache
-def _usual(name: str) -> Samples:
-    """Return the values for plain noise, which say what size counts as small."""
-    return np.nan_to_num(_values(Member(name, registered()[name]), plain(LONG), 10_000.0))
-
-
-def extraction(extract: Extract) -> Trial:
+def extraction(extract: Extract, laws: Laws | None = None) -> Trial:
     """Return an attempt at a library of features, all outputs together.
 
     Parameters
     ----------
     extract
-        Takes samples and case, returns outputs by name, and reasons by output.
+        What is tried.
+    laws
+        Gain laws that it declares; else it is held to those that it follows (see `inferred_laws`).
     """
+    limit, copied = (1e-4, 1e-4) if laws is None else (GAIN_ERROR, 0.0)
 
-    def numbers(x: Any, case: Case) -> rules.Values:
-        return as_numbers(extract(x, case)[0])
+    def numbers(x: Any, case: Case) -> Values:
+        try:
+            return as_numbers(extract(x, case)[0])
+        except UndefinedFeatureError:
+            return pd.Series(np.nan, index=pd.Index(list(laws or ())))
 
     @cache
-    def of_noise(gain: float, fs: float) -> rules.Values:
+    def of_noise(gain: float, fs: float) -> Values:
         return numbers(gain * plain(LONG), Case("plain", "plain", plain(LONG), fs=fs))
 
     def attempt(x: Any, case: Case) -> Attempt:
         result, reasons = extract(x, case)
         yield result
         values, expected, signal = as_numbers(result), of_noise(1.0, case.fs), samples_of(x)
-        yield from rules.features(values, reasons, expected)
+        yield from whole(values, reasons, expected)
         if case.family in STEADY:
-            changed = numbers(shaken(signal), case)
-            yield rules.same_values(SHAKEN, changed, values, rules.SENSITIVITY, expected)
+            changed = numbers(signal * (1 + 1e-13 * noise(signal.size, 6)), case)
+            what = "change when samples change by 1e-13"
+            yield same_values(what, changed, values, SENSITIVITY, expected)
         if case.family in ("dtype", "layout"):
-            copy = numbers(signal, case)
-            yield rules.same_values("as of the float64 copy", values, copy, 1e-4)
+            yield same_values("as of the float64 copy", values, numbers(signal, case), copied)
+        if laws is not None:
+            # 1.1 rounds every sample anew: 1.1 times 1e6 by 1e-10, which is 1e-7 of the noise on it
+            louder, allowed = numbers(1.1 * signal, case), 1e-3 if case.family == "offset" else limit
+            yield rules.holds("a value at gain 1.1", np.isfinite(louder).all())
+            # outputs of one feature share a scale: 0 may come out as 1e-17
+            shared = 1e-7 * louder.abs().max()
+            yield under_gain("the declared gain law, at gain 1.1", louder, values, laws, 1.1, allowed, shared)
         if case.family == "gain":
-            laws = rules.inferred_laws([of_noise(gain, case.fs) for gain in rules.LAW_GAINS])
-            yield rules.under_gain(values, expected, laws, case.gain, 1e-4)
+            what, of, least = "the declared gain law, from gain 1", laws, 1e-7 * values.abs().max()
+            if of is None:
+                what, least = "the gain law it follows from 1e-6 to 1e6", None
+                of = inferred_laws([of_noise(gain, case.fs) for gain in LAW_GAINS])
+            yield under_gain(what, values, expected, of, case.gain, limit, least)
         if reasons and len(reasons) == len(values):
             yield next(iter(reasons.values()))
 
     return attempt
 
 
-def as_numbers(outputs: dict[str, Any]) -> rules.Values:
+def as_numbers(outputs: dict[str, Any]) -> Values:
     """Return outputs as floats, NaN where one is no number."""
     return pd.to_numeric(pd.Series(outputs), errors="coerce").astype(np.float64)
+
+
+def whole(values: Values, reasons: Mapping[str, str], expected: Values) -> Attempt:
+    """Check that every output that plain noise has is there, and is finite or has a reason."""
+    n_differ = values.index.symmetric_difference(expected.index).size
+    yield Check(f"as many columns as for noise ({n_differ} differ)", float(n_differ), 0.0)
+    unsaid = values.index[~np.isfinite(values)].difference(list(reasons), sort=False)
+    silent = [name for name in unsaid if np.isfinite(expected.get(name, 0.0))]
+    first = f", {', '.join(silent[:3])}" if silent else ""
+    what = f"finite outputs, or a reason: {len(silent)} of {len(values)} NaN without a reason{first}"
+    yield rules.holds(what, not silent)
+    if reasons:
+        yield f"{len(reasons)} of {len(values)}: {next(iter(reasons.values()))}"
+
+
+def same_values(
+    what: str, values: Values, reference: Values, limit: float, scale: Values | None = None
+) -> Check:
+    """Check the worst relative difference of outputs that both have a value; `scale` says what is small."""
+    both = pd.concat({"given": values, "right": reference, "scale": scale}, axis=1)
+    both = both[np.isfinite(both["given"]) & np.isfinite(both["right"])]
+    size = both.abs().replace(np.inf, 0.0).max(axis=1)
+    return _worst(what, (both["given"] - both["right"]).abs() / size, limit)
+
+
+def inferred_laws(outputs: Sequence[Values]) -> dict[Any, tuple[float, float]]:
+    """Return the laws that outputs of noise follow at all `LAW_GAINS`."""
+    decades, laws = np.diff(np.log10(LAW_GAINS)), {}
+    for name, y in pd.concat(outputs, axis=1).T.dropna(axis=1).items():
+        if not np.all(np.isfinite(y)):
+            continue
+        steps, rounding = np.diff(y) / decades, 1e-6 * y.abs().max()
+        if np.ptp(steps) <= rounding:
+            shift = float(steps.mean())
+            laws[name] = 0.0, (shift if abs(shift) > rounding else 0.0)
+        elif np.all(y > 0) or np.all(y < 0):
+            powers = np.diff(np.log10(np.abs(y))) / decades
+            if np.ptp(powers) <= 1e-6:
+                laws[name] = float(powers.mean().round(6)), 0.0
+    return laws
+
+
+def under_gain(
+    what: str, values: Values, once: Values, laws: Laws, gain: float, limit: float, least: float | None = None
+) -> Check:
+    """Check that outputs keep their law at any gain; values out of the range of float64 do not count.
+
+    Errors are over the output as it should be, over `least` if it is smaller (by default over what is added).
+    """
+    errors = {}
+    for name, (power, shift) in laws.items():
+        exponent = power * np.log10(gain) + np.log10(abs(once[name])) if once[name] else 0.0
+        given, added = values.get(name, np.nan), shift * np.log10(gain)
+        if np.isfinite(given) and abs(exponent) <= 290:
+            right = once[name] * gain**power + added
+            small = abs(added) if least is None else least
+            errors[name] = abs(given - right) / max(abs(right), small, 1e-300)
+    return _worst(what, pd.Series(errors, dtype=float), limit)
+
+
+def _worst(what: str, errors: Values, limit: float) -> Check:
+    """Check the largest of some outputs' errors, naming the output that exceeds its limit."""
+    worst = float(errors.fillna(0.0).max()) if len(errors) else 0.0
+    return Check(f"{what} ({errors.idxmax()})" if worst > limit else what, worst, limit)
