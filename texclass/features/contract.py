@@ -47,7 +47,7 @@ Outputs = str | tuple[str, ...] | Callable[..., tuple[str, ...]]
 R = TypeVar("R")
 DIMENSIONS = (
     "autoregression", "bands", "cepstrum", "channels", "decaying_segments", "excess", "fineness", "friction",
-    "hardness", "related_work", "ribs", "roughness", "slopes", "tap_modes",
+    "hardness", "related_work", "roughness", "slopes", "tap_modes",
 )  # fmt: skip
 """The modules of this room that hold features."""
 OWN = "texclass_own_"
