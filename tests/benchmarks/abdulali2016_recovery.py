@@ -31,7 +31,7 @@ def bounds(n_paths: int) -> dict[str, tuple[float, float]]:
 
 
 def main() -> None:
-    asked = command_line(__doc__, "papers", seeds=50, paths=1000).parse_args()
+    asked = command_line(__doc__, "papers", seeds=50, paths=1000)
     found = pd.DataFrame(
         {"surface": s.name, **study_held_out(s, seed)} for s in SURFACES for seed in range(asked.seeds)
     )

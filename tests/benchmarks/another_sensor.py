@@ -13,7 +13,7 @@ from unittest import mock
 import numpy as np
 import pandas as pd
 from scipy import signal
-from study import command_line, own_data, table, write
+from study import command_line, table, write
 
 from texclass.document import Heading
 from texclass.experiment import cached_table, load_pipeline
@@ -250,9 +250,7 @@ def figures(same: pd.DataFrame, before: pd.DataFrame, after: pd.DataFrame) -> di
 
 
 def main() -> None:
-    asked_for = command_line(__doc__, draws=10, pipelines="surfaces")
-    given = asked_for.parse_args()
-    own_data()
+    given = command_line(__doc__, draws=10, pipelines="surfaces")
     bio, results = open_dataset("biotac20"), []
     made = {
         "seed": SEED,

@@ -116,7 +116,7 @@ def verdict(fitted: Fit, x: Samples, order: int = 32) -> str:
 
 
 def main() -> None:
-    asked = command_line(__doc__, rounds=9).parse_args()
+    asked = command_line(__doc__, rounds=9)
     real_time = {
         f"{order}, {np.dtype(dtype)}": 100_000 / FS / in_turns(lattices(order, dtype), asked.rounds).median()
         for order in WANTED

@@ -134,7 +134,7 @@ def draw(draws: list[dict[str, Any]]) -> Figure:
 
 
 def main() -> None:
-    asked = command_line(__doc__, draws=3).parse_args()
+    asked = command_line(__doc__, draws=3)
     pipeline, dataset = load_pipeline("coarse"), open_dataset("borealtc")
     windows = touches(dataset, WINDOW_S, step=HOP_S)
     features = cached_table(windows, *pipeline.needed, channels=pipeline.channels, n_jobs=1, skip_bad=True)

@@ -93,9 +93,7 @@ def measure(case: dict[str, Any]) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = command_line(__doc__)
-    parser.add_argument("--only", type=int, nargs="*", default=range(len(CASES)), help="numbers of cases")
-    asked = parser.parse_args()
+    asked = command_line(__doc__, only=range(len(CASES)))
     results = []
     for number in asked.only:
         results.append(measure(dict(zip(CASE, CASES[number], strict=True))))

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from study import command_line, interval, own_data, table, timed, write
+from study import command_line, interval, table, timed, write
 
 from texclass.experiment import cached_table, load_pipeline, touches
 from texclass.experiment.pipeline import MatchedRow
@@ -112,10 +112,8 @@ def compared(name: str, n_peer_draws: int, asked: Any) -> dict[str, Any]:
 
 def main() -> None:
     """Compare on each data set; write the report after each."""
-    own_data()
-    parser = command_line(__doc__, draws=3, limit_s=3600.0, peers_python="")
-    parser.add_argument("--peer-draws", nargs=2, type=int, default=[3, 3], help="of either data set")
-    asked, found = parser.parse_args(), []
+    asked = command_line(__doc__, draws=3, limit_s=3600.0, peers_python="", peer_draws=(3, 3))
+    found = []
     for name, n_peer_draws in zip(("borealtc", "dogsurf"), asked.peer_draws, strict=True):
         try:
             found.append(compared(name, n_peer_draws, asked))

@@ -83,9 +83,7 @@ def measure(card: Path, way: str, output: Path) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = command_line(__doc__, largest=NUMBERS[-1])
-    parser.add_argument("--child", nargs=3, metavar=("CARD", "WAY", "OUTPUT"))
-    asked = parser.parse_args()
+    asked = command_line(__doc__, largest=NUMBERS[-1], child=())
     if asked.child:
         card, way, output = asked.child
         print(json.dumps(measure(Path(card), way, Path(output))))

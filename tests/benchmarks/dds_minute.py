@@ -98,7 +98,7 @@ def figures(
 
 
 def main() -> None:
-    asked = command_line(__doc__, seconds=60.0).parse_args()
+    asked = command_line(__doc__, seconds=60.0)
     os.environ["CYCLONEDDS_URI"] = LOOPBACK
     rows, load = [], [os.getloadavg()[0]]
     for fs in RATES_HZ:

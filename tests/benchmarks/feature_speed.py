@@ -165,9 +165,8 @@ def measure(knee: Path, n_rounds: int, python: Path | None) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = command_line(__doc__, rounds=15, knee=ROOT / "reports" / "tables" / "simulated69-tradeoff.json")
-    parser.add_argument("--peers-python", type=Path)
-    asked = parser.parse_args()
+    knee = ROOT / "reports" / "tables" / "simulated69-tradeoff.json"
+    asked = command_line(__doc__, rounds=15, knee=knee, peers_python=None)
     result = measure(asked.knee, asked.rounds, asked.peers_python)
     rfft, faster = result["reference_ms"], pd.DataFrame(result["times_faster"]).T
     costs = [

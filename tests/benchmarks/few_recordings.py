@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from study import command_line, own_data, table, write
+from study import command_line, table, write
 
 from texclass.document import Heading
 from texclass.experiment import (
@@ -66,8 +66,7 @@ CASES = (
 
 
 def main() -> None:
-    asked = command_line(__doc__, only="").parse_args()
-    own_data()
+    asked = command_line(__doc__, only="")
     found: dict[str, list[dict[str, Any]]] = {"cells": [], "promises": []}
     hashes = {}
     for case in (case for case in CASES if asked.only in ("", case.name)):

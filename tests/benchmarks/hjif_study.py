@@ -240,8 +240,7 @@ def refusals(
 
 def main() -> None:
     """Run the study and write the report."""
-    parser = command_line(__doc__, reference="")
-    options = parser.parse_args()
+    options = command_line(__doc__, reference="")
     reference, rng = Path(options.reference), np.random.default_rng(SEED)
     if not reference.is_file():
         raise SystemExit(f"--reference is {options.reference!r}; the rule is the path of the Synthesizer")

@@ -188,7 +188,7 @@ def draw(printed: pd.DataFrame, ours: pd.DataFrame, found: pd.DataFrame, names: 
 
 
 def main() -> None:
-    asked = command_line(__doc__, surfaces=24).parse_args()
+    asked = command_line(__doc__, surfaces=24)
     surfaces = surface_catalogue(asked.surfaces, SEED)
     (printed, first), (ours, second) = study("strese2015", surfaces), study("texclass", surfaces)
     found = pd.concat([first, second], ignore_index=True)

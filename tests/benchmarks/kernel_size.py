@@ -7,7 +7,7 @@ features are cached) writes reports/studies/kernel_size.
 
 import numpy as np
 from onnx import numpy_helper
-from study import command_line, interval, own_data, table, timed, write
+from study import command_line, interval, table, timed, write
 
 from texclass.experiment import cached_table, load_pipeline, touches
 from texclass.experiment.folds import over_folds
@@ -44,8 +44,7 @@ def judged(classifier, data, splits):
 
 
 def main() -> None:
-    asked = command_line(__doc__, jobs=1).parse_args()
-    own_data()
+    asked = command_line(__doc__, jobs=1)
     pipeline, felt = load_pipeline("texclass"), touches(open_dataset("biotac20"), TOUCH_S)
     found = cached_table(felt, *pipeline.needed, channels=pipeline.channels, n_jobs=asked.jobs)
     frame, protocol = found.frame, find_protocol("blocks")

@@ -50,7 +50,7 @@ def changed(recording: Recording, change: Callable[[Samples], Samples]) -> Recor
 
 
 def main() -> None:
-    command_line(__doc__).parse_args()
+    command_line(__doc__)
     plan = Plan.of(load_feature_set("surfaces"))
     place = {column: i for i, column in enumerate(plan.columns)}
     names = list(dict.fromkeys(column.partition(".piece")[0] for column in plan.columns))

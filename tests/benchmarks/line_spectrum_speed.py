@@ -110,7 +110,7 @@ def speed(orders: list[int], n_rounds: int) -> list[dict[str, float]]:
 
 
 def main() -> None:
-    asked = command_line(__doc__, rounds=9, largest=max(ORDERS)).parse_args()
+    asked = command_line(__doc__, rounds=9, largest=max(ORDERS))
     orders = [p for p in ORDERS if p <= asked.largest]
     found = accuracy(orders)
     result = {

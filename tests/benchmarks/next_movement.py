@@ -315,7 +315,7 @@ def picture(results: list[dict[str, Any]]) -> Any:
 
 
 def main() -> None:
-    asked = command_line(__doc__, surfaces=24).parse_args()
+    asked = command_line(__doc__, surfaces=24)
     file = asked.out / "next_movement.json"
     kept = json.loads(file.read_text(encoding="utf-8"))["results"] if file.exists() else []
     found = {one["n_surfaces"]: one for one in kept} | {asked.surfaces: study(asked.surfaces)}

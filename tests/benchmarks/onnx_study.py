@@ -10,7 +10,7 @@ from tempfile import mkdtemp
 
 import numpy as np
 import onnxruntime
-from study import command_line, in_turns, own_data, table, timed, write
+from study import command_line, in_turns, table, timed, write
 
 import texclass as tx
 from texclass.experiment.windows import touches
@@ -117,8 +117,7 @@ def studied(model, windows, path, n_rounds):
 
 
 def main() -> None:
-    asked = command_line(__doc__, windows=10_000, rounds=200, jobs=1, models="").parse_args()
-    own_data()
+    asked = command_line(__doc__, windows=10_000, rounds=200, jobs=1, models="")
     folder = Path(asked.models or mkdtemp())
     folder.mkdir(parents=True, exist_ok=True)
     rows = []

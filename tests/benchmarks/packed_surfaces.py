@@ -21,7 +21,7 @@ import soundfile
 from hjif_study import stand_ins
 from scipy.signal import butter, resample_poly, sosfiltfilt, welch
 from scipy.stats import spearmanr
-from study import command_line, own_data, table, write
+from study import command_line, table, write
 
 from texclass.features.extractor import FeatureExtractor
 from texclass.features.scales import scale_values
@@ -271,8 +271,7 @@ def hardness(frame: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    asked = command_line(__doc__, reference="").parse_args()
-    own_data()
+    asked = command_line(__doc__, reference="")
     programs = Path(asked.reference)
     if asked.reference and not all((programs / name).is_file() for name in ("Encoder", "Synthesizer")):
         raise SystemExit(

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -21,6 +22,7 @@ from made_recordings import MATCH_S, matched, overlap
 
 from texclass.document import Heading, Table
 from texclass.phases import segment
+from texclass.recording import Recording
 from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
 
 SEED = 48611
@@ -50,19 +52,26 @@ def rows(n_surfaces: int, duration_s: float) -> Iterator[dict[str, object]]:
             snr_db=snr,
             with_taps=with_taps,
         )
-        true = recording.phases
-        found, taken = timed(partial(segment, recording.with_(phases=None)), time.process_time)
         yield {
-            "fs": fs,
             "snr": "sensor" if snr is None else f"{snr:g} dB",
             "operator": recording.operator,
             "surface": recording.material,
-            "matched": matched(true, found, fs),
-            "true": len(true.taps),
-            "found": len(found.taps),
-            "overlap": overlap(true, found),
-            "ms_per_s": 1e3 * taken / recording.duration_s,
+            **found_in(recording),
         }
+
+
+def found_in(recording: Recording) -> dict[str, Any]:
+    """Segment a recording whose phases are known, and return what was found beside them."""
+    true = recording.phases
+    found, taken = timed(partial(segment, recording.with_(phases=None)), time.process_time)
+    return {
+        "fs": recording.fs,
+        "true": len(true.taps),
+        "found": len(found.taps),
+        "matched": matched(true, found, recording.fs),
+        "overlap": overlap(true, found),
+        "ms_per_s": 1e3 * taken / recording.duration_s,
+    }
 
 
 def summary(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:
@@ -101,7 +110,7 @@ def draw(view: pd.DataFrame) -> Figure:
 
 
 def main() -> None:
-    asked = command_line(__doc__, surfaces=24, duration=6.0).parse_args()
+    asked = command_line(__doc__, surfaces=24, duration=6.0)
     table = pd.DataFrame(rows(asked.surfaces, asked.duration))
     table = table.assign(kind=table["surface"].str.rsplit("-", n=1).str[0], all="all")
     groups = {

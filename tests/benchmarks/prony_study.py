@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 from scipy.io import wavfile
-from study import command_line, own_data, timed, write
+from study import command_line, timed, write
 
 from texclass.document import Heading, Table
 from texclass.recording import Samples
@@ -139,7 +139,6 @@ def accuracy(n_trials: int) -> pd.DataFrame:
 
 def real_segments() -> dict[str, Samples]:
     """Return 150 samples from the largest extremum of each recorded tool signal on, if they are at hand."""
-    own_data()
     found = {}
     for path in sorted((Path(os.environ["TEXCLASS_DATA"]) / "lmt_excerpts").glob("*.wav")):
         fs, counts = wavfile.read(path)
@@ -185,7 +184,7 @@ def draw(found: pd.DataFrame, name: str, x: Samples) -> Figure:
 
 
 def main() -> None:
-    asked = command_line(__doc__, segments=10_000, published=2000, grown=300, trials=500).parse_args()
+    asked = command_line(__doc__, segments=10_000, published=2000, grown=300, trials=500)
     methods, found = stability(asked.segments, asked.published, asked.grown), accuracy(asked.trials)
     segments = real_segments()
     real = [recorded(name, x) for name, x in segments.items()]

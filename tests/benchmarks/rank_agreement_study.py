@@ -74,7 +74,7 @@ def summary(values: pd.Series) -> dict[str, Any]:
 
 def main() -> None:
     """Run the catalogues one after the other and write the report."""
-    asked = command_line(__doc__, catalogues=10, surfaces=16).parse_args()
+    asked = command_line(__doc__, catalogues=10, surfaces=16)
     seeds = list(range(SEED, SEED + asked.catalogues))
     parts = []
     for seed in seeds:

@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 from scipy import signal, stats
-from study import command_line, own_data, write
+from study import command_line, write
 
 from texclass.document import Table
 from texclass.loaders import open_dataset
@@ -92,8 +92,7 @@ def verdicts(values: pd.DataFrame) -> list[str]:
 
 
 def main() -> None:
-    asked = command_line(__doc__, most=1_000_000).parse_args()
-    own_data()
+    asked = command_line(__doc__, most=1_000_000)
     datasets = [open_dataset(name) for name in ("simulated", "lmt_excerpts", "stylus6")]
     values = pd.DataFrame(
         {"dataset": dataset.name, "recording": entry.recording_id, **describe(dataset.load(entry))}

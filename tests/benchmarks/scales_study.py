@@ -10,7 +10,7 @@ of `biotac20` are smooth, middle and rough, of 20 materials.
 import numpy as np
 import pandas as pd
 from scipy import stats
-from study import command_line, own_data, table, write
+from study import command_line, table, write
 
 from texclass.experiment import cached_table
 from texclass.features import OVER_THE_WAY, SCALES, load_feature_set, scale_values
@@ -76,8 +76,7 @@ def agreement(scale, property_, n_draws=1000):
 
 
 def main() -> None:
-    asked = command_line(__doc__, n_surfaces=60, seeds="601,602,603", jobs=1).parse_args()
-    own_data()
+    asked = command_line(__doc__, n_surfaces=60, seeds="601,602,603", jobs=1)
     seeds = [int(seed) for seed in asked.seeds.split(",")]
     values = pd.concat([simulated_values(asked.n_surfaces, seed, asked.jobs) for seed in seeds], keys=seeds)
     made_of = pd.concat([truth(asked.n_surfaces, seed) for seed in seeds], keys=seeds)

@@ -367,27 +367,25 @@ def report(result: dict[str, Any], out: Path) -> None:
 
 
 def main() -> None:
-    parser = command_line(__doc__, rounds=5, largest=NUMBERS[-1], longest=LENGTHS_S[-1], long=600)
-    parser.add_argument("--only", choices=("numbers", "cores", "length", "kill"), action="append")
-    parser.add_argument(
-        "--child", nargs="+", help="what a run starts itself: extract CARD OUTPUT, length CARD"
-    )
-    asked = parser.parse_args()
-    match asked.child:
-        case ["extract", card, output]:
-            return extract(Path(card), 2, Path(output))
-        case ["length", card]:
-            return print(json.dumps(measure_length(Path(card))))
-    path = asked.out / "scaling.json"
-    result = json.loads(path.read_text(encoding="utf-8")) if asked.only and path.is_file() else {}
     parts: dict[str, Callable[[], object]] = {
         "numbers": lambda: numbers(asked.rounds, asked.largest),
         "cores": lambda: cores(asked.rounds, asked.long),
         "length": lambda: length(asked.longest),
         "kill": kill,
     }
+    asked = command_line(
+        __doc__, rounds=5, largest=NUMBERS[-1], longest=LENGTHS_S[-1], long=600, only=tuple(parts), child=(),
+    )  # fmt: skip
+    match asked.child:
+        case ["extract", card, output]:
+            return extract(Path(card), 2, Path(output))
+        case ["length", card]:
+            return print(json.dumps(measure_length(Path(card))))
+    path = asked.out / "scaling.json"
+    is_kept = set(asked.only) < set(parts) and path.is_file()
+    result = json.loads(path.read_text(encoding="utf-8")) if is_kept else {}
     asked.out.mkdir(parents=True, exist_ok=True)
-    for name in asked.only or parts:
+    for name in asked.only:
         print(f"{name} ...", flush=True)
         result[name] = parts[name]()
         path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")

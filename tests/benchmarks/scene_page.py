@@ -128,7 +128,7 @@ def first_sounds(page: Path, n: int) -> list[float]:
 
 
 def main() -> None:
-    asked = command_line(__doc__, blocks=40_000, live=15_000, loads=20).parse_args()
+    asked = command_line(__doc__, blocks=40_000, live=15_000, loads=20)
     k = np.random.default_rng(0).uniform(-0.3, 0.3, (4, 3, 400))
     dear = GridModel((np.geomspace(40, 200, 4), np.geomspace(0.4, 2, 3)), k, np.ones((4, 3)), 4.0)
     scenes = {

@@ -74,7 +74,7 @@ def largest_output(scene: PlannedScene, seed: int, n_paths: int) -> dict[str, fl
 
 
 def main() -> None:
-    asked = command_line(__doc__, seed=0, paced=False, samples=60_000, paths=1000).parse_args()
+    asked = command_line(__doc__, seed=0, paced=False, samples=60_000, paths=1000)
     definition = read_scene(SCENE)
     plan = plan_scene(definition)
     scenes = {"planned": plan.scene, f"order {ORDER}": order_400(asked.seed)}

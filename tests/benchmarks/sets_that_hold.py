@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import StratifiedGroupKFold
-from study import command_line, own_data, table, write
+from study import command_line, table, write
 
 from texclass.experiment import cached_table, cluster_interval, load_pipeline, touches
 from texclass.experiment.cost import CostMeter
@@ -145,10 +145,7 @@ def summary(of_draws: list[dict[str, Any]], level: float) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = command_line(__doc__)
-    parser.add_argument("--only", type=int, nargs="*", default=range(len(CASES)), help="numbers of cases")
-    asked = parser.parse_args()
-    own_data()
+    asked = command_line(__doc__, only=range(len(CASES)))
     results = []
     for number in asked.only:
         results += measure(dict(zip(CASE, CASES[number], strict=True)))

@@ -14,16 +14,18 @@ import json
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from stream_models import HOP_S, PRUNED_TOUCH_S, TRAINED_REPETITIONS, biotac_recordings, model_of
 from study import command_line, in_turns, interval, table, timed, write
 
 from texclass.document import Heading, Table
-from texclass.experiment import wilson_interval
+from texclass.experiment import PipelineDefinition, load_pipeline, touches, wilson_interval
+from texclass.experiment.pipeline import RowDefinition
+from texclass.experiment.windows import by_recording
 from texclass.loaders import Dataset, open_dataset
 from texclass.provenance import versions
 from texclass.recognition import (
@@ -35,6 +37,8 @@ from texclass.recognition import (
     OnlineSettings,
     WindowAnswer,
     expected_calibration_error,
+    load_model,
+    train,
 )
 from texclass.recording import Recording, Samples
 
@@ -46,6 +50,74 @@ BLOCKS = (1, 7, 250, 4096)
 SECONDS = (0.25, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
 CORRELATIONS = (0.0, 0.1, 0.3, 1.0)
 SEED = 2015
+SPECTRUM = ("octave_level", "deep_octave_level")
+"""Features that share one Fourier transform."""
+SEVERAL_SCALES = (
+    "band_level", "octave_level", "deep_octave_level", "slope_level", "slope_agreement",
+    "curvature_agreement", "curvature_level", "curvature_shape", "vibration_level", "vibration_shape",
+)  # fmt: skip
+"""Features of a movement that short touches have; a stream has no friction channel."""
+PRUNED_TOUCH_S, PRUNED_COLUMNS = 0.5, 16
+BIOTAC_TOUCH_S, TRAINED_REPETITIONS = 0.25, 20
+HOP_S = 0.125
+"""From one window of `biotac20` to the next, in training and in the stream."""
+BIOTAC_OPENING, BIOTAC_EVERY = 6, 4
+"""The first windows of a slide all train, as its beginning is unlike the rest; then every fourth."""
+
+
+# The models it listens with: trained in a minute or two each ------------------------------------------------
+
+
+def model_of(name: str, folder: Path | None) -> Model:
+    """Return a model, trained unless it stands in the folder.
+
+    "pruned": 10 kHz, half a second, a few columns selected under a budget; "spectrum": the same of columns
+    that share one Fourier transform; "biotac": a quarter of a second of repetitions 1 to 20 of `biotac20`.
+    """
+    path = folder and folder / f"{name}_model.skops"
+    if path and path.is_file():
+        return load_model(path)
+    if name == "biotac":
+        model = _biotac()
+    else:
+        pipeline = _pipeline(SPECTRUM if name == "spectrum" else SEVERAL_SCALES)
+        budget = {"touch_s": PRUNED_TOUCH_S, "max_features": PRUNED_COLUMNS}
+        model = train(open_dataset("simulated"), pipeline, row="budget", **budget)
+    if path is None:
+        return model
+    model.save(path)
+    return load_model(path)
+
+
+def _pipeline(features: tuple[str, ...]) -> PipelineDefinition:
+    """Return the pipeline `texclass` with one row, of these features."""
+    shipped = load_pipeline("texclass")
+    row = RowDefinition(name="Several time scales", features=features)
+    kept = shipped.features.restricted_to(features)
+    return shipped.model_copy(update={"features": kept, "rows": (row,), "additions": ()})
+
+
+def _biotac() -> Model:
+    cut = touches(biotac_recordings(range(1, TRAINED_REPETITIONS + 1)), BIOTAC_TOUCH_S, step=HOP_S)
+    kept = [
+        window
+        for windows in by_recording(cut.entries)
+        for i, window in enumerate(windows)
+        # Other places in each repetition: a stream has its windows at all of them.
+        if i < BIOTAC_OPENING or (i + (window.repetition or 0)) % BIOTAC_EVERY == 0
+    ]
+    model = train(replace(cut, entries=tuple(kept)), _pipeline(SEVERAL_SCALES), classifier="kernel")
+    return replace(model, manifest=model.manifest.model_copy(update={"touch_s": BIOTAC_TOUCH_S}))
+
+
+def biotac_recordings(repetitions: range) -> Dataset:
+    """Return the recordings of some repetitions of `biotac20`."""
+    dataset = open_dataset("biotac20")
+    entries = tuple(e for e in dataset.entries if e.repetition in repetitions)
+    return replace(dataset, entries=entries, name=f"biotac20-repetitions{repetitions[0]}to{repetitions[-1]}")
+
+
+# What is measured -------------------------------------------------------------------------------------------
 
 
 def speed(models: dict[str, tuple[Model, float | None]], n_rounds: int) -> dict[str, Any]:
@@ -363,7 +435,6 @@ def told_accuracy(a: dict[str, Any]) -> list[Any]:
 
 
 def main() -> None:
-    parser = command_line(__doc__, every=1, rounds=40, hour=3600.0)
     parts: dict[str, Callable[[], dict[str, Any]]] = {
         "speed": lambda: speed(
             {
@@ -382,12 +453,10 @@ def main() -> None:
         ),
         "accuracy": lambda: accuracy(model_of("biotac", asked.models), asked.every),
     }
-    parser.add_argument("--part", action="append", choices=list(parts))
-    parser.add_argument("--models", type=Path)
-    asked = parser.parse_args()
+    asked = command_line(__doc__, every=1, rounds=40, hour=3600.0, part=tuple(parts), models=None)
     path = asked.out / "stream.json"
     result = json.loads(path.read_text()) if path.is_file() else {}
-    for name in asked.part or parts:
+    for name in asked.part:
         made = {"versions": versions(*LIBRARIES), "seed": SEED, "every": asked.every}
         result[name] = parts[name]() | made
         blocks = [

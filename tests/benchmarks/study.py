@@ -53,20 +53,34 @@ WORDS = {"cli", "document", "front_door", "provenance", "reporting", "_version"}
 """Rooms and modules on which no figure depends."""
 
 
-def command_line(about: str | None, folder: str = "studies", **defaults: Any) -> argparse.ArgumentParser:
-    """Return a parser with an option for each default (a flag for False), and `--out` for the report.
+def command_line(about: str | None, folder: str = "studies", **options: Any) -> argparse.Namespace:
+    """Return what is asked for on the command line, by the defaults of options, and `out` for the report.
 
-    From here on the libraries that are loaded already have one thread, too.
+    False stands for a flag, None for a path that may be left out, a type for what may not, and a tuple or a
+    range for one or more of its kind (of texts: of these texts), all of them by default.
+
+    From here on the libraries that are loaded already have one thread, too, and recordings are looked for
+    beside the project, unless `$TEXCLASS_DATA` says where they are.
     """
     threadpool_limits(1)
+    own_data()
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name, default in (defaults | {"out": ROOT / "reports" / folder}).items():
-        option = f"--{name.replace('_', '-')}"
+    for name, default in (options | {"out": ROOT / "reports" / folder}).items():
+        given: dict[str, Any] = {"type": type(default), "default": default, "help": f"{default} by default"}
         if default is False:
-            parser.add_argument(option, action="store_true")
-        else:
-            parser.add_argument(option, type=type(default), default=default, help=f"{default} by default")
-    return parser
+            given = {"action": "store_true"}
+        elif default is None or isinstance(default, type):
+            given = {"type": default or Path, "required": default is not None}
+        elif isinstance(default, Sequence) and not isinstance(default, str):
+            kind: Any = type(default[0]) if default else str
+            among = default if default and kind is str else None
+            given = {"type": kind, "nargs": "+", "action": "extend", "choices": among}
+        parser.add_argument(f"--{name.replace('_', '-')}", **given)
+    asked = parser.parse_args()
+    for name, default in options.items():
+        if default is not None and getattr(asked, name) is None:
+            setattr(asked, name, list(default))
+    return asked
 
 
 def own_data() -> None:

@@ -76,13 +76,10 @@ def told(part: dict[str, Any], c: dict[str, Any]) -> dict[str, str]:
 
 def main() -> None:
     """Compare at every length; write the report after each, so that nothing computed is lost."""
-    parser = command_line(
+    asked = command_line(
         __doc__, dataset="biotac20", pipeline="surfaces", protocol="blocks", touches=4, whole_s=8.0,
-        peers=PEERS, peers_seconds=900.0, jobs=2,
+        peers=PEERS, peers_seconds=900.0, jobs=2, peers_python=Path, seconds=SECONDS,
     )  # fmt: skip
-    parser.add_argument("--peers-python", type=Path, required=True)
-    parser.add_argument("--seconds", type=float, nargs="*", default=SECONDS)
-    asked = parser.parse_args()
     dataset, pipeline, lengths = open_dataset(asked.dataset), load_pipeline(asked.pipeline), []
     settings = PeerSettings(
         names=tuple(asked.peers.split(",")), python=asked.peers_python, time_limit_s=asked.peers_seconds

@@ -45,7 +45,7 @@ DESIGNS = {
 
 
 def main() -> None:
-    asked = command_line(__doc__, pairs=190).parse_args()
+    asked = command_line(__doc__, pairs=190)
     dataset, pipeline = open_dataset("biotac20"), load_pipeline(PIPELINE)
     features = cached_table(dataset, *pipeline.needed, channels=pipeline.channels)
     row = next(r for r in pipeline.rows if r.name == ROW)

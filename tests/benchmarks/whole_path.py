@@ -194,9 +194,7 @@ def figure(ratios: pd.DataFrame) -> Figure:
 
 
 def main() -> None:
-    parser = command_line(__doc__, rounds=15)
-    parser.add_argument("--peers-python", type=Path)
-    asked = parser.parse_args()
+    asked = command_line(__doc__, rounds=15, peers_python=None)
     sets = {name: load_feature_set(name) for name in SETS}
     found = [
         measure(case, sets, asked.rounds if case.duration_s < 60 else 3, asked.peers_python) for case in CASES

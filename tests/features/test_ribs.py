@@ -7,8 +7,8 @@ import pytest
 from feature_signals import noise, tone
 
 import texclass as tx
-from texclass.features.phase_view import UndefinedFeatureError, Views, views_of
 from texclass.features.fineness import rib_density, rib_prominence
+from texclass.features.phase_view import UndefinedFeatureError, Views, views_of
 from texclass.recording import Phases, Recording
 from texclass.simulate.surfaces import Grating
 

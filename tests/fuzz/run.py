@@ -39,13 +39,15 @@ SUMMED = ("inputs", "accepted", "refused", "broken", "timeouts", "crashes")
 
 
 def main() -> None:
-    parser = command_line(__doc__, inputs=1_000_000, targets="", state=Path("/dev/shm/texclass-fuzz"))
-    parser.add_argument("--engine", choices=["atheris", "own"])
-    asked = parser.parse_args()
+    asked = command_line(
+        __doc__, inputs=1_000_000, targets="", state=Path("/dev/shm/texclass-fuzz"), engine=""
+    )
     there = importlib.util.find_spec("atheris") is not None
     engine = asked.engine or ("atheris" if there else "own")
+    if engine not in ("atheris", "own"):
+        raise SystemExit(f"--engine is {engine!r}; the rule is atheris or own")
     if engine == "atheris" and not there:
-        parser.error("atheris is not installed; the rule is --engine own, or pip install atheris")
+        raise SystemExit("atheris is not installed; the rule is --engine own, or pip install atheris")
     parts = parts_of()
     found: dict[str, Any] = {}
     for name in asked.targets.split(",") if asked.targets else parts:
