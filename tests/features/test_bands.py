@@ -120,14 +120,3 @@ def test_grains_fluctuate_and_bursts_persist():
     assert (level_fluctuation(bursting) > level_fluctuation(steady) + 0.1).all()
     assert (np.abs(level_persistence(steady)) < 0.1).all()
     assert (level_persistence(bursting) > 0.3).all()
-
-
-def test_what_is_too_short_is_refused_with_the_rule():
-    assert np.isfinite(octave_level(view(noise(768)), octaves=(6, 8))).all()
-    for n, call, rule in (
-        (767, lambda v: octave_level(v, octaves=(6, 8)), "at least 768 .*3.91 Hz"),
-        (511, level_fluctuation, "at least 512"),
-        (287, band_course, "at least 288"),
-    ):
-        with pytest.raises(UndefinedFeatureError, match=f"{n} samples; the rule is {rule}"):
-            call(view(noise(n)))

@@ -81,8 +81,3 @@ def test_a_dead_channel_leaves_the_pairs_of_the_others():
     values, reasons, _ = plan.compute(Recording(signals, FS, phases=Phases(movement=(0, N))))
     assert np.isfinite(values).tolist() == [False] * 7 + [True] * 7 + [False] * 7
     assert {name for name, _ in reasons} == {"x*y/lag_correlation", "y*z/lag_correlation"}
-
-
-def test_too_short_a_movement_is_refused_with_the_rule():
-    with pytest.raises(UndefinedFeatureError, match="39 samples; the rule is at least 40"):
-        pair(noise(39), noise(39), lags=(10,))

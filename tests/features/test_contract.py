@@ -78,12 +78,13 @@ def test_every_module_with_a_feature_is_looked_at():
 
 
 @each()
-def test_declaration_is_whole_and_values_are_finite_repeatable_and_as_many_as_the_names(feature):
+def test_declaration_is_whole_and_travels_and_values_are_finite_repeatable_and_as_many_as_the_names(feature):
     columns = feature.columns(feature.name, {})
     assert len(set(columns)) == len(columns)
     assert feature.unit
     assert feature.reference
     assert feature.summary.endswith(".")
+    assert pickle.loads(pickle.dumps(feature)) is feature  # travels by its name
     view = normal(feature.phase)
     parts = {"tap": lambda: view.taps, "pair": lambda: view.sides}.get(feature.phase, lambda: [view])()
     for array in (array for part in parts for array in vars(part).values() if isinstance(array, np.ndarray)):
@@ -228,11 +229,6 @@ def test_a_feature_reads_an_array_as_the_view_of_it(feature):
     else:
         view = PhaseView(x if feature.phase == "friction" else x - x.mean(), FS)
     np.testing.assert_allclose(feature.function(x, fs=FS), feature.function(view), rtol=1e-9, atol=1e-12)
-
-
-@each()
-def test_a_registered_feature_travels_by_its_name(feature):
-    assert pickle.loads(pickle.dumps(feature)) is feature
 
 
 def test_names_of_outputs_follow_the_parameters():

@@ -9,7 +9,6 @@ from scipy import ndimage, signal
 from texclass.features import decaying_segments as segments
 from texclass.features import fineness as fine
 from texclass.features import related_work as work
-from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import PhaseView
 
 
@@ -132,12 +131,3 @@ def test_a_finer_resolution_asks_for_a_higher_order():
     orders = [segments.segment_order(view(noise(20_000)), resolution=r) for r in (0.5, 0.2, 0.1)]
     assert orders == sorted(orders)
     assert orders[0] < orders[-1]
-
-
-def test_what_has_no_value_is_refused_with_the_rule():
-    with pytest.raises(UndefinedFeatureError, match="63 samples; the rule is at least 64"):
-        fine.fineness(view(noise(63)))
-    with pytest.raises(UndefinedFeatureError, match="peaks in the spectral envelope; the rule is 600"):
-        work.spectral_peaks(view(NOISE), n_peaks=600)
-    with pytest.raises(UndefinedFeatureError, match="the rule is"):
-        segments.upper_cutoff(PhaseView(noise(1000), 1.0))

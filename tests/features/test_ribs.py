@@ -93,8 +93,6 @@ def test_what_hinders_is_said():
     ):
         with pytest.raises(UndefinedFeatureError, match=why):
             rib_prominence(travel(strokes.with_(**changed)))
-    with pytest.raises(UndefinedFeatureError, match="samples every 1 mm of the way"):
-        rib_density(noise(5000), fs=1000)
 
 
 def test_a_channel_kept_apart_has_its_own_way():

@@ -8,7 +8,6 @@ from scipy import fft, ndimage, signal
 from scipy.stats import spearmanr
 
 from texclass.features import roughness as r
-from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import PhaseView
 
 
@@ -46,8 +45,6 @@ def test_spikiness_as_printed_is_equation_6_and_has_a_floor_where_it_is_correcte
     expected = np.log10(np.maximum(slow - threshold, 0).mean())
     assert r.spikiness_as_printed(view(x - x.mean())) == pytest.approx(expected, abs=0.02)
     smooth = view(tone(50, 30_000))  # never reaches 2 sigma
-    with pytest.raises(UndefinedFeatureError, match="spike threshold"):
-        r.spikiness_as_printed(smooth)
     expected = np.log10(np.maximum(slow - threshold, 0).mean() + 1e-3 * np.std(slow))
     assert r.spikiness(view(x - x.mean())) == pytest.approx(expected, abs=0.03)
     sigma = np.sqrt(0.5) / (1 + 0.5**4)
@@ -111,15 +108,10 @@ def test_temporal_roughness_as_printed_is_equation_3_written_out():
     d1, d5 = rebuilt(1), rebuilt(5)
     expected = np.log10(np.mean(np.abs(d1 - d1.mean() / d5.mean() * d5)))
     assert r.temporal_roughness_as_printed(view(x)) == pytest.approx(expected, abs=5e-3)
-    assert np.isfinite(r.temporal_roughness_as_printed(view(noise(544))))
-    with pytest.raises(UndefinedFeatureError, match="543 samples; the rule is at least 544"):
-        r.temporal_roughness_as_printed(view(noise(543)))
 
 
 def test_ratio_of_two_tones_in_the_bands_is_that_of_their_amplitudes():
     assert r.roughness_ratio(view(0.1 * tone(700) + tone(210))) == pytest.approx(-1, abs=0.02)
-    with pytest.raises(UndefinedFeatureError, match="fs is 2000 Hz; the rule is fs/2 above 1000 Hz"):
-        r.temporal_roughness(view(noise(5000), 2000.0))
 
 
 def test_roughness_in_time_is_that_of_the_fine_band_whatever_the_level_of_the_coarse_one():

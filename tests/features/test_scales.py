@@ -29,14 +29,6 @@ def test_the_grain_frequency_follows_the_velocity_not_the_acceleration():
     assert tx.extract(both, "scales")["grain_frequency"].item() == pytest.approx(np.sqrt(30 * 90), rel=0.03)
 
 
-def test_a_grain_frequency_needs_a_rate_above_its_band_and_three_periods():
-    short = _grains(50).with_(acceleration=_grains(50).acceleration[:1900], phases=Phases(movement=(0, 1900)))
-    extractor = tx.FeatureExtractor("scales").fit([_grains(50)])
-    for recording, why in ((_grains(50, 300.0), "fs is 300 Hz"), (short, "three periods of 15 Hz")):
-        reasons = {r.feature: r.reason for r in extractor.extract([recording]).reasons}
-        assert why in reasons["grain_frequency"]
-
-
 def test_scales_are_monotone_and_undefined_where_their_feature_is():
     steps = np.linspace(0.5, 2.0, 7)
     low = pd.DataFrame({s.column: s.at_0 + steps * (s.at_10 - s.at_0) for s in SCALES.values()})

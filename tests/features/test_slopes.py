@@ -9,7 +9,6 @@ from scipy import signal, stats
 
 from texclass.features import excess, slopes
 from texclass.features.bands import band_level, octave_level
-from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import PhaseView
 from texclass.features.slopes import LAGS, curvature_level, curvature_shape, slope_agreement, slope_level
 
@@ -131,15 +130,3 @@ def test_levels_are_the_excess_and_the_line_at_the_middle_of_each_band():
     left = excess.slope_excess(one)
     assert np.abs(left).max() > 0.02
     assert (left.sum(), left @ excess.octaves_of(LAGS)) == pytest.approx((0, 0), abs=1e-9)
-
-
-def test_what_does_not_bend_or_is_too_short_is_refused_with_the_rule():
-    for feature, x, reason in (
-        (curvature_shape, np.linspace(-1, 1, 2000), "over 1 samples is .* of the largest sample"),
-        (curvature_shape, NOISE[:127], "127 samples; the rule is at least 128"),
-        (curvature_level, NOISE[:127], "127 samples; the rule is at least 128"),
-        (slope_agreement, NOISE[:255], "255 samples; the rule is at least 256"),
-        (slopes.curvature_agreement, NOISE[:319], "319 samples; the rule is at least 320"),
-    ):
-        with pytest.raises(UndefinedFeatureError, match=reason):
-            feature(view(x))
