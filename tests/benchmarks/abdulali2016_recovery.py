@@ -52,7 +52,7 @@ def main() -> None:
         f"{asked.seeds} seeds each; required: {LEAST}.",
         Table(shown.astype({"mean": str, "min": str}), n_words=2),
         f"Output on {asked.paths} wild paths, largest sample over the recorded peak (limit: 2):",
-        table(bound, "texture | largest | share held there", "`{family}` | {top:.2f} | {held:.1e}"),
+        table(bound, "texture = `{family}` | largest = {top:.2f} | share held there = {held:.1e}"),
     ]
     write(asked.out, "abdulali2016-recovery", result, "Recovery of simulated anisotropic surfaces", blocks)
 

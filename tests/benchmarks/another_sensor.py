@@ -288,13 +288,11 @@ def report(results: list[dict[str, Any]], made: dict[str, Any], out: Any) -> Non
         Heading("Ways"),
         WAYS,
     ]
-    titles = (
-        "change | way | same sensor | before | after | worst draw | recovered | alarms before | "
-        "alarms after | flagged before | flagged after"
-    )
-    cells = (
-        "{change} | {way} | {same:.1%} | {before:.1%} | {after:.1%} | {least:.1%} | {told} | "
-        "{alarms_before:.1%} | {alarms_after:.1%} | {flagged_before:.1%} | {flagged_after:.1%}"
+    columns = (
+        "change = {change} | way = {way} | same sensor = {same:.1%} | before = {before:.1%} | "
+        "after = {after:.1%} | worst draw = {least:.1%} | recovered = {told} | "
+        "alarms before = {alarms_before:.1%} | alarms after = {alarms_after:.1%} | "
+        "flagged before = {flagged_before:.1%} | flagged after = {flagged_after:.1%}"
     )
     frame = pd.DataFrame(results)
     frame["told"] = [
@@ -306,7 +304,7 @@ def report(results: list[dict[str, Any]], made: dict[str, Any], out: Any) -> Non
     for (felt, pipeline), rows in frame.groupby(["felt", "pipeline"], sort=False):
         blocks += [
             Heading(f"{felt.capitalize()}, {pipeline} ({PIPELINES[pipeline]})"),
-            table(rows.to_dict("records"), titles, cells, n_words=2),
+            table(rows, columns, n_words=2),
         ]
     meanings = {
         **{f"{k} (biotac20)": v[0] for k, v in CHANGES.items()},

@@ -136,7 +136,7 @@ def main() -> None:
     hard = pd.DataFrame(result["hard"]).T
     blocks = [
         f"Order {ORDER}, one recording of {N} samples, one thread.",
-        table(({"fit": k, "ms": v} for k, v in ms.items()), "fit | ms", "{fit} | {ms:.1f}"),
+        table(({"fit": k, "ms": v} for k, v in ms.items()), "fit = {fit} | ms = {ms:.1f}"),
         f"Burg takes {ms['burg'] / ms['librosa.lpc']:.2f} of the time of `librosa.lpc`, autocorrelation "
         f"{ms['autocorrelation'] / ms['solve_toeplitz']:.2f} of that of `solve_toeplitz` + FFT (limit: 1).",
         Heading("Times real time at 10 kHz"),

@@ -167,8 +167,8 @@ def main() -> None:
             f"Wrong runs of the first draw: {', '.join(first['sequential']['wrong'])}.",
             table(
                 ({**s, "own": interval(s), "other": interval(m)} for s, m in curves),
-                "seconds | runs as long | sequential % [95 %] | majority % [95 %]",
-                "{seconds} | {n_long} | {own} | {other}",
+                "seconds = {seconds} | runs as long = {n_long} | sequential % [95 %] = {own} | "
+                "majority % [95 %] = {other}",
                 "Runs that are shorter count with what was known at their end.",
             ),
         ]

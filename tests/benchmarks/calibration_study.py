@@ -118,11 +118,11 @@ def main() -> None:
         f"Aim: at most {AIM}. False alarms: known surfaces called unknown, 5 % asked for.",
         table(
             shown,
-            "dataset | touch | row, classifier | held out | n | accuracy, % | ECE | equal counts | before | "
-            "false alarms",
-            "{dataset} | {touch} | {pipeline}: {row}, {classifier} | {protocol} | {n} | {right} | {ece:.3f} "
-            "[{ece_interval[0]:.3f}, {ece_interval[1]:.3f}] | {ece_equal_counts:.3f} | "
-            "{ece_uncalibrated:.3f} | {false_alarms:.1%}",
+            "dataset = {dataset} | touch = {touch} | row, classifier = {pipeline}: {row}, {classifier} | "
+            "held out = {protocol} | n = {n} | accuracy, % = {right} | "
+            "ECE = {ece:.3f} [{ece_interval[0]:.3f}, {ece_interval[1]:.3f}] | "
+            "equal counts = {ece_equal_counts:.3f} | before = {ece_uncalibrated:.3f} | "
+            "false alarms = {false_alarms:.1%}",
             n_words=4,
         ),
         {r["dataset"]: f"input {r['input_hash'][:16]}" for r in results},

@@ -132,9 +132,9 @@ def main() -> None:
         blocks = [
             table(
                 rows,
-                "dataset | features, classifier | draws | balanced % [95 %] | each draw | "
-                "last row ahead by [95 %] | features ms",
-                "{dataset} | {contestant} | {n_draws} | {right} | {each} | {ahead} | {feature_ms:.2f}",
+                "dataset = {dataset} | features, classifier = {contestant} | draws = {n_draws} | "
+                "balanced % [95 %] = {right} | each draw = {each} | last row ahead by [95 %] = {ahead} | "
+                "features ms = {feature_ms:.2f}",
                 n_words=2,
             ),
             f"Windows of {SECONDS:g} s, {N_FOLDS} folds grouped by run, drawn by seeds 0, 1, ...; rows "

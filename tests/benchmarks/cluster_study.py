@@ -123,11 +123,10 @@ def main() -> None:
         "input_hash": f"n recordings of {SECONDS:g} s at {FS} Hz from seed {SEED}",
         "versions": versions("numpy", "scipy", "distributed", "joblib", "pyarrow"),
     }
-    titles = (
-        "recordings | way | s | recordings a second | scheduler, MB more | caller, MB at most | moved, MB"
-    )
-    cells = (
-        "{n:,} | {title} | {seconds:.1f} | {rate:.0f} | {scheduler_mb:.0f} | {caller_mb:.0f} | {moved_mb:.1f}"
+    columns = (
+        "recordings = {n:,} | way = {title} | s = {seconds:.1f} | recordings a second = {rate:.0f} | "
+        "scheduler, MB more = {scheduler_mb:.0f} | caller, MB at most = {caller_mb:.0f} | "
+        "moved, MB = {moved_mb:.1f}"
     )
     shown = [
         [row | {"title": WAYS[row["way"]], "rate": row["n"] / row["seconds"]} for row in some]
@@ -136,10 +135,10 @@ def main() -> None:
     blocks = [
         f"Recordings of {SECONDS:g} s from WAV files to Parquet, {N_WORKERS} workers of one thread on this "
         f"machine. A scheduler at rest holds {found['scheduler_idle_mb'].median():.0f} MB.",
-        table(shown[0], titles, cells),
+        table(shown[0], columns),
         Heading("Extrapolated"),
         "Straight lines through the runs above: not measured.",
-        table(shown[1], titles, cells),
+        table(shown[1], columns),
     ]
     write(asked.out, "cluster", result, "Many recordings on a cluster", blocks)
 

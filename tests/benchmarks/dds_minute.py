@@ -122,10 +122,10 @@ def main() -> None:
         "with datagrams of the same size, in the same run.",
         table(
             rows,
-            "rate (Hz) | way | sent | lost | in order | p50 (ms) | p99 (ms) | most (ms) | p50, times UDP | "
-            "subscriber (cores) | publisher (cores)",
-            "{fs} | {way} | {sent} | {lost} | {in_order} | {p50_ms:.2f} | {p99_ms:.2f} | {most_ms:.1f} | "
-            "{times_udp:.1f} | {subscriber_cpu:.2f} | {publisher_cpu:.2f}",
+            "rate (Hz) = {fs} | way = {way} | sent = {sent} | lost = {lost} | in order = {in_order} | "
+            "p50 (ms) = {p50_ms:.2f} | p99 (ms) = {p99_ms:.2f} | most (ms) = {most_ms:.1f} | "
+            "p50, times UDP = {times_udp:.1f} | subscriber (cores) = {subscriber_cpu:.2f} | "
+            "publisher (cores) = {publisher_cpu:.2f}",
             n_words=2,
         ),
         f"Reported by the source: {', '.join(flags) or 'nothing'}. Load of the machine ({result['cores']} "

@@ -189,17 +189,16 @@ def main() -> None:
         f"{result['conditioning_ratio']:.1f} of them more.",
         table(
             costs,
-            "set | columns | ms | times one rfft | at most | times longer",
-            "{name} | {columns} | {ms:.1f} | {ratio:.1f} | {limit} | {longer}",
+            "set = {name} | columns = {columns} | ms = {ms:.1f} | times one rfft = {ratio:.1f} | "
+            "at most = {limit} | times longer = {longer}",
             "Times longer: what a peer takes, over the set.",
         ),
         f"The knee's features, with columns where there are several: {', '.join(parts)}.",
     ]
     for name in SHIPPED:
         rows = [{"feature": k, "ms": ms, "ratio": ms / rfft} for k, ms in result["feature_ms"][name].items()]
-        titles = "feature | ms | times one rfft"
-        cells = "{feature} | {ms:.2f} | {ratio:.2f}"
-        blocks += [Heading(f"{name}, per feature"), table(rows, titles, cells)]
+        columns = "feature = {feature} | ms = {ms:.2f} | times one rfft = {ratio:.2f}"
+        blocks += [Heading(f"{name}, per feature"), table(rows, columns)]
     blocks.append("A transform that several features share is counted with the first that asks for it.")
     if theirs := result["peer_versions"]:
         listed = ", ".join(f"{name} {version}" for name, version in theirs.items())

@@ -268,9 +268,9 @@ def report(found: dict[str, list[dict[str, Any]]], made: dict[str, Any], out: Pa
         "each surface that train (runs, under `run`).",
         table(
             beside,
-            "set | protocol | n | folds | default | % | worst | best | % | worst | default lacks",
-            "{set} | {protocol} | {n} | {n_folds} | {default_row} | {default_mean:.1f} | "
-            "{default_worst:.1f} | {best_row} | {best_mean:.1f} | {best_worst:.1f} | {lacks:.1f}",
+            "set = {set} | protocol = {protocol} | n = {n} | folds = {n_folds} | default = {default_row} | "
+            "% = {default_mean:.1f} | worst = {default_worst:.1f} | best = {best_row} | "
+            "% = {best_mean:.1f} | worst = {best_worst:.1f} | default lacks = {lacks:.1f}",
         ),
         Heading("What is promised, and what later recordings get"),
         "Recordings of each surface made in a row train the default: repetitions (later: the second half), "
@@ -281,11 +281,10 @@ def report(found: dict[str, list[dict[str, Any]]], made: dict[str, Any], out: Pa
         f"recordings give it (plain), and by one that expects {LATER_ALARMS:g} times as many false alarms "
         "later (wide).",
         table(
-            kept.to_dict("records"),
-            "set | n | promised | later | kept | later, plain | strangers, plain | later, wide | "
-            "strangers, wide",
-            "{set} | {n} | {promise:.1%} | {later:.1%} | {kept:.2f} | {plain_alarms:.1%} | "
-            "{plain_found:.1%} | {wide_alarms:.1%} | {wide_found:.1%}",
+            kept,
+            "set = {set} | n = {n} | promised = {promise:.1%} | later = {later:.1%} | kept = {kept:.2f} | "
+            "later, plain = {plain_alarms:.1%} | strangers, plain = {plain_found:.1%} | "
+            "later, wide = {wide_alarms:.1%} | strangers, wide = {wide_found:.1%}",
         ),
         f"The set that keeps least keeps {summary['least_kept']:.2f}; later recordings are called unknown "
         f"{summary['median_growth']:.1f} times as often as was asked for (plain; median over sets).",

@@ -261,10 +261,10 @@ def main() -> None:
     for name, form in (("meant", "{:.2f}"), ("gfc", "{:.4f}")):
         found[name] = ["-" if math.isnan(one) else form.format(one) for one in found[name]]
     shown = table(
-        found.to_dict("records"),
-        "written | files | accepted | bytes | difference | samples off | level dB | to meant dB | GFC",
-        "{kind} | {files} | {accepted} | {bytes:.0f} | {beside:.1e} | {off:.2%} | {level:.3f} | "
-        "{meant} | {gfc}",
+        found,
+        "written = {kind} | files = {files} | accepted = {accepted} | bytes = {bytes:.0f} | "
+        "difference = {beside:.1e} | samples off = {off:.2%} | level dB = {level:.3f} | "
+        "to meant dB = {meant} | GFC = {gfc}",
         "Files that the reference accepts, and the worst of each kind: its 16 bits beside our player (median "
         "difference; full scale 1), and beside what was meant (level, the spectra's goodness of fit). A "
         "sample is off (over 0.001 of full scale) where the reference takes a held sample a step earlier. "

@@ -218,9 +218,9 @@ def main() -> None:
             "finds it nearly constant.",
         ],
         table(
-            found.to_dict("records"),
-            "set | feature | from | condition | ratio | trend",
-            "{set} | {feature} | {origin} | {condition} | {ratio:.2f} | {trend:.2f}",
+            found,
+            "set = {set} | feature = {feature} | from = {origin} | condition = {condition} | "
+            "ratio = {ratio:.2f} | trend = {trend:.2f}",
             "nan: undefined on most surfaces.",
             n_words=4,
         ),

@@ -79,8 +79,8 @@ def main() -> None:
         "many alone gives.",
         table(
             shown,
-            "--max-kb | samples kept | kB | % [95 %] | fit, s | trained on as many alone",
-            "{limit} | {n_kept:,} | {kb:,.0f} | {right} | {fit_s:.1f} | {alone:.1%}",
+            "--max-kb = {limit} | samples kept = {n_kept:,} | kB = {kb:,.0f} | % [95 %] = {right} | "
+            "fit, s = {fit_s:.1f} | trained on as many alone = {alone:.1%}",
         ),
     ]
     write(asked.out, "kernel_size", result, "A kernel of few kilobytes", blocks)

@@ -126,25 +126,27 @@ def main() -> None:
         f"Twelve signals of {N_SAMPLES} samples, Burg; k -> LSF -> k. Log spectra by the lattice "
         f"at {N_FREQUENCIES} frequencies. Worst over the twelve signals:",
         table(
-            worst.reset_index().to_dict("records"),
-            "p | stable | interlaced | RMS difference (dB) | at most | largest (dB) | conditioning",
-"{p} | {stable}/{n} | {interlaced}/{n} | {rms_db:.1e} | {limit} | {max_db:.1e} | {conditioning:.1e}",
+            worst.reset_index(),
+            "p = {p} | stable = {stable}/{n} | interlaced = {interlaced}/{n} | "
+            "RMS difference (dB) = {rms_db:.1e} | at most = {limit} | largest (dB) = {max_db:.1e} | "
+            "conditioning = {conditioning:.1e}",
         ),
         "`conditioning` is the part of the narrowest gap between two frequencies that is rounding: where it "
         "comes near 1, the spectrum is kept but for the tip of that resonance, and k is not. Per signal, at "
         "the resonances (midway between neighbours):",
         table(
-            found[found["p"].isin(LIMITS_DB)].to_dict("records"),
-            "signal | p | RMS (dB) | largest at resonances (dB) | largest error of k | conditioning",
-"{signal} | {p} | {rms_db:.1e} | {max_db_at_resonances:.1e} | {max_k_error:.1e} | {conditioning:.1e}",
+            found[found["p"].isin(LIMITS_DB)],
+            "signal = {signal} | p = {p} | RMS (dB) = {rms_db:.1e} | "
+            "largest at resonances (dB) = {max_db_at_resonances:.1e} | "
+            "largest error of k = {max_k_error:.1e} | conditioning = {conditioning:.1e}",
         ),
         Heading("Time"),
         table(
             ({"limit": SPEED_LIMITS.get(row["p"], ""), **row} for row in result["speed"]),
-            "p | `np.roots` of P and Q (ms) | k -> LSF (ms) | times faster | at least | LSF -> k (ms)",
-"{p} | {roots_ms:.2f} | {forward_ms:.3f} | {times_faster:.0f} | {limit} | {inverse_ms:.3f}",
+            "p = {p} | `np.roots` of P and Q (ms) = {roots_ms:.2f} | k -> LSF (ms) = {forward_ms:.3f} | "
+            "times faster = {times_faster:.0f} | at least = {limit} | LSF -> k (ms) = {inverse_ms:.3f}",
         ),
-    ]  # fmt: skip
+    ]
     write(asked.out, "line_spectrum", result, "Line spectral frequencies, there and back", blocks)
 
 

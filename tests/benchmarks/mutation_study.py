@@ -258,14 +258,14 @@ def report(folder: Path, result: dict[str, Any]) -> None:
             dead, rest = sum(of[s] for s in SEEN), of.total() - of["equivalent"]
             rows.append({"what": value, "n": of.total(), "dead": dead, "same": of["equivalent"],
                          "part": dead / max(1, rest)})  # fmt: skip
-        titles = f"{key} | faults | noticed | equivalent | noticed of the others"
-        blocks.append(table(rows, titles, "{what} | {n} | {dead} | {same} | {part:.1%}"))
+        counted = "faults = {n} | noticed = {dead} | equivalent = {same} | noticed of the others = {part:.1%}"
+        blocks.append(table(rows, f"{key} = {{what}} | {counted}"))
     for status, caption in (("equivalent", "No test can see"), ("survived", "Not noticed"),
                             ("untested", "Without a test that passes")):  # fmt: skip
         rows = [m for m in ran if m["status"] == status]
         if rows:
-            cells = "{id} | {file}:{number} | `{before}` | `{after}` | {reason}"
-            blocks.append(table(rows, "fault | where | line | changed to | why", cells, caption))
+            columns = "fault = {id} | where = {file}:{number} | line = `{before}` | changed to = `{after}`"
+            blocks.append(table(rows, f"{columns} | why = {{reason}}", caption))
     write(folder, "mutation", result, "Would the tests notice", blocks)
 
 

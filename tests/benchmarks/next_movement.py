@@ -267,8 +267,6 @@ def shown(found: dict[str, Any]) -> dict[str, str]:
 
 def blocks_of(found: dict[str, Any]) -> list[Any]:
     gestures = [{"name": name} | known for name, known in found["gestures"].items()]
-    titles = "policy | s to 90 % | share | s to 95 % | share | s to 97 % | share | right when sure (%) | at"
-    cells = "{policy} | {s90} | {r90} | {s95} | {r95} | {s97} | {r97} | {stopped} | {cost}"
     alike = f"fixed, best of 24 at {ASKED:.0%}"
     beside = {
         "the order as recorded": "fixed, as recorded",
@@ -287,10 +285,14 @@ def blocks_of(found: dict[str, Any]) -> list[Any]:
         f"{found['n_explorations']} explorations. Best fixed orders, chosen on two operators: {orders}.",
         table(
             gestures,
-            "gesture | seconds | correlation of repetitions | accuracy held out | accuracy tested",
-            "{name} | {seconds:.2f} | {correlation:.2f} | {accuracy:.1%} | {tested:.1%}",
+            "gesture = {name} | seconds = {seconds:.2f} | correlation of repetitions = {correlation:.2f} | "
+            "accuracy held out = {accuracy:.1%} | accuracy tested = {tested:.1%}",
         ),
-        table(map(shown, found["policies"]), titles, cells),
+        table(
+            map(shown, found["policies"]),
+            "policy = {policy} | s to 90 % = {s90} | share = {r90} | s to 95 % = {s95} | share = {r95} | "
+            "s to 97 % = {s97} | share = {r97} | right when sure (%) = {stopped} | at = {cost}",
+        ),
     ]
 
 

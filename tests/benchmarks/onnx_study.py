@@ -147,26 +147,26 @@ def report(rows, n_rounds, out) -> None:
         "training; that of a feature is in widths of its range.",
         table(
             rows,
-            "model | s | windows | differ | close | unknown | probability | feature",
-            "{dataset}: {row}, {classifier} | {s:g} | {n_windows} | {labels_differ}, {verdicts_differ} | "
-            "{n_close} | {n_unknown} | {largest_gap:.1e} | {feature_gap:.1e}",
+            "model = {dataset}: {row}, {classifier} | s = {s:g} | windows = {n_windows} | "
+            "differ = {labels_differ}, {verdicts_differ} | close = {n_close} | unknown = {n_unknown} | "
+            "probability = {largest_gap:.1e} | feature = {feature_gap:.1e}",
             n_words=1,
         ),
         "What `texclass train --exportable` left out, and the accuracy of held-out touches with and without:",
         table(
             [row | {"left_out": ", ".join(row["without_graph"])} for row in rows if row["without_graph"]],
-            "model | left out | with all | without",
-            "{dataset}: {row}, {classifier} | {left_out} | {with_all_features:.1%} | {accuracy:.1%}",
+            "model = {dataset}: {row}, {classifier} | left out = {left_out} | "
+            "with all = {with_all_features:.1%} | without = {accuracy:.1%}",
             n_words=2,
         ),
         "Milliseconds of a window, one thread, medians of rounds in which texclass (features and answer, "
         "single windows) and ONNX Runtime take turns; loading and size of the file:",
         table(
             rows,
-            "model | s | channels x samples | columns | texclass (ms) | ONNX (ms) | times faster | load (ms) "
-            "| MB",
-            "{dataset}: {row}, {classifier} | {s:g} | {n_channels} x {n_samples} | {n_columns} | "
-            "{texclass_ms:.2f} | {onnx_ms:.2f} | {times_faster:.1f} | {load_ms:.0f} | {size_mb:.2f}",
+            "model = {dataset}: {row}, {classifier} | s = {s:g} | "
+            "channels x samples = {n_channels} x {n_samples} | columns = {n_columns} | "
+            "texclass (ms) = {texclass_ms:.2f} | ONNX (ms) = {onnx_ms:.2f} | "
+            "times faster = {times_faster:.1f} | load (ms) = {load_ms:.0f} | MB = {size_mb:.2f}",
             n_words=1,
         ),
     ]

@@ -290,8 +290,10 @@ def main() -> None:
     taps = pd.DataFrame(of_taps())
     frame = pd.DataFrame(rows).reindex(columns=[*rows[-1], "alone_db"])
     codec = frame["known"].str.startswith("MPEG")
-    titles = " | {n} | {good} | {median:.3f} | {least:.3f} | {paper:.3f} | {level_db:.1f} | {bands:.1f}"
-    heads = " | n | GFC >= 0.95 | median GFC | least | GFC as printed | level, dB | bands, dB"
+    scored = (
+        "n = {n} | GFC >= 0.95 = {good} | median GFC = {median:.3f} | least = {least:.3f} | "
+        "GFC as printed = {paper:.3f} | level, dB = {level_db:.1f} | bands, dB = {bands:.1f}"
+    )
     alone = frame["judged"].isin(["all of it", "second half"])
     blocks = [
         "A surface is packed into at most so many bytes (`tx.textures.pack`), rendered, and compared. GFC: "
@@ -303,8 +305,7 @@ def main() -> None:
         "where it faded (3.8 and 3.5 dB off at the ends of `stylus6`).",
         table(
             summed(frame[codec], "{known}") + summed(frame[alone & ~codec], "{asked} bytes"),
-            "set | judged on | sent as | bytes" + heads,
-            "{set} | {judged} | {rate} | {size:.0f}" + titles,
+            "set = {set} | judged on = {judged} | sent as = {rate} | bytes = {size:.0f} | " + scored,
             "Recordings alone (one spectrum, one level), at 8 kHz: 1 s of each of `lmt_excerpts`, up to 4 "
             "s of `fabric_speeds`; the second half is predicted from the first alone. The bytes are for "
             "any length. " + (CODEC if asked.reference else "MPEG's codec was not run."),
@@ -312,8 +313,8 @@ def main() -> None:
         ),
         table(
             summed(frame[~alone & ~codec], "{asked} bytes"),
-            "set | judged on | packed from | most bytes" + heads + " | one level, dB",
-            "{set} | {judged} | {known} | {asked}" + titles + " | {alone}",
+            f"set = {{set}} | judged on = {{judged}} | packed from = {{known}} | most bytes = {{asked}} | "
+            f"{scored} | one level, dB = {{alone}}",
             "Textures over speed and force, each part along the hand's own path. `stylus6` (1 kHz, above "
             "20 Hz): thirds of the pieces of 0.125 s by speed and by force, one left out at a time, the "
             "middle one lying between what is known, the end ones outside it; readings over 1000 mm/s or "
@@ -326,8 +327,8 @@ def main() -> None:
         ),
         table(
             hardness(taps),
-            "bytes | modes | rank correlation | median difference | worst",
-            "{bytes} | {modes} | {rho:.3f} | {median:.2f} | {worst:.2f}",
+            "bytes = {bytes} | modes = {modes} | rank correlation = {rho:.3f} | "
+            "median difference = {median:.2f} | worst = {worst:.2f}",
             "Hardness, 0 soft to 10 hard (`texclass describe`), of 24 simulated surfaces as recorded "
             "(median of their taps), and of the tap in the packed texture: the tap of median hardness as "
             "decaying sinusoids.",

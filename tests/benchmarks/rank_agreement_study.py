@@ -114,9 +114,9 @@ def main() -> None:
         "catalogues); a single catalogue may say anything from the least to the largest.",
         table(
             results,
-            "Classifier | Rows | Spearman, mean [95 %] | least | largest",
-            "{classifier} | {n_rows}, {rows} | {mean:.2f} [{low:.2f}, {high:.2f}] | {least:.2f} | "
-            "{largest:.2f}",
+            "Classifier = {classifier} | Rows = {n_rows}, {rows} | "
+            "Spearman, mean [95 %] = {mean:.2f} [{low:.2f}, {high:.2f}] | least = {least:.2f} | "
+            "largest = {largest:.2f}",
             n_words=2,
         ),
         Table(

@@ -90,6 +90,11 @@ UNTOLD = {
     "ms_per_recording", "predict_ms", "seconds", "segmentation_ms", "versions",
 }  # fmt: skip
 """Keys of results that say how long something took, where it is, or with which code."""
+RATINGS = ("rms_spectral_error", "goodness_of_fit", "mean_absolute_difference", "log_spectral_distance")
+LINES = ("frequency_hz", "amplitude", "phase")
+MODES = ("frequency_hz", "decay_per_s", "amplitude", "phase")
+TAP = ("amplitude_slope", "decay_per_s", "frequency_hz")
+"""What is told of lines, modes and taps."""
 NESTED = (Mapping, list, tuple, np.ndarray)
 BY_COLUMN = "values (by column)"
 """Key of a table whose columns, named under `columns` beside it, have scales of their own."""
@@ -278,16 +283,17 @@ for _pipeline, _name, _dataset, _asked in (
 def protocols() -> Any:
     """Every protocol, choice inside the training part, touches, and a new feature, on a small dataset."""
     own = card("own_feature.py", OWN_FEATURE)
-    return {
-        "operator": benchmark(small(), "texclass", "--protocol", "operator"),
-        "paper": benchmark(small(), "strese2015", "--protocol", "paper", "--folds", 4),
-        "blocks": benchmark(small(), "multiscale", "--protocol", "blocks"),
-        "few-shot": benchmark(small(), "coarse", "--protocol", "few-shot"),
-        "choose": benchmark(small(), "coarse", "--protocol", "recording", "--folds", 4, "--choose"),
-        "touches": benchmark(small(), "multiscale", "--touch", 0.8, "--touches", 2, "--folds", 3),
-        "too many folds": benchmark(small(), "coarse", "--folds", 9),
-        "new feature": benchmark(small(), "coarse", "--folds", 4, "--feature", f"{own}:crest"),
+    asked: dict[str, tuple[object, ...]] = {
+        "operator": ("texclass", "--protocol", "operator"),
+        "paper": ("strese2015", "--protocol", "paper", "--folds", 4),
+        "blocks": ("multiscale", "--protocol", "blocks"),
+        "few-shot": ("coarse", "--protocol", "few-shot"),
+        "choose": ("coarse", "--protocol", "recording", "--folds", 4, "--choose"),
+        "touches": ("multiscale", "--touch", 0.8, "--touches", 2, "--folds", 3),
+        "too many folds": ("coarse", "--folds", 9),
+        "new feature": ("coarse", "--folds", 4, "--feature", f"{own}:crest"),
     }
+    return {name: benchmark(small(), *words) for name, words in asked.items()}
 
 
 def tables(groups: Mapping[str, Sequence[Any]], plans: Sequence[tuple[str, str]]) -> Any:
@@ -511,18 +517,9 @@ def of_lattices(a: Any, b: Any, k400: Any, signals: Mapping[str, np.ndarray]) ->
     }
 
 
-def of_modes(modes: Any) -> Any:
-    """Return frequencies, decays, amplitudes and phases, or how the fit is refused."""
-    if isinstance(modes, str):
-        return modes
-    return np.stack([modes.frequency_hz, modes.decay_per_s, modes.amplitude, modes.phase])
-
-
-def of_lines(lines: Any) -> Any:
-    """Return frequencies, amplitudes and phases, or how the fit is refused."""
-    if isinstance(lines, str):
-        return lines
-    return np.stack([lines.frequency_hz, lines.amplitude, lines.phase])
+def facts_of(found: Any, names: Sequence[str]) -> Any:
+    """Return some attributes of what a fit found, one row each, or how it is refused."""
+    return found if isinstance(found, str) else np.stack([getattr(found, name) for name in names])
 
 
 def of_prony(found: Any) -> Any:
@@ -553,18 +550,18 @@ def vibration_modes(signals: Mapping[str, np.ndarray] | None = None) -> Any:
     short = ("noise", "tones", "constant", "silence", "impulse", "huge")
     for name, x in (noisy | {name: signals[name][:300] for name in short}).items():
         found[f"pencil {name}"] = {
-            "own order": of_modes(attempt(v.fit_matrix_pencil, x, fs)),
-            "order 6": of_modes(attempt(v.fit_matrix_pencil, x, fs, order=6)),
-            "projected": of_modes(attempt(v.fit_matrix_pencil, x, fs, order=4, outside="project")),
+            "own order": facts_of(attempt(v.fit_matrix_pencil, x, fs), MODES),
+            "order 6": facts_of(attempt(v.fit_matrix_pencil, x, fs, order=6), MODES),
+            "projected": facts_of(attempt(v.fit_matrix_pencil, x, fs, order=4, outside="project"), MODES),
         }
         found[f"prony {name}"] = of_prony(attempt(v.fit_prony, x, 0.05 * (float(np.abs(x).max()) or 1.0)))
-        found[f"lines {name}"] = of_lines(attempt(v.fit_major_frequencies, x, fs))
+        found[f"lines {name}"] = facts_of(attempt(v.fit_major_frequencies, x, fs), LINES)
     slow, fast = (
         v.fit_major_frequencies(signals[name], fs, n_frequencies=9) for name in ("colored", "tones")
     )
-    found["lines between"] = of_lines(major_frequencies.interpolate(slow, fast, 0.4))
+    found["lines between"] = facts_of(major_frequencies.interpolate(slow, fast, 0.4), LINES)
     between = oeztuerk2018.FrequencyTexture([50.0, 100.0], [slow, fast], 1.0, fs)
-    found["lines at speed"] = of_lines(between.at(80.0))
+    found["lines at speed"] = facts_of(between.at(80.0), LINES)
     played = slow.synthesize(1000, fs)
     found["lines played"] = thin(played / np.abs(played).max())
     velocity, t = np.array([0.1, 0.2, 0.35]), np.arange(300) / fs
@@ -573,7 +570,7 @@ def vibration_modes(signals: Mapping[str, np.ndarray] | None = None) -> Any:
         for u in velocity
     ]
     for name, fit in (("okamura", v.fit_okamura), ("least squares", v.fit_tap_model)):
-        found[f"tap {name}"] = of_tap(fit(taps, velocity, fs))
+        found[f"tap {name}"] = facts_of(fit(taps, velocity, fs), TAP)
     pieces = v.segment_rising_peaks(np.tile(ring[:200], 6) + 0.05 * rng.standard_normal(1200), 0.3)
     f = np.arange(500.0)
     band = v.vibration_band(f, 1 / ((f - 80) ** 2 + 400), smoothing_hz=3.0)
@@ -582,19 +579,10 @@ def vibration_modes(signals: Mapping[str, np.ndarray] | None = None) -> Any:
     pairs = ("noise", "colored"), ("colored", "quantized"), ("decay", "tones"), ("tiny", "noise")
     for one, other in pairs:
         x, y = signals[one], signals[other]
-        found[f"scores {one} {other}"] = {
-            "band_energy_distance": attempt(scores.band_energy_distance, x, y, fs),
-            "rms_spectral_error": attempt(scores.rms_spectral_error, x, y),
-            "goodness_of_fit": attempt(scores.goodness_of_fit, x, y),
-            "mean_absolute_difference": attempt(scores.mean_absolute_difference, x, y),
-            "log_spectral_distance": attempt(scores.log_spectral_distance, x, y),
-        }
+        rated = {name: attempt(getattr(scores, name), x, y) for name in RATINGS}
+        rated["band_energy_distance"] = attempt(scores.band_energy_distance, x, y, fs)
+        found[f"scores {one} {other}"] = rated
     return found
-
-
-def of_tap(model: Any) -> list[float]:
-    """Return A, B and f of a tap."""
-    return [model.amplitude_slope, model.decay_per_s, model.frequency_hz]
 
 
 def fitted_textures() -> dict[str, Any]:
@@ -631,9 +619,9 @@ def of_taps() -> dict[str, Any]:
     force = wall.renderer().process(depth, np.gradient(depth) * device.rate_hz)
     again = exchange.load_taps(exchange.save_texture(library, SCRATCH / "taps.texture"))
     return {
-        "fits": np.array([of_tap(one) for some in (library, scaled) for one in some.values()]),
+        "fits": np.array([facts_of(one, TAP) for some in (library, scaled) for one in some.values()]),
         "wall": thin(force, 100),
-        "again": np.array([of_tap(one) for one in again.values()]),
+        "again": np.array([facts_of(one, TAP) for one in again.values()]),
     }
 
 
@@ -887,6 +875,22 @@ def compared(name: str, leaves: Mapping[str, Any], most: int) -> str:
     return "\n".join([*told, *([f"    and {len(found) - most} more"] if len(found) > most else [])])
 
 
+def outcome(name: str, what: str, most: int) -> str:
+    """Compute a part, record or compare it, and say what came out."""
+    function, needs = PARTS[name]
+    if not all((Path(os.environ["TEXCLASS_DATA"]) / folder).is_dir() for folder in needs):
+        return "skipped, the recordings are not here"
+    try:
+        leaves = dict(flat(function()))
+    except Exception:
+        if what == "record":
+            raise
+        return f"failed\n{traceback.format_exc(limit=-3)}"
+    if what == "record":
+        return f"recorded, {write(name, leaves, ill_conditioned(name, leaves))} bytes"
+    return compared(name, leaves, most)
+
+
 def main() -> int:
     """Record or compare; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -904,22 +908,8 @@ def main() -> int:
     os.environ["TEXCLASS_CACHE"] = str(SCRATCH / "cache")
     said = {}
     for name in names:
-        function, needs = PARTS[name]
         started = time.process_time()
-        if not all((Path(os.environ["TEXCLASS_DATA"]) / folder).is_dir() for folder in needs):
-            said[name] = "skipped, the recordings are not here"
-        else:
-            try:
-                leaves = dict(flat(function()))
-            except Exception:
-                if asked.what == "record":
-                    raise
-                said[name] = f"failed\n{traceback.format_exc(limit=-3)}"
-            else:
-                if asked.what == "record":
-                    said[name] = f"recorded, {write(name, leaves, ill_conditioned(name, leaves))} bytes"
-                else:
-                    said[name] = compared(name, leaves, asked.most)
+        said[name] = outcome(name, asked.what, asked.most)
         print(f"{name} ({time.process_time() - started:.0f} s): {said[name]}", flush=True)
     return int(any(not words.startswith(("same", "skipped", "recorded")) for words in said.values()))
 

@@ -111,8 +111,8 @@ def main() -> None:
         "any. The aim was 0.8.",
         table(
             rows,
-            "scale | beside | surfaces | rank correlation [95 %]",
-            "{scale} | {beside} | {n} | {rho:.2f} [{low:.2f}, {high:.2f}]",
+            "scale = {scale} | beside = {beside} | surfaces = {n} | "
+            "rank correlation [95 %] = {rho:.2f} [{low:.2f}, {high:.2f}]",
             n_words=2,
         ),
         "Whether a surface has ribs is yes or no: the most that any scale could reach there is "
@@ -123,8 +123,7 @@ def main() -> None:
         "friction; its levels compare among themselves alone.",
         table(
             [{"of": scale} | dict(row) for scale, row in among.iterrows()],
-            "scale | " + " | ".join(SCALES),
-            "{of} | " + " | ".join(f"{{{scale}:.2f}}" for scale in SCALES),
+            "scale = {of} | " + " | ".join(f"{scale} = {{{scale}:.2f}}" for scale in SCALES),
             "Between the scales, over simulated surfaces.",
         ),
     ]

@@ -329,8 +329,8 @@ def report(result: dict[str, Any], out: Path) -> None:
         "from its first to its last batch.",
         table(
             sizes,
-            "recordings | CPU s, median | all rounds | off the line | peak memory in MB",
-            "{n} | {s:.2f} | {every} | {off:+.1%} | {mb:.0f}",
+            "recordings = {n} | CPU s, median = {s:.2f} | all rounds = {every} | "
+            "off the line = {off:+.1%} | peak memory in MB = {mb:.0f}",
         ),
         Heading("Cores"),
         f"{two['n_recordings']} recordings of {two['recording_s']:g} s, wall time, workers started before "
@@ -340,8 +340,7 @@ def report(result: dict[str, Any], out: Path) -> None:
                 {"k": k, "best": min(v), "every": ", ".join(f"{s:.2f}" for s in v)}
                 for k, v in two["seconds"].items()
             ),
-            "processes | best in s | all rounds",
-            "{k} | {best:.2f} | {every}",
+            "processes = {k} | best in s = {best:.2f} | all rounds = {every}",
             f"Load average before the runs: {', '.join(f'{x:.1f}' for x in two['load_before'])} on "
             f"{result['machine']['cores']} cores; above 1, other work took part of them.",
         ),
@@ -350,10 +349,10 @@ def report(result: dict[str, Any], out: Path) -> None:
         "each stage's with what stood before; then what the whole needs beyond its samples, and CPU time.",
         table(
             lengths,
-            "length | samples in MB | loaded | segmented | features | beyond the samples | load in s | "
-            "segment in s | features in s | s an hour",
-            "{seconds:g} s | {samples_mb:.0f} | {load:.0f} | {segment:.0f} | {features:.0f} | {beyond:.0f} "
-            "| {load_cpu_s:.2f} | {segment_cpu_s:.2f} | {features_cpu_s:.2f} | {hour:.1f}",
+            "length = {seconds:g} s | samples in MB = {samples_mb:.0f} | loaded = {load:.0f} | "
+            "segmented = {segment:.0f} | features = {features:.0f} | beyond the samples = {beyond:.0f} | "
+            "load in s = {load_cpu_s:.2f} | segment in s = {segment_cpu_s:.2f} | "
+            "features in s = {features_cpu_s:.2f} | s an hour = {hour:.1f}",
             "Samples are held once, as 8-byte floats. Segmentation filters in blocks and holds its levels, "
             "one a millisecond; a movement above 5 minutes is computed in parts.",
         ),

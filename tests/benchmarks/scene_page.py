@@ -167,9 +167,9 @@ def told(rows: list[dict[str, Any]], sounds: list[float]) -> list[Block]:
         f"after {np.median(sounds):.0f} ms (median of {len(sounds)} loads, worst {max(sounds):.0f} ms).",
         table(
             rows,
-            "scene | where | time | blocks | page, bytes | mean | p50 | p99 | p99.9 | worst",
-            "{scene} | {where} | {time} | {blocks} | {bytes} | {mean:.3f} | {p50:.3f} | {p99:.3f} | "
-            "{p999:.3f} | {worst:.3f}",
+            "scene = {scene} | where = {where} | time = {time} | blocks = {blocks} | "
+            "page, bytes = {bytes} | mean = {mean:.3f} | p50 = {p50:.3f} | p99 = {p99:.3f} | "
+            "p99.9 = {p999:.3f} | worst = {worst:.3f}",
             "Milliseconds of a block. Chromium: its own trace of each call of the processor (wall clock, "
             "and CPU time of the audio thread) in an AudioContext without a sound card, its garbage "
             "collection within. Node: the processor's own code, without a browser around it; its CPU time "

@@ -115,16 +115,16 @@ def main() -> None:
         f"{plan.scene.n_bytes} bytes.",
         table(
             planned,
-            "surface | family | order | lines | nodes | worst score | of the tolerance | operations | shares",
-            "{s.name} | {m.kind} | {m.order} | {m.n_lines} | {nodes} | {worst:.3f} | "
-            "{s.verdict[relative]:.0%} | {operations:.0f} | {shares}",
+            "surface = {s.name} | family = {m.kind} | order = {m.order} | lines = {m.n_lines} | "
+            "nodes = {nodes} | worst score = {worst:.3f} | of the tolerance = {s.verdict[relative]:.0%} | "
+            "operations = {operations:.0f} | shares = {shares}",
             n_words=2,
         ),
         Heading(f"Microseconds per sample, {CONTACTS} contacts, {asked.samples / 1000:g} s at 1 kHz"),
         table(
             clocks,
-            "scene | clock | p50 | p99 | p99.9 | worst | limit for p99.9",
-            "{scene} | {clock} | {p50:.1f} | {p99:.1f} | {p999:.1f} | {worst:.1f} | {limit:g}",
+            "scene = {scene} | clock = {clock} | p50 = {p50:.1f} | p99 = {p99:.1f} | p99.9 = {p999:.1f} | "
+            "worst = {worst:.1f} | limit for p99.9 = {limit:g}",
             "One sample a call, one thread. quiet: each sample counts with the least of five runs of the "
             "same path, which leaves out what else the machine did; one run: the clock as it was. Python's "
             "call and the clock are within both; the garbage collector is frozen and off, as in a haptic "

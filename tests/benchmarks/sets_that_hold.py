@@ -184,12 +184,10 @@ def main() -> None:
         "share of pairs of a right and a wrong answer of which the right one has the larger probability.",
         table(
             shown,
-            "dataset | answer | held out | sets from | level | holds, % | nominal | by contact | size | "
-            "empty | or best | accuracy | ranks",
-            "{dataset} | {touch} | {held_out} | {way} | {level:.0%} | {coverage:.1%} [{low:.1%}, "
-            "{high:.1%}] | {n_inside} of {n_draws} | {by_contact:.1%} | {size:.2f} | "
-            "{empty:.1%} | {or_best:.1%} | "
-            "{accuracy:.1%} | {ranks}",
+            "dataset = {dataset} | answer = {touch} | held out = {held_out} | sets from = {way} | "
+            "level = {level:.0%} | holds, % = {coverage:.1%} [{low:.1%}, {high:.1%}] | "
+            "nominal = {n_inside} of {n_draws} | by contact = {by_contact:.1%} | size = {size:.2f} | "
+            "empty = {empty:.1%} | or best = {or_best:.1%} | accuracy = {accuracy:.1%} | ranks = {ranks}",
             n_words=4,
         ),
         {r["dataset"]: f"input {r['input_hash'][:16]}" for r in results},

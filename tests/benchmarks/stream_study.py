@@ -360,13 +360,12 @@ def told_speed(s: dict[str, Any]) -> list[Any]:
         "passes, as a robot gets them (all blocks, and those with an answer).",
         table(
             rows,
-            "pipeline | columns | one window right % | a window every, s | blocks with an answer % | p50 ms "
-            "| p90 | p99 | p99.9 | mean | without an answer | with one | single: p50 | p99 | with one: p50 "
-            "| p99 | times real time | one rfft, ms",
-            "{name} | {columns} | {right:.1f} | {hop_s:g} | {answers:.1f} | {p50:.3f} | {p90:.3f} | "
-            "{p99:.3f} | {p999:.3f} | {mean:.3f} | {quiet:.3f} | {busy:.3f} | {single_p50:.3f} | "
-            "{single_p99:.3f} | {single_busy_p50:.3f} | {single_busy_p99:.3f} | {times_real_time:.0f} | "
-            "{reference_ms:.2f}",
+            "pipeline = {name} | columns = {columns} | one window right % = {right:.1f} | "
+            "a window every, s = {hop_s:g} | blocks with an answer % = {answers:.1f} | p50 ms = {p50:.3f} | "
+            "p90 = {p90:.3f} | p99 = {p99:.3f} | p99.9 = {p999:.3f} | mean = {mean:.3f} | "
+            "without an answer = {quiet:.3f} | with one = {busy:.3f} | single: p50 = {single_p50:.3f} | "
+            "p99 = {single_p99:.3f} | with one: p50 = {single_busy_p50:.3f} | p99 = {single_busy_p99:.3f} | "
+            "times real time = {times_real_time:.0f} | one rfft, ms = {reference_ms:.2f}",
         ),
         "One `np.fft.rfft` of 250,000 samples (the last column, in the same run) takes 2.6 ms when nothing "
         f"else runs; the load average was {some['load']:.1f} on two cores.",
@@ -393,11 +392,11 @@ def told_equality(found: list[dict[str, Any]]) -> list[Any]:
         "by bit; each answer is compared with the model's for the same samples cut from the recording.",
         table(
             found,
-            "dataset | recordings | with answers | windows | streams that differ by block | different "
-            "labels | largest difference of a probability",
-            "{dataset} | {n_recordings} | {n_recordings_with_answers} | {n_windows} | "
-            "{n_streams_that_differ_by_block} | {n_different_labels} | "
-            "{largest_difference_of_probability:.1e}",
+            "dataset = {dataset} | recordings = {n_recordings} | "
+            "with answers = {n_recordings_with_answers} | windows = {n_windows} | "
+            "streams that differ by block = {n_streams_that_differ_by_block} | "
+            "different labels = {n_different_labels} | "
+            "largest difference of a probability = {largest_difference_of_probability:.1e}",
         ),
         "Where a dataset card removes the resting level, a stream removes the median of each window instead: "
         "rounding differs, labels do not.",
@@ -422,8 +421,9 @@ def told_accuracy(a: dict[str, Any]) -> list[Any]:
         "next ones were not: 84 % were right after 0.25 s, 76 % after 0.5 s.",
         table(
             rows,
-            "seconds | sequential % [95 %] | its calibration error | majority % [95 %] | calibration error",
-            "{s[seconds]:g} | {own} | {s[calibration_error]:.3f} | {other} | {m[calibration_error]:.3f}",
+            "seconds = {s[seconds]:g} | sequential % [95 %] = {own} | "
+            "its calibration error = {s[calibration_error]:.3f} | majority % [95 %] = {other} | "
+            "calibration error = {m[calibration_error]:.3f}",
         ),
         f"Stopped when sure (95 %): {100 * stopped['accuracy']:.1f} % right after {stopped['median_s']:.2f} "
         f"s (median; {stopped['p90_s']:.2f} s for nine in ten), {100 * stopped['share_sure']:.0f} % became "

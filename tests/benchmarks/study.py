@@ -110,14 +110,16 @@ def in_turns(
 
 
 def table(
-    rows: Iterable[Mapping[str, Any]], titles: str, cells: str, caption: str = "", n_words: int = 1
+    rows: pd.DataFrame | Iterable[Mapping[str, Any]], columns: str, caption: str = "", n_words: int = 1
 ) -> Table:
-    """Return a table of rows by its titles and a format of a row, as they stand in Markdown.
+    """Return a table of rows by its columns, each a title and the format of its cells.
 
-    >>> table([{"n": 5, "mean": 0.9}], "recordings | right", "{n} | {mean:.1%}")
+    >>> table([{"n": 5, "mean": 0.9}], "recordings = {n} | right = {mean:.1%}")
     """
-    filled = [[cell.format_map(row) for cell in cells.split(" | ")] for row in rows]
-    return Table(pd.DataFrame(filled, columns=titles.split(" | ")), caption, n_words)
+    titles, cells = zip(*(column.split(" = ") for column in columns.split(" | ")), strict=True)
+    told = rows.to_dict("records") if isinstance(rows, pd.DataFrame) else rows
+    filled = [[cell.format_map(row) for cell in cells] for row in told]
+    return Table(pd.DataFrame(filled, columns=list(titles)), caption, n_words)
 
 
 def interval(estimate: Mapping[str, Any], middle: str = "accuracy") -> str:

@@ -103,9 +103,9 @@ def main() -> None:
         blocks = [
             table(
                 (told(length, c) for length in lengths for c in length["contestants"]),
-                "seconds | tests | tool | classifier | % [95 %] | ours ahead by [95 %] | features ms | "
-                "total s",
-                "{seconds} | {tests} | {tool} | {classifier} | {right} | {ahead} | {ms} | {total}",
+                "seconds = {seconds} | tests = {tests} | tool = {tool} | classifier = {classifier} | "
+                "% [95 %] = {right} | ours ahead by [95 %] = {ahead} | features ms = {ms} | "
+                "total s = {total}",
                 n_words=4,
             ),
             f"Pipeline `{result['pipeline']}`; the first {asked.touches} windows of each recording train and "

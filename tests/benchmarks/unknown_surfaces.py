@@ -178,18 +178,19 @@ def report(results: list[dict[str, Any]], made: dict[str, Any], out: Path) -> No
         "Scores of distance need recordings enough for a held-out one to lie as near as one of training: "
         "half of few, as where drift is expected, puts the threshold too far out."
     ]
-    titles = "score | AUROC | least AUROC | flagged | least flagged | false alarms | most false alarms"
-    cells = (
-        "{score} | {auroc:.4f} [{auroc_low:.4f}, {auroc_high:.4f}] | {auroc_worst:.4f} | "
-        "{flagged:.1%} [{flagged_low:.1%}, {flagged_high:.1%}] | {flagged_worst:.1%} | "
-        "{false_alarms:.1%} [{false_alarms_low:.1%}, {false_alarms_high:.1%}] | {false_alarms_worst:.1%}"
+    columns = (
+        "score = {score} | AUROC = {auroc:.4f} [{auroc_low:.4f}, {auroc_high:.4f}] | "
+        "least AUROC = {auroc_worst:.4f} | flagged = {flagged:.1%} [{flagged_low:.1%}, {flagged_high:.1%}] | "
+        "least flagged = {flagged_worst:.1%} | "
+        "false alarms = {false_alarms:.1%} [{false_alarms_low:.1%}, {false_alarms_high:.1%}] | "
+        "most false alarms = {false_alarms_worst:.1%}"
     )
     for design, meaning in DESIGNS.items():
-        rows = found[found["design"] == design].to_dict("records")
+        rows = found[found["design"] == design]
         blocks += [
             Heading(design.capitalize()),
             f"{meaning[0].upper()}{meaning[1:]}.",
-            table(rows, titles, cells),
+            table(rows, columns),
         ]
     blocks += [Heading("Scores"), SCORES]
     result = made | {"summary": found.to_dict("records"), "results": results}

@@ -232,18 +232,17 @@ def main() -> None:
         f"file (of at most {LONGEST_S:g} s) comes before it. Peers are given one axis.",
         Table(cells.rename_axis("recording").reset_index(), "Times one rfft of one axis."),
         Heading("Against the aims"),
-        table(
-            aims, "recording | what | times one rfft | aim", "{recording} | {what} | {ratio:.1f} | {aim:g}"
-        ),
+        table(aims, "recording = {recording} | what = {what} | times one rfft = {ratio:.1f} | aim = {aim:g}"),
         Heading("To the answer"),
         "Models that `train` chose for eight simulated surfaces, pruned, asked in the same process: by "
         f"default, and of at most {BUDGET_MS:g} ms for a recording as it came.",
         table(
             answered,
-            "recogniser | columns | right, held out | 6 s as recorded, ms | 1 s of movement, ms | "
-            "of these, features | answer from features",
-            "{recogniser} | {n_columns} | {right:.3f} | {ms[6 s as recorded]:.2f} | "
-            "{ms[1 s of movement]:.2f} | {ms[the same, its features]:.2f} | {ms[answer from features]:.2f}",
+            "recogniser = {recogniser} | columns = {n_columns} | right, held out = {right:.3f} | "
+            "6 s as recorded, ms = {ms[6 s as recorded]:.2f} | "
+            "1 s of movement, ms = {ms[1 s of movement]:.2f} | "
+            "of these, features = {ms[the same, its features]:.2f} | "
+            "answer from features = {ms[answer from features]:.2f}",
         ),
     ]
     write(asked.out, "whole_path", result, "The whole path, by stage", blocks, figure(ratios))

@@ -81,10 +81,9 @@ def report(folder: Path, found: dict[str, Any], facts: dict[str, Any]) -> None:
         f"resident memory of the process, libraries included. Engine: {facts['engine']}.",
         table(
             rows,
-            "reader | inputs | accepted | refused | other exceptions | timeouts | crashes | slowest (s) | "
-            "peak (MB) | inputs/s",
-            "{name} | {inputs:,} | {accepted:,} | {refused:,} | {other} | {timeouts} | {crashes} | "
-            "{slowest_s:.3f} | {peak_mb:,} | {inputs_per_s}",
+            "reader = {name} | inputs = {inputs:,} | accepted = {accepted:,} | refused = {refused:,} | "
+            "other exceptions = {other} | timeouts = {timeouts} | crashes = {crashes} | "
+            "slowest (s) = {slowest_s:.3f} | peak (MB) = {peak_mb:,} | inputs/s = {inputs_per_s}",
         ),
     ]
     broken = [f"{row['name']}: {times} x {what}" for row in rows for what, times in row["findings"].items()]

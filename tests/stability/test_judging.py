@@ -1,17 +1,19 @@
 """The battery can fail: deliberately wrong subjects are found out."""
 
+import random
 import warnings
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from texclass.features.contract import UndefinedFeatureError
+from texclass.features.contract import Feature, Gain, UndefinedFeatureError
+from texclass.features.sets import Member
 from texclass.stability import rules
 from texclass.stability.exact import NoReferenceError
-from texclass.stability.inputs import Case, plain
+from texclass.stability.inputs import LONG, Case, in_families, plain
 from texclass.stability.rules import Check, Mark, Subject, judge
-from texclass.stability.subjects_signals import LAW_GAINS, inferred_laws, under_gain, whole
+from texclass.stability.subjects_signals import LAW_GAINS, inferred_laws, one_feature, under_gain, whole
 
 CASE = Case("some noise", "order", plain(64).copy(), order=2)
 REQUIRED = Case("plain", "plain", plain(64).copy(), order=2, required=True)
@@ -178,3 +180,17 @@ def test_a_gain_law_is_inferred_and_its_breach_found():
     lost = outputs(1e-100)
     lost["shape"] = 0.0
     assert under_gain("law", lost, outputs(1.0), laws, 1e-100, 1e-9).excess > 1
+
+
+def test_a_feature_of_ours_that_breaks_what_it_declares_is_found():
+    (case,) = (case for case in in_families("gain", n=LONG) if case.gain == 1e30)
+
+    def mark(function, **law):
+        made = Member("made", Feature("made", function, "movement", "1", "test", gain=Gain(**law)))
+        return judge(Subject("made", "features", lambda quick: [case], one_feature(made)), case)["mark"]
+
+    assert mark(lambda view: view.samples.max(), power=1) is Mark.EXACT
+    assert mark(lambda view: view.samples.max()) is Mark.WRONG  # declared to be free of gain
+    assert mark(lambda view: max(view.samples.max(), 1e10), power=1) is Mark.WRONG  # a floor at gain 1
+    assert mark(lambda view: random.random()) is Mark.WRONG
+    assert mark(lambda view: np.inf) is Mark.DOCUMENTED

@@ -316,7 +316,7 @@ def subjects() -> list[Subject]:
         return [replace(case, required=False) for case in cases(quick)]  # even ordinary noise has none
 
     given = {"rib_density": without_ribs}
-    each = [Subject(m.name, "features", given.get(m.name, cases), _feature(m)) for m in members]
+    each = [Subject(m.name, "features", given.get(m.name, cases), one_feature(m)) for m in members]
     return [*each, Subject("all features", "features", cases, extraction(extract))]
 
 
@@ -336,7 +336,7 @@ def views_of(x: Any, fs: float, phase: Phase = "movement") -> Views:
     return Views(Recording(x, fs=fs, friction=x, speed=np.full(n, 1000.0), phases=phases), phases)
 
 
-def _feature(member: Member) -> Trial:
+def one_feature(member: Member) -> Trial:
     """Return an attempt at one of our features: as a library of its outputs; then what else is known."""
     feature = member.feature
     law = feature.gain.power, feature.gain.shift
