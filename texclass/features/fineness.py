@@ -1,4 +1,4 @@
-"""Fineness: where the energy lies in frequency [strese2015, sections IV-B, IV-D], and how close ribs stand."""
+"""Fineness: where the energy lies in frequency [strese2015, sections IV-B, IV-D], and how close ribs are."""
 
 from typing import Any
 
@@ -137,7 +137,7 @@ def grain_frequency(view: PhaseView, *, low_hz: float = 15.0, high_hz: float = 1
     return float(np.exp(np.median(v @ np.log(f) / v.sum(axis=1))))
 
 
-# Ribs: what repeats along the way of the tool, where the speed of the tool was recorded ----------------------
+# Ribs: what repeats along the way of the tool, where the speed of the tool was recorded --------------------
 
 
 @feature("travel", "1/mm", "texclass, by subharmonic summation (Hermes, J. Acoust. Soc. Am. 83, 1988)")

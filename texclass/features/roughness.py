@@ -291,7 +291,7 @@ def temporal_roughness(
     UndefinedFeatureError
         For silence, fewer than 64 samples, no energy in a band, or fs/2 not above the fine band.
     """
-    fine, coarse = (magnitude(view, band, PERIOD * fine_hz[1]) for band in (fine_hz, coarse_hz))
+    fine, coarse = both_bands(view, fine_hz, coarse_hz)
     return _difference(fine, coarse.copy()) + float(np.log10(level(view)))
 
 
@@ -318,18 +318,18 @@ def roughness_ratio(
     UndefinedFeatureError
         As `temporal_roughness`.
     """
-    fine, coarse = (
-        float(magnitude(view, band, PERIOD * fine_hz[1]).mean(dtype=np.float64))
-        for band in (fine_hz, coarse_hz)
-    )
+    fine, coarse = (float(band.mean(dtype=np.float64)) for band in both_bands(view, fine_hz, coarse_hz))
     return log10_of(fine, "the fine band") - log10_of(coarse, "the coarse band")
 
 
 @transform
-def magnitude(view: PhaseView, band_hz: tuple[float, float], rate_hz: float) -> NDArray[np.float32]:
-    """Return the magnitude of the movement in a band, at `rate_hz`."""
+def both_bands(
+    view: PhaseView, fine_hz: tuple[float, float], coarse_hz: tuple[float, float]
+) -> tuple[NDArray[np.float32], ...]:
+    """Return the magnitudes of the movement in two bands, at `PERIOD` samples per period of the fine one."""
     require(view, 64, "band-passes")
-    return np.asarray(np.abs(band_passed(view, *band_hz, rate_hz)))
+    rate_hz = PERIOD * fine_hz[1]
+    return tuple(np.abs(band_passed(view, *band_hz, rate_hz)) for band_hz in (fine_hz, coarse_hz))
 
 
 def _difference(d1: NDArray[Any], d5: NDArray[Any]) -> float:
