@@ -8,7 +8,6 @@ out from those made in one go promise of later ones.
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -44,48 +43,36 @@ N_SHOTS = (1, 3, 10)
 N_OTHERS = 600
 ONE_GO = (2, 3, 5, 9)
 """Recordings of each surface in a row that train where the promise is looked at."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """A data set, the pipeline that `train` takes for it, those whose rows stand beside, and s of windows."""
-
-    name: str
-    default: str
-    pipelines: tuple[str, ...]
-    touch_s: float | None = None
-
-
 CASES = (
-    Case("biotac20", "surfaces", ("multiscale",)),
-    Case("taps5", "surfaces", ("texclass", "strese2015")),
-    Case("simulated", "surfaces", ("texclass", "multiscale")),
-    Case("borealtc", "coarse", ("coarse",), 5.0),
-    Case("dogsurf", "coarse", ("coarse",), 5.0),
+    ("biotac20", "surfaces", ("multiscale",), None),
+    ("taps5", "surfaces", ("texclass", "strese2015"), None),
+    ("simulated", "surfaces", ("texclass", "multiscale"), None),
+    ("borealtc", "coarse", ("coarse",), 5.0),
+    ("dogsurf", "coarse", ("coarse",), 5.0),
 )
+"""A data set, the pipeline that `train` takes for it, those whose rows stand beside, and s of windows."""
 
 
 def main() -> None:
     asked = command_line(__doc__, only="")
     found: dict[str, list[dict[str, Any]]] = {"cells": [], "promises": []}
     hashes = {}
-    for case in (case for case in CASES if asked.only in ("", case.name)):
-        dataset = open_dataset(case.name)
-        hashes[case.name] = dataset.input_hash
-        if case.touch_s is not None:
-            touched = touches(dataset, case.touch_s, n_jobs=1)
-            dataset = windows.overlapping(touched, load_pipeline(case.default).overlap)
-        pipelines = [load_pipeline(name) for name in dict.fromkeys((case.default, *case.pipelines))]
+    for name, own, others, touch_s in (case for case in CASES if asked.only in ("", case[0])):
+        dataset = open_dataset(name)
+        hashes[name] = dataset.input_hash
+        if touch_s is not None:
+            dataset = windows.overlapping(touches(dataset, touch_s, n_jobs=1), load_pipeline(own).overlap)
+        pipelines = [load_pipeline(each) for each in dict.fromkeys((own, *others))]
         tables = [cached_table(dataset, *p.needed, channels=p.channels, n_jobs=1) for p in pipelines]
         meter = CostMeter.on(dataset, tables[0].frame["recording_id"].tolist(), pipelines[0].channels)
         default, *_ = without_choice(candidates_of(pipelines[0], tables[0], meter))
         for protocol, n, splits in cells(tables[0].frame):
-            cell = {"set": case.name, "protocol": protocol, "n": n, "n_folds": len(splits)}
+            cell = {"set": name, "protocol": protocol, "n": n, "n_folds": len(splits)}
             found["cells"].append(cell | compared(default, list(zip(pipelines, tables, strict=True)), splits))
             print(cell, *(found["cells"][-1][who]["mean"] for who in ("default", "best")), flush=True)
         frame = tables[0].frame[windows.asked(tables[0].frame)].reset_index(drop=True)
         for n, start, trains, later in made_in_one_go(frame):
-            told = {"set": case.name, "n": n, "start": start}
+            told = {"set": name, "n": n, "start": start}
             found["promises"].append(told | promised(default, frame, trains, later, start))
     made = {
         "seed": SEED, "input_hash": hashes,
