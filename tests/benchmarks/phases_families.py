@@ -6,19 +6,20 @@ reports/studies/phases_families. The seeds were drawn after the last change of t
 
 import os
 import sys
+import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from phases_study import found_in
 from scipy.io import wavfile
-from study import command_line, write
+from study import command_line, timed, write
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # beside this folder
 
-from made_recordings import FAMILIES, MATCH_S, make
+from made_recordings import FAMILIES, MATCH_S, make, matched, overlap
 
 from texclass.document import Heading, Table
 from texclass.phases import segment
@@ -33,7 +34,17 @@ def rows(n: int, families: list[str]) -> Iterator[dict[str, object]]:
     """Segment `n` recordings of each family and yield what was found."""
     for family in families:
         for seed in range(SEED, SEED + n):
-            yield {"family": family, **found_in(make(family, seed))}
+            true = make(family, seed)
+            found, taken = timed(partial(segment, true.with_(phases=None)), time.process_time)
+            yield {
+                "family": family,
+                "fs": true.fs,
+                "true": len(true.phases.taps),
+                "found": len(found.taps),
+                "matched": matched(true.phases, found, true.fs),
+                "overlap": overlap(true.phases, found),
+                "ms_per_s": 1e3 * taken / true.duration_s,
+            }
 
 
 def summary(table: pd.DataFrame, by: str) -> pd.DataFrame:

@@ -9,7 +9,6 @@ import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
@@ -22,7 +21,6 @@ from made_recordings import MATCH_S, matched, overlap
 
 from texclass.document import Heading, Table
 from texclass.phases import segment
-from texclass.recording import Recording
 from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
 
 SEED = 48611
@@ -52,26 +50,19 @@ def rows(n_surfaces: int, duration_s: float) -> Iterator[dict[str, object]]:
             snr_db=snr,
             with_taps=with_taps,
         )
+        true = recording.phases
+        found, taken = timed(partial(segment, recording.with_(phases=None)), time.process_time)
         yield {
+            "fs": fs,
             "snr": "sensor" if snr is None else f"{snr:g} dB",
             "operator": recording.operator,
             "surface": recording.material,
-            **found_in(recording),
+            "matched": matched(true, found, fs),
+            "true": len(true.taps),
+            "found": len(found.taps),
+            "overlap": overlap(true, found),
+            "ms_per_s": 1e3 * taken / recording.duration_s,
         }
-
-
-def found_in(recording: Recording) -> dict[str, Any]:
-    """Segment a recording whose phases are known, and return what was found beside them."""
-    true = recording.phases
-    found, taken = timed(partial(segment, recording.with_(phases=None)), time.process_time)
-    return {
-        "fs": recording.fs,
-        "true": len(true.taps),
-        "found": len(found.taps),
-        "matched": matched(true, found, recording.fs),
-        "overlap": overlap(true, found),
-        "ms_per_s": 1e3 * taken / recording.duration_s,
-    }
 
 
 def summary(table: pd.DataFrame, by: list[str]) -> pd.DataFrame:

@@ -11,7 +11,7 @@ from texclass.features.contract import Feature, Gain, UndefinedFeatureError
 from texclass.features.sets import Member
 from texclass.stability import rules
 from texclass.stability.exact import NoReferenceError
-from texclass.stability.inputs import LONG, Case, in_families, plain
+from texclass.stability.inputs import LONG, Case, inputs, plain
 from texclass.stability.rules import Check, Mark, Subject, judge
 from texclass.stability.subjects_signals import LAW_GAINS, inferred_laws, one_feature, under_gain, whole
 
@@ -183,14 +183,20 @@ def test_a_gain_law_is_inferred_and_its_breach_found():
 
 
 def test_a_feature_of_ours_that_breaks_what_it_declares_is_found():
-    (case,) = (case for case in in_families("gain", n=LONG) if case.gain == 1e30)
+    cases = {case.name: case for case in inputs(LONG)}
 
-    def mark(function, **law):
+    def mark(case, function, **law):
         made = Member("made", Feature("made", function, "movement", "1", "test", gain=Gain(**law)))
-        return judge(Subject("made", "features", lambda quick: [case], one_feature(made)), case)["mark"]
+        subject = Subject("made", "features", lambda quick: [], one_feature(made))
+        return judge(subject, cases[case])["mark"]
 
-    assert mark(lambda view: view.samples.max(), power=1) is Mark.EXACT
-    assert mark(lambda view: view.samples.max()) is Mark.WRONG  # declared to be free of gain
-    assert mark(lambda view: max(view.samples.max(), 1e10), power=1) is Mark.WRONG  # a floor at gain 1
-    assert mark(lambda view: random.random()) is Mark.WRONG
-    assert mark(lambda view: np.inf) is Mark.DOCUMENTED
+    def largest(view):
+        return view.samples.max()
+
+    assert mark("gain 1e+30", largest, power=1) is Mark.EXACT
+    assert mark("gain 1e+30", lambda view: max(largest(view), 1e10), power=1) is Mark.WRONG  # a floor
+    assert mark("impulse at 0", largest) is Mark.WRONG  # declared to be free of gain
+    assert mark("plain", lambda view: random.random()) is Mark.WRONG
+    assert mark("zeros", lambda view: 2.0) is Mark.WRONG
+    assert mark("zeros", lambda view: np.inf) is Mark.DOCUMENTED
+    assert mark("one NaN", largest) is Mark.SILENT
