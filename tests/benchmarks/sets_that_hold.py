@@ -19,10 +19,16 @@ from texclass.experiment.protocols import find_protocol, splits_of
 from texclass.experiment.windows import parents
 from texclass.loaders import open_dataset
 from texclass.recognition.candidates import candidates_of, hold_out
-from texclass.recognition.conformal import LEVELS, Conformity, log_odds, recency
-from texclass.recognition.live.evidence import fit_correlation
-from texclass.recognition.probabilities import fit_calibration
-from texclass.recognition.references import HALF_LIFE, conformities, n_later
+from texclass.recognition.conformal import (
+    HALF_LIFE,
+    LEVELS,
+    Conformity,
+    conformities,
+    log_odds,
+    n_later,
+    recency,
+)
+from texclass.recognition.probabilities import fit_calibration, fit_correlation
 from texclass.recording import Samples
 
 SEED, N_DRAWS = 9, 20

@@ -8,9 +8,9 @@ import pytest
 from toy_surfaces import SURFACES, pipeline, recording, signal, surfaces
 
 from texclass.recognition import Evidence, OnlineRecogniser, OnlineSettings, load_model, train
-from texclass.recognition.conformal import Conformity, log_odds, recency, told
+from texclass.recognition.adaptation import with_references
+from texclass.recognition.conformal import Conformity, log_odds, n_later, recency, told
 from texclass.recognition.model_document import answers_document, model_document
-from texclass.recognition.references import n_later, with_references
 
 MATERIALS = ("cork", "felt", "oak", "slate")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from texclass.recognition import Answer, Evidence, expected_calibration_error, fit_calibration
-from texclass.recognition.live.evidence import fit_correlation
+from texclass.recognition.probabilities import fit_correlation
 
 MATERIALS = ("cork", "felt", "oak")
 

@@ -155,11 +155,10 @@ def adapt(
     """
     from texclass.recognition import load_model
     from texclass.recognition.adaptation import adapt as adapt_model
-    from texclass.recognition.adaptation import references_of
     from texclass.recognition.model_document import adapted_facts
 
     trained = load_model(model)
-    felt = references_of(trained, references, **reading)
+    felt = trained.manifest.input.references(references, **reading)
     adapted = adapt_model(trained, felt, labelled=not unlabelled, resampled=reading["resample"] is not None)
     adapted.save(output)
     typer.echo(f"adapted to {adapted_facts(adapted.manifest)}")

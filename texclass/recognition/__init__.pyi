@@ -1,5 +1,8 @@
 from .adaptation import adapt as adapt
+from .adaptation import with_references as with_references
 from .answers import Answer as Answer
+from .answers import ContactVerdict as ContactVerdict
+from .answers import Evidence as Evidence
 from .answers import Prediction as Prediction
 from .answers import joined as joined
 from .conformal import Conformity as Conformity
@@ -19,8 +22,6 @@ from .export.parity import ParityError as ParityError
 from .export.parity import check_parity as check_parity
 from .live.contact import ContactRules as ContactRules
 from .live.contact import Event as Event
-from .live.evidence import ContactVerdict as ContactVerdict
-from .live.evidence import Evidence as Evidence
 from .live.online_recogniser import OnlineRecogniser as OnlineRecogniser
 from .live.online_recogniser import OnlineSettings as OnlineSettings
 from .live.online_recogniser import WindowAnswer as WindowAnswer
@@ -38,7 +39,6 @@ from .model_files import read_manifest_of as read_manifest_of
 from .probabilities import Calibration as Calibration
 from .probabilities import expected_calibration_error as expected_calibration_error
 from .probabilities import fit_calibration as fit_calibration
-from .references import with_references as with_references
 from .rehearsal import rehearse as rehearse
 from .rehearsal import train_gestures as train_gestures
 from .sources.blocks import Block as Block

@@ -1,24 +1,23 @@
-"""Another sensor, another day: a model follows, by an affine map in front of its features.
+"""Another sensor, another day: a model follows, by a map in front of its features, or by sets made anew.
 
 Another tool filters what is felt, so levels of bands (logarithms) move by a constant each; a slower or
 noisier one also narrows how far surfaces lie apart. Both are told by the mean and the variance of each column
-over recordings felt with it, beside what the model knows of its surfaces.
+over recordings felt with it, beside what the model knows of its surfaces (`adapt`). A sensor that only gets
+older lets right answers be thought less of; what it feels now and then tells how much (`with_references`).
 """
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import digamma, polygamma
 
-from texclass import shipped
-from texclass.loaders import open_dataset
-from texclass.loaders.columns import BAG_FOLDER
-from texclass.loaders.files import is_bag_name
+from texclass.experiment.feature_table import metadata
+from texclass.loaders.dataset import Dataset
+from texclass.recognition.conformal import HALF_LIFE, conformities, facts_of, n_later, recency
 from texclass.recognition.deployed import Deployed
 from texclass.recognition.model import Model
 from texclass.recognition.unknown import Novelty, Ranges, Surfaces, least_held_out, strangeness
@@ -95,13 +94,13 @@ def adapt(
     >>> felt = [load_recording(f"new/oak_{k}.txt") for k in (1, 2, 3)]  # doctest: +SKIP
     >>> adapt(model, felt).save("adapted.skops")  # doctest: +SKIP
     """
-    felt = list(references)
+    felt, digest = list(references), hashlib.sha256()
     X, known, of = rows_of(model, felt, labelled=labelled)
-    surfaces = [one.material if labelled else None for one in felt]
-    told = {
-        "references": [(one.recording_id, surface) for one, surface in zip(felt, surfaces, strict=True)],
-        "hash": _digest(felt),
-    }
+    for one in felt:
+        digest.update(f"\0{one.recording_id}\0{one.material}\0".encode())
+        digest.update(np.ascontiguousarray(one.acceleration).tobytes())
+    named = [(one.recording_id, one.material if labelled else None) for one in felt]
+    told = {"references": named, "hash": digest.hexdigest()}
     return adapted_to(model, X, known, of, told, resampled=resampled)
 
 
@@ -286,47 +285,6 @@ def _believed(changes: Samples, noise: float) -> float:
     return t / (t + noise)
 
 
-def references_of(model: Model, names: Iterable[str | Path], **reading: Any) -> list[Recording]:
-    """Return recordings by their names, read as the training files were.
-
-    Parameters
-    ----------
-    model : Model
-        Says how.
-    names : iterable of str or Path
-        "SURFACE=FILE"; a file, of an unknown surface; "DATASET:RECORDING"; a card; or a folder with one
-        subfolder per surface.
-    **reading : optional
-        What `Model.predict` takes of files that are not like the training files: fs, unit, column, delimiter,
-        time_column, resample.
-
-    Raises
-    ------
-    RecordingError, FileNotFoundError, CardError
-        As `Model.predict` and `open_dataset`.
-    """
-    found: list[Recording] = []
-    for name in names:
-        path, like = Path(name).expanduser(), model.manifest.input
-        surface, equals, file = str(name).partition("=")
-        if path.is_dir() and not (path / BAG_FOLDER).is_file():
-            stated: dict[str, Any] = {"fs": like.fs, "unit": like.unit} | {
-                k: v for k, v in reading.items() if v is not None
-            }
-            entries = open_dataset(path, **stated).entries
-            found += [
-                like.find(path / entry.paths[0], **reading).with_(material=entry.material)
-                for entry in entries
-            ]
-        elif path.suffix == ".toml" or str(name) in shipped.names("datasets"):
-            found += open_dataset(name, **reading)
-        elif equals and not path.exists() and not is_bag_name(str(name)):
-            found.append(like.find(file, **reading).with_(material=surface))
-        else:
-            found.append(like.find(name, **reading))
-    return found
-
-
 def _surfaces_of(model: Model) -> Surfaces:
     if model.manifest.adapted:
         raise ValueError(f"{model!r} is adapted already; the rule is the model as it was trained")
@@ -471,9 +429,61 @@ def _mapped(model: Model, found: Map, novelty: Novelty, told: Mapping[str, Any],
     )
 
 
-def _digest(felt: Sequence[Recording]) -> str:
-    digest = hashlib.sha256()
-    for recording in felt:
-        digest.update(f"\0{recording.recording_id}\0{recording.material}\0".encode())
-        digest.update(np.ascontiguousarray(recording.acceleration).tobytes())
-    return digest.hexdigest()
+def with_references(model: Model, references: Dataset) -> Model:
+    """Return a model whose sets follow recordings that were felt since its training.
+
+    A sensor that drifts makes right materials less likely than they were when the model was trained.
+    Recordings of known surfaces, felt now and then, tell how likely they are now. Each counts half with every
+    `HALF_LIFE` recordings of its surface that came later; so do contacts held out in training, which all
+    references followed. Answers and probabilities stay as they are.
+
+    Parameters
+    ----------
+    model : Model
+        Trained.
+    references : Dataset
+        Whole recordings of surfaces that it knows, not among those that trained it; in their order of
+        repetitions where these are numbered, else all count the same.
+
+    Raises
+    ------
+    ValueError
+        If the model keeps no sets, a surface is unknown to it, or a recording cannot be judged by it; the
+        message names it.
+    """
+    if not model.conformity:
+        raise ValueError(f"{model!r} has no sets; the rule is a model of format 2.3 or later: train it again")
+    table = metadata(references.entries)
+    materials = table["material"].to_numpy(dtype=str)
+    if unknown := sorted({*materials.tolist()} - {*model.materials}):
+        raise ValueError(
+            f"{references.name}: {unknown[0]!r} is no surface of the model; the rule is one of "
+            f"{', '.join(model.materials)}"
+        )
+    rows, contacts = list[Samples](), list[int]()
+    for i, recording in enumerate(references):
+        if unlike := model.unlike(recording.fs, recording.unit):
+            raise ValueError(f"{recording.recording_id}: {unlike[0]}")
+        for touch in model.cut(recording) or (recording,):
+            rows.append(model.deployed.compute(touch).values)
+            contacts.append(i)
+    numbered = table["repetition"].notna().all()
+    ages = n_later(materials, table["repetition"].to_numpy()) if numbered else np.zeros(len(table))
+    known = model.manifest.calibration
+    later = conformities(
+        model.deployed.decided(np.array(rows))[1],
+        np.array([model.materials.index(name) for name in materials[contacts].tolist()]),
+        contacts,
+        model.calibration,
+        correlation=known.get("correlation"),
+        counts=recency(ages[contacts], HALF_LIFE),
+    )
+    share = float(recency(1 + ages.max(), HALF_LIFE))
+    conformity = {
+        kind: held_out.and_later(later[kind], share) if kind in later else held_out
+        for kind, held_out in model.conformity.items()
+    }
+    told = {**known, "sets": {**facts_of(conformity), "references": references.input_hash}}
+    return replace(
+        model, conformity=conformity, manifest=model.manifest.model_copy(update={"calibration": told})
+    )

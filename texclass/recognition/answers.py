@@ -1,13 +1,19 @@
-"""What a model says of a recording, and what several touches of one say together."""
+"""What a model says of a recording, what touches of one say together, and what windows of one contact do."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from texclass.recognition.conformal import as_facts
+from texclass.recognition.conformal import LEVELS, Conformity, as_facts
+from texclass.recognition.probabilities import CORRELATION, LEAST_PROBABILITY, independent, log_of
 from texclass.recording import Samples
+
+Kind = Literal["majority", "sequential"]
+CONFIDENCE = 0.95
+"""From which probability on a verdict is sure, unless something else is asked for."""
 
 
 @dataclass(frozen=True)
@@ -94,3 +100,175 @@ def ranked(p: Samples, materials: Sequence[str]) -> dict[str, Any]:
         "runner_up": materials[second],
         "probabilities": dict(zip(materials, p.tolist(), strict=True)),
     }
+
+
+@dataclass(frozen=True)
+class ContactVerdict:
+    """Which surface the contact is with, after all windows so far.
+
+    Attributes
+    ----------
+    surface, probability, runner_up
+        Of all windows together. By majority, the probability is (votes + 1) / (n + K), Laplace's estimate of
+        the share of votes.
+    unknown
+        Whether at least half of the windows are of no known surface.
+    sure
+        Whether the probability has reached the confidence asked for, now or before in this contact; where
+        evidence fades, now.
+    n_windows
+        How many have spoken.
+    felt_s
+        Seconds from the onset of the contact to the end of the last of them.
+    probabilities
+        Material -> probability.
+    sets
+        Level -> materials among which the right one is as often, if the surface is a known one; of models of
+        touches, where windows are as long and add up as in the training.
+    """
+
+    surface: str
+    probability: float
+    runner_up: str
+    unknown: bool
+    sure: bool
+    n_windows: int
+    felt_s: float
+    probabilities: Mapping[str, float] = field(default_factory=dict, repr=False)
+    sets: Mapping[float, tuple[str, ...]] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what a machine reads, probabilities of all materials left out."""
+        facts = {name: value for name, value in vars(self).items() if name != "probabilities"}
+        rounded = {name: round(facts[name], 6) for name in ("probability", "felt_s")}
+        return facts | rounded | {"sets": as_facts(self.sets)}
+
+
+class Evidence:
+    """All windows of one contact.
+
+    By "majority", every window has one vote; of equally many, the larger sum of probabilities wins.
+    "sequential" is the mean log posterior of the windows, times how many independent ones they are worth:
+
+        log P(m) = W/N sum_k g^(n-k) log p_k(m) + constant, N = sum_k g^(n-k),
+        W = V / (1 + r max(V - 1, 0)), V = sum_k g^(n-k) w_k,
+
+    where p_k are the calibrated probabilities of window k under a flat prior, w_k the share of it not felt
+    before, g what is remembered from one window to the next, and r the correlation of windows that share
+    a contact: its speed, its force, its spot, which all of them hold against the training [design effect of a
+    cluster]. Windows that are independent (r = 0) add up to Bayes' rule; however many there are, they are
+    worth at most 1/r. Of the whole, a share `lapse` is left to all materials alike.
+
+    Parameters
+    ----------
+    materials : tuple of str
+        In the order of an answer's probabilities.
+    kind : {"majority", "sequential"}
+        How windows are put together.
+    window_s, hop_s : float
+        Length of a window, and time from one to the next: overlapping windows share what they felt.
+    correlation : float
+        Of windows of one contact that share nothing, from 0 to 1; see `fit_correlation`.
+    lapse : float
+        What the contacts of the training do not rule out: 1 / (n + 2) after n of them.
+    forget_s : float
+        Time constant of forgetting (votes, too), for what goes on to other surfaces; infinite for never.
+    confidence : float
+        From which probability on the verdict is sure.
+    conformity : mapping of int to Conformity, optional
+        Windows -> how held-out contacts conformed after so many of them, of which sets are made at `levels`.
+    levels : tuple of float
+        How often the right material is to be in them.
+
+    References
+    ----------
+    Jamali, Sammut: Majority voting: material classification by tactile sensing using surface texture, IEEE
+    Transactions on Robotics 27, 2011.
+    """
+
+    def __init__(
+        self,
+        materials: tuple[str, ...],
+        kind: Kind = "sequential",
+        *,
+        window_s: float = 1.0,
+        hop_s: float = 1.0,
+        correlation: float = CORRELATION,
+        lapse: float = 0.0,
+        forget_s: float = math.inf,
+        confidence: float = CONFIDENCE,
+        conformity: Mapping[int, Conformity] | None = None,
+        levels: tuple[float, ...] = LEVELS,
+    ) -> None:
+        if kind not in ("majority", "sequential"):
+            raise ValueError(f"evidence is {kind!r}; the rule is 'majority' or 'sequential'")
+        if not 0 < confidence < 1:
+            raise ValueError(f"confidence is {confidence!r}; the rule is above 0 and below 1")
+        if not (0 <= correlation <= 1 and 0 <= lapse < 1 and forget_s > 0):
+            raise ValueError(
+                f"correlation is {correlation!r}, lapse {lapse!r}, forget_s {forget_s!r}; the rule is 0 to "
+                "1, and a time above 0"
+            )
+        self.materials, self.kind, self.confidence = materials, kind, confidence
+        self._correlation, self._lapse = correlation, lapse
+        self._conformity, self._levels = conformity or {}, levels
+        self._later = min(1.0, hop_s / window_s)
+        self._g = math.exp(-hop_s / forget_s)
+        self.reset()
+
+    @property
+    def constants(self) -> dict[str, Any]:
+        """What a program needs to know that puts answers together as docs/stream-logic.md says."""
+        return {
+            "kind": self.kind,
+            "correlation": self._correlation,
+            "lapse": self._lapse,
+            "later": self._later,
+            "remembered": self._g,
+            "confidence": self.confidence,
+            "least_probability": LEAST_PROBABILITY,
+        }
+
+    def reset(self) -> None:
+        """Forget everything: another contact."""
+        self._votes, self._sum = np.zeros((2, len(self.materials)))
+        self._weight = self._worth = self._unknown = 0.0
+        self._n = 0
+        self._sure = False
+        self.verdict: ContactVerdict | None = None
+
+    def add(self, answer: Answer, felt_s: float) -> ContactVerdict:
+        """Take in the answer of a window that ends `felt_s` after the onset; return what is known now."""
+        p = np.array([answer.probabilities[m] for m in self.materials])
+        g, self._n, sets = self._g, self._n + 1, dict[float, tuple[str, ...]]()
+        self._weight = g * self._weight + 1
+        self._unknown = g * self._unknown + answer.unknown
+        if self.kind == "majority":
+            self._votes *= g
+            self._votes[int(np.argmax(p))] += 1
+            self._sum = g * self._sum + p
+            together = self._votes + 1 + 1e-6 * self._sum / self._weight
+        else:
+            self._sum = g * self._sum + log_of(p)
+            self._sum -= self._sum.max()
+            self._worth = g * self._worth + (1.0 if self._n == 1 else self._later)
+            worth = independent(self._worth, self._correlation)
+            scores = worth / self._weight * self._sum
+            sets = self._sets(scores)
+            together = np.exp(scores)  # the largest is 1: no overflow
+        together = (1 - self._lapse) * together / together.sum() + self._lapse / len(p)
+        self._sure = bool(together.max() >= self.confidence) or (self._sure and g == 1)
+        self.verdict = ContactVerdict(
+            sets=sets,
+            unknown=2 * self._unknown >= self._weight,
+            sure=self._sure,
+            n_windows=self._n,
+            felt_s=felt_s,
+            **ranked(together, self.materials),
+        )
+        return self.verdict
+
+    def _sets(self, scores: Samples) -> dict[float, tuple[str, ...]]:
+        """Return the sets of scores (n_materials,), by contacts that had been felt about as long."""
+        felt = [n for n in self._conformity if n <= self._worth]
+        return self._conformity[max(felt)].sets(scores, self.materials, self._levels) if felt else {}

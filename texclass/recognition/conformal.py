@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from texclass.recognition.probabilities import Calibration, Labels, independent, so_far
 from texclass.recording import Samples
 
 LEVELS = (0.9, 0.95)
@@ -17,6 +18,8 @@ LEAST = -1e9
 """Scores below it are this."""
 MOST_TOLD = 3
 """Materials of a set that are named in a line; of more, the first ones."""
+HALF_LIFE = 5.0
+"""Recordings of a surface after which an earlier one counts half, where it is known which came later."""
 
 
 def log_odds(scores: Samples) -> Samples:
@@ -138,6 +141,80 @@ class Conformity:
 def recency(ages: ArrayLike, half_life: float) -> Samples:
     """Return how much contacts count of which so many later ones are known: half after each half-life."""
     return np.asarray(0.5 ** (np.asarray(ages, dtype=np.float64) / half_life))
+
+
+def conformities(
+    decisions: Samples,
+    labels: Labels,
+    contacts: ArrayLike,
+    calibration: Calibration,
+    *,
+    correlation: float | None = None,
+    counts: ArrayLike = 1.0,
+) -> dict[str, Conformity]:
+    """Return how answers conformed: each, and of touches what a contact says together.
+
+    Parameters
+    ----------
+    decisions : ndarray of shape (n, n_classes)
+        Of answers on contacts that did not train, in the order in which they were felt.
+    labels : ndarray of int, shape (n,)
+        Which column is right.
+    contacts : array_like of shape (n,)
+        Which recording each is of.
+    calibration : Calibration
+        Of these decisions.
+    correlation : float, optional
+        Of the windows of a contact; None where contacts are answered as a whole.
+    counts : array_like of shape (n,)
+        How much the contact counts; see `recency`.
+
+    Returns
+    -------
+    dict of str to Conformity
+        "answer"; with a correlation also "recording", the mean log posterior of all windows, and "contact 1",
+        "contact 2", "contact 4", ..., the evidence of so many, while half of the contacts go on. Windows of a
+        contact count as many answers as they are independent (`independent`).
+    """
+    right, told = np.arange(len(labels)), np.asarray(contacts)
+    counts = np.broadcast_to(np.asarray(counts, dtype=np.float64), len(labels))
+    odds = log_odds(calibration.beta * decisions)[right, labels]
+    if correlation is None:
+        return {"answer": Conformity.of(odds, told, counts)}
+    logs, n, of = so_far(calibration(decisions), told)
+    felt = np.bincount(of)[of]
+    found = {"answer": Conformity.of(odds, told, counts * independent(felt, correlation))}
+    last = n == felt
+    odds = log_odds(logs)[right, labels]
+    found["recording"] = Conformity.of(odds[last], told[last], counts[last])
+    odds = log_odds(independent(n, correlation)[:, None] * logs)[right, labels]
+    at = 1
+    while 2 * np.count_nonzero(n == at) >= np.count_nonzero(last):
+        found[f"contact {at}"] = Conformity.of(odds[n == at], told[n == at], counts[n == at])
+        at *= 2
+    return found
+
+
+def n_later(materials: NDArray[Any], repetitions: NDArray[Any]) -> Labels:
+    """Return how many repetitions of its surface came later, for each of n answers, shape (n,)."""
+    return np.array(
+        [
+            len(set(repetitions[(materials == m) & (repetitions > r)]))
+            for m, r in zip(materials, repetitions, strict=True)
+        ]
+    )
+
+
+def facts_of(conformity: Mapping[str, Conformity]) -> dict[str, Any]:
+    """Return what a manifest tells of sets: what held-out contacts count, and the log odds of members.
+
+    These are None where too few contacts were held out for the level.
+    """
+    least = {
+        kind: {f"{level:g}": found if np.isfinite(found := known.least(level)) else None for level in LEVELS}
+        for kind, known in conformity.items()
+    }
+    return {"n": round(conformity["answer"].n, 6), "least": least}
 
 
 def check_level(level: float) -> None:

@@ -15,12 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from texclass.recognition.answers import ranked
-from texclass.recognition.live.evidence import CONFIDENCE, ContactVerdict, independent
+from texclass.recognition.answers import CONFIDENCE, ContactVerdict, ranked
 from texclass.recognition.live.online_recogniser import OnlineSettings, Update, WindowAnswer
 from texclass.recognition.live.session import Notice, Session
 from texclass.recognition.model import Model, load_model
-from texclass.recognition.probabilities import LEAST_PROBABILITY, log_of, softmax
+from texclass.recognition.probabilities import LEAST_PROBABILITY, independent, log_of, softmax
 from texclass.recognition.sources.blocks import Block
 from texclass.recording import Samples
 

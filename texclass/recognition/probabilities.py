@@ -1,4 +1,4 @@
-"""From what a classifier decides to probabilities that mean what they say: decisions, temperature scaling."""
+"""From what a classifier decides to probabilities that mean what they say, of one answer and of several."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +21,8 @@ which has another: probabilities after it are no more than a guess at how sure a
 """
 LEAST_PROBABILITY = 1e-12
 """Of which a logarithm is still taken."""
+CORRELATION = 1.0
+"""Where nothing is known of how windows of one contact agree by their contact: they add no certainty."""
 
 
 def softmax(scores: Samples) -> Samples:
@@ -118,6 +120,73 @@ def prior_calibration(n_classes: int, n: int) -> Calibration:
         Recordings that train; the lapse is 1 / (n + 2).
     """
     return Calibration(PRIOR_BETA * float(np.log(n_classes)), 1 / (n + 2))
+
+
+def independent(n: Any, correlation: float) -> Any:
+    """Return how many independent windows n of one contact are worth, n / (1 + r (n - 1)): at most 1 / r."""
+    return n / (1 + correlation * np.maximum(n - 1, 0))
+
+
+def fit_correlation(p: Samples, labels: Labels, contacts: ArrayLike) -> float:
+    """Return the correlation of windows under which what contacts say in the end is likeliest.
+
+    The mean log posterior of the first n windows of each contact, times what they are worth, is to be the
+    probability of the right material; every contact counts once, however many windows it has.
+
+    Parameters
+    ----------
+    p : ndarray of shape (n, n_classes)
+        Calibrated probabilities of windows that were held out, in the order in which they were felt.
+    labels : ndarray of int, shape (n,)
+        Which column is right.
+    contacts : array_like of shape (n,)
+        Which contact (recording) each one is of.
+
+    Raises
+    ------
+    ValueError
+        If no contact has several windows.
+    """
+    from scipy.optimize import minimize_scalar
+
+    mean, n, of = so_far(p, contacts)
+    if n.max(initial=0) < 2:
+        raise ValueError("no contact has two windows; the rule is several windows of some")
+    right, felt = np.arange(len(n)), np.bincount(of)
+    lapse, n_classes = 1 / (len(felt) + 2), p.shape[1]
+
+    def loss(correlation: float) -> float:
+        told = softmax(independent(n, correlation)[:, None] * mean)[right, labels]
+        return -float(np.sum(np.log((1 - lapse) * told + lapse / n_classes) / felt[of]))
+
+    return float(minimize_scalar(loss, bounds=(0, 1), method="bounded", options={"xatol": 1e-3}).x)
+
+
+def so_far(p: Samples, contacts: ArrayLike) -> tuple[Samples, Labels, Labels]:
+    """Return what each contact has said when a window of it was felt, and how much of it.
+
+    Parameters
+    ----------
+    p : ndarray of shape (n, n_classes)
+        Calibrated probabilities of windows, in the order in which they were felt.
+    contacts : array_like of shape (n,)
+        Which contact each one is of.
+
+    Returns
+    -------
+    mean : ndarray of shape (n, n_classes)
+        Mean log posterior of the windows so far.
+    n : ndarray of int, shape (n,)
+        How many these are.
+    of : ndarray of int, shape (n,)
+        Number of the contact.
+    """
+    import pandas as pd
+
+    logs = pd.DataFrame(log_of(p))
+    of = pd.factorize(np.asarray(contacts))[0]
+    n = np.asarray(logs.groupby(of).cumcount(), dtype=np.intp) + 1
+    return logs.groupby(of).cumsum().to_numpy() / n[:, None], n, np.asarray(of, dtype=np.intp)
 
 
 def expected_calibration_error(

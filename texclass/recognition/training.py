@@ -33,20 +33,20 @@ from texclass.recognition.candidates import (
     without_choice,
 )
 from texclass.recognition.candidates import exportable as with_graph
-from texclass.recognition.conformal import Conformity, recency
+from texclass.recognition.conformal import HALF_LIFE, Conformity, conformities, facts_of, n_later, recency
 from texclass.recognition.deployed import Deployed, prepared_by
 from texclass.recognition.holding_out import AT_RANDOM, FALSE_ALARMS, IN_TIME, HoldingOut, holding_out
-from texclass.recognition.live.evidence import CORRELATION, fit_correlation
 from texclass.recognition.model import Model
 from texclass.recognition.model_files import Manifest, unsafe_classes
 from texclass.recognition.probabilities import (
+    CORRELATION,
     Calibration,
     calibration_error_of_chance,
     expected_calibration_error,
     fit_calibration,
+    fit_correlation,
     prior_calibration,
 )
-from texclass.recognition.references import HALF_LIFE, conformities, facts_of, n_later
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recognition.unknown import (
     Novelty,

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from texclass.recognition.answers import Answer
+from texclass.recognition.answers import CONFIDENCE, Answer, ContactVerdict, Evidence, Kind
 from texclass.recognition.live.contact import Contact, ContactRules, Event, Level, Ring
-from texclass.recognition.live.evidence import CONFIDENCE, CORRELATION, ContactVerdict, Evidence, Kind
 from texclass.recognition.live.stretches import Stretches, TapMemory, Tapped
 from texclass.recognition.model import Model
+from texclass.recognition.probabilities import CORRELATION
 from texclass.recording import Recording
 from texclass.signals import causal
 from texclass.validation import check_above_0

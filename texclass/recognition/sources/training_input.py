@@ -1,7 +1,7 @@
-"""Input like that a model was trained on: which columns a stream needs, how a file becomes a recording."""
+"""Input like that a model was trained on: which columns a stream needs, how files become recordings."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -9,8 +9,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from texclass import shipped
 from texclass.features.phase_view import TURN
-from texclass.loaders import files, find_recording
+from texclass.loaders import files, find_recording, open_dataset
 from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
 from texclass.loaders.columns import BAG_FOLDER, ReadOptions, choose_acceleration
 from texclass.loaders.dataset import Dataset
@@ -173,6 +174,40 @@ class TrainingFiles(Written):
             like = self.model_copy(update={key: value for key, value in told.items() if value})
             return like.load(name, fs=fs, unit=unit, resample=resample)
         return find_recording(name, fs=fs, unit=unit, **reading)
+
+    def references(self, names: Iterable[str | Path], **reading: Any) -> list[Recording]:
+        """Return recordings by their names, with the surfaces that these say.
+
+        Parameters
+        ----------
+        names : iterable of str or Path
+            "SURFACE=FILE"; a file, of an unknown surface; "DATASET:RECORDING"; a card; or a folder with one
+            subfolder per surface.
+        **reading : optional
+            What `find` takes.
+
+        Raises
+        ------
+        RecordingError, FileNotFoundError, CardError
+            As `find` and `open_dataset`.
+        """
+        found: list[Recording] = []
+        for name in names:
+            path = Path(name).expanduser()
+            surface, equals, file = str(name).partition("=")
+            if path.is_dir() and not (path / BAG_FOLDER).is_file():
+                stated: dict[str, Any] = {"fs": self.fs, "unit": self.unit}
+                stated |= {key: value for key, value in reading.items() if value is not None}
+                for entry in open_dataset(path, **stated).entries:
+                    felt = self.find(path / entry.paths[0], **reading)
+                    found.append(felt.with_(material=entry.material))
+            elif path.suffix == ".toml" or str(name) in shipped.names("datasets"):
+                found += open_dataset(name, **reading)
+            elif equals and not path.exists() and not files.is_bag_name(str(name)):
+                found.append(self.find(file, **reading).with_(material=surface))
+            else:
+                found.append(self.find(name, **reading))
+        return found
 
     def load(
         self,
