@@ -20,7 +20,7 @@ from texclass.document import Heading
 from texclass.experiment import cached_table, load_pipeline
 from texclass.loaders.simulated import open_gestures
 from texclass.recognition import Exploration, KnownGesture, Model, train
-from texclass.recognition.rehearsal import ROWS, STROKES
+from texclass.recognition.exploration import ROWS, STROKES
 from texclass.recording import Samples
 from texclass.simulate import GESTURES, Recipe
 

@@ -16,7 +16,7 @@ from texclass.features import load_feature_set
 from texclass.loaders import load_recording, open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.recognition import Session, is_live, load_model, open_source, train
-from texclass.recognition.live.stretches import Stretches
+from texclass.recognition.live.online_recogniser import Stretches
 from texclass.recognition.model import predict
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recording import RecordingError

@@ -226,7 +226,7 @@ def explore(
         Folder to write the models to; `texclass stream` takes it.
     """
     from texclass.recognition import load_gestures
-    from texclass.recognition.rehearsal import REHEARSED, rehearse, train_gestures
+    from texclass.recognition.exploration import REHEARSED, rehearse, train_gestures
 
     if models is not None:
         trained = load_gestures(models)

@@ -15,6 +15,8 @@ from .exploration import Exploration as Exploration
 from .exploration import ExploredVerdict as ExploredVerdict
 from .exploration import KnownGesture as KnownGesture
 from .exploration import load_gestures as load_gestures
+from .exploration import rehearse as rehearse
+from .exploration import train_gestures as train_gestures
 from .export.graph import OnnxExportError as OnnxExportError
 from .export.onnx_file import check_onnx as check_onnx
 from .export.onnx_file import export_onnx as export_onnx
@@ -39,8 +41,6 @@ from .model_files import read_manifest_of as read_manifest_of
 from .probabilities import Calibration as Calibration
 from .probabilities import expected_calibration_error as expected_calibration_error
 from .probabilities import fit_calibration as fit_calibration
-from .rehearsal import rehearse as rehearse
-from .rehearsal import train_gestures as train_gestures
 from .sources.blocks import Block as Block
 from .sources.blocks import BlockSource as BlockSource
 from .sources.blocks import Timing as Timing

@@ -13,7 +13,7 @@ from texclass.recognition.export.answers_graph import add_answers
 from texclass.recognition.export.fourier_graphs import irfft, rfft
 from texclass.recognition.export.graph import Graph, OnnxExportError, Tensor, tensor_of
 from texclass.recognition.export.graph_view import GraphView, member_graph, without_graph
-from texclass.recognition.live.stretches import Stretches
+from texclass.recognition.live.online_recogniser import Stretches
 from texclass.recognition.model import Model
 from texclass.recording import STANDARD_GRAVITY, Recording, Samples
 from texclass.signals import AXIS_PREFERENCE_SINGLE, HAND_SPAN_S

@@ -2,13 +2,13 @@
 
 Vibration is measured bin by bin (`Level`); a level against a noise floor, with hysteresis, says when there is
 some activity. Whether it is taps or strokes says the core that recordings are segmented by, asked of the
-activity at hand (`texclass.phases.divide`).
+activity at hand (`texclass.phases.divide`). `TapMemory` keeps the taps for what reads them with a movement.
 """
 
 import math
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -19,18 +19,31 @@ from texclass.phases import (
     Impulse,
     Levels,
     Rules,
+    Segmenter,
     block_mean,
     divide,
+    find_glitches,
     find_impulses,
+    hand_start,
+    leaves_noise,
+    mended,
     only_taps,
 )
-from texclass.recording import Samples
+from texclass.recording import Samples, Tap
 from texclass.signals import butterworth, causal
 
 HAND_HZ = 60.0
 """Motion below belongs to hand, tremor and gravity, as in `texclass.phases`; 0.2 fs for slow sensors."""
 BIN_S, FINE_S = 0.005, 0.001
 """Of the bins that are followed, and of those in which an activity is looked at."""
+MOST_TAPS = 16
+"""Taps that are remembered."""
+QUIET_S = 0.1
+"""Rest that is kept before the first of them: it gives the noise."""
+MARGIN_S = 0.003
+"""Before an impulse begins: its impact is looked for from there."""
+Tapped = tuple[Samples, tuple[Tap, ...]]
+"""What was felt before a movement: a stretch of samples with its taps, counted from its start."""
 Kind = Literal["contact", "stroke", "tap", "lift-off", "break"]
 _DEAD = 1e-14
 """Power below this share of the strongest is rounding."""
@@ -431,3 +444,62 @@ class Contact:
 
     def _floor(self) -> float:
         return max(self.floor, _DEAD * self._peak, _LEAST)
+
+
+class TapMemory:
+    """The taps since the last lift-off, measured as `texclass.phases` does.
+
+    Parameters
+    ----------
+    ring : Ring
+        Samples of the stream, the axes of the acceleration first.
+    n_axes : int
+        How many these are.
+    level : Level
+        Of the vibration.
+    """
+
+    def __init__(self, ring: Ring, n_axes: int, level: Level) -> None:
+        self._ring, self._n_axes, self._level = ring, n_axes, level
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the taps: another contact, or samples are missing."""
+        self._taps: list[Tap] = []
+
+    def add(self, event: Event, floor: float) -> Event | None:
+        """Remember a tap and return its event, the impact to the sample; None if it was a wild sample."""
+        fs, last = self._level.fs, self._taps[-1].end if self._taps else 0
+        start = max(self._level.vibration.start, event.sample - round(MARGIN_S * fs))
+        stop = max(start + 1, event.sample + event.width)
+        at = leaves_noise(self._level.power(start, stop), floor)
+        impact = event.sample if at is None else start + at
+        earliest = max(self._ring.start, last, impact - round(Segmenter().hand_s * fs))
+        axes = self._ring.view(earliest, event.end)[:, : self._n_axes]
+        glitches = find_glitches(axes)
+        if ((glitches >= start - earliest) & (glitches < stop - earliest)).any():
+            return None
+        before = mended(axes, glitches)[: max(0, impact - earliest)]
+        began = min(impact, earliest + hand_start(before, fs))
+        tap = Tap(began, impact, max(event.end, impact + 1), event.width, event.quality)
+        self._taps = [*self._taps, tap][-MOST_TAPS:]
+        return replace(event, sample=impact, end=tap.end)
+
+    def before(self, onset: int) -> Tapped | None:
+        """Return what is kept of the taps before a movement; None without any at hand."""
+        taps = [tap for tap in self._taps if self._ring.start <= tap.start and tap.end <= onset]
+        return self._kept(taps) if taps else None
+
+    def last(self) -> tuple[Tapped, int]:
+        """Return the last tap by itself, and the sample at which what is kept of it begins."""
+        return self._kept(self._taps[-1:]), self._start(self._taps[-1])
+
+    def _kept(self, taps: list[Tap]) -> Tapped:
+        first = self._start(taps[0])
+        samples = self._ring.view(first, taps[-1].end).copy()
+        return samples, tuple(
+            replace(t, start=t.start - first, impact=t.impact - first, end=t.end - first) for t in taps
+        )
+
+    def _start(self, tap: Tap) -> int:
+        return max(self._ring.start, tap.start - round(QUIET_S * self._level.fs))

@@ -1,10 +1,10 @@
 """A model that listens to samples as they come: events, answers of windows, verdicts of contacts.
 
-A sample comes in a `Block` (`texclass.recognition.sources`) to `Session.take` (`session`), which says what is
+A sample comes in a `Block` (`sources.blocks`) to `Session.take` (`session`), which says what is
 wrong with the stream and passes finite samples on to `OnlineRecogniser.push`. There it is conditioned, kept,
 and part of a level, which tells movement, taps and lift-off (`contact`). A window that is due becomes a
-recording (`windows`), which the model answers as any other, and the answers of a contact are put together
-(`evidence`).
+recording (`Stretches`), which the model answers as any other, and the answers of a contact are put together
+(`Evidence`).
 """
 
 import math
@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from texclass.features.phase_view import TURN
 from texclass.recognition.answers import CONFIDENCE, Answer, ContactVerdict, Evidence, Kind
-from texclass.recognition.live.contact import Contact, ContactRules, Event, Level, Ring
-from texclass.recognition.live.stretches import Stretches, TapMemory, Tapped
+from texclass.recognition.live.contact import Contact, ContactRules, Event, Level, Ring, TapMemory, Tapped
 from texclass.recognition.model import Model
 from texclass.recognition.probabilities import CORRELATION
-from texclass.recording import Recording
+from texclass.recording import ACCELERATION_UNITS, Phases, Recording, Samples
 from texclass.signals import causal
 from texclass.validation import check_above_0
 
@@ -115,6 +115,85 @@ class WindowAnswer:
 
 
 Update = Event | WindowAnswer
+
+
+def scale_of(model: Model, unit: str, raw: bool) -> float:
+    """Return the factor from the acceleration of a stream to that of the model's recordings."""
+    files = model.manifest.input
+    scale = files.scale if raw and unit == files.unit else 1.0
+    return ACCELERATION_UNITS.get(unit, 1.0) * scale
+
+
+class Stretches:
+    """How samples of a stream become recordings that a model answers.
+
+    Parameters
+    ----------
+    model : Model
+        Says which channels are kept apart, and whether files lost their resting level.
+    n_columns : int
+        Columns of the stream: axes of the acceleration, then, where the model has them, of the turn rate, and
+        the friction.
+    fs : float
+        Sampling rate of the stream in Hz.
+    unit : str
+        Of its acceleration.
+    raw : bool
+        Whether samples are as in the files the model was trained on, so that the scale of these applies, if
+        they are in their unit.
+
+    Raises
+    ------
+    ValueError
+        If the model needs other columns.
+    """
+
+    def __init__(self, model: Model, n_columns: int, fs: float, unit: str, raw: bool = True) -> None:
+        needs = model.needs
+        self.n_axes = needs.n_axes(n_columns)
+        self._n_turn = len(TURN) * ("turn_rate" in needs.beside)
+        self._has_friction = "friction" in needs.beside
+        self.fs, self.unit = fs, "m/s^2" if unit in ACCELERATION_UNITS else unit
+        self._factor = scale_of(model, unit, raw)
+        self._channels = needs.axes if model.plan.channels else ()
+        self._rest_is_removed = model.manifest.input.remove_resting_level
+
+    def conditioned(self, rows: Samples) -> Samples:
+        """Return samples (n, n_columns) as recordings keep them: in their unit, scaled as the files were.
+
+        What is to change samples before anything looks at them, contact and windows alike, belongs here.
+        """
+        if self._factor == 1.0:
+            return rows
+        return np.column_stack([rows[:, : self.n_axes] * self._factor, rows[:, self.n_axes :]])
+
+    def window(self, samples: Samples, start: int, tapped: Tapped | None = None) -> Recording:
+        """Return samples (n, n_columns), all movement, as a recording, after what was tapped before."""
+        before, taps = tapped or (samples[:0], ())
+        phases = Phases(taps, (len(before), len(before) + len(samples)))
+        return self._recording(before, samples, phases, f"window at {start / self.fs:.3f} s")
+
+    def tap(self, tapped: Tapped, start: int) -> Recording:
+        """Return taps alone as a recording."""
+        samples, taps = tapped
+        return self._recording(samples, samples[:0], Phases(taps), f"tap at {start / self.fs:.3f} s")
+
+    def _recording(self, before: Samples, samples: Samples, phases: Phases, name: str) -> Recording:
+        """Return two stretches as one recording, each without the level that training files had lost, too."""
+        whole, n = np.concatenate([before, samples]), self.n_axes
+        for part in np.split(whole, [len(before)]):
+            if self._rest_is_removed and len(part):
+                part[:, :n] -= np.median(part[:, :n], axis=0)
+        return Recording(
+            whole[:, 0] if n == 1 else whole[:, :n],
+            self.fs,
+            self.unit,
+            name,
+            turn_rate=whole[:, n : n + self._n_turn] if self._n_turn else None,
+            friction=whole[:, -1] if self._has_friction else None,
+            channels=self._channels,
+            phases=phases,
+        )
 
 
 class OnlineRecogniser:
@@ -295,7 +374,7 @@ class OnlineRecogniser:
         self._ring = Ring(self.window + round(behind_s * self.fs) + 2 * self._piece, n_columns)
         self._level = Level(self.fs, self._stretches.n_axes, behind_s)
         self._contact = Contact(self._level, rules, asked, self.unit)
-        self._taps = TapMemory(self._stretches, self._ring, self._level)
+        self._taps = TapMemory(self._ring, self._stretches.n_axes, self._level)
         spread = max(round(SPREAD_S * self.fs), self._level.bin_size)
         self._spread = spread if 2 * spread <= self.hop else 0  # else more would come than go
         self._ready = True

@@ -16,8 +16,8 @@ from texclass.recognition.live.online_recogniser import (
     OnlineRecogniser,
     OnlineSettings,
     Update,
+    scale_of,
 )
-from texclass.recognition.live.stretches import scale_of
 from texclass.recognition.model import Model, load_model
 from texclass.recognition.sources.blocks import Block
 from texclass.recognition.sources.source_by_name import is_live, open_source
