@@ -113,19 +113,16 @@ class Deployed:
         ValueError
             If a prepared value is not finite.
         """
-        for step in self._prepare:
+        *steps, decide = self._functions
+        for step in steps:
             X = step(X)
         if not np.isfinite(X).all():
             raise ValueError("features are undefined; the rule is a pipeline with a step that fills them")
-        return X, self._decide(X)
+        return X, decide(X)
 
     @cached_property
-    def _prepare(self) -> tuple[Function, ...]:
-        return tuple(map(function_of, self.steps))
-
-    @cached_property
-    def _decide(self) -> Function:
-        return function_of(self.decide)
+    def _functions(self) -> tuple[Function, ...]:
+        return tuple(map(function_of, (*self.steps, self.decide)))
 
 
 def prepared_by(recogniser: "Recogniser", rows: Samples) -> Samples:
@@ -178,9 +175,8 @@ def _does(what: str, **held: Any) -> Part:
 
 
 def _standardised(center: Samples | None, scale: Samples | None) -> Part:
-    return _does(
-        "standardise", center=0.0 if center is None else center, scale=1.0 if scale is None else scale
-    )
+    known = {"center": 0.0 if center is None else center, "scale": 1.0 if scale is None else scale}
+    return _does("standardise", **known)
 
 
 def described_classifier(  # noqa: PLR0911

@@ -14,13 +14,22 @@ from texclass.recognition.model_files import Manifest
 def model_document(model: Model) -> Document:
     """Return the facts of a model: surfaces, features, accuracy, calibration, cost, versions."""
     m, by_sklearn = model.manifest, ", ".join(model.deployed.asked)
+    on, left_out = m.trained_on, ""
+    felt = counted(on["n_recordings"], "recording")
+    if m.touch_s is not None:
+        felt += f", {on['n_windows']} touches of {m.touch_s:g} s"
+    if "without_graph" in m.accuracy:  # an exportable model: what it does without
+        left_out = (
+            f"{', '.join(m.accuracy['without_graph'])}: no graph for ONNX; with them, the same choice is "
+            f"right in {100 * m.accuracy['with_all_features']:.1f} %"
+        )
     facts = {
         "Surfaces": f"{len(m.materials)}: {', '.join(m.materials)}",
-        "Trained on": _trained_on(m),
+        "Trained on": f"{on['name']}, {felt} ({on['hash'][:12]})",
         "Adapted to": adapted_facts(m) if m.adapted else "",
         "Pipeline": _pipeline(m),
         "Features": f"{counted(len(model.columns), 'column')} of {', '.join(m.features)}",
-        "Left out": _left_out(m.accuracy),
+        "Left out": left_out,
         "Recordings": _recordings(m),
         "Accuracy": _promise(m.accuracy),
         "Held out": _held_out(m),
@@ -33,14 +42,8 @@ def model_document(model: Model) -> Document:
         "Versions": ", ".join(f"{name} {version}" for name, version in m.versions.items()),
         "Format": ".".join(map(str, m.format_version)),
     }
-    told = {name: fact for name, fact in facts.items() if fact}
-    return Document(f"Model of {counted(len(m.materials), 'surface')}", [told])
-
-
-def _trained_on(m: Manifest) -> str:
-    on = m.trained_on
-    windows = f", {on['n_windows']} touches of {m.touch_s:g} s" if m.touch_s is not None else ""
-    return f"{on['name']}, {counted(on['n_recordings'], 'recording')}{windows} ({on['hash'][:12]})"
+    shown = {name: fact for name, fact in facts.items() if fact}
+    return Document(f"Model of {counted(len(m.materials), 'surface')}", [shown])
 
 
 def _pipeline(m: Manifest) -> str:
@@ -50,16 +53,6 @@ def _pipeline(m: Manifest) -> str:
     few = f"; {of['few']}: too few to choose by, margins are wider" if "few" in of else ""
     within = f"; within {of['budget']}" if "budget" in of else ""
     return f"{of['name']}: {of['row']} with {of['classifier']}{best_of}{few}{within}"
-
-
-def _left_out(accuracy: Mapping[str, Any]) -> str:
-    """Return what an exportable model does without, and how accurate it was with that; or nothing."""
-    if "without_graph" not in accuracy:
-        return ""
-    return (
-        f"{', '.join(accuracy['without_graph'])}: no graph for ONNX; with them, the same choice is right "
-        f"in {100 * accuracy['with_all_features']:.1f} %"
-    )
 
 
 def _recordings(m: Manifest) -> str:
@@ -134,11 +127,13 @@ def answers_document(answers: Sequence[tuple[str, Answer]]) -> Document:
     """
     ids = [answer.recording_id for _, answer in answers]
     named = [(name if ids.count(a.recording_id) > 1 else a.recording_id, a) for name, a in answers]
+    sets = [told(a.sets, len(a.probabilities)) for _, a in named]
+    levels = dict.fromkeys(level for one in sets for level in one)
     frame = {
         "Recording": [name for name, _ in named],
         "Surface": [f"unknown (nearest: {a.surface})" if a.unknown else a.surface for _, a in named],
         "Runner-up": [a.runner_up for _, a in named],
-        **_sets([answer for _, answer in named]),
+        **{f"{level} set": [one.get(level, "") for one in sets] for level in levels},
     }
     n_words = len(frame)
     frame["%"] = [f"{100 * a.probability:.1f}" for _, a in named]
@@ -147,13 +142,6 @@ def answers_document(answers: Sequence[tuple[str, Answer]]) -> Document:
     return Document(
         counted(len(named), "recording"), [Table(frame, n_words=n_words, strong=strange), reasons]
     )
-
-
-def _sets(answers: Sequence[Answer]) -> dict[str, list[str]]:
-    """Return a column for each level of the sets of answers; "" where one has none."""
-    found = [told(answer.sets, len(answer.probabilities)) for answer in answers]
-    levels = dict.fromkeys(level for one in found for level in one)
-    return {f"{level} set": [one.get(level, "") for one in found] for level in levels}
 
 
 def _probabilities(calibration: Mapping[str, Any]) -> str:
