@@ -6,7 +6,6 @@ from toy_surfaces import pipeline, recording, surfaces
 
 from texclass.recognition import load_model, train
 from texclass.recognition.candidates import accuracy_of_choice
-from texclass.recognition.unknown import fit_nearness, strangeness
 
 RNG = np.random.default_rng(8)
 APART = np.arange(100).astype(str)
@@ -81,14 +80,6 @@ class Turned:
     def __call__(self, entry):
         made = self.load(entry)
         return made.with_(turn_rate=np.column_stack([np.roll(made.acceleration, k) for k in (1, 2, 3)]))
-
-
-def test_strangeness_is_larger_for_what_is_farther():
-    labels = np.arange(40) % 2
-    X = RNG.normal(size=(40, 2)) + 5 * labels[:, None]
-    near, asked = fit_nearness(X, labels), np.array([[0.0, 0.0], [20.0, 20.0]])
-    assert np.diff(strangeness("distance", np.zeros((2, 2)), asked, near)) > 0
-    assert np.diff(strangeness("decision", np.array([[0.9, 0.1], [0.1, 0.2]]), asked, near)) > 0
 
 
 def test_columns_are_not_selected_for_a_kernel_unless_asked_for():

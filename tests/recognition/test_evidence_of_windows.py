@@ -20,34 +20,27 @@ def together(rows, kind="sequential", **settings):
     return [evidence.add(answer(list(p)), 0.1 * k) for k, p in enumerate(rows, 1)]
 
 
-def test_sequential_evidence_of_independent_windows_is_bayes_rule():
-    rows = np.random.default_rng(0).dirichlet(np.ones(3), 6)
-    posterior = np.prod(rows, axis=0) / np.prod(rows, axis=0).sum()
-    verdict = together(rows, correlation=0.0)[-1]
-    assert list(verdict.probabilities.values()) == pytest.approx(posterior.tolist(), rel=1e-9)
+DRAWN = np.random.default_rng(0).dirichlet(np.ones(3), 6)
+ONE = np.array([0.5, 0.3, 0.2])
 
 
-def test_the_first_window_alone_keeps_its_calibrated_probability():
-    verdict = together([[0.2, 0.7, 0.1]], correlation=0.3)[0]
-    assert dict(verdict.probabilities) == pytest.approx({"cork": 0.2, "felt": 0.7, "oak": 0.1})
+@pytest.mark.parametrize(
+    ("rows", "settings", "posterior", "rel"),
+    [
+        (DRAWN, {"correlation": 0.0}, np.prod(DRAWN, axis=0), 1e-9),  # Bayes' rule
+        (DRAWN[:1], {"correlation": 0.3}, DRAWN[0], 1e-9),  # one window keeps what it says
+        # Halves are felt twice: 1 + 4 of them.
+        ([ONE] * 5, {"correlation": 0.0, "window_s": 1.0, "hop_s": 0.5}, ONE**3, 1e-6),
+        ([ONE] * 400, {"correlation": 0.5}, ONE**2, 1e-2),  # worth two at most
+        ([ONE] * 400, {}, ONE, 1e-6),  # nothing is known of how they agree
+    ],
+)
+def test_windows_add_up_to_as_many_as_are_independent(rows, settings, posterior, rel):
+    found = list(together(rows, **settings)[-1].probabilities.values())
+    assert found == pytest.approx((posterior / posterior.sum()).tolist(), rel=rel)
 
 
-def test_windows_that_overlap_count_by_what_they_add():
-    rows = [[0.5, 0.3, 0.2]] * 5
-    halves = together(rows, correlation=0.0, window_s=1.0, hop_s=0.5)[-1]
-    log = 3 * np.log(rows[0])  # 1 + 4 halves
-    assert list(halves.probabilities.values()) == pytest.approx((np.exp(log) / np.exp(log).sum()).tolist())
-
-
-def test_windows_of_one_contact_are_worth_no_more_than_their_correlation_allows():
-    rows = [[0.5, 0.3, 0.2]] * 400
-    squared = np.array(rows[0]) ** 2
-    worth_two = together(rows, correlation=0.5)[-1]
-    assert list(worth_two.probabilities.values()) == pytest.approx(
-        (squared / squared.sum()).tolist(), rel=1e-2
-    )
-    unknown = together(rows)[-1]  # nothing is known of how they agree
-    assert list(unknown.probabilities.values()) == pytest.approx(rows[0])
+def test_what_training_does_not_rule_out_is_left_to_all_materials():
     certain = together([[1.0, 0.0, 0.0]] * 50, correlation=0.0, lapse=0.03)[-1]
     assert certain.probability == pytest.approx(0.98)
 

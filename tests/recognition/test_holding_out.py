@@ -17,51 +17,60 @@ def _table(n=ENOUGH_REPETITIONS, materials=("cork", "felt"), **facts):
     return metadata(entries)
 
 
-def _name(table, asked=None, own="recording", false_alarms=0.05):
-    return holding_out(asked, own, table, false_alarms)[0].name
+def _unnumbered(table):
+    return table.assign(repetition=table["repetition"].where(table.index != 3, pd.NA))
 
 
-def test_many_numbered_repetitions_are_held_out_in_time():
-    protocol, why = holding_out(None, "recording", _table(), 0.05)
-    assert protocol.name == "blocks"
-    assert why == "20 numbered repetitions of each surface or more: the sensor may drift"
-    assert _name(_table(operator="ann")) == "blocks"
+def _windows(n):
+    """Return five windows of each recording."""
+    table = _table(n).loc[lambda t: t.index.repeat(5)].reset_index(drop=True)
+    return table.assign(parent=table["recording_id"])
 
 
-def test_else_recordings_are_held_out_as_the_pipeline_says():
-    assert _name(_table(ENOUGH_REPETITIONS - 1)) == "recording"
-    one_is_rare = pd.concat([_table(), _table(6, ("oak",))], ignore_index=True)
-    assert _name(one_is_rare) == "recording"
-    unnumbered = _table()
-    unnumbered.loc[3, "repetition"] = pd.NA
-    assert _name(unnumbered) == "recording"
-    several = pd.concat([_table(), _table()], ignore_index=True)  # each number twice: no order in time
-    several["recording_id"] = [f"r{i}" for i in range(len(several))]
-    assert _name(several) == "recording"
-    by_people = _table()
-    by_people["operator"] = np.where(by_people["repetition"] > 10, "ann", "ben")
-    assert _name(by_people) == "recording"
-    assert _name(_table(), own="run") == "run"
+def _twice(table):
+    """Return each number twice: no order in time."""
+    both = pd.concat([table, table], ignore_index=True)
+    return both.assign(recording_id=[f"r{i}" for i in range(len(both))])
 
 
-def test_what_is_asked_for_counts():
-    protocol, why = holding_out("recording", "recording", _table(), 0.05)
-    assert (protocol.name, why) == ("recording", "asked for")
-    assert _name(_table(4), asked="blocks") == "blocks"
+ENOUGH = _table()
 
 
-def test_half_of_the_recordings_must_do_for_the_rate_of_false_alarms():
-    assert _name(_table(), false_alarms=0.048) == "blocks"  # 20 held out
-    assert _name(_table(), false_alarms=0.045) == "recording"  # 22 needed: 40 held out are enough
+@pytest.mark.parametrize(
+    ("table", "asked", "own", "false_alarms", "name"),
+    [
+        # Many numbered repetitions are held out in time.
+        (ENOUGH, None, "recording", 0.05, "blocks"),
+        (_table(operator="ann"), None, "recording", 0.05, "blocks"),
+        # Else recordings are held out as the pipeline says.
+        (_table(ENOUGH_REPETITIONS - 1), None, "recording", 0.05, "recording"),
+        (pd.concat([ENOUGH, _table(6, ("oak",))], ignore_index=True), None, "recording", 0.05, "recording"),
+        (_unnumbered(ENOUGH), None, "recording", 0.05, "recording"),
+        (_twice(ENOUGH), None, "recording", 0.05, "recording"),
+        (
+            ENOUGH.assign(operator=np.where(ENOUGH["repetition"] > 10, "ann", "ben")),
+            *(None, "recording", 0.05, "recording"),
+        ),
+        (ENOUGH, None, "run", 0.05, "run"),
+        # What is asked for counts.
+        (ENOUGH, "recording", "recording", 0.05, "recording"),
+        (_table(4), "blocks", "recording", 0.05, "blocks"),
+        # Half of the recordings, 20, must do for the rate of false alarms: 0.045 takes 22.
+        (ENOUGH, None, "recording", 0.048, "blocks"),
+        (ENOUGH, None, "recording", 0.045, "recording"),
+        # Windows count as their recordings.
+        (_windows(8), None, "recording", 0.05, "recording"),
+        (_windows(ENOUGH_REPETITIONS), None, "recording", 0.05, "blocks"),
+    ],
+)
+def test_recordings_are_held_out_in_time_where_that_can_be_told(table, asked, own, false_alarms, name):
+    assert holding_out(asked, own, table, false_alarms)[0].name == name
 
 
-def test_windows_count_as_their_recordings():
-    windows = _table(8).loc[lambda t: t.index.repeat(5)].reset_index(drop=True)
-    windows["parent"] = windows["recording_id"]
-    assert _name(windows) == "recording"
-    windows = _table().loc[lambda t: t.index.repeat(5)].reset_index(drop=True)
-    windows["parent"] = windows["recording_id"]
-    assert _name(windows) == "blocks"
+def test_why_recordings_are_held_out_so_is_said():
+    drift = "20 numbered repetitions of each surface or more: the sensor may drift"
+    for asked, why in (("recording", "asked for"), (None, drift)):
+        assert holding_out(asked, "recording", ENOUGH, 0.05)[1] == why
 
 
 class Drifting:

@@ -42,6 +42,12 @@ def listen(model, x, n, settings=SETTINGS, **facts):
     return [*found, *live.finish()]
 
 
+@pytest.fixture(scope="module")
+def heard(linear_model, stream):
+    """What was said of the stream."""
+    return listen(linear_model, stream, 64)
+
+
 def windows(found):
     return [update for update in found if isinstance(update, WindowAnswer)]
 
@@ -70,8 +76,8 @@ def test_each_window_has_the_answer_of_the_model_for_these_samples(name, stream,
         assert dict(batch.probabilities) == pytest.approx(dict(window.answer.probabilities), abs=1e-12)
 
 
-def test_contacts_taps_and_lift_offs_are_found_as_they_happen(linear_model, stream):
-    events = [u for u in listen(linear_model, stream, 64) if isinstance(u, Event)]
+def test_contacts_taps_and_lift_offs_are_found_as_they_happen(heard):
+    events = [u for u in heard if isinstance(u, Event)]
     assert [e.kind for e in events if e.kind != "stroke"] == [
         "tap", "tap", "contact", "lift-off", "contact", "lift-off",
     ]  # fmt: skip
@@ -88,10 +94,9 @@ def test_contacts_taps_and_lift_offs_are_found_as_they_happen(linear_model, stre
         assert event.known - event.sample <= (rules.pause_s + 0.02) * FS
 
 
-def test_windows_end_at_onset_plus_window_plus_hops_and_stay_inside_the_contact(linear_model, stream):
-    found = listen(linear_model, stream, 64)
-    onsets = [u.sample for u in found if isinstance(u, Event) and u.kind == "contact"]
-    for window in windows(found):
+def test_windows_end_at_onset_plus_window_plus_hops_and_stay_inside_the_contact(heard):
+    onsets = [u.sample for u in heard if isinstance(u, Event) and u.kind == "contact"]
+    for window in windows(heard):
         assert window.onset in onsets
         assert (window.start - window.onset) % round(0.125 * FS) == 0
         assert window.stop - window.start == round(0.5 * FS)
@@ -100,8 +105,8 @@ def test_windows_end_at_onset_plus_window_plus_hops_and_stay_inside_the_contact(
         )
 
 
-def test_a_lift_off_forgets_the_surface_before(linear_model, stream):
-    found = windows(listen(linear_model, stream, 64))
+def test_a_lift_off_forgets_the_surface_before(heard):
+    found = windows(heard)
     last = {w.onset: w for w in found}
     assert [w.verdict.surface for w in last.values()] == ["cork", "slate"]
     second = [w for w in found if w.onset > FIRST[1]]
@@ -262,11 +267,11 @@ def test_a_stream_finds_the_taps_and_the_strokes_of_a_recording(family):
     assert min(right / true, right / found) >= 0.9
 
 
-def test_a_wild_sample_in_a_stream_is_no_tap(linear_model, stream):
+def test_a_wild_sample_in_a_stream_is_no_tap(linear_model, stream, heard):
     wild = stream.copy()
     wild[1000] += 5.0
     clean, spoiled = (
-        [u.sample for u in listen(linear_model, x, 64) if isinstance(u, Event) and u.kind == "tap"]
-        for x in (stream, wild)
+        [u.sample for u in found if isinstance(u, Event) and u.kind == "tap"]
+        for found in (heard, listen(linear_model, wild, 64))
     )
     assert spoiled == clean

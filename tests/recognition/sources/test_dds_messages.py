@@ -9,7 +9,6 @@ pytest.importorskip("rosbags", reason="rosbags is not installed (the extra `robo
 from rosbags.typesys import Stores, get_typestore
 
 from texclass.loaders.ros_messages import MULTI_ARRAY
-from texclass.recognition import AnswerPublisher
 from texclass.recognition.sources.dds import dds_topic, dds_type, message_class, ros_type
 from texclass.recognition.sources.topic import decoded_messages
 
@@ -75,20 +74,6 @@ def is_same(ours, read):
 def test_topics_are_mangled_as_ros_does():
     assert dds_topic("/imu/data") == dds_topic("imu/data") == "rt/imu/data"
     assert dds_type("sensor_msgs/msg/Imu") == "sensor_msgs::msg::dds_::Imu_"
-
-
-def test_an_unknown_surface_is_a_warning():
-    publisher = AnswerPublisher("/texclass/test/surface", "/texclass/test/diagnostics")
-    (known,) = publisher.diagnostics({"surface": "wood", "probability": 0.9}, 7).status
-    (unknown,) = publisher.diagnostics({"surface": "wood", "unknown": True, "reasons": ["x"]}, 7).status
-    publisher.close()
-    assert (known.level, known.message) == (0, "wood")
-    assert (unknown.level, unknown.message) == (1, "unknown surface")
-    assert {pair.key: pair.value for pair in unknown.values} == {
-        "surface": "wood",
-        "unknown": "true",
-        "reasons": '["x"]',
-    }
 
 
 IMU = "sensor_msgs/msg/Imu"
