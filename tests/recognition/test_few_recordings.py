@@ -10,11 +10,11 @@ import pytest
 from toy_surfaces import SURFACES, pipeline, recording, surfaces
 
 from texclass.experiment.feature_table import metadata
-from texclass.experiment.protocols import find_protocol, splits_of
+from texclass.experiment.protocols import find_protocol
 from texclass.loaders import open_dataset
 from texclass.recognition import check_parity, load_model, train
 from texclass.recognition.export.answers_graph import build
-from texclass.recognition.holding_out import FEW, LATER_ALARMS, LATER_KEPT, of_later, untold
+from texclass.recognition.holding_out import FEW, LATER_ALARMS, LATER_KEPT, HoldingOut, of_later
 from texclass.recognition.model_document import model_document
 from texclass.recognition.probabilities import prior_calibration
 from texclass.recognition.training import pipeline_for
@@ -175,11 +175,8 @@ def test_what_is_held_out_decides_what_can_be_told():
     table = metadata(surfaces(4).entries)
 
     def told_not(protocol, **facts):
-        labelled = table.assign(**facts)
-        return [
-            fact.split("(")[0].strip()
-            for fact in untold(splits_of(find_protocol(protocol), labelled, 0), labelled)
-        ]
+        tests = HoldingOut(table.assign(**facts), find_protocol(protocol), "asked for", True, 0)
+        return [fact.split("(")[0].strip() for fact in tests.untold]
 
     late = np.where(table["repetition"] > 2, "b", "a")
     assert told_not("recording") == ["later recordings", "another session or operator"]

@@ -25,11 +25,12 @@ def test_too_few_held_out_recordings_are_refused():
         Novelty("decision", np.zeros(18), 0.05)
 
 
-def test_nearness_is_the_distance_in_whitened_units():
+def test_nearness_is_the_distance_in_whitened_units(monkeypatch):
+    monkeypatch.setattr("texclass.recognition.unknown.SHRINKAGE", 1e-9)
     # Two classes along the first axis, whose within-class deviation is 3; the second axis is noise.
     labels = np.arange(4000) % 2
     X = np.column_stack([10 * labels + 3 * RNG.normal(size=4000), 50 * RNG.normal(size=4000)])
-    near = fit_nearness(X, labels, shrinkage=1e-9)
+    near = fit_nearness(X, labels)
     found = near(np.array([[0.0, 0.0], [10.0, 300.0], [-6.0, 0.0], [16.0, 0.0]]))
     np.testing.assert_allclose(found, [0, 0, 4, 4], atol=0.6)
 

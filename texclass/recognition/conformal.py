@@ -217,18 +217,6 @@ def facts_of(conformity: Mapping[str, Conformity]) -> dict[str, Any]:
     return {"n": round(conformity["answer"].n, 6), "least": least}
 
 
-def check_level(level: float) -> None:
-    """Check how often a set is to hold.
-
-    Raises
-    ------
-    ValueError
-        If it is no share.
-    """
-    if not 0 < level < 1:
-        raise ValueError(f"level is {level!r}; the rule is above 0 and below 1")
-
-
 def told(sets: Mapping[float, Sequence[str]], n_materials: int) -> dict[str, str]:
     """Return level -> set in words: "oak or felt"; none, or any of all materials."""
 

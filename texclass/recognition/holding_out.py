@@ -1,6 +1,6 @@
 """How recordings are held out of a training, and what those can tell of recordings to come, and cannot."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -124,8 +124,33 @@ class HoldingOut:
 
     @cached_property
     def untold(self) -> list[str]:
-        """What they cannot tell of recordings to come; see `untold`."""
-        return untold(self.splits, self.table)
+        """What the tests cannot tell of recordings to come, likeliest first.
+
+        Recordings that are drawn at random were made between those that train, by the same hand in the same
+        session: what changes later, or elsewhere, is in none of them.
+        """
+        table = self.table
+        parts = [(table.iloc[train], table.iloc[test]) for train, test in self.splits]
+        if not self.splits:
+            return ["how it does on any other recording (1 of a surface: none could be held out)"]
+        found, names = [], ("session", "operator")
+        after = [
+            test.groupby("material")["repetition"].min() > learnt.groupby("material")["repetition"].max()
+            for learnt, test in parts
+        ]
+        if table["repetition"].isna().any() or not all(later.all() for later in after):
+            n = int(table[~parents(table).duplicated()]["material"].value_counts().min())
+            found.append(
+                f"{LATER} ({n} of each surface, held out at random; from {ENOUGH_REPETITIONS} numbered "
+                f"repetitions on, or with `--protocol {IN_TIME}`, the later half is held out)"
+            )
+        if others := [
+            name
+            for name in names
+            if table[name].isna().any() or any(set(test[name]) & set(learnt[name]) for learnt, test in parts)
+        ]:
+            found.append(f"another {' or '.join(others)} (`--leave-out {others[0]}`, if the card names it)")
+        return found
 
     @property
     def in_one_go(self) -> bool:
@@ -171,32 +196,3 @@ class HoldingOut:
         if self.in_one_go:
             found["later"] = of_later(expected, n_classes)
         return found
-
-
-def untold(splits: Sequence[Split], table: pd.DataFrame) -> list[str]:
-    """Return what the tests of a table's splits cannot tell of recordings to come, likeliest first.
-
-    Recordings that are drawn at random were made between those that train, by the same hand in the same
-    session: what changes later, or elsewhere, is in none of them.
-    """
-    parts = [(table.iloc[train], table.iloc[test]) for train, test in splits]
-    if not splits:
-        return ["how it does on any other recording (1 of a surface: none could be held out)"]
-    found, names = [], ("session", "operator")
-    after = [
-        test.groupby("material")["repetition"].min() > learnt.groupby("material")["repetition"].max()
-        for learnt, test in parts
-    ]
-    if table["repetition"].isna().any() or not all(later.all() for later in after):
-        n = int(table[~parents(table).duplicated()]["material"].value_counts().min())
-        found.append(
-            f"{LATER} ({n} of each surface, held out at random; from {ENOUGH_REPETITIONS} numbered "
-            f"repetitions on, or with `--protocol {IN_TIME}`, the later half is held out)"
-        )
-    if others := [
-        name
-        for name in names
-        if table[name].isna().any() or any(set(test[name]) & set(learnt[name]) for learnt, test in parts)
-    ]:
-        found.append(f"another {' or '.join(others)} (`--leave-out {others[0]}`, if the card names it)")
-    return found

@@ -13,7 +13,7 @@ from texclass.features.phase_view import TURN
 from texclass.features.plan import Plan
 from texclass.phases import segment
 from texclass.recognition.answers import Answer, Prediction, joined, ranked
-from texclass.recognition.conformal import LEVELS, Conformity, check_level
+from texclass.recognition.conformal import LEVELS, Conformity
 from texclass.recognition.deployed import Deployed
 from texclass.recognition.model_files import (
     Manifest,
@@ -188,7 +188,8 @@ class Model:
         ValueError
             If the level is none, or as `predict`; or if the model is of a version that kept no sets.
         """
-        check_level(level)
+        if not 0 < level < 1:
+            raise ValueError(f"level is {level!r}; the rule is above 0 and below 1")
         if not self.conformity:
             raise ValueError(
                 f"{self!r} has no sets; the rule is a model of format 2.3 or later: train it again"

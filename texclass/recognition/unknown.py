@@ -44,11 +44,11 @@ class Nearness:
         return np.asarray(((seen[:, None] - self.means) ** 2).sum(axis=2).min(axis=1))
 
 
-def fit_nearness(X: Samples, labels: Labels, shrinkage: float = SHRINKAGE) -> Nearness:
+def fit_nearness(X: Samples, labels: Labels) -> Nearness:
     """Learn the discriminant's view of prepared features (n, n_features) and labels 0 ... K - 1 (n,).
 
-    With S = (1 - shrinkage) S_w + shrinkage tr(S_w)/p I, the view is S^(-1/2) followed by the directions that
-    the whitened class means span.
+    With S = (1 - r) S_w + r tr(S_w)/p I and r = `SHRINKAGE`, the view is S^(-1/2) followed by the directions
+    that the whitened class means span.
     """
     from scipy import linalg
 
@@ -61,7 +61,7 @@ def fit_nearness(X: Samples, labels: Labels, shrinkage: float = SHRINKAGE) -> Ne
     S = within.T @ within / max(1, len(Z) - len(counts))
     values, vectors = linalg.eigh(S, driver="evd")
     level = np.trace(S) / len(S) or 1.0
-    root = vectors / np.sqrt((1 - shrinkage) * np.maximum(values, 0) + shrinkage * level)
+    root = vectors / np.sqrt((1 - SHRINKAGE) * np.maximum(values, 0) + SHRINKAGE * level)
     M = means @ root
     _, sizes, directions = linalg.svd(M - M.mean(axis=0), full_matrices=False)
     kept = directions[: len(counts) - 1][sizes[: len(counts) - 1] > 1e-9 * (sizes[0] or 1.0)].T

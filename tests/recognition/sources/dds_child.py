@@ -22,12 +22,16 @@ def publish_imu(topic: str, fs: float, seconds: float, first: int) -> None:
 
 
 def publish_rows(topic: str, fs: float, path: str) -> None:
-    """Publish the rows of a .npy file, acceleration and turn rate, as soon as there is a subscriber."""
-    rows = np.load(path)
+    """Publish rows of a .npy file, acceleration and turn rate: stamped at fs Hz, sent ten times as fast."""
+    rows, start_ns = np.load(path), time.time_ns()
     publisher = ImuPublisher(topic)
     while not publisher.n_subscribers:
         time.sleep(0.005)
-    paced(fs, len(rows) / fs, lambda i, stamp: publisher.publish(stamp, rows[i, :3], rows[i, 3:]))
+
+    def send(i: int, _: int) -> None:
+        publisher.publish(start_ns + round(i * 1e9 / fs), rows[i, :3], rows[i, 3:])
+
+    paced(10 * fs, len(rows) / (10 * fs), send)
     sys.stdin.readline()
     publisher.close()
 

@@ -34,7 +34,8 @@ def test_a_model_of_turn_rates_hears_them_over_dds(child, turning, tmp_path):
     assert answer.probabilities == pytest.approx(asked.probabilities)
 
 
-def test_open_source_asks_a_topic_for_what_the_model_needs(child, turning):
+def test_open_source_asks_a_topic_for_what_the_model_needs(child, turning, monkeypatch):
+    monkeypatch.setattr("texclass.recognition.sources.topic.UNTURNED_S", 0.2)
     child("imu", "/plain", 200, 30, 0)
     source = open_source("ros2:/plain", fs=200, model=turning)
     flags = []
@@ -43,7 +44,7 @@ def test_open_source_asks_a_topic_for_what_the_model_needs(child, turning):
         flags += block.flags
         if flags:
             break
-    assert flags == ["turn rate: 0 for the first 1 s, does the sensor measure it?"]
+    assert flags == ["turn rate: 0 for the first 0.2 s, does the sensor measure it?"]
     source.close()
     with pytest.raises(
         RecordingError, match="geometry_msgs/msg/AccelStamped has no turn rate; the rule is ax"
