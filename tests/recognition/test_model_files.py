@@ -58,6 +58,11 @@ def edited(name, old, new):
     return change
 
 
+def without_arrays(members):
+    """Return the members of a file as before format 2.2."""
+    return {name: content for name, content in members.items() if name != "deployed.json"}
+
+
 def test_the_manifest_is_read_without_making_any_object(file, linear_model, monkeypatch):
     monkeypatch.setattr(skops.io, "loads", None)
     assert read_manifest_of(file) == linear_model.manifest
@@ -128,11 +133,8 @@ def test_no_estimator_is_made_to_answer_and_none_of_a_class_that_is_not_trusted(
     with refused:
         _ = model.recogniser
 
-    def as_before(members):
-        return {name: content for name, content in popen(members).items() if name != "deployed.json"}
-
     with refused:
-        load_model(rewritten(file, as_before, sign=True))
+        load_model(rewritten(file, lambda members: without_arrays(popen(members)), sign=True))
 
 
 @pytest.mark.parametrize(
@@ -145,11 +147,8 @@ def test_arrays_that_cannot_be_read_are_refused(file, content):
 
 
 def test_a_file_without_arrays_answers_through_its_estimators(file, linear_model):
-    def as_before(members):
-        return {name: content for name, content in members.items() if name != "deployed.json"}
-
     middle = linear_model.ranges.median
-    answer = load_model(rewritten(file, as_before, sign=True)).answer_values(middle)
+    answer = load_model(rewritten(file, without_arrays, sign=True)).answer_values(middle)
     assert answer == load_model(file).answer_values(middle)
 
 

@@ -20,6 +20,9 @@ from texclass.cli.stream_view import Picture
 from texclass.recognition import OnlineSettings, Session
 from texclass.recognition.sources import source_by_name as sources
 
+LIVE = ("--fs", FS, "--unit", "m/s^2")
+"""What standard input does not say."""
+
 
 @pytest.fixture(scope="module")
 def model_file(linear_model, tmp_path_factory):
@@ -49,7 +52,7 @@ def run(command, monkeypatch, model_file, samples):
 
 
 def test_json_lines_hold_events_answers_and_the_final_answer(run):
-    code, out, err = run("--fs", FS, "--unit", "m/s^2", "--touch", 0.5, "--jsonl")
+    code, out, err = run(*LIVE, "--touch", 0.5, "--jsonl")
     lines = [json.loads(line) for line in out.splitlines()]
     assert (code, err) == (0, "")
     assert [one["kind"] for one in lines if one["type"] == "event"] == ["contact"]
@@ -107,7 +110,7 @@ def test_the_result_of_a_stream_is_what_was_said_last_of_each_contact(run, tmp_p
 
 
 def test_lines_say_contact_and_surface(run):
-    code, out, _ = run("--fs", FS, "--unit", "m/s^2", "--evidence", "majority")
+    code, out, _ = run(*LIVE, "--evidence", "majority")
     assert code == 0
     assert "contact" in out
     assert "final: oak" in out
@@ -126,7 +129,7 @@ def test_another_rate_is_resampled_when_asked(run):
 
 
 def test_nothing_felt_ends_with_its_own_exit_code(run):
-    code, out, err = run("--fs", FS, "--unit", "m/s^2", "--at-rest", x=np.zeros(4000))
+    code, out, err = run(*LIVE, "--at-rest", x=np.zeros(4000))
     assert (code, out) == (3, "")
     assert "no answer" in err
     assert err.startswith("listening to -")
@@ -136,10 +139,10 @@ def test_nothing_felt_ends_with_its_own_exit_code(run):
     ("arguments", "text", "message"),
     [
         ((), "1\n", "fs is missing"),
-        (("--fs", "4000", "--unit", "m/s^2"), "abc\n", "line 1 is 'abc'"),
-        (("--fs", "4000", "--unit", "m/s^2", "--evidence", "mean"), "1\n2\n", "majority"),
+        (LIVE, "abc\n", "line 1 is 'abc'"),
+        ((*LIVE, "--evidence", "mean"), "1\n2\n", "majority"),
         (("nothing.wav", "--fs", "4000"), "", "nothing.wav"),
-        (("--fs", "4000", "--unit", "m/s^2", "--hop", "-1"), "1\n", "hop_s"),
+        ((*LIVE, "--hop", "-1"), "1\n", "hop_s"),
     ],
 )
 def test_a_bad_input_ends_in_one_line(run, arguments, text, message):
@@ -179,7 +182,7 @@ def test_sigterm_ends_with_the_answer_so_far_and_gives_the_signal_back(run, monk
             yield block
 
     monkeypatch.setattr(sources, "_text", ended)
-    code, out, _ = run("--fs", FS, "--unit", "m/s^2", "--touch", 0.5, "--jsonl")
+    code, out, _ = run(*LIVE, "--touch", 0.5, "--jsonl")
     lines = [json.loads(line) for line in out.splitlines()]
     assert (code, lines[-1]["type"], lines[-1]["surface"]) == (0, "final", "oak")
     assert lines[-1]["stop_s"] < 2.3
@@ -197,7 +200,7 @@ def test_json_tells_that_it_listens_that_it_lives_and_how_old_answers_are(run, m
             yield replace(block, age_s=0.25)
 
     monkeypatch.setattr(sources, "_text", stuck)
-    _, out, _ = run("--fs", FS, "--unit", "m/s^2", "--touch", 0.5, "--jsonl", "--heartbeat", 0.05)
+    _, out, _ = run(*LIVE, "--touch", 0.5, "--jsonl", "--heartbeat", 0.05)
     lines = [json.loads(line) for line in out.splitlines()]
     assert lines[0] == {"type": "listening", "source": "-"}
     beats = [one for one in lines if one["type"] == "heartbeat"]
@@ -223,7 +226,7 @@ def test_answers_are_published_where_the_command_says(run, monkeypatch):
 
     monkeypatch.setattr(recognition, "AnswerPublisher", Publisher, raising=False)
     options = ("--publish", "/surface", "--diagnostics", "/diagnostics", "--domain", 7)
-    _, out, _ = run("--fs", FS, "--unit", "m/s^2", "--touch", 0.5, "--jsonl", *options)
+    _, out, _ = run(*LIVE, "--touch", 0.5, "--jsonl", *options)
     answers = [one for line in out.splitlines() if (one := json.loads(line))["type"] == "answer"]
     *told, last = published
     assert last == "closed"
