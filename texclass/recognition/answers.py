@@ -254,7 +254,9 @@ class Evidence:
             self._worth = g * self._worth + (1.0 if self._n == 1 else self._later)
             worth = independent(self._worth, self._correlation)
             scores = worth / self._weight * self._sum
-            sets = self._sets(scores)
+            # By contacts that had been felt about as long.
+            if felt := [n for n in self._conformity if n <= self._worth]:
+                sets = self._conformity[max(felt)].sets(scores, self.materials, self._levels)
             together = np.exp(scores)  # the largest is 1: no overflow
         together = (1 - self._lapse) * together / together.sum() + self._lapse / len(p)
         self._sure = bool(together.max() >= self.confidence) or (self._sure and g == 1)
@@ -267,8 +269,3 @@ class Evidence:
             **ranked(together, self.materials),
         )
         return self.verdict
-
-    def _sets(self, scores: Samples) -> dict[float, tuple[str, ...]]:
-        """Return the sets of scores (n_materials,), by contacts that had been felt about as long."""
-        felt = [n for n in self._conformity if n <= self._worth]
-        return self._conformity[max(felt)].sets(scores, self.materials, self._levels) if felt else {}

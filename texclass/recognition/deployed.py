@@ -60,7 +60,7 @@ class Deployed:
     ) -> None:
         self.banks: Banks = {} if banks is None else banks
         self.plan, self.classes, self.steps, self.decide = plan, tuple(classes), tuple(steps), decide
-        self._load = load
+        self._load, self._functions = load, [function_of(part) for part in (*self.steps, decide)]
 
     @classmethod
     def of(cls, recogniser: "Recogniser", learnt: Learnt | None = None) -> "Deployed":
@@ -119,10 +119,6 @@ class Deployed:
         if not np.isfinite(X).all():
             raise ValueError("features are undefined; the rule is a pipeline with a step that fills them")
         return X, decide(X)
-
-    @cached_property
-    def _functions(self) -> tuple[Function, ...]:
-        return tuple(map(function_of, (*self.steps, self.decide)))
 
 
 def prepared_by(recogniser: "Recogniser", rows: Samples) -> Samples:
