@@ -165,9 +165,11 @@ def test_a_contact_that_began_the_stream_ends_where_the_signal_drops(linear_mode
 
 
 def test_physical_units_are_converted(linear_model, stream):
-    in_g = windows(listen(linear_model, stream / 9.80665, 250, unit="g"))
-    in_si = windows(listen(linear_model, stream, 250))
-    assert [w.answer.surface for w in in_g] == [w.answer.surface for w in in_si]
+    in_g, in_si = OnlineRecogniser(linear_model, unit="g"), OnlineRecogniser(linear_model)
+    told = [windows(live.push(x)) for live, x in ((in_g, stream / 9.80665), (in_si, stream))]
+    assert [w.answer.surface for w in told[0]] == [w.answer.surface for w in told[1]]
+    assert len(told[0]) > 2
+    assert (in_g.unit, in_g.level[0]) == ("m/s^2", pytest.approx(in_si.level[0]))
 
 
 def test_stopping_when_sure_computes_no_more(linear_model, stream):
