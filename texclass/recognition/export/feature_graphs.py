@@ -1,17 +1,18 @@
-"""Features that need the samples, their differences or the power of their spectrum, as graphs."""
+"""Features as graphs: what adds each of them, from the samples, their spectrum, or what a filter leaves."""
 
 from typing import Any
 
 import numpy as np
 from scipy import fft
 
-from texclass.features import bands, cepstrum, slopes
+from texclass.features import autoregression, bands, cepstrum, roughness, slopes
 from texclass.features.excess import octaves_of
 from texclass.features.spectra import LONG_FRAME_S, window_of
-from texclass.recognition.export.fourier_graphs import power
+from texclass.recognition.export.fourier_graphs import band_magnitude, banded, low_passed, power
 from texclass.recognition.export.graph import Tensor
 from texclass.recognition.export.graph_view import GraphView, graph_of, once
 from texclass.recording import Samples
+from texclass.vibration.reflection import EXHAUSTED, LARGEST
 
 # Slopes and curvatures.
 
@@ -355,3 +356,105 @@ def _fineness(view: GraphView) -> Tensor:
 @graph_of("fineness_spread")
 def _fineness_spread(view: GraphView) -> Tensor:
     return _spectral_moments(view)[1]
+
+
+# Roughness.
+
+
+@graph_of("temporal_roughness")
+def _temporal_roughness(
+    view: GraphView, fine_hz: tuple[float, float], coarse_hz: tuple[float, float]
+) -> Tensor:
+    rate_hz = roughness.PERIOD * fine_hz[1]
+    fine, coarse = (band_magnitude(view, band, rate_hz) for band in (fine_hz, coarse_hz))
+    ratio = fine.mean() / coarse.mean()
+    return abs(fine - coarse * ratio).mean().log10() + view.log_level
+
+
+@graph_of("roughness_ratio")
+def _roughness_ratio(view: GraphView, fine_hz: tuple[float, float], coarse_hz: tuple[float, float]) -> Tensor:
+    rate_hz = roughness.PERIOD * fine_hz[1]
+    fine, coarse = (band_magnitude(view, band, rate_hz).mean() for band in (fine_hz, coarse_hz))
+    return fine.log10() - coarse.log10()
+
+
+@graph_of("waviness")
+def _waviness(view: GraphView, cutoff_hz: float, frame_s: float, average_s: float) -> Tensor:
+    slow, factor, _ = low_passed(view, cutoff_hz)
+    frame, average = max(1, round(frame_s * view.fs)), max(1, round(average_s / frame_s))
+    edges = np.append(np.arange(0, view.n_samples - frame + 1, frame), 0) // factor
+    edges[-1] = (view.n_samples // frame) * frame // factor
+    running = view.running(abs(slow))
+    low, high = (running.take(at.astype(np.int64)) for at in (edges[:-1], edges[1:]))
+    m = (high - low) / np.diff(edges).astype(np.float64)
+    return _deviation(m - view.moving_average(m, edges.size - 1, average)).log10() + view.log_level
+
+
+@graph_of("spikiness")
+def _spikiness(view: GraphView, cutoff_hz: float, average_s: float, floor: float) -> Tensor:
+    x, factor, size = low_passed(view, cutoff_hz)
+    average = max(1, max(1, round(average_s * view.fs)) // factor)
+    sigma = _deviation(x)
+    threshold = sigma * 2.0 + x.mean()
+    above = x - view.moving_average(x, size, average) - threshold
+    excess = view.add("Max", above, 0.0).mean() + sigma * floor
+    return excess.log10() + view.log_level
+
+
+def _deviation(x: Tensor) -> Tensor:
+    away = x - x.mean()
+    return (away * away).mean().sqrt()
+
+
+# Autoregressive models.
+
+
+@graph_of("log_area_ratios")
+@once
+def _log_area_ratios(view: GraphView, order: int, frame_s: float, band_hz: float) -> Tensor:
+    """Add the log-area ratios of the mean model, (n, order); see `autoregression.mean_model`.
+
+    Where a frame holds nothing but the ringing of a filter, the rounding of single precision is what the
+    function finds that cannot be predicted; here there is none.
+    """
+    x, n, fs = banded(view, band_hz)
+    length = min(n, max(round(frame_s * fs), 4 * order))
+    n_frames = n // length
+    frames = x.cut(0, n_frames * length).reshape(-1, n_frames, length)
+    energy = frames.reduced("ReduceSumSquare", -1)
+    heard = energy > energy.reduced("ReduceMax", 1) * autoregression.SILENT
+    ratios = view.graph.beside(*_burg(frames.reshape(-1, length), length, order))
+    total = ratios.reshape(-1, n_frames, order).where(heard, 0.0).sum(1)
+    count = heard.cast(np.float64).sum(1)
+    return (total / count.where(count > 0.0)).reshape(0, order)
+
+
+def _burg(x: Tensor, n: int, order: int) -> list[Tensor]:
+    """Add ln((1 + k) / (1 - k)) of each order, (n_frames, 1), of frames (n_frames, n), by Burg's method."""
+    add = x.graph.add
+    f, b = x.cut(1, n), x.cut(0, n - 1)
+    least = (x * x).mean() * (2 * EXHAUSTED**2)
+    goes_on, found = None, []
+    for m in range(1, order + 1):
+        product = (f * b).sum()
+        total = f.reduced("ReduceSumSquare", -1) + b.reduced("ReduceSumSquare", -1)
+        left = total > least * float(n - m)
+        goes_on = left if goes_on is None else add("And", goes_on, left)
+        k = product * -2.0 / total
+        k = add("Max", add("Min", k, LARGEST), -LARGEST).where(goes_on, 0.0)
+        found.append(add("Log", (k + 1.0) / (1.0 - k)))
+        if m < order:
+            ahead, behind = f + b * k, b + f * k
+            f, b = ahead.cut(1, n - m), behind.cut(0, n - m - 1)
+    return found
+
+
+@graph_of("prediction_gain")
+def _prediction_gain(
+    view: GraphView, orders: tuple[int, ...], order: int, frame_s: float, band_hz: float
+) -> Tensor:
+    # 1 - k^2 with k = tanh(g / 2); gains of orders 1, 2, ... add up
+    k = view.add("Tanh", _log_area_ratios(view, order, frame_s, band_hz) * 0.5)
+    lost = ((1.0 - k) * (k + 1.0)).log10()
+    gain = view.add("CumSum", lost, np.array(1)) * -10.0
+    return gain.take(np.array(orders) - 1)

@@ -1,4 +1,4 @@
-"""Fourier transforms of the rows of a tensor, as products of small matrices.
+"""Fourier transforms of the rows of a tensor, as products of small matrices, and filters made of them.
 
 The `DFT` of ONNX Runtime is slow where a length is no power of two. Here a length N = N1 N2 is cut in two
 (Cooley, Tukey 1965): N1 transforms of length N2 after N2 of length N1, with a turn of each element between
@@ -8,8 +8,11 @@ them. Matrices are looked up in a table of one turn when the file is loaded; the
 from collections.abc import Callable
 
 import numpy as np
+from scipy import fft
 
+from texclass.features import conditioning
 from texclass.recognition.export.graph import Graph, Tensor
+from texclass.recognition.export.graph_view import GraphView, once
 from texclass.recording import Samples
 
 
@@ -121,3 +124,57 @@ def _constants(graph: Graph, angle: Samples) -> tuple[Tensor, Tensor]:
 def _blocks(graph: Graph, key: tuple[str, int], blocks: Callable[[], list[list[Tensor]]]) -> Tensor:
     """Add a matrix of blocks, once."""
     return graph.once(key, lambda: graph.beside(*(graph.beside(*row) for row in blocks()), axis=0))
+
+
+# Filters, as in `texclass.features.conditioning`: a response times the spectrum.
+
+
+def _padded(view: GraphView) -> int:
+    return conditioning.FINEST * int(fft.next_fast_len(-(-view.n_samples // conditioning.FINEST)))
+
+
+@once
+def _spectrum(view: GraphView, n_bins: int) -> tuple[Tensor, Tensor]:
+    return rfft(view.unit, view.n_samples, _padded(view), n_bins)
+
+
+def _filtered(view: GraphView, response: Samples, n: int) -> Tensor:
+    """Add the first bins of the spectrum times a response, back in time at n samples: (n_rows, n)."""
+    real, imaginary = _spectrum(view, n // 2 + 1)
+    bins = np.arange(n // 2 + 1)
+    scale = response * n / _padded(view)
+    return irfft(real * scale, imaginary * np.where((bins == 0) | (2 * bins == n), 0.0, scale), n)
+
+
+@once
+def low_passed(view: GraphView, cutoff_hz: float) -> tuple[Tensor, int, int]:
+    """Add the low-passed movement, and say by which factor its rate is lower, and its length."""
+    n_fft, rate = _padded(view), cutoff_hz * 10
+    factor = next((k for k in (conditioning.FINEST, 10, 5, 4, 2) if view.fs / k >= rate), 1)
+    size = -(-view.n_samples // factor)
+    f = np.arange(n_fft // factor // 2 + 1) * (view.fs / n_fft)
+    slow = _filtered(view, 1 / (1 + (f / cutoff_hz) ** 4), n_fft // factor).cut(0, size)
+    return slow, factor, size
+
+
+@once
+def band_magnitude(view: GraphView, band_hz: tuple[float, float], rate_hz: float) -> Tensor:
+    """Add the magnitude of the movement in a band; see `conditioning.band_passed`."""
+    low_hz, high_hz = band_hz
+    n_fft = _padded(view)
+    n = 2 * int(fft.next_fast_len(int(np.ceil(n_fft * rate_hz / view.fs / 2)), real=True))
+    n = min(n_fft, n)
+    f = np.arange(n // 2 + 1) * (view.fs / n_fft)
+    through, beside = (f * (high_hz - low_hz)) ** 4, (f**2 - low_hz * high_hz) ** 4
+    return abs(_filtered(view, through / (through + beside), n).cut(0, view.n_samples * n // n_fft))
+
+
+@once
+def banded(view: GraphView, band_hz: float) -> tuple[Tensor, int, float]:
+    """Add the movement at twice the band, and say its length and rate; see `conditioning.banded`."""
+    if view.fs <= 2 * band_hz:
+        return view.unit, view.n_samples, view.fs
+    n_fft = _padded(view)
+    n = 2 * int(band_hz * n_fft / view.fs)
+    size = view.n_samples * n // n_fft
+    return _filtered(view, np.ones(n // 2 + 1), n).cut(0, size), size, view.fs * n / n_fft

@@ -24,8 +24,6 @@ Builder = Callable[..., Tensor]
 Given = ParamSpec("Given")
 GRAPHS: dict[str, Builder] = {}
 """Feature -> its builder; see `builders`."""
-MODULES = ("feature_graphs", "filtered_graphs")
-"""The modules beside this one that hold builders."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +126,7 @@ def graph_of(feature: str) -> Callable[[Builder], Builder]:
 
 def builders() -> Mapping[str, Builder]:
     """Return the builder of every feature that has one."""
-    for module in MODULES:
-        importlib.import_module(f"{__package__}.{module}")
+    importlib.import_module(f"{__package__}.feature_graphs")
     return GRAPHS
 
 
