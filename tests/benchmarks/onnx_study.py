@@ -18,7 +18,12 @@ from texclass.recognition import export_onnx, load_model
 from texclass.recognition.export.answers_graph import OUTPUTS
 from texclass.recognition.export.parity import run
 from texclass.recognition.export.sample_graph import SAMPLES, build_of_samples, channels_of, recording_of
-from texclass.recognition.export.sample_parity import MARGIN, TOLERANCE, compared
+from texclass.recognition.export.sample_parity import (
+    MARGIN,
+    TOLERANCE,
+    check_sample_parity,
+    features_of_windows,
+)
 
 MODELS = (
     ("biotac20", "texclass", "Modified MFCC", "lda", 1.0),
@@ -73,9 +78,9 @@ def studied(model, windows, path, n_rounds):
     exported, export_s = timed(lambda: export_onnx(model, path, start="samples"))
     n_samples = windows.shape[2]
     with_features = build_of_samples(model, n_samples, with_features=True).SerializeToString()
-    found = run(with_features, windows, SAMPLES, (*OUTPUTS, "features"))
-    X = np.array([model.plan.compute(recording_of(model, window)).values for window in windows])
-    parity = compared(model, X, found)
+    found = run(with_features, windows, SAMPLES)
+    X = features_of_windows(model, windows)
+    parity = check_sample_parity(model, with_features, windows, X)
     p, p_known = model.judge(X)
     labels = np.array(model.materials)[p.argmax(axis=1)]
     options = onnxruntime.SessionOptions()

@@ -28,7 +28,13 @@ from texclass.recognition.export.graph import Graph, Tensor, tensor_of
 from texclass.recognition.export.graph_view import GraphView, builders, graph_of
 from texclass.recognition.export.parity import run
 from texclass.recognition.export.sample_graph import SAMPLES, build_of_samples, recording_of
-from texclass.recognition.export.sample_parity import MARGIN, check_sample_parity, made, made_windows, recipes
+from texclass.recognition.export.sample_parity import (
+    MARGIN,
+    check_sample_parity,
+    features_of_windows,
+    made,
+    recipes,
+)
 
 
 def computed(build, rows, n_outputs=1):
@@ -168,7 +174,7 @@ def assert_same_features(model, windows):
     n = windows.shape[2]
     graph = build_of_samples(model, n, with_features=True)
     found = run(graph.SerializeToString(), windows, SAMPLES, ("features",))["features"]
-    expected = np.array([model.plan.compute(recording_of(model, w)).values for w in windows])
+    expected = features_of_windows(model, windows)
     np.testing.assert_allclose(found, expected, rtol=0, atol=2e-6)
     return expected
 
@@ -252,8 +258,8 @@ def test_a_graph_with_any_table_changed_a_little_is_refused(touch_model, felt_wi
     n = felt_windows.shape[2]
     turning = felt_windows[:1] + np.linspace(5, 15, n, dtype=np.float32)
     asked = np.concatenate([felt_windows, turning, 0 * felt_windows[:1]])
-    graph = build_of_samples(touch_model, n, with_features=True)
-    whole = check_sample_parity(touch_model, graph.SerializeToString(), asked)
+    graph, X = build_of_samples(touch_model, n, with_features=True), features_of_windows(touch_model, asked)
+    whole = check_sample_parity(touch_model, graph.SerializeToString(), asked, X)
     assert whole.difference < 1e-6
     changed = 0
     for i, constant in enumerate(graph.graph.initializer):
@@ -265,7 +271,7 @@ def test_a_graph_with_any_table_changed_a_little_is_refused(touch_model, felt_wi
         little = np.linspace(0.0, 0.05, values.size).reshape(values.shape)
         other.CopyFrom(numpy_helper.from_array(values * (1 + little) + 0.01, other.name))
         with pytest.raises(ParityError, match=r"differs from texclass in \d+ of \d+ windows; window \d+ has"):
-            check_sample_parity(touch_model, tampered.SerializeToString(), asked)
+            check_sample_parity(touch_model, tampered.SerializeToString(), asked, X)
         changed += 1
     assert changed >= 18
 
@@ -365,10 +371,8 @@ def test_a_file_of_features_can_be_checked_too(command, folder):
 
 def test_self_checks_hold_windows_of_several_verdicts(touch_model):
     some = recipes(touch_model)
-    windows = made_windows(touch_model, 1000, some)
-    assert windows.shape == (len(some), 1, 1000)
     assert MARGIN == 1e-4
-    assert not windows[-1].any()
+    assert not made(some[-1], 1, 1000).any()
 
 
 @pytest.fixture

@@ -87,21 +87,17 @@ def export_onnx(
     check_installed("exporting to ONNX")
     of_samples, n_samples = None, 0
     try:
-        if start == "samples":
+        if start == "samples":  # what is refused should be so before anything is computed
             n_samples = window_of_model(model, touch_s)
             check_graphs(model)
         graph = build(model)
         parity, single = check_parity(model, graph.SerializeToString()), single_precision(graph)
+        facts = facts_of(model, parity, single)
         if start == "samples":
-            windows = sample_parity.made_windows(model, n_samples, sample_parity.recipes(model))
-            whole = build_of_samples(model, n_samples, with_features=True)
-            of_samples = sample_parity.check_sample_parity(model, whole.SerializeToString(), windows)
-            graph = build_of_samples(model, n_samples)
+            of_samples, more = _checked_samples(model, n_samples)
+            graph, facts = build_of_samples(model, n_samples), facts | more
     except OnnxExportError as error:
         raise type(error)(f"{path}: not written: {error}") from error
-    facts = facts_of(model, parity, single)
-    if of_samples is not None:
-        facts |= facts_of_samples(model, n_samples, of_samples)
     for name, fact in facts.items():
         value = fact if isinstance(fact, str) else json.dumps(fact)
         graph.metadata_props.add(key=f"{PREFIX}{name}", value=value)
@@ -133,32 +129,23 @@ def check_installed(what: str) -> None:
             ) from error
 
 
-def facts_of_samples(model: Model, n_samples: int, parity: sample_parity.SampleParity) -> dict[str, Any]:
-    """Return what the metadata of a file of samples say besides.
-
-    Parameters
-    ----------
-    model : Model
-        What was exported.
-    n_samples : int
-        Of a window.
-    parity : SampleParity
-        How it was checked.
-    """
+def _checked_samples(model: Model, n_samples: int) -> tuple[sample_parity.SampleParity, dict[str, Any]]:
+    """Compare a graph of windows of samples with texclass; return how, and what the metadata say besides."""
     from texclass.recognition.live.online_recogniser import OnlineRecogniser, OnlineSettings
 
+    channels, some = channels_of(model), sample_parity.recipes(model)
+    windows = np.stack([sample_parity.made(recipe, len(channels), n_samples) for recipe in some])
+    X = sample_parity.features_of_windows(model, windows)
+    whole = build_of_samples(model, n_samples, with_features=True).SerializeToString()
+    parity = sample_parity.check_sample_parity(model, whole, windows, X)
     settings = OnlineSettings(window_s=n_samples / model.manifest.fs)
-    return {
-        "window": {
-            "n_samples": n_samples,
-            "fs_hz": model.manifest.fs,
-            "unit": model.manifest.unit,
-            "channels": channels_of(model),
-        },
+    window = {"n_samples": n_samples, "fs_hz": model.manifest.fs, "unit": model.manifest.unit}
+    return parity, {
+        "window": {**window, "channels": channels},
         "sample_parity": asdict(parity),
-        "stream": OnlineRecogniser(model, settings=settings).constants(len(channels_of(model))),
+        "stream": OnlineRecogniser(model, settings=settings).constants(len(channels)),
         "formula": sample_parity.FORMULA,
-        "self_check": sample_parity.self_checks(model, n_samples),
+        "self_check": sample_parity.self_checks(model, some, X),
     }
 
 

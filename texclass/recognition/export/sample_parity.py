@@ -34,8 +34,6 @@ SMOOTH = (-0.7, 0.0, 0.6, 0.9, 0.98, 0.998)
 GAINS = (1.0, 0.3, 0.03)
 SEEDS = (1, 2, 3)
 
-Windows = NDArray[np.float32]
-
 
 @dataclass(frozen=True)
 class SampleParity:
@@ -77,7 +75,7 @@ class SampleParity:
         )
 
 
-def check_sample_parity(model: Model, graph: bytes, windows: Windows) -> SampleParity:
+def check_sample_parity(model: Model, graph: bytes, windows: NDArray[np.float32], X: Samples) -> SampleParity:
     """Compare a graph of samples with the model it was made of.
 
     Parameters
@@ -87,7 +85,9 @@ def check_sample_parity(model: Model, graph: bytes, windows: Windows) -> SampleP
     graph : bytes
         The ONNX model, with its features as an output.
     windows : ndarray of float32, shape (n, n_channels, n_samples)
-        What both are asked.
+        What the graph is asked.
+    X : ndarray of shape (n, n_columns)
+        The `features_of_windows`: what texclass is asked.
 
     Raises
     ------
@@ -97,18 +97,6 @@ def check_sample_parity(model: Model, graph: bytes, windows: Windows) -> SampleP
         If onnxruntime cannot run it.
     """
     found = run(graph, windows, SAMPLES, (*OUTPUTS, "features"))
-    X = np.array([model.plan.compute(recording_of(model, window)).values for window in windows])
-    return compared(model, X, found)
-
-
-def compared(model: Model, X: Samples, found: Mapping[str, NDArray[Any]]) -> SampleParity:
-    """Compare what a graph says (`found`, features included) with what texclass says of features X.
-
-    Raises
-    ------
-    ParityError
-        As `check_sample_parity`.
-    """
     expected, far, limit = reference(model, X), outside(model, X), model.novelty.threshold
     strange = np.nan_to_num(expected["strange"])
     near = MARGIN * far * np.maximum(np.abs(strange), np.abs(limit))
@@ -130,6 +118,11 @@ def compared(model: Model, X: Samples, found: Mapping[str, NDArray[Any]]) -> Sam
     )
 
 
+def features_of_windows(model: Model, windows: NDArray[np.float32]) -> Samples:
+    """Return what texclass computes of windows (n, n_channels, n_samples), shape (n, n_columns)."""
+    return np.array([model.plan.compute(recording_of(model, window)).values for window in windows])
+
+
 def outside(model: Model, X: Samples) -> Samples:
     """Return how many widths features lie outside the range of training at most, shape (n,), at least 1."""
     return np.maximum(1.0, [model.ranges.far(row).max(initial=0.0) for row in X])
@@ -149,7 +142,7 @@ def recipes(model: Model) -> list[dict[str, Any]]:
     return [*found, *tilted, found[0] | {"gain": 0.0}]
 
 
-def made(recipe: Mapping[str, Any], n_channels: int, n_samples: int) -> Windows:
+def made(recipe: Mapping[str, Any], n_channels: int, n_samples: int) -> NDArray[np.float32]:
     """Return the window that `FORMULA` makes, shape (n_channels, n_samples)."""
     s, window = int(recipe["seed"]), np.empty((n_channels, n_samples), dtype=np.float32)
     smooth, gain = float(recipe["smooth"]), float(recipe["gain"])
@@ -162,16 +155,18 @@ def made(recipe: Mapping[str, Any], n_channels: int, n_samples: int) -> Windows:
     return window
 
 
-def made_windows(model: Model, n_samples: int, some: Sequence[Mapping[str, Any]]) -> Windows:
-    """Return windows of recipes, shape (n, n_channels, n_samples)."""
-    return np.stack([made(recipe, len(channels_of(model)), n_samples) for recipe in some])
+def self_checks(model: Model, some: Sequence[Mapping[str, Any]], X: Samples) -> list[dict[str, Any]]:
+    """Return some recipes with the answers that they have to get: different labels and verdicts first.
 
-
-def self_checks(model: Model, n_samples: int) -> list[dict[str, Any]]:
-    """Return recipes of windows with the answers they have to get: different labels and verdicts first."""
-    some = recipes(model)
-    windows = made_windows(model, n_samples, some)
-    X = np.array([model.plan.compute(recording_of(model, window)).values for window in windows])
+    Parameters
+    ----------
+    model : Model
+        What answers.
+    some : sequence of mapping
+        What windows were made of, see `recipes`.
+    X : ndarray of shape (n, n_columns)
+        The `features_of_windows`.
+    """
     said, far = reference(model, X), outside(model, X)
     p = np.sort(said["probabilities"], axis=1)
     kinds = list(zip(said["label"].tolist(), said["unknown"].tolist(), strict=True))
