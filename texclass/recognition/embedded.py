@@ -45,7 +45,6 @@ from texclass.recognition.small_computers import (
 )
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recognition.training import LIBRARIES, train
-from texclass.recording import Recording
 from texclass.tradeoff.curves import full_scale_of
 from texclass.tradeoff.front import (
     INNER_FOLDS,
@@ -207,7 +206,9 @@ def embedded_tradeoff(
     check_above_0(max_seconds=longest)
     like, known = dataset[0], metadata(dataset.entries)
     at_rates = _at_rates(dataset, like.fs)
-    of_windows = _windows(dataset, like, Plan.of(bought, channels_apart(like, channels)))
+    plan = Plan.of(bought, channels_apart(like, channels))
+    level = TrainingFiles.of(dataset, like).remove_resting_level
+    of_windows = Windows(plan, plan.channels or like.channels, 0, like.fs, like.unit, level)
     held_out_by, why = holding_out(protocol, AT_RANDOM, known, FALSE_ALARMS)
     tests = HoldingOut(known, held_out_by, why, asked=True, seed=seed)
     work: dict[str, Any] = {"n_jobs": n_jobs, "progress": progress}
@@ -254,12 +255,6 @@ def _at_rates(dataset: Dataset, fs: float) -> dict[float, Dataset]:
     """Return a dataset at its own rate fs (Hz), or the highest that is tried, and at each lower one."""
     rates = {rate for rate in RATES_HZ if rate <= fs} | {min(fs, max(RATES_HZ))}
     return {rate: dataset if rate == fs else at_rate(dataset, rate) for rate in sorted(rates, reverse=True)}
-
-
-def _windows(dataset: Dataset, like: Recording, plan: Plan) -> Windows:
-    """Return what a graph has to know of windows of a dataset, but for their length."""
-    level = TrainingFiles.of(dataset, like).remove_resting_level
-    return Windows(plan, plan.channels or like.channels, 0, like.fs, like.unit, level)
 
 
 def _cuts(

@@ -1,7 +1,7 @@
 """What a small computer gets, as a document: accuracy against bytes, operations, rate, window and word."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -12,27 +12,19 @@ from texclass.document.figure_style import (
     INK,
     LOOKS,
     MUTED,
-    chance_line,
     legend_above,
     log_x,
     new_figure,
-    per_cent_limits,
 )
 from texclass.document.wording import digits, estimate, interval, percent, points, sentence
 from texclass.experiment.result import again_facts, chance_of, dataset_facts, over, protocol_title, size
+from texclass.tradeoff.tradeoff_document import limit_accuracy
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 Data = Mapping[str, Any]
-FRONT = (
-    "Points that no other beats in accuracy, bytes and operations a second (Mops: millions). Bits: of "
-    "samples, and of tables and weights; 32: single precision."
-)
 CLASSIFIERS = {"lda": "linear", "network": "network"}
-TITLES = [
-    "Rate, Hz", "Window, s", "Bits", "Classifier", "Columns", "kB", "Mops/s", "% [95 %]", "Mark",
-]  # fmt: skip
 
 
 def embedded_document(data: Data) -> Document:
@@ -70,11 +62,8 @@ def embedded_document(data: Data) -> Document:
 
 def _blocks(data: Data) -> Iterator[Block]:
     yield Heading("What a kilobyte buys")
-    front, chosen = data["front"], data["chosen"]
-    tried = next((point for point in data["points"] if point.items() <= chosen.items()), chosen)
-    marks = {"knee": data["knee"], "chosen": tried}
-    yield _table(front, marks, FRONT)
-    first, last = front[0], front[-1]
+    yield _front(data)
+    first, last = data["front"][0], data["front"][-1]
     yield Figure(
         "bytes",
         "Accuracy against kB",
@@ -87,16 +76,27 @@ def _blocks(data: Data) -> Iterator[Block]:
     yield _best_of_each(data)
 
 
-def _table(shown: Sequence[Data], marks: Mapping[str, Data], caption: str) -> Table:
-    marked = [", ".join(name for name, point in marks.items() if point == one) for one in shown]
+def _front(data: Data) -> Table:
+    """Return the points that nothing beats, the knee and what was chosen marked."""
+    front, chosen = data["front"], data["chosen"]
+    tried = next((point for point in data["points"] if point.items() <= chosen.items()), chosen)
+    marks = {"knee": data["knee"], "chosen": tried}
+    marked = [", ".join(name for name, point in marks.items() if point == one) for one in front]
     rows = [
         (digits(p["fs_hz"]), digits(p["window_s"]), f"{p['sample_bits']}/{p['bits']}",
          CLASSIFIERS[p["classifier"]], str(p["n_columns"]), f"{p['bytes'] / 1000:.1f}",
          f"{p['ops_per_s'] / 1e6:.2f}", estimate(p["accuracy"]), mark)
-        for p, mark in zip(shown, marked, strict=True)
+        for p, mark in zip(front, marked, strict=True)
     ]  # fmt: skip
-    strong = [i for i, mark in enumerate(marked) if mark]
-    return Table(pd.DataFrame(rows, columns=TITLES), caption, strong=strong)
+    titles = [
+        "Rate, Hz", "Window, s", "Bits", "Classifier", "Columns", "kB", "Mops/s", "% [95 %]", "Mark",
+    ]  # fmt: skip
+    return Table(
+        pd.DataFrame(rows, columns=titles),
+        "Points that no other beats in accuracy, bytes and operations a second (Mops: millions). Bits: of "
+        "samples, and of tables and weights; 32: single precision.",
+        strong=[i for i, mark in enumerate(marked) if mark],
+    )
 
 
 def _best_of_each(data: Data) -> Table:
@@ -169,9 +169,8 @@ def draw_bytes(data: Data, width: float) -> "Drawing":
     if data["max_bytes"]:
         axes.axvline(data["max_bytes"] / 1000, color=MUTED, linestyle=":", label="limit")
     log_x(axes)
-    low, high = per_cent_limits([100 * p["accuracy"]["mean"] for p in data["points"]])
-    chance_line(axes.axhline, 100 * chance_of(data), low)
-    axes.set(xlabel="window, constants and what is computed, kB", ylabel="accuracy, %", ylim=(low, high))
+    limit_accuracy(axes, [100 * p["accuracy"]["mean"] for p in data["points"]], 100 * chance_of(data))
+    axes.set(xlabel="window, constants and what is computed, kB", ylabel="accuracy, %")
     legend_above(figure, axes)
     return figure
 
@@ -182,10 +181,8 @@ def _cost(point: Data) -> str:
     )
 
 
-def _bits(bits: int) -> str:
-    return "float32" if bits == 32 else f"{bits} bit"
-
-
 def _word(point: Data) -> str:
-    both = _bits(point["sample_bits"]), _bits(point["bits"])
-    return both[0] if both[0] == both[1] else f"samples of {both[0]}, tables of {both[1]}"
+    samples, tables = (
+        "float32" if bits == 32 else f"{bits} bit" for bits in (point["sample_bits"], point["bits"])
+    )
+    return samples if samples == tables else f"samples of {samples}, tables of {tables}"

@@ -201,9 +201,7 @@ def shortened(model: Any, bits: int = 32) -> Any:
     changed = ModelProto.FromString(model.SerializeToString())
     for constant in changed.graph.initializer:
         if constant.data_type == TensorProto.DOUBLE:
-            values = numpy_helper.to_array(constant)
-            if values.size >= LARGE:
-                values = rounded(values, bits)
+            values = rounded(numpy_helper.to_array(constant), bits)
             constant.CopyFrom(numpy_helper.from_array(values.astype(np.float32), constant.name))
     for node in changed.graph.node:
         for attribute in node.attribute:
@@ -218,10 +216,12 @@ def shortened(model: Any, bits: int = 32) -> Any:
 def rounded(values: Samples, bits: int) -> Samples:
     """Return values on the levels of so many bits, q round(x / q), q = max |x| / (2^(bits-1) - 1).
 
-    With 32 bits they stay as they are.
+    With 32 bits, and where there are fewer than `LARGE` of them, they stay as they are.
     """
+    if bits >= 32 or values.size < LARGE or not values.any():
+        return values
     step = float(np.abs(values).max()) / (2 ** (bits - 1) - 1)
-    return values if bits >= 32 or step == 0 else np.asarray(step * np.round(values / step))
+    return np.asarray(step * np.round(values / step))
 
 
 Word = tuple[int, int]
@@ -365,11 +365,7 @@ def in_bits(classifier: Any, bits: int) -> Any:
     """Return a fitted linear classifier or network with weights of so many bits."""
     found = copy(classifier)
     if (weights := getattr(classifier, "coef_", None)) is not None:
-        found.coef_ = _kept(weights, bits)
+        found.coef_ = rounded(weights, bits)
     if (layers := getattr(classifier, "coefs_", None)) is not None:
-        found.coefs_ = [_kept(weights, bits) for weights in layers]
+        found.coefs_ = [rounded(weights, bits) for weights in layers]
     return found
-
-
-def _kept(weights: Samples, bits: int) -> Samples:
-    return rounded(weights, bits) if weights.size >= LARGE else weights

@@ -229,11 +229,16 @@ def draw_front(data: Data, width: float) -> "Drawing":
     axes.set(xlabel=f"{what} of one recording, ms", ylabel="accuracy, %")
     axes.set_xlim(0, 1.04 * max(data["total_ms"], ms[-1]))
     lows = [100 * point[key][end] for point in front for key, end in (("accuracy", "low"), ("plain", "mean"))]
-    low, high = per_cent_limits(lows)
-    chance_line(axes.axhline, 100 * chance_of(data), low)
-    axes.set_ylim(low, high)
+    limit_accuracy(axes, lows, 100 * chance_of(data))
     legend_above(figure, axes)
     return figure
+
+
+def limit_accuracy(axes: "Axes", lows: Sequence[float], chance: float) -> None:
+    """Let the vertical axis, in per cent, begin below the least values, and draw the line of chance."""
+    low, high = per_cent_limits(lows)
+    chance_line(axes.axhline, chance, low)
+    axes.set_ylim(low, high)
 
 
 def draw_costs(costs: Sequence[Data], bought: Collection[str], width: float) -> "Drawing":
@@ -286,9 +291,7 @@ def _panel(axes: "Axes", title: str, curves: Sequence[Data], chance: float) -> N
         axes.set_xscale("log")
     axes.set_xticks(list(ticks), list(ticks.values()), fontsize=8)
     axes.minorticks_off()
-    low, high = per_cent_limits([100 * found["low"] for curve in curves for found in curve["accuracy"]])
-    chance_line(axes.axhline, chance, low)
-    axes.set_ylim(low, high)
+    limit_accuracy(axes, [100 * found["low"] for curve in curves for found in curve["accuracy"]], chance)
     axes.set_title(title[0].upper() + title[1:])
     axes.legend(loc="lower right", fontsize=8)
 

@@ -174,8 +174,12 @@ def _band_course(view: GraphView, n_parts: int, octaves: tuple[int, int]) -> Ten
     return course.reshape(0, (n_parts - 1) * n_octaves)
 
 
-def _octave_frames(view: GraphView) -> Tensor:
-    """Add the log10 power of frames in octaves, (n, n_frames, 5); see `bands.octave_courses`."""
+@once
+def _deviations(view: GraphView) -> tuple[Tensor, Tensor]:
+    """Add how levels of octaves deviate from their mean, (n, n_frames, 5), and its square, (n, 1, 5).
+
+    Levels are the log10 power of frames; see `bands.octave_courses`.
+    """
     size, n_octaves = bands.FRAME, len(bands.OCTAVES)
     n_frames = view.n_samples // size
     frames = view.unit.cut(0, n_frames * size).reshape(-1, size) * window_of("hann", size).astype(np.float64)
@@ -186,14 +190,8 @@ def _octave_frames(view: GraphView) -> Tensor:
     felt = (square @ of_octave).reshape(-1, n_frames, n_octaves)
     mean = felt.reduced("ReduceMean", 1, 2)
     felt = view.add("Max", felt, mean * bands.FLOOR)
-    return felt.where(mean > 0.0).log10()
-
-
-@once
-def _deviations(view: GraphView) -> tuple[Tensor, Tensor]:
-    """Add how levels of octaves deviate from their mean, (n, n_frames, 5), and its square, (n, 1, 5)."""
-    L = _octave_frames(view)
-    away = L - L.mean(1)
+    levels = felt.where(mean > 0.0).log10()
+    away = levels - levels.mean(1)
     return away, (away * away).mean(1)
 
 
