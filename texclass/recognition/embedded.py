@@ -19,7 +19,6 @@ from texclass.experiment.kernel_discriminant import KernelDiscriminant
 from texclass.experiment.pipeline import PipelineDefinition, RowDefinition, Use
 from texclass.experiment.protocols import Split
 from texclass.experiment.result import COMPUTED_BY, Result
-from texclass.experiment.selection import SubsetScore, inner_splits
 from texclass.experiment.workers import Progress, each
 from texclass.features.phase_view import Channels, channels_apart
 from texclass.features.plan import Plan
@@ -36,8 +35,8 @@ from texclass.recognition.model import Model
 from texclass.recognition.small_computers import (
     WORDS,
     Cut,
-    GraphCost,
     Word,
+    Work,
     at_rate,
     cut_of,
     decisions_of,
@@ -47,11 +46,11 @@ from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recognition.training import LIBRARIES, train
 from texclass.tradeoff.curves import full_scale_of
 from texclass.tradeoff.front import (
-    INNER_FOLDS,
     KNEE_LOSS,
     Facts,
     Labelled,
     cost_aware,
+    criterion,
     discriminant,
     estimate,
     knee,
@@ -361,20 +360,19 @@ def _models_of(cut: Cut) -> dict[tuple[Rule, str, Word], dict[str, Any]]:
             for word in WORDS:
                 facts = {"fs_hz": windows.fs, "sample_bits": word[0], "bits": word[1], "classifier": kind}
                 facts |= {"asked": rule[0], "thrift": rule[1], "n_columns": len(names), "columns": names}
-                found[rule, kind, word] = facts | taken(windows, work.cost(*word), word[0])
+                found[rule, kind, word] = facts | taken(windows, work, *word)
     return found
 
 
-def taken(windows: Windows, cost: GraphCost, sample_bits: int) -> dict[str, float]:
-    """Return the bytes and operations a second of a graph and its window of samples."""
-    window = len(windows.channels) * windows.n_samples * sample_bits // 8
-    return {
-        "window_bytes": window,
-        "constant_bytes": cost.constant_bytes,
-        "intermediate_bytes": cost.intermediate_bytes,
-        "bytes": window + cost.constant_bytes + cost.intermediate_bytes,
-        "ops_per_s": cost.operations / windows.n_samples * windows.fs,
+def taken(windows: Windows, work: Work, sample_bits: int = 32, bits: int = 32) -> dict[str, float]:
+    """Return the bytes of a window of samples and of the graph it goes into, and operations a second."""
+    n_bytes = {
+        "window_bytes": len(windows.channels) * windows.n_samples * sample_bits // 8,
+        "constant_bytes": work.constant_bytes(bits),
+        "intermediate_bytes": work.intermediate_bytes(sample_bits),
     }
+    ops_per_s = sum(work.operations) / windows.n_samples * windows.fs
+    return {**n_bytes, "bytes": sum(n_bytes.values()), "ops_per_s": ops_per_s}
 
 
 def _kinds(rule: Rule) -> tuple[str, ...]:
@@ -388,9 +386,7 @@ def _grown(costs: CostModel, data: Labelled, split: Split) -> dict[Rule, list[in
     some = costs.restricted_to([costs.columns[i] for i in defined])
 
     def chosen(fold: Fold) -> dict[Rule, list[int]]:
-        labels = np.unique(fold.labels, return_inverse=True)[1]
-        inner = inner_splits(fold.labels, data.groups[fold.train], INNER_FOLDS)
-        score = SubsetScore(discriminant(), fold.learnt, labels, inner, "log_likelihood")
+        score = criterion(fold, data.groups)
         most: dict[str, Any] = {"max_features": N_COLUMNS[-1], "unit": "column", "direction": "forward"}
         blind = cost_aware(some, thrift=0.0, floating=False, **most).explore(some, score)
         both = cost_aware(some, thrift=1.0, floating=False, **most).explore(some, score)
@@ -427,15 +423,16 @@ def _full(cut: Cut) -> dict[str, Any]:
     kept = np.flatnonzero(np.isfinite(data.X).any(axis=0))
     names = [cut.windows.plan.columns[i] for i in kept]
 
-    def judged(fold: Fold) -> tuple[NDArray[np.bool_], GraphCost]:
+    def judged(fold: Fold) -> tuple[NDArray[np.bool_], dict[str, float]]:
         steps = _fitted(KernelDiscriminant(), fold)
         hits = np.asarray(steps[-1].predict(fold.asked) == fold.truth)
-        return hits, decisions_of(cut.windows, names, steps).cost()
+        return hits, taken(cut.windows, decisions_of(cut.windows, names, steps))
 
     hits, costs = zip(*over_folds(judged, data.X[:, kept], data.y, splits, preparation()), strict=True)
     facts = {"window_s": cut.seconds, "fs_hz": cut.windows.fs, "classifier": "kernel", "n_columns": len(kept)}
     accuracy = estimate(np.concatenate(hits), splits, data)
-    return {**facts, "accuracy": accuracy, **taken(cut.windows, max(costs), WORDS[0][0])}
+    dearest = max(costs, key=lambda cost: (cost["ops_per_s"], cost["bytes"]))
+    return {**facts, "accuracy": accuracy, **dearest}
 
 
 def chosen_of(points: Sequence[Facts], limits: SmallLimits) -> dict[str, Any]:

@@ -51,25 +51,6 @@ FLOAT_BYTES = 4
 """Of what is computed: single precision, whatever constants and samples are kept in."""
 
 
-class GraphCost(NamedTuple):
-    """What one window costs.
-
-    Attributes
-    ----------
-    operations
-        Multiply-adds of matrix products, elements of what else is computed, moved, or summed.
-    constant_bytes
-        Of constants, and of what follows from constants alone and is made once; integers, which say where to
-        read, in the fewest bytes that hold them.
-    intermediate_bytes
-        Of what is in memory at the same time while a window is computed, at most; the window apart.
-    """
-
-    operations: int
-    constant_bytes: int
-    intermediate_bytes: int
-
-
 class Work(NamedTuple):
     """The nodes that run for every window, in order, and what each of them costs.
 
@@ -78,7 +59,7 @@ class Work(NamedTuple):
     nodes : list of NodeProto
         All others are computed once, from constants.
     operations : list of int
-        Of each node.
+        Of each node: multiply-adds of matrix products, elements of what else is computed, moved, or summed.
     sizes : mapping
         Tensor -> elements.
     kinds : mapping
@@ -94,20 +75,12 @@ class Work(NamedTuple):
     inputs: list[str]
     outputs: list[str]
 
-    def cost(self, sample_bits: int = 32, bits: int = 32) -> GraphCost:
-        """Return what a window costs.
+    def constant_bytes(self, bits: int = 32) -> int:
+        """Return the bytes of constants, and of what follows from constants alone and is made once.
 
-        Parameters
-        ----------
-        sample_bits : int
-            Of the samples that come in; of 32, they are read where the window lies.
-        bits : int
-            Of each real constant that has `LARGE` elements or more, see `shortened`; of others 32.
+        Real ones of `LARGE` elements or more have so many bits, see `shortened`, others 32. Integers, which
+        say where to read, have the fewest bytes that hold them.
         """
-        return GraphCost(sum(self.operations), self._constants(bits), self._most_alive(sample_bits))
-
-    def _constants(self, bits: int) -> int:
-        """Return the bytes of what nodes read and no node of these computes."""
         made = {name for node in self.nodes for name in node.output} | set(self.inputs)
         # What an index points into is no longer than the longest tensor.
         index = np.min_scalar_type(max(self.sizes.values())).itemsize
@@ -119,8 +92,12 @@ class Work(NamedTuple):
                 total += self.sizes[name] * index
         return total
 
-    def _most_alive(self, sample_bits: int) -> int:
-        """Return the bytes of the tensors that are in memory at the same time, at most."""
+    def intermediate_bytes(self, sample_bits: int = 32) -> int:
+        """Return the bytes of what is in memory at the same time while a window is computed, at most.
+
+        The window itself is apart; samples of fewer than 32 bits become numbers first, others are read where
+        they lie.
+        """
         place: dict[str, str] = {}  # tensor -> the one in whose memory it lies
         last: dict[str, int] = {}
         for at, node in enumerate(self.nodes):

@@ -1,9 +1,9 @@
 """Accuracy against cost, honestly: features are chosen inside each training fold, for every budget."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -32,6 +32,7 @@ Facts = Mapping[str, Any]
 FRACTIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)
 """Budgets of a front, in costs of the features of the full set."""
 INNER_FOLDS = 5
+Found = TypeVar("Found")
 KNEE_LOSS = 0.01
 """The knee is the cheapest point that loses at most this much accuracy to the best one: 1 point."""
 
@@ -140,6 +141,13 @@ def cost_aware(costs: CostModel | None, **limits: Any) -> CostAwareSelector:
     return CostAwareSelector(discriminant(), costs=costs, scoring="log_likelihood", cv=INNER_FOLDS, **limits)
 
 
+def criterion(fold: Fold, groups: Labels) -> SubsetScore:
+    """Return what judges subsets of columns inside the training part of a fold, as `cost_aware` does."""
+    labels = np.unique(fold.labels, return_inverse=True)[1]
+    inner = inner_splits(fold.labels, groups[fold.train], INNER_FOLDS)
+    return SubsetScore(discriminant(), fold.learnt, labels, inner, "log_likelihood")
+
+
 def estimate(hits: ArrayLike, splits: Sequence[Split], data: Labelled) -> dict[str, float]:
     """Return accuracy (`mean`) and its 95 % interval (`low`, `high`) over what is independent.
 
@@ -216,10 +224,9 @@ def nested_front(
         The accuracy of all columns.
     """
     at_budgets = partial(_at_budgets, data.groups, costs, tuple(budgets), max_features)
-    work = [partial(over_folds, at_budgets, data.X, data.y, [split], preparation()) for split in splits]
-    done = each(work, n_jobs=n_jobs, progress=progress, what="selections", total=len(work))
-    hits, bought = zip(*(fold for found in done for fold in found), strict=True)
-    full, *found = (estimate(right, splits, data) for right in np.concatenate(hits, axis=1))
+    found = _of_each_fold(at_budgets, data, splits, n_jobs=n_jobs, progress=progress)
+    hits, bought = zip(*found, strict=True)
+    full, *accuracies = (estimate(right, splits, data) for right in np.concatenate(hits, axis=1))
     means = np.mean(bought, axis=0)  # (n_budgets, 3)
     points: list[Facts] = [
         {
@@ -231,7 +238,7 @@ def nested_front(
             "n_columns": float(n_columns),
         }
         for budget, (ms, n_features, n_columns), aware, plain in zip(
-            budgets, means, found[::2], found[1::2], strict=True
+            budgets, means, accuracies[::2], accuracies[1::2], strict=True
         )
     ]
     return points, full
@@ -252,9 +259,16 @@ def nested_fewest(
         path = fewest_path(fold.learnt, fold.labels, data.groups[fold.train], most)
         return [fold.hits(discriminant(), columns) for columns in path]
 
-    work = [partial(over_folds, few, data.X, data.y, [split], preparation()) for split in splits]
-    hits = np.concatenate([fold for found in each(work, n_jobs=n_jobs) for fold in found], axis=1)
+    hits = np.concatenate(_of_each_fold(few, data, splits, n_jobs=n_jobs), axis=1)
     return [(n, estimate(right, splits, data)) for n, right in enumerate(hits, 1)]
+
+
+def _of_each_fold(
+    choose: Callable[[Fold], Found], data: Labelled, splits: Sequence[Split], **work: Any
+) -> list[Found]:
+    """Return what is found on each fold, prepared on its training part, by as many processes as are given."""
+    calls = [partial(over_folds, choose, data.X, data.y, [split], preparation()) for split in splits]
+    return [found for (found,) in each(calls, what="selections", total=len(calls), **work)]
 
 
 def fewest_path(X: Samples, y: Labels, groups: Labels, most: int) -> list[list[int]]:
@@ -274,9 +288,7 @@ def _at_budgets(
 
     Then ms, features and columns that the choice at each budget takes.
     """
-    labels = np.unique(fold.labels, return_inverse=True)[1]
-    inner = inner_splits(fold.labels, groups[fold.train], INNER_FOLDS)
-    score = SubsetScore(discriminant(), fold.learnt, labels, inner, "log_likelihood")
+    score = criterion(fold, groups)
     blind = cost_aware(costs, max_features=max_features, thrift=0.0, floating=False, direction="forward")
     plain = blind.explore(costs, score)
     hits, bought = [fold.hits(discriminant())], []
