@@ -7,9 +7,11 @@ import pytest
 from onnxruntime import InferenceSession
 from toy_noises import write_plates
 
+from texclass.experiment import extract_table, touches
 from texclass.experiment.feature_table import metadata
 from texclass.experiment.protocols import find_protocol
 from texclass.features import load_feature_set
+from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
 from texclass.recognition import SmallLimits, embedded, embedded_tradeoff, load_model
 from texclass.recognition.embedded import chosen_of, front_of
@@ -91,42 +93,40 @@ def plates(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def told(plates, _own_cache):
+def recordings(plates):
+    return open_dataset(plates / "plates", unit="arbitrary")
+
+
+@pytest.fixture(scope="module")
+def told(plates, recordings, _own_cache):
     """The whole study at one rate, within a limit that leaves some points out."""
-    recordings = open_dataset(plates / "plates", unit="arbitrary")
     return embedded_tradeoff(
         recordings, plates / "few.toml", SmallLimits(max_bytes=3000, max_ops=50_000), max_seconds=0.25,
         model_file=plates / "small.skops",
     )  # fmt: skip
 
 
-def at_random(recordings):
-    return HoldingOut(metadata(recordings.entries), find_protocol("recording"), "asked for", True, 0)
-
-
-def test_features_of_the_graph_in_single_precision_are_those_of_texclass(plates):
-    recordings = open_dataset(plates / "plates", unit="arbitrary")
-    features = load_feature_set(plates / "few.toml").restricted_to(["band_level", "slope_level"])
-    from texclass.experiment import extract_table, touches
-    from texclass.features.plan import Plan
-
+def cut(recordings, features, step=0.25):
+    """Return windows of 0.25 s, held out at random, with their features."""
     windows = Windows(Plan.of(features, ()), ("acceleration",), 0, 1000.0, "arbitrary", False)
-    cut = cut_of(recordings, windows, 0.25, 0.25, 1.0, at_random(recordings))
+    tests = HoldingOut(metadata(recordings.entries), find_protocol("recording"), "asked for", True, 0)
+    return cut_of(recordings, windows, 0.25, step, 1.0, tests)
+
+
+def test_features_of_the_graph_in_single_precision_are_those_of_texclass(plates, recordings):
+    features = load_feature_set(plates / "few.toml").restricted_to(["band_level", "slope_level"])
+    found = cut(recordings, features)
     table = extract_table(touches(recordings, 0.25), features, plates / "table.parquet")
-    assert cut.tests.table["recording_id"].tolist() == table.frame["recording_id"].tolist()
+    assert found.tests.table["recording_id"].tolist() == table.frame["recording_id"].tolist()
     both = np.isfinite(table.values)
-    np.testing.assert_allclose(cut.X[32, 32][both], table.values[both], atol=1e-4)
-    errors = [np.nanmax(abs(cut.X[word] - cut.X[32, 32])) for word in ((16, 16), (8, 8))]
+    np.testing.assert_allclose(found.X[32, 32][both], table.values[both], atol=1e-4)
+    errors = [np.nanmax(abs(found.X[word] - found.X[32, 32])) for word in ((16, 16), (8, 8))]
     assert 0 < errors[0] < errors[1]
 
 
-def test_a_transform_that_features_share_is_bought_once(plates):
+def test_a_transform_that_features_share_is_bought_once(recordings):
     features = load_feature_set("texclass").restricted_to(["band_level", "octave_level", "slope_level"])
-    from texclass.features.plan import Plan
-
-    windows = Windows(Plan.of(features, ()), ("acceleration",), 0, 1000.0, "arbitrary", False)
-    recordings = open_dataset(plates / "plates", unit="arbitrary")
-    costs = cut_of(recordings, windows, 0.25, 1.0, 1.0, at_random(recordings)).costs
+    costs = cut(recordings, features, step=1.0).costs
     of = {name: [c for c in costs.columns if c.startswith(name)] for name in ("band", "octave", "slope")}
     alone = {name: costs.cost(columns) for name, columns in of.items()}
     assert costs.cost(of["band"][:1]) == alone["band"]
@@ -193,12 +193,11 @@ def test_nothing_within_the_limits_names_what_the_least_takes(told):
         SmallLimits(max_bytes=-1)
 
 
-def test_limits_that_nothing_keeps_are_refused_before_any_fold_is_judged(plates, monkeypatch):
+def test_limits_that_nothing_keeps_are_refused_before_any_fold_is_judged(plates, recordings, monkeypatch):
     def judged(*_):
         raise AssertionError("a fold was judged")
 
     monkeypatch.setattr(embedded, "_hits_of", judged)
-    recordings = open_dataset(plates / "plates", unit="arbitrary")
     few = load_feature_set(plates / "few.toml").restricted_to(["slope_level"])
     for limits, rule in (
         (SmallLimits(max_ops=10), "at most inf bytes and 10 operations a second; the rule is at least"),
