@@ -18,7 +18,7 @@ from texclass.loaders import open_dataset
 from texclass.recognition.deployed import described_classifier
 from texclass.recognition.export.answers_graph import add_part
 from texclass.recognition.export.graph import Graph, Tensor
-from texclass.tradeoff.front import Labelled, estimate, preparation
+from texclass.tradeoff.front import Labelled, accuracy_of, preparation
 
 ROW = "Several time scales"
 TOUCH_S = 1.0
@@ -36,7 +36,7 @@ def judged(classifier, data, splits):
     graph = Graph()
     add_part(described_classifier(fitted), Tensor(graph, "rows"))
     return {
-        **estimate(hits, splits, data),
+        **accuracy_of(hits, splits, data),
         "n_kept": len(fitted.dual_),
         "kb": sum(numpy_helper.to_array(one).nbytes for one in graph.constants) / 1000,
         "fit_s": seconds,

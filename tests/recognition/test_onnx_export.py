@@ -255,23 +255,22 @@ def test_equally_far_neighbours_of_two_materials_are_a_tie_and_no_difference():
 
 
 @pytest.mark.parametrize(
-    ("classifier", "message"),
+    ("steps", "classifier", "message"),
     [
-        (QuadraticDiscriminantAnalysis(reg_param=0.5), r"Analysis has no export to ONNX \("),
-        (NearestCentroid(metric="manhattan"), r"NearestCentroid as it is set has answers alone; the rule is"),
+        ([filled()], QuadraticDiscriminantAnalysis(reg_param=0.5), r"Analysis has no export to ONNX \("),
+        (
+            [filled()],
+            NearestCentroid(metric="manhattan"),
+            "NearestCentroid as it is set has answers alone; the rule is",
+        ),
+        ([SimpleImputer(add_indicator=True)], lda(), "SimpleImputer has add_indicator = True"),
     ],
 )
-def test_a_classifier_without_an_export_is_named(classifier, message, tmp_path):
-    model = model_of([filled(), PCA(3)], classifier)
+def test_a_step_or_classifier_without_an_export_is_named(steps, classifier, message, tmp_path):
+    model = model_of([*steps, PCA(3)], classifier)
     with pytest.raises(OnnxExportError, match=rf"surfaces\.onnx: not written: sklearn\..*{message}"):
         export_onnx(model, tmp_path / "surfaces.onnx")
     assert not list(tmp_path.iterdir())
-
-
-def test_an_imputer_that_adds_columns_is_refused():
-    model = model_of([SimpleImputer(strategy="median", add_indicator=True)], lda())
-    with pytest.raises(OnnxExportError, match="add_indicator = True"):
-        build(model)
 
 
 def test_rows_that_nothing_can_be_said_of_have_no_label():

@@ -49,10 +49,10 @@ from texclass.tradeoff.front import (
     KNEE_LOSS,
     Facts,
     Labelled,
+    accuracy_of,
     cost_aware,
     criterion,
     discriminant,
-    estimate,
     knee,
     preparation,
     study_facts,
@@ -310,7 +310,7 @@ def _points(
         splits, data = cut.tests.splits, cut.data
         folds = [next(hits) for _ in splits]
         points += [
-            {"window_s": cut.seconds, **point, "accuracy": estimate(np.concatenate(right), splits, data)}
+            {"window_s": cut.seconds, **point, "accuracy": accuracy_of(np.concatenate(right), splits, data)}
             for key, point in models_of_cut.items()
             if len(right := [fold[key] for fold in folds if key in fold]) == len(splits)
         ]
@@ -430,7 +430,7 @@ def _full(cut: Cut) -> dict[str, Any]:
 
     hits, costs = zip(*over_folds(judged, data.X[:, kept], data.y, splits, preparation()), strict=True)
     facts = {"window_s": cut.seconds, "fs_hz": cut.windows.fs, "classifier": "kernel", "n_columns": len(kept)}
-    accuracy = estimate(np.concatenate(hits), splits, data)
+    accuracy = accuracy_of(np.concatenate(hits), splits, data)
     dearest = max(costs, key=lambda cost: (cost["ops_per_s"], cost["bytes"]))
     return {**facts, "accuracy": accuracy, **dearest}
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 Data = Mapping[str, Any]
-CLASSIFIERS = {"lda": "linear", "network": "network"}
+CLASSIFIER_TITLES = {"lda": "linear", "network": "network"}
 
 
 def embedded_document(data: Data) -> Document:
@@ -84,7 +84,7 @@ def _front(data: Data) -> Table:
     marked = [", ".join(name for name, point in marks.items() if point == one) for one in front]
     rows = [
         (digits(p["fs_hz"]), digits(p["window_s"]), f"{p['sample_bits']}/{p['bits']}",
-         CLASSIFIERS[p["classifier"]], str(p["n_columns"]), f"{p['bytes'] / 1000:.1f}",
+         CLASSIFIER_TITLES[p["classifier"]], str(p["n_columns"]), f"{p['bytes'] / 1000:.1f}",
          f"{p['ops_per_s'] / 1e6:.2f}", estimate(p["accuracy"]), mark)
         for p, mark in zip(front, marked, strict=True)
     ]  # fmt: skip

@@ -22,7 +22,13 @@ from texclass.recognition.deployed import described_classifier, described_steps
 from texclass.recognition.export.answers_graph import add_part
 from texclass.recognition.export.graph import LARGE, tensor_of
 from texclass.recognition.export.parity import run
-from texclass.recognition.export.sample_graph import SAMPLES, Windows, add_features, features_of, windows_in
+from texclass.recognition.export.sample_graph import (
+    SAMPLES,
+    Windows,
+    add_features,
+    feature_tensors,
+    windows_in,
+)
 from texclass.recognition.holding_out import HoldingOut
 from texclass.recording import Recording, RecordingError, Samples
 from texclass.tradeoff.curves import degraded, quantised
@@ -292,7 +298,7 @@ def cut_of(
 def operations_of(windows: Windows) -> CostModel:
     """Return what columns cost in operations a window: a part is what the same features need of the graph."""
     x, entry = windows_in(windows, 1)
-    found, places = features_of(windows, x)
+    found, places = feature_tensors(windows, x)
     tensors = [tensor.name for tensor in found]
     outputs = [tensor_of(name, np.float64, 1, "k") for name in tensors]
     work = work_of(x.graph.model([entry], outputs, "parts", ""))

@@ -26,7 +26,7 @@ from texclass.features.phase_view import Channels, views_of
 from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import AUXILIARY_UNITS, Phases, Recording, RecordingError, Samples, Tap
-from texclass.tradeoff.front import Facts, Labelled, Labels, discriminant, estimate, labelled, preparation
+from texclass.tradeoff.front import Facts, Labelled, Labels, accuracy_of, discriminant, labelled, preparation
 from texclass.validation import check_above_0
 
 SECONDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
@@ -93,7 +93,7 @@ def cross_validated(
 ) -> Facts:
     """Cross-validate a classifier on all columns; `used` are the splits with fewer training recordings."""
     found = evaluate(data.X, data.y, used or splits, preparation(), classifier)
-    return estimate(np.concatenate(found.hits), splits, data)
+    return accuracy_of(np.concatenate(found.hits), splits, data)
 
 
 def training_curves(conditions: Conditions, table: FeatureTable) -> list[Facts]:

@@ -148,7 +148,7 @@ def criterion(fold: Fold, groups: Labels) -> SubsetScore:
     return SubsetScore(discriminant(), fold.learnt, labels, inner, "log_likelihood")
 
 
-def estimate(hits: ArrayLike, splits: Sequence[Split], data: Labelled) -> dict[str, float]:
+def accuracy_of(hits: ArrayLike, splits: Sequence[Split], data: Labelled) -> dict[str, float]:
     """Return accuracy (`mean`) and its 95 % interval (`low`, `high`) over what is independent.
 
     Parameters
@@ -226,7 +226,7 @@ def nested_front(
     at_budgets = partial(_at_budgets, data.groups, costs, tuple(budgets), max_features)
     found = _of_each_fold(at_budgets, data, splits, n_jobs=n_jobs, progress=progress)
     hits, bought = zip(*found, strict=True)
-    full, *accuracies = (estimate(right, splits, data) for right in np.concatenate(hits, axis=1))
+    full, *accuracies = (accuracy_of(right, splits, data) for right in np.concatenate(hits, axis=1))
     means = np.mean(bought, axis=0)  # (n_budgets, 3)
     points: list[Facts] = [
         {
@@ -260,7 +260,7 @@ def nested_fewest(
         return [fold.hits(discriminant(), columns) for columns in path]
 
     hits = np.concatenate(_of_each_fold(few, data, splits, n_jobs=n_jobs), axis=1)
-    return [(n, estimate(right, splits, data)) for n, right in enumerate(hits, 1)]
+    return [(n, accuracy_of(right, splits, data)) for n, right in enumerate(hits, 1)]
 
 
 def _of_each_fold(

@@ -175,7 +175,7 @@ def _same_pieces(model: Model, n_samples: int) -> bool:
     return bool((pieces == pieces[:, :, :1]).all())
 
 
-def features_of(windows: Windows, x: Tensor) -> tuple[list[Tensor], list[str]]:
+def feature_tensors(windows: Windows, x: Tensor) -> tuple[list[Tensor], list[str]]:
     """Add the columns of a plan, of windows (n, n_channels, n_samples) in double precision.
 
     Parameters
@@ -215,8 +215,8 @@ def features_of(windows: Windows, x: Tensor) -> tuple[list[Tensor], list[str]]:
 
 
 def add_features(windows: Windows, x: Tensor) -> Tensor:
-    """Add the columns of a plan in their order, shape (n, n_columns); see `features_of`."""
-    tensors, places = features_of(windows, x)
+    """Add the columns of a plan in their order, shape (n, n_columns); see `feature_tensors`."""
+    tensors, places = feature_tensors(windows, x)
     every = x.graph.beside(*tensors) if len(tensors) > 1 else tensors[0]
     order = [places.index(column) for column in windows.plan.columns]
     return every if order == list(range(len(places))) else every.take(np.array(order))
