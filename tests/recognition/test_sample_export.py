@@ -111,7 +111,7 @@ def members(n_pieces):
 @pytest.mark.parametrize(("fs", "n", "n_pieces"), [(2200.0, 2200, 1), (10_000.0, 1000, 4), (4000.0, 4200, 2)])
 def test_graphs_of_features_are_what_their_functions_compute(fs, n, n_pieces):
     signals = odd_signals(n)
-    checked = 0
+    n_defined = 0
     for member in members(n_pieces):
         expected = []
         for x in signals:
@@ -120,8 +120,6 @@ def test_graphs_of_features_are_what_their_functions_compute(fs, n, n_pieces):
             except UndefinedFeatureError:
                 expected.append(np.full(len(member.all_columns), np.nan))
         expected = np.array([np.atleast_1d(row) for row in expected])
-        if np.isnan(expected).all():
-            continue
         (found,) = computed(
             lambda x, member=member: graph_view.member_graph(GraphView(x, fs, n), member),
             signals,
@@ -129,7 +127,7 @@ def test_graphs_of_features_are_what_their_functions_compute(fs, n, n_pieces):
         )
         assert np.isnan(found).tolist() == np.isnan(expected).tolist(), member.name
         counts = "agreement" in member.name
-        scale = np.maximum(np.nanmax(np.abs(expected), axis=0), 1.0)
+        scale = np.maximum(np.nan_to_num(np.abs(expected)).max(axis=0), 1.0)
         # A tone leaves nothing but rounding in most bands, and a burst in what it leaves to be predicted.
         hang = [] if counts else [3, 4] if member.name in {"log_area_ratios", "prediction_gain"} else [4]
         kept = ~np.isin(np.arange(len(signals)), hang)
@@ -137,8 +135,8 @@ def test_graphs_of_features_are_what_their_functions_compute(fs, n, n_pieces):
             (found / scale)[kept], (expected / scale)[kept], rtol=0, atol=1e-12 if counts else 2e-5,
             err_msg=member.name,
         )  # fmt: skip
-        checked += 1
-    assert checked >= len(builders()) - 2
+        n_defined += bool(np.isfinite(expected).any())
+    assert n_defined >= len(builders()) - 2
 
 
 def test_most_features_of_the_movement_have_a_graph():

@@ -16,7 +16,8 @@ from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
 
-from texclass.features.phase_view import LEAST_PIECE
+from texclass.features.contract import UndefinedFeatureError
+from texclass.features.phase_view import LEAST_PIECE, PhaseView
 from texclass.features.sets import FeatureSet, Member
 from texclass.recognition.export.graph import Graph, Made, Tensor
 
@@ -141,6 +142,8 @@ def without_graph(feature_set: FeatureSet) -> tuple[str, ...]:
 def member_graph(view: GraphView, member: Member) -> Tensor:
     """Add all columns of a member of a set, shape (n, n_columns): NaN in all where one is undefined.
 
+    Whether the length or the rate of the movements leaves them undefined is found by trying.
+
     Parameters
     ----------
     view : GraphView
@@ -148,6 +151,11 @@ def member_graph(view: GraphView, member: Member) -> Tensor:
     member : Member
         Its feature has a graph.
     """
+    noise = np.random.default_rng(0).standard_normal(view.n_samples)
+    try:
+        member.feature.function(PhaseView(noise, view.fs), **member.parameters)
+    except UndefinedFeatureError:
+        return view.level * 0.0 + np.full((1, len(member.all_columns)), np.nan)
     given: dict[str, Any] = {**member.feature.defaults, **member.parameters}
     n_pieces = given.pop("n_pieces", 1) if member.feature.divisible else 1
     cut = n_pieces > 1 and view.n_samples >= n_pieces * LEAST_PIECE

@@ -119,7 +119,10 @@ def check_parity(model: Model, graph: bytes, *, seed: int = SEED) -> Parity:
     allowed[expected["tied"]] = np.inf
     rounding = TOLERANCE * np.maximum(np.abs(expected["strange"]), LEAST_STRANGENESS)
     names = [f"row {i} ({kind})" for i, kind in enumerate(kinds)]
-    gap = check_same(model, X, found, expected, allowed, rounding, ("scikit-learn", names, TOLERANCE))
+    gap = check_same(
+        model, X, found, expected, allowed=allowed, rounding=rounding,
+        against="scikit-learn", names=names, tolerance=TOLERANCE,
+    )  # fmt: skip
     decided = (found["label"] != expected["label"]) | (gap > TOLERANCE)
     decided |= (expected["label"] != UNDEFINED) & (found["p_known"] != expected["p_known"])
     kinds_of, counts = np.unique(kinds, return_counts=True)
@@ -138,9 +141,12 @@ def check_same(
     X: Samples,
     found: Mapping[str, NDArray[Any]],
     expected: Said,
+    *,
     allowed: Samples,
     rounding: Samples,
-    told: tuple[str, Sequence[str], float],
+    against: str,
+    names: Sequence[str],
+    tolerance: float,
 ) -> Samples:
     """Refuse answers of a graph that differ from those of a model by more than rounding explains.
 
@@ -154,8 +160,8 @@ def check_same(
         What the graph says, and what it has to, as `reference` returns it.
     allowed, rounding : ndarray of shape (n,)
         By how much probabilities may differ, and how strange what is asked is.
-    told : tuple of (str, n names, float)
-        For the message: what the graph is compared with, what each is called, and the tolerance.
+    against, names, tolerance
+        For the message: what the graph is compared with, what each row is called, and the tolerance.
 
     Returns
     -------
@@ -182,7 +188,6 @@ def check_same(
     low, high = (model.novelty.p_value(expected["strange"] + side * rounding) for side in (1, -1))
     between = (low <= p_known) & (p_known <= high)
     verdict = _verdict(model, X, np.nan_to_num(p_known))
-    against, names, tolerance = told
     for what, agree, one, reference_ in (
         ("label", np.where(defined, right, found["label"] == UNDEFINED), found["label"], expected["label"]),
         ("probability", largest <= allowed, p[at], other[at]),

@@ -5,9 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from texclass.features.phase_view import LEAST_PIECE, TURN, PhaseView, UndefinedFeatureError, kept_length
+from texclass.features.phase_view import LEAST_PIECE, TURN, kept_length
 from texclass.features.plan import Plan
-from texclass.features.sets import Member
 from texclass.recognition.deployed import prepared_by
 from texclass.recognition.export.answers_graph import add_answers
 from texclass.recognition.export.fourier_graphs import irfft, rfft
@@ -204,12 +203,12 @@ def feature_tensors(windows: Windows, x: Tensor) -> tuple[list[Tensor], list[str
         views = _movements(windows, rows, 1, is_axis)
         members = {member.name: member for _, part in apart for member in part.members}
         for member in members.values():
-            values = _columns(views[member.without_hand], member)
+            values = member_graph(views[member.without_hand], member)
             tensors.append(values.reshape(-1, len(names) * len(member.all_columns)))
             places += [f"{name}/{column}" for name in names for column in member.all_columns]
     for part in (part for prefix, part in plan.parts if not prefix):
         views = _movements(windows, x, len(windows.channels))
-        tensors += [_columns(views[member.without_hand], member) for member in part.members]
+        tensors += [member_graph(views[member.without_hand], member) for member in part.members]
         places += [column for member in part.members for column in member.all_columns]
     return tensors, places
 
@@ -220,16 +219,6 @@ def add_features(windows: Windows, x: Tensor) -> Tensor:
     every = x.graph.beside(*tensors) if len(tensors) > 1 else tensors[0]
     order = [places.index(column) for column in windows.plan.columns]
     return every if order == list(range(len(places))) else every.take(np.array(order))
-
-
-def _columns(view: GraphView, member: Member) -> Tensor:
-    """Add all columns of a member; NaN where the length or the rate leaves it undefined, found by trying."""
-    noise = np.random.default_rng(0).standard_normal(view.n_samples)
-    try:
-        member.feature.function(PhaseView(noise, view.fs), **member.parameters)
-    except UndefinedFeatureError:
-        return view.level * 0.0 + np.full((1, len(member.all_columns)), np.nan)
-    return member_graph(view, member)
 
 
 def _movements(windows: Windows, x: Tensor, n_axes: int, is_axis: Any = True) -> dict[bool, GraphView]:

@@ -100,8 +100,10 @@ def check_sample_parity(model: Model, graph: bytes, windows: NDArray[np.float32]
     expected, far, limit = reference(model, X), outside(model, X), model.novelty.threshold
     strange = np.nan_to_num(expected["strange"])
     near = MARGIN * far * np.maximum(np.abs(strange), np.abs(limit))
-    told = "texclass", [f"window {i}" for i in range(len(X))], TOLERANCE
-    gap = check_same(model, X, found, expected, TOLERANCE * far, near, told)
+    gap = check_same(
+        model, X, found, expected, allowed=TOLERANCE * far, rounding=near,
+        against="texclass", names=[f"window {i}" for i in range(len(X))], tolerance=TOLERANCE,
+    )  # fmt: skip
     ordered = np.sort(np.nan_to_num(expected["probabilities"], nan=-1.0), axis=1)
     close = (ordered[:, -1] - ordered[:, -2] <= MARGIN * far) | (np.abs(strange - limit) <= near)
     width = np.where(model.ranges.high > model.ranges.low, model.ranges.high - model.ranges.low, np.inf)
