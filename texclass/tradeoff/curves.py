@@ -112,9 +112,9 @@ def training_curves(conditions: Conditions, table: FeatureTable) -> list[Facts]:
             accuracy = cross_validated(
                 data, splits, classifier, [_thinned(data.y, n, conditions.seed, split) for split in splits]
             )
-            points.append((float(n), str(n), accuracy))
+            points.append((float(n), accuracy))
         if points:
-            curves.append(_curve("training recordings per material", "", points, series, ""))
+            curves.append(_curve("training recordings per material", "", points, series))
     return curves
 
 
@@ -127,23 +127,23 @@ def _thinned(y: Labels, n: int, seed: int, split: Split) -> Split:
 
 def touch_curve(conditions: Conditions, whole: FeatureTable) -> Facts | None:
     """Accuracy against seconds of touch: the first window of every recording's movement, then all of it."""
-    points: list[tuple[float, str, Facts]] = []
+    points: list[tuple[float, Facts]] = []
     for seconds in SECONDS:
         try:
             felt = touches(conditions.dataset, seconds, per_recording=1, n_jobs=conditions.n_jobs)
             found = conditions.table(felt)
             if len(found.frame) < 0.9 * len(whole.frame):  # the others are too short
                 break
-            points.append((seconds, f"{seconds:g}", conditions.accuracy(found)))
+            points.append((seconds, conditions.accuracy(found)))
         except (RecordingError, ValueError):
             break
     if not points:
         return None
     longest = 2 * points[-1][0]
-    points.append((longest, "whole", conditions.accuracy(whole)))
-    return _curve(
-        "touch", "s", points, LINEAR, "the first stretch of each movement; whole: with taps, if any"
-    )
+    points.append((longest, conditions.accuracy(whole)))
+    note = "the first stretch of each movement; whole: with taps, if any"
+    curve = _curve("touch", "s", points, LINEAR, note)
+    return {**curve, "labels": [*curve["labels"][:-1], "whole"]}
 
 
 def sensor_curves(conditions: Conditions) -> list[Facts]:
@@ -157,7 +157,7 @@ def sensor_curves(conditions: Conditions) -> list[Facts]:
     at_bits = {float(bits): degraded(few.dataset, bits=bits, full_scale=scale) for bits in BITS}
     curves = []
     for name, unit, variants in (("sampling rate", "Hz", at_rate), ("bit depth", "bits", at_bits)):
-        points = [(x, f"{x:g}", few.accuracy(few.table(varied))) for x, varied in variants.items()]
+        points = [(x, few.accuracy(few.table(varied))) for x, varied in variants.items()]
         curves.append(_curve(name, unit, points, LINEAR, note))
     return curves
 
@@ -178,7 +178,7 @@ def order_curve(conditions: Conditions) -> Facts | None:
     points = []
     for p in ORDERS:
         up_to = data._replace(X=models[:, : p + 1])
-        points.append((float(p), str(p), cross_validated(up_to, splits, discriminant())))
+        points.append((float(p), cross_validated(up_to, splits, discriminant())))
     return _curve("order of the movement model", "", points, "AR coefficients alone", note)
 
 
@@ -203,11 +203,11 @@ def _fewer(dataset: Dataset) -> tuple[Dataset, str]:
     return replace(dataset, entries=kept), note
 
 
-def _curve(name: str, unit: str, points: Sequence[tuple[float, str, Facts]], series: str, note: str) -> Facts:
-    """Return a curve of (value, its label, accuracy); `series` names it where several share a panel."""
-    x, labels, accuracy = map(list, zip(*points, strict=True))
+def _curve(name: str, unit: str, points: Sequence[tuple[float, Facts]], series: str, note: str = "") -> Facts:
+    """Return a curve of (value, accuracy); `series` names it where several share a panel."""
+    x, accuracy = map(list, zip(*points, strict=True))
     facts = {"name": name, "unit": unit, "series": series, "note": note}
-    return {**facts, "x": x, "accuracy": accuracy, "labels": labels}
+    return {**facts, "x": x, "accuracy": accuracy, "labels": [f"{value:g}" for value in x]}
 
 
 def degraded(
