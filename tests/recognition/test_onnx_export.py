@@ -292,14 +292,6 @@ def test_rows_that_nothing_can_be_said_of_have_no_label():
         assert_same_answers(one, graph, X[[0, 2]])
 
 
-def test_a_row_without_any_value_is_unknown_as_a_recording_is():
-    X = np.random.default_rng(0).standard_normal((48, N_COLUMNS))  # surfaces all alike
-    model = model_of([filled(), StandardScaler()], lda(), X=X)
-    typical = np.full((1, len(model.columns)), np.nan)
-    assert model.judge(typical)[1] > model.novelty.false_alarms
-    assert run(build(model).SerializeToString(), typical)["unknown"].all()
-
-
 def test_the_file_says_what_a_program_needs_to_check_itself(tmp_path):
     model = model_of([filled(), StandardScaler()], KernelDiscriminant())
     exported = export_onnx(model, tmp_path / "deep" / "surfaces.onnx")

@@ -36,13 +36,12 @@ def noises(toy_dataset):
     return toy_dataset(3, 6)
 
 
-def study(dataset, limits=None, **options):
-    return trade_off(dataset, SET, limits, n_folds=3, n_repeats=2, with_curves=False, **options).data
+def study(dataset, limits, **options):
+    return trade_off(dataset, SET, limits, n_folds=3, n_repeats=2, with_curves=False, **options)
 
 
 def test_a_scene_needs_only_what_separates_its_materials(noises, tmp_path):
-    limits = Limits(materials=("m0", "m2"))
-    result = trade_off(noises, SET, limits, n_folds=3, n_repeats=2, with_curves=False)
+    result = study(noises, Limits(materials=("m0", "m2")))
     assert result.data["dataset"]["n_materials"] == 2
     assert len(result.data["chosen"]["columns"]) == 1
     assert [n for n, _ in result.data["fewest"]] == [1, 2, 3]
@@ -127,10 +126,8 @@ def test_no_choice_of_a_trade_parts_windows_of_one_recording(noises, monkeypatch
 
 @pytest.mark.parametrize(("protocol", "n"), [("operator", 6), ("recording", 36)])
 def test_intervals_of_a_trade_are_over_what_is_independent(toy_dataset, protocol, n):
-    found = trade_off(
-        toy_dataset(3, 12, operators=6), SET, Limits(materials=("m0", "m1", "m2")), protocol=protocol,
-        n_folds=3, n_repeats=2, with_curves=False,
-    ).data  # fmt: skip
+    scene = Limits(materials=("m0", "m1", "m2"))
+    found = study(toy_dataset(3, 12, operators=6), scene, protocol=protocol).data
     assert found["n_clusters"] == n
     for accuracy in (found["full"], found["knee"]["accuracy"], found["knee"]["plain"], found["fewest"][0][1]):
         assert (accuracy["low"], accuracy["high"]) == wilson_interval(n, n)  # all agree
@@ -140,10 +137,10 @@ def test_what_is_bought_does_not_depend_on_how_busy_the_machine_is_when_it_is_do
     noises, tmp_path, monkeypatch
 ):
     monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path / "cache"))
-    first = study(noises, Limits(max_ms=1e6), model_file=tmp_path / "first.skops")
+    first = study(noises, Limits(max_ms=1e6), model_file=tmp_path / "first.skops").data
     ticks = count(1)
     monkeypatch.setattr(cost, "clock", lambda: 1e3 * next(ticks) ** 2)  # ever slower
-    again = study(noises, Limits(max_ms=1e6), model_file=tmp_path / "again.skops")
+    again = study(noises, Limits(max_ms=1e6), model_file=tmp_path / "again.skops").data
     for key in ("front", "knee", "costs", "total_ms", "costs_of"):
         assert again[key] == first[key]
     assert first["costs_of"] in first["chosen"]["why"]

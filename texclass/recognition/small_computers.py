@@ -1,4 +1,4 @@
-"""What a small computer has to hold: what graphs take, in tables of few bits, and make of windows.
+"""What a small computer needs for a graph, counted, and what graphs with tables of few bits make of windows.
 
 Nothing is guessed: shapes are those that ONNX infers for one window, and where a transform is exported as a
 product of matrices the product is counted, not the fast transform that a library of signals would have.
