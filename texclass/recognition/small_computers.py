@@ -12,13 +12,14 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from sklearn.pipeline import make_pipeline
 
 from texclass.experiment.cost import CostModel
 from texclass.experiment.feature_table import metadata
 from texclass.experiment.windows import touches
 from texclass.features.phase_view import TURN
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.recognition.deployed import described_classifier, described_steps
+from texclass.recognition.deployed import described_classifier
 from texclass.recognition.export.answers_graph import add_part
 from texclass.recognition.export.graph import LARGE, tensor_of
 from texclass.recognition.export.parity import run
@@ -336,10 +337,8 @@ def decisions_of(windows: Windows, columns: Sequence[str], steps: Sequence[Any])
     """
     x, entry = windows_in(windows, 1)
     rows = add_features(windows._replace(plan=windows.plan.restricted_to(columns)), x)
-    described = [part for step in steps[:-1] for part in described_steps(step)]
-    for part in (*described, described_classifier(steps[-1])):
-        rows = add_part(part, rows)
-    x.graph.add("Identity", rows, name="decisions")
+    decisions = add_part(described_classifier(make_pipeline(*steps)), rows)
+    x.graph.add("Identity", decisions, name="decisions")
     output = tensor_of("decisions", np.float64, 1, len(steps[-1].classes_))
     return work_of(x.graph.model([entry], [output], "decisions", ""))
 
