@@ -399,3 +399,5 @@ def test_a_missing_extra_is_told_how_to_install(command, folder, monkeypatch, mi
     assert code == 1
     assert f"needs {missing}, which is not installed: pip install 'texclass[onnx]'" in err
     assert not (folder / "surfaces.onnx").exists()
+    told = "not a model of texclass" if missing == "skl2onnx" else f"checking ONNX files needs {missing}"
+    assert told in command("export", "surfaces.skops", "--check")[2]  # which converts nothing

@@ -1,7 +1,7 @@
 """A trained model in, an ONNX file out: checked before it is written, and by what it holds at any time."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
@@ -106,20 +106,22 @@ def export_onnx(
     return Exported(Path(path), parity, single, facts, of_samples)
 
 
-def check_installed(what: str) -> None:
+def check_installed(what: str, needed: Sequence[str] = NEEDED) -> None:
     """Check that what an export needs is installed.
 
     Parameters
     ----------
     what : str
         What needs it, for the message.
+    needed : sequence of str
+        Modules of the extra `onnx`.
 
     Raises
     ------
     ModuleNotFoundError
         If the extra `onnx` is not installed.
     """
-    for name in NEEDED:
+    for name in needed:
         try:
             import_module(name)
         except ModuleNotFoundError as error:
@@ -164,12 +166,9 @@ def check_onnx(path: str | Path) -> str:
     OnnxExportError
         If it is no such file, or gives other answers than texclass gave when it was written.
     """
-    try:
-        import onnx
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            f"checking ONNX files needs {error.name}: pip install 'texclass[onnx]'", name=error.name
-        ) from error
+    check_installed("checking ONNX files", ("onnx", "onnxruntime"))
+    import onnx
+
     graph = Path(path).read_bytes()
     try:
         file = onnx.ModelProto.FromString(graph)
