@@ -36,12 +36,12 @@ from texclass.recognition.export.sample_parity import (
 )
 
 
-def computed(build, rows, n_outputs=1):
-    """Return what tensors are that `build` adds to a graph of an input `x`."""
+def computed(build, rows):
+    """Return what tensors (n, n_columns) are that `build` adds to a graph of an input `x`."""
     graph = Graph()
     built = build(Tensor(graph, "x"))
     tensors = [built] if isinstance(built, Tensor) else list(built)
-    outputs = [tensor_of(one.name, np.float64, *[None] * (n_outputs or 2)) for one in tensors]
+    outputs = [tensor_of(one.name, np.float64, None, None) for one in tensors]
     entry = tensor_of("x", np.float64, "n", *rows.shape[1:])
     model = graph.model([entry], outputs, "test", "")
     session = InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"])
@@ -61,7 +61,7 @@ def felt_windows(touch_model):
 def test_transforms_are_those_of_numpy(n):
     rows = np.random.default_rng(0).standard_normal((3, n))
     for n_fft, n_bins in ((n, n // 2 + 1), (2 * n, n // 3)):
-        real, imaginary = computed(partial(fourier_graphs.rfft, n=n, n_fft=n_fft, n_bins=n_bins), rows, 2)
+        real, imaginary = computed(partial(fourier_graphs.rfft, n=n, n_fft=n_fft, n_bins=n_bins), rows)
         X = np.fft.rfft(rows, n_fft)[:, :n_bins]
         np.testing.assert_allclose(real + 1j * imaginary, X, rtol=0, atol=1e-11)
 
@@ -71,7 +71,7 @@ def test_transforms_are_those_of_numpy(n):
         ends = np.where((bins == 0) | (2 * bins == n), 0.0, 1.0)
         return fourier_graphs.irfft(real, imaginary * ends, n)
 
-    np.testing.assert_allclose(computed(back_again, rows, 2)[0], rows, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(computed(back_again, rows)[0], rows, rtol=0, atol=1e-12)
 
 
 def test_transforms_keep_the_file_small():
@@ -121,9 +121,7 @@ def test_graphs_of_features_are_what_their_functions_compute(fs, n, n_pieces):
                 expected.append(np.full(len(member.all_columns), np.nan))
         expected = np.array([np.atleast_1d(row) for row in expected])
         (found,) = computed(
-            lambda x, member=member: graph_view.member_graph(GraphView(x, fs, n), member),
-            signals,
-            2,
+            lambda x, member=member: graph_view.member_graph(GraphView(x, fs, n), member), signals
         )
         assert np.isnan(found).tolist() == np.isnan(expected).tolist(), member.name
         counts = "agreement" in member.name
