@@ -215,6 +215,17 @@ def test_more_channels_and_longer_effects_than_a_program_can_play_are_refused(co
         play_hjif(parsed(content))
 
 
+def test_wavelet_blocks_that_would_decode_for_hours_are_refused(content):
+    wavelets = content["perceptions"][0]["channels"][0]["bands"][0]
+    wavelets |= {
+        "block_length": 16_384,
+        "upper_frequency_limit": 4000,
+        "effects": 62 * wavelets["effects"][:1],
+    }
+    with pytest.raises(ValueError, match="blocks hold 4063232 samples; the rule is at most 4000000"):
+        play_hjif(parsed(content))
+
+
 def test_other_keys_are_left_alone_and_padding_is_no_matter(content):
     wavelets = content["perceptions"][0]["channels"][0]["bands"][0]
     before = play_hjif(parsed(content))

@@ -33,6 +33,8 @@ LONGEST_S = 600.0
 """Of what is played of a file."""
 MOST_CHANNEL_S, MOST_EFFECT_S = 12_000.0, 100_000.0
 """Of all channels, and of all effects, together: a small file can ask for any memory, and for hours."""
+MOST_CODED = 4_000_000
+"""Samples of all wavelet blocks together: what decodes in a minute or two."""
 MOST_EFFECTS, DEEPEST = 100_000, 8
 """Effects played, and compositions or references within each other."""
 TICKS = 1000
@@ -108,6 +110,16 @@ class Band(Stated):
         """How long an effect is felt beyond its last keyframe."""
         block_s = (self.block_length or 0) / TICKS if self.band_type == "WaveletWave" else 0.0
         return TRANSIENT_S if self.band_type == "Transient" else block_s
+
+    @property
+    def block_samples(self) -> int:
+        """Samples that each effect of a wavelet band codes; 0 of other bands. ValueError where none can."""
+        if self.band_type != "WaveletWave":
+            return 0
+        n = int(self.ring_s * self.upper_frequency_limit)
+        if n < 16 or n & (n - 1) or n > 1 << 16:
+            raise ValueError(f"a wavelet block has {n} samples; the rule is a power of two, 16 to {1 << 16}")
+        return n
 
     @model_validator(mode="after")
     def _fits(self) -> "Band":
@@ -299,15 +311,16 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
     ------
     ValueError
         If it is longer than `LONGEST_S`, or has more than `MOST_EFFECTS` effects in a channel, or more than
-        `MOST_CHANNEL_S` and `MOST_EFFECT_S` allow.
+        `MOST_CHANNEL_S`, `MOST_EFFECT_S` and `MOST_CODED` allow.
     """
-    felt, seconds, lasting = [], 0.0, 0.0
+    felt, seconds, lasting, coded = [], 0.0, 0.0, 0
     for perception in haptics.perceptions:
         for channel in perception.channels:
             effects = basis_effects(channel, perception)
             ends = [(at + one.last) / haptics.timescale + band.ring_s for at, one, band in effects]
             seconds = max([seconds, *([channel.stated_s] if channel.stated_s else ends)])
             lasting += sum(ends) - sum(at for at, *_ in effects) / haptics.timescale
+            coded += sum(band.block_samples for *_, band in effects)
             felt.append((10.0**perception.perception_unit_exponent * channel.gain, effects))
     if seconds > LONGEST_S:
         raise ValueError(f"it plays for {seconds:g} s; the rule is at most {LONGEST_S:g}")
@@ -316,6 +329,8 @@ def play_hjif(haptics: Haptics, fs: float = FS) -> Samples:
             f"it plays {len(felt)} channels of {seconds:g} s, effects of {lasting:g} s in all; the rule is "
             f"at most {MOST_CHANNEL_S:g} s of channels and {MOST_EFFECT_S:g} s of effects"
         )
+    if coded > MOST_CODED:
+        raise ValueError(f"its wavelet blocks hold {coded} samples; the rule is at most {MOST_CODED}")
     played = np.zeros((max(round(seconds * fs), 1), len(felt)))
     for column, (gain, effects) in zip(played.T, felt, strict=True):
         for at, effect, band in effects:
@@ -364,10 +379,7 @@ def _play_effect(out: Samples, at: float, effect: Effect, band: Band, fs: float,
     first = max(math.ceil(at * fs - 1e-9), 0)
     t = np.arange(first, min(first + math.ceil(lasting * fs) + 2, out.size)) / fs - at
     if band.band_type == "WaveletWave":
-        n = int(band.ring_s * band.upper_frequency_limit)
-        if n < 16 or n & (n - 1) or n > 1 << 16:
-            raise ValueError(f"a wavelet block has {n} samples; the rule is a power of two, 16 to {1 << 16}")
-        x = wavelet_stream.inverse(wavelet_stream.decode(_stream_of(effect), n))
+        x = wavelet_stream.inverse(wavelet_stream.decode(_stream_of(effect), band.block_samples))
         index = np.floor(t * band.upper_frequency_limit + 1e-6).astype(np.int64)
         t = t[index < x.size]
         out[first : first + t.size] += x[index[: t.size]]
