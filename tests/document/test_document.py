@@ -7,6 +7,7 @@ import matplotlib.image
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure as Drawing
 from rich.console import Console
 
 from texclass.document import (
@@ -184,3 +185,15 @@ def test_the_title_of_a_saved_picture_stands_above_it_clear_of_its_legend(tmp_pa
     assert added > 30
     np.testing.assert_allclose(titled[added:], plain, atol=0.04)  # in 256 colours
     assert titled[:added, :, :3].min() < 0.2
+
+
+def test_ticks_of_a_logarithmic_axis_are_saved_as_numbers(tmp_path):
+    figure = Drawing()
+    wide, narrow = figure.subplots(1, 2)
+    wide.semilogy([1, 2], [0.01, 1000])
+    narrow.loglog([1, 2], [20, 90])
+    save_figure(figure, tmp_path / "a.png")
+    shown = [tick.get_text() for tick in wide.get_yticklabels()]
+    assert {"0.01", "1", "1000"} <= set(shown)
+    assert {"20", "50"} <= {tick.get_text() for tick in narrow.get_yticklabels()}
+    assert not any("$" in text for text in shown)

@@ -10,7 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Drawing
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import LogFormatter, LogLocator, NullLocator
 from PIL import Image
 
 from texclass.document.blocks import Heat
@@ -103,10 +103,13 @@ def chance_line(draw: Callable[..., object], chance: float, low: float) -> None:
 def log_x(axes: "Axes") -> None:
     """Make the horizontal axis logarithmic, with round numbers at its ticks."""
     axes.set_xscale("log")
-    low, high = axes.get_xlim()
-    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 100 * low else (1,)))
-    axes.xaxis.set_major_formatter("{x:g}")
-    axes.xaxis.set_minor_locator(NullLocator())
+    _round_numbers(axes.xaxis, *axes.get_xlim())
+
+
+def _round_numbers(axis: Any, low: float, high: float) -> None:
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 100 * low else (1,)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_locator(NullLocator())
 
 
 def shorten_middle(name: str, longest: int) -> str:
@@ -139,6 +142,11 @@ def save_figure(figure: Drawing, path: str | Path, title: str = "") -> None:
 
 
 def _pixels(figure: Drawing) -> Any:
+    for axes in figure.axes:
+        for axis, limits in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+            # Left to itself it writes formulas, which stand as $...$ where names may hold a dollar.
+            if isinstance(axis.get_major_formatter(), LogFormatter):
+                _round_numbers(axis, *sorted(limits))
     figure.set_dpi(DPI)
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
