@@ -13,6 +13,7 @@ from texclass.experiment.accuracy import (
     compare,
     corrected_resampled_t,
     exact_mcnemar,
+    has_spread,
     holm,
     least_difference,
     majority,
@@ -74,9 +75,11 @@ def test_few_clusters_and_those_that_agree_altogether_count_as_single_tests():
     assert (low, high) == wilson_interval(4 * 0.8, 4)
 
 
-def test_balanced_accuracy_agrees_with_sklearn():
+@pytest.mark.parametrize("classes", ["aaab", "aaabbc", "aaaabccddd"])
+def test_balanced_accuracy_agrees_with_sklearn(classes):
     rng = np.random.default_rng(0)
-    truth, predicted = rng.choice(list("aaab"), 100), rng.choice(list("ab"), 100)
+    truth, predicted = rng.choice(list(classes), 100), rng.choice(sorted(set(classes)), 100)
+    predicted = np.where(truth == "a", "a", predicted)  # one class is recognised better than the others
     expected = balanced_accuracy_score(truth, predicted)
     assert score([truth], [predicted]).balanced == pytest.approx(expected)
 
@@ -239,3 +242,10 @@ def test_repeats_that_all_agree_are_judged_by_the_tests_of_the_first():
     found = compared("recording", hits=HITS * 3, other=OTHER * 3)
     assert found["p_value"] == exact_mcnemar(2, 0)
     assert found["difference"] == pytest.approx(1 / 3)
+
+
+def test_a_cluster_at_the_overall_mean_does_not_hide_the_spread_of_the_others():
+    n_tests = np.full(5, 10)
+    assert has_spread(np.array([5, 4, 6, 3, 7.0]), n_tests)
+    assert not has_spread(np.full(5, 5.0), n_tests)
+    assert not has_spread(np.array([4, 5, 6, 7.0]), n_tests[:4])  # too few clusters

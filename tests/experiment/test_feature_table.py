@@ -2,6 +2,7 @@
 
 import os
 import signal
+from dataclasses import replace
 from multiprocessing import get_context
 
 import numpy as np
@@ -9,7 +10,14 @@ import pandas as pd
 import pytest
 
 from texclass.experiment import feature_table as tables
-from texclass.experiment.feature_table import METADATA, FeatureTable, cached_table, extract_table, read_table
+from texclass.experiment.feature_table import (
+    METADATA,
+    FeatureTable,
+    cached_table,
+    extract_table,
+    read_table,
+    table_key,
+)
 from texclass.features import load_feature_set
 from texclass.features.extractor import FeatureExtractor, Reason
 from texclass.loaders.dataset import Dataset, Entry
@@ -200,3 +208,35 @@ def test_notes_of_a_dataset_are_told_whether_it_becomes_one_file_or_several(comm
         code, out, err = command("extract", *read, *options)
         assert code == 0, err
         assert out.count("note: 1 files of other kinds are ignored") == 1
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"code_hash": lambda feature_set: "edited"},
+        {"__version__": "0.0.0"},
+    ],
+    ids=list,
+)
+def test_edited_code_and_another_version_make_a_new_table(toy_dataset, feature_set, monkeypatch, changed):
+    cached_table(toy_dataset(), feature_set)
+    for name, value in changed.items():
+        monkeypatch.setattr(tables, name, value)
+    again = toy_dataset()
+    cached_table(again, feature_set)
+    assert len(again.load.loaded) >= len(again)
+
+
+def test_the_key_depends_on_each_fact_of_an_entry_and_of_the_set(toy_dataset, feature_set):
+    dataset = toy_dataset()
+    first, *rest = dataset.entries
+    relabelled = replace(dataset, entries=(replace(first, material="other"), *rest))
+    keys = [
+        table_key(dataset, feature_set, "combine"),
+        table_key(relabelled, feature_set, "combine"),
+        table_key(replace(dataset, entries=tuple(rest)), feature_set, "combine"),
+        table_key(dataset, feature_set.restricted_to(["level"]), "combine"),
+        table_key(dataset, feature_set, "each"),
+    ]
+    assert len(set(keys)) == len(keys)
+    assert table_key(toy_dataset(), feature_set, "combine") == keys[0]

@@ -1,6 +1,7 @@
 """Touches: windows of movements that stay with their recording, each file read once."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -157,3 +158,19 @@ def test_the_benchmark_of_windows_reports_them_their_interval_and_their_vote(toy
     found = run_benchmark(felt, closer, protocol="run").data
     assert found["dataset"] == facts
     assert np.sum(found["confusion"]["counts"]) == facts["n_windows"]
+
+
+def test_movements_are_detected_again_when_the_code_of_the_phases_changes(counting, monkeypatch):
+    n_loaded = []
+
+    def load(entry):
+        n_loaded.append(entry.recording_id)
+        return tapped(entry)
+
+    dataset = replace(counting, load=load, input_hash="movements")
+    touches(dataset, 0.5)
+    touches(dataset, 0.6)
+    assert len(n_loaded) == len(dataset)  # read from the cache
+    monkeypatch.setattr(windows, "code_hash", lambda *places: "edited")
+    touches(dataset, 0.5)
+    assert len(n_loaded) == 2 * len(dataset)

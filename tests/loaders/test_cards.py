@@ -100,3 +100,43 @@ def test_the_facts_of_a_card_change_with_what_changes_recordings_only(tmp_path):
     assert card(tmp_path, FILES | {"title": "other", "notes": ["new"]}).facts == facts
     assert card(tmp_path, FILES | {"fs_hz": 2000}).facts != facts
     assert card(tmp_path, FILES | {"remove_resting_level": True}).facts != facts
+
+
+HATT = {"title": "mine", "source": "shelf", "licence": "CC0", "format": "hatt-models", "folder": "mine"}
+
+
+def test_models_make_ten_recordings_of_ten_seconds_at_1_khz_unless_the_card_says_otherwise(tmp_path):
+    read = card(tmp_path, HATT)
+    assert (read.fs_hz, read.n_recordings, read.duration_s, read.seed) == (1000.0, 10, 10.0, 0)
+    assert read.phases == "movement"
+
+
+@pytest.mark.parametrize(
+    ("key", "least", "most", "below", "above"),
+    [
+        ("n_recordings", 1, 1000, 0, 1001),
+        ("duration_s", 0.1, 600, 0.09, 601),
+        ("seed", 0, 2**62, -1, None),
+    ],
+)
+def test_the_limits_of_a_card_of_models_are_allowed_and_what_exceeds_them_is_named(
+    tmp_path, key, least, most, below, above
+):
+    for value in (least, most):
+        assert getattr(card(tmp_path, HATT | {key: value}), key) == value
+    for value in (below, above):
+        if value is not None:
+            assert f"{key} is {value}" in refused(tmp_path, HATT | {key: value})
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"files": r"(?P<material>\w+)\.xml"}, {"fs_hz": 2000}, {"n_recordings": 3}, {"duration_s": 2.0},
+        {"seed": 4}, {"phases": "detect"},
+    ],
+)  # fmt: skip
+def test_the_facts_of_a_card_of_models_change_with_what_changes_recordings_only(tmp_path, changed):
+    facts = card(tmp_path, HATT).facts
+    assert card(tmp_path, HATT | {"title": "other"}).facts == facts
+    assert card(tmp_path, HATT | changed).facts != facts

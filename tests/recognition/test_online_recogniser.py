@@ -274,3 +274,16 @@ def test_a_wild_sample_in_a_stream_is_no_tap(linear_model, stream, heard):
         for found in (heard, listen(linear_model, wild, 64))
     )
     assert spoiled == clean
+
+
+@pytest.mark.parametrize(("hop_s", "share"), [(0.125, 0.25), (None, 0.5), (1.0, 1.0)])
+def test_overlapping_windows_count_by_the_share_of_new_signal(linear_model, hop_s, share):
+    live = OnlineRecogniser(linear_model, settings=OnlineSettings(window_s=0.5, hop_s=hop_s))
+    assert live.window == round(0.5 * FS)
+    assert live.evidence.constants["later"] == pytest.approx(share)
+
+
+def test_evidence_is_forgotten_with_its_time_constant_in_seconds(linear_model):
+    settings = OnlineSettings(window_s=0.5, hop_s=0.25, forget_s=2.0)
+    constants = OnlineRecogniser(linear_model, settings=settings).evidence.constants
+    assert constants["remembered"] == pytest.approx(np.exp(-0.25 / 2.0))

@@ -8,7 +8,7 @@ from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier
 
 from texclass.recognition import Calibration, expected_calibration_error, fit_calibration
-from texclass.recognition.probabilities import calibration_error_of_chance, class_scores
+from texclass.recognition.probabilities import calibration_error_of_chance, class_scores, prior_calibration
 
 RNG = np.random.default_rng(1)
 
@@ -87,3 +87,26 @@ def test_the_largest_score_is_the_answer(classifier, n_classes):
     scores = class_scores(classifier.fit(X, y), X)
     assert scores.shape == (60, n_classes)
     np.testing.assert_array_equal(scores.argmax(axis=1), classifier.predict(X))
+
+
+@pytest.mark.parametrize("n", [3, 30])
+def test_no_score_exceeds_what_the_number_of_recordings_supports(n):
+    labels = np.arange(n) % 3
+    lapse = 1 / (n + 2)
+    for found in (fit_calibration(np.eye(3)[labels], labels), prior_calibration(3, n)):
+        p = found(1e9 * np.eye(3))  # however far apart the classes are
+        np.testing.assert_allclose(p, np.where(np.eye(3) == 1, 1 - 2 * lapse / 3, lapse / 3), rtol=1e-9)
+
+
+def test_one_wrong_label_among_many_does_not_flatten_the_probabilities():
+    labels = np.arange(300) % 3
+    scores = 5 * np.eye(3)[labels]
+    wrong = np.where(np.arange(300) == 0, 1, labels)
+    assert fit_calibration(scores, wrong)(scores).max() > 0.98
+
+
+def test_without_held_out_recordings_the_same_score_is_as_likely_for_any_number_of_classes():
+    for n_classes in (2, 5, 20):
+        shrunk = np.eye(1, n_classes) / np.log(n_classes)
+        odds = prior_calibration(n_classes, 10**12)(shrunk)[0]
+        assert odds[0] / odds[1] == pytest.approx(np.exp(4.5), rel=1e-6)

@@ -16,7 +16,7 @@ from toy_surfaces import FS, SURFACES
 from toy_surfaces import signal as felt
 
 from texclass import recognition
-from texclass.cli.stream_view import Picture
+from texclass.cli.stream_view import Picture, bar
 from texclass.recognition import OnlineSettings, Session
 from texclass.recognition.sources import source_by_name as sources
 
@@ -252,3 +252,8 @@ def test_the_picture_shows_phase_level_surfaces_and_latency(linear_model, sample
     drawn = text.file.getvalue()
     for part in ("toy", "moving", "dB over rest", "oak", "%", "ms each", "gaps: 3 samples"):
         assert part in drawn
+
+
+@pytest.mark.parametrize(("share", "n"), [(-1.0, 0), (0.0, 0), (0.25, 2), (0.5, 4), (1.0, 8), (3.0, 8)])
+def test_a_bar_is_filled_to_its_share_and_never_longer(share, n):
+    assert bar(share, 8) == "█" * n + "·" * (8 - n)

@@ -57,3 +57,9 @@ def test_recordings_outside_the_recipe_are_refused():
     for surface, repetition in ((-1, 1), (3, 1), (0, 0), (0, 5)):
         with pytest.raises(IndexError, match=r"surface 0\.\.2, repetition 1\.\.4"):
             SMALL.record(surface, repetition)
+
+
+def test_fingerprint_changes_with_the_code_of_the_simulation(monkeypatch):
+    before = SMALL.fingerprint()
+    monkeypatch.setattr("texclass.simulate.recipe.code_hash", lambda *places: "edited")
+    assert SMALL.fingerprint() != before

@@ -120,3 +120,17 @@ def test_a_lonely_class_or_group_is_refused_and_costs_that_do_not_fit_the_column
 @parametrize_with_checks([CostAwareSelector(GaussianNB(), max_features=2, cv=2)])
 def test_selector_is_a_scikit_learn_transformer(estimator, check):
     check(estimator)
+
+
+def test_features_are_bought_whole_and_columns_one_by_one():
+    X, y = columns_of_classes()
+    # p: columns 0 and 4; q: 1 and 2; r: 3; s: 5
+    needs = np.eye(4, dtype=bool)[[0, 1, 1, 2, 0, 3]]
+    model = CostModel(tuple("abcdef"), tuple("pqqrps"), tuple("pqrs"), np.array([1.0, 9.0, 9.0, 9.0]), needs)
+    asked = {"costs": model, "direction": "forward", "floating": False}
+    of_feature = {0: {0, 4}, 4: {0, 4}, 1: {1, 2}, 2: {1, 2}, 3: {3}, 5: {5}}
+    whole = CostAwareSelector(unit="feature", **asked).fit(X, y)
+    for choice in whole.path_:
+        assert all(of_feature[column] <= set(choice.columns) for column in choice.columns)
+    single = CostAwareSelector(unit="column", **asked).fit(X, y)
+    assert single.path_[0].columns == (0,)

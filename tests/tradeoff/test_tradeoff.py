@@ -14,7 +14,7 @@ from texclass.experiment.cost import CostModel
 from texclass.experiment.windows import touches
 from texclass.features import load_feature_set
 from texclass.recording import Phases, Recording, Tap
-from texclass.tradeoff import cost_selection, front
+from texclass.tradeoff import cost_selection, curves, front
 from texclass.tradeoff.curves import cross_validated, degraded, full_scale_of, quantised, resampled
 from texclass.tradeoff.front import (
     Labelled,
@@ -196,3 +196,13 @@ def test_a_degraded_dataset_is_another_input(toy_dataset):
     np.testing.assert_array_equal(degraded(dataset, fs=5000.0)[0].acceleration, dataset[0].acceleration)
     with pytest.raises(ValueError, match="fs is -1"):
         degraded(dataset, fs=-1)
+
+
+def test_a_curve_of_models_takes_as_many_recordings_of_each_material_as_there_is_room_for(
+    toy_dataset, monkeypatch
+):
+    for most, per_material in ((1000, 6), (15, 5), (3, 4)):  # at least four
+        monkeypatch.setattr(curves, "MOST", most)
+        fewer, note = curves._fewer(toy_dataset(3, 6))
+        assert len(fewer) == 3 * per_material
+        assert note == ("" if per_material == 6 else f"from {3 * per_material} of the recordings")

@@ -203,3 +203,12 @@ def test_extrema_are_counted_once_per_plateau_and_not_at_the_ends():
     assert n_extrema([0, 1, 1, 0, -1, 2, 2, 2]) == 2
     assert n_extrema(np.sin(2 * np.pi * np.arange(100) / 25 + 0.1)) == 8
     assert n_extrema([3.0, 3.0]) == 0
+
+
+@pytest.mark.parametrize("n_modes", [1, 2, 3])
+def test_four_samples_for_each_mode_are_enough(n_modes):
+    truth = DecayingModes(*THREE.table[:n_modes].T)
+    found = fit_matrix_pencil(truth.synthesize(4 * n_modes, 2500.0), 2500.0, order=2 * n_modes)
+    order = np.argsort(found.frequency_hz)
+    assert_allclose(found.frequency_hz[order], truth.frequency_hz, rtol=1e-6)
+    assert_allclose(found.decay_per_s[order], truth.decay_per_s, rtol=1e-4)
