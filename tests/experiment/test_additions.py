@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from toy_noises import row
 
+from texclass.experiment.additions import unseen
 from texclass.experiment.benchmark import run_benchmark
 from texclass.experiment.pipeline import AdditionSettings, Selection
 
@@ -82,3 +83,13 @@ def test_a_row_that_selects_keeps_its_number_of_columns_and_no_group_gives_no_ga
     assert found["selects"]
     assert found["groups"][0]["joined"]["n_features"] == found["without"]["n_features"] == 2
     assert gains(additions=())[1] is None
+
+
+@pytest.mark.parametrize(("n", "share"), [(3, "25.0%"), (5, "6.2%"), (6, None), (12, None)])
+def test_a_result_says_where_signs_of_few_clusters_alone_cannot_be_significant(n, share):
+    paired = {"n_clusters": n, "clusters": "operator", "least": 0.125}
+    told = unseen([{"paired": paired}])
+    assert f"with {n} operators less than 12.5 points" in told
+    assert ("by their signs alone" in told) == (share is not None)
+    assert share is None or f"({share})" in told
+    assert unseen([{"paired": {"least": None}}]) == ""

@@ -1,7 +1,8 @@
 import pytest
 from fuzz.mutate import toml_of
 
-from texclass.loaders import CardError, read_card
+from texclass.loaders import CardError, open_dataset, read_card
+from texclass.recording import RecordingError
 
 FILES = {
     "title": "mine",
@@ -140,3 +141,12 @@ def test_the_facts_of_a_card_of_models_change_with_what_changes_recordings_only(
     facts = card(tmp_path, HATT).facts
     assert card(tmp_path, HATT | {"title": "other"}).facts == facts
     assert card(tmp_path, HATT | changed).facts != facts
+
+
+@pytest.mark.parametrize(
+    ("given", "key"), [({"delimiter": ";"}, "delimiter"), ({"time_column": "t"}, "time_column")]
+)
+def test_what_a_card_has_to_say_is_refused_beside_it(tmp_path, given, key):
+    (tmp_path / "mine.toml").write_bytes(toml_of(SIMULATED))
+    with pytest.raises(RecordingError, match=rf"mine\.toml: {next(iter(given.values()))!r} .*{key}"):
+        open_dataset(tmp_path / "mine.toml", **given)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from texclass.loaders.stamps import at_uniform_rate, nominal_rate
+from texclass.loaders.stamps import _bridged, at_uniform_rate, nominal_rate
 from texclass.recording import RecordingError
 
 FS = 100.0
@@ -128,3 +128,14 @@ def test_whatever_the_stamps_the_answer_is_bounded(stamps, random):
     assert len(signal) <= 2 * len(stamps) + 11
     assert np.isfinite(signal).all()
     assert fs > 0
+
+
+def test_a_clock_that_is_set_is_bridged_by_the_times_of_receipt_from_the_first_stamp_on():
+    received = np.arange(20) * 0.01
+    stamps = received + 5.0 + 100.0 * (np.arange(20) >= 10)
+    bridged, told = _bridged(stamps, received)
+    np.testing.assert_allclose(bridged, received + 5.0, atol=1e-9)
+    assert told.startswith("clock jumps: 1 (largest +100 s)")
+    unchanged, told = _bridged(received, received)
+    np.testing.assert_array_equal(unchanged, received)
+    assert not told

@@ -176,3 +176,9 @@ def test_references_felt_later_move_the_sets(linear_model):
     strange = replace(felt, entries=tuple(replace(e, material="tin") for e in felt.entries))
     with pytest.raises(ValueError, match="'tin' is no surface of the model; the rule is one of cork"):
         with_references(linear_model, strange)
+
+
+@pytest.mark.parametrize("level", [-0.1, 0, 1, 95])
+def test_a_level_that_is_no_share_is_refused(touched, level):
+    with pytest.raises(ValueError, match=rf"level is {level}; "):
+        touched.predict_set(recording("oak", 77), level)

@@ -287,3 +287,10 @@ def test_evidence_is_forgotten_with_its_time_constant_in_seconds(linear_model):
     settings = OnlineSettings(window_s=0.5, hop_s=0.25, forget_s=2.0)
     constants = OnlineRecogniser(linear_model, settings=settings).evidence.constants
     assert constants["remembered"] == pytest.approx(np.exp(-0.25 / 2.0))
+
+
+def test_a_recogniser_that_has_seen_no_sample_holds_none(linear_model, stream):
+    live = OnlineRecogniser(linear_model, settings=SETTINGS)
+    assert live.n_bytes == 0
+    live.push(stream[:100])
+    assert live.n_bytes > 0

@@ -225,3 +225,8 @@ def test_going_around_the_ends_of_strokes_spares_the_hand_the_jerk_of_stopping_d
         return level(slow[recording.phases.onset + round(recording.fs) : -2000])
 
     assert low_frequency_level(0.3) < 0.5 * low_frequency_level(0.0)
+
+
+def test_a_recording_without_a_name_is_named_after_surface_and_operator():
+    assert record().recording_id == f"{PLAIN.name} by {OPERATORS[0].name}"
+    assert record(recording_id="mine").recording_id == "mine"

@@ -6,6 +6,7 @@ from itertools import count
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from sklearn.model_selection import StratifiedGroupKFold
 
 from texclass.experiment import cost
@@ -25,6 +26,7 @@ from texclass.tradeoff.front import (
     nested_fewest,
     nested_front,
 )
+from texclass.tradeoff.tradeoff_document import _panel
 from texclass.tradeoff.trading import trade_off
 
 SET = load_feature_set("strese2015").restricted_to(["variance", "mean_magnitude", "spikiness"])
@@ -206,3 +208,16 @@ def test_a_curve_of_models_takes_as_many_recordings_of_each_material_as_there_is
         fewer, note = curves._fewer(toy_dataset(3, 6))
         assert len(fewer) == 3 * per_material
         assert note == ("" if per_material == 6 else f"from {3 * per_material} of the recordings")
+
+
+@pytest.mark.parametrize(
+    ("x", "scale"), [([1, 2, 7.9], "linear"), ([1, 3, 8], "log"), ([0, 3, 80], "linear")]
+)
+def test_an_axis_is_logarithmic_where_its_values_span_a_factor_of_eight(x, scale):
+    found = [{"mean": 0.5, "low": 0.4, "high": 0.6}] * len(x)
+    curve = {"name": "touch", "unit": "s", "series": "all", "note": "", "x": x, "accuracy": found}
+    axes = Figure().subplots()
+    _panel(axes, "touch", [{**curve, "labels": [f"{value:g}" for value in x]}], 0.25)
+    assert axes.get_xscale() == scale
+    assert next(label.get_text() for label in axes.get_xticklabels()).startswith(f"{x[0]:g}")
+    assert axes.get_title() == "Touch"
