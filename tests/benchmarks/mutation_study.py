@@ -299,7 +299,8 @@ def report(folder: Path, result: dict[str, Any]) -> None:
     now = sum(m["status"] in KILLED for m in ran)
     blocks: list[Any] = [
         f"{first} of {len(ran)} random mutants ({first / max(1, len(ran)):.1%}, seed {result['seed']}) were "
-        f"killed at the first meeting with their nearest test files, {now} to date. "
+        f"killed at the first meeting with their nearest test files, {now} to date; "
+        f"{len(result['mutants'])} were drawn. "
         f"{(__doc__ or '').rpartition(chr(10) * 2)[2].strip()}"
     ]
     for key in ("room", "kind"):
