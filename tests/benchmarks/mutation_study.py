@@ -278,12 +278,14 @@ def judge(mutant: Mutant, root: Path, n_files: int, sound: dict[str, bool]) -> M
             break
         if status == "timeout" and meet(root, files)[0] == "survived":
             break
-        for file in [by.partition("::")[0]] if by else files:
+        # Without a name of a test, a conftest failed: then every file must pass without the mutation.
+        blamed = [by.partition("::")[0]] if by else files
+        for file in blamed:
             if file not in sound:
                 sound[file] = meet(root, [file])[0] == "survived"
-        if by and sound[by.partition("::")[0]]:
+        if status != "timeout" and all(sound[file] for file in blamed):
             break
-        files = [file for file in files if sound.get(file, True)] if by else files[:-1]
+        files = [file for file in files if sound.get(file, True)] if status != "timeout" else files[:-1]
     else:
         status, by = "untested", ""
     seconds = round(time.monotonic() - started, 1)
