@@ -31,7 +31,15 @@ PAGES = {
     "vibrations": ("autoregressive", "line_spectrum", "prony"),
     "speed": ("feature_speed", "whole_path", "scaling", "cluster"),
     "felt": ("scene", "scene_page", "hjif", "packed_surfaces"),
-    "certainty": ("calibration", "unknown_surfaces", "sets", "few_recordings", "another_sensor", "channels"),
+    "certainty": (
+        "cluster_interval",
+        "calibration",
+        "unknown_surfaces",
+        "sets",
+        "few_recordings",
+        "another_sensor",
+        "channels",
+    ),
     "robot": (
         "stream",
         "borealtc-driven",

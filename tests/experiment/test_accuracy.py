@@ -1,9 +1,13 @@
 """Accuracies and paired comparisons: intervals that cover, errors as often as promised, balance, votes."""
 
+import json
 from itertools import product
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from scipy.special import logit, stdtrit
 from scipy.stats import binomtest, ttest_1samp
 from sklearn.metrics import balanced_accuracy_score
 
@@ -32,12 +36,20 @@ def test_wilson_interval_agrees_with_scipy():
         assert found == pytest.approx((reference.low, reference.high), abs=1e-12)
 
 
-def coverage(interval_of, p, correlation, sizes, n_trials=250):
-    """Share of trials whose interval holds the truth, when operators differ in how well they do."""
+def coverage(interval_of, p, correlation, sizes, n_trials=250, one_in_ten=False):
+    """Share of trials whose interval contains the truth, when operators differ in skill.
+
+    Their skill has a beta distribution, or one in ten is far worse than all others, who are equal.
+    """
     rng = np.random.default_rng([int(100 * p), int(100 * correlation), len(sizes)])
     shape = (n_trials, len(sizes))
     a = 1 / max(correlation, 1e-9) - 1
-    skill = rng.beta(p * a, (1 - p) * a, shape) if correlation else np.full(shape, p)
+    if one_in_ten:  # variance 0.09 gap^2 = correlation p (1 - p)
+        gap = np.sqrt(correlation * p * (1 - p) / 0.09)
+        worse, others = max(0.0, p - 0.9 * gap), p + 0.1 * gap
+        skill, p = np.where(rng.random(shape) < 0.1, worse, others), 0.1 * worse + 0.9 * others
+    else:
+        skill = rng.beta(p * a, (1 - p) * a, shape) if correlation else np.full(shape, p)
     clusters = np.repeat(np.arange(len(sizes)), sizes)
     inside = 0
     for n_hits in rng.binomial(sizes, skill):
@@ -45,6 +57,15 @@ def coverage(interval_of, p, correlation, sizes, n_trials=250):
         low, high = interval_of(hits, clusters)
         inside += low <= p <= high
     return inside / n_trials
+
+
+@pytest.mark.parametrize("n_clusters", [5, 8, 12, 20])
+@pytest.mark.parametrize("n_tests", [10, 20, 100])
+def test_intervals_cover_where_one_operator_in_ten_is_far_worse(n_tests, n_clusters):
+    sizes = np.maximum(2, np.round(n_tests * np.exp(np.linspace(-1, 1, n_clusters)))).astype(int)
+    for p in (0.6, 0.9):
+        # 250 trials estimate a coverage of 0.93 to 0.016.
+        assert coverage(cluster_interval, p, 0.2, sizes, one_in_ten=True) >= 0.93 - 0.016, p
 
 
 @pytest.mark.parametrize("n_clusters", [5, 12, 40])
@@ -56,6 +77,17 @@ def test_intervals_over_operators_cover_as_often_as_they_say_where_those_over_re
         assert (0.92 if p < 0.9 else 0.9) - 0.028 <= found <= 0.98 + 0.02, (p, correlation, found)
     plain = coverage(lambda hits, _: wilson_interval(hits.sum(), hits.size), 0.8, 0.2, uneven)
     assert plain < 0.7
+
+
+def test_the_lower_limit_of_operators_who_agree_allows_for_a_worse_one_and_the_upper_does_not():
+    hits = np.concatenate([np.arange(20) < k for k in [15, 16] * 6])
+    low, high = cluster_interval(hits, np.repeat(np.arange(12), 20))
+    # 240 tests of an intraclass correlation of 0.1 are worth 240/(1 + 0.1 * 19) = 82.8.
+    p = 186.5 / 241
+    half = stdtrit(11, 0.975) / np.sqrt(240 / 2.9 * p * (1 - p))
+    assert logit(low) == pytest.approx(np.log(186.5 / 54.5) - half)
+    assert hits.mean() - low > 0.08
+    assert high - hits.mean() < 0.02
 
 
 def test_with_clusters_of_one_the_interval_is_the_binomial_one():
@@ -249,3 +281,19 @@ def test_a_cluster_at_the_overall_mean_does_not_hide_the_spread_of_the_others():
     assert has_spread(np.array([5, 4, 6, 3, 7.0]), n_tests)
     assert not has_spread(np.full(5, 5.0), n_tests)
     assert not has_spread(np.array([4, 5, 6, 7.0]), n_tests[:4])  # too few clusters
+
+
+def test_the_report_on_intervals_over_operators_holds_what_the_docstring_states():
+    path = Path(__file__).parents[2] / "reports" / "studies" / "cluster_interval.json"
+    rows = pd.DataFrame(json.loads(path.read_text(encoding="utf-8"))["rows"])
+    ours, alone = rows[rows["way"] == "ours"], rows[rows["way"] == "spread alone"]
+    assert ours["coverage"].min() >= 0.935
+    worse = alone[alone["skill"].str.startswith("one in ten")].groupby("n_operators")["coverage"].min()
+    assert (worse.min().round(2), worse.max().round(2)) == (0.53, 0.87)
+    told = " ".join(cluster_interval.__doc__.split())
+    assert "94 % or more" in told
+    assert "covers 53 to 87 %" in told
+    assert "17 points wide, not 10" in told
+    equal = (rows["skill"] == "equal") & (rows["n_operators"] == 12) & (rows["n_tests"] == 20)
+    widths = rows[equal].groupby("way")["width"].mean()
+    assert (100 * widths).round().to_dict() == {"ours": 17, "spread alone": 10}
