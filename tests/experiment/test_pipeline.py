@@ -207,3 +207,10 @@ def test_a_row_may_name_its_classifiers_and_all_features(tmp_path):
     assert all("kernel" not in row.judged_by(pipeline.classifiers) for row in selected)
     everything = load_pipeline(write(tmp_path, WHOLE.replace('["friction"]', '"all"')))
     assert everything.rows[0].features == tuple(everything.features.columns)
+
+
+def test_the_row_of_the_decreasing_mel_bank_states_why_it_equals_the_constant_one():
+    rows = {row.name: row.note for row in load_pipeline("strese2015").rows}
+    assert [name for name, note in rows.items() if "before the logarithm" in note] == [
+        "Modified MFCC, Exp. Decreasing Mel Filter Bank"
+    ]

@@ -6,7 +6,7 @@ from feature_signals import FS, noise
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft
 
-from texclass.features.cepstrum import mel_filters, mfcc, mfcc_deviation
+from texclass.features.cepstrum import mel_filters, mfcc, mfcc_deviation, with_banks
 from texclass.features.phase_view import PhaseView
 
 
@@ -39,6 +39,20 @@ def test_decay_acts_on_every_bin_and_is_nearly_a_constant():
     offsets = np.array([mfcc(v, decay_hz=500.0) - mfcc(v) for v in views])
     assert np.abs(offsets.mean(axis=0)[0]) > 1
     assert offsets.std(axis=0).max() < 0.02
+
+
+def test_an_amplitude_per_filter_adds_one_constant_to_each_coefficient_of_any_recording():
+    key = (FS, 256, 20, 0.0, 1400.0)
+    amplitudes = np.exp(-np.arange(20) / 4.0).astype(np.float32)  # 41 dB from the first filter to the last
+    decreasing = {(*key, np.inf): mel_filters(*key, np.inf) * amplitudes}
+    constant = fft.dct(np.log(amplitudes.astype(float)), norm="ortho")[1:14]
+    for seed in range(4):
+        view = PhaseView((seed + 1) * movement(seed=seed), FS)
+        with with_banks(dict(decreasing)):
+            changed = mfcc(view), mfcc_deviation(view)
+        fresh = PhaseView(view.samples, FS)
+        np.testing.assert_allclose(changed[0] - mfcc(fresh), constant, atol=1e-4)
+        np.testing.assert_allclose(changed[1], mfcc_deviation(fresh), atol=1e-4)
 
 
 def test_a_frame_does_not_depend_on_other_frames_and_silent_ones_are_left_out():

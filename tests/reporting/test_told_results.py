@@ -338,3 +338,12 @@ def test_what_was_chosen_with_the_tests_in_view_is_named_and_no_figure_is_of_ano
     assert "Ours here is the highest of 20 pairs of row and classifier, chosen with the tests in view" in told
     assert "81.8" not in told
     assert "picked on these very folds, so optimistic" in everywhere(document("tradeoff"))[0]
+
+
+def test_the_note_of_a_row_stands_below_the_table_once_the_row_has_an_accuracy():
+    data = result("benchmark")
+    data["rows"][0]["note"] = "amplitudes act before the logarithm"
+    expected = f"{data['rows'][0]['name']}: amplitudes act before the logarithm."
+    assert expected in everywhere(document("benchmark", data))[1]
+    data["rows"][0]["accuracy"] = {}
+    assert "before the logarithm" not in everywhere(document("benchmark", data))[1]

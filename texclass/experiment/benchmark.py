@@ -293,6 +293,7 @@ def _line(
         "missing": too_few or row.missing,
         "selected": {name: {c: s for c, s in pairs if s > 0} for name, pairs in shares.items() if selects},
         "reference": row.definition.reference,
+        **({"note": row.definition.note} if row.definition.note else {}),
     }
 
 

@@ -452,6 +452,8 @@ def _notes(data: Data, best: Pair | None) -> Iterator[str]:
             f"{protocol_title(choice['protocol'])}): {mean} % [{low}, {high}]; chosen: {listed}."
         )
     for row in data["rows"]:
+        if row["accuracy"] and row.get("note"):
+            yield sentence(f"{row['name']}: {row['note']}")
         if row["accuracy"] and row["missing"]:
             yield f"{row['name']}: without features the dataset lacks: {row['missing']}."
     yield from _problems(data)

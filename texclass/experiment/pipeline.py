@@ -169,6 +169,8 @@ class RowDefinition(Written):
         Of rows: classifier -> published accuracy in per cent.
     classifiers
         Of rows: which of the pipeline's classifiers evaluate it; all of them by default.
+    note
+        Of rows: what a reader of its accuracy must know; printed below the table.
     """
 
     name: str
@@ -178,6 +180,7 @@ class RowDefinition(Written):
     select: Selection | None = None
     published: dict[str, Annotated[float, Field(ge=0, le=100)]] = Field(default_factory=dict)
     classifiers: tuple[str, ...] = ()
+    note: str = ""
 
     def judged_by(self, classifiers: Iterable[str]) -> tuple[str, ...]:
         """Return those of a pipeline's classifiers that evaluate this row."""
