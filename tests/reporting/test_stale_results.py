@@ -7,6 +7,7 @@ import pytest
 from told import result
 
 from texclass import provenance
+from texclass.cli.experiment_commands import report
 from texclass.experiment import load_pipeline
 from texclass.experiment.result import COMPUTED_BY
 from texclass.features import load_feature_set
@@ -40,7 +41,7 @@ def test_results_of_other_code_pipelines_or_features_are_listed_with_the_reason(
     data, path = todays(), tmp_path / "r.json"
     change(data)
     path.write_text(json.dumps(data))
-    assert stale_results([path]) == ({path: why} if why else {})
+    assert stale_results([path]) == ({path: why} if why else {}, {})
 
 
 def test_each_kind_of_result_names_its_pipeline_and_features_in_its_own_way(tmp_path):
@@ -56,7 +57,7 @@ def test_each_kind_of_result_names_its_pipeline_and_features_in_its_own_way(tmp_
     ):  # fmt: skip
         for facts, reason in (({}, None), (changed, why)):
             path.write_text(json.dumps(result(kind) | named | made_by(*COMPUTED_BY) | facts))
-            assert stale_results([path]).get(path) == reason
+            assert stale_results([path])[0].get(path) == reason
 
 
 def test_studies_name_the_code_that_made_them_and_are_listed_too(tmp_path):
@@ -68,10 +69,30 @@ def test_studies_name_the_code_that_made_them_and_are_listed_too(tmp_path):
         ({}, "made before results carried a hash of their code"),
     ):
         path.write_text(json.dumps({"versions": {}, "pipeline": ["multiscale"], "ratio": np.nan, **facts}))
-        assert stale_results([path]).get(path) == why
+        assert stale_results([path])[0].get(path) == why
     path.write_text(json.dumps({"versions": {}, "code_of": ["/"]}))
-    with pytest.raises(ValueError, match="code_of"):
-        stale_results([path])
+    stale, skipped = stale_results([path])
+    assert not stale
+    assert "code_of" in skipped[path]
+
+
+def test_files_that_are_no_results_are_skipped_and_listed(tmp_path, capsys):
+    stale, other = tmp_path / "stale.json", tmp_path / "other.json"
+    stale.write_text(json.dumps(todays() | {"code_hash": "0"}))
+    other.write_text(json.dumps({"title": "mine"}))
+    (tmp_path / "page.md").write_text("# Page")
+    (tmp_path / "picture.png").write_bytes(b"\x89PNG\xff")
+    files = [other, tmp_path / "page.md", tmp_path / "picture.png", tmp_path, stale]
+    found, skipped = stale_results(files)
+    assert found == {stale: "made by other code"}
+    assert list(skipped) == files[:4]
+    assert "title" in skipped[other]
+    report(files, stale=True)
+    said = capsys.readouterr().out
+    assert f"skipped {other}: " in said
+    assert "1 of 1 results are to be made again" in said
+    with pytest.raises(FileNotFoundError):
+        stale_results([tmp_path / "gone.json"])
 
 
 def test_words_of_code_are_no_code(tmp_path):

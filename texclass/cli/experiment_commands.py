@@ -327,14 +327,16 @@ def report(
     title
         Its title; the datasets' names by default.
     stale
-        List those whose code, pipeline or features have changed; no page.
+        List results whose code, pipeline or features have changed, and skipped files; write no page.
     """
     from texclass.reporting import stale_results, write_page
 
     if stale:
-        found = stale_results(results)
+        found, skipped = stale_results(results)
         for path, why in found.items():
             typer.echo(f"{path}: {why}")
-        typer.echo(f"{len(found)} of {len(results)} are to be made again")
+        for path, why in skipped.items():
+            typer.echo(f"skipped {path}: {why}")
+        typer.echo(f"{len(found)} of {len(results) - len(skipped)} results are to be made again")
         return
     typer.echo(f"wrote {write_page(results, output, title)}")

@@ -324,25 +324,40 @@ def _read(path: Path, *, or_study: bool = False) -> tuple[str, Any]:
     return kind, data
 
 
-def stale_results(paths: Sequence[str | Path]) -> dict[Path, str]:
-    """Return which results were made by other code, another pipeline or other features than today's, and why.
+def stale_results(paths: Sequence[str | Path]) -> tuple[dict[Path, str], dict[Path, str]]:
+    """Return the results to be made again, and the files that contain no result, each with the reason.
 
-    Comments, docstrings and the modules that put results into words are no such code.
+    A result is made again where its code, pipeline or features have changed; comments, docstrings and the
+    modules that put results into words do not count as code.
 
     Parameters
     ----------
     paths : sequence of str or path
         JSON files.
 
+    Returns
+    -------
+    dict of Path to str
+        Results to be made again.
+    dict of Path to str
+        Skipped files: folders, and files that contain no result.
+
     Raises
     ------
-    ValueError
-        As `read_document`.
+    OSError
+        If a file does not exist or cannot be read.
     """
     now = cache(partial(code_hash, words=False))
-    found = {}
+    found, skipped = dict[Path, str](), dict[Path, str]()
     for path in map(Path, paths):
-        kind, data = _read(path, or_study=True)
+        if path.is_dir():
+            skipped[path] = "is a folder"
+            continue
+        try:
+            kind, data = _read(path, or_study=True)
+        except ValueError as error:
+            skipped[path] = str(error).removeprefix(f"{path}: ")
+            continue
         reasons = []
         if not (made_by := data.get("code_hash")):
             reasons.append("made before results carried a hash of their code")
@@ -360,7 +375,7 @@ def stale_results(paths: Sequence[str | Path]) -> dict[Path, str]:
                     reasons.append(f"{what} {name} is not here")
         if reasons:
             found[path] = "; ".join(reasons)
-    return found
+    return found, skipped
 
 
 def _definitions(kind: str, data: Any) -> Iterator[tuple[str, Any, Any, Callable[[str], Any]]]:
