@@ -118,7 +118,7 @@ def test_the_topic_is_chosen_by_name_and_asked_for_where_several_fit(tmp_path, v
 def test_rate_and_unit_may_not_be_contradicted(tmp_path, values):
     path = write_bag(tmp_path, "bag", {"/imu": _imu(values)})
     assert load_recording(path, fs=200, unit="m/s^2").fs == 200
-    with pytest.raises(RecordingError, match="fs is 200 Hz by its stamps, 250 Hz was given"):
+    with pytest.raises(RecordingError, match="fs is 200 Hz by its header stamps, but 250 Hz was given"):
         load_recording(path, fs=250)
     with pytest.raises(RecordingError, match=r"unit is 'm/s\^2' there, 'g' was given"):
         load_recording(path, unit="g")

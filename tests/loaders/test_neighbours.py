@@ -44,7 +44,7 @@ def test_raw_and_epochs_are_recordings_of_their_channels(make):
     felt = recordings_of(epochs)
     assert [(r.recording_id, r.material) for r in felt] == [("epoch 0", "oak"), ("epoch 1", "felt")]
     np.testing.assert_array_equal(tx.extract(epochs, "strese2015"), tx.extract(AXES, "strese2015", fs=FS))
-    with pytest.raises(ValueError, match="fs is 1000 Hz there, 500 Hz was given"):
+    with pytest.raises(ValueError, match="fs is 1000 Hz, but 500 Hz was given"):
         tx.extract(raw, fs=500.0)
 
 

@@ -53,7 +53,15 @@ Delimiter = Annotated[
 ]
 TimeColumn = Annotated[
     str | None,
-    typer.Option("--time-column", help="Column that says when each sample was taken, by name or number."),
+    typer.Option(
+        "--time-column", help="Column of the time stamps, by name or number; 'none' ignores them all."
+    ),
+]
+TimeUnit = Annotated[
+    str | None,
+    typer.Option(
+        "--time-unit", help="Unit of the time stamps: s, ms, us, ns, min, h or days; inferred by default."
+    ),
 ]
 Jobs = Annotated[int, typer.Option("--jobs", help="Processes; -1 uses every core.")]
 RunOn = Annotated[
@@ -177,6 +185,7 @@ def reads_files(
     column: Column = None,
     delimiter: Delimiter = None,
     time_column: TimeColumn = None,
+    time_unit: TimeUnit = None,
     resample: float | None = None,
 ) -> dict[str, Any]:
     """Give a command the options that say how files are read; it gets them as one mapping.
@@ -188,15 +197,22 @@ def reads_files(
     resample
         Rate in Hz to which all files are brought, band-limited.
     """
-    read = columns_read(column=column, delimiter=delimiter, time_column=time_column)
+    read = columns_read(column, delimiter, time_column, time_unit)
     return {"fs": fs, "unit": unit, "resample": resample, **read}
 
 
-def columns_read(column: str | None, delimiter: str | None, time_column: str | None) -> dict[str, Any]:
+def columns_read(
+    column: str | None, delimiter: str | None, time_column: str | None, time_unit: str | None
+) -> dict[str, Any]:
     """Return how files are read, several columns and a tab as people write them on a command line."""
     columns = tuple(name.strip() for name in column.split(",")) if column else None
     divided_by = "\t" if delimiter in ("tab", "\\t") else delimiter
-    return {"column": columns, "delimiter": divided_by, "time_column": time_column}
+    return {
+        "column": columns,
+        "delimiter": divided_by,
+        "time_column": time_column,
+        "time_unit": time_unit,
+    }
 
 
 def write_json(path: Path | None, text: str) -> None:

@@ -26,6 +26,7 @@ def opens_source(
     column: options.Column = None,
     delimiter: options.Delimiter = None,
     time_column: options.TimeColumn = None,
+    time_unit: options.TimeUnit = None,
     channels: int | None = None,
     paced: bool = False,
     reliability: str | None = None,
@@ -50,7 +51,7 @@ def opens_source(
     depth
         Of ros2:/TOPIC: messages kept until they are taken; 20,000 by default.
     """
-    read = options.columns_read(column=column, delimiter=delimiter, time_column=time_column)
+    read = options.columns_read(column, delimiter, time_column, time_unit)
     of_topic = {"reliability": reliability, "depth": depth}
     stated = {"fs": fs, "unit": unit, "resample": resample, "paced": paced, "raw_channels": channels}
     return {**stated, **read, **of_topic}

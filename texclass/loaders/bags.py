@@ -88,7 +88,7 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     samples, received = samples[order], received[order]
     instants = stamps[order] if stamps is not None and by_header else received
     uniform, fs, start_s, flags = at_uniform_rate(
-        samples, instants, received, options.fs, by_header=by_header, where=where
+        samples, instants, received, options.fs, by_header=by_header, where=where, rate_of=options.rate_of
     )
     named = {name: np.ascontiguousarray(uniform[:, i]) for i, name in enumerate(own)}
     t = start_s + np.arange(len(uniform)) / fs

@@ -152,12 +152,13 @@ _UNSAID = {
     "trim": False,
     "recipe": {},
     "time_column": None,
+    "time_unit": None,
     "resample_hz": None,
     "materials": {},
     "turn_rate_scale": 1.0,
 }
 """What `Reading.facts` tells of a key that a format has not."""
-_LATER = ("topic", "time_column", "resample_hz", "materials", "turn_rate_scale")
+_LATER = ("topic", "time_column", "time_unit", "resample_hz", "materials", "turn_rate_scale")
 """Keys that cards got later."""
 
 
@@ -208,7 +209,9 @@ class FileReading(Reading):
     delimiter
         Of text files.
     time_column
-        Which says when each sample was taken, by name or number.
+        Column of the time stamps, by name or number; "none" ignores all time stamps.
+    time_unit
+        Unit of the time stamps, by default inferred: s, ms, us, ns, min, h or days.
     resample_hz
         Rate to which recordings are brought, band-limited; then each file may state its own, and `fs_hz` is
         that of files which state none.
@@ -225,9 +228,12 @@ class FileReading(Reading):
     companions: dict[Signal, Texts] = Field(default_factory=dict)
     delimiter: str | None = Field(default=None, pattern=r'^[^"\r\n]$', description="one character, no quote")
     time_column: Annotated[str | None, BeforeValidator(lambda given: given and _named(given)[0])] = None
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "days"] | None = None
     resample_hz: float | None = Field(default=None, gt=0, le=MOST_LARGE, description="a rate in Hz above 0")
     topic: str | None = None
     trim: bool = False
+    _rate_of: str = PrivateAttr(default="")
+    """File whose rate `fs_hz` is, where neither user nor card state one."""
 
     @model_validator(mode="after")
     def _material_is_told(self) -> "FileReading":

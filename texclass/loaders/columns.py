@@ -30,15 +30,19 @@ CONVENTIONAL = (
 """Columns that are the acceleration when nobody says which ones are, see `plain`."""
 TIMES = ("time", "t", "timestamp", "datetime", "date time", "epoch", "seconds", "seconds elapsed", "elapsed")
 """Columns that say when samples were taken, see `plain`."""
-TIME_UNITS = {"s": 1e9, "ms": 1e6, "us": 1e3, "µs": 1e3, "ns": 1.0, "sec": 1e9, "seconds": 1e9}
-"""Nanoseconds, by the end of a column's name."""
+TIME_UNITS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0, "min": 60e9, "h": 3600e9, "days": 86400e9}
+"""Nanoseconds in each unit that --time-unit and `time_unit` of a card accept."""
+_TIME_SUFFIXES = {**{unit: unit for unit in TIME_UNITS}, "µs": "us", "sec": "s", "seconds": "s"}
+"""End of a column's name -> its unit."""
+NO_TIME_COLUMN = "none"
+"""Name of a time column that means that there is none."""
 _BRACKETED = {
     **dict.fromkeys(("m/s^2", "m/s2", "m/s²", "m/s/s", "m s-2", "ms-2"), "m/s^2"),
     **{unit: unit for unit in ("g", "mg", "counts")},
 }
 """Unit as it stands in brackets behind a column's name -> unit of an acceleration."""
 _UNIT = re.compile(
-    rf"[(\[]\s*({'|'.join(map(re.escape, (*_BRACKETED, *TIME_UNITS)))})\s*[)\]]", re.IGNORECASE
+    rf"[(\[]\s*({'|'.join(map(re.escape, (*_BRACKETED, *_TIME_SUFFIXES)))})\s*[)\]]", re.IGNORECASE
 )
 
 
@@ -81,9 +85,14 @@ class ReadOptions:
     topic : str, optional
         Of a bag; by default the only one that carries an acceleration.
     fs : float, optional
-        Rate in Hz at which what bears stamps is wanted; by default the one that they say.
+        Rate in Hz that time stamps must agree with; by default the one that they imply.
     time_column : str, optional
-        Column or array that says when each sample was taken; by default one of a conventional name.
+        Column or array of the time stamps, or `NO_TIME_COLUMN`; by default one with a conventional name that
+        increases.
+    time_unit : str, optional
+        Unit of the time stamps, of `TIME_UNITS`; by default the one in the name of the column, or inferred.
+    rate_of : str
+        File that states `fs`; by default user or card do.
     """
 
     delimiter: str | None = None
@@ -91,6 +100,8 @@ class ReadOptions:
     topic: str | None = None
     fs: float | None = None
     time_column: str | None = None
+    time_unit: str | None = None
+    rate_of: str = ""
 
 
 def without_unit(name: str) -> str:
@@ -118,14 +129,14 @@ def unit_of(names: Iterable[str], path: Path) -> str | None:
 
 
 def time_unit(name: str) -> str | None:
-    """Return the unit, of `TIME_UNITS`, in which a column of times is by its name: "t (ms)", "time_us"."""
-    told = re.search(rf"(?:\b|_)({'|'.join(TIME_UNITS)})\b", name.lower())
-    return told and told[1]
+    """Return the unit, of `TIME_UNITS`, in the name of a column, if there is one: "t (ms)", "time_us"."""
+    match = re.search(rf"(?:\b|_)({'|'.join(_TIME_SUFFIXES)})\b", name.lower())
+    return _TIME_SUFFIXES[match[1]] if match else None
 
 
 def is_time(name: str) -> bool:
-    """Whether a column is, by its name, one of times: "time", "timestamp_us", "t (ms)"."""
-    return re.sub(rf" ({'|'.join(TIME_UNITS)})$", "", plain(name)) in TIMES
+    """Whether the name of a column is that of time stamps: "time", "timestamp_us", "t (ms)"."""
+    return re.sub(rf" ({'|'.join(_TIME_SUFFIXES)})$", "", plain(name)) in TIMES
 
 
 def choose_acceleration(names: Sequence[str], path: Path) -> tuple[str, ...]:
@@ -231,6 +242,18 @@ def storage_suffix(name: str) -> str:
 def refused(where: object, found: str, rule: str) -> RecordingError:
     """Return the error of a file: what was found there, and the rule that it breaks."""
     return RecordingError(f"{where}: {found}; the rule is {rule}")
+
+
+def contradicting_rates(where: object, stated: str, given: float, rate_of: str) -> RecordingError:
+    """Return the error of a file whose rate is not the given one, which may be that of the file `rate_of`."""
+    if rate_of:
+        other, remedy = f"{given:g} Hz in {rate_of}", "resample all files"
+    else:
+        other, remedy = f"{given:g} Hz was given", "omit --fs, or resample"
+    return RecordingError(
+        f"{where}: fs is {stated}, but {other}. Expected one rate: {remedy} with --resample HZ "
+        "(`resample_hz` in a card)"
+    )
 
 
 def listed(names: Sequence[str], most: int = 8) -> str:

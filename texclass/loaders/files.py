@@ -12,6 +12,8 @@ import numpy as np
 from texclass import shipped
 from texclass.loaders.columns import (
     BAG_FOLDER,
+    NO_TIME_COLUMN,
+    TIME_UNITS,
     UNNAMED,
     ReadOptions,
     ReadSignals,
@@ -24,7 +26,7 @@ from texclass.loaders.columns import (
     without_unit,
 )
 from texclass.loaders.plausibility import MOST_HZ, UNIT_RULE, build_recording
-from texclass.loaders.stamps import by_times
+from texclass.loaders.time_columns import by_time_column, increases
 from texclass.recording import (
     AUXILIARY_UNITS,
     UNITS,
@@ -54,6 +56,7 @@ def load_recording(
     auxiliary: Mapping[str, str | Sequence[str]] | None = None,
     delimiter: str | None = None,
     time_column: str | None = None,
+    time_unit: str | None = None,
     resample: float | None = None,
     topic: str | None = None,
 ) -> Recording:
@@ -79,8 +82,12 @@ def load_recording(
     delimiter : str, optional
         Of a text; by default what its first line has. Decimal points may be commas where it is none.
     time_column : str, optional
-        Column that says when each sample was taken, by numbers or dates; samples are put there. By default
-        one named time, t or timestamp tells the rate, or must agree with `fs`.
+        Column of the time stamps (numbers or dates); by default one named time, t or timestamp that
+        increases. Time stamps give the rate, or must agree with `fs`; samples are interpolated at their
+        times, and lost ones are filled in or divide the recording. "none" ignores all time stamps.
+    time_unit : str, optional
+        Unit of the time stamps: "s", "ms", "us", "ns", "min", "h" or "days". By default the one in the name
+        of the column, or the one that range and step imply.
     resample : float, optional
         Rate in Hz to which the signals are brought, band-limited.
     topic : str, optional
@@ -97,9 +104,14 @@ def load_recording(
         If a fact is missing or contradicted, or the file is not what it should be.
     """
     path, asked = located(path)
-    check_stated(path, fs, unit, resample=resample, delimiter=delimiter)
+    check_stated(path, fs, unit, resample=resample, delimiter=delimiter, time_unit=time_unit)
     options = ReadOptions(
-        delimiter, codes=unit == "counts", topic=topic or asked, fs=fs, time_column=time_column
+        delimiter,
+        codes=unit == "counts",
+        topic=topic or asked,
+        fs=fs,
+        time_column=time_column,
+        time_unit=time_unit,
     )
     roles = {name: columns_of(names) for name, names in {UNNAMED: column, **(auxiliary or {})}.items()}
     axes = axis_files(path)
@@ -205,13 +217,14 @@ def check_stated(
     *,
     resample: float | None = None,
     delimiter: str | None = None,
+    time_unit: str | None = None,
 ) -> None:
     """Check what a user states of files, before any is read.
 
     Raises
     ------
     RecordingError
-        If the unit is unknown, a rate not above 0, or the delimiter not one character.
+        If a unit is unknown, a rate not above 0, or the delimiter not one character.
     """
     if unit not in (None, *UNITS):
         raise refused(where, f"unit is {unit!r}", UNIT_RULE)
@@ -222,6 +235,8 @@ def check_stated(
             )
     if delimiter is not None and (len(delimiter) != 1 or delimiter in '"\r\n'):
         raise refused(where, f"delimiter is {delimiter!r}", "one character, no quote")
+    if time_unit not in (None, *TIME_UNITS):
+        raise refused(where, f"time unit is {time_unit!r}", f"one of {', '.join(TIME_UNITS)}")
 
 
 def recording_name(path: Path, axes: Mapping[str, Path]) -> str:
@@ -309,37 +324,52 @@ def read_signals(
 
 
 def _read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
-    """Read columns of a file, at the rate that its times tell if there are any."""
-    reader, asked = _reader(path), options.time_column
-    if is_bag(path):  # it has stamps
+    """Read columns of a file, at the rate of its time stamps if there are any."""
+    reader, named = _reader(path), options.time_column
+    if is_bag(path):  # it has time stamps
         return reader.read(path, wanted, options)  # type: ignore[no-any-return]
-    present = reader.names(path, options)
-    times = numbered((asked,) if asked else (), present)
-    times = times or tuple(name for name in present if is_time(name) and name not in wanted)[:1]
-    try:
-        read: ReadSignals = reader.read(path, tuple(dict.fromkeys((*wanted, *times))), options)
-    except RecordingError:
-        if asked or not times:
-            raise
-        return reader.read(path, wanted, options)  # type: ignore[no-any-return]  # its times are no numbers
-    named = {name: as_samples(read.named[name], name, path) for name in wanted}
-    n_times = len(read.named[times[0]]) if times else 0
-    if not n_times or (not asked and (read.fs is not None or any(len(s) != n_times for s in named.values()))):
-        return replace(read, named=named)
-    columns = [named[name].reshape(n_times, -1) for name in wanted]
-    given = options.fs if read.fs is None else read.fs
-    uniform, fs, flags = by_times(
+    if named is not None and named != NO_TIME_COLUMN:
+        (time,) = numbered((named,), reader.names(path, options))
+        return _at_times(
+            reader.read(path, tuple(dict.fromkeys((*wanted, time))), options), wanted, time, path, options
+        )
+    candidates = [] if named else [n for n in reader.names(path, options) if is_time(n) and n not in wanted]
+    ignored = list[str]()
+    for time in candidates:
+        try:
+            read: ReadSignals = reader.read(path, (*wanted, time), options)
+        except RecordingError:  # neither numbers nor dates, if reading without it succeeds
+            continue
+        if read.fs is not None or any(len(read.named[name]) != len(read.named[time]) for name in wanted):
+            break  # the file states its rate, or holds signals of several rates
+        if increases(read.named[time]):
+            return _at_times(replace(read, flags=(*read.flags, *ignored)), wanted, time, path, options)
+        ignored.append(f"time: column {time!r} is ignored, it does not increase like time stamps")
+    read = reader.read(path, wanted, options)
+    signals = {name: as_samples(read.named[name], name, path) for name in wanted}
+    return replace(read, named=signals, flags=(*read.flags, *ignored))
+
+
+def _at_times(
+    read: ReadSignals, wanted: tuple[str, ...], time: str, path: Path, options: ReadOptions
+) -> ReadSignals:
+    """Return signals at the uniform rate that a column of time stamps implies."""
+    signals = [as_samples(read.named[name], name, path) for name in wanted]
+    times = read.named[time]
+    columns = [signal.reshape(len(times), -1) for signal in signals]
+    uniform, fs, flags = by_time_column(
         np.column_stack(columns),
-        read.named[times[0]],
-        times[0],
-        given,
-        resampled=asked is not None,
+        times,
+        time,
+        options.fs if read.fs is None else read.fs,
         where=str(path),
+        unit=options.time_unit,
+        rate_of=options.rate_of,
     )
     parts = np.split(uniform, np.cumsum([column.shape[1] for column in columns])[:-1], axis=1)
     named = {
-        name: part.reshape(len(part), *named[name].shape[1:])
-        for name, part in zip(wanted, parts, strict=True)
+        name: part.reshape(len(part), *signal.shape[1:])
+        for name, signal, part in zip(wanted, signals, parts, strict=True)
     }
     return replace(read, named=named, fs=fs, flags=(*read.flags, *flags))
 

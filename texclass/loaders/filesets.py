@@ -65,7 +65,9 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
         codes=reading.unit == "counts",
         topic=topic,
         fs=reading.fs_hz if reading.resample_hz is None else None,
+        rate_of=reading._rate_of,
         time_column=reading.time_column,
+        time_unit=reading.time_unit,
     )
     signals = read_signals(axes, reading.channels, options, trim=reading.trim)
     named = dict(signals.named)
@@ -320,9 +322,10 @@ def contact(acceleration: Samples) -> int:
 
 def _recording(signals: ReadSignals, told: Reading, entry: Entry, source: str) -> Recording:
     facts = {name: getattr(entry, name) for name in ("recording_id", *GROUPS)}
-    resample = told.resample_hz if isinstance(told, FileReading) else None
+    if isinstance(told, FileReading):
+        facts |= {"resample": told.resample_hz, "rate_of": told._rate_of}
     recording = build_recording(
-        signals, fs=told.fs_hz, unit=told.unit, source=source, scale=told.scale, resample=resample, **facts
+        signals, fs=told.fs_hz, unit=told.unit, source=source, scale=told.scale, **facts
     )
     return conditioned(
         recording,

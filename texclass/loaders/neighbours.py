@@ -8,7 +8,7 @@ import numpy as np
 from texclass.loaders.columns import UNNAMED, ReadSignals, refused
 from texclass.loaders.dataset import GROUPS
 from texclass.loaders.plausibility import build_recording
-from texclass.loaders.stamps import by_times
+from texclass.loaders.time_columns import by_time_column
 from texclass.recording import Phases, Recording, Samples
 
 
@@ -102,7 +102,7 @@ def _of_xarray(given: Any, fs: float | None) -> Iterator[tuple[ReadSignals, str,
         times = time.to_numpy() + (np.datetime64(0, "ns") if time.dtype.kind == "m" else 0)
         called = f"time ({time.attrs['units']})" if "units" in time.attrs else "time"
         rows = samples.reshape(len(samples), -1)
-        rows, rate, flags = by_times(rows, times, called, rate, resampled=False, where=name)
+        rows, rate, flags = by_time_column(rows, times, called, rate, where=name)
         samples = rows.reshape(-1, *samples.shape[1:])
     facts = {group: given.attrs[group] for group in GROUPS if group in given.attrs}
     unit = given.attrs.get("unit", given.attrs.get("units"))

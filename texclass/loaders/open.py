@@ -34,6 +34,7 @@ def open_dataset(
     column: str | Sequence[str] | None = None,
     delimiter: str | None = None,
     time_column: str | None = None,
+    time_unit: str | None = None,
     resample: float | None = None,
     skip_bad: bool = False,
 ) -> Dataset:
@@ -50,7 +51,7 @@ def open_dataset(
     unit : str, optional
         Unit of the acceleration, for a folder; not needed where messages of bags or names of columns state
         it. What a card says must agree.
-    column, delimiter, time_column : optional
+    column, delimiter, time_column, time_unit : optional
         Of the files of a folder, as `load_recording` takes them; a card says these itself.
     resample : float, optional
         Rate in Hz to which recordings of files are brought, band-limited; then each file may state its own.
@@ -72,14 +73,16 @@ def open_dataset(
         If a fact is missing or contradicted, or the folder holds no recording.
     """
     path = Path(name_or_path).expanduser()
-    check_stated(path, fs, unit, resample=resample, delimiter=delimiter)
-    how: dict[str, Any] = {"delimiter": delimiter, "time_column": time_column, "resample_hz": resample}
+    check_stated(path, fs, unit, resample=resample, delimiter=delimiter, time_unit=time_unit)
+    how: dict[str, Any] = {"delimiter": delimiter, "time_column": time_column, "time_unit": time_unit}
+    how["resample_hz"] = resample
     if str(name_or_path) not in shipped.names("datasets") and path.is_dir():
         acceleration = columns_of(column)
         how["channels"] = {UNNAMED: acceleration} if acceleration else {}
         return _open_folder(path, fs, unit, how, skip_bad=skip_bad)
     card = read_card(name_or_path)
-    for key, given in {"delimiter": delimiter, "time_column": time_column, "[channels]": column}.items():
+    del how["resample_hz"]
+    for key, given in {**how, "[channels]": column}.items():
         if given is not None:
             raise refused(card.path, f"{given!r} was given beside a card", f"to say it in the card: {key}")
     if resample is not None and not isinstance(card, FileCard):
@@ -114,7 +117,8 @@ def find_recording(
 ) -> Recording:
     """Return one recording: a file, "bag:FILE?topic=/name", or "DATASET:RECORDING" for one of a dataset.
 
-    `reading` is what else `load_recording` and `open_dataset` take: column, delimiter, time_column, resample.
+    `reading` is what else `load_recording` and `open_dataset` take: column, delimiter, time_column,
+    time_unit, resample.
 
     Raises
     ------
@@ -147,6 +151,7 @@ def _open_folder(
             f"{root}: holds no recording; the rule is one subfolder per material with files of "
             f"{', '.join(suffixes())}"
         )
+    rate_of = ""
     notes = doubtful_levels([path.relative_to(root).parts for path in files])
     if fs is None or unit is None:
         options = ReadOptions(how["delimiter"], codes=unit == "counts", time_column=how["time_column"])
@@ -160,7 +165,7 @@ def _open_folder(
         if unit is None:
             unit = agreed_unit(first.unit, None, path)
             notes.append(f"in {unit}: the messages or the names of the columns of {path} say so")
-        fs = agreed_rate(first.fs, None, path) if fs is None else fs
+        fs, rate_of = (agreed_rate(first.fs, None, path), str(path)) if fs is None else (fs, "")
     if n_others := sum(not (path.name.startswith(".") or _is_recording(path)) for path in found):
         notes.append(f"{n_others} files of other kinds are ignored")
     ends = rf"\.(?i:{'|'.join(re.escape(suffix[1:]) for suffix in suffixes())})"
@@ -169,8 +174,10 @@ def _open_folder(
         rf"(?P<material>[^/]+)/.+{ends}",
         rf"(?P<material>[^/]+)/.+/{re.escape(BAG_FOLDER)}",
     )
+    reading = FileReading(fs_hz=fs, unit=unit, files=patterns, **how)
+    reading._rate_of = rate_of
     return open_files(
-        FileReading(fs_hz=fs, unit=unit, files=patterns, **how),
+        reading,
         # A process that works elsewhere, such as one kept from an earlier call, finds the files too.
         root.absolute(),
         notes=tuple(notes),

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from texclass.loaders.columns import UNNAMED, ReadSignals, refused
+from texclass.loaders.columns import UNNAMED, ReadSignals, contradicting_rates, refused
 from texclass.loaders.stamps import resample as band_limited
 from texclass.recording import ACCELERATION_UNITS, STANDARD_GRAVITY, UNITS, Recording, Samples
 
@@ -43,6 +43,7 @@ def build_recording(
     source: str,
     scale: float = 1.0,
     resample: float | None = None,
+    rate_of: str = "",
     flags: tuple[str, ...] = (),
     **facts: Any,
 ) -> Recording:
@@ -62,6 +63,8 @@ def build_recording(
         Factor by which the acceleration will be scaled.
     resample : float, optional
         Rate in Hz to which they are brought; then each file may have its own.
+    rate_of : str
+        File that states `fs`; by default user or card do.
 
     Raises
     ------
@@ -71,7 +74,7 @@ def build_recording(
     """
     unit = agreed_unit(signals.unit if scale == 1.0 else None, unit, source)
     facts |= {**signals.named, "channels": signals.channels, "unit": unit, "source": source}
-    rate = agreed_rate(signals.fs, fs if resample is None or signals.fs is None else None, source)
+    rate = agreed_rate(signals.fs, fs if resample is None or signals.fs is None else None, source, rate_of)
     recording = Recording(fs=rate, **facts)
     flags = (*flags, *signals.flags, *check_acceleration(recording.acceleration, recording.channels, source))
     flags = (*flags, *doubts(signals.named, rate, unit, scale, flags))
@@ -82,8 +85,10 @@ def build_recording(
     return recording.with_(flags=flags) if flags else recording
 
 
-def agreed_rate(stated: float | None, given: float | None, where: object) -> float:
+def agreed_rate(stated: float | None, given: float | None, where: object, rate_of: str = "") -> float:
     """Return the sampling rate in Hz, from the file, from the user or card, or from both if they agree.
+
+    `rate_of` is the file that states `given`, if neither user nor card does.
 
     Raises
     ------
@@ -93,8 +98,7 @@ def agreed_rate(stated: float | None, given: float | None, where: object) -> flo
     if stated is None and given is None:
         raise refused(where, "fs is missing", "a rate in Hz, never guessed: give --fs or --time-column")
     if stated is not None and given is not None and not math.isclose(stated, given, rel_tol=1e-9):
-        found = f"fs is {stated:g} Hz there, {given:g} Hz was given (or is another file's)"
-        raise refused(where, found, "one rate: --resample HZ brings files to one (`resample_hz` in a card)")
+        raise contradicting_rates(where, f"{stated:g} Hz", given, rate_of)
     rate = float(stated if stated is not None else given)  # type: ignore[arg-type]
     if rate > MOST_HZ:
         raise refused(where, f"fs is {rate:g} Hz", f"a sampling rate in Hz, at most {MOST_HZ:g}")

@@ -1,7 +1,7 @@
-"""Samples at the instants of time stamps -> samples at a uniform rate; what was wrong on the way is said.
+"""Samples at the instants of time stamps -> samples at a uniform rate; every correction is reported.
 
-Stamps jump when a clock is set, repeat when a message is sent twice, arrive out of order, late and in bursts,
-and miss what was lost.
+Time stamps jump when a clock is set, repeat when a message is sent twice or the clock is coarse, arrive out
+of order, late and in bursts, and are missing where messages were lost.
 """
 
 from fractions import Fraction
@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.loaders.columns import TIME_UNITS, refused, time_unit
+from texclass.loaders.columns import contradicting_rates, refused
 from texclass.recording import Samples
 
 Stamps = NDArray[np.int64]
@@ -34,10 +34,13 @@ MOST_JITTER = 0.5
 """Stamps that deviate by more, in periods (root mean square), say nothing of when a sample was taken."""
 MOST_RESOLUTION = 0.05
 """Stamps in coarser units, in periods (whole milliseconds at 100 Hz and more), say too little, too."""
-LEAST_RATE = 20.0
-"""Hz; a lower one, by times that do not say their unit, may as well be a thousand times as high."""
 KEPT_JITTER = 0.02
 """Stamps that deviate by less are taken as evenly spaced."""
+COARSE_CLOCK = 0.25
+"""Ratio of how often values change at equal stamps to how often they change at others; from here on, equal
+stamps come from a coarse clock and not from messages that were sent twice."""
+SHARED_STAMPS = 0.2
+"""Share of ticks with several samples from which a clock is called coarse."""
 
 
 def _placed(
@@ -48,12 +51,12 @@ def _placed(
     Samples are numbered from 0; numbers are missing where messages are lost. `repeats` says whether a message
     holds the same values as the one before.
     """
-    again = (np.diff(stamps_ns, prepend=stamps_ns[:1] - 1) == 0) & repeats  # equal stamps alone are a burst
+    again = _sent_twice(stamps_ns, received_ns, repeats)
     kept = np.flatnonzero(~again)
     t, jumps = _bridged(_seconds(stamps_ns[kept]), _seconds(received_ns[kept]))
     order = np.argsort(t, kind="stable")
     n_moved = int(np.count_nonzero(np.diff(t) < 0))
-    kept, t = kept[order], t[order]
+    kept, (t, coarse) = kept[order], _spread(t[order])
     step = np.diff(t)
     if not len(step) or not t[-1] > t[0] or not np.isfinite(t[-1]):
         raise refused(where, f"{len(t)} messages at one instant", "at least two instants")
@@ -73,11 +76,46 @@ def _placed(
     said = {
         f"duplicates: {again.sum()} messages repeat stamp and values of the one before, dropped": again.any(),
         jumps: jumps,
+        coarse: coarse,
         f"out of order: {n_moved} messages, put in the order of their stamps": n_moved,
         f"gaps: {lost.sum()} messages missing in {np.count_nonzero(lost)} gaps, interpolated": lost.any(),
         cut: cut,
     }
     return kept, t, index, [text for text, holds in said.items() if holds]
+
+
+def _sent_twice(stamps_ns: Stamps, received_ns: Stamps, repeats: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which messages repeat the one before, with the same stamp and the same values.
+
+    Where values change about as often at equal stamps as at others, the clock is coarse and equal values are
+    those of a sensor at rest; then only messages that were also received together are repeats.
+    """
+    equal = np.diff(stamps_ns, prepend=stamps_ns[:1] - 1) == 0
+    again: NDArray[np.bool_] = equal & repeats
+    if not again.any() or np.mean(~repeats[equal]) < COARSE_CLOCK * np.mean(~repeats[~equal]):
+        return again
+    step = np.diff(received_ns, prepend=received_ns[:1])
+    together = step < 0.1 * np.median(step)
+    return np.asarray(again & (received_ns != stamps_ns) & together)
+
+
+def _spread(t: Samples) -> tuple[Samples, str]:
+    """Space samples that share the ticks of a coarse clock evenly; only whole ticks count as missing."""
+    first = np.flatnonzero(np.diff(t, prepend=-np.inf) > 0)
+    if len(first) < 4:
+        return t, ""
+    n_samples, step = np.diff(first, append=len(t)), np.diff(t[first])
+    within = n_samples[1:-1]  # the recording begins and ends inside a tick
+    tick = float(np.median(step))
+    is_even = np.abs(step / tick - np.rint(step / tick)) < 0.01
+    is_alike = within <= 2 * np.median(within) + 1
+    if np.mean(n_samples > 1) < SHARED_STAMPS or min(is_even.mean(), is_alike.mean()) < 0.9:
+        return t, ""
+    is_whole = step < 1.5 * tick
+    period = float(step[1:][is_whole[1:]].sum() / within[is_whole[1:]].sum())
+    missing = np.append(0, np.cumsum(np.where(is_whole, 0.0, step - tick)))
+    spread = t[0] + period * np.arange(len(t)) + np.repeat(missing, n_samples)
+    return spread, f"coarse clock: {tick / period:.3g} samples per tick of {tick:.3g} s, evenly spaced"
 
 
 def _seconds(stamps_ns: Stamps) -> Samples:
@@ -192,6 +230,7 @@ def at_uniform_rate(
     by_header: bool,
     where: str,
     by: str = "",
+    rate_of: str = "",
 ) -> tuple[Samples, float, float, tuple[str, ...]]:
     """Return samples of messages at a uniform rate.
 
@@ -212,6 +251,8 @@ def at_uniform_rate(
         Whether the stamps are of headers.
     where, by : str
         For messages of errors and flags: the file, and what the stamps are.
+    rate_of : str
+        File that states `given`; by default the user does.
 
     Returns
     -------
@@ -239,12 +280,12 @@ def at_uniform_rate(
     resolution = float(np.gcd.reduce(np.diff(used))) / 1e9 / float(period)
     measured = float(1 / period) * per_message
     fs = nominal_rate(measured) if given is None else given
+    by = by or ("header stamps" if by_header else "times of receipt")
     if abs(measured - fs) > NEAR_RATE * fs:
-        raise refused(where, f"fs is {measured:.6g} Hz by its stamps, {fs:g} Hz was given", "one rate")
+        raise contradicting_rates(where, f"{measured:.6g} Hz by its {by}", fs, rate_of)
     tells = KEPT_JITTER < jitter <= MOST_JITTER and resolution <= MOST_RESOLUTION
     at_stamps = tells and by_header and per_message == 1
     uniform = _on_grid(samples[messages], index, offset if at_stamps else None)
-    by = by or ("header stamps" if by_header else "times of receipt")
     rate = f"rate: {measured:.6g} Hz by the {by}"
     if abs(measured - fs) > SAME_RATE * fs:
         uniform = resample(uniform, measured, fs)
@@ -256,82 +297,6 @@ def at_uniform_rate(
         chosen = "samples interpolated at their stamps" if at_stamps else "samples taken as evenly spaced"
         flags.append(f"jitter: {100 * jitter:.2g} % of a period (rms), {chosen}")
     return uniform, fs, float(used[0]) / 1e9, tuple(flags)
-
-
-def by_times(
-    samples: Samples, times: Samples, name: str, given: float | None, *, resampled: bool, where: str
-) -> tuple[Samples, float, tuple[str, ...]]:
-    """Return samples at a uniform rate, by a column that says when each was taken.
-
-    Dates are dates. Else its unit is the one in its name ("time (ms)", "t_us"), else the one by which it
-    agrees with the given rate, else seconds (since 1970: what their size says).
-
-    Parameters
-    ----------
-    samples : ndarray of shape (n, n_columns)
-        As stored.
-    times : ndarray of shape (n,)
-        The column: numbers, or datetime64[ns].
-    name : str
-        Its name.
-    given : float or None
-        Rate in Hz that the user states.
-    resampled : bool
-        Whether samples are put where their times say; else these only have to agree with the given rate.
-    where : str
-        For messages of errors.
-
-    Returns
-    -------
-    uniform : ndarray of shape (n_uniform, n_columns)
-    fs : float
-    flags : tuple of str
-        As `at_uniform_rate`.
-
-    Raises
-    ------
-    RecordingError
-        If the column contradicts the given rate, or does not tell one.
-    """
-    n, told = len(times), time_unit(name)
-    if times.dtype.kind == "M":
-        times, told = (times - times[:1]).astype(np.float64), "ns"
-    steps = [float(np.median(np.diff(times))), float(times[-1] - times[0]) / max(n - 1, 1)] if n > 1 else []
-    steps = [step for step in steps if 0 < step < np.inf]
-    if not steps:
-        raise refused(where, f"its column {name!r} does not rise", "a time for each sample")
-    units = [told] if told else [*TIME_UNITS]
-    if given is not None:
-        rates = {unit: [1e9 / (step * TIME_UNITS[unit]) for step in steps] for unit in units}
-        near = (u for u, found in rates.items() if any(abs(f - given) <= NEAR_RATE * given for f in found))
-        if (unit := next(near, None)) is None:
-            by = f"{rates[units[0]][0]:.6g} Hz by its column {name!r} (in {units[0]})"
-            raise refused(
-                where, f"fs is {by}, {given:g} Hz was given", "one rate; without --fs it is the column's"
-            )
-        if not resampled:
-            return samples, given, ()
-    else:
-        unit = units[0] if told else next((u for u, size in _SIZES.items() if abs(times[0]) > size), "s")
-        rate = 1e9 / (steps[0] * TIME_UNITS[unit])
-        if not told and rate < LEAST_RATE:
-            raise refused(
-                where,
-                f"fs is {rate:.4g} Hz if its column {name!r} is in {unit}",
-                "a unit in its name, or --fs",
-            )
-    span = (times - times[0]) * TIME_UNITS[unit]
-    if not np.abs(span).max() < 2**62:
-        raise refused(where, f"its column {name!r} spans {np.ptp(times):g} {unit}", "less than a century")
-    stamps = np.rint(span).astype(np.int64)
-    uniform, fs, _, flags = at_uniform_rate(
-        samples[:, None, :], stamps, stamps, given, by_header=True, where=where, by=f"column {name!r}"
-    )
-    return uniform, fs, flags
-
-
-_SIZES = {"ns": 1e17, "us": 1e14, "ms": 1e11}
-"""Dates since 1970 in this unit are larger."""
 
 
 def _on_grid(samples: Samples, index: NDArray[np.int64], offset: Samples | None) -> Samples:

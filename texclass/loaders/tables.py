@@ -27,11 +27,12 @@ from texclass.loaders.columns import (
     refused,
     require,
 )
+from texclass.loaders.dates import is_date, parse_dates
 from texclass.recording import RecordingError
 
 DIVIDING = "\t;|,"
 """What may divide columns; the first of these that is in the first line does."""
-_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d[\d:.]*(Z|[+-]\d\d:?\d*)?")
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d(?::?\d\d){0,2}(?:\.\d+)?(Z|[+-]\d\d:?\d*)?")
 
 
 def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
@@ -63,6 +64,8 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     # A first cell that is a date, with or without a zone, makes a column of dates.
     dates = {name: _DATE.fullmatch(cell.strip()) for name, cell in zip(present, first, strict=False)}
     types = {name: pa.timestamp("ns", "UTC" if date[1] else None) for name, date in dates.items() if date}
+    others = {name for name, cell in zip(present, first, strict=False) if name not in types and is_date(cell)}
+    types |= dict.fromkeys(others, pa.string())
     text: Path | bytes = path
     if delimiter == " ":  # any number of blanks, as they align numbers
         lines = path.read_bytes().replace(b"\r\n", b"\n").replace(b"\t", b" ")
@@ -85,11 +88,14 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
                     decimal_point=decimal,
                 ),
             )
+            named: dict[str, NDArray[Any]] = {
+                name: parse_dates(table[name]) if name in others else _array(table[name]) for name in wanted
+            }
         except (pa.ArrowException, ValueError, TypeError, KeyError) as error:
             problem = problem or error
             continue
         said = ("decimals: commas are read as decimal points",) if decimal == "," else ()
-        return ReadSignals({name: _array(table[name]) for name in wanted}, flags=said)
+        return ReadSignals(named, flags=said)
     bad = _first_bad_line(path) if path.suffix.lower() == ".txt" and is_one else ""
     raise RecordingError(f"{path}: {bad or f'{problem}; the rule is a number in every cell'}") from problem
 
@@ -168,5 +174,5 @@ def _is_number(cell: str) -> bool:
     try:
         float(cell.replace("_", "x").replace(",", "."))
     except ValueError:
-        return bool(_DATE.fullmatch(cell))
+        return bool(_DATE.fullmatch(cell)) or is_date(cell)
     return True

@@ -116,8 +116,8 @@ class TrainingFiles(Written):
         Names of the channels of the recordings.
     topic
         Of bags, where these hold several.
-    time_column
-        Which says when each sample was taken.
+    time_column, time_unit
+        Column of the time stamps, and their unit.
     resample
         Whether files at other rates are brought to `fs`.
     """
@@ -134,6 +134,7 @@ class TrainingFiles(Written):
     axes: tuple[str, ...] = ()
     topic: str | None = None
     time_column: str | None = None
+    time_unit: str | None = None
     resample: bool = False
 
     @classmethod
@@ -159,7 +160,7 @@ class TrainingFiles(Written):
     ) -> Recording:
         """Return a file or bag, read as the training files were, or "DATASET:RECORDING" as its card has it.
 
-        `reading` is what else `load_recording` takes: column, delimiter, time_column, resample.
+        `reading` is what else `load_recording` takes: column, delimiter, time_column, time_unit, resample.
 
         Raises
         ------
@@ -232,7 +233,14 @@ class TrainingFiles(Written):
             asked = self.topic
         files.check_stated(path, fs, unit, resample=resample, delimiter=self.delimiter)
         codes = (unit or self.unit) == "counts"
-        options = ReadOptions(self.delimiter, codes=codes, topic=asked, fs=fs, time_column=self.time_column)
+        options = ReadOptions(
+            self.delimiter,
+            codes=codes,
+            topic=asked,
+            fs=fs,
+            time_column=self.time_column,
+            time_unit=self.time_unit,
+        )
         axes = files.axis_files(path)
         first = next(iter(axes.values()))
         of_bag = files.is_bag(first)

@@ -1,0 +1,194 @@
+"""Columns of time stamps: which column, in which unit, and what its samples become."""
+
+import numpy as np
+import pytest
+
+from texclass.loaders import load_recording
+from texclass.loaders.cards import CardError
+from texclass.loaders.open import open_dataset
+from texclass.recording import RecordingError
+
+RNG = np.random.default_rng(0)
+N = 1000
+VALUES = np.round(RNG.normal(size=N), 3)
+
+
+def write(path, cells, values=VALUES, name="time"):
+    """Write a table of a time column and an acceleration."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = (f"{cell},{value:.6g}" for cell, value in zip(cells, values, strict=True))
+    path.write_text("\n".join([f"{name},a", *rows]))
+    return path
+
+
+def loaded(path, **options):
+    return load_recording(path, unit="counts", **options)
+
+
+def numbers(times):
+    return [f"{time:.12g}" if abs(time) < 1e9 else f"{time:.0f}" for time in times]
+
+
+EPOCH = 1_700_000_000
+DATES = np.datetime64("2019-08-06T14:15:18.503", "ms") + np.arange(N) * np.timedelta64(10, "ms")
+TEXTS = [str(date).replace("T", " ") for date in DATES]
+
+
+@pytest.mark.parametrize(
+    ("cells", "name", "unit"),
+    [
+        (numbers(np.arange(N) / 100), "time", "s"),
+        (numbers(10.0 * np.arange(N)), "t", "ms"),
+        (numbers(10_000.0 * np.arange(N)), "time", "us"),
+        (numbers(1e7 * np.arange(N)), "timestamp", "ns"),
+        (numbers(EPOCH * 1000 + 10.0 * np.arange(N)), "timestamp", "ms"),
+        ([f"{EPOCH + k / 100:.2f}" for k in range(N)], "timestamp", "s"),
+        ([f"{45_000.59 + k / 8.64e6:.10f}" for k in range(N)], "time", "days"),
+        ([f"{738_000.59 + k / 8.64e6:.10f}" for k in range(N)], "time", "days"),
+    ],
+)
+def test_the_unit_of_time_stamps_follows_from_their_range_and_step(tmp_path, cells, name, unit):
+    recording = loaded(write(tmp_path / "r.csv", cells, name=name))
+    assert recording.fs == 100
+    np.testing.assert_allclose(recording.acceleration, VALUES, atol=0.05)
+    told = f"(unit {unit} inferred, see --time-unit)"
+    assert any(told in flag for flag in recording.flags) == (unit != "s")
+    stated = loaded(tmp_path / "r.csv", time_unit=unit)
+    assert stated.fs == 100
+    assert not any("inferred" in flag for flag in stated.flags)
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        [text[:-4] + ":" + text[-3:] for text in TEXTS],
+        [text.replace("-", "/") for text in TEXTS],
+        [f"{text[8:10]}.{text[5:7]}.{text[:4]} {text[11:]}" for text in TEXTS],
+        [f"{text[5:7]}/{text[8:10]}/{text[:4]} {int(text[11:13]) % 12}{text[13:]} PM" for text in TEXTS],
+        [text[11:] for text in TEXTS],
+    ],
+)
+def test_dates_and_times_of_day_as_loggers_write_them_give_the_rate(tmp_path, cells):
+    recording = loaded(write(tmp_path / "r.csv", cells, name="timestamp"))
+    assert recording.fs == 100
+    np.testing.assert_array_equal(recording.acceleration, VALUES)
+
+
+def test_times_of_day_pass_midnight(tmp_path):
+    texts = [str(np.datetime64("2019-08-06T23:59:55") + np.timedelta64(10 * k, "ms"))[11:] for k in range(N)]
+    assert len(loaded(write(tmp_path / "r.csv", texts)).acceleration) == N
+
+
+def test_several_plausible_units_are_refused_and_the_message_names_the_option(tmp_path):
+    path = write(tmp_path / "r.csv", numbers(np.arange(N) / 10))
+    with pytest.raises(RecordingError, match=r"10 Hz if in s or 10000 Hz if in ms by.*--time-unit"):
+        loaded(path)
+    assert loaded(path, time_unit="ms").fs == 10_000
+    assert loaded(path, time_unit="s").fs == 10
+    assert loaded(path, fs=10_000).fs == 10_000
+    with pytest.raises(RecordingError, match="time unit is 'weeks'; the rule is one of s, ms, us"):
+        loaded(path, time_unit="weeks")
+
+
+def test_a_name_that_contradicts_the_step_is_refused(tmp_path):
+    path = write(tmp_path / "r.csv", numbers(np.arange(N) / 100), name="time_ms")
+    with pytest.raises(RecordingError, match=r"100000 Hz if in ms or 100 Hz if in s.*--time-unit"):
+        loaded(path)
+    with pytest.raises(RecordingError, match=r"100000 Hz if in ms or 100 Hz if in s.*100 Hz was given"):
+        loaded(path, fs=100)
+    assert loaded(path, time_unit="s").fs == 100
+    assert loaded(path, time_unit="ms").fs == loaded(path, fs=100_000).fs == 100_000
+
+
+def test_a_column_that_is_named_like_time_but_does_not_increase_is_ignored_and_reported(tmp_path):
+    temperature = 23 + np.round(RNG.normal(size=N).cumsum() * 0.01, 2)
+    path = write(tmp_path / "r.csv", numbers(temperature), name="T")
+    recording = loaded(path, fs=1000)
+    np.testing.assert_array_equal(recording.acceleration, VALUES)
+    assert recording.flags == ("time: column 'T' is ignored, it does not increase like time stamps",)
+    with pytest.raises(RecordingError, match=r"fs is missing.*--time-column"):
+        loaded(path)
+
+
+def test_no_time_column_leaves_time_stamps_unread(tmp_path):
+    path = write(tmp_path / "mine" / "oak" / "r.csv", numbers(np.arange(N) / 100))
+    with pytest.raises(RecordingError, match="fs is 100 Hz by its column 'time', but 1000 Hz was given"):
+        loaded(path, fs=1000)
+    for recording in (
+        loaded(path, fs=1000, time_column="none"),
+        open_dataset(tmp_path / "mine", fs=1000, unit="counts", time_column="none")[0],
+        open_dataset(card(tmp_path, 'time_column = "none"'))[0],
+    ):
+        assert recording.fs == 1000
+        np.testing.assert_array_equal(recording.acceleration, VALUES)
+    assert open_dataset(card(tmp_path, 'time_unit = "us"', 1e8))[0].fs == 1e8
+    with pytest.raises(CardError, match="time_unit"):
+        open_dataset(card(tmp_path, 'time_unit = "weeks"'))
+
+
+def card(folder, line, fs_hz=1000):
+    path = folder / "card.toml"
+    path.write_text(
+        f"""title = "t"\nformat = "files"\nfolder = "mine"\nfs_hz = {fs_hz}\nunit = "counts"
+phases = "movement"\nfiles = '(?P<material>[^/]+)/.+[.]csv'\n{line}\n[channels]\nacceleration = "a"\n"""
+    )
+    return path
+
+
+def test_lost_rows_are_filled_in_and_reported_whether_the_rate_is_given_or_not(tmp_path):
+    t = np.arange(2000) / 1000
+    kept = np.flatnonzero(np.arange(2000) % 10 != 5)
+    tone = np.sin(2 * np.pi * 30 * t)
+    path = write(tmp_path / "r.csv", numbers(t[kept]), tone[kept])
+    for options in ({}, {"fs": 1000}):
+        recording = loaded(path, **options)
+        assert recording.fs == 1000
+        np.testing.assert_allclose(recording.acceleration, tone, atol=0.02)
+        assert recording.flags[0] == "gaps: 200 messages missing in 200 gaps, interpolated"
+
+
+def test_a_long_pause_divides_the_recording_although_the_rate_is_given(tmp_path):
+    t = np.arange(N) / 100 + 3.0 * (np.arange(N) >= 400)
+    recording = loaded(write(tmp_path / "r.csv", numbers(t)), fs=100)
+    np.testing.assert_array_equal(recording.acceleration, VALUES[400:])
+    assert recording.flags[0].startswith("divided: 1 gaps of up to 3 s")
+
+
+def test_rows_in_bursts_have_one_rate_whether_it_is_given_or_not(tmp_path):
+    t = np.arange(N) // 10 * 0.11 + np.arange(N) % 10 * 60e-6
+    path = write(tmp_path / "r.csv", numbers(t + 0.6 * (np.arange(N) >= 500)))
+    assert loaded(path).fs == pytest.approx(90.9, rel=0.01)
+    assert loaded(path, fs=91).fs == 91
+
+
+@pytest.mark.parametrize(
+    ("fs", "tick"), [(2000, 1e-3), (100, 1.0), (1500, 1e-3), (250, 0.015625), (100.4, 1.0)]
+)
+@pytest.mark.parametrize("begin_s", [0.0, 0.37])
+def test_several_samples_per_tick_of_a_coarse_clock_are_evenly_spaced(tmp_path, fs, tick, begin_s):
+    n = int(12 * fs)
+    values = np.round(RNG.normal(size=n) * (RNG.random(n) < 0.2), 1)  # quantised, and mostly at rest
+    t = np.floor((begin_s + np.arange(n) / fs) / tick + 1e-9) * tick
+    path = write(tmp_path / "r.csv", numbers(t), values)
+    for options in ({}, {"fs": fs}):
+        recording = loaded(path, time_unit="s", **options)
+        assert recording.fs == pytest.approx(fs, rel=2e-3)
+        assert len(recording.acceleration) == pytest.approx(n, rel=2e-3)
+        if recording.fs == fs:
+            np.testing.assert_array_equal(recording.acceleration, values)
+
+
+def test_rows_that_were_written_twice_are_dropped(tmp_path):
+    order = np.repeat(np.arange(N), 2)
+    recording = loaded(write(tmp_path / "r.csv", numbers(order / 100), VALUES[order]))
+    np.testing.assert_array_equal(recording.acceleration, VALUES)
+    assert recording.flags[0].startswith("duplicates: 1000 messages")
+
+
+def test_a_folder_with_two_rates_names_the_file_that_the_first_one_is_from(tmp_path):
+    for surface, fs in (("oak", 100), ("slate", 300)):
+        write(tmp_path / surface / "r.csv", numbers(np.arange(N) / fs))
+    dataset = open_dataset(tmp_path, unit="counts")
+    assert dataset[0].fs == 100
+    with pytest.raises(RecordingError, match=r"fs is 300 Hz by .*100 Hz in .*oak/r.csv.*resample all files"):
+        dataset[1]

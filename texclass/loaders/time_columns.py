@@ -1,0 +1,154 @@
+"""Read a column of time stamps: find its unit, and bring the samples to a uniform rate."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from texclass.loaders.columns import TIME_UNITS, refused, time_unit
+from texclass.loaders.stamps import NEAR_RATE, at_uniform_rate, usual_step
+from texclass.recording import RecordingError, Samples
+
+EPOCH_SIZES = {"ns": 1e17, "us": 1e14, "ms": 1e11}
+"""Time stamps since 1970 in this unit are larger."""
+DAY_NUMBERS = ((20_000, 80_000), (690_000, 780_000))
+"""Dates from 1954 to 2119 as Excel counts days, and from 1889 to 2135 as MATLAB does."""
+PLAUSIBLE_HZ = (1.0, 20e3)
+"""Rates of accelerometers, ends excluded: a unit that gives another rate is not inferred."""
+IMPLAUSIBLE_HZ, IMPLAUSIBLE_S = 50e3, 0.1
+"""A named unit that gives a higher rate and a shorter recording contradicts the data."""
+MOST_DECREASING = 0.01
+"""Share of steps back from which a column does not increase like time: clocks are set, rows are swapped."""
+UNIT_OPTION = "--time-unit (`time_unit` in a card)"
+
+
+def increases(times: NDArray[np.generic]) -> bool:
+    """Whether a column increases as time stamps do."""
+    steps = _numbers(times)
+    return (
+        len(steps) > 1
+        and bool(steps[-1] > steps[0])
+        and float(np.mean(np.diff(steps) < 0)) <= MOST_DECREASING
+    )
+
+
+def by_time_column(
+    samples: Samples,
+    times: NDArray[np.generic],
+    name: str,
+    given: float | None,
+    *,
+    where: str,
+    unit: str | None = None,
+    rate_of: str = "",
+) -> tuple[Samples, float, tuple[str, ...]]:
+    """Return samples at a uniform rate, by the column of their time stamps.
+
+    Parameters
+    ----------
+    samples : ndarray of shape (n, n_columns)
+        As stored.
+    times : ndarray of shape (n,)
+        Time stamps: numbers, or datetime64[ns].
+    name : str
+        Name of their column.
+    given : float or None
+        Rate in Hz that the user states.
+    where : str
+        File, for messages.
+    unit : str, optional
+        Unit of the numbers, of `TIME_UNITS`; by default the one in the name ("time (ms)", "t_us"), else the
+        one that agrees with the given rate, else the one that the range and step of the numbers imply.
+    rate_of : str
+        File that states `given`; by default the user does.
+
+    Returns
+    -------
+    uniform : ndarray of shape (n_uniform, n_columns)
+    fs : float
+        Rate in Hz.
+    flags : tuple of str
+        What was measured, inferred and corrected, as `at_uniform_rate`.
+
+    Raises
+    ------
+    RecordingError
+        If the time stamps contradict the given rate, do not increase, or leave their unit open.
+    """
+    numbers = _numbers(times)
+    if len(numbers) < 2 or not 0 < _typical_step(numbers) < np.inf:
+        raise refused(
+            where, f"its column {name!r} does not rise", "a time for each sample, or --time-column none"
+        )
+    if times.dtype.kind in "Mm":
+        unit, inferred = "ns", False
+    else:
+        inferred = (unit or time_unit(name)) is None
+        unit = unit or _unit(numbers, name, given, where)
+    span = (numbers - numbers[0]) * TIME_UNITS[unit]
+    if not np.abs(span).max() < 2**62:
+        raise refused(where, f"its column {name!r} spans {np.ptp(numbers):g} {unit}", "less than a century")
+    stamps = np.rint(span).astype(np.int64)
+    by = f"column {name!r}" + (
+        f" (unit {unit} inferred, see --time-unit)" if inferred and unit != "s" else ""
+    )
+    uniform, fs, _, flags = at_uniform_rate(
+        samples[:, None, :], stamps, stamps, given, by_header=True, where=where, by=by, rate_of=rate_of
+    )
+    return uniform, fs, flags
+
+
+def _numbers(times: NDArray[np.generic]) -> Samples:
+    """Return dates as nanoseconds after the first, and numbers as they are."""
+    dates: Any = times
+    return np.asarray(dates - dates[:1] if times.dtype.kind in "Mm" else times).astype(np.float64)
+
+
+def _typical_step(numbers: Samples) -> float:
+    """Return the usual step, or the mean step where many rows share a time stamp or come in bursts."""
+    step = np.diff(numbers)
+    mean = float(numbers[-1] - numbers[0]) / len(step)
+    return usual_step(step) if np.median(step) > 0.2 * mean else mean
+
+
+def _unit(numbers: Samples, name: str, given: float | None, where: str) -> str:
+    """Return the unit of time stamps, by name, given rate, range or step.
+
+    Raises
+    ------
+    RecordingError
+        If these contradict each other or several units are plausible.
+    """
+    step = _typical_step(numbers)
+    rates = {unit: 1e9 / (step * size) for unit, size in TIME_UNITS.items()}
+    usual = ("s", "ms", "us", "ns")
+    plausible = [unit for unit in usual if PLAUSIBLE_HZ[0] < rates[unit] < PLAUSIBLE_HZ[1]]
+    agreeing = [unit for unit in usual if given and abs(rates[unit] - given) <= NEAR_RATE * given]
+    if (named := time_unit(name)) is not None:
+        is_short = len(numbers) / rates[named] < IMPLAUSIBLE_S
+        if rates[named] > IMPLAUSIBLE_HZ and is_short and given is None and plausible:
+            raise _undecided(where, name, rates, (named, *plausible))
+        if given and named not in agreeing and agreeing:
+            raise _undecided(where, name, rates, (named, *agreeing), f", {given:g} Hz was given")
+        return named
+    if agreeing:
+        return agreeing[0]
+    first = abs(float(numbers[0]))
+    since_1970 = next((unit for unit, size in EPOCH_SIZES.items() if first > size), None)
+    if since_1970:
+        return since_1970
+    if any(low < first < high for low, high in DAY_NUMBERS) and rates["s"] > IMPLAUSIBLE_HZ:
+        return "days"
+    if len(plausible) > 1:
+        raise _undecided(where, name, rates, plausible)
+    return plausible[0] if plausible else "s"
+
+
+def _undecided(
+    where: str, name: str, rates: dict[str, float], units: Iterable[str], given: str = ""
+) -> RecordingError:
+    options = " or ".join(f"{rates[unit]:.6g} Hz if in {unit}" for unit in units)
+    return RecordingError(
+        f"{where}: fs is {options} by its column {name!r}{given}. Expected one unit: set {UNIT_OPTION}"
+    )
