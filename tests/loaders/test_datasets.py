@@ -284,7 +284,9 @@ def test_a_rate_stated_by_the_files_is_used_and_must_be_one(tmp_path, axes):
         np.savez(tmp_path / material / "r.npz", acceleration=axes, fs=fs)
     dataset = open_dataset(tmp_path, unit="g")
     assert dataset[1].fs == 1000
-    with pytest.raises(RecordingError, match=r"c/r\.npz: fs is 2000 Hz, but 1000 Hz in .*a/r\.npz.*--resample HZ"):
+    with pytest.raises(
+        RecordingError, match=r"c/r\.npz: fs is 2000 Hz, but 1000 Hz in .*a/r\.npz.*--resample HZ"
+    ):
         dataset[2]
     dataset = open_dataset(tmp_path, unit="g", resample=500)
     assert [(r.fs, r.n_samples) for r in dataset] == [(500, 250), (500, 250), (500, 125)]

@@ -1,5 +1,8 @@
 """Columns of time stamps: which column, in which unit, and what its samples become."""
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -192,3 +195,46 @@ def test_a_folder_with_two_rates_names_the_file_that_the_first_one_is_from(tmp_p
     assert dataset[0].fs == 100
     with pytest.raises(RecordingError, match=r"fs is 300 Hz by .*100 Hz in .*oak/r.csv.*resample all files"):
         dataset[1]
+
+
+def merged_log(path, n_decimals, seed=0):
+    """Write an IMU of 100 Hz whose rows repeat between those of a motor, at 40 Hz."""
+    rng = np.random.default_rng(seed)
+    imu_s, motor_s = np.arange(N) / 100 + rng.uniform(0, 1e-4, N), 0.003 + np.arange(400) / 40
+    t = np.sort(np.concatenate((imu_s, motor_s)))
+    values = np.round(rng.normal(size=N), n_decimals)
+    latest = values[np.searchsorted(imu_s, t, side="right").clip(1) - 1]
+    return values, write(path, [f"{time:.7f}" for time in t], latest)
+
+
+@pytest.mark.parametrize("options", [{}, {"fs": 100}])
+def test_rows_of_other_sensors_in_a_merged_log_are_left_out_and_reported(tmp_path, options):
+    values, path = merged_log(tmp_path / "r.csv", 6)
+    recording = loaded(path, **options)
+    assert recording.fs == 100
+    np.testing.assert_allclose(recording.acceleration, values, atol=0.1)
+    assert recording.flags[0] == "merged log: 29% of the rows repeat all values of the row before, left out"
+
+
+def test_a_quantised_sensor_at_rest_keeps_its_repeated_rows(tmp_path):
+    path = write(tmp_path / "r.csv", numbers(np.arange(N) / 100), np.round(0.6 * VALUES))
+    np.testing.assert_allclose(loaded(path).acceleration, np.round(0.6 * VALUES))
+
+
+def test_a_log_with_most_samples_missing_names_the_way_out(tmp_path):
+    t = np.cumsum(np.where(np.arange(N) % 3 == 2, 0.05, 0.01))
+    path = write(tmp_path / "r.csv", numbers(t))
+    with pytest.raises(RecordingError, match=r"samples are missing by its time stamps.*--time-column none"):
+        loaded(path, fs=100)
+
+
+def test_a_merged_log_of_a_robot_is_read_at_the_rate_of_its_inertial_unit():
+    folder = Path(os.environ.get("TEXCLASS_DATA", "")) / "floors10_raw"
+    if not (folder / "artificial_grass_01.csv").is_file():
+        pytest.skip("recordings of floors10_raw are not here")
+    for path in sorted(folder.glob("*.csv")):
+        columns = [f"linear_acceleration.{axis}" for axis in "xyz"]
+        recording = load_recording(path, unit="m/s^2", column=columns, fs=100)
+        assert recording.duration_s > 30
+        assert recording.flags[0].startswith("merged log: ")
+        assert load_recording(path, unit="m/s^2", column=columns).fs == pytest.approx(100, rel=0.03)

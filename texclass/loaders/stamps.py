@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from texclass.loaders.columns import contradicting_rates, refused
-from texclass.recording import Samples
+from texclass.recording import RecordingError, Samples
 
 Stamps = NDArray[np.int64]
 
@@ -20,6 +20,8 @@ CLOCK_JUMP_S = 0.5
 """A step of the stamps that is so much longer than the step of the times of receipt is the clock's."""
 LEVEL_WINDOW = 32
 """Messages on either side of a gap that tell whether something is missing or was only late."""
+ALIKE = 0.3
+"""Relative deviation from the median step; where half of the steps deviate by more, they come in bursts."""
 MOST_LOST = 10
 """Samples missing in a row that are interpolated; a longer gap divides the recording."""
 MOST_LOST_S = 0.01
@@ -30,6 +32,8 @@ SAME_RATE = 1e-3
 """Rates that differ by less are one rate: crystals differ by 1e-4."""
 NEAR_RATE = 0.02
 """Rates that differ by less are resampled; by more, one of them is wrong."""
+NEAR_JITTERING = 0.1
+"""The same where stamps deviate by more than `MOST_JITTER`: the given rate is then the better one."""
 MOST_JITTER = 0.5
 """Stamps that deviate by more, in periods (root mean square), say nothing of when a sample was taken."""
 MOST_RESOLUTION = 0.05
@@ -63,8 +67,11 @@ def _placed(
     typical, period = float(np.median(step)), float(t[-1] - t[0]) / len(step)
     # the mean step is long because of a few long gaps, not because messages come in bursts
     gaps = np.count_nonzero(step > period) < 0.01 * len(step) and np.percentile(step, 10) > 0.5 * typical
-    if typical > 0.2 * period or (typical > 0 and gaps):
+    is_alike = np.mean(np.abs(step - typical) <= ALIKE * typical) >= 0.5
+    if typical > 0 and (gaps or (is_alike and typical > 0.2 * period)):
         period = usual_step(step)
+    elif len(step) > 2 * LEVEL_WINDOW:  # bursts, with gaps between some of them
+        period = usual_step(t[LEVEL_WINDOW:] - t[:-LEVEL_WINDOW]) / LEVEL_WINDOW or period
     lost = _lost_before(t, period)
     first, last, cut = _longest_stretch(lost, max(MOST_LOST, int(MOST_LOST_S / period)), period)
     kept, t, lost = kept[first:last], t[first:last], np.append(0, lost[first + 1 : last])
@@ -72,7 +79,11 @@ def _placed(
     if len(t) < 2 or t[-1] <= t[0]:
         raise refused(where, f"all its stamps are {stamps_ns[0]} ns", "two instants")
     if index[-1] >= 2 * len(t) + MOST_LOST:
-        raise refused(where, f"{lost.sum()} of {index[-1] + 1} messages are missing", "half")
+        raise RecordingError(
+            f"{where}: {lost.sum()} of {index[-1] + 1} samples are missing by its time stamps, expected at "
+            "most half. Are rows of several sensors merged? Export those of the accelerometer alone, or "
+            "ignore the time stamps with --time-column none and --fs HZ (`time_column`, `fs_hz` in a card)"
+        )
     said = {
         f"duplicates: {again.sum()} messages repeat stamp and values of the one before, dropped": again.any(),
         jumps: jumps,
@@ -281,13 +292,14 @@ def at_uniform_rate(
     measured = float(1 / period) * per_message
     fs = nominal_rate(measured) if given is None else given
     by = by or ("header stamps" if by_header else "times of receipt")
-    if abs(measured - fs) > NEAR_RATE * fs:
+    is_rough = jitter > MOST_JITTER
+    if abs(measured - fs) > (NEAR_JITTERING if is_rough else NEAR_RATE) * fs:
         raise contradicting_rates(where, f"{measured:.6g} Hz by its {by}", fs, rate_of)
     tells = KEPT_JITTER < jitter <= MOST_JITTER and resolution <= MOST_RESOLUTION
     at_stamps = tells and by_header and per_message == 1
     uniform = _on_grid(samples[messages], index, offset if at_stamps else None)
     rate = f"rate: {measured:.6g} Hz by the {by}"
-    if abs(measured - fs) > SAME_RATE * fs:
+    if abs(measured - fs) > SAME_RATE * fs and not is_rough:
         uniform = resample(uniform, measured, fs)
         rate += f", resampled (band-limited) to {fs:g} Hz"
     elif f"{measured:.6g}" != f"{fs:.6g}":

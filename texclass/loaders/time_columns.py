@@ -20,6 +20,8 @@ IMPLAUSIBLE_HZ, IMPLAUSIBLE_S = 50e3, 0.1
 """A named unit that gives a higher rate and a shorter recording contradicts the data."""
 MOST_DECREASING = 0.01
 """Share of steps back from which a column does not increase like time: clocks are set, rows are swapped."""
+MERGED = 0.1
+"""Share of rows without a new value from which a log is one of several sensors."""
 UNIT_OPTION = "--time-unit (`time_unit` in a card)"
 
 
@@ -76,6 +78,13 @@ def by_time_column(
     RecordingError
         If the time stamps contradict the given rate, do not increase, or leave their unit open.
     """
+    merged: tuple[str, ...] = ()
+    is_new = _new_rows(samples)
+    if not is_new.all():
+        merged = (
+            f"merged log: {np.mean(~is_new):.0%} of the rows repeat all values of the row before, left out",
+        )
+        samples, times = samples[is_new], times[is_new]
     numbers = _numbers(times)
     if len(numbers) < 2 or not 0 < _typical_step(numbers) < np.inf:
         raise refused(
@@ -96,7 +105,20 @@ def by_time_column(
     uniform, fs, _, flags = at_uniform_rate(
         samples[:, None, :], stamps, stamps, given, by_header=True, where=where, by=by, rate_of=rate_of
     )
-    return uniform, fs, flags
+    return uniform, fs, merged + flags
+
+
+def _new_rows(samples: Samples) -> NDArray[np.bool_]:
+    """Return which rows are of this sensor: in a log of several, the others repeat its latest values.
+
+    A sensor at rest repeats values, too, but with few levels. Where nearly all rows with a change are
+    different, chance does not repeat a row.
+    """
+    is_new = np.append(True, np.any(samples[1:] != samples[:-1], axis=1))
+    n_new = np.count_nonzero(is_new)
+    is_fine = len(np.unique(samples[is_new], axis=0)) >= 0.95 * n_new
+    is_merged = is_fine and n_new >= 2 and n_new < (1 - MERGED) * len(samples)
+    return is_new if is_merged else np.ones(len(samples), bool)
 
 
 def _numbers(times: NDArray[np.generic]) -> Samples:
