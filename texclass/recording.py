@@ -136,6 +136,9 @@ class Recording:
         None leaves it to `texclass.phases.segment`.
     source : str, optional
         Where it came from, for messages.
+    native_fs : float, optional
+        Rate in Hz of the sensor, where the recording was resampled since: it holds nothing above half of it.
+        By default `fs`.
     flags : tuple of str, optional
         What a user should know about the signal ("clipped: 3.1 % of samples at full scale").
 
@@ -161,6 +164,7 @@ class Recording:
     channels: tuple[str, ...] = ()
     phases: Phases | None = None
     source: str = ""
+    native_fs: float | None = None
     flags: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -177,6 +181,8 @@ class Recording:
             known = ", ".join(UNITS)
             raise RecordingError(f"{where}: unit is {self.unit!r}; the rule is one of {known}")
         object.__setattr__(self, "fs", fs)
+        native_fs = fs if self.native_fs is None else _sampling_rate(self.native_fs, where)
+        object.__setattr__(self, "native_fs", min(native_fs, fs))
         object.__setattr__(self, "acceleration", acceleration)
         object.__setattr__(self, "unit", "m/s^2" if self.unit in ACCELERATION_UNITS else self.unit)
         object.__setattr__(self, "channels", self._channel_names(where))

@@ -376,3 +376,12 @@ def test_a_resampled_recording_keeps_what_both_rates_hold_and_nothing_else(tmp_p
     recording = load_recording(path, fs=4000, unit="counts", resample=1000)
     assert (recording.fs, recording.n_samples) == (1000, 1000)
     np.testing.assert_allclose(recording.acceleration[50:-50], low[::4][50:-50], atol=0.01)
+
+
+@pytest.mark.parametrize(("resample", "native"), [(1000, 1000), (4000, 4000), (16_000, 4000)])
+def test_a_resampled_recording_states_the_rate_of_its_sensor_and_what_it_lacks(tmp_path, resample, native):
+    path = table(tmp_path / "r.csv", [NOISE[:4000]], "a")
+    recording = load_recording(path, fs=4000, unit="counts", resample=resample)
+    assert (recording.fs, recording.native_fs) == (resample, native)
+    told = "narrow band: sampled at 4000 Hz, nothing above 2000 Hz"
+    assert (told in recording.flags) == (resample > native)

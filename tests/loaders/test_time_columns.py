@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from texclass.experiment.feature_table import extract_table
+from texclass.features import load_feature_set
 from texclass.loaders import load_recording
 from texclass.loaders.cards import CardError
 from texclass.loaders.open import open_dataset
@@ -54,8 +56,8 @@ def test_the_unit_of_time_stamps_follows_from_their_range_and_step(tmp_path, cel
     recording = loaded(write(tmp_path / "r.csv", cells, name=name))
     assert recording.fs == 100
     np.testing.assert_allclose(recording.acceleration, VALUES, atol=0.05)
-    told = f"(unit {unit} inferred, see --time-unit)"
-    assert any(told in flag for flag in recording.flags) == (unit != "s")
+    notice = f"time: unit of column {name!r} is {unit}, inferred from range and step (--time-unit)"
+    assert (notice in recording.flags) == (unit != "s")
     stated = loaded(tmp_path / "r.csv", time_unit=unit)
     assert stated.fs == 100
     assert not any("inferred" in flag for flag in stated.flags)
@@ -238,3 +240,14 @@ def test_a_merged_log_of_a_robot_is_read_at_the_rate_of_its_inertial_unit():
         assert recording.duration_s > 30
         assert recording.flags[0].startswith("merged log: ")
         assert load_recording(path, unit="m/s^2", column=columns).fs == pytest.approx(100, rel=0.03)
+
+
+def test_recordings_that_were_resampled_up_are_reported_before_any_table(tmp_path):
+    for surface, fs in (("oak", 1000), ("slate", 300)):
+        for k in range(2):
+            write(tmp_path / surface / f"r{k}.csv", numbers(np.arange(N) / fs), RNG.normal(size=N))
+    dataset = open_dataset(tmp_path, unit="counts", resample=1000)
+    table = extract_table(dataset, load_feature_set("coarse"), tmp_path / "t.parquet")
+    assert table.doubts == (
+        "2 of 4 recordings: narrow band: sampled at 300 Hz, nothing above 150 Hz (the first: slate/r0)",
+    )

@@ -151,6 +151,16 @@ def test_a_wrong_rate_or_unit_is_said_once_and_answers_are_unknown(linear_model,
     assert all(w.answer.unknown for w in of(WindowAnswer, found))
 
 
+def test_a_stream_from_a_sensor_of_too_low_a_rate_is_refused_although_resampled(linear_model, oak):
+    slow = blocks(oak[::8], fs=FS / 8)
+    with pytest.raises(RecordingError, match=r"narrow band: sampled at 500 Hz.*Train with --resample 500"):
+        run(linear_model, resampled((block for block in slow), FS))
+    adapted = replace(
+        linear_model, manifest=linear_model.manifest.model_copy(update={"adapted": {"map": "shift"}})
+    )
+    assert not adapted.narrow_band(FS / 8)
+
+
 def test_a_rate_that_changes_begins_the_stream_anew(linear_model, oak):
     _, found = run(linear_model, [*blocks(oak), *blocks(oak[:3000], fs=2 * FS)])
     assert any("begun anew" in n.what for n in of(Notice, found))

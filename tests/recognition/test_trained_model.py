@@ -60,6 +60,11 @@ def test_only_the_features_of_the_row_are_computed(model):
     [
         ({"fs": 2 * FS}, "wrong rate: 8000 Hz, trained at 4000 Hz; --resample 4000 converts", True),
         ({"unit": "V"}, "wrong unit: V, trained with m/s^2", True),
+        (
+            {"native_fs": 0.49 * FS},
+            "narrow band: sampled at 1960 Hz, nothing above 980 Hz; trained up to 2000",
+            True,
+        ),
         ({"flags": ("clipped: 3.1 % of the samples at full scale",)}, "clipped: 3.1 %", False),
         ({"phases": Phases(movement=(0, 200))}, "too short: 0.05 s of movement, trained on 0.5 s", None),
     ],
@@ -68,6 +73,10 @@ def test_what_is_unlike_training_is_told(linear_model, change, reason, unknown):
     answer = linear_model.answer(recording("oak", 3).with_(**change))
     assert any(said.startswith(reason) for said in answer.reasons), answer.reasons
     assert unknown is None or answer.unknown is unknown
+
+
+def test_a_sensor_of_over_half_the_rate_of_training_is_judged(linear_model):
+    assert not linear_model.answer(recording("oak", 3).with_(native_fs=0.51 * FS)).unknown
 
 
 def test_without_any_feature_nothing_is_known(linear_model):

@@ -36,7 +36,7 @@ from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import RecordingError, Samples
 from texclass.whole_files import cache_root, write_whole
 
-DOUBTS = ("unit:", "clipped:", "constant:")
+DOUBTS = ("unit:", "clipped:", "constant:", "narrow band:", "time:", "merged log:", "divided:")
 """Flags that a user has to see before any table: what they begin with."""
 METADATA = ("recording_id", "material", "operator", "session", "repetition")
 """Columns of every table, before the features; tables of windows add `parent`, the recording; and

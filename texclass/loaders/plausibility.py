@@ -80,8 +80,10 @@ def build_recording(
     flags = (*flags, *doubts(signals.named, rate, unit, scale, flags))
     if resample is not None and resample != rate:
         changed = {name: band_limited(getattr(recording, name), rate, resample) for name in signals.named}
-        recording = recording.with_(fs=resample, **changed)
+        recording = recording.with_(fs=resample, native_fs=rate, **changed)
         flags = (*flags, f"resampled: from {rate:g} Hz to {resample:g} Hz, band-limited")
+        if rate < resample:
+            flags = (*flags, f"narrow band: sampled at {rate:g} Hz, nothing above {rate / 2:g} Hz")
     return recording.with_(flags=flags) if flags else recording
 
 

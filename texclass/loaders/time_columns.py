@@ -99,12 +99,15 @@ def by_time_column(
     if not np.abs(span).max() < 2**62:
         raise refused(where, f"its column {name!r} spans {np.ptp(numbers):g} {unit}", "less than a century")
     stamps = np.rint(span).astype(np.int64)
-    by = f"column {name!r}" + (
-        f" (unit {unit} inferred, see --time-unit)" if inferred and unit != "s" else ""
-    )
+    by = f"column {name!r}"
     uniform, fs, _, flags = at_uniform_rate(
         samples[:, None, :], stamps, stamps, given, by_header=True, where=where, by=by, rate_of=rate_of
     )
+    if inferred and unit != "s":
+        flags = (
+            f"time: unit of column {name!r} is {unit}, inferred from range and step (--time-unit)",
+            *flags,
+        )
     return uniform, fs, merged + flags
 
 

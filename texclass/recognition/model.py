@@ -36,6 +36,8 @@ SAME_ANSWER = 1e-6
 """Difference of a probability that rounding on another machine explains."""
 RATE_TOLERANCE = 0.01
 """Relative difference of sampling rates that clocks of sensors may have."""
+LEAST_BAND = 0.5
+"""Share of the native rate of training below which a resampled recording holds too narrow a band."""
 SHORTER = 0.5
 """A movement below this share of the shortest one trained on is too short."""
 MARGIN = 0.5
@@ -210,6 +212,7 @@ class Model:
             If it lacks a channel, or nothing fills what is undefined; the message names the recording.
         """
         unlike = self.unlike(recording.fs, recording.unit, f"--resample {self.manifest.fs:g}")
+        unlike += self.narrow_band(recording.native_fs or recording.fs)
         phases = segment(recording)
         row = self.deployed.compute(recording.with_(phases=phases))
         nothing = ["no feature has a value"] if np.isnan(row.values).all() else []
@@ -363,6 +366,19 @@ class Model:
         if unit != trained.unit:
             found.append(f"wrong unit: {unit}, trained with {trained.unit}; nothing converts these")
         return found
+
+    def narrow_band(self, native_fs: float) -> list[str]:
+        """Return why recordings of a sensor of such a rate (Hz) cannot be judged, although resampled.
+
+        A model that was adapted to a sensor takes it as it is.
+        """
+        trained = self.manifest.native_fs or self.manifest.fs
+        if self.manifest.adapted or native_fs >= LEAST_BAND * trained:
+            return []
+        return [
+            f"narrow band: sampled at {native_fs:g} Hz, nothing above {native_fs / 2:g} Hz; trained up to "
+            f"{trained / 2:g} Hz. Train with --resample {native_fs:g}, or adapt the model"
+        ]
 
 
 def predict(

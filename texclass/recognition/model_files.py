@@ -27,13 +27,14 @@ from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.validation import Written, checked
 from texclass.whole_files import write_whole
 
-FORMAT = (2, 3)
+FORMAT = (2, 4)
 """Major and minor version; a minor step adds facts that a reader can do without.
 
 2.0: feature code and classes of texclass 0.2 stand elsewhere than before.
 2.1: how large accelerations were; how far windows of one contact agree by their contact (calibration).
 2.2: beside the estimators, what answers, as arrays.
 2.3: how held-out answers conformed, of which sets are made; where surfaces lay, and what sensor is followed.
+2.4: the lowest rate of the sensors, where recordings were resampled.
 """
 MANIFEST, DEPLOYED = "manifest.json", "deployed.json"
 BESIDE = frozenset({MANIFEST, DEPLOYED})
@@ -99,6 +100,8 @@ class Manifest(Written):
         Empty, or what another sensor told: references (each its name, and its surface or None), their hash,
         map (affine, shift or none), threshold_by (what the threshold of unknown surfaces stands on), scale
         (10, 50, 90 % of columns). The accuracy, calibration and n_tested above remain those of the training.
+    native_fs
+        Lowest rate in Hz of the sensors, below `fs` where recordings were resampled; None: as `fs`.
     schema
         Of the file: major and minor version.
     """
@@ -120,6 +123,7 @@ class Manifest(Written):
     shortest_s: Positive | None = None
     loudest: Annotated[float, Field(gt=0)] | None = None
     adapted: Mapping[str, Any] = {}
+    native_fs: Positive | None = None
     format_version: tuple[int, int] = Field(default=FORMAT, alias="schema")
 
     def to_json(self) -> str:

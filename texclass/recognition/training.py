@@ -385,6 +385,7 @@ def _recordings(felt: Dataset, meter: CostMeter, table: FeatureTable, plan: Plan
         "features": tuple(dict.fromkeys(member.name for member in members)),
         "phases": tuple(sorted({member.feature.phase for member in members})),
         "fs": like.fs,
+        "native_fs": min(r.native_fs for r in meter.recordings if r.native_fs is not None),
         "unit": like.unit,
         "input": TrainingFiles.of(felt, like),
         "loudest": float(max(sizes)) or None,

@@ -21,7 +21,7 @@ from texclass.recognition.live.online_recogniser import (
 from texclass.recognition.model import Model, load_model
 from texclass.recognition.sources.blocks import Block
 from texclass.recognition.sources.source_by_name import is_live, open_source
-from texclass.recording import ACCELERATION_UNITS, Recording, Samples
+from texclass.recording import ACCELERATION_UNITS, Recording, RecordingError, Samples
 
 NOTICE_S = 5.0
 """Notices of one kind are said once in so many seconds of the stream; others are counted."""
@@ -236,6 +236,8 @@ class Session:
         kept = "m/s^2" if block.unit in ACCELERATION_UNITS else block.unit
         for unlike in self.model.unlike(block.fs, kept):
             found += self._noticed(block.t_s, unlike)
+        if narrow := self.model.narrow_band(block.native_fs or block.fs):
+            raise RecordingError(f"the source cannot be judged: {narrow[0]}")
         return found
 
 

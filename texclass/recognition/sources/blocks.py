@@ -48,6 +48,8 @@ class Block:
         What was wrong since the block before: gaps, duplicates, clock jumps, a wrong rate.
     age_s : float
         Seconds that the last sample took to come, as far as the source knows.
+    native_fs : float, optional
+        Rate in Hz of the sensor, where the samples are resampled.
     """
 
     t_s: float
@@ -57,6 +59,7 @@ class Block:
     lost: int = 0
     flags: tuple[str, ...] = ()
     age_s: float = 0.0
+    native_fs: float | None = None
 
 
 BlockSource = Generator[Block, None, None]
@@ -318,4 +321,4 @@ def resampled(source: BlockSource, rate: float) -> BlockSource:
             at = start_s + resampler.n_out / rate
             y = resampler.push(block.samples)
             if len(y) or flags or lost:
-                yield Block(at, y, rate, block.unit, lost, flags, block.age_s)
+                yield Block(at, y, rate, block.unit, lost, flags, block.age_s, min(was, rate))
