@@ -6,8 +6,9 @@ import pytest
 from sklearn.impute import SimpleImputer
 from sklearn.preprocessing import MinMaxScaler
 
+from texclass.experiment.allowed_estimators import resolve
 from texclass.experiment.feature_table import FeatureTable
-from texclass.experiment.pipeline import AdditionSettings, MatchedRow, Use, load_pipeline, resolve
+from texclass.experiment.pipeline import AdditionSettings, MatchedRow, Use, load_pipeline
 from texclass.experiment.selection import ForwardSelector
 from texclass.shipped import names
 
@@ -166,7 +167,10 @@ def test_use_names_estimators_of_sklearn_and_texclass_only(tmp_path, monkeypatch
         (of("var_smoothing = 'x'"), "naive_bayes: The 'var_smoothing' parameter"),
         (step("feature_selection.SelectFromModel"), r"steps\.1: .*missing 1 required"),
         (START + KERNEL + "ridge = -1\n" + ROW, r"classifiers\.k: ridge == -1"),
-        (WHOLE.replace("GaussianNB", "X"), r"classifiers\.naive_bayes: use = .* does not exist"),
+        (
+            WHOLE.replace("GaussianNB", "GaussianNb"),
+            r"classifiers\.naive_bayes: use = .*mean 'sklearn.*GaussianNB'",
+        ),
         (WHOLE.replace("sklearn.naive_bayes.GaussianNB", "os.system"), "is refused"),
         (
             WHOLE.replace("naive_bayes.GaussianNB", "preprocessing.MinMaxScaler"),

@@ -135,6 +135,9 @@ def main() -> None:
     except (ValueError, OSError, ImportError) as error:
         typer.echo(f"error: {shown(str(error))}", err=True)
         sys.exit(1)
+    except MemoryError as error:
+        typer.echo(f"error: not enough memory ({error})", err=True)
+        sys.exit(1)
     except KeyboardInterrupt:
         typer.echo("interrupted; what was computed is kept", err=True)
         sys.exit(130)

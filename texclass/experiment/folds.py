@@ -35,6 +35,26 @@ Labels = NDArray[Any]
 R = TypeVar("R")
 
 
+def fit(estimator: Any, X: Samples, y: Labels) -> Any:
+    """Return a fitted clone of an estimator.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be fitted to these data, for lack of memory for example; LinAlgError if singular.
+    """
+    try:
+        return clone(estimator).fit(X, y)
+    except np.linalg.LinAlgError:  # a selection scores these columns as useless
+        raise
+    except Exception as error:  # a file may combine any estimator with any parameters
+        steps = [step for _, step in getattr(estimator, "steps", [("", estimator)])]
+        names = ", ".join(step if isinstance(step, str) else type(step).__name__ for step in steps)
+        raise ValueError(
+            f"{names} cannot be fitted to {X.shape[0]} rows of {X.shape[1]} columns: {error}"
+        ) from error
+
+
 class Fold:
     """One fold: its rows and labels, and its columns as prepared on the training part alone.
 
@@ -64,7 +84,7 @@ class Fold:
         """The preparation, fitted on the training part."""
         if self._unfitted is None or not self._nested:
             return self._unfitted
-        return clone(self._unfitted).fit(self._X[self.train], self.labels)
+        return fit(self._unfitted, self._X[self.train], self.labels)
 
     @cached_property
     def learnt(self) -> Samples:
@@ -92,7 +112,7 @@ class Fold:
         """
         learnt = self.learnt[:, columns]
         silent = not np.ptp(learnt, axis=0).any()
-        return (DummyClassifier() if silent else clone(classifier)).fit(learnt, self.labels)
+        return fit(DummyClassifier() if silent else classifier, learnt, self.labels)
 
     def hits(self, classifier: Any, columns: Sequence[int] | slice = slice(None)) -> NDArray[np.bool_]:
         """Return whether a classifier recognises each row of the test part by some of the columns."""
@@ -143,7 +163,7 @@ def over_folds(
         config_context(assume_finite=True, skip_parameter_validation=True),
     ):
         if preparation is not None and not nested:
-            preparation = clone(preparation).fit(X, y)
+            preparation = fit(preparation, X, y)
         return [work(Fold(X, y, split, preparation, nested=nested)) for split in splits]
 
 

@@ -1,15 +1,12 @@
 """A pipeline TOML: features, scikit-learn steps, classifiers and table rows, checked before anything runs."""
 
 import hashlib
-import importlib
-import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Self, cast
+from typing import Annotated, Any, Self
 
 from pydantic import (
     AfterValidator,
@@ -23,9 +20,10 @@ from pydantic import (
     field_validator,
     model_validator,
 )
-from sklearn.base import BaseEstimator, is_classifier
+from sklearn.base import is_classifier
 from sklearn.pipeline import Pipeline, make_pipeline
 
+from texclass.experiment.allowed_estimators import check_parameters, resolve
 from texclass.experiment.feature_table import FeatureTable
 from texclass.experiment.folds import Evaluation, evaluate, evaluate_each
 from texclass.experiment.protocols import find_protocol
@@ -39,10 +37,6 @@ from texclass.validation import Written, checked, read_toml
 
 ALL = "all"
 """Stands for every feature of the set in a row."""
-ALLOWED = ("sklearn", "texclass")
-"""Packages whose classes a TOML may name; nothing else is ever imported."""
-TESTS = frozenset({"tests", "conftest"})
-"""Modules of scikit-learn that run for long when they are imported."""
 OF_ROWS = frozenset({"select", "published", "classifiers"})
 """Keys of rows that additions have not."""
 
@@ -55,7 +49,7 @@ class Use(Written):
     Attributes
     ----------
     use
-        Dotted path of an estimator class of scikit-learn or texclass.
+        Dotted path of a class of `ESTIMATORS`.
     """
 
     model_config = ConfigDict(extra="allow")
@@ -79,13 +73,7 @@ class Use(Written):
 
     @model_validator(mode="after")
     def _takes_its_parameters(self) -> Self:
-        known = list(inspect.signature(resolve(self.use)).parameters)
-        for key in self.parameters:
-            if key not in known:
-                near = get_close_matches(key, known, n=1) or known or ["none"]
-                raise ValueError(
-                    f"unknown key {key!r}; the rule is a parameter of {self.use}: {', '.join(near)}"
-                )
+        check_parameters(self.use, self.parameters)
         try:
             made = self.make()
         except Exception as error:  # estimators raise almost anything of parameters they do not expect
@@ -102,28 +90,6 @@ class Use(Written):
 
 def _is_use(value: Any) -> bool:
     return isinstance(value, dict) and "use" in value
-
-
-def resolve(path: str) -> type[BaseEstimator]:
-    """Return the scikit-learn estimator class of a dotted path into sklearn or texclass.
-
-    Raises
-    ------
-    ValueError
-        If the path leads anywhere else, or to something that is not an estimator.
-    """
-    parts = path.split(".")
-    named = all(part.isidentifier() for part in parts) and TESTS.isdisjoint(parts)
-    if parts[0] not in ALLOWED or len(parts) < 3 or not named:
-        raise ValueError(f"use = {path!r} is refused; the rule is a class of sklearn or texclass")
-    try:
-        found = getattr(importlib.import_module(".".join(parts[:-1])), parts[-1])
-    except (ImportError, AttributeError) as error:
-        raise ValueError(f"use = {path!r} does not exist ({error})") from None
-    own = inspect.isclass(found) and found.__module__.split(".")[0] in ALLOWED
-    if not own or not issubclass(found, BaseEstimator) or inspect.isabstract(found):
-        raise ValueError(f"use = {path!r} is refused; the rule is a scikit-learn estimator class")
-    return cast(type[BaseEstimator], found)
 
 
 def _classifies(use: Use) -> Use:

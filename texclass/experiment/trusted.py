@@ -11,6 +11,8 @@ from zipfile import ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
 import numpy as np
 
+from texclass.experiment.allowed_estimators import ESTIMATORS, REFUSED_PARAMETERS
+
 TRUSTED = frozenset(
     {
         "numpy.dtype",
@@ -23,7 +25,11 @@ TRUSTED = frozenset(
         "texclass.experiment.vote_of_pieces.VoteOfPieces",
     }
 )
-"""Classes that a file may name beside those that skops trusts by name (scikit-learn's estimators, arrays)."""
+"""Classes that a file may name beside estimators of scikit-learn, arrays and plain values."""
+LOADABLE = frozenset({path.rpartition(".")[2] for path in ESTIMATORS} | {"LabelBinarizer", "Pipeline"})
+"""Names of the classes of scikit-learn that a file may name: those of pipelines, and what they contain."""
+UNSET = ("null", "false", "0")
+"""What a file may state for parameters that set a cache, processes or output."""
 MOST_BYTES = 1 << 30
 """Largest file that is read."""
 MOST_SCHEMA_BYTES = 1 << 24
@@ -96,10 +102,24 @@ def load_trusted(data: bytes, *, beside: frozenset[str] = frozenset()) -> Any:
 
 
 def foreign_in(data: bytes) -> list[str]:
-    """Return the classes that an archive names and nobody could load again, sorted."""
+    """Return the classes and parameters in an archive that are not on the allow-list, sorted."""
     import skops.io
 
-    return sorted(set(skops.io.get_untrusted_types(data=data)) - TRUSTED)
+    foreign = set(skops.io.get_untrusted_types(data=data)) - TRUSTED
+
+    def look(node: dict[str, Any]) -> dict[str, Any]:
+        module, name = str(node.get("__module__")), node.get("__class__")
+        if module.startswith("sklearn.") and node.get("__loader__") == "ObjectNode" and name not in LOADABLE:
+            foreign.add(f"{module}.{name}")
+        for key in REFUSED_PARAMETERS & node.keys():
+            value = node[key] if isinstance(node[key], dict) else {}
+            if value.get("__loader__") != "JsonNode" or value.get("content") not in UNSET:
+                foreign.add(f"the parameter {key!r}")
+        return node
+
+    with ZipFile(io.BytesIO(data)) as archive:
+        json.loads(archive.read(SCHEMA), object_hook=look)
+    return sorted(foreign)
 
 
 def read_bounded(path: str | Path) -> bytes:
