@@ -131,6 +131,15 @@ def test_mended_samples_do_not_depend_on_blocks(linear_model, size):
     assert Defects(linear_model, 1, FS, 0.5).far == 2 * max(FAR * linear_model.manifest.loudest, 1000)
 
 
+def test_a_loss_that_is_reported_without_samples_interrupts_the_stream(linear_model, oak):
+    given = blocks(oak)
+    given.insert(30, Block(0.75, oak[:0, None], FS, "m/s^2", 400))
+    session, found = run(linear_model, given)
+    assert session.n_lost == 400
+    assert session.live.n_samples == len(oak) + 400
+    assert "break" in [e.kind for e in of(Event, found)]
+
+
 def test_notices_of_one_kind_are_said_once_in_five_seconds_and_counted(linear_model, oak):
     given = [Block(k / 10, oak[:2, None], FS, "m/s^2", 0, (f"gaps: {k}", "odd")) for k in range(120)]
     _, found = run(linear_model, given)

@@ -176,14 +176,12 @@ class Session:
         for flag in block.flags:
             found += self._noticed(block.t_s, flag)
         if not len(block.samples):
-            return tuple(found)
+            return (*found, *self._interrupted(block.lost))
         self._sent_s = time.monotonic() - block.age_s
         if self.live is None or (block.fs, block.unit) != self._given:
             found += self._begin(block)
         assert self.live is not None
-        if block.lost:
-            self.n_lost += block.lost
-            found += self.live.interrupt(block.lost)
+        found += self._interrupted(block.lost)
         rows = block.samples.reshape(len(block.samples), -1)
         stretches, n_broken, n_far = self._defects.mended(rows)
         self.n_lost += n_broken + n_far
@@ -197,6 +195,11 @@ class Session:
                 found += self.live.interrupt(lost)
             found += self.live.push(samples)
         return tuple(found)
+
+    def _interrupted(self, n_lost: int) -> tuple[Update, ...]:
+        """Count lost samples; no window crosses the gap."""
+        self.n_lost += n_lost
+        return self.live.interrupt(n_lost) if n_lost and self.live else ()
 
     def finish(self) -> tuple[Update | Notice, ...]:
         """Say that the stream has ended, and return the last of what is known."""

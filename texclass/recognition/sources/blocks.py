@@ -280,6 +280,11 @@ class Resampler:
         self._n_in = self.n_out = 0
         self._shift = -(self._half + self._n_zeros * self._p) // self._q
 
+    @property
+    def n_held(self) -> int:
+        """Samples at the new rate that were taken and not returned."""
+        return round(self._n_in * self._p / self._q) - self.n_out
+
     def push(self, x: Samples) -> Samples:
         """Take samples of shape (n, n_channels) and return those that are complete, of the same form."""
         self._n_in += len(x)
@@ -303,22 +308,32 @@ class Resampler:
 
 
 def resampled(source: BlockSource, rate: float) -> BlockSource:
-    """Return a source at another rate in Hz, band-limited; it starts anew after a loss, and at a new rate."""
-    resampler, start_s, was = None, 0.0, 0.0
+    """Return a source at another rate in Hz, band-limited; it starts anew after a loss, and at a new rate.
+
+    What is lost, and what the filter held when it started anew, counts as lost before the next samples.
+    """
+    resampler, start_s, was, lost = None, 0.0, 0.0, 0
     with closing(source):
         for block in source:
+            lost += round(block.lost * rate / block.fs)
             if not len(block.samples):  # it only reports, perhaps before any rate is known
-                yield replace(block, fs=rate)
+                yield replace(block, fs=rate, lost=0)
+                if block.lost and resampler:
+                    resampler, lost = None, lost + resampler.n_held
                 continue
-            flags, lost = block.flags, round(block.lost * rate / block.fs)
+            flags = block.flags
             if resampler is None or block.lost or block.fs != was:
                 if block.fs not in (was, rate):
                     flags = (*flags, f"resampled (band-limited) from {block.fs:g} Hz to {rate:g} Hz")
                 if was not in (0.0, block.fs):
                     flags = (*flags, f"begun anew: the source is now {block.fs:g} Hz, was {was:g} Hz")
                     lost = max(lost, 1)
+                lost += resampler.n_held if resampler else 0
                 resampler, start_s, was = Resampler(block.fs, rate), block.t_s, block.fs
             at = start_s + resampler.n_out / rate
             y = resampler.push(block.samples)
-            if len(y) or flags or lost:
-                yield Block(at, y, rate, block.unit, lost, flags, block.age_s, min(was, rate))
+            if len(y) or flags:
+                yield Block(at, y, rate, block.unit, lost * bool(len(y)), flags, block.age_s, min(was, rate))
+                lost *= not len(y)
+        if lost:
+            yield Block(start_s, block.samples[:0], rate, block.unit, lost)
