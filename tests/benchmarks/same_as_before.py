@@ -137,7 +137,7 @@ def result_of(*words: object) -> Any:
     """Return the JSON that a command writes, or its exit code and how it refuses."""
     file = SCRATCH / "result.json"
     file.unlink(missing_ok=True)
-    code, _, err = command(*words, "--out", SCRATCH / "out", "--json", file)
+    code, _, err = command(*words, "--output", SCRATCH / "out", "--json", file)
     if not file.exists():
         return {"code": code, "error": err.strip().splitlines()[-1:]}
     return json.loads(file.read_text(encoding="utf-8"))
@@ -637,7 +637,7 @@ def hand_path(n: int = 3000) -> tuple[np.ndarray, np.ndarray]:
 def scene() -> Any:
     """A planned scene and its samples, textures of all papers, and their files."""
     e, file, plan_file = exchange, SCRATCH / "example.texture", SCRATCH / "plan.json"
-    command("scene", "plan", "example", "--out", file, "--json", plan_file)  # 1: the machine was too slow
+    command("scene", "plan", "example", "--output", file, "--json", plan_file)  # 1: the machine was too slow
     plan = json.loads(plan_file.read_text(encoding="utf-8"))
     plan.pop("budget")
     planned = load_scene(file)
@@ -687,7 +687,7 @@ def recognition_answers() -> Any:
     ):
         _, _, err = command("train", small(), "-o", file, "--jobs", 1, *words)
         assert file.exists(), err
-        answers = objects(command("predict", file, "--json", *names[:n_asked], *strangers)[1])
+        answers = objects(command("predict", file, "--jsonl", *names[:n_asked], *strangers)[1])
         for answer in answers:
             answer["asked"] = answer.pop("file").rpartition(":")[2]
         found[f"predict {file.stem}"] = columns_of(answers)
@@ -697,10 +697,10 @@ def recognition_answers() -> Any:
         words, told = ("--channels", x.shape[1]), x.astype("<f4").tobytes()
         if i % 8 == 0:  # as text, a sample a line
             words, told = (), "\n".join(" ".join(map(repr, row)) for row in x.tolist()).encode()
-        code, out, _ = command("stream", touch, "--rate", recording.fs, *words, "--json", stdin=told)
+        code, out, _ = command("stream", touch, "--fs", recording.fs, *words, "--jsonl", stdin=told)
         heard += [{"of": recording.recording_id, "code": code, **one} for one in objects(out)]
     for i in (3, 30):
-        code, out, _ = command("stream", touch, "--source", names[i], "--evidence", "majority", "--json")
+        code, out, _ = command("stream", touch, names[i], "--evidence", "majority", "--jsonl")
         heard += [{"of": f"file {i}", "code": code, **one} for one in objects(out)]
     told = columns_of(heard)
     by_clock_or_place = ("age_s", "ms", "window.ms", "source")

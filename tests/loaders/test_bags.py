@@ -300,3 +300,15 @@ def test_messages_of_a_type_of_their_own_are_read_by_naming_their_fields(tmp_pat
 )
 def test_a_definition_that_says_nothing_makes_no_type(definition):
     assert type_of("own/msg/Imu", definition, True) is None
+
+
+def test_messages_that_are_not_finite_are_lost_ones(tmp_path, values):
+    values[[100, 101, 200], 0] = np.nan
+    values[150, 1] = np.inf
+    recording = load_recording(write_bag(tmp_path, "bag", {"/imu": _imu(values)}))
+    assert len(recording.acceleration) == len(values)
+    assert "not finite: 4 messages left out as lost" in recording.flags
+    assert "gaps: 4 messages missing in 3 gaps, interpolated" in recording.flags
+    values[:200] = np.nan
+    with pytest.raises(RecordingError, match="201 of 300 messages hold NaN"):
+        load_recording(write_bag(tmp_path, "bag", {"/imu": _imu(values)}, name="worse"))

@@ -139,3 +139,23 @@ def test_a_clock_that_is_set_is_bridged_by_the_times_of_receipt_from_the_first_s
     unchanged, told = _bridged(received, received)
     np.testing.assert_array_equal(unchanged, received)
     assert not told
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+@pytest.mark.parametrize("jitter", [0.0, 0.2])
+def test_a_rate_that_changes_divides_the_recording_and_is_reported(factor, jitter):
+    step = np.concatenate((np.full(1000, T), np.full(3000, T / factor)))
+    stamps = np.cumsum(step).astype(np.int64) + RNG.integers(-1, 2, 4000) * int(jitter * T / factor / 2)
+    signal, fs, flags = _uniform(stamps, np.arange(4000))
+    assert fs == FS * factor
+    assert flags[0].startswith("divided: time stamps advance by 0.01")
+    assert 2900 <= len(signal) <= 3100
+    assert signal[-1] == pytest.approx(3999, abs=1)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.4])
+def test_losses_that_come_and_go_are_no_change_of_the_rate(share):
+    kept = np.flatnonzero((RNG.random(4000) >= share) | (np.arange(4000) % 1000 < 500))
+    _, fs, flags = _uniform(kept * T, np.arange(4000)[kept])
+    assert fs == FS
+    assert not any("advance by" in flag for flag in flags)

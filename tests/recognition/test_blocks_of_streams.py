@@ -241,3 +241,50 @@ def test_a_loss_that_a_block_without_samples_reports_survives_resampling():
     out = list(resampled((block for block in given), 500.0))
     assert [block.lost > 0 for block in out if len(block.samples)] == [False, True]
     assert sum(block.lost for block in out) >= 250
+
+
+def test_stamps_that_stand_still_cost_no_more_than_others_and_times_of_receipt_are_used():
+    n, fs = 30_000, 10_000
+    sent = START + np.arange(n) * (10**9 // fs)
+    timing, made = Timing(None, "g"), []
+    n_concatenated = 0
+    whole = np.concatenate
+
+    def counted(arrays, *rest, **more):
+        nonlocal n_concatenated
+        joined = whole(arrays, *rest, **more)
+        n_concatenated += len(joined)
+        return joined
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(np, "concatenate", counted)
+        for k in range(0, n, 10):
+            part = slice(k, k + 10)
+            made += timing.push(np.full(10, START), sent[part], np.arange(n)[part, None, None] + 0.0)
+    assert n_concatenated < 20 * n
+    assert timing.fs == fs
+    np.testing.assert_array_equal(_signal(made), np.arange(n))
+    assert [flag for flag in _flags(made) if flag.startswith("stamps")] == [
+        "stamps: those of the headers stand still, times of receipt are used"
+    ]
+
+
+@pytest.mark.parametrize("fs", [2000, 1500])
+@pytest.mark.parametrize("given", [False, True])
+@pytest.mark.parametrize("size", [1, 7, 50])
+def test_a_coarse_clock_loses_no_sample_of_a_sensor_at_rest(fs, given, size):
+    rng = np.random.default_rng(1)
+    n = 3 * fs
+    values = np.round(rng.normal(size=n) * (rng.random(n) < 0.3), 1)
+    values[:20] = np.arange(20)  # shows at once that values differ at equal stamps
+    sent = START + np.arange(n) * (10**9 // fs)
+    stamps = sent // 10**6 * 10**6
+    timing, made = Timing(fs if given else None, "g"), []
+    for k in range(0, n, size):
+        part = slice(k, k + size)
+        made += timing.push(stamps[part], sent[part], values[part, None, None])
+    assert timing.fs == fs
+    # With a given rate, the clock is known to be coarse after three messages.
+    n_early = 3 * given
+    assert timing.n_lost <= n_early
+    np.testing.assert_array_equal(_signal(made)[-(n - 20) :], values[20:])

@@ -5,7 +5,6 @@ import copy
 import gc
 import inspect
 import io
-import itertools
 import re
 import sys
 from collections.abc import Callable
@@ -25,8 +24,6 @@ GROUPS = {
 """The commands under their headings, in the order of a day's work."""
 OPTION = re.compile(r"^(\w+)(?: : (.+))?\n((?: {4}.+\n?)+)", re.MULTILINE)
 """Of the parameters in a docstring: name, how it is spelled, what it is."""
-SPELLED = {"--out": "--output", "--window": "--touch", "--rate": "--fs"}
-"""How options were spelled until 0.2, and are now; both are understood until 1.0."""
 
 
 class DaysWork(TyperGroup):
@@ -107,23 +104,6 @@ def shown(text: str) -> str:
     return "".join(c if c.isprintable() or c in "\n\t" else repr(c)[1:-1] for c in text)
 
 
-def as_spelled_now(arguments: list[str]) -> list[str]:
-    """Return arguments in the spelling of today.
-
-    `--json` without a path printed what `--jsonl` prints now (predict, stream), or `--json -` (model).
-    """
-    now = []
-    for word, following in itertools.zip_longest(arguments, arguments[1:], fillvalue=""):
-        option, *value = word.split("=", 1)
-        if word == "--json" and not following.endswith(".json") and following != "-":
-            now += {"predict": ["--jsonl"], "stream": ["--jsonl"], "model": ["--json", "-"]}.get(
-                arguments[0], [word]
-            )
-        else:
-            now.append("=".join([SPELLED.get(option, option), *value]))
-    return now
-
-
 def main() -> None:
     """Run the command line; a bad input ends with one clear line and exit code 1."""
     for stream in (sys.stdout, sys.stderr):
@@ -131,7 +111,7 @@ def main() -> None:
             stream.reconfigure(errors="replace")
     gc.set_threshold(100_000)  # the modules that a command loads are no garbage, here and at the end
     try:
-        app(as_spelled_now(sys.argv[1:]), prog_name="texclass")
+        app(prog_name="texclass")
     except (ValueError, OSError, ImportError) as error:
         typer.echo(f"error: {shown(str(error))}", err=True)
         sys.exit(1)

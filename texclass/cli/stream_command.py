@@ -112,7 +112,6 @@ def listens(
 def stream(
     model: Path,
     source: Annotated[str, typer.Argument()] = "-",
-    older_source: Annotated[str | None, typer.Option("--source", hidden=True)] = None,
     as_lines: bool = False,
     json_file: options.Json = None,
     heartbeat: float = 5.0,
@@ -124,7 +123,7 @@ def stream(
     opening: dict[str, Any],
     settings: Any,
 ) -> None:
-    """Say which surface is felt while it is felt. Ctrl-C, or SIGTERM, ends it with the final answer.
+    """Say which surface is felt while it is felt. Ctrl-C, SIGTERM or SIGHUP ends it with the final answer.
 
     Parameters
     ----------
@@ -151,7 +150,6 @@ def stream(
 
     if publish:
         from texclass.recognition import AnswerPublisher  # of the extra `robot`
-    source = older_source or source
     models = load_gestures(model) if model.is_dir() else {}
     trained = next(iter(models.values())) if models else load_model(model)
     rate = trained.manifest.fs if opening.pop("resample") else None
@@ -179,7 +177,10 @@ def _heard(shown: Any, session: Any, blocks: Any, publisher: Any) -> bool:
     """Tell what a session makes of blocks, till they end or somebody ends it; return whether it answered."""
     from texclass.cli.stream_view import tell
 
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    ending = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    # nohup ignores SIGHUP, and that stays so
+    heeded = [number for number in ending if signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, signal.default_int_handler) for number in heeded}
     try:
         with shown:
             try:
@@ -196,7 +197,8 @@ def _heard(shown: Any, session: Any, blocks: Any, publisher: Any) -> bool:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return True
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
         if publisher is not None:
             publisher.close()
 

@@ -6,9 +6,10 @@ import math
 from collections.abc import Mapping
 from difflib import get_close_matches
 from itertools import pairwise
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
-from sklearn.base import BaseEstimator
+if TYPE_CHECKING:
+    from sklearn.base import BaseEstimator
 
 ESTIMATORS = frozenset(
     {
@@ -88,7 +89,7 @@ MOST_LISTED, MOST_LETTERS = 1000, 200
 """Members of a list, and letters of a text."""
 
 
-def resolve(path: str) -> type[BaseEstimator]:
+def resolve(path: str) -> "type[BaseEstimator]":
     """Return an estimator class of the allow-list by its dotted path.
 
     Raises
@@ -104,7 +105,7 @@ def resolve(path: str) -> type[BaseEstimator]:
         raise ValueError(f"use = {path[:MOST_LETTERS]!r} is refused: it is not an allowed estimator.{hint}")
     module, _, name = path.rpartition(".")
     try:
-        return cast(type[BaseEstimator], getattr(importlib.import_module(module), name))
+        return cast("type[BaseEstimator]", getattr(importlib.import_module(module), name))
     except AttributeError as error:
         raise ValueError(f"use = {path!r} does not exist in the installed scikit-learn ({error})") from None
 

@@ -78,8 +78,14 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     where = f"{path}?topic={chosen.topic}"
     own = tuple(name for name in wanted if not name.startswith("/"))
     stamps, received, samples = _messages(path, chosen, own)
-    if not (np.isfinite(samples).all() and np.abs(samples).max(initial=0.0) < MOST_LARGE):
-        raise refused(where, f"holds values that are NaN or beyond {MOST_LARGE:g}", "finite")
+    is_good = (np.abs(samples) < MOST_LARGE).all(axis=(1, 2))  # and none is NaN
+    if n_bad := int(np.count_nonzero(~is_good)):
+        if n_bad > len(samples) / 2:
+            raise refused(
+                where, f"{n_bad} of {len(samples)} messages hold NaN or values beyond {MOST_LARGE:g}", "half"
+            )
+        samples, received = samples[is_good], received[is_good]
+        stamps = None if stamps is None else stamps[is_good]
     turn = [own.index(name) for name in TURN_RATE if name in own]
     if turn and not samples[:, :, turn].any():  # no gyroscope is so quiet: the sensor has none
         raise refused(where, "the turn rate is 0 in each of its messages", "a sensor that measures it")
@@ -94,6 +100,7 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     t = start_s + np.arange(len(uniform)) / fs
     named |= {name: _other(path, topics, name, t) for name in wanted if name not in named}
     said = ["stamps: none in the headers"] if stamps is not None and not by_header else []
+    said += [f"not finite: {n_bad} messages left out as lost"] if n_bad else []
     said += flags
     axes = [named[name] for name in ("ax", "ay", "az") if name in named]
     rest = float(np.median(np.sqrt(sum(axis**2 for axis in axes)))) if len(axes) == 3 else 0.0

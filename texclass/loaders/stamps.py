@@ -5,6 +5,7 @@ of order, late and in bursts, and are missing where messages were lost.
 """
 
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,10 @@ MOST_LATE = 3
 """A message that at most so many others overtook is out of order; else the clock jumped."""
 CLOCK_JUMP_S = 0.5
 """A step of the stamps that is so much longer than the step of the times of receipt is the clock's."""
+RATE_BLOCK, LEAST_BLOCKS = 64, 4
+"""Messages for one measurement of the rate, and measurements that make a stretch of one rate."""
+OTHER_RATE = 0.25
+"""Relative difference of usual steps from which the rate has changed."""
 LEVEL_WINDOW = 32
 """Messages on either side of a gap that tell whether something is missing or was only late."""
 ALIKE = 0.3
@@ -61,6 +66,8 @@ def _placed(
     order = np.argsort(t, kind="stable")
     n_moved = int(np.count_nonzero(np.diff(t) < 0))
     kept, (t, coarse) = kept[order], _spread(t[order])
+    first, last, changed = _one_rate(t)
+    kept, t = kept[first:last], t[first:last]
     step = np.diff(t)
     if not len(step) or not t[-1] > t[0] or not np.isfinite(t[-1]):
         raise refused(where, f"{len(t)} messages at one instant", "at least two instants")
@@ -88,6 +95,7 @@ def _placed(
         f"duplicates: {again.sum()} messages repeat stamp and values of the one before, dropped": again.any(),
         jumps: jumps,
         coarse: coarse,
+        changed: changed,
         f"out of order: {n_moved} messages, put in the order of their stamps": n_moved,
         f"gaps: {lost.sum()} messages missing in {np.count_nonzero(lost)} gaps, interpolated": lost.any(),
         cut: cut,
@@ -127,6 +135,30 @@ def _spread(t: Samples) -> tuple[Samples, str]:
     missing = np.append(0, np.cumsum(np.where(is_whole, 0.0, step - tick)))
     spread = t[0] + period * np.arange(len(t)) + np.repeat(missing, n_samples)
     return spread, f"coarse clock: {tick / period:.3g} samples per tick of {tick:.3g} s, evenly spaced"
+
+
+def _one_rate(t: Samples) -> tuple[int, int, str]:
+    """Return the longest half-open range of messages at one rate, and report a change of the rate."""
+    n_blocks = len(t) // RATE_BLOCK
+    if n_blocks < 2 * LEAST_BLOCKS:
+        return 0, len(t), ""
+    steps = np.diff(t[: n_blocks * RATE_BLOCK], prepend=t[0]).reshape(n_blocks, RATE_BLOCK)[:, 1:]
+    period = np.array([usual_step(row) for row in steps])
+    if not (period > 0).all():
+        return 0, len(t), ""
+    is_new = np.abs(np.diff(np.log(period))) > np.log(1 + OTHER_RATE) / 2
+    edges = np.concatenate(([0], np.flatnonzero(is_new) + 1, [n_blocks]))
+    long = [(a, b) for a, b in pairwise(edges) if b - a >= LEAST_BLOCKS]
+    rates = [float(np.median(period[a:b])) for a, b in long]
+    if len(long) < 2 or max(rates) < (1 + OTHER_RATE) * min(rates):
+        return 0, len(t), ""
+    a, b = max(long, key=lambda run: run[1] - run[0])
+    first, last = int(a) * RATE_BLOCK, len(t) if b == n_blocks else int(b) * RATE_BLOCK
+    told = (
+        f"divided: time stamps advance by {rates[0]:.4g} s, later by {rates[-1]:.4g} s; only the longest "
+        f"stretch of one rate is used, {last - first} of {len(t)} messages"
+    )
+    return first, last, told
 
 
 def _seconds(stamps_ns: Stamps) -> Samples:

@@ -11,13 +11,23 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.loaders.stamps import CLOCK_JUMP_S, MOST_LATE, MOST_LOST, NEAR_RATE, nominal_rate, usual_step
+from texclass.loaders.stamps import (
+    CLOCK_JUMP_S,
+    MOST_LATE,
+    MOST_LOST,
+    NEAR_RATE,
+    SHARED_STAMPS,
+    nominal_rate,
+    usual_step,
+)
 from texclass.recording import RecordingError, Samples
 
 Stamps = NDArray[np.int64]
 
 LEARNED_S, LEARNED_MESSAGES = 1.0, 20
 """A rate that nobody states is measured over so many seconds, and at least so many messages."""
+SHARED = 3
+"""Messages that differ at an equal stamp from which a clock is coarse, not a message sent twice."""
 MOST_WAITING = 100_000
 """Messages that may wait for the rate to be known."""
 CHECKED_S = 2.0
@@ -89,6 +99,13 @@ class Timing:
         self.fs, self.unit = fs, unit
         self.n_lost = 0
         self._waiting: list[tuple[Stamps, Stamps, Samples]] = []
+        self._distinct = set[int]()
+        self._n_waiting = 0
+        self._by_receipt = False
+        self._n_shared, self._rank = (
+            0,
+            0,
+        )  # messages that changed at an equal stamp; place of the last in its tick
         self._last: tuple[float, float, Samples] | None = None  # stamp, sent (s), message
         self._start_ns: int | None = None
         self._shape: tuple[int, ...] = ()
@@ -114,8 +131,10 @@ class Timing:
         Raises
         ------
         RecordingError
-            If the size of the messages changes, or all bear one stamp.
+            If the size of the messages changes, or all have one stamp and one time of receipt.
         """
+        if self._by_receipt:
+            stamps_ns = sent_ns
         if self._start_ns is None:
             self._start_ns, self._shape = int(stamps_ns[0]), samples.shape[1:]
         if samples.shape[1:] != self._shape:
@@ -125,24 +144,30 @@ class Timing:
             )
         if self.fs is None:
             self._waiting.append((stamps_ns, sent_ns, samples))
-            stamps_ns, sent_ns, samples = (np.concatenate(all_) for all_ in zip(*self._waiting, strict=True))
-            at = np.unique(stamps_ns) / 1e9
-            is_enough = len(at) > LEARNED_MESSAGES and at[-1] - at[0] >= LEARNED_S
-            if not is_enough and len(stamps_ns) < MOST_WAITING:
+            self._distinct.update(stamps_ns.tolist())
+            self._n_waiting += len(stamps_ns)
+            first_stamps, first_sent, _ = self._waiting[0]
+            is_stuck = len(self._distinct) == 1 and sent_ns[-1] - first_sent[0] >= LEARNED_S * 1e9
+            is_enough = (
+                len(self._distinct) > LEARNED_MESSAGES
+                and stamps_ns.max() - first_stamps.min() >= LEARNED_S * 1e9
+            )
+            if not (is_enough or is_stuck) and self._n_waiting < MOST_WAITING:
                 return []
-            if len(at) < 2:
-                raise RecordingError(
-                    f"{len(stamps_ns)} messages bear one stamp; the rule is stamps that advance, or --fs"
-                )
-            step = np.diff(at)
-            period = usual_step(step) if np.median(step) > 0.2 * step.mean() else float(step.mean())
-            self.fs, self._waiting = nominal_rate(self._shape[0] / period), []
+            stamps_ns, sent_ns, samples = (np.concatenate(all_) for all_ in zip(*self._waiting, strict=True))
+            self._waiting, self._distinct = [], set()
+            if is_stuck:
+                self._by_receipt, self._start_ns, stamps_ns = True, int(sent_ns[0]), sent_ns
+            self.fs = nominal_rate(self._shape[0] / _period(stamps_ns / 1e9))
+            told = "stamps: those of the headers stand still, times of receipt are used"
+            blocks = self.push(stamps_ns, sent_ns, samples)
+            return [replace(block, flags=(told,) * bool(is_stuck) + block.flags) for block in blocks]
         t, sent = (stamps_ns - self._start_ns) / 1e9, (sent_ns - self._start_ns) / 1e9
         return self._blocks(t, sent, samples, self._start_ns / 1e9, self.fs)
 
     def _blocks(self, t: Samples, sent: Samples, samples: Samples, start_s: float, fs: float) -> list[Block]:
         period = samples.shape[1] / fs
-        kept, flags = self._usable(t, samples, period)
+        kept, flags = self._usable(t, sent, samples, period)
         t, sent, samples = t[kept], sent[kept], samples[kept]
         if not len(t):
             at = start_s + (self._last[0] if self._last else 0.0)
@@ -151,8 +176,11 @@ class Timing:
         if self._last is None:
             self._last = (t[0] - period, sent[0] - period, samples[0])
         step, jumps = _steps(t, sent, self._last, period)
-        changed = self._changed(step, period)
-        lost = np.where(step > 1.5 * period, np.rint(step / period) - 1, 0).astype(np.int64)
+        least = 1.5
+        if is_coarse := self._n_shared >= SHARED:
+            step, least = self._evenly_in_ticks(step, period), 2.5
+        changed = None if is_coarse else self._changed(step, period)
+        lost = np.where(step > least * period, np.rint(step / period) - 1, 0).astype(np.int64)
         flags += jumps + self._contradicted(step / (1 + lost), period, fs)
         first_s = start_s - period + 1 / fs  # the last sample of a message stands at its stamp
         made, previous = [], self._last[2]
@@ -190,14 +218,33 @@ class Timing:
         is_even = abs(self._steps.mean() - typical) <= OTHER_RATE * typical
         return float(alike.mean()) if is_even and len(alike) >= 0.9 * n else None
 
-    def _usable(self, t: Samples, samples: Samples, period: float) -> tuple[NDArray[np.bool_], list[str]]:
-        """Return which messages neither come twice nor after a later one, and what is left out."""
+    def _evenly_in_ticks(self, step: Samples, period: float) -> Samples:
+        """Return the steps of messages that share the ticks of a coarse clock, one period apart there."""
+        even = step.copy()
+        for i, is_same in enumerate((step == 0).tolist()):
+            even[i] = period if is_same else step[i] - self._rank * period
+            self._rank = self._rank + 1 if is_same else 0
+        return even
+
+    def _usable(
+        self, t: Samples, sent: Samples, samples: Samples, period: float
+    ) -> tuple[NDArray[np.bool_], list[str]]:
+        """Return which messages neither come twice nor after a later one, and what is left out.
+
+        Where values change at equal stamps, the clock is coarse: then only messages that were also received
+        together come twice.
+        """
         before = np.concatenate(([self._last[0] if self._last else -np.inf], t))
         previous = samples[:1] if self._last is None else self._last[2][None]
         same = np.all(samples == np.concatenate((previous, samples[:-1])), axis=(1, 2))
         late = np.maximum.accumulate(before)[:-1] - t
+        is_equal = np.diff(before) == 0
+        self._n_shared += int(np.count_nonzero(is_equal & ~same))
+        twice = is_equal & same
+        if self._n_shared >= SHARED:
+            twice &= np.diff(sent, prepend=self._last[1] if self._last else -np.inf) < 0.1 * period
         wrong = {
-            "duplicates": (np.diff(before) == 0) & same,
+            "duplicates": twice,
             "out of order": (late > 0) & (late <= MOST_LATE * period),
             "not finite": ~np.isfinite(samples).all(axis=(1, 2)),
         }
@@ -215,6 +262,23 @@ class Timing:
         if not self._is_wrong or was_wrong:
             return []
         return [f"rate: {measured * fs:.4g} Hz by the stamps, {fs:g} Hz is assumed"]
+
+
+def _period(stamps: Samples) -> float:
+    """Return the period in seconds by stamps, of which several may be equal.
+
+    Raises
+    ------
+    RecordingError
+        If all are equal.
+    """
+    ticks, n = np.unique(stamps, return_counts=True)
+    if len(ticks) < 2:
+        raise RecordingError(f"{len(stamps)} messages have one time stamp. Expected an increase, or --fs")
+    step = np.diff(ticks)
+    if len(ticks) > 3 and np.mean(n[1:-1] > 1) >= SHARED_STAMPS:  # the first and the last may be cut
+        return float(ticks[-1] - ticks[1]) / float(n[1:-1].sum())
+    return usual_step(step) if np.median(step) > 0.2 * step.mean() else float(step.mean())
 
 
 def _steps(
@@ -312,14 +376,16 @@ def resampled(source: BlockSource, rate: float) -> BlockSource:
 
     What is lost, and what the filter held when it started anew, counts as lost before the next samples.
     """
-    resampler, start_s, was, lost = None, 0.0, 0.0, 0
+    resampler: Resampler | None = None
+    start_s, was, lost = 0.0, 0.0, 0
     with closing(source):
         for block in source:
             lost += round(block.lost * rate / block.fs)
             if not len(block.samples):  # it only reports, perhaps before any rate is known
                 yield replace(block, fs=rate, lost=0)
                 if block.lost and resampler:
-                    resampler, lost = None, lost + resampler.n_held
+                    lost += resampler.n_held
+                    resampler = None
                 continue
             flags = block.flags
             if resampler is None or block.lost or block.fs != was:
