@@ -22,6 +22,7 @@ class Bins:
         """Go on n samples later, at rest on what comes then."""
         self.at += n
         self.start, self.sum, self.states = self.at, 0.0, None
+        self.before, self.is_held = None, True
         self.last, self.products, self.squares = [0.0] * self.n_axes, 0.0, 0.0
 
     @property
@@ -35,6 +36,8 @@ class Bins:
         if self.states is None:
             rest = self.c["high_pass_rest"]
             self.states = [[[z0 * x, z1 * x] for z0, z1 in rest] for x in sample]
+        self.is_held = self.is_held and self.before in (None, list(sample))
+        self.before = list(sample)
         for axis, x in enumerate(sample):
             v = x
             for (b0, b1, b2, _, a1, a2), z in zip(self.c["high_pass"], self.states[axis], strict=True):
@@ -48,8 +51,9 @@ class Bins:
         self.at += 1
         if self.at - self.start < self.c["bin_samples"]:
             return None
-        full = (self.start, self.at, self.sum / (self.at - self.start))
+        full = (self.start, self.at, 0.0 if self.is_held else self.sum / (self.at - self.start))
         self.start, self.sum = self.at, 0.0
+        self.before, self.is_held = None, True
         return full
 
 
@@ -64,6 +68,7 @@ class Contact:
         self.on, self.quiet, self.run, self.opening = False, 0, [], []
         self.recent = deque(maxlen=self.n["smooth_s"])
         self.active = deque(maxlen=self.n["window_s"])
+        self.block, self.blocks = [], deque(maxlen=self.c["steady_blocks"])
 
     @property
     def state(self):
@@ -84,14 +89,33 @@ class Contact:
         self.level = sum(self.recent) / len(self.recent)
         self.peak = max(self.peak, power)
         if self.state == "LISTENING":
-            return self._listen(start, stop, power, white)
-        if self.state == "BEGUN":
-            return self._begun(stop)
-        return self._follow(start, stop, power)
+            return self._listen(start, stop, power, white) if power > 0 or self.c["in_contact"] else []
+        said = self._begun(stop) if self.state == "BEGUN" else self._follow(start, stop, power)
+        return said + self._steady(power)
+
+    def _steady(self, power):
+        if self.c["in_contact"] or power == 0 or not self.moving:
+            self._forget_blocks()
+            return []
+        self.block.append(power)
+        if len(self.block) < self.n["block_s"]:
+            return []
+        self.blocks.append(math.fsum(self.block) / len(self.block))
+        self.block = []
+        is_full = len(self.blocks) == self.c["steady_blocks"]
+        if not is_full or max(self.blocks) > self.c["steady_ratio"] * min(self.blocks):
+            return []
+        self.floor, self.felt = math.fsum(self.blocks) / len(self.blocks), 0.0
+        return self._lift()
+
+    def _forget_blocks(self):
+        self.block = []
+        self.blocks.clear()
 
     def interrupt(self, at, missing, fs):
         """Go on after missing samples."""
         said = [("break", at)]
+        self._forget_blocks()
         self.recent.clear()
         self.active.clear()
         self.run, self.on, self.opening = [], False, []
@@ -150,7 +174,7 @@ class Contact:
             self.run = [self.run[0] if self.run else start, stop]
         else:
             self.quiet += 1
-            if not self.run:
+            if not self.run and power > 0:
                 self.floor += self.c["floor_forget"] * (power - self.floor)
         if self.moving:
             return said + (self._lift() if self.quiet >= self.n["pause_s"] else [])
@@ -166,6 +190,7 @@ class Contact:
     def _lift(self):
         self.moving, self.run = False, []
         self.active.clear()
+        self._forget_blocks()
         return [("lift-off", self.until)]
 
 
@@ -206,10 +231,39 @@ class Evidence:
         """Forget everything, after a lift-off."""
         self.votes, self.sum = [0.0] * self.k, [0.0] * self.k
         self.weight = self.worth = self.strange = 0.0
-        self.n, self.sure = 0, False
+        self.n, self.best, self.contrary = 0, None, []
 
     def add(self, p, unknown):
         """Take in probabilities and verdict of a window; return (probabilities, unknown, sure)."""
+        if not self._changes(p, unknown):
+            return self._add(p, unknown)
+        windows = self.contrary
+        self.reset()
+        for window in windows:
+            verdict = self._add(window, False)
+        return verdict
+
+    def _changes(self, p, unknown):
+        """Whether the last windows, this one included, are of another surface than those before."""
+        c, named = self.c, p.index(max(p))
+        if self.best is None or unknown or named == self.best or c["remembered"] < 1:
+            self.contrary = []
+            return False
+        if self.contrary and self.contrary[-1].index(max(self.contrary[-1])) != named:
+            self.contrary = []
+        self.contrary.append(p)
+        n = 1 + (len(self.contrary) - 1) * c["later"]
+        if n < c["changed_windows"]:
+            return False
+        worth = n / (1 + c["correlation"] * (n - 1)) / len(self.contrary)
+        sums = [
+            sum(math.log(max(q, c["least_probability"])) for q in qs)
+            for qs in zip(*self.contrary, strict=True)
+        ]
+        odds = sum(math.exp(worth * (s - max(sums))) for s in sums)
+        return (1 - c["lapse"]) / odds + c["lapse"] / self.k >= c["confidence"]
+
+    def _add(self, p, unknown):
         c, g = self.c, self.c["remembered"]
         self.n += 1
         self.weight = g * self.weight + 1
@@ -229,5 +283,6 @@ class Evidence:
             together = [math.exp(worth / self.weight * s) for s in self.sum]
         total = sum(together)
         together = [(1 - c["lapse"]) * t / total + c["lapse"] / self.k for t in together]
-        self.sure = max(together) >= c["confidence"] or (self.sure and g == 1)
-        return together, 2 * self.strange >= self.weight, self.sure
+        self.best = together.index(max(together))
+        unknown = 2 * self.strange >= self.weight
+        return together, unknown, max(together) >= c["confidence"] and not unknown

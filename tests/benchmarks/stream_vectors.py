@@ -32,9 +32,20 @@ STREAMS = {
     "the floor follows the noise": (
         False, "arbitrary", True, [(60, 1), (900, 1.8), (160, 3.0), (160, 30), (140, 2)],
     ),
-    "digital silence, then a stroke": (None, "m/s^2", True, [(60, 0), (150, 1), (130, 0)]),
+    "digital silence, then a stroke": (None, "m/s^2", True, [(60, 0), (30, 1e-4), (150, 1), (130, 0)]),
+    "held values are no rest": (
+        None, "arbitrary", True, [(30, 0), (60, 5), (40, 0), (60, 5), (150, 500), (130, 5)],
+    ),
+    "a steady level is the new floor": (
+        False, "arbitrary", True,
+        [(60, 1), (900, 40), (160, 4000), (140, 40), (400, 900), (140, 40), (799, 900), (140, 40)],
+    ),
+    "begins with a steady level, not white": (None, "arbitrary", False, [(900, 5), (160, 500), (140, 5)]),
+    "a stated contact stays one": (True, "arbitrary", True, [(900, 5), (160, 9)]),
 }  # fmt: skip
+MOVED = "moves on to another surface"
 EVIDENCE = {
+    MOVED: {"correlation": 0.05, "hop_s": 1.0},
     "independent windows": {"correlation": 0.0, "hop_s": 1.0},
     "overlapping windows of one contact": {"correlation": 0.3, "hop_s": 0.5, "lapse": 0.01},
     "nothing is known of how they agree": {"hop_s": 0.5},
@@ -100,16 +111,18 @@ def evidence() -> list[dict]:
     p = np.round(rng.dirichlet([2.0, 1.0, 0.7], N_ANSWERS), 4)
     p[:, 0] = np.round(1 - p[:, 1:].sum(axis=1), 4)
     p[4] = [1.0, 0.0, 0.0]
-    unknown = (rng.random(N_ANSWERS) < 0.4).tolist()
+    drawn = (rng.random(N_ANSWERS) < 0.4).tolist()
+    moved = np.array([[0.9, 0.06, 0.04]] * 6 + [[0.05, 0.05, 0.9]] * 6)
     for name, settings in EVIDENCE.items():
+        rows, unknown = (moved, [False] * N_ANSWERS) if name == MOVED else (p, drawn)
         together = Evidence(MATERIALS, window_s=1.0, **settings)
         verdicts = []
-        for i, (row, strange) in enumerate(zip(p.tolist(), unknown, strict=True)):
+        for i, (row, strange) in enumerate(zip(rows.tolist(), unknown, strict=True)):
             answer = Answer("", "", 0.0, "", strange, 0.0, (), dict(zip(MATERIALS, row, strict=True)))
             said = together.add(answer, float(i))
             p_together = list(said.probabilities.values())
             verdicts.append({"probabilities": p_together, "unknown": said.unknown, "sure": said.sure})
-        vector = {"name": name, "constants": together.constants, "probabilities": p.tolist()}
+        vector = {"name": name, "constants": together.constants, "probabilities": rows.tolist()}
         found.append({**vector, "unknown": unknown, "verdicts": verdicts})
     return found
 

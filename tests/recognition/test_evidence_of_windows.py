@@ -98,17 +98,36 @@ def test_a_majority_counts_votes_and_breaks_ties_by_probability():
     assert told[2].probability == pytest.approx(3 / 6, abs=1e-5)
 
 
-def test_evidence_becomes_sure_and_stays_so_until_reset():
+def test_a_verdict_is_sure_as_long_as_its_probability_says_so():
     evidence = Evidence(MATERIALS, confidence=0.9, correlation=0.0)
     sure = [evidence.add(answer(p), 1.0).sure for p in ([0.7, 0.2, 0.1], [0.8, 0.1, 0.1], [0.05, 0.9, 0.05])]
-    assert sure == [False, True, True]
+    assert sure == [False, True, False]
     evidence.reset()
     assert evidence.verdict is None
     assert not evidence.add(answer([0.5, 0.3, 0.2]), 1.0).sure
 
 
+@pytest.mark.parametrize("kind", ["sequential", "majority"])
+def test_windows_that_contradict_the_evidence_restart_it(kind):
+    cork, felt, oak = [0.97, 0.02, 0.01], [0.02, 0.97, 0.01], [0.02, 0.01, 0.97]
+    told = together([cork] * 9 + [felt] * 2 + [cork] + [felt, felt, oak] + [felt] * 4, kind, correlation=0.1)
+    changed = [i for i, verdict in enumerate(told) if verdict.changed_from]
+    assert changed == [17]
+    assert (told[17].surface, told[17].changed_from, told[17].n_windows) == ("felt", "cork", 3)
+    assert {verdict.surface for verdict in told[:17]} == {"cork"}
+    assert told[18].n_windows == 4
+    # Overlapping windows share what they felt, and windows of unknown surfaces contradict nothing.
+    rows = [cork] * 12 + [felt] * 9
+    overlapping = together(rows, kind, correlation=0.1, hop_s=0.25)
+    assert [i for i, verdict in enumerate(overlapping) if verdict.changed_from] == [12 + 8]
+    evidence = Evidence(MATERIALS, kind)
+    for p in rows:
+        evidence.add(answer(p, unknown=p is felt), 1.0)
+    assert (evidence.verdict.surface, evidence.verdict.changed_from) == ("cork", "")
+
+
 def test_forgetting_lets_a_new_surface_win():
-    rows = [[0.98, 0.01, 0.01]] * 30 + [[0.01, 0.98, 0.01]] * 10
+    rows = [[0.98, 0.01, 0.01]] * 30 + [[0.29, 0.42, 0.29]] * 10
     kept, fading = (together(rows, forget_s=f)[-1].surface for f in (float("inf"), 3.0))
     assert (kept, fading) == ("cork", "felt")
 
@@ -118,7 +137,8 @@ def test_where_evidence_fades_all_of_a_verdict_is_of_what_was_felt_lately(kind):
     evidence = Evidence(MATERIALS, kind, forget_s=3.0, confidence=0.5, correlation=0.2)
     for _ in range(200):
         evidence.add(answer([0.98, 0.01, 0.01], unknown=True), 1.0)
-    assert (evidence.verdict.unknown, evidence.verdict.sure) == (True, True)
+    assert evidence.verdict.probability > 0.5
+    assert (evidence.verdict.unknown, evidence.verdict.sure) == (True, False)
     told = [evidence.add(answer([0.3, 0.4, 0.3]), 1.0) for _ in range(12)]
     last = told[-1]
     assert (last.surface, last.unknown) == ("felt", False)

@@ -214,3 +214,36 @@ def test_listening_to_a_recording_or_to_blocks_is_a_session(linear_model, oak, t
         assert [w.answer.probabilities for w in found] == expected
     with pytest.raises(RecordingError, match="fs is missing"):
         listen(linear_model, "-")
+
+
+LISTENING = OnlineSettings(window_s=0.25)
+QUIET = 0.005 * np.random.default_rng(0).normal(size=round(20 * FS))
+LATER = np.arange(len(QUIET)) > 5 * FS
+HUM = 0.05 * np.sin(2 * np.pi * 100 * np.arange(len(QUIET)) / FS)
+
+
+@pytest.mark.parametrize(
+    "steady", [QUIET * np.where(LATER, 1.4, 1), QUIET * np.where(LATER, 3, 1), QUIET + HUM * LATER]
+)
+def test_a_level_that_stays_the_same_becomes_the_noise_floor_with_a_notice(linear_model, oak, steady):
+    stroke = steady.copy()
+    stroke[round(12 * FS) : round(13.5 * FS)] += oak[: round(1.5 * FS)]
+    for x, later in ((steady, []), (stroke, ["contact", "lift-off"])):
+        _, found = run(linear_model, blocks(x), LISTENING)
+        kinds = [e.kind for e in of(Event, found) if e.kind != "stroke"]
+        assert kinds == ["contact", "lift-off", *later]
+        assert [n.what for n in of(Notice, found)] == [
+            "noise: the level is steady for 4 s: taken as the new noise floor"
+        ]
+        assert all(w.stop < 9.5 * FS or 12 * FS < w.stop < 14 * FS for w in of(WindowAnswer, found))
+
+
+@pytest.mark.parametrize(("padding", "until"), [(9.81, 0.1), (9.81, 0.2), (9.81, 3.0)])
+def test_zeros_and_held_values_are_no_noise_floor(linear_model, oak, padding, until):
+    x = QUIET[: round(8 * FS)] + 9.81
+    x[: round(until * FS)] = padding
+    x[round(4 * FS) : round(4.5 * FS)] = x[round(4 * FS)]
+    x[round(5 * FS) : round(6 * FS)] += oak[: round(FS)]
+    _, found = run(linear_model, blocks(x), LISTENING)
+    contacts = [e.sample / FS for e in of(Event, found) if e.kind == "contact"]
+    assert contacts == [pytest.approx(5.0, abs=0.05)]

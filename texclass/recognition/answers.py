@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -14,6 +14,8 @@ from texclass.recording import Samples
 Kind = Literal["majority", "sequential"]
 CONFIDENCE = 0.95
 """From which probability on a verdict is sure, unless something else is asked for."""
+CHANGED_WINDOWS = 3.0
+"""Independent windows in a row that have to name another surface before a contact may have moved on to it."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,7 @@ class Answer:
     reasons: tuple[str, ...] = ()
     probabilities: Mapping[str, float] = field(default_factory=dict, repr=False)
     sets: Mapping[float, tuple[str, ...]] = field(default_factory=dict)
+    changed_from: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return what a machine reads, probabilities of all materials left out."""
@@ -114,8 +117,10 @@ class ContactVerdict:
     unknown
         Whether at least half of the windows are of no known surface.
     sure
-        Whether the probability has reached the confidence asked for, now or before in this contact; where
-        evidence fades, now.
+        Whether the probability is at least the confidence asked for, and the surface is a known one.
+    changed_from
+        Surface of the windows before, if the last ones contradict them so clearly that the evidence was
+        restarted with this window; else "".
     n_windows
         How many have spoken.
     felt_s
@@ -136,6 +141,7 @@ class ContactVerdict:
     felt_s: float
     probabilities: Mapping[str, float] = field(default_factory=dict, repr=False)
     sets: Mapping[float, tuple[str, ...]] = field(default_factory=dict)
+    changed_from: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return what a machine reads, probabilities of all materials left out."""
@@ -227,6 +233,7 @@ class Evidence:
             "remembered": self._g,
             "confidence": self.confidence,
             "least_probability": LEAST_PROBABILITY,
+            "changed_windows": CHANGED_WINDOWS,
         }
 
     def reset(self) -> None:
@@ -234,15 +241,49 @@ class Evidence:
         self._votes, self._sum = np.zeros((2, len(self.materials)))
         self._weight = self._worth = self._unknown = 0.0
         self._n = 0
-        self._sure = False
+        self._contrary: list[Samples] = []
+        """Probabilities of the last windows, as far as they name one other surface than the verdict."""
         self.verdict: ContactVerdict | None = None
 
     def add(self, answer: Answer, felt_s: float) -> ContactVerdict:
-        """Take in the answer of a window that ends `felt_s` after the onset; return what is known now."""
+        """Take in the answer of a window that ends `felt_s` after the onset; return what is known now.
+
+        The evidence restarts where windows worth `CHANGED_WINDOWS` independent ones in a row name one other
+        surface, and alone would be sure of it.
+        """
         p = np.array([answer.probabilities[m] for m in self.materials])
+        if not self._is_change(p, is_unknown=answer.unknown):
+            return self._add(p, answer.unknown, felt_s)
+        before, contrary = self.verdict, self._contrary
+        self.reset()
+        for window in contrary:
+            self._add(window, False, felt_s)
+        assert before is not None
+        assert self.verdict is not None
+        self.verdict = replace(self.verdict, changed_from=before.surface)
+        return self.verdict
+
+    def _is_change(self, p: Samples, *, is_unknown: bool) -> bool:
+        """Whether the last windows, this one included, are of another surface than those before."""
+        named = int(np.argmax(p))
+        if self.verdict is None or is_unknown or self.materials[named] == self.verdict.surface or self._g < 1:
+            self._contrary = []
+            return False
+        if self._contrary and int(np.argmax(self._contrary[-1])) != named:
+            self._contrary = []
+        self._contrary.append(p)
+        n = len(self._contrary)
+        n_independent = 1 + (n - 1) * self._later
+        if n_independent < CHANGED_WINDOWS:
+            return False
+        scores = log_of(np.array(self._contrary)).mean(axis=0) * independent(n_independent, self._correlation)
+        odds = np.exp(scores - scores.max())
+        return bool((1 - self._lapse) / odds.sum() + self._lapse / len(p) >= self.confidence)
+
+    def _add(self, p: Samples, is_unknown: bool, felt_s: float) -> ContactVerdict:
         g, self._n, sets = self._g, self._n + 1, dict[float, tuple[str, ...]]()
         self._weight = g * self._weight + 1
-        self._unknown = g * self._unknown + answer.unknown
+        self._unknown = g * self._unknown + is_unknown
         if self.kind == "majority":
             self._votes *= g
             self._votes[int(np.argmax(p))] += 1
@@ -259,11 +300,11 @@ class Evidence:
                 sets = self._conformity[max(felt)].sets(scores, self.materials, self._levels)
             together = np.exp(scores)  # the largest is 1: no overflow
         together = (1 - self._lapse) * together / together.sum() + self._lapse / len(p)
-        self._sure = bool(together.max() >= self.confidence) or (self._sure and g == 1)
+        unknown = 2 * self._unknown >= self._weight
         self.verdict = ContactVerdict(
             sets=sets,
-            unknown=2 * self._unknown >= self._weight,
-            sure=self._sure,
+            unknown=unknown,
+            sure=bool(together.max() >= self.confidence) and not unknown,
             n_windows=self._n,
             felt_s=felt_s,
             **ranked(together, self.materials),

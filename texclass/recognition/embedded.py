@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sklearn.neural_network import MLPClassifier
 
 from texclass.document import Document
+from texclass.experiment.allowed_estimators import path_of
 from texclass.experiment.cost import CostModel
 from texclass.experiment.feature_table import metadata
 from texclass.experiment.folds import Fold, over_folds
@@ -476,4 +477,4 @@ def _used(estimator: Any) -> Use:
     kind = type(estimator)
     known = kind().get_params()
     own = {name: value for name, value in estimator.get_params().items() if value is not known[name]}
-    return Use(use=f"{kind.__module__}.{kind.__qualname__}", **own)
+    return Use(use=path_of(kind), **own)

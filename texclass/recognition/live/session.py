@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from texclass.loaders.stamps import MOST_LOST
+from texclass.recognition.live.contact import Event
 from texclass.recognition.live.online_recogniser import (
     LONGEST_WINDOW_S,
     RUN_WINDOW_S,
     OnlineRecogniser,
     OnlineSettings,
     Update,
+    WindowAnswer,
     scale_of,
 )
 from texclass.recognition.model import Model, load_model
@@ -193,7 +195,14 @@ class Session:
         for lost, samples in stretches:
             if lost:
                 found += self.live.interrupt(lost)
-            found += self.live.push(samples)
+            told = self.live.push(samples)
+            found += told
+            for event in told:
+                if isinstance(event, Event) and event.kind == "lift-off" and event.what:
+                    found += self._noticed(block.t_s, f"noise: {event.what}")
+                elif isinstance(event, WindowAnswer) and (before := event.verdict.changed_from):
+                    what = f"the last windows are of {event.verdict.surface}, not {before}: evidence restarts"
+                    found += self._noticed(block.t_s, f"surface: {what}")
         return tuple(found)
 
     def _interrupted(self, n_lost: int) -> tuple[Update, ...]:
