@@ -137,14 +137,46 @@ def test_value_does_not_depend_on_rate_unless_declared(feature):
 @each()
 def test_a_sensor_mounted_the_other_way_round_gives_the_same_value_unless_declared(feature):
     view = shared(feature.phase)
+    is_even = []
+    for step in (0.0, 0.5):  # as drawn, and quantised: then neighbouring samples are often equal
+        seen = changed(view, lambda x, step=step: np.round(x / (step * x.std())) * step if step else x)
+        try:
+            value, other = feature.function(seen), feature.function(changed(seen, np.negative))
+        except UndefinedFeatureError:
+            assert step > 0, feature.name
+            continue
+        is_even.append(np.allclose(other, value, rtol=1e-6, atol=1e-9))
+    assert all(is_even) == ("sign" not in feature.depends_on)
+
+
+def changed(view, change):
+    """Return a view of changed samples."""
     if isinstance(view, PhaseView):
-        turned = PhaseView(-view.samples, view.fs)
-    elif isinstance(view, PairView):
-        turned = PairView(tuple(PhaseView(-side.samples, side.fs) for side in view.sides))
-    else:
-        turned = TapView(tuple(TapSignal(-t.hand, -t.impulse) for t in view.taps), view.fs, view.noise)
-    value, other = feature.function(view), feature.function(turned)
-    assert np.allclose(other, value, rtol=1e-6, atol=1e-9) == ("sign" not in feature.depends_on)
+        return PhaseView(change(view.samples), view.fs)
+    if isinstance(view, PairView):
+        return PairView(tuple(PhaseView(change(side.samples), side.fs) for side in view.sides))
+    taps = tuple(TapSignal(change(t.hand), change(t.impulse)) for t in view.taps)
+    return TapView(taps, view.fs, view.noise)
+
+
+@pytest.mark.filterwarnings("error")
+@each()
+def test_short_extreme_and_oddly_sampled_signals_have_a_finite_value_or_none(feature):
+    rng = np.random.default_rng(0)
+    long = rng.uniform(-1, 1, 20_000)
+    given = [(long[:n], 10_000.0) for n in range(1, 51)]
+    given += [(long, fs) for fs in (1.0, 10.0, 100.0, 1e3, 1e5, 1e6, 1e7)]
+    given += [(long * gain, 10_000.0) for gain in (1.7e308, 1e300, 1e160, 1e-160, 1e-300, 5e-324)]
+    n_defined = 0
+    for x, fs in given:
+        signal = np.column_stack((x, x[::-1])) if feature.phase == "pair" else x
+        try:
+            value = feature.function(signal, fs=fs)
+        except UndefinedFeatureError:
+            continue
+        assert np.isfinite(value).all()
+        n_defined += 1
+    assert n_defined > 0 or feature.phase in ("tap", "travel")  # white noise has neither
 
 
 def test_rows_of_table_i_have_the_published_dimension():

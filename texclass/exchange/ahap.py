@@ -215,6 +215,7 @@ def _curves(name: Control, times: Samples, values: Samples) -> list[Content]:
 def centroid_hz(x: Samples, fs: float) -> float:
     """Return the centroid of the power spectrum of samples (n,), Hz; 0 of silence."""
     power = np.abs(np.fft.rfft(x)) ** 2
+    power[1 : (x.size + 1) // 2] *= 2  # one-sided: what lies at 0 and at fs/2 is its own mirror image
     total = float(power.sum())
     return float(np.fft.rfftfreq(x.size, 1 / fs) @ power) / total if total > 0 else 0.0
 

@@ -103,6 +103,6 @@ def at_rails(view: PhaseView) -> Samples:
     level(view)  # refuses silence
     x = view.samples
     low, high = x.min(), x.max()
-    rounding = ROUNDING * (high - low)
+    rounding = ROUNDING * high - ROUNDING * low  # the difference itself may overflow
     n_held = np.count_nonzero(x >= high - rounding) + np.count_nonzero(x <= low + rounding)
     return np.array([(n_held - 2) / x.size])

@@ -26,6 +26,7 @@ from texclass.features.phase_view import (
     View,
     one_by_one,
     pieces,
+    undefined_if,
     view_of,
 )
 from texclass.recording import Samples
@@ -215,11 +216,20 @@ def feature(
         def of_signal(
             view: Any, /, *args: Any, fs: float | None = None, unit: str = "arbitrary", **parameters: Any
         ) -> Any:
-            if not isinstance(view, View):
-                view = view_of(phase, view, fs, unit)
-            if not divisible or "n_pieces" not in parameters:
-                return function(view, *args, **parameters)
-            return _of_pieces(function, view, *args, at_once=divisible == "at once", **parameters)
+            try:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    if not isinstance(view, View):
+                        view = view_of(phase, view, fs, unit)
+                    if not divisible or "n_pieces" not in parameters:
+                        value: Any = function(view, *args, **parameters)
+                    else:
+                        value = _of_pieces(
+                            function, view, *args, at_once=divisible == "at once", **parameters
+                        )
+            except OverflowError:
+                value = np.inf
+            undefined_if(not np.isfinite(value).all(), "the value exceeds double precision")
+            return value
 
         if divisible:
             own = inspect.signature(function)

@@ -18,7 +18,9 @@ def friction(view: PhaseView) -> float:
     UndefinedFeatureError
         If the voltage is 0 throughout (a sensor that is not connected), or not finite.
     """
-    mean = float(np.abs(view.samples).mean()) if view.n_samples else 0.0
-    if not 0 < mean < np.inf:
+    size = np.abs(view.samples)
+    peak = float(size.max(initial=0.0))
+    mean = peak * float((size / peak).mean()) if 0 < peak < np.inf else 0.0  # a sum may overflow
+    if not mean:
         magnitude_of(view.samples)  # says why
     return mean

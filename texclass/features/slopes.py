@@ -46,14 +46,15 @@ def agreements(signs: NDArray[np.bool_], shifts: Iterable[int]) -> list[list[flo
     return [[np.count_nonzero(row) / row.size for row in rows] for rows in same]  # along an axis it is slow
 
 
-@feature_in_samples("1", SIGNS, outputs="lag{lags}.step{steps}")
+@feature_in_samples("1", SIGNS, outputs="lag{lags}.step{steps}", depends_on=("rate", "sign"))
 def slope_agreement(
     view: PhaseView, *, lags: tuple[int, ...] = LAGS, steps: tuple[int, ...] = (1, 2, 3)
 ) -> Samples:
     """Share of times at which two slopes some time apart have the same sign, at several time scales.
 
     With d_t = x_(t+lag) - x_t, the share of t with sign d_t = sign d_(t + step lag). For a Gaussian signal it
-    is 1/2 + arcsin(r)/pi, r the correlation of the two; each lag is a band-pass around fs/(2 lag).
+    is 1/2 + arcsin(r)/pi, r the correlation of the two; each lag is a band-pass around fs/(2 lag). A slope of
+    0 counts as falling: of a signal that is coarsely quantised, the value depends on the sign.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ def slope_agreement(
     return np.array(shares).T.reshape(*view.samples.shape[:-1], -1)
 
 
-@feature_in_samples("1", SIGNS, outputs="lag{lags}.step{steps}")
+@feature_in_samples("1", SIGNS, outputs="lag{lags}.step{steps}", depends_on=("rate", "sign"))
 def curvature_agreement(
     view: PhaseView, *, lags: tuple[int, ...] = LAGS, steps: tuple[int, ...] = (1, 2, 3)
 ) -> Samples:

@@ -41,7 +41,7 @@ def mean_spectrum(view: PhaseView) -> tuple[Samples, Samples]:
     power, n_in = x[: first[-1]].real ** 2 + x[: first[-1]].imag ** 2, np.diff(first).astype(np.float64)
     if whole:  # the bin at fs/2 is its own mirror image, and ends the band
         power[-1] /= 2
-        n_in[-1] = max(n_in[-1] - 1, 0.5)
+        n_in[-1] = max(n_in[-1] - 1, 1.0)
     power = np.add.reduceat(power, first[:-1], dtype=np.float64) / n_in
     offset = 0.5 if width > step else 0.0
     frequency = np.asarray((np.arange(n_bins) + offset) * width, dtype=np.float64)

@@ -32,6 +32,10 @@ _LONE_TAP = "too short for a stroke, at rest before or after: taken as one tap; 
 _STARTS_MOVING = "the recording starts in movement: no onset of sliding"
 
 
+MOST_SQUARED = 1e100
+"""Larger accelerations are scaled down first: their squares would overflow."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Segmenter(Rules):
     """How phases are found; the defaults suit a hand-held tool. Durations in seconds.
@@ -63,6 +67,9 @@ class Segmenter(Rules):
         """Return the phases of `recording`; those it declares are returned as they are."""
         if recording.phases is not None:
             return recording.phases
+        peak = max(abs(float(recording.acceleration.min())), abs(float(recording.acceleration.max())))
+        if peak > MOST_SQUARED:  # levels are relative
+            recording = recording.with_(acceleration=recording.acceleration / peak)
         if recording.duration_s < self.window_s:
             return _short(recording)
         found = track(recording, hand_hz=self.hand_hz, bin_s=self.bin_s, quiet_s=self.quiet_s)
