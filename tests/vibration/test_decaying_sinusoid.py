@@ -72,3 +72,43 @@ def test_the_unit_of_the_velocity_only_scales_the_slope():
     for fit in (fit_okamura, fit_tap_model):
         in_m, in_mm = fit(taps, SPEEDS, FS), fit(taps, 1000 * SPEEDS, FS)
         assert_allclose(1000 * in_mm.amplitude_slope, in_m.amplitude_slope, rtol=1e-9)
+
+
+def _noisy(model, noise_db, duration_s, seed):
+    rng, n = np.random.default_rng(seed), round(duration_s * FS)
+    clean = [model.synthesize(v, n, FS) for v in SPEEDS]
+    return [x + 10 ** (noise_db / 20) * np.abs(x).max() * rng.standard_normal(n) for x in clean]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("duration_s", [0.05, 0.5])
+@pytest.mark.parametrize("model", [RUBBER, WOOD, ALUMINIUM], ids=["rubber", "wood", "aluminium"])
+def test_the_published_way_keeps_its_stated_limit_or_refuses(model, duration_s):
+    for noise_db, off_f, off_B in (
+        (-30, 0.1, 0.1),
+        (-20, 0.15, 0.3),
+        (-10, np.inf, np.inf),
+        (0, np.inf, np.inf),
+    ):
+        for seed in range(6):
+            try:
+                found = fit_okamura(_noisy(model, noise_db, duration_s, seed), SPEEDS, FS)
+            except ValueError:
+                assert noise_db > -30
+                continue
+            assert np.isfinite(_values(found)).all()
+            assert abs(found.frequency_hz / model.frequency_hz - 1) <= max(off_f, 0.2 * (model is RUBBER))
+            assert abs(found.decay_per_s / model.decay_per_s - 1) <= off_B
+
+
+@pytest.mark.parametrize("model", [RUBBER, WOOD, ALUMINIUM], ids=["rubber", "wood", "aluminium"])
+@pytest.mark.parametrize("noise_db", [-20, -15, -10])
+def test_maximum_likelihood_fits_no_worse_than_the_truth(model, noise_db):
+    for seed in range(2):
+        taps = _noisy(model, noise_db, 0.5, seed)
+        found = fit_tap_model(taps, SPEEDS, FS)
+        of_fit, of_truth = (
+            sum(np.sum((x - m.synthesize(v, x.size, FS)) ** 2) for x, v in zip(taps, SPEEDS, strict=True))
+            for m in (found, model)
+        )
+        assert of_fit <= of_truth * (1 + 1e-9)
