@@ -177,7 +177,7 @@ def segment_peaks(
     return float(segmentation(view, lower_hz, smoothing_hz, dead_band, threshold).n_peaks.mean())
 
 
-@feature("movement", "1", "guruswamy2011, section IV-A")
+@feature("movement", "1", "guruswamy2011, section IV-A", depends_on=("rate",))
 def segment_order(
     view: PhaseView,
     *,
@@ -189,6 +189,9 @@ def segment_order(
     n_fitted: int = N_FITTED,
 ) -> float:
     """Mean order of the Prony filters of segments, grown from their extrema until the resolution is met.
+
+    The order of a segment is the first one that meets the resolution, so that rounding, the sampling rate and
+    the version of a library may change it.
 
     Parameters
     ----------
