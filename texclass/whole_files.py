@@ -29,6 +29,12 @@ def path_ending(path: str | Path, suffix: str) -> Path:
     return path
 
 
+def beside(path: Path, suffix: str, prefix: str = "") -> Path:
+    """Return a path beside another one, by its name; file systems end names at 255 bytes."""
+    name = path.name.encode()[: 200 - len(suffix)].decode(errors="ignore")
+    return path.with_name(f"{prefix}{name}{suffix}")
+
+
 def write_whole(path: str | Path, content: bytes | str) -> None:
     """Write a file that is either complete or what it was before; its folders are made.
 
@@ -55,7 +61,7 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
         return
     path = path.resolve()  # what a link leads to, not the link
     for attempt in range(3):
-        unfinished = path.with_name(f".{path.name[:100]}.{os.getpid()}.{uuid.uuid4().hex[:8]}")
+        unfinished = beside(path, f".{os.getpid()}.{uuid.uuid4().hex[:8]}", ".")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             unfinished.write_bytes(data)
@@ -66,6 +72,8 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
             if attempt == 2:
                 raise
             time.sleep(0.05)
+        except OSError as error:  # a full disk is told without the file
+            raise OSError(error.errno, error.strerror, str(path)) from error
         finally:
             with contextlib.suppress(OSError):
                 unfinished.unlink(missing_ok=True)

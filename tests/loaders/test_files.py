@@ -385,3 +385,21 @@ def test_a_resampled_recording_states_the_rate_of_its_sensor_and_what_it_lacks(t
     assert (recording.fs, recording.native_fs) == (resample, native)
     told = "narrow band: sampled at 4000 Hz, nothing above 2000 Hz"
     assert (told in recording.flags) == (resample > native)
+
+
+@pytest.mark.parametrize("fs", [1e-300, 9e-4, 1e12])
+def test_a_rate_that_no_sensor_has_is_refused_whoever_states_it(tmp_path, fs):
+    np.savez(tmp_path / "r.npz", acceleration=NOISE, fs=fs)
+    for options in ({}, {"fs": fs}):
+        with pytest.raises(RecordingError, match=r"a sampling rate in Hz from 0\.001 to 1e\+08"):
+            load_recording(tmp_path / "r.npz", unit="counts", **options)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"), [("1" * (1 << 21), "its first line is too long"), ("a," * 20_000, "20001 columns")]
+)
+def test_texts_without_lines_or_with_too_many_columns_are_refused_at_once(tmp_path, text, message):
+    for suffix in (".csv", ".txt"):
+        (tmp_path / f"r{suffix}").write_text(text)
+        with pytest.raises(RecordingError, match=message):
+            load_recording(tmp_path / f"r{suffix}", fs=1000, unit="counts")

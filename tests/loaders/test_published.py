@@ -2,15 +2,17 @@
 
 import hashlib
 import io
+import shutil
 import threading
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 import pytest
 
 from texclass.loaders import CardError, DataNotFoundError, open_dataset, read_card
-from texclass.loaders.places import converted, digest_files
+from texclass.loaders.places import converted, digest_files, fetch_recordings
 
 CARD = """
 title = "Two plates"
@@ -163,3 +165,14 @@ def test_each_conversion_keeps_the_published_values(tmp_path):
             packed.writestr("xl/worksheets/sheet1.xml", f'<c r="A1" t="n"><v>{value}</v></c>')
         books.append(book.getvalue())
     assert made("sheets", *books) == b"acceleration,normal_force,speed\n0.1,0.2,0.3\n"
+
+
+def test_two_processes_that_fetch_at_once_both_end_with_the_whole_dataset(shelf, server):
+    for _ in range(5):
+        shutil.rmtree(shelf.parent / "data", ignore_errors=True)
+        shutil.rmtree(shelf.parent / "cache", ignore_errors=True)
+        with ThreadPoolExecutor(4) as pool:
+            roots = [one.result() for one in [pool.submit(fetch_recordings, shelf) for _ in range(4)]]
+        assert len(set(roots)) == 1
+        assert [entry.recording_id for entry in open_dataset(shelf).entries] == ["oak/1", "tin/2"]
+        assert [path.name for path in (shelf.parent / "data").iterdir()] == ["plates"]

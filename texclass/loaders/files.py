@@ -25,7 +25,7 @@ from texclass.loaders.columns import (
     unit_of,
     without_unit,
 )
-from texclass.loaders.plausibility import MOST_HZ, UNIT_RULE, build_recording
+from texclass.loaders.plausibility import LEAST_HZ, MOST_HZ, UNIT_RULE, build_recording
 from texclass.loaders.time_columns import by_time_column, increases
 from texclass.recording import (
     AUXILIARY_UNITS,
@@ -229,9 +229,9 @@ def check_stated(
     if unit not in (None, *UNITS):
         raise refused(where, f"unit is {unit!r}", UNIT_RULE)
     for name, rate in {"fs": fs, "resample": resample}.items():
-        if rate is not None and not 0 < rate <= MOST_HZ:
+        if rate is not None and not LEAST_HZ <= rate <= MOST_HZ:
             raise refused(
-                where, f"{name} is {rate:g} Hz", f"a sampling rate in Hz above 0, at most {MOST_HZ:g}"
+                where, f"{name} is {rate:g} Hz", f"a sampling rate in Hz from {LEAST_HZ:g} to {MOST_HZ:g}"
             )
     if delimiter is not None and (len(delimiter) != 1 or delimiter in '"\r\n'):
         raise refused(where, f"delimiter is {delimiter!r}", "one character, no quote")

@@ -102,17 +102,29 @@ def fetch_recordings(
     files = _listed(card.path.with_suffix(".sha256"), begun)
     lacking = {made: sources for made, sources in files.items() if not (begun / made).is_file()}
     fetched = cache_root() / "published" / card.name
-    for done, (made, sources) in enumerate(lacking.items(), len(files) - len(lacking)):
-        progress(done, len(files), card.name)
-        paths = [_fetched(published.url, source, sha256, fetched) for source, sha256 in sources]
-        write_whole(begun / made, converted(paths, published.convert, card.fs_hz))
-    if (found := digest_files(begun, files, "")) != published.sha256:
+    try:
+        for done, (made, sources) in enumerate(lacking.items(), len(files) - len(lacking)):
+            progress(done, len(files), card.name)
+            paths = [_fetched(published.url, source, sha256, fetched) for source, sha256 in sources]
+            write_whole(begun / made, converted(paths, published.convert, card.fs_hz))
+        found = digest_files(begun, files, "")
+    except OSError:
+        if begun != root and root.is_dir():  # another process has finished, and removed what this one fetched
+            shutil.rmtree(begun, ignore_errors=True)
+            return fetch_recordings(name_or_path, progress)
+        raise
+    if found != published.sha256:
         raise ValueError(
             f"{begun}: the SHA-256 over {len(files)} files is {found}; the rule is {published.sha256}, as "
             "the card says: remove the folder and get it again"
         )
     if begun != root:
-        begun.rename(root)
+        try:
+            begun.rename(root)
+        except OSError:
+            if not root.is_dir():
+                raise
+            shutil.rmtree(begun, ignore_errors=True)
     shutil.rmtree(fetched, ignore_errors=True)
     return root
 

@@ -14,6 +14,8 @@ from texclass.recording import ACCELERATION_UNITS, STANDARD_GRAVITY, UNITS, Reco
 UNIT_RULE = f"one of {', '.join(UNITS)}"
 MOST_HZ = 1e8
 """No sensor that a hand holds is sampled faster."""
+LEAST_HZ = 1e-3
+"""Slower sampling is no vibration: the rate is a mistake."""
 MOST_VALUE = 1e30
 """No sensor's value is larger; that of a damaged file often is."""
 RESTING_BLOCK_S = 0.25
@@ -102,8 +104,8 @@ def agreed_rate(stated: float | None, given: float | None, where: object, rate_o
     if stated is not None and given is not None and not math.isclose(stated, given, rel_tol=1e-9):
         raise contradicting_rates(where, f"{stated:g} Hz", given, rate_of)
     rate = float(stated if stated is not None else given)  # type: ignore[arg-type]
-    if rate > MOST_HZ:
-        raise refused(where, f"fs is {rate:g} Hz", f"a sampling rate in Hz, at most {MOST_HZ:g}")
+    if not LEAST_HZ <= rate <= MOST_HZ:
+        raise refused(where, f"fs is {rate:g} Hz", f"a sampling rate in Hz from {LEAST_HZ:g} to {MOST_HZ:g}")
     return rate
 
 

@@ -32,6 +32,9 @@ from texclass.recording import RecordingError
 
 DIVIDING = "\t;|,"
 """What may divide columns; the first of these that is in the first line does."""
+LONGEST_LINE = 1 << 20
+"""Characters of the longest first line: names of 10,000 columns take a tenth."""
+MOST_COLUMNS = 10_000
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d(?::?\d\d){0,2}(?:\.\d+)?(Z|[+-]\d\d:?\d*)?")
 
 
@@ -147,6 +150,9 @@ def _layout(path: Path, options: ReadOptions) -> tuple[tuple[str, ...], str, int
     is_txt = path.suffix.lower() == ".txt"
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
+            if len(file.readline(LONGEST_LINE)) == LONGEST_LINE:
+                raise refused(path, "its first line is too long", f"at most {LONGEST_LINE} characters")
+            file.seek(0)
             begin = next((line.strip() for line in file if line.strip()), "")
             found = next((mark for mark in DIVIDING + " " * is_txt if mark in begin), "")
             delimiter = options.delimiter or found
@@ -156,9 +162,13 @@ def _layout(path: Path, options: ReadOptions) -> tuple[tuple[str, ...], str, int
             filled = (row for row in rows if row)
             header, n_before = tuple(name.strip() for name in next(filled, [])), rows.line_num
             first = next(filled, [])
+    except RecordingError:
+        raise
     except (ValueError, TypeError, csv.Error) as error:
         told = f"{path}: line 1 is not a header of column names, nor of numbers ({error}); the rule is UTF-8"
         raise RecordingError(told) from error
+    if len(header) > MOST_COLUMNS:
+        raise refused(path, f"its first line has {len(header)} columns", f"at most {MOST_COLUMNS}")
     if is_txt and not delimiter:
         return (UNNAMED,), ",", 0, []
     if header and all(map(_is_number, header)):
