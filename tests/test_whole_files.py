@@ -14,7 +14,7 @@ from texclass.exchange import write_wav
 from texclass.loaders import load_recording, open_dataset
 from texclass.loaders.cards import CardError
 from texclass.recording import RecordingError
-from texclass.whole_files import beside, write_whole
+from texclass.whole_files import sibling, write_whole
 
 
 @pytest.fixture
@@ -112,8 +112,8 @@ def test_control_characters_of_names_reach_no_terminal_and_no_page(tmp_path, cap
 def test_names_up_to_the_limit_of_file_systems_are_written(tmp_path, name):
     write_whole(tmp_path / name, "text")
     assert (tmp_path / name).read_text() == "text"
-    assert beside(tmp_path / name, ".parts").name.endswith(".parts")
-    beside(tmp_path / name, ".parts").mkdir()
+    assert sibling(tmp_path / name, ".parts").name.endswith(".parts")
+    sibling(tmp_path / name, ".parts").mkdir()
 
 
 def test_a_full_disk_is_reported_with_the_file(tmp_path, monkeypatch):

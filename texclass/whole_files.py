@@ -29,7 +29,7 @@ def path_ending(path: str | Path, suffix: str) -> Path:
     return path
 
 
-def beside(path: Path, suffix: str, prefix: str = "") -> Path:
+def sibling(path: Path, suffix: str, prefix: str = "") -> Path:
     """Return a path beside another one, by its name; file systems end names at 255 bytes."""
     name = path.name.encode()[: 200 - len(suffix)].decode(errors="ignore")
     return path.with_name(f"{prefix}{name}{suffix}")
@@ -61,7 +61,7 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
         return
     path = path.resolve()  # what a link leads to, not the link
     for attempt in range(3):
-        unfinished = beside(path, f".{os.getpid()}.{uuid.uuid4().hex[:8]}", ".")
+        unfinished = sibling(path, f".{os.getpid()}.{uuid.uuid4().hex[:8]}", ".")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             unfinished.write_bytes(data)

@@ -34,7 +34,7 @@ from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, code_hash
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import RecordingError, Samples
-from texclass.whole_files import beside, cache_root, write_whole
+from texclass.whole_files import cache_root, sibling, write_whole
 
 DOUBTS = ("unit:", "clipped:", "constant:", "narrow band:", "time:", "merged log:", "divided:")
 """Flags that a user has to see before any table: what they begin with."""
@@ -209,7 +209,7 @@ def extract_table(
     with suppress(FileNotFoundError, ValueError):  # not there, or damaged: it is computed
         table = read_table(path)
     while table is None or table.key != key:
-        folder = beside(path, ".parts") / key
+        folder = sibling(path, ".parts") / key
         plan = _plan(dataset, feature_set, channels, skip_bad)
         left_out = _compute_missing(dataset, plan, folder, n_jobs, skip_bad, progress)
         table = _join(dataset, plan, folder, key, left_out)
