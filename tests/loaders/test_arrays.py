@@ -220,3 +220,16 @@ def test_a_float_too_large_for_float64_is_refused_without_a_warning(tmp_path):
     member = io.BytesIO()
     np.save(member, np.array([1, 2, np.finfo(np.longdouble).max], dtype=np.longdouble))
     assert judged("npz", archive_of({"x.npy": member.getvalue()}), tmp_path)[0] == "refused"
+
+
+def test_groups_that_are_nested_too_deep_are_refused_at_once(tmp_path):
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        group = file
+        for _ in range(31):
+            group = group.create_group("g")
+        group["x"] = np.arange(50.0)
+    assert load_recording(tmp_path / "r.h5", fs=1000, unit="counts").n_samples == 50
+    with h5py.File(tmp_path / "r.h5", "a") as file:
+        file.create_group("h/" * 32)
+    with pytest.raises(RecordingError, match=r"has groups 33 deep.*at most 32 and 10000"):
+        load_recording(tmp_path / "r.h5", fs=1000, unit="counts")

@@ -39,6 +39,8 @@ CODE_BITS = {"PCM_S8": 8, "PCM_U8": 8, "PCM_16": 16, "PCM_24": 24, "PCM_32": 32}
 """Bits of a code, by libsndfile's name of the encoding; libsndfile aligns codes to the top of 32 bit."""
 NUMERIC = ("double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 """Classes of MATLAB variables that are read; a cell, a struct or an object is not opened."""
+MOST_NESTED, MOST_MEMBERS = 32, 10_000
+"""Groups of HDF5 within each other, and members of one: the library takes long for more."""
 _STREAMED = 0xFFFFFFFF
 """Size that a RIFF file announces which was written to a pipe."""
 _CHECKSUM = 4
@@ -59,22 +61,37 @@ def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
     if path.suffix.lower() in (".wav", ".flac"):
         return (UNNAMED,)
     found: list[str] = []
-
-    def visit(name: str, node: Any) -> None:
-        is_numeric = isinstance(node, h5py.Dataset) and node.dtype.kind in "iuf"
-        if is_numeric and not name.startswith("#") and node.attrs.get("MATLAB_class") != b"char":
-            found.append(name)
-
     with readable(path, KINDS.get(path.suffix.lower(), "HDF5")):
         if path.suffix.lower() == ".npz":
             with zipfile.ZipFile(path) as archive:
                 found = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
         elif h5py.is_hdf5(path) or path.suffix.lower() != ".mat":
             with h5py.File(path) as file:
-                file.visititems(visit)
+                found = [name for name, node in _datasets(file, path) if _is_numeric(node)]
         else:
             found = list(_matlab_sizes(path))
     return tuple(name for name in found if name != RATE)
+
+
+def _datasets(group: h5py.Group, path: Path, prefix: str = "", depth: int = 1) -> Iterator[tuple[str, Any]]:
+    """Yield the datasets in a group and in those within it, by name; links are not followed."""
+    if depth > MOST_NESTED or len(group) > MOST_MEMBERS:
+        found = f"has groups {depth} deep, one with {len(group)} members"
+        raise refused(path, found, f"at most {MOST_NESTED} and {MOST_MEMBERS}")
+    for name in group:
+        is_matlab_own = name.startswith("#")  # what cells and objects refer to
+        if is_matlab_own or not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            continue
+        node = group[name]
+        if isinstance(node, h5py.Group):
+            yield from _datasets(node, path, f"{prefix}{name}/", depth + 1)
+        elif isinstance(node, h5py.Dataset):
+            yield prefix + name, node
+
+
+def _is_numeric(node: h5py.Dataset) -> bool:
+    is_matlab_text = node.attrs.get("MATLAB_class") == b"char"
+    return node.dtype.kind in "iuf" and not is_matlab_text
 
 
 def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
