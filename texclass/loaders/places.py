@@ -150,6 +150,7 @@ def _fetched(url: str, source: str, sha256: str, folder: Path) -> Path:
     import pooch
 
     pooch.get_logger().setLevel("WARNING")
+    (folder / source).parent.mkdir(parents=True, exist_ok=True)  # pooch fails if another process makes it
     files = pooch.create(folder, url, registry={source: f"sha256:{sha256}"}, retry_if_failed=2)
     try:
         return Path(files.fetch(source, downloader=pooch.HTTPDownloader(timeout=PATIENCE_S)))
