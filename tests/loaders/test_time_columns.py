@@ -13,9 +13,8 @@ from texclass.loaders.cards import CardError
 from texclass.loaders.open import open_dataset
 from texclass.recording import RecordingError
 
-RNG = np.random.default_rng(0)
 N = 1000
-VALUES = np.round(RNG.normal(size=N), 3)
+VALUES = np.round(np.random.default_rng(0).normal(size=N), 3)
 
 
 def write(path, cells, values=VALUES, name="time"):
@@ -106,7 +105,7 @@ def test_a_name_that_contradicts_the_step_is_refused(tmp_path):
 
 
 def test_a_column_that_is_named_like_time_but_does_not_increase_is_ignored_and_reported(tmp_path):
-    temperature = 23 + np.round(RNG.normal(size=N).cumsum() * 0.01, 2)
+    temperature = 23 + np.round(np.random.default_rng(1).normal(size=N).cumsum() * 0.01, 2)
     path = write(tmp_path / "r.csv", numbers(temperature), name="T")
     recording = loaded(path, fs=1000)
     np.testing.assert_array_equal(recording.acceleration, VALUES)
@@ -172,7 +171,8 @@ def test_rows_in_bursts_have_one_rate_whether_it_is_given_or_not(tmp_path):
 @pytest.mark.parametrize("begin_s", [0.0, 0.37])
 def test_several_samples_per_tick_of_a_coarse_clock_are_evenly_spaced(tmp_path, fs, tick, begin_s):
     n = int(12 * fs)
-    values = np.round(RNG.normal(size=n) * (RNG.random(n) < 0.2), 1)  # quantised, and mostly at rest
+    rng = np.random.default_rng(2)
+    values = np.round(rng.normal(size=n) * (rng.random(n) < 0.2), 1)  # quantised, and mostly at rest
     t = np.floor((begin_s + np.arange(n) / fs) / tick + 1e-9) * tick
     path = write(tmp_path / "r.csv", numbers(t), values)
     for options in ({}, {"fs": fs}):
@@ -245,7 +245,7 @@ def test_a_merged_log_of_a_robot_is_read_at_the_rate_of_its_inertial_unit():
 def test_recordings_that_were_resampled_up_are_reported_before_any_table(tmp_path):
     for surface, fs in (("oak", 1000), ("slate", 300)):
         for k in range(2):
-            write(tmp_path / surface / f"r{k}.csv", numbers(np.arange(N) / fs), RNG.normal(size=N))
+            write(tmp_path / surface / f"r{k}.csv", numbers(np.arange(N) / fs))
     dataset = open_dataset(tmp_path, unit="counts", resample=1000)
     table = extract_table(dataset, load_feature_set("coarse"), tmp_path / "t.parquet")
     assert table.doubts == (
