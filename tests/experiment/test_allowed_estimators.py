@@ -20,8 +20,15 @@ from sklearn.preprocessing import MinMaxScaler
 
 from texclass.cli.app import main
 from texclass.experiment import load_pipeline
-from texclass.experiment.allowed_estimators import ESTIMATORS, MOST_INTEGER, REFUSED_PARAMETERS, resolve
+from texclass.experiment.allowed_estimators import (
+    ESTIMATORS,
+    MOST_INTEGER,
+    REFUSED_PARAMETERS,
+    path_of,
+    resolve,
+)
 from texclass.experiment.folds import fit
+from texclass.experiment.pipeline import Use
 from texclass.experiment.trusted import UntrustedFileError, load_trusted
 
 HEAD = 'features = "strese2015"\nseed = 1\n'
@@ -152,6 +159,7 @@ from fuzz.contract import WATCH
 from fuzz.pipelines import draw
 from texclass.experiment import load_pipeline
 from texclass.experiment.folds import fit
+from texclass.experiment.pipeline import Use
 
 place = Path(sys.argv[1])
 warnings.simplefilter("ignore")
@@ -199,3 +207,8 @@ def test_whole_numbers_up_to_the_limit_are_allowed(tmp_path):
     load_pipeline(
         pipeline(tmp_path / "p.toml", FOREST, f"n_estimators = {MOST_INTEGER}\nrandom_state = 12345678")
     )
+
+
+def test_a_fitted_network_is_named_again_by_its_own_parameters():
+    made = Use(use="sklearn.neural_network.MLPClassifier", hidden_layer_sizes=(64, 32)).make()
+    assert Use(use=path_of(type(made)), hidden_layer_sizes=made.hidden_layer_sizes).make().hidden_layer_sizes

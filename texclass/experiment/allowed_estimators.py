@@ -154,7 +154,7 @@ def _n_models(path: str, parameters: Mapping[str, Any], depth: int) -> int:
             _check_value(key, value)
         if key == "n_estimators" or (key == "max_iter" and path.endswith("HistGradientBoostingClassifier")):
             n_models *= max(1, value) if isinstance(value, int) else 1
-        if key == "hidden_layer_sizes" and isinstance(value, list):
+        if key == "hidden_layer_sizes" and isinstance(value, list | tuple):
             n_weights = sum(math.prod(pair) for pair in pairwise(value))
             if n_weights > MOST_WEIGHTS:
                 raise ValueError(f"{key} has {n_weights:,} weights. Expected at most {MOST_WEIGHTS:,}")
@@ -171,11 +171,11 @@ def _check_value(key: str, value: Any) -> None:
     elif isinstance(value, int):
         if abs(value) > MOST_INTEGER and key not in UNBOUNDED:
             raise ValueError(f"{key} is {value}. Expected at most {MOST_INTEGER}")
-    elif isinstance(value, list):
+    elif isinstance(value, list | tuple):
         if len(value) > MOST_LISTED:
             raise ValueError(f"{key} has {len(value)} members. Expected at most {MOST_LISTED}")
         for one in value:
-            if isinstance(one, list | dict):
+            if isinstance(one, list | tuple | dict):
                 raise ValueError(f"{key} holds {str(one)[:40]!r}. Expected numbers, texts or booleans")
             _check_value(key, one)
     elif not isinstance(value, float):
