@@ -232,6 +232,15 @@ def test_losses_between_blocks_that_are_too_short_for_the_filter_are_added_up():
     assert sum(block.lost for block in out) == pytest.approx(0.5 * (39 * 95 + 40 * 5), abs=40)
 
 
+def test_a_silent_source_whose_rate_is_not_known_yet_is_resampled():
+    silent = Block(0.0, np.empty((0, 1)), 0.0, "m/s^2", 0, ("silent: nothing for 1.0 s",))
+    given = [silent, Block(1.0, np.ones((100, 1)), 1000.0, "m/s^2")]
+    out = list(resampled((block for block in given), 500.0))
+    assert out[0].flags == silent.flags
+    assert {block.fs for block in out} == {500.0}
+    assert sum(block.lost for block in out) == 0
+
+
 def test_a_loss_that_a_block_without_samples_reports_survives_resampling():
     given = [
         Block(0.0, np.ones((100, 1)), 1000.0, "m/s^2"),

@@ -380,7 +380,8 @@ def resampled(source: BlockSource, rate: float) -> BlockSource:
     start_s, was, lost = 0.0, 0.0, 0
     with closing(source):
         for block in source:
-            lost += round(block.lost * rate / block.fs)
+            if block.lost:  # else the rate may not be known yet
+                lost += round(block.lost * rate / block.fs)
             if not len(block.samples):  # it only reports, perhaps before any rate is known
                 yield replace(block, fs=rate, lost=0)
                 if block.lost and resampler:
