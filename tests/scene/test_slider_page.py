@@ -167,6 +167,20 @@ def test_in_the_browser_a_slider_reaches_the_samples_and_the_command(browser, pa
     assert not browser.noises(page)
 
 
+def test_a_slider_ends_where_the_blend_to_the_next_value_would_change_another_scale(
+    texture, own, monkeypatch
+):
+    def halfway(one, other):
+        return own | {"rough": own["rough"] - 1, "regular": own["regular"] - 1.4}
+
+    monkeypatch.setattr(
+        pages, "felt_scales", lambda texture: {"rough": own["rough"], "regular": own["regular"]}
+    )
+    monkeypatch.setattr(pages, "scales_halfway", halfway)
+    monkeypatch.setattr(pages, "VALUES", (own["rough"] - 2,))
+    assert '"values"' not in pages.slider_page(texture)
+
+
 @needs_chromium
 def test_the_page_never_scrolls_sideways_and_every_control_has_a_name(browser, page):
     for width in (360, 768, 1400):

@@ -23,7 +23,7 @@ from texclass.features.scales import SCALES
 from texclass.scene.renderer import PlannedScene, packed
 from texclass.textures import PackedTexture, Texture, felt_scales, retouch
 from texclass.textures.grid import GridModel
-from texclass.textures.packing import OF_SPECTRUM
+from texclass.textures.packing import OF_SPECTRUM, scales_halfway
 from texclass.vibration import DecayingModes, TapModel
 from texclass.vibration.autoregressive import Autoregression
 from texclass.whole_files import path_ending, write_whole
@@ -42,6 +42,8 @@ VALUES = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0)
 """Of each scale, beside its own; of `hard`, which goes by a law, and of `sticky`, not heard, the ends."""
 APART = 0.5
 """From the texture's own value, at least."""
+BLEND_ERROR = 0.75
+"""Largest error of any scale halfway between two values of a slider, where the page blends their models."""
 
 
 def feel_page(
@@ -182,7 +184,7 @@ def slider_page(
         if progress is not None:
             progress(done, len(felt), name)
         source = texture if name in OF_SPECTRUM else base
-        found = _along(source, name, value, base, n_bytes, unit)
+        found = _along(source, name, felt, base, n_bytes, unit)
         if len(found) == 1:  # nothing else is in reach
             continue
         scales[name] = {"value": value, "values": list(found), "end": SCALES[name].other_end}
@@ -266,16 +268,30 @@ def _guessed_tap(model: GridModel, scene: PlannedScene, middle: list[float], rms
 
 
 def _along(
-    texture: Texture, name: str, value: float, base: PackedTexture, n_bytes: int, unit: str
+    texture: Texture, name: str, own: dict[str, float], base: PackedTexture, n_bytes: int, unit: str
 ) -> dict[float, PackedTexture]:
-    """Return the texture at values of a scale, from its own on both ways as far as it goes."""
+    """Return the texture at values of a scale, on both sides of its own.
+
+    A side ends where a value is out of reach, or where the blend halfway to it (what the page plays between
+    them) would change another scale.
+    """
+    value = own[name]
     found = {value: base}
     below = [v for v in reversed(VALUES) if v < value - APART]
     above = [v for v in VALUES if v > value + APART]
     for beyond in (below, above):
+        at = value
         for v in beyond if name in OF_SPECTRUM else beyond[-1:]:
             try:
-                found[v] = retouch(texture, n_bytes, unit=unit, **{name: v})
+                one = retouch(texture, n_bytes, unit=unit, **{name: v})
             except ValueError:
                 break
+            if name in OF_SPECTRUM:
+                halfway = scales_halfway(found[at], one)
+                wanted = own | {name: (at + v) / 2}
+                if any(
+                    abs(halfway[scale] - wanted[scale]) > BLEND_ERROR for scale in halfway if scale in own
+                ):
+                    break
+            found[at := v] = one
     return dict(sorted(found.items()))

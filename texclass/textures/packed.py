@@ -172,20 +172,22 @@ class PackedTexture(Texture):
 
     def renderer(self, *, seed: int = 0) -> GlidingRenderer:
         """Return a renderer at rest; see `Texture`."""
-        model, hop = self.model, max(1, round(self.fs / 1000))
-        slow, light = (axis[0] for axis in model.axes)
+        return grid_renderer(self.model, self.fs, seed=seed)
 
-        def read(velocity: Samples, force: Samples) -> tuple[Samples, Samples]:
-            speed = np.hypot(*velocity.T)
-            k, power = model.at(np.maximum(speed, slow), np.maximum(force, light))
-            heard = np.clip(speed / min(slow, REST_MM_S), 0.0, 1.0)
-            heard *= np.clip(force / min(light, LIGHT_N), 0.0, 1.0)
-            return np.ascontiguousarray(k), (heard * np.sqrt(power))[:, np.newaxis]
 
-        limit = WIDEST * float(np.sqrt(model.power.max()))
-        return GlidingRenderer(
-            read, fs=self.fs, order=self.order, hop=hop, limit=limit, seed=seed, motion_hz=30.0
-        )
+def grid_renderer(model: GridModel, fs: float, *, seed: int = 0) -> GlidingRenderer:
+    """Return a renderer at rest of a model over speed and force; it is silent without either."""
+    slow, light = (axis[0] for axis in model.axes)
+
+    def read(velocity: Samples, force: Samples) -> tuple[Samples, Samples]:
+        speed = np.hypot(*velocity.T)
+        k, power = model.at(np.maximum(speed, slow), np.maximum(force, light))
+        heard = np.clip(speed / min(slow, REST_MM_S), 0.0, 1.0)
+        heard *= np.clip(force / min(light, LIGHT_N), 0.0, 1.0)
+        return np.ascontiguousarray(k), (heard * np.sqrt(power))[:, np.newaxis]
+
+    limit, hop = WIDEST * float(np.sqrt(model.power.max())), max(1, round(fs / 1000))
+    return GlidingRenderer(read, fs=fs, order=model.order, hop=hop, limit=limit, seed=seed, motion_hz=30.0)
 
 
 def mode_codes(modes: DecayingModes) -> list[list[int]]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache, partial
 from itertools import product
 from typing import Any
@@ -18,9 +19,9 @@ from texclass.phases import segment
 from texclass.recording import UNITS, Phases, Recording, Samples, Tap
 from texclass.signals import combine
 from texclass.textures import packed
-from texclass.textures.contract import Texture, constant_stroke
+from texclass.textures.contract import Renderer, Texture, constant_stroke
 from texclass.textures.grid import likeliest_logarithms, shares
-from texclass.textures.packed import PackedTexture
+from texclass.textures.packed import PackedTexture, grid_renderer
 from texclass.textures.scan import Scan
 from texclass.vibration import recursions
 from texclass.vibration.autoregressive import from_autocorrelation
@@ -297,8 +298,21 @@ def felt_scales(texture: Texture, *, seed: int = 0) -> dict[str, float]:
     ValueError
         If the texture is silent, or its rate is too low for the scales.
     """
-    of_spectrum = _felt(_probe(texture, seed), texture.fs)
+    of_spectrum = _felt(_probe(texture.renderer(seed=seed), texture.fs), texture.fs)
     return dict(zip(OF_SPECTRUM, of_spectrum.tolist(), strict=True)) | _touched(*_held(texture))
+
+
+def scales_halfway(one: PackedTexture, other: PackedTexture) -> dict[str, float]:
+    """Return the scales of the spectrum of the model halfway between those of two textures of equal rate.
+
+    Reflection coefficients are averaged as their inverse hyperbolic tangent, powers as their logarithm.
+    """
+    models, order = (one.model, other.model), max(one.order, other.order)
+    rows = [np.arctanh(np.pad(m.rows, [(0, 0), (0, 0), (0, order - m.order)])) for m in models]
+    power = np.sqrt(one.model.power * other.model.power)
+    model = replace(one.model, rows=np.tanh(np.mean(rows, axis=0)), power=power)
+    values = _felt(_probe(grid_renderer(model, one.fs), one.fs), one.fs)
+    return dict(zip(OF_SPECTRUM, values.tolist(), strict=True))
 
 
 def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **asked: float) -> PackedTexture:
@@ -353,7 +367,7 @@ def retouch(texture: Texture, n_bytes: int = 128, *, unit: str = "m/s^2", **aske
 
 def _reshaped(texture: Texture, asked: dict[str, float], n_bytes: int, unit: str) -> PackedTexture:
     """Return the texture with the least gains with which it feels as asked, packed."""
-    x = _probe(texture, 0)
+    x = _probe(texture.renderer(), texture.fs)
     before = _felt(x, texture.fs)
     wanted = np.array([asked.get(name, value) for name, value in zip(OF_SPECTRUM, before, strict=True)])
     f = np.fft.rfftfreq(x.size, 1 / texture.fs)
@@ -369,7 +383,7 @@ def _reshaped(texture: Texture, asked: dict[str, float], n_bytes: int, unit: str
         gains = _gains(felt, gains, aim)
         shape = partial(lambda gains, f: columns(f) @ gains, gains)
         one = pack(texture, n_bytes, unit=unit, gain_db=shape, most_hz=MOST_RATE_HZ)
-        found = _felt(_probe(one, 0), one.fs)
+        found = _felt(_probe(one.renderer(), one.fs), one.fs)
         if (missed := np.abs(found - wanted).max()) < least:
             nearest, least, at = one, missed, found
         if least < NEAR / 2:
@@ -414,13 +428,13 @@ def _columns(f: Any, power: Any) -> Callable[[Any], Samples]:
     return columns
 
 
-def _probe(texture: Texture, seed: int) -> Samples:
+def _probe(renderer: Renderer, fs: float) -> Samples:
     """Return the vibration of 20 strokes of a second to and fro, without the first tenth."""
-    t = np.arange(round((PROBE_S + 0.1) * texture.fs)) / texture.fs
+    t = np.arange(round((PROBE_S + 0.1) * fs)) / fs
     speed = SPEED_MM_S * (0.55 + 0.45 * np.pi / 2 * np.abs(np.sin(np.pi * t)))
     velocity = np.column_stack([speed * np.sign(np.sin(np.pi * t) + 1e-12), np.zeros(t.size)])
-    felt = texture.renderer(seed=seed).process(velocity, np.full(t.size, FORCE_N))
-    return np.asarray(felt[round(0.1 * texture.fs) :])
+    felt = renderer.process(velocity, np.full(t.size, FORCE_N))
+    return np.asarray(felt[round(0.1 * fs) :])
 
 
 def _felt(x: Samples, fs: float) -> Samples:
