@@ -54,16 +54,16 @@ def test_lists_stand_for_tuples_and_whole_numbers_for_others():
         ({"sizes": [1, "x"]}, "sizes.2 is 'x'; the rule is a number"),
         ({"sizes": [float("nan")]}, "sizes.1 is nan; the rule is a finite number"),
         ({"sizes": 3}, "sizes is 3; the rule is a list"),
-        ({"size": 3}, "unknown key size; did you mean sizes?"),
-        ({"colour": 3}, "unknown key colour; the rule is one of name, sizes, parts, spare, marks, "),
-        ({"parts": [{}]}, "lacks the key parts.1.kind; the rule is that it is given"),
+        ({"size": 3}, "unknown key size (did you mean sizes?"),
+        ({"colour": 3}, "unknown key colour (expected one of name, sizes, parts, spare, marks, "),
+        ({"parts": [{}]}, "missing key parts.1.kind"),
         ({"parts": [{"kind": "nut"}]}, "parts.1.kind is 'nut'; the rule is one of nail, screw"),
-        ({"parts": [{"kind": "nail", "length": 1, "length_mm": 1}]}, "unknown key parts.1.length; did you"),
+        ({"parts": [{"kind": "nail", "length": 1, "length_mm": 1}]}, "unknown key parts.1.length (did you"),
         ({"parts": [{"kind": "nail", "length_mm": -1}]}, "parts.1.length_mm is -1; the rule is a length"),
-        ({"parts": [{"kind": "screw"}]}, "lacks the key parts.1.turns; "),
+        ({"parts": [{"kind": "screw"}]}, "missing key parts.1.turns"),
         ({"spare": {"a": {"kind": "screw", "turns": 0}}}, "spare.a.turns is 0; the rule is a number of"),
         ({"spare": {"a": 1}}, "spare.a is 1; the rule is a table of kind, turns"),
-        ({"marks": {"lefft": True}}, "unknown key marks.lefft; did you mean marks.left?"),
+        ({"marks": {"lefft": True}}, "unknown key marks.lefft (did you mean marks.left?"),
         ({"marks": {"left": 1}}, "marks.left is 1; the rule is true or false"),
         ({"names": {"a b": True}}, "names.a b is 'a b'; the rule is text like ^[a-z]{2}$"),
         ({"layers": 3}, "layers is 3; the rule is one of 1 or 2"),
@@ -80,7 +80,28 @@ def test_what_is_no_table_is_refused_and_further_faults_are_counted():
     with pytest.raises(ValueError, match=r"^f: \[1\]; the rule is a table of kind, length_mm, turns$"):
         checked(AnyPart, [1], "f")
     with pytest.raises(ValueError, match=r"\(and 1 more\)$"):
-        checked(Box, {"sizes": 3}, "f")
+        checked(Box, {"name": 5, "sizes": 3}, "f")
+
+
+def test_all_missing_and_unknown_keys_are_listed_each_with_the_closest_valid_key():
+    wrong = {"size": 3, "part": 1, "parts": [{"kind": "screw", "turn": 1}], "layers": 7, "marks": 2}
+    with pytest.raises(ValueError) as caught:  # noqa: PT011
+        checked(Box, wrong, "box.toml")
+    first = "box.toml: marks is 2; the rule is a table; "
+    assert str(caught.value).startswith(first)
+    keys = str(caught.value).removeprefix(first).removesuffix(" (and 1 more)")
+    assert sorted(keys.split("; ")) == [
+        "missing key name",
+        "missing key parts.1.turns",
+        "unknown key part (did you mean parts?)",
+        "unknown key parts.1.turn (did you mean parts.1.turns?)",
+        "unknown key size (did you mean sizes?)",
+    ]
+
+
+def test_a_file_of_unknown_keys_gives_a_message_of_limited_length():
+    with pytest.raises(ValueError, match=r"\(and 9980 more\)$"):
+        checked(Box, {"name": "b"} | {f"k{i}": 1 for i in range(10_000)}, "box.toml")
 
 
 def test_numbers_that_no_float_holds_and_tables_too_deep_are_refused():
@@ -104,5 +125,5 @@ def test_a_table_without_keys_says_so():
     class Empty(Written):
         pass
 
-    with pytest.raises(ValueError, match="unknown key size; the rule is no key at all"):
+    with pytest.raises(ValueError, match=r"unknown key size \(expected no key at all\)"):
         checked(Empty, {"size": 1}, "box.toml")

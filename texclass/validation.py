@@ -25,6 +25,8 @@ _STEERING = re.compile(r"(?<!\\)(?:\\\\)*(\\[bf]|\\u00(?:0[0-8be-f]|1[0-9a-f]|[8
 """What steers a terminal, in JSON: control characters but tabs and ends of lines."""
 _SHOWN = 60
 """Characters of a wrong value that a message shows."""
+_MOST_KEYS = 20
+"""Missing and unknown keys that a message lists."""
 _WORDS = {
     "bool_type": "true or false",
     "dict_type": "a table",
@@ -111,7 +113,7 @@ def checked(model: type[M], content: Any, where: object, *, context: object = No
     Raises
     ------
     ValueError
-        Naming the file, the key, the value and the rule; further faults are counted.
+        Naming the file, the first wrong value, and all missing and unknown keys; further faults are counted.
     """
     if not isinstance(content, Mapping):
         raise ValueError(
@@ -126,26 +128,36 @@ def checked(model: type[M], content: Any, where: object, *, context: object = No
             )
         return model.model_validate_json(text, context=context)
     except ValidationError as error:
-        first, *others = error.errors()
-        more = f" (and {len(others)} more)" if others else ""
-        raise ValueError(f"{where}: {_told(first, model)}{more}") from None
+        faults = error.errors()
+        keys, others = ([f for f in faults if _is_of_key(f) == of_key] for of_key in (True, False))
+        shown = [*others[:1], *keys[:_MOST_KEYS]]
+        more = f" (and {len(faults) - len(shown)} more)" if len(faults) > len(shown) else ""
+        words = dict.fromkeys(_told(fault, model) for fault in shown)
+        raise ValueError(f"{where}: {'; '.join(words)}{more}") from None
+
+
+def _is_of_key(error: ErrorDetails) -> bool:
+    """Whether a key is missing or unknown."""
+    return error["type"] in ("missing", "union_tag_not_found", "extra_forbidden") or (
+        error["type"] == "literal_error" and error["loc"][-1] == "[key]"
+    )
 
 
 def _told(error: ErrorDetails, model: type[BaseModel]) -> str:
     """Return one fault in words: the key as people write it, the value, the rule."""
     kind, place, context = error["type"], error["loc"], error.get("ctx", {})
     key, field, tables = _found(model, place)
-    if kind == "extra_forbidden" or (kind == "literal_error" and place[-1] == "[key]"):
+    if kind in ("missing", "union_tag_not_found"):
+        tag = _quoted(context["discriminator"]) if context else []
+        return f"missing key {'.'.join(filter(None, [key, *tag]))}"
+    if _is_of_key(error):
         known = _quoted(context["expected"]) if kind == "literal_error" else [*_keys(tables)]
         near = difflib.get_close_matches(key.rpartition(".")[2], known, n=1)
         beside = f"{key.rpartition('.')[0]}." if "." in key else ""
-        rule = f"the rule is one of {', '.join(known)}" if known else "the rule is no key at all"
-        return f"unknown key {key}; " + (f"did you mean {beside}{near[0]}?" if near else rule)
-    if kind.startswith("union_tag"):
-        key = ".".join(filter(None, [key, *_quoted(context["discriminator"])]))
-    if kind in ("missing", "union_tag_not_found"):
-        return f"lacks the key {key}; the rule is that it is given"
+        rule = f"expected one of {', '.join(known)}" if known else "expected no key at all"
+        return f"unknown key {key} ({f'did you mean {beside}{near[0]}?' if near else rule})"
     if kind == "union_tag_invalid":
+        key = ".".join(filter(None, [key, *_quoted(context["discriminator"])]))
         return (
             f"{key} is {context['tag']!r}; the rule is one of {', '.join(_quoted(context['expected_tags']))}"
         )

@@ -88,7 +88,7 @@ def test_what_a_wav_cannot_hold_is_refused(tmp_path, change, match):
 @pytest.mark.parametrize(
     ("comment", "match"),
     [
-        ('{"texclass": 1}', "lacks the key"),
+        ('{"texclass": 1}', "missing key"),
         ('{"texclass": 1, "unit": "g", "peak": -1.0, "fs": 1000.0}', "peak"),
         ('{"texclass": 1, "unit": "g", "peak": NaN, "fs": 1000.0}', "JSON"),
         ('{"texclass": 1, "unit": "g", "peak": 1.0, "fs": 44100.0}', "header"),

@@ -88,13 +88,13 @@ SPOILED = [
     ("hjif", ("profile",), "Simple Parametric", "Simple Parametric is none"),
     ("hjif", ("level",), 3, "level"),
     ("hjif", ("timescale",), 0, "timescale"),
-    ("hjif", ("syncs",), GONE, "lacks the key syncs"),
+    ("hjif", ("syncs",), GONE, "missing key syncs"),
     ("hjif", ("perceptions",), [], "perceptions"),
     ("hjif", ("avatars",), 2 * [{"id": 1, "lod": 0, "type": "Vibration"}], "avatar id is given twice"),
     ("hjif", (*P, "avatar_id"), 7, "avatar 7 of a perception is unknown"),
     ("hjif", (*P, "perception_modality"), "Taste", "perception_modality"),
     ("hjif", (*P, "channels"), [], "channels"),
-    ("hjif", (*C, "body_part_mask"), GONE, "lacks the key .*body_part_mask"),
+    ("hjif", (*C, "body_part_mask"), GONE, "missing key .*body_part_mask"),
     ("hjif", (*C, "gain"), -1.0, "gain is -1"),
     ("hjif", (*C, "gain"), "1", "gain is '1'"),
     ("hjif", (*C, "reference_device_id"), 9, "reference device 9 is none"),
@@ -114,7 +114,7 @@ SPOILED = [
     ("hjif", (*E, "wavelet_stream"), GONE, "lacks its wavelet_stream"),
     ("hjif", (*E, "wavelet_stream"), "a", "no base64"),
     ("hjif", (*E, "keyframes"), [{"relative_position": 0}], "has keyframes"),
-    ("ahap", ("Version",), GONE, "lacks the key Version"),
+    ("ahap", ("Version",), GONE, "missing key Version"),
     ("ahap", (*EVENT, "Time"), -1, "Time is -1"),
     ("ahap", (*EVENT, "EventType"), "Boom", "EventType is 'Boom'"),
     ("ahap", (*EVENT, "EventDuration"), GONE, "no EventDuration"),
@@ -127,7 +127,7 @@ SPOILED = [
     ("gltf", M, [], "materials"),
     ("gltf", (*M, 0, "vibrotactileTexture"), [], "no vibrotactileTexture"),
     ("gltf", (*M, 0, "vibrotactileTexture", 0, "type"), "Boom", "type is 'Boom'"),
-    ("gltf", ("extensions",), {}, "lacks the key"),
+    ("gltf", ("extensions",), {}, "missing key"),
 ]
 
 

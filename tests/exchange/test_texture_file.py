@@ -154,7 +154,7 @@ class Bomb:
         (_raw(b"[" * 100_000), "damaged"),
         (_raw({"__metadata__": {"texclass": "[" * 100_000}}), "damaged"),
         (_raw({"__metadata__": {"texclass": '{"version": NaN}'}}), "damaged"),
-        (_raw({"__metadata__": {"texclass": '{"version": 1e999}'}}), "version|lacks"),
+        (_raw({"__metadata__": {"texclass": '{"version": 1e999}'}}), "version|missing key"),
         (_raw({"__metadata__": {"texclass": '{"fs": ' + "9" * 5000 + "}"}}), "damaged"),
         (_raw({"__metadata__": {"texclass": "null"}}), "table"),
         (_raw({"__metadata__": {"other": "{}"}}), "damaged"),

@@ -150,8 +150,8 @@ def test_use_names_estimators_of_sklearn_and_texclass_only(tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (WHOLE + "[other]\n", r"mine\.toml: unknown key other; the rule is one of features, "),
-        (WHOLE.replace("seed = 1\n", ""), "lacks the key seed"),
+        (WHOLE + "[other]\n", r"mine\.toml: unknown key other \(expected one of features, "),
+        (WHOLE.replace("seed = 1\n", ""), "missing key seed"),
         (WHOLE.replace("strese2015", "none"), r"mine\.toml: features: none: no TOML file"),
         (WHOLE.replace("friction", "smell"), "rows: F: features: .*'smell' is neither"),
         (WHOLE + "published = { svm = 3 }\n", "rows: F: published names 'svm'"),
@@ -159,7 +159,7 @@ def test_use_names_estimators_of_sklearn_and_texclass_only(tmp_path, monkeypatch
         (WHOLE + "classifiers = ['nobody']\n", "classifiers names 'nobody'; .* of naive_bayes"),
         (WHOLE + "select = { n = 0 }\n", r"rows\.1\.select\.n is 0; the rule is"),
         (WHOLE + ROW, "two are named 'F'"),
-        (START + CLASSIFIER, "lacks the key rows"),
+        (START + CLASSIFIER, "missing key rows"),
         (START + CLASSIFIER + "rows = []\n", r"classifiers\.naive_bayes: unknown key 'rows'"),
         ("rows = []\n" + START + CLASSIFIER, r"rows is \[\]; the rule is"),
         (START + ROW + "[classifiers]\n", r"classifiers is \{\}; the rule is"),

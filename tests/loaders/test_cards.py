@@ -40,19 +40,54 @@ def refused(tmp_path, content):
 
 
 def test_a_missing_key_is_named(tmp_path):
-    for key in set(FILES) - {"source", "licence"}:
+    for key in ("fs_hz", "unit", "files"):
         said = refused(tmp_path, {k: v for k, v in FILES.items() if k != key})
-        assert said == f"mine.toml: lacks the key {key}; the rule is that it is given"
+        assert said == f"mine.toml: missing key {key}"
     for key in RECIPE:
         said = refused(tmp_path, SIMULATED | {"recipe": {k: v for k, v in RECIPE.items() if k != key}})
-        assert said == f"mine.toml: lacks the key recipe.{key}; the rule is that it is given"
+        assert said == f"mine.toml: missing key recipe.{key}"
+
+
+def test_what_can_be_inferred_is_optional(tmp_path):
+    read = card(tmp_path, {key: FILES[key] for key in ("fs_hz", "unit", "files")})
+    assert (read.title, read.source, read.licence, read.format) == ("mine", "", "not stated", "files")
+    assert (read.folder, read.phases) == ("", "detect")
+    assert card(tmp_path, {"recipe": RECIPE}).format == "simulated"
+    rows = {"label_column": "plate", "fs_hz": 1000, "unit": "g", "files": "c1.csv"}
+    assert card(tmp_path, rows).format == "rows"
+
+
+def test_a_card_without_folder_reads_the_recordings_beside_it(tmp_path, monkeypatch):
+    elsewhere, own = tmp_path / "data", tmp_path / "own"
+    elsewhere.mkdir()
+    own.mkdir()
+    (elsewhere / "wool.txt").write_text("1\n")
+    monkeypatch.setenv("TEXCLASS_DATA", str(elsewhere))
+    (own / "oak.txt").write_text("0.5\n1.5\n" * 200)
+    (own / "mine.toml").write_bytes(toml_of({key: FILES[key] for key in ("fs_hz", "unit", "files")}))
+    dataset = open_dataset(own / "mine.toml")
+    assert (dataset.materials, dataset[0].n_samples, dataset.notes) == (("oak",), 400, ())
+
+
+def test_published_files_need_a_folder_of_their_own(tmp_path):
+    published = {"url": "https://example.org/", "sha256": "0" * 64}
+    content = {key: value for key, value in FILES.items() if key != "folder"}
+    assert "missing key folder" in refused(tmp_path, content | {"published": published})
+
+
+def test_all_missing_and_unknown_keys_are_listed_at_once(tmp_path):
+    said = refused(tmp_path, {"fs": 1000, "units": "g", "file": FILES["files"]})
+    for key, near in {"units": "unit", "file": "files"}.items():
+        assert f"unknown key {key} (did you mean {near}?)" in said
+    assert "unknown key fs (" in said
+    assert all(f"missing key {key}" in said for key in ("fs_hz", "unit", "files"))
 
 
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"fs": 3}, "unknown key fs; the rule is one of fs_hz, unit, files, "),
-        ({"label_column": "plate"}, "unknown key label_column; "),
+        ({"fs": 3}, "unknown key fs (expected one of fs_hz, unit, files, "),
+        ({"label_column": "plate"}, "unknown key label_column ("),
         ({"format": "magic"}, "format is 'magic'; the rule is one of files, rows, hatt-models, simulated"),
         ({"unit": "m"}, "unit is 'm'; the rule is one of m/s^2, g, mg, counts, V, arbitrary"),
         ({"phases": "all"}, "phases is 'all'; the rule is one of detect, movement, tap"),
@@ -64,11 +99,11 @@ def test_a_missing_key_is_named(tmp_path):
         ({"files": "(?P<colour>.*)"}, "files names groups ['colour']; the rule is recording, material, "),
         ({"files": r".*\.txt"}, "files and labels do not tell the material; the rule is (?P<material>...)"),
         ({"delimiter": "ab"}, "delimiter is 'ab'; the rule is one character, no quote"),
-        ({"channels": {"smell": "s"}}, "unknown key channels.smell; the rule is one of acceleration, fric"),
-        ({"labels": {"file": "l.csv"}}, "lacks the key labels.recording; "),
+        ({"channels": {"smell": "s"}}, "unknown key channels.smell (expected one of acceleration, fric"),
+        ({"labels": {"file": "l.csv"}}, "missing key labels.recording"),
         (
             {"labels": {"file": "l", "recording": "r", "axis": "a"}},
-            "unknown key labels.axis; the rule is one",
+            "unknown key labels.axis (expected one",
         ),
     ],
 )

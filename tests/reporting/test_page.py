@@ -208,8 +208,8 @@ def test_committed_results_are_read_and_become_one_page(tmp_path):
         ('{"seed": 1, "results": []}', r"holds no result \(seed, results\)"),
         ('{"rows": [{"x": 1}]}', r"holds no result \(rows\)"),
         ('{"rows": [NaN]}', "NaN is no JSON number"),
-        ('{"rows": [], "pipeline": {}, "protocol": "x"}', "lacks the key"),
-        ('{"contestants": 3}', "lacks the key"),
+        ('{"rows": [], "pipeline": {}, "protocol": "x"}', "missing key"),
+        ('{"contestants": 3}', "missing key"),
     ],
 )
 def test_what_is_no_result_is_refused_with_file_and_rule(text, rule, tmp_path):
@@ -224,7 +224,7 @@ def test_what_is_no_result_is_refused_with_file_and_rule(text, rule, tmp_path):
     [
         ("benchmark", lambda d: d["rows"][0]["accuracy"]["lda"].update(mean=90),
          r"rows\.1\..*\.mean is 90; .* 1"),
-        ("benchmark", lambda d: d["rows"][0].pop("name"), r"lacks the key rows\.1\.name"),
+        ("benchmark", lambda d: d["rows"][0].pop("name"), r"missing key rows\.1\.name"),
         ("benchmark", lambda d: d["confusion"]["counts"].pop(), r"confusion: counts has sides of .* is 3"),
         ("benchmark", lambda d: d["example"]["low"].pop(), r"example: low and high have \[3, 4\] members"),
         ("benchmark", lambda d: d.update(seed="seven"), "seed is 'seven'; the rule is a whole number"),

@@ -30,7 +30,7 @@ def test_everything_that_is_written_is_read(scene, toml):
     ("old", "new", "message"),
     [
         ("rate_hz = 1000", "rate_hz = 40", "device.rate_hz is 40; the rule is a number of at least 50"),
-        ("rate_hz = 1000", "rate_hz = 1000\nrat = 1", "unknown key device.rat; did you mean device.rate_hz?"),
+        ("rate_hz = 1000", "rate_hz = 1000\nrat = 1", "unknown key device.rat (did you mean device.rate_hz?"),
         ("[20, 450]", "[20, 600]", "band_hz is [20.0, 600.0]; the rule is rising, at most rate_hz / 2"),
         ("[20, 450]", "[450, 20]", "device.band_hz: is [450.0, 20.0]; the rule is rising numbers"),
         ("[60, 120]", "[0, 120]", "expected: speeds_mm_s begins at 0; the rule is above 0"),
@@ -43,7 +43,7 @@ def test_everything_that_is_written_is_read(scene, toml):
         (S8, "", "surfaces.wood: sources are []; the rule is one of texture"),
         ("friction = 0.4", 'material = "x"', "material is 'x'; the rule is beside a dataset only"),
         (S8, 'texture = "none.texture"', "wood.texture: is 'none.texture'; the rule is an existing file"),
-        (S8, "recordings = [{}]", "lacks the key surfaces.wood.recordings.1.file"),
+        (S8, "recordings = [{}]", "missing key surfaces.wood.recordings.1.file"),
         (S8, 'recordings = [{file = "scene.toml", speed = "v", force = 0}]', "1.force: is 0; the rule"),
         ("speeds_mm_s = [60, 120]", 'path = "p.csv"', "holds path, forces_n; the rule is a path alone"),
         (NODES, 'path = "p.csv"', "expected: path: is 'p.csv'; the rule is an existing file"),

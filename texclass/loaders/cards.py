@@ -65,12 +65,12 @@ class Card(Written):
     Attributes
     ----------
     title, source, licence, citation
-        What it is, where to get it, on which terms; the publication to cite.
+        Title (default: the name of the card), where to get it, terms of use, publication to cite.
     notes
         What a report must say: quirks, assumptions.
     """
 
-    title: str
+    title: str = ""
     source: str = ""
     licence: str = "not stated"
     citation: str = ""
@@ -282,14 +282,19 @@ class StoredCard(Card):
     Attributes
     ----------
     folder
-        Folder under the data root.
+        Folder under the data root (default: the folder of the card itself).
     published
         From where `texclass datasets get` fetches them.
     """
 
-    folder: str
-    phases: DeclaredPhases
+    folder: str = ""
     published: Published | None = None
+
+    @model_validator(mode="after")
+    def _published_has_folder(self) -> "StoredCard":
+        if self.published and not self.folder:
+            raise ValueError("missing key folder. Expected a folder into which [published] is fetched")
+        return self
 
 
 class FileCard(StoredCard, FileReading):
@@ -373,8 +378,15 @@ def read_card(name_or_path: str | Path) -> AnyCard:
     """
     path = shipped.locate("datasets", name_or_path)
     try:
-        card = checked(_Content, read_toml(path), path).root
+        content = read_toml(path)
+        by_default = {"title": path.stem, "format": _format_of(content)}
+        card = checked(_Content, by_default | content, path).root
     except ValueError as error:
         raise CardError(str(error)) from error
     card._path = path
     return card
+
+
+def _format_of(content: dict[str, Any]) -> str:
+    """Return the format that the keys of a card imply."""
+    return "simulated" if "recipe" in content else "rows" if "label_column" in content else "files"

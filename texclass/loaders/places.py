@@ -36,13 +36,15 @@ def data_roots(card_path: Path | None = None) -> tuple[Path, ...]:
 
 
 def find_folder(card: StoredCard) -> Path:
-    """Return the folder that holds a card's recordings.
+    """Return the folder that holds a card's recordings: its own where it names none.
 
     Raises
     ------
     DataNotFoundError
         If it is in none of the places.
     """
+    if not card.folder:
+        return card.path.parent
     candidates = [root / card.folder for root in data_roots(card.path)]
     for candidate in candidates:
         if candidate.is_dir():
