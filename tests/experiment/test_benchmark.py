@@ -1,5 +1,6 @@
 """The benchmark end to end on a toy dataset; what is chosen inside training parts: the tests have no say."""
 
+import csv
 import json
 import re
 from pathlib import Path
@@ -68,7 +69,13 @@ def test_a_result_is_told_in_a_line_and_a_table_written_and_drawn(result, tmp_pa
     assert repr(result) == "<BenchmarkResult: toy, toy, recording; best 100.0 %, Level with euclidean>"
     assert result._repr_html_().count("<tr") == 1 + len(result.table)
     written = result.save(tmp_path)
-    assert {path.suffix for path in written} >= {".json", ".md", ".png"}
+    assert {path.suffix for path in written} >= {".json", ".md", ".png", ".csv"}
+    (lines,) = ([*csv.reader(path.read_text().splitlines())] for path in written if path.suffix == ".csv")
+    confusion = result.data["confusion"]
+    assert lines[0] == ["true label", *confusion["materials"]]
+    assert [[label, *map(int, row)] for label, *row in lines[1:]] == [
+        [label, *row] for label, row in zip(confusion["materials"], confusion["counts"], strict=True)
+    ]
     assert json.loads(next(tmp_path.glob("*.json")).read_text()) == json.loads(result.to_json())
     (axes,) = result.plot("naive_bayes").axes
     assert "Level" in " ".join(label.get_text() for label in axes.get_yticklabels())

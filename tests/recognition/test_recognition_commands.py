@@ -215,3 +215,51 @@ def test_a_model_is_adapted_to_files_and_folders_of_another_sensor(run, trained,
     assert not Path("no.skops").exists()
     code, _, err = run("adapt", trained.name, *three, "-o", "no.skops")
     assert (code, "--resample 4000 converts" in err) == (1, True), err
+
+
+def test_a_folder_is_predicted_with_accuracy_and_confusion_matrix(run, trained, work):
+    code, out, err = run("predict", trained.name, "plates", "--confusion", "confusion.csv")
+    assert (code, err) == (0, "")
+    n = 8 * len(SURFACES)
+    assert f"{n} recordings" in out
+    assert "accuracy 100.0 [" in out
+    lines = (work / "confusion.csv").read_text().splitlines()
+    assert lines[0].split(",") == ["true label", *sorted(SURFACES), "unknown"]
+    counts = {line.split(",")[0]: list(map(int, line.split(",")[1:])) for line in lines[1:]}
+    assert list(counts) == sorted(SURFACES)
+    assert all(sum(row) == row[i] == 8 for i, row in enumerate(counts.values()))
+    by_card = run("predict", trained.name, "plates.toml", "--jsonl")[1].splitlines()
+    by_folder = run("predict", trained.name, "plates", "--jsonl")[1].splitlines()
+    assert [json.loads(line)["probability"] for line in by_card] == [
+        json.loads(line)["probability"] for line in by_folder
+    ]
+    assert {json.loads(line)["true_surface"] for line in by_card} == set(SURFACES)
+
+
+def test_surfaces_that_were_not_trained_are_left_out_of_the_accuracy(run, trained, work):
+    mixed = work / "mixed"
+    for source in ("stranger/stranger_1.wav", "plates/oak/oak_1.wav", "plates/oak/oak_2.wav"):
+        path = mixed / ("new" if "stranger" in source else "oak") / Path(source).name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes((work / source).read_bytes())
+    code, out, _ = run("predict", trained.name, "mixed", "--confusion", "mixed.csv")
+    said = " ".join(out.split())
+    assert code == 0
+    assert "on 2 recordings of trained surfaces" in said
+    assert "not trained on new: 1 of 1 recording called unknown" in said
+    assert (work / "mixed.csv").read_text().splitlines()[-1].startswith("new,")
+
+
+def test_a_folder_of_unlabelled_files_is_predicted_without_accuracy(run, trained, work):
+    flat = work / "flat"
+    flat.mkdir()
+    for surface in SURFACES:
+        (flat / f"{surface}.wav").write_bytes((work / f"plates/{surface}/{surface}_4.wav").read_bytes())
+    code, out, err = run("predict", trained.name, "flat")
+    assert (code, err) == (0, "")
+    assert f"{len(SURFACES)} recordings" in out
+    assert "accuracy" not in out
+    code, _, err = run("predict", trained.name, "flat", "--confusion", "none.csv")
+    assert code == 1
+    assert "no true surface is known" in err
+    assert not (work / "none.csv").exists()

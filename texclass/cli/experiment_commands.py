@@ -9,7 +9,7 @@ import typer
 
 from texclass.cli import options
 from texclass.cli.app import command
-from texclass.cli.options import progress_bar, tell_and_save
+from texclass.cli.options import progress_bar, tell_and_save, wrote
 
 if TYPE_CHECKING:
     from texclass.experiment.result import Result
@@ -73,6 +73,7 @@ def benchmark(
     scheduler: options.Scheduler = None,
     skip_bad: options.SkipBad = False,
     output: Path = Path("reports"),
+    confusion: Path | None = None,
     json_file: options.Json = None,
     *,
     protocol: str | None,
@@ -96,10 +97,14 @@ def benchmark(
     choose
         Also choose row and classifier inside each training part, unseen by tests.
     output : -o, --output
-        Folder for the table (Markdown), the pictures (PNG) and the JSON.
+        Folder for the table (Markdown), the pictures (PNG), the confusion matrix (CSV) and the JSON.
+    confusion
+        Another file for the confusion matrix of the best row (CSV).
     """
     from texclass.loaders import open_dataset
 
+    if confusion and feature:
+        raise ValueError("--confusion and --feature exclude each other: a feature study has no matrix")
     if peers and feature:
         raise ValueError("--peers and --feature are given; the rule is one of them at a time")
     if touches is not None and touch is None:
@@ -109,7 +114,7 @@ def benchmark(
 
     if backend == "local":
         begin_loading(jobs)
-    from texclass.experiment import load_pipeline, run_benchmark, running_on, study_feature
+    from texclass.experiment import BenchmarkResult, load_pipeline, run_benchmark, running_on, study_feature
     from texclass.experiment import touches as cut_touches
     from texclass.features import load_feature
 
@@ -130,6 +135,8 @@ def benchmark(
         else:
             result = study_feature(recordings, definition, new, **asked, progress=progress)
     tell_and_save(result, output, json_file)
+    if confusion is not None and isinstance(result, BenchmarkResult):
+        wrote([result.save_confusion(confusion)])
     if peers:
         with progress_bar() as progress:
             compared = compare_with_peers(recordings, definition, result, settings, **work, progress=progress)

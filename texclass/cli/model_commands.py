@@ -89,18 +89,22 @@ def predict(
     files: list[str],
     as_lines: options.JsonLines = False,
     json_file: options.Json = None,
+    confusion: Path | None = None,
     skip_bad: bool = False,
     *,
     reading: dict[str, Any],
 ) -> None:
-    """Say which surface each recording is of. Bad files are named, the others answered.
+    """Predict the surface of each recording. Bad files are named, the others answered.
 
     Parameters
     ----------
     model
         A model file that `texclass train` wrote.
     files
-        Recordings: files, or DATASET:RECORDING.
+        Recordings: files, folders, cards, or DATASET:RECORDING. Of a folder with one subfolder per surface,
+        and of a card, accuracy and confusion matrix are reported.
+    confusion
+        File for the confusion matrix (CSV).
     skip_bad
         Exit with 0 although some files were bad; they are named.
     """
@@ -117,14 +121,23 @@ def predict(
             if prediction.answer is None:
                 typer.echo(f"error: {shown(str(prediction.problem))}", err=True)
             told = {"error": prediction.problem} if prediction.answer is None else prediction.answer.to_dict()
-            facts.append({"file": prediction.name, **told})
+            true = {} if prediction.surface is None else {"true_surface": prediction.surface}
+            facts.append({"file": prediction.name, **true, **told})
             if as_lines:
                 typer.echo(json.dumps(facts[-1]))
-            progress(len(found), len(files), "recordings")
+            progress(len(found), max(len(found), len(files)), "recordings")
     write_json(json_file, json.dumps(facts, indent=1))
     answered = [(p.name, p.answer) for p in found if p.answer is not None]
     if answered and not as_lines:
         tell(answers_document(answered))
+    if confusion is not None or (not as_lines and any(p.surface for p in found if p.answer is not None)):
+        from texclass.recognition.evaluation import PredictionSummary
+
+        summary = PredictionSummary.of(found, trained.materials)
+        if not as_lines:
+            tell(summary.document())
+        if confusion is not None:
+            typer.echo(f"wrote {summary.save_confusion(confusion)}", err=as_lines)
     if len(answered) < len(found) and not skip_bad:
         raise typer.Exit(1)
 

@@ -16,6 +16,7 @@ from sklearn.metrics import confusion_matrix
 
 from texclass.experiment.accuracy import score
 from texclass.experiment.additions import choose_base, measure_additions
+from texclass.experiment.confusion import write_confusion
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.feature_table import FeatureTable, cached_table, metadata
 from texclass.experiment.folds import Evaluation
@@ -85,6 +86,26 @@ class BenchmarkResult(Result):
             for pair in pairs_of(self.data)
         ]
         return pd.DataFrame(lines)
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write JSON, Markdown, pictures and the confusion matrix (CSV) into a folder."""
+        written = super().save(folder)
+        if self.data["confusion"] is None:
+            return written
+        return (*written, self.save_confusion(Path(folder) / f"{self.stem}-confusion.csv"))
+
+    def save_confusion(self, path: str | Path) -> Path:
+        """Write the confusion matrix of the best row as CSV, one line per true label.
+
+        Raises
+        ------
+        ValueError
+            If no row was computed.
+        """
+        found = self.data["confusion"]
+        if found is None:
+            raise ValueError("cannot write the confusion matrix: no row could be evaluated")
+        return write_confusion(path, found["materials"], found["materials"], found["counts"])
 
     def document(self) -> "Document":
         """Return the benchmark as a document."""

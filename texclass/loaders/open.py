@@ -12,6 +12,7 @@ from texclass.loaders.cards import FileCard, FileReading, ModelsCard, RowCard, S
 from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, refused
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.files import (
+    axis_files,
     check_stated,
     columns_of,
     is_bag,
@@ -187,6 +188,14 @@ def _open_folder(
         licence="not stated",
         source=str(root),
     )
+
+
+def flat_files(folder: Path) -> list[Path]:
+    """Return one file per recording of a folder without subfolders of recordings; else none."""
+    found = [path for path in sorted(folder.rglob("*")) if path.is_file() and _is_recording(path)]
+    if any(path.parent != folder for path in found):
+        return []
+    return list({tuple(axis_files(path).values()): path for path in reversed(found)}.values())[::-1]
 
 
 def _is_recording(path: Path) -> bool:

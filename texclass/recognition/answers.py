@@ -71,11 +71,12 @@ class Answer:
 
 
 class Prediction(NamedTuple):
-    """What became of one file: an answer, or the problem that there is none."""
+    """Answer for one recording, or the problem that prevents one; and its true surface if known."""
 
     name: str
     answer: Answer | None
     problem: str = ""
+    surface: str | None = None
 
 
 def joined(answers: Sequence[Answer], recording_id: str) -> Answer:

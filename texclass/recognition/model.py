@@ -384,23 +384,34 @@ class Model:
 def predict(
     model: Model, names: Iterable[str], *, fs: float | None = None, unit: str | None = None, **reading: Any
 ) -> Iterator[Prediction]:
-    """Yield what a model says of each file, in their order, as soon as it is known; a bad one stops nothing.
+    """Yield the prediction for each recording, in the order of the names; a bad file stops nothing.
 
     Parameters
     ----------
     model : Model
         Trained on whole recordings, or on touches, into which longer recordings are cut.
     names : iterable of str
-        Files, or DATASET:RECORDING.
+        Files, folders, cards, or DATASET:RECORDING.
     fs, unit, **reading : optional
         As `Model.predict` takes them.
     """
     for name in names:
         try:
-            yield Prediction(name, model.predict(name, fs=fs, unit=unit, **reading))
+            members = model.manifest.input.members(name, fs=fs, unit=unit, **reading)
         except (ValueError, OSError) as error:
-            problem = str(error)
-            yield Prediction(name, None, problem if name in problem else f"{name}: {problem}")
+            yield _refused(name, error)
+            continue
+        for one in members:
+            try:
+                felt = one.load()
+                yield Prediction(one.name, model.predict(felt), surface=one.surface or felt.material)
+            except (ValueError, OSError) as error:
+                yield _refused(one.name, error, one.surface)
+
+
+def _refused(name: str, error: Exception, surface: str | None = None) -> Prediction:
+    problem = str(error)
+    return Prediction(name, None, problem if name in problem else f"{name}: {problem}", surface)
 
 
 def load_model(path: str | Path) -> Model:

@@ -1,11 +1,11 @@
 """Input like that a model was trained on: which columns a stream needs, how files become recordings."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
 from texclass.loaders.columns import BAG_FOLDER, ReadOptions, choose_acceleration
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.filesets import conditioned
+from texclass.loaders.open import flat_files
 from texclass.loaders.plausibility import agreed_unit, build_recording
 from texclass.loaders.ros_messages import TURN_RATE
 from texclass.loaders.stamps import NEAR_RATE
@@ -23,6 +24,14 @@ from texclass.recording import Recording, RecordingError, Samples
 from texclass.validation import Written
 
 Beside = Literal["turn_rate", "friction"]
+
+
+class Member(NamedTuple):
+    """A recording of a card or folder before it is loaded: its name, its loader, its surface if known."""
+
+    name: str
+    load: Callable[[], Recording]
+    surface: str | None = None
 
 
 @dataclass(frozen=True)
@@ -94,7 +103,7 @@ class Needs:
         return n_columns - n_beside
 
 
-ACCELERATION_ONLY = Needs()
+ACCELERATION_ONLY: Needs = Needs()
 
 
 class TrainingFiles(Written):
@@ -194,21 +203,49 @@ class TrainingFiles(Written):
         """
         found: list[Recording] = []
         for name in names:
-            path = Path(name).expanduser()
             surface, equals, file = str(name).partition("=")
-            if path.is_dir() and not (path / BAG_FOLDER).is_file():
-                stated: dict[str, Any] = {"fs": self.fs, "unit": self.unit}
-                stated |= {key: value for key, value in reading.items() if value is not None}
-                for entry in open_dataset(path, **stated).entries:
-                    felt = self.find(path / entry.paths[0], **reading)
-                    found.append(felt.with_(material=entry.material))
-            elif path.suffix == ".toml" or str(name) in shipped.names("datasets"):
-                found += open_dataset(name, **reading)
-            elif equals and not path.exists() and not files.is_bag_name(str(name)):
+            if equals and not Path(name).expanduser().exists() and not files.is_bag_name(str(name)):
                 found.append(self.find(file, **reading).with_(material=surface))
             else:
-                found.append(self.find(name, **reading))
+                for one in self.members(name, **reading):
+                    felt = one.load()
+                    found.append(felt if one.surface is None else felt.with_(material=one.surface))
         return found
+
+    def members(self, name: str | Path, **reading: Any) -> list[Member]:
+        """Return the recordings that a name means: those of a card or a folder, or one.
+
+        Parameters
+        ----------
+        name : str or Path
+            A card; a folder with one subfolder per surface, or with recordings of unknown surfaces; or what
+            `find` takes.
+        **reading : optional
+            What `find` takes.
+
+        Raises
+        ------
+        RecordingError, FileNotFoundError, CardError
+            As `open_dataset`.
+        """
+        path = Path(name).expanduser()
+        if path.is_dir() and not (path / BAG_FOLDER).is_file():
+            if flat := flat_files(path):
+                return [Member(str(file), partial(self.find, file, **reading)) for file in flat]
+            stated: dict[str, Any] = {"fs": self.fs, "unit": self.unit}
+            stated |= {key: value for key, value in reading.items() if value is not None}
+            found = [(path / entry.paths[0], entry) for entry in open_dataset(path, **stated).entries]
+            return [
+                Member(str(file), partial(self.find, file, **reading), entry.material)
+                for file, entry in found
+            ]
+        if path.suffix == ".toml" or str(name) in shipped.names("datasets"):
+            dataset = open_dataset(name, **reading)
+            return [
+                Member(f"{name}:{entry.recording_id}", partial(dataset.load, entry), entry.material)
+                for entry in dataset.entries
+            ]
+        return [Member(str(name), partial(self.find, name, **reading))]
 
     def load(
         self,
