@@ -16,7 +16,7 @@ from typer.core import TyperGroup
 from texclass._version import __version__
 
 GROUPS = {
-    "Recordings": ("sample", "datasets", "inspect", "describe"),
+    "Recordings": ("sample", "card", "datasets", "inspect", "describe"),
     "Which surface is this": ("benchmark", "features", "extract", "tradeoff", "stability", "report"),
     "On a robot": ("train", "model", "predict", "stream", "explore", "adapt", "export"),
     "Felt again": ("scene", "texture", "convert"),

@@ -87,6 +87,37 @@ def describe(
         tell(felt_document(felt))
 
 
+@command("texclass card recordings --fs 10000 --unit m/s^2 -o recordings.toml")
+@options.reads_files
+def card(
+    folder: Path,
+    output: Path = Path("card.toml"),
+    *,
+    reading: dict[str, Any],
+) -> None:
+    """Write a dataset card for a folder. What the folder leaves open is a question in a comment.
+
+    Parameters
+    ----------
+    folder
+        Folder of recordings: one subfolder per surface, or files named by surface and number.
+    output : -o, --output
+        Card to write (.toml); card.toml here by default.
+    """
+    from texclass.loaders import draft_card
+    from texclass.loaders.card_draft import QUESTION
+    from texclass.whole_files import write_whole
+
+    if output.exists():
+        raise FileExistsError(f"{output} exists already. Remove it, or choose another file with --output")
+    text = draft_card(folder, output.parent, **reading)
+    write_whole(output, text)
+    for line in text.splitlines():
+        if line.startswith(QUESTION):
+            typer.echo(f"question: {line.removeprefix(QUESTION)}")
+    typer.echo(f"wrote {output}. Check it, then: texclass benchmark {output}")
+
+
 @command("texclass sample recordings")
 def sample(
     folder: Path,

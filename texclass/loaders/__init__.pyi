@@ -1,3 +1,4 @@
+from .card_draft import draft_card as draft_card
 from .cards import Card as Card
 from .cards import CardError as CardError
 from .cards import read_card as read_card

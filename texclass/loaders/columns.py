@@ -147,10 +147,9 @@ def choose_acceleration(names: Sequence[str], path: Path) -> tuple[str, ...]:
     RecordingError
         If neither a conventional name nor a single column settles it.
     """
-    meant = [plain(name) for name in names]
     for convention in CONVENTIONAL:
-        if all(meant.count(name) == 1 for name in convention):
-            return tuple(names[meant.index(name)] for name in convention)
+        if found := columns_of_kind(convention, names):
+            return found
     others = [name for name in names if not is_time(name)] or names
     if len(others) == 1:
         return tuple(others)
@@ -161,6 +160,13 @@ def choose_acceleration(names: Sequence[str], path: Path) -> tuple[str, ...]:
     if tuple(names) == ("c1", "c2"):
         rule += ", or --delimiter ';' where 0,98 is one number"
     raise refused(path, f"its columns are {listed(names)}", rule)
+
+
+def columns_of_kind(convention: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns with the `plain` names of a convention, if each occurs once; else none."""
+    meant = [plain(name) for name in names]
+    is_met = all(meant.count(name) == 1 for name in convention)
+    return tuple(names[meant.index(name)] for name in convention) if is_met else ()
 
 
 def numbered(wanted: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:

@@ -80,7 +80,11 @@ def open_dataset(
     if str(name_or_path) not in shipped.names("datasets") and path.is_dir():
         acceleration = columns_of(column)
         how["channels"] = {UNNAMED: acceleration} if acceleration else {}
-        return _open_folder(path, fs, unit, how, skip_bad=skip_bad)
+        try:
+            return _open_folder(path, fs, unit, how, skip_bad=skip_bad)
+        except RecordingError as error:
+            remedy = f"`texclass card {path} -o card.toml` drafts a dataset card of the folder"
+            raise RecordingError(f"{error}. {remedy}") from error
     card = read_card(name_or_path)
     del how["resample_hz"]
     for key, given in {**how, "[channels]": column}.items():
@@ -144,9 +148,7 @@ def _open_folder(
     root: Path, fs: float | None, unit: str | None, how: Mapping[str, Any], *, skip_bad: bool
 ) -> Dataset:
     found = [path for path in sorted(root.rglob("*")) if path.is_file()]
-    recordings = [path for path in found if path.parent != root and _is_recording(path)]
-    within = not_recordings(map(str, recordings))
-    files = [path for path in recordings if str(path) not in within]
+    files = [path for path in recording_files(root) if path.parent != root]
     if not files:
         raise RecordingError(
             f"{root}: holds no recording; the rule is one subfolder per material with files of "
@@ -190,9 +192,16 @@ def _open_folder(
     )
 
 
+def recording_files(folder: Path) -> list[Path]:
+    """Return the files of recordings in a folder and below it, without those that are parts of bags."""
+    found = [path for path in sorted(folder.rglob("*")) if path.is_file() and _is_recording(path)]
+    within = not_recordings(map(str, found))
+    return [path for path in found if str(path) not in within]
+
+
 def flat_files(folder: Path) -> list[Path]:
     """Return one file per recording of a folder without subfolders of recordings; else none."""
-    found = [path for path in sorted(folder.rglob("*")) if path.is_file() and _is_recording(path)]
+    found = recording_files(folder)
     if any(path.parent != folder for path in found):
         return []
     return list({tuple(axis_files(path).values()): path for path in reversed(found)}.values())[::-1]

@@ -1,0 +1,336 @@
+"""Draft a dataset card from a folder of recordings; what the folder leaves open becomes a question."""
+
+import json
+import os
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from texclass.document.wording import counted
+from texclass.loaders.columns import (
+    UNNAMED,
+    ReadOptions,
+    ReadSignals,
+    choose_acceleration,
+    columns_of_kind,
+    is_time,
+    listed,
+    plain,
+)
+from texclass.loaders.files import AXIS, axis_files, check_stated, column_names, columns_of, read_signals
+from texclass.loaders.filesets import match_name
+from texclass.loaders.open import recording_files
+from texclass.loaders.plausibility import doubtful_levels
+from texclass.recording import AUXILIARY_UNITS, RecordingError, Samples
+
+QUESTION = "# QUESTION: "
+"""Start of a line about something that the folder leaves open."""
+MOST_READ = 100
+"""Files that are read: one per surface first, then others."""
+LEAST_COUNTS = 100
+"""Largest value from which whole numbers are taken as codes of a converter."""
+_TURN_RATES = tuple(tuple(f"{stem}{axis}" for axis in "xyz") for stem in ("w", "g", "gyro ", "gyroscope "))
+_AT_REST = {"m/s^2": 9.81, "g": 1.0, "mg": 1000.0}
+"""Magnitude of gravity in each unit."""
+_AXIS = r"_(?P<axis>[XYZxyz])(?:_[^/]*)?"
+_SESSION = r"(?P<session>(?i:s|sess|session)[_-]?\d+)"
+_REPETITION = r"[A-Za-z]*(?P<repetition>\d+)"
+_IN_FOLDERS = (
+    rf"(?:[^/]*[_\- ])?{_SESSION}[_\- ]+{_REPETITION}",
+    r"[^/]*?(?P<repetition>\d+)",
+    r"[^/]+?",
+)
+_IN_NAMES = (
+    rf"(?P<material>[^/]+?)[_\- ]+{_SESSION}[_\- ]+{_REPETITION}",
+    rf"(?P<material>[^/]+?)[_\- ]+{_REPETITION}",
+    r"(?P<material>[^/]*[^\d/_\- ])(?P<repetition>\d+)",
+    r"(?P<material>[^/]+?)",
+)
+"""Names without axis and suffix, the most specific pattern first; the last one fits all."""
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How names become recordings: the pattern, what it matches (name -> groups), and what is open."""
+
+    pattern: str
+    named: Mapping[str, Mapping[str, str]]
+    questions: tuple[str, ...] = ()
+
+    @property
+    def surfaces(self) -> Counter[str]:
+        """Number of files of each surface."""
+        return Counter(groups["material"] for groups in self.named.values())
+
+
+@dataclass(frozen=True)
+class _Signals:
+    """What was read of the sampled files: columns, unit, rates, and what is open."""
+
+    channels: Mapping[str, Sequence[str]]
+    unit: str
+    unit_from: str
+    rates: Mapping[str, float | None]
+    has_gravity: bool
+    questions: tuple[str, ...] = ()
+
+
+def draft_card(
+    folder: str | Path,
+    beside: str | Path,
+    *,
+    fs: float | None = None,
+    unit: str | None = None,
+    column: str | Sequence[str] | None = None,
+    delimiter: str | None = None,
+    time_column: str | None = None,
+    time_unit: str | None = None,
+    resample: float | None = None,
+) -> str:
+    """Return the text of a dataset card for a folder.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of recordings: one subfolder per surface, or files named by surface and number.
+    beside : str or Path
+        Folder in which the card will be written.
+    fs, unit, column, delimiter, time_column, time_unit, resample : optional
+        Facts of the files, as `open_dataset` takes them.
+
+    Raises
+    ------
+    RecordingError
+        If the folder does not exist or contains no file of a known format.
+    """
+    root = Path(folder).expanduser()
+    check_stated(root, fs, unit, resample=resample, delimiter=delimiter, time_unit=time_unit)
+    if not root.is_dir():
+        raise RecordingError(f"{root} is not a folder. Expected a folder of recordings")
+    names = [path.relative_to(root).as_posix() for path in recording_files(root)]
+    if not names:
+        raise RecordingError(f"{root} contains no file of a known format. Expected one file per recording")
+    layout = _layout(names)
+    options = ReadOptions(delimiter, codes=unit == "counts", time_column=time_column, time_unit=time_unit)
+    found = _signals(root, layout, options, columns_of(column), unit)
+    stated = {"delimiter": delimiter, "time_column": time_column, "time_unit": time_unit}
+    lines = [
+        *_layout_lines(root, Path(beside), names, layout),
+        *_rate_lines(found.rates, fs, resample),
+        *_unit_lines(found),
+        *(f"{key} = {_toml(value)}" for key, value in stated.items() if value is not None),
+        "",
+        "# A recording is segmented into taps and movement. Without taps, or with taps only, set this:",
+        '# phases = "movement"',
+        '# title, source, licence = "..." describe the data in reports.',
+        *_channel_lines(found),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _layout(names: Sequence[str]) -> _Layout:
+    """Return how names become recordings: by subfolders if there are any, else by the names of the files."""
+    below = [name for name in names if "/" in name]
+    questions: list[str] = []
+    if below:
+        heads, names = _folders(below), below
+        candidates = [(head, stem) for head in heads for stem in _IN_FOLDERS]
+    else:
+        candidates = [("", stem) for stem in _IN_NAMES]
+    kinds = "|".join(sorted({PurePosixPath(name).suffix[1:].lower() for name in names}))
+    axis = _AXIS if sum(AXIS.search(name) is not None for name in names) > len(names) / 2 else ""
+    for head, stem in candidates:
+        pattern = rf"{head}{_of_sensor(names, stem)}{axis}\.(?i:{kinds})"
+        matched = {name: found[0] for name in names if (found := match_name((pattern,), name))}
+        layout = _Layout(pattern, matched)
+        if len(matched) > len(names) / 2 and (len(layout.surfaces) > 1 or below):
+            break
+    if len(layout.surfaces) < 2:
+        questions.append("only one surface was found. Which part of a file's path names the surface?")
+    elif min(layout.surfaces.values()) < 2:
+        questions.append(
+            "some surfaces have only one recording. Is it `material` that names the surface in `files`?"
+        )
+    return _Layout(layout.pattern, layout.named, tuple(questions))
+
+
+def _folders(names: Sequence[str]) -> list[str]:
+    """Return patterns of the folders of files, the more specific first: a surface, and sessions if any."""
+    parts = [PurePosixPath(name).parts for name in names]
+    shared = ""
+    while len({part[0] for part in parts}) == 1 and min(map(len, parts)) > 2:
+        shared += f"{re.escape(parts[0][0])}/"
+        parts = [part[1:] for part in parts]
+    if doubtful_levels(parts):
+        return [rf"{shared}(?P<session>[^/]+)/(?P<material>[^/]+)/(?:.+/)?"]
+    deeper = Counter(part[:2] for part in parts if len(part) > 2)
+    has_sessions = deeper.total() == len(parts) and min(deeper.values()) > 1
+    sessions = [rf"{shared}(?P<material>[^/]+)/(?P<session>[^/]+)/(?:.+/)?"] * has_sessions
+    return [*sessions, rf"{shared}(?P<material>[^/]+)/(?:.+/)?"]
+
+
+def _of_sensor(names: Sequence[str], stem: str) -> str:
+    """Return the stem of the accelerometer's files where each folder has one file per sensor."""
+    folders: dict[PurePosixPath, set[str]] = {}
+    for name in names:
+        folders.setdefault(PurePosixPath(name).parent, set()).add(PurePosixPath(name).stem)
+    sensors = set.intersection(*folders.values())
+    felt = sorted(one for one in sensors if one.lower().startswith("acc"))
+    return re.escape(felt[0]) if felt and len(sensors) > 1 else stem
+
+
+def _signals(
+    root: Path, layout: _Layout, options: ReadOptions, column: tuple[str, ...], unit: str | None
+) -> _Signals:
+    """Read files of all surfaces: columns and unit of the first one, rates of all."""
+    firsts: dict[str, str] = {}
+    for name, groups in layout.named.items():
+        firsts.setdefault(groups["material"], name)
+    files = list(dict.fromkeys([*firsts.values(), *layout.named]))[:MOST_READ]
+    channels: dict[str, Sequence[str]] = {}
+    questions: list[str] = []
+    rates: dict[str, float | None] = {}
+    read: ReadSignals | None = None
+    errors: list[RecordingError] = []
+    for name in files:
+        try:
+            if read is None:
+                channels, questions = _channels(root / name, options, column)
+            signals = read_signals(axis_files(root / name), channels, options)
+        except RecordingError as error:
+            errors.append(error)
+            continue
+        rates[name] = signals.fs
+        read = read or signals
+    if errors:
+        questions.append(f"{len(errors)} of {counted(len(files), 'file')} cannot be read: {errors[0]}")
+    if read is None:
+        return _Signals(channels, unit or "arbitrary", "", rates, False, tuple(questions))
+    acceleration = read.named[UNNAMED]
+    resting = _magnitude(acceleration)
+    by_level = next((u for u, level in _AT_REST.items() if abs(resting / level - 1) < 0.06), None)
+    stated = unit or read.unit
+    if stated:
+        source = "given" if unit else "from the names of the columns or the messages"
+    elif by_level:
+        stated, source = by_level, f"the level at rest, {resting:.4g}, is gravity in {by_level}"
+    elif np.abs(acceleration).max() > LEAST_COUNTS and np.all(acceleration == np.rint(acceleration)):
+        stated, source = "counts", "all values are whole numbers"
+    else:
+        stated, source = "arbitrary", ""
+        questions.append("what is the unit of the acceleration: m/s^2, g, mg, counts, V or arbitrary?")
+    return _Signals(channels, stated, source, rates, by_level is not None, tuple(questions))
+
+
+def _magnitude(acceleration: Samples) -> float:
+    """Return the magnitude of the median of three axes; 0 for another number of them."""
+    is_spatial = acceleration.ndim == 2 and acceleration.shape[1] == 3
+    return float(np.linalg.norm(np.median(acceleration, axis=0))) if is_spatial else 0.0
+
+
+def _channels(
+    path: Path, options: ReadOptions, column: tuple[str, ...]
+) -> tuple[dict[str, Sequence[str]], list[str]]:
+    """Return the columns of each signal of a file, and what is open; none for a file of one column."""
+    present = column_names(path, options)
+    others = [name for name in present if not is_time(name)]
+    if len(others) < 2:
+        return ({UNNAMED: column} if column else {}), []
+    channels: dict[str, Sequence[str]] = {}
+    for field in AUXILIARY_UNITS:
+        if (found := [name for name in others if plain(name) == plain(field)]) and len(found) == 1:
+            channels[field] = found
+    for convention in _TURN_RATES:
+        if axes := columns_of_kind(convention, others):
+            channels.setdefault("turn_rate", axes)
+    taken = {name for names in channels.values() for name in names}
+    questions = list[str]()
+    acceleration: Sequence[str]
+    try:
+        acceleration = column or choose_acceleration([name for name in others if name not in taken], path)
+    except RecordingError:
+        acceleration = [name for name in others if name not in taken][:3]
+        questions = [
+            f"which columns are the acceleration? {listed(acceleration)} is a guess, of {listed(present)}. "
+            "If each row is a recording, see `format = 'rows'`."
+        ]
+    return {UNNAMED: acceleration, **channels}, questions
+
+
+def _layout_lines(root: Path, beside: Path, names: Sequence[str], layout: _Layout) -> Iterator[str]:
+    counts = [f"{surface} ({n})" for surface, n in sorted(layout.surfaces.items())]
+    yield "# Dataset card, drafted by `texclass card`. Answer the questions, if there are any."
+    yield ""
+    if root.resolve() != beside.resolve():
+        inside = root.resolve().is_relative_to(beside.resolve())
+        folder = os.path.relpath(root.resolve(), beside.resolve()) if inside else root.resolve()
+        yield f"folder = {_toml(Path(folder).as_posix())}"
+    shown = f"{', '.join(counts[:20])}{' ...' if len(counts) > 20 else ''}"
+    yield f"# {counted(len(layout.surfaces), 'surface')}, with number of files: {_comment(shown)}"
+    for group in ("session", "repetition"):
+        found = {groups[group] for groups in layout.named.values() if group in groups}
+        yield f"# {group}: {f'{len(found)} different' if found else 'not in the names'}"
+    yield "# Groups of `files`: material (the surface), operator, session, repetition, recording, axis."
+    yield from _questions(layout.questions)
+    yield f"files = {_toml(layout.pattern)}"
+    if left_out := sorted(set(names) - set(layout.named)):
+        yield (
+            f"{QUESTION}{counted(len(left_out), 'file')} left out, {_comment(left_out[0])} first. "
+            "Are they recordings, or a table of labels?"
+        )
+    yield ""
+
+
+def _rate_lines(rates: Mapping[str, float | None], fs: float | None, resample: float | None) -> Iterator[str]:
+    stated = {rate for rate in rates.values() if rate is not None}
+    if fs is None and not stated:
+        yield f"{QUESTION}what is the sampling rate in Hz? The files do not state it."
+        yield "# fs_hz = 1000"
+        return
+    yield "# Sampling rate in Hz, " + ("given." if fs is not None else "as the files state it.")
+    yield f"fs_hz = {fs if fs is not None else min(stated)!r}"
+    if resample is not None:
+        yield f"resample_hz = {resample!r}"
+    elif len(stated) > 1:
+        shown = ", ".join(f"{rate:g}" for rate in sorted(stated))
+        yield f"{QUESTION}the files have several rates ({shown} Hz). Is the lowest one right for all?"
+        yield f"resample_hz = {min(stated)!r}"
+
+
+def _unit_lines(found: _Signals) -> Iterator[str]:
+    yield from _questions(found.questions)
+    if found.unit_from:
+        yield f"# Unit: {found.unit_from}."
+    yield f"unit = {_toml(found.unit)}"
+    if found.has_gravity:
+        yield "# Gravity shows how the sensor is mounted. To remove the resting level of each axis:"
+        yield "# remove_resting_level = true"
+
+
+def _channel_lines(found: _Signals) -> Iterator[str]:
+    if not found.channels:
+        return
+    yield ""
+    yield "# Columns of each signal: acceleration, friction (V), normal_force (N), speed (mm/s), sound,"
+    yield "# turn_rate (rad/s; other units: turn_rate_scale)."
+    yield "[channels]"
+    for field, columns in found.channels.items():
+        yield f"{field} = [{', '.join(map(_toml, columns))}]"
+
+
+def _questions(questions: Sequence[str]) -> Iterator[str]:
+    return (f"{QUESTION}{_comment(question)}" for question in questions)
+
+
+def _comment(text: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
+def _toml(value: Any) -> str:
+    text = str(value)
+    return f"'{text}'" if "'" not in text and text.isprintable() else json.dumps(text)
