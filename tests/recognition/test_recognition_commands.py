@@ -245,6 +245,7 @@ def test_surfaces_that_were_not_trained_are_left_out_of_the_accuracy(run, traine
     code, out, _ = run("predict", trained.name, "mixed", "--confusion", "mixed.csv")
     said = " ".join(out.split())
     assert code == 0
+    assert "accuracy 100.0 [" in said
     assert "on 2 recordings of trained surfaces" in said
     assert "not trained on new: 1 of 1 recording called unknown" in said
     assert (work / "mixed.csv").read_text().splitlines()[-1].startswith("new,")
