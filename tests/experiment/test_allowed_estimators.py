@@ -156,6 +156,7 @@ from pathlib import Path
 sys.path.insert(0, TESTS)
 import numpy as np
 from fuzz.contract import WATCH
+from threadpoolctl import threadpool_info
 from fuzz.pipelines import draw
 from texclass.experiment import load_pipeline
 from texclass.experiment.folds import fit
@@ -163,6 +164,7 @@ from texclass.experiment.pipeline import Use
 
 place = Path(sys.argv[1])
 warnings.simplefilter("ignore")
+threadpool_info()  # searches for the C library once, with ldconfig
 rng = np.random.default_rng(0)
 X, y = rng.normal(size=(40, 4)), np.repeat(["a", "b"], 20)
 WATCH.install(place / "p.toml")

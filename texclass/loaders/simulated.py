@@ -133,7 +133,7 @@ def remember(path: Path, recording: Recording) -> None:
     arrays = {name: signal for name in SIGNALS if (signal := getattr(recording, name)) is not None}
     facts = {name: getattr(recording, name) for name in FACTS}
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, facts=np.array(json.dumps(facts)), **arrays)
+    np.savez(buffer, facts=np.array(json.dumps(facts)), **arrays)
     write_if_possible(path, buffer.getvalue())
 
 
