@@ -68,6 +68,12 @@ def test_moments_are_those_of_each_frame_written_out():
         assert std == pytest.approx(np.sqrt(np.average((f - right) ** 2, weights=power)), rel=1e-6)
 
 
+def test_a_movement_shorter_than_a_long_frame_is_one_frame():
+    power, frequency = long_frames(PhaseView(noise(500, 3), 2000.0))
+    assert power.shape == (1, 257)
+    assert frequency[-1] == 1000.0
+
+
 def test_starts_spread_from_the_first_to_the_last_and_no_closer_than_a_step():
     assert spread(1000, 100, 64).tolist() == list(range(0, 1001, 100))
     assert spread(1000, 1, 5).tolist() == [0, 250, 500, 750, 1000]

@@ -108,6 +108,7 @@ def test_sensor_noise_alone_is_neither(unit):
 @pytest.mark.parametrize("n", [1, 2, 100, 5000, 30_000])
 def test_constant_is_nothing(n):
     assert segment(_recording(np.full(n, 9.81))).kind == "nothing"
+    assert segment(_recording(np.tile([0.0, 0.0, 9.81], (n, 1)))).kind == "nothing"
 
 
 def test_declared_phases_are_returned_untouched():

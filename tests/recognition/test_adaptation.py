@@ -1,6 +1,7 @@
 """A model follows another sensor from a few references felt with it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,14 @@ from scipy.signal import lfilter
 from toy_surfaces import SURFACES, recording
 
 from texclass.recognition import adapt, export_onnx, load_model
-from texclass.recognition.adaptation import LEAST_UNLABELLED, adapted_to, fit_map, moments_map, rows_of
+from texclass.recognition.adaptation import (
+    LEAST_UNLABELLED,
+    _check_told_apart,
+    adapted_to,
+    fit_map,
+    moments_map,
+    rows_of,
+)
 from texclass.recognition.unknown import Surfaces
 
 
@@ -125,6 +133,22 @@ def test_labelled_references_that_sound_alike_are_refused(kernel_model):
     alike = [one.with_(material=m) for one, m in zip(NOISE, SURFACES, strict=False)]
     with pytest.raises(ValueError, match=r"more than one answer for all would get .1.: check their labels"):
         adapt(kernel_model, alike)
+
+
+def test_the_commonest_surface_is_no_evidence_that_references_differ():
+    surfaces = np.eye(3)
+    model = SimpleNamespace(judge=lambda rows: (rows,), materials=("cork", "felt", "foil"))
+    labels = surfaces[[0, 0, 0, 0, 1, 1]]
+    with pytest.raises(ValueError, match=r"4 of 6 labelled .* would get .4."):
+        _check_told_apart(model, surfaces[[0] * 6], labels, 6)
+    _check_told_apart(model, surfaces[[0, 0, 0, 0, 1, 0]], labels, 6)
+
+    predicted, unlabelled = surfaces[[1, 1, 2, 0]], np.zeros((4, 3))
+    _check_told_apart(model, predicted, unlabelled, 0)
+    one_label = np.vstack([surfaces[0], unlabelled[1:]])
+    _check_told_apart(model, predicted, one_label, 1)
+    with pytest.raises(ValueError, match=r"1.6 surfaces, most of 'felt'"):
+        _check_told_apart(model, surfaces[[1, 1, 1, 1]], one_label, 1)
 
 
 def test_a_map_that_answers_fewer_references_right_is_not_taken(kernel_model, monkeypatch):

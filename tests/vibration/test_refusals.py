@@ -71,6 +71,7 @@ REFUSED = {
         lambda: LatticeSynthesis(THREE).process([1.0, NAN]),
         lambda: LatticeSynthesis(THREE).process(np.ones((2, 2))),
         lambda: LatticeSynthesis(THREE).process_varying(np.ones(2), np.ones((2, 3)), np.ones(2)),
+        lambda: LatticeSynthesis(THREE).process_varying(np.ones(2), np.zeros((2, 3)), np.array([1.0, -1.0])),
     ],
     "line spectrum": [
         *(lambda k=k: ls.from_reflection(k) for k in BAD_K),
