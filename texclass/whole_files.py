@@ -15,17 +15,18 @@ def cache_root() -> Path:
     return Path(stated).expanduser() if stated else platformdirs.user_cache_path("texclass")
 
 
-def path_ending(path: str | Path, suffix: str) -> Path:
-    """Return the path of a file that is to be written, which has to end so, in whatever case.
+def path_ending(path: str | Path, *suffixes: str) -> Path:
+    """Return the path of an output file after checking that its suffix, in any case, is one of some.
 
     Raises
     ------
     ValueError
-        If it does not.
+        If it is not; the message lists them.
     """
     path = Path(path)
-    if path.suffix.lower() != suffix:
-        raise ValueError(f"{path}: ends in {path.suffix!r}; the rule is {suffix!r}")
+    if path.suffix.lower() not in suffixes:
+        formats = " or ".join(filter(None, suffixes))
+        raise ValueError(f"cannot write {path}: the suffix is {path.suffix!r}. Expected {formats}")
     return path
 
 

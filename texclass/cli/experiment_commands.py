@@ -10,6 +10,7 @@ import typer
 from texclass.cli import options
 from texclass.cli.app import command
 from texclass.cli.options import progress_bar, tell_and_save, wrote
+from texclass.whole_files import path_ending
 
 if TYPE_CHECKING:
     from texclass.experiment.result import Result
@@ -72,8 +73,8 @@ def benchmark(
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
     skip_bad: options.SkipBad = False,
-    output: Path = Path("reports"),
-    confusion: Path | None = None,
+    output: Annotated[Path, options.WRITES_FOLDER] = Path("reports"),
+    confusion: Annotated[Path | None, options.writes(".csv", "")] = None,
     json_file: options.Json = None,
     *,
     protocol: str | None,
@@ -162,10 +163,14 @@ def extract(
     Parameters
     ----------
     output : -o, --output
-        Parquet file to write, with --partition a folder of them.
+        Feature table to write (.parquet or .csv); with --partition a folder of Parquet files.
     partition
         Recordings of a file: each is computed and written by one worker, and no process holds them all.
     """
+    if partition is None:
+        path_ending(output, ".parquet", ".csv")
+    else:
+        options.check_folder(output)
     from texclass.loaders import open_dataset
 
     recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
@@ -213,7 +218,7 @@ def tradeoff(
     jobs: options.Jobs = -1,
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
-    output: Path = Path("reports"),
+    output: Annotated[Path, options.WRITES_FOLDER] = Path("reports"),
     json_file: options.Json = None,
     *,
     protocol: str | None,
@@ -286,7 +291,7 @@ def tradeoff(
 def stability(
     quick: bool = False,
     only: Literal["models", "filters", "transforms", "features", "peers"] | None = None,
-    output: Path = Path("reports"),
+    output: Annotated[Path, options.WRITES_FOLDER] = Path("reports"),
     json_file: options.Json = None,
 ) -> None:
     """Try hard inputs on every model, filter and feature.
@@ -319,7 +324,7 @@ def stability(
 @command("texclass report reports/*.json -o report.html")
 def report(
     results: list[Path],
-    output: Path = Path("report.html"),
+    output: Annotated[Path, options.writes(".html", ".htm", ".md")] = Path("report.html"),
     title: str = "",
     stale: bool = False,
 ) -> None:
@@ -330,7 +335,7 @@ def report(
     results
         JSON files that benchmark, tradeoff, stability or the study of invariance wrote.
     output : -o, --output
-        HTML, or Markdown (.md).
+        Page to write: HTML (.html) or Markdown (.md).
     title
         Its title; the datasets' names by default.
     stale

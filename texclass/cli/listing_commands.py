@@ -10,6 +10,7 @@ from texclass.cli import options
 from texclass.cli.app import app, command
 from texclass.cli.options import progress_bar, shipped, tell, write_json
 
+PICTURE_FORMATS = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 cards = typer.Typer(invoke_without_command=True, epilog="Example: texclass datasets get taps5")
 app.add_typer(cards, name="datasets")
 
@@ -18,7 +19,7 @@ app.add_typer(cards, name="datasets")
 @options.reads_files
 def inspect(
     recording: str,
-    output: Path | None = None,
+    output: Annotated[Path | None, options.writes(*PICTURE_FORMATS)] = None,
     features: Annotated[str, typer.Option(autocompletion=shipped("feature_defs"))] = "strese2015",
     *,
     reading: dict[str, Any],
@@ -30,7 +31,7 @@ def inspect(
     recording
         A file in any supported format, or DATASET:RECORDING (simulated:wood-03-01).
     output : -o, --output
-        Picture to write; <recording>.inspect.png here by default.
+        Picture to write (.png, .pdf, .svg, .jpg, .tif or .webp); <recording>.inspect.png here by default.
     features
         Feature set whose values are shown.
     """
@@ -44,7 +45,7 @@ def inspect(
     figure, phases = inspected(found, features)
     path = output or Path(f"{Path(found.recording_id).name}.inspect.png")
     picture = io.BytesIO()
-    figure.savefig(picture, dpi=130, format=path.suffix[1:] or "png")
+    figure.savefig(picture, dpi=130, format=path.suffix[1:].lower())
     write_whole(path, picture.getvalue())
     moved = "none"
     if phases.movement is not None:
@@ -91,7 +92,7 @@ def describe(
 @options.reads_files
 def card(
     folder: Path,
-    output: Path = Path("card.toml"),
+    output: Annotated[Path, options.writes(".toml")] = Path("card.toml"),
     *,
     reading: dict[str, Any],
 ) -> None:

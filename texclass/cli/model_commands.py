@@ -15,7 +15,7 @@ from texclass.cli.options import progress_bar, shipped, tell, write_json
 @options.holds_out
 def train(
     dataset: options.Recordings,
-    output: Path,
+    output: Annotated[Path, options.writes(".skops")],
     pipeline: Annotated[str | None, typer.Option(autocompletion=shipped("pipelines"))] = None,
     row: str | None = None,
     classifier: str | None = None,
@@ -89,7 +89,7 @@ def predict(
     files: list[str],
     as_lines: options.JsonLines = False,
     json_file: options.Json = None,
-    confusion: Path | None = None,
+    confusion: Annotated[Path | None, options.writes(".csv", "")] = None,
     skip_bad: bool = False,
     *,
     reading: dict[str, Any],
@@ -147,7 +147,7 @@ def predict(
 def adapt(
     model: Path,
     references: list[str],
-    output: Path,
+    output: Annotated[Path, options.writes(".skops")],
     unlabelled: bool = False,
     *,
     reading: dict[str, Any],
@@ -202,7 +202,7 @@ def model(
 @command("texclass export surfaces.skops --from samples -o surfaces.onnx")
 def export(
     model: Path,
-    output: Path | None = None,
+    output: Annotated[Path | None, options.writes(".onnx")] = None,
     start: Literal["features", "samples"] = "features",
     touch: float | None = None,
     check: bool = False,

@@ -10,10 +10,27 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from texclass.cli.app import told
+from texclass.whole_files import path_ending
 
 if TYPE_CHECKING:
     from texclass.document import Document
     from texclass.experiment.result import Result
+
+
+FILE_SUFFIXES = (
+    ".csv",
+    ".htm",
+    ".html",
+    ".json",
+    ".md",
+    ".parquet",
+    ".pdf",
+    ".png",
+    ".skops",
+    ".txt",
+    ".xlsx",
+)
+"""Suffixes that an output folder cannot have."""
 
 
 def shipped(folder: Literal["feature_defs", "pipelines", "datasets"]) -> Callable[[str], list[str]]:
@@ -27,6 +44,29 @@ def shipped(folder: Literal["feature_defs", "pipelines", "datasets"]) -> Callabl
     return complete
 
 
+def _of_format(*suffixes: str) -> Callable[[Path | None], Path | None]:
+    """Return a check of an output file's suffix, which runs before the command does any work."""
+
+    def check(path: Path | None) -> Path | None:
+        return None if path is None else path_ending(path, *suffixes)
+
+    return check
+
+
+def writes(*suffixes: str) -> Any:
+    """Return an option for an output file whose suffix is one of some; the suffix decides the format."""
+    return typer.Option(callback=_of_format(*suffixes))
+
+
+def check_folder(path: Path | None) -> Path | None:
+    """Check that an output folder is not named like a file: `-o results.csv` would create a folder."""
+    if path is not None and path.suffix.lower() in FILE_SUFFIXES and not path.is_dir():
+        raise ValueError(f"cannot write {path}: the suffix is {path.suffix!r}. Expected a folder")
+    return path
+
+
+WRITES_FOLDER = typer.Option(callback=check_folder)
+"""Option for an output folder."""
 Recordings = Annotated[
     str,
     typer.Argument(
@@ -79,7 +119,13 @@ SkipBad = Annotated[
     bool, typer.Option("--skip-bad", help="Leave bad recordings out and list them, instead of stopping.")
 ]
 Json = Annotated[
-    Path | None, typer.Option("--json", metavar="PATH", help="Write the result as JSON here; - prints it.")
+    Path | None,
+    typer.Option(
+        "--json",
+        metavar="PATH",
+        callback=_of_format(".json", ""),
+        help="Write the result as JSON here; - prints it.",
+    ),
 ]
 JsonLines = Annotated[bool, typer.Option("--jsonl", help="Print the result as one JSON object a line.")]
 MaxMs = Annotated[

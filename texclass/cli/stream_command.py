@@ -210,7 +210,7 @@ def explore(
     confidence: float = 0.95,
     seconds: options.Seconds = None,
     seed: Annotated[int, typer.Option(min=0)] = 0,
-    output: Path | None = None,
+    output: Annotated[Path | None, options.WRITES_FOLDER] = None,
     as_lines: options.JsonLines = False,
 ) -> None:
     """Show how to explore: a simulated hand makes the gesture that would tell most, until it is sure.

@@ -34,8 +34,8 @@ SceneArgument = Annotated[
 @command("texclass scene plan example -o example.texture", scene)
 def plan(
     definition: SceneArgument = "example",
-    output: Path | None = None,
-    report: Path | None = None,
+    output: Annotated[Path | None, options.writes(".texture")] = None,
+    report: Annotated[Path | None, options.WRITES_FOLDER] = None,
     json_file: options.Json = None,
 ) -> None:
     """Choose the cheapest model of each surface. The budget is proved by measuring.
@@ -70,7 +70,7 @@ def plan(
 def render(
     definition: str,
     path: Annotated[Path | None, typer.Argument()] = None,
-    output: Path = Path("scene.wav"),
+    output: Annotated[Path, options.writes(".wav")] = Path("scene.wav"),
     physical: bool = False,
     shift: float = 0.0,
     seed: int = 0,
@@ -118,7 +118,7 @@ def render(
 @command("texclass scene page example.texture -o feel.html", scene)
 def page(
     definition: Annotated[str, typer.Argument()] = "example",
-    output: Path = Path("feel.html"),
+    output: Annotated[Path, options.writes(".html")] = Path("feel.html"),
     taps: Path | None = None,
 ) -> None:
     """Write a page in which a planned scene is stroked, tapped, heard and felt.
@@ -155,8 +155,8 @@ def _planned(definition: str) -> "PlannedScene":
 @command("texclass texture wood.texture --page wood.html")
 def texture(
     file: Path,
-    page_file: Path | None = None,
-    slider_file: Path | None = None,
+    page_file: Annotated[Path | None, options.writes(".html")] = None,
+    slider_file: Annotated[Path | None, options.writes(".html")] = None,
     json_file: options.Json = None,
 ) -> None:
     """Show what is in a texture file. Family, points, order, sampling rate, unit and bytes.
@@ -215,7 +215,7 @@ def _words(value: object) -> str:
 def convert(
     source: Path,
     older_target: Annotated[Path | None, typer.Argument(metavar="OUT", hidden=True)] = None,
-    target: Path | None = None,
+    target: Annotated[Path | None, options.writes(*TEXTURES, *PATTERNS, ".wav")] = None,
     n_bytes: int | None = None,
     scale: list[str] | None = None,
     fs: float | None = None,

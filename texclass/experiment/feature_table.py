@@ -34,7 +34,7 @@ from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, code_hash
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import RecordingError, Samples
-from texclass.whole_files import cache_root, sibling, write_whole
+from texclass.whole_files import cache_root, path_ending, sibling, write_whole
 
 DOUBTS = ("unit:", "clipped:", "constant:", "narrow band:", "time:", "merged log:", "divided:")
 """Flags that a user has to see before any table: what they begin with."""
@@ -158,12 +158,15 @@ def cached_table(dataset: Dataset, *feature_sets: FeatureSet, **options: Any) ->
     tables = []
     for one in feature_sets:
         key = table_key(dataset, one, options.get("channels", "combine"))
-        path = cache_root() / "features" / f"{one.name}-{key}.parquet"
-        tables.append(extract_table(dataset, one, path, **options))
+        tables.append(extract_table(dataset, one, _in_cache(one, key), **options))
     table = reduce(_beside, tables)
     for doubt in table.doubts:
         logging.getLogger(__name__).warning("note: %s", doubt)  # on standard error, unless logging is set up
     return table
+
+
+def _in_cache(feature_set: FeatureSet, key: str) -> Path:
+    return cache_root() / "features" / f"{feature_set.name}-{key}.parquet"
 
 
 def extract_table(
@@ -176,7 +179,7 @@ def extract_table(
     skip_bad: bool = False,
     progress: Progress | None = None,
 ) -> FeatureTable:
-    """Compute the features of every recording of a dataset into one Parquet file.
+    """Compute the features of every recording of a dataset into one Parquet or CSV file.
 
     Each finished recording is written at once to a small file beside `path`, atomically, under a key of
     input, feature set, code and version. A run that was killed continues with what is missing; a complete
@@ -189,7 +192,8 @@ def extract_table(
     feature_set : FeatureSet
         What to compute.
     path : str or path
-        The Parquet file; a table there with another key is replaced.
+        Output file; its suffix decides. A Parquet file (.parquet) keeps the key, and a table with another key
+        is replaced. A CSV file (.csv) has no room for the key: the table is kept in the cache folder, too.
     channels : {"combine", "each", "auto", "all"}
         See `FeatureExtractor`.
     n_jobs : int
@@ -203,8 +207,15 @@ def extract_table(
     ------
     RecordingError
         At a bad recording (file, value, rule), or if none is left; what was done is kept.
+    ValueError
+        If the suffix of `path` is another one.
     """
-    path, key = Path(path), table_key(dataset, feature_set, channels)
+    path, key = path_ending(path, ".parquet", ".csv"), table_key(dataset, feature_set, channels)
+    if path.suffix.lower() == ".csv":
+        options: dict[str, Any] = {"channels": channels, "n_jobs": n_jobs, "skip_bad": skip_bad}
+        kept = extract_table(dataset, feature_set, _in_cache(feature_set, key), **options, progress=progress)
+        write_whole(path, kept.frame.to_csv(index=False))
+        return kept
     table: FeatureTable | None = None
     with suppress(FileNotFoundError, ValueError):  # not there, or damaged: it is computed
         table = read_table(path)

@@ -25,7 +25,7 @@ from texclass.features.plan import Plan
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.validation import Written, checked
-from texclass.whole_files import write_whole
+from texclass.whole_files import path_ending, write_whole
 
 FORMAT = (2, 4)
 """Major and minor version; a minor step adds facts that a reader can do without.
@@ -179,8 +179,9 @@ def write_model_file(
     Raises
     ------
     ValueError
-        If it would hold a class that nobody could load again.
+        If it would hold a class that nobody could load again, or the suffix is another one.
     """
+    path_ending(path, ".skops")
     data = archive_of(dict(document))
     if foreign := foreign_in(data):
         raise ValueError(f"{path}: {foreign[0]} cannot be saved; the rule is classes that load safely")

@@ -25,7 +25,7 @@ from texclass.stability.battery import stability_document
 from texclass.stability.rules import Mark
 from texclass.tradeoff.tradeoff_document import tradeoff_document
 from texclass.validation import Written, checked
-from texclass.whole_files import write_whole
+from texclass.whole_files import path_ending, write_whole
 
 TITLE = "Surfaces from what a tool felt"
 """Of a page of several datasets."""
@@ -400,8 +400,8 @@ def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "")
     paths : sequence of str or path
         JSON files, in the order of the page.
     output : str or path
-        The file; its folder is made if it does not exist. It holds HTML, or Markdown without pictures if its
-        name ends in `.md`.
+        The file; its folder is made if it does not exist. Its suffix decides: HTML (.html, .htm), or Markdown
+        without pictures (.md).
     title : str
         Its title; by default the datasets'.
 
@@ -413,11 +413,12 @@ def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "")
     Raises
     ------
     ValueError
-        If there are none, a file is no result, or the page would replace one.
+        If there are none, a file is no result, the page would replace one, or has another suffix.
     """
     output = Path(output)
     if output.resolve() in [Path(path).resolve() for path in paths]:
         raise ValueError(f"{output} is one of the results; the rule is a file of its own")
+    path_ending(output, ".html", ".htm", ".md")
     read = [(Path(path).name, read_document(path)) for path in paths]
     counts = Counter(document.title for _, document in read)
     documents = []
@@ -428,7 +429,7 @@ def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "")
         documents.append(replace(document, title=told_apart, again={"File": file, **document.again}))
     names = list(dict.fromkeys(document.data[0] for document in documents if document.data))
     title = title or (f"{TITLE}: {', '.join(names)}" if 0 < len(names) <= 3 else TITLE)
-    if output.suffix == ".md":
+    if output.suffix.lower() == ".md":
         page = "\n".join(map(render_markdown, documents))
     else:
         page = render_page(documents, title, written_by="texclass report")

@@ -22,7 +22,7 @@ from texclass.recognition.export.sample_graph import (
     window_of_model,
 )
 from texclass.recognition.model import Model
-from texclass.whole_files import write_whole
+from texclass.whole_files import path_ending, write_whole
 
 NEEDED = ("onnx", "onnxruntime", "skl2onnx")
 PREFIX = "texclass."
@@ -83,7 +83,10 @@ def export_onnx(
         If a feature, a step or the classifier has no export, or a window no length.
     ParityError
         If the graph gives other answers than texclass.
+    ValueError
+        If the suffix is another one.
     """
+    path_ending(path, ".onnx")
     check_installed("exporting to ONNX")
     of_samples, n_samples = None, 0
     try:
