@@ -239,4 +239,4 @@ def test_the_commands_write_a_small_page_of_a_planned_scene_with_measured_taps(t
             "--taps" in options
         )
     done = CliRunner().invoke(app, ["scene", "page", str(planned), "-o", str(tmp_path / "feel.txt")])
-    assert "the rule is '.html'" in str(done.exception)
+    assert "Expected .html" in str(done.exception)

@@ -205,4 +205,4 @@ def test_the_command_writes_a_small_page_and_refuses_what_is_no_texture(
     assert 'max="60.0"' not in written  # out of reach
     code, _, err = command("texture", source, "--sliders", tmp_path / "wood.txt")
     assert code == 1
-    assert "the rule is '.html'" in err
+    assert "Expected .html" in err
