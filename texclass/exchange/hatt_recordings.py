@@ -9,6 +9,7 @@ from numpy.random import Generator
 
 from texclass.exchange.hatt_xml import read_hatt
 from texclass.loaders.cards import ModelsCard
+from texclass.loaders.data_files import data_files
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.loaders.filesets import conditioned, match_name
 from texclass.loaders.places import digest_files
@@ -39,9 +40,9 @@ def open_models(card: ModelsCard, root: Path, **about: Any) -> Dataset:
         If no file matches, or two are of one material.
     """
     found: dict[str, str] = {}
-    for path in sorted(root.rglob("*")):
+    for path in data_files(root):
         name = path.relative_to(root).as_posix()
-        if path.is_file() and (matched := match_name(card.files, name)):
+        if matched := match_name(card.files, name):
             material = matched[0]["material"]
             if other := found.get(material):
                 raise RecordingError(

@@ -26,6 +26,7 @@ from mcap.stream_reader import StreamReader
 from rosbags.rosbag1.reader import Header, RecordType, read_bytes, read_uint32
 
 from texclass.loaders.columns import BAG_FOLDER, STORAGE, refused, storage_suffix
+from texclass.loaders.data_files import is_hidden
 from texclass.recording import RecordingError
 
 MOST_BYTES = 1 << 27
@@ -140,7 +141,9 @@ def _storage_files(path: Path) -> tuple[Path, ...]:
     folder = path if path.is_dir() else path.parent if path.name == BAG_FOLDER else None
     if folder is None:
         return (path,)
-    files = [file for file in folder.iterdir() if storage_suffix(file.name) in STORAGE]
+    files = [
+        file for file in folder.iterdir() if storage_suffix(file.name) in STORAGE and not is_hidden(file.name)
+    ]
     if not files:
         raise refused(folder, "holds no .mcap or .db3 file", "a folder of rosbag2")
     return tuple(sorted(files, key=lambda file: [int(n) for n in re.findall(r"\d+", file.name)]))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
+from texclass.loaders.data_files import composed
 from texclass.recording import Recording, RecordingError
 
 if TYPE_CHECKING:
@@ -39,6 +40,11 @@ class Entry:
     repetition: int | None = None
     paths: tuple[str, ...] = ()
     topic: str | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("recording_id", "material", "operator", "session"):
+            if (text := getattr(self, name)) is not None:
+                object.__setattr__(self, name, composed(text))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

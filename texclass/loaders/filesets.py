@@ -22,6 +22,7 @@ from texclass.loaders.columns import (
     refused,
     storage_suffix,
 )
+from texclass.loaders.data_files import composed, data_files, is_hidden
 from texclass.loaders.dataset import GROUPS, Dataset, Entry
 from texclass.loaders.files import is_bag, read_signals, topics
 from texclass.loaders.places import digest_files, leaves
@@ -57,8 +58,9 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
             groups, _ = matched
             axes[groups.get("axis", "").lower()] = root / name
             for signal, candidates in _companion_names(reading, groups).items():
-                for companion in set(candidates) & set(entry.paths):
-                    companions[signal] = root / companion
+                for companion in entry.paths:
+                    if composed(companion) in candidates:
+                        companions[signal] = root / companion
     topic = entry.topic or reading.topic
     options = ReadOptions(
         reading.delimiter,
@@ -104,11 +106,20 @@ def open_files(
     CardError
         If the table of labels lacks a column or a recording.
     """
-    table = _read_labels(reading, root)
+    table = {composed(name): groups for name, groups in _read_labels(reading, root).items()}
     left_out: list[str] = []
     entries: list[Entry] = []
-    present = {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()}
+    present = {path.relative_to(root).as_posix() for path in data_files(root)}
     present -= not_recordings(present)
+    alike = {composed(name): name for name in present}
+    if len(alike) < len(present):
+        other, name = next(
+            (alike[composed(name)], name) for name in sorted(present) if alike[composed(name)] != name
+        )
+        raise RecordingError(
+            f"{root} contains {other!a} and {name!a}, one name in two Unicode normal forms. "
+            "Expected different names: rename or remove one"
+        )
     others = set(present)
     for names, groups in _find(reading, present):
         others -= set(names)
@@ -125,7 +136,11 @@ def open_files(
         )
     digested = [name for entry in entries for name in entry.paths]
     for folder in [(root / name).parent for name in digested if PurePosixPath(name).name == BAG_FOLDER]:
-        inside = [file for file in sorted(folder.iterdir()) if storage_suffix(file.name) in STORAGE]
+        inside = [
+            file
+            for file in sorted(folder.iterdir())
+            if storage_suffix(file.name) in STORAGE and not is_hidden(file.name)
+        ]
         digested += [file.relative_to(root).as_posix() for file in inside]
     digested += [reading.labels.file] if reading.labels else []
     return Dataset(
@@ -228,8 +243,9 @@ def open_rows(card: RowCard, root: Path, **about: Any) -> Dataset:
 def match_name(patterns: Sequence[str], name: str) -> tuple[Groups, str] | None:
     """Return what a file's relative name tells, and that name without the part that tells the axis.
 
-    The first pattern that matches the whole name counts; None if there is none.
+    The first pattern that matches the whole name counts; None if there is none. Names are compared in NFC.
     """
+    name = composed(name)
     for pattern in patterns:
         if match := _match(pattern, name):
             groups = {group: text for group, text in match.groupdict().items() if text is not None}
@@ -245,7 +261,7 @@ def _match(pattern: str, name: str) -> Any:
     import regex  # a tenth of a second, which only cards wait for
 
     try:
-        return regex.fullmatch(pattern, name, timeout=LONGEST_MATCH_S)
+        return regex.fullmatch(composed(pattern), name, timeout=LONGEST_MATCH_S)
     except (TimeoutError, regex.error) as error:
         raise CardError(
             f"files or topic holds {pattern!r:.200}, which is no pattern or takes over {LONGEST_MATCH_S:g} s "
@@ -367,9 +383,10 @@ def _find(reading: FileReading, files: set[str]) -> Iterator[tuple[tuple[str, ..
             shortened = shared.removesuffix(f"/{BAG_FOLDER}")
             groups.setdefault("recording", shortened if shortened != shared else shared.rpartition(".")[0])
             joined.setdefault(shared, ([], groups))[0].append(name)
+    by_name = {composed(name): name for name in files}
     for names, groups in joined.values():
         present = (
-            [name for name in candidates if name in files]
+            [by_name[name] for name in candidates if name in by_name]
             for candidates in _companion_names(reading, groups).values()
         )
         yield (*names, *(found[0] for found in present if found)), groups
@@ -379,7 +396,7 @@ def _companion_names(reading: FileReading, groups: Groups) -> dict[str, tuple[st
     """Return auxiliary signal -> relative names its file may have, the groups filled in."""
     return {
         signal: tuple(
-            re.sub(r"\{(\w+)\}", lambda match: groups.get(match[1], match[0]), template)
+            composed(re.sub(r"\{(\w+)\}", lambda match: groups.get(match[1], match[0]), template))
             for template in templates
         )
         for signal, templates in reading.companions.items()
@@ -415,9 +432,12 @@ def _entries(
         repetition = facts.get("repetition")
         if repetition is not None and not repetition.isdecimal():
             raise CardError(f"{path}: repetition is {repetition!r}; the rule is a whole number")
+        material = composed(facts["material"])
         yield Entry(
             recording_id=recording_id,
-            material=reading.materials.get(facts["material"], facts["material"]),
+            material={composed(name): surface for name, surface in reading.materials.items()}.get(
+                material, material
+            ),
             operator=facts.get("operator"),
             session=facts.get("session"),
             repetition=int(repetition) if repetition is not None else None,

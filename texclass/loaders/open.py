@@ -10,6 +10,7 @@ from typing import Any
 from texclass import shipped
 from texclass.loaders.cards import FileCard, FileReading, ModelsCard, RowCard, SimulatedCard, read_card
 from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, refused
+from texclass.loaders.data_files import composed, data_files
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.files import (
     axis_files,
@@ -137,7 +138,7 @@ def find_recording(
     if not colon or is_drive or Path(name).exists() or is_bag_name(name):
         return load_recording(name, fs=fs, unit=unit, **reading)
     dataset = open_dataset(dataset_name, fs=fs, unit=unit, **reading)
-    ids = [entry.recording_id for entry in dataset.entries]
+    ids, recording_id = [entry.recording_id for entry in dataset.entries], composed(recording_id)
     if recording_id not in ids:
         near = ", ".join(difflib.get_close_matches(recording_id, ids, n=3) or ids[:3])
         raise refused(dataset_name, f"no recording is {recording_id!r}", f"an id like {near}")
@@ -147,7 +148,6 @@ def find_recording(
 def _open_folder(
     root: Path, fs: float | None, unit: str | None, how: Mapping[str, Any], *, skip_bad: bool
 ) -> Dataset:
-    found = [path for path in sorted(root.rglob("*")) if path.is_file()]
     files = [path for path in recording_files(root) if path.parent != root]
     if not files:
         raise RecordingError(
@@ -169,7 +169,7 @@ def _open_folder(
             unit = agreed_unit(first.unit, None, path)
             notes.append(f"in {unit}: the messages or the names of the columns of {path} say so")
         fs, rate_of = (agreed_rate(first.fs, None, path), str(path)) if fs is None else (fs, "")
-    if n_others := sum(not (path.name.startswith(".") or _is_recording(path)) for path in found):
+    if n_others := sum(not _is_recording(path) for path in data_files(root)):
         notes.append(f"{n_others} files of other kinds are ignored")
     ends = rf"\.(?i:{'|'.join(re.escape(suffix[1:]) for suffix in suffixes())})"
     patterns = (  # an axis each, a recording each, rosbag2
@@ -194,7 +194,7 @@ def _open_folder(
 
 def recording_files(folder: Path) -> list[Path]:
     """Return the files of recordings in a folder and below it, without those that are parts of bags."""
-    found = [path for path in sorted(folder.rglob("*")) if path.is_file() and _is_recording(path)]
+    found = list(filter(_is_recording, data_files(folder)))
     within = not_recordings(map(str, found))
     return [path for path in found if str(path) not in within]
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from texclass.loaders.data_files import is_hidden
 from texclass.recognition.answers import CONFIDENCE, ContactVerdict, ranked
 from texclass.recognition.live.online_recogniser import OnlineSettings, Update, WindowAnswer
 from texclass.recognition.live.session import Notice, Session
@@ -278,7 +279,7 @@ def load_gestures(folder: str | Path) -> dict[str, Model]:
     ValueError
         If the folder holds none; and as `load_model`.
     """
-    files = sorted(Path(folder).glob("*.skops"))
+    files = sorted(file for file in Path(folder).glob("*.skops") if not is_hidden(file.name))
     if not files:
         raise ValueError(f"{folder}: holds no model; the rule is a file GESTURE.skops for each gesture")
     return {file.stem.replace("_", " "): load_model(file) for file in files}

@@ -14,6 +14,7 @@ from texclass.features.phase_view import TURN
 from texclass.loaders import files, find_recording, open_dataset
 from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
 from texclass.loaders.columns import BAG_FOLDER, ReadOptions, choose_acceleration
+from texclass.loaders.data_files import composed
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.filesets import conditioned
 from texclass.loaders.open import flat_files
@@ -205,7 +206,7 @@ class TrainingFiles(Written):
         for name in names:
             surface, equals, file = str(name).partition("=")
             if equals and not Path(name).expanduser().exists() and not files.is_bag_name(str(name)):
-                found.append(self.find(file, **reading).with_(material=surface))
+                found.append(self.find(file, **reading).with_(material=composed(surface)))
             else:
                 for one in self.members(name, **reading):
                     felt = one.load()
