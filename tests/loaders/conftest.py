@@ -41,6 +41,8 @@ def _write(path: Path, axes: np.ndarray) -> Path:
             soundfile.write(path, axes.astype(np.int16), int(FS), subtype="PCM_16")
         case ".mat":
             scipy.io.savemat(path, {"acceleration": axes, "fs": FS, "who": "me"})
+        case ".npy":
+            np.save(path, axes)
         case ".npz":
             np.savez(path, acceleration=axes, fs=FS)
         case ".h5" | ".hdf5":

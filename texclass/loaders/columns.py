@@ -135,8 +135,9 @@ def time_unit(name: str) -> str | None:
 
 
 def is_time(name: str) -> bool:
-    """Whether the name of a column is that of time stamps: "time", "timestamp_us", "t (ms)"."""
-    return re.sub(rf" ({'|'.join(_TIME_SUFFIXES)})$", "", plain(name)) in TIMES
+    """Whether the name of a column is that of time stamps: "time", "timestamp_us", "t (ms)", "data.t"."""
+    member = re.split(r"[./]", plain(name))[-1]
+    return re.sub(rf" ({'|'.join(_TIME_SUFFIXES)})$", "", member) in TIMES
 
 
 def choose_acceleration(names: Sequence[str], path: Path) -> tuple[str, ...]:

@@ -37,7 +37,7 @@ from texclass.recording import (
 
 READERS = {
     **dict.fromkeys((".txt", ".csv", ".tsv", ".parquet"), "tables"),
-    **dict.fromkeys((".wav", ".flac", ".mat", ".npz", ".h5", ".hdf5"), "arrays"),
+    **dict.fromkeys((".wav", ".flac", ".mat", ".npy", ".npz", ".h5", ".hdf5"), "arrays"),
     **dict.fromkeys((".bag", ".mcap", ".db3"), "bags"),
 }
 """Suffix of a file that can be a recording (case does not matter) -> module that reads it."""
@@ -65,7 +65,7 @@ def load_recording(
     Parameters
     ----------
     path : str or Path
-        Text (one value per line, or columns), CSV, TSV, Parquet, WAV, FLAC, MATLAB 5 or 7.3, NPZ, HDF5, or a
+        Text (one value per line, or columns), CSV, TSV, Parquet, WAV, FLAC, MATLAB, NPY, NPZ, HDF5, or a
         bag of ROS (.bag, .mcap, .db3, a folder of rosbag2, also as "bag:FILE?topic=/name"), by suffix. If its
         name says `_X`, `_Y` or `_Z` and files of the other axes are beside it, they form one recording.
     fs : float, optional

@@ -1,0 +1,180 @@
+"""Find arrays of numbers in MATLAB files of the versions 5 to 7.2, also in structs; objects are not opened.
+
+A file is a sequence of elements: a tag of type and size, or of both in four bytes, and data padded to eight
+bytes (MathWorks, "MAT-File Format"). This module is here because scipy stops at a variable of an object class
+(datetime, table), and scipy 1.17 and before uses the type of an array's numbers as an unchecked index in
+compiled code: one changed byte ends the process.
+"""
+
+import math
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from texclass.loaders.columns import check_held
+
+MOST_NESTED, MOST_MEMBERS = 32, 10_000
+"""Groups or structs within each other, and members of one."""
+NUMERIC = ("double", "single", *(f"{sign}int{bits}" for bits in (8, 16, 32, 64) for sign in ("", "u")))
+"""Classes of arrays of numbers."""
+_CLASSES = (
+    *("", "cell", "struct", "object", "char", "sparse", *NUMERIC),
+    *("function_handle", "opaque", "object"),
+)
+"""Classes by their code."""
+_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+"""Types of numbers by their code."""
+_DIMENSIONS, _MATRIX, _COMPRESSED = (5, 6), 14, 15
+_HEADER = 128
+"""Bytes before the first element."""
+_LONGEST_HEAD = 4096
+"""Bytes of flags, dimensions and name of an array; they take some hundred."""
+_COMPLEX, _LOGICAL = 0x800, 0x200
+Bytes = NDArray[np.uint8]
+
+
+class Variable(NamedTuple):
+    """A variable, or a field of a struct: `struct.field`."""
+
+    name: str
+    matlab_class: str
+    shape: tuple[int, ...]
+    values: Callable[[], NDArray[np.float64]]
+    """Read the values; only of arrays of real numbers."""
+
+    @property
+    def is_signal(self) -> bool:
+        """Whether it is an array of real numbers."""
+        return self.matlab_class in NUMERIC
+
+
+def variables(path: Path) -> Iterator[Variable]:
+    """Yield the variables of a file, with the fields of structs of one element in place of the struct.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged.
+    zlib.error
+        If a compressed variable is damaged.
+    RecordingError
+        If a struct announces more than its bytes can hold.
+    """
+    data: Bytes = np.memmap(path, np.uint8, "r")
+    order = "<" if bytes(data[_HEADER - 2 : _HEADER]) == b"IM" else ">"
+    at = _HEADER
+    while at + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}2I", data.data, at)
+        stored = data[at + 8 : at + 8 + size]
+        if len(stored) < size or kind not in {_MATRIX, _COMPRESSED}:
+            raise ValueError(f"the variable at byte {at} has type {kind} and {len(stored)} of {size} bytes")
+        at += 8 + size
+        whole = (
+            partial(_inflated, stored, order, path) if kind == _COMPRESSED else partial(np.asarray, stored)
+        )
+        head = _inflated(stored, order, path, _LONGEST_HEAD) if kind == _COMPRESSED else stored
+        yield from _found(head, whole, order)
+
+
+def _inflated(stored: Bytes, order: str, path: Path, most: int = 0) -> Bytes:
+    """Return a compressed variable, or its first bytes, without its tag."""
+    inflater = zlib.decompressobj()
+    tag = inflater.decompress(stored.data, 8)
+    kind, size = struct.unpack(f"{order}2I", tag)
+    if kind != _MATRIX:
+        raise ValueError(f"a compressed element is of type {kind}")
+    check_held(size // 8, path)
+    inflated = inflater.decompress(inflater.unconsumed_tail, min(most, size) or size)
+    if not most and len(inflated) < size:
+        raise ValueError(f"a compressed variable has {len(inflated)} of {size} bytes")
+    return np.frombuffer(inflated, np.uint8)
+
+
+def _found(
+    head: Bytes, whole: Callable[[], Bytes], order: str, name: str = "", depth: int = 1
+) -> Iterator[Variable]:
+    """Yield what an array is, from its first bytes, and a function that returns all of them."""
+    _, flags_at, _, at = _element(head, order, 0)
+    (flags,) = struct.unpack_from(f"{order}I", head.data, flags_at)
+    matlab_class = dict(enumerate(_CLASSES)).get(flags & 0xFF, "unknown")
+    if matlab_class == "opaque":  # in place of dimensions: name, type system, class
+        texts = []
+        for _ in range(3):
+            _, start, size, at = _element(head, order, at)
+            texts.append(_text(head[start : start + size]))
+        if texts[1] == "MCOS" or texts[0]:
+            yield Variable(name or texts[0], texts[2] or "object", (), _no_values)
+        return
+    kind, start, size, at = _element(head, order, at)
+    if kind not in _DIMENSIONS or size % 4:
+        raise ValueError(f"the dimensions of an array are of type {kind}")
+    shape = tuple(map(int, head[start : start + size].view(f"{order}i4")))
+    _, start, size, at = _element(head, order, at)
+    name = name or _text(head[start : start + size])
+    if min(shape, default=0) < 0:
+        raise ValueError(f"{name} has shape {shape}")
+    if not name:
+        return  # what MATLAB keeps for itself
+    if matlab_class == "struct" and math.prod(shape) == 1:
+        yield from _fields(whole(), at, order, name, depth)
+        return
+    if matlab_class in NUMERIC and flags & (_COMPLEX | _LOGICAL):
+        matlab_class = "complex" if flags & _COMPLEX else "logical"
+    yield Variable(name, matlab_class, shape, lambda: _numbers(whole(), at, order, name, shape))
+
+
+def _fields(data: Bytes, at: int, order: str, name: str, depth: int) -> Iterator[Variable]:
+    """Yield the fields of a struct: their names, of one length, then an array each."""
+    _, start, _, at = _element(data, order, at)
+    (length,) = struct.unpack_from(f"{order}i", data.data, start)
+    _, start, size, at = _element(data, order, at)
+    n_fields = size // length if length > 0 else 0
+    if depth > MOST_NESTED or n_fields > MOST_MEMBERS:
+        raise ValueError(f"structs are {depth} deep, one with {n_fields} fields. Expected at most "
+                         f"{MOST_NESTED} and {MOST_MEMBERS}")  # fmt: skip
+    for i in range(n_fields):
+        field = _text(data[start + i * length : start + (i + 1) * length])
+        kind, begin, size, at = _element(data, order, at)
+        if kind != _MATRIX:
+            raise ValueError(f"{name}.{field} is an element of type {kind}")
+        if size:
+            stored = data[begin : begin + size]
+            yield from _found(stored, partial(np.asarray, stored), order, f"{name}.{field}", depth + 1)
+
+
+def _numbers(data: Bytes, at: int, order: str, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return the values of an array, whose numbers may be of a smaller type than its class."""
+    kind, start, size, _ = _element(data, order, at)
+    if kind not in _TYPES:
+        raise ValueError(f"the numbers of {name} are of type {kind}. Expected one of {sorted(_TYPES)}")
+    values = data[start : start + size]
+    if size != math.prod(shape) * np.dtype(_TYPES[kind]).itemsize:
+        raise ValueError(f"{name} has shape {shape}, but {size} bytes")
+    return values.view(f"{order}{_TYPES[kind]}").astype(np.float64).reshape(shape, order="F")
+
+
+def _element(data: Bytes, order: str, at: int) -> tuple[int, int, int, int]:
+    """Return the type of an element, where its data begin, their size, and where the next element begins."""
+    if at + 8 > len(data):
+        raise ValueError("a variable ends within an element")
+    kind, size = struct.unpack_from(f"{order}2I", data.data, at)
+    start, following = at + 8, at + 8 + size + -size % 8
+    if kind >> 16:
+        kind, size, start, following = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+    if start + size > len(data) or (start == at + 4 and size > 4):
+        raise ValueError("a variable ends within an element")
+    return kind, start, size, following
+
+
+def _text(data: Bytes) -> str:
+    return bytes(data).partition(b"\0")[0].decode("latin1")
+
+
+def _no_values() -> NDArray[np.float64]:
+    raise ValueError("an object has no numbers")
