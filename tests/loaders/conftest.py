@@ -35,6 +35,12 @@ def _write(path: Path, axes: np.ndarray) -> Path:
             frame.to_csv(path, index=False)
         case ".tsv":
             frame.to_csv(path, index=False, sep="\t")
+        case ".lvm":
+            names = "".join(f"{name}\t" for name in frame)
+            above = f"LabVIEW Measurement\t\nX_Columns\tNo\nDelta_X\t{1 / FS}\n"
+            above += f"***End_of_Header***\nX_Value\t{names}Comment\n"
+            text = frame.to_csv(index=False, header=False, sep="\t", lineterminator="\n")
+            path.write_text(above + "".join(f"\t{line}\n" for line in text.splitlines()), encoding="utf-8")
         case ".parquet":
             frame.to_parquet(path)
         case ".wav" | ".flac":

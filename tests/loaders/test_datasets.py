@@ -268,7 +268,7 @@ def test_a_bad_recording_is_bad_only_when_loaded_and_can_be_left_out(folder):
     results = {entry.recording_id: able.attempt(entry) for entry in able.entries}
     bad = {name: error for name, error in results.items() if isinstance(error, RecordingError)}
     assert (list(bad), len(results)) == (["wood/r2"], 6)
-    assert "Row #2" in str(bad["wood/r2"])
+    assert "line 2 is '1,2,x'" in str(bad["wood/r2"])
 
 
 def test_facts_that_neither_files_nor_user_state_are_asked_for(folder):

@@ -14,7 +14,7 @@ from texclass.recording import RecordingError
 
 FS = 10_000.0
 SUFFIXES = [suffix for suffix, reader in READERS.items() if reader != "bags"]
-STATES_FS = (".wav", ".flac", ".mat", ".npz", ".h5", ".hdf5")
+STATES_FS = (".lvm", ".wav", ".flac", ".mat", ".npz", ".h5", ".hdf5")
 NOISE = np.random.default_rng(0).normal(size=20_000)
 
 
@@ -193,13 +193,12 @@ def test_one_value_per_line_in_its_spellings(tmp_path):
 def test_a_line_that_is_not_one_number_is_named(tmp_path):
     for content, line in (
         ("1\nabc\n3\n", "line 2 is 'abc'"),
-        ("time\n1\n2\n", "line 1 is 'time'"),
         ("1\n2\n3 4\n", "line 3 is '3 4'"),
         ("1\n2,5\n3\n", "line 2 is '2,5'"),
         ("1\n2\n1_000\n", "line 3 is '1_000'"),
         ("1\n0x10\n", "line 2 is '0x10'"),
     ):
-        with pytest.raises(RecordingError, match=f"r.txt: {line}; the rule is one number per line"):
+        with pytest.raises(RecordingError, match=f"r.txt: {line}. Expected one number per line"):
             load(tmp_path / "r.txt", content)
 
 
@@ -222,17 +221,18 @@ def test_a_stated_delimiter_is_used_and_a_wrong_one_suspected(tmp_path):
 
 def test_a_bad_table_is_refused_with_its_line(tmp_path):
     for content, message in (
-        ("a,b\n1,2\nx,4\n", "Row #3.*'x'.*a number in every cell"),
-        ("a,b\n1,2\n,4\n", "Row #3.*a number in every cell"),
-        ("a,b\n1,2\n3\n", "Row #3: Expected 2 columns, got 1"),
+        ("a,b\n1,2\nx,4\n", "line 3 is 'x,4', column 'a' is no number. Expected a number in every cell"),
+        ("a,b\n1,2\n,4\n", "line 3 is ',4', column 'a' is no number.*--drop-incomplete"),
+        ("a,b\n1,2\n3\n", "line 3 is '3', it has 1 cell, others have 2.*--drop-incomplete"),
         ("a,a\n1,2\n", "column 'a' occurs 0 times; its columns are 'a#1', 'a#2'"),
-        ("a;b\n1.234,5;2\n", "invalid value '1.234,5'"),
+        ("a;b\n1.234,5;2\n", "line 2 is '1.234,5;2', column 'a' is no number"),
         ("\n\n", "column 'a' occurs 0 times; its columns are none"),
         ("b,c\n1,2\n", "column 'a' occurs 0 times"),
         ("a,b\n", "acceleration is empty"),
         ("a,t\n", "acceleration is empty"),
-        ("a,b\n1,2\nNA,4\n", "Row #3"),
-        (b"\xff\xfe\x00a", "line 1 is not a header.*the rule is UTF-8"),
+        ("a,b\n1,2\nNA,4\n", "line 3 is 'NA,4'"),
+        (b"\xff\xfe\x00", "is not text.*Expected UTF-8, or UTF-16 with a byte order mark"),
+        (b"a,b\n1\0\xff,2\n", "is not text.*Expected UTF-8"),
     ):
         with pytest.raises(RecordingError, match=f"(?s)r.csv: .*{message}"):
             load(tmp_path / "r.csv", content)
@@ -287,7 +287,7 @@ def test_what_divides_columns_is_found_and_decimal_points_may_be_commas(tmp_path
 
 def test_lines_of_one_number_with_a_decimal_comma_need_a_delimiter_and_are_told(tmp_path):
     for name in ("r.csv", "r.txt"):
-        with pytest.raises(RecordingError, match=r"'c1', 'c2'.*or --delimiter ';' where 0,98 is one number"):
+        with pytest.raises(RecordingError, match=r"'c1', 'c2'.*--delimiter ';' if 0,98 is one number; else"):
             load(tmp_path / name, "0,5\n0,25\n", column=None)
         assert load(tmp_path / name, "0,5\n0,25\n", column=None, delimiter=";") == [0.5, 0.25]
 

@@ -103,6 +103,18 @@ TimeUnit = Annotated[
         "--time-unit", help="Unit of the time stamps: s, ms, us, ns, min, h or days; inferred by default."
     ),
 ]
+SkipRows = Annotated[
+    int | None,
+    typer.Option("--skip-rows", min=0, help="Lines at the beginning of text files that are not read."),
+]
+Comment = Annotated[
+    str | None,
+    typer.Option("--comment", help="Beginning of comment lines in text files; by default #, % and //."),
+]
+DropIncomplete = Annotated[
+    bool,
+    typer.Option("--drop-incomplete", help="Leave out lines of text files without a number in each column."),
+]
 Jobs = Annotated[int, typer.Option("--jobs", help="Processes; -1 uses every core.")]
 RunOn = Annotated[
     Literal["local", "dask"],
@@ -232,6 +244,9 @@ def reads_files(
     delimiter: Delimiter = None,
     time_column: TimeColumn = None,
     time_unit: TimeUnit = None,
+    skip_rows: SkipRows = None,
+    comment: Comment = None,
+    drop_incomplete: DropIncomplete = False,
     resample: float | None = None,
 ) -> dict[str, Any]:
     """Give a command the options that say how files are read; it gets them as one mapping.
@@ -243,22 +258,18 @@ def reads_files(
     resample
         Rate in Hz to which all files are brought, band-limited.
     """
-    read = columns_read(column, delimiter, time_column, time_unit)
+    read = columns_read(column, delimiter)
+    read |= {"time_column": time_column, "time_unit": time_unit, "skip_rows": skip_rows, "comment": comment}
+    read["drop_incomplete"] = drop_incomplete or None
     return {"fs": fs, "unit": unit, "resample": resample, **read}
 
 
-def columns_read(
-    column: str | None, delimiter: str | None, time_column: str | None, time_unit: str | None
-) -> dict[str, Any]:
+def columns_read(column: str | None, delimiter: str | None) -> dict[str, Any]:
     """Return how files are read, several columns and a tab as people write them on a command line."""
-    columns = tuple(name.strip() for name in column.split(",")) if column else None
+    from texclass.loaders.columns import split_columns
+
     divided_by = "\t" if delimiter in ("tab", "\\t") else delimiter
-    return {
-        "column": columns,
-        "delimiter": divided_by,
-        "time_column": time_column,
-        "time_unit": time_unit,
-    }
+    return {"column": split_columns(column) if column else None, "delimiter": divided_by}
 
 
 def write_json(path: Path | None, text: str) -> None:

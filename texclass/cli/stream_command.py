@@ -27,6 +27,9 @@ def opens_source(
     delimiter: options.Delimiter = None,
     time_column: options.TimeColumn = None,
     time_unit: options.TimeUnit = None,
+    skip_rows: options.SkipRows = None,
+    comment: options.Comment = None,
+    drop_incomplete: options.DropIncomplete = False,
     channels: int | None = None,
     paced: bool = False,
     reliability: str | None = None,
@@ -51,7 +54,9 @@ def opens_source(
     depth
         Of ros2:/TOPIC: messages kept until they are taken; 20,000 by default.
     """
-    read = options.columns_read(column, delimiter, time_column, time_unit)
+    read = options.columns_read(column, delimiter)
+    read |= {"time_column": time_column, "time_unit": time_unit, "skip_rows": skip_rows, "comment": comment}
+    read["drop_incomplete"] = drop_incomplete or None
     of_topic = {"reliability": reliability, "depth": depth}
     stated = {"fs": fs, "unit": unit, "resample": resample, "paced": paced, "raw_channels": channels}
     return {**stated, **read, **of_topic}

@@ -91,6 +91,9 @@ def draft_card(
     time_column: str | None = None,
     time_unit: str | None = None,
     resample: float | None = None,
+    skip_rows: int | None = None,
+    comment: str | None = None,
+    drop_incomplete: bool | None = None,
 ) -> str:
     """Return the text of a dataset card for a folder.
 
@@ -102,6 +105,8 @@ def draft_card(
         Folder in which the card will be written.
     fs, unit, column, delimiter, time_column, time_unit, resample : optional
         Facts of the files, as `open_dataset` takes them.
+    skip_rows, comment, drop_incomplete : optional
+        Facts of the files, as `open_dataset` takes them.
 
     Raises
     ------
@@ -109,21 +114,28 @@ def draft_card(
         If the folder does not exist or contains no file of a known format.
     """
     root = Path(folder).expanduser()
-    check_stated(root, fs, unit, resample=resample, delimiter=delimiter, time_unit=time_unit)
+    how: dict[str, Any] = {
+        "delimiter": delimiter,
+        "time_unit": time_unit,
+        "skip_rows": skip_rows,
+        "comment": comment,
+    }
+    check_stated(root, fs, unit, resample=resample, **how)
+    how |= {"time_column": time_column, "drop_incomplete": drop_incomplete or None}
+    stated = {key: value for key, value in how.items() if value is not None}
     if not root.is_dir():
         raise RecordingError(f"{root} is not a folder. Expected a folder of recordings")
     names = [path.relative_to(root).as_posix() for path in recording_files(root)]
     if not names:
         raise RecordingError(f"{root} contains no file of a known format. Expected one file per recording")
     layout = _layout(names)
-    options = ReadOptions(delimiter, codes=unit == "counts", time_column=time_column, time_unit=time_unit)
+    options = ReadOptions(codes=unit == "counts", **stated)
     found = _signals(root, layout, options, columns_of(column), unit)
-    stated = {"delimiter": delimiter, "time_column": time_column, "time_unit": time_unit}
     lines = [
         *_layout_lines(root, Path(beside), names, layout),
         *_rate_lines(found.rates, fs, resample),
         *_unit_lines(found),
-        *(f"{key} = {_toml(value)}" for key, value in stated.items() if value is not None),
+        *(f"{key} = {_toml(value)}" for key, value in stated.items()),
         "",
         "# A recording is segmented into taps and movement. Without taps, or with taps only, set this:",
         '# phases = "movement"',
@@ -332,5 +344,7 @@ def _comment(text: str) -> str:
 
 
 def _toml(value: Any) -> str:
+    if isinstance(value, int):
+        return json.dumps(value)
     text = str(value)
     return f"'{text}'" if "'" not in text and text.isprintable() else json.dumps(text)

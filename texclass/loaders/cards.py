@@ -8,6 +8,7 @@ from annotated_types import Predicate
 from pydantic import BeforeValidator, Field, PrivateAttr, RootModel, model_validator
 
 from texclass import shipped
+from texclass.loaders.columns import COMMENT
 from texclass.loaders.dataset import GROUPS
 from texclass.recording import AUXILIARY_UNITS, Unit
 from texclass.simulate.recipe import Recipe
@@ -156,9 +157,15 @@ _UNSAID = {
     "resample_hz": None,
     "materials": {},
     "turn_rate_scale": 1.0,
+    "skip_rows": None,
+    "comment": None,
+    "drop_incomplete": False,
 }
 """What `Reading.facts` tells of a key that a format has not."""
-_LATER = ("topic", "time_column", "time_unit", "resample_hz", "materials", "turn_rate_scale")
+_LATER = (
+    *("topic", "time_column", "time_unit", "resample_hz", "materials", "turn_rate_scale"),
+    *("skip_rows", "comment", "drop_incomplete"),
+)
 """Keys that cards got later."""
 
 
@@ -208,6 +215,12 @@ class FileReading(Reading):
         Auxiliary signal -> names its file may have, with {group} in place of groups.
     delimiter
         Of text files.
+    skip_rows
+        Number of lines at the beginning of text files that are not read (default 0).
+    comment
+        Beginning of comment lines in text files (default: #, % and //).
+    drop_incomplete
+        Leave out lines of text files without a number in each column (default: they are an error).
     time_column
         Column of the time stamps, by name or number; "none" ignores all time stamps.
     time_unit
@@ -227,6 +240,11 @@ class FileReading(Reading):
     channels: dict[Role, Columns] = Field(default_factory=dict)
     companions: dict[Signal, Texts] = Field(default_factory=dict)
     delimiter: str | None = Field(default=None, pattern=r'^[^"\r\n]$', description="one character, no quote")
+    skip_rows: int | None = Field(default=None, ge=0, description="a number of lines")
+    comment: str | None = Field(
+        default=None, pattern=f"^{COMMENT}$", description="1 to 8 characters, no blank, digit or quote"
+    )
+    drop_incomplete: bool = False
     time_column: Annotated[str | None, BeforeValidator(lambda given: given and _named(given)[0])] = None
     time_unit: Literal["s", "ms", "us", "ns", "min", "h", "days"] | None = None
     resample_hz: float | None = Field(default=None, gt=0, le=MOST_LARGE, description="a rate in Hz above 0")

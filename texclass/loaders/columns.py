@@ -1,7 +1,8 @@
 """What readers of every format share: what they are asked for, what they return, what they refuse."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import shlex
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -34,13 +35,58 @@ TIME_UNITS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0, "min": 60e9, "h": 3600e
 """Nanoseconds in each unit that --time-unit and `time_unit` of a card accept."""
 _TIME_SUFFIXES = {**{unit: unit for unit in TIME_UNITS}, "µs": "us", "sec": "s", "seconds": "s"}
 """End of a column's name -> its unit."""
+COMMENT = r"""[^\s\d"']{1,8}"""
+"""Pattern of the beginning of comment lines."""
 NO_TIME_COLUMN = "none"
 """Name of a time column that means that there is none."""
+ROW_NUMBER = "index"
+"""Name of the column that numbers the rows of a table, if it has none."""
+ROW_NUMBERS = (ROW_NUMBER, "unnamed: 0", "index level 0", "#", "no", "nr", "row")
+"""Columns that number the rows, see `plain`."""
 _BRACKETED = {
     **dict.fromkeys(("m/s^2", "m/s2", "m/s²", "m/s/s", "m s-2", "ms-2"), "m/s^2"),
-    **{unit: unit for unit in ("g", "mg", "counts")},
+    **{unit.lower(): unit for unit in ("g", "mg", "counts", "V")},
 }
 """Unit as it stands in brackets behind a column's name -> unit of an acceleration."""
+_OTHER_UNITS = (
+    *(
+        "mm/s^2",
+        "mm/s2",
+        "mm/s²",
+        "cm/s^2",
+        "cm/s2",
+        "cm/s²",
+        "mv",
+        "uv",
+        "µv",
+        "n",
+        "mn",
+        "m",
+        "mm",
+        "m/s",
+        "mm/s",
+    ),
+    *(
+        "rad/s",
+        "deg/s",
+        "°/s",
+        "dps",
+        "rad",
+        "deg",
+        "°",
+        "ut",
+        "µt",
+        "°c",
+        "c",
+        "k",
+        "hz",
+        "pa",
+        "hpa",
+        "%",
+        "lsb",
+    ),
+)
+"""Units of other signals, or of other sizes."""
 _UNIT = re.compile(
     rf"[(\[]\s*({'|'.join(map(re.escape, (*_BRACKETED, *_TIME_SUFFIXES)))})\s*[)\]]", re.IGNORECASE
 )
@@ -79,7 +125,7 @@ class ReadOptions:
     Attributes
     ----------
     delimiter : str, optional
-        Of a text; by default what its first line has.
+        Of a text; by default what most of its first rows have.
     codes : bool
         Keep the integer codes of integer audio; else full scale is 1.
     topic : str, optional
@@ -93,6 +139,12 @@ class ReadOptions:
         Unit of the time stamps, of `TIME_UNITS`; by default the one in the name of the column, or inferred.
     rate_of : str
         File that states `fs`; by default user or card do.
+    skip_rows : int, optional
+        Lines at the beginning of a text that are not read (default 0).
+    comment : str, optional
+        Beginning of comment lines of a text; by default #, % or //.
+    drop_incomplete : bool
+        Leave out lines of a text without a number in each column; else they are an error.
     """
 
     delimiter: str | None = None
@@ -102,6 +154,9 @@ class ReadOptions:
     time_column: str | None = None
     time_unit: str | None = None
     rate_of: str = ""
+    skip_rows: int | None = None
+    comment: str | None = None
+    drop_incomplete: bool = False
 
 
 def without_unit(name: str) -> str:
@@ -111,7 +166,14 @@ def without_unit(name: str) -> str:
 
 def plain(name: str) -> str:
     """Return a column's name as conventions are told: "ACCELEROMETER_X (m/s^2)" is "accelerometer x"."""
-    return re.sub(r"[\s_]+", " ", without_unit(name).lower())
+    return re.sub(r"[\s_]+", " ", without_unit(name).lower()).strip()
+
+
+def plain_unit(text: str) -> str:
+    """Return a unit without brackets around it, "" if it is not known."""
+    unit = text.strip("()[] ").lower()
+    known = _BRACKETED | {name: name for name in (*_TIME_SUFFIXES, *_OTHER_UNITS)}
+    return known.get(unit, "")
 
 
 def unit_of(names: Iterable[str], path: Path) -> str | None:
@@ -140,8 +202,21 @@ def is_time(name: str) -> bool:
     return re.sub(rf" ({'|'.join(_TIME_SUFFIXES)})$", "", member) in TIMES
 
 
-def choose_acceleration(names: Sequence[str], path: Path) -> tuple[str, ...]:
+def choose_acceleration(
+    names: Sequence[str],
+    path: Path,
+    varying: Callable[[Sequence[str]], Sequence[str]] = lambda names: names,
+) -> tuple[str, ...]:
     """Return the column(s) of the acceleration by convention; ask when there is none.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of all columns.
+    path : Path
+        File, for messages.
+    varying : callable, optional
+        Returns those of some columns that can be an acceleration; the message suggests them.
 
     Raises
     ------
@@ -151,16 +226,41 @@ def choose_acceleration(names: Sequence[str], path: Path) -> tuple[str, ...]:
     for convention in CONVENTIONAL:
         if found := columns_of_kind(convention, names):
             return found
-    others = [name for name in names if not is_time(name)] or names
+    others = [name for name in names if not is_time(name) and plain(name) not in ROW_NUMBERS]
     if len(others) == 1:
         return tuple(others)
     if not others:
-        raise refused(path, "holds no column", "at least one, of numbers")
-    rule = f"to say which hold the acceleration, by name or number: --column {','.join(others[:3])} "
-    rule += "(`acceleration` under [channels] in a card)"
-    if tuple(names) == ("c1", "c2"):
-        rule += ", or --delimiter ';' where 0,98 is one number"
+        raise refused(
+            path, f"its columns are {listed(names)}", "at least one, of numbers, beside time and index"
+        )
+    is_decimal = tuple(names) == ("c1", "c2")
+    rule = "--delimiter ';' if 0,98 is one number; else " * is_decimal
+    rule += "to say which hold the acceleration, by name or number: --column"
+    if suggested := _suggested(names, varying(others)):
+        rule += f" {suggested}"
+    rule += " (`acceleration` under [channels] in a card)"
     raise refused(path, f"its columns are {listed(names)}", rule)
+
+
+def _suggested(names: Sequence[str], candidates: Sequence[str]) -> str:
+    """Return three axes, or the first three of the candidates, as --column takes them in a shell."""
+    plains = {plain(name): name for name in candidates}
+    axes = (
+        [plains.get(re.sub("x$", axis, one), "") for axis in "xyz"] for one in plains if one.endswith("x")
+    )
+    triple = next(filter(all, axes), candidates[:3])
+    typed = []
+    for name in triple:
+        by_number = str(list(names).index(name) + 1)
+        is_typed = name.isprintable() and not name.startswith("-") and split_columns(name) == (name,)
+        if is_typed or numbered((by_number,), names) == (name,):
+            typed.append(name if is_typed else by_number)
+    return shlex.quote(",".join(typed)) if typed else ""
+
+
+def split_columns(text: str) -> tuple[str, ...]:
+    """Return columns as people write them on a command line: "ax, ay, az"."""
+    return tuple(name.strip() for name in text.split(","))
 
 
 def columns_of_kind(convention: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
@@ -171,11 +271,15 @@ def columns_of_kind(convention: Sequence[str], names: Sequence[str]) -> tuple[st
 
 
 def numbered(wanted: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
-    """Return columns by name: one that is a number and no name is counted from 1."""
+    """Return columns by name, with or without a unit behind it, or by number, counted from 1."""
+    bare = [re.sub(r"\s*[(\[][^)\]]*[)\]]$", "", name) for name in names]
 
     def named(name: str) -> str:
-        is_number = name not in names and name.isdecimal() and 1 <= int(name) <= len(names)
-        return names[int(name) - 1] if is_number else name
+        if name in names:
+            return name
+        if name.isdecimal() and 1 <= int(name) <= len(names):
+            return names[int(name) - 1]
+        return names[bare.index(name)] if bare.count(name) == 1 else name
 
     return tuple(map(named, wanted))
 

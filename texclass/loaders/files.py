@@ -4,6 +4,7 @@ import importlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 
@@ -12,6 +13,7 @@ import numpy as np
 from texclass import shipped
 from texclass.loaders.columns import (
     BAG_FOLDER,
+    COMMENT,
     NO_TIME_COLUMN,
     TIME_UNITS,
     UNNAMED,
@@ -32,17 +34,20 @@ from texclass.recording import (
     UNITS,
     Recording,
     RecordingError,
+    Samples,
     read_only,
 )
 
 READERS = {
-    **dict.fromkeys((".txt", ".csv", ".tsv", ".parquet"), "tables"),
+    **dict.fromkeys((".txt", ".csv", ".tsv", ".lvm", ".parquet"), "tables"),
     **dict.fromkeys((".wav", ".flac", ".mat", ".npy", ".npz", ".h5", ".hdf5"), "arrays"),
     **dict.fromkeys((".bag", ".mcap", ".db3"), "bags"),
 }
 """Suffix of a file that can be a recording (case does not matter) -> module that reads it."""
 AXIS = re.compile(r"_(?P<axis>[XYZxyz])(?=[_.])")
 """The part of a file's name that says which axis it holds: `<name>_X.txt`, `<name>_X_train1.txt`."""
+MOST_TRIED = 12
+"""Columns that are read to find some for a suggestion."""
 BAG = "bag:"
 """Before the path of a bag whose topic is named, too: bag:FILE?topic=/name."""
 
@@ -59,6 +64,9 @@ def load_recording(
     time_unit: str | None = None,
     resample: float | None = None,
     topic: str | None = None,
+    skip_rows: int | None = None,
+    comment: str | None = None,
+    drop_incomplete: bool = False,
 ) -> Recording:
     """Load one recording from a file.
 
@@ -92,6 +100,12 @@ def load_recording(
         Rate in Hz to which the signals are brought, band-limited.
     topic : str, optional
         Of a bag; by default the only one that carries an acceleration.
+    skip_rows : int, optional
+        Number of lines at the beginning of a text that are not read (default 0).
+    comment : str, optional
+        Beginning of comment lines of a text (default: #, % and //).
+    drop_incomplete : bool
+        Leave out lines of a text without a number in each column (default: they are an error).
 
     Returns
     -------
@@ -104,7 +118,16 @@ def load_recording(
         If a fact is missing or contradicted, or the file is not what it should be.
     """
     path, asked = located(path)
-    check_stated(path, fs, unit, resample=resample, delimiter=delimiter, time_unit=time_unit)
+    check_stated(
+        path,
+        fs,
+        unit,
+        resample=resample,
+        delimiter=delimiter,
+        time_unit=time_unit,
+        skip_rows=skip_rows,
+        comment=comment,
+    )
     options = ReadOptions(
         delimiter,
         codes=unit == "counts",
@@ -112,6 +135,9 @@ def load_recording(
         fs=fs,
         time_column=time_column,
         time_unit=time_unit,
+        skip_rows=skip_rows,
+        comment=comment,
+        drop_incomplete=drop_incomplete,
     )
     roles = {name: columns_of(names) for name, names in {UNNAMED: column, **(auxiliary or {})}.items()}
     axes = axis_files(path)
@@ -218,13 +244,16 @@ def check_stated(
     resample: float | None = None,
     delimiter: str | None = None,
     time_unit: str | None = None,
+    skip_rows: int | None = None,
+    comment: str | None = None,
 ) -> None:
     """Check what a user states of files, before any is read.
 
     Raises
     ------
     RecordingError
-        If a unit is unknown, a rate not above 0, or the delimiter not one character.
+        If a unit is unknown, a rate not above 0, the delimiter not one character, a number of lines
+        negative, or the beginning of comments blank.
     """
     if unit not in (None, *UNITS):
         raise refused(where, f"unit is {unit!r}", UNIT_RULE)
@@ -237,6 +266,10 @@ def check_stated(
         raise refused(where, f"delimiter is {delimiter!r}", "one character, no quote")
     if time_unit not in (None, *TIME_UNITS):
         raise refused(where, f"time unit is {time_unit!r}", f"one of {', '.join(TIME_UNITS)}")
+    if skip_rows is not None and skip_rows < 0:
+        raise refused(where, f"skip_rows is {skip_rows}", "a number of lines, at least 0")
+    if comment is not None and not re.fullmatch(COMMENT, comment):
+        raise refused(where, f"comment is {comment!r}", "1 to 8 characters, no blank, digit or quote")
 
 
 def recording_name(path: Path, axes: Mapping[str, Path]) -> str:
@@ -288,7 +321,9 @@ def read_signals(
     for axis, path in axes.items():
         is_known = is_bag(path) and roles.get(UNNAMED)
         present = () if is_known else column_names(path, options)
-        chosen = numbered(roles.get(UNNAMED, ()), present) or choose_acceleration(present, path)
+        chosen = numbered(roles.get(UNNAMED, ()), present) or choose_acceleration(
+            present, path, partial(_varying, path, options)
+        )
         if steering := next((name for name in chosen if not name.isprintable()), None):
             raise refused(path, f"the column {steering!r} holds a control character", "printable names")
         beside = {field: numbered(names, present) for field, names in roles.items() if field != UNNAMED}
@@ -321,6 +356,22 @@ def read_signals(
     acceleration = read_only(np.column_stack([part.named[UNNAMED][:n] for part in parts.values()]))
     named = {**first.named, UNNAMED: acceleration}
     return ReadSignals(named, first.fs, channels=tuple(parts), unit=parts[axis].unit)
+
+
+def _varying(path: Path, options: ReadOptions, names: Sequence[str]) -> list[str]:
+    """Return the columns of varying numbers that neither rise nor fall throughout, as long as the first."""
+    found: dict[str, Samples] = {}
+    for name in names[:MOST_TRIED]:
+        try:
+            array = _reader(path).read(path, (name,), options).named[name]
+            samples = as_samples(array, name, path)
+        except RecordingError:
+            continue
+        steps = np.diff(samples, axis=0)
+        if not ((steps >= 0).all() or (steps <= 0).all()):
+            found[name] = samples
+    most = max(map(len, found.values()), default=0)
+    return [name for name, samples in found.items() if len(samples) == most]
 
 
 def _read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:

@@ -70,6 +70,9 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
         rate_of=reading._rate_of,
         time_column=reading.time_column,
         time_unit=reading.time_unit,
+        skip_rows=reading.skip_rows,
+        comment=reading.comment,
+        drop_incomplete=reading.drop_incomplete,
     )
     signals = read_signals(axes, reading.channels, options, trim=reading.trim)
     named = dict(signals.named)

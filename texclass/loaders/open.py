@@ -38,6 +38,9 @@ def open_dataset(
     time_column: str | None = None,
     time_unit: str | None = None,
     resample: float | None = None,
+    skip_rows: int | None = None,
+    comment: str | None = None,
+    drop_incomplete: bool | None = None,
     skip_bad: bool = False,
 ) -> Dataset:
     """Return a lazy dataset; no recording is read before it is asked for.
@@ -53,7 +56,7 @@ def open_dataset(
     unit : str, optional
         Unit of the acceleration, for a folder; not needed where messages of bags or names of columns state
         it. What a card says must agree.
-    column, delimiter, time_column, time_unit : optional
+    column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete : optional
         Of the files of a folder, as `load_recording` takes them; a card says these itself.
     resample : float, optional
         Rate in Hz to which recordings of files are brought, band-limited; then each file may state its own.
@@ -75,11 +78,17 @@ def open_dataset(
         If a fact is missing or contradicted, or the folder holds no recording.
     """
     path = Path(name_or_path).expanduser()
-    check_stated(path, fs, unit, resample=resample, delimiter=delimiter, time_unit=time_unit)
-    how: dict[str, Any] = {"delimiter": delimiter, "time_column": time_column, "time_unit": time_unit}
-    how["resample_hz"] = resample
+    how: dict[str, Any] = {
+        "delimiter": delimiter,
+        "time_unit": time_unit,
+        "skip_rows": skip_rows,
+        "comment": comment,
+    }
+    check_stated(path, fs, unit, resample=resample, **how)
+    how |= {"time_column": time_column, "drop_incomplete": drop_incomplete or None, "resample_hz": resample}
     if str(name_or_path) not in shipped.names("datasets") and path.is_dir():
         acceleration = columns_of(column)
+        how = {name: value for name, value in how.items() if value is not None}
         how["channels"] = {UNNAMED: acceleration} if acceleration else {}
         try:
             return _open_folder(path, fs, unit, how, skip_bad=skip_bad)
@@ -121,10 +130,10 @@ def open_dataset(
 def find_recording(
     name: str | Path, *, fs: float | None = None, unit: str | None = None, **reading: Any
 ) -> Recording:
-    """Return one recording: a file, "bag:FILE?topic=/name", or "DATASET:RECORDING" for one of a dataset.
+    """Return one recording: of a file, "bag:FILE?topic=/name", or of a dataset, "DATASET:RECORDING".
 
     `reading` is what else `load_recording` and `open_dataset` take: column, delimiter, time_column,
-    time_unit, resample.
+    time_unit, resample, skip_rows, comment, drop_incomplete.
 
     Raises
     ------
@@ -157,7 +166,8 @@ def _open_folder(
     rate_of = ""
     notes = doubtful_levels([path.relative_to(root).parts for path in files])
     if fs is None or unit is None:
-        options = ReadOptions(how["delimiter"], codes=unit == "counts", time_column=how["time_column"])
+        stated = {name: value for name, value in how.items() if name not in ("channels", "resample_hz")}
+        options = ReadOptions(codes=unit == "counts", **stated)
         for path in files:  # the first one, or the first good one
             try:
                 first = read_signals({"": path}, how["channels"], options)

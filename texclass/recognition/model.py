@@ -151,7 +151,7 @@ class Model:
             Of files that do not state them; by default those of the training files.
         **reading : optional
             What else `load_recording` takes where a file is not like the training files: column, delimiter,
-            time_column, time_unit, resample.
+            time_column, time_unit, resample, skip_rows, comment, drop_incomplete.
 
         Returns
         -------

@@ -27,7 +27,7 @@ BLOCK_S = 0.025
 """Seconds of a block, by default."""
 LONGEST_LINE = 1 << 16
 MOST_CHANNELS = 1024
-OF_FILES = ("column", "delimiter", "time_column", "time_unit")
+OF_FILES = ("column", "delimiter", "time_column", "time_unit", "skip_rows", "comment", "drop_incomplete")
 FIRST_LINES, MOST_GARBLED = 3, 100
 """So many first lines of numbers tell how many a line holds; after so many lines without, there are none."""
 STDIN = "standard input"
@@ -77,9 +77,9 @@ def open_source(
         Whose columns are wanted: with turn rate or friction beside the acceleration if it needs them. Files
         and bags are then read and conditioned as those it was trained on; what `is_live` is as it comes.
     **reading : optional
-        Of files, what else `load_recording` takes: column, delimiter, time_column, time_unit; of standard
-        input, column (by number) and delimiter. Of a ROS 2 topic, what else `topic_blocks` takes: domain,
-        reliability, depth, wait_s, end_s.
+        Of files, what else `load_recording` takes: column, delimiter, time_column, time_unit, skip_rows,
+        comment, drop_incomplete; of standard input, column (by number) and delimiter. Of a ROS 2 topic, what
+        else `topic_blocks` takes: domain, reliability, depth, wait_s, end_s.
 
     Returns
     -------
@@ -123,9 +123,9 @@ def _check_options(source: str | Recording, reading: Mapping[str, Any], raw_chan
     if wrong := [name for name in reading if (name in OF_FILES) == is_topic]:
         rule = "a file" if is_topic else "a source ros2:/TOPIC"
         raise ValueError(f"{', '.join(wrong)} given with {source}; the rule is {rule}")
-    has_times = not {"time_column", "time_unit"}.isdisjoint(reading)
-    if source == "-" and (has_times or (raw_channels is not None and "delimiter" in reading)):
-        rule = "a rate (--fs) in place of a time column, and a delimiter of text alone"
+    of_files = not {*OF_FILES}.difference(("column", "delimiter")).isdisjoint(reading)
+    if source == "-" and (of_files or (raw_channels is not None and "delimiter" in reading)):
+        rule = "a rate (--fs) in place of a time column, and --column and --delimiter (of text) alone"
         raise ValueError(f"{', '.join(reading)} given with {STDIN}; the rule is {rule}")
     if raw_channels is not None and source != "-":
         raise ValueError(f"{raw_channels} channels given with {source}; the rule is standard input, -")

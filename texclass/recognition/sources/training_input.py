@@ -116,7 +116,7 @@ class TrainingFiles(Written):
         Sampling rate in Hz of files that do not state theirs.
     unit
         Of the acceleration in the files.
-    scale, phases, remove_resting_level, delimiter
+    scale, phases, remove_resting_level, delimiter, skip_rows, comment, drop_incomplete
         As in a dataset card. The scale belongs to the unit: a file in another one is not scaled.
     turn_rate_scale
         As in a dataset card; what a message of ROS states as a turn rate is in rad/s.
@@ -138,6 +138,9 @@ class TrainingFiles(Written):
     phases: DeclaredPhases = "detect"
     remove_resting_level: bool = False
     delimiter: str | None = None
+    skip_rows: int | None = None
+    comment: str | None = None
+    drop_incomplete: bool = False
     turn_rate_scale: float = 1.0
     acceleration: tuple[str, ...] = ()
     auxiliary: Mapping[str, tuple[str, ...]] = {}
@@ -170,7 +173,8 @@ class TrainingFiles(Written):
     ) -> Recording:
         """Return a file or bag, read as the training files were, or "DATASET:RECORDING" as its card has it.
 
-        `reading` is what else `load_recording` takes: column, delimiter, time_column, time_unit, resample.
+        `reading` is what else `load_recording` takes: column, delimiter, time_column, time_unit, resample,
+        skip_rows, comment, drop_incomplete.
 
         Raises
         ------
@@ -269,7 +273,15 @@ class TrainingFiles(Written):
         path, asked = files.located(name) if _is_bag(name) else (Path(name).expanduser(), None)
         if not asked and self.topic is not None and files.is_bag(path) and self.topic in files.topics(path):
             asked = self.topic
-        files.check_stated(path, fs, unit, resample=resample, delimiter=self.delimiter)
+        files.check_stated(
+            path,
+            fs,
+            unit,
+            resample=resample,
+            delimiter=self.delimiter,
+            skip_rows=self.skip_rows,
+            comment=self.comment,
+        )
         codes = (unit or self.unit) == "counts"
         options = ReadOptions(
             self.delimiter,
@@ -278,6 +290,9 @@ class TrainingFiles(Written):
             fs=fs,
             time_column=self.time_column,
             time_unit=self.time_unit,
+            skip_rows=self.skip_rows,
+            comment=self.comment,
+            drop_incomplete=self.drop_incomplete,
         )
         axes = files.axis_files(path)
         first = next(iter(axes.values()))

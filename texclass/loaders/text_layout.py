@@ -1,0 +1,369 @@
+"""Find the layout of a text table: encoding, delimiter, comments, first row, names and units of columns.
+
+A row has numbers in the columns in which the last lines of the beginning have numbers. The last fitting line
+above the first row names the columns; a line of units may be between them.
+"""
+
+import codecs
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+from texclass.loaders.columns import ROW_NUMBER, UNNAMED, ReadOptions, plain_unit, refused
+from texclass.loaders.dates import is_date
+from texclass.recording import RecordingError
+
+DELIMITERS = "\t;|"
+"""Marks that only divide columns; a comma may also be a decimal point, a blank may be part of a text."""
+COMMENTS = ("#", "%", "//")
+"""Beginnings of comment lines, unless the user names one."""
+LONGEST_LINE = 1 << 20
+"""Characters of the longest line: names of 10,000 columns take a tenth."""
+MOST_COLUMNS = 10_000
+MOST_LINES, MOST_CHARACTERS = 200, 1 << 18
+"""Lines from which the layout is found: at most so many, and no more after so many characters."""
+N_REFERENCE = 3
+"""Last lines with numbers that are taken as rows."""
+MOST_CELL_LINES = 3
+"""Lines that a quoted name may have."""
+MOST_ABOVE = 3
+"""Lines above the first row among which the names of the columns are."""
+MISSING = ("", "na", "n/a", "null", "none", "-")
+"""Cells without a value."""
+_BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+_LABVIEW, _END_OF_HEADER = "LabVIEW Measurement", "***End_of_Header***"
+DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d(?::?\d\d){0,2}(?:\.\d+)?(Z|[+-]\d\d:?\d*)?")
+"""A date and time that pyarrow reads; its group is the zone."""
+
+
+@dataclass(frozen=True)
+class TextLayout:
+    """Layout of a text table.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the columns, without empty ones at the end of rows.
+    delimiter : str
+        One character.
+    width : int
+        Cells of a row.
+    n_above : int
+        Lines above the first row.
+    first : tuple of str
+        Cells of the first row.
+    encoding : str
+        As Python names it.
+    comments : tuple of str
+        Beginnings of lines that are comments.
+    is_plain : bool
+        Whether lines end in a line feed.
+    fs : float or None
+        Sampling rate in Hz that the lines above the names state.
+    flags : tuple of str
+        What was assumed.
+    """
+
+    names: tuple[str, ...]
+    delimiter: str
+    width: int
+    n_above: int = 0
+    first: tuple[str, ...] = ()
+    encoding: str = "utf-8-sig"
+    comments: tuple[str, ...] = ()
+    is_plain: bool = True
+    fs: float | None = None
+    flags: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Cells of a line (or of a few, if one is quoted): after `n_above` lines, up to line `last`."""
+
+    n_above: int
+    last: int
+    cells: tuple[str, ...]
+    is_comment: bool
+
+    @property
+    def n_named(self) -> int:
+        """Number of cells without empty ones at the end."""
+        return max((i for i, cell in enumerate(self.cells, 1) if cell), default=0)
+
+    @property
+    def has_number(self) -> bool:
+        return any(map(is_number, self.cells))
+
+
+def find_layout(path: Path, options: ReadOptions) -> TextLayout:
+    """Return the layout of a text table.
+
+    Raises
+    ------
+    RecordingError
+        If it is no text, a line is too long, or no row of numbers is found.
+    """
+    encoding, lines, is_whole = _head(path, options.skip_rows or 0)
+    n_skipped = options.skip_rows or 0
+    delimiter, n_above = options.delimiter, 0
+    if lines and (stated := re.fullmatch(r'"?sep=(.)"?\s*', lines[0])):
+        delimiter, n_above = delimiter or stated[1], 1
+    labview: dict[str, list[str]] = {}
+    if lines and lines[0].startswith(_LABVIEW):
+        n_above = 1 + max((i for i, line in enumerate(lines) if line.startswith(_END_OF_HEADER)), default=0)
+        for words in (line.strip().split("\t") for line in lines[:n_above]):
+            labview[words[0]] = words[1:]
+    comments: tuple[str, ...] = (options.comment,) if options.comment else COMMENTS
+    below = [line for line in lines[n_above:] if line.strip()]
+    if not options.comment and not any(
+        any(map(str.isdigit, line)) for line in below if not _begins(line, comments)
+    ):
+        comments = ()  # "#1;0.5": the names of the rows begin so
+    delimiter = delimiter or _delimiter(
+        [line.strip() for line in below if not _begins(line, comments)], is_txt=path.suffix.lower() == ".txt"
+    )
+    rows = list(_rows(lines, n_above, delimiter or ",", comments))
+    if widest := max((len(row.cells) for row in rows if len(row.cells) > MOST_COLUMNS), default=0):
+        raise refused(path, f"its first lines have {widest} columns", f"at most {MOST_COLUMNS}")
+    layout = _named(rows, path, labview, is_whole=is_whole)
+    flags = ("encoding: not UTF-8, read as Windows-1252",) if encoding == "cp1252" else ()
+    return replace(
+        layout,
+        delimiter=delimiter or ",",
+        n_above=n_skipped + layout.n_above,
+        encoding=encoding,
+        comments=comments,
+        is_plain=not any(line.endswith("\r") for line in lines),
+        flags=(*flags, *layout.flags),
+    )
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a decimal point or comma, or a date."""
+    try:
+        float(cell.replace("_", "x").replace(",", "."))
+    except ValueError:
+        return bool(DATE.fullmatch(cell)) or is_date(cell)
+    return True
+
+
+def split_cells(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line, without blanks around them."""
+    if delimiter == " ":
+        line = line.replace("\t", " ").strip()
+    try:
+        cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=delimiter == " "), [])
+    except csv.Error:
+        cells = line.split(delimiter)
+    return [cell.strip() for cell in cells]
+
+
+def _head(path: Path, n_skipped: int) -> tuple[str, list[str], bool]:
+    """Return the encoding of a text, its first lines after skipped ones, and whether these are all."""
+    with path.open("rb") as file:
+        begin = file.read(4)
+    encoding = next((name for mark, name in _BOMS.items() if begin.startswith(mark)), "utf-8-sig")
+    for codec in dict.fromkeys((encoding, "cp1252")):
+        lines, n_characters = list[str](), 0
+        try:
+            with path.open(encoding=codec, newline="") as file:
+                for _ in islice(iter(lambda: file.readline(LONGEST_LINE), ""), n_skipped):
+                    pass
+                while line := file.readline(LONGEST_LINE):
+                    if len(line) == LONGEST_LINE:
+                        raise refused(
+                            path, "its first line is too long", f"at most {LONGEST_LINE} characters"
+                        )
+                    lines.append(line)
+                    n_characters += len(line)
+                    if len(lines) == MOST_LINES or (
+                        n_characters > MOST_CHARACTERS and len(lines) > 2 * N_REFERENCE
+                    ):
+                        return codec, lines, False
+        except UnicodeError as error:
+            problem = error
+            continue
+        if codec == "cp1252" and any("\0" in line for line in lines):
+            break
+        return codec, lines, True
+    raise RecordingError(
+        f"{path}: is not text ({problem}). Expected UTF-8, or UTF-16 with a byte order mark"
+    ) from problem
+
+
+def _begins(line: str, marks: Sequence[str]) -> bool:
+    return line.lstrip().startswith(tuple(marks))
+
+
+def _delimiter(lines: Sequence[str], *, is_txt: bool) -> str:
+    """Return what divides most of the last lines with digits; "" if nothing does."""
+    last = ([line for line in lines if any(map(str.isdigit, line))] or list(lines))[-5:]
+    for mark in DELIMITERS:
+        if 2 * sum(mark in line for line in last) > len(last):
+            return mark
+    words = [line.split() for line in last]
+    aligned = [len(row) > 1 and all(is_number(word) and word[-1] != "," for word in row) for row in words]
+    if 2 * sum(aligned) > len(last):
+        return " "
+    if 2 * sum("," in line for line in last) > len(last):
+        return ","
+    return " " if is_txt and 2 * sum(len(row) > 1 for row in words) > len(last) else ""
+
+
+def _rows(lines: Sequence[str], begin: int, delimiter: str, comments: tuple[str, ...]) -> Iterator[_Row]:
+    """Yield the lines that are not blank as rows; comments without their mark."""
+    last = begin
+    while last < len(lines):
+        first, last = last, last + 1
+        if not (line := lines[first]).strip():
+            continue
+        if is_comment := _begins(line, comments):
+            line = re.sub(rf"^\s*(?:{'|'.join(map(re.escape, comments))})+[ ]*", "", line)
+        elif line.count('"') % 2:
+            for end in range(first + 2, first + 1 + MOST_CELL_LINES):
+                if "".join(lines[first:end]).count('"') % 2 == 0:
+                    line, last = " ".join(part.rstrip("\r\n") for part in lines[first:end]), end
+                    break
+        yield _Row(first, last, tuple(split_cells(line.rstrip("\r\n"), delimiter)), is_comment)
+
+
+def _named(rows: list[_Row], path: Path, labview: dict[str, list[str]], *, is_whole: bool) -> TextLayout:
+    """Return a layout with names, units and the first row."""
+    lines = [row for row in rows if not row.is_comment]
+    reference = [row for row in lines if row.has_number][-N_REFERENCE:]
+    if not reference:
+        if not is_whole:
+            raise refused(
+                path,
+                f"no numbers are in the first {len(rows)} lines",
+                "rows of numbers: --skip-rows N skips N lines above them (`skip_rows` in a card)",
+            )
+        cells = lines[0].cells if lines else ()
+        return TextLayout(_unique(cells), ",", len(cells), lines[0].last if lines else 0)
+    times = Counter(len(row.cells) for row in reference)
+    width = max(times, key=lambda n: (times[n], n))
+    reference = [row for row in reference if len(row.cells) == width]
+    numeric = [i for i in range(width) if _is_numeric([row.cells[i] for row in reference])]
+    at = next(k for k, row in enumerate(lines) if _fits(row, width, numeric))
+    body = [row for row in lines[at:] if len(row.cells) == width]
+    above = rows[: rows.index(lines[at])]
+    flags = list[str]()
+    if _is_counted(body, is_txt=path.suffix.lower() == ".txt"):
+        flags.append(
+            f"names: the line {','.join(body[0].cells)!r:.40} is taken as names of columns, not as a row"
+        )
+        above, body = [*above, body[0]], body[1:]
+    n_filled = max(row.n_named for row in body)
+    units: Sequence[str] = ()
+    if len(above) > 1 and _are_units(above[-1]) and above[-1].n_named <= above[-2].n_named:
+        units, above = above[-1].cells, above[:-1]
+    header = _header(above, body, width, n_filled, is_labview=bool(labview))
+    n_left_out = len(above) - (header is not None)
+    if n_left_out:
+        flags.append(
+            f"header: {n_left_out} of the lines above the rows are left out, {above[0].cells[0]!r:.40} first"
+        )
+    names = list(header.cells[: header.n_named] if header else ())
+    fs = None
+    if labview:
+        names, units, fs = _of_labview(names, labview)
+    if header is not None and len(names) == n_filled - 1 and _counts(body):
+        names, units = [ROW_NUMBER, *names], ["", *units]
+    names += [""] * (n_filled - len(names))
+    names = names[:width]
+    if header is None:
+        names = [f"c{i}" for i in range(1, len(names) + 1)] if len(names) > 1 else [UNNAMED]
+    elif not names[0] and _counts(body):
+        names[0] = ROW_NUMBER
+    if shown := [unit for unit in map(plain_unit, units) if unit]:
+        flags.append(f"units: {', '.join(dict.fromkeys(shown))} by the lines above the rows")
+        paired = zip(names, [*map(plain_unit, units), *[""] * len(names)], strict=False)
+        names = [f"{name} [{unit}]" if unit and f"{unit}" not in name else name for name, unit in paired]
+    return TextLayout(_unique(names), ",", width, body[0].n_above, body[0].cells, fs=fs, flags=tuple(flags))
+
+
+def _is_numeric(cells: Sequence[str]) -> bool:
+    n_numbers = sum(map(is_number, cells))
+    n_texts = sum(not is_number(cell) and cell.lower() not in MISSING for cell in cells)
+    return n_numbers > 0 and n_numbers >= n_texts
+
+
+def _fits(row: _Row, width: int, numeric: Sequence[int]) -> bool:
+    """Whether a line is a row: numbers, or nothing, in the columns of numbers."""
+    if len(row.cells) != width:
+        return False
+    cells = [row.cells[i] for i in numeric]
+    return any(map(is_number, cells)) and all(is_number(cell) or cell.lower() in MISSING for cell in cells)
+
+
+def _is_counted(body: Sequence[_Row], *, is_txt: bool) -> bool:
+    """Whether the first row is 0, 1, 2, ..., the names that pandas gives to columns; an index has none."""
+    first, rest = list(body[0].cells), [row.cells for row in body[1:]]
+    numbers = [cell for cell in first[1:] if cell] if not first[0] else [cell for cell in first if cell]
+    if not rest or not numbers or numbers != [str(i) for i in range(len(numbers))]:
+        return False
+    if not first[0]:
+        return all(row[0] for row in rest)
+    if any(all(re.search("[.,eE]", row[i]) for row in rest) for i in range(len(numbers))):
+        return len(numbers) > 1 or not is_txt
+    return len(numbers) > 2 and not _counts(body)
+
+
+def _counts(body: Sequence[_Row]) -> bool:
+    """Whether the first column numbers the rows."""
+    numbers = [row.cells[0] for row in body]
+    if not all(re.fullmatch(r"\d{1,9}", number) for number in numbers):
+        return False
+    return all(int(number) == int(numbers[0]) + k for k, number in enumerate(numbers))
+
+
+def _are_units(row: _Row) -> bool:
+    """Whether all cells of a line are units, at least one of them known."""
+    cells = [cell for cell in row.cells if cell]
+    return bool(cells) and all(
+        plain_unit(cell) or re.fullmatch(r"[(\[].{0,12}[)\]]|-", cell) for cell in cells
+    )
+
+
+def _header(
+    above: Sequence[_Row], body: Sequence[_Row], width: int, n_filled: int, *, is_labview: bool
+) -> _Row | None:
+    """Return the line that names the columns: the last one with a name for each, else such a comment."""
+
+    def names_all(row: _Row) -> bool:
+        if not (any(map(str.isalpha, "".join(row.cells))) or _is_counted([row, *body], is_txt=False)):
+            return False
+        if is_labview or n_filled <= row.n_named <= width:
+            return True
+        # the name of the first column is blank, or of the index and left out
+        return row.n_named == n_filled - 1 and _counts(body)
+
+    lines = [row for row in above if not row.is_comment]
+    candidates = [*lines[: -1 - MOST_ABOVE : -1]] if width > 1 else lines[-1:]
+    if width > 1:
+        candidates += [row for row in reversed(above) if row.is_comment]
+    return next(filter(names_all, candidates), None)
+
+
+def _of_labview(names: list[str], facts: dict[str, list[str]]) -> tuple[list[str], list[str], float | None]:
+    """Return the names, units and rate of a LabVIEW measurement."""
+    if names[-1:] == ["Comment"]:
+        names = names[:-1]
+    stated = iter(facts.get("Y_Unit_Label", []))
+    units = ["" if name == "X_Value" else next(stated, "") for name in names]
+    times = facts.get("X_Dimension", ["Time"])[:1] == ["Time"]
+    named = ["time" if name == "X_Value" and times else name for name in names]
+    steps = {step.replace(",", ".") for step in facts.get("Delta_X", ()) if is_number(step)}
+    step = float(steps.pop()) if facts.get("X_Columns") == ["No"] and times and len(steps) == 1 else 0.0
+    return named, units, 1 / step if step > 0 else None
+
+
+def _unique(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names of which none is blank or occurs twice: by the number of the column."""
+    filled = [name or f"c{i}" for i, name in enumerate(names, 1)]
+    times = Counter(filled)
+    return tuple(name if times[name] == 1 else f"{name}#{i}" for i, name in enumerate(filled, 1))
