@@ -99,20 +99,19 @@ def _rows(path: Path, layout: TextLayout) -> tuple[Path | bytes, int]:
     A file that pyarrow can read as it is stays on the disk.
     """
     marks = [mark.encode() for mark in layout.comments]
+    any_mark = b"|".join(map(re.escape, marks))
     if layout.encoding != "utf-16" and layout.is_plain and layout.delimiter != " ":
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             begin = 0
             for _ in range(layout.n_above):
                 begin = data.find(b"\n", begin) + 1
-            if all(data.find(b"\n" + mark, max(begin - 1, 0)) < 0 for mark in marks):
+            if not marks or not re.compile(rb"\n(?:" + any_mark + rb")").search(data, max(begin - 1, 0)):
                 return path, 0
     lines = path.read_text(layout.encoding, errors="replace").split("\n", layout.n_above)
     text = lines[-1].encode("utf-8", "replace") if len(lines) > layout.n_above else b""
     n_comments = 0
     if marks:
-        text, n_comments = re.subn(
-            rb"(?m)^[ \t]*(?:" + b"|".join(map(re.escape, marks)) + rb").*\n?", b"", text
-        )
+        text, n_comments = re.subn(rb"(?m)^[ \t]*(?:" + any_mark + rb").*\n?", b"", text)
     if layout.delimiter == " ":  # any number of blanks, as they align numbers
         text = text.replace(b"\t", b" ")
         while b"  " in text:  # a regular expression takes longer than reading the numbers
