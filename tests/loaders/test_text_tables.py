@@ -239,6 +239,31 @@ def test_a_suggested_option_works_as_typed(tmp_path, kind):
     np.testing.assert_allclose(recording.acceleration, expected)
 
 
+@pytest.mark.parametrize(
+    ("above", "column"),
+    [
+        ("Time,Channel A,Channel B\n(ms),(mV),(mV)\n\n", ("Channel A", "Channel B")),
+        ("t,x (rad/s),y (rad/s)\n", ("2", "3")),
+        ("t,x [mm/s^2],y [mm/s^2]\n", ("2", "3")),
+        ("t,x (µT),y (µT)\n", ("2", "3")),
+    ],
+)
+def test_a_unit_of_something_else_is_refused_whatever_is_given(tmp_path, above, column):
+    path = write(tmp_path, ".csv", text(timed()[:, :3], above=above))
+    with pytest.raises(RecordingError, match=r"in another unit than an acceleration.*convert its values"):
+        load(path, fs=None, column=column, unit="V", time_unit="s")
+
+
+def test_columns_are_suggested_although_a_line_is_incomplete(tmp_path):
+    path = write(tmp_path, ".txt", text(above="ready\n") + "0.1,0.\n")
+    with pytest.raises(RecordingError, match="--column c1,c2,c3"):
+        load(path)
+    with pytest.raises(RecordingError, match="--drop-incomplete"):
+        load(path, column=("c1", "c2", "c3"))
+    read = load(path, column=("c1", "c2", "c3"), drop_incomplete=True)
+    np.testing.assert_array_equal(read.acceleration, A)
+
+
 def test_each_option_of_a_message_works(tmp_path):
     path = write(tmp_path, ".csv", "ready\n" + text(FIRST) + "!pause, 1\n" + text(A[5:]))
     with pytest.raises(RecordingError, match=r"line 7 is '!pause, 1'.*--drop-incomplete.*--comment '!'"):

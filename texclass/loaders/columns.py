@@ -2,7 +2,7 @@
 
 import re
 import shlex
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -92,6 +92,13 @@ _UNIT = re.compile(
 )
 
 
+_OTHER_UNIT = re.compile(
+    rf"[(\[]\s*({'|'.join(re.escape(unit) for unit in _OTHER_UNITS if len(unit) > 1)})\s*[)\]]$",
+    re.IGNORECASE,
+)
+"""A unit of something else behind a column's name; a single letter can also be the name of an axis."""
+
+
 @dataclass(frozen=True)
 class ReadSignals:
     """Signals read from files.
@@ -176,14 +183,20 @@ def plain_unit(text: str) -> str:
     return known.get(unit, "")
 
 
-def unit_of(names: Iterable[str], path: Path) -> str | None:
+def unit_of(names: Sequence[str], path: Path) -> str | None:
     """Return the unit that stands in brackets behind the names of an acceleration's columns, if one does.
 
     Raises
     ------
     RecordingError
-        If there are two.
+        If there are two, or one is a unit of something else or of another scale.
     """
+    if other := next(filter(_OTHER_UNIT.search, names), None):
+        raise refused(
+            path,
+            f"the column {other!r} is in another unit than an acceleration",
+            f"{', '.join(dict.fromkeys(_BRACKETED.values()))}: convert its values, or rename it",
+        )
     found = {_BRACKETED.get(told[1].lower()) for name in names if (told := _UNIT.search(name))} - {None}
     if len(found) > 1:
         raise refused(path, f"its columns are in {' and '.join(sorted(map(str, found)))}", "one unit")

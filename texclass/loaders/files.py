@@ -361,9 +361,10 @@ def read_signals(
 def _varying(path: Path, options: ReadOptions, names: Sequence[str]) -> list[str]:
     """Return the columns of varying numbers that neither rise nor fall throughout, as long as the first."""
     found: dict[str, Samples] = {}
+    tolerant = replace(options, drop_incomplete=True)
     for name in names[:MOST_TRIED]:
         try:
-            array = _reader(path).read(path, (name,), options).named[name]
+            array = _reader(path).read(path, (name,), tolerant).named[name]
             samples = as_samples(array, name, path)
         except RecordingError:
             continue
