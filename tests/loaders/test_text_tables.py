@@ -115,6 +115,14 @@ TABLES = {
         {"unit": None, "fs": None},
         A,
     ),
+    "LabVIEW without times, one channel": (
+        ".lvm",
+        "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tNo\n***End_of_Header***\t\nChannels\t1\t\n"
+        "Y_Unit_Label\tm/s^2\t\nX_Dimension\tTime\t\nDelta_X\t0.010000\t\n***End_of_Header***\t\t\n"
+        "X_Value\tAcc\tComment\n" + "".join(f"\t{x:.3f}\n" for x in A[:, 0]),
+        {"unit": None, "fs": None},
+        A[:, 0],
+    ),
     "LabVIEW as text": (
         ".txt",
         text(timed(), "\t", above=LVM.format(x="One", step=0.01, decimal=".")),
@@ -290,5 +298,9 @@ def test_what_was_assumed_is_reported(tmp_path):
     ):
         suffix, content, options, _ = TABLES[kind]
         assert flag in load(write(tmp_path, suffix, content), **options).flags
+    counts = write(tmp_path, ".csv", text(100 * A[:, :2], above="0,1\n", number="{:.0f}"))
+    recording = load(counts, column=("1", "2"))
+    assert "names: the first line '0,1' is taken as a row; --skip-rows 1 leaves it out" in recording.flags
+    assert len(load(counts, column=("1", "2"), skip_rows=1).acceleration) == N
     path = write(tmp_path, ".csv", "x,y,z\n" + text(FIRST) + "1,2\n1,,2\n" + text(A[5:]))
     assert load(path, drop_incomplete=True).flags == ("incomplete: 2 lines without all numbers left out",)

@@ -117,6 +117,8 @@ def find_layout(path: Path, options: ReadOptions) -> TextLayout:
         n_above = 1 + max((i for i, line in enumerate(lines) if line.startswith(_END_OF_HEADER)), default=0)
         for words in (line.strip().split("\t") for line in lines[:n_above]):
             labview[words[0]] = words[1:]
+        mark = {"Tab": "\t", "Comma": ","}.get("".join(labview.get("Separator", [])))
+        delimiter = delimiter or mark or "\t"
     comments: tuple[str, ...] = (options.comment,) if options.comment else COMMENTS
     below = [line for line in lines[n_above:] if line.strip()]
     if not options.comment and not any(
@@ -257,6 +259,8 @@ def _named(rows: list[_Row], path: Path, labview: dict[str, list[str]], *, is_wh
             f"names: the line {','.join(body[0].cells)!r:.40} is taken as names of columns, not as a row"
         )
         above, body = [*above, body[0]], body[1:]
+    elif body[0].n_above == 0 and body[0].cells == ("0", "1"):
+        flags.append("names: the first line '0,1' is taken as a row; --skip-rows 1 leaves it out")
     n_filled = max(row.n_named for row in body)
     units: Sequence[str] = ()
     if len(above) > 1 and _are_units(above[-1]) and above[-1].n_named <= above[-2].n_named:
