@@ -272,6 +272,14 @@ def test_columns_are_suggested_although_a_line_is_incomplete(tmp_path):
     np.testing.assert_array_equal(read.acceleration, A)
 
 
+def test_a_garbled_line_that_is_not_utf_8_can_be_left_out(tmp_path):
+    rows = text(A, above="x,y,z\n").encode()
+    path = write(tmp_path, ".csv", rows[:-1] + b"\n0.1,\xff\xfe\n")
+    read = load(path, drop_incomplete=True)
+    np.testing.assert_array_equal(read.acceleration, A)
+    assert "incomplete: 1 line without all numbers left out" in read.flags
+
+
 def test_each_option_of_a_message_works(tmp_path):
     path = write(tmp_path, ".csv", "ready\n" + text(FIRST) + "!pause, 1\n" + text(A[5:]))
     with pytest.raises(RecordingError, match=r"line 7 is '!pause, 1'.*--drop-incomplete.*--comment '!'"):

@@ -68,7 +68,7 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     types = {name: pa.timestamp("ns", "UTC" if date[1] else None) for name, date in dates.items() if date}
     others = {name for name, cell in first.items() if name not in types and is_date(cell)}
     types = {name: types.get(name, pa.string() if name in others else pa.float64()) for name in wanted}
-    rows, n_comments = _rows(path, layout)
+    rows, n_comments = _rows(path, layout, is_whole=options.drop_incomplete)
     flags = [*layout.flags, f"comments: {counted(n_comments, 'line')} between the rows left out"][
         : None if n_comments else -1
     ]
@@ -93,14 +93,15 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     raise _bad_line(path, layout, wanted, str(problem)) from problem
 
 
-def _rows(path: Path, layout: TextLayout) -> tuple[Path | bytes, int]:
+def _rows(path: Path, layout: TextLayout, *, is_whole: bool) -> tuple[Path | bytes, int]:
     """Return a text as pyarrow reads it, and how many comments between the rows were left out.
 
-    A file that pyarrow can read as it is stays on the disk.
+    A file that pyarrow can read as it is stays on the disk, unless `is_whole`: pyarrow cannot leave out a
+    line that is not UTF-8.
     """
     marks = [mark.encode() for mark in layout.comments]
     any_mark = b"|".join(map(re.escape, marks))
-    if layout.encoding != "utf-16" and layout.is_plain and layout.delimiter != " ":
+    if not is_whole and layout.encoding != "utf-16" and layout.is_plain and layout.delimiter != " ":
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             begin = 0
             for _ in range(layout.n_above):
