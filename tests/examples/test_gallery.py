@@ -20,7 +20,6 @@ SLOW = {
     "own_feature",
     "samples_to_answer",
     "scene",
-    "small_computer",
     "speed_against_accuracy",
     "train_and_ask",
     "unknown_surfaces",

@@ -24,7 +24,6 @@ from texclass.experiment.allowed_estimators import (
     ESTIMATORS,
     MOST_INTEGER,
     REFUSED_PARAMETERS,
-    path_of,
     resolve,
 )
 from texclass.experiment.folds import fit
@@ -212,5 +211,6 @@ def test_whole_numbers_up_to_the_limit_are_allowed(tmp_path):
 
 
 def test_a_fitted_network_is_named_again_by_its_own_parameters():
-    made = Use(use="sklearn.neural_network.MLPClassifier", hidden_layer_sizes=(64, 32)).make()
-    assert Use(use=path_of(type(made)), hidden_layer_sizes=made.hidden_layer_sizes).make().hidden_layer_sizes
+    network = "sklearn.neural_network.MLPClassifier"
+    made = Use(use=network, hidden_layer_sizes=(64, 32)).make()
+    assert Use(use=network, hidden_layer_sizes=made.hidden_layer_sizes).make().hidden_layer_sizes == (64, 32)

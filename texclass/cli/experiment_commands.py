@@ -1,7 +1,5 @@
 """What a researcher asks for: benchmark, extract, tradeoff, stability, report."""
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,7 +11,6 @@ from texclass.cli.options import progress_bar, tell_and_save, wrote
 from texclass.whole_files import path_ending
 
 if TYPE_CHECKING:
-    from texclass.experiment.result import Result
     from texclass.peers import PeerSettings
 
 
@@ -212,9 +209,6 @@ def tradeoff(
     max_features: options.MaxFeatures = None,
     materials: str | None = None,
     curves: bool = True,
-    whom: Literal["embedded"] | None = None,
-    max_bytes: float | None = None,
-    max_ops: float | None = None,
     jobs: options.Jobs = -1,
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
@@ -234,56 +228,29 @@ def tradeoff(
         Materials of a scene, separated by commas: the fewest columns for these.
     curves
         Also accuracy against touch, training, rate, bits and model order.
-    whom : --for
-        For a small computer: bytes, operations, rate, window and word length.
-    max_bytes
-        With --for embedded: for samples, constants and what is computed of them.
-    max_ops
-        With --for embedded: operations a second of signal.
     output : -o, --output
         Folder for the report (Markdown, JSON, PNG) and the pipeline (skops).
     """
-    small = {"--max-bytes": max_bytes, "--max-ops": max_ops}
-    large = {"--max-ms": max_ms, "--max-features": max_features, "--materials": materials}
-    for name, given in (small if whom is None else large).items():
-        if given is not None:
-            rule = f"with --for embedded: {', '.join(small)}; without: {', '.join(large)}"
-            raise ValueError(f"{name} is {given}; the rule is {rule}")
+    from texclass.experiment import running_on
+    from texclass.features import load_feature_set
     from texclass.loaders import open_dataset
+    from texclass.tradeoff import Limits, trade_off
+    from texclass.tradeoff.trading import tradeoff_stem
 
     recordings = open_dataset(dataset, **reading, skip_bad=True)
-    from texclass.experiment import running_on
-
-    if whom is not None:
-        from texclass.recognition import SmallLimits, embedded_tradeoff
-
-        study: Callable[..., Result] = partial(
-            embedded_tradeoff,
-            recordings,
-            features,
-            SmallLimits(max_bytes, max_ops),
-            protocol=protocol,
-            max_seconds=max_seconds,
-            model_file=output / f"{recordings.name}-embedded.skops",
-        )
-    else:
-        from texclass.features import load_feature_set
-        from texclass.tradeoff import Limits, trade_off
-        from texclass.tradeoff.trading import tradeoff_stem
-
-        scene = tuple(name.strip() for name in (materials or "").split(",") if name.strip())
-        facts = {"name": recordings.name, "materials": scene, "max_seconds": max_seconds}
-        study = partial(
-            trade_off,
+    scene = tuple(name.strip() for name in (materials or "").split(",") if name.strip())
+    stem = tradeoff_stem({"name": recordings.name, "materials": scene, "max_seconds": max_seconds})
+    with running_on(backend, scheduler), progress_bar() as progress:
+        result = trade_off(
             recordings,
             load_feature_set(features),
             Limits(max_ms, max_seconds, max_features, scene),
             protocol=protocol or "recording",
             with_curves=curves,
-            model_file=output / f"{tradeoff_stem(facts)}.skops",
+            model_file=output / f"{stem}.skops",
+            n_jobs=jobs,
+            progress=progress,
         )
-    with running_on(backend, scheduler), progress_bar() as progress:
-        result = study(n_jobs=jobs, progress=progress)
     tell_and_save(result, output, json_file, Path(result.data["chosen"]["file"]))
 
 

@@ -89,16 +89,6 @@ MOST_LISTED, MOST_LETTERS = 1000, 200
 """Members of a list, and letters of a text."""
 
 
-def path_of(kind: type) -> str:
-    """Return the path by which a file names an allowed class, which may be defined in a private module."""
-    package = kind.__module__.partition(".")[0]
-    return next(
-        path
-        for path in sorted(ESTIMATORS)
-        if path.startswith(f"{package}.") and path.endswith(f".{kind.__name__}")
-    )
-
-
 def resolve(path: str) -> "type[BaseEstimator]":
     """Return an estimator class of the allow-list by its dotted path.
 

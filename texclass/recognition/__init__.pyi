@@ -6,9 +6,6 @@ from .answers import Evidence as Evidence
 from .answers import Prediction as Prediction
 from .answers import joined as joined
 from .conformal import Conformity as Conformity
-from .embedded import Embedded as Embedded
-from .embedded import SmallLimits as SmallLimits
-from .embedded import embedded_tradeoff as embedded_tradeoff
 from .exploration import Advice as Advice
 from .exploration import AskingSession as AskingSession
 from .exploration import Exploration as Exploration

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from types import GenericAlias
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import ConfigDict, Field, create_model, model_validator
 
@@ -19,7 +19,6 @@ from texclass.experiment.result import COMPUTED_BY
 from texclass.features.sets import load_feature_set
 from texclass.peers.peers_document import peers_document
 from texclass.provenance import code_hash
-from texclass.recognition.embedded_document import embedded_document
 from texclass.reporting.invariance_document import invariance_document
 from texclass.stability.battery import stability_document
 from texclass.stability.rules import Mark
@@ -203,22 +202,6 @@ TRADEOFF = part(
     ),
     notes=some(str),
 )  # fmt: skip
-OF_BYTES = part(
-    fs_hz=ABOVE_0, window_s=ABOVE_0, n_columns=COUNT, accuracy=INTERVAL, bytes=COUNT, ops_per_s=NUMBER
-)
-SMALL = part(
-    OF_BYTES,
-    sample_bits=COUNT, bits=COUNT, classifier=Literal["lda", "network"],
-    window_bytes=COUNT, constant_bytes=COUNT, intermediate_bytes=COUNT,
-)  # fmt: skip
-EMBEDDED = part(
-    MEASURED,
-    clusters=(str, ""), n_clusters=maybe(COUNT), features=str, features_hash=(str, ""),
-    without_graph=listed(str), why=str, max_bytes=maybe(ABOVE_0), max_ops=maybe(ABOVE_0),
-    points=listed(SMALL, least=1), front=listed(SMALL, least=1), knee=SMALL, full=OF_BYTES,
-    chosen=part(SMALL, why=str, columns=listed(str), file=(str, "")),
-    notes=some(str),
-)  # fmt: skip
 COST = part(
     feature_ms=NUMBER, fit_s=NUMBER, predict_ms=NUMBER, total_s=NUMBER, memory_mb=NUMBER, first_s=NUMBER
 )
@@ -269,7 +252,6 @@ KINDS = {
     "feature": Kind(frozenset({"new_feature"}), NEW_FEATURE, new_feature_document),
     "peers": Kind(frozenset({"contestants"}), PEERS, peers_document),
     "tradeoff": Kind(frozenset({"front", "costs"}), TRADEOFF, tradeoff_document),
-    "embedded": Kind(frozenset({"points", "front"}), EMBEDDED, embedded_document),
     "stability": Kind(frozenset({"tallies", "battery"}), STABILITY, stability_document),
     "benchmark": Kind(frozenset({"rows", "pipeline", "protocol"}), BENCHMARK, benchmark_document),
     "invariance": Kind(frozenset({"rows"}), INVARIANCE, invariance_document),
