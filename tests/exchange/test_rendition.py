@@ -10,11 +10,9 @@ from test_hjif import TAPS, lines, noise, ridges
 from texclass.exchange import (
     play_taps,
     play_texture,
-    read_gltf,
     read_hjif,
     rendition_of,
     texture_of,
-    write_gltf,
     write_hjif,
 )
 from texclass.exchange.hjif_rendition import made_hjif
@@ -73,15 +71,6 @@ def test_what_repeats_along_a_surface_comes_back_as_its_spectrum(tmp_path):
     ]
     assert peaks[0] == pytest.approx(peaks[1], abs=12.0)
     assert "place" in lost
-
-
-def test_a_material_of_a_scene_comes_back_as_its_spectrum(tmp_path, slate):
-    sent = play_texture(slate, seconds=3.0)
-    write_gltf(sent, tmp_path / "a.gltf")
-    texture, _ = texture_of(read_gltf(tmp_path / "a.gltf"))
-    again = play_texture(texture, speed=sent.speed, force=sent.force, seconds=3.0)
-    assert goodness_of_fit(sent.samples, again.samples) > 0.95
-    assert texture.mu == pytest.approx(0.25, abs=0.005)
 
 
 def test_a_file_of_others_is_taken_for_a_usual_stroke(tmp_path):

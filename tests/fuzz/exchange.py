@@ -25,7 +25,6 @@ from texclass.exchange import (
     play_taps,
     play_texture,
     read_ahap,
-    read_gltf,
     read_hatt,
     read_hjif,
     read_wav,
@@ -33,7 +32,6 @@ from texclass.exchange import (
     save_texture,
     texture_of,
     write_ahap,
-    write_gltf,
     write_hatt,
     write_hjif,
     write_wav,
@@ -171,10 +169,6 @@ def _ahaps() -> list[bytes]:
     return [written("a.ahap", lambda p, one=one: write_ahap(one, p)) for one in sent]
 
 
-def _gltfs() -> list[bytes]:
-    return [written("a.gltf", lambda p: write_gltf(play_texture(_slate(), seconds=0.1), p))]
-
-
 def _hjif(path: Path) -> object:
     _played(path, lambda: play_hjif(read_hjif(path), 100.0))
     return _again(path, lambda: rendition_of(read_hjif(path)))
@@ -182,11 +176,6 @@ def _hjif(path: Path) -> object:
 
 def _ahap(path: Path) -> object:
     return _played(path, lambda: play_ahap(read_ahap(path), 100.0))
-
-
-def _gltf(path: Path) -> object:
-    _played(path, lambda: read_gltf(path).samples)
-    return _again(path, lambda: read_gltf(path))
 
 
 def _tree(rng: random.Random, data: bytes) -> bytes:
@@ -220,6 +209,5 @@ TARGETS = (
     Target("HaTT XML", _hatts, read_hatt, either(of_text, of_text, of_bytes), "fuzzed.xml"),
     Target("MPEG haptics", _hjifs, _hjif, either(_tree, _tree, of_text), "fuzzed.hjif"),
     Target("AHAP", _ahaps, _ahap, either(_tree, _tree, of_text), "fuzzed.ahap"),
-    Target("glTF material", _gltfs, _gltf, either(_tree, _tree, of_text), "fuzzed.gltf"),
     Target("rendered WAV", _wavs, _wav, of_bytes, "vibration.wav"),
 )

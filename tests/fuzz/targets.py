@@ -44,7 +44,6 @@ SHARES: dict[str, dict[str, int]] = {
         "HaTT XML": 40_000,
         "MPEG haptics": 20_000,
         "AHAP": 20_000,
-        "glTF material": 20_000,
         "rendered WAV": 40_000,
     },
     "models": {

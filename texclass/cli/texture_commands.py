@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from texclass.exchange.wav import Encoding
     from texclass.scene import PlannedScene
 
-TEXTURES, PATTERNS = (".texture", ".xml"), (".hjif", ".ahap", ".gltf")
+TEXTURES, PATTERNS = (".texture", ".xml"), (".hjif", ".ahap")
 """What holds a texture, and what holds it as played once."""
 
 scene = typer.Typer(
@@ -230,18 +230,18 @@ def convert(
 ) -> None:
     """Convert a surface to the format of another device. What is lost there is told.
 
-    Penn's XML holds a texture, as .texture does. MPEG haptics (.hjif), Apple's patterns (.ahap), the
-    haptic material of a scene (.gltf) and WAV hold it as played at one speed and force. The first three are
-    played to WAV; .hjif and .gltf become a texture again, as far as they hold one. With --bytes a texture or
-    a recording becomes a small texture, with --scale a texture becomes one that feels otherwise.
+    HaTT XML holds a texture, as .texture does. MPEG haptics (.hjif), Apple's patterns (.ahap) and WAV hold
+    the vibration at one speed and force. A .hjif or .ahap is rendered to WAV; a .hjif becomes a texture
+    again, as far as it holds one. With --bytes a texture or a recording becomes a small texture; --scale
+    changes how a texture feels.
 
     Parameters
     ----------
     source : IN
-        A .texture (a texture, taps, a scene), a HaTT .xml; or .hjif, .ahap, .gltf, as played; with
-        --bytes a recording, too.
+        A .texture (a texture, taps, a scene), a HaTT .xml; or .hjif, .ahap, rendered; with --bytes
+        a recording, too.
     target : -o, --output
-        To be written: .texture, .xml, .hjif, .ahap, .gltf or .wav.
+        File to write: .texture, .xml, .hjif, .ahap or .wav.
     n_bytes : --bytes
         Pack a texture or a recording into a .texture so small.
     scale : SCALE=VALUE
@@ -286,8 +286,8 @@ def convert(
         lost = _convert_texture(source, target, 1000.0 if fs is None else fs, order)
     else:
         raise ValueError(
-            f"{source} to {target}; the rule is .texture or .xml to the other one, .hjif, .ahap, .gltf or "
-            ".wav, .hjif, .ahap or .gltf to .wav, .hjif or .gltf to .texture"
+            f"{source} to {target}; the rule is .texture or .xml to the other one, .hjif, .ahap or .wav, "
+            ".hjif or .ahap to .wav, .hjif to .texture"
         )
     typer.echo(f"wrote {target}, {target.stat().st_size} bytes")
     if lost:
@@ -396,15 +396,13 @@ def _check_surface(source: Path, surface: str | None, names: list[str]) -> None:
 
 def _write_played(rendition: "Rendition", target: Path, physical: bool) -> dict[str, str]:
     """Write what was played, and return what is lost."""
-    from texclass.exchange import write_ahap, write_gltf, write_hjif, write_wav
+    from texclass.exchange import write_ahap, write_hjif, write_wav
 
     match target.suffix.lower():
         case ".hjif":
             return write_hjif(rendition, target)
         case ".ahap":
             return write_ahap(rendition, target)
-        case ".gltf":
-            return write_gltf(rendition, target)
     encoding: Encoding = "float32" if physical else "audible"
     write_wav(target, rendition.samples, rendition.fs, unit=rendition.unit, encoding=encoding)
     return dict(rendition.lost)
@@ -412,9 +410,9 @@ def _write_played(rendition: "Rendition", target: Path, physical: bool) -> dict[
 
 def _read_played(source: Path, target: Path) -> dict[str, str]:
     """Write the texture of a file that is made to be played, and return what is lost."""
-    from texclass.exchange import read_gltf, read_hjif, rendition_of, save_texture, texture_of
+    from texclass.exchange import read_hjif, rendition_of, save_texture, texture_of
 
-    played = read_gltf(source) if source.suffix.lower() == ".gltf" else rendition_of(read_hjif(source))
+    played = rendition_of(read_hjif(source))
     texture, lost = texture_of(played)
     save_texture(texture, target, unit=played.unit)
     return lost
@@ -422,12 +420,10 @@ def _read_played(source: Path, target: Path) -> dict[str, str]:
 
 def _play_pattern(source: Path, target: Path, physical: bool) -> dict[str, str]:
     """Write what a pattern plays as WAV, and return what is lost."""
-    from texclass.exchange import play_ahap, play_hjif, read_ahap, read_gltf, read_hjif, write_wav
+    from texclass.exchange import play_ahap, play_hjif, read_ahap, read_hjif, write_wav
     from texclass.exchange.hjif import FS
 
     encoding: Encoding = "float32" if physical else "audible"
-    if source.suffix.lower() == ".gltf":
-        return _write_played(read_gltf(source), target, physical)
     if source.suffix.lower() == ".hjif":
         haptics = read_hjif(source)
         vibrations = [

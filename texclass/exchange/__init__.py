@@ -1,4 +1,4 @@
-"""Surfaces and vibrations as files: our own, Penn's HaTT XML, MPEG haptics, AHAP, glTF, WAV.
+"""Surfaces and vibrations as files: our own, Penn's HaTT XML, MPEG haptics, AHAP, WAV.
 
 Nothing in a file is ever executed.
 """

@@ -1,8 +1,6 @@
 from .ahap import play_ahap as play_ahap
 from .ahap import read_ahap as read_ahap
 from .ahap import write_ahap as write_ahap
-from .gltf import read_gltf as read_gltf
-from .gltf import write_gltf as write_gltf
 from .hatt_xml import read_hatt as read_hatt
 from .hatt_xml import to_hatt as to_hatt
 from .hatt_xml import write_hatt as write_hatt

@@ -203,7 +203,7 @@ def texture_of(rendition: Rendition) -> tuple[Stored, dict[str, str]]:
     Parameters
     ----------
     rendition : Rendition
-        Of `read_gltf`, or `rendition_of` what `read_hjif` returns.
+        What `rendition_of` makes of a file that `read_hjif` read.
 
     Raises
     ------
