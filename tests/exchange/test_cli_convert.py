@@ -21,8 +21,8 @@ def run(*words):
 def test_convert_there_and_back_keeps_every_bit(slate, tmp_path):
     first, middle, last = (tmp_path / name for name in ("a.xml", "b.texture", "c.xml"))
     write_hatt(slate, first)
-    assert run("convert", first, middle).exit_code == 0
-    result = run("convert", middle, last)
+    assert run("convert", first, "-o", middle).exit_code == 0
+    result = run("convert", middle, "-o", last)
     assert result.exit_code == 0
     assert f"wrote {last}, {last.stat().st_size} bytes" in result.output
     assert last.read_bytes() == first.read_bytes()
@@ -36,7 +36,8 @@ def test_convert_brings_a_texture_to_the_rate_and_order_asked_for(tmp_path):
     )
     save_texture(texture, tmp_path / "a.texture")
     assert (
-        run("convert", tmp_path / "a.texture", tmp_path / "a.xml", "--fs", 2000, "--order", 9).exit_code == 0
+        run("convert", tmp_path / "a.texture", "-o", tmp_path / "a.xml", "--fs", 2000, "--order", 9).exit_code
+        == 0
     )
     found = read_hatt(tmp_path / "a.xml")
     assert (found.fs, found.order) == (2000.0, 9)
@@ -55,7 +56,7 @@ def test_texture_shows_what_is_inside(slate, tmp_path):
 
 def test_other_formats_are_refused(tmp_path):
     for source, target in (("a.texture", "b.mp3"), ("a.xml", "b.xml"), ("a.wav", "b.texture")):
-        result = run("convert", tmp_path / source, tmp_path / target)
+        result = run("convert", tmp_path / source, "-o", tmp_path / target)
         assert isinstance(result.exception, ValueError)
         assert "the rule is" in str(result.exception)
 

@@ -3,7 +3,9 @@
 import json
 import os
 import random
+import sys
 import tempfile
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +21,11 @@ from texclass.experiment.windows import read_movements
 from texclass.features.extractor import Reason
 from texclass.loaders.simulated import recall, remember
 from texclass.peers.worker_process import read_outcome
-from texclass.recognition import load_model
-from texclass.recognition.model_files import Manifest, digest_of, read_manifest
+from texclass.recognition import load_model, train
+from texclass.recognition.model_files import BESIDE, Manifest, digest_of, read_manifest
 from texclass.recording import Recording
 from texclass.tradeoff.recogniser import load_recogniser
 
-MODEL = Path(__file__).parents[1] / "recognition" / "data" / "surface-2.0.skops"
 _JSON = trees(json.loads, json_of)
 
 
@@ -63,12 +64,21 @@ def _inner_json(tree: Tree) -> list[tuple[dict[str, object], str]]:
     return found
 
 
+@cache
+def _model() -> bytes:
+    """Return a model of four surfaces; its estimators and its arrays."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "recognition"))
+    from toy_surfaces import pipeline, surfaces
+
+    return written("a.skops", train(surfaces(), pipeline(), row="Spectrum", classifier="lda").save)
+
+
 def _recognisers() -> list[bytes]:
     import skops.io
 
     from texclass.experiment.trusted import load_trusted
 
-    document = load_trusted(MODEL.read_bytes(), beside=frozenset({"manifest.json"}))
+    document = load_trusted(_model(), beside=BESIDE)
     return [skops.io.dumps(document["recogniser"])]
 
 
@@ -164,9 +174,9 @@ _PART = b'[{"features": [1.0, NaN], "reasons": [["mfcc", "short"]], "flags": ["c
 _OUTCOME = b'{"first_s": 1.0, "versions": {"aeon": "1"}, "missing": false, "message": "x", "predicted": [0]}'
 _SEALED = archives(_sealed, deflate=False)
 TARGETS = (
-    Target("model", lambda: [MODEL.read_bytes()], load_model, _SEALED, "fuzzed.skops", (UserWarning,)),
+    Target("model", lambda: [_model()], load_model, _SEALED, "fuzzed.skops", (UserWarning,)),
     Target("recogniser", _recognisers, load_recogniser, _SEALED, "recogniser.skops", (UserWarning,)),
-    Target("manifest", lambda: [members_of(MODEL.read_bytes())["manifest.json"]], _manifest, _JSON),
+    Target("manifest", lambda: [members_of(_model())["manifest.json"]], _manifest, _JSON),
     Target("feature table", _tables, _table, either(_table_facts, of_bytes), "table.parquet"),
     Target("part of an extraction", lambda: [_PART], _part, _JSON, "part.json"),
     Target("cached movements", lambda: [b"[[0, 10, 1000.0, \"\"], [3, 9, 1000.0, \"\"]]"], _movements, _JSON,

@@ -1,11 +1,10 @@
-"""Model files: whole, unchanged and of known classes, or refused in one line; old ones keep loading."""
+"""Model files are whole, unchanged and of known classes, or they are refused in one line."""
 
 import io
 import json
 import pickle
 import struct
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,14 +13,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sklearn.ensemble import RandomForestClassifier
 from skops.io._protocol import PROTOCOL
-from toy_surfaces import pipeline, recording, surfaces
+from toy_surfaces import pipeline, surfaces
 
 from texclass.experiment.pipeline import Use
 from texclass.experiment.trusted import TRUSTED, UntrustedFileError, check_archive, load_trusted
 from texclass.recognition import ModelFileError, load_model, read_manifest_of, train
 from texclass.recognition.model_files import FORMAT, read_deployed, read_manifest, write_model_file
-
-DATA = Path(__file__).parent / "data"
 
 
 @pytest.fixture(scope="module")
@@ -59,24 +56,13 @@ def edited(name, old, new):
 
 
 def without_arrays(members):
-    """Return the members of a file as before format 2.2."""
+    """Return the members of a file without its arrays."""
     return {name: content for name, content in members.items() if name != "deployed.json"}
 
 
 def test_the_manifest_is_read_without_making_any_object(file, linear_model, monkeypatch):
     monkeypatch.setattr(skops.io, "loads", None)
     assert read_manifest_of(file) == linear_model.manifest
-
-
-def test_a_model_of_this_major_version_keeps_loading(recwarn):
-    model = load_model(DATA / "surface-2.0.skops")
-    assert model.manifest.format_version[0] == FORMAT[0]
-    for said in json.loads((DATA / "surface-2.0.json").read_text(encoding="utf-8")):
-        answer = model.answer(recording(said["surface"], said["seed"]))
-        assert answer.surface == said["surface"]
-        assert answer.probability == pytest.approx(said["probability"], abs=1e-3)
-        assert answer.unknown == said["unknown"]
-    assert not recwarn.list
 
 
 def test_truncated_files_are_refused(file, tmp_path):
@@ -88,9 +74,9 @@ def test_truncated_files_are_refused(file, tmp_path):
             load_model(cut)
 
 
-def of_format(*schema):
+def of_format(version):
     def change(members):
-        stated = json.loads(members["manifest.json"]) | {"schema": schema}
+        stated = json.loads(members["manifest.json"]) | {"format_version": version}
         return {**members, "manifest.json": json.dumps(stated).encode()}
 
     return change
@@ -100,8 +86,7 @@ def one_array_more(members):
     return {**members, "9999999.npy": next(v for k, v in members.items() if k.endswith(".npy"))}
 
 
-NEWER = r"newer than 2\.\d+: update texclass"
-OLDER = r"its format is 1\.2, made by texclass \S+; the rule is 2\.x: train it again with `tex"
+OTHER_FORMAT = r"its format is {}, written by texclass \S+\. Expected format 3: train the model again"
 
 
 @pytest.mark.parametrize(
@@ -109,9 +94,8 @@ OLDER = r"its format is 1\.2, made by texclass \S+; the rule is 2\.x: train it a
     [
         (edited("manifest.json", b"cork", b"corn"), False, "it was changed since it was written"),
         (one_array_more, False, "it was changed since it was written"),
-        (of_format(FORMAT[0], FORMAT[1] + 1), True, NEWER),
-        (of_format(FORMAT[0] + 1, 0), True, NEWER),
-        (of_format(1, 2), True, OLDER),
+        (of_format(FORMAT + 1), True, OTHER_FORMAT.format(FORMAT + 1)),
+        (of_format([2, 4]), True, OTHER_FORMAT.format(r"\[2, 4\]")),
         (
             lambda members: {**members, "../evil.py": b"import os"},
             True,
@@ -155,8 +139,15 @@ def test_a_file_without_arrays_answers_through_its_estimators(file, linear_model
 def test_what_is_no_manifest_is_refused(linear_model):
     stated = json.loads(linear_model.manifest.to_json())
     assert read_manifest(json.dumps(stated)) == linear_model.manifest
-    for text in (b"{", b"[]", b'{"schema": "1.0"}', b'{"schema": [2, 0]}', b"[" * 100_000, b"\xff"):
-        with pytest.raises(ValueError, match="its manifest"):
+    for text in (
+        b"{",
+        b"[]",
+        b'{"format_version": "1.0"}',
+        b'{"format_version": 3}',
+        b"[" * 100_000,
+        b"\xff",
+    ):
+        with pytest.raises(ValueError, match=r"its (manifest|format)"):
             read_manifest(text)
     for change, said in (
         ({"fs": -1.0}, "fs is -1.0; the rule is"),

@@ -214,7 +214,6 @@ def _words(value: object) -> str:
 @command("texclass convert wood.texture -o wood.hjif --speed 80 --force 1")
 def convert(
     source: Path,
-    older_target: Annotated[Path | None, typer.Argument(metavar="OUT", hidden=True)] = None,
     target: Annotated[Path | None, options.writes(*TEXTURES, *PATTERNS, ".wav")] = None,
     n_bytes: int | None = None,
     scale: list[str] | None = None,
@@ -266,7 +265,6 @@ def convert(
     """
     from texclass.document import Document
 
-    target = target or older_target
     if target is None:
         raise ValueError(f"{source}: where to is missing; the rule is -o OUT")
     kinds = source.suffix.lower(), target.suffix.lower()

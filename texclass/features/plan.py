@@ -97,11 +97,9 @@ class Plan:
         parts, same = [], True
         for prefix, stated in json.loads(text):
             members = []
-            for name, feature, parameters, columns, *later in stated["members"]:
+            for name, feature, parameters, columns, without_hand, module in stated["members"]:
                 values = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()}
-                without_hand = later[0] if later else True  # as all sets were read when it was not stated yet
-                found = find(feature, *later[1:2])
-                members.append(Member(name, found, values, tuple(columns), without_hand))
+                members.append(Member(name, find(feature, module), values, tuple(columns), without_hand))
             feature_set = FeatureSet(stated["name"], tuple(members))
             parts.append((str(prefix), feature_set))
             same = same and code_hash(feature_set) == stated["code"]

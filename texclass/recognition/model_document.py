@@ -40,7 +40,7 @@ def model_document(model: Model) -> Document:
         "Cost": _cost(m.cost),
         "Answers": f"by scikit-learn: {by_sklearn}" if by_sklearn else "from arrays",
         "Versions": ", ".join(f"{name} {version}" for name, version in m.versions.items()),
-        "Format": ".".join(map(str, m.format_version)),
+        "Format": str(m.format_version),
     }
     shown = {name: fact for name, fact in facts.items() if fact}
     return Document(f"Model of {counted(len(m.materials), 'surface')}", [shown])

@@ -27,15 +27,8 @@ from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.validation import Written, checked
 from texclass.whole_files import path_ending, write_whole
 
-FORMAT = (2, 4)
-"""Major and minor version; a minor step adds facts that a reader can do without.
-
-2.0: feature code and classes of texclass 0.2 stand elsewhere than before.
-2.1: how large accelerations were; how far windows of one contact agree by their contact (calibration).
-2.2: beside the estimators, what answers, as arrays.
-2.3: how held-out answers conformed, of which sets are made; where surfaces lay, and what sensor is followed.
-2.4: the lowest rate of the sensors, where recordings were resampled.
-"""
+FORMAT = 3
+"""Version of the format of model files: a file of another version is refused."""
 MANIFEST, DEPLOYED = "manifest.json", "deployed.json"
 BESIDE = frozenset({MANIFEST, DEPLOYED})
 """Members that are none of skops; the second says what answers, its arrays by the names of their members."""
@@ -102,8 +95,8 @@ class Manifest(Written):
         (10, 50, 90 % of columns). The accuracy, calibration and n_tested above remain those of the training.
     native_fs
         Lowest rate in Hz of the sensors, below `fs` where recordings were resampled; None: as `fs`.
-    schema
-        Of the file: major and minor version.
+    format_version
+        Version of the format of the file.
     """
 
     materials: tuple[str, ...]
@@ -124,35 +117,32 @@ class Manifest(Written):
     loudest: Annotated[float, Field(gt=0)] | None = None
     adapted: Mapping[str, Any] = {}
     native_fs: Positive | None = None
-    format_version: tuple[int, int] = Field(default=FORMAT, alias="schema")
+    format_version: int = FORMAT
 
     def to_json(self) -> str:
         """Return it as JSON."""
-        return json.dumps(self.model_dump(mode="json", by_alias=True), sort_keys=True, indent=1)
+        return json.dumps(self.model_dump(mode="json"), sort_keys=True, indent=1)
 
 
 def read_manifest(text: bytes | str) -> Manifest:
-    """Read the facts of a model of this or an older minor version of the format.
+    """Read the facts of a model.
 
     Raises
     ------
     ValueError
-        If they are of a newer program, of another major version, or not the facts of a model.
+        If they are of another version of the format, or not the facts of a model.
     """
     try:
         stated = json.loads(text)
-        found = tuple(int(number) for number in stated["schema"])
-        by = str(dict(stated.get("versions", {})).get("texclass", "an older version"))
+        version = stated.get("format_version")
+        made_by = str(dict(stated.get("versions", {})).get("texclass", "?"))
         stated.pop("digest", None)
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"its manifest cannot be read ({type(error).__name__}: {error})") from error
-    shown = ".".join(map(str, found))
-    if found > FORMAT:
-        raise ValueError(f"its format is {shown}, newer than {FORMAT[0]}.{FORMAT[1]}: update texclass")
-    if found[:1] != FORMAT[:1]:
+    if version != FORMAT:
         raise ValueError(
-            f"its format is {shown}, made by texclass {by:.20}; the rule is {FORMAT[0]}.x: train it again "
-            "with `texclass train`"
+            f"its format is {version!r:.20}, written by texclass {made_by:.20}. Expected format {FORMAT}: "
+            "train the model again with `texclass train`, or update texclass"
         )
     return checked(Manifest, stated, "its manifest")
 
