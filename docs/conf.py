@@ -35,7 +35,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "ignore_pattern": r"(ros2_node|stream_logic)\.py",
     "subsection_order": [
-        f"../examples/{group}" for group in ("surface", "feature", "certainty", "robot", "felt")
+        f"../examples/{group}" for group in ("surface", "feature", "certainty", "robot", "haptics")
     ],
     "image_scrapers": ("made_pages.scrape_figures",),
     "reset_modules": ("made_pages.reset_style",),

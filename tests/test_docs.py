@@ -20,7 +20,7 @@ from texclass.cli import app, main
 from texclass.features import load_feature
 from texclass.features.contract import registered
 from texclass.features.phase_view import PhaseView
-from texclass.scene import pages
+from texclass.haptics.scene import pages
 from texclass.simulate.recipe import Recipe
 from texclass.tradeoff import trade_off
 

@@ -14,9 +14,9 @@ from toy_noises import TINY
 from typer.models import OptionInfo
 
 from texclass.cli import app
-from texclass.exchange import write_wav
 from texclass.experiment import extract_table
 from texclass.features import load_feature_set
+from texclass.haptics.exchange import write_wav
 from texclass.loaders import open_dataset
 from texclass.recognition import export_onnx
 from texclass.recognition.model_files import write_model_file

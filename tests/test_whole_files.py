@@ -10,7 +10,7 @@ import pytest
 
 from texclass.cli.app import main
 from texclass.document import Document, write_document
-from texclass.exchange import write_wav
+from texclass.haptics.exchange import write_wav
 from texclass.loaders import load_recording, open_dataset
 from texclass.loaders.cards import CardError
 from texclass.recording import RecordingError

@@ -1,17 +1,23 @@
 """Find what has a name: shipped definitions, a user's own, and what other installed packages add.
 
-What a package adds it says by entry points. Under `texclass.definitions` stands a package with
-`feature_defs`, `pipelines` or `datasets`, known by name as the shipped ones are. Under `texclass.features`
-stands a module with decorated features, and under `texclass.readers` a suffix and the module that reads such
-files by `names(path, options)` and `read(path, wanted, options)`, as `texclass.loaders.tables` does:
+The areas `texclass.haptics` and `texclass.robot`, and other packages, register what they add by entry points:
+
+| group | name | value |
+|---|---|---|
+| `texclass.definitions` | any | package with `feature_defs`, `pipelines` or `datasets` |
+| `texclass.features` | any | module with decorated features |
+| `texclass.readers` | suffix | module with `names(path, options)` and `read(path, wanted, options)` |
+| `texclass.dataset_formats` | `format` of a card | module with `open_models(card, root, **about)` |
+| `texclass.commands` | any | module that registers commands with `texclass.cli.app.command` |
 
     [project.entry-points."texclass.readers"]
     rec = "mine.rec_files"
 """
 
 import importlib
+import warnings
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import PackageNotFoundError, distribution, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -67,7 +73,8 @@ def read(kind: Kind, name_or_path: str | Path) -> dict[str, Any]:
 
 @cache
 def added(group: str) -> dict[str, str]:
-    """Return what packages say under texclass.<group>: name -> module."""
+    """Return what packages register under texclass.<group>: name -> module."""
+    _warn_unless_installed()
     return {entry.name: entry.value for entry in entry_points(group=f"texclass.{group}")}
 
 
@@ -83,6 +90,20 @@ def module_of(group: str, name: str) -> ModuleType:
         return importlib.import_module(added(group)[name])
     except Exception as error:
         raise ImportError(f"{_entry_point(group, name)} ({type(error).__name__}: {error})") from error
+
+
+@cache
+def _warn_unless_installed() -> None:
+    """Warn once where texclass runs from a folder of its sources without an installation."""
+    try:
+        distribution("texclass")
+    except PackageNotFoundError:
+        root = Path(__file__).resolve().parents[1]
+        warnings.warn(
+            "texclass is not installed: commands, readers and formats of its areas are missing. "
+            f"Install it with `pip install -e {root}`",
+            stacklevel=2,
+        )
 
 
 def _files(kind: Kind) -> dict[str, Path]:

@@ -20,7 +20,7 @@ MADE = ("reports", "features", "api")
 LINKS = {
     r"\]\(\.\./reports/README\.md\)": "](figures.md)",
     r"\]\(\.\./reports/": "](reports/",
-    r"\]\(\.\./examples/((?:surface|feature|certainty|robot|felt)/\w+)\.py\)": r"](gallery/\1.rst)",
+    r"\]\(\.\./examples/((?:surface|feature|certainty|robot|haptics)/\w+)\.py\)": r"](gallery/\1.rst)",
 }
 """Links between files of the repository -> links between pages."""
 MARKUP = re.compile(r"``.*?``|\||\*\*?(?=\w)|(?<=\w)_(?![\w`])")

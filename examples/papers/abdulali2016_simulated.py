@@ -1,11 +1,11 @@
-"""Simulated hands that stroke the nine surfaces of `texclass.textures.resonant_surfaces`."""
+"""Simulated hands that stroke the nine surfaces of `texclass.haptics.textures.resonant_surfaces`."""
 
 import numpy as np
 from scipy import signal
 
-from texclass.textures import Scan
-from texclass.textures.abdulali2016 import condition
-from texclass.textures.resonant_surfaces import SURFACES, ResonantSurface, surface
+from texclass.haptics.textures import Scan
+from texclass.haptics.textures.abdulali2016 import condition
+from texclass.haptics.textures.resonant_surfaces import SURFACES, ResonantSurface, surface
 
 __all__ = ["SURFACES", "ResonantSurface", "hand_motion", "simulate_constant", "simulate_scan", "surface"]
 

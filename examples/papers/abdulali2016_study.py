@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from abdulali2016_simulated import SURFACES, simulate_constant, simulate_scan, surface
 
-from texclass.textures.abdulali2016 import bake, model_scan, segment_input
-from texclass.textures.abdulali2016.model_points import limit_vibration
-from texclass.textures.abdulali2016.network_fit import segment_enough
-from texclass.textures.abdulali2016.network_texture import LIMIT
+from texclass.haptics.textures.abdulali2016 import bake, model_scan, segment_input
+from texclass.haptics.textures.abdulali2016.model_points import limit_vibration
+from texclass.haptics.textures.abdulali2016.network_fit import segment_enough
+from texclass.haptics.textures.abdulali2016.network_texture import LIMIT
 from texclass.vibration import LatticeSynthesis, fit
 from texclass.vibration.scores import goodness_of_fit
 

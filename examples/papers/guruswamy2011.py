@@ -34,11 +34,17 @@ from guruswamy2011_objects import OBJECTS, TABLE_1, TABLE_2, TABLE_3
 from shared import arguments, write_chapter
 
 from texclass.document import Document, Figure, Heading, Table
+from texclass.haptics.textures.guruswamy2011 import (
+    RESOLUTION,
+    FittedScan,
+    fit_level_law,
+    fit_texture,
+    profile_of,
+)
+from texclass.haptics.textures.guruswamy2011.texture import LARGEST_OUTPUT, N_RINGING
+from texclass.haptics.textures.scan import Scan
 from texclass.loaders import DataNotFoundError, open_dataset
 from texclass.provenance import versions
-from texclass.textures.guruswamy2011 import RESOLUTION, FittedScan, fit_level_law, fit_texture, profile_of
-from texclass.textures.guruswamy2011.texture import LARGEST_OUTPUT, N_RINGING
-from texclass.textures.scan import Scan
 
 KEY = "guruswamy2011"
 N_TRIALS, N_LOOSE = 50, 10

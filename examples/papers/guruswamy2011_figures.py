@@ -11,8 +11,8 @@ from scipy import ndimage, signal
 
 from texclass.document.figure_style import FAINT, INK, LOOKS, OTHER, OURS, legend_above
 from texclass.document.wording import MINUS
-from texclass.textures.guruswamy2011 import FittedScan, LevelFit
-from texclass.textures.guruswamy2011.fit import SMOOTHING_HZ
+from texclass.haptics.textures.guruswamy2011 import FittedScan, LevelFit
+from texclass.haptics.textures.guruswamy2011.fit import SMOOTHING_HZ
 
 COLOURS = (*(colour for colour, _ in LOOKS), INK)
 

@@ -9,7 +9,7 @@ from guruswamy2011_objects import OBJECTS, ROW, TABLE_1, Samples, SimulatedObjec
 from scipy import ndimage, signal
 
 from texclass import signals
-from texclass.textures.guruswamy2011 import (
+from texclass.haptics.textures.guruswamy2011 import (
     RESOLUTION,
     Amplitude,
     FittedScan,
@@ -22,7 +22,7 @@ from texclass.textures.guruswamy2011 import (
     normalised,
     profile_of,
 )
-from texclass.textures.scan import Scan
+from texclass.haptics.textures.scan import Scan
 from texclass.vibration import DecayingModes, PronyFilter, fit_prony
 from texclass.vibration.decaying_modes import prony
 from texclass.vibration.scores import goodness_of_fit, mean_absolute_difference

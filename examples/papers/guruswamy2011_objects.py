@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.textures.guruswamy2011 import LevelLaw
-from texclass.textures.scan import Scan
+from texclass.haptics.textures.guruswamy2011 import LevelLaw
+from texclass.haptics.textures.scan import Scan
 
 Samples = NDArray[np.float64]
 ROW = (

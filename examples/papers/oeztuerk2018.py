@@ -13,9 +13,8 @@ from scipy import fft, signal
 
 from texclass.document import Heading
 from texclass.document.figure_style import FAINT, INK, OTHER, OURS
-from texclass.exchange import write_wav
-from texclass.provenance import versions
-from texclass.textures.oeztuerk2018 import (
+from texclass.haptics.exchange import write_wav
+from texclass.haptics.textures.oeztuerk2018 import (
     BIN_MM_S,
     ORDER,
     PEAK_FACTOR,
@@ -23,6 +22,7 @@ from texclass.textures.oeztuerk2018 import (
     fit_lpc,
     speed_intervals,
 )
+from texclass.provenance import versions
 from texclass.vibration import fit, fit_major_frequencies, synthesize
 from texclass.vibration.major_frequencies import BEAT_THRESHOLDS_HZ
 

@@ -6,9 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
-from texclass.signals import combine, remove_hand_motion
-from texclass.simulate import operator_catalogue, record_rising_speed, surface_catalogue
-from texclass.textures.oeztuerk2018 import (
+from texclass.haptics.textures.oeztuerk2018 import (
     BIN_MM_S,
     PEAK_FACTOR,
     SpeedIntervals,
@@ -16,6 +14,8 @@ from texclass.textures.oeztuerk2018 import (
     fit_lpc,
     speed_intervals,
 )
+from texclass.signals import combine, remove_hand_motion
+from texclass.simulate import operator_catalogue, record_rising_speed, surface_catalogue
 from texclass.vibration import fit, fit_major_frequencies, select_order
 from texclass.vibration.major_frequencies import beat_threshold_hz
 from texclass.vibration.order import spectral_error

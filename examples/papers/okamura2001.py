@@ -31,9 +31,7 @@ from shared import arguments, write_chapter
 
 from texclass.document import Document, Figure, Heading, Table
 from texclass.document.figure_style import FAINT, INK, OTHER, OURS, legend_above, log_x
-from texclass.loaders import DataNotFoundError, open_dataset
-from texclass.provenance import versions
-from texclass.textures.okamura2001 import (
+from texclass.haptics.textures.okamura2001 import (
     ForceDevice,
     TapLibrary,
     VirtualWall,
@@ -42,6 +40,8 @@ from texclass.textures.okamura2001 import (
     scale_into,
     slope_through_origin,
 )
+from texclass.loaders import DataNotFoundError, open_dataset
+from texclass.provenance import versions
 from texclass.vibration import TapModel, fit_okamura
 
 KEY = "okamura2001"

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from texclass.textures.okamura2001 import TapLibrary
+from texclass.haptics.textures.okamura2001 import TapLibrary
 from texclass.vibration import TapModel
 
 Samples = NDArray[np.float64]

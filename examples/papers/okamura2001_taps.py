@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.textures.okamura2001 import TapLibrary
+from texclass.haptics.textures.okamura2001 import TapLibrary
 from texclass.vibration import TapModel
 
 MATERIALS = ("rubber", "wood", "aluminum")

@@ -3,7 +3,7 @@ In words
 ========
 
 Hard, rough, bumpy, sticky, fine, regular: six scales, each a monotone link to one measured feature
-(`texclass.features.scales`). 0 and 10 are the lowest and the highest twentieth of simulated everyday
+(`texclass.haptics.scales`). 0 and 10 are the lowest and the highest twentieth of simulated everyday
 surfaces. Where the speed of the tool was recorded, fine and regular follow the ribs found along its way.
 """
 
@@ -21,11 +21,11 @@ felt = [
     for i, name in ((1, "metal"), (3, "foam"), (13, "sandpaper"))
 ]
 measured = tx.extract(felt, "scales")
-values = tx.features.scale_values(measured)
+values = tx.haptics.scale_values(measured)
 values.round(1)
 
 # %%
-# The same with its places among reference surfaces is ``tx.describe(felt)``, and on a command line
+# The same with its places among reference surfaces is ``tx.haptics.describe(felt)``, and on a command line
 # ``texclass describe FILE``. What a recording cannot tell is left out: without a tap nothing is hard, without
 # a friction channel nothing is sticky.
 
@@ -53,7 +53,7 @@ known = tx.extract(strokes, "scales")
 unknown = tx.extract([one.with_(speed=None) for one in strokes], "scales")
 fine = {
     "ribs per mm": known["rib_density"],
-    "fine": tx.features.scale_values(known)["fine"],
-    "fine, without speed": tx.features.scale_values(unknown)["fine"],
+    "fine": tx.haptics.scale_values(known)["fine"],
+    "fine, without speed": tx.haptics.scale_values(unknown)["fine"],
 }
 pd.DataFrame(fine).round(2)

@@ -15,7 +15,7 @@ from abdulali2016_simulated import SURFACES, simulate_scan
 from abdulali2016_study import FS, study_bound, study_held_out
 
 from texclass.document import Table
-from texclass.textures.abdulali2016 import bake, model_scan
+from texclass.haptics.textures.abdulali2016 import bake, model_scan
 
 KEPT = ("speed", "force", "direction")
 LEAST = 0.95

@@ -18,18 +18,18 @@ import pandas as pd
 import soundfile
 from study import command_line, table, write
 
-from texclass.exchange import play_hjif, play_taps, play_texture, read_hjif, to_hatt, write_hjif
-from texclass.exchange.hjif import FS, Haptics
-from texclass.exchange.rendition import Rendition, level_db
-from texclass.exchange.wav import resampled
+from texclass.haptics.exchange import play_hjif, play_taps, play_texture, read_hjif, to_hatt, write_hjif
+from texclass.haptics.exchange.hjif import FS, Haptics
+from texclass.haptics.exchange.rendition import Rendition, level_db
+from texclass.haptics.exchange.wav import resampled
+from texclass.haptics.scene import PlannedScene, SceneSurface, plan_scene
+from texclass.haptics.textures import GridModel
+from texclass.haptics.textures.guruswamy2011 import Amplitude, LevelLaw, SpatialTexture
+from texclass.haptics.textures.hatt import HattTexture
+from texclass.haptics.textures.oeztuerk2018 import FrequencyTexture, LpcTexture
+from texclass.haptics.textures.okamura2001 import TapLibrary
+from texclass.haptics.textures.resonant_surfaces import SURFACES
 from texclass.recording import Samples
-from texclass.scene import PlannedScene, SceneSurface, plan_scene
-from texclass.textures import GridModel
-from texclass.textures.guruswamy2011 import Amplitude, LevelLaw, SpatialTexture
-from texclass.textures.hatt import HattTexture
-from texclass.textures.oeztuerk2018 import FrequencyTexture, LpcTexture
-from texclass.textures.okamura2001 import TapLibrary
-from texclass.textures.resonant_surfaces import SURFACES
 from texclass.vibration import Autoregression, MajorFrequencies, TapModel, line_spectrum
 from texclass.vibration.scores import goodness_of_fit
 

@@ -50,7 +50,7 @@ for _name in ("librosa.feature", "numba", "matplotlib.pyplot", "pandas", "pywt",
     importlib.import_module(_name)
 
 ROOT = Path(__file__).resolve().parents[2]
-LEFT_OUT = ("scene", "exchange", "textures")
+LEFT_OUT = ("haptics",)
 """Subpackages of rendering, which this study does not mutate."""
 CPU_S, WALL_S = 240, 900
 FLIPS = {

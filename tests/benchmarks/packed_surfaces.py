@@ -24,13 +24,13 @@ from scipy.stats import spearmanr
 from study import command_line, table, write
 
 from texclass.features.extractor import FeatureExtractor
-from texclass.features.scales import scale_values
+from texclass.haptics.scales import scale_values
+from texclass.haptics.textures import Scan, Texture, pack
+from texclass.haptics.textures.packed import LIGHT_N, REST_MM_S
+from texclass.haptics.textures.packing import FELT, FRAME_S, LOWEST_HZ
 from texclass.loaders import load_recording, open_dataset
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
-from texclass.textures import Scan, Texture, pack
-from texclass.textures.packed import LIGHT_N, REST_MM_S
-from texclass.textures.packing import FELT, FRAME_S, LOWEST_HZ
 from texclass.vibration.scores import band_energy_distance, goodness_of_fit
 
 FS = 8000
@@ -296,13 +296,13 @@ def main() -> None:
     )
     alone = frame["judged"].isin(["all of it", "second half"])
     blocks = [
-        "A surface is packed into at most so many bytes (`tx.textures.pack`), rendered, and compared. GFC: "
-        "cosine of the amplitude spectra from 20 to 1000 Hz (half the rate, if less), by Welch in pieces "
-        "of 64 ms; beside it the criterion as `abdulali2016` prints it (windows of 500 samples, Hamming "
-        f"50, all frequencies). Bands: RMS difference of the energies of nine bands. Means over {N_SEEDS} "
-        "seeds of noise, then medians over recordings (least: the worst of them). All was looked at; after "
-        "a look one thing was changed: below the slowest and softest that was recorded the level holds, "
-        "where it faded (3.8 and 3.5 dB off at the ends of `stylus6`).",
+        "A surface is packed into at most so many bytes (`tx.haptics.textures.pack`), rendered, and "
+        "compared. GFC: cosine of the amplitude spectra from 20 to 1000 Hz (half the rate, if less), by "
+        "Welch in pieces of 64 ms; beside it the criterion as `abdulali2016` prints it (windows of 500 "
+        "samples, Hamming 50, all frequencies). Bands: RMS difference of the energies of nine bands. Means "
+        f"over {N_SEEDS} seeds of noise, then medians over recordings (least: the worst of them). All was "
+        "looked at; after a look one thing was changed: below the slowest and softest that was recorded the "
+        "level holds, where it faded (3.8 and 3.5 dB off at the ends of `stylus6`).",
         table(
             summed(frame[codec], "{known}") + summed(frame[alone & ~codec], "{asked} bytes"),
             "set = {set} | judged on = {judged} | sent as = {rate} | bytes = {size:.0f} | " + scored,

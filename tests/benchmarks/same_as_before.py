@@ -53,15 +53,17 @@ from guruswamy2011_objects import simulate_scan as stroke_an_object
 from okamura2001_taps import FS as TAPS_HZ
 from okamura2001_taps import TABLE_I, simulate_taps
 
-from texclass import exchange, vibration
+from texclass import vibration
 from texclass.cli import main as texclass
 from texclass.experiment import cached_table, find_protocol, load_pipeline
 from texclass.experiment.cost import CostMeter
 from texclass.experiment.pipeline import MatchedRow
 from texclass.features import FeatureExtractor
+from texclass.haptics import exchange
+from texclass.haptics.scene import load_scene, play_path, sweep_of
+from texclass.haptics.textures import abdulali2016, guruswamy2011, oeztuerk2018, okamura2001
 from texclass.loaders import load_recording, open_dataset
 from texclass.phases import segment
-from texclass.scene import load_scene, play_path, sweep_of
 from texclass.simulate import (
     operator_catalogue,
     record_rising_force,
@@ -69,7 +71,6 @@ from texclass.simulate import (
     record_rising_taps,
     surface_catalogue,
 )
-from texclass.textures import abdulali2016, guruswamy2011, oeztuerk2018, okamura2001
 from texclass.vibration import interpolation, major_frequencies, scores
 from texclass.vibration import line_spectrum as ls
 from texclass.vibration.autoregressive import from_autocorrelation, from_direct_form

@@ -13,7 +13,8 @@ from scipy import stats
 from study import command_line, table, write
 
 from texclass.experiment import cached_table
-from texclass.features import OVER_THE_WAY, SCALES, load_feature_set, scale_values
+from texclass.features import load_feature_set
+from texclass.haptics import OVER_THE_WAY, SCALES, scale_values
 from texclass.loaders import open_dataset, read_card
 from texclass.loaders.places import find_folder
 from texclass.loaders.simulated import open_simulated

@@ -19,10 +19,10 @@ import numpy as np
 from study import ROOT, command_line, table, write
 
 from texclass.document.blocks import Block
-from texclass.scene import PlannedScene, plan_scene, write_feel_page
-from texclass.scene.pages import N_CONTACTS
-from texclass.scene.renderer import packed
-from texclass.textures.grid import GridModel
+from texclass.haptics.scene import PlannedScene, plan_scene, write_feel_page
+from texclass.haptics.scene.pages import N_CONTACTS
+from texclass.haptics.scene.renderer import packed
+from texclass.haptics.textures.grid import GridModel
 
 sys.path.insert(0, str(ROOT / "tests"))
 from chromium import Browser
@@ -79,7 +79,7 @@ WARM = 100
 
 def block_times(page: Path, scene: PlannedScene, n: int, n_live: int) -> dict[str, np.ndarray]:
     """Milliseconds of blocks (n, 2), clock and CPU time, in node, and live in Chromium."""
-    folder = ROOT / "texclass" / "scene" / "feel"
+    folder = ROOT / "texclass" / "haptics" / "scene" / "feel"
     text = "".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in ("kernels", "worklet"))
     bank, index = packed(scene)
     models = [scene.assigned[name] for name in scene.assigned]

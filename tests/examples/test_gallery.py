@@ -8,7 +8,7 @@ import pytest
 from matplotlib import pyplot as plt
 
 from texclass.features.contract import registered
-from texclass.scene import pages
+from texclass.haptics.scene import pages
 
 GALLERY = Path(__file__).parents[2] / "examples"
 SCRIPTS = sorted(p for header in GALLERY.glob("*/GALLERY_HEADER.rst") for p in header.parent.glob("*.py"))

@@ -19,8 +19,8 @@ from guruswamy2011_measures import (
 )
 from guruswamy2011_objects import BIT, OBJECTS, ROW, TABLE_1, TABLE_2, TABLE_3, lay_out, simulate_scan
 
-from texclass.textures.guruswamy2011 import fit_texture
-from texclass.textures.scan import Scan
+from texclass.haptics.textures.guruswamy2011 import fit_texture
+from texclass.haptics.textures.scan import Scan
 from texclass.vibration import DecayingModes
 
 FS = 500.0

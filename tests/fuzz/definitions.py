@@ -10,10 +10,10 @@ from texclass import shipped
 from texclass.document import render_page
 from texclass.experiment import load_pipeline
 from texclass.features import load_feature_set
+from texclass.haptics.scene.definition import EXAMPLES, read_path, read_scene
 from texclass.loaders import open_dataset, read_card
 from texclass.loaders.filesets import match_name
 from texclass.reporting import read_document
-from texclass.scene.definition import EXAMPLES, read_path, read_scene
 
 _TOML = trees(lambda data: tomllib.loads(data.decode()), toml_of)
 _CARD = """title = "Toy"

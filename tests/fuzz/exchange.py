@@ -16,7 +16,7 @@ from safetensors.numpy import save
 from fuzz.contract import Target
 from fuzz.mutate import either, json_of, of_bytes, of_text, of_tree
 from fuzz.recordings import written
-from texclass.exchange import (
+from texclass.haptics.exchange import (
     describe,
     load_taps,
     load_texture,
@@ -36,12 +36,12 @@ from texclass.exchange import (
     write_hjif,
     write_wav,
 )
-from texclass.exchange.rendition import Rendition
-from texclass.exchange.texture_file import Header, sealed
-from texclass.scene import PlannedScene, load_scene
-from texclass.textures.grid import GridModel
-from texclass.textures.hatt import HattTexture, Mesh
-from texclass.textures.okamura2001 import TapLibrary
+from texclass.haptics.exchange.rendition import Rendition
+from texclass.haptics.exchange.texture_file import Header, sealed
+from texclass.haptics.scene import PlannedScene, load_scene
+from texclass.haptics.textures.grid import GridModel
+from texclass.haptics.textures.hatt import HattTexture, Mesh
+from texclass.haptics.textures.okamura2001 import TapLibrary
 from texclass.vibration import TapModel
 
 _ODD = (0.0, -0.0, -1.0, 1e-300, 5e-324, 1e9, 1e154, 1e300, 1.7e308, -1.7e308, 0.5, 1.0, 3.141592653589793)
@@ -146,7 +146,7 @@ def _wav(path: Path) -> object:
 
 
 def _scene(path: Path) -> object:
-    from texclass.scene import SceneRenderer
+    from texclass.haptics.scene import SceneRenderer
 
     return SceneRenderer(load_scene(path), seed=0).n_contacts
 

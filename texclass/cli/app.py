@@ -30,11 +30,14 @@ class DaysWork(TyperGroup):
     """The commands in the order of `GROUPS`."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write each heading, and what its commands do."""
-        for heading, names in GROUPS.items():
+        """Write each heading, and what its commands do; commands of other packages come last."""
+        grouped = {name for names in GROUPS.values() for name in names}
+        others = [name for name in self.list_commands(ctx) if name not in grouped]
+        for heading, names in {**GROUPS, "Other packages": others}.items():
             commands = [(name, self.get_command(ctx, name)) for name in names]
-            with formatter.section(heading):
-                formatter.write_dl([(name, c.get_short_help_str(60)) for name, c in commands if c])
+            if commands:
+                with formatter.section(heading):
+                    formatter.write_dl([(name, c.get_short_help_str(60)) for name, c in commands if c])
 
 
 app = typer.Typer(

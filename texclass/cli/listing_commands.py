@@ -8,7 +8,7 @@ import typer
 
 from texclass.cli import options
 from texclass.cli.app import app, command
-from texclass.cli.options import progress_bar, shipped, tell, write_json
+from texclass.cli.options import progress_bar, shipped, tell
 
 PICTURE_FORMATS = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 cards = typer.Typer(invoke_without_command=True, epilog="Example: texclass datasets get taps5")
@@ -54,38 +54,6 @@ def inspect(
     for note in (*found.flags, *phases.notes):
         typer.echo(f"note: {note}")
     typer.echo(f"wrote {path}")
-
-
-@command("texclass describe recordings/oak/oak_01.txt --fs 10000 --unit m/s^2")
-@options.reads_files
-def describe(
-    recordings: list[str],
-    references: Annotated[str, typer.Option(autocompletion=shipped("datasets"))] = "simulated",
-    jobs: options.Jobs = -1,
-    json_file: options.Json = None,
-    *,
-    reading: dict[str, Any],
-) -> None:
-    """Say how a surface feels. Hard, rough, bumpy, sticky, fine, regular, among reference surfaces.
-
-    Parameters
-    ----------
-    recordings
-        Recordings: files, or DATASET:RECORDING.
-    references
-        Surfaces to compare with: a shipped dataset card, a card, or a folder that needs no --fs.
-    """
-    from texclass.loaders import find_recording
-
-    found = [find_recording(name, **reading) for name in recordings]
-    from texclass.reporting import describe as describe_recordings
-    from texclass.reporting import felt_document
-
-    with progress_bar() as progress:
-        felt = describe_recordings(found, references, n_jobs=jobs, progress=progress)
-    write_json(json_file, felt.to_json(orient="records", indent=1))
-    if json_file != Path("-"):
-        tell(felt_document(felt))
 
 
 @command("texclass card recordings --fs 10000 --unit m/s^2 -o recordings.toml")

@@ -18,10 +18,5 @@ from .contract import load_feature as load_feature
 from .contract import registered as registered
 from .extractor import FeatureExtractor as FeatureExtractor
 from .phase_view import UndefinedFeatureError as UndefinedFeatureError
-from .scales import OVER_THE_WAY as OVER_THE_WAY
-from .scales import SCALES as SCALES
-from .scales import Scale as Scale
-from .scales import link_of as link_of
-from .scales import scale_values as scale_values
 from .sets import FeatureSet as FeatureSet
 from .sets import load_feature_set as load_feature_set

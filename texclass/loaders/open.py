@@ -3,7 +3,6 @@
 import difflib
 import re
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -117,8 +116,7 @@ def open_dataset(
         outside = f"the card's folder {card.folder!r} is outside of the card's own and of the folders of data"
         about["notes"] = (*card.notes, f"{outside}: {root}")
     if isinstance(card, ModelsCard):
-        # Their room builds on this one, so that the module which makes them is found by name.
-        made: Dataset = import_module("texclass.exchange.hatt_recordings").open_models(card, root, **about)
+        made: Dataset = shipped.module_of("dataset_formats", card.format).open_models(card, root, **about)
         return made
     if isinstance(card, RowCard):
         return open_rows(card, root, **about)

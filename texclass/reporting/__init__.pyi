@@ -1,5 +1,3 @@
-from .felt import describe as describe
-from .felt import felt_document as felt_document
 from .inspection import draw_inspection as draw_inspection
 from .inspection import inspected as inspected
 from .listings import datasets_document as datasets_document

@@ -1,0 +1,70 @@
+"""
+A page to be stroked
+====================
+
+A planned scene becomes one HTML file, in which the pointer's speed and pressure drive the planned models
+sample by sample. It needs no network and opens from a file.
+"""
+
+from html import escape
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import texclass as tx
+from texclass.haptics.textures.grid import GridModel
+
+# %%
+# A dozen simulated surfaces: resonances at frequencies of their own that rise with the speed, and ribs whose
+# lines follow it. Each is a model at the nodes of a grid of speeds (mm/s) and forces (N), as `texclass scene
+# plan` fits them to recordings.
+
+SPEEDS, FORCES, FS = np.array([30.0, 90.0, 270.0]), np.array([0.3, 3.0]), 1000.0
+
+
+def surface(hz, width, level, ribs_mm=None):
+    """Return a surface that rings at `hz`, with ribs so far apart if there are any."""
+    centre = hz * (SPEEDS / 90) ** 0.2
+    r = np.exp(-np.pi * width / FS)
+    k = np.column_stack([-2 * r * np.cos(2 * np.pi * centre / FS) / (1 + r**2), np.full(3, r**2)])
+    rows = np.repeat(k[:, np.newaxis], 2, axis=1)
+    power = (level * np.outer((SPEEDS / 90) ** 0.8, FORCES**0.5)) ** 2
+    lines = np.array([] if ribs_mm is None else [1 / ribs_mm])
+    rows = np.concatenate([rows, np.full((3, 2, lines.size), 1.1)], axis=-1)
+    return GridModel((SPEEDS, FORCES), rows, power, 4 * np.sqrt(power.max()), 0 * lines, lines)
+
+
+models = {
+    "foam": surface(40, 90, 0.2), "felt": surface(70, 110, 0.3), "cork": surface(95, 60, 0.8),
+    "paper": surface(240, 160, 0.5), "leather": surface(120, 70, 0.7), "wood": surface(150, 40, 1.4),
+    "stone": surface(210, 90, 2.5), "plaster": surface(300, 120, 1.2), "sandpaper": surface(330, 150, 3.0),
+    "corduroy": surface(80, 60, 1.2, 2.0), "mesh": surface(180, 60, 2.0, 1.0),
+    "file": surface(260, 70, 2.5, 0.5),
+}  # fmt: skip
+named, band = {name: i for i, name in enumerate(models)}, (20.0, 450.0)
+scene = tx.haptics.scene.PlannedScene("a dozen", FS, "m/s^2", band, 30.0, 4, named, tuple(models.values()))
+
+# %%
+# `tx.haptics.scene.write_feel_page("feel.html", scene)` writes this page. Press a surface and stroke it.
+
+
+class Framed(str):
+    def _repr_html_(self):
+        return f'<iframe srcdoc="{escape(self)}" title="Surfaces" width="100%" height="960"></iframe>'
+
+
+Framed(tx.haptics.scene.feel_page(scene))
+
+# %%
+# What the speed does to three of them:
+
+renderer = tx.haptics.SceneRenderer(scene, n_contacts=1)
+figure, axis = plt.subplots(figsize=(9, 3))
+speeds = np.geomspace(20, 300, 20)
+for name in ("felt", "wood", "corduroy"):
+    renderer.touch(0, name)
+    levels = [np.std(renderer.process([[(v, 0)] * 1000], [[1] * 1000])[0, 200:]) for v in speeds]
+    axis.loglog(speeds, levels, label=name)
+axis.set(xlabel="speed in mm/s", ylabel="RMS in m/s²")
+axis.legend()
+plt.show()

@@ -1,0 +1,83 @@
+"""A texture small enough for tests, and files as hostile as they can be made."""
+
+import json
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from safetensors.numpy import save
+from spoiling import GONE, put
+
+from texclass.haptics.exchange.texture_file import TEXTURES, Header, read_container, sealed
+from texclass.haptics.textures.contract import Stored
+from texclass.haptics.textures.hatt import HattTexture
+
+
+@dataclass
+class Hum(Stored):
+    """Plays a tone, as loud as the stroke is fast."""
+
+    family: ClassVar[str] = "hum"
+    operations: ClassVar[float] = 4.0
+    name: str = "hum"
+    fs: float = 1000.0
+    note: tuple[str | float | bool | None, ...] = ("low", 1, True, None, 0.1)
+    tones: np.ndarray = field(default_factory=lambda: np.array([[50.0, 1.0], [120.5, 0.25]]))
+
+    def __post_init__(self):
+        if self.tones.ndim != 2:
+            raise ValueError(f"tones have shape {self.tones.shape}; the rule is (n, 2)")
+
+    def renderer(self, *, seed=0):
+        raise NotImplementedError
+
+
+@pytest.fixture
+def hum(monkeypatch):
+    """A texture of a family that only tests know."""
+    monkeypatch.setitem(TEXTURES, "hum", Hum)
+    return Hum()
+
+
+def resealed(content, arrays):
+    """Return the bytes of a file of any header and arrays, its checksum right where it can be."""
+    try:
+        return sealed(Header.model_validate({**content, "sha256": ""}), arrays)
+    except (ValidationError, OverflowError):
+        return save(arrays, {"texclass": json.dumps(content)})
+
+
+@pytest.fixture
+def forge():
+    """Return a function that changes the header and arrays of a file, checksum included."""
+
+    def change(path, changes=None, **arrays):
+        header, found = read_container(path)
+        content = header.model_dump()
+        for key, value in (changes or {}).items():
+            put(content, tuple(key.split("/")), GONE if value is None else value)
+        path.write_bytes(resealed(content, found | arrays))
+        return path
+
+    return change
+
+
+@pytest.fixture(scope="session")
+def slate():
+    """A HaTT texture, AR order 4 and MA order 2."""
+    rng = np.random.default_rng(7)
+    gaps = rng.uniform(0.5, 1.5, (5, 5))
+    lsf = np.cumsum(gaps, axis=1)[:, :-1] / gaps.sum(axis=1, keepdims=True) * np.pi
+    return HattTexture.from_models(
+        [40.0, 80.0, 120.0, 160.0, 90.0],
+        [0.5, 2.0, 1.0, 3.0, 1.2],
+        lsf,
+        np.linspace(0.01, 0.05, 5),
+        1000.0,
+        ma_lsf=lsf[:, 1:3],
+        gain=np.linspace(1, 2, 5),
+        name="slate & chalk",
+        mu=0.25,
+    )

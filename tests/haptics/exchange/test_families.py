@@ -1,0 +1,137 @@
+import pkgutil
+from dataclasses import replace
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from texclass.haptics.exchange import describe, load_texture, save_texture, to_hatt
+from texclass.haptics.exchange.texture_file import TAPS, TEXTURES
+from texclass.haptics.textures import Renderer, Texture
+from texclass.haptics.textures.abdulali2016 import DelaunayTexture, Frame, NetworkTexture, RadialNetwork, bake
+from texclass.haptics.textures.guruswamy2011 import Amplitude, LevelLaw, SinusoidTexture, SpatialTexture
+from texclass.haptics.textures.oeztuerk2018 import FrequencyTexture, LpcTexture
+from texclass.vibration import Autoregression
+from texclass.vibration.line_spectrum import from_reflection
+from texclass.vibration.major_frequencies import MajorFrequencies
+
+K = np.array([[-0.8, 0.5, 0.1], [-0.5, 0.6, 0.2]])
+LSF = from_reflection(K[0])
+FRAME = Frame(True, (80.0, 1.0), (40.0, 0.5), 160.0, 2.0, 4.0, 0.05, 5.0, 20.0)
+POLYNOMIAL = np.vstack([np.append(LSF, 0.4), np.append(0.05 * LSF, 0.1), np.append(0.02 * LSF, 0.1)])
+
+
+def network():
+    return NetworkTexture(
+        "slate", 1000.0, FRAME, RadialNetwork(np.zeros((1, 2)), np.zeros((1, 4)), POLYNOMIAL)
+    )
+
+
+def delaunay():
+    u = np.array([[-2.0, -2.0], [2.0, -2.0], [-2.0, 2.0], [2.0, 2.0]])
+    outputs = np.append(LSF, 0.5) * np.array([[0.9], [0.95], [1.0], [1.05]])
+    return DelaunayTexture("slate", 1000.0, FRAME, u, outputs)
+
+
+def lpc(fs=2000.0):
+    return LpcTexture([50.0, 150.0], Autoregression(K, [0.2, 0.5]), 3.0, fs, "slate")
+
+
+def frequencies():
+    models = [
+        MajorFrequencies([90.0, 210.0], [1.0, 0.5], [0.1, 0.2]),
+        MajorFrequencies([100.0], [2.0], [0.3]),
+    ]
+    return FrequencyTexture([50.0, 150.0], models, 3.0, 2000.0, "slate")
+
+
+def spatial(kind):
+    modes = [90.0, 240.0, 130.0], [60.0, 90.0, 75.0], [1.0, 0.4, 0.8], [0.0, 0.3, -0.2]
+    return kind(
+        "slate", 1000.0, 30.0, [1.0, 12.0], [0.0, 0.0, 1.0], *modes,
+        Amplitude(LevelLaw(3.0, 0.2, 0.1), 60.0, 1.0), 2.0, [1.0, 0.0],
+    )  # fmt: skip
+
+
+MADE = {
+    "abdulali2016": network,
+    "abdulali2016-baked": lambda: bake(network(), "slate", (5, 4)),
+    "abdulali2016-delaunay": delaunay,
+    "guruswamy2011": lambda: spatial(SpatialTexture),
+    "guruswamy2011-sinusoid": lambda: spatial(SinusoidTexture),
+    "hatt": lambda: to_hatt(network(), order=2),
+    "oeztuerk2018-frequencies": frequencies,
+    "oeztuerk2018-lpc": lpc,
+}
+
+
+def test_every_family_is_tried():
+    assert set(TEXTURES) == set(MADE)
+    for family, place in (TEXTURES | TAPS).items():
+        assert pkgutil.resolve_name(place).family == family
+
+
+@pytest.mark.parametrize("family", MADE)
+def test_every_family_renders_the_same_samples_again(family, tmp_path):
+    texture = MADE[family]()
+    assert texture.family == family
+    assert isinstance(texture, Texture)
+    path = save_texture(texture, tmp_path / "slate.texture")
+    v = np.column_stack([60 + 60 * np.sin(np.arange(400) / 60), np.zeros(400)])
+    f = 1 + np.cos(np.arange(400) / 80)
+    expected = texture.renderer(seed=1).process(v, f)
+    assert expected.any()
+    assert_array_equal(load_texture(path).renderer(seed=1).process(v, f), expected)
+    shown = describe(path)
+    assert (shown["family"], shown["name"], shown["fs"]) == (family, "slate", texture.fs)
+    assert shown["bytes"] == path.stat().st_size
+    assert shown["operations per sample"] == texture.operations
+
+
+VARIANTS = MADE | {
+    "abdulali2016 as published": lambda: replace(network(), loudness="variance", buffer=5, glide=False),
+    "guruswamy2011 travelled": lambda: replace(spatial(SpatialTexture), course="travelled"),
+}
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_every_renderer_takes_a_path_in_any_pieces_and_kinds_and_refuses_bad_ones(variant):
+    texture = VARIANTS[variant]()
+    assert texture.operations > 0
+    n = 5000
+    t = np.arange(n) / 70
+    v, f = np.column_stack([90 + 80 * np.sin(t), 20 * np.cos(t / 3)]), 1 + 1.5 * np.cos(t / 4)
+    renderer = texture.renderer(seed=3)
+    assert isinstance(renderer, Renderer)
+    whole = renderer.process(v, f)
+    assert whole.any()
+    for size, last in ((1, 60), (7, 700), (16, 700), (1999, n)):
+        renderer.reset()
+        cuts = [0, 0, *range(size, last, size), last]
+        pieces = [renderer.process(v[a:b], f[a:b]) for a, b in pairwise(cuts)]
+        assert_array_equal(np.concatenate(pieces), whole[:last])
+    renderer.reset()
+    broken = [(v[:3], f[:2]), (v[0], f[:2]), (v[:2] * np.nan, f[:2]), (v[:2], [1.0, np.inf])]
+    for velocity, force in broken:
+        with pytest.raises(ValueError, match="the rule is"):
+            renderer.process(velocity, force)
+    assert_array_equal(renderer.process(v[:99], f[:99]), whole[:99])  # as if nothing had been asked
+    narrow = np.asfortranarray(v[:200].astype(np.float32))
+    narrow.setflags(write=False)
+    expected = texture.renderer().process(narrow.astype(np.float64), f[:200])
+    assert_array_equal(texture.renderer().process(narrow, f[:200].tolist()), expected)
+
+
+@pytest.mark.parametrize("family", MADE)
+def test_every_family_meets_odd_parameters_with_a_value_error(family, forge, tmp_path):
+    path = save_texture(MADE[family](), tmp_path / "slate.texture")
+    whole = path.read_bytes()
+    for key, odd in product(MADE[family]().parameters(), ([None], [], {}, "1", -1, 10**400, True)):
+        try:
+            load_texture(forge(path, {f"parameters/{key}": odd}))
+            said = str(path)  # some parameters may be just this
+        except ValueError as error:
+            said = str(error)
+        assert str(path) in said
+        path.write_bytes(whole)

@@ -1,0 +1,130 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from abdulali2016_simulated import hand_motion, simulate_scan
+from numpy.testing import assert_allclose, assert_array_equal
+
+from texclass.haptics.textures import Scan
+from texclass.haptics.textures.abdulali2016 import condition, scan_from_sensors, segment_input
+from texclass.haptics.textures.abdulali2016.model_points import (
+    LINE_MM,
+    VARIATION,
+    limit_vibration,
+    smooth_motion,
+    straight_lines,
+)
+from texclass.haptics.textures.resonant_surfaces import SURFACES, surface
+
+FS = 1000.0
+
+
+@pytest.fixture(scope="module")
+def scan():
+    return simulate_scan(surface("S7"), 12.0, FS, np.random.default_rng(1))
+
+
+def _zigzag(speeds, corners, n=400):
+    """A path along straight lines, each at a speed of its own, force 1 N."""
+    steps = zip(speeds, corners, strict=True)
+    velocity = np.concatenate([np.tile([v * np.cos(a), v * np.sin(a)], (n, 1)) for v, a in steps])
+    position = np.cumsum(velocity, axis=0) / FS
+    return Scan(np.ones(len(velocity)), position, velocity, np.ones(len(velocity)), FS)
+
+
+def test_lines_end_at_corners_and_turns_and_segments_at_a_step_of_speed():
+    slack = LINE_MM / (80 / FS) / np.sin(1.0)  # samples until 2 mm off the line
+    assert_allclose(
+        straight_lines(_zigzag([80, 80, 80], [0.0, 2.0, -1.0]).position), [0, 400, 800, 1200], atol=slack
+    )
+    assert_allclose(straight_lines(_zigzag([60, 60], [0.3, 0.3 + np.pi]).position), [0, 400, 800], atol=3)
+    found = segment_input(_zigzag([60, 120], [0.3, 0.3]))
+    assert_array_equal([found.start, found.stop], [[0, 400], [400, 800]])
+
+
+def test_every_line_keeps_equations_1_and_2_and_every_segment_is_steady_and_long_enough(scan):
+    bounds = straight_lines(scan.position)
+    assert (bounds[0], bounds[-1]) == (0, len(scan))
+    for a, b in pairwise(bounds):
+        p = scan.position[a:b]
+        A, B, C = p - p[0], p[-1] - p, p[-1] - p[0]
+        h = np.abs(A[:, 0] * B[:, 1] - A[:, 1] * B[:, 0]) / np.hypot(*C)
+        assert h.max() <= LINE_MM * (1 + 1e-9)
+        feet = sum(np.sqrt(np.maximum((V**2).sum(axis=1) - h**2, 0)) for V in (A, B))
+        assert np.all(feet <= np.hypot(*C) + 2 * 0.05 * LINE_MM + 1e-9)
+    found = segment_input(scan)
+    assert len(found) > 10
+    assert found.n_samples.min() >= 75
+    for a, b in zip(found.start, found.stop, strict=True):
+        v, f = scan.speed[a:b], scan.force[a:b]
+        assert (v.std() / v.mean() + f.std() / f.mean()) / 2 <= VARIATION + 1e-9
+        assert np.searchsorted(found.lines, a, "right") == np.searchsorted(found.lines, b - 1, "right")
+
+
+def test_a_tool_at_rest_or_in_the_air_gives_no_segment():
+    n, air = 500, _zigzag([60], [0.3])
+    still = Scan(np.ones(n), np.zeros((n, 2)), np.zeros((n, 2)), np.ones(n), FS)
+    lifted = Scan(air.acceleration, air.position, air.velocity, np.zeros(len(air)), FS)
+    assert len(segment_input(still)) == len(segment_input(lifted)) == 0
+
+
+def test_bounds_do_not_depend_on_the_rate():
+    motion = hand_motion(6.0, 10_000.0, np.random.default_rng(3))
+    fast = Scan(np.ones(60_000), *motion, 10_000.0)
+    slow = Scan(np.ones(6000), *(x[::10] for x in motion), FS)
+    assert_array_equal(segment_input(fast).start, 10 * segment_input(slow).start)
+
+
+def test_what_breaks_a_rule_is_refused(scan):
+    with pytest.raises(ValueError, match="variation is -1"):
+        segment_input(scan, variation=-1)
+    with pytest.raises(ValueError, match="fs is 50"):
+        smooth_motion(np.zeros(100), 50.0)
+    for normal in ((0, 0, 0), (1, 2), (np.nan, 0, 1)):
+        with pytest.raises(ValueError, match="normal is"):
+            scan_from_sensors(np.ones(9), np.ones((9, 3)), np.ones((9, 3)), FS, normal=normal)
+    with pytest.raises(ValueError, match="position"):
+        scan_from_sensors(np.ones(9), np.ones((9, 2)), np.ones((9, 3)), FS)
+
+
+def test_vibration_keeps_its_band_and_motion_its_own(scan):
+    t, inside = np.arange(4000) / FS, slice(1000, 3000)
+    for hz, kept in ((2.0, False), (100.0, True), (400.0, True)):
+        x = np.sin(2 * np.pi * hz * t)
+        assert_allclose(limit_vibration(x, FS)[inside], kept * x[inside], atol=1e-2)
+    slow, fast = np.sin(2 * np.pi * 2 * t), np.sin(2 * np.pi * 200 * t)
+    assert_allclose(smooth_motion(slow + fast, FS)[inside], slow[inside], atol=0.03)
+    at_cutoff = smooth_motion(np.sin(2 * np.pi * 25 * t), FS)[inside]
+    assert_allclose(np.sqrt(2 * np.mean(at_cutoff**2)), 0.5, rtol=0.01)
+    before = scan.acceleration.copy()
+    condition(scan)
+    assert_array_equal(scan.acceleration, before)
+
+
+def test_sensors_are_projected_on_the_plane():
+    n = np.array([0.3, -0.5, 0.9]) / np.linalg.norm([0.3, -0.5, 0.9])
+    along = np.eye(3)[0] - n[0] * n
+    plane = np.stack([along / np.linalg.norm(along), np.cross(n, along / np.linalg.norm(along))])
+    flat = hand_motion(3.0, FS, np.random.default_rng(0))
+    force = -flat[2][:, np.newaxis] * n + 0.3 * plane[0]
+    scan = scan_from_sensors(np.ones(3000), flat[0] @ plane + 7 * n, force, FS, normal=2 * n)
+    inner = slice(200, -200)
+    assert_allclose(scan.position[inner], flat[0][inner], atol=0.5)
+    assert_allclose(scan.speed[inner], np.hypot(*flat[1][inner].T), atol=12)
+    assert_allclose(scan.force[inner], flat[2][inner], atol=0.03)
+
+
+def test_surfaces_sound_at_the_level_and_resonance_they_declare_and_s4_alone_is_isotropic():
+    assert [s.name for s in SURFACES if not s.anisotropic] == ["S4"]
+    assert len(SURFACES) == 9
+    level = surface("S4").truth([[80.0, 0.0], [0.0, 80.0]], [1.0, 1.0])[2]
+    assert level[0] == level[1]
+    what, n = surface("S7"), 40_000
+    velocity, force = np.tile([90.0, 0.0], (n, 1)), np.ones(n)
+    frequency, _, level = what.truth(velocity[:1], force[:1])
+    x = what.vibration(velocity, force, FS, np.random.default_rng(0))
+    assert_allclose(x.std(), level[0], rtol=0.1)
+    power = np.abs(np.fft.rfft(x.reshape(-1, 500), axis=1)) ** 2
+    assert abs(np.argmax(power.mean(axis=0)) * FS / 500 - frequency[0, 0]) < 6
+    with pytest.raises(ValueError, match="S10"):
+        surface("S10")

@@ -1,0 +1,253 @@
+"""A vibration on a grid of speeds and forces: a model at each node, and what holds between the nodes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from texclass.haptics.textures.contract import freeze
+from texclass.recording import Samples
+
+Kind = Literal["silence", "AR", "lines", "AR + lines"]
+Scale = Literal["log", "root"]
+PER_STAGE, PER_LINE, PER_SAMPLE = 6, 18, 70
+"""Multiplications and additions per sample: a lattice stage, an oscillator, and what every sample costs."""
+PER_STAGE_RENEWAL, PER_LINE_RENEWAL = 21, 12
+"""Those of a stage's k and sqrt(1 - k^2) between four nodes, and of a line's amplitude and step."""
+LEAST_POWER = 1e-300
+"""A node without power counts as this, so that it has a logarithm."""
+N_STEPS, LARGEST_STEP = 12, 2.0
+"""Of the scoring; it has settled to 1e-3 after about 8."""
+RENEWAL_HZ = 1000.0
+"""How often the parameters between the nodes are renewed; the level is renewed at each sample."""
+
+
+@dataclass(frozen=True, eq=False)
+class GridModel:
+    """A vibration at the nodes of a grid of speeds and forces, and between them.
+
+    It is an autoregressive process, lines, both, or nothing::
+
+        x = level (sqrt(1 - sum a_i^2 / 2) noise through the lattice + sum_i a_i cos(phase_i))
+
+    Between the nodes, k and a go linearly over w(speed) and w(force), and so does w(power), where w is the
+    logarithm or the (signed) square root. Over logarithms a power law of speed and force needs no node
+    between the ends; over square roots a grid reaches rest and, with two axes of velocity, all directions. A
+    mean of numbers below 1 in size is below 1 in size: between stable models a model is stable. Beyond the
+    outermost nodes, these hold.
+
+    Parameters
+    ----------
+    axes : sequence of array_like of shape (n_nodes,)
+        Of the nodes, rising: speed (mm/s) and force (N); or velocity along x and along y, and force.
+        Above 0 for "log".
+    rows : array_like of shape (*n_nodes, order + n_lines)
+        Reflection coefficients, |k| < 1, and amplitudes of lines, at least 0, of a vibration of unit RMS.
+    power : array_like of shape n_nodes
+        Mean square of the vibration, level^2.
+    peak : float
+        Largest magnitude that was recorded.
+    frequency_hz, per_mm : array_like of shape (n_lines,), optional
+        frequency = frequency_hz + per_mm * speed: what rings keeps its frequency, what repeats along the
+        surface follows the speed. No lines by default.
+    scale : {"log", "root"}
+        Which w.
+
+    Raises
+    ------
+    ValueError
+        If a shape does not fit or a value breaks its rule.
+
+    Notes
+    -----
+    A texture that is dear to read becomes one by being read at the nodes: of the network of `abdulali2016`,
+    `k, level = network.models(velocity, force)` at all nodes, in the order of `meshgrid(*axes,
+    indexing="ij")`, is `GridModel(axes, k.reshape(*n_nodes, -1), level.reshape(n_nodes) ** 2, frame.peak,
+    scale="root")`. A renderer finds its way between the nodes by `cell`, on `warped` axes.
+    """
+
+    axes: tuple[Samples, ...]
+    rows: Samples
+    power: Samples
+    peak: float
+    frequency_hz: Samples = field(default_factory=lambda: np.zeros(0))
+    per_mm: Samples = field(default_factory=lambda: np.zeros(0))
+    scale: Scale = "log"
+
+    def __post_init__(self) -> None:
+        axes = tuple(np.array(axis, dtype=np.float64) for axis in self.axes)
+        for axis in axes:
+            rising = axis.ndim == 1 and axis.size and np.isfinite(axis).all() and np.all(np.diff(axis) > 0)
+            if not rising or (self.scale == "log" and axis[0] <= 0):
+                above = ", above 0" if self.scale == "log" else ""
+                raise ValueError(f"an axis is {axis}; the rule is rising{above}")
+            axis.setflags(write=False)
+        if len(axes) not in (2, 3):
+            raise ValueError(f"axes are {len(axes)}; the rule is speed and force, or v_x, v_y and force")
+        object.__setattr__(self, "axes", axes)
+        lines, size = ("n_lines",), self.n_nodes
+        freeze(self, rows=(*size, "columns"), power=size, frequency_hz=lines, per_mm=lines)
+        lowest = min(self.power.min(), self.peak, self.frequency_hz.min(initial=0.0))
+        if lowest < 0 or not np.isfinite(self.peak):
+            raise ValueError(f"power, peak or a frequency is {lowest}; the rule is finite and at least 0")
+        if self.order < 0:
+            raise ValueError(f"rows have {self.rows.shape[-1]} columns; the rule is {self.n_lines} at least")
+        k, a = self.rows[..., : self.order], self.rows[..., self.order :]
+        if np.abs(k).max(initial=0.0) >= 1:
+            raise ValueError(f"a reflection coefficient is {np.abs(k).max()}; the rule is below 1 in size")
+        in_range = a.min(initial=0.0) >= 0 and a.max(initial=0.0) <= 2
+        if not in_range or (a**2).sum(axis=-1).max(initial=0.0) > 2 * (1 + 1e-9):
+            raise ValueError("amplitudes of lines; the rule is at least 0, their squares 2 at most in sum")
+
+    @classmethod
+    def silence(cls) -> "GridModel":
+        """Return the model of a surface that the device cannot make felt."""
+        return cls((np.ones(1), np.ones(1)), np.zeros((1, 1, 0)), np.zeros((1, 1)), 0.0)
+
+    @property
+    def kind(self) -> Kind:
+        """What it is made of."""
+        if not self.rows.shape[-1]:
+            return "silence"
+        return "lines" if not self.order else "AR + lines" if self.n_lines else "AR"
+
+    @property
+    def speeds(self) -> Samples:
+        """Nodes of the first axis, mm/s."""
+        return self.axes[0]
+
+    @property
+    def forces(self) -> Samples:
+        """Nodes of the last axis, N."""
+        return self.axes[-1]
+
+    @property
+    def n_lines(self) -> int:
+        """Lines."""
+        return int(self.frequency_hz.size)
+
+    @property
+    def order(self) -> int:
+        """Stages of the lattice."""
+        return int(self.rows.shape[-1]) - self.n_lines
+
+    @property
+    def n_nodes(self) -> tuple[int, ...]:
+        """Along each axis."""
+        return tuple(axis.size for axis in self.axes)
+
+    @property
+    def n_bytes(self) -> int:
+        """Of its arrays."""
+        return sum(a.nbytes for a in (*self.axes, self.rows, self.power, self.frequency_hz, self.per_mm))
+
+    def operations(self, fs: float) -> float:
+        """Return multiplications and additions per sample of one contact; see `operations`."""
+        return operations(self.order, self.n_lines, fs)
+
+    def at(self, *points: ArrayLike) -> tuple[Samples, Samples]:
+        """Return rows (n, order + n_lines) and power (n,) at points, one array of shape (n,) an axis."""
+        share = shares(self.axes, points, self.scale)
+        rows = share @ self.rows.reshape(share.shape[1], -1)
+        return np.asarray(rows), mixed_power(share, self.power.ravel(), self.scale)
+
+
+def renewal(fs: float) -> int:
+    """Return the samples from one renewal of the parameters between the nodes to the next, at fs in Hz."""
+    return max(1, round(fs / RENEWAL_HZ))
+
+
+def operations(order: int, n_lines: int, fs: float) -> float:
+    """Return multiplications and additions per sample of one contact, renewals spread over the samples.
+
+    6 p for a lattice of order p and 21 p a renewal; 18 n for n lines and 12 n a renewal; 70 for speed, force,
+    level and noise of any that sounds. A logarithm, exponential, root or cosine counts 10.
+    """
+    if order + n_lines == 0:
+        return 0.0
+    stage, line = PER_STAGE + PER_STAGE_RENEWAL / renewal(fs), PER_LINE + PER_LINE_RENEWAL / renewal(fs)
+    return PER_SAMPLE + order * stage + n_lines * line
+
+
+def warped(values: ArrayLike, scale: Scale = "log") -> Samples:
+    """Return w(values), over which what lies between nodes is linear: ln x, or sign(x) sqrt(|x|)."""
+    x = np.asarray(values, dtype=np.float64)
+    return np.asarray(np.log(x) if scale == "log" else np.sign(x) * np.sqrt(np.abs(x)))
+
+
+def shares(axes: Sequence[ArrayLike], points: Sequence[ArrayLike], scale: Scale = "log") -> Samples:
+    """Return the shares of the nodes at points: multilinear over warped axes, held at the outermost nodes.
+
+    Parameters
+    ----------
+    axes : sequence of array_like of shape (n_nodes,)
+        See `GridModel`.
+    points : sequence of array_like of shape (n,)
+        One array an axis.
+    scale : {"log", "root"}
+        Which w.
+
+    Returns
+    -------
+    ndarray of shape (n, product of n_nodes)
+        Rows sum to 1; the nodes of the last axis stand together.
+    """
+    found = np.ones((np.size(points[0]), 1))
+    for axis, point in zip(axes, points, strict=True):
+        nodes, x = warped(axis, scale), np.atleast_1d(warped(point, scale))
+        hats = np.column_stack([np.interp(x, nodes, one) for one in np.eye(nodes.size)])
+        found = (found[:, :, np.newaxis] * hats[:, np.newaxis]).reshape(x.size, -1)
+    return found
+
+
+def mixed_power(share: Samples, power: ArrayLike, scale: Scale = "log") -> Samples:
+    """Return the powers at points, shares (n, n_nodes) of those of the nodes (n_nodes, ...): w(P) mixes."""
+    if scale == "root":
+        return np.asarray(np.tensordot(share, np.sqrt(power), axes=1) ** 2)
+    ln_power = np.log(np.maximum(np.asarray(power, dtype=np.float64), LEAST_POWER))
+    return np.asarray(np.exp(np.tensordot(share, ln_power, axes=1)))
+
+
+def likeliest_logarithms(H: Samples, power: Samples, tie: ArrayLike = 0.0) -> Samples:
+    """Return the theta (n,) for which the powers P_i about exp(H theta) are likeliest.
+
+    Estimates of a power scatter about it as gamma variables: a regression with logarithmic link, by scoring::
+
+        theta <- theta + (H'H + T)^-1 (H' (P / M - 1) - T theta),    M = exp(H theta)
+
+    Parameters
+    ----------
+    H : ndarray of shape (n_points, n)
+    power : ndarray of shape (n_points,)
+        P, above 0.
+    tie : array_like of shape (n, n) or ()
+        T, what holds theta where no point does.
+
+    References
+    ----------
+    McCullagh, Nelder, "Generalized linear models", 1989, chapter 8.
+    """
+    T = np.broadcast_to(tie, (H.shape[1], H.shape[1]))
+    solve = np.linalg.pinv(H.T @ H + T)
+    theta = solve @ (H.T @ np.log(power))
+    for _ in range(N_STEPS):
+        step = np.minimum(power * np.exp(-H @ theta) - 1, LARGEST_STEP)
+        theta = theta + solve @ (H.T @ step - T @ theta)
+    return np.asarray(theta)
+
+
+@njit(cache=True, error_model="numpy")
+def cell(nodes, x):  # type: ignore[no-untyped-def]
+    """Return the node below x, the one above, and the share of the latter; held at both ends, all warped."""
+    last = nodes.size - 1
+    if last == 0 or x <= nodes[0]:
+        return 0, 0, 0.0
+    if x >= nodes[last]:
+        return last, last, 0.0
+    i = 0
+    while x >= nodes[i + 1]:
+        i += 1
+    return i, i + 1, (x - nodes[i]) / (nodes[i + 1] - nodes[i])

@@ -1,0 +1,553 @@
+"""Textures of oeztuerk2018, between recordings at a few speeds: LPC models, or major frequencies.
+
+How many speeds a surface needs, its friction tells: `speed_intervals`.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import Any, ClassVar
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from texclass import vibration
+from texclass.haptics.textures.contract import Texture
+from texclass.haptics.textures.gliding import checked_path
+from texclass.haptics.textures.grid import cell
+from texclass.recording import Samples
+from texclass.signals import one_channel, positive
+from texclass.vibration import Autoregression, MajorFrequencies, ModelBlend
+from texclass.vibration.interpolation import Loudness
+from texclass.vibration.lattice import turn
+from texclass.vibration.major_frequencies import interpolate, pairs_closer_than_beats
+
+ORDER = 400
+"""`oeztuerk2018`, figure 3.2: beyond it additional coefficients have minimal benefit."""
+N_FREQUENCIES = 13
+"""`oeztuerk2018`, sections 5.3 and 7: 12 to 14 are enough."""
+STILL = 0.25
+"""Below this part of the slowest recorded speed a texture fades linearly to silence at rest."""
+GLIDE_S = 0.01
+"""Time constant with which the place among the speeds and the loudness follow speed and contact."""
+PEAK_FACTOR = 3.0
+"""No rendered sample exceeds this times the largest recorded one: ours, to bound Gaussian noise."""
+N_SUB = 16
+"""LPC models laid out between two recorded speeds; between these k moves linearly."""
+UPDATE_HZ = 1000.0
+"""How often the renderer of LPC models renews k."""
+UNKNOWN = -1.0
+"""Place before the first sample, which takes its own at once."""
+BIN_MM_S = 40.0
+"""`oeztuerk2018`, figure 4.2: bins of 4 cm/s."""
+FRICTION = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
+N_INTERVALS = (7, 5, 4, 3, 2, 2)
+"""`oeztuerk2018`, section 4.2: intervals at each of these coefficients."""
+EXTREME = 1.2
+"""From here on 1 interval. The thesis calls its seventh coefficient extreme and does not print it."""
+
+Player = Callable[[Samples, Samples], None]
+"""Fills samples (n,) along places among the speeds and loudness (n, 2)."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpeedTexture(Texture):
+    """A model of one surface at each of a few speeds, and what lies between them.
+
+    Slower than the slowest and faster than the fastest recording, that one holds (nothing is extrapolated);
+    below `STILL` of the slowest speed the vibration fades to silence at rest. Both are our readings.
+    """
+
+    family: ClassVar[str]
+    speeds: Samples
+    models: Any
+    peak: float
+    fs: float
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "speeds", _rising(self.speeds))
+        positive(self.fs, "fs")
+        positive(self.peak, "peak")
+
+    def place(self, speed: ArrayLike) -> Samples:
+        """Return where speeds (mm/s) lie among the recorded ones, 0 ... n_speeds - 1, held at both ends."""
+        v = np.asarray(speed, dtype=np.float64)
+        if not np.all(np.isfinite(v) & (v >= 0)):
+            raise ValueError(f"speed is {speed!r}; the rule is finite and at least 0")
+        return np.asarray(np.interp(v, self.speeds, np.arange(self.speeds.size)))
+
+    @abstractmethod
+    def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
+        """Return the vibration at a constant speed (mm/s), shape (n_samples,); the seed is that of noise."""
+
+    @abstractmethod
+    def player(self, seed: int) -> Player:
+        """Return what plays along a course from the first sample on; the seed is that of noise."""
+
+    def renderer(self, *, seed: int = 0) -> "SpeedRenderer":
+        """Return a renderer at rest; the seed is that of the noise, if there is any."""
+        return SpeedRenderer(self, seed)
+
+
+@dataclass(frozen=True, eq=False)
+class LpcTexture(SpeedTexture):
+    """LPC models of one surface at rising speeds; between them line spectra and log gain go linearly.
+
+    Parameters
+    ----------
+    speeds : array_like of shape (n_speeds,)
+        Recorded speeds, mm/s, two or more.
+    models : Autoregression
+        Of leading shape (n_speeds,) and one order, in the unit of the recordings.
+    peak : float
+        Largest magnitude of the recordings.
+    fs : float
+        Sampling rate, Hz.
+    name : str, optional
+        Of the surface.
+    loudness : {"gain", "level"}
+        What is mixed beside the line spectra, see `ModelBlend`.
+
+    References
+    ----------
+    `oeztuerk2018`, section 3.1.
+    """
+
+    family: ClassVar[str] = "oeztuerk2018-lpc"
+    models: Autoregression
+    loudness: Loudness = "gain"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        k = self.models.reflection
+        if k.ndim != 2 or k.shape[0] != self.speeds.size or k.shape[1] < 1:
+            raise ValueError(
+                f"models have reflection {k.shape}; the rule is ({self.speeds.size}, order), one a speed"
+            )
+        with np.errstate(over="ignore"):
+            if not np.all(np.isfinite(self.models.level)):
+                raise ValueError(f"levels are {self.models.level}; the rule is finite ones")
+        _ = self._blend  # refuses an unknown loudness
+
+    @cached_property
+    def _blend(self) -> ModelBlend:
+        return ModelBlend(self.models, loudness=self.loudness)
+
+    @property
+    def order(self) -> int:
+        """The order of the models."""
+        return self.models.order
+
+    @property
+    def operations(self) -> float:
+        """Multiplications and additions per sample: 6 a stage, and 6 a stage each time k is renewed."""
+        return 6.0 * self.order + 6.0 * self.order / self.update_samples
+
+    @property
+    def update_samples(self) -> int:
+        """Samples between two renewals of k."""
+        return max(1, round(self.fs / UPDATE_HZ))
+
+    def at(self, speed: ArrayLike) -> Autoregression:
+        """Return the models at speeds (mm/s), of their shape."""
+        return self._at_places(self.place(speed))
+
+    def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
+        """Return the vibration at a constant speed (mm/s), shape (n_samples,)."""
+        return vibration.synthesize(self.at(speed), n_samples, np.random.default_rng(seed))
+
+    @cached_property
+    def grid(self) -> tuple[Samples, Samples]:
+        """Reflection coefficients (n_rows, p) and levels (n_rows,) at `N_SUB` places an interval."""
+        n_rows = (self.speeds.size - 1) * N_SUB + 1
+        models = self._at_places(np.arange(n_rows) / N_SUB)
+        return np.ascontiguousarray(models.reflection), np.ascontiguousarray(models.level)
+
+    def _at_places(self, place: ArrayLike) -> Autoregression:
+        """Return the models at places (...) among the speeds, 0 ... n_speeds - 1: of two neighbours."""
+        distance = np.abs(np.asarray(place)[..., np.newaxis] - np.arange(self.speeds.size))
+        return self._blend.at(np.maximum(1 - distance, 0.0))
+
+    def player(self, seed: int) -> Player:
+        """Return what drives the lattice of the place with noise, as if it had gone on for ever."""
+        rng, (rows, levels) = np.random.default_rng(seed), self.grid
+        (k, c), b = np.empty((2, self.order)), np.append(rng.standard_normal(self.order), 0.0)
+        hop, limit, count = self.update_samples, PEAK_FACTOR * self.peak, 0
+
+        def play(course: Samples, out: Samples) -> None:
+            nonlocal count
+            noise = rng.standard_normal(out.size)
+            _play_lattice(noise, course, rows, levels, count, hop, k, c, b, limit, out)
+            count = (count + out.size) % hop
+
+        return play
+
+    def parameters(self) -> dict[str, Any]:
+        """Return what is not an array; of the models all follows from reflection coefficients and gains."""
+        return super().parameters() | {"models": {"reflection": None, "gain": None}}
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return speeds (mm/s), reflection coefficients and gains."""
+        kept = ("speeds", "models.reflection", "models.gain")
+        return {name: array for name, array in super().arrays().items() if name in kept}
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyTexture(SpeedTexture):
+    """Major frequencies of one surface at rising speeds; between them amplitudes go linearly.
+
+    Parameters
+    ----------
+    speeds : array_like of shape (n_speeds,)
+        Recorded speeds, mm/s, two or more.
+    models : sequence of MajorFrequencies
+        One a speed, in the unit of the recordings.
+    peak : float
+        Largest magnitude of the recordings.
+    fs : float
+        Sampling rate, Hz.
+    name : str, optional
+        Of the surface.
+
+    Notes
+    -----
+    A frequency that has a partner closer than the beat threshold (Table 3.2) at the next speed glides to it;
+    one that has none fades out.
+
+    References
+    ----------
+    `oeztuerk2018`, section 3.2.
+    """
+
+    family: ClassVar[str] = "oeztuerk2018-frequencies"
+    models: tuple[MajorFrequencies, ...]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "models", tuple(self.models))
+        if len(self.models) != self.speeds.size or not any(m.frequency_hz.size for m in self.models):
+            raise ValueError(
+                f"there are {len(self.models)} models for speeds {self.speeds}; the rule is one for each, "
+                "with a frequency in one of them at least"
+            )
+        with np.errstate(over="ignore"):
+            largest = max(float(m.amplitude.sum()) for m in self.models)
+        if not np.isfinite(largest):
+            raise ValueError(f"amplitudes add up to {largest}; the rule is a finite sum")
+
+    @cached_property
+    def tracks(self) -> tuple[Samples, Samples, Samples]:
+        """The lines followed through the speeds, see `follow_lines`."""
+        return follow_lines(self.models)
+
+    @property
+    def operations(self) -> float:
+        """Multiplications and additions per sample: 8 a line (its cosine counted as one)."""
+        return 8.0 * self.tracks[2].size
+
+    def at(self, speed: float) -> MajorFrequencies:
+        """Return the frequencies at a speed (mm/s): between those of the two nearest recordings."""
+        place = float(self.place(speed))
+        below = min(int(place), len(self.models) - 2)
+        return interpolate(self.models[below], self.models[below + 1], place - below)
+
+    def signal(self, speed: float, n_samples: int, *, seed: int = 0) -> Samples:
+        """Return the vibration at a constant speed (mm/s), shape (n_samples,); nothing in it is random."""
+        return self.at(speed).synthesize(n_samples, self.fs)
+
+    def player(self, seed: int) -> Player:
+        """Return what adds up oscillators whose phases never jump; nothing is random in it."""
+        f, A, start = self.tracks
+        omega, amplitude = 2 * np.pi * np.minimum(f / self.fs, 0.5), np.where(f < self.fs / 2, A, 0.0)
+        phase, limit = start.copy(), PEAK_FACTOR * self.peak
+
+        def play(course: Samples, out: Samples) -> None:
+            _play_lines(course, omega, amplitude, phase, limit, out)
+
+        return play
+
+
+def fit_lpc(
+    signals: Sequence[ArrayLike],
+    speeds: ArrayLike,
+    fs: float,
+    *,
+    order: int = ORDER,
+    name: str = "",
+    loudness: Loudness = "gain",
+) -> LpcTexture:
+    """Fit LPC models to recordings of one surface at two or more speeds, by Burg's method.
+
+    Parameters
+    ----------
+    signals : sequence of array_like, each of shape (n_samples,)
+        One recording a speed, any one unit; lengths may differ. Means are removed.
+    speeds : array_like of shape (n_speeds,)
+        mm/s, rising.
+    fs : float
+        Sampling rate, Hz.
+    order : int
+        Of the models.
+    name, loudness
+        As for `LpcTexture`.
+
+    Raises
+    ------
+    ValueError
+        If there is not one recording for each speed, one holds NaN, infinity or no change, the speeds do not
+        rise from above 0, or as `texclass.vibration.fit`.
+
+    References
+    ----------
+    `oeztuerk2018`, section 3.1; the thesis solves the Wiener-Hopf equations by Levinson's recursion, Burg's
+    method smears the ends of short recordings less.
+    """
+    v, found, peak = _checked(signals, speeds)
+    models = [vibration.fit(x, order) for x in found]
+    stack = Autoregression(np.stack([m.reflection for m in models]), np.stack([m.gain for m in models]))
+    return LpcTexture(v, stack, peak, fs, name, loudness)
+
+
+def fit_frequencies(
+    signals: Sequence[ArrayLike],
+    speeds: ArrayLike,
+    fs: float,
+    *,
+    n_frequencies: int = N_FREQUENCIES,
+    name: str = "",
+) -> FrequencyTexture:
+    """Fit major frequencies to recordings of one surface at two or more speeds.
+
+    The sum of the lines of each recording is scaled to its largest magnitude, as in the thesis: a few lines
+    alone would be too weak.
+
+    Parameters
+    ----------
+    signals, speeds, fs, name
+        As for `fit_lpc`.
+    n_frequencies : int
+        Lines per recording, at most.
+
+    Raises
+    ------
+    ValueError
+        As `fit_lpc` and `fit_major_frequencies`.
+
+    References
+    ----------
+    `oeztuerk2018`, eqs. (3.13) to (3.16), Table 3.2.
+    """
+    v, found, peak = _checked(signals, speeds)
+    models = []
+    for x in found:
+        model = vibration.fit_major_frequencies(x, fs, n_frequencies=n_frequencies)
+        made = np.abs(model.synthesize(x.size, fs)).max()
+        gain = np.abs(x).max() / made if made > 0 else 1.0
+        models.append(replace(model, amplitude=gain * model.amplitude))
+    return FrequencyTexture(v, tuple(models), peak, fs, name)
+
+
+def _rising(speeds: ArrayLike) -> Samples:
+    v = np.array(one_channel(speeds, "speeds"))
+    if v.size < 2 or v[0] <= 0 or np.any(np.diff(v) <= 0):
+        raise ValueError(f"speeds are {v}; the rule is two or more, above 0 and rising")
+    v.setflags(write=False)
+    return v
+
+
+def _checked(signals: Sequence[ArrayLike], speeds: ArrayLike) -> tuple[Samples, list[Samples], float]:
+    """Return speeds, recordings without their means, and the largest magnitude of these; or a ValueError."""
+    v = _rising(speeds)
+    if len(signals) != v.size:
+        raise ValueError(f"there are {len(signals)} recordings and {v.size} speeds; the rule is one for each")
+    found = [one_channel(x, f"recording at speed {u:g}", at_least=3) for x, u in zip(signals, v, strict=True)]
+    found = [x - x.mean() for x in found]
+    for x, u in zip(found, v, strict=True):
+        if not np.any(x):
+            raise ValueError(f"the recording at speed {u:g} is constant; the rule is a vibration")
+    return v, found, max(float(np.abs(x).max()) for x in found)
+
+
+def follow_lines(models: Sequence[MajorFrequencies]) -> tuple[Samples, Samples, Samples]:
+    """Follow every line to its partner at the next speed, as `interpolate` pairs them.
+
+    A track without a line at some speed has amplitude 0 there and keeps the frequency of its nearest line, so
+    that linear interpolation between two speeds is that of `interpolate`.
+
+    Returns
+    -------
+    frequency_hz, amplitude : ndarray of shape (n_speeds, n_tracks)
+    phase : ndarray of shape (n_tracks,)
+        At the first speed that has the line, rad.
+    """
+    tracks: list[dict[int, int]] = []  # each: speed -> line
+    track_of: dict[int, int] = {}  # of the lines of one speed
+    for i, model in enumerate(models):
+        before, track_of = track_of, {}
+        if i:
+            slower, faster = pairs_closer_than_beats(models[i - 1].frequency_hz, model.frequency_hz)
+            track_of = {line: before[partner] for partner, line in zip(slower, faster, strict=True)}
+        for line in range(model.frequency_hz.size):
+            if line not in track_of:
+                track_of[line] = len(tracks)
+                tracks.append({})
+            tracks[track_of[line]][i] = line
+    f, A = np.zeros((2, len(models), len(tracks)))
+    phase = np.zeros(len(tracks))
+    for j, lines in enumerate(tracks):
+        known = list(lines)
+        f[:, j] = np.interp(np.arange(len(models)), known, [models[i].frequency_hz[lines[i]] for i in known])
+        A[known, j] = [models[i].amplitude[lines[i]] for i in known]
+        phase[j] = models[known[0]].phase[lines[known[0]]]
+    return f, A, phase
+
+
+# Playing a texture ------------------------------------------------------------------------------------------
+
+
+class SpeedRenderer:
+    """Plays a texture along a path, place and loudness following speed and contact; see `Renderer`."""
+
+    def __init__(self, texture: SpeedTexture, seed: int) -> None:
+        self.fs, self._begin = texture.fs, partial(texture.player, seed)
+        still, share = STILL * float(texture.speeds[0]), -float(np.expm1(-1 / (GLIDE_S * texture.fs)))
+        self._following = texture.speeds, still, share
+        self._motion = np.empty(2)
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to rest, with the random numbers and the phases of the first sample."""
+        self._motion[:] = UNKNOWN, 0.0
+        self._play = self._begin()
+
+    def process(self, velocity: ArrayLike, force: ArrayLike, position: ArrayLike | None = None) -> Samples:
+        """Return the vibration for the next samples; the position is not used."""
+        v, f = checked_path(velocity, force)
+        course, out = np.empty((f.size, 2)), np.empty(f.size)
+        _follow(v, f, *self._following, self._motion, course)
+        self._play(course, out)
+        return out
+
+
+@njit(cache=True, error_model="numpy")
+def _follow(velocity, force, speeds, still, share, state, out):  # type: ignore[no-untyped-def]
+    """Move place and loudness, sample by sample, towards those of the motion: s += share (target - s)."""
+    for t in range(force.size):
+        v = np.sqrt(velocity[t, 0] ** 2 + velocity[t, 1] ** 2)
+        below, _, share_above = cell(speeds, v)
+        place = below + share_above
+        loudness = min(v / still, 1.0) if force[t] > 0.0 else 0.0
+        if state[0] < 0.0:
+            state[0] = place
+        state[0] += share * (place - state[0])
+        state[1] += share * (loudness - state[1])
+        out[t] = state
+
+
+@njit(cache=True, error_model="numpy")
+def _play_lattice(noise, course, rows, levels, count, hop, k, c, b, limit, out):  # type: ignore[no-untyped-def]
+    """Drive the lattice of the place with noise; k is renewed every `hop` samples, the level at each."""
+    p, last = k.size, levels.size - 1
+    for t in range(out.size):
+        at = course[t, 0] * N_SUB
+        i = min(int(at), last - 1)
+        w = at - i
+        if (count + t) % hop == 0:
+            for m in range(p):
+                k[m] = min(max((1.0 - w) * rows[i, m] + w * rows[i + 1, m], -1.0), 1.0)
+                c[m] = np.sqrt((1.0 - k[m]) * (1.0 + k[m]))
+        f = noise[t]
+        for m in range(p - 1, -1, -1):
+            f, b[m + 1] = turn(f, b[m], k[m], c[m])
+        b[0] = f
+        level = course[t, 1] * ((1.0 - w) * levels[i] + w * levels[i + 1])
+        out[t] = min(max(level * f, -limit), limit)
+
+
+@njit(cache=True, error_model="numpy")
+def _play_lines(course, omega, amplitude, phase, limit, out):  # type: ignore[no-untyped-def]
+    """Add up oscillators whose frequencies and amplitudes are those of the place; their phases run on."""
+    last = omega.shape[0] - 1
+    for t in range(out.size):
+        i = min(int(course[t, 0]), last - 1)
+        w = course[t, 0] - i
+        x = 0.0
+        for j in range(phase.size):
+            a = (1.0 - w) * amplitude[i, j] + w * amplitude[i + 1, j]
+            if a > 0.0:
+                x += a * np.cos(phase[j])
+            phase[j] += (1.0 - w) * omega[i, j] + w * omega[i + 1, j]
+            if phase[j] > np.pi:
+                phase[j] -= 2.0 * np.pi
+        out[t] = min(max(course[t, 1] * x, -limit), limit)
+
+
+# How many signals a surface needs ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SpeedIntervals:
+    """Speeds for each of which one signal is displayed.
+
+    Attributes
+    ----------
+    bounds_mm_s : tuple of float
+        Rising, from 0 to infinity: n_intervals + 1 of them.
+    """
+
+    bounds_mm_s: tuple[float, ...]
+
+    @classmethod
+    def equal(cls, n: int) -> "SpeedIntervals":
+        """Return n intervals of 40 mm/s, the last one open."""
+        return cls((*(i * BIN_MM_S for i in range(n)), np.inf))
+
+    @property
+    def n_intervals(self) -> int:
+        """How many signals are needed."""
+        return len(self.bounds_mm_s) - 1
+
+    @property
+    def centres_mm_s(self) -> tuple[float, ...]:
+        """A speed for each interval: its middle, for the last that of its first 40 mm/s."""
+        bounds = [*self.bounds_mm_s[:-1], self.bounds_mm_s[-2] + BIN_MM_S]
+        return tuple((a + b) / 2 for a, b in pairwise(bounds))
+
+    def __str__(self) -> str:
+        edges = [f"{b / 10:g}" for b in self.bounds_mm_s[:-1]]
+        return ", ".join([*(f"{a}-{b}" for a, b in pairwise(edges)), f"> {edges[-1]}"]) + " cm/s"
+
+
+def speed_intervals(friction: float) -> SpeedIntervals:
+    """Return the intervals for a friction coefficient: 40 mm/s each, the last one open.
+
+    At the coefficients of the thesis their number is its own; between two of them the larger one, so that
+    never a signal is lacking; 1 from `EXTREME` on.
+
+    Parameters
+    ----------
+    friction : float
+        Kinetic friction coefficient.
+
+    Raises
+    ------
+    ValueError
+        If the coefficient is negative, NaN or infinite.
+
+    References
+    ----------
+    `oeztuerk2018`, chapter 4 and Table 6.1.
+
+    Examples
+    --------
+    >>> print(speed_intervals(0.4))
+    0-4, 4-8, 8-12, > 12 cm/s
+    """
+    if not (np.isfinite(friction) and friction >= 0):
+        raise ValueError(f"friction is {friction}; the rule is finite and at least 0")
+    known = int(np.searchsorted(FRICTION, friction + 1e-9, side="right")) - 1
+    return SpeedIntervals.equal(1 if friction >= EXTREME else N_INTERVALS[known])
