@@ -63,9 +63,9 @@ def test_each_kind_of_result_names_its_pipeline_and_features_in_its_own_way(tmp_
 def test_studies_name_the_code_that_made_them_and_are_listed_too(tmp_path):
     path = tmp_path / "study.json"
     for facts, why in (
-        (made_by("scene", "signals"), None),
-        (made_by("scene") | {"code_of": ["signals"]}, "made by other code"),
-        (made_by("scene") | {"code_of": ["gone"]}, "made by other code"),
+        (made_by("haptics", "signals"), None),
+        (made_by("haptics") | {"code_of": ["signals"]}, "made by other code"),
+        (made_by("haptics") | {"code_of": ["gone"]}, "made by other code"),
         ({}, "made before results carried a hash of their code"),
     ):
         path.write_text(json.dumps({"versions": {}, "pipeline": ["multiscale"], "ratio": np.nan, **facts}))
