@@ -204,11 +204,12 @@ def test_columns_that_pandas_is_told_to_rename_are_refused(tmp_path):
 @pytest.mark.parametrize(
     "row",
     [{"features": None}, {"features": [1.0]}, {"features": ["a", "b"]}, {"reasons": "["}, {"reasons": [[1]]},
-     {"flags": 5}, {"ms": None}, {"ms": "x"}, {"ms": float("inf")}],
+     {"flags": 5}, {"ms": None}, {"ms": "x"}, {"ms": float("inf")}, {"axes": None}, {"phases": [1]}],
 )  # fmt: skip
 def test_a_damaged_part_of_an_extraction_says_what_to_do(row, tmp_path):
     path = tmp_path / "p.json"
     whole = {"features": [1.0, float("nan")], "reasons": [["mfcc", "short"]], "flags": [], "ms": 1.0}
+    whole |= {"axes": ["x"], "phases": [1, 2.0, 3.0]}
     path.write_text(json.dumps([whole]))
     assert read_part(path, 2)[0].ms == 1.0
     path.write_text(json.dumps([whole | row]))

@@ -75,6 +75,18 @@ def test_features_of_anything_are_one_table(given):
     )
 
 
+def test_undefined_features_are_counted_in_one_warning():
+    with pytest.warns(UserWarning, match=r"^236 of 236 columns without any value: .*no tap found") as warned:
+        table = tx.extract(np.zeros(100), fs=1000.0)
+    assert len(warned) == 1
+    assert ("waviness", "silence: all 100 samples are 0", 1) in table.attrs["reasons"]
+
+
+def test_signals_with_other_axes_are_refused():
+    with pytest.raises(ValueError, match=r"row 1: 1 axis, but row 0 has 2 axes \(c1, c2\)"):
+        tx.extract([SIGNAL[:2].T, SIGNAL[0]], "strese2015", fs=2000.0)
+
+
 def test_a_recording_is_drawn():
     figure = tx.plot_recording(tx.Recording(SIGNAL.T, fs=2000.0))
     assert len(figure.axes) >= 3

@@ -1,5 +1,7 @@
 """What most users call; each takes what they have at hand: a name, a path, arrays, a dataset."""
 
+import warnings
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,12 +47,18 @@ def extract(
     Returns
     -------
     DataFrame of shape (n_recordings, n_columns)
-        Indexed by recording; NaN where a feature is undefined: `FeatureExtractor.extract` says why.
+        Indexed by recording; NaN where a feature is undefined. ``attrs["reasons"]`` lists (feature, reason,
+        number of recordings); `FeatureExtractor.extract` has the reasons of each recording.
 
     Raises
     ------
     ValueError
-        If `fs` is missing for arrays, or a recording breaks a rule.
+        If `fs` is missing for arrays, a recording breaks a rule, or recordings have different axes.
+
+    Warns
+    -----
+    UserWarning
+        If columns have no value for some or all recordings.
 
     Examples
     --------
@@ -61,11 +69,18 @@ def extract(
     (1, 210)
     """
     from texclass.features import FeatureExtractor
+    from texclass.features.extractor import gaps
     from texclass.recording import Recording
 
     given = opened([recordings] if isinstance(recordings, Recording) else recordings, fs, unit)
     extractor = FeatureExtractor(features, channels=channels, fs=fs, unit=unit, n_jobs=n_jobs)
-    return extractor.fit(given).extract(given).table
+    found = extractor.fit(given).extract(given)
+    table = found.table
+    if table.isna().to_numpy().any():
+        warnings.warn(f"{gaps(table, found.reasons)}. `.attrs['reasons']` has all", UserWarning, stacklevel=2)
+    counts = Counter((one.feature, one.reason) for one in found.reasons)
+    table.attrs["reasons"] = [(*undefined, n) for undefined, n in counts.items()]
+    return table
 
 
 def benchmark(

@@ -1,5 +1,6 @@
 """A recording: what one exploration of one surface recorded, and where its phases are."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
@@ -277,6 +278,17 @@ class Recording:
                 f"{where}: channels are {names}; the rule is {n_channels} different names, one a column"
             )
         return names
+
+
+def axes_differ(axes: Sequence[str], others: Sequence[str]) -> bool:
+    """Whether two recordings have other axes: in number, or in names where they share some of them."""
+    a, b = ({name.casefold() for name in names} for names in (axes, others))
+    return len(a) != len(b) or (a != b and bool(a & b))
+
+
+def describe_axes(names: Sequence[str]) -> str:
+    """Return number and names of axes: "3 axes (x, y, z)"; a single one needs no name."""
+    return "1 axis" if len(names) == 1 else f"{len(names)} axes ({', '.join(names)})"
 
 
 def _sampling_rate(fs: Any, where: str) -> float:

@@ -69,6 +69,38 @@ def test_table_holds_metadata_features_and_reasons_on_disk_too(toy_dataset, feat
     assert list(tmp_path.glob("*.parts")) == []
 
 
+def _with_axes(numbers):
+    """Return a dataset of recordings with such numbers of axes."""
+
+    def load_axes(entry):
+        shape = (300, numbers[entry.repetition])
+        noise = np.random.default_rng(entry.repetition).normal(size=shape)
+        return Recording(noise, 1000.0, "g", entry.recording_id, phases=Phases(movement=(0, 200)))
+
+    entries = tuple(Entry(f"m_{i}", "m", repetition=i) for i in range(len(numbers)))
+    return Dataset("toy", entries, load_axes, f"hash {numbers}")
+
+
+def test_recordings_with_other_axes_are_refused_or_left_out(extract):
+    of_variance = load_feature_set("strese2015").restricted_to(["variance"])
+    message = r"m_1: 1 axis, but 3 of 4 have 3 axes \(x, y, z\)\. Expected .*--column"
+    with pytest.raises(RecordingError, match=message):
+        extract(_with_axes([3, 1, 3, 3]), of_variance)
+    table = extract(_with_axes([3, 1, 3, 3]), of_variance, skip_bad=True)
+    assert table.frame["recording_id"].tolist() == ["m_0", "m_2", "m_3"]
+    assert [bad.recording_id for bad in table.left_out] == ["m_1"]
+    assert not extract(_with_axes([3, 3]), of_variance).left_out
+
+
+def test_one_line_counts_phases_and_undefined_columns(extract, tmp_path):
+    features = load_feature_set("strese2015").restricted_to(["variance", "hardness"])
+    table = extract(_with_axes([1, 1, 1]), features)
+    assert table.summary == (
+        "movement in 0.6 of 0.9 s, taps in 0 of 3 recordings; 1 of 2 columns without any value: no tap found"
+    )
+    assert read_table(tmp_path / "t.parquet").summary == table.summary
+
+
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_after_kill_9_nothing_is_lost_and_nothing_computed_twice(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

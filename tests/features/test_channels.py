@@ -66,7 +66,7 @@ def test_every_two_channels_that_are_kept_apart_are_a_pair_named_after_both():
 def test_one_channel_or_several_combined_have_no_pair_and_say_so():
     of_pairs = load_feature_set("coarse").restricted_to(["lag_correlation"])
     for recording, channels in ((turning(), ()), (Recording(noise(N), FS, channels=("x",)), ("x",))):
-        values, reasons, _ = Plan.of(of_pairs, channels).compute(recording)
+        values, reasons, *_ = Plan.of(of_pairs, channels).compute(recording)
         assert np.isnan(values).all()
         assert reasons == (
             ("lag_correlation", "one channel, or several combined; the rule is two kept apart"),
@@ -78,6 +78,6 @@ def test_one_channel_or_several_combined_have_no_pair_and_say_so():
 def test_a_dead_channel_leaves_the_pairs_of_the_others():
     signals = noise(3 * N).reshape(N, 3) * [1, 0, 1]
     plan = Plan.of(load_feature_set("coarse").restricted_to(["lag_correlation"]), ("x", "y", "z"))
-    values, reasons, _ = plan.compute(Recording(signals, FS, phases=Phases(movement=(0, N))))
+    values, reasons, *_ = plan.compute(Recording(signals, FS, phases=Phases(movement=(0, N))))
     assert np.isfinite(values).tolist() == [False] * 7 + [True] * 7 + [False] * 7
     assert {name for name, _ in reasons} == {"x*y/lag_correlation", "y*z/lag_correlation"}

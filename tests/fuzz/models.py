@@ -170,7 +170,10 @@ def _outcome(path: Path) -> object:
     return None
 
 
-_PART = b'[{"features": [1.0, NaN], "reasons": [["mfcc", "short"]], "flags": ["clipped"], "ms": 2.0}]'
+_PART = (
+    b'[{"features": [1.0, NaN], "axes": ["x"], "phases": [1, 2.0, 3.0], "ms": 2.0, '
+    b'"reasons": [["mfcc", "short"]], "flags": ["clipped"]}]'
+)
 _OUTCOME = b'{"first_s": 1.0, "versions": {"aeon": "1"}, "missing": false, "message": "x", "predicted": [0]}'
 _SEALED = archives(_sealed, deflate=False)
 TARGETS = (

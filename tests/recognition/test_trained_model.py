@@ -65,6 +65,11 @@ def test_only_the_features_of_the_row_are_computed(model):
             "narrow band: sampled at 1960 Hz, nothing above 980 Hz; trained up to 2000",
             True,
         ),
+        (
+            {"acceleration": np.random.default_rng(0).normal(size=(4000, 2)), "channels": ("y", "z")},
+            "other axes: 2 axes (y, z), trained with 1 axis; --column selects",
+            True,
+        ),
         ({"flags": ("clipped: 3.1 % of the samples at full scale",)}, "clipped: 3.1 %", False),
         ({"phases": Phases(movement=(0, 200))}, "too short: 0.05 s of movement, trained on 0.5 s", None),
     ],

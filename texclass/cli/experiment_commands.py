@@ -192,6 +192,7 @@ def extract(
     typer.echo(
         f"wrote {output}: {counted(table.n_recordings, 'recording')}, {counted(table.n_columns, 'column')}"
     )
+    typer.echo(table.summary)
     for line in table.left_out:
         typer.echo(f"left out: {line}")
     for note in (*recordings.notes, *table.doubts):

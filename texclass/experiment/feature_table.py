@@ -25,22 +25,35 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from texclass import __version__
+from texclass.document.wording import counted
 from texclass.experiment.parts import Part, read_part, write_part
 from texclass.experiment.windows import Window, by_recording, parent_id
 from texclass.experiment.workers import Progress, each
-from texclass.features.extractor import Reason
+from texclass.features.extractor import Reason, gaps
 from texclass.features.phase_view import Channels, channels_apart
 from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, code_hash
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.recording import RecordingError, Samples
+from texclass.recording import RecordingError, Samples, axes_differ, describe_axes
 from texclass.whole_files import cache_root, path_ending, sibling, write_whole
 
 DOUBTS = ("unit:", "clipped:", "constant:", "narrow band:", "time:", "merged log:", "divided:")
 """Flags that a user has to see before any table: what they begin with."""
+SAME_AXES = (
+    "Expected the same axes in each recording: select them with --column, or leave it out with --skip-bad"
+)
+"""What a message about axes ends with."""
 METADATA = ("recording_id", "material", "operator", "session", "repetition")
 """Columns of every table, before the features; tables of windows add `parent`, the recording; and
 `between`, where windows overlap to train."""
+
+
+class FoundPhases(NamedTuple):
+    """Number of taps of a recording, and seconds of its movement and of the whole."""
+
+    n_taps: int
+    movement_s: float
+    duration_s: float
 
 
 class LeftOut(NamedTuple):
@@ -74,6 +87,8 @@ class FeatureTable:
         Bad recordings that were skipped.
     key : str
         Digest of input, feature set, code and version.
+    phases : tuple of FoundPhases
+        What was found in each recording.
     """
 
     frame: pd.DataFrame
@@ -83,6 +98,7 @@ class FeatureTable:
     flags: tuple[tuple[str, str], ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     key: str = ""
+    phases: tuple[FoundPhases, ...] = ()
 
     @property
     def n_recordings(self) -> int:
@@ -130,6 +146,19 @@ class FeatureTable:
             f"{len(same)} of {n} recordings: {same[0][1]}{f' (the first: {same[0][0]})' if n > 1 else ''}"
             for same in found.values()
         )
+
+    @property
+    def summary(self) -> str:
+        """What was found in the recordings and which columns have no value, in one line."""
+        n = len(self.phases)
+        movement_s, whole_s = (
+            sum(getattr(one, of) for one in self.phases) for of in ("movement_s", "duration_s")
+        )
+        tapped = sum(one.n_taps > 0 for one in self.phases)
+        found = (
+            f"movement in {movement_s:.3g} of {whole_s:.3g} s, taps in {tapped} of {counted(n, 'recording')}"
+        )
+        return f"{found}; {gaps(self.frame[list(self.columns)], self.reasons)}"
 
     def reason_of(self, name: str) -> str:
         """Return the commonest reason why a feature, or the feature of a column, has no value."""
@@ -327,7 +356,8 @@ def read_table(path: str | Path) -> FeatureTable:
         reasons = tuple(Reason(*reason) for reason in facts["reasons"])
         flags = tuple((name, flag) for name, flag in facts["flags"])
         left_out = tuple(LeftOut(*bad) for bad in facts["left_out"])
-        table = FeatureTable(frame, columns, ms, reasons, flags, left_out, facts["key"])
+        phases = tuple(FoundPhases(*found) for found in facts["phases"])
+        table = FeatureTable(frame, columns, ms, reasons, flags, left_out, facts["key"], phases)
         table.of(columns)  # or raises: a column holds no numbers
         return table
     except FileNotFoundError:
@@ -345,6 +375,7 @@ def write_table(table: FeatureTable, path: Path) -> None:
         "reasons": table.reasons,
         "flags": table.flags,
         "left_out": table.left_out,
+        "phases": table.phases,
     }
     arrow = pa.Table.from_pandas(table.frame, preserve_index=False)
     stated = {**(arrow.schema.metadata or {}), b"texclass": json.dumps(facts).encode()}
@@ -408,12 +439,23 @@ def _join(
             return None
     if not found:
         raise RecordingError(f"{dataset.name}: no recording can be used; the first: {left_out[0].reason}")
+    axes = Counter(tuple(row.axes) for _, row in found)
+    usual, n_usual = axes.most_common(1)[0]
+    if any(axes_differ(names, usual) for names in axes):
+        of_others = f"but {n_usual} of {len(found)} have {describe_axes(usual)}"
+        for entry, row in found:
+            if axes_differ(row.axes, usual):
+                problem = f"{parent_id(entry)}: {describe_axes(row.axes)}, {of_others}. {SAME_AXES}"
+                left_out += (LeftOut(parent_id(entry), problem),)
+        left_out = tuple(dict.fromkeys(left_out))
+        found = [(entry, row) for entry, row in found if not axes_differ(row.axes, usual)]
     entries, rows = zip(*found, strict=True)
     values = pd.DataFrame(np.array([row.features for row in rows]), columns=plan.columns)
     frame, ms = pd.concat([metadata(entries), values], axis=1), np.array([row.ms for row in rows])
     reasons = tuple(Reason(entry.recording_id, *pair) for entry, row in found for pair in row.reasons)
     flags = dict.fromkeys((parent_id(entry), flag) for entry, row in found for flag in row.flags)
-    return FeatureTable(frame, plan.columns, ms, reasons, tuple(flags), left_out, key)
+    phases = tuple(FoundPhases(*row.phases) for _, row in found)
+    return FeatureTable(frame, plan.columns, ms, reasons, tuple(flags), left_out, key, phases)
 
 
 def _beside(table: FeatureTable, other: FeatureTable) -> FeatureTable:

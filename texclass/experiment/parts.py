@@ -16,9 +16,14 @@ from texclass.whole_files import write_whole
 
 
 class Part(BaseModel):
-    """What is kept of a recording (or window) until all are done: its values, and why some are undefined."""
+    """What is kept of a recording (or window) until all are done: its values, and why some are undefined.
+
+    `phases` are the number of taps, and seconds of movement and of the recording.
+    """
 
     features: list[float]
+    axes: list[str]
+    phases: tuple[int, float, float]
     reasons: list[tuple[str, str]]
     flags: list[str]
     ms: FiniteFloat
@@ -36,7 +41,10 @@ def write_part(
         for recording in map(load, entries):
             row = plan.compute(recording)
             values: list[float] = row.values.tolist()
-            rows.append({"features": values, "reasons": row.reasons, "flags": recording.flags, "ms": row.ms})
+            start, stop = row.phases.movement or (0, 0)
+            phases = len(row.phases.taps), (stop - start) / recording.fs, recording.duration_s
+            part = {"features": values, "axes": recording.channels, "phases": phases, "ms": row.ms}
+            rows.append(part | {"reasons": row.reasons, "flags": recording.flags})
     except RecordingError as error:
         return str(error)
     write_whole(path, json.dumps(rows).encode())

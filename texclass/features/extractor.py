@@ -1,6 +1,7 @@
 """The feature extractor: recordings in, a table of features out, as a scikit-learn transformer."""
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -12,10 +13,11 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from texclass.document.wording import counted
 from texclass.features.phase_view import Channels, channels_apart
 from texclass.features.plan import Computed, Plan
 from texclass.features.sets import FeatureSet, load_feature_set
-from texclass.recording import Phases, Recording, Samples
+from texclass.recording import Phases, Recording, RecordingError, Samples, axes_differ, describe_axes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 LEAST_SAMPLES = 64
 """Fewer are no signal: so many rows of at most `MOST_AXES` columns are one recording, not many."""
 MOST_AXES = 8
+MOST_REASONS = 3
+"""Reasons of undefined values that a summary names."""
 
 
 class Reason(NamedTuple):
@@ -169,7 +173,12 @@ class FeatureExtractor(_Values):
             found = Parallel(n_jobs=self.n_jobs)(
                 delayed(_extract)(self.plan_, load, entry) for entry in entries
             )
-        ids, rows = zip(*found, strict=True)
+        ids, rows, axes = zip(*found, strict=True)
+        if other := next((i for i, names in enumerate(axes) if axes_differ(names, axes[0])), 0):
+            raise RecordingError(
+                f"{ids[other]}: {describe_axes(axes[other])}, but {ids[0]} has {describe_axes(axes[0])}. "
+                "Expected the same axes in each recording"
+            )
         return Extraction(
             np.stack([row.values for row in rows]),  # noqa: PD011
             self.plan_.columns,
@@ -218,6 +227,16 @@ class FeatureExtractor(_Values):
         ]
 
 
+def gaps(values: "pd.DataFrame", reasons: Iterable[Reason]) -> str:
+    """Return how many columns have no value in some or all recordings, and the commonest reasons."""
+    absent = values.isna()
+    never, some = int(absent.all().sum()), int(absent.any().sum())
+    told = f"{never} of {counted(len(values.columns), 'column')} without any value"
+    told += f", {some - never} with some missing" if some > never else ""
+    common = Counter(reason.reason for reason in reasons).most_common(MOST_REASONS)
+    return told + (f": {' / '.join(reason for reason, _ in common)}" if some else "")
+
+
 def _signals(X: Any) -> list[Samples] | None:
     """Return the signals of what is no table of numbers: one, a panel, or signals of unequal shapes."""
     if isinstance(X, list) and (shapes := {np.shape(x) for x in X}) not in ({()}, set()):
@@ -240,7 +259,9 @@ def _in_time(x: NDArray[Any]) -> NDArray[Any]:
     )
 
 
-def _extract(plan: Plan, load: Callable[[Any], Recording] | None, entry: Any) -> tuple[str, Computed]:
+def _extract(
+    plan: Plan, load: Callable[[Any], Recording] | None, entry: Any
+) -> tuple[str, Computed, tuple[str, ...]]:
     """Compute a recording, or the entry of a lazy dataset, in the process that loads it."""
     recording: Recording = entry if load is None else load(entry)
-    return recording.recording_id, plan.compute(recording)
+    return recording.recording_id, plan.compute(recording), recording.channels

@@ -403,9 +403,10 @@ def views_of(recording: Recording, channels: Sequence[str] = ()) -> dict[str, Vi
     """
     phases = segment(recording)
     if channels and tuple(channels) not in (recording.channels, _with_turn_rate(recording)):
-        raise ValueError(
-            f"{recording.source or recording.recording_id}: channels are {_with_turn_rate(recording)}; "
-            f"the rule is {tuple(channels)}, as in the first recording"
+        present = ", ".join(_with_turn_rate(recording))
+        raise RecordingError(
+            f"{recording.source or recording.recording_id}: axes are {present}. "
+            f"Expected {', '.join(channels)}, as in the first recording"
         )
     combined = {"": Views(recording, phases)}
     apart = {f"{name}/": Views(recording, phases, i) for i, name in enumerate(channels)}

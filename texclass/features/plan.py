@@ -13,15 +13,16 @@ import numpy as np
 from texclass.features.contract import find
 from texclass.features.phase_view import pair_prefix, views_of
 from texclass.features.sets import FeatureSet, Member, code_hash
-from texclass.recording import Recording, Samples
+from texclass.recording import Phases, Recording, Samples
 
 
 class Computed(NamedTuple):
-    """What extraction gives for one recording: values (n_columns,), (feature, reason) pairs, milliseconds."""
+    """Values (n_columns,) of one recording, (feature, reason) pairs, milliseconds, and its phases."""
 
     values: Samples
     reasons: tuple[tuple[str, str], ...]
     ms: float
+    phases: Phases
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,9 @@ class Plan:
             part_values, part_reasons = part.compute(views[prefix])
             values.append(part_values)
             reasons += [(f"{prefix}{feature}", reason) for feature, reason in part_reasons]
-        return Computed(np.concatenate(values), tuple(reasons), 1e3 * (time.perf_counter() - start))
+        phases = next(iter(views.values())).phases
+        ms = 1e3 * (time.perf_counter() - start)
+        return Computed(np.concatenate(values), tuple(reasons), ms, phases)
 
     def to_json(self) -> str:
         """Return it as JSON: functions by their registered names, and a digest of their code."""

@@ -332,7 +332,8 @@ def rows_of(
     """
     rows, known, of = [], [], []
     for i, recording in enumerate(felt):
-        if unlike := model.unlike(recording.fs, recording.unit, f"--resample {model.manifest.fs:g}"):
+        unlike = model.unlike(recording.fs, recording.unit, f"--resample {model.manifest.fs:g}")
+        if unlike := unlike + model.other_axes(recording.channels):
             raise ValueError(f"{recording.recording_id}: {unlike[0]}")
         label = recording.material if labelled else None
         if label is not None and label not in model.materials:
@@ -462,7 +463,8 @@ def with_references(model: Model, references: Dataset) -> Model:
         )
     rows, contacts = list[Samples](), list[int]()
     for i, recording in enumerate(references):
-        if unlike := model.unlike(recording.fs, recording.unit):
+        unlike = model.unlike(recording.fs, recording.unit) + model.other_axes(recording.channels)
+        if unlike:
             raise ValueError(f"{recording.recording_id}: {unlike[0]}")
         for touch in model.cut(recording) or (recording,):
             rows.append(model.deployed.compute(touch).values)

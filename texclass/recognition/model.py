@@ -26,7 +26,7 @@ from texclass.recognition.model_files import (
 from texclass.recognition.probabilities import Calibration, log_of
 from texclass.recognition.sources.training_input import Beside, Needs
 from texclass.recognition.unknown import Novelty, Ranges, Surfaces, strangeness
-from texclass.recording import Recording, Samples
+from texclass.recording import Recording, Samples, axes_differ, describe_axes
 
 if TYPE_CHECKING:
     from texclass.experiment.feature_table import LeftOut
@@ -124,7 +124,7 @@ class Model:
         of_friction = tuple(member.name for member in members if member.feature.phase == "friction")
         if of_friction:
             beside.append("friction")
-            axes = axes or self.manifest.input.axes
+        axes = axes or self.manifest.input.axes
         return Needs(axes, tuple(beside), of_friction)
 
     @overload
@@ -212,6 +212,7 @@ class Model:
             If it lacks a channel, or nothing fills what is undefined; the message names the recording.
         """
         unlike = self.unlike(recording.fs, recording.unit, f"--resample {self.manifest.fs:g}")
+        unlike += self.other_axes(recording.channels)
         unlike += self.narrow_band(recording.native_fs or recording.fs)
         phases = segment(recording)
         row = self.deployed.compute(recording.with_(phases=phases))
@@ -366,6 +367,13 @@ class Model:
         if unit != trained.unit:
             found.append(f"wrong unit: {unit}, trained with {trained.unit}; nothing converts these")
         return found
+
+    def other_axes(self, axes: Sequence[str]) -> list[str]:
+        """Return why recordings of such axes cannot be judged, and the option that selects others."""
+        trained = self.manifest.input.axes
+        if not (trained and axes_differ(axes, trained)):
+            return []
+        return [f"other axes: {describe_axes(axes)}, trained with {describe_axes(trained)}; --column selects"]
 
     def narrow_band(self, native_fs: float) -> list[str]:
         """Return why recordings of a sensor of such a rate (Hz) cannot be judged, although resampled.
