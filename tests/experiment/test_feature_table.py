@@ -18,6 +18,7 @@ from texclass.experiment.feature_table import (
     read_table,
     table_key,
 )
+from texclass.experiment.windows import touches
 from texclass.features import load_feature_set
 from texclass.features.extractor import FeatureExtractor, Reason
 from texclass.loaders.dataset import Dataset, Entry
@@ -90,6 +91,31 @@ def test_recordings_with_other_axes_are_refused_or_left_out(extract):
     assert table.frame["recording_id"].tolist() == ["m_0", "m_2", "m_3"]
     assert [bad.recording_id for bad in table.left_out] == ["m_1"]
     assert not extract(_with_axes([3, 3]), of_variance).left_out
+
+
+def _with_copies(labels):
+    """Return a dataset whose second recording is a copy of the first."""
+    entries = tuple(Entry(f"{m}_{i}", m, repetition=i) for i, m in enumerate(labels))
+    whole = _with_axes([1] * len(labels))
+    return replace(whole, entries=entries, copies=(entries[:2],), input_hash=f"copies {labels}")
+
+
+def test_copies_of_a_recording_never_train_and_test():
+    of_variance = load_feature_set("strese2015").restricted_to(["variance"])
+    for dataset in (_with_copies("aaab"), touches(_with_copies("aaab"), 0.05)):
+        table = cached_table(dataset, of_variance)
+        assert set(table.frame["recording_id"].str[:3]) == {"a_0", "a_2", "b_3"}
+        assert [str(bad) for bad in table.left_out] == ["a_1: same content as 'a_0'"]
+
+
+def test_copies_with_different_labels_are_an_error_or_left_out():
+    of_variance = load_feature_set("strese2015").restricted_to(["variance"])
+    message = "different surfaces have the same content: 'a_0' of 'a', 'b_1' of 'b'"
+    with pytest.raises(RecordingError, match=message):
+        cached_table(_with_copies("abab"), of_variance)
+    table = cached_table(_with_copies("abab"), of_variance, skip_bad=True)
+    assert table.frame["recording_id"].tolist() == ["a_2", "b_3"]
+    assert [bad.recording_id for bad in table.left_out] == ["a_0", "b_1"]
 
 
 def test_one_line_counts_phases_and_undefined_columns(extract, tmp_path):

@@ -1,5 +1,6 @@
 """Hidden and system files are never data, and names are compared in one Unicode normal form."""
 
+import shutil
 import unicodedata
 
 import pytest
@@ -49,6 +50,38 @@ def test_drafted_cards_and_flat_folders_leave_out_hidden_files(surfaces, tmp_pat
     card = draft_card(surfaces, tmp_path, **STATED)
     assert "2 surfaces, with number of files: oak (1), slate (1)" in card
     assert flat_files(surfaces / "oak") == [surfaces / "oak/01.csv"]
+
+
+@pytest.mark.parametrize(
+    ("copies", "note"),
+    [
+        (
+            ["oak/02.csv", "oak/03.csv"],
+            "3 recordings have the same content as another, first 'oak/01', 'oak/02'",
+        ),
+        (
+            ["slate/07.csv"],
+            "2 recordings have the same content as another but different labels, first 'oak/01', 'slate/07'",
+        ),
+    ],
+)
+def test_exact_copies_are_reported(surfaces, copies, note):
+    for name in copies:
+        shutil.copy(surfaces / "oak/01.csv", surfaces / name)
+    dataset = open_dataset(surfaces, **STATED)
+    assert dataset.notes[0].startswith(note)
+    ((first, *others),) = dataset.copies
+    assert (first.paths, [one.paths[0] for one in others]) == (("oak/01.csv",), copies)
+
+
+def test_equal_rows_of_tables_are_copies(tmp_path):
+    (tmp_path / "x.csv").write_text("name,1,2,3\noak,1,2,3\noak,4,5,6\noak,1,2,3\n")
+    (tmp_path / "card.toml").write_text(
+        "fs_hz = 1000\nunit = 'counts'\nformat = 'rows'\nfiles = ['x.csv']\nlabel_column = 'name'\n"
+    )
+    dataset = open_dataset(tmp_path / "card.toml")
+    assert [[entry.recording_id for entry in alike] for alike in dataset.copies] == [["oak_01", "oak_03"]]
+    assert "first 'oak_01', 'oak_03'" in dataset.notes[0]
 
 
 def test_surfaces_in_two_normal_forms_are_one(tmp_path, axes, write):

@@ -81,6 +81,9 @@ def test_a_collection_for_aeon_has_axes_before_samples_and_is_read_back():
     unequal = [equal[0], tx.Recording(AXES[1, 0, :900], FS, phases=tx.Phases(movement=(0, 900)))]
     collection = collection_of(unequal)
     assert [case.shape for case in collection] == [(3, 2000), (1, 900)]
+    with pytest.raises(ValueError, match="1 axis, but row 0 has 3 axes"):
+        tx.extract(collection, "strese2015", fs=FS)
+    longer = [equal[0], tx.Recording(AXES[1, :, :900].T, FS, phases=tx.Phases(movement=(0, 900)))]
     np.testing.assert_array_equal(
-        tx.extract(collection, "strese2015", fs=FS), tx.extract(unequal, "strese2015")
+        tx.extract(collection_of(longer), "strese2015", fs=FS), tx.extract(longer, "strese2015")
     )

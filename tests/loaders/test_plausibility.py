@@ -66,9 +66,9 @@ def test_folders_that_differ_in_case_and_labels_that_are_sessions_are_told_where
     tmp_path,
 ):
     for session in ("day 1", "day 2"):
-        for material in ("wood", "Wood", "steel"):
+        for k, material in enumerate(("wood", "Wood", "steel")):
             (tmp_path / session / material).mkdir(parents=True)
-            np.savetxt(tmp_path / session / material / "r.txt", AT_REST[:, 0])
+            np.savetxt(tmp_path / session / material / "r.txt", AT_REST[k:, 0] + (session == "day 1"))
     (told,) = open_dataset(tmp_path, fs=FS, unit="m/s^2").notes
     assert told.startswith("the labels are day 1, day 2, and each of these folders holds Wood, steel, wood")
     (told,) = open_dataset(tmp_path / "day 1", fs=FS, unit="m/s^2").notes

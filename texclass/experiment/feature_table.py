@@ -182,16 +182,50 @@ def cached_table(dataset: Dataset, *feature_sets: FeatureSet, **options: Any) ->
     """Like `extract_table`, with the table kept in the cache folder, so that a second call is immediate.
 
     Of several sets (with no column in common) each has a file of its own: a new feature does not make the old
-    ones compute again. The recordings are those that all tables have.
+    ones compute again. The recordings are those that all tables have, without copies of others.
+
+    Raises
+    ------
+    RecordingError
+        As `extract_table`, or if recordings of different surfaces have the same content.
     """
+    dataset, copies = _without_copies(dataset, skip_bad=options.get("skip_bad", False))
     tables = []
     for one in feature_sets:
         key = table_key(dataset, one, options.get("channels", "combine"))
         tables.append(extract_table(dataset, one, _in_cache(one, key), **options))
     table = reduce(_beside, tables)
+    table = replace(table, left_out=table.left_out + copies)
     for doubt in table.doubts:
         logging.getLogger(__name__).warning("note: %s", doubt)  # on standard error, unless logging is set up
     return table
+
+
+def _without_copies(dataset: Dataset, *, skip_bad: bool) -> tuple[Dataset, tuple[LeftOut, ...]]:
+    """Return a dataset without recordings (or their windows) that have the content of another, and those.
+
+    One of several copies stays; none where their labels differ.
+    """
+    left_out: dict[str, LeftOut] = {}
+    present = {parent_id(entry) for entry in dataset.entries}
+    for alike in dataset.copies:
+        first, *others = [entry for entry in alike if entry.recording_id in present] or alike[:1]
+        if len({entry.material for entry in (first, *others)}) > 1:
+            names = ", ".join(f"{entry.recording_id!r} of {entry.material!r}" for entry in (first, *others))
+            problem = f"recordings of different surfaces have the same content: {names}"
+            if not skip_bad:
+                raise RecordingError(
+                    f"{dataset.name}: {problem}. Expected one surface: remove the files in the wrong place, "
+                    "or leave all out with --skip-bad"
+                )
+            left_out |= {one.recording_id: LeftOut(one.recording_id, problem) for one in (first, *others)}
+        for one in others:
+            same = LeftOut(one.recording_id, f"same content as {first.recording_id!r}")
+            left_out.setdefault(one.recording_id, same)
+    if not left_out:
+        return dataset, ()
+    entries = tuple(entry for entry in dataset.entries if parent_id(entry) not in left_out)
+    return replace(dataset, entries=entries), tuple(left_out.values())
 
 
 def _in_cache(feature_set: FeatureSet, key: str) -> Path:

@@ -67,6 +67,9 @@ class Dataset(Sequence[Recording]):
         What a report must say of this dataset.
     skip_bad : bool
         Let `attempt` return the error of a bad recording instead of raising it.
+    copies : tuple of tuple of Entry
+        Entries with the same content, together: on both sides of a split they would make an accuracy too
+        high.
     """
 
     name: str
@@ -78,6 +81,7 @@ class Dataset(Sequence[Recording]):
     source: str = ""
     notes: tuple[str, ...] = ()
     skip_bad: bool = False
+    copies: tuple[tuple[Entry, ...], ...] = ()
 
     def __len__(self) -> int:
         return len(self.entries)

@@ -3,7 +3,7 @@
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -25,7 +25,7 @@ from texclass.loaders.columns import (
 from texclass.loaders.data_files import composed, data_files, is_hidden
 from texclass.loaders.dataset import GROUPS, Dataset, Entry
 from texclass.loaders.files import is_bag, read_signals, topics
-from texclass.loaders.places import digest_files, leaves
+from texclass.loaders.places import digest_files, digest_of, file_digests, leaves
 from texclass.loaders.plausibility import build_recording, doubtful_labels
 from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
 
@@ -137,23 +137,55 @@ def open_files(
         raise refused(
             root, f"holds no recording{beside}", "at least one file as `files` of the card describes"
         )
-    digested = [name for entry in entries for name in entry.paths]
-    for folder in [(root / name).parent for name in digested if PurePosixPath(name).name == BAG_FOLDER]:
-        inside = [
-            file
+    contents = {entry: _content(root, entry) for entry in _unique(entries, root)}
+    digested = [name for names in contents.values() for name in names]
+    digests = file_digests(root, digested + ([reading.labels.file] if reading.labels else []))
+    keys = {
+        entry: (*(digests[name] for name in names), entry.topic or "") for entry, names in contents.items()
+    }
+    copies = _copies(keys)
+    doubts = _doubts(reading, root, entries, present - others, others, table)
+    return Dataset(
+        entries=tuple(keys),
+        load=partial(load_files, reading, root),
+        input_hash=digest_of(digests, reading.facts),
+        notes=(*notes, *doubts, *left_out, *_copies_reported(copies)),
+        skip_bad=skip_bad,
+        copies=copies,
+        **about,
+    )
+
+
+def _content(root: Path, entry: Entry) -> list[str]:
+    """Return the files that hold a recording: its own, and those of the storage of a bag."""
+    names = list(entry.paths)
+    for folder in [(root / name).parent for name in names if PurePosixPath(name).name == BAG_FOLDER]:
+        names += [
+            file.relative_to(root).as_posix()
             for file in sorted(folder.iterdir())
             if storage_suffix(file.name) in STORAGE and not is_hidden(file.name)
         ]
-        digested += [file.relative_to(root).as_posix() for file in inside]
-    digested += [reading.labels.file] if reading.labels else []
-    return Dataset(
-        entries=_unique(entries, root),
-        load=partial(load_files, reading, root),
-        input_hash=digest_files(root, digested, reading.facts),
-        notes=(*notes, *_doubts(reading, root, entries, present - others, others, table), *left_out),
-        skip_bad=skip_bad,
-        **about,
-    )
+    return names
+
+
+def _copies(keys: Mapping[Entry, Hashable]) -> tuple[tuple[Entry, ...], ...]:
+    """Return the recordings that have equal keys, together."""
+    same: dict[Hashable, tuple[Entry, ...]] = {}
+    for entry, key in keys.items():
+        same[key] = (*same.get(key, ()), entry)
+    return tuple(alike for alike in same.values() if len(alike) > 1)
+
+
+def _copies_reported(copies: Sequence[Sequence[Entry]]) -> list[str]:
+    """Return a note on recordings with the same content, those of different surfaces apart."""
+    notes = []
+    for of_several, end in ((True, " but different labels"), (False, "")):
+        found = [alike for alike in copies if (len({entry.material for entry in alike}) > 1) == of_several]
+        if found:
+            names = ", ".join(repr(entry.recording_id) for entry in found[0])
+            n = sum(map(len, found))
+            notes.append(f"{counted(n, 'recording')} have the same content as another{end}, first {names}")
+    return notes
 
 
 def _doubts(
@@ -235,11 +267,13 @@ def open_rows(card: RowCard, root: Path, **about: Any) -> Dataset:
         entries.append(Entry(f"{label}_{seen[label]:02d}", label, repetition=seen[label], paths=card.files))
     samples = np.stack([first, *(values for _, values in others)], axis=-1)
     ids = [entry.recording_id for entry in entries]
+    keys = {entry: rows.tobytes() for entry, rows in zip(_unique(entries, root), samples, strict=True)}
+    copies = _copies(keys)
     return Dataset(
-        entries=_unique(entries, root),
+        entries=tuple(keys),
         load=partial(load_row, card, str(root / card.files[0]), dict(zip(ids, samples, strict=True))),
         input_hash=digest_files(root, card.files, card.facts),
-        **about,
+        **about | {"notes": (*about.get("notes", ()), *_copies_reported(copies)), "copies": copies},
     )
 
 

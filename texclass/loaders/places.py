@@ -6,7 +6,7 @@ import os
 import re
 import shutil
 import zipfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -198,24 +198,38 @@ def converted(paths: list[Path], convert: Convert, fs: float) -> bytes:
 
 
 def digest_files(root: Path, relative: Iterable[str], facts: str) -> str:
-    """Return the SHA-256 hex digest of facts, names and contents of files.
+    """Return the SHA-256 hex digest of facts, names and contents of files."""
+    return digest_of(file_digests(root, relative), facts)
 
-    Reading gigabytes takes seconds, so the digest is remembered in the cache under names, sizes and times of
+
+def digest_of(digests: Mapping[str, str], facts: str) -> str:
+    """Return the SHA-256 hex digest of facts, and of names and digests of files."""
+    digest = hashlib.sha256(facts.encode())
+    for name, of_file in digests.items():
+        digest.update(f"\0{name}\0{of_file}".encode())
+    return digest.hexdigest()
+
+
+def file_digests(root: Path, relative: Iterable[str]) -> dict[str, str]:
+    """Return the SHA-256 hex digest of each file, sorted by name.
+
+    Reading gigabytes takes seconds, so digests are kept in the cache under names, sizes and times of
     modification: a file that was changed without changing its size and time goes unnoticed.
     """
     paths = sorted(set(relative))
-    states = hashlib.sha256(f"{root.resolve()}\0{facts}".encode())
+    states = hashlib.sha256(str(root.resolve()).encode())
     for name in paths:
         state = (root / name).stat()
         states.update(f"\0{name}\0{state.st_size}\0{state.st_mtime_ns}".encode())
     memo = cache_root() / "digests" / states.hexdigest()
     try:
-        return memo.read_text(encoding="ascii")
+        known = memo.read_text(encoding="ascii").split()
     except (OSError, UnicodeDecodeError):
-        pass
-    digest = hashlib.sha256(facts.encode())
-    for name in paths:
-        with (root / name).open("rb") as file:
-            digest.update(f"\0{name}\0{hashlib.file_digest(file, 'sha256').hexdigest()}".encode())
-    write_if_possible(memo, digest.hexdigest().encode("ascii"))
-    return digest.hexdigest()
+        known = []
+    if len(known) != len(paths):
+        known = []
+        for name in paths:
+            with (root / name).open("rb") as file:
+                known.append(hashlib.file_digest(file, "sha256").hexdigest())
+        write_if_possible(memo, "\n".join(known).encode("ascii"))
+    return dict(zip(paths, known, strict=True))

@@ -239,7 +239,8 @@ class TrainingFiles(Written):
                 return [Member(str(file), partial(self.find, file, **reading)) for file in flat]
             stated: dict[str, Any] = {"fs": self.fs, "unit": self.unit}
             stated |= {key: value for key, value in reading.items() if value is not None}
-            found = [(path / entry.paths[0], entry) for entry in open_dataset(path, **stated).entries]
+            dataset = open_dataset(path, **stated)
+            found = [(path / entry.paths[0], entry) for entry in dataset.entries]
             return [
                 Member(str(file), partial(self.find, file, **reading), entry.material)
                 for file, entry in found
