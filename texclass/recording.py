@@ -263,7 +263,7 @@ class Recording:
 
         dims = ("time", "axis")[: self.acceleration.ndim]
         time = ("time", np.arange(self.n_samples) / self.fs, {"units": "s"})
-        names = ("fs", "unit", "material", "operator", "session", "repetition")
+        names = ("fs", "native_fs", "unit", "material", "operator", "session", "repetition")
         facts = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         coords = {"time": time, "axis": list(self.channels)}
         coords = {dim: coords[dim] for dim in dims}

@@ -240,11 +240,9 @@ def folder(tmp_path, axes, write):
     """Two materials, recordings 1, 2 and 10 of each."""
     for number, material in enumerate(("wood", "steel"), start=1):
         (tmp_path / "mine" / material).mkdir(parents=True)
+        shift = 0.5 * (material == "wood")  # no file has the content of another
         for repetition in (1, 2, 10):
-            write(
-                tmp_path / "mine" / material / f"r{repetition}.csv",
-                axes + number * repetition + (material == "wood") / 2,
-            )
+            write(tmp_path / "mine" / material / f"r{repetition}.csv", axes + number * repetition + shift)
     return tmp_path / "mine"
 
 

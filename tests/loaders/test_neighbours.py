@@ -51,13 +51,14 @@ def test_raw_and_epochs_are_recordings_of_their_channels(make):
 @pytest.mark.parametrize("acceleration", [AXES[0].T, AXES[0, 0]])
 def test_a_recording_comes_back_from_xarray(acceleration):
     pytest.importorskip("xarray")
-    before = tx.Recording(acceleration, FS, "g", "oak_1", "oak", session="2", repetition=3)
+    before = tx.Recording(acceleration, FS, "g", "oak_1", "oak", session="2", repetition=3, native_fs=500.0)
     as_array = before.to_xarray()
     assert as_array.time.attrs == {"units": "s"}
     assert float(as_array.time[-1]) == 1.999
     as_array.attrs.pop("fs")  # the times tell
     (after,) = recordings_of(as_array.T)
-    for name in ("fs", "unit", "channels", "recording_id", "material", "operator", "session", "repetition"):
+    groups = ("material", "operator", "session", "repetition")
+    for name in ("fs", "native_fs", "unit", "channels", "recording_id", *groups):
         assert getattr(after, name) == getattr(before, name)
     np.testing.assert_array_equal(after.acceleration, before.acceleration)
     assert tx.extract(as_array).equals(tx.extract(before))

@@ -104,6 +104,25 @@ def test_a_name_that_contradicts_the_step_is_refused(tmp_path):
     assert loaded(path, time_unit="ms").fs == loaded(path, fs=100_000).fs == 100_000
 
 
+def test_a_column_that_is_named_like_time_but_is_no_time_is_ignored_and_reported(tmp_path):
+    path = tmp_path / "r.csv"
+    rows = "\n".join(f"{np.sin(i):.4f},{i % 7} o'clock" for i in range(200))
+    path.write_text(f"x,time\n{rows}\n")
+    recording = load_recording(path, fs=100, unit="g")
+    (flag,) = recording.flags
+    assert flag == "time: column 'time' is ignored, it has neither numbers nor dates in each row"
+
+
+def test_a_time_column_of_another_length_is_ignored_and_reported_or_refused(tmp_path):
+    path = tmp_path / "r.npz"
+    x = np.sin(np.arange(300.0))
+    np.savez(path, x=x, time=np.arange(200) / 100)
+    recording = load_recording(path, fs=100, unit="g", column="x")
+    assert "time: column 'time' is ignored, it has another length than the signals" in recording.flags
+    with pytest.raises(RecordingError, match=r"'time' has 200 values, a signal 300.*--time-column none"):
+        load_recording(path, fs=100, unit="g", column="x", time_column="time")
+
+
 def test_a_column_that_is_named_like_time_but_does_not_increase_is_ignored_and_reported(tmp_path):
     temperature = 23 + np.round(np.random.default_rng(1).normal(size=N).cumsum() * 0.01, 2)
     path = write(tmp_path / "r.csv", numbers(temperature), name="T")

@@ -390,10 +390,14 @@ def _read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSign
     for time in candidates:
         try:
             read: ReadSignals = reader.read(path, (*wanted, time), options)
-        except RecordingError:  # neither numbers nor dates, if reading without it succeeds
+        except RecordingError:  # if reading without it succeeds
+            ignored.append(f"time: column {time!r} is ignored, it has neither numbers nor dates in each row")
             continue
-        if read.fs is not None or any(len(read.named[name]) != len(read.named[time]) for name in wanted):
-            break  # the file states its rate, or holds signals of several rates
+        if read.fs is not None:
+            break
+        if any(len(read.named[name]) != len(read.named[time]) for name in wanted):
+            ignored.append(f"time: column {time!r} is ignored, it has another length than the signals")
+            continue
         if increases(read.named[time]):
             return _at_times(replace(read, flags=(*read.flags, *ignored)), wanted, time, path, options)
         ignored.append(f"time: column {time!r} is ignored, it does not increase like time stamps")
@@ -408,6 +412,12 @@ def _at_times(
     """Return signals at the uniform rate that a column of time stamps implies."""
     signals = [as_samples(read.named[name], name, path) for name in wanted]
     times = read.named[time]
+    if lengths := {len(signal) for signal in signals} - {len(times)}:
+        raise refused(
+            path,
+            f"its time column {time!r} has {len(times)} values, a signal {lengths.pop()}",
+            "one length, or --time-column none",
+        )
     columns = [signal.reshape(len(times), -1) for signal in signals]
     uniform, fs, flags = by_time_column(
         np.column_stack(columns),

@@ -27,7 +27,7 @@ def recordings_of(given: Any, *, fs: float | None = None, unit: str | None = Non
         recordings, of the material that their event names, and all movement, as arrays are. A `DataArray` has
         a dimension `time` and at most one other, the axes; the rate is its attribute `fs` or what its
         coordinate `time` tells, the unit its attribute `unit` or `units`; `name`, `material`, `operator`,
-        `session` and `repetition` are kept.
+        `session`, `repetition` and `native_fs` are kept.
     fs : float, optional
         Sampling rate in Hz, where the object does not state it.
     unit : str, optional
@@ -104,6 +104,6 @@ def _of_xarray(given: Any, fs: float | None) -> Iterator[tuple[ReadSignals, str,
         rows = samples.reshape(len(samples), -1)
         rows, rate, flags = by_time_column(rows, times, called, rate, where=name)
         samples = rows.reshape(-1, *samples.shape[1:])
-    facts = {group: given.attrs[group] for group in GROUPS if group in given.attrs}
+    facts = {fact: given.attrs[fact] for fact in (*GROUPS, "native_fs") if fact in given.attrs}
     unit = given.attrs.get("unit", given.attrs.get("units"))
     yield ReadSignals({UNNAMED: samples}, rate, flags, axes, unit), name, {"recording_id": name, **facts}

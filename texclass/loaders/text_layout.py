@@ -359,10 +359,11 @@ def _of_labview(names: list[str], facts: dict[str, list[str]]) -> tuple[list[str
         names = names[:-1]
     stated = iter(facts.get("Y_Unit_Label", []))
     units = ["" if name == "X_Value" else next(stated, "") for name in names]
-    times = facts.get("X_Dimension", ["Time"])[:1] == ["Time"]
-    named = ["time" if name == "X_Value" and times else name for name in names]
+    times, is_empty = facts.get("X_Dimension", ["Time"])[:1] == ["Time"], facts.get("X_Columns") == ["No"]
+    of_x = ROW_NUMBER if is_empty else "time" if times else "X_Value"
+    named = [of_x if name == "X_Value" else name for name in names]
     steps = {step.replace(",", ".") for step in facts.get("Delta_X", ()) if is_number(step)}
-    step = float(steps.pop()) if facts.get("X_Columns") == ["No"] and times and len(steps) == 1 else 0.0
+    step = float(steps.pop()) if is_empty and times and len(steps) == 1 else 0.0
     return named, units, 1 / step if step > 0 else None
 
 
