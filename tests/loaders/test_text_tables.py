@@ -141,6 +141,58 @@ TABLES = {
         {"time_column": "1", "fs": None},
         A,
     ),
+    "Empatica": (
+        ".csv",
+        text(above="1495437325.00, 1495437325.00, 1495437325.00\n100.00, 100.00, 100.00\n"),
+        {"column": ("1", "2", "3"), "fs": None},
+        A,
+    ),
+    "Delsys, times in seconds named X": (
+        ".csv",
+        text(
+            np.column_stack([timed()[:, 0], A[:, 0], timed()[:, 0], A[:, 1]]),
+            above='"X[s]","ACC.X 1 [g]","X[s]","ACC.Y 1 [g]"\n',
+        ),
+        {"unit": None, "fs": None, "column": ("ACC.X 1 [g]", "ACC.Y 1 [g]")},
+        9.80665 * A[:, :2],
+    ),
+    "Shimmer": (
+        ".csv",
+        text(
+            timed(), "\t", above='"sep=\t"\nS_Time\tAcc_X\tAcc_Y\tAcc_Z\t\ns\tm/(s^2)\tm/(s^2)\tm/(s^2)\t\n'
+        ),
+        {"unit": None, "fs": None},
+        A,
+    ),
+    "an oscilloscope of Keysight": (
+        ".csv",
+        text(timed()[:, :3], above="x-axis,1,2\nsecond,Volt,Volt\n"),
+        {"unit": "V", "fs": None, "column": ("1 [V]", "2 [V]")},
+        A[:, :2],
+    ),
+    "dates without a name": (
+        ".csv",
+        "".join(f"2019-01-01 00:00:{i / 100:06.3f},{x},{y},{z}\n" for i, (x, y, z) in enumerate(A)),
+        {"fs": None, "column": ("2", "3", "4")},
+        A,
+    ),
+    "German time": (".csv", text(timed(), ";", above="zeit;x;y;z\n", decimal=","), {"fs": None}, A),
+    "microseconds of a controller": (
+        ".csv",
+        text(np.column_stack([10_000 * np.arange(N), A]), above="micros,x,y,z\n"),
+        {"fs": None},
+        A,
+    ),
+    "two clocks, one with a unit": (
+        ".txt",
+        "Phone timestamp;sensor timestamp [ns];X [g];Y [g];Z [g]\n"
+        + "".join(
+            f"2021-11-01T12:00:{i // 10 / 10:06.3f};{10_000_000 * i};{x};{y};{z}\n"
+            for i, (x, y, z) in enumerate(A)
+        ),
+        {"unit": None, "fs": None},
+        9.80665 * A,
+    ),
     "European in quotes": (
         ".csv",
         "".join(f'"{x:.3f}","{y:.3f}"\n'.replace(".", ",") for x, y, _ in A),
@@ -177,6 +229,43 @@ def test_tables_as_programs_write_them_are_read(tmp_path, kind):
     recording = load(write(tmp_path, suffix, content), **options)
     np.testing.assert_allclose(recording.acceleration, expected)
     assert recording.fs == 100
+
+
+@pytest.mark.parametrize(
+    "above",
+    [
+        "Sample Rate: 1 kHz. Values on linear scale. 1 channel\n",
+        "Data1\nSampling frequency (Hz): 1000\n\nAI 1\n",
+        '# {"sensor": ["ACC"], "sampling rate": 1000}\n# EndOfHeader\n',
+        "// Update Rate: 1000.0Hz\nAcc_X\n",
+        "Device,1.2\nMeasurement Frequency,1000 Hz\nx\n",
+    ],
+)
+def test_the_lines_above_the_rows_state_the_rate(tmp_path, above):
+    path = write(tmp_path, ".csv", above + text(A[:, :1]))
+    recording = load(path, fs=None)
+    assert recording.fs == 1000
+    assert any(flag.startswith("rate: 1000 Hz by the lines above the rows") for flag in recording.flags)
+    with pytest.raises(RecordingError, match="fs is 1000 Hz, but 100 Hz was given"):
+        load(path, fs=100)
+    below = write(tmp_path, ".csv", "Sampling rate: 999 Hz\ntime (s),x\n" + text(timed()[:, :2]))
+    assert load(below, fs=None).fs == 100  # time stamps are closer to the truth
+
+
+def test_what_is_no_acceleration_is_not_suggested(tmp_path):
+    for above, rows, suggested in (
+        ("t (s),Gyroscope x (rad/s),y (rad/s),z (rad/s)\n", timed(), "--column NAMES"),
+        ("t (s),position x (m),position y (m),position z (m)\n", timed(), "--column NAMES"),
+        ("", np.tile(A, 4), "--column NAMES"),
+        (
+            "t,Sub Frame,Fx,Fy,Fz\ns,,N,N,N\n",
+            np.insert(timed(), 1, np.arange(N) % 10, axis=1),
+            "--column 'Fx [N],Fy [N],Fz [N]'",
+        ),
+    ):
+        with pytest.raises(RecordingError) as refused:
+            load(write(tmp_path, ".csv", above + text(rows)), fs=100)
+        assert suggested in str(refused.value)
 
 
 @pytest.mark.parametrize("codec", ["utf-16-le", "utf-16-be", "utf-8"])

@@ -67,7 +67,7 @@ def test_channels_that_are_kept_apart_come_back(tmp_path):
     assert any(column.startswith("turn_z/") for column in loaded.columns)
     given = Turned(dataset.load)(dataset.entries[3])
     assert loaded.answer(given) == model.answer(given)
-    with pytest.raises(ValueError, match="channels are"):
+    with pytest.raises(ValueError, match=r"axes are c1\. Expected c1, turn_x"):
         loaded.answer(recording("oak", 3))
 
 

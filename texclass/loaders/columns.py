@@ -29,12 +29,22 @@ CONVENTIONAL = (
     *(tuple(f"{stem} {axis}" for axis in "xyz") for stem in (UNNAMED, "linear acceleration")),
 )
 """Columns that are the acceleration when nobody says which ones are, see `plain`."""
-TIMES = ("time", "t", "timestamp", "datetime", "date time", "epoch", "seconds", "seconds elapsed", "elapsed")
+TIMES = (
+    *("time", "t", "timestamp", "datetime", "date time", "epoch", "seconds elapsed", "elapsed", "zeit"),
+    *("seconds", "milliseconds", "microseconds", "millis", "micros"),
+)
 """Columns that say when samples were taken, see `plain`."""
 TIME_UNITS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0, "min": 60e9, "h": 3600e9, "days": 86400e9}
 """Nanoseconds in each unit that --time-unit and `time_unit` of a card accept."""
-_TIME_SUFFIXES = {**{unit: unit for unit in TIME_UNITS}, "µs": "us", "sec": "s", "seconds": "s"}
+_TIME_SUFFIXES = {
+    **{unit: unit for unit in TIME_UNITS},
+    **dict.fromkeys(("sec", "second", "seconds"), "s"),
+    **dict.fromkeys(("millis", "milliseconds"), "ms"),
+    **dict.fromkeys(("µs", "micros", "microseconds"), "us"),
+}
 """End of a column's name -> its unit."""
+MOST_UNNAMED = 8
+"""Columns without names from which they are rather samples of a recording per row than axes."""
 COMMENT = r"""[^\s\d"']{1,8}"""
 """Pattern of the beginning of comment lines."""
 NO_TIME_COLUMN = "none"
@@ -44,7 +54,8 @@ ROW_NUMBER = "index"
 ROW_NUMBERS = (ROW_NUMBER, "unnamed: 0", "index level 0", "#", "no", "nr", "row")
 """Columns that number the rows, see `plain`."""
 _BRACKETED = {
-    **dict.fromkeys(("m/s^2", "m/s2", "m/s²", "m/s/s", "m s-2", "ms-2"), "m/s^2"),
+    **dict.fromkeys(("m/s^2", "m/s2", "m/s²", "m/s/s", "m s-2", "ms-2", "m/(s^2)", "m/sec^2"), "m/s^2"),
+    **dict.fromkeys(("volt", "volts"), "V"),
     **{unit.lower(): unit for unit in ("g", "mg", "counts", "V")},
 }
 """Unit as it stands in brackets behind a column's name -> unit of an acceleration."""
@@ -93,10 +104,10 @@ _UNIT = re.compile(
 
 
 _OTHER_UNIT = re.compile(
-    rf"[(\[]\s*({'|'.join(re.escape(unit) for unit in _OTHER_UNITS if len(unit) > 1)})\s*[)\]]$",
+    rf"[(\[]\s*({'|'.join(re.escape(unit) for unit in _OTHER_UNITS if unit not in {'n', 'c'})})\s*[)\]]$",
     re.IGNORECASE,
 )
-"""A unit of something else behind a column's name; a single letter can also be the name of an axis."""
+"""A unit of something else behind a column's name; "n" and "c" can also be the names of axes."""
 
 
 @dataclass(frozen=True)
@@ -178,9 +189,9 @@ def plain(name: str) -> str:
 
 def plain_unit(text: str) -> str:
     """Return a unit without brackets around it, "" if it is not known."""
-    unit = text.strip("()[] ").lower()
-    known = _BRACKETED | {name: name for name in (*_TIME_SUFFIXES, *_OTHER_UNITS)}
-    return known.get(unit, "")
+    unit = re.sub(r"^\s*[(\[](.*)[)\]]\s*$", r"\1", text).strip()
+    is_other = unit.lower() in {*_TIME_SUFFIXES, *_OTHER_UNITS}
+    return _BRACKETED.get(unit.lower(), unit if is_other else "")
 
 
 def unit_of(names: Sequence[str], path: Path) -> str | None:
@@ -210,9 +221,13 @@ def time_unit(name: str) -> str | None:
 
 
 def is_time(name: str) -> bool:
-    """Whether the name of a column is that of time stamps: "time", "timestamp_us", "t (ms)", "data.t"."""
+    """Whether the name of a column is that of time stamps: "time", "t_us", "data.t", "clock (ms)"."""
+    unit = _UNIT.search(name)
+    if unit and unit[1].lower() in _TIME_SUFFIXES:
+        return True
     member = re.split(r"[./]", plain(name))[-1]
-    return re.sub(rf" ({'|'.join(_TIME_SUFFIXES)})$", "", member) in TIMES
+    stem = re.sub(rf" ({'|'.join(_TIME_SUFFIXES)})$", "", member)
+    return stem in TIMES or stem.endswith(" timestamp")
 
 
 def choose_acceleration(
@@ -249,19 +264,20 @@ def choose_acceleration(
     is_decimal = tuple(names) == ("c1", "c2")
     rule = "--delimiter ';' if 0,98 is one number; else " * is_decimal
     rule += "to say which hold the acceleration, by name or number: --column"
-    if suggested := _suggested(names, varying(others)):
-        rule += f" {suggested}"
+    rule += f" {_suggested(names, varying(others)) or 'NAMES'}"
     rule += " (`acceleration` under [channels] in a card)"
     raise refused(path, f"its columns are {listed(names)}", rule)
 
 
 def _suggested(names: Sequence[str], candidates: Sequence[str]) -> str:
     """Return three axes, or the first three of the candidates, as --column takes them in a shell."""
-    plains = {plain(name): name for name in candidates}
+    candidates = [name for name in candidates if not _OTHER_UNIT.search(name)]
+    plains = {re.sub(r"\s*[(\[][^)\]]*[)\]]", "", plain(name)): name for name in candidates}
     axes = (
         [plains.get(re.sub("x$", axis, one), "") for axis in "xyz"] for one in plains if one.endswith("x")
     )
-    triple = next(filter(all, axes), candidates[:3])
+    unnamed = len(names) > MOST_UNNAMED and all(re.fullmatch(r"c\d+", name) for name in names)
+    triple = next(filter(all, axes), [] if unnamed else candidates[:3])
     typed = []
     for name in triple:
         by_number = str(list(names).index(name) + 1)

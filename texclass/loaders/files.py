@@ -24,6 +24,7 @@ from texclass.loaders.columns import (
     is_time,
     numbered,
     refused,
+    time_unit,
     unit_of,
     without_unit,
 )
@@ -385,7 +386,8 @@ def _read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSign
         return _at_times(
             reader.read(path, tuple(dict.fromkeys((*wanted, time))), options), wanted, time, path, options
         )
-    candidates = [] if named else [n for n in reader.names(path, options) if is_time(n) and n not in wanted]
+    present = [] if named else [n for n in reader.names(path, options) if is_time(n) and n not in wanted]
+    candidates = sorted(present, key=lambda name: time_unit(name) is None)  # without a unit last
     ignored = list[str]()
     for time in candidates:
         try:

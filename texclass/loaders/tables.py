@@ -23,6 +23,7 @@ from texclass.loaders.columns import (
     as_samples,
     check_held,
     check_size,
+    is_time,
     readable,
     refused,
     require,
@@ -89,7 +90,8 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
             continue
         if decimal == ",":
             flags.append("decimals: commas are read as decimal points")
-        return ReadSignals(named, layout.fs, flags=tuple(flags))
+        is_stamped = any(map(is_time, wanted))
+        return ReadSignals(named, None if is_stamped else layout.fs, flags=tuple(flags))
     raise _bad_line(path, layout, wanted, str(problem)) from problem
 
 

@@ -36,6 +36,12 @@ MISSING = ("", "na", "n/a", "null", "none", "-")
 """Cells without a value."""
 _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _LABVIEW, _END_OF_HEADER = "LabVIEW Measurement", "***End_of_Header***"
+_RATE = re.compile(
+    r"\b(?:sampl\w*|update|measurement|acquisition)[ _-]*(?:rate|frequency)\b"
+    r"([^\d\n]{0,12})(\d+(?:[.,]\d+)?)\s*(k?hz\b)?",
+    re.IGNORECASE,
+)
+"""A sampling rate in words, its number, and its unit before or behind it."""
 DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d(?::?\d\d){0,2}(?:\.\d+)?(Z|[+-]\d\d:?\d*)?")
 """A date and time that pyarrow reads; its group is the zone."""
 
@@ -272,22 +278,61 @@ def _named(rows: list[_Row], path: Path, labview: dict[str, list[str]], *, is_wh
             f"header: {n_left_out} of the lines above the rows are left out, {above[0].cells[0]!r:.40} first"
         )
     names = list(header.cells[: header.n_named] if header else ())
-    fs = None
+    fs, stated = _stated_rate(above)
     if labview:
         names, units, fs = _of_labview(names, labview)
-    if header is not None and len(names) == n_filled - 1 and _counts(body):
+    elif header is None and _is_empatica(body):
+        fs, stated, body = float(body[1].cells[0]), "start time, then rate, as Empatica writes", body[2:]
+    if fs and not labview:
+        flags.append(f"rate: {fs:g} Hz by the lines above the rows: {stated!r:.50}")
+    if shown := dict.fromkeys(filter(None, map(plain_unit, units))):
+        flags.append(f"units: {', '.join(shown)} by the lines above the rows")
+    names = _column_names(names, units, body, n_filled) if header else _numbered_names(body, n_filled)
+    return TextLayout(
+        _unique(names[:width]), ",", width, body[0].n_above, body[0].cells, fs=fs, flags=tuple(flags)
+    )
+
+
+def _column_names(names: list[str], units: Sequence[str], body: Sequence[_Row], n_filled: int) -> list[str]:
+    """Return a name for each column, with its unit if it has none, and one for that of row numbers."""
+    if len(names) == n_filled - 1 and _counts(body):
         names, units = [ROW_NUMBER, *names], ["", *units]
-    names += [""] * (n_filled - len(names))
-    names = names[:width]
-    if header is None:
-        names = [f"c{i}" for i in range(1, len(names) + 1)] if len(names) > 1 else [UNNAMED]
-    elif not names[0] and _counts(body):
-        names[0] = ROW_NUMBER
-    if shown := [unit for unit in map(plain_unit, units) if unit]:
-        flags.append(f"units: {', '.join(dict.fromkeys(shown))} by the lines above the rows")
-        paired = zip(names, [*map(plain_unit, units), *[""] * len(names)], strict=False)
-        names = [f"{name} [{unit}]" if unit and f"{unit}" not in name else name for name, unit in paired]
-    return TextLayout(_unique(names), ",", width, body[0].n_above, body[0].cells, fs=fs, flags=tuple(flags))
+    elif names and not names[0] and _counts(body):
+        names = [ROW_NUMBER, *names[1:]]
+    names = [*names, *[""] * (n_filled - len(names))]
+    known = [*map(plain_unit, units), *[""] * len(names)]
+    pairs = zip(names, known, strict=False)
+    return [f"{name} [{unit}]" if unit and unit not in name else name for name, unit in pairs]
+
+
+def _numbered_names(body: Sequence[_Row], n_filled: int) -> list[str]:
+    """Return names of columns without any: "c1", "c2", ..., and "time" for the first one, if it has dates."""
+    if n_filled == 1:
+        return [UNNAMED]
+    names = [f"c{i}" for i in range(1, n_filled + 1)]
+    first = body[0].cells[0]
+    return ["time", *names[1:]] if DATE.fullmatch(first) or is_date(first) else names
+
+
+def _stated_rate(above: Sequence[_Row]) -> tuple[float | None, str]:
+    """Return the sampling rate in Hz that a line above the rows states, and the words that do."""
+    for row in above:
+        if found := _RATE.search(" ".join(row.cells)):
+            between, number, unit = found.groups()
+            factor = 1000 if "khz" in f"{between} {unit}".lower() else 1
+            return factor * float(number.replace(",", ".")) or None, found[0]
+    return None, ""
+
+
+def _is_empatica(body: Sequence[_Row]) -> bool:
+    """Whether the first row is the time of the start in seconds since 1970, the second the sampling rate."""
+    if len(body) < 3:
+        return False
+    numbers = [set(row.cells) for row in body[:2]]
+    if any(len(cells) != 1 or not re.fullmatch(r"\d+(\.\d*)?", min(cells)) for cells in numbers):
+        return False
+    start, rate = (float(min(cells)) for cells in numbers)
+    return 1e9 < start < 1e10 and 1 <= rate <= 1000
 
 
 def _is_numeric(cells: Sequence[str]) -> bool:
