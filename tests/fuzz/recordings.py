@@ -21,7 +21,8 @@ from fuzz.contract import Target
 from fuzz.mutate import Mutator, archives, either, of_bytes, of_text
 from texclass.loaders import load_recording
 from texclass.loaders.cards import FileReading, LabelTable
-from texclass.loaders.filesets import _read_labels, _read_rows
+from texclass.loaders.filesets import _read_rows
+from texclass.loaders.labels import Labels, find_label_columns
 from texclass.recognition import open_source
 from texclass.recognition.live.session import Defects
 from texclass.recording import Recording
@@ -139,10 +140,11 @@ _READING = FileReading(fs_hz=FS, unit="g", files=(".*",), labels=_LABELS)
 
 
 def _labels(path: Path) -> object:
-    found = _read_labels(_READING, path.parent)
+    assert _READING.labels is not None
+    found = Labels.read(path, _READING.labels).rows
     assert all(isinstance(value, str) for row in found.values() for value in (*row, *row.values()))
     assert all(isinstance(key, str) for key in found)
-    return found
+    return find_label_columns(path, path.name), found
 
 
 def _lines(data: bytes) -> object:

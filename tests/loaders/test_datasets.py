@@ -95,12 +95,16 @@ def test_a_table_of_labels_that_does_not_fit_is_refused(mine):
     with pytest.raises(CardError, match=r"l\.csv.*cannot be read"):
         mine(LABELS)
     for table, message in (
-        ("id,what\nwood_AB_2,oak\n", "has no row for 'steel_AB_2'"),
-        ("id,name\nwood_AB_2,oak\n", r"lacks the columns \['what'\]"),
-        ("", r"lacks the columns \['id', 'what'\]"),
+        ("id,what\nwood_AB_2,oak\n", r"no row for 'steel_AB_2' \(steel_AB_2.csv\), the closest is"),
+        ("id,name\nwood_AB_2,oak\n", r"missing columns \['what'\]"),
+        ("", "no rows. Expected a header"),
+        ("id,what\nwood_AB_2,oak\nwood_AB_2,oak\n", "rows 2 and 3 are both of 'wood_AB_2'"),
+        ("id,what\nwood_AB_2,\n", "row 2 has a blank 'what'"),
+        ("id,what\n,oak\n", "row 2 has a blank 'id'"),
+        ("id,what\nwood_AB_2,oak,1\n", "row 2 has 3 cells. Expected 2"),
     ):
         (mine.root / "l.csv").write_text(table)
-        with pytest.raises(CardError, match=rf"l\.csv.*{message}"):
+        with pytest.raises(ValueError, match=rf"l\.csv.*{message}"):
             mine(LABELS)
 
 
@@ -302,9 +306,7 @@ def test_a_folder_without_recordings_or_with_one_twice_is_refused(tmp_path, fold
     for content in (None, "wood/readme.md", "r.csv"):
         if content:
             (tmp_path / "none" / content).write_text("a\n1\n")
-        with pytest.raises(
-            RecordingError, match="holds no recording; the rule is one subfolder per material"
-        ):
+        with pytest.raises(RecordingError, match=r"none: no recording\. Expected one subfolder per surface"):
             open_dataset(tmp_path / "none", fs=FS, unit="g")
 
 

@@ -69,6 +69,7 @@ def benchmark(
     jobs: options.Jobs = -1,
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
+    labels: options.Labels = None,
     skip_bad: options.SkipBad = False,
     output: Annotated[Path, options.WRITES_FOLDER] = Path("reports"),
     confusion: Annotated[Path | None, options.writes(".csv", "")] = None,
@@ -107,7 +108,7 @@ def benchmark(
         raise ValueError("--peers and --feature are given; the rule is one of them at a time")
     if touches is not None and touch is None:
         raise ValueError(f"--touches is {touches}, but there is no --touch; the rule is both")
-    recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
+    recordings = open_dataset(dataset, **reading, labels=labels, skip_bad=skip_bad)
     from texclass.experiment.workers import begin_loading
 
     if backend == "local":
@@ -151,6 +152,7 @@ def extract(
     jobs: options.Jobs = -1,
     backend: options.RunOn = "local",
     scheduler: options.Scheduler = None,
+    labels: options.Labels = None,
     skip_bad: options.SkipBad = False,
     *,
     reading: dict[str, Any],
@@ -170,7 +172,7 @@ def extract(
         options.check_folder(output)
     from texclass.loaders import open_dataset
 
-    recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
+    recordings = open_dataset(dataset, **reading, labels=labels, skip_bad=skip_bad)
     from texclass.document.wording import counted
     from texclass.experiment import extract_partitions, extract_table, running_on
     from texclass.features import load_feature_set
@@ -215,6 +217,7 @@ def tradeoff(
     scheduler: options.Scheduler = None,
     output: Annotated[Path, options.WRITES_FOLDER] = Path("reports"),
     json_file: options.Json = None,
+    labels: options.Labels = None,
     *,
     protocol: str | None,
     reading: dict[str, Any],
@@ -238,7 +241,7 @@ def tradeoff(
     from texclass.tradeoff import Limits, trade_off
     from texclass.tradeoff.trading import tradeoff_stem
 
-    recordings = open_dataset(dataset, **reading, skip_bad=True)
+    recordings = open_dataset(dataset, **reading, labels=labels, skip_bad=True)
     scene = tuple(name.strip() for name in (materials or "").split(",") if name.strip())
     stem = tradeoff_stem({"name": recordings.name, "materials": scene, "max_seconds": max_seconds})
     with running_on(backend, scheduler), progress_bar() as progress:

@@ -61,6 +61,7 @@ def inspect(
 def card(
     folder: Path,
     output: Annotated[Path, options.writes(".toml")] = Path("card.toml"),
+    labels: options.Labels = None,
     *,
     reading: dict[str, Any],
 ) -> None:
@@ -79,7 +80,7 @@ def card(
 
     if output.exists():
         raise FileExistsError(f"{output} exists already. Remove it, or choose another file with --output")
-    text = draft_card(folder, output.parent, **reading)
+    text = draft_card(folder, output.parent, labels=labels, **reading)
     write_whole(output, text)
     for line in text.splitlines():
         if line.startswith(QUESTION):

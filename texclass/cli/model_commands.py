@@ -26,6 +26,7 @@ def train(
     false_alarms: float = 0.05,
     exportable: bool = False,
     jobs: options.Jobs = -1,
+    labels: options.Labels = None,
     skip_bad: options.SkipBad = False,
     *,
     protocol: str | None,
@@ -55,7 +56,7 @@ def train(
     """
     from texclass.loaders import open_dataset
 
-    recordings = open_dataset(dataset, **reading, skip_bad=skip_bad)
+    recordings = open_dataset(dataset, **reading, labels=labels, skip_bad=skip_bad)
     from texclass.recognition import train as train_model
     from texclass.recognition.model_document import model_document
 
@@ -90,6 +91,7 @@ def predict(
     as_lines: options.JsonLines = False,
     json_file: options.Json = None,
     confusion: Annotated[Path | None, options.writes(".csv", "")] = None,
+    labels: options.Labels = None,
     skip_bad: bool = False,
     *,
     reading: dict[str, Any],
@@ -116,7 +118,7 @@ def predict(
 
     trained, found, facts = load_model(model), [], []
     with progress_bar() as progress:
-        for prediction in predict_files(trained, files, **reading):
+        for prediction in predict_files(trained, files, labels=labels, **reading):
             found.append(prediction)
             if prediction.answer is None:
                 typer.echo(f"error: {shown(str(prediction.problem))}", err=True)
@@ -149,6 +151,7 @@ def adapt(
     references: list[str],
     output: Annotated[Path, options.writes(".skops")],
     unlabelled: bool = False,
+    labels: options.Labels = None,
     *,
     reading: dict[str, Any],
 ) -> None:
@@ -171,7 +174,7 @@ def adapt(
     from texclass.recognition.model_document import adapted_facts
 
     trained = load_model(model)
-    felt = trained.manifest.input.references(references, **reading)
+    felt = trained.manifest.input.references(references, labels=labels, **reading)
     adapted = adapt_model(trained, felt, labelled=not unlabelled, resampled=reading["resample"] is not None)
     adapted.save(output)
     typer.echo(f"adapted to {adapted_facts(adapted.manifest)}")

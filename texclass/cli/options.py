@@ -115,6 +115,14 @@ DropIncomplete = Annotated[
     bool,
     typer.Option("--drop-incomplete", help="Leave out lines of text files without a number in each column."),
 ]
+Labels = Annotated[
+    Path | None,
+    typer.Option(
+        "--labels",
+        metavar="CSV",
+        help="Table with the columns `file` and `surface` for a folder without one subfolder per surface.",
+    ),
+]
 Jobs = Annotated[int, typer.Option("--jobs", help="Processes; -1 uses every core.")]
 RunOn = Annotated[
     Literal["local", "dask"],

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from texclass.document.wording import counted
+from texclass.loaders.cards import LabelTable
 from texclass.loaders.columns import (
     UNNAMED,
     ReadOptions,
@@ -24,6 +25,7 @@ from texclass.loaders.columns import (
 )
 from texclass.loaders.files import AXIS, axis_files, check_stated, column_names, columns_of, read_signals
 from texclass.loaders.filesets import match_name
+from texclass.loaders.labels import Labels, find_label_columns, is_label_table
 from texclass.loaders.open import recording_files
 from texclass.loaders.plausibility import doubtful_levels
 from texclass.recording import AUXILIARY_UNITS, RecordingError, Samples
@@ -94,6 +96,7 @@ def draft_card(
     skip_rows: int | None = None,
     comment: str | None = None,
     drop_incomplete: bool | None = None,
+    labels: str | Path | None = None,
 ) -> str:
     """Return the text of a dataset card for a folder.
 
@@ -107,11 +110,16 @@ def draft_card(
         Facts of the files, as `open_dataset` takes them.
     skip_rows, comment, drop_incomplete : optional
         Facts of the files, as `open_dataset` takes them.
+    labels : str or Path, optional
+        Table with the surface of each file (default: a CSV in the folder with the columns `file` and
+        `surface`, if there is one).
 
     Raises
     ------
     RecordingError
         If the folder does not exist or contains no file of a known format.
+    CardError
+        If the given table of labels cannot be used.
     """
     root = Path(folder).expanduser()
     how: dict[str, Any] = {
@@ -125,10 +133,15 @@ def draft_card(
     stated = {key: value for key, value in how.items() if value is not None}
     if not root.is_dir():
         raise RecordingError(f"{root} is not a folder. Expected a folder of recordings")
-    names = [path.relative_to(root).as_posix() for path in recording_files(root)]
+    files = recording_files(root)
+    table = Path(labels).expanduser() if labels else next(filter(is_label_table, files), None)
+    names = [path.relative_to(root).as_posix() for path in files if path != table]
+    columns = None
+    if table:
+        columns = find_label_columns(table, Path(os.path.relpath(table.resolve(), root.resolve())).as_posix())
     if not names:
         raise RecordingError(f"{root} contains no file of a known format. Expected one file per recording")
-    layout = _layout(names)
+    layout = _labelled(names, Labels.read(table, columns), root) if table and columns else _layout(names)
     options = ReadOptions(codes=unit == "counts", **stated)
     found = _signals(root, layout, options, columns_of(column), unit)
     lines = [
@@ -141,8 +154,33 @@ def draft_card(
         '# phases = "movement"',
         '# title, source, licence = "..." describe the data in reports.',
         *_channel_lines(found),
+        *_label_lines(columns),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _labelled(names: Sequence[str], labels: Labels, root: Path) -> _Layout:
+    """Return how names become recordings if a table states their surfaces."""
+    pattern = rf"(?:.+/)?[^/]+?{_axis(names)}\.(?i:{_suffixes(names)})"
+    named: dict[str, Mapping[str, str]] = {}
+    problems = []
+    for name in names:
+        if found := match_name((pattern,), name):
+            try:
+                named[name] = labels.of(PurePosixPath(found[1]).with_suffix("").as_posix(), [name], root.name)
+            except RecordingError as error:
+                problems.append(str(error))
+    questions = (f"{counted(len(problems), 'file')} without a label: {problems[0]}",) if problems else ()
+    return _Layout(pattern, named, questions)
+
+
+def _axis(names: Sequence[str]) -> str:
+    """Return the pattern of an axis if most names have one."""
+    return _AXIS if sum(AXIS.search(name) is not None for name in names) > len(names) / 2 else ""
+
+
+def _suffixes(names: Sequence[str]) -> str:
+    return "|".join(sorted({PurePosixPath(name).suffix[1:].lower() for name in names}))
 
 
 def _layout(names: Sequence[str]) -> _Layout:
@@ -154,8 +192,7 @@ def _layout(names: Sequence[str]) -> _Layout:
         candidates = [(head, stem) for head in heads for stem in _IN_FOLDERS]
     else:
         candidates = [("", stem) for stem in _IN_NAMES]
-    kinds = "|".join(sorted({PurePosixPath(name).suffix[1:].lower() for name in names}))
-    axis = _AXIS if sum(AXIS.search(name) is not None for name in names) > len(names) / 2 else ""
+    kinds, axis = _suffixes(names), _axis(names)
     for head, stem in candidates:
         pattern = rf"{head}{_of_sensor(names, stem)}{axis}\.(?i:{kinds})"
         matched = {name: found[0] for name in names if (found := match_name((pattern,), name))}
@@ -333,6 +370,17 @@ def _channel_lines(found: _Signals) -> Iterator[str]:
     yield "[channels]"
     for field, columns in found.channels.items():
         yield f"{field} = [{', '.join(map(_toml, columns))}]"
+
+
+def _label_lines(columns: LabelTable | None) -> Iterator[str]:
+    if columns is None:
+        return
+    yield ""
+    yield "# Columns of the table that states surface and groups of each file."
+    yield "[labels]"
+    for key, column in columns:
+        if column is not None:
+            yield f"{key} = {_toml(column)}"
 
 
 def _questions(questions: Sequence[str]) -> Iterator[str]:

@@ -1,6 +1,5 @@
 """Datasets in files: a recording is a file (or one per axis) whose name tells what it is, or a row of one."""
 
-import csv
 import re
 from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
@@ -25,6 +24,7 @@ from texclass.loaders.columns import (
 from texclass.loaders.data_files import composed, data_files, is_hidden
 from texclass.loaders.dataset import GROUPS, Dataset, Entry
 from texclass.loaders.files import is_bag, read_signals, topics
+from texclass.loaders.labels import Labels
 from texclass.loaders.places import digest_files, digest_of, file_digests, leaves
 from texclass.loaders.plausibility import build_recording, doubtful_labels
 from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
@@ -109,11 +109,12 @@ def open_files(
     CardError
         If the table of labels lacks a column or a recording.
     """
-    table = {composed(name): groups for name, groups in _read_labels(reading, root).items()}
+    labels = Labels.read(root / reading.labels.file, reading.labels) if reading.labels else None
+    own = [reading.labels.file] if reading.labels else []
     left_out: list[str] = []
     entries: list[Entry] = []
     present = {path.relative_to(root).as_posix() for path in data_files(root)}
-    present -= not_recordings(present)
+    present -= not_recordings(present).union(own)
     alike = {composed(name): name for name in present}
     if len(alike) < len(present):
         other, name = next(
@@ -127,7 +128,7 @@ def open_files(
     for names, groups in _find(reading, present):
         others -= set(names)
         try:
-            entries += _entries(reading, root, names, groups, table)
+            entries += _entries(reading, root, names, groups, labels)
         except RecordingError as error:
             if not skip_bad:
                 raise
@@ -139,12 +140,13 @@ def open_files(
         )
     contents = {entry: _content(root, entry) for entry in _unique(entries, root)}
     digested = [name for names in contents.values() for name in names]
-    digests = file_digests(root, digested + ([reading.labels.file] if reading.labels else []))
+    digests = file_digests(root, digested + own)
     keys = {
         entry: (*(digests[name] for name in names), entry.topic or "") for entry, names in contents.items()
     }
     copies = _copies(keys)
-    doubts = _doubts(reading, root, entries, present - others, others, table)
+    unmatched = set(labels.rows).difference(labels.used) if labels else set[str]()
+    doubts = _doubts(reading, root, entries, present - others, others, unmatched)
     return Dataset(
         entries=tuple(keys),
         load=partial(load_files, reading, root),
@@ -194,20 +196,19 @@ def _doubts(
     entries: Sequence[Entry],
     taken: set[str],
     others: set[str],
-    table: Iterable[str],
+    unmatched: Iterable[str],
 ) -> Iterator[str]:
     """Say what may be amiss: labels that are alike, files that are left out, labels without a file."""
     yield from doubtful_labels(entry.material for entry in entries)
     kinds = {PurePosixPath(name).suffix.lower() for name in taken}
-    own = {reading.labels.file} if reading.labels else set()
-    if missed := [name for name in others - own if PurePosixPath(name).suffix.lower() in kinds]:
+    if missed := [name for name in others if PurePosixPath(name).suffix.lower() in kinds]:
         way_out = "put it into the folder of a material"
         if isinstance(reading, FileCard):
             way_out = f"widen `files`, {reading.files[0]!r}"
         yield f"{counted(len(missed), 'file')} left out, {min(missed)!r} first: {way_out}, to take it in"
-    if reading.labels and leaves(root / reading.labels.file, (root,)):
+    if isinstance(reading, FileCard) and reading.labels and leaves(root / reading.labels.file, (root,)):
         yield f"the table of labels {reading.labels.file!r} is outside of the folder of the recordings"
-    for absent in sorted(set(table) - {entry.recording_id for entry in entries}):
+    for absent in sorted(unmatched):
         yield f"{absent} is in the table of labels, but has no file"
 
 
@@ -254,6 +255,9 @@ def open_rows(card: RowCard, root: Path, **about: Any) -> Dataset:
         If a file is unreadable, or the files disagree in rows or labels.
     """
     (labels, first), *others = [_read_rows(root / name, card.label_column) for name in card.files]
+    if "" in labels:
+        row = labels.index("") + 2
+        raise CardError(f"{root / card.files[0]}: row {row} has a blank label. Expected a name")
     for name, (its_labels, values) in zip(card.files[1:], others, strict=True):
         if its_labels != labels or values.shape != first.shape:
             raise RecordingError(
@@ -441,7 +445,7 @@ def _companion_names(reading: FileReading, groups: Groups) -> dict[str, tuple[st
 
 
 def _entries(
-    reading: FileReading, root: Path, names: tuple[str, ...], groups: Groups, table: Mapping[str, Groups]
+    reading: FileReading, root: Path, names: tuple[str, ...], groups: Groups, labels: Labels | None
 ) -> Iterator[Entry]:
     """Yield the recordings in a file (or one per axis): one, or one per topic of a bag that a pattern fits.
 
@@ -462,10 +466,7 @@ def _entries(
         }
     for topic, known in told.items():
         recording_id = known["recording"]
-        if reading.labels and recording_id not in table:
-            lacking = f"{root / reading.labels.file}: has no row for {recording_id!r}"
-            raise CardError(f"{lacking}; the rule is one each")
-        facts = known | table.get(recording_id, {})
+        facts = known | (dict(labels.of(recording_id, names, root.name)) if labels else {})
         repetition = facts.get("repetition")
         if repetition is not None and not repetition.isdecimal():
             raise CardError(f"{path}: repetition is {repetition!r}; the rule is a whole number")
@@ -483,33 +484,16 @@ def _entries(
         )
 
 
-def _read_labels(reading: FileReading, root: Path) -> dict[str, Groups]:
-    """Return recording id -> what the table of labels tells; empty without a table."""
-    if (labels := reading.labels) is None:
-        return {}
-    path = root / labels.file
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file, delimiter=reading.delimiter or ","))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise CardError(f"{path}: the table of labels cannot be read ({error})") from error
-    columns = set(rows[0]) if rows else set()
-    if absent := set(labels.columns.values()) - columns:
-        raise CardError(f"{path}: lacks the columns {sorted(absent)}; the rule is those named in [labels]")
-    if short := next((i for i, row in enumerate(rows, 1) if None in row.values() or None in row), 0):
-        raise CardError(f"{path}: row {short} has other cells than the header; the rule is one a column")
-    return {
-        row[labels.recording]: {group: row[name] for group, name in labels.columns.items()} for row in rows
-    }
-
-
 def _read_rows(path: Path, label_column: str) -> tuple[tuple[str, ...], Samples]:
     """Return the labels of a channel's file, and its values of shape (n_recordings, n_samples)."""
     import pandas as pd
 
     try:
         table = pd.read_csv(path)
-        labels = tuple(table.pop(label_column).astype(str))
+        table.pop(label_column)
+        # As written: "001" is not 1, and "NA" is a text.
+        written = pd.read_csv(path, usecols=[label_column], dtype=str, keep_default_na=False)
+        labels = tuple(written[label_column].str.strip())
         return labels, table.to_numpy(dtype=np.float64)
     except FileNotFoundError as error:
         raise refused(path, "is missing", "one file per channel, as the card says") from error

@@ -1,6 +1,7 @@
 """Open a dataset by the name of its card, by a card's path, or by a folder; find one recording by name."""
 
 import difflib
+import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,6 +23,7 @@ from texclass.loaders.files import (
     suffixes,
 )
 from texclass.loaders.filesets import not_recordings, open_files, open_rows
+from texclass.loaders.labels import find_label_columns
 from texclass.loaders.places import data_roots, find_folder, leaves
 from texclass.loaders.plausibility import agreed_rate, agreed_unit, doubtful_levels
 from texclass.recording import Recording, RecordingError
@@ -40,6 +42,7 @@ def open_dataset(
     skip_rows: int | None = None,
     comment: str | None = None,
     drop_incomplete: bool | None = None,
+    labels: str | Path | None = None,
     skip_bad: bool = False,
 ) -> Dataset:
     """Return a lazy dataset; no recording is read before it is asked for.
@@ -57,6 +60,9 @@ def open_dataset(
         it. What a card says must agree.
     column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete : optional
         Of the files of a folder, as `load_recording` takes them; a card says these itself.
+    labels : str or Path, optional
+        Table (CSV) with a column `file` and a column `surface` for a folder of any layout, optionally with
+        `operator`, `session` and `repetition`. A card has [labels] instead.
     resample : float, optional
         Rate in Hz to which recordings of files are brought, band-limited; then each file may state its own.
     skip_bad : bool
@@ -90,13 +96,13 @@ def open_dataset(
         how = {name: value for name, value in how.items() if value is not None}
         how["channels"] = {UNNAMED: acceleration} if acceleration else {}
         try:
-            return _open_folder(path, fs, unit, how, skip_bad=skip_bad)
+            return _open_folder(path, fs, unit, how, labels, skip_bad=skip_bad)
         except RecordingError as error:
             remedy = f"`texclass card {path} -o card.toml` drafts a dataset card of the folder"
             raise RecordingError(f"{error}. {remedy}") from error
     card = read_card(name_or_path)
     del how["resample_hz"]
-    for key, given in {**how, "[channels]": column}.items():
+    for key, given in {**how, "[channels]": column, "[labels]": labels and str(labels)}.items():
         if given is not None:
             raise refused(card.path, f"{given!r} was given beside a card", f"to say it in the card: {key}")
     if resample is not None and not isinstance(card, FileCard):
@@ -153,16 +159,29 @@ def find_recording(
 
 
 def _open_folder(
-    root: Path, fs: float | None, unit: str | None, how: Mapping[str, Any], *, skip_bad: bool
+    root: Path,
+    fs: float | None,
+    unit: str | None,
+    how: Mapping[str, Any],
+    labels: str | Path | None,
+    *,
+    skip_bad: bool,
 ) -> Dataset:
-    files = [path for path in recording_files(root) if path.parent != root]
+    # A process that works elsewhere, such as one kept from an earlier call, finds the files too.
+    root, given = root.absolute(), root
+    files = recording_files(root)
+    if labels is None:
+        files = [path for path in files if path.parent != root]
+    else:
+        table = Path(labels).expanduser().absolute()
+        files = [path for path in files if path != table]
+        columns = find_label_columns(table, Path(os.path.relpath(table, root)).as_posix())
     if not files:
-        raise RecordingError(
-            f"{root}: holds no recording; the rule is one subfolder per material with files of "
-            f"{', '.join(suffixes())}"
-        )
+        layout = "one subfolder per surface with files" if labels is None else "files"
+        remedy = "" if labels else ", or --labels LABELS.csv with columns `file` and `surface`"
+        raise RecordingError(f"{given}: no recording. Expected {layout} of {', '.join(suffixes())}{remedy}")
     rate_of = ""
-    notes = doubtful_levels([path.relative_to(root).parts for path in files])
+    notes = [] if labels else doubtful_levels([path.relative_to(root).parts for path in files])
     if fs is None or unit is None:
         stated = {name: value for name, value in how.items() if name not in ("channels", "resample_hz")}
         options = ReadOptions(codes=unit == "counts", **stated)
@@ -180,23 +199,23 @@ def _open_folder(
     if n_others := sum(not _is_recording(path) for path in data_files(root)):
         notes.append(f"{n_others} files of other kinds are ignored")
     ends = rf"\.(?i:{'|'.join(re.escape(suffix[1:]) for suffix in suffixes())})"
+    surface = "" if labels else "(?P<material>[^/]+)/"
     patterns = (  # an axis each, a recording each, rosbag2
-        rf"(?P<material>[^/]+)/(?:.+/)?[^/]+_(?P<axis>[XYZxyz])(?:_[^/]*)?{ends}",
-        rf"(?P<material>[^/]+)/.+{ends}",
-        rf"(?P<material>[^/]+)/.+/{re.escape(BAG_FOLDER)}",
+        rf"{surface}(?:.+/)?[^/]+_(?P<axis>[XYZxyz])(?:_[^/]*)?{ends}",
+        rf"{surface}.+{ends}",
+        rf"{surface}.+/{re.escape(BAG_FOLDER)}",
     )
-    reading = FileReading(fs_hz=fs, unit=unit, files=patterns, **how)
+    reading = FileReading(fs_hz=fs, unit=unit, files=patterns, labels=columns if labels else None, **how)
     reading._rate_of = rate_of
     return open_files(
         reading,
-        # A process that works elsewhere, such as one kept from an earlier call, finds the files too.
-        root.absolute(),
+        root,
         notes=tuple(notes),
         skip_bad=skip_bad,
         name=root.resolve().name,
-        title=f"Recordings in {root}",
+        title=f"Recordings in {given}",
         licence="not stated",
-        source=str(root),
+        source=str(given),
     )
 
 

@@ -390,7 +390,13 @@ class Model:
 
 
 def predict(
-    model: Model, names: Iterable[str], *, fs: float | None = None, unit: str | None = None, **reading: Any
+    model: Model,
+    names: Iterable[str],
+    *,
+    fs: float | None = None,
+    unit: str | None = None,
+    labels: str | Path | None = None,
+    **reading: Any,
 ) -> Iterator[Prediction]:
     """Yield the prediction for each recording, in the order of the names; a bad file stops nothing.
 
@@ -402,10 +408,12 @@ def predict(
         Files, folders, cards, or DATASET:RECORDING.
     fs, unit, **reading : optional
         As `Model.predict` takes them.
+    labels : str or Path, optional
+        Table with the surfaces of the recordings of a folder, as `open_dataset` takes it.
     """
     for name in names:
         try:
-            members = model.manifest.input.members(name, fs=fs, unit=unit, **reading)
+            members = model.manifest.input.members(name, labels, fs=fs, unit=unit, **reading)
         except (ValueError, OSError) as error:
             yield _refused(name, error)
             continue

@@ -190,7 +190,9 @@ class TrainingFiles(Written):
             return like.load(name, fs=fs, unit=unit, resample=resample)
         return find_recording(name, fs=fs, unit=unit, **reading)
 
-    def references(self, names: Iterable[str | Path], **reading: Any) -> list[Recording]:
+    def references(
+        self, names: Iterable[str | Path], labels: str | Path | None = None, **reading: Any
+    ) -> list[Recording]:
         """Return recordings by their names, with the surfaces that these say.
 
         Parameters
@@ -198,6 +200,8 @@ class TrainingFiles(Written):
         names : iterable of str or Path
             "SURFACE=FILE"; a file, of an unknown surface; "DATASET:RECORDING"; a card; or a folder with one
             subfolder per surface.
+        labels : str or Path, optional
+            Table with the surfaces of a folder, as `open_dataset` takes it.
         **reading : optional
             What `find` takes.
 
@@ -212,12 +216,12 @@ class TrainingFiles(Written):
             if equals and not Path(name).expanduser().exists() and not files.is_bag_name(str(name)):
                 found.append(self.find(file, **reading).with_(material=composed(surface)))
             else:
-                for one in self.members(name, **reading):
+                for one in self.members(name, labels, **reading):
                     felt = one.load()
                     found.append(felt if one.surface is None else felt.with_(material=one.surface))
         return found
 
-    def members(self, name: str | Path, **reading: Any) -> list[Member]:
+    def members(self, name: str | Path, labels: str | Path | None = None, **reading: Any) -> list[Member]:
         """Return the recordings that a name means: those of a card or a folder, or one.
 
         Parameters
@@ -225,26 +229,30 @@ class TrainingFiles(Written):
         name : str or Path
             A card; a folder with one subfolder per surface, or with recordings of unknown surfaces; or what
             `find` takes.
+        labels : str or Path, optional
+            Table with the surfaces of a folder, as `open_dataset` takes it.
         **reading : optional
             What `find` takes.
 
         Raises
         ------
         RecordingError, FileNotFoundError, CardError
-            As `open_dataset`.
+            As `open_dataset`, or if there are labels of something else than a folder.
         """
         path = Path(name).expanduser()
         if path.is_dir() and not (path / BAG_FOLDER).is_file():
-            if flat := flat_files(path):
+            if labels is None and (flat := flat_files(path)):
                 return [Member(str(file), partial(self.find, file, **reading)) for file in flat]
             stated: dict[str, Any] = {"fs": self.fs, "unit": self.unit}
             stated |= {key: value for key, value in reading.items() if value is not None}
-            dataset = open_dataset(path, **stated)
+            dataset = open_dataset(path, labels=labels, **stated)
             found = [(path / entry.paths[0], entry) for entry in dataset.entries]
             return [
                 Member(str(file), partial(self.find, file, **reading), entry.material)
                 for file, entry in found
             ]
+        if labels is not None:
+            raise RecordingError(f"{name}: labels are given ({labels}). Expected a folder")
         if path.suffix == ".toml" or str(name) in shipped.names("datasets"):
             dataset = open_dataset(name, **reading)
             return [

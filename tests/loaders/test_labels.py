@@ -1,0 +1,161 @@
+"""Tables of labels: texts as written, one row per recording, found by id, path, name or stem."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from texclass.cli import app
+from texclass.loaders import draft_card, open_dataset
+from texclass.loaders.cards import CardError
+from texclass.recording import RecordingError
+
+STATED = {"fs": 1000.0, "unit": "m/s^2"}
+NAMES = ("rec001.txt", "rec002.txt", "more/rec003.txt")
+
+
+@pytest.fixture
+def mine(tmp_path):
+    """Folder of three recordings whose names tell no surface."""
+    root = tmp_path / "mine"
+    for k, name in enumerate(NAMES):
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        np.savetxt(root / name, np.random.default_rng(k).normal(size=2000))
+    return root
+
+
+def opened(root, table, **options):
+    path = root.parent / "labels.csv"
+    path.write_bytes(table if isinstance(table, bytes) else table.encode())
+    return open_dataset(root, labels=path, **STATED, **options)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        NAMES,
+        ("rec001", "rec002", "rec003"),
+        ("rec001", "rec002", "more/rec003"),
+        ("mine/rec001.txt", "mine/rec002.txt", "mine/more/rec003.txt"),
+        ("rec001.txt", "rec002.txt", r"more\rec003.txt"),
+        ("rec001.txt", "rec002.txt", "rec003.txt"),
+    ],
+)
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+def test_files_are_found_with_or_without_path_and_suffix(mine, names, mark):
+    surfaces = ("001", "1", "NA")
+    rows = "".join(f"{name}{mark}{surface}\n" for name, surface in zip(names, surfaces, strict=True))
+    dataset = opened(mine, f"file{mark}surface\n{rows}")
+    assert dict(zip(dataset.table.index, dataset.table["material"], strict=True)) == {
+        "rec001": "001",
+        "rec002": "1",
+        "more/rec003": "NA",
+    }
+    assert dataset.notes == ()
+    assert dataset[0].material == dataset.entries[0].material
+
+
+def test_groups_are_read_and_blank_groups_are_unknown(mine):
+    table = (
+        "Name,Label,Subject,session,repetition\nrec001,None,A,1,1\nrec002,1.0,,2,2\nrec003,1,B,2,3\n\n,,,,\n"
+    )
+    dataset = opened(mine, table.encode("utf-16"))
+    by_id = {entry.recording_id: entry for entry in dataset.entries}
+    assert [by_id[name].material for name in ("rec001", "rec002", "more/rec003")] == ["None", "1.0", "1"]
+    assert by_id["rec001"].operator == "A"
+    assert by_id["rec002"].operator is None
+    assert by_id["more/rec003"].repetition == 3
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("file,surface\nrec001,a\nrec002,b\n", r"labels\.csv: no row for 'more/rec003' \(more/rec003\.txt\)"),
+        ("file,surface\nrec001,a\nrec002,b\nrec003,c\nrec001,d\n", "rows 2 and 5 are both of 'rec001'"),
+        ("file,surface\nrec001,a\nrec002, \nrec003,c\n", "row 3 has a blank 'surface'"),
+        ("file,surface\nrec001,a,b\n", "row 2 has 3 cells. Expected 2"),
+        ("file,what\nrec001,a\n", r"columns 'file', 'what' for the material\. Expected one column `file`"),
+        ("file,surface,label\nrec001,a,b\n", "columns 'surface', 'label' for the material"),
+        ("", "no rows. Expected a header"),
+        (b"file,surface\n\xff\xfa\x80,a\n", "cannot be read"),
+        ('file,surface\n"rec001,a\n', "cannot be read"),
+    ],
+)
+def test_a_table_that_is_wrong_is_refused_with_its_row(mine, table, message):
+    with pytest.raises((CardError, RecordingError), match=message):
+        opened(mine, table)
+
+
+def test_a_name_of_two_files_is_refused(mine):
+    np.savetxt(mine / "more/rec001.txt", np.random.default_rng(9).normal(size=2000))
+    table = "file,surface\nrec001,a\nrec002,b\nrec003,c\n"
+    with pytest.raises(CardError, match=r"'rec001' is both .*Expected the path of the file"):
+        opened(mine, table)
+    assert len(opened(mine, f"{table}more/rec001,d\n")) == 4
+
+
+def test_files_without_a_row_are_left_out_on_request_and_rows_without_a_file_reported(mine):
+    dataset = opened(mine, "file,surface\nrec001,a\nrec002,b\nrec004,c\n", skip_bad=True)
+    assert dataset.materials == ("a", "b")
+    assert "rec004 is in the table of labels, but has no file" in dataset.notes
+    assert any("no row for 'more/rec003'" in note for note in dataset.notes)
+
+
+def test_a_table_within_the_folder_is_no_recording_and_changes_the_hash(mine):
+    inside = mine / "labels.csv"
+    hashes = set()
+    for surface in "ab":
+        inside.write_text(f"file,surface\nrec001,{surface}\nrec002,b\nrec003,c\n")
+        dataset = open_dataset(mine, labels=inside, **STATED)
+        assert len(dataset) == 3
+        hashes.add(dataset.input_hash)
+    assert len(hashes) == 2
+    card = draft_card(mine, mine, **STATED)
+    (mine / "card.toml").write_text(card)
+    assert "QUESTION: is" not in card
+    assert open_dataset(mine / "card.toml").labels.to_dict() == dataset.labels.to_dict()
+
+
+def test_a_card_states_its_labels_itself(mine):
+    inside = mine / "labels.csv"
+    inside.write_text("file,surface\nrec001,a\nrec002,b\nrec003,c\n")
+    (mine / "card.toml").write_text(draft_card(mine, mine, **STATED))
+    with pytest.raises(RecordingError, match=r"was given beside a card.*\[labels\]"):
+        open_dataset(mine / "card.toml", labels=inside)
+
+
+def test_rows_keep_their_labels_as_written(tmp_path):
+    (tmp_path / "x.csv").write_text("name,1,2,3\n001,1,2,3\n1,4,5,6\n1.0,7,8,0\nNA,1,2,4\nNone,3,3,1\n")
+    (tmp_path / "card.toml").write_text(
+        "fs_hz = 1000\nunit = 'counts'\nfiles = ['x.csv']\nlabel_column = 'name'\n"
+    )
+    assert open_dataset(tmp_path / "card.toml").materials == ("001", "1", "1.0", "NA", "None")
+    (tmp_path / "x.csv").write_text("name,1,2,3\noak,1,2,3\n ,4,5,6\n")
+    with pytest.raises(CardError, match="row 3 has a blank label"):
+        open_dataset(tmp_path / "card.toml")
+
+
+def test_commands_take_labels_of_folders(mine, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for k in range(4, 13):
+        np.savetxt(mine / f"rec{k:03d}.txt", (1 + k % 3) * np.random.default_rng(k).normal(size=2000))
+    rows = "".join(f"rec{k:03d},{'abc'[k % 3]}\n" for k in range(1, 13))
+    (tmp_path / "labels.csv").write_text(f"file,surface\n{rows}")
+    stated = ("--labels", "labels.csv", "--fs", "1000", "--unit", "m/s^2")
+
+    def run(*words):
+        done = CliRunner().invoke(app, [*words, *stated])
+        assert done.exit_code == 0, (done.output, done.exception)
+        return done.output
+
+    assert "12 recordings" in run("extract", "mine", "-o", "t.csv", "--features", "scales", "--jobs", "1")
+    run("card", "mine", "-o", "card.toml")
+    assert open_dataset("card.toml").materials == ("a", "b", "c")
+    run("train", "mine", "--jobs", "1", "-o", "m.skops")
+    run("predict", "m.skops", "mine", "--json", "p.json")
+    answers = json.loads((tmp_path / "p.json").read_text())
+    assert len([one for one in answers if one["true_surface"] in "abc"]) == 12
+    done = CliRunner().invoke(app, ["predict", "m.skops", "mine/rec001.txt", *stated])
+    assert done.exit_code == 1
+    assert "labels are given" in done.output
