@@ -62,7 +62,7 @@ def _planned() -> PlannedScene:
 
 def _families() -> list[bytes]:
     """Return a texture of every family that is stroked: those that the tests of families make."""
-    folder = str(Path(__file__).parents[1] / "exchange")
+    folder = str(Path(__file__).parents[1] / "haptics" / "exchange")
     if folder not in sys.path:
         sys.path.insert(0, folder)
     from test_families import MADE

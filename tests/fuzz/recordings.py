@@ -16,13 +16,15 @@ import numpy as np
 import pandas as pd
 import scipy.io
 import soundfile
+from nptdms import ChannelObject, RootObject, TdmsWriter
 
 from fuzz.contract import Target
 from fuzz.mutate import Mutator, archives, either, of_bytes, of_text
 from texclass.loaders import load_recording
 from texclass.loaders.cards import FileReading, LabelTable
+from texclass.loaders.files import READERS
 from texclass.loaders.filesets import _read_rows
-from texclass.loaders.labels import Labels, find_label_columns
+from texclass.loaders.labels import Labels, is_label_table
 from texclass.recognition import open_source
 from texclass.recognition.live.session import Defects
 from texclass.recording import Recording
@@ -144,7 +146,7 @@ def _labels(path: Path) -> object:
     found = Labels.read(path, _READING.labels).rows
     assert all(isinstance(value, str) for row in found.values() for value in (*row, *row.values()))
     assert all(isinstance(key, str) for key in found)
-    return find_label_columns(path, path.name), found
+    return is_label_table(path), found
 
 
 def _lines(data: bytes) -> object:
@@ -169,49 +171,110 @@ def _csv(**how: Any) -> bytes:
     return pd.DataFrame(axes(), columns=["x", "y", "z"]).to_csv(index=False, **how).encode()
 
 
-def _recording(name: str, seeds: Callable[[], list[bytes]], mutate: Mutator, file: str) -> Target:
-    """Return a reader of whole recordings; WAV, FLAC and HDF5 of these seeds state their own rate."""
-    own = name in ("wav", "flac", "hdf5")
-    facts: dict[str, Any] = {"unit": "counts"} if own else {"unit": "m/s^2", "fs": FS}
-    return Target(name, seeds, lambda path: valid(load_recording(path, **facts)), mutate, file)
+def _lvms() -> list[bytes]:
+    head = "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\tNo\n***End_of_Header***\t\nDelta_X\t0.001\t\n"
+    rows = "".join(f"\t{x:g}\n" for x in axes()[:, 0])
+    return [f"{head}***End_of_Header***\t\nX_Value\tAcc\tComment\n{rows}".encode()]
 
 
-TARGETS = (
-    _recording(
-        "text",
+def _npys() -> list[bytes]:
+    arrays = (axes()[:4], np.asfortranarray(axes()[:4].astype("<f4")), axes()[:, 0].astype(">i2"))
+    return [written("a.npy", lambda path, array=array: np.save(path, array)) for array in arrays]
+
+
+def _npy(rng: random.Random, data: bytes) -> bytes:
+    return _npy_change(rng, {"acceleration.npy": data}).get("acceleration.npy", data)
+
+
+def _workbooks() -> list[bytes]:
+    frame = pd.DataFrame(axes()[:5], columns=["x", "y", "z"])
+    dates = pd.date_range("2019-08-06", periods=5, freq="10ms")
+    with_dates = frame.assign(time=dates, note=["", "=1/0", "a", None, "b"])
+
+    def write(path: Path) -> None:
+        with pd.ExcelWriter(path) as book:
+            with_dates.to_excel(book, sheet_name="Raw data", startrow=2, startcol=1, index=False)
+            frame.to_excel(book, sheet_name="More")
+
+    return [written("a.xlsx", frame.to_excel), written("a.xlsx", write)]
+
+
+def _xml(rng: random.Random, members: dict[str, bytes]) -> dict[str, bytes]:
+    name = rng.choice(sorted(members))
+    members[name] = rng.choice((of_text, of_bytes))(rng, members[name])
+    return members
+
+
+def _tdms() -> list[bytes]:
+    facts = {"wf_increment": 0.001, "unit_string": "g"}
+    one = [ChannelObject("data", axis, axes()[:, i], facts) for i, axis in enumerate("xyz")]
+    times = ChannelObject("log", "time", np.arange(N) * np.timedelta64(1, "ms") + np.datetime64("2019-08-06"))
+    two = [
+        times,
+        ChannelObject("log", "x", axes()[:, 0].astype("i2")),
+        ChannelObject("other", "a", axes()[:3, 0]),
+    ]
+
+    def write(path: Path, objects: list[ChannelObject]) -> None:
+        with TdmsWriter(path) as file:
+            file.write_segment([RootObject({"name": "a"}), *objects])
+            file.write_segment(objects)
+
+    return [written("a.tdms", partial(write, objects=objects)) for objects in (one, two)]
+
+
+SEEDS: dict[str, tuple[Callable[[], list[bytes]], Mutator]] = {
+    ".txt": (
         lambda: [b"".join(f"{x:.3g}\n".encode() for x in axes()[:, 0]), b"1\n\n-2.5e3\r\n 7\n"],
         of_text,
-        "fuzzed.txt",
     ),
-    _recording(
-        "csv",
+    ".csv": (
         lambda: [_csv(), b'\xef\xbb\xbf"ax","ay","az",t\n1,2,3,0\n4,5,6,1\n', b"a\n1\n2\n"],
         of_text,
-        "fuzzed.csv",
     ),
-    _recording("tsv", lambda: [_csv(sep="\t")], of_text, "fuzzed.tsv"),
-    _recording("parquet", _parquets, of_bytes, "fuzzed.parquet"),
-    _recording("wav", _wavs, of_bytes, "fuzzed.wav"),
-    _recording(
-        "flac",
+    ".tsv": (lambda: [_csv(sep="\t")], of_text),
+    ".lvm": (_lvms, of_text),
+    ".parquet": (_parquets, of_bytes),
+    ".wav": (_wavs, of_bytes),
+    ".flac": (
         lambda: [written("a.flac", lambda p: soundfile.write(p, axes().astype(np.int16), 1000))],
         of_bytes,
-        "fuzzed.flac",
     ),
-    _recording("matlab 4 and 5", _mat5s, of_bytes, "fuzzed.mat"),
-    _recording(
-        "matlab 7.3", lambda: [written("a.mat", partial(_hdf5, matlab=True))], of_bytes, "fuzzed73.mat"
-    ),
-    _recording(
-        "npz",
+    ".mat": (lambda: [*_mat5s(), written("a.mat", partial(_hdf5, matlab=True))], of_bytes),
+    ".npy": (_npys, either(_npy, of_bytes)),
+    ".npz": (
         lambda: [
             written("a.npz", lambda p: np.savez(p, acceleration=axes()[:4], fs=FS)),
             written("a.npz", lambda p: np.savez_compressed(p, x=axes()[:, 0].astype(np.float32))),
         ],
         archives(_npy_change, deflate=True),
-        "fuzzed.npz",
     ),
-    _recording("hdf5", _hdf5s, of_bytes, "fuzzed.h5"),
+    ".h5": (_hdf5s, of_bytes),
+    ".hdf5": (_hdf5s, of_bytes),
+    ".xlsx": (_workbooks, either(archives(_xml, deflate=True), of_bytes)),
+    ".tdms": (_tdms, of_bytes),
+}
+"""Suffix -> valid files, and how they are changed; a suffix of `READERS` without any is an error."""
+OF_BAGS = {".bag": "rosbag1", ".mcap": "rosbag2 mcap", ".db3": "rosbag2 sqlite3"}
+"""Suffixes of bags -> the readers in `fuzz.bags`."""
+
+
+def _read(path: Path) -> Recording:
+    """Load a file; of those that state a rate or unit, without what would contradict it."""
+    facts: dict[str, Any] = {"unit": "m/s^2"}
+    if path.suffix not in {".wav", ".flac", ".h5", ".hdf5", ".lvm", ".tdms"}:
+        facts["fs"] = FS
+    if path.suffix == ".tdms":
+        facts = {"column": ("x",), "fs": FS, "unit": "g"}
+    return valid(load_recording(path, **facts))
+
+
+TARGETS = (
+    *(
+        Target(suffix[1:], *SEEDS[suffix][:1], _read, SEEDS[suffix][1], f"fuzzed{suffix}")
+        for suffix in READERS
+        if suffix not in OF_BAGS
+    ),
     Target(
         "table of rows",
         lambda: [b"label,0,1,2\noak,1,2,3\nfelt,4,5,6.5\noak,7,8,9\n"],

@@ -3,19 +3,11 @@
 import importlib
 
 from fuzz.contract import Target
+from texclass.loaders.files import READERS
 
 SHARES: dict[str, dict[str, int]] = {
     "recordings": {
-        "text": 25_000,
-        "csv": 25_000,
-        "tsv": 6_000,
-        "parquet": 25_000,
-        "wav": 40_000,
-        "flac": 30_000,
-        "matlab 4 and 5": 25_000,
-        "matlab 7.3": 6_000,
-        "npz": 20_000,
-        "hdf5": 15_000,
+        **{suffix[1:]: 25_000 for suffix, module in READERS.items() if module != "bags"},
         "table of rows": 8_000,
         "table of labels": 60_000,
         "lines of standard input": 120_000,

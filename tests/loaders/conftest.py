@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import h5py
+import nptdms
 import numpy as np
 import pandas as pd
 import pytest
@@ -51,6 +52,14 @@ def _write(path: Path, axes: np.ndarray) -> Path:
             np.save(path, axes)
         case ".npz":
             np.savez(path, acceleration=axes, fs=FS)
+        case ".xlsx":
+            frame.to_excel(path, index=False)
+        case ".tdms":
+            facts = {"wf_increment": 1 / FS}
+            with nptdms.TdmsWriter(path) as file:
+                file.write_segment(
+                    [nptdms.ChannelObject("g", name, frame[name].to_numpy(), facts) for name in frame]
+                )
         case ".h5" | ".hdf5":
             with h5py.File(path, "w") as file:
                 file["acceleration"] = axes

@@ -14,7 +14,7 @@ from texclass.recording import RecordingError
 
 FS = 10_000.0
 SUFFIXES = [suffix for suffix, reader in READERS.items() if reader != "bags"]
-STATES_FS = (".lvm", ".wav", ".flac", ".mat", ".npz", ".h5", ".hdf5")
+STATES_FS = (".lvm", ".tdms", ".wav", ".flac", ".mat", ".npz", ".h5", ".hdf5")
 NOISE = np.random.default_rng(0).normal(size=20_000)
 
 
@@ -24,8 +24,8 @@ def test_every_format_gives_back_what_was_written_and_asks_for_what_it_lacks(tmp
     recording = load_recording(path, fs=FS, unit="counts")
     np.testing.assert_array_equal(recording.acceleration, axes[:, 0] if suffix == ".txt" else axes)
     assert (recording.fs, recording.recording_id) == (FS, "r")
-    states_name = suffix in {".mat", ".npz", ".h5", ".hdf5"}
-    said = ("time: fs is 10000 Hz, as 'fs' in the file states",) if states_name else ()
+    name = {".tdms": "wf_increment", **dict.fromkeys((".mat", ".npz", ".h5", ".hdf5"), "fs")}.get(suffix)
+    said = (f"time: fs is 10000 Hz, as {name!r} in the file states",) if name else ()
     assert recording.flags == said
     if suffix in STATES_FS:
         assert load_recording(path, unit="counts").fs == FS

@@ -42,6 +42,8 @@ from texclass.recording import (
 READERS = {
     **dict.fromkeys((".txt", ".csv", ".tsv", ".lvm", ".parquet"), "tables"),
     **dict.fromkeys((".wav", ".flac", ".mat", ".npy", ".npz", ".h5", ".hdf5"), "arrays"),
+    ".xlsx": "workbooks",
+    ".tdms": "tdms",
     **dict.fromkeys((".bag", ".mcap", ".db3"), "bags"),
 }
 """Suffix of a file that can be a recording (case does not matter) -> module that reads it."""
@@ -74,7 +76,8 @@ def load_recording(
     Parameters
     ----------
     path : str or Path
-        Text (one value per line, or columns), CSV, TSV, Parquet, WAV, FLAC, MATLAB, NPY, NPZ, HDF5, or a
+        Text (one value per line, or columns), CSV, TSV, LVM, Parquet, WAV, FLAC, MATLAB, NPY, NPZ, HDF5,
+        with the extra `formats` Excel (.xlsx) and TDMS, or a
         bag of ROS (.bag, .mcap, .db3, a folder of rosbag2, also as "bag:FILE?topic=/name"), by suffix. If its
         name says `_X`, `_Y` or `_Z` and files of the other axes are beside it, they form one recording.
     fs : float, optional
@@ -227,8 +230,9 @@ def _reader(path: Path) -> ModuleType:
     try:
         return importlib.import_module(f"texclass.loaders.{kind}")
     except ImportError as error:
+        extra = "robot" if kind == "bags" else "formats"
         raise RecordingError(
-            f"reading {kind} needs the extra `robot` ({error}): pip install texclass[robot]"
+            f"{path}: reading {kind} requires the extra `{extra}` ({error}): pip install 'texclass[{extra}]'"
         ) from error
 
 

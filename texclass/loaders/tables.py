@@ -69,7 +69,8 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     types = {name: pa.timestamp("ns", "UTC" if date[1] else None) for name, date in dates.items() if date}
     others = {name for name, cell in first.items() if name not in types and is_date(cell)}
     types = {name: types.get(name, pa.string() if name in others else pa.float64()) for name in wanted}
-    rows, n_comments = _rows(path, layout, is_whole=options.drop_incomplete)
+    in_memory = not isinstance(path, Path)  # of a workbook
+    rows, n_comments = _rows(path, layout, is_whole=options.drop_incomplete or in_memory)
     flags = [*layout.flags, f"comments: {counted(n_comments, 'line')} between the rows left out"][
         : None if n_comments else -1
     ]
