@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
+from texclass.document.wording import counted
 from texclass.loaders.cards import CardError, LabelTable
 from texclass.loaders.data_files import composed
 from texclass.recording import RecordingError
@@ -94,7 +95,9 @@ class Labels:
         lines: dict[str, int] = {}
         for line, cells in rows:
             if len(cells) != len(header):
-                raise CardError(f"{path}: row {line} has {len(cells)} cells. Expected {len(header)}")
+                raise CardError(
+                    f"{path}: row {line} has {counted(len(cells), 'cell')}. Expected {len(header)}"
+                )
             row = dict(zip(header, cells, strict=True))
             groups = {group: row[column] for group, column in table.columns.items()}
             for group in ("recording", "material"):
