@@ -1,4 +1,5 @@
 import gc
+import inspect
 import io
 import json
 import subprocess
@@ -13,6 +14,7 @@ from toy_noises import TINY
 from texclass import __version__
 from texclass.cli import app, main
 from texclass.cli.app import GROUPS
+from texclass.loaders import load_recording
 
 FEW = """
 features = "coarse"
@@ -273,9 +275,13 @@ def test_benchmark_trains_on_these_and_tests_on_those(run, tmp_path):
 
 
 def test_every_command_that_takes_files_takes_what_says_how_they_are_read(run, tmp_path):
-    how = {"--column", "--delimiter", "--time-column", "--resample", "--fs", "--unit"}
-    for name in ("inspect", "extract", "benchmark", "tradeoff", "train", "predict", "adapt", "stream"):
-        assert how <= {flag for option in COMMANDS.commands[name].params for flag in option.opts}, name
+    files = {f"--{name.replace('_', '-')}" for name in inspect.signature(load_recording).parameters}
+    files -= {"--path", "--auxiliary", "--topic"}
+    of_folders = ("extract", "benchmark", "tradeoff", "train", "predict", "adapt", "card")
+    for name in ("inspect", "stream", *of_folders):
+        taken = {flag for option in COMMANDS.commands[name].params for flag in option.opts}
+        assert files <= taken, name
+        assert ("--labels" in taken) == (name in of_folders), name
     for material in ("wood", "steel"):
         (tmp_path / "felt" / material).mkdir(parents=True)
         rows = np.random.default_rng(0).normal(size=(2000, 3))

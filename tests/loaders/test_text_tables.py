@@ -54,6 +54,12 @@ TABLES = {
     # name: (suffix, content, options, acceleration)
     "pandas without names, with index": (".csv", of_index(",0,1,2\n"), {"column": ("0", "1", "2")}, A),
     "pandas without names": (".csv", text(above="0,1,2\n"), {"column": ("0", "1", "2")}, A),
+    "numbers of columns named by numbers": (
+        ".csv",
+        text(above="0,1,2\n"),
+        {"column": ("1", "2", "3")},
+        A,
+    ),
     "pandas series": (".csv", of_index(",0\n", A[:, :1]), {}, A[:, 0]),
     "pandas with index": (".csv", of_index(",x,y,z\n"), {}, A),
     "pandas with index, read and written again": (".csv", of_index("Unnamed: 0,x,y,z\n"), {}, A),
@@ -238,6 +244,8 @@ def test_tables_as_programs_write_them_are_read(tmp_path, kind):
         "Data1\nSampling frequency (Hz): 1000\n\nAI 1\n",
         '# {"sensor": ["ACC"], "sampling rate": 1000}\n# EndOfHeader\n',
         "// Update Rate: 1000.0Hz\nAcc_X\n",
+        "# Config: data_rate = 1000.0 Hz, filter = 488 Hz\na_x\n",
+        "# data rate 115200 baud\n;SampleRate, 1000,Hz\nx\n",
         "Device,1.2\nMeasurement Frequency,1000 Hz\nx\n",
     ],
 )

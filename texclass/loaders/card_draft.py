@@ -23,6 +23,8 @@ from texclass.loaders.columns import (
     listed,
     plain,
 )
+from texclass.loaders.data_files import data_files
+from texclass.loaders.exports import Export, export_companions, export_pattern, find_exports
 from texclass.loaders.files import AXIS, axis_files, check_stated, column_names, columns_of, read_signals
 from texclass.loaders.filesets import match_name
 from texclass.loaders.labels import Labels, find_label_columns, is_label_table
@@ -141,7 +143,10 @@ def draft_card(
         columns = find_label_columns(table, Path(os.path.relpath(table.resolve(), root.resolve())).as_posix())
     if not names:
         raise RecordingError(f"{root} contains no file of a known format. Expected one file per recording")
+    exports = find_exports(path.relative_to(root).as_posix() for path in data_files(root))
     layout = _labelled(names, Labels.read(table, columns), root) if table and columns else _layout(names)
+    if exports and not table:
+        layout = _of_exports(names, exports)
     options = ReadOptions(codes=unit == "counts", **stated)
     found = _signals(root, layout, options, columns_of(column), unit)
     lines = [
@@ -155,6 +160,7 @@ def draft_card(
         '# title, source, licence = "..." describe the data in reports.',
         *_channel_lines(found),
         *_label_lines(columns),
+        *_companion_lines(exports),
     ]
     return "\n".join(lines) + "\n"
 
@@ -172,6 +178,13 @@ def _labelled(names: Sequence[str], labels: Labels, root: Path) -> _Layout:
                 problems.append(str(error))
     questions = (f"{counted(len(problems), 'file')} without a label: {problems[0]}",) if problems else ()
     return _Layout(pattern, named, questions)
+
+
+def _of_exports(names: Sequence[str], exports: Sequence[Export]) -> _Layout:
+    """Return how names become recordings if folders are exports of sensor apps."""
+    pattern = export_pattern(exports)
+    named = {name: found[0] for name in names if (found := match_name((pattern,), name))}
+    return _Layout(pattern, named)
 
 
 def _axis(names: Sequence[str]) -> str:
@@ -194,7 +207,7 @@ def _layout(names: Sequence[str]) -> _Layout:
         candidates = [("", stem) for stem in _IN_NAMES]
     kinds, axis = _suffixes(names), _axis(names)
     for head, stem in candidates:
-        pattern = rf"{head}{_of_sensor(names, stem)}{axis}\.(?i:{kinds})"
+        pattern = rf"{head}{stem}{axis}\.(?i:{kinds})"
         matched = {name: found[0] for name in names if (found := match_name((pattern,), name))}
         layout = _Layout(pattern, matched)
         if len(matched) > len(names) / 2 and (len(layout.surfaces) > 1 or below):
@@ -221,16 +234,6 @@ def _folders(names: Sequence[str]) -> list[str]:
     has_sessions = deeper.total() == len(parts) and min(deeper.values()) > 1
     sessions = [rf"{shared}(?P<material>[^/]+)/(?P<session>[^/]+)/(?:.+/)?"] * has_sessions
     return [*sessions, rf"{shared}(?P<material>[^/]+)/(?:.+/)?"]
-
-
-def _of_sensor(names: Sequence[str], stem: str) -> str:
-    """Return the stem of the accelerometer's files where each folder has one file per sensor."""
-    folders: dict[PurePosixPath, set[str]] = {}
-    for name in names:
-        folders.setdefault(PurePosixPath(name).parent, set()).add(PurePosixPath(name).stem)
-    sensors = set.intersection(*folders.values())
-    felt = sorted(one for one in sensors if one.lower().startswith("acc"))
-    return re.escape(felt[0]) if felt and len(sensors) > 1 else stem
 
 
 def _signals(
@@ -381,6 +384,14 @@ def _label_lines(columns: LabelTable | None) -> Iterator[str]:
     for key, column in columns:
         if column is not None:
             yield f"{key} = {_toml(column)}"
+
+
+def _companion_lines(exports: Sequence[Export]) -> Iterator[str]:
+    for field, names in export_companions(exports).items():
+        yield ""
+        yield f"# Files of other signals beside the acceleration, {exports[0].facts}."
+        yield "[companions]"
+        yield f"{field} = [{', '.join(map(_toml, names))}]"
 
 
 def _questions(questions: Sequence[str]) -> Iterator[str]:

@@ -1,5 +1,6 @@
 """What readers of every format share: what they are asked for, what they return, what they refuse."""
 
+import math
 import re
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -25,8 +26,9 @@ UNNAMED = "acceleration"
 """Name of the only column of a format that does not name its columns."""
 CONVENTIONAL = (
     (UNNAMED,),
-    *(tuple(f"{stem}{axis}" for axis in "xyz") for stem in ("", "a", "acc ", "accel ", "accelerometer ")),
-    *(tuple(f"{stem} {axis}" for axis in "xyz") for stem in (UNNAMED, "linear acceleration")),
+    *(tuple(f"{stem}{axis}" for axis in "xyz") for stem in ("", "a", "a ", "acc ", "accel ")),
+    *(tuple(f"{stem} {axis}" for axis in "xyz") for stem in ("accelerometer", UNNAMED)),
+    tuple(f"linear {UNNAMED} {axis}" for axis in "xyz"),
 )
 """Columns that are the acceleration when nobody says which ones are, see `plain`."""
 TIMES = (
@@ -269,15 +271,55 @@ def choose_acceleration(
     raise refused(path, f"its columns are {listed(names)}", rule)
 
 
+def signal_columns(names: Sequence[str], path: Path) -> tuple[str, ...]:
+    """Return the columns of the only signal in a file: three axes, or one column, beside time and index.
+
+    Raises
+    ------
+    RecordingError
+        If there are others.
+    """
+    others = [name for name in names if not is_time(name) and plain(name) not in ROW_NUMBERS]
+    found = _axes(others) or (tuple(others) if len(others) == 1 else ())
+    if not found:
+        raise refused(path, f"its columns are {listed(names)}", "one signal: a column, or axes x, y and z")
+    return found
+
+
+def turn_rate_factor(names: Sequence[str], path: Path) -> float:
+    """Return the factor to rad/s by the unit in brackets behind the names of columns; 1 without any.
+
+    Raises
+    ------
+    RecordingError
+        If it is a unit of something else.
+    """
+    units = {match[1].lower() for name in names if (match := _OTHER_UNIT.search(name))}
+    if units <= {"rad/s"}:
+        return 1.0
+    if units <= {"deg/s", "°/s", "dps"}:
+        return math.pi / 180
+    raise refused(path, f"its columns are in {', '.join(sorted(units))}", "a turn rate in rad/s or deg/s")
+
+
+def _axes(names: Sequence[str]) -> tuple[str, ...]:
+    """Return columns whose names differ in x, y and z at their end only; none if there are none."""
+    plains = {re.sub(r"\s*[(\[][^)\]]*[)\]]", "", plain(name)): name for name in names}
+    for one in plains:
+        if (
+            one.endswith("x")
+            and (found := [plains.get(one[:-1] + axis, "") for axis in "xyz"])
+            and all(found)
+        ):
+            return tuple(found)
+    return ()
+
+
 def _suggested(names: Sequence[str], candidates: Sequence[str]) -> str:
     """Return three axes, or the first three of the candidates, as --column takes them in a shell."""
     candidates = [name for name in candidates if not _OTHER_UNIT.search(name)]
-    plains = {re.sub(r"\s*[(\[][^)\]]*[)\]]", "", plain(name)): name for name in candidates}
-    axes = (
-        [plains.get(re.sub("x$", axis, one), "") for axis in "xyz"] for one in plains if one.endswith("x")
-    )
     unnamed = len(names) > MOST_UNNAMED and all(re.fullmatch(r"c\d+", name) for name in names)
-    triple = next(filter(all, axes), [] if unnamed else candidates[:3])
+    triple = _axes(candidates) or ([] if unnamed else candidates[:3])
     typed = []
     for name in triple:
         by_number = str(list(names).index(name) + 1)
@@ -300,11 +342,15 @@ def columns_of_kind(convention: Sequence[str], names: Sequence[str]) -> tuple[st
 
 
 def numbered(wanted: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
-    """Return columns by name, with or without a unit behind it, or by number, counted from 1."""
+    """Return columns by name, with or without a unit behind it, or by number, counted from 1.
+
+    Numbers are names where all of them are.
+    """
+    by_number = not set(wanted) <= set(names) and all(map(str.isdecimal, wanted))
     bare = [re.sub(r"\s*[(\[][^)\]]*[)\]]$", "", name) for name in names]
 
     def named(name: str) -> str:
-        if name in names:
+        if name in names and not by_number:
             return name
         if name.isdecimal() and 1 <= int(name) <= len(names):
             return names[int(name) - 1]

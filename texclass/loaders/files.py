@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from texclass import shipped
 from texclass.loaders.columns import (
@@ -24,10 +25,13 @@ from texclass.loaders.columns import (
     is_time,
     numbered,
     refused,
+    signal_columns,
     time_unit,
+    turn_rate_factor,
     unit_of,
     without_unit,
 )
+from texclass.loaders.exports import export_in, is_other_sensor, sensor_of
 from texclass.loaders.plausibility import LEAST_HZ, MOST_HZ, UNIT_RULE, build_recording
 from texclass.loaders.time_columns import by_time_column, increases
 from texclass.recording import (
@@ -49,6 +53,10 @@ READERS = {
 """Suffix of a file that can be a recording (case does not matter) -> module that reads it."""
 AXIS = re.compile(r"_(?P<axis>[XYZxyz])(?=[_.])")
 """The part of a file's name that says which axis it holds: `<name>_X.txt`, `<name>_X_train1.txt`."""
+LEAST_SHARED = 0.9
+"""Share of the time of an acceleration that a signal in another file has to cover."""
+_BESIDE = "beside\0"
+"""Before the name of a signal in another file, as no column is named."""
 MOST_TRIED = 12
 """Columns that are read to find some for a suggestion."""
 BAG = "bag:"
@@ -144,15 +152,15 @@ def load_recording(
         drop_incomplete=drop_incomplete,
     )
     roles = {name: columns_of(names) for name, names in {UNNAMED: column, **(auxiliary or {})}.items()}
-    axes = axis_files(path)
-    signals = read_signals(axes, roles, options)
+    axes, beside, said = sources(path)
+    signals = read_signals(axes, roles, options, companions=beside)
     by_name = unit is None and signals.unit is not None and not is_bag(path)
     return build_recording(
         signals,
         fs=fs,
         unit=unit,
         resample=resample,
-        flags=(f"in {signals.unit}: the names of its columns say so",) * by_name,
+        flags=(*said, *(f"in {signals.unit}: the names of its columns say so",) * by_name),
         recording_id=recording_name(path, axes),
         source=str(path),
     )
@@ -277,8 +285,21 @@ def check_stated(
         raise refused(where, f"comment is {comment!r}", "1 to 8 characters, no blank, digit or quote")
 
 
+def sources(path: Path) -> tuple[dict[str, Path], dict[str, Path], tuple[str, ...]]:
+    """Return the files of a recording by axis, those of other signals by field, and what a user should know.
+
+    `path` is a file, or a folder that a sensor app exported.
+    """
+    if (export := export_in(path)) is None:
+        return axis_files(path), {}, ()
+    beside = {"turn_rate": path / export.turn_rate} if export.turn_rate else {}
+    return {"": path / export.acceleration}, beside, (export.facts,)
+
+
 def recording_name(path: Path, axes: Mapping[str, Path]) -> str:
     """Return the name of a recording by its file, or by one of its files, without suffix and axis."""
+    if path.is_dir():
+        return path.name
     if len(axes) == 1:
         return (path.parent if path.name == BAG_FOLDER else path).stem
     *_, axis = AXIS.finditer(path.name)
@@ -297,7 +318,12 @@ def axis_files(path: Path) -> dict[str, Path]:
 
 
 def read_signals(
-    axes: Mapping[str, Path], roles: Mapping[str, Sequence[str]], options: ReadOptions, *, trim: bool = False
+    axes: Mapping[str, Path],
+    roles: Mapping[str, Sequence[str]],
+    options: ReadOptions,
+    *,
+    trim: bool = False,
+    companions: Mapping[str, Path] | None = None,
 ) -> ReadSignals:
     """Read a recording's signals from one file, or join one file per axis.
 
@@ -312,20 +338,27 @@ def read_signals(
         How to read.
     trim : bool
         Cut axes of different lengths to the shortest instead of refusing them.
+    companions : mapping of str to Path, optional
+        Auxiliary field -> file with the same time column, in which it is interpolated. Without time column, a
+        field is not in the result.
 
     Raises
     ------
     RecordingError
-        If a file is bad, or the axes differ in length or rate.
+        If a file is bad or of another sensor, the axes differ in length or rate, or a signal beside them
+        covers too little of their time.
     """
     if unknown := set(roles) - {UNNAMED, *AUXILIARY_UNITS}:
         raise RecordingError(
             f"signals {sorted(unknown)} are unknown; the rule is one of {', '.join(AUXILIARY_UNITS)}"
         )
-    parts, names = {}, list[str]()
+    parts, names, joined = {}, list[str](), companions or {}
     for axis, path in axes.items():
         is_known = is_bag(path) and roles.get(UNNAMED)
         present = () if is_known else column_names(path, options)
+        if not roles.get(UNNAMED) and is_other_sensor(path):
+            rule = "an accelerometer: --column names its columns, if they hold an acceleration"
+            raise refused(path, f"its name is that of a {sensor_of(path.name)}", rule)
         chosen = numbered(roles.get(UNNAMED, ()), present) or choose_acceleration(
             present, path, partial(_varying, path, options)
         )
@@ -333,12 +366,14 @@ def read_signals(
             raise refused(path, f"the column {steering!r} holds a control character", "printable names")
         beside = {field: numbered(names, present) for field, names in roles.items() if field != UNNAMED}
         groups = {UNNAMED: chosen, **beside}
-        read = _read(path, tuple(dict.fromkeys(name for names in groups.values() for name in names)), options)
+        wanted = tuple(dict.fromkeys(name for names in groups.values() for name in names))
+        read = _read(path, wanted, options, joined)
         names += chosen
         fields = {}
         for field, its in groups.items():
             columns = [read.named[name] for name in its]
             fields[field] = read_only(columns[0] if len(columns) == 1 else np.column_stack(columns))
+        fields |= {field: read.named[key] for field in joined if (key := _BESIDE + field) in read.named}
         parts[axis] = replace(
             read,
             named=fields,
@@ -380,22 +415,24 @@ def _varying(path: Path, options: ReadOptions, names: Sequence[str]) -> list[str
     return [name for name, samples in found.items() if len(samples) == most]
 
 
-def _read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
+def _read(
+    path: Path, wanted: tuple[str, ...], options: ReadOptions, beside: Mapping[str, Path]
+) -> ReadSignals:
     """Read columns of a file, at the rate of its time stamps if there are any."""
+    read: ReadSignals
     reader, named = _reader(path), options.time_column
     if is_bag(path):  # it has time stamps
         return reader.read(path, wanted, options)  # type: ignore[no-any-return]
     if named is not None and named != NO_TIME_COLUMN:
         (time,) = numbered((named,), reader.names(path, options))
-        return _at_times(
-            reader.read(path, tuple(dict.fromkeys((*wanted, time))), options), wanted, time, path, options
-        )
+        read = reader.read(path, tuple(dict.fromkeys((*wanted, time))), options)
+        return _at_times(read, wanted, time, path, options, beside)
     present = [] if named else [n for n in reader.names(path, options) if is_time(n) and n not in wanted]
     candidates = sorted(present, key=lambda name: time_unit(name) is None)  # without a unit last
     ignored = list[str]()
     for time in candidates:
         try:
-            read: ReadSignals = reader.read(path, (*wanted, time), options)
+            read = reader.read(path, (*wanted, time), options)
         except RecordingError:  # if reading without it succeeds
             ignored.append(f"time: column {time!r} is ignored, it has neither numbers nor dates in each row")
             continue
@@ -405,7 +442,8 @@ def _read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSign
             ignored.append(f"time: column {time!r} is ignored, it has another length than the signals")
             continue
         if increases(read.named[time]):
-            return _at_times(replace(read, flags=(*read.flags, *ignored)), wanted, time, path, options)
+            read = replace(read, flags=(*read.flags, *ignored))
+            return _at_times(read, wanted, time, path, options, beside)
         ignored.append(f"time: column {time!r} is ignored, it does not increase like time stamps")
     read = reader.read(path, wanted, options)
     signals = {name: as_samples(read.named[name], name, path) for name in wanted}
@@ -413,11 +451,21 @@ def _read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSign
 
 
 def _at_times(
-    read: ReadSignals, wanted: tuple[str, ...], time: str, path: Path, options: ReadOptions
+    read: ReadSignals,
+    wanted: tuple[str, ...],
+    time: str,
+    path: Path,
+    options: ReadOptions,
+    beside: Mapping[str, Path],
 ) -> ReadSignals:
     """Return signals at the uniform rate that a column of time stamps implies."""
     signals = [as_samples(read.named[name], name, path) for name in wanted]
     times = read.named[time]
+    joined = {
+        _BESIDE + field: _interpolated(file, field, time, times, options) for field, file in beside.items()
+    }
+    wanted, signals = (*wanted, *joined), [*signals, *joined.values()]
+    said = [f"joined: {field} of {file.name}, at the times of {path.name}" for field, file in beside.items()]
     if lengths := {len(signal) for signal in signals} - {len(times)}:
         raise refused(
             path,
@@ -439,7 +487,32 @@ def _at_times(
         name: part.reshape(len(part), *signal.shape[1:])
         for name, signal, part in zip(wanted, signals, parts, strict=True)
     }
-    return replace(read, named=named, fs=fs, flags=(*read.flags, *flags))
+    return replace(read, named=named, fs=fs, flags=(*read.flags, *flags, *said))
+
+
+def _interpolated(
+    path: Path, field: str, time: str, times: NDArray[np.generic], options: ReadOptions
+) -> Samples:
+    """Return a signal of another file at some times, linearly interpolated."""
+    reader = _reader(path)
+    names = signal_columns(reader.names(path, options), path)
+    read = reader.read(path, (*names, time), options)
+    own = read.named[time]
+    if own.dtype.kind != times.dtype.kind:
+        raise refused(path, f"its column {time!r} is of another kind", "the time stamps of the acceleration")
+    at, known = (
+        clock.astype(np.int64 if clock.dtype.kind == "M" else float).astype(float) for clock in (times, own)
+    )
+    share = float(np.mean((at >= known.min()) & (at <= known.max())))
+    if share < LEAST_SHARED:
+        raise refused(
+            path, f"it covers {share:.0%} of the times of the acceleration", f"{LEAST_SHARED:.0%} or more"
+        )
+    order = np.argsort(known, kind="stable")
+    factor = turn_rate_factor(names, path) if field == "turn_rate" else 1.0
+    columns = [as_samples(read.named[name], name, path)[order] * factor for name in names]
+    found = np.column_stack([np.interp(at, known[order], column) for column in columns])
+    return found[:, 0] if len(names) == 1 else found
 
 
 def columns_of(names: str | Sequence[str] | None) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -19,14 +19,16 @@ from texclass.loaders.columns import (
     ReadOptions,
     ReadSignals,
     refused,
+    signal_columns,
     storage_suffix,
 )
 from texclass.loaders.data_files import composed, data_files, is_hidden
 from texclass.loaders.dataset import GROUPS, Dataset, Entry
-from texclass.loaders.files import is_bag, read_signals, topics
+from texclass.loaders.files import column_names, is_bag, read_signals, topics
 from texclass.loaders.labels import Labels
 from texclass.loaders.places import digest_files, digest_of, file_digests, leaves
 from texclass.loaders.plausibility import build_recording, doubtful_labels
+from texclass.loaders.stamps import NEAR_RATE
 from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
 
 LONGEST_MATCH_S = 0.2
@@ -52,8 +54,10 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
     RecordingError
         If it is bad; the message names file, value and rule.
     """
-    axes, companions = {}, {}
+    axes, companions = {}, dict[str, Path]()
     for name in entry.paths:
+        if root / name in companions.values():
+            continue
         if (matched := match_name(reading.files, name)) is not None:
             groups, _ = matched
             axes[groups.get("axis", "").lower()] = root / name
@@ -74,11 +78,18 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
         comment=reading.comment,
         drop_incomplete=reading.drop_incomplete,
     )
-    signals = read_signals(axes, reading.channels, options, trim=reading.trim)
+    signals = read_signals(axes, reading.channels, options, trim=reading.trim, companions=companions)
     named = dict(signals.named)
     flags = [f"absent: no file with the {name}" for name in reading.companions if name not in companions]
     for name, path in companions.items():
-        named[name] = read_signals({"": path}, {}, replace(options, time_column=None)).named[UNNAMED]
+        if name not in named:
+            columns = signal_columns(column_names(path, options), path)
+            one = read_signals({"": path}, {UNNAMED: columns}, replace(options, time_column=None))
+            if one.fs and signals.fs and abs(one.fs / signals.fs - 1) > NEAR_RATE:
+                raise refused(
+                    path, f"its rate is {one.fs:g} Hz, that of the acceleration {signals.fs:g}", "one"
+                )
+            named[name] = one.named[UNNAMED]
     lengths = {name: len(signal) for name, signal in named.items()}
     if reading.trim and len(set(lengths.values())) > 1:
         shortest = min(lengths.values())
@@ -89,7 +100,13 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
 
 
 def open_files(
-    reading: FileReading, root: Path, *, notes: tuple[str, ...] = (), skip_bad: bool = False, **about: str
+    reading: FileReading,
+    root: Path,
+    *,
+    ignored: Collection[str] = (),
+    notes: tuple[str, ...] = (),
+    skip_bad: bool = False,
+    **about: str,
 ) -> Dataset:
     """Return a dataset of files; only names and the table of labels are read.
 
@@ -99,6 +116,8 @@ def open_files(
         How the files become recordings.
     root : Path
         Folder of the files.
+    ignored : collection of str
+        Relative names of files that are neither recordings nor reported.
     notes, skip_bad, **about
         Of the `Dataset`.
 
@@ -124,8 +143,8 @@ def open_files(
             f"{root} contains {other!a} and {name!a}, one name in two Unicode normal forms. "
             "Expected different names: rename or remove one"
         )
-    others = set(present)
-    for names, groups in _find(reading, present):
+    others = present.difference(ignored)
+    for names, groups in _find(reading, present, ignored):
         others -= set(names)
         try:
             entries += _entries(reading, root, names, groups, labels)
@@ -410,15 +429,20 @@ def _unique(entries: Sequence[Entry], root: Path) -> tuple[Entry, ...]:
     return tuple(entries)
 
 
-def _find(reading: FileReading, files: set[str]) -> Iterator[tuple[tuple[str, ...], Groups]]:
-    """Yield the files of each recording (one, or one per axis, and companions) and what their names tell."""
+def _find(
+    reading: FileReading, files: set[str], ignored: Collection[str]
+) -> Iterator[tuple[tuple[str, ...], Groups]]:
+    """Yield the files of each recording (one, or one per axis, and companions) and what their names tell.
+
+    Of ignored files, only companions are taken.
+    """
     joined: dict[str, tuple[list[str], Groups]] = {}
     # 2 before 10
     naturally = {
         name: [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
-        for name in files
+        for name in files.difference(ignored)
     }
-    for name in sorted(files, key=naturally.__getitem__):
+    for name in sorted(naturally, key=naturally.__getitem__):
         if (matched := match_name(reading.files, name)) is not None:
             groups, shared = matched
             shortened = shared.removesuffix(f"/{BAG_FOLDER}")

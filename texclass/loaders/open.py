@@ -3,15 +3,18 @@
 import difflib
 import os
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from texclass import shipped
+from texclass.document.wording import counted
 from texclass.loaders.cards import FileCard, FileReading, ModelsCard, RowCard, SimulatedCard, read_card
 from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, refused
 from texclass.loaders.data_files import composed, data_files
 from texclass.loaders.dataset import Dataset
+from texclass.loaders.exports import export_companions, export_pattern, find_exports
 from texclass.loaders.files import (
     axis_files,
     check_stated,
@@ -170,6 +173,7 @@ def _open_folder(
     # A process that works elsewhere, such as one kept from an earlier call, finds the files too.
     root, given = root.absolute(), root
     files = recording_files(root)
+    exports = find_exports(path.relative_to(root).as_posix() for path in data_files(root))
     if labels is None:
         files = [path for path in files if path.parent != root]
     else:
@@ -181,7 +185,10 @@ def _open_folder(
         remedy = "" if labels else ", or --labels LABELS.csv with columns `file` and `surface`"
         raise RecordingError(f"{given}: no recording. Expected {layout} of {', '.join(suffixes())}{remedy}")
     rate_of = ""
-    notes = [] if labels else doubtful_levels([path.relative_to(root).parts for path in files])
+    # The folder of an export is the name of a recording.
+    exported = {root / export.acceleration for export in exports}
+    named = [(path.parent if path in exported else path).relative_to(root).parts for path in files]
+    notes = [] if labels else doubtful_levels(named)
     if fs is None or unit is None:
         stated = {name: value for name, value in how.items() if name not in ("channels", "resample_hz")}
         options = ReadOptions(codes=unit == "counts", **stated)
@@ -196,20 +203,30 @@ def _open_folder(
             unit = agreed_unit(first.unit, None, path)
             notes.append(f"in {unit}: the messages or the names of the columns of {path} say so")
         fs, rate_of = (agreed_rate(first.fs, None, path), str(path)) if fs is None else (fs, "")
-    if n_others := sum(not _is_recording(path) for path in data_files(root)):
+    notes += sorted(
+        f"{counted(n, 'folder')} of a sensor app: {facts}"
+        for facts, n in Counter(e.facts.removeprefix("export: ") for e in exports).items()
+    )
+    ignored = {name for export in exports for name in (export.turn_rate, *export.ignored) if name}
+    others = {path.relative_to(root).as_posix() for path in data_files(root) if not _is_recording(path)}
+    if n_others := len(others - ignored):
         notes.append(f"{n_others} files of other kinds are ignored")
     ends = rf"\.(?i:{'|'.join(re.escape(suffix[1:]) for suffix in suffixes())})"
     surface = "" if labels else "(?P<material>[^/]+)/"
-    patterns = (  # an axis each, a recording each, rosbag2
+    patterns: tuple[str, ...] = (  # an axis each, a recording each, rosbag2
         rf"{surface}(?:.+/)?[^/]+_(?P<axis>[XYZxyz])(?:_[^/]*)?{ends}",
         rf"{surface}.+{ends}",
         rf"{surface}.+/{re.escape(BAG_FOLDER)}",
     )
+    if exports:
+        patterns = (export_pattern(exports, labelled=labels is not None), *patterns)
+        how = {**how, "companions": export_companions(exports)}
     reading = FileReading(fs_hz=fs, unit=unit, files=patterns, labels=columns if labels else None, **how)
     reading._rate_of = rate_of
     return open_files(
         reading,
         root,
+        ignored=ignored,
         notes=tuple(notes),
         skip_bad=skip_bad,
         name=root.resolve().name,
@@ -220,9 +237,12 @@ def _open_folder(
 
 
 def recording_files(folder: Path) -> list[Path]:
-    """Return the files of recordings in a folder and below it, without those that are parts of bags."""
-    found = list(filter(_is_recording, data_files(folder)))
+    """Return the files of recordings in a folder and below it, without other parts of bags and exports."""
+    every = data_files(folder)
+    found = list(filter(_is_recording, every))
     within = not_recordings(map(str, found))
+    for export in find_exports(map(str, every)):
+        within |= {*export.ignored, str(export.turn_rate)}
     return [path for path in found if str(path) not in within]
 
 

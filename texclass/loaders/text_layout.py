@@ -37,8 +37,8 @@ MISSING = ("", "na", "n/a", "null", "none", "-")
 _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _LABVIEW, _END_OF_HEADER = "LabVIEW Measurement", "***End_of_Header***"
 _RATE = re.compile(
-    r"\b(?:sampl\w*|update|measurement|acquisition)[ _-]*(?:rate|frequency)\b"
-    r"([^\d\n]{0,12})(\d+(?:[.,]\d+)?)\s*(k?hz\b)?",
+    r"\b(?:(?:sampl\w*|update|measurement|acquisition)[ _-]*(?:rate|frequency)|abtastrate|"
+    r"data[ _-]rate(?=[^\d\n]{0,12}[\d.,]+\s*k?hz))\b([^\d\n]{0,12})(\d+(?:[.,]\d+)?)\s*(k?hz\b)?",
     re.IGNORECASE,
 )
 """A sampling rate in words, its number, and its unit before or behind it."""

@@ -16,6 +16,7 @@ from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
 from texclass.loaders.columns import BAG_FOLDER, ReadOptions, choose_acceleration
 from texclass.loaders.data_files import composed
 from texclass.loaders.dataset import Dataset
+from texclass.loaders.exports import export_in
 from texclass.loaders.filesets import conditioned
 from texclass.loaders.open import flat_files
 from texclass.loaders.plausibility import agreed_unit, build_recording
@@ -183,6 +184,7 @@ class TrainingFiles(Written):
         """
         path = Path(name).expanduser()
         is_file = path.suffix.lower() in files.READERS and (path.exists() or ":" not in str(name))
+        is_file |= export_in(path) is not None
         if is_file or _is_bag(name):
             resample = reading.pop("resample", None)
             told = {"acceleration": files.columns_of(reading.pop("column", None)), **reading}
@@ -240,16 +242,17 @@ class TrainingFiles(Written):
             As `open_dataset`, or if there are labels of something else than a folder.
         """
         path = Path(name).expanduser()
-        if path.is_dir() and not (path / BAG_FOLDER).is_file():
+        if path.is_dir() and not (path / BAG_FOLDER).is_file() and not export_in(path):
             if labels is None and (flat := flat_files(path)):
                 return [Member(str(file), partial(self.find, file, **reading)) for file in flat]
             stated: dict[str, Any] = {"fs": self.fs, "unit": self.unit}
             stated |= {key: value for key, value in reading.items() if value is not None}
             dataset = open_dataset(path, labels=labels, **stated)
-            found = [(path / entry.paths[0], entry) for entry in dataset.entries]
+            found = [(path / entry.paths[0], entry.material) for entry in dataset.entries]
+            whole = [file.parent if export_in(file.parent) else file for file, _ in found]
             return [
-                Member(str(file), partial(self.find, file, **reading), entry.material)
-                for file, entry in found
+                Member(str(file), partial(self.find, file, **reading), surface)
+                for file, (_, surface) in zip(whole, found, strict=True)
             ]
         if labels is not None:
             raise RecordingError(f"{name}: labels are given ({labels}). Expected a folder")
@@ -303,13 +306,13 @@ class TrainingFiles(Written):
             comment=self.comment,
             drop_incomplete=self.drop_incomplete,
         )
-        axes = files.axis_files(path)
+        axes, beside, said = files.sources(path)
         first = next(iter(axes.values()))
         of_bag = files.is_bag(first)
         roles = {"acceleration": self.acceleration, **self.auxiliary}
         if of_bag:
             roles = self._roles_in(first, options)
-        signals = files.read_signals(axes, roles, options)
+        signals = files.read_signals(axes, roles, options, companions=beside)
         if of_bag:
             if fs is None and 0 < abs(float(signals.fs or 0) / self.fs - 1) <= NEAR_RATE:
                 signals = files.read_signals(axes, roles, replace(options, fs=self.fs))
@@ -326,6 +329,7 @@ class TrainingFiles(Written):
             resample=resample or (self.fs if self.resample else None),
             recording_id=files.recording_name(path, axes),
             source=str(path),
+            flags=said,
         )
         as_trained = roles.get("turn_rate") == self.auxiliary.get("turn_rate")
         return conditioned(
