@@ -16,7 +16,6 @@ import numpy as np
 import pandas as pd
 import scipy.io
 import soundfile
-from nptdms import ChannelObject, RootObject, TdmsWriter
 
 from fuzz.contract import Target
 from fuzz.mutate import Mutator, archives, either, of_bytes, of_text
@@ -206,6 +205,8 @@ def _xml(rng: random.Random, members: dict[str, bytes]) -> dict[str, bytes]:
 
 
 def _tdms() -> list[bytes]:
+    from nptdms import ChannelObject, RootObject, TdmsWriter
+
     facts = {"wf_increment": 0.001, "unit_string": "g"}
     one = [ChannelObject("data", axis, axes()[:, i], facts) for i, axis in enumerate("xyz")]
     times = ChannelObject("log", "time", np.arange(N) * np.timedelta64(1, "ms") + np.datetime64("2019-08-06"))

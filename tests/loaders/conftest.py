@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import h5py
-import nptdms
 import numpy as np
 import pandas as pd
 import pytest
@@ -53,8 +52,10 @@ def _write(path: Path, axes: np.ndarray) -> Path:
         case ".npz":
             np.savez(path, acceleration=axes, fs=FS)
         case ".xlsx":
+            pytest.importorskip("openpyxl", reason="the extra `formats` is not installed")
             frame.to_excel(path, index=False)
         case ".tdms":
+            nptdms = pytest.importorskip("nptdms", reason="the extra `formats` is not installed")
             facts = {"wf_increment": 1 / FS}
             with nptdms.TdmsWriter(path) as file:
                 file.write_segment(

@@ -409,3 +409,16 @@ def test_what_was_assumed_is_reported(tmp_path):
     assert len(load(counts, column=("1", "2"), skip_rows=1).acceleration) == N
     path = write(tmp_path, ".csv", "x,y,z\n" + text(FIRST) + "1,2\n1,,2\n" + text(A[5:]))
     assert load(path, drop_incomplete=True).flags == ("incomplete: 2 lines without all numbers left out",)
+
+
+@pytest.mark.parametrize("names", ["mag_x,signal,long", "x (g),y,z"])
+def test_a_unit_row_holds_for_names_that_contain_its_letters(tmp_path, names):
+    path = write(tmp_path, ".csv", text(above=f"{names}\ng,g,g\n"))
+    recording = load_recording(path, fs=100, column=("1", "2", "3"))
+    np.testing.assert_allclose(recording.acceleration, 9.80665 * A, rtol=1e-6)
+
+
+def test_a_unit_row_that_contradicts_the_names_is_refused(tmp_path):
+    path = write(tmp_path, ".csv", text(above="x (mg),y (mg),z (mg)\ng,g,g\n"))
+    with pytest.raises(RecordingError, match="its columns are in g and mg"):
+        load_recording(path, fs=100)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
 
 from texclass.experiment.feature_table import extract_table
 from texclass.features import load_feature_set
@@ -270,3 +271,35 @@ def test_recordings_that_were_resampled_up_are_reported_before_any_table(tmp_pat
     assert table.doubts == (
         "2 of 4 recordings: narrow band: sampled at 300 Hz, nothing above 150 Hz (the first: slate/r0)",
     )
+
+
+def test_a_stored_rate_that_contradicts_the_time_stamps_is_refused(tmp_path):
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"acc": VALUES, "t": np.arange(N) / 100, "Fs": 1000.0})
+    with pytest.raises(
+        RecordingError, match=r"'t' contradicts the rate that it states, 1000 Hz.*column t the"
+    ):
+        loaded(path, column="acc")
+    assert loaded(path, column="acc", time_column="t").fs == pytest.approx(100)
+    assert loaded(path, column="acc", time_column="none").fs == 1000
+
+
+def test_time_stamps_of_another_struct_are_not_used(tmp_path):
+    path = tmp_path / "a.mat"
+    logs = {name: {"t": step * np.arange(N), "acc": VALUES} for name, step in (("a", 0.01), ("b", 0.001))}
+    scipy.io.savemat(path, logs)
+    assert loaded(path, column="a.acc").fs == pytest.approx(100)
+    assert loaded(path, column="b.acc").fs == pytest.approx(1000)
+    scipy.io.savemat(path, {"a": logs["a"], "b": {"acc": VALUES}})
+    with pytest.raises(RecordingError, match="fs is missing"):
+        loaded(path, column="b.acc")
+    assert loaded(path, column="b.acc", time_column="a.t").fs == pytest.approx(100)
+
+
+def test_columns_of_different_length_are_refused(tmp_path):
+    path = tmp_path / "a.npz"
+    np.savez(path, u=VALUES, v=VALUES[:-1])
+    with pytest.raises(
+        RecordingError, match=r"a\.npz: its columns differ in length: 'u' has 1000, 'v' has 999"
+    ):
+        loaded(path, column=("u", "v"), fs=100)

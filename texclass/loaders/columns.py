@@ -184,6 +184,17 @@ def without_unit(name: str) -> str:
     return _UNIT.sub("", name).strip()
 
 
+def with_unit(name: str, unit: str) -> str:
+    """Return a column's name with a unit behind it, unless it has this one or the unit is ""."""
+    has_it = unit in map(plain_unit, re.findall(r"[(\[][^)\]]*[)\]]", name))
+    return f"{name} [{unit}]" if unit and not has_it else name
+
+
+def group_of(name: str) -> list[str]:
+    """Return the groups, structs or sheet that a column is in, as its name states: "log/imu/x" is in two."""
+    return re.split(r"[./]", without_unit(name))[:-1]
+
+
 def plain(name: str) -> str:
     """Return a column's name as conventions are told: "ACCELEROMETER_X (m/s^2)" is "accelerometer x"."""
     return re.sub(r"[\s_]+", " ", without_unit(name).lower()).strip()
@@ -210,7 +221,7 @@ def unit_of(names: Sequence[str], path: Path) -> str | None:
             f"the column {other!r} is in another unit than an acceleration",
             f"{', '.join(dict.fromkeys(_BRACKETED.values()))}: convert its values, or rename it",
         )
-    found = {_BRACKETED.get(told[1].lower()) for name in names if (told := _UNIT.search(name))} - {None}
+    found = {_BRACKETED.get(unit.lower()) for name in names for unit in _UNIT.findall(name)} - {None}
     if len(found) > 1:
         raise refused(path, f"its columns are in {' and '.join(sorted(map(str, found)))}", "one unit")
     return next(iter(found), None)

@@ -2,6 +2,7 @@
 
 import importlib
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -22,6 +23,7 @@ from texclass.loaders.columns import (
     ReadSignals,
     as_samples,
     choose_acceleration,
+    group_of,
     is_time,
     numbered,
     refused,
@@ -372,6 +374,9 @@ def read_signals(
         fields = {}
         for field, its in groups.items():
             columns = [read.named[name] for name in its]
+            if len({len(column) for column in columns}) > 1:
+                found = ", ".join(f"{name!r} has {len(read.named[name])}" for name in its)
+                raise refused(path, f"its columns differ in length: {found} samples", "one length")
             fields[field] = read_only(columns[0] if len(columns) == 1 else np.column_stack(columns))
         fields |= {field: read.named[key] for field in joined if (key := _BESIDE + field) in read.named}
         parts[axis] = replace(
@@ -409,7 +414,8 @@ def _varying(path: Path, options: ReadOptions, names: Sequence[str]) -> list[str
         except RecordingError:
             continue
         steps = np.diff(samples, axis=0)
-        if not ((steps >= 0).all() or (steps <= 0).all()):
+        is_monotonic = (steps >= 0).all() or (steps <= 0).all()
+        if not is_monotonic and group_of(name) == group_of(next(iter(found), name)):
             found[name] = samples
     most = max(map(len, found.values()), default=0)
     return [name for name, samples in found.items() if len(samples) == most]
@@ -426,9 +432,8 @@ def _read(
     if named is not None and named != NO_TIME_COLUMN:
         (time,) = numbered((named,), reader.names(path, options))
         read = reader.read(path, tuple(dict.fromkeys((*wanted, time))), options)
-        return _at_times(read, wanted, time, path, options, beside)
-    present = [] if named else [n for n in reader.names(path, options) if is_time(n) and n not in wanted]
-    candidates = sorted(present, key=lambda name: time_unit(name) is None)  # without a unit last
+        return _at_times(replace(read, fs=None), wanted, time, path, options, beside)
+    candidates = [] if named else _time_candidates(reader.names(path, options), wanted)
     ignored = list[str]()
     for time in candidates:
         try:
@@ -436,18 +441,35 @@ def _read(
         except RecordingError:  # if reading without it succeeds
             ignored.append(f"time: column {time!r} is ignored, it has neither numbers nor dates in each row")
             continue
-        if read.fs is not None:
-            break
         if any(len(read.named[name]) != len(read.named[time]) for name in wanted):
             ignored.append(f"time: column {time!r} is ignored, it has another length than the signals")
             continue
         if increases(read.named[time]):
             read = replace(read, flags=(*read.flags, *ignored))
-            return _at_times(read, wanted, time, path, options, beside)
+            try:
+                return _at_times(read, wanted, time, path, options, beside)
+            except RecordingError as error:
+                if read.fs is None or beside:
+                    raise
+                raise RecordingError(
+                    f"{path}: its time column {time!r} contradicts the rate that it states, {read.fs:g} Hz. "
+                    "Expected one rate: --time-column none uses the stated one, "
+                    f"--time-column {shlex.quote(time)} the time stamps (`time_column` in a card)"
+                ) from error
         ignored.append(f"time: column {time!r} is ignored, it does not increase like time stamps")
     read = reader.read(path, wanted, options)
     signals = {name: as_samples(read.named[name], name, path) for name in wanted}
     return replace(read, named=signals, flags=(*read.flags, *ignored))
+
+
+def _time_candidates(names: Sequence[str], wanted: Sequence[str]) -> list[str]:
+    """Return the columns named like time in the groups of all signals: the nearest first."""
+
+    def is_above(name: str) -> bool:
+        return all(group_of(signal)[: len(group_of(name))] == group_of(name) for signal in wanted)
+
+    found = [name for name in names if is_time(name) and name not in wanted and is_above(name)]
+    return sorted(found, key=lambda name: (-len(group_of(name)), time_unit(name) is None))
 
 
 def _at_times(

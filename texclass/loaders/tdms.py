@@ -1,23 +1,51 @@
 """Read channels of LabVIEW files (.tdms)."""
 
+import logging
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from nptdms import TdmsFile
+from nptdms.log import log_manager
 
 from texclass.loaders.columns import (
     ReadOptions,
     ReadSignals,
     as_samples,
     check_held,
+    is_time,
+    listed,
     plain_unit,
     readable,
     refused,
     require,
+    with_unit,
 )
+
+log_manager.set_level(logging.CRITICAL)  # what it warns of, incomplete segments, is reported here
+
+
+@dataclass
+class Channels:
+    """Channels with samples.
+
+    Attributes
+    ----------
+    numeric
+        Name -> channel of numbers or time stamps.
+    others
+        Name -> kind of the values of any other channel.
+    is_incomplete
+        Whether the file ends within a segment.
+    """
+
+    numeric: dict[str, Any] = field(default_factory=dict)
+    others: dict[str, str] = field(default_factory=dict)
+    is_incomplete: bool = False
 
 
 def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
@@ -26,47 +54,78 @@ def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
     Raises
     ------
     RecordingError
-        If it is no TDMS file.
+        If it is no TDMS file, or has no channel of numbers.
     """
     with _channels(path) as channels:
-        return tuple(channels)
+        return tuple(channels.numeric)
 
 
 def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
     """Read the wanted channels; `wf_increment` states the rate.
 
+    Of a file that ends within a segment, channels have the samples that all of them have.
+
     Raises
     ------
     RecordingError
-        If a channel is not there or not of real numbers, or channels have different rates.
+        If a channel is not there, or channels have different rates.
     """
     with _channels(path) as channels:
-        require(wanted, tuple(channels), path)
-        check_held(sum(len(channels[name]) for name in wanted), path)
-        stored = {name: np.asarray(channels[name][:]) for name in wanted}
-        steps = {channels[name].properties.get("wf_increment") for name in wanted} - {None, 0}
+        require(wanted, tuple(channels.numeric), path)
+        chosen = {name: channels.numeric[name] for name in wanted}
+        check_held(sum(map(len, chosen.values())), path)
+        fs = _rate(chosen, path)
+        units = {name: str(channel.properties.get("unit_string", "")) for name, channel in chosen.items()}
+        stored = {name: np.asarray(channel[:]) for name, channel in chosen.items()}
+        named = {
+            name: array.astype("M8[ns]") if array.dtype.kind == "M" else as_samples(array, name, path)
+            for name, array in stored.items()
+        }
+    flags = [f"time: fs is {fs:g} Hz, as 'wf_increment' in the file states"] if fs else []
+    if unknown := [unit for unit in dict.fromkeys(units.values()) if unit and not plain_unit(unit)]:
+        flags.append(f"unit: {listed(unknown)[:60]} in the file is not known")
+    if channels.is_incomplete:
+        n = min(map(len, named.values()))
+        named = {name: samples[:n] for name, samples in named.items()}
+        flags.append("incomplete: the file ends within a segment")
+    if channels.others:
+        flags.append(f"ignored: {listed([f'{name} ({kind})' for name, kind in channels.others.items()])}")
+    return ReadSignals(named, fs, flags=tuple(flags))
+
+
+def _rate(channels: dict[str, Any], path: Path) -> float | None:
+    """Return the sampling rate in Hz that channels state; a step of 0 states none."""
+    steps = set[float]()
+    for name, channel in channels.items():
+        stated = channel.properties.get("wf_increment", 0)
+        step = float(stated) if isinstance(stated, int | float | np.number) else math.nan
+        if not 0 <= step < math.inf:
+            raise refused(path, f"wf_increment of {name!r} is {stated!r:.40}", "seconds between samples")
+        if step and not is_time(name):
+            steps.add(step)
     if len(steps) > 1:
         rates = ", ".join(f"{1 / step:g}" for step in sorted(steps))
         raise refused(path, f"its channels have rates {rates} Hz", "one: select channels with --column")
-    fs = next((1 / float(step) for step in steps), None)
-    named = {
-        name: array.astype("M8[ns]") if array.dtype.kind == "M" else as_samples(array, name, path)
-        for name, array in stored.items()
-    }
-    flags = (f"time: fs is {fs:g} Hz, as 'wf_increment' in the file states",) if fs else ()
-    return ReadSignals(named, fs, flags=flags)
+    return next((1 / step for step in steps), None)
 
 
 @contextmanager
-def _channels(path: Path) -> Iterator[dict[str, Any]]:
+def _channels(path: Path) -> Iterator[Channels]:
     """Give the channels with samples by their names."""
     with path.open("rb") as stored, readable(path, "TDMS"), TdmsFile.open(stored) as file:
-        groups = file.groups()
-        found = {}
-        for group in groups:
-            for channel in group.channels():
-                unit = plain_unit(str(channel.properties.get("unit_string", "")))
-                name = f"{group.name}/{channel.name}" if len(groups) > 1 else channel.name
-                if len(channel):
-                    found[f"{name} [{unit}]" if unit else name] = channel
+        found = Channels(is_incomplete=file.file_status.incomplete_final_segment)
+        groups = {group.name: [one for one in group.channels() if len(one)] for group in file.groups()}
+        has_one = sum(map(bool, groups.values())) == 1
+        for group, channels in groups.items():
+            for channel in channels:
+                name = channel.name if has_one else f"{group}/{channel.name}"
+                name = with_unit(name, plain_unit(str(channel.properties.get("unit_string", ""))))
+                if name in found.numeric or name in found.others:
+                    raise refused(path, f"two channels are named {name!r:.80}", "different names")
+                if channel.dtype.kind in "iufM":
+                    found.numeric[name] = channel
+                else:
+                    found.others[name] = "text" if channel.dtype.kind == "O" else channel.dtype.name
+        if not found.numeric:
+            raise refused(path, f"its channels are {listed(list(found.others))}", "a channel of real numbers")
         yield found

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
-from texclass.loaders.columns import ROW_NUMBER, UNNAMED, ReadOptions, plain_unit, refused
+from texclass.loaders.columns import ROW_NUMBER, UNNAMED, ReadOptions, plain_unit, refused, with_unit
 from texclass.loaders.dates import is_date
 from texclass.recording import RecordingError
 
@@ -301,8 +301,7 @@ def _column_names(names: list[str], units: Sequence[str], body: Sequence[_Row], 
         names = [ROW_NUMBER, *names[1:]]
     names = [*names, *[""] * (n_filled - len(names))]
     known = [*map(plain_unit, units), *[""] * len(names)]
-    pairs = zip(names, known, strict=False)
-    return [f"{name} [{unit}]" if unit and unit not in name else name for name, unit in pairs]
+    return [with_unit(name, unit) for name, unit in zip(names, known, strict=False)]
 
 
 def _numbered_names(body: Sequence[_Row], n_filled: int) -> list[str]:

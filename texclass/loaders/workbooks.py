@@ -2,28 +2,36 @@
 
 import csv
 import io
-import os
 import warnings
 import zipfile
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from datetime import date, datetime, timedelta
+from datetime import date, datetime, time, timedelta
 from functools import lru_cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import IO, Any, cast
+from xml.parsers import expat
 
 import openpyxl
 
 from texclass.document.wording import counted
 from texclass.loaders import tables
-from texclass.loaders.columns import ReadOptions, ReadSignals, readable, refused
+from texclass.loaders.columns import ReadOptions, ReadSignals, is_time, listed, readable, refused, require
 from texclass.loaders.text_layout import is_number
 
 MOST_EXPANSION = 100
 """A workbook that expands to more than so many times its size (and more than 64 MB) is refused."""
+MOST_ROWS = 1 << 20
+"""Rows of a sheet, as in Excel."""
+MOST_CELLS = 1 << 24
+"""Cells of a sheet, with the blank ones between cells: 8 columns of 3.5 minutes at 10 kHz. A file of a few
+kilobytes can announce 1000 times as many."""
 LEAST_ROWS = 2
 """Rows with a number from which a sheet has a table."""
+_ERRORS = ("#N/A", "#DIV/0!", "#NAME?", "#NULL!", "#NUM!", "#REF!", "#VALUE!")
+"""Results of formulas that have no value."""
 
 
 @dataclass(frozen=True)
@@ -34,15 +42,18 @@ class SheetText:
     ----------
     name : str
         File and sheet, for messages.
+    title : str
+        Name of the sheet.
+    prefix : str
+        Stands before the names of its columns.
     data : bytes
         The text (UTF-8).
-    flags : tuple of str
-        What was assumed.
     """
 
     name: str
+    title: str
+    prefix: str
     data: bytes
-    flags: tuple[str, ...] = ()
     suffix = ".csv"
 
     def __str__(self) -> str:
@@ -67,74 +78,153 @@ class SheetText:
 
 
 def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
-    """Return the names of the columns of the sheet that is read.
+    """Return the columns of the first sheet with rows of numbers, then those of others as "sheet/column".
 
     Raises
     ------
     RecordingError
         If it is no workbook, or no sheet has rows of numbers.
     """
-    return tables.names(cast("Path", _sheet(path)), options)
+    return tuple(name for sheet in _sheets(path) for name in _qualified(sheet, options))
 
 
 def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
-    """Read the wanted columns of the first sheet with rows of numbers; formulas have their stored values.
+    """Read the wanted columns of one sheet; formulas have their stored values.
 
     Raises
     ------
     RecordingError
-        If a column is not there, or a cell is not a number.
+        If a column is not there, a cell is not a number, or the columns are in several sheets.
     """
-    sheet = _sheet(path)
-    found = tables.read(cast("Path", sheet), wanted, options)
-    return replace(found, flags=(*sheet.flags, *found.flags))
+    sheets = _sheets(path)
+    columns = {sheet: _qualified(sheet, options) for sheet in sheets}
+    require(wanted, [name for of_sheet in columns.values() for name in of_sheet], path)
+    sheet = next((sheet for sheet, of_sheet in columns.items() if set(wanted) <= set(of_sheet)), None)
+    if sheet is None:
+        raise refused(path, f"{listed(wanted)} are in several sheets", "columns of one sheet")
+    inner = {name: name.removeprefix(sheet.prefix) for name in wanted}
+    found = tables.read(cast("Path", sheet), tuple(inner.values()), options)
+    flags: tuple[str, ...] = ()
+    if len(sheets) > 1:
+        n_others = counted(len(sheets) - 1, "other sheet")
+        other = next(of_sheet for one, of_sheet in columns.items() if one != sheet)
+        example = next((name for name in other if not is_time(name)), other[0])
+        flags = (f"sheet: {sheet.title!r:.40} is read, {n_others} not; --column {example!r:.60} selects one",)
+    return replace(
+        found,
+        named={name: found.named[column] for name, column in inner.items()},
+        flags=(*flags, *found.flags),
+    )
 
 
-def _sheet(path: Path) -> SheetText:
+def _qualified(sheet: SheetText, options: ReadOptions) -> tuple[str, ...]:
+    return tuple(sheet.prefix + name for name in tables.names(cast("Path", sheet), options))
+
+
+def _sheets(path: Path) -> tuple[SheetText, ...]:
     state = path.stat()
-    return _read_sheet(path, state.st_mtime_ns, state.st_size)
+    return _read_sheets(path, state.st_mtime_ns, state.st_size)
 
 
 @lru_cache(maxsize=1)  # names and columns are read one after another
-def _read_sheet(path: Path, modified: int, size: int) -> SheetText:
-    with readable(path, "Excel"), zipfile.ZipFile(path) as archive:
-        expanded = sum(member.file_size for member in archive.infolist())
-        if expanded > max(1 << 26, MOST_EXPANSION * size):
-            raise refused(path, f"expands to {expanded} bytes", f"64 MB, or {MOST_EXPANSION} times its size")
-    found: list[tuple[str, str]] = []
-    with readable(path, "Excel"), warnings.catch_warnings(), path.open("rb") as file:
-        warnings.simplefilter("ignore")  # of styles and extensions that are not read
-        book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
-        for sheet in book.worksheets:
-            sheet.reset_dimensions()  # stated ones may be wrong
-            if text := _text(sheet.iter_rows(values_only=True)):
-                found.append((sheet.title, text))
+def _read_sheets(path: Path, modified: int, size: int) -> tuple[SheetText, ...]:
+    """Return the sheets with a table."""
+    most = max(1 << 26, MOST_EXPANSION * size)
+    found = list[SheetText]()
+    with readable(path, "Excel"):
+        with zipfile.ZipFile(path) as archive:
+            expanded = sum(member.file_size for member in archive.infolist())
+            if expanded > most:
+                raise refused(
+                    path, f"expands to {expanded} bytes", f"64 MB, or {MOST_EXPANSION} times its size"
+                )
+            for member in archive.infolist():
+                with archive.open(member) as content:
+                    _check_prolog(content, f"{path} ({member.filename:.80})")
+        with warnings.catch_warnings(), path.open("rb") as file:
+            warnings.simplefilter("ignore")  # of styles and extensions that are not read
+            book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
+            for sheet in book.worksheets:
+                sheet.reset_dimensions()  # stated ones may be wrong
+                where = f"{path} (sheet {sheet.title!r:.40})"
+                if text := _text(sheet.iter_rows(values_only=True), where, most):
+                    prefix = f"{sheet.title}/" if found else ""
+                    found.append(SheetText(where, sheet.title, prefix, text.encode("utf-8", "replace")))
     if not found:
-        raise refused(path, "no sheet has rows of numbers", f"a sheet with at least {LEAST_ROWS}")
-    title, text = found[0]
-    others = counted(len(found) - 1, "other sheet")
-    flags = (f"sheet: {title!r:.40} is read, {others} with numbers not",) if len(found) > 1 else ()
-    return SheetText(f"{os.fspath(path)} (sheet {title!r:.40})", text.encode(), flags)
+        rule = f"a sheet with at least {LEAST_ROWS}; formulas need stored values: save the file in Excel"
+        raise refused(path, "no sheet has rows of numbers", rule)
+    return tuple(found)
 
 
-def _text(rows: Iterable[Sequence[Any]]) -> str:
-    """Return rows that are not blank as comma-separated text, without blank columns; "" without a table."""
-    cells = [[_cell(value) for value in row] for row in rows]
-    width = max(map(len, cells), default=0)
-    padded = [row + [""] * (width - len(row)) for row in cells if any(row)]
-    used = [i for i in range(width) if any(row[i] for row in padded)]
-    if sum(any(map(is_number, filter(None, row))) for row in padded) < LEAST_ROWS:
+def _check_prolog(content: IO[bytes], where: str) -> None:
+    """Refuse XML that declares a document type: its entities can expand without end, or name other files."""
+    is_root = list[object]()
+
+    def refuse(*declared: object) -> None:
+        raise refused(where, "declares a document type", "XML without entities")
+
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler = lambda *element: is_root.append(element)
+    with suppress(expat.ExpatError):  # of images, and of what openpyxl refuses
+        while not is_root and (chunk := content.read(1 << 16)):
+            parser.Parse(chunk)
+
+
+def _text(rows: Iterable[Sequence[Any]], where: str, most: int) -> str:
+    """Return rows as comma-separated lines, without blank columns; "" without a table.
+
+    Parameters
+    ----------
+    rows : iterable of sequence
+        Values of the cells of each row.
+    where : str
+        File and sheet, for messages.
+    most : int
+        Number of characters from which a text is refused.
+
+    Raises
+    ------
+    RecordingError
+        If there are too many rows, cells or characters.
+    """
+    text, n_cells, n_numeric, used = io.StringIO(), 0, 0, set[int]()
+    writer = csv.writer(text, lineterminator="\n")
+    for number, row in enumerate(rows, 1):
+        n_cells += len(row)
+        if number > MOST_ROWS or n_cells > MOST_CELLS or text.tell() > most:
+            rule = f"at most {MOST_ROWS} rows, {MOST_CELLS} cells and {most} characters: split it"
+            raise refused(where, f"has at least {number} rows, {n_cells} cells", rule)
+        cells = [_cell(value) for value in row] if any(value is not None for value in row) else []
+        filled = [i for i, cell in enumerate(cells) if cell]
+        if not filled:
+            text.write("\n")  # lines are counted as rows of the sheet are
+            continue
+        used.update(filled)
+        n_numeric += any(is_number(cells[i]) for i in filled)
+        writer.writerow(cells)
+    if n_numeric < LEAST_ROWS:
         return ""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([row[i] for i in used] for row in padded)
-    return text.getvalue()
+    return _aligned(text.getvalue(), sorted(used))
+
+
+def _aligned(text: str, columns: Sequence[int]) -> str:
+    """Return the lines of a text with some of their columns, each line with all of them."""
+    aligned = io.StringIO()
+    writer = csv.writer(aligned, lineterminator="\n")
+    for row in csv.reader(io.StringIO(text)):
+        if row:
+            writer.writerow([row[i] if i < len(row) else "" for i in columns])
+        else:
+            aligned.write("\n")
+    return aligned.getvalue()
 
 
 def _cell(value: Any) -> str:
-    if value is None:
+    if value is None or value in _ERRORS:
         return ""
     if isinstance(value, timedelta):
         return repr(value.total_seconds())
     if isinstance(value, datetime):
         return value.isoformat(" ")
-    return value.isoformat() if isinstance(value, date) else str(value).strip()
+    return value.isoformat() if isinstance(value, date | time) else " ".join(str(value).split())
