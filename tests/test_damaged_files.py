@@ -2,16 +2,22 @@
 
 import json
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from fuzz.contract import judge
 from fuzz.mutate import json_of
+from fuzz.recordings import OF_BAGS
 from fuzz.targets import target_of
 
 from texclass.experiment.feature_table import read_part, read_table
 from texclass.loaders import CardError
+from texclass.loaders.files import READERS
+from texclass.recording import RecordingError
 
 LONG = "9" * 5000
+TEXTS = (".txt", ".csv", ".tsv", ".lvm")
+"""Suffixes of files whose end cannot be seen from their content."""
 SPOILT = {
     "dataset card": [
         ('format = "files"', "format = []"),
@@ -52,6 +58,27 @@ SPOILT = {
     ],
 }
 """Reader -> what is exchanged in a valid input for what nothing can be."""
+
+
+@pytest.mark.parametrize("suffix", [suffix for suffix in READERS if suffix not in TEXTS])
+def test_a_recording_that_lost_its_end_is_refused_or_reported(suffix, tmp_path):
+    """A shorter recording without a flag would look whole."""
+    if suffix in OF_BAGS:
+        pytest.importorskip("rosbags", reason="the extra `robot` is not installed")
+    if suffix in {".xlsx", ".tdms"}:
+        pytest.importorskip("nptdms", reason="the extra `formats` is not installed")
+    target = target_of(OF_BAGS.get(suffix, suffix[1:]))
+    data, path = target.seeds()[0], tmp_path / f"a{suffix}"
+    path.write_bytes(data)
+    whole = target.read(path)
+    for length in range(1, len(data), max(1, len(data) // 100)):
+        path.write_bytes(data[:length])
+        try:
+            recording = target.read(path)
+        except RecordingError:
+            continue
+        is_reported = set(recording.flags) > set(whole.flags)
+        assert is_reported or np.array_equal(recording.acceleration, whole.acceleration), length
 
 
 def _refused(name, data, tmp_path):

@@ -13,7 +13,10 @@ from tempfile import TemporaryDirectory
 import pytest
 from fuzz.contract import Target, judge
 from fuzz.mutate import of_bytes
+from fuzz.recordings import OF_BAGS, SEEDS
 from fuzz.targets import SHARES, parts_of, target_of
+
+from texclass.loaders.files import READERS
 
 N_SPOILT = (
     {"model": 10, "recogniser": 5, "feature set": 5, "feature table": 5}
@@ -32,12 +35,29 @@ def _seeds(name: str) -> tuple[Target, list[bytes]]:
     return target, seeds
 
 
+OF_EXTRAS = {
+    **dict.fromkeys(SHARES["bags"], ("robot", "rosbags", "mcap", "cyclonedds")),
+    **dict.fromkeys(("xlsx", "tdms"), ("formats", "openpyxl", "nptdms")),
+}
+"""Reader -> the extra that it needs, and its libraries."""
+
+
 @pytest.fixture(params=parts_of())
 def reader(request):
-    if request.param in SHARES["bags"]:
-        for library in ("rosbags", "mcap", "cyclonedds"):
-            pytest.importorskip(library, reason="the extra `robot` is not installed")
+    extra, *libraries = OF_EXTRAS.get(request.param, ("",))
+    for library in libraries:
+        pytest.importorskip(library, reason=f"the extra `{extra}` is not installed")
     return _seeds(request.param)
+
+
+@pytest.mark.parametrize("suffix", READERS)
+def test_every_registered_suffix_has_valid_files(suffix):
+    assert suffix in SEEDS or suffix in OF_BAGS, f"{suffix} has no valid files in fuzz/recordings.py"
+    name = OF_BAGS.get(suffix, suffix[1:])
+    assert name in parts_of()
+    if name in OF_EXTRAS:
+        pytest.importorskip(OF_EXTRAS[name][1], reason=f"the extra `{OF_EXTRAS[name][0]}` is not installed")
+    assert target_of(name).file.endswith(suffix)
 
 
 def _holds(target, data, place):

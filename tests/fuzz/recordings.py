@@ -21,7 +21,6 @@ from fuzz.contract import Target
 from fuzz.mutate import Mutator, archives, either, of_bytes, of_text
 from texclass.loaders import load_recording
 from texclass.loaders.cards import FileReading, LabelTable
-from texclass.loaders.files import READERS
 from texclass.loaders.filesets import _read_rows
 from texclass.loaders.labels import Labels, is_label_table
 from texclass.recognition import open_source
@@ -255,7 +254,7 @@ SEEDS: dict[str, tuple[Callable[[], list[bytes]], Mutator]] = {
     ".xlsx": (_workbooks, either(archives(_xml, deflate=True), of_bytes)),
     ".tdms": (_tdms, of_bytes),
 }
-"""Suffix -> valid files, and how they are changed; a suffix of `READERS` without any is an error."""
+"""Suffix -> valid files, and how they are changed; a test fails for a suffix of `READERS` without any."""
 OF_BAGS = {".bag": "rosbag1", ".mcap": "rosbag2 mcap", ".db3": "rosbag2 sqlite3"}
 """Suffixes of bags -> the readers in `fuzz.bags`."""
 
@@ -272,9 +271,8 @@ def _read(path: Path) -> Recording:
 
 TARGETS = (
     *(
-        Target(suffix[1:], *SEEDS[suffix][:1], _read, SEEDS[suffix][1], f"fuzzed{suffix}")
-        for suffix in READERS
-        if suffix not in OF_BAGS
+        Target(suffix[1:], seeds, _read, mutate, f"fuzzed{suffix}")
+        for suffix, (seeds, mutate) in SEEDS.items()
     ),
     Target(
         "table of rows",

@@ -32,8 +32,8 @@ SEED = 20260711
 MOST_WALL_S = 90.0
 MOST_RESTARTS = 200
 LIBRARIES = (
-    "numpy", "scipy", "h5py", "pyarrow", "pandas", "soundfile", "mcap", "rosbags", "skops", "scikit-learn",
-    "atheris",
+    "numpy", "scipy", "h5py", "pyarrow", "pandas", "soundfile", "mcap", "rosbags", "openpyxl",
+    "npTDMS", "skops", "scikit-learn", "atheris",
 )  # fmt: skip
 SUMMED = ("inputs", "accepted", "refused", "broken", "timeouts", "crashes")
 

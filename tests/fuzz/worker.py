@@ -19,7 +19,7 @@ import texclass
 MOST_BYTES = 1 << 16
 HEADROOM = 2 << 30
 """Bytes of address space beyond what the valid inputs take."""
-GUIDED = ("texclass", "mcap", "rosbags", "skops", "zipfile", "tomllib")
+GUIDED = ("texclass", "mcap", "rosbags", "openpyxl", "nptdms", "skops", "zipfile", "tomllib")
 """Packages whose branches guide atheris."""
 
 

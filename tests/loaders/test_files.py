@@ -91,16 +91,6 @@ def test_what_is_no_file_or_of_an_unknown_kind_is_refused(tmp_path):
             load_recording(tmp_path / name, fs=FS, unit="g")
 
 
-@pytest.mark.parametrize("suffix", [s for s in SUFFIXES if READERS[s] == "arrays" or s == ".parquet"])
-def test_a_truncated_binary_file_is_refused(tmp_path, axes, write, suffix):
-    path = write(tmp_path / f"r{suffix}", axes)
-    content = path.read_bytes()
-    for share in (0.02, 0.5, 0.98):
-        path.write_bytes(content[: int(share * len(content))])
-        with pytest.raises(RecordingError, match=f"r{suffix}"):
-            load_recording(path, unit="counts", fs=FS)
-
-
 @pytest.mark.parametrize("suffix", [".npz", ".h5", ".mat", ".parquet", ".csv"])
 def test_values_that_are_not_finite_are_refused(tmp_path, axes, write, suffix):
     for bad in (np.nan, np.inf):

@@ -318,6 +318,9 @@ def _database(path: Path) -> Iterator[sqlite3.Connection]:
     with contextlib.closing(sqlite3.connect(f"{path.resolve().as_uri()}?{how}", uri=True)) as database:
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
         database.execute("PRAGMA trusted_schema = OFF")
+        (page_size,) = database.execute("PRAGMA page_size").fetchone()
+        if rest := path.stat().st_size % page_size:  # SQLite would read zeros in place of what is missing
+            raise ValueError(f"its last page has {rest} of {page_size} bytes")
         tables = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('messages', 'topics')"
         if database.execute(tables).fetchone() != (2,):
             raise ValueError("it has no tables of messages and topics")

@@ -2,11 +2,12 @@
 
 import logging
 import math
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from nptdms import TdmsFile
@@ -27,6 +28,9 @@ from texclass.loaders.columns import (
 )
 
 log_manager.set_level(logging.CRITICAL)  # what it warns of, incomplete segments, is reported here
+
+_LEAD_IN = 28
+"""Bytes at the beginning of a segment, with the number of those that follow."""
 
 
 @dataclass
@@ -109,11 +113,21 @@ def _rate(channels: dict[str, Any], path: Path) -> float | None:
     return next((1 / step for step in steps), None)
 
 
+def _is_whole(file: IO[bytes], size: int) -> bool:
+    """Whether a file ends with a segment: npTDMS does not report a segment that ends before its samples."""
+    at = 0
+    while at < size:
+        file.seek(at)
+        (length,) = struct.unpack("<12xQ8x", file.read(_LEAD_IN).ljust(_LEAD_IN, b"\xff"))
+        at += _LEAD_IN + length
+    return at == size
+
+
 @contextmanager
 def _channels(path: Path) -> Iterator[Channels]:
     """Give the channels with samples by their names."""
     with path.open("rb") as stored, readable(path, "TDMS"), TdmsFile.open(stored) as file:
-        found = Channels(is_incomplete=file.file_status.incomplete_final_segment)
+        found = Channels(is_incomplete=not _is_whole(stored, path.stat().st_size))
         groups = {group.name: [one for one in group.channels() if len(one)] for group in file.groups()}
         has_one = sum(map(bool, groups.values())) == 1
         for group, channels in groups.items():
