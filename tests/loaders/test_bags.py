@@ -16,7 +16,7 @@ FS = 200.0
 N = 300
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def values():
     """Acceleration and turn rate of shape (300, 6)."""
     return np.random.default_rng(0).normal(size=(N, 6))
