@@ -78,6 +78,18 @@ def test_an_export_of_phyphox_states_rate_and_unit(tmp_path, mark, decimal):
     assert any(flag.endswith("3 other files ignored") for flag in recording.flags)
 
 
+def test_an_export_of_phyphox_with_one_sensor_is_one_recording(tmp_path):
+    for surface in ("oak", "wool"):
+        phyphox(tmp_path / surface / "rec")
+        (tmp_path / surface / "rec/Accelerometer.csv").rename(tmp_path / surface / "rec/Raw Data.csv")
+        for other in ("Gyroscope.csv", "Magnetometer.csv"):
+            (tmp_path / surface / "rec" / other).unlink()
+    dataset = open_dataset(tmp_path)
+    assert [entry.recording_id for entry in dataset.entries] == ["oak/rec", "wool/rec"]
+    assert "2 folders of a sensor app: Raw Data.csv is read, 2 other files ignored" in dataset.notes
+    assert load_recording(tmp_path / "oak/rec").acceleration.shape == (N, 3)
+
+
 def _two_surfaces(root):
     for number, surface in enumerate(("oak", "wool")):
         for k in (1, 2, 3):
@@ -126,7 +138,9 @@ def test_a_model_of_exports_judges_an_export(tmp_path, monkeypatch):
     assert find_recording("new", unit="m/s^2").turn_rate is not None
 
 
-@pytest.mark.parametrize("name", ["Gyroscope.csv", "MagnetometerUncalibrated.csv", "magnetic_field.txt"])
+@pytest.mark.parametrize(
+    "name", ["Gyroscope.csv", "MagnetometerUncalibrated.csv", "magnetic_field.txt", "gyroscope_02.csv"]
+)
 def test_a_file_of_another_sensor_is_no_acceleration(tmp_path, name):
     path = tmp_path / name
     path.write_text("time,x,y,z\n" + "".join(f"{k / 100},{k % 7},{k % 5},{k % 3}\n" for k in range(300)))

@@ -2,7 +2,7 @@
 
 Sensor Logger writes `TotalAcceleration.csv` (with gravity), `Accelerometer.csv` (without), `Gyroscope.csv`
 and others. phyphox writes `Accelerometer.csv` (with gravity), `Linear Accelerometer.csv` (without),
-`Gyroscope.csv`, others and a folder `meta`.
+`Gyroscope.csv`, others and a folder `meta`; of one sensor, it writes `Raw Data.csv` and `meta`.
 """
 
 import re
@@ -15,7 +15,7 @@ from texclass.loaders.data_files import data_files
 
 ACCELERATIONS = (
     *("total acceleration", "accelerometer", "acceleration"),
-    *("linear accelerometer", "linear acceleration"),
+    *("linear accelerometer", "linear acceleration", "raw data"),
 )
 """Names of files with an acceleration; the first of them that is there is read."""
 TURN_RATE = "gyroscope"
@@ -26,8 +26,10 @@ OTHERS = (
     *("heart rate", "battery", "annotation", "metadata", "wrist motion", "device motion", "temperature"),
 )
 """Names of files of other sensors, and of what is known of a recording."""
+NUMBERED_OTHERS = (TURN_RATE, "magnetometer", "barometer")
+"""Sensors that a file is of if a number follows the name: others are names of surfaces, too ("light_1")."""
 META = "meta"
-"""Folder of phyphox beside the files of sensors."""
+"""Folder of phyphox beside the files of sensors; `device.csv` in it marks an export."""
 SUFFIXES = (".csv", ".tsv", ".txt")
 
 
@@ -67,9 +69,12 @@ def sensor_of(name: str) -> str:
     return stem if stem in {*ACCELERATIONS, *OTHERS} else ""
 
 
-def is_other_sensor(path: Path) -> bool:
-    """Whether a file is by its name of another sensor than an accelerometer."""
-    return sensor_of(path.name) in OTHERS
+def other_sensor(path: Path) -> str:
+    """Return the sensor other than an accelerometer in the name of a file, numbered or not; else ""."""
+    if (sensor := sensor_of(path.name)) in OTHERS:
+        return sensor
+    unnumbered = sensor_of(re.sub(r"[ _-]?\d+$", "", path.stem) + path.suffix)
+    return unnumbered if unnumbered in NUMBERED_OTHERS else ""
 
 
 def export_in(folder: Path) -> Export | None:
@@ -79,7 +84,7 @@ def export_in(folder: Path) -> Export | None:
 
 
 def find_exports(files: Iterable[str]) -> list[Export]:
-    """Return the exports among files, one per folder with files of an accelerometer and of other sensors.
+    """Return the exports among files, one per folder with an acceleration beside other sensors or `meta`.
 
     Parameters
     ----------
@@ -93,11 +98,13 @@ def find_exports(files: Iterable[str]) -> list[Export]:
     for folder, names in folders.items():
         sensors = {sensor_of(name): name for name in sorted(names, reverse=True)}
         usable = [sensors[one] for one in ACCELERATIONS if one in sensors]
-        if not usable or len(sensors.keys() - {""}) < 2:
+        described = folders.get(folder / META, ())
+        is_phyphox = str(folder / META / "device.csv") in described
+        if not usable or (len(sensors.keys() - {""}) < 2 and not is_phyphox):
             continue
         turn_rate = sensors.get(TURN_RATE)
         beside = [name for name in names if sensor_of(name) and name not in {usable[0], turn_rate}]
-        found.append(Export(usable[0], turn_rate, (*beside, *folders.get(folder / META, ()))))
+        found.append(Export(usable[0], turn_rate, (*beside, *described)))
     return found
 
 

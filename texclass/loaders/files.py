@@ -33,7 +33,7 @@ from texclass.loaders.columns import (
     unit_of,
     without_unit,
 )
-from texclass.loaders.exports import export_in, is_other_sensor, sensor_of
+from texclass.loaders.exports import export_in, other_sensor
 from texclass.loaders.plausibility import LEAST_HZ, MOST_HZ, UNIT_RULE, build_recording
 from texclass.loaders.time_columns import by_time_column, increases
 from texclass.recording import (
@@ -358,9 +358,9 @@ def read_signals(
     for axis, path in axes.items():
         is_known = is_bag(path) and roles.get(UNNAMED)
         present = () if is_known else column_names(path, options)
-        if not roles.get(UNNAMED) and is_other_sensor(path):
+        if not roles.get(UNNAMED) and (sensor := other_sensor(path)):
             rule = "an accelerometer: --column names its columns, if they hold an acceleration"
-            raise refused(path, f"its name is that of a {sensor_of(path.name)}", rule)
+            raise refused(path, f"its name is that of a {sensor}", rule)
         chosen = numbered(roles.get(UNNAMED, ()), present) or choose_acceleration(
             present, path, partial(_varying, path, options)
         )
