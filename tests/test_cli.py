@@ -277,11 +277,16 @@ def test_benchmark_trains_on_these_and_tests_on_those(run, tmp_path):
 def test_every_command_that_takes_files_takes_what_says_how_they_are_read(run, tmp_path):
     files = {f"--{name.replace('_', '-')}" for name in inspect.signature(load_recording).parameters}
     files -= {"--path", "--auxiliary", "--topic"}
-    of_folders = ("extract", "benchmark", "tradeoff", "train", "predict", "adapt", "card")
-    for name in ("inspect", "stream", *of_folders):
-        taken = {flag for option in COMMANDS.commands[name].params for flag in option.opts}
+    of_one_recording = {"inspect", "stream", "describe"}
+    commands = {
+        name: {flag for option in command.params for flag in option.opts}
+        for name, command in COMMANDS.commands.items()
+    }
+    reading = {name: flags for name, flags in commands.items() if "--column" in flags}
+    assert of_one_recording < set(reading)
+    for name, taken in reading.items():
         assert files <= taken, name
-        assert ("--labels" in taken) == (name in of_folders), name
+        assert ("--labels" in taken) == (name not in of_one_recording), name
     for material in ("wood", "steel"):
         (tmp_path / "felt" / material).mkdir(parents=True)
         rows = np.random.default_rng(0).normal(size=(2000, 3))

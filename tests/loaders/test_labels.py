@@ -40,6 +40,7 @@ def opened(root, table, **options):
         ("mine/rec001.txt", "mine/rec002.txt", "mine/more/rec003.txt"),
         ("rec001.txt", "rec002.txt", r"more\rec003.txt"),
         ("rec001.txt", "rec002.txt", "rec003.txt"),
+        ("rec001.wav", "rec002.CSV", "more/rec003.wav"),
     ],
 )
 @pytest.mark.parametrize("mark", [",", ";", "\t"])
@@ -73,6 +74,15 @@ def test_groups_are_read_and_blank_groups_are_unknown(mine):
     [
         ("file,surface\nrec001,a\nrec002,b\n", r"labels\.csv: no row for 'more/rec003' \(more/rec003\.txt\)"),
         ("file,surface\nrec001,a\nrec002,b\nrec003,c\nrec001,d\n", "rows 2 and 5 are both of 'rec001'"),
+        (
+            "file,surface\nrec001,a\nrec002,b\nrec003,c\nrec001.txt,d\n",
+            r"'rec001' \(row 2\), 'rec001\.txt' \(row 5\) are all of 'rec001'",
+        ),
+        ("file,surface\nrec001,a\nrec002,b\nrec003,c\nmine/rec001.txt,a\n", r"'mine/rec001\.txt' \(row 5\)"),
+        (
+            "file,surface\nrec001,a\nrec002,b\nrec003.wav,c\nrec003.flac,c\n",
+            r"'rec003\.wav' \(row 4\), 'rec003\.flac' \(row 5\) are all of 'more/rec003'",
+        ),
         ("file,surface\nrec001,a\nrec002, \nrec003,c\n", "row 3 has a blank 'surface'"),
         ("file,surface\nrec001,a,b\n", "row 2 has 3 cells. Expected 2"),
         ("file,what\nrec001,a\n", r"columns 'file', 'what' for the material\. Expected one column `file`"),
@@ -93,6 +103,19 @@ def test_a_name_of_two_files_is_refused(mine):
     with pytest.raises(CardError, match=r"'rec001' is both .*Expected the path of the file"):
         opened(mine, table)
     assert len(opened(mine, f"{table}more/rec001,d\n")) == 4
+
+
+def test_files_of_axes_have_a_row_each_or_one(tmp_path):
+    root = tmp_path / "mine"
+    root.mkdir()
+    for k, axis in enumerate("XYZ"):
+        np.savetxt(root / f"rec_{axis}.txt", np.random.default_rng(k).normal(size=2000))
+    rows = "".join(f"rec_{axis}.txt,a\n" for axis in "XYZ")
+    for table in (rows, "rec,a\n", "rec.txt,a\n"):
+        dataset = opened(root, f"file,surface\n{table}")
+        assert (dataset.materials, dataset.notes) == (("a",), ())
+    with pytest.raises(CardError, match=r"'rec_X\.txt' \(row 2\).* are all of 'rec'"):
+        opened(root, f"file,surface\n{rows.replace('Y.txt,a', 'Y.txt,b')}")
 
 
 def test_files_without_a_row_are_left_out_on_request_and_rows_without_a_file_reported(mine):

@@ -422,3 +422,33 @@ def test_a_unit_row_that_contradicts_the_names_is_refused(tmp_path):
     path = write(tmp_path, ".csv", text(above="x (mg),y (mg),z (mg)\ng,g,g\n"))
     with pytest.raises(RecordingError, match="its columns are in g and mg"):
         load_recording(path, fs=100)
+
+
+@pytest.mark.parametrize(
+    ("header", "column", "chosen", "how"),
+    [
+        ("0,1,2", "1,2,3", ("0", "1", "2"), "numbers from 1"),
+        ("0,1,2", "1,2", ("1", "2"), "names"),
+        ("0,1,2", "0,1,2", ("0", "1", "2"), None),
+        ("ax,2,3", "2,3", ("2", "3"), None),
+        ("ax,ay,az", "1,2,3", ("ax", "ay", "az"), None),
+        ("ax,1,az", "ax,1", ("ax", "1"), "names"),
+    ],
+)
+def test_numbers_that_are_names_of_other_columns_are_reported(tmp_path, header, column, chosen, how):
+    samples = np.random.default_rng(0).normal(size=(500, 3)).round(4)
+    path = tmp_path / "x.csv"
+    np.savetxt(path, samples, delimiter=",", header=header, comments="")
+    recording = load(path, **columns_read(column, None))
+    places = [header.split(",").index(name) for name in chosen]
+    np.testing.assert_allclose(recording.acceleration, samples[:, places])
+    reported = [flag for flag in recording.flags if flag.startswith("columns: ")]
+    assert [f"are read as {how}" in flag for flag in reported] == [True] * (how is not None)
+
+
+def test_what_was_assumed_of_a_file_per_axis_is_reported_once(tmp_path):
+    for k, axis in enumerate("xyz"):
+        rows = np.random.default_rng(k).normal(size=500).astype(str)
+        (tmp_path / f"r_{axis}.txt").write_text("\n".join([*rows[:9], "# paused", *rows[9:]]))
+    flags = load(tmp_path / "r_x.txt").flags
+    assert [flag for flag in flags if "comment" in flag] == ["comments: 1 line between the rows left out"]

@@ -370,6 +370,18 @@ def numbered(wanted: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
     return tuple(map(named, wanted))
 
 
+def doubtful_numbers(wanted: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """Return how numbers of columns were read, if they are names of other columns too; else nothing."""
+    places = {name: place for place, name in enumerate(names, 1)}
+    numbers = {name: int(name) for name in wanted if name.isdecimal()}
+    are_places = all(1 <= number <= len(names) for number in numbers.values())
+    if not are_places or all(places.get(name, number) == number for name, number in numbers.items()):
+        return ()
+    chosen = numbered(wanted, names)
+    how = "names" if chosen == tuple(wanted) else "numbers from 1"
+    return (f"columns: {listed(wanted)} are read as {how}, the columns {listed(chosen)} of {listed(names)}",)
+
+
 def require(wanted: Sequence[str], names: Sequence[str], path: Path, *, hint: str = "") -> None:
     """Check that every wanted column exists exactly once.
 

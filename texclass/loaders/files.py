@@ -23,6 +23,7 @@ from texclass.loaders.columns import (
     ReadSignals,
     as_samples,
     choose_acceleration,
+    doubtful_numbers,
     group_of,
     is_time,
     numbered,
@@ -382,6 +383,7 @@ def read_signals(
         parts[axis] = replace(
             read,
             named=fields,
+            flags=(*read.flags, *doubtful_numbers(roles.get(UNNAMED, ()), present)),
             unit=read.unit or unit_of(names, path),
             channels=tuple(map(without_unit, chosen)) if len(chosen) > 1 else (),
         )
@@ -400,7 +402,8 @@ def read_signals(
     n = min(lengths.values())
     acceleration = read_only(np.column_stack([part.named[UNNAMED][:n] for part in parts.values()]))
     named = {**first.named, UNNAMED: acceleration}
-    return ReadSignals(named, first.fs, channels=tuple(parts), unit=parts[axis].unit)
+    flags = tuple(dict.fromkeys(flag for part in parts.values() for flag in part.flags))
+    return ReadSignals(named, first.fs, channels=tuple(parts), unit=parts[axis].unit, flags=flags)
 
 
 def _varying(path: Path, options: ReadOptions, names: Sequence[str]) -> list[str]:

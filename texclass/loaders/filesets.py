@@ -128,8 +128,9 @@ def open_files(
     CardError
         If the table of labels lacks a column or a recording.
     """
-    labels = Labels.read(root / reading.labels.file, reading.labels) if reading.labels else None
-    own = [reading.labels.file] if reading.labels else []
+    table = reading.labels
+    labels = Labels.read((root / table.file).resolve(), table) if table else None
+    own = [table.file] if table else []
     left_out: list[str] = []
     entries: list[Entry] = []
     present = {path.relative_to(root).as_posix() for path in data_files(root)}

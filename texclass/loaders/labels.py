@@ -5,11 +5,13 @@ import csv
 import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path, PurePosixPath
 
 from texclass.document.wording import counted
 from texclass.loaders.cards import CardError, LabelTable
 from texclass.loaders.data_files import composed
+from texclass.loaders.files import suffixes
 from texclass.recording import RecordingError
 
 HEADERS = {
@@ -70,12 +72,15 @@ class Labels:
         File of the table.
     rows : mapping of str to mapping of str to str
         Name of the recording -> group -> text, exactly as written: "001" is not "1", "NA" is a text.
+    lines : mapping of str to int
+        Name of the recording -> number of its line.
     used : dict of str to str
         Names that were looked up -> id of the recording.
     """
 
     path: Path
     rows: Mapping[str, Mapping[str, str]]
+    lines: Mapping[str, int]
     used: dict[str, str] = field(default_factory=dict)
 
     @classmethod
@@ -112,7 +117,7 @@ class Labels:
                 )
             found[name] = {group: text for group, text in groups.items() if text}
             lines[name] = line
-        return cls(path, found)
+        return cls(path, found, lines)
 
     def of(self, recording_id: str, files: Sequence[str], folder: str) -> Mapping[str, str]:
         """Return the groups of a recording, found by its id, or by a file with or without path and suffix.
@@ -131,29 +136,48 @@ class Labels:
         RecordingError
             If the table does not have the recording.
         CardError
-            If a name in the table means several recordings.
+            If a name in the table means several recordings, or several rows mean one file.
         """
-        paths = [PurePosixPath(file) for file in files]
-        whole = [recording_id, *map(str, paths)]
-        short = [
-            PurePosixPath(recording_id).name,
-            *(name for path in paths for name in (path.name, path.stem)),
-        ]
-        names = map(composed, [*whole, *(f"{folder}/{name}" for name in whole), *short])
-        name = next((name for name in names if name in self.rows), None)
-        if name is None:
+        ids = [PurePosixPath(recording_id), *map(PurePosixPath, files)]
+        paths = [recording_id, *files, *(str(path.with_suffix("")) for path in ids[1:])]
+        whole = {composed(name) for path in paths for name in (path, f"{folder}/{path}")}
+        short = {composed(PurePosixPath(path).name) for path in paths}
+        found = (
+            whole.intersection(self.rows)
+            or short.intersection(self.rows)
+            or {name for stem in whole for name in self._by_stem.get(stem, ())}
+            or {name for stem in short for name in self._by_stem.get(stem, ())}
+        )
+        names = sorted(found, key=self.lines.__getitem__)
+        if not names:
             near = difflib.get_close_matches(recording_id, self.rows, n=1, cutoff=0.0)
             closest = f", the closest is {near[0]!r}" if near else ""
             raise RecordingError(
                 f"{self.path}: no row for {recording_id!r} ({', '.join(files)}){closest}. Expected one row "
                 "per recording: add it, or --skip-bad leaves the recording out"
             )
-        if (other := self.used.setdefault(name, recording_id)) != recording_id:
+        if len(names) > len(files) or any(self.rows[name] != self.rows[names[0]] for name in names):
+            listed = ", ".join(f"{name!r} (row {self.lines[name]})" for name in names)
             raise CardError(
-                f"{self.path}: {name!r} is both {other!r} and {recording_id!r}. "
-                "Expected the path of the file within the folder"
+                f"{self.path}: {listed} are all of {recording_id!r} ({', '.join(files)}). Expected one row"
             )
-        return self.rows[name]
+        for name in names:
+            if (other := self.used.setdefault(name, recording_id)) != recording_id:
+                raise CardError(
+                    f"{self.path}: {name!r} is both {other!r} and {recording_id!r}. "
+                    "Expected the path of the file within the folder"
+                )
+        return self.rows[names[0]]
+
+    @cached_property
+    def _by_stem(self) -> dict[str, list[str]]:
+        """Names that end in a suffix of recordings, by what stands before it."""
+        stems: dict[str, list[str]] = {}
+        for name in self.rows:
+            path = PurePosixPath(name)
+            if path.suffix.lower() in suffixes():
+                stems.setdefault(str(path.with_suffix("")), []).append(name)
+        return stems
 
 
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
