@@ -1,7 +1,7 @@
 """Whatever bytes a reader gets: a valid object, or a ValueError or OSError that names the file.
 
 Each reader has a few inputs here; with `TEXCLASS_EXAMPLES=2000` in the environment as many, and the study
-(tests/fuzz/run.py) has many more.
+(benchmarks/fuzz/run.py) has many more.
 """
 
 import os

@@ -26,7 +26,7 @@ from texclass.recording import Samples
 OF_A_PIECE = ".piece"
 """What the name of a column of a piece holds; see `texclass.features.contract.feature`."""
 KNOWN_CHANGES = Path(__file__).with_name("known_changes.csv")
-"""Columns of the set `surfaces`, and their changes; made by tests/benchmarks/known_changes.py."""
+"""Columns of the set `surfaces`, and their changes; made by benchmarks/known_changes.py."""
 
 
 class VoteOfPieces(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):  # type: ignore[misc]

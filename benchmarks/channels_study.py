@@ -1,0 +1,152 @@
+"""Several channels of a slow sensor: what their shapes and their pairs add to bands, beside MiniRocket.
+
+Run it by hand from the project's root: `python benchmarks/channels_study.py --peers-python PATH`, with
+the interpreter of an environment that has aeon. It writes reports/studies/channels.json. Windows of
+5 s; folds grouped by run, drawn `--draws` times (seeds 0, 1, ...). The figure is the balanced accuracy, the
+mean of the draws; its interval, and that of a difference on the same windows, draws runs anew within each
+material. No recording of either data set is in this project: one that is absent is left out.
+"""
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from study import command_line, interval, table, timed, write
+
+from texclass.experiment import cached_table, load_pipeline, touches
+from texclass.experiment.pipeline import MatchedRow
+from texclass.experiment.protocols import find_protocol
+from texclass.features.phase_view import channels_apart
+from texclass.features.plan import Plan
+from texclass.loaders import open_dataset
+from texclass.loaders.places import DataNotFoundError
+from texclass.peers.comparison import same_signals
+from texclass.peers.peer_worker.run import write_task
+from texclass.peers.worker_process import run_worker
+
+SECONDS, N_FOLDS, N_RESAMPLED, N_TIMED = 5.0, 5, 2000, 60
+FIRST, LAST = "Bands", "Bands, shape and pairs of channels"
+
+
+def resampled(hits: np.ndarray, materials: np.ndarray, runs: np.ndarray) -> dict[str, float]:
+    """Return the mean over materials of the mean of `hits` (n_windows,), with an interval over runs."""
+    sums = pd.DataFrame({"material": materials, "run": runs, "hits": hits, "n": 1.0})
+    by_run = sums.groupby(["material", "run"])[["hits", "n"]].sum()
+    rng, means = np.random.default_rng(0), []
+    for _, group in by_run.groupby("material"):
+        some = rng.integers(len(group), size=(N_RESAMPLED, len(group)))
+        drawn = group.to_numpy()[some].sum(axis=1)
+        means.append(np.append(drawn[:, 0] / drawn[:, 1], group["hits"].sum() / group["n"].sum()))
+    balanced = np.mean(means, axis=0)
+    low, high = np.quantile(balanced[:-1], [0.025, 0.975])
+    return {"accuracy": float(balanced[-1]), "low": float(low), "high": float(high)}
+
+
+def of_peer(signals: list[Any], labels: Any, splits: Any, fs: float, asked: Any) -> Iterator[tuple[int, Any]]:
+    """Yield (fold, predicted class numbers, CPU seconds of features of a window) of MiniRocket and ridge."""
+    with tempfile.TemporaryDirectory(prefix="texclass-channels-") as folder:
+        task = Path(folder) / "task"
+        write_task(task, signals, labels, splits, fs, 0)
+        outcome = run_worker(
+            Path(asked.peers_python), task, "minirocket", Path(folder) / "out", asked.limit_s
+        )
+    if outcome["status"] != "done":
+        print("MiniRocket:", outcome["status"], outcome["message"])
+    for k, fold in enumerate(outcome["folds"]):
+        yield k, (np.array(fold["classifiers"]["ridge"]["predicted"]), fold["feature_s"])
+
+
+def compared(name: str, n_peer_draws: int, asked: Any) -> dict[str, Any]:
+    """Return what each contestant gets on one data set."""
+    felt, pipeline = touches(open_dataset(name), SECONDS), load_pipeline("coarse")
+    known = cached_table(felt, *pipeline.needed, channels=pipeline.channels)
+    names, labels = np.unique(known.materials, return_inverse=True)
+    protocol = find_protocol("run")
+    runs = protocol.clusters(known.frame)
+    recordings = [felt.load(entry) for entry in felt.entries]
+    apart = channels_apart(recordings[0], "all")
+    hits: dict[str, list[Any]] = {}
+    ms: dict[str, float] = {}
+    definitions = {row.name: row for row in pipeline.rows}
+    for row in (FIRST, LAST):
+        plan = Plan.of(pipeline.features.restricted_to(definitions[row].features), apart)
+        plan.compute(recordings[0])
+        took = [timed(lambda r=r, p=plan: p.compute(r))[1] for r in recordings[:: len(recordings) // N_TIMED]]
+        ms[row] = 1e3 * float(np.median(took))
+    for seed in range(asked.draws):
+        splits = protocol.split(known.frame, N_FOLDS, seed)
+        for row in (FIRST, LAST):
+            trial = pipeline.trial(MatchedRow.of(definitions[row], pipeline.features, known), "kernel", known)
+            right = np.full(len(labels), np.nan)
+            for (_, test), found in zip(splits, trial(splits).hits, strict=True):
+                right[test] = found
+            hits.setdefault(row, []).append(right)
+            print(name, seed, row, resampled(right, known.materials, runs), flush=True)
+        if asked.peers_python and seed < n_peer_draws:
+            right = np.full(len(labels), np.nan)
+            signals = [
+                same_signals(r, apart, without_hand=pipeline.features.without_hand) for r in recordings
+            ]
+            for k, (predicted, feature_s) in of_peer(signals, labels, splits, recordings[0].fs, asked):
+                right[splits[k][1]] = predicted == labels[splits[k][1]]
+                ms["MiniRocket"] = 1e3 * feature_s
+            if np.isfinite(right).all():
+                hits.setdefault("MiniRocket", []).append(right)
+                print(name, seed, "MiniRocket", resampled(right, known.materials, runs), flush=True)
+    lines = []
+    for contestant, drawn in hits.items():
+        line = {"contestant": contestant, "n_draws": len(drawn), "feature_ms": ms[contestant]}
+        line |= resampled(np.mean(drawn, axis=0), known.materials, runs)
+        line["draws"] = [resampled(one, known.materials, runs)["accuracy"] for one in drawn]
+        ahead = np.mean([ours - one for ours, one in zip(hits[LAST], drawn, strict=False)], axis=0)
+        line["behind"] = resampled(ahead, known.materials, runs)
+        lines.append(line)
+    return {
+        "dataset": name, "n_windows": len(labels), "n_runs": len(set(runs)), "materials": names.tolist(),
+        "lines": lines, "input_hash": felt.input_hash,
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Compare on each data set; write the report after each."""
+    asked = command_line(__doc__, draws=3, limit_s=3600.0, peers_python="", peer_draws=(3, 3))
+    found = []
+    for name, n_peer_draws in zip(("borealtc", "dogsurf"), asked.peer_draws, strict=True):
+        try:
+            found.append(compared(name, n_peer_draws, asked))
+        except DataNotFoundError as absent:
+            print(absent)
+            continue
+        rows = [{**line, "dataset": one["dataset"]} for one in found for line in one["lines"]]
+        for row in rows:
+            row["right"] = interval(row)
+            row["ahead"] = "" if row["contestant"] == LAST else interval(row["behind"])
+            row["each"] = ", ".join(f"{100 * a:.1f}" for a in row["draws"])
+        result = {
+            "name": "channels", "seconds": SECONDS, "n_folds": N_FOLDS, "found": found, "seed": 0,
+            "input_hash": {one["dataset"]: one["input_hash"] for one in found},
+        }  # fmt: skip
+        blocks = [
+            table(
+                rows,
+                "dataset = {dataset} | features, classifier = {contestant} | draws = {n_draws} | "
+                "balanced % [95 %] = {right} | each draw = {each} | last row ahead by [95 %] = {ahead} | "
+                "features ms = {feature_ms:.2f}",
+                n_words=2,
+            ),
+            f"Windows of {SECONDS:g} s, {N_FOLDS} folds grouped by run, drawn by seeds 0, 1, ...; rows "
+            "of the pipeline `coarse` with its kernel discriminant; MiniRocket (10,000 kernels) with "
+            "ridge on the same signals. Intervals: runs drawn anew within each material, 2000 times; "
+            "differences are of the same windows in the draws that both have. Milliseconds of one "
+            "window, one thread, CPU time. Both cards remove the resting level of the acceleration, and "
+            "with it the tilt of the robot.",
+        ]
+        title = "Several channels of a slow sensor: bands, shapes and pairs"
+        write(asked.out, "channels", result, title, blocks)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,189 @@
+"""Trained models, their manifests, bare recognisers; feature tables and their parts; what caches hold."""
+
+import json
+import os
+import random
+import sys
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from fuzz.contract import Target
+from fuzz.mutate import Tree, archives, either, json_of, members_of, of_bytes, of_tree, trees
+from fuzz.recordings import valid, written
+from texclass.experiment.feature_table import FeatureTable, LeftOut, read_part, read_table, write_table
+from texclass.experiment.windows import read_movements
+from texclass.features.extractor import Reason
+from texclass.loaders.simulated import recall, remember
+from texclass.peers.worker_process import read_outcome
+from texclass.recognition import load_model, train
+from texclass.recognition.model_files import BESIDE, Manifest, digest_of, read_manifest
+from texclass.recording import Recording
+from texclass.tradeoff.recogniser import load_recogniser
+
+_JSON = trees(json.loads, json_of)
+
+
+def _sealed(rng: random.Random, members: dict[str, bytes]) -> dict[str, bytes]:
+    """Change what a model file says, or holds, and make its digest right again."""
+    name = rng.choice(["schema.json", "schema.json", "manifest.json", *sorted(members)])
+    members[name] = _changed_member(rng, name, members[name])
+    if "manifest.json" in members:
+        stated = json.loads(members.pop("manifest.json"))
+        stated.pop("digest", None)
+        stated["digest"] = digest_of(stated, members)
+        members["manifest.json"] = json_of(stated)
+    return members
+
+
+def _changed_member(rng: random.Random, name: str, data: bytes) -> bytes:
+    if name.endswith(".npy"):
+        return data[:128] + of_bytes(rng, data[128:])[: len(data) - 128].ljust(len(data) - 128, b"\1")
+    tree = json.loads(data)
+    if rng.random() < 0.2:
+        inner = list(_inner_json(tree))
+        if inner:
+            place, key = rng.choice(inner)
+            place[key] = json.dumps(json_of(of_tree(rng, json.loads(json.loads(place[key])))).decode())
+            return json_of(tree)
+    return json_of(of_tree(rng, tree))
+
+
+def _inner_json(tree: Tree) -> list[tuple[dict[str, object], str]]:
+    """Return where a description holds JSON within JSON: the plan of features."""
+    found = []
+    for inner in tree.values() if isinstance(tree, dict) else tree if isinstance(tree, list) else ():
+        found += _inner_json(inner)
+    if isinstance(tree, dict) and isinstance(tree.get("content"), str) and '[[\\"' in tree["content"]:
+        found.append((tree, "content"))
+    return found
+
+
+@cache
+def _model() -> bytes:
+    """Return a model of four surfaces; its estimators and its arrays."""
+    sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "recognition"))
+    from toy_surfaces import pipeline, surfaces
+
+    return written("a.skops", train(surfaces(), pipeline(), row="Spectrum", classifier="lda").save)
+
+
+def _recognisers() -> list[bytes]:
+    import skops.io
+
+    from texclass.experiment.trusted import load_trusted
+
+    document = load_trusted(_model(), beside=BESIDE)
+    return [skops.io.dumps(document["recogniser"])]
+
+
+def _manifest(data: bytes) -> Manifest:
+    found = read_manifest(data)
+    assert np.isfinite(found.fs)
+    assert isinstance(found.materials, tuple)
+    return found
+
+
+def _tables() -> list[bytes]:
+    frame = pd.DataFrame({"recording_id": ["a", "b"], "material": ["oak", "felt"], "operator": [None, "o"],
+                          "session": [None, None], "repetition": pd.array([1, None], dtype="Int64"),
+                          "mfcc.c1": [1.0, np.nan]})  # fmt: skip
+    table = FeatureTable(frame, ("mfcc.c1",), np.array([1.0, 2.0]), (Reason("b", "mfcc", "short"),), (),
+                         (LeftOut("c", "bad"),), "key")  # fmt: skip
+    return [written("a.parquet", lambda p: write_table(table, p))]
+
+
+def _table(path: Path) -> object:
+    table = read_table(path)
+    values = table.values  # noqa: PD011
+    assert values.shape == (table.n_recordings, table.n_columns)
+    assert table.ms.shape == (table.n_recordings,)
+    return table
+
+
+def _table_facts(rng: random.Random, data: bytes) -> bytes:
+    """Change the JSON within a table, or what pandas noted."""
+    try:
+        arrow = pq.read_table(pa.BufferReader(data))
+        stored = dict(arrow.schema.metadata or {})
+        key = rng.choice(sorted(stored))
+        stored[key] = json_of(of_tree(rng, json.loads(stored[key])))
+        if rng.random() < 0.3:
+            column = rng.randrange(arrow.num_columns)
+            arrow = arrow.set_column(column, arrow.schema.names[column], pa.array([["x"], None]))
+        sink = pa.BufferOutputStream()
+        pq.write_table(arrow.replace_schema_metadata(stored), sink)
+        return sink.getvalue().to_pybytes()
+    except Exception:
+        return of_bytes(rng, data)
+
+
+def _part(path: Path) -> object:
+    rows = read_part(path, 2)
+    assert all(len(row.features) == 2 and np.isfinite(row.ms) for row in rows)
+    return rows
+
+
+def _movements(path: Path) -> object:
+    found = read_movements(path, 2)
+    assert len(found) == 2
+    assert all(0 <= start <= stop and fs > 0 for start, stop, fs, _ in found)
+    return found
+
+
+def _remembered() -> list[bytes]:
+    signal = Recording(np.arange(24.0).reshape(8, 3), 100.0, "g", "r", material="oak", flags=("a",))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.npz"
+        remember(path, signal)
+        return [path.read_bytes()] if path.is_file() else []
+
+
+def _recall(path: Path) -> object:
+    found = recall(path)
+    return found and valid(found)
+
+
+def _facts(rng: random.Random, members: dict[str, bytes]) -> dict[str, bytes]:
+    name = rng.choice(sorted(members))
+    members[name] = members[name][:128] + of_bytes(rng, members[name][128:])
+    return members
+
+
+def _outcome(path: Path) -> object:
+    """What a worker of a peer wrote: the same bytes stand for each of its files in turn."""
+    names = ("started.json", "fold_0.json", "failed.json")
+    try:
+        for name in names:
+            os.link(path, path.with_name(name))
+            path.with_name("stderr.txt").touch()
+            read_outcome(path.parent, expired=False, time_limit_s=1.0)
+            path.with_name(name).unlink()
+    finally:
+        for name in (*names, "stderr.txt"):
+            path.with_name(name).unlink(missing_ok=True)
+    return None
+
+
+_PART = (
+    b'[{"features": [1.0, NaN], "axes": ["x"], "phases": [1, 2.0, 3.0], "ms": 2.0, '
+    b'"reasons": [["mfcc", "short"]], "flags": ["clipped"]}]'
+)
+_OUTCOME = b'{"first_s": 1.0, "versions": {"aeon": "1"}, "missing": false, "message": "x", "predicted": [0]}'
+_SEALED = archives(_sealed, deflate=False)
+TARGETS = (
+    Target("model", lambda: [_model()], load_model, _SEALED, "fuzzed.skops", (UserWarning,)),
+    Target("recogniser", _recognisers, load_recogniser, _SEALED, "recogniser.skops", (UserWarning,)),
+    Target("manifest", lambda: [members_of(_model())["manifest.json"]], _manifest, _JSON),
+    Target("feature table", _tables, _table, either(_table_facts, of_bytes), "table.parquet"),
+    Target("part of an extraction", lambda: [_PART], _part, _JSON, "part.json"),
+    Target("cached movements", lambda: [b"[[0, 10, 1000.0, \"\"], [3, 9, 1000.0, \"\"]]"], _movements, _JSON,
+           "movements.json"),
+    Target("cached recording", _remembered, _recall, archives(_facts, deflate=False), "r.npz"),
+    Target("outcome of a peer", lambda: [_OUTCOME], _outcome, _JSON, "outcome.json"),
+)  # fmt: skip

@@ -1,0 +1,90 @@
+"""What a kernel of few kilobytes keeps: `KernelDiscriminant(max_kb=...)` on 1 s touches of `biotac20`.
+
+Repetitions 1 to 20 train, 21 to 40 are asked, in all columns of a row of the pipeline `texclass`; kilobytes
+are those of the exported discriminant's constants. `python benchmarks/kernel_size.py` (a minute, once
+features are cached) writes reports/studies/kernel_size.
+"""
+
+import numpy as np
+from onnx import numpy_helper
+from study import command_line, interval, table, timed, write
+
+from texclass.experiment import cached_table, load_pipeline, touches
+from texclass.experiment.folds import over_folds
+from texclass.experiment.kernel_discriminant import KernelDiscriminant
+from texclass.experiment.pipeline import MatchedRow
+from texclass.experiment.protocols import find_protocol, splits_of
+from texclass.loaders import open_dataset
+from texclass.recognition.deployed import described_classifier
+from texclass.recognition.export.answers_graph import add_part
+from texclass.recognition.export.graph import Graph, Tensor
+from texclass.tradeoff.front import Labelled, accuracy_of, preparation
+
+ROW = "Several time scales"
+TOUCH_S = 1.0
+LIMITS_KB = (None, 2000, 1000, 500, 300, 200)
+
+
+def judged(classifier, data, splits):
+    """Return accuracy, samples kept, kB and seconds of the fit."""
+
+    def fitted_on(fold):
+        found, seconds = timed(lambda: fold.fitted(classifier))
+        return found, found.predict(fold.asked) == fold.truth, seconds
+
+    ((fitted, hits, seconds),) = over_folds(fitted_on, data.X, data.y, splits, preparation())
+    graph = Graph()
+    add_part(described_classifier(fitted), Tensor(graph, "rows"))
+    return {
+        **accuracy_of(hits, splits, data),
+        "n_kept": len(fitted.dual_),
+        "kb": sum(numpy_helper.to_array(one).nbytes for one in graph.constants) / 1000,
+        "fit_s": seconds,
+    }
+
+
+def main() -> None:
+    asked = command_line(__doc__, jobs=1)
+    pipeline, felt = load_pipeline("texclass"), touches(open_dataset("biotac20"), TOUCH_S)
+    found = cached_table(felt, *pipeline.needed, channels=pipeline.channels, n_jobs=asked.jobs)
+    frame, protocol = found.frame, find_protocol("blocks")
+    row = next(row for row in pipeline.rows if row.name == ROW)
+    columns = list(MatchedRow.of(row, pipeline.features, found).columns)
+    data = Labelled(
+        frame[columns].to_numpy(dtype=np.float64),
+        frame["material"].to_numpy(dtype=str),
+        protocol.clusters(frame),
+        protocol.independent(frame)[1],
+    )
+    splits = splits_of(protocol, frame, pipeline.seed)
+    rows = []
+    for max_kb in LIMITS_KB:
+        few = judged(KernelDiscriminant(max_kb=max_kb), data, splits)
+        alone = judged(KernelDiscriminant(max_samples=few["n_kept"]), data, splits)
+        rows.append({"max_kb": max_kb, **few, "alone": alone["mean"], "n_alone": alone["n_kept"]})
+        print(rows[-1], flush=True)
+    result = {
+        "rows": rows,
+        "row": ROW,
+        "n_columns": len(columns),
+        "n_train": len(splits[0][0]),
+        "n_test": len(splits[0][1]),
+        "input_hash": felt.input_hash,
+    }
+    shown = [one | {"limit": f"{one['max_kb'] or 'none'}", "right": interval(one, "mean")} for one in rows]
+    blocks = [
+        f"Touches of {TOUCH_S:g} s of `biotac20`, {len(columns)} columns of the row {ROW}: repetitions 1 to "
+        f"20 train ({result['n_train']:,} touches), 21 to 40 are asked ({result['n_test']:,}). Coefficients "
+        "serve all training samples, whatever number of them is kept; beside it, what training on about as "
+        "many alone gives.",
+        table(
+            shown,
+            "--max-kb = {limit} | samples kept = {n_kept:,} | kB = {kb:,.0f} | % [95 %] = {right} | "
+            "fit, s = {fit_s:.1f} | trained on as many alone = {alone:.1%}",
+        ),
+    ]
+    write(asked.out, "kernel_size", result, "A kernel of few kilobytes", blocks)
+
+
+if __name__ == "__main__":
+    main()

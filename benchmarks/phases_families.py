@@ -1,0 +1,119 @@
+"""How well phases are found in families of recordings that the package's simulator did not make.
+
+`python benchmarks/phases_families.py [--recordings N]` (a few minutes) writes
+reports/studies/phases_families. The seeds were drawn after the last change of the method.
+"""
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import wavfile
+from study import command_line, timed, write
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from made_recordings import FAMILIES, MATCH_S, make, matched, overlap
+
+from texclass.document import Heading, Table
+from texclass.phases import segment
+from texclass.provenance import code_hash
+from texclass.recording import Recording
+
+SEED = 602_214
+"""Of the first recording of each family; those from 0 to 1299, 271828 and on, 314159 and on came before."""
+
+
+def rows(n: int, families: list[str]) -> Iterator[dict[str, object]]:
+    """Segment `n` recordings of each family and yield what was found."""
+    for family in families:
+        for seed in range(SEED, SEED + n):
+            true = make(family, seed)
+            found, taken = timed(partial(segment, true.with_(phases=None)), time.process_time)
+            yield {
+                "family": family,
+                "fs": true.fs,
+                "true": len(true.phases.taps),
+                "found": len(found.taps),
+                "matched": matched(true.phases, found, true.fs),
+                "overlap": overlap(true.phases, found),
+                "ms_per_s": 1e3 * taken / true.duration_s,
+            }
+
+
+def summary(table: pd.DataFrame, by: str) -> pd.DataFrame:
+    """Taps found, taps that are none, F1, and overlap of movement for each group."""
+    groups = table.groupby(by, sort=False)
+    sums = groups[["matched", "true", "found"]].sum()
+    columns = {
+        "recordings": groups.size(),
+        "taps": sums["true"],
+        "lost": sums["true"] - sums["matched"],
+        "false": sums["found"] - sums["matched"],
+        "F1": (2 * sums["matched"] / (sums["true"] + sums["found"])).where(sums["true"] > 0),
+        "overlap mean": groups["overlap"].mean(),
+        "overlap 5 %": groups["overlap"].quantile(0.05),
+    }
+    return pd.DataFrame(columns).round(3).reset_index()
+
+
+def knocks() -> dict[str, int]:
+    """Count the real knocks in which there are taps, and those in which there is a movement."""
+    files = sorted((Path(os.environ["TEXCLASS_DATA"]) / "knocks30").glob("*/*.wav"))
+    found = []
+    for file in files:
+        fs, x = wavfile.read(file)
+        found.append(segment(Recording(np.asarray(x, dtype=float), fs, "arbitrary")))
+    return {
+        "recordings": len(found),
+        "with taps": sum(bool(phases.taps) for phases in found),
+        "with movement": sum(phases.movement is not None for phases in found),
+    }
+
+
+def main() -> None:
+    asked = command_line(__doc__, recordings=40)
+    table = pd.DataFrame(rows(asked.recordings, list(FAMILIES)))
+    views = {"Family": summary(table, "family"), "Sampling rate (Hz)": summary(table, "fs")}
+    real = knocks()
+    result = {
+        "seed": SEED,
+        "recordings": asked.recordings,
+        "match_s": MATCH_S,
+        "ms_per_s": round(float(table["ms_per_s"].median()), 3),
+        "input_hash": {"code": code_hash("recording", "signals", "phases")},
+        "knocks30": real,
+        "results": {title: view.to_dict("records") for title, view in views.items()},
+    }
+    blocks = [
+        f"{asked.recordings} recordings of each family, 1 to 50 kHz, one axis or three, with gravity or "
+        "without, made by tests/made_recordings.py: pulses of force with ringing modes, filtered noise and "
+        "ridges that follow a speed, and what happens on the way into a file. The seeds were drawn after the "
+        "last change of the method. A tap counts as found if its impact lies within "
+        f"{1e3 * MATCH_S:g} ms of the true one; overlap is intersection over union of the movement. Aim: "
+        "F1 >= 0.98 and overlap >= 0.97 in each family with taps and strokes, at most one false tap in 50 "
+        "recordings of strokes alone.",
+        f"Real knocks (`knocks30`): taps in {real['with taps']} of {real['recordings']}, a movement "
+        f"in {real['with movement']}.",
+    ]
+    for title, view in views.items():
+        blocks += [Heading(title), Table(view, n_words=1)]
+    write(asked.out, "phases_families", result, "Phases found in families of made recordings", blocks)
+
+
+@pytest.mark.benchmark
+def test_every_family_reaches_the_aims():
+    families = [family for family, plan in FAMILIES.items() if plan.strokes_s and plan.n_taps[1]]
+    view = summary(pd.DataFrame(rows(20, families)), "family")
+    assert view["F1"].min() >= 0.96  # of 20 recordings; the aim of 0.98 is for all of the report
+    assert view["overlap mean"].min() >= 0.97
+
+
+if __name__ == "__main__":
+    main()
