@@ -16,7 +16,7 @@ from scipy import signal
 from study import command_line, table, write
 
 from texclass.document import Heading
-from texclass.experiment import cached_table, load_pipeline
+from texclass.evaluation import cached_table, load_pipeline
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recognition import Model, train

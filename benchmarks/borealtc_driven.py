@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from sklearn.base import clone
 from study import command_line, interval, table, write
 
-from texclass.experiment import (
+from texclass.evaluation import (
     PipelineDefinition,
     cached_table,
     find_protocol,
@@ -23,7 +23,7 @@ from texclass.experiment import (
     touches,
     wilson_interval,
 )
-from texclass.experiment.protocols import runs
+from texclass.evaluation.protocols import runs
 from texclass.loaders import open_dataset
 from texclass.recognition import Answer, Evidence, expected_calibration_error, fit_calibration
 from texclass.recognition.probabilities import class_scores

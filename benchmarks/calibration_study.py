@@ -12,8 +12,8 @@ import numpy as np
 from sklearn.model_selection import StratifiedKFold
 from study import command_line, interval, table, write
 
-from texclass.experiment import cached_table, cluster_interval, load_pipeline, touches
-from texclass.experiment.windows import parents
+from texclass.evaluation import cached_table, cluster_interval, load_pipeline, touches
+from texclass.evaluation.windows import parents
 from texclass.loaders import Dataset, open_dataset
 from texclass.recognition import expected_calibration_error, train
 from texclass.recognition.probabilities import N_BINS

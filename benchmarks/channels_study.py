@@ -16,9 +16,9 @@ import numpy as np
 import pandas as pd
 from study import command_line, interval, table, timed, write
 
-from texclass.experiment import cached_table, load_pipeline, touches
-from texclass.experiment.pipeline import MatchedRow
-from texclass.experiment.protocols import find_protocol
+from texclass.evaluation import cached_table, load_pipeline, touches
+from texclass.evaluation.pipeline import MatchedRow
+from texclass.evaluation.protocols import find_protocol
 from texclass.features.phase_view import channels_apart
 from texclass.features.plan import Plan
 from texclass.loaders import open_dataset

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from study import command_line, table, write
 
-from texclass.experiment import accuracy
+from texclass.evaluation import accuracy
 from texclass.recording import Samples
 
 SEED, N_TRIALS, N_TESTS = 0, 2000, (10, 20, 100)

@@ -3,7 +3,7 @@
 Run it by hand from the project's root, on a machine that does nothing else: `python
 benchmarks/cluster_study.py`. It writes reports/studies/cluster.json. Each run has a scheduler
 and two workers of its own, processes of this machine, and goes the real way: WAV files of a card are opened,
-loaded, segmented, computed (set `texclass`) and written to Parquet by `texclass.experiment`. Bytes are what
+loaded, segmented, computed (set `texclass`) and written to Parquet by `texclass.evaluation`. Bytes are what
 passed the loopback interface meanwhile; memory is the most that a process ever held. Beyond the largest run
 figures are a line through the runs of each way, and said to be that.
 """
@@ -25,7 +25,7 @@ from scaling_study import FS, SEED, card_of
 from study import command_line, table, write
 
 from texclass.document import Heading
-from texclass.experiment import extract_partitions, extract_table, running_on
+from texclass.evaluation import extract_partitions, extract_table, running_on
 from texclass.features import load_feature_set
 from texclass.loaders import open_dataset
 from texclass.provenance import versions

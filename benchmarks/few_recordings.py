@@ -16,7 +16,7 @@ import pandas as pd
 from study import command_line, table, write
 
 from texclass.document import Heading
-from texclass.experiment import (
+from texclass.evaluation import (
     PipelineDefinition,
     cached_table,
     find_protocol,
@@ -24,11 +24,11 @@ from texclass.experiment import (
     touches,
     windows,
 )
-from texclass.experiment.cost import CostMeter
-from texclass.experiment.feature_table import FeatureTable
-from texclass.experiment.folds import Evaluation, evaluate
-from texclass.experiment.pipeline import MatchedRow
-from texclass.experiment.protocols import N_STARTS, Indices, Split, runs, splits_of
+from texclass.evaluation.cost import CostMeter
+from texclass.evaluation.feature_table import FeatureTable
+from texclass.evaluation.folds import Evaluation, evaluate
+from texclass.evaluation.pipeline import MatchedRow
+from texclass.evaluation.protocols import N_STARTS, Indices, Split, runs, splits_of
 from texclass.loaders import open_dataset
 from texclass.recognition import Novelty
 from texclass.recognition.candidates import Candidate, HeldOut, candidates_of, hold_out, without_choice

@@ -9,11 +9,11 @@ import numpy as np
 from onnx import numpy_helper
 from study import command_line, interval, table, timed, write
 
-from texclass.experiment import cached_table, load_pipeline, touches
-from texclass.experiment.folds import over_folds
-from texclass.experiment.kernel_discriminant import KernelDiscriminant
-from texclass.experiment.pipeline import MatchedRow
-from texclass.experiment.protocols import find_protocol, splits_of
+from texclass.classifiers.kernel_discriminant import KernelDiscriminant
+from texclass.evaluation import cached_table, load_pipeline, touches
+from texclass.evaluation.folds import over_folds
+from texclass.evaluation.pipeline import MatchedRow
+from texclass.evaluation.protocols import find_protocol, splits_of
 from texclass.loaders import open_dataset
 from texclass.recognition.deployed import described_classifier
 from texclass.recognition.export.answers_graph import add_part

@@ -1,6 +1,6 @@
 """Measure what a quicker, stronger or brighter stroke does to the features of the set `surfaces`.
 
-`python benchmarks/known_changes.py` (a minute) writes texclass/experiment/known_changes.csv. It changes
+`python benchmarks/known_changes.py` (a minute) writes texclass/classifiers/known_changes.csv. It changes
 recordings of simulated surfaces that no dataset card has (another seed), and keeps the principal changes.
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 from scipy import signal
 from study import command_line
 
-from texclass.experiment.vote_of_pieces import KNOWN_CHANGES
+from texclass.classifiers.segment_voting import KNOWN_CHANGES
 from texclass.features.plan import Plan
 from texclass.features.sets import load_feature_set
 from texclass.loaders.simulated import open_simulated

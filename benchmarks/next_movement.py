@@ -17,7 +17,7 @@ import pandas as pd
 from study import command_line, table, write
 
 from texclass.document import Heading
-from texclass.experiment import cached_table, load_pipeline
+from texclass.evaluation import cached_table, load_pipeline
 from texclass.loaders.simulated import open_gestures
 from texclass.recognition import Exploration, KnownGesture, Model, train
 from texclass.recognition.exploration import ROWS, STROKES

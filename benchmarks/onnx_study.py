@@ -13,7 +13,7 @@ import onnxruntime
 from study import command_line, in_turns, table, timed, write
 
 import texclass as tx
-from texclass.experiment.windows import touches
+from texclass.evaluation.windows import touches
 from texclass.recognition import export_onnx, load_model
 from texclass.recognition.export.answers_graph import OUTPUTS
 from texclass.recognition.export.parity import run

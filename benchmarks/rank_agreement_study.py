@@ -15,8 +15,8 @@ from scipy import stats
 from study import command_line, table, write
 
 from texclass.document import Table
-from texclass.experiment.benchmark import run_benchmark
-from texclass.experiment.pipeline import load_pipeline
+from texclass.evaluation.benchmark import run_benchmark
+from texclass.evaluation.pipeline import load_pipeline
 
 SEED, DURATION_S, N_RECORDINGS, N_OPERATORS = 2015, 6.0, 10, 5
 COMBINED = (

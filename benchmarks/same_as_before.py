@@ -55,9 +55,9 @@ from okamura2001_taps import TABLE_I, simulate_taps
 
 from texclass import vibration
 from texclass.cli import main as texclass
-from texclass.experiment import cached_table, find_protocol, load_pipeline
-from texclass.experiment.cost import CostMeter
-from texclass.experiment.pipeline import MatchedRow
+from texclass.evaluation import cached_table, find_protocol, load_pipeline
+from texclass.evaluation.cost import CostMeter
+from texclass.evaluation.pipeline import MatchedRow
 from texclass.features import FeatureExtractor
 from texclass.haptics import exchange
 from texclass.haptics.scene import load_scene, play_path, sweep_of

@@ -12,7 +12,7 @@ import pandas as pd
 from scipy import stats
 from study import command_line, table, write
 
-from texclass.experiment import cached_table
+from texclass.evaluation import cached_table
 from texclass.features import load_feature_set
 from texclass.haptics import OVER_THE_WAY, SCALES, scale_values
 from texclass.loaders import open_dataset, read_card

@@ -33,7 +33,7 @@ from study import command_line, table, timed, write
 
 from texclass.document import Heading
 from texclass.document.figure_style import INK, OTHER, OURS
-from texclass.experiment import extract_table
+from texclass.evaluation import extract_table
 from texclass.features import load_feature_set
 from texclass.features.plan import Plan
 from texclass.loaders import open_dataset

@@ -13,10 +13,10 @@ from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import StratifiedGroupKFold
 from study import command_line, table, write
 
-from texclass.experiment import cached_table, cluster_interval, load_pipeline, touches
-from texclass.experiment.cost import CostMeter
-from texclass.experiment.protocols import find_protocol, splits_of
-from texclass.experiment.windows import parents
+from texclass.evaluation import cached_table, cluster_interval, load_pipeline, touches
+from texclass.evaluation.cost import CostMeter
+from texclass.evaluation.protocols import find_protocol, splits_of
+from texclass.evaluation.windows import parents
 from texclass.loaders import open_dataset
 from texclass.recognition.candidates import candidates_of, hold_out
 from texclass.recognition.conformal import (

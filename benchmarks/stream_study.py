@@ -23,9 +23,9 @@ import pandas as pd
 from study import command_line, in_turns, interval, table, timed, write
 
 from texclass.document import Heading, Table
-from texclass.experiment import PipelineDefinition, load_pipeline, touches, wilson_interval
-from texclass.experiment.pipeline import RowDefinition
-from texclass.experiment.windows import by_recording
+from texclass.evaluation import PipelineDefinition, load_pipeline, touches, wilson_interval
+from texclass.evaluation.pipeline import RowDefinition
+from texclass.evaluation.windows import by_recording
 from texclass.loaders import Dataset, open_dataset
 from texclass.provenance import versions
 from texclass.recognition import (

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from study import command_line, interval, table, write
 
 from texclass.document.figure_style import FOURTH, MUTED, OTHER, OURS, THIRD
-from texclass.experiment import load_pipeline, run_benchmark, touches
+from texclass.evaluation import load_pipeline, run_benchmark, touches
 from texclass.loaders import open_dataset
 from texclass.peers import PeerSettings, compare_with_peers
 

@@ -16,9 +16,9 @@ from sklearn.metrics import roc_auc_score
 from study import command_line, table, write
 
 from texclass.document import Heading
-from texclass.experiment import PipelineDefinition, cached_table, find_protocol, load_pipeline
-from texclass.experiment.accuracy import jackknife_error
-from texclass.experiment.pipeline import MatchedRow
+from texclass.evaluation import PipelineDefinition, cached_table, find_protocol, load_pipeline
+from texclass.evaluation.accuracy import jackknife_error
+from texclass.evaluation.pipeline import MatchedRow
 from texclass.loaders import open_dataset
 from texclass.recognition import Novelty
 from texclass.recognition.probabilities import class_scores

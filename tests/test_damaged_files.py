@@ -10,7 +10,7 @@ from fuzz.mutate import json_of
 from fuzz.recordings import OF_BAGS
 from fuzz.targets import target_of
 
-from texclass.experiment.feature_table import read_part, read_table
+from texclass.evaluation.feature_table import read_part, read_table
 from texclass.loaders import CardError
 from texclass.loaders.files import READERS
 from texclass.recording import RecordingError
@@ -111,7 +111,7 @@ def test_toml_that_only_costs_time_or_depth_is_refused(name, text, tmp_path):
 
 
 def test_test_modules_of_libraries_are_not_imported(tmp_path, monkeypatch):
-    from texclass.experiment import allowed_estimators
+    from texclass.evaluation import allowed_estimators
 
     refuse = lambda name: pytest.fail(f"imported {name}")  # noqa: E731
     monkeypatch.setattr(allowed_estimators.importlib, "import_module", refuse)
@@ -164,7 +164,7 @@ def test_what_a_peer_left_half_written_is_no_outcome(text, tmp_path):
     "text", ["5", "[5]", "[[0, 1]]", '[["a", 1, 1.0]]', "[[2, 1, 9.0]]", "[" * 5000, "[]"]
 )
 def test_damaged_movements_are_found_again(text, tmp_path, monkeypatch):
-    from texclass.experiment import windows
+    from texclass.evaluation import windows
     from texclass.loaders import Dataset, Entry
     from texclass.recording import Phases, Recording
 

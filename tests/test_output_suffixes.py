@@ -14,7 +14,7 @@ from toy_noises import TINY
 from typer.models import OptionInfo
 
 from texclass.cli import app
-from texclass.experiment import extract_table
+from texclass.evaluation import extract_table
 from texclass.features import load_feature_set
 from texclass.haptics.exchange import write_wav
 from texclass.loaders import open_dataset
@@ -110,7 +110,7 @@ def test_extract_writes_the_format_of_the_suffix_and_resumes_both(command, tmp_p
     assert Path("y.CSV").read_bytes() == Path("x.csv").read_bytes()
     assert not list(tmp_path.rglob("*.parts"))
     with monkeypatch.context() as patch:  # the second time nothing is computed
-        patch.setattr("texclass.experiment.feature_table._compute_missing", None)
+        patch.setattr("texclass.evaluation.feature_table._compute_missing", None)
         Path("x.csv").unlink()
         assert command("extract", "tiny.toml", "-o", "x.csv", "--features", "coarse", "--jobs", "1")[0] == 0
     pd.testing.assert_frame_equal(pd.read_csv("x.csv"), csv)

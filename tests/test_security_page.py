@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from texclass.experiment import allowed_estimators, trusted
+from texclass.evaluation import allowed_estimators, trusted
 from texclass.loaders import columns, filesets, text_layout
 
 TEXT = (Path(__file__).parents[1] / "SECURITY.md").read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import soundfile
 
-from texclass.experiment.pipeline import FoldSettings, PipelineDefinition, RowDefinition, Use
+from texclass.evaluation.pipeline import FoldSettings, PipelineDefinition, RowDefinition, Use
 from texclass.features.contract import Feature, UndefinedFeatureError
 from texclass.features.sets import FeatureSet, Member
 from texclass.loaders.dataset import Dataset, Entry

@@ -1,5 +1,6 @@
+from . import classifiers as classifiers
 from . import document as document
-from . import experiment as experiment
+from . import evaluation as evaluation
 from . import features as features
 from . import haptics as haptics
 from . import loaders as loaders
@@ -11,7 +12,7 @@ from . import stability as stability
 from . import tradeoff as tradeoff
 from . import vibration as vibration
 from ._version import __version__ as __version__
-from .experiment import load_pipeline as load_pipeline
+from .evaluation import load_pipeline as load_pipeline
 from .features import FeatureExtractor as FeatureExtractor
 from .features import feature as feature
 from .features import load_feature_set as load_feature_set

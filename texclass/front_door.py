@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from texclass.experiment import BenchmarkResult, PipelineDefinition
+    from texclass.evaluation import BenchmarkResult, PipelineDefinition
     from texclass.features import FeatureSet
     from texclass.loaders import Dataset
     from texclass.recording import Recording
@@ -102,14 +102,14 @@ def benchmark(
     fs, unit : optional
         As `open_dataset` takes them.
     **options
-        `protocol`, `n_folds`, `choose`, `n_jobs`, `skip_bad`, `progress` of `experiment.run_benchmark`.
+        `protocol`, `n_folds`, `choose`, `n_jobs`, `skip_bad`, `progress` of `evaluation.run_benchmark`.
 
     Returns
     -------
     BenchmarkResult
         Its `table` is a DataFrame; `plot()` draws it, `save(folder)` writes JSON, Markdown and pictures.
     """
-    from texclass.experiment import run_benchmark
+    from texclass.evaluation import run_benchmark
 
     return run_benchmark(opened(dataset, fs, unit), pipeline, **options)
 

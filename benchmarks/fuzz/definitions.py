@@ -8,7 +8,7 @@ from fuzz.contract import Target
 from fuzz.mutate import json_of, of_text, toml_of, trees
 from texclass import shipped
 from texclass.document import render_page
-from texclass.experiment import load_pipeline
+from texclass.evaluation import load_pipeline
 from texclass.features import load_feature_set
 from texclass.haptics.scene.definition import EXAMPLES, read_path, read_scene
 from texclass.loaders import open_dataset, read_card

@@ -16,8 +16,8 @@ import pyarrow.parquet as pq
 from fuzz.contract import Target
 from fuzz.mutate import Tree, archives, either, json_of, members_of, of_bytes, of_tree, trees
 from fuzz.recordings import valid, written
-from texclass.experiment.feature_table import FeatureTable, LeftOut, read_part, read_table, write_table
-from texclass.experiment.windows import read_movements
+from texclass.evaluation.feature_table import FeatureTable, LeftOut, read_part, read_table, write_table
+from texclass.evaluation.windows import read_movements
 from texclass.features.extractor import Reason
 from texclass.loaders.simulated import recall, remember
 from texclass.peers.worker_process import read_outcome
@@ -76,7 +76,7 @@ def _model() -> bytes:
 def _recognisers() -> list[bytes]:
     import skops.io
 
-    from texclass.experiment.trusted import load_trusted
+    from texclass.evaluation.trusted import load_trusted
 
     document = load_trusted(_model(), beside=BESIDE)
     return [skops.io.dumps(document["recogniser"])]

@@ -4,7 +4,7 @@ import inspect
 from random import Random
 
 from fuzz.mutate import toml_of
-from texclass.experiment.allowed_estimators import ESTIMATORS, REFUSED_PARAMETERS, resolve
+from texclass.evaluation.allowed_estimators import ESTIMATORS, REFUSED_PARAMETERS, resolve
 
 TEXTS = (
     "auto",

@@ -41,7 +41,7 @@ plt.show()
 # %%
 # Beside the paper's table: its own row with every classifier, and what it adds to the best one.
 
-study = tx.experiment.study_feature(
+study = tx.evaluation.study_feature(
     dataset, tx.load_pipeline("strese2015"), tx.features.find("kurtosis"), n_folds=4
 )
 print(tx.document.render_markdown(study.document())[:1200])

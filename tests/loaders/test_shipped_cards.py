@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from texclass import shipped
-from texclass.experiment import find_protocol
+from texclass.evaluation import find_protocol
 from texclass.loaders import fetch_recordings, open_dataset, read_card
 
 PUBLISHED = [name for name in shipped.names("datasets") if getattr(read_card(name), "published", None)]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from texclass.experiment.feature_table import extract_table
+from texclass.evaluation.feature_table import extract_table
 from texclass.features import load_feature_set
 from texclass.loaders import load_recording
 from texclass.loaders.cards import CardError

@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from texclass.experiment import load_pipeline, run_benchmark
-from texclass.experiment.pipeline import FoldSettings
+from texclass.evaluation import load_pipeline, run_benchmark
+from texclass.evaluation.pipeline import FoldSettings
 from texclass.loaders import open_dataset
 from texclass.peers import worker_process
 

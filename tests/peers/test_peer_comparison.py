@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from texclass.experiment import BenchmarkResult
-from texclass.experiment.result import CHOICE
+from texclass.evaluation import BenchmarkResult
+from texclass.evaluation.result import CHOICE
 from texclass.features.phase_view import views_of
 from texclass.peers import PEERS, PeerComparison, PeerSettings, compare_with_peers, whole_materials
 from texclass.peers.comparison import _length_notes, every_channel, same_signals

@@ -83,7 +83,7 @@ class Turned:
 
 
 def test_columns_are_not_selected_for_a_kernel_unless_asked_for():
-    from texclass.experiment.pipeline import RowDefinition, Selection
+    from texclass.evaluation.pipeline import RowDefinition, Selection
 
     few = pipeline(rows=(RowDefinition(name="Selected", features=("mfcc",), select=Selection(n=1, folds=2)),))
     assert train(surfaces(), few).manifest.pipeline["classifier"] == "lda"

@@ -11,7 +11,7 @@ import pytest
 from toy_surfaces import pipeline
 from turning_surfaces import FS, TERRAINS, N, terrains, turning_model, values
 
-from texclass.experiment.pipeline import RowDefinition
+from texclass.evaluation.pipeline import RowDefinition
 from texclass.features import load_feature_set
 from texclass.loaders import load_recording, open_dataset
 from texclass.loaders.dataset import Dataset

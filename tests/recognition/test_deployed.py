@@ -14,8 +14,8 @@ from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
 from toy_models import model_of
 
-from texclass.experiment.kernel_discriminant import KernelDiscriminant
-from texclass.experiment.vote_of_pieces import VoteOfPieces
+from texclass.classifiers.kernel_discriminant import KernelDiscriminant
+from texclass.classifiers.segment_voting import SegmentVoting
 from texclass.recognition import load_model
 from texclass.recognition.deployed import described_classifier, described_steps, function_of
 from texclass.recognition.probabilities import class_scores
@@ -33,11 +33,13 @@ CLASSIFIERS = (
     KernelDiscriminant(),
     KernelDiscriminant(shrinkage=1.0),
     KernelDiscriminant(limit=0.8),
-    VoteOfPieces(n_pieces=2),
-    VoteOfPieces(make_pipeline(StandardScaler(), LinearDiscriminantAnalysis()), n_pieces=3, whole_weight=0.0),
-    VoteOfPieces(GaussianNB(), n_pieces=2),
-    VoteOfPieces(n_pieces=2, undivided=(0, 3)),
-    VoteOfPieces(n_pieces=2, undivided=tuple(range(6))),
+    SegmentVoting(n_pieces=2),
+    SegmentVoting(
+        make_pipeline(StandardScaler(), LinearDiscriminantAnalysis()), n_pieces=3, whole_weight=0.0
+    ),
+    SegmentVoting(GaussianNB(), n_pieces=2),
+    SegmentVoting(n_pieces=2, undivided=(0, 3)),
+    SegmentVoting(n_pieces=2, undivided=tuple(range(6))),
     make_pipeline(SelectKBest(k=3), GaussianNB()),
 )
 
@@ -57,7 +59,7 @@ def test_decisions_are_those_of_scikit_learn(classifier, n_classes):
 def test_pieces_judged_with_columns_of_the_whole_decide_as_they_do_in_scikit_learn():
     y = np.arange(40) % 3
     X = np.column_stack([np.repeat(RNG.normal(size=(40, 2)), 2, axis=1), RNG.normal(size=40)]) + y[:, None]
-    fitted = VoteOfPieces(n_pieces=2, undivided=(4,)).fit(X, y)
+    fitted = SegmentVoting(n_pieces=2, undivided=(4,)).fit(X, y)
     asked = np.concatenate([X, RNG.normal(size=(9, 5))])  # the last ones are of several pieces
     part = described_classifier(fitted, (X, y))
     np.testing.assert_allclose(function_of(part)(asked), class_scores(fitted, asked), rtol=1e-9, atol=1e-9)
@@ -87,7 +89,7 @@ def test_prepared_rows_are_those_of_scikit_learn():
 @pytest.mark.parametrize("n_classes", [2, 4])
 @pytest.mark.parametrize(
     "classifier",
-    [c for c in CLASSIFIERS if not isinstance(c, VoteOfPieces | Pipeline)],
+    [c for c in CLASSIFIERS if not isinstance(c, SegmentVoting | Pipeline)],
     ids=lambda c: type(c).__name__,
 )
 def test_a_saved_model_answers_as_its_estimators_do(classifier, n_classes, tmp_path):

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from toy_surfaces import SURFACES, pipeline, recording, surfaces
 
-from texclass.experiment.feature_table import metadata
-from texclass.experiment.protocols import find_protocol
+from texclass.evaluation.feature_table import metadata
+from texclass.evaluation.protocols import find_protocol
 from texclass.loaders import open_dataset
 from texclass.recognition import check_parity, load_model, train
 from texclass.recognition.export.answers_graph import build

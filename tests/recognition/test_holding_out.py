@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from toy_surfaces import pipeline, recording, surfaces
 
-from texclass.experiment.feature_table import metadata
+from texclass.evaluation.feature_table import metadata
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recognition import load_model, train
 from texclass.recognition.holding_out import ENOUGH_REPETITIONS, holding_out

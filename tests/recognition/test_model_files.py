@@ -15,8 +15,8 @@ from sklearn.ensemble import RandomForestClassifier
 from skops.io._protocol import PROTOCOL
 from toy_surfaces import pipeline, surfaces
 
-from texclass.experiment.pipeline import Use
-from texclass.experiment.trusted import TRUSTED, UntrustedFileError, check_archive, load_trusted
+from texclass.evaluation.pipeline import Use
+from texclass.evaluation.trusted import TRUSTED, UntrustedFileError, check_archive, load_trusted
 from texclass.recognition import ModelFileError, load_model, read_manifest_of, train
 from texclass.recognition.model_files import FORMAT, read_deployed, read_manifest, write_model_file
 

@@ -23,9 +23,9 @@ from sklearn.svm import SVC
 from toy_models import changed_graphs, model_of, plan_of, rows_of
 from toy_surfaces import FS, STRANGER, SURFACES, signal
 
-from texclass.experiment.kernel_discriminant import KernelDiscriminant
-from texclass.experiment.pipeline import load_pipeline
-from texclass.experiment.vote_of_pieces import VoteOfPieces, knowing
+from texclass.classifiers.kernel_discriminant import KernelDiscriminant
+from texclass.classifiers.segment_voting import SegmentVoting, knowing
+from texclass.evaluation.pipeline import load_pipeline
 from texclass.phases import segment
 from texclass.recognition import OnnxExportError, ParityError, check_parity, export_onnx, load_model
 from texclass.recognition.deployed import described_classifier
@@ -100,7 +100,7 @@ def test_the_shipped_classifiers_are_all_there():
     kinds = {use.use.rpartition(".")[2] for _, _, use in COMBINATIONS}
     assert kinds == {
         "GaussianNB", "KNeighborsClassifier", "KernelDiscriminant", "LinearDiscriminantAnalysis",
-        "NearestCentroid", "VoteOfPieces",
+        "NearestCentroid", "SegmentVoting",
     }  # fmt: skip
 
 
@@ -133,16 +133,16 @@ def test_steps_and_classifiers_of_pipelines_of_ones_own(steps, classifier):
 def test_votes_of_any_voter_count_as_they_do_in_scikit_learn(estimator, n_classes):
     plan = plan_of(PIECES, "multiscale")
     model = model_of(
-        [filled()], VoteOfPieces(estimator, n_pieces=4, whole_weight=0.3), plan=plan, n_classes=n_classes
+        [filled()], SegmentVoting(estimator, n_pieces=4, whole_weight=0.3), plan=plan, n_classes=n_classes
     )
     X = rows_of(len(plan.columns), n_classes, seed=7)[0]
     X[::3] = np.repeat(X[::3, ::4], 4, axis=1)  # pieces all the same: one vote
     checked(model, X)
 
 
-def test_a_vote_of_pieces_beside_what_taps_say_answers_as_scikit_learn_does():
+def test_segment_voting_beside_tap_features_gives_the_answers_of_scikit_learn():
     plan = plan_of(("band_level", "hardness", "damping"), "surfaces")
-    vote = knowing(VoteOfPieces(n_pieces=4), plan.columns)
+    vote = knowing(SegmentVoting(n_pieces=4), plan.columns)
     model = model_of([filled()], vote, plan=plan)
     assert len(model.recogniser[-1].undivided) == 2
     checked(model, rows_of(len(plan.columns), 4, seed=7)[0])

@@ -15,8 +15,8 @@ from sklearn.preprocessing import StandardScaler
 from toy_models import changed_graphs, model_of
 from toy_surfaces import FS, SURFACES, pipeline, recording, surfaces
 
-from texclass.experiment.pipeline import RowDefinition
-from texclass.experiment.vote_of_pieces import VoteOfPieces
+from texclass.classifiers.segment_voting import SegmentVoting
+from texclass.evaluation.pipeline import RowDefinition
 from texclass.features import load_feature_set
 from texclass.features.contract import registered
 from texclass.features.phase_view import PhaseView, UndefinedFeatureError
@@ -207,7 +207,7 @@ def test_channels_apart_and_long_windows_are_conditioned_as_recordings_are(rest)
 
 @pytest.mark.parametrize("n", [2000, 4 * 2048])
 def test_pieces_vote_as_they_do_in_texclass(n):
-    vote = VoteOfPieces(n_pieces=4)
+    vote = SegmentVoting(n_pieces=4)
     model = fitted(("band_level", "slope_agreement"), "multiscale", unit="arbitrary", classifier=vote)
     windows = np.stack([shaken(n, 1, seed=s) for s in range(4)])
     values = assert_same_features(model, windows)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from toy_surfaces import FS, SURFACES, pipeline, recording, surfaces
 
-from texclass.experiment import cost
+from texclass.evaluation import cost
 from texclass.recognition import joined, train
 from texclass.recognition.model_files import MANIFEST
 from texclass.recognition.unknown import Ranges

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from texclass.experiment.pipeline import PipelineDefinition, RowDefinition, Use
+from texclass.evaluation.pipeline import PipelineDefinition, RowDefinition, Use
 from texclass.features import load_feature_set
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import Phases, Recording, RecordingError
@@ -60,7 +60,7 @@ def pipeline(**changes):
             "lda": Use(
                 use="sklearn.discriminant_analysis.LinearDiscriminantAnalysis", solver="lsqr", shrinkage=0.1
             ),
-            "kernel": Use(use="texclass.experiment.kernel_discriminant.KernelDiscriminant"),
+            "kernel": Use(use="texclass.classifiers.kernel_discriminant.KernelDiscriminant"),
         },
         "rows": (
             RowDefinition(name="Roughness", features=("fineness", "temporal_roughness")),

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.signal import lfilter
 from toy_surfaces import pipeline
 
-from texclass.experiment.pipeline import RowDefinition
+from texclass.evaluation.pipeline import RowDefinition
 from texclass.features import load_feature_set
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recognition import train

@@ -7,9 +7,9 @@ import pytest
 from told import result
 
 from texclass import provenance
-from texclass.cli.experiment_commands import report
-from texclass.experiment import load_pipeline
-from texclass.experiment.result import COMPUTED_BY
+from texclass.cli.evaluation_commands import report
+from texclass.evaluation import load_pipeline
+from texclass.evaluation.result import COMPUTED_BY
 from texclass.features import load_feature_set
 from texclass.provenance import code_hash, made_by
 from texclass.reporting import stale_results

@@ -8,7 +8,7 @@ from told import HOSTILE, document, everywhere, result
 
 from texclass.document import Figure, Heat, Table, render_markdown, write_document
 from texclass.document.figure_style import NARROW, WIDTH, drawn
-from texclass.experiment.additions import verdict
+from texclass.evaluation.additions import verdict
 
 KINDS = ["benchmark", "feature", "tradeoff", "peers", "invariance", "stability"]
 

@@ -15,8 +15,8 @@ from sklearn.naive_bayes import GaussianNB
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
 
-from texclass.experiment import trusted
-from texclass.experiment.selection import ForwardSelector
+from texclass.evaluation import trusted
+from texclass.evaluation.selection import ForwardSelector
 from texclass.features import FeatureExtractor, load_feature_set
 from texclass.recording import Phases, Recording
 from texclass.tradeoff.cost_selection import CostAwareSelector
@@ -151,7 +151,7 @@ def test_other_files_are_refused(tmp_path, monkeypatch):
     skops.io.dump({"f": np.testing.assert_array_equal}, tmp_path / "foreign.skops")
     with pytest.raises(ValueError, match=r"the rule is classes of scikit-learn and texclass.*safe\)$"):
         load_recogniser(tmp_path / "foreign.skops")
-    monkeypatch.setattr(trusted, "foreign_in", lambda data: ["texclass.experiment.choice.Choice"])
+    monkeypatch.setattr(trusted, "foreign_in", lambda data: ["texclass.evaluation.choice.Choice"])
     with pytest.raises(ValueError, match=r"names texclass\.experiment\.choice\.Choice.* make it again with"):
         load_recogniser(tmp_path / "foreign.skops")
 

@@ -9,10 +9,10 @@ import pytest
 from matplotlib.figure import Figure
 from sklearn.model_selection import StratifiedGroupKFold
 
-from texclass.experiment import cost
-from texclass.experiment.accuracy import wilson_interval
-from texclass.experiment.cost import CostModel
-from texclass.experiment.windows import touches
+from texclass.evaluation import cost
+from texclass.evaluation.accuracy import wilson_interval
+from texclass.evaluation.cost import CostModel
+from texclass.evaluation.windows import touches
 from texclass.features import load_feature_set
 from texclass.recording import Phases, Recording, Tap
 from texclass.tradeoff import cost_selection, curves, front

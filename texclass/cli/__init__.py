@@ -12,7 +12,7 @@ import typer
 
 # Importing a module of commands registers them.
 from texclass import shipped
-from texclass.cli import experiment_commands, listing_commands, model_commands, stream_command
+from texclass.cli import evaluation_commands, listing_commands, model_commands, stream_command
 from texclass.cli.app import app, main
 
 for _name in shipped.added("commands"):

@@ -14,7 +14,7 @@ from texclass.whole_files import path_ending
 
 if TYPE_CHECKING:
     from texclass.document import Document
-    from texclass.experiment.result import Result
+    from texclass.evaluation.result import Result
 
 
 FILE_SUFFIXES = (

@@ -11,8 +11,8 @@ import pandas as pd
 from texclass.document import Document, Table
 from texclass.document.blocks import Block, Heading
 from texclass.document.wording import digits
-from texclass.experiment.feature_table import cached_table
-from texclass.experiment.workers import Progress
+from texclass.evaluation.feature_table import cached_table
+from texclass.evaluation.workers import Progress
 from texclass.features.extractor import FeatureExtractor
 from texclass.features.sets import load_feature_set
 from texclass.haptics.scales import COLUMNS, OVER_THE_WAY, SCALES, Scale, link_of, scale_values

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from texclass.document import Document
-from texclass.experiment.accuracy import compare, score
-from texclass.experiment.benchmark import BenchmarkResult
-from texclass.experiment.feature_table import FeatureTable, cached_table
-from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
-from texclass.experiment.protocols import Protocol, Split, find_protocol
-from texclass.experiment.result import CHOICE, COMPUTED_BY, Result
-from texclass.experiment.windows import overlapping
-from texclass.experiment.workers import Progress
+from texclass.evaluation.accuracy import compare, score
+from texclass.evaluation.benchmark import BenchmarkResult
+from texclass.evaluation.feature_table import FeatureTable, cached_table
+from texclass.evaluation.pipeline import MatchedRow, PipelineDefinition
+from texclass.evaluation.protocols import Protocol, Split, find_protocol
+from texclass.evaluation.result import CHOICE, COMPUTED_BY, Result
+from texclass.evaluation.windows import overlapping
+from texclass.evaluation.workers import Progress
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import Views, channels_apart, views_of
 from texclass.loaders.dataset import Dataset

@@ -29,7 +29,7 @@ from texclass.document.wording import (
     points_interval,
     sentence,
 )
-from texclass.experiment.result import (
+from texclass.evaluation.result import (
     CHOICE,
     again_facts,
     caution,

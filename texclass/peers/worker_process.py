@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from texclass.experiment.feature_table import FeatureTable
-from texclass.experiment.folds import Evaluation
-from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
-from texclass.experiment.protocols import Split
-from texclass.experiment.workers import each
+from texclass.evaluation.feature_table import FeatureTable
+from texclass.evaluation.folds import Evaluation
+from texclass.evaluation.pipeline import MatchedRow, PipelineDefinition
+from texclass.evaluation.protocols import Split
+from texclass.evaluation.workers import each
 from texclass.features.phase_view import channels_apart
 from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet

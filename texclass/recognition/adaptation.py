@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import digamma, polygamma
 
-from texclass.experiment.feature_table import metadata
+from texclass.evaluation.feature_table import metadata
 from texclass.loaders.dataset import Dataset
 from texclass.recognition.conformal import HALF_LIFE, conformities, facts_of, n_later, recency
 from texclass.recognition.deployed import Deployed

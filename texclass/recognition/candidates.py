@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 
-from texclass.experiment.accuracy import Accuracy, cluster_interval, score
-from texclass.experiment.cost import CostMeter
-from texclass.experiment.feature_table import FeatureTable
-from texclass.experiment.folds import Fold, over_folds
-from texclass.experiment.kernel_discriminant import KernelDiscriminant
-from texclass.experiment.pipeline import MatchedRow, PipelineDefinition
-from texclass.experiment.protocols import Split
-from texclass.experiment.vote_of_pieces import knowing
+from texclass.classifiers.kernel_discriminant import KernelDiscriminant
+from texclass.classifiers.segment_voting import knowing
+from texclass.evaluation.accuracy import Accuracy, cluster_interval, score
+from texclass.evaluation.cost import CostMeter
+from texclass.evaluation.feature_table import FeatureTable
+from texclass.evaluation.folds import Fold, over_folds
+from texclass.evaluation.pipeline import MatchedRow, PipelineDefinition
+from texclass.evaluation.protocols import Split
 from texclass.features.plan import Plan
 from texclass.recognition.probabilities import class_scores
 from texclass.recognition.unknown import fit_nearness, kind_for, strangeness

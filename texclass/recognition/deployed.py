@@ -199,8 +199,8 @@ def described_classifier(  # noqa: PLR0911
     from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
     from sklearn.pipeline import Pipeline
 
-    from texclass.experiment.kernel_discriminant import KernelDiscriminant
-    from texclass.experiment.vote_of_pieces import VoteOfPieces
+    from texclass.classifiers.kernel_discriminant import KernelDiscriminant
+    from texclass.classifiers.segment_voting import SegmentVoting
 
     n_classes = len(classifier.classes_)
     match classifier:
@@ -232,7 +232,7 @@ def described_classifier(  # noqa: PLR0911
         case KNeighborsClassifier(weights="uniform", effective_metric_="euclidean") if learnt is not None:
             known = {"points": learnt[0], "classes": np.searchsorted(classifier.classes_, learnt[1])}
             return _does("neighbours", **known, n=classifier.n_neighbors, n_classes=n_classes, votes=votes)
-        case VoteOfPieces():
+        case SegmentVoting():
             whole, (divided, n_pieces) = classifier.whole_, classifier.columns_
             return _does(
                 "vote",
@@ -388,8 +388,8 @@ def _ask(estimator: Any, votes: bool | None = None) -> Function:
     def asked(X: Samples) -> Samples:
         from sklearn import config_context
 
-        from texclass.experiment.vote_of_pieces import decisions_of
-        from texclass.experiment.workers import one_thread
+        from texclass.classifiers.segment_voting import decisions_of
+        from texclass.evaluation.workers import one_thread
 
         with one_thread(), config_context(assume_finite=True, skip_parameter_validation=True):
             if votes is None:

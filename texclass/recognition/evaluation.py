@@ -10,8 +10,8 @@ import numpy as np
 
 from texclass.document import Document, Table
 from texclass.document.wording import counted, estimate
-from texclass.experiment.accuracy import score
-from texclass.experiment.confusion import write_confusion
+from texclass.evaluation.accuracy import score
+from texclass.evaluation.confusion import write_confusion
 from texclass.recognition.answers import Prediction
 
 UNKNOWN = "unknown"

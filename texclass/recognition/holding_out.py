@@ -8,8 +8,8 @@ from typing import Any
 import pandas as pd
 
 from texclass.document.wording import counted
-from texclass.experiment.protocols import Protocol, Split, fewest, find_protocol, splits_of
-from texclass.experiment.windows import parents
+from texclass.evaluation.protocols import Protocol, Split, fewest, find_protocol, splits_of
+from texclass.evaluation.windows import parents
 from texclass.recognition.unknown import cautious, check_false_alarms, least_held_out
 
 FALSE_ALARMS = 0.05

@@ -29,7 +29,7 @@ from texclass.recognition.unknown import Novelty, Ranges, Surfaces, strangeness
 from texclass.recording import Recording, Samples, axes_differ, describe_axes
 
 if TYPE_CHECKING:
-    from texclass.experiment.feature_table import LeftOut
+    from texclass.evaluation.feature_table import LeftOut
     from texclass.tradeoff.recogniser import Recogniser
 
 SAME_ANSWER = 1e-6

@@ -11,7 +11,7 @@ from zipfile import ZipFile, ZipInfo
 import numpy as np
 from pydantic import Field
 
-from texclass.experiment.trusted import (
+from texclass.evaluation.trusted import (
     ARRAY,
     archive_of,
     check_archive,

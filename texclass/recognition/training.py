@@ -12,13 +12,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from texclass.experiment.cost import CostMeter
-from texclass.experiment.feature_table import FeatureTable, cached_table, metadata
-from texclass.experiment.folds import without_remarks
-from texclass.experiment.pipeline import PipelineDefinition, load_pipeline
-from texclass.experiment.protocols import find_protocol, splits_of
-from texclass.experiment.windows import asked, overlapping, parents, touches
-from texclass.experiment.workers import Progress, each, one_thread
+from texclass.evaluation.cost import CostMeter
+from texclass.evaluation.feature_table import FeatureTable, cached_table, metadata
+from texclass.evaluation.folds import without_remarks
+from texclass.evaluation.pipeline import PipelineDefinition, load_pipeline
+from texclass.evaluation.protocols import find_protocol, splits_of
+from texclass.evaluation.windows import asked, overlapping, parents, touches
+from texclass.evaluation.workers import Progress, each, one_thread
 from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset

@@ -75,10 +75,10 @@ def kind_for(classifier: Any) -> Kind:
     samples, so the largest of them is the better score. Those of a linear or probabilistic classifier only
     compare classes with each other.
     """
-    from texclass.experiment.kernel_discriminant import KernelDiscriminant
-    from texclass.experiment.vote_of_pieces import VoteOfPieces
+    from texclass.classifiers.kernel_discriminant import KernelDiscriminant
+    from texclass.classifiers.segment_voting import SegmentVoting
 
-    return "decision" if isinstance(classifier, KernelDiscriminant | VoteOfPieces) else "distance"
+    return "decision" if isinstance(classifier, KernelDiscriminant | SegmentVoting) else "distance"
 
 
 def strangeness(kind: Kind, decisions: Samples, prepared: Samples, nearness: Nearness | None) -> Samples:

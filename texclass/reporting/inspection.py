@@ -9,7 +9,7 @@ from scipy import signal
 
 from texclass.document.figure_style import shorten_middle
 from texclass.document.wording import counted
-from texclass.experiment.result import main_direction, outline
+from texclass.evaluation.result import main_direction, outline
 from texclass.phases import segment
 from texclass.recording import Phases, Recording, Samples
 

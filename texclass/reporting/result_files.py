@@ -12,10 +12,10 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import ConfigDict, Field, create_model, model_validator
 
 from texclass.document import Document, render_markdown, render_page
-from texclass.experiment.benchmark_document import benchmark_document
-from texclass.experiment.new_feature import new_feature_document
-from texclass.experiment.pipeline import load_pipeline
-from texclass.experiment.result import COMPUTED_BY
+from texclass.evaluation.benchmark_document import benchmark_document
+from texclass.evaluation.new_feature import new_feature_document
+from texclass.evaluation.pipeline import load_pipeline
+from texclass.evaluation.result import COMPUTED_BY
 from texclass.features.sets import load_feature_set
 from texclass.peers.peers_document import peers_document
 from texclass.provenance import code_hash

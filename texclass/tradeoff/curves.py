@@ -16,11 +16,11 @@ from scipy import fft
 from sklearn.neighbors import NearestCentroid
 
 from texclass import vibration
-from texclass.experiment.feature_table import FeatureTable, cached_table
-from texclass.experiment.folds import evaluate
-from texclass.experiment.protocols import Protocol, Split, repeated
-from texclass.experiment.windows import touches
-from texclass.experiment.workers import Progress, each
+from texclass.evaluation.feature_table import FeatureTable, cached_table
+from texclass.evaluation.folds import evaluate
+from texclass.evaluation.protocols import Protocol, Split, repeated
+from texclass.evaluation.windows import touches
+from texclass.evaluation.workers import Progress, each
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import Channels, views_of
 from texclass.features.sets import FeatureSet

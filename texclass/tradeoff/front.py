@@ -13,13 +13,13 @@ from sklearn.impute import SimpleImputer
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from texclass.experiment.accuracy import cluster_interval
-from texclass.experiment.cost import CostModel
-from texclass.experiment.folds import Fold, over_folds
-from texclass.experiment.protocols import Protocol, Split
-from texclass.experiment.result import measured_on
-from texclass.experiment.selection import SubsetScore, inner_splits
-from texclass.experiment.workers import Progress, each
+from texclass.evaluation.accuracy import cluster_interval
+from texclass.evaluation.cost import CostModel
+from texclass.evaluation.folds import Fold, over_folds
+from texclass.evaluation.protocols import Protocol, Split
+from texclass.evaluation.result import measured_on
+from texclass.evaluation.selection import SubsetScore, inner_splits
+from texclass.evaluation.workers import Progress, each
 from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset
 from texclass.recording import Recording, Samples

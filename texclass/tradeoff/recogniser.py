@@ -14,7 +14,7 @@ from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
 
 from texclass import __version__
-from texclass.experiment.trusted import archive_of, load_trusted, read_bounded
+from texclass.evaluation.trusted import archive_of, load_trusted, read_bounded
 from texclass.features.extractor import FeatureExtractor
 from texclass.features.phase_view import Channels
 from texclass.features.plan import Plan

@@ -23,7 +23,7 @@ from texclass.document.figure_style import (
     row_axes,
 )
 from texclass.document.wording import aligned, counted, digits, estimate, interval, percent, points, sentence
-from texclass.experiment.result import (
+from texclass.evaluation.result import (
     again_facts,
     chance_of,
     classifier_title,

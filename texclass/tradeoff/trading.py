@@ -11,12 +11,12 @@ from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 
 from texclass.document import Document
-from texclass.experiment.cost import CostMeter, CostModel, classifier_cost
-from texclass.experiment.feature_table import FeatureTable
-from texclass.experiment.protocols import find_protocol
-from texclass.experiment.result import COMPUTED_BY, Result
-from texclass.experiment.windows import touches
-from texclass.experiment.workers import Progress
+from texclass.evaluation.cost import CostMeter, CostModel, classifier_cost
+from texclass.evaluation.feature_table import FeatureTable
+from texclass.evaluation.protocols import find_protocol
+from texclass.evaluation.result import COMPUTED_BY, Result
+from texclass.evaluation.windows import touches
+from texclass.evaluation.workers import Progress
 from texclass.features.phase_view import Channels
 from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, load_feature_set

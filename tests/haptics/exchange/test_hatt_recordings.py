@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from test_hatt_xml import document
 
-from texclass.experiment import run_benchmark
+from texclass.evaluation import run_benchmark
 from texclass.haptics.exchange import write_hatt
 from texclass.haptics.exchange.hatt_recordings import SHARES, felt_share
 from texclass.haptics.textures.hatt import HattTexture

@@ -14,8 +14,8 @@ from sklearn.feature_selection import SelectorMixin
 from sklearn.impute import SimpleImputer
 from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 
-from texclass.experiment.kernel_discriminant import KernelDiscriminant
-from texclass.experiment.vote_of_pieces import VoteOfPieces
+from texclass.classifiers.kernel_discriminant import KernelDiscriminant
+from texclass.classifiers.segment_voting import SegmentVoting
 from texclass.recognition.deployed import prepared_by
 from texclass.recognition.export.answers_graph import FEATURES, OUTPUTS, UNDEFINED
 from texclass.recognition.export.graph import OnnxExportError
@@ -392,7 +392,7 @@ def listed(values: Samples) -> list[float | None]:
 
 
 def _of_classifier(classifier: Any) -> list[Samples]:
-    if isinstance(classifier, VoteOfPieces):
+    if isinstance(classifier, SegmentVoting):
         sees_all = classifier.whole_ is not None and not classifier.undivided
         return _of_classifier(classifier.whole_) if sees_all else []
     if isinstance(classifier, KernelDiscriminant):

@@ -1,0 +1,95 @@
+"""What a group adds: a group that helps, one that is noise, one that the dataset lacks."""
+
+import json
+
+import numpy as np
+import pytest
+from toy_noises import row
+
+from texclass.evaluation.additions import unseen
+from texclass.evaluation.benchmark import run_benchmark
+from texclass.evaluation.pipeline import AdditionSettings, Selection
+
+GROUPS = (row("Loudness", "level"), row("Taps", "knock"))
+ROWS = (row("Chance", "rarely"), row("All", "rarely", "level"))
+
+
+@pytest.fixture
+def gains(toy_dataset, pipeline):
+    """Run the benchmark of a dataset with two groups; return it and what they add."""
+
+    def run(*rows, protocol=None, additions=GROUPS, **gain):
+        changed = pipeline(*(rows or ROWS), additions=additions, seed=5, gain=AdditionSettings(**gain))
+        result = run_benchmark(toy_dataset(n_materials=4, n_repetitions=8), changed, protocol=protocol)
+        return result, result.data["gains"]
+
+    return run
+
+
+def test_a_group_that_helps_is_found_and_one_that_is_lacking_is_named(gains):
+    result, found = gains()
+    loudness, taps = found["groups"]
+    paired = loudness["paired"]
+    assert (found["row"], found["n_repeats"], found["n_folds"]) == ("Chance", 5, 4)
+    assert paired["difference"] == pytest.approx(
+        loudness["joined"]["accuracy"] - found["without"]["accuracy"]
+    )
+    assert paired["difference"] > 0.3
+    assert paired["low"] <= paired["difference"] <= paired["high"]
+    assert loudness["p_corrected"] < 0.01
+    assert np.shape(paired["folds"]) == (5, 4)
+    assert (taps["joined"], taps["paired"], taps["missing"]) == (None, None, "no tap found (knock)")
+    assert json.loads(result.to_json())["gains"]["groups"][1] == taps
+
+
+def test_the_first_repeat_has_the_folds_of_the_table(gains):
+    result, found = gains(repeats=1)
+    folds = {r["name"]: r["accuracy"][found["classifier"]]["folds"] for r in result.data["rows"]}
+    assert found["groups"][0]["paired"]["folds"][0] == pytest.approx(
+        np.subtract(folds["All"], folds["Chance"])
+    )
+
+
+def test_a_named_row_and_classifier_are_taken_else_the_best_without_a_group_inside(gains, pipeline):
+    rows = (*ROWS, row("Peaks", "peaks"))
+    assert [r.name for r in pipeline(*rows, additions=(row("Loudness", "level"),)).bases] == [
+        "Chance",
+        "Peaks",
+    ]
+    named = gains(*rows, base="Chance", classifier="euclidean", repeats=2)[1]
+    assert (named["row"], named["classifier"]) == ("Chance", "euclidean")
+    assert named["chosen"] == "row and classifier named by the pipeline"
+    best = gains(*rows, repeats=2)[1]
+    assert best["row"] == "Peaks"
+    assert "on these very recordings" in best["chosen"]
+
+
+def test_splits_that_are_not_drawn_are_compared_once_over_what_is_independent(gains):
+    for protocol, test, p in (
+        ("operator", "t-test over operators", 0.5),  # two of them say no more than two coins
+        ("blocks", "exact McNemar test, t interval over recordings", 0.05),
+    ):
+        found = gains(protocol=protocol)[1]
+        paired = found["groups"][0]["paired"]
+        assert found["n_repeats"] == 1
+        assert paired["test"] == test
+        assert paired["p_value"] <= p
+        assert paired["low"] < paired["difference"] < paired["high"]
+
+
+def test_a_row_that_selects_keeps_its_number_of_columns_and_no_group_gives_no_gains(gains):
+    selected = row("Selected", "rarely", "peaks", select=Selection(n=2, folds=2))
+    found = gains(selected)[1]
+    assert found["selects"]
+    assert found["groups"][0]["joined"]["n_features"] == found["without"]["n_features"] == 2
+    assert gains(additions=())[1] is None
+
+
+@pytest.mark.parametrize(("n", "share"), [(3, "25.0%"), (5, "6.2%"), (6, None), (12, None)])
+def test_a_result_says_where_signs_of_few_clusters_alone_cannot_be_significant(n, share):
+    paired = {"n_clusters": n, "clusters": "operator", "least": 0.125}
+    told = unseen([{"paired": paired}])
+    assert f"with {n} operators less than 12.5 points" in told
+    assert ("by their signs alone" in told) == (share is not None)
+    assert share is None or f"({share})" in told
+    assert unseen([{"paired": {"least": None}}]) == ""

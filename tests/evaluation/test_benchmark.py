@@ -1,0 +1,329 @@
+"""The benchmark end to end on a toy dataset; what is chosen inside training parts: the tests have no say."""
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import spearmanr
+from toy_noises import CLASSIFIERS, FS, STEPS, TINY, a_table, row
+
+from texclass.document import render_markdown
+from texclass.evaluation.benchmark import choose_inside, inner_splits, rank_agreement, run_benchmark
+from texclass.evaluation.feature_table import FeatureTable
+from texclass.evaluation.pipeline import MatchedRow, Selection, Use, load_pipeline
+from texclass.evaluation.protocols import find_protocol
+from texclass.recording import RecordingError
+
+ROWS = (
+    row("Level", "level", published={"naive_bayes": 90}),
+    row("Taps", "knock", "level", published={"naive_bayes": 10}),
+    row("Whatever there is", "knock", "level", skip_missing=True),
+    row("Selected", "level", "peaks", select=Selection(n=2, folds=2), published={"naive_bayes": 95}),
+    row("Chance", "rarely", published={"naive_bayes": 20}),
+)
+
+EUCLIDEAN = {"euclidean": CLASSIFIERS["euclidean"]}
+PIPELINE = """
+features = "strese2015"
+seed = 1
+[classifiers.euclidean]
+use = "sklearn.neighbors.NearestCentroid"
+[[rows]]
+name = "Level"
+features = ["variance"]
+"""
+
+
+@pytest.fixture(scope="module")
+def several(pipeline):
+    return pipeline(*ROWS)
+
+
+@pytest.fixture(scope="module")
+def result(toy_dataset, several):
+    return run_benchmark(toy_dataset(), several)
+
+
+def test_json_has_the_keys_that_were_promised_and_the_table_the_same_figures(result):
+    found = json.loads(result.to_json())
+    assert found == json.loads(json.dumps(result.to_dict()))
+    assert found["dataset"]["n_recordings"] == 12
+    assert {"dataset", "protocol", "rows", "versions", "seed", "input_hash"} <= set(found)
+    assert {"texclass", "numpy", "scikit-learn"} <= set(found["versions"])
+    for line in found["rows"]:
+        keys = {"name", "n_features", "accuracy", "paper", "ms_per_recording", "missing"}
+        assert keys <= set(line)
+        for classifier, accuracy in line["accuracy"].items():
+            assert 0 <= accuracy["low"] <= accuracy["mean"] <= accuracy["high"] <= 1
+            table = result.table.set_index(["row", "classifier"])
+            assert table.loc[(line["name"], classifier), "mean"] == accuracy["mean"]
+    assert found["rows"][0]["paper"] == {"naive_bayes": 0.9}
+    assert len(result.table) == sum(len(line["accuracy"]) for line in found["rows"])
+
+
+def test_a_result_is_told_in_a_line_and_a_table_written_and_drawn(result, tmp_path):
+    assert repr(result) == "<BenchmarkResult: toy, toy, recording; best 100.0 %, Level with euclidean>"
+    assert result._repr_html_().count("<tr") == 1 + len(result.table)
+    written = result.save(tmp_path)
+    assert {path.suffix for path in written} >= {".json", ".md", ".png", ".csv"}
+    (lines,) = ([*csv.reader(path.read_text().splitlines())] for path in written if path.suffix == ".csv")
+    confusion = result.data["confusion"]
+    assert lines[0] == ["true label", *confusion["materials"]]
+    assert [[label, *map(int, row)] for label, *row in lines[1:]] == [
+        [label, *row] for label, row in zip(confusion["materials"], confusion["counts"], strict=True)
+    ]
+    assert json.loads(next(tmp_path.glob("*.json")).read_text()) == json.loads(result.to_json())
+    (axes,) = result.plot("naive_bayes").axes
+    assert "Level" in " ".join(label.get_text() for label in axes.get_yticklabels())
+    published = [line.get_xdata()[0] for line in axes.lines if line.get_marker() == "D"]
+    assert published == pytest.approx([90, 95, 20])
+
+
+def test_a_result_carries_facts_hashes_what_is_undefined_and_one_recording_with_its_phases(result, several):
+    facts, example = result.data["dataset"], result.data["example"]
+    assert (facts["fs_hz"], facts["unit"], facts["n_materials"], facts["chance"]) == (FS, "m/s^2", 3, 1 / 3)
+    assert len(result.data["code_hash"]) == 16
+    assert result.data["movement"] == "as printed, the hand left in"
+    assert result.data["pipeline"]["features_hash"] == several.features.hash
+    assert set(zip(result.table["clusters"], result.table["n_clusters"], strict=True)) == {("recording", 12)}
+    undefined = {u["feature"]: u for u in result.data["undefined"]}
+    assert undefined["knock"]["n_recordings"] == 12
+    assert undefined["rarely"]["reason"] == "starts above 0"
+    assert 0 < undefined["rarely"]["n_recordings"] < 12
+    assert len(example["low"]) == len(example["high"]) >= 300
+    low, high = np.array(example["low"]), np.array(example["high"])
+    assert (low <= high).all()
+    assert (low[1:] <= high[:-1]).all()  # each block touches the next
+    assert (high[1:] >= low[:-1]).all()
+    assert example["recording"]
+    assert 0 <= example["movement"][0] < example["movement"][1] <= example["seconds"]
+
+
+def test_separable_levels_are_recognised_and_confused_with_nothing(result):
+    assert result.data["rows"][0]["accuracy"]["euclidean"]["mean"] == 1.0
+    assert result.data["confusion"]["counts"] == [[4, 0, 0], [0, 4, 0], [0, 0, 4]]
+    assert result.best[0] == "Level"
+    agreement = result.data["rank_agreement"]
+    assert agreement["euclidean"] is None  # nothing is published
+    lines = (result.data["rows"][i] for i in (0, 3, 4))  # those that are computed and published
+    ours = [line["accuracy"]["naive_bayes"]["mean"] for line in lines]
+    assert agreement["naive_bayes"] == pytest.approx(spearmanr(ours, [90, 95, 20]).statistic)
+    assert agreement["naive_bayes"] > 0.4
+
+
+def test_a_row_that_lacks_a_phase_says_so_and_one_that_selects_how_often_what(result):
+    level, taps, whatever, selected, _ = result.data["rows"]
+    assert (taps["missing"], taps["accuracy"], taps["n_features"]) == ("no tap found (knock)", {}, 2)
+    assert taps["ms_per_recording"] is None
+    assert (whatever["missing"], whatever["n_features"]) == ("no tap found (knock)", 1)
+    assert whatever["accuracy"] == level["accuracy"]
+    assert selected["n_features"] == 2
+    assert sum(selected["selected"]["naive_bayes"].values()) == pytest.approx(2)
+
+
+def test_each_classifier_selects_for_itself(toy_dataset, pipeline):
+    selecting, found = row("Selected", "peaks", select=Selection(n=1, folds=2)), []
+    for classifiers in (CLASSIFIERS, EUCLIDEAN):
+        result = run_benchmark(toy_dataset(3, 8), pipeline(selecting, classifiers=classifiers))
+        found.append(result.data["rows"][0]["selected"])
+    assert found[0]["naive_bayes"] != found[0]["euclidean"] == found[1]["euclidean"]
+
+
+def test_a_second_run_changes_nothing_but_milliseconds(result, toy_dataset, several):
+    def without_ms(result):
+        rows = [line | {"ms_per_recording": 0} for line in result.data["rows"]]
+        return result.to_dict() | {"segmentation_ms": 0, "rows": rows}
+
+    assert without_ms(run_benchmark(toy_dataset(), several)) == without_ms(result)
+
+
+def test_an_impossible_protocol_is_refused_before_anything_is_loaded(toy_dataset, several):
+    dataset = toy_dataset()
+    with pytest.raises(ValueError, match="material m0 has 4 recordings; 10 folds need at least 10 of each"):
+        run_benchmark(dataset, several, n_folds=10)
+    assert dataset.load.loaded == []
+
+
+def test_bad_recordings_stop_the_run_or_are_listed(toy_dataset, several):
+    dataset = toy_dataset(n_repetitions=5, bad=("m1_3",))
+    with pytest.raises(RecordingError, match="m1_3"):
+        run_benchmark(dataset, several)
+    result = run_benchmark(dataset, several, skip_bad=True)
+    assert [name for name, _ in result.data["left_out"]] == ["m1_3"]
+    assert result.data["dataset"]["n_recordings"] == 14
+
+
+def test_dataset_and_pipeline_may_be_named(tmp_path):
+    (tmp_path / "tiny.toml").write_text(TINY)
+    (tmp_path / "few.toml").write_text(PIPELINE)
+    result = run_benchmark(tmp_path / "tiny.toml", str(tmp_path / "few.toml"), n_folds=2)
+    assert (result.data["dataset"]["n_materials"], result.data["pipeline"]["name"]) == (3, "few")
+
+
+def test_where_operators_are_left_out_interval_and_choice_are_over_operators(toy_dataset, pipeline):
+    few = pipeline(row("Chance", "rarely", "level"), classifiers=EUCLIDEAN)
+    data = run_benchmark(toy_dataset(3, 12, operators=6), few, protocol="operator", choose=True).data
+    for found in (data["rows"][0]["accuracy"]["euclidean"], data["choice"]["accuracy"]):
+        assert (found["clusters"], found["n_clusters"]) == ("operator", 6)
+        assert found["interval"].endswith("over operators")
+
+
+def test_several_starts_tell_mean_and_worst_and_count_each_recording_once(toy_dataset, pipeline):
+    one = pipeline(row("Peaks", "peaks"), classifiers=EUCLIDEAN, steps=STEPS[1:])
+    result = run_benchmark(toy_dataset(3, 16), one, protocol="few-shot 1")
+    found = result.data["rows"][0]["accuracy"]["euclidean"]
+    assert (result.data["n_folds"], result.data["n_starts"], len(found["folds"])) == (8, 4, 8)
+    assert found["worst"] == min(found["folds"]) < found["mean"] == pytest.approx(np.mean(found["folds"]))
+    assert found["n_clusters"] == 3 * 8  # asked of four starts each
+    assert np.sum(result.data["confusion"]["counts"]) == 4 * 3 * 8
+    text = render_markdown(result.document())
+    assert f"8 folds of 4 starts. The worst fold: {100 * found['worst']:.1f} %." in text
+    assert re.search(r"Euclidean.* worst", text)
+    assert "of 96 tests are taken for another material" in text
+    assert "1 repetition, several starts, to second half" in text
+
+
+def test_what_refuses_single_recordings_is_left_out_of_the_table(toy_dataset, pipeline):
+    rows = (row("Level", "level"), row("Selected", "level", "peaks", select=Selection(n=1, folds=2)))
+    with_lda = CLASSIFIERS | {"lda": Use(use="sklearn.discriminant_analysis.LinearDiscriminantAnalysis")}
+    several = pipeline(*rows, classifiers=with_lda)
+    found = run_benchmark(toy_dataset(3, 8), several, protocol="few-shot 1").data["rows"]
+    assert list(found[0]["accuracy"]) == ["naive_bayes", "euclidean"]  # no lda
+    assert not found[1]["accuracy"]
+    assert found[1]["missing"] == "single recordings are too few for its classifiers"
+
+
+def test_the_interval_of_rank_agreement_covers():
+    rng, rho, inside = np.random.default_rng(0), 0.8, 0
+    for _ in range(300):
+        ours, noise = rng.normal(size=(2, 16))
+        pairs = zip(ours, rho * ours + np.sqrt(1 - rho**2) * noise, strict=True)
+        lines = [{"accuracy": {"lda": {"mean": x}}, "paper": {"lda": y}} for x, y in pairs]
+        r, (low, high) = rank_agreement(lines, "lda")
+        assert low < r < high
+        inside += low <= 6 / np.pi * np.arcsin(rho / 2) <= high
+    assert inside / 300 == pytest.approx(0.95, abs=0.03)
+
+
+@pytest.fixture
+def two(pipeline):
+    return pipeline(row("Peaks", "peaks"), row("Level", "level"), classifiers=EUCLIDEAN, steps=STEPS[1:])
+
+
+def choice_of(pipeline, frame):
+    """Choose a row and a classifier for some values, blocks first; return it beside every evaluation."""
+    table = FeatureTable(frame, pipeline.features.column_names, np.zeros(len(frame)))
+    protocol = find_protocol("blocks")
+    splits = protocol.split(table.frame, 0, 0)
+    rows = [MatchedRow.of(definition, pipeline.features, table) for definition in pipeline.rows]
+    evaluations = {
+        one.definition.name: {name: pipeline.trial(one, name, table)(splits) for name in pipeline.classifiers}
+        for one in rows
+    }
+    return choose_inside(rows, table, splits, pipeline, protocol, evaluations), evaluations
+
+
+def test_the_row_that_fits_the_tests_by_chance_is_not_chosen(two):
+    """`level` tells materials apart in training; `peaks` only in the tests, where `level` is noise."""
+    rng, later = np.random.default_rng(0), np.tile(np.arange(20) >= 10, 4)
+    truth, noise = np.repeat(np.arange(4.0), 20) + rng.normal(0, 0.05, 80), rng.uniform(0, 3, (2, 80))
+    level, *peaks = two.features.restricted_to(["level", "peaks"]).column_names
+    values = dict.fromkeys(two.features.column_names, np.zeros(80))
+    values |= {level: np.where(later, noise[0], truth)}
+    values |= {peak: np.where(later, truth, noise[1]) for peak in peaks}
+    choice, evaluations = choice_of(two, a_table(4, 20).assign(**values))
+    assert choice["chosen"] == [["Level", "euclidean"]]
+    assert choice["protocol"] == "blocks"
+    assert choice["accuracy"]["mean"] == evaluations["Level"]["euclidean"].accuracy.mean
+
+
+def test_permuted_labels_leave_the_choice_at_chance_where_the_best_of_the_table_is_above(pipeline):
+    names = "level", "peaks", "rarely"
+    rows = (*(row(name.title(), name) for name in names), row("All", *names))
+    every = pipeline(*rows, classifiers=EUCLIDEAN, steps=STEPS[1:])
+    chosen, best = [], []
+    for seed in range(10):
+        values = np.random.default_rng(seed).normal(size=(80, len(every.features.column_names)))
+        noises = pd.DataFrame(values, columns=every.features.column_names)
+        choice, evaluations = choice_of(every, pd.concat([a_table(4, 20), noises], axis=1))
+        chosen.append(choice["accuracy"]["mean"])
+        best.append(max(found.accuracy.mean for of in evaluations.values() for found in of.values()))
+    assert np.mean(chosen) == pytest.approx(0.25, abs=0.04)
+    assert np.mean(best) > 0.31
+
+
+def test_each_fold_counts_with_what_it_chose(toy_dataset, two):
+    found = run_benchmark(toy_dataset(), two, choose=True).data
+    accuracies = {line["name"]: line["accuracy"] for line in found["rows"]}
+    chosen = found["choice"]["chosen"]
+    expected = [accuracies[name][classifier]["folds"][k] for k, (name, classifier) in enumerate(chosen)]
+    assert found["choice"]["accuracy"]["folds"] == expected
+    assert len(expected) == 4
+    assert run_benchmark(toy_dataset(), two).data["choice"] is None
+
+
+def test_of_rows_that_do_equally_well_the_widest_is_chosen(toy_dataset, pipeline):
+    rows = (row("Level", "level"), row("Both", "level", "peaks"))
+    widening = pipeline(*rows, classifiers=EUCLIDEAN, steps=STEPS[1:])
+    found = run_benchmark(toy_dataset(), widening, choose=True).data
+    assert [line["accuracy"]["euclidean"]["mean"] for line in found["rows"]] == [1.0, 1.0]
+    assert found["choice"]["chosen"] == [["Both", "euclidean"]] * 4
+
+
+def test_one_row_and_one_classifier_are_chosen_before_any_recording_is_seen(toy_dataset, pipeline):
+    one = pipeline(row("Both", "level", "peaks"), classifiers=EUCLIDEAN, steps=STEPS[1:])
+    found = run_benchmark(toy_dataset(), one, protocol="repetition=1 -> repetition=2-4", choose=True).data
+    assert found["choice"]["protocol"] == "nothing to choose"
+    assert found["choice"]["accuracy"] == found["rows"][0]["accuracy"]["euclidean"]
+
+
+def test_training_parts_are_split_as_the_whole_where_possible():
+    two_operators = a_table(3, 6).assign(operator=np.tile(["a", "a", "a", "b", "b", "b"], 3))
+    for protocol, frame, inner in (
+        ("recording", a_table(3, 6), "recording"),
+        ("blocks", a_table(3, 8), "blocks"),
+        ("blocks", a_table(3, 6), "recording"),
+        ("few-shot", a_table(3, 8), "recording"),
+        ("operator", two_operators, "recording"),  # one is left, and cannot be left out
+    ):
+        ((train, _), *_) = find_protocol(protocol).split(frame, 3, 0)
+        ((name, splits),) = inner_splits(find_protocol(protocol), frame, [(train, None)], 0)
+        assert name == inner
+        for inner_train, inner_test in splits:
+            assert sorted([*inner_train, *inner_test]) == list(range(len(train)))
+            assert frame["material"].iloc[train[inner_train]].value_counts().min() >= 2
+
+
+def test_the_papers_protocol_is_refused_and_a_part_of_single_recordings_too(toy_dataset, two):
+    with pytest.raises(ValueError, match="'paper'; the rule is one whose test recordings stay unseen"):
+        run_benchmark(toy_dataset(), two, protocol="paper", choose=True)
+    with pytest.raises(ValueError, match="cannot be split again"):
+        inner_splits(find_protocol("recording"), a_table(3, 2), [(np.arange(6), None)], 0)
+
+
+RANKS = Path(__file__).parents[2] / "reports" / "studies" / "rank_agreement.json"
+
+
+def test_rank_agreement_is_told_over_ten_catalogues_with_an_interval_and_without_the_combined_rows():
+    told = json.loads(RANKS.read_text(encoding="utf-8"))
+    rows = pd.DataFrame(told["accuracy"])
+    published = [row.name for row in load_pipeline("strese2015").rows if row.published]
+    assert list(rows["row"].unique()) == published
+    assert rows["seed"].nunique() >= 10
+    pools = {"all rows": published, "without the combined rows": published[:-2]}
+    assert {(one["rows"], one["n_rows"]) for one in told["results"]} == {
+        (k, len(v)) for k, v in pools.items()
+    }
+    assert len(told["results"]) == 2 * rows["classifier"].nunique()
+    bayes = rows[rows["classifier"] == "naive_bayes"]
+    for one in told["results"][:2]:
+        assert one["classifier"] == "Naive Bayes"
+        counted = bayes[bayes["row"].isin(pools[one["rows"]])]
+        found = [spearmanr(part["ours"], part["published"]).statistic for _, part in counted.groupby("seed")]
+        np.testing.assert_allclose(one["of_catalogues"], found, atol=0.01)
+        assert one["low"] < np.mean(found) < one["high"]
+        assert one["mean"] == pytest.approx(np.mean(found), abs=0.01)

@@ -1,0 +1,83 @@
+"""A new feature against a table: one that helps, one that repeats another, one that the set has."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from toy_noises import CLASSIFIERS, row
+
+from texclass.evaluation.feature_table import FeatureTable
+from texclass.evaluation.new_feature import redundancy, study_feature
+from texclass.features.contract import Feature, Gain
+
+
+def loud(view):
+    return view.samples.std()
+
+
+LOUD = Feature("loud", loud, "movement", "g", "test", gain=Gain(power=1))
+
+
+@pytest.fixture(scope="module")
+def few(pipeline):
+    euclidean = {"euclidean": CLASSIFIERS["euclidean"]}
+    return pipeline(row("Chance", "rarely"), row("Peaks", "peaks"), classifiers=euclidean, seed=5)
+
+
+@pytest.fixture(scope="module")
+def study(toy_dataset, few):
+    return study_feature(toy_dataset(n_materials=4, n_repetitions=8), few, LOUD)
+
+
+def test_the_table_stands_as_it_was_with_a_row_for_the_feature_alone(study):
+    names = [line["name"] for line in study.data["rows"]]
+    assert names == ["Chance", "Peaks", "New: loud"]
+    assert study.data["rows"][-1]["accuracy"]["euclidean"]["mean"] > 0.9
+    assert study.data["gains"]["row"] == "Peaks"
+    assert [group["name"] for group in study.data["gains"]["groups"]] == ["loud"]
+
+
+def test_law_cost_and_repetition_are_measured(study):
+    found = json.loads(study.to_json())["new_feature"]
+    assert found["gain_law"]["holds"] is True
+    assert found["ms_alone"] > 0
+    assert 0 <= found["ms_added"] <= found["ms_alone"] * 1.5
+    (column,) = found["redundancy"]
+    assert column["nearest"][0]["column"].startswith("peaks")
+    assert column["nearest"][0]["rank_correlation"] > 0.9
+    assert column["explained"] > 0.9
+    assert {a["input"]: a["answer"] for a in found["behaviour"]}["one NaN"] == "no reason"
+
+
+def test_a_study_is_written_beside_its_benchmark_without_pictures_of_its_own(study, tmp_path):
+    written = {path.name for path in study.save(tmp_path)}
+    assert {path.name for path in tmp_path.iterdir()} == written
+    assert {name.rpartition(".")[2] for name in written if "feature" in name} == {"json", "md"}
+    assert any(name.endswith(".png") for name in written)
+
+
+def test_a_name_that_the_set_has_is_refused_and_a_new_one_changes_the_hash(few):
+    assert few.with_feature(LOUD).hash != few.hash
+    with pytest.raises(ValueError, match="'level' is in the feature set 'toy'; the rule is a new name"):
+        few.with_feature(Feature("level", loud, "movement", "g", "test"))
+
+
+def test_a_phase_that_the_dataset_lacks_is_said(toy_dataset, few):
+    tap = Feature("knuckle", lambda view: 1.0, "tap", "1", "test")
+    found = json.loads(study_feature(toy_dataset(n_repetitions=8), few, tap).to_json())
+    assert found["rows"][-1]["missing"] == "no tap found (knuckle)"
+    new = found["new_feature"]
+    assert (new["gain_law"], new["redundancy"], new["ms_added"]) == (None, [], None)
+
+
+def test_redundancy_tells_a_copy_from_noise():
+    rng = np.random.default_rng(0)
+    a, b, noise = rng.normal(size=(3, 200))
+    columns = {"a": a, "b": b, "copy": np.exp(a), "sum": a + b, "noise": noise, "same": np.ones(200)}
+    table = FeatureTable(pd.DataFrame(columns), tuple(columns), np.zeros(200))
+    found = {r["column"]: r for r in redundancy(table, ["copy", "sum", "noise", "same"])}
+    assert found["copy"]["nearest"][0] == {"column": "a", "rank_correlation": pytest.approx(1.0)}
+    assert found["sum"]["explained"] == pytest.approx(1.0, abs=1e-3)
+    assert found["noise"]["explained"] < 0.1
+    assert "same" not in found

@@ -1,0 +1,189 @@
+"""Protocols: recordings are the unit, and an impossible split says why."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.naive_bayes import GaussianNB
+from sklearn.preprocessing import StandardScaler
+from toy_noises import a_table
+
+from texclass.evaluation.folds import evaluate
+from texclass.evaluation.protocols import PROTOCOLS, find_protocol, n_trainings, repeated
+from texclass.evaluation.selection import ForwardSelector
+
+
+def split(name, table, n_folds=10, seed=0):
+    return find_protocol(name).split(table, n_folds, seed)
+
+
+def test_no_recording_trains_and_tests_in_one_fold_and_each_is_tested_once_where_folds_cover_all():
+    table = a_table()
+    for name in PROTOCOLS:
+        folds = split(name, table)
+        for train, test in folds:
+            assert not set(train) & set(test)
+            assert set(table["material"][test]) == set(table["material"][train])
+        if name not in ("blocks", "few-shot"):
+            assert sorted(np.concatenate([test for _, test in folds])) == list(range(30))
+    assert [p.name for p in PROTOCOLS.values() if not p.nested] == ["paper"]
+
+
+def test_permuted_labels_stay_at_chance_under_every_protocol():
+    """What a recording (or run) has of its own names it; labels say nothing, so parting it would show."""
+    recordings = a_table(4, 20).assign(session=[f"{m}/{r // 2}" for m in range(4) for r in range(20)])
+    table = recordings.loc[recordings.index.repeat(3)].rename(columns={"recording_id": "parent"})
+    table = table.assign(recording_id=[f"w{i}" for i in range(240)]).reset_index(drop=True)
+    for name, protocol in PROTOCOLS.items():
+        _, unit = np.unique(protocol.clusters(table), return_inverse=True)
+        chooser = (
+            ForwardSelector(GaussianNB(), n_features_to_select=2) if protocol.nested else StandardScaler()
+        )
+        right = []
+        for seed in range(5):
+            X = np.random.default_rng(seed).normal(size=(unit.max() + 1, 8))[unit]
+            splits = protocol.split(table, 4, seed)
+            right.append(
+                evaluate(X, table["material"].to_numpy(), splits, chooser, GaussianNB()).accuracy.mean
+            )
+        assert np.mean(right) == pytest.approx(0.25, abs=0.1), name
+
+
+def test_operator_leaves_one_out_entirely_and_falls_back_to_sessions():
+    table = a_table()
+    folds = split("operator", table)
+    assert len(folds) == 5
+    for train, test in folds:
+        assert not set(table["operator"][train]) & set(table["operator"][test])
+    assert len(split("operator", table.assign(operator=None, session=["a", "b"] * 15))) == 2
+
+
+def test_blocks_train_on_the_first_repetitions_whatever_the_order_of_rows():
+    table = a_table(2, 9).sample(frac=1, random_state=0, ignore_index=True)
+    ((train, test),) = split("blocks", table)
+    assert set(table["repetition"][train]) == {1, 2, 3, 4}
+    assert set(table["repetition"][test]) == {5, 6, 7, 8, 9}
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "starts", "tests"),
+    [
+        ("few-shot", 40, [range(s, s + 3) for s in (1, 6, 11, 16)], [range(21, 31), range(31, 41)]),
+        ("few-shot 1", 40, [[1], [6], [11], [16]], [range(21, 31), range(31, 41)]),
+        ("few-shot 10", 40, [range(1, 11), range(6, 16), range(11, 21)], [range(21, 31), range(31, 41)]),
+        ("few-shot", 9, [[1, 2, 3], [2, 3, 4]], [[5, 6], [7, 8, 9]]),
+        ("few-shot", 6, [[1, 2, 3]], [[4], [5, 6]]),
+        ("few-shot 1", 2, [[1]], [[2]]),
+    ],
+)
+def test_few_shot_has_as_many_starts_as_fit_before_the_same_later_tests(name, n, starts, tests):
+    table = a_table(2, n).sample(frac=1, random_state=0, ignore_index=True)
+    table["repetition"] += 7 * (table["material"] == "m1")  # numbers of a material need not begin at 1
+    found = [
+        [[*table["repetition"][rows][table["material"][rows] == "m0"].sort_values()] for rows in fold]
+        for fold in split(name, table)
+    ]
+    assert found == [[list(start), list(test)] for start in starts for test in tests]
+    assert n_trainings(split(name, table)) == len(starts)
+
+
+def test_few_shot_draws_runs_where_recordings_have_no_number():
+    runs = [f"m{m}/run{r // 2}" for m in range(3) for r in range(10)]
+    table = a_table(repetition=None).assign(session=runs)
+    folds = split("few-shot", table)
+    assert len({train.tobytes() for train, _ in folds}) == len(folds) == 4
+    for train, test in folds:
+        assert not set(table["session"][train]) & set(table["session"][test])
+        assert (table.iloc[train].groupby("material")["session"].nunique() == 3).all()
+        assert len(train) + len(test) == len(table)
+    assert all(np.array_equal(a, b) for a, b in zip(folds[0], split("few-shot", table)[0], strict=True))
+    assert not np.array_equal(folds[0][0], split("few-shot", table, seed=1)[0][0])
+
+
+def test_no_run_trains_and_tests_and_every_fold_tests():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        runs = [(f"m{m}", f"m{m}/run{r}") for m in range(3) for r in range(5)]
+        rows = [run for run in runs for _ in range(rng.integers(1, 12))]
+        table = pd.DataFrame(rows, columns=["material", "session"]).assign(operator=None, repetition=None)
+        table["recording_id"] = [f"r{i}" for i in range(len(table))]
+        folds = split("run", table, 5, seed)
+        assert len(folds) == 5
+        for train, test in folds:
+            assert not set(table["session"][train]) & set(table["session"][test])
+            assert set(table["material"][train]) == {"m0", "m1", "m2"}
+    # Without sessions a run is a recording.
+    assert find_protocol("run").clusters(a_table()).tolist() == a_table()["recording_id"].tolist()
+
+
+def test_splits_follow_the_seed_and_repeats_are_those_of_the_next_seeds():
+    for name in ("recording", "run", "paper"):
+        repeats = repeated(find_protocol(name), a_table(), 5, 3, 7)
+        for r, folds in enumerate(repeats):
+            tests = [test.tolist() for _, test in folds]
+            assert tests == [test.tolist() for _, test in split(name, a_table(), 5, 7 + r)]
+        assert repeats[0][0][1].tolist() != repeats[1][0][1].tolist()
+    for name, n in (("recording", 0), ("blocks", 2), ("few-shot", 3), ("operator", 2)):
+        with pytest.raises(ValueError, match=f"{n} repeats of the protocol `{name}`; the rule is 1"):
+            repeated(find_protocol(name), a_table(), 5, n, 0)
+
+
+def test_an_impossible_split_names_value_and_rule():
+    few, single = a_table(3, 10).iloc[9:], a_table(3, 1, operator=["a", "b", "b"])
+    three_runs = a_table().assign(session=["a", "b", "c"] * 10)
+    for name, table, message in (
+        ("recording", few, "material m0 has 1 recording; 10 folds need at least 10 of each"),
+        ("recording", a_table(1, 10), "1 material; classification needs at least 2"),
+        (
+            "recording",
+            a_table(2, 7),
+            "7 recordings; 10 folds need at least 10 of each; 2 to 7 folds are possible: `--folds 7`",
+        ),
+        ("run", a_table(2, 7), "m0 has 7 runs; 10 folds .* at least 10 of each; 2 to 7 folds are"),
+        ("run", three_runs, "has 3 runs; 10 folds grouped by run need at least 10 of each; 2 to 3 folds"),
+        ("few-shot", a_table(3, 5), "m0 has 5 recordings; the protocol `few-shot` needs 6 of each"),
+        (
+            "few-shot",
+            a_table(3, 3, repetition=None),
+            "m0 has 3 runs; the protocol `few-shot` needs 4 of each",
+        ),
+        ("few-shot 0", a_table(), "no protocol is named 'few-shot 0'.*few-shot NUMBER"),
+        ("operator", a_table(operator=None), "0 operators and 0 sessions"),
+        ("operator", a_table(operator="o1"), "1 operators and 0 sessions"),
+        ("operator", single, "material m0 has no recording without operator a"),
+        ("blocks", a_table(3, 1), "material m0 has 1 recording"),
+        ("blocks", a_table(repetition=None), "recording m0_1 has no repetition number"),
+        ("random", a_table(), "recording, operator, blocks, few-shot, run, paper, few-shot NUMBER"),
+        ("repetition=0-4 -> repetition=4-9", a_table(), "of repetition=0-4 and of repetition=4-9"),
+        ("repetition=0-4 -> repetition=40-49", a_table(), "has repetition '40-49'; there are 1, 2, 3"),
+        ("repetition=0-4 -> smell=a", a_table(), "label .* 'smell'; the rule is one of material, operator"),
+        ("repetition=0-4 -> session", a_table(), "chosen by 'session'; the rule is LABEL=VALUE,VALUE"),
+        ("leave-out session", a_table(), "0 sessions, 30 recordings without one; .* needs at least 2"),
+        ("leave-one", a_table(), "no protocol is named 'leave-one'.*leave-out LABEL"),
+        ("leave-out material", a_table(), "has no recording without material"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            split(name, table.reset_index(drop=True))
+
+
+def test_these_recordings_train_and_those_test_by_any_label():
+    table = a_table().assign(session=["a", "b"] * 15)
+    ((train, test),) = split("repetition=1-3,5 -> repetition=6-9 & session=a", table)
+    assert set(table["repetition"][train]) == {1, 2, 3, 5}
+    assert set(table["repetition"][test]) <= {6, 7, 8, 9}
+    assert set(table["session"][test]) == {"a"}
+    assert len(train) == 12
+    folds = split("leave-out session", table)
+    assert [set(table["session"][test]) for _, test in folds] == [{"a"}, {"b"}]
+    for train, test in folds:
+        assert not set(table["session"][train]) & set(table["session"][test])
+
+
+def test_what_is_left_out_is_independent_else_runs_or_recordings():
+    table = a_table().assign(session=[f"s{i % 3}" for i in range(30)])
+    for name, unit, n in (
+        ("operator", "operator", 5), ("leave-out session", "session", 3), ("run", "run", 3),
+        ("recording", "recording", 30), ("blocks", "recording", 30),
+    ):  # fmt: skip
+        found, of = find_protocol(name).independent(table)
+        assert (found, len(set(of))) == (unit, n)
+    assert find_protocol("operator").independent(table.assign(operator=None))[0] == "session"

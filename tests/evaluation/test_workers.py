@@ -1,0 +1,152 @@
+"""Work in processes of this machine and on a real cluster: in order, one thread each, safe from a death."""
+
+import ctypes
+import gc
+import json
+import mmap
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from functools import partial
+
+import numpy as np
+import pandas as pd
+import pytest
+from threadpoolctl import threadpool_info
+
+from texclass.evaluation.feature_table import extract_partitions, extract_table
+from texclass.evaluation.parts import write_part
+from texclass.evaluation.workers import begin_loading, each, running_on
+from texclass.features import load_feature_set
+from texclass.features.plan import Plan
+from texclass.loaders import open_dataset
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    """Give the address of a real scheduler, and its two worker processes."""
+    distributed = pytest.importorskip("distributed")
+    folder, quiet = tmp_path_factory.mktemp("cluster"), subprocess.DEVNULL
+
+    def start(what, *options):
+        command = [sys.executable, "-m", "dask", what, "--scheduler-file", "s.json", "--no-dashboard"]
+        return subprocess.Popen([*command, *options], cwd=folder, stdout=quiet, stderr=quiet)
+
+    processes = [start("scheduler", "--port", "0")]
+    processes += [start("worker", "--nthreads", "1", "--no-nanny") for _ in range(2)]
+    try:
+        with distributed.Client(scheduler_file=folder / "s.json", timeout="60s") as client:
+            client.wait_for_workers(2, timeout=60)
+        yield json.loads((folder / "s.json").read_text())["address"], processes[1:]
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def test_each_keeps_the_order_reports_and_stops_when_it_is_closed():
+    calls, told = [partial(pow, i, 2) for i in range(20)], []
+    found = each(calls, n_jobs=2, progress=lambda *call: told.append(call), what="squares", done=5, total=25)
+    assert list(found) == [i * i for i in range(20)]
+    assert told == [(n, 25, "squares") for n in range(6, 26)]
+    outcomes = each(partial(pow, i, 2) for i in range(10**6))
+    assert next(outcomes) == 0
+    outcomes.close()
+
+
+def test_each_worker_uses_one_thread():
+    found = list(each([partial(threadpool_info)] * 4, n_jobs=2))
+    assert all(pool["num_threads"] == 1 for pools in found for pool in pools)
+
+
+def test_what_is_done_soon_is_done_here_and_the_rest_by_others():
+    calls = [partial(os.getpid)] * 4
+    assert set(each(calls, n_jobs=2, here_s=60.0)) == {os.getpid()}
+    assert os.getpid() not in set(each(calls, n_jobs=2))
+    told, spend = [], "import time\nend = time.process_time() + 0.2\nwhile time.process_time() < end: pass"
+    first, *others = [partial(exec, spend), *calls]
+    found = each([first, *others], n_jobs=2, here_s=0.1, progress=lambda *call: told.append(call), total=5)
+    assert os.getpid() not in list(found)[1:]
+    assert [done for done, *_ in told] == [1, 2, 3, 4, 5]
+
+
+def test_workers_load_what_computes_features_before_there_is_work_and_no_library_of_learning(tmp_path):
+    assert begin_loading(1) is None
+    begin_loading(2).join()
+    known = partial(eval, "'texclass.evaluation.parts' in __import__('sys').modules")
+    assert any(each([known] * 4, n_jobs=2))
+    dataset, features = open_dataset("simulated"), load_feature_set("strese2015")
+    call = partial(write_part, dataset.load, dataset.entries[:1], Plan.of(features, ()), tmp_path / "part")
+    (tmp_path / "call").write_bytes(pickle.dumps(call))
+    code = (
+        f"import pickle, sys\nprint(pickle.load(open({str(tmp_path / 'call')!r}, 'rb'))())\n"
+        "print([m for m in ('sklearn', 'pandas', 'pyarrow', 'matplotlib') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split("\n")[:2] == ["None", "[]"]
+    assert (tmp_path / "part").stat().st_size > 0
+
+
+def test_a_worker_seldom_looks_for_garbage_and_its_caller_as_before():
+    before = gc.get_threshold()
+    found = list(each([partial(gc.get_threshold)] * 2, n_jobs=2))
+    assert all(often[0] >= 100_000 for often in found)  # 700 as Python starts
+    assert list(each([partial(gc.get_threshold)])) == [before] == [gc.get_threshold()]
+
+
+def faults_of_arrays_made_again():
+    """Return how many pages are taken anew where arrays follow others of their size that are gone."""
+    import resource
+
+    for _ in range(5):
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        made = [np.ones(200_000) for _ in range(10)]
+        taken = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+        del made
+    return taken
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallopt"), reason="a C library without mallopt")
+def test_a_worker_keeps_the_memory_of_the_last_recording_for_the_next():
+    pages = 10 * 200_000 * 8 / mmap.PAGESIZE
+    assert all(taken < 0.05 * pages for taken in each([faults_of_arrays_made_again] * 4, n_jobs=2))
+
+
+def test_a_cluster_gives_the_same_table_even_if_a_worker_is_killed_on_the_way(cluster, tmp_path, monkeypatch):
+    monkeypatch.setenv("TEXCLASS_CACHE", str(tmp_path / "cache"))
+    for i in range(32):
+        (tmp_path / f"m{i % 2}").mkdir(exist_ok=True)
+        np.savetxt(tmp_path / f"m{i % 2}" / f"{i}.txt", np.random.default_rng(i).normal(size=2000))
+    dataset, features = open_dataset(tmp_path, fs=1000.0, unit="g"), load_feature_set("strese2015")
+    features = features.restricted_to(["variance", "hardness", "friction"])
+    here, (address, workers) = extract_table(dataset, features, tmp_path / "here.parquet"), cluster
+
+    def kill_one(n_done, n_all, what):
+        if n_done == 3:
+            workers[0].kill()
+
+    with running_on("dask", address):
+        there = extract_table(dataset, features, tmp_path / "there.parquet", progress=kill_one)
+        extract_partitions(dataset, features, tmp_path / "parts", 3)
+    assert workers[0].wait() == -signal.SIGKILL
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "parts")[list(here.frame)], here.frame)
+    pd.testing.assert_frame_equal(there.frame, here.frame, check_exact=True)
+    assert there.reasons == here.reasons
+    assert list(each([partial(os.getpid)])) == [os.getpid()]  # here again
+
+
+def test_a_scheduler_that_does_not_answer_and_an_impossible_backend_are_refused():
+    for backend, address in (("local", "tcp://127.0.0.1:8786"), ("spark", None)):
+        with pytest.raises(ValueError, match=backend), running_on(backend, address):
+            pass
+    pytest.importorskip("distributed")
+    import dask
+
+    with (
+        dask.config.set({"distributed.comm.timeouts.connect": "200ms"}),
+        pytest.raises(OSError, match=r"127\.0\.0\.1:9"),
+        running_on("dask", "tcp://127.0.0.1:9"),
+    ):
+        pass

@@ -1,0 +1,2 @@
+from .kernel_discriminant import KernelDiscriminant as KernelDiscriminant
+from .segment_voting import SegmentVoting as SegmentVoting

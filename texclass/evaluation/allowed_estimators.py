@@ -1,0 +1,175 @@
+"""The allow-list of estimators, parameters and sizes that a file may name: pipelines and saved models."""
+
+import importlib
+import inspect
+import math
+from collections.abc import Mapping
+from difflib import get_close_matches
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, cast
+
+if TYPE_CHECKING:
+    from sklearn.base import BaseEstimator
+
+ESTIMATORS = frozenset(
+    {
+        "sklearn.calibration.CalibratedClassifierCV",
+        "sklearn.decomposition.FactorAnalysis",
+        "sklearn.decomposition.FastICA",
+        "sklearn.decomposition.KernelPCA",
+        "sklearn.decomposition.PCA",
+        "sklearn.decomposition.TruncatedSVD",
+        "sklearn.discriminant_analysis.LinearDiscriminantAnalysis",
+        "sklearn.discriminant_analysis.QuadraticDiscriminantAnalysis",
+        "sklearn.dummy.DummyClassifier",
+        "sklearn.ensemble.AdaBoostClassifier",
+        "sklearn.ensemble.BaggingClassifier",
+        "sklearn.ensemble.ExtraTreesClassifier",
+        "sklearn.ensemble.GradientBoostingClassifier",
+        "sklearn.ensemble.HistGradientBoostingClassifier",
+        "sklearn.ensemble.RandomForestClassifier",
+        "sklearn.feature_selection.RFE",
+        "sklearn.feature_selection.SelectFdr",
+        "sklearn.feature_selection.SelectFpr",
+        "sklearn.feature_selection.SelectFromModel",
+        "sklearn.feature_selection.SelectFwe",
+        "sklearn.feature_selection.SelectKBest",
+        "sklearn.feature_selection.SelectPercentile",
+        "sklearn.feature_selection.SequentialFeatureSelector",
+        "sklearn.feature_selection.VarianceThreshold",
+        "sklearn.gaussian_process.GaussianProcessClassifier",
+        "sklearn.impute.KNNImputer",
+        "sklearn.impute.SimpleImputer",
+        "sklearn.kernel_approximation.Nystroem",
+        "sklearn.kernel_approximation.RBFSampler",
+        "sklearn.linear_model.LogisticRegression",
+        "sklearn.linear_model.Perceptron",
+        "sklearn.linear_model.RidgeClassifier",
+        "sklearn.linear_model.SGDClassifier",
+        "sklearn.naive_bayes.GaussianNB",
+        "sklearn.neighbors.KNeighborsClassifier",
+        "sklearn.neighbors.NearestCentroid",
+        "sklearn.neighbors.NeighborhoodComponentsAnalysis",
+        "sklearn.neighbors.RadiusNeighborsClassifier",
+        "sklearn.neural_network.MLPClassifier",
+        "sklearn.preprocessing.KBinsDiscretizer",
+        "sklearn.preprocessing.MaxAbsScaler",
+        "sklearn.preprocessing.MinMaxScaler",
+        "sklearn.preprocessing.Normalizer",
+        "sklearn.preprocessing.PowerTransformer",
+        "sklearn.preprocessing.QuantileTransformer",
+        "sklearn.preprocessing.RobustScaler",
+        "sklearn.preprocessing.StandardScaler",
+        "sklearn.svm.LinearSVC",
+        "sklearn.svm.NuSVC",
+        "sklearn.svm.SVC",
+        "sklearn.tree.DecisionTreeClassifier",
+        "sklearn.tree.ExtraTreeClassifier",
+        "texclass.classifiers.kernel_discriminant.KernelDiscriminant",
+        "texclass.classifiers.segment_voting.SegmentVoting",
+    }
+)
+"""Classes that `use` may name. None opens a file, imports a module or starts a process with the parameters
+that are left."""
+REFUSED_PARAMETERS = frozenset(
+    {"callback", "importance_getter", "memory", "n_jobs", "pre_dispatch", "verbose"}
+)
+"""Parameters that set a cache, a number of processes or output, are called, or name an attribute to read."""
+MOST_INTEGER = 10_000
+"""Estimators, iterations, components, neighbours, neurons of a layer, ...: more is a mistake or an attack."""
+UNBOUNDED = frozenset({"random_state", "subsample", "subsample_for_bin"})
+"""Whole numbers that cost neither time nor memory."""
+MOST_MODELS = 10_000
+"""Models in all, of ensembles inside of ensembles."""
+MOST_WEIGHTS = 10_000_000
+"""Weights between the hidden layers of a network: 80 MB."""
+MOST_NESTED = 4
+"""Estimators inside of each other."""
+MOST_LISTED, MOST_LETTERS = 1000, 200
+"""Members of a list, and letters of a text."""
+
+
+def resolve(path: str) -> "type[BaseEstimator]":
+    """Return an estimator class of the allow-list by its dotted path.
+
+    Raises
+    ------
+    ValueError
+        If it is not on the list; the message names the closest path that is.
+    """
+    if path not in ESTIMATORS:
+        name = path.rpartition(".")[2]
+        by_name = {one.rpartition(".")[2]: one for one in sorted(ESTIMATORS)}
+        near = [by_name[one] for one in get_close_matches(name, by_name, n=1)]
+        hint = f" Did you mean {near[0]!r}?" if near else ""
+        raise ValueError(f"use = {path[:MOST_LETTERS]!r} is refused: it is not an allowed estimator.{hint}")
+    module, _, name = path.rpartition(".")
+    try:
+        return cast("type[BaseEstimator]", getattr(importlib.import_module(module), name))
+    except AttributeError as error:
+        raise ValueError(f"use = {path!r} does not exist in the installed scikit-learn ({error})") from None
+
+
+def check_parameters(path: str, parameters: Mapping[str, Any]) -> None:
+    """Check names, types and sizes of an estimator's parameters, those of nested estimators included.
+
+    Raises
+    ------
+    ValueError
+        At the first that is refused; the message names it and what is allowed.
+    """
+    if (n_models := _n_models(path, parameters, 1)) > MOST_MODELS:
+        raise ValueError(f"{path} builds {n_models} models. Expected at most {MOST_MODELS}")
+
+
+def _n_models(path: str, parameters: Mapping[str, Any], depth: int) -> int:
+    """Check an estimator, and return how many models it builds."""
+    if depth > MOST_NESTED:
+        raise ValueError(f"{path} is nested {depth} deep. Expected at most {MOST_NESTED}")
+    known = [name for name in inspect.signature(resolve(path)).parameters if name not in REFUSED_PARAMETERS]
+    n_models = 1
+    for key, value in parameters.items():
+        if key in REFUSED_PARAMETERS:
+            raise ValueError(
+                f"parameter {key!r} is refused: a file sets no caches, processes or output. "
+                f"Remove it; {path} takes {', '.join(known)}"
+            )
+        if key not in known:
+            near = get_close_matches(key, known, n=1) or known or ["none"]
+            raise ValueError(f"unknown key {key!r}; the rule is a parameter of {path}: {', '.join(near)}")
+        if isinstance(value, dict) and isinstance(value.get("use"), str):
+            nested = {name: one for name, one in value.items() if name != "use"}
+            n_models *= _n_models(value["use"], nested, depth + 1)
+        else:
+            _check_value(key, value)
+        if key == "n_estimators" or (key == "max_iter" and path.endswith("HistGradientBoostingClassifier")):
+            n_models *= max(1, value) if isinstance(value, int) else 1
+        if key == "hidden_layer_sizes" and isinstance(value, list | tuple):
+            n_weights = sum(math.prod(pair) for pair in pairwise(value))
+            if n_weights > MOST_WEIGHTS:
+                raise ValueError(f"{key} has {n_weights:,} weights. Expected at most {MOST_WEIGHTS:,}")
+    return n_models
+
+
+def _check_value(key: str, value: Any) -> None:
+    """Check that a value is a number, text, truth value or list of these, and of a bearable size."""
+    if isinstance(value, bool):
+        return
+    if isinstance(value, str):
+        if len(value) > MOST_LETTERS:
+            raise ValueError(f"{key} has {len(value)} letters. Expected at most {MOST_LETTERS}")
+    elif isinstance(value, int):
+        if abs(value) > MOST_INTEGER and key not in UNBOUNDED:
+            raise ValueError(f"{key} is {value}. Expected at most {MOST_INTEGER}")
+    elif isinstance(value, list | tuple):
+        if len(value) > MOST_LISTED:
+            raise ValueError(f"{key} has {len(value)} members. Expected at most {MOST_LISTED}")
+        for one in value:
+            if isinstance(one, list | tuple | dict):
+                raise ValueError(f"{key} holds {str(one)[:40]!r}. Expected numbers, texts or booleans")
+            _check_value(key, one)
+    elif not isinstance(value, float):
+        raise ValueError(
+            f"{key} is {str(value)[:40]!r}. Expected a number, a text, a boolean, a list of these, or an "
+            "estimator, { use = ... }"
+        )
