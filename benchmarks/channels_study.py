@@ -1,6 +1,6 @@
 """Several channels of a slow sensor: what their shapes and their pairs add to bands, beside MiniRocket.
 
-Run it by hand from the project's root: `python benchmarks/channels_study.py --peers-python PATH`, with
+Run it by hand from the project's root: `python benchmarks/channels_study.py --baselines-python PATH`, with
 the interpreter of an environment that has aeon. It writes reports/studies/channels.json. Windows of
 5 s; folds grouped by run, drawn `--draws` times (seeds 0, 1, ...). The figure is the balanced accuracy, the
 mean of the draws; its interval, and that of a difference on the same windows, draws runs anew within each
@@ -16,6 +16,9 @@ import numpy as np
 import pandas as pd
 from study import command_line, interval, table, timed, write
 
+from texclass.baselines.baseline_worker.run import write_task
+from texclass.baselines.comparison import same_signals
+from texclass.baselines.worker_process import run_worker
 from texclass.evaluation import cached_table, load_pipeline, touches
 from texclass.evaluation.pipeline import MatchedRow
 from texclass.evaluation.protocols import find_protocol
@@ -23,9 +26,6 @@ from texclass.features.phase_view import channels_apart
 from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
 from texclass.loaders.places import DataNotFoundError
-from texclass.peers.comparison import same_signals
-from texclass.peers.peer_worker.run import write_task
-from texclass.peers.worker_process import run_worker
 
 SECONDS, N_FOLDS, N_RESAMPLED, N_TIMED = 5.0, 5, 2000, 60
 FIRST, LAST = "Bands", "Bands, shape and pairs of channels"
@@ -45,13 +45,15 @@ def resampled(hits: np.ndarray, materials: np.ndarray, runs: np.ndarray) -> dict
     return {"accuracy": float(balanced[-1]), "low": float(low), "high": float(high)}
 
 
-def of_peer(signals: list[Any], labels: Any, splits: Any, fs: float, asked: Any) -> Iterator[tuple[int, Any]]:
+def of_baseline(
+    signals: list[Any], labels: Any, splits: Any, fs: float, asked: Any
+) -> Iterator[tuple[int, Any]]:
     """Yield (fold, predicted class numbers, CPU seconds of features of a window) of MiniRocket and ridge."""
     with tempfile.TemporaryDirectory(prefix="texclass-channels-") as folder:
         task = Path(folder) / "task"
         write_task(task, signals, labels, splits, fs, 0)
         outcome = run_worker(
-            Path(asked.peers_python), task, "minirocket", Path(folder) / "out", asked.limit_s
+            Path(asked.baselines_python), task, "minirocket", Path(folder) / "out", asked.limit_s
         )
     if outcome["status"] != "done":
         print("MiniRocket:", outcome["status"], outcome["message"])
@@ -59,7 +61,7 @@ def of_peer(signals: list[Any], labels: Any, splits: Any, fs: float, asked: Any)
         yield k, (np.array(fold["classifiers"]["ridge"]["predicted"]), fold["feature_s"])
 
 
-def compared(name: str, n_peer_draws: int, asked: Any) -> dict[str, Any]:
+def compared(name: str, n_baseline_draws: int, asked: Any) -> dict[str, Any]:
     """Return what each contestant gets on one data set."""
     felt, pipeline = touches(open_dataset(name), SECONDS), load_pipeline("coarse")
     known = cached_table(felt, *pipeline.needed, channels=pipeline.channels)
@@ -85,12 +87,12 @@ def compared(name: str, n_peer_draws: int, asked: Any) -> dict[str, Any]:
                 right[test] = found
             hits.setdefault(row, []).append(right)
             print(name, seed, row, resampled(right, known.materials, runs), flush=True)
-        if asked.peers_python and seed < n_peer_draws:
+        if asked.baselines_python and seed < n_baseline_draws:
             right = np.full(len(labels), np.nan)
             signals = [
                 same_signals(r, apart, without_hand=pipeline.features.without_hand) for r in recordings
             ]
-            for k, (predicted, feature_s) in of_peer(signals, labels, splits, recordings[0].fs, asked):
+            for k, (predicted, feature_s) in of_baseline(signals, labels, splits, recordings[0].fs, asked):
                 right[splits[k][1]] = predicted == labels[splits[k][1]]
                 ms["MiniRocket"] = 1e3 * feature_s
             if np.isfinite(right).all():
@@ -112,11 +114,11 @@ def compared(name: str, n_peer_draws: int, asked: Any) -> dict[str, Any]:
 
 def main() -> None:
     """Compare on each data set; write the report after each."""
-    asked = command_line(__doc__, draws=3, limit_s=3600.0, peers_python="", peer_draws=(3, 3))
+    asked = command_line(__doc__, draws=3, limit_s=3600.0, baselines_python="", baseline_draws=(3, 3))
     found = []
-    for name, n_peer_draws in zip(("borealtc", "dogsurf"), asked.peer_draws, strict=True):
+    for name, n_baseline_draws in zip(("borealtc", "dogsurf"), asked.baseline_draws, strict=True):
         try:
-            found.append(compared(name, n_peer_draws, asked))
+            found.append(compared(name, n_baseline_draws, asked))
         except DataNotFoundError as absent:
             print(absent)
             continue

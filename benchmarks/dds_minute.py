@@ -24,7 +24,7 @@ RATES_HZ = (1000, 10_000)
 LOOPBACK = (
     "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' multicast='false'/></Interfaces>"
     "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
-    "<Peers><Peer address='127.0.0.1'/></Peers></Discovery></Domain></CycloneDDS>"
+    "<Baselines><Baseline address='127.0.0.1'/></Baselines></Discovery></Domain></CycloneDDS>"
 )
 
 

@@ -1,11 +1,11 @@
-"""What feature sets cost: ratio to one `np.fft.rfft` of the same recording, ms per feature, and peers.
+"""What feature sets cost: ratio to one `np.fft.rfft` of the same recording, ms per feature, and baselines.
 
-Run it by hand from the project's root: `python benchmarks/feature_speed.py [--peers-python PATH]`. It
+Run it by hand from the project's root: `python benchmarks/feature_speed.py [--baselines-python PATH]`. It
 writes reports/studies/feature_speed.json. One thread; CPU time of that thread; the reference, the
-sets and the peers take turns within each round, and medians over rounds are compared, so that a loaded
+sets and the baselines take turns within each round, and medians over rounds are compared, so that a loaded
 machine slows all alike. The recording has one axis and its phases are given, so nothing but features is
-timed; peers are given the samples that features read. `--peers-python`: an interpreter that has TSFEL,
-pycatch22 and aeon. `--knee`: what a trade-off chose.
+timed; baselines are given the samples that features read. `--baselines-python`: an interpreter that has
+TSFEL, pycatch22 and aeon. `--knee`: what a trade-off chose.
 """
 
 import hashlib
@@ -24,10 +24,10 @@ import numpy as np
 import pandas as pd
 from study import ROOT, command_line, table, timed, write
 
+from texclass.baselines.worker_process import ENVIRONMENT, HERE
 from texclass.document import Heading
 from texclass.features import FeatureSet, load_feature_set
 from texclass.features.phase_view import Views
-from texclass.peers.worker_process import ENVIRONMENT, HERE
 from texclass.recording import Phases, Recording, Samples, Tap
 
 FS, DURATION_S = 10_000.0, 25.0
@@ -37,7 +37,7 @@ CHEAP = "strese2015 without spectral_roughness"
 KNEE = "knee of {}, pruned"
 LIMITS = {"strese2015": 40.0, CHEAP: 12.0, "texclass": 15.0, KNEE: 5.0}
 """At most so many transforms, where one is asked for."""
-PEERS = {"tsfel": "TSFEL", "catch22": "catch22", "minirocket": "MiniRocket transform"}
+BASELINES = {"tsfel": "TSFEL", "catch22": "catch22", "minirocket": "MiniRocket transform"}
 DISTRIBUTIONS = ("tsfel", "pycatch22", "aeon", "numpy", "numba")
 N_WARM = 2
 Timer = Callable[[], float]
@@ -78,31 +78,39 @@ def fresh(recording: Recording, phases: Phases) -> Views:
 
 
 @contextmanager
-def peers(
-    python: Path, signal: Samples, fs: float = FS, names: Mapping[str, str] = PEERS
+def baselines(
+    python: Path, signal: Samples, fs: float = FS, names: Mapping[str, str] = BASELINES
 ) -> Iterator[dict[str, Timer]]:
-    """Return what times each peer on the recording, by its title, in a process of the other interpreter."""
+    """Return what times each baseline on the recording, by its title, in the other interpreter."""
 
     def asked(name: str) -> float:
         worker.stdin.write(name + "\n")
         worker.stdin.flush()
         answer = worker.stdout.readline()
         if not answer:
-            raise RuntimeError(f"the worker of {name} ended; the rule is an interpreter that has the peer")
+            raise RuntimeError(
+                f"the worker of {name} ended; the rule is an interpreter that has the baseline"
+            )
         return float(json.loads(answer)["seconds"])
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "signal.npy"
         np.save(path, signal)
-        command = [str(python), str(Path(__file__).with_name("peer_timer.py")), str(HERE), str(path), str(fs)]
+        command = [
+            str(python),
+            str(Path(__file__).with_name("baseline_timer.py")),
+            str(HERE),
+            str(path),
+            str(fs),
+        ]
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
         with subprocess.Popen(command, text=True, env=os.environ | ENVIRONMENT, **pipes) as worker:
             yield {title: partial(asked, name) for name, title in names.items()}
             worker.stdin.close()
 
 
-def peer_versions(python: Path) -> dict[str, str]:
-    """Return the versions of the peers."""
+def baseline_versions(python: Path) -> dict[str, str]:
+    """Return the versions of the baselines."""
     script = (
         "import importlib.metadata as m, json, platform;"
         f"found = {{n: m.version(n) for n in {DISTRIBUTIONS}}};"
@@ -132,9 +140,9 @@ def rounds(n: int, known: dict[str, FeatureSet], others: dict[str, Timer]) -> di
 
 
 def measure(knee: Path, n_rounds: int, python: Path | None) -> dict[str, Any]:
-    """Return medians over rounds: ms and ratios of sets and peers, ms of each feature."""
+    """Return medians over rounds: ms and ratios of sets and baselines, ms of each feature."""
     known, given = sets(knee), fresh(*example()).movement.samples
-    with peers(python, given) if python else nullcontext({}) as others:
+    with baselines(python, given) if python else nullcontext({}) as others:
         each = rounds(n_rounds, known, others)
     ms = {name: value for (name, feature), value in each.items() if not feature}
     rfft, conditioning = ms.pop("rfft"), ms.pop("conditioning")
@@ -146,7 +154,7 @@ def measure(knee: Path, n_rounds: int, python: Path | None) -> dict[str, Any]:
         "ms": ms,
         "ratio": {name: value / rfft for name, value in ms.items()},
         "limit": {name: limit for name, limit in limits.items() if limit},
-        "times_faster": {name: {peer: ms[peer] / ms[name] for peer in others} for name in known},
+        "times_faster": {name: {baseline: ms[baseline] / ms[name] for baseline in others} for name in known},
         "n_columns": {name: len(feature_set.column_names) for name, feature_set in known.items()},
         "feature_ms": {
             name: {feature: value for (of, feature), value in each.items() if of == name and feature}
@@ -160,14 +168,14 @@ def measure(knee: Path, n_rounds: int, python: Path | None) -> dict[str, Any]:
             "seed": SEED,
             "sha256": hashlib.sha256(given.tobytes()).hexdigest(),
         },
-        "peer_versions": peer_versions(python) if python else {},
+        "baseline_versions": baseline_versions(python) if python else {},
     }
 
 
 def main() -> None:
     knee = ROOT / "reports" / "tables" / "simulated69-tradeoff.json"
-    asked = command_line(__doc__, rounds=15, knee=knee, peers_python=None)
-    result = measure(asked.knee, asked.rounds, asked.peers_python)
+    asked = command_line(__doc__, rounds=15, knee=knee, baselines_python=None)
+    result = measure(asked.knee, asked.rounds, asked.baselines_python)
     rfft, faster = result["reference_ms"], pd.DataFrame(result["times_faster"]).T
     costs = [
         {
@@ -176,7 +184,9 @@ def main() -> None:
             "ms": ms,
             "ratio": ms / rfft,
             "limit": result["limit"].get(name, ""),
-            "longer": ", ".join(f"{peer} {times:.0f}" for peer, times in faster.T.get(name, {}).items()),
+            "longer": ", ".join(
+                f"{baseline} {times:.0f}" for baseline, times in faster.T.get(name, {}).items()
+            ),
         }
         for name, ms in result["ms"].items()
     ]
@@ -191,7 +201,7 @@ def main() -> None:
             costs,
             "set = {name} | columns = {columns} | ms = {ms:.1f} | times one rfft = {ratio:.1f} | "
             "at most = {limit} | times longer = {longer}",
-            "Times longer: what a peer takes, over the set.",
+            "Times longer: what a baseline takes, over the set.",
         ),
         f"The knee's features, with columns where there are several: {', '.join(parts)}.",
     ]
@@ -200,9 +210,9 @@ def main() -> None:
         columns = "feature = {feature} | ms = {ms:.2f} | times one rfft = {ratio:.2f}"
         blocks += [Heading(f"{name}, per feature"), table(rows, columns)]
     blocks.append("A transform that several features share is counted with the first that asks for it.")
-    if theirs := result["peer_versions"]:
+    if theirs := result["baseline_versions"]:
         listed = ", ".join(f"{name} {version}" for name, version in theirs.items())
-        blocks.append(f"Peers, in an interpreter of their own: {listed}.")
+        blocks.append(f"Baselines, in an interpreter of their own: {listed}.")
     write(asked.out, "feature_speed", result, "Cost of the feature sets", blocks)
 
 

@@ -45,7 +45,7 @@ PAGES = {
         "borealtc-driven",
         "next_movement",
         "dds",
-        "touch_peers_biotac20",
+        "touch_baselines_biotac20",
         "onnx",
         "kernel_size",
     ),

@@ -1,10 +1,10 @@
 """The whole path, by stage: from the samples as recorded (and from their file) to features and the answer.
 
-Run it by hand from the project's root: `python benchmarks/whole_path.py --peers-python PATH`. It writes
+Run it by hand from the project's root: `python benchmarks/whole_path.py --baselines-python PATH`. It writes
 reports/studies/whole_path.json and .png. One thread, warm, CPU time of that thread; one `np.fft.rfft` of
-one axis of the recording (the median of five), every stage and the peers take turns within each round, and
+one axis of the recording (the median of five), every stage and the baselines take turns in each round, and
 medians over rounds are compared. Recordings of 6 s and longer are simulated, with taps and strokes; shorter
-ones are cut out of a stroke. No recording says where its phases are. `--peers-python`: an interpreter that
+ones are cut out of a stroke. No recording states its phases. `--baselines-python`: an interpreter that
 has TSFEL, librosa and aeon.
 """
 
@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from feature_speed import peer_versions, peers
+from feature_speed import baseline_versions, baselines
 from matplotlib.figure import Figure
 from study import command_line, in_turns, table, timed, write
 
@@ -37,10 +37,10 @@ from texclass.simulate.recipe import Recipe
 SEED = 0
 SETS = ("strese2015", "texclass")
 STAGES = ("segment", "condition", "transforms", "features")
-PEERS = {"minirocket": "MiniRocket, transform", "tsfel": "TSFEL", "mfcc": "librosa MFCC"}
+BASELINES = {"minirocket": "MiniRocket, transform", "tsfel": "TSFEL", "mfcc": "librosa MFCC"}
 N_WARM = 2
 LONGEST_S = 25.0
-"""Of recordings that peers are given; of longer ones so much is written to a text file and read."""
+"""Of recordings that baselines are given; of longer ones so much is written to a text file and read."""
 AIMS = {
     "6 s, 3 axes, 10 kHz": {"texclass": 25.0, "texclass: segment": 8.0},
     "25 s, 3 axes, 10 kHz": {"texclass": 14.0, "texclass: segment": 6.0},
@@ -123,7 +123,7 @@ def measure(case: Case, sets: Mapping[str, FeatureSet], n_rounds: int, python: P
     recording = case.recording()
     axis = np.ascontiguousarray(recording.acceleration.reshape(recording.n_samples, -1)[:, 0])
     asked = python if case.duration_s <= LONGEST_S else None
-    given = peers(asked, axis, case.fs, PEERS) if asked else nullcontext({})
+    given = baselines(asked, axis, case.fs, BASELINES) if asked else nullcontext({})
     rounds: list[dict[str, float]] = []
     with tempfile.TemporaryDirectory() as folder, given as others:
         path = Path(folder) / "felt.csv"
@@ -171,7 +171,7 @@ def answers(model: Model, n_rounds: int) -> dict[str, Any]:
 
 
 def figure(ratios: pd.DataFrame) -> Figure:
-    """Draw the stages of the set `texclass`, and their sum beside the peers."""
+    """Draw the stages of the set `texclass`, and their sum beside the baselines."""
     picture = Figure(figsize=(10, 4.6), layout="constrained")
     stacked, compared = picture.subplots(1, 2, sharey=True, width_ratios=(3, 2))
     left = np.zeros(len(ratios))
@@ -180,7 +180,7 @@ def figure(ratios: pd.DataFrame) -> Figure:
         stacked.barh(ratios.index, width, left=left, color=colour, label=stage)
         left += width
     compared.plot(left, ratios.index, "o", color=OURS, label="texclass")
-    for name, marker in zip(PEERS.values(), "Ds^", strict=True):
+    for name, marker in zip(BASELINES.values(), "Ds^", strict=True):
         if name in ratios:
             compared.plot(
                 ratios[name], ratios.index, marker, color=INK, mfc="none", label=f"{name}, one axis"
@@ -194,10 +194,11 @@ def figure(ratios: pd.DataFrame) -> Figure:
 
 
 def main() -> None:
-    asked = command_line(__doc__, rounds=15, peers_python=None)
+    asked = command_line(__doc__, rounds=15, baselines_python=None)
     sets = {name: load_feature_set(name) for name in SETS}
     found = [
-        measure(case, sets, asked.rounds if case.duration_s < 60 else 3, asked.peers_python) for case in CASES
+        measure(case, sets, asked.rounds if case.duration_s < 60 else 3, asked.baselines_python)
+        for case in CASES
     ]
     with tempfile.TemporaryDirectory() as folder:
         card = Path(folder) / "eight.toml"
@@ -220,16 +221,16 @@ def main() -> None:
         "n_rounds": asked.rounds,
         "seed": SEED,
         "input_hash": {row["recording"]: row["input_hash"] for row in found},
-        "peer_versions": peer_versions(asked.peers_python) if asked.peers_python else {},
+        "baseline_versions": baseline_versions(asked.baselines_python) if asked.baselines_python else {},
     }
-    shown = ["read", *(f"texclass: {stage}" for stage in STAGES), *SETS[::-1], *PEERS.values()]
+    shown = ["read", *(f"texclass: {stage}" for stage in STAGES), *SETS[::-1], *BASELINES.values()]
     cells = ratios.reindex(columns=shown).map("{:.3g}".format).replace("nan", "")
     cells.insert(0, "rfft, ms", [f"{row['ms']['rfft']:.3f}" for row in found])
     blocks = [
         f"One thread, warm, medians of {asked.rounds} rounds in which all take turns (3 for 10 min), in "
         "times one `np.fft.rfft` of one axis of the same recording. `texclass` and `strese2015` are the "
         "whole path from the samples as recorded to the features of the set, phases found; reading a text "
-        f"file (of at most {LONGEST_S:g} s) comes before it. Peers are given one axis.",
+        f"file (of at most {LONGEST_S:g} s) comes before it. Baselines are given one axis.",
         Table(cells.rename_axis("recording").reset_index(), "Times one rfft of one axis."),
         Heading("Against the aims"),
         table(aims, "recording = {recording} | what = {what} | times one rfft = {ratio:.1f} | aim = {aim:g}"),

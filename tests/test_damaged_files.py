@@ -151,8 +151,8 @@ def test_a_result_with_a_number_that_no_figure_shows_is_refused(number, tmp_path
 
 
 @pytest.mark.parametrize("text", [b"[", b"\xff", b"[]", b"[" * 5000, b"{}"])
-def test_what_a_peer_left_half_written_is_no_outcome(text, tmp_path):
-    from texclass.peers.worker_process import read_outcome
+def test_what_a_baseline_left_half_written_is_no_outcome(text, tmp_path):
+    from texclass.baselines.worker_process import read_outcome
 
     for name in ("started.json", "fold_0.json", "failed.json", "stderr.txt"):
         (tmp_path / name).write_bytes(text)

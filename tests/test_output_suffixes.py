@@ -22,7 +22,7 @@ from texclass.recognition import export_onnx
 from texclass.recognition.model_files import write_model_file
 from texclass.reporting import write_page
 
-INPUTS = {"labels", "peers_python", "taps"}
+INPUTS = {"labels", "baselines_python", "taps"}
 """Options with the path of a file that a command reads or runs."""
 PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 EXPECTED = {

@@ -16,11 +16,11 @@ import pyarrow.parquet as pq
 from fuzz.contract import Target
 from fuzz.mutate import Tree, archives, either, json_of, members_of, of_bytes, of_tree, trees
 from fuzz.recordings import valid, written
+from texclass.baselines.worker_process import read_outcome
 from texclass.evaluation.feature_table import FeatureTable, LeftOut, read_part, read_table, write_table
 from texclass.evaluation.windows import read_movements
 from texclass.features.extractor import Reason
 from texclass.loaders.simulated import recall, remember
-from texclass.peers.worker_process import read_outcome
 from texclass.recognition import load_model, train
 from texclass.recognition.model_files import BESIDE, Manifest, digest_of, read_manifest
 from texclass.recording import Recording
@@ -156,7 +156,7 @@ def _facts(rng: random.Random, members: dict[str, bytes]) -> dict[str, bytes]:
 
 
 def _outcome(path: Path) -> object:
-    """What a worker of a peer wrote: the same bytes stand for each of its files in turn."""
+    """What a worker of a baseline wrote: the same bytes stand for each of its files in turn."""
     names = ("started.json", "fold_0.json", "failed.json")
     try:
         for name in names:
@@ -185,5 +185,5 @@ TARGETS = (
     Target("cached movements", lambda: [b"[[0, 10, 1000.0, \"\"], [3, 9, 1000.0, \"\"]]"], _movements, _JSON,
            "movements.json"),
     Target("cached recording", _remembered, _recall, archives(_facts, deflate=False), "r.npz"),
-    Target("outcome of a peer", lambda: [_OUTCOME], _outcome, _JSON, "outcome.json"),
+    Target("outcome of a baseline", lambda: [_OUTCOME], _outcome, _JSON, "outcome.json"),
 )  # fmt: skip

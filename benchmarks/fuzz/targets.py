@@ -46,7 +46,7 @@ SHARES: dict[str, dict[str, int]] = {
         "part of an extraction": 6_000,
         "cached movements": 40_000,
         "cached recording": 10_000,
-        "outcome of a peer": 10_000,
+        "outcome of a baseline": 10_000,
     },
 }
 """Module -> name -> parts; those that read a file in C, or many files, are slower and get fewer."""

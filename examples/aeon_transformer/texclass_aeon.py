@@ -1,7 +1,7 @@
 """Features of texclass as a transformer of aeon's: a collection of series in, a table of features out.
 
 A package of its own (`pip install examples/aeon_transformer`), which passes aeon's checks
-(`pytest tests/peers/test_aeon_transformer.py`). `texclass.loaders.collection_of` makes a collection of
+(`pytest tests/baselines/test_aeon_transformer.py`). `texclass.loaders.collection_of` makes a collection of
 recordings. Every series is a movement from its first sample to its last; a feature that is undefined for a
 series is NaN, so impute before most classifiers.
 """

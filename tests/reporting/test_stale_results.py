@@ -52,7 +52,7 @@ def test_each_kind_of_result_names_its_pipeline_and_features_in_its_own_way(tmp_
     for kind, named, changed, why in (
         ("feature", {"pipeline": pipeline | added}, {"pipeline": pipeline | added | {"hash": "0+c0de"}},
          "pipeline strese2015 has changed"),
-        ("peers", by_name, {"pipeline_hash": "0"}, "pipeline strese2015 has changed"),
+        ("baselines", by_name, {"pipeline_hash": "0"}, "pipeline strese2015 has changed"),
         ("tradeoff", features, {"features_hash": "0"}, "feature set strese2015 has changed"),
     ):  # fmt: skip
         for facts, reason in (({}, None), (changed, why)):

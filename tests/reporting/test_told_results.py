@@ -10,7 +10,7 @@ from texclass.document import Figure, Heat, Table, render_markdown, write_docume
 from texclass.document.figure_style import NARROW, WIDTH, drawn
 from texclass.evaluation.additions import verdict
 
-KINDS = ["benchmark", "feature", "tradeoff", "peers", "invariance", "stability"]
+KINDS = ["benchmark", "feature", "tradeoff", "baselines", "invariance", "stability"]
 
 
 def table(told, i=0):
@@ -34,7 +34,7 @@ def figure(told, name):
                      "1 of 1 answered", "declared y(g x) = g y; measured the same", "+5.0"]),
         ("tradeoff", ["89.5", "of the 8 ms of the full set", "1 column of mfcc", "2.2 ms measured",
                       "misses the measured cost of 1 random subset by at most 5 %", "4 ms more"]),
-        ("peers", ["+5.0 points", "ours is ahead", "1 times as fast in all", "ours: All", "not installed",
+        ("baselines", ["+5.0 points", "ours is ahead", "1 times as fast in all", "ours: All", "not installed",
                    "exact McNemar", "60 s"]),
         ("invariance", ["2.5 times", "related work: 0.5", "Trend"]),
         ("stability", ["of 2 pairs of subject and input are wrong", "same rule: 1 of 2", "not installed"]),
@@ -278,25 +278,25 @@ def test_the_front_marks_knee_half_and_the_full_set():
 
 
 def test_who_did_not_finish_is_told_with_the_reason():
-    data = result("peers")
+    data = result("baselines")
     late = data["contestants"][1] | {
         "name": "quant", "title": "QUANT", "status": "out of time", "message": "stopped after 9 s",
         "n_folds": 1, "reference": "10,000 kernels",
     }  # fmt: skip
     data["contestants"].append(late)
-    text = " ".join(render_markdown(document("peers", data)).split())
+    text = " ".join(render_markdown(document("baselines", data)).split())
     for said in ("QUANT, Ridge: stopped after 9 s", "1 of 2 folds", "needs tsfel", "10,000 kernels", "aeon"):
         assert said in text
-    axes = drawn(figure(document("peers", data), "time")).axes[0]
+    axes = drawn(figure(document("baselines", data), "time")).axes[0]
     assert {text.get_text() for text in axes.texts} == {"1", "2", "3"}
     del data["contestants"][1]
-    assert "of the peers finished every fold." in everywhere(document("peers", data))[0]
+    assert "of the baselines finished every fold." in everywhere(document("baselines", data))[0]
 
 
 def test_long_names_of_tools_are_broken_where_the_figure_is_narrow():
-    data = result("peers")
+    data = result("baselines")
     data["contestants"][0]["title"] = "ours: " + "a long name " * 6
-    (axes,) = drawn(figure(document("peers", data), "time"), NARROW).axes
+    (axes,) = drawn(figure(document("baselines", data), "time"), NARROW).axes
     lines = [line for label in axes.get_legend_handles_labels()[1] for line in label.split("\n")]
     assert max(map(len, lines)) <= 11 * NARROW
 
@@ -323,7 +323,7 @@ def test_published_figures_are_a_measure_only_of_as_many_surfaces_under_the_same
 
 
 def test_chance_stands_beside_every_accuracy_in_text_and_picture():
-    for kind, name in (("benchmark", "ranking"), ("tradeoff", "front"), ("peers", "time")):
+    for kind, name in (("benchmark", "ranking"), ("tradeoff", "front"), ("baselines", "time")):
         told = document(kind)
         assert "chance" in told.finding.sentence
         for text in everywhere(told):
@@ -334,7 +334,7 @@ def test_chance_stands_beside_every_accuracy_in_text_and_picture():
 
 def test_what_was_chosen_with_the_tests_in_view_is_named_and_no_figure_is_of_another_run():
     choice = {"accuracy": {"mean": 0.818, "low": 0.777, "high": 0.853}}
-    told, _ = everywhere(document("peers", result("peers") | {"choice": choice, "n_pairs": 20}))
+    told, _ = everywhere(document("baselines", result("baselines") | {"choice": choice, "n_pairs": 20}))
     assert "Ours here is the highest of 20 pairs of row and classifier, chosen with the tests in view" in told
     assert "81.8" not in told
     assert "picked on these very folds, so optimistic" in everywhere(document("tradeoff"))[0]

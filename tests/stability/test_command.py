@@ -24,8 +24,10 @@ WRONG = [
     cell("fit", "poles", Mark.EXACT),
 ]
 THEIRS = [
-    cell("lpc", "poles", Mark.WRONG, library="librosa", group="peers", reason="not so", error=float("inf")),
-    cell("lpc", "poles", Mark.HANG, library="librosa", group="peers", reason="no answer"),
+    cell(
+        "lpc", "poles", Mark.WRONG, library="librosa", group="baselines", reason="not so", error=float("inf")
+    ),
+    cell("lpc", "poles", Mark.HANG, library="librosa", group="baselines", reason="no answer"),
 ]
 
 

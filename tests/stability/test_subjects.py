@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
+from texclass.baselines import extreme_inputs
 from texclass.features import registered
-from texclass.peers import extreme_inputs
 from texclass.stability import inputs, subjects_models, subjects_signals
 from texclass.stability.rules import BAD, Check, Mark, judge
 from texclass.stability.subjects_models import models
@@ -62,5 +62,5 @@ def test_public_libraries_are_judged_by_the_rule_that_ours_are_and_fail_where_th
 def test_what_is_not_tried_is_said(monkeypatch):
     monkeypatch.setattr(extreme_inputs, "LIBRARIES", ("librosa", "pandas", "no_such_library"))
     places, left_out = extreme_inputs.installed(quick=True)
-    assert places == {"librosa": "texclass.peers.extreme_inputs:librosa"}
+    assert places == {"librosa": "texclass.baselines.extreme_inputs:librosa"}
     assert left_out == ["no_such_library: not installed", "pandas: not in a quick run"]

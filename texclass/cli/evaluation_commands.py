@@ -11,51 +11,51 @@ from texclass.cli.options import progress_bar, tell_and_save, wrote
 from texclass.whole_files import path_ending
 
 if TYPE_CHECKING:
-    from texclass.peers import PeerSettings
+    from texclass.baselines import BaselineSettings
 
 
-@options.shared("peers")
-def compares_peers(
+@options.shared("baselines")
+def compares_baselines(
     *,
-    peers: bool = False,
-    peers_python: Path | None = None,
-    peers_only: str | None = None,
-    peers_limit: int | None = None,
-    peers_seconds: float = 900.0,
-    peers_signals: str = "same",
-) -> "tuple[PeerSettings, int | None] | None":
-    """Give a command how peers are compared, and on how many recordings at most; None where they are not.
+    baselines: bool = False,
+    baselines_python: Path | None = None,
+    baselines_only: str | None = None,
+    baselines_limit: int | None = None,
+    baselines_seconds: float = 900.0,
+    baselines_signals: str = "same",
+) -> "tuple[BaselineSettings, int | None] | None":
+    """Give a command how baselines are compared, and on how many recordings at most; None where they are not.
 
     Parameters
     ----------
-    peers
+    baselines
         Run librosa MFCC, TSFEL, tsfresh, catch22, QUANT and the rockets on the same folds, too.
-    peers_python
-        The interpreter that has the peers and scikit-learn; this one by default (extra `peers`).
-    peers_only
-        Only these peers, separated by commas: mfcc,minirocket.
-    peers_limit
+    baselines_python
+        The interpreter that has the baselines and scikit-learn; this one by default (extra `baselines`).
+    baselines_only
+        Only these baselines, separated by commas: mfcc,minirocket.
+    baselines_limit
         At most so many recordings: materials are left out whole, for ours as well.
-    peers_seconds
-        Time limit for each peer, in seconds; the folds it finished count.
-    peers_signals
-        What peers are given: the `same` signals as our features, or `each` channel by itself.
+    baselines_seconds
+        Time limit for each baseline, in seconds; the folds it finished count.
+    baselines_signals
+        What baselines are given: the `same` signals as our features, or `each` channel by itself.
     """
-    if not peers:
+    if not baselines:
         return None
-    from texclass.peers import PeerSettings
+    from texclass.baselines import BaselineSettings
 
-    given: dict[str, Any] = {"time_limit_s": peers_seconds, "signals": peers_signals}
-    if peers_python is not None:
+    given: dict[str, Any] = {"time_limit_s": baselines_seconds, "signals": baselines_signals}
+    if baselines_python is not None:
         # Not resolved: the interpreter of a virtual environment is a link.
-        given["python"] = peers_python.expanduser().absolute()
-    if peers_only is not None:
-        given["names"] = tuple(name.strip() for name in peers_only.split(","))
-    return PeerSettings(**given), peers_limit
+        given["python"] = baselines_python.expanduser().absolute()
+    if baselines_only is not None:
+        given["names"] = tuple(name.strip() for name in baselines_only.split(","))
+    return BaselineSettings(**given), baselines_limit
 
 
 @command("texclass benchmark recordings --fs 10000 --unit m/s^2 --jobs 1")
-@compares_peers
+@compares_baselines
 @options.reads_files
 @options.holds_out
 def benchmark(
@@ -77,7 +77,7 @@ def benchmark(
     *,
     protocol: str | None,
     reading: dict[str, Any],
-    peers: "tuple[PeerSettings, int | None] | None",
+    baselines: "tuple[BaselineSettings, int | None] | None",
 ) -> None:
     """Classify a dataset with every row of a pipeline's table. Published figures stand beside ours.
 
@@ -104,8 +104,8 @@ def benchmark(
 
     if confusion and feature:
         raise ValueError("--confusion and --feature exclude each other: a feature study has no matrix")
-    if peers and feature:
-        raise ValueError("--peers and --feature are given; the rule is one of them at a time")
+    if baselines and feature:
+        raise ValueError("--baselines and --feature are given; the rule is one of them at a time")
     if touches is not None and touch is None:
         raise ValueError(f"--touches is {touches}, but there is no --touch; the rule is both")
     recordings = open_dataset(dataset, **reading, labels=labels, skip_bad=skip_bad)
@@ -119,10 +119,10 @@ def benchmark(
 
     definition = load_pipeline(pipeline)
     new = load_feature(feature) if feature else None
-    if peers:
-        from texclass.peers import compare_with_peers, whole_materials
+    if baselines:
+        from texclass.baselines import compare_with_baselines, whole_materials
 
-        settings, most = peers
+        settings, most = baselines
         recordings = recordings if most is None else whole_materials(recordings, most)
     work: dict[str, Any] = {"n_folds": folds, "n_jobs": jobs, "skip_bad": skip_bad}
     asked = {"protocol": protocol, "choose": choose, **work}
@@ -136,9 +136,11 @@ def benchmark(
     tell_and_save(result, output, json_file)
     if confusion is not None and isinstance(result, BenchmarkResult):
         wrote([result.save_confusion(confusion)])
-    if peers:
+    if baselines:
         with progress_bar() as progress:
-            compared = compare_with_peers(recordings, definition, result, settings, **work, progress=progress)
+            compared = compare_with_baselines(
+                recordings, definition, result, settings, **work, progress=progress
+            )
         tell_and_save(compared, output)
 
 
@@ -261,7 +263,7 @@ def tradeoff(
 @command("texclass stability --quick")
 def stability(
     quick: bool = False,
-    only: Literal["models", "filters", "transforms", "features", "peers"] | None = None,
+    only: Literal["models", "filters", "transforms", "features", "baselines"] | None = None,
     output: Annotated[Path, options.WRITES_FOLDER] = Path("reports"),
     json_file: options.Json = None,
 ) -> None:
@@ -278,12 +280,14 @@ def stability(
     output : -o, --output
         Folder for stability.md, .json and pictures.
     """
-    from texclass.peers import extreme_inputs
+    from texclass.baselines import extreme_inputs
     from texclass.stability import run_stability
 
-    peers, left_out = extreme_inputs.installed(quick)
+    baselines, left_out = extreme_inputs.installed(quick)
     with progress_bar() as progress:
-        result = run_stability(quick=quick, only=only, peers=peers, left_out=left_out, progress=progress)
+        result = run_stability(
+            quick=quick, only=only, baselines=baselines, left_out=left_out, progress=progress
+        )
     tell_and_save(result, output, json_file)
     for cell in result.data["ours_wrong"]:
         typer.echo(f"{cell['mark']}: {cell['subject']}, {cell['case']} ({cell['family']}): {cell['reason']}")

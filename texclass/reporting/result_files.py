@@ -11,13 +11,13 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import ConfigDict, Field, create_model, model_validator
 
+from texclass.baselines.baselines_document import baselines_document
 from texclass.document import Document, render_markdown, render_page
 from texclass.evaluation.benchmark_document import benchmark_document
 from texclass.evaluation.new_feature import new_feature_document
 from texclass.evaluation.pipeline import load_pipeline
 from texclass.evaluation.result import COMPUTED_BY
 from texclass.features.sets import load_feature_set
-from texclass.peers.peers_document import peers_document
 from texclass.provenance import code_hash
 from texclass.reporting.invariance_document import invariance_document
 from texclass.stability.battery import stability_document
@@ -29,7 +29,7 @@ from texclass.whole_files import path_ending, write_whole
 TITLE = "Surfaces from what a tool felt"
 """Of a page of several datasets."""
 WRITERS = (
-    "JSON of texclass benchmark (also --peers, --feature), tradeoff, stability or the study of invariance"
+    "JSON of texclass benchmark (also --baselines, --feature), tradeoff, stability or the study of invariance"
 )
 NUMBER = Annotated[float, Field(ge=-1e100, le=1e100)]
 """What a figure can show."""
@@ -205,7 +205,7 @@ TRADEOFF = part(
 COST = part(
     feature_ms=NUMBER, fit_s=NUMBER, predict_ms=NUMBER, total_s=NUMBER, memory_mb=NUMBER, first_s=NUMBER
 )
-PEERS = part(
+BASELINES = part(
     MEASURED, segmentation_ms=maybe(NUMBER),
     pipeline=str, pipeline_hash=str, protocol_description=str, n_folds=COUNT, n_pairs=maybe(COUNT),
     contestants=listed(
@@ -215,7 +215,7 @@ PEERS = part(
         ),
         least=1,
     ),
-    signals=str, time_limit_s=NUMBER, peer_versions=named(str), notes=some(str),
+    signals=str, time_limit_s=NUMBER, baseline_versions=named(str), notes=some(str),
 )  # fmt: skip
 INVARIANCE = part(
     rows=listed(
@@ -250,7 +250,7 @@ class Kind(NamedTuple):
 
 KINDS = {
     "feature": Kind(frozenset({"new_feature"}), NEW_FEATURE, new_feature_document),
-    "peers": Kind(frozenset({"contestants"}), PEERS, peers_document),
+    "baselines": Kind(frozenset({"contestants"}), BASELINES, baselines_document),
     "tradeoff": Kind(frozenset({"front", "costs"}), TRADEOFF, tradeoff_document),
     "stability": Kind(frozenset({"tallies", "battery"}), STABILITY, stability_document),
     "benchmark": Kind(frozenset({"rows", "pipeline", "protocol"}), BENCHMARK, benchmark_document),

@@ -232,7 +232,7 @@ def shade(tally: Mapping[Any, Any] | None) -> Shade:
     return Shade("d2" if mixed else "d3", CHECK + DOT * mixed, says)
 
 
-Group = Literal["models", "filters", "transforms", "features", "peers"]
+Group = Literal["models", "filters", "transforms", "features", "baselines"]
 CELL_S = 180.0
 """Time limit of one cell in s: some libraries are called up to ten times in it."""
 START_S = 600.0
@@ -254,7 +254,7 @@ def run_stability(
     *,
     quick: bool = False,
     only: Group | None = None,
-    peers: Mapping[str, str] | None = None,
+    baselines: Mapping[str, str] | None = None,
     left_out: Sequence[str] = (),
     jobs: int = 2,
     progress: Progress | None = None,
@@ -265,9 +265,9 @@ def run_stability(
     ----------
     quick : bool
         A small part of the battery.
-    only : {"models", "filters", "transforms", "features", "peers"}, optional
+    only : {"models", "filters", "transforms", "features", "baselines"}, optional
         One group alone.
-    peers : mapping of str to str, optional
+    baselines : mapping of str to str, optional
         Of each public library to be tried the place of its subjects, "module:function".
     left_out : sequence of str
         Which public libraries are not tried, and why.
@@ -276,11 +276,11 @@ def run_stability(
     progress : callable, optional
         Called with (done, total, what), from several threads.
     """
-    start, foreign = time.monotonic(), peers or {}
+    start, foreign = time.monotonic(), baselines or {}
     tasks = [(place, group) for group, place in PLACES.items() if only in (None, group)]
     given_up: list[str] = []
-    if only in (None, "peers"):
-        tasks += [(place, "peers") for place in foreign.values()]
+    if only in (None, "baselines"):
+        tasks += [(place, "baselines") for place in foreign.values()]
         given_up += left_out
 
     def cells_of(task: tuple[str, str]) -> list[dict[str, Any]]:

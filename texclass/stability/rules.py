@@ -91,7 +91,7 @@ class Subject(NamedTuple):
     name
         Unique within its library.
     group
-        "models", "filters", "transforms", "features" or "peers".
+        "models", "filters", "transforms", "features" or "baselines".
     cases
         What it is given.
     trial

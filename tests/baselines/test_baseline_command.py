@@ -1,4 +1,4 @@
-"""texclass benchmark --peers, with an interpreter that only pretends."""
+"""texclass benchmark --baselines, with an interpreter that only pretends."""
 
 import json
 
@@ -31,15 +31,15 @@ def run(command, monkeypatch, tmp_path, noises):
 
 
 @pytest.mark.usefixtures("ours_here")
-def test_peers_are_run_printed_and_reported(run, interpreter, tmp_path):
+def test_baselines_are_run_printed_and_reported(run, interpreter, tmp_path):
     code, out, err = run(
-        "--jobs", "1", "--output", "here", "--peers", "--peers-only", "quant, minirocket",
-        "--peers-python", interpreter("perfect"),
+        "--jobs", "1", "--output", "here", "--baselines", "--baselines-only", "quant, minirocket",
+        "--baselines-python", interpreter("perfect"),
     )  # fmt: skip
     assert code == 0, err
-    assert "minus the best peer (QUANT" in " ".join(out.split())
+    assert "minus the best baseline (QUANT" in " ".join(out.split())
     assert "MiniRocket" in out
-    found = json.loads(next((tmp_path / "here").glob("*-peers.json")).read_text())
+    found = json.loads(next((tmp_path / "here").glob("*-baselines.json")).read_text())
     assert [c["name"] for c in found["contestants"]] == ["Cepstrum", "quant", "minirocket"]
     assert found["contestants"][1]["accuracy"]["mean"] == 1.0
 
@@ -47,10 +47,10 @@ def test_peers_are_run_printed_and_reported(run, interpreter, tmp_path):
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (("--peers", "--peers-only", "weka"), "weka"),
-        (("--peers", "--peers-signals", "raw"), "'raw'"),
-        (("--peers", "--peers-limit", "3"), "limit of 3"),
-        (("--peers", "--feature", "a:b"), "one of them"),
+        (("--baselines", "--baselines-only", "weka"), "weka"),
+        (("--baselines", "--baselines-signals", "raw"), "'raw'"),
+        (("--baselines", "--baselines-limit", "3"), "limit of 3"),
+        (("--baselines", "--feature", "a:b"), "one of them"),
     ],
 )
 def test_bad_options_end_with_one_line(run, options, told):

@@ -58,13 +58,13 @@ COST_NOTE = (
 )
 
 
-def peers_document(data: Data) -> Document:
+def baselines_document(data: Data) -> Document:
     """Return a comparison as a document.
 
     Parameters
     ----------
     data : mapping
-        As `PeerComparison.to_dict` returns it, or its JSON read back.
+        As `BaselineComparison.to_dict` returns it, or its JSON read back.
     """
     pipeline, contestants = data["pipeline"], data["contestants"]
     blocks: list[Block] = [Heading("Every tool and classifier"), _every(data)]
@@ -72,8 +72,10 @@ def peers_document(data: Data) -> Document:
         blocks.append(_accuracy_against_time(contestants, 100 * chance_of(data)))
     settings = dict.fromkeys((c["title"], c.get("reference", "")) for c in contestants if not c["ours"])
     used = {
-        "Settings of the peers": pd.DataFrame(list(settings), columns=["Tool", "Setting"]),
-        "Versions of the peers": pd.DataFrame(data["peer_versions"].items(), columns=["Package", "Version"]),
+        "Settings of the baselines": pd.DataFrame(list(settings), columns=["Tool", "Setting"]),
+        "Versions of the baselines": pd.DataFrame(
+            data["baseline_versions"].items(), columns=["Package", "Version"]
+        ),
     }
     folded = [Folded(title, [Table(frame, n_words=2)]) for title, frame in used.items()]
     return Document(
@@ -87,18 +89,18 @@ def peers_document(data: Data) -> Document:
     )
 
 
-def best_peer(data: Data) -> Data | None:
-    """Return the most accurate peer of those that finished every fold; the first of equals."""
-    peers = [c for c in data["contestants"] if not c["ours"] and c["accuracy"]]
-    finished = [c for c in peers if c["n_folds"] == data["n_folds"]]
+def best_baseline(data: Data) -> Data | None:
+    """Return the most accurate baseline of those that finished every fold; the first of equals."""
+    baselines = [c for c in data["contestants"] if not c["ours"] and c["accuracy"]]
+    finished = [c for c in baselines if c["n_folds"] == data["n_folds"]]
     return max(finished, key=lambda c: float(c["accuracy"]["mean"]), default=None)
 
 
 def _finding(data: Data) -> Finding:
     ours = data["contestants"][0]
-    best = best_peer(data)
+    best = best_baseline(data)
     if best is None or best["difference"] is None or not ours["accuracy"]:
-        return Finding("none", "", "", "of the peers finished every fold.")
+        return Finding("none", "", "", "of the baselines finished every fold.")
     difference = best["difference"]
     clear = "the two cannot be told apart"
     if difference["low"] > 0 or difference["high"] < 0:
@@ -119,28 +121,28 @@ def _finding(data: Data) -> Finding:
         points(difference["difference"]),
         "points",
         points_interval(difference),
-        f"for ours ({told_ours}) minus the best peer ({told_best}), on the same tests: {clear} (95 % "
+        f"for ours ({told_ours}) minus the best baseline ({told_best}), on the same tests: {clear} (95 % "
         f"interval{over(difference)}; chance {percent(chance_of(data))} %). p "
         f"{p_value(difference['p_value'])} by {difference['test']}. {_in_view(data)} Protocol: "
         f"{data['protocol_description']}.",
         cost,
-        f"Ours minus the best peer, {best['title']} with {classifier_title(best['classifier'])}, on the same "
-        f"tests: {clear}. {cost}",
+        f"Ours minus the best baseline, {best['title']} with {classifier_title(best['classifier'])}, on the "
+        f"same tests: {clear}. {cost}",
     )
 
 
 def _in_view(data: Data) -> str:
     """Return what was chosen with the tests in view, after the choice inside the training parts."""
-    n_peers = sum(bool(not c["ours"] and c["accuracy"]) for c in data["contestants"])
-    peer = f"The best peer is the highest of {n_peers}, chosen with the tests in view."
+    n_baselines = sum(bool(not c["ours"] and c["accuracy"]) for c in data["contestants"])
+    baseline = f"The best baseline is the highest of {n_baselines}, chosen with the tests in view."
     if data["contestants"][0]["name"] == CHOICE:
-        return f"Ours is chosen inside each training part. {peer}"
+        return f"Ours is chosen inside each training part. {baseline}"
     pairs = f" of {data['n_pairs']} pairs of row and classifier" if data.get("n_pairs") else ""
     if data.get("n_pairs") == 1:
-        return peer
+        return baseline
     return (
         f"Ours here is the highest{pairs}, chosen with the tests in view, so optimistic (`--choose` says "
-        f"what the choice is worth). {peer}"
+        f"what the choice is worth). {baseline}"
     )
 
 
@@ -172,7 +174,7 @@ def _every(data: Data) -> Table:
 
 def _notes(data: Data) -> Iterator[str]:
     """Yield what a reader of the comparison must know."""
-    yield f"Signals of the peers: {data['signals']}; scaling is fitted inside each fold."
+    yield f"Signals of the baselines: {data['signals']}; scaling is fitted inside each fold."
     if ms := data.get("segmentation_ms"):
         yield (
             f"Finding the movement, which all read, takes {digits(ms)} ms of a recording; it is part of all "
@@ -188,7 +190,7 @@ def _notes(data: Data) -> Iterator[str]:
         yield (
             f"Chance is {percent(chance_of(data))} %; intervals are 95 %{over(accuracy)}. {caution(accuracy)}"
         ).strip()
-    yield f"A peer may take {digits(data['time_limit_s'])} s."
+    yield f"A baseline may take {digits(data['time_limit_s'])} s."
     for c in data["contestants"]:
         if c["status"] == "out of time" and c["accuracy"]:
             yield (

@@ -1,4 +1,4 @@
-"""The worker: reads what is handed over, computes a peer's features, fits, predicts, measures, and writes it.
+"""The worker: reads a task, computes the features of a baseline, fits, predicts, measures, and writes it.
 
 In the folder of the task: `task.json` (fs in Hz, seed), `signal_000000.npy`, ... (one a recording, shape
 (n_channels, n_samples)), `layout.npz` (`labels`: class numbers; `train_0`, `test_0`, ...: row numbers of
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.pipeline import make_pipeline
 
-from .peers import CLASSIFIERS, PEERS, Extractor, Peer, Signal, Table
+from .baselines import BASELINES, CLASSIFIERS, Baseline, Extractor, Signal, Table
 
 Rows = NDArray[np.intp]
 N_WARM = 2
@@ -93,14 +93,14 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
 
 
 def main() -> int:
-    """Evaluate one peer on one task; what went wrong is written, not raised."""
+    """Evaluate one baseline on one task; what went wrong is written, not raised."""
     task_folder, name, out = Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3])
     warnings.simplefilter("ignore")
-    peer = PEERS[name]
+    baseline = BASELINES[name]
     try:
-        work(peer, read_task(task_folder), out)
+        work(baseline, read_task(task_folder), out)
     except Exception as error:
-        known = missing(peer)
+        known = missing(baseline)
         message = f"needs {', '.join(known)}" if known else f"{type(error).__name__}: {error}"
         write_json(out / "failed.json", {"missing": bool(known), "message": message})
         traceback.print_exc()
@@ -108,19 +108,19 @@ def main() -> int:
     return 0
 
 
-def missing(peer: Peer) -> list[str]:
-    """Return the packages of a peer that are not installed."""
-    return [package for package in peer.packages if _version(package) is None]
+def missing(baseline: Baseline) -> list[str]:
+    """Return the packages of a baseline that are not installed."""
+    return [package for package in baseline.packages if _version(package) is None]
 
 
-def work(peer: Peer, task: Task, out: Path) -> None:
+def work(baseline: Baseline, task: Task, out: Path) -> None:
     """Compute features, fit and predict fold after fold; one file a fold."""
-    if known := missing(peer):
+    if known := missing(baseline):
         raise ModuleNotFoundError(", ".join(known))
-    extractor = peer.make(task.fs, task.seed)
+    extractor = baseline.make(task.fs, task.seed)
     few = task.signals[:N_WARM]
     _, first_s = timed(lambda: extractor.fit(few).transform(few))
-    versions = {package: _version(package) for package in ("numpy", "scikit-learn", *peer.packages)}
+    versions = {package: _version(package) for package in ("numpy", "scikit-learn", *baseline.packages)}
     write_json(out / "started.json", {"first_s": first_s, "versions": versions})
     megabytes = watch_memory()
     table, seconds = (None, 0.0) if extractor.learns else _of_all(extractor, task)
@@ -134,7 +134,7 @@ def work(peer: Peer, task: Task, out: Path) -> None:
             feature_s = (learnt_s + asked_s) / (len(train) + len(test))
         ran = {
             name: _classify(extractor, name, task.seed, learnt, task.labels[train], asked, fit_s)
-            for name in peer.classifiers
+            for name in baseline.classifiers
         }
         facts = {"n_columns": learnt.shape[1], "feature_s": feature_s, "memory_mb": megabytes()}
         write_json(out / f"fold_{k}.json", {**facts, "classifiers": ran})

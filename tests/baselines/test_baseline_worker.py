@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from texclass import peers
-from texclass.peers.peer_worker.peers import (
+from texclass import baselines
+from texclass.baselines.baseline_worker.baselines import (
+    BASELINES,
     CLASSIFIERS,
-    PEERS,
     CountScaler,
     OfEqualLength,
     PerRecording,
     equal_lengths,
 )
-from texclass.peers.peer_worker.run import main, read_task, timed, watch_memory, write_task
-from texclass.peers.worker_process import read_outcome, run_worker
+from texclass.baselines.baseline_worker.run import main, read_task, timed, watch_memory, write_task
+from texclass.baselines.worker_process import read_outcome, run_worker
 
 SPLITS = ((np.arange(0, 18), np.arange(18, 24)), (np.arange(6, 24), np.arange(0, 6)))
 
@@ -52,8 +52,8 @@ def test_what_is_written_is_read(task, signals):
         np.testing.assert_array_equal(test, b)
 
 
-def test_worker_files_import_only_numpy_and_scikit_learn_before_a_peer_is_asked():
-    for file in (Path(peers.__file__).parent / "peer_worker").glob("*.py"):
+def test_worker_files_import_only_numpy_and_scikit_learn_before_a_baseline_is_asked():
+    for file in (Path(baselines.__file__).parent / "baseline_worker").glob("*.py"):
         tree = ast.parse(file.read_text(encoding="utf-8"))
         at_start = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
         every = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
@@ -100,7 +100,7 @@ def test_count_scaler_standardises_roots_and_leaves_zeros():
 
 def test_a_system_that_tells_no_memory_gives_none(monkeypatch, tmp_path):
     for name in ("STATUS", "RESET"):
-        monkeypatch.setattr(f"texclass.peers.peer_worker.run.{name}", tmp_path / "proc" / name)
+        monkeypatch.setattr(f"texclass.baselines.baseline_worker.run.{name}", tmp_path / "proc" / name)
     monkeypatch.setitem(sys.modules, "resource", None)  # Windows has none
     assert watch_memory()() == 0
 
@@ -117,17 +117,17 @@ def test_memory_that_came_and_went_and_the_time_of_this_process_are_measured():
 
 
 def test_mfcc_tells_two_noises_apart_in_an_interpreter_of_its_own(task, tmp_path):
-    assert {name for peer in PEERS.values() for name in peer.classifiers} <= set(CLASSIFIERS)
+    assert {name for baseline in BASELINES.values() for name in baseline.classifiers} <= set(CLASSIFIERS)
     outcome = run_worker(Path(sys.executable), task, "mfcc", tmp_path / "out", 120.0)
     assert (outcome["status"], len(outcome["folds"])) == ("done", 2)
     assert {"librosa", "numpy", "scikit-learn"} <= set(outcome["versions"])
-    assert set(outcome["folds"][0]["classifiers"]) == set(PEERS["mfcc"].classifiers)
+    assert set(outcome["folds"][0]["classifiers"]) == set(BASELINES["mfcc"].classifiers)
     assert outcome["folds"][0]["n_columns"] == 26
     for fold, (_, test) in zip(outcome["folds"], SPLITS, strict=True):
         assert fold["classifiers"]["shrinkage_lda"]["predicted"] == (test % 2).tolist()
 
 
-@pytest.mark.skipif(find_spec("aeon") is None, reason="aeon is not installed (extra `peers`)")
+@pytest.mark.skipif(find_spec("aeon") is None, reason="aeon is not installed (extra `baselines`)")
 def test_minirocket_tells_two_noises_apart(task, tmp_path):
     outcome = run_worker(Path(sys.executable), task, "minirocket", tmp_path / "out", 300.0)
     assert outcome["status"] == "done", outcome["message"]
@@ -135,7 +135,7 @@ def test_minirocket_tells_two_noises_apart(task, tmp_path):
 
 
 @pytest.mark.skipif(find_spec("pycatch22") is not None, reason="pycatch22 is installed")
-def test_a_peer_that_is_not_there_is_reported_as_not_installed(task, tmp_path, monkeypatch):
+def test_a_baseline_that_is_not_there_is_reported_as_not_installed(task, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["-c", str(task), "catch22", str(tmp_path)])
     with warnings.catch_warnings():
         assert main() == 1

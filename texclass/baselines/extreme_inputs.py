@@ -112,7 +112,7 @@ def _predictor(library: str, name: str, method: str, fit: Callable[[Any, int], A
         limit = rules.EXCESS_SINGLE if x.dtype in (np.float32, np.float16) else rules.EXCESS
         yield from rules.predictor(samples_of(x), case.order, method, a=a, limit=limit)
 
-    return Subject(name, "peers", cases, attempt, library)
+    return Subject(name, "baselines", cases, attempt, library)
 
 
 def _models(quick: bool) -> tuple[Case, ...]:
@@ -126,7 +126,7 @@ def _line_spectrum(library: str, name: str, convert: Callable[[Samples], tuple[S
         whole = a.size == case.order + 1 and np.all(np.isfinite(a))
         yield from rules.line_spectrum(k_of(x, case), lsf, exact.step_down(a) if whole else None)
 
-    return Subject(name, "peers", _models, attempt, library)
+    return Subject(name, "baselines", _models, attempt, library)
 
 
 # Filters ----------------------------------------------------------------------------------------------------
@@ -148,9 +148,9 @@ def scipy() -> list[Subject]:
 
     return [
         _predictor("scipy", "solve_toeplitz (LPC)", AUTOCORRELATION, toeplitz),
-        Subject("lfilter (all-pole synthesis)", "peers", _models, _direct_form, "scipy"),
-        Subject("butter + filtfilt, (b, a) form", "peers", with_lengths, _filtfilt, "scipy"),
-        Subject("ndimage.uniform_filter1d", "peers", with_windows, _uniform_filter, "scipy"),
+        Subject("lfilter (all-pole synthesis)", "baselines", _models, _direct_form, "scipy"),
+        Subject("butter + filtfilt, (b, a) form", "baselines", with_lengths, _filtfilt, "scipy"),
+        Subject("ndimage.uniform_filter1d", "baselines", with_windows, _uniform_filter, "scipy"),
     ]
 
 
@@ -213,7 +213,7 @@ def librosa() -> list[Subject]:
         return {f"{name} {i}": row.mean() for name, found in rows.items() for i, row in enumerate(found)}, {}
 
     burg = _predictor("librosa", "lpc (Burg)", BURG, lambda x, p: library.lpc(x, order=p))
-    return [burg, Subject("features (19 means)", "peers", feature_cases, extraction(extract), "librosa")]
+    return [burg, Subject("features (19 means)", "baselines", feature_cases, extraction(extract), "librosa")]
 
 
 def tsfel() -> list[Subject]:
@@ -230,7 +230,7 @@ def tsfel() -> list[Subject]:
         every = enumerate(feature_cases(False))
         return _few(True) if quick else [c for i, c in every if c.family != "length" or i % 10 == 0]
 
-    return [Subject("features (all 156)", "peers", thinned, extraction(extract), "tsfel")]
+    return [Subject("features (all 156)", "baselines", thinned, extraction(extract), "tsfel")]
 
 
 def pycatch22() -> list[Subject]:
@@ -241,7 +241,7 @@ def pycatch22() -> list[Subject]:
         result = library.catch22_all(x, catch24=True)
         return dict(zip(result["names"], result["values"], strict=True)), {}
 
-    return [Subject("catch24", "peers", feature_cases, extraction(extract), "pycatch22")]
+    return [Subject("catch24", "baselines", feature_cases, extraction(extract), "pycatch22")]
 
 
 def tsfresh() -> list[Subject]:
@@ -264,7 +264,7 @@ def tsfresh() -> list[Subject]:
         )
         return {name: table[name].iloc[0] for name in table.columns}, {}
 
-    return [Subject("features (efficient, 777)", "peers", _few, extraction(extract), "tsfresh")]
+    return [Subject("features (efficient, 777)", "baselines", _few, extraction(extract), "tsfresh")]
 
 
 def _few(quick: bool) -> list[Case]:

@@ -1,4 +1,4 @@
-"""Peers: what users would get from the tools they use now, on the same folds."""
+"""Baselines: what users would get from the tools they use now, on the same folds."""
 
 import lazy_loader
 

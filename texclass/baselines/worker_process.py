@@ -1,6 +1,6 @@
-"""Contestants run apart: a peer in an interpreter of its own, a row of ours in a process of its own.
+"""Contestants run apart: a baseline in an interpreter of its own, a row of ours in a process of its own.
 
-The crash, memory and threads of a peer are not ours; clock and memory gauge are the same for all.
+The crash, memory and threads of a baseline are not ours; clock and memory gauge are the same for all.
 """
 
 import json
@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from texclass.baselines.baseline_worker.run import timed, watch_memory
 from texclass.evaluation.feature_table import FeatureTable
 from texclass.evaluation.folds import Evaluation
 from texclass.evaluation.pipeline import MatchedRow, PipelineDefinition
@@ -22,11 +23,10 @@ from texclass.features.phase_view import channels_apart
 from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset, Entry
-from texclass.peers.peer_worker.run import timed, watch_memory
 from texclass.phases import segment
 
 HERE = Path(__file__).parent
-START = "import sys; sys.path.append(sys.argv.pop(1)); from peer_worker.run import main; sys.exit(main())"
+START = "import sys; sys.path.append(sys.argv.pop(1)); from baseline_worker.run import main; sys.exit(main())"
 """The worker's folder comes last on the path, so that none of its neighbours hides an installed module."""
 ENVIRONMENT = {
     **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"),
@@ -38,16 +38,16 @@ N_TIMED = 100
 """Recordings, spread over the dataset, on which our features are timed."""
 
 
-def run_worker(python: Path, task: Path, peer: str, out: Path, time_limit_s: float) -> dict[str, Any]:
-    """Evaluate one peer on a task.
+def run_worker(python: Path, task: Path, baseline: str, out: Path, time_limit_s: float) -> dict[str, Any]:
+    """Evaluate one baseline on a task.
 
     Parameters
     ----------
     python : Path
-        Interpreter with numpy, scikit-learn and the peer; nothing of texclass is imported by it.
+        Interpreter with numpy, scikit-learn and the baseline; nothing of texclass is imported by it.
     task : Path
-        Folder written by `peer_worker.run.write_task`.
-    peer : str
+        Folder written by `baseline_worker.run.write_task`.
+    baseline : str
         Name in the registry.
     out : Path
         Empty folder for what the worker writes.
@@ -65,7 +65,7 @@ def run_worker(python: Path, task: Path, peer: str, out: Path, time_limit_s: flo
         If there is no such interpreter.
     """
     out.mkdir(parents=True, exist_ok=True)
-    command = [str(python), "-c", START, str(HERE), str(task), peer, str(out)]
+    command = [str(python), "-c", START, str(HERE), str(task), baseline, str(out)]
     expired = False
     with (out / "stderr.txt").open("w", encoding="utf-8") as errors:
         try:
@@ -87,7 +87,7 @@ def run_worker(python: Path, task: Path, peer: str, out: Path, time_limit_s: flo
 
 
 def read_outcome(out: Path, *, expired: bool, time_limit_s: float) -> dict[str, Any]:
-    """Return what the worker of a peer left behind, whether or not it came to its end.
+    """Return what the worker of a baseline left behind, whether or not it came to its end.
 
     Returns
     -------
@@ -169,7 +169,7 @@ def _measure(
     _, first_s = timed(lambda: [plan.compute(first) for _ in range(2)])
     megabytes, seconds, segmentation = watch_memory(), [], []
     for recording in map(dataset.load, entries):
-        # Apart, for peers are given movements that have been found already.
+        # Apart, for baselines are given movements that have been found already.
         phases, took = timed(partial(segment, recording))
         segmentation.append(took)
         seconds.append(timed(partial(plan.compute, recording.with_(phases=phases)))[1])

@@ -1,7 +1,7 @@
-"""Times what a peer takes for one recording, whenever asked; `feature_speed.py` starts it in its interpreter.
+"""Time what a baseline takes for one recording; `feature_speed.py` starts it in its interpreter.
 
-Arguments: the folder that holds `peer_worker`, a .npy file with the recording, fs in Hz. Each line on the
-standard input names a peer; the answer is a line of JSON. All threads of the process count.
+Arguments: the folder that holds `baseline_worker`, a .npy file with the recording, fs in Hz. Each line on the
+standard input names a baseline; the answer is a line of JSON. All threads of the process count.
 """
 
 import json
@@ -13,16 +13,16 @@ import numpy as np
 
 
 def main() -> None:
-    """Answer each line; the first answer for a peer comes after it has warmed up."""
+    """Answer each line; the first answer for a baseline comes after it has warmed up."""
     sys.path.append(sys.argv[1])
-    from peer_worker.peers import PEERS  # type: ignore[import-not-found]
+    from baseline_worker.baselines import BASELINES  # type: ignore[import-not-found]
 
     signal, fs = np.load(sys.argv[2])[np.newaxis], float(sys.argv[3])
     ready: dict[str, Any] = {}
     for line in sys.stdin:
         name = line.strip()
         if name not in ready:
-            ready[name] = PEERS[name].make(fs, 0).fit([signal, signal])
+            ready[name] = BASELINES[name].make(fs, 0).fit([signal, signal])
             ready[name].transform([signal])
         start = time.process_time()
         table = ready[name].transform([signal])

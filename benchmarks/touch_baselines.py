@@ -1,8 +1,8 @@
 """Accuracy against seconds of touch, ours and public libraries on the same windows and folds.
 
-Run it by hand from the project's root: `python benchmarks/touch_peers.py --peers-python PATH`, with
-the interpreter of an environment that has the extra `peers`. It writes
-reports/studies/touch_peers_<dataset>.json and .png. Training windows and test windows are the first few
+Run it by hand from the project's root: `python benchmarks/touch_baselines.py --baselines-python PATH`, with
+the interpreter of an environment that has the extra `baselines`. It writes
+reports/studies/touch_baselines_<dataset>.json and .png. Training windows and test windows are the first few
 (`--touches`) of each recording; recordings are split as the protocol says, so no recording is on both sides.
 Intervals count recordings, not windows. `--whole-s`: where whole movements stand in the figure.
 """
@@ -14,13 +14,13 @@ import pandas as pd
 from matplotlib.figure import Figure
 from study import command_line, interval, table, write
 
+from texclass.baselines import BaselineSettings, compare_with_baselines
 from texclass.document.figure_style import FOURTH, MUTED, OTHER, OURS, THIRD
 from texclass.evaluation import load_pipeline, run_benchmark, touches
 from texclass.loaders import open_dataset
-from texclass.peers import PeerSettings, compare_with_peers
 
 SECONDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
-PEERS = "mfcc,catch22,minirocket"
+BASELINES = "mfcc,catch22,minirocket"
 
 
 def draw(result: dict[str, Any]) -> Figure:
@@ -78,11 +78,13 @@ def main() -> None:
     """Compare at every length; write the report after each, so that nothing computed is lost."""
     asked = command_line(
         __doc__, dataset="biotac20", pipeline="surfaces", protocol="blocks", touches=4, whole_s=8.0,
-        peers=PEERS, peers_seconds=900.0, jobs=2, peers_python=Path, seconds=SECONDS,
+        baselines=BASELINES, baselines_seconds=900.0, jobs=2, baselines_python=Path, seconds=SECONDS,
     )  # fmt: skip
     dataset, pipeline, lengths = open_dataset(asked.dataset), load_pipeline(asked.pipeline), []
-    settings = PeerSettings(
-        names=tuple(asked.peers.split(",")), python=asked.peers_python, time_limit_s=asked.peers_seconds
+    settings = BaselineSettings(
+        names=tuple(asked.baselines.split(",")),
+        python=asked.baselines_python,
+        time_limit_s=asked.baselines_seconds,
     )
     for seconds in (*asked.seconds, None):
         felt, length = dataset, {"felt_s": asked.whole_s, "label": "whole"}
@@ -90,15 +92,15 @@ def main() -> None:
             felt = touches(dataset, seconds, per_recording=asked.touches, n_jobs=asked.jobs)
             length = {"felt_s": seconds, "label": f"{seconds:g}"}
         benchmark = run_benchmark(felt, pipeline, protocol=asked.protocol, n_jobs=asked.jobs)
-        part = compare_with_peers(felt, pipeline, benchmark, settings, n_jobs=asked.jobs).to_dict()
+        part = compare_with_baselines(felt, pipeline, benchmark, settings, n_jobs=asked.jobs).to_dict()
         lengths.append(length | {"n_tests": part["dataset"]["n_tests"], "contestants": part["contestants"]})
         result = {
-            "name": f"touch_peers_{asked.dataset}",
+            "name": f"touch_baselines_{asked.dataset}",
             "dataset": asked.dataset,
             "touches": asked.touches,
             "lengths": lengths,
             **{k: part[k] for k in ("pipeline", "protocol", "seed", "input_hash", "versions")},
-            "peer_versions": part["peer_versions"],
+            "baseline_versions": part["baseline_versions"],
         }
         blocks = [
             table(
@@ -110,11 +112,11 @@ def main() -> None:
             ),
             f"Pipeline `{result['pipeline']}`; the first {asked.touches} windows of each recording train and "
             "test (recordings too short for one are left out at that length). Of ours, the most accurate row "
-            "on these folds and the one with the most features; of a peer, every classifier it is given. "
+            "on these folds and the one with the most features; of a baseline, every classifier it is given. "
             "Times are CPU seconds of one thread.",
-            f"Peers: {', '.join(f'{k} {v}' for k, v in result['peer_versions'].items())}.",
+            f"Baselines: {', '.join(f'{k} {v}' for k, v in result['baseline_versions'].items())}.",
         ]
-        title = f"{asked.dataset}: accuracy against seconds of touch, ours and peers, `{asked.protocol}`"
+        title = f"{asked.dataset}: accuracy against seconds of touch, ours and baselines, `{asked.protocol}`"
         write(asked.out, result["name"], result, title, blocks, draw(result))
 
 

@@ -1,4 +1,4 @@
-"""A small dataset on disk, its benchmark, and interpreters that only pretend to run a peer."""
+"""A small dataset on disk, its benchmark, and interpreters that only pretend to run a baseline."""
 
 import stat
 import sys
@@ -6,16 +6,16 @@ import sys
 import numpy as np
 import pytest
 
+from texclass.baselines import worker_process
 from texclass.evaluation import load_pipeline, run_benchmark
 from texclass.evaluation.pipeline import FoldSettings
 from texclass.loaders import open_dataset
-from texclass.peers import worker_process
 
 FAKE = """#!{python}
 import json, signal, sys
 from pathlib import Path
 import numpy as np
-task, peer, out = (Path(a) for a in sys.argv[4:7])
+task, baseline, out = (Path(a) for a in sys.argv[4:7])
 layout = np.load(task / "layout.npz")
 def write(name, content):
     (out / name).write_text(json.dumps(content))
@@ -25,7 +25,7 @@ def fold(k, shift=0):
     every = {{name: ran for name in {classifiers}}}
     write(f"fold_{{k}}.json", dict(n_columns=7, feature_s=0.002, memory_mb=3.0, classifiers=every))
 write("started.json", dict(first_s=9.0, versions={{"fake": "1.0"}}))
-behaviour = {behaviours}.get(peer.name, {behaviour!r})
+behaviour = {behaviours}.get(baseline.name, {behaviour!r})
 if behaviour == "absent":
     write("failed.json", dict(missing=True, message="needs aeon"))
     sys.exit(1)
@@ -44,7 +44,7 @@ CLASSIFIERS = ("lda", "shrinkage_lda", "random_forest", "naive_bayes", "ridge", 
 
 @pytest.fixture(scope="session")
 def interpreter(tmp_path_factory):
-    """Make an executable that behaves like an interpreter whose peers do as told, all alike or by name."""
+    """Make an executable that behaves like an interpreter whose baselines do as told."""
 
     def make(behaviour="perfect", **behaviours):
         path = tmp_path_factory.mktemp("fake") / "python"

@@ -1,4 +1,4 @@
-"""The peers: tools that users might take instead, with the classifiers they are combined with.
+"""The baselines: tools that users might take instead, with the classifiers they are combined with.
 
 Each turns the signals of some recordings into a table of features. What it needs is imported when it runs.
 """
@@ -27,7 +27,7 @@ FRAME_S, HOP, LEAST = 0.025, 0.6, 50
 """Of cepstra: frame in seconds, hop as a share of it (15 ms), and the fewest samples a frame may have."""
 N_COEFFICIENTS, N_MELS = 13, 26
 """Bands and transform length: of six settings the most even one on the TEST parts of biotac20 (blocks,
-few-shot), so these figures lean in the peer's favour there."""
+few-shot), so these figures lean in the baseline's favour there."""
 TSFEL_LEAST_HZ = 100.0
 BATCH = 32
 """Recordings that aeon transforms at a time, so that memory does not grow with their number."""
@@ -242,7 +242,7 @@ class CountScaler(TransformerMixin, BaseEstimator):  # type: ignore[misc]
 
 
 @dataclass(frozen=True)
-class Peer:
+class Baseline:
     """A tool that users might take instead.
 
     Attributes
@@ -267,10 +267,10 @@ class Peer:
     reference: str
 
 
-PEERS = {
-    peer.name: peer
-    for peer in (
-        Peer(
+BASELINES = {
+    baseline.name: baseline
+    for baseline in (
+        Baseline(
             "mfcc",
             "librosa MFCC, mean",
             ("librosa",),
@@ -279,7 +279,7 @@ PEERS = {
             "13 coefficients of 26 mel bands, 25 ms frames (50 samples or more), 15 ms hop, mean of frames; "
             "bands chosen with biotac20's test parts in view",
         ),
-        Peer(
+        Baseline(
             "mfcc_deviation",
             "librosa MFCC, mean + deviation",
             ("librosa",),
@@ -287,7 +287,7 @@ PEERS = {
             DISCRIMINANTS,
             "the same, with the standard deviation over frames",
         ),
-        Peer(
+        Baseline(
             "tsfel",
             "TSFEL, all",
             ("tsfel",),
@@ -295,7 +295,7 @@ PEERS = {
             DISCRIMINANTS,
             "every feature of the default configuration on the whole signal",
         ),
-        Peer(
+        Baseline(
             "tsfresh",
             "tsfresh, minimal",
             ("tsfresh",),
@@ -303,7 +303,7 @@ PEERS = {
             DISCRIMINANTS,
             "MinimalFCParameters",
         ),
-        Peer(
+        Baseline(
             "catch22",
             "catch22",
             ("pycatch22",),
@@ -311,7 +311,7 @@ PEERS = {
             DISCRIMINANTS,
             "pycatch22, 22 features of the standardised signal",
         ),
-        Peer(
+        Baseline(
             "quant",
             "QUANT",
             ("aeon", "torch"),
@@ -320,7 +320,7 @@ PEERS = {
             ("extra_trees",),
             "aeon QUANTTransformer and extra trees, their defaults",
         ),
-        Peer(
+        Baseline(
             "minirocket",
             "MiniRocket",
             ("aeon",),
@@ -330,7 +330,7 @@ PEERS = {
             ("ridge",),
             "aeon MiniRocket, 10,000 kernels, and ridge",
         ),
-        Peer(
+        Baseline(
             "multirocket_hydra",
             "MultiRocket-Hydra",
             ("aeon", "torch"),
@@ -340,4 +340,4 @@ PEERS = {
         ),
     )
 }
-"""Name -> peer; those that take longest last."""
+"""Name -> baseline; those that take longest last."""

@@ -1,4 +1,4 @@
-"""Our rows and peers on the same folds: accuracy, cost, paired difference."""
+"""Our rows and baselines on the same folds: accuracy, cost, paired difference."""
 
 import sys
 import tempfile
@@ -11,6 +11,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from texclass.baselines.baseline_worker.baselines import BASELINES, Baseline
+from texclass.baselines.baseline_worker.run import write_task
+from texclass.baselines.worker_process import measure_ours, run_worker
 from texclass.document import Document
 from texclass.evaluation.accuracy import compare, score
 from texclass.evaluation.benchmark import BenchmarkResult
@@ -23,9 +26,6 @@ from texclass.evaluation.workers import Progress
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import Views, channels_apart, views_of
 from texclass.loaders.dataset import Dataset
-from texclass.peers.peer_worker.peers import PEERS, Peer
-from texclass.peers.peer_worker.run import write_task
-from texclass.peers.worker_process import measure_ours, run_worker
 from texclass.phases import segment
 from texclass.provenance import made_by
 from texclass.recording import Phases, Recording, Samples
@@ -36,14 +36,14 @@ DESCRIPTIONS: dict[Given, str] = {
     "other channels apart; mean removed, and the path of the hand where the feature set does so)",
     "each": "every axis of accelerometer and gyroscope by itself, cut to the movement, mean removed",
 }
-"""What peers are given."""
+"""What baselines are given."""
 Entrant = Mapping[str, Any]
 """What a classifier is, what it `predicted` in each fold, and what it took: see `measure_ours`."""
 
 
 @dataclass(frozen=True)
-class PeerSettings:
-    """How peers are run.
+class BaselineSettings:
+    """How baselines are run.
 
     Attributes
     ----------
@@ -59,27 +59,27 @@ class PeerSettings:
     Raises
     ------
     ValueError
-        If there is no such peer or signal, or the limit is not above 0.
+        If there is no such baseline or signal, or the limit is not above 0.
     """
 
-    names: tuple[str, ...] = tuple(PEERS)
+    names: tuple[str, ...] = tuple(BASELINES)
     python: Path = Path(sys.executable)
     time_limit_s: float = 900.0
     signals: Given = "same"
 
     def __post_init__(self) -> None:
-        if unknown := [name for name in self.names if name not in PEERS]:
-            raise ValueError(f"no peer is named {unknown[0]!r}; the peers are {', '.join(PEERS)}")
+        if unknown := [name for name in self.names if name not in BASELINES]:
+            raise ValueError(f"no baseline is named {unknown[0]!r}; the baselines are {', '.join(BASELINES)}")
         if self.signals not in DESCRIPTIONS:
-            raise ValueError(f"signals of peers are {self.signals!r}; the rule is 'same' or 'each'")
+            raise ValueError(f"signals of baselines are {self.signals!r}; the rule is 'same' or 'each'")
         if not self.time_limit_s > 0:
-            raise ValueError(f"the time limit of peers is {self.time_limit_s} s; the rule is above 0")
+            raise ValueError(f"the time limit of baselines is {self.time_limit_s} s; the rule is above 0")
 
 
-class PeerComparison(Result):
-    """Our rows and peers on the same folds; see `compare_with_peers`.
+class BaselineComparison(Result):
+    """Our rows and baselines on the same folds; see `compare_with_baselines`.
 
-    `data` holds facts of `dataset`, `pipeline` and `protocol`; what peers were given (`signals`) and the
+    `data` holds facts of `dataset`, `pipeline` and `protocol`; what baselines were given (`signals`) and the
     `time_limit_s` of each; and `contestants`, ours first: each with its `status` and `message`, `n_columns`,
     `n_folds` that were finished, `accuracy`, `cost` (CPU time on one thread without compilation, memory) and
     the `difference` of our first row from it, on the same tests.
@@ -88,38 +88,38 @@ class PeerComparison(Result):
     @property
     def stem(self) -> str:
         """What the names of its files begin with."""
-        return f"{self.data['dataset']['name']}-{self.data['pipeline']}-{self.data['protocol']}-peers"
+        return f"{self.data['dataset']['name']}-{self.data['pipeline']}-{self.data['protocol']}-baselines"
 
     def document(self) -> Document:
         """Return the comparison as a document."""
-        from texclass.peers.peers_document import peers_document
+        from texclass.baselines.baselines_document import baselines_document
 
-        return peers_document(self.data)
+        return baselines_document(self.data)
 
     @property
-    def best_peer(self) -> Mapping[str, Any] | None:
-        """The most accurate peer of those that finished every fold; the first of equals."""
-        from texclass.peers.peers_document import best_peer
+    def best_baseline(self) -> Mapping[str, Any] | None:
+        """The most accurate baseline of those that finished every fold; the first of equals."""
+        from texclass.baselines.baselines_document import best_baseline
 
-        return best_peer(self.data)
+        return best_baseline(self.data)
 
 
-def compare_with_peers(
+def compare_with_baselines(
     dataset: Dataset,
     pipeline: PipelineDefinition,
     result: BenchmarkResult,
-    settings: PeerSettings | None = None,
+    settings: BaselineSettings | None = None,
     *,
     n_folds: int | None = None,
     n_jobs: int = 1,
     skip_bad: bool = False,
     progress: Progress | None = None,
-) -> PeerComparison:
-    """Evaluate peers on the folds of a benchmark, and time our rows with the same clock.
+) -> BaselineComparison:
+    """Evaluate baselines on the folds of a benchmark, and time our rows with the same clock.
 
     Of ours, what was chosen inside the training parts competes, if the benchmark chose; the most accurate row
     of the table; and the one with the most features. Each contestant runs alone in a process of its own with
-    one thread; peers run in another interpreter, if one is given, and get signals and folds as files.
+    one thread; baselines run in another interpreter, if one is given, and get signals and folds as files.
     Whatever learns is fitted on the training part of each fold.
 
     Parameters
@@ -128,19 +128,19 @@ def compare_with_peers(
         As in `run_benchmark`.
     result : BenchmarkResult
         What `run_benchmark` returned for them; names the protocol and our best row.
-    settings : PeerSettings, optional
-        Which peers, in which interpreter, for how long.
+    settings : BaselineSettings, optional
+        Which baselines, in which interpreter, for how long.
 
     Returns
     -------
-    PeerComparison
+    BaselineComparison
 
     Raises
     ------
     ValueError
         If no row of ours could be computed, or the interpreter cannot be run.
     """
-    settings = settings or PeerSettings()
+    settings = settings or BaselineSettings()
     options = {"channels": pipeline.channels, "n_jobs": n_jobs, "skip_bad": skip_bad}
     dataset = overlapping(dataset, pipeline.overlap)
     table = cached_table(dataset, *pipeline.needed, **options)
@@ -149,25 +149,25 @@ def compare_with_peers(
     splits = protocol.split(table.frame, n_folds, pipeline.seed)
     report = progress or (lambda done, total, what: None)
     total = len(settings.names) + 1
-    report(0, total, "peers")
+    report(0, total, "baselines")
     entrants, segmentation_s = _ours(result, pipeline, dataset, table, protocol, splits)
-    report(1, total, "peers")
+    report(1, total, "baselines")
     versions: dict[str, str] = {}
-    with tempfile.TemporaryDirectory(prefix="texclass-peers-") as folder:
+    with tempfile.TemporaryDirectory(prefix="texclass-baselines-") as folder:
         task = Path(folder) / "task"
         lengths = _hand_over(task, settings.signals, dataset, pipeline, table, splits)
         for done, name in enumerate(settings.names, start=2):
             outcome = run_worker(settings.python, task, name, Path(folder) / name, settings.time_limit_s)
-            entrants += _theirs(PEERS[name], outcome, np.unique(table.materials))
+            entrants += _theirs(BASELINES[name], outcome, np.unique(table.materials))
             versions |= outcome["versions"]
-            report(done, total, "peers")
+            report(done, total, "baselines")
     notes, benchmark = list[str](), result.data
     if not protocol.nested:
         notes.append(
-            "ours is prepared on all recordings, test folds included, as the protocol says; peers never are"
+            "ours is prepared on all recordings, test folds included, as the protocol says; no baseline is"
         )
     notes += _length_notes(lengths)
-    return PeerComparison(
+    return BaselineComparison(
         {
             "dataset": {**benchmark["dataset"], "n_tests": sum(test.size for _, test in splits)},
             "pipeline": benchmark["pipeline"]["name"],
@@ -184,10 +184,10 @@ def compare_with_peers(
             "signals": DESCRIPTIONS[settings.signals],
             "time_limit_s": settings.time_limit_s,
             "versions": benchmark["versions"],
-            "peer_versions": versions,
+            "baseline_versions": versions,
             "seed": pipeline.seed,
             "input_hash": benchmark["input_hash"],
-            **made_by(*COMPUTED_BY, "peers"),
+            **made_by(*COMPUTED_BY, "baselines"),
             "notes": notes,
             "accuracy_unit": "fraction of tests; low and high are the 95 % interval",
         }
@@ -258,7 +258,7 @@ def _hand_over(
     table: FeatureTable,
     splits: Sequence[Split],
 ) -> tuple[int, ...]:
-    """Write signals and folds for the peers; return how many samples each recording has."""
+    """Write signals and folds for the baselines; return how many samples each recording has."""
     entries = {entry.recording_id: entry for entry in dataset.entries}
     ordered = [entries[recording_id] for recording_id in table.frame["recording_id"]]
     first = dataset.load(ordered[0])
@@ -283,14 +283,14 @@ def _chosen(measured: Sequence[Mapping[str, Any]]) -> Entrant:
     }  # fmt: skip
 
 
-def _theirs(peer: Peer, outcome: Mapping[str, Any], names: NDArray[np.str_]) -> Iterator[Entrant]:
-    """Yield each classifier of a peer; the peer itself, if it has predicted nothing."""
-    facts = {"name": peer.name, "title": peer.title, "ours": False, "reference": peer.reference}
+def _theirs(baseline: Baseline, outcome: Mapping[str, Any], names: NDArray[np.str_]) -> Iterator[Entrant]:
+    """Yield each classifier of a baseline; the baseline itself, if it has predicted nothing."""
+    facts = {"name": baseline.name, "title": baseline.title, "ours": False, "reference": baseline.reference}
     facts |= {"status": outcome["status"], "message": outcome["message"]}
     if not outcome["folds"]:
         yield {**facts, "classifier": "", "n_columns": 0, "predicted": ()}
         return
-    for classifier in peer.classifiers:
+    for classifier in baseline.classifiers:
         ran = [fold["classifiers"][classifier] for fold in outcome["folds"]]
         yield {
             **facts,
@@ -345,7 +345,7 @@ def _judged(
 
 
 def _length_notes(lengths: tuple[int, ...]) -> Iterator[str]:
-    """Say what equal-length peers are given, where recordings differ in length."""
+    """Say what equal-length baselines are given, where recordings differ in length."""
     shortest, median, longest = min(lengths), int(np.median(lengths)), max(lengths)
     if shortest < longest:
         short = sum(n < median for n in lengths) / len(lengths)
@@ -353,7 +353,7 @@ def _length_notes(lengths: tuple[int, ...]) -> Iterator[str]:
             f"signals have {shortest} to {longest} samples; QUANT and the rockets need one length, the "
             "median (of the training recordings for the rockets, of all for QUANT; here about "
             f"{median}): longer ones lose equal parts at both ends, shorter ones ({short:.0%}) are followed "
-            "by zeros, which may tell the peer how long they were"
+            "by zeros, which may tell the baseline how long they were"
         )
 
 

@@ -1,53 +1,61 @@
-"""Ours and peers on the same folds."""
+"""Ours and baselines on the same folds."""
 
 import json
 
 import numpy as np
 import pytest
 
+from texclass.baselines import (
+    BASELINES,
+    BaselineComparison,
+    BaselineSettings,
+    compare_with_baselines,
+    whole_materials,
+)
+from texclass.baselines.comparison import _length_notes, every_channel, same_signals
 from texclass.evaluation import BenchmarkResult
 from texclass.evaluation.result import CHOICE
 from texclass.features.phase_view import views_of
-from texclass.peers import PEERS, PeerComparison, PeerSettings, compare_with_peers, whole_materials
-from texclass.peers.comparison import _length_notes, every_channel, same_signals
 from texclass.recording import Phases, Recording, Tap
 
 
 @pytest.fixture(scope="module")
 def compared(bench, interpreter):
-    """Compare the benchmark with a peer of each behaviour."""
-    peers = {
+    """Compare the benchmark with a baseline of each behaviour."""
+    baselines = {
         "tsfel": "absent", "minirocket": "perfect", "mfcc": "first fold wrong", "quant": "slow",
         "catch22": "crash",
     }  # fmt: skip
-    return compare_with_peers(*bench, PeerSettings(tuple(peers), interpreter(**peers), time_limit_s=4.0))
+    return compare_with_baselines(
+        *bench, BaselineSettings(tuple(baselines), interpreter(**baselines), time_limit_s=4.0)
+    )
 
 
-def of_peer(compared, name):
+def of_baseline(compared, name):
     return next(c for c in compared.data["contestants"] if c["name"] == name)
 
 
-def test_a_perfect_peer_is_level_with_a_perfect_row_at_the_cost_of_one_fold(bench, compared):
+def test_a_perfect_baseline_is_level_with_a_perfect_row_at_the_cost_of_one_fold(bench, compared):
     *_, result = bench
-    ours, peer = compared.data["contestants"][0], of_peer(compared, "minirocket")
-    assert compared.best_peer is peer
-    assert (peer["accuracy"]["mean"], peer["n_folds"], peer["classifier"]) == (1.0, 4, "ridge")
-    assert peer["difference"]["difference"] == ours["accuracy"]["mean"] - 1.0
+    ours, baseline = compared.data["contestants"][0], of_baseline(compared, "minirocket")
+    assert compared.best_baseline is baseline
+    assert (baseline["accuracy"]["mean"], baseline["n_folds"], baseline["classifier"]) == (1.0, 4, "ridge")
+    assert baseline["difference"]["difference"] == ours["accuracy"]["mean"] - 1.0
     assert (ours["name"], ours["classifier"], ours["ours"], ours["difference"]) == (*result.best, True, None)
     assert ours["accuracy"]["mean"] == result.table["mean"].max()
-    assert compared.data["peer_versions"] == {"fake": "1.0"}
-    cost = peer["cost"]
+    assert compared.data["baseline_versions"] == {"fake": "1.0"}
+    cost = baseline["cost"]
     assert (cost["feature_ms"], cost["fit_s"], cost["predict_ms"], cost["memory_mb"]) == (2.0, 0.5, 1.0, 3.0)
     # 9 + 3 recordings of a fold from their samples on, fit, 3 predictions.
     of_a_recording = 0.002 + compared.data["segmentation_ms"] / 1000
     assert cost["total_s"] == pytest.approx(12 * of_a_recording + 0.5 + 3 * 0.001)
 
 
-def test_a_peer_that_is_missing_or_dies_is_a_line_and_no_error_and_our_widest_row_competes_beside_the_best(
+def test_a_baseline_that_is_missing_or_dies_is_a_line_and_our_widest_row_competes_beside_the_best(
     compared,
 ):
     kept = json.loads(compared.to_json())
-    assert {"dataset", "protocol", "versions", "peer_versions", "seed", "input_hash"} <= set(kept)
+    assert {"dataset", "protocol", "versions", "baseline_versions", "seed", "input_hash"} <= set(kept)
     ours = [c for c in kept["contestants"] if c["ours"]]
     assert all(c["cost"]["feature_ms"] > 0 and c["cost"]["fit_s"] > 0 for c in ours)
     assert "Modified MFCC, Constant Mel Filter Bank" in {c["name"] for c in ours}
@@ -55,19 +63,19 @@ def test_a_peer_that_is_missing_or_dies_is_a_line_and_no_error_and_our_widest_ro
         ("tsfel", "not installed", "needs aeon"),
         ("catch22", "failed", "Killed by its own hand"),
     ):
-        peer = of_peer(compared, name)
-        assert (peer["status"], peer["message"], peer["accuracy"]) == (status, message, None)
+        baseline = of_baseline(compared, name)
+        assert (baseline["status"], baseline["message"], baseline["accuracy"]) == (status, message, None)
 
 
 def test_a_wrong_fold_costs_what_it_tests_and_one_that_is_not_finished_nothing(compared):
-    wrong, slow = of_peer(compared, "mfcc"), of_peer(compared, "quant")
+    wrong, slow = of_baseline(compared, "mfcc"), of_baseline(compared, "quant")
     assert wrong["accuracy"]["folds"] == [0.0, 1.0, 1.0, 1.0]
     assert wrong["difference"]["test"].startswith("corrected resampled")
     assert (slow["status"], slow["message"]) == ("out of time", "stopped after 4 s")
     assert (slow["n_folds"], slow["accuracy"]["n_tested"]) == (2, 6)
     assert len(slow["difference"]["folds"][0]) == 2
     contestants = [c for c in compared.data["contestants"] if c["ours"] or c is slow]
-    assert PeerComparison({**compared.data, "contestants": contestants}).best_peer is None
+    assert BaselineComparison({**compared.data, "contestants": contestants}).best_baseline is None
 
 
 @pytest.mark.usefixtures("ours_here")
@@ -79,14 +87,14 @@ def test_what_was_chosen_inside_the_training_parts_competes_first_and_is_compare
     chosen = BenchmarkResult(
         {**result.data, "choice": {"accuracy": accuracy, "chosen": folds, "protocol": "recording"}}
     )
-    settings = PeerSettings(("mfcc",), interpreter("perfect"))
-    found = compare_with_peers(dataset, pipeline, chosen, settings)
+    settings = BaselineSettings(("mfcc",), interpreter("perfect"))
+    found = compare_with_baselines(dataset, pipeline, chosen, settings)
     first, best, *_ = found.data["contestants"]
     assert (first["name"], first["classifier"], first["difference"]) == (CHOICE, "chosen, too", None)
     assert first["accuracy"]["folds"][:3] == best["accuracy"]["folds"][:3]
     hits = first["accuracy"]["mean"]
-    assert of_peer(found, "mfcc")["difference"]["difference"] == pytest.approx(hits - 1.0)
-    told = "Ours is chosen inside each training part. The best peer is the highest of"
+    assert of_baseline(found, "mfcc")["difference"]["difference"] == pytest.approx(hits - 1.0)
+    told = "Ours is chosen inside each training part. The best baseline is the highest of"
     assert told in found.document().finding.rest
 
 
@@ -98,8 +106,8 @@ def test_settings_are_checked():
         ({"signals": "raw"}, "'raw'.*'same' or 'each'"),
     ):
         with pytest.raises(ValueError, match=told):
-            PeerSettings(**wrong)
-    assert PeerSettings().names == tuple(PEERS)
+            BaselineSettings(**wrong)
+    assert BaselineSettings().names == tuple(BASELINES)
 
 
 def test_a_limit_keeps_materials_whole(bench):
@@ -122,7 +130,7 @@ def recording():
     )  # fmt: skip
 
 
-def test_peers_are_given_the_movement_that_our_features_read_or_each_channel_without_its_mean(recording):
+def test_baselines_are_given_the_movement_that_our_features_read_or_each_channel_without_its_mean(recording):
     given = same_signals(recording, ())
     np.testing.assert_array_equal(given, views_of(recording)[""].movement.samples[None])
     apart = same_signals(recording, recording.channels)
