@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from study import ROOT, command_line, table, write
 
-from texclass.recognition import topic_blocks
+from texclass.robot import topic_blocks
 
 CHILD = ROOT / "tests" / "recognition" / "sources" / "dds_child.py"
 RATES_HZ = (1000, 10_000)
 LOOPBACK = (
     "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' multicast='false'/></Interfaces>"
     "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
-    "<Baselines><Baseline address='127.0.0.1'/></Baselines></Discovery></Domain></CycloneDDS>"
+    "<Peers><Peer address='127.0.0.1'/></Peers></Discovery></Domain></CycloneDDS>"
 )
 
 

@@ -16,8 +16,8 @@ from texclass.evaluation.pipeline import MatchedRow
 from texclass.evaluation.protocols import find_protocol, splits_of
 from texclass.loaders import open_dataset
 from texclass.recognition.deployed import described_classifier
-from texclass.recognition.export.answers_graph import add_part
-from texclass.recognition.export.graph import Graph, Tensor
+from texclass.robot.export.answers_graph import add_part
+from texclass.robot.export.graph import Graph, Tensor
 from texclass.tradeoff.front import Labelled, accuracy_of, preparation
 
 ROW = "Several time scales"

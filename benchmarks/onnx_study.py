@@ -14,11 +14,12 @@ from study import command_line, in_turns, table, timed, write
 
 import texclass as tx
 from texclass.evaluation.windows import touches
-from texclass.recognition import export_onnx, load_model
-from texclass.recognition.export.answers_graph import OUTPUTS
-from texclass.recognition.export.parity import run
-from texclass.recognition.export.sample_graph import SAMPLES, build_of_samples, channels_of, recording_of
-from texclass.recognition.export.sample_parity import (
+from texclass.recognition import load_model
+from texclass.robot import export_onnx
+from texclass.robot.export.answers_graph import OUTPUTS
+from texclass.robot.export.parity import run
+from texclass.robot.export.sample_graph import SAMPLES, build_of_samples, channels_of, recording_of
+from texclass.robot.export.sample_parity import (
     MARGIN,
     TOLERANCE,
     check_sample_parity,

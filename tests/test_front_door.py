@@ -31,7 +31,7 @@ assert "mfcc" in features.registered()
 assert loaded("texclass.features.roughness")
 assert not loaded("librosa", "texclass.loaders")
 
-import texclass.cli, texclass.recognition.export.onnx_file
+import texclass.cli, texclass.robot.export.onnx_file
 assert not loaded("onnx", "onnxruntime", "skl2onnx")
 """
 """What is imported in one process, and what is not loaded by then."""

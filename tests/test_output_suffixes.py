@@ -18,9 +18,9 @@ from texclass.evaluation import extract_table
 from texclass.features import load_feature_set
 from texclass.haptics.exchange import write_wav
 from texclass.loaders import open_dataset
-from texclass.recognition import export_onnx
 from texclass.recognition.model_files import write_model_file
 from texclass.reporting import write_page
+from texclass.robot import export_onnx
 
 INPUTS = {"labels", "baselines_python", "taps"}
 """Options with the path of a file that a command reads or runs."""

@@ -7,6 +7,7 @@ from . import loaders as loaders
 from . import phases as phases
 from . import recognition as recognition
 from . import reporting as reporting
+from . import robot as robot
 from . import simulate as simulate
 from . import stability as stability
 from . import tradeoff as tradeoff

@@ -15,9 +15,9 @@ from fuzz.mutate import either, of_bytes
 from fuzz.recordings import valid, written
 from texclass.loaders import load_recording
 from texclass.loaders.columns import BAG_FOLDER
-from texclass.loaders.ros_messages import MULTI_ARRAY, TYPES, decode_multi_array, decode_stamped
-from texclass.recognition.sources.topic import decoded_messages
 from texclass.recording import RecordingError
+from texclass.robot.ros_messages import MULTI_ARRAY, TYPES, decode_multi_array, decode_stamped
+from texclass.robot.topic import decoded_messages
 
 IMU, ACCEL = "sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped"
 N_NUMBERS = dict.fromkeys(TYPES, 6) | {IMU: 37}

@@ -19,7 +19,7 @@ import texclass as tx
 dataset = tx.open_dataset("simulated6")
 model = tx.train(dataset, row="Movement", classifier="lda")
 file = Path(tempfile.mkdtemp()) / "surfaces.onnx"
-exported = tx.recognition.export_onnx(model, file)
+exported = tx.robot.export_onnx(model, file)
 
 # %%
 # Its metadata name what it is to be fed with.
@@ -41,7 +41,7 @@ print(f"{np.mean(label == dataset.labels):.1%} of the recordings it was trained 
 
 for max_kb in (None, 10):
     kernel = tx.train(dataset, row="Movement", classifier="kernel", max_kb=max_kb)
-    written = tx.recognition.export_onnx(kernel, file.with_name("kernel.onnx")).path
+    written = tx.robot.export_onnx(kernel, file.with_name("kernel.onnx")).path
     accuracy = kernel.manifest.accuracy["mean"]
     print(f"{max_kb or 'no'} kB: {written.stat().st_size} bytes, {accuracy:.1%} of held-out recordings")
 

@@ -19,7 +19,7 @@ import texclass as tx
 dataset = tx.open_dataset("simulated6")
 model = tx.train(dataset, row="Several time scales", classifier="lda", touch_s=0.5, exportable=True)
 file = Path(tempfile.mkdtemp()) / "windows.onnx"
-exported = tx.recognition.export_onnx(model, file, start="samples")
+exported = tx.robot.export_onnx(model, file, start="samples")
 print(exported.of_samples)
 
 # %%
@@ -29,7 +29,7 @@ session = onnxruntime.InferenceSession(file)
 facts = session.get_modelmeta().custom_metadata_map
 window = json.loads(facts["texclass.window"])
 print(window)
-print(tx.recognition.check_onnx(file))
+print(tx.robot.check_onnx(file))
 
 # %%
 # A stroke, window by window, from its samples alone.

@@ -9,8 +9,8 @@ from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from texclass.loaders import find_recording, load_recording, open_dataset
-from texclass.loaders.ros_messages import type_of
 from texclass.recording import RecordingError
+from texclass.robot.ros_messages import type_of
 
 FS = 200.0
 N = 300

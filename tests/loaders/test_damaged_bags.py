@@ -19,12 +19,12 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from texclass.loaders import load_recording
-from texclass.loaders.bag_files import MOST_EXPANSION, Expansion
-from texclass.loaders.ros_messages import (
+from texclass.recording import RecordingError
+from texclass.robot.bag_files import MOST_EXPANSION, Expansion
+from texclass.robot.ros_messages import (
     TYPES,
     decode_stamped,
 )
-from texclass.recording import RecordingError
 
 N = 40
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 from toy_surfaces import SURFACES, recording
 
-from texclass.recognition import adapt, export_onnx, load_model
+from texclass.recognition import adapt, load_model
 from texclass.recognition.adaptation import (
     LEAST_UNLABELLED,
     _check_told_apart,
@@ -18,6 +18,7 @@ from texclass.recognition.adaptation import (
     rows_of,
 )
 from texclass.recognition.unknown import Surfaces
+from texclass.robot import export_onnx
 
 
 def felt(surface, seed, **facts):

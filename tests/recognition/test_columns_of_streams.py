@@ -244,7 +244,7 @@ def test_a_stream_without_friction_is_refused_before_it_begins(rubbing_model, tm
     with pytest.raises(RecordingError, match=told):
         open_source(str(tmp_path / "r.csv"), fs=FS, model=rubbing_model)
     pytest.importorskip("cyclonedds", reason="the extra `robot` is not installed")
-    from texclass.recognition import topic_blocks
+    from texclass.robot import topic_blocks
 
     with pytest.raises(RecordingError, match=f"ros2:/imu: sensor_msgs/msg/Imu has {told}"):
         topic_blocks(

@@ -12,13 +12,14 @@ from toy_surfaces import SURFACES, pipeline, recording, surfaces
 from texclass.evaluation.feature_table import metadata
 from texclass.evaluation.protocols import find_protocol
 from texclass.loaders import open_dataset
-from texclass.recognition import check_parity, load_model, train
-from texclass.recognition.export.answers_graph import build
+from texclass.recognition import load_model, train
 from texclass.recognition.holding_out import FEW, LATER_ALARMS, LATER_KEPT, HoldingOut, of_later
 from texclass.recognition.model_document import model_document
 from texclass.recognition.probabilities import prior_calibration
 from texclass.recognition.training import pipeline_for
 from texclass.recognition.unknown import Novelty, cautious
+from texclass.robot import check_parity
+from texclass.robot.export.answers_graph import build
 
 STUDY = Path(__file__).parents[2] / "reports" / "studies" / "few_recordings.json"
 

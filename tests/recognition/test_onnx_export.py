@@ -27,13 +27,14 @@ from texclass.classifiers.kernel_discriminant import KernelDiscriminant
 from texclass.classifiers.segment_voting import SegmentVoting, knowing
 from texclass.evaluation.pipeline import load_pipeline
 from texclass.phases import segment
-from texclass.recognition import OnnxExportError, ParityError, check_parity, export_onnx, load_model
+from texclass.recognition import load_model
 from texclass.recognition.deployed import described_classifier
-from texclass.recognition.export import onnx_file as export
-from texclass.recognition.export.answers_graph import add_part, build
-from texclass.recognition.export.graph import Graph, Tensor
-from texclass.recognition.export.onnx_file import single_precision
-from texclass.recognition.export.parity import check_rows, reference, remembered, run
+from texclass.robot import OnnxExportError, ParityError, check_parity, export_onnx
+from texclass.robot.export import onnx_file as export
+from texclass.robot.export.answers_graph import add_part, build
+from texclass.robot.export.graph import Graph, Tensor
+from texclass.robot.export.onnx_file import single_precision
+from texclass.robot.export.parity import check_rows, reference, remembered, run
 from texclass.shipped import names
 from texclass.tradeoff.front import cost_aware, discriminant
 
@@ -87,7 +88,7 @@ def checked(model, X):
 @pytest.mark.parametrize("n_classes", [2, 5])
 @pytest.mark.parametrize(("steps", "use"), [c[1:] for c in COMBINATIONS], ids=[c[0] for c in COMBINATIONS])
 def test_whatever_shipped_pipelines_name_answers_as_scikit_learn_does(steps, use, n_classes):
-    plan = plan_of(PIECES, "multiscale") if "Vote" in use.use else plan_of()
+    plan = plan_of(PIECES, "multiscale") if "SegmentVoting" in use.use else plan_of()
     model = model_of([step.make() for step in steps], use.make(), n_classes=n_classes, plan=plan)
     parity = checked(model, rows_of(len(model.columns), n_classes, seed=7)[0])
     assert parity.difference < 1e-12

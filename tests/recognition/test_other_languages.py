@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from toy_surfaces import SURFACES, recording
 
-from texclass.recognition import export_onnx
-from texclass.recognition.export.sample_graph import recording_of
+from texclass.robot import export_onnx
+from texclass.robot.export.sample_graph import recording_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "robot"
 ONNXRUNTIME = Path(os.environ.get("ONNXRUNTIME_ROOT", "/usr"))

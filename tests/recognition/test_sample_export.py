@@ -22,13 +22,14 @@ from texclass.features.contract import registered
 from texclass.features.phase_view import PhaseView, UndefinedFeatureError
 from texclass.features.plan import Plan
 from texclass.features.sets import Member
-from texclass.recognition import OnnxExportError, ParityError, export_onnx, train
-from texclass.recognition.export import fourier_graphs, graph_view
-from texclass.recognition.export.graph import Graph, Tensor, tensor_of
-from texclass.recognition.export.graph_view import GraphView, builders, graph_of
-from texclass.recognition.export.parity import run
-from texclass.recognition.export.sample_graph import SAMPLES, build_of_samples, recording_of
-from texclass.recognition.export.sample_parity import (
+from texclass.recognition import train
+from texclass.robot import OnnxExportError, ParityError, export_onnx
+from texclass.robot.export import fourier_graphs, graph_view
+from texclass.robot.export.graph import Graph, Tensor, tensor_of
+from texclass.robot.export.graph_view import GraphView, builders, graph_of
+from texclass.robot.export.parity import run
+from texclass.robot.export.sample_graph import SAMPLES, build_of_samples, recording_of
+from texclass.robot.export.sample_parity import (
     check_sample_parity,
     features_of_windows,
     made,

@@ -15,7 +15,7 @@ from rich.console import Console
 from toy_surfaces import FS, SURFACES
 from toy_surfaces import signal as felt
 
-from texclass import recognition
+from texclass import robot
 from texclass.cli.stream_view import Picture, bar
 from texclass.recognition import OnlineSettings, Session
 from texclass.recognition.sources import source_by_name as sources
@@ -244,7 +244,7 @@ def test_answers_are_published_where_the_command_says(run, monkeypatch):
         def close(self):
             published.append("closed")
 
-    monkeypatch.setattr(recognition, "AnswerPublisher", Publisher, raising=False)
+    monkeypatch.setattr(robot, "AnswerPublisher", Publisher, raising=False)
     options = ("--publish", "/surface", "--diagnostics", "/diagnostics", "--domain", 7)
     _, out, _ = run(*LIVE, "--touch", 0.5, "--jsonl", *options)
     answers = [one for line in out.splitlines() if (one := json.loads(line))["type"] == "answer"]

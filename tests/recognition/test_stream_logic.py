@@ -9,7 +9,8 @@ import onnxruntime
 import pytest
 from toy_surfaces import signal
 
-from texclass.recognition import OnlineRecogniser, export_onnx
+from texclass.recognition import OnlineRecogniser
+from texclass.robot import export_onnx
 
 ROOT = Path(__file__).parents[2]
 VECTORS = json.loads((ROOT / "examples" / "stream_vectors.json").read_text(encoding="utf-8"))

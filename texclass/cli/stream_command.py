@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from texclass import shipped
 from texclass.cli import options
 from texclass.cli.app import command
 from texclass.cli.options import progress_bar
@@ -154,14 +155,14 @@ def stream(
     from texclass.recognition import AskingSession, Session, is_live, load_gestures, load_model, open_source
 
     if publish:
-        from texclass.recognition import AnswerPublisher  # of the extra `robot`
+        answer_publisher = shipped.module_of("sources", "ros2").AnswerPublisher
     models = load_gestures(model) if model.is_dir() else {}
     trained = next(iter(models.values())) if models else load_model(model)
     rate = trained.manifest.fs if opening.pop("resample") else None
     if source.startswith("ros2:") or not publish:  # else the domain is that of the answers alone
         opening["domain"] = domain
     blocks = open_source(source, rate=rate, model=trained, **opening)
-    publisher = AnswerPublisher(publish, diagnostics, domain=domain) if publish else None
+    publisher = answer_publisher(publish, diagnostics, domain=domain) if publish else None
     listening: dict[str, Any] = {"raw": is_live(source), "settings": settings}
     session = (
         AskingSession(models, seconds=options.seconds_of(seconds), **listening)

@@ -6,7 +6,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Protocol, Self
 
 import typer
 from rich.console import Console, Group
@@ -17,9 +17,6 @@ from rich.text import Text
 from texclass.document.wording import counted
 from texclass.recognition import ContactVerdict, Event, ExploredVerdict, Notice, Session, WindowAnswer
 from texclass.recognition.conformal import told as sets_told
-
-if TYPE_CHECKING:
-    from texclass.recognition import AnswerPublisher
 
 REFRESH_S = 0.1
 N_SHOWN = 5
@@ -264,9 +261,14 @@ def view_of(session: Session, source: str, as_lines: bool, heartbeat_s: float) -
     return Picture(session, source, console) if console.is_terminal else Lines(session, source)
 
 
-def tell(
-    shown: Lines, found: Iterable[Event | WindowAnswer | Notice], publisher: "AnswerPublisher | None"
-) -> None:
+class Publisher(Protocol):
+    """Publishes answers, as `texclass.robot.AnswerPublisher` does."""
+
+    def publish(self, answer: dict[str, Any]) -> None:
+        """Publish one answer."""
+
+
+def tell(shown: Lines, found: Iterable[Event | WindowAnswer | Notice], publisher: Publisher | None) -> None:
     """Show what a block has told, and publish its answers where somebody wants them."""
     found = tuple(found)
     shown.show(found)

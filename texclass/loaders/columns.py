@@ -22,6 +22,10 @@ BAG_FOLDER = "metadata.yaml"
 """The file that stands for a bag that is a folder."""
 STORAGE = (".mcap", ".db3")
 """Kinds of the files that hold its messages."""
+BAGS = (".bag", *STORAGE)
+"""Suffixes of bags."""
+TURN_RATE = ("wx", "wy", "wz")
+"""Columns of a turn rate in a bag, rad/s."""
 UNNAMED = "acceleration"
 """Name of the only column of a format that does not name its columns."""
 CONVENTIONAL = (

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from texclass import shipped
 from texclass.loaders.columns import (
     BAG_FOLDER,
+    BAGS,
     COMMENT,
     NO_TIME_COLUMN,
     TIME_UNITS,
@@ -51,7 +52,6 @@ READERS = {
     **dict.fromkeys((".wav", ".flac", ".mat", ".npy", ".npz", ".h5", ".hdf5"), "arrays"),
     ".xlsx": "workbooks",
     ".tdms": "tdms",
-    **dict.fromkeys((".bag", ".mcap", ".db3"), "bags"),
 }
 """Suffix of a file that can be a recording (case does not matter) -> module that reads it."""
 AXIS = re.compile(r"_(?P<axis>[XYZxyz])(?=[_.])")
@@ -220,7 +220,7 @@ def suffixes() -> tuple[str, ...]:
 
 def is_bag(path: Path) -> bool:
     """Whether a file is, by its name, a bag."""
-    return READERS.get(path.suffix.lower()) == "bags" or path.name == BAG_FOLDER
+    return path.suffix.lower() in BAGS or path.name == BAG_FOLDER
 
 
 def _reader(path: Path) -> ModuleType:
@@ -233,17 +233,20 @@ def _reader(path: Path) -> ModuleType:
         raise refused(path, "is not a file", "one file per recording (or axis)")
     if size == 0:
         raise refused(path, "is empty (0 bytes)", "at least two samples")
-    kind = "bags" if is_bag(path) else READERS.get(path.suffix.lower())
-    if kind is None:
-        if path.suffix.lower() in suffixes():
-            return shipped.module_of("readers", path.suffix[1:].lower())
+    suffix = ".mcap" if path.name == BAG_FOLDER else path.suffix.lower()
+    kind = READERS.get(suffix)
+    if kind is None and suffix not in suffixes():
         raise refused(path, f"suffix is {path.suffix!r}", f"one of {', '.join(suffixes())}")
     try:
+        if kind is None:
+            return shipped.module_of("readers", suffix[1:])
         return importlib.import_module(f"texclass.loaders.{kind}")
     except ImportError as error:
-        extra = "robot" if kind == "bags" else "formats"
+        if kind is None and suffix not in BAGS:
+            raise
+        extra = "robot" if suffix in BAGS else "formats"
         raise RecordingError(
-            f"{path}: reading {kind} requires the extra `{extra}` ({error}): pip install 'texclass[{extra}]'"
+            f"{path}: {suffix} files require the extra `{extra}` ({error}): pip install 'texclass[{extra}]'"
         ) from error
 
 

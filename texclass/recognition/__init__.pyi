@@ -14,11 +14,6 @@ from .exploration import KnownGesture as KnownGesture
 from .exploration import load_gestures as load_gestures
 from .exploration import rehearse as rehearse
 from .exploration import train_gestures as train_gestures
-from .export.graph import OnnxExportError as OnnxExportError
-from .export.onnx_file import check_onnx as check_onnx
-from .export.onnx_file import export_onnx as export_onnx
-from .export.parity import ParityError as ParityError
-from .export.parity import check_parity as check_parity
 from .live.contact import ContactRules as ContactRules
 from .live.contact import Event as Event
 from .live.online_recogniser import OnlineRecogniser as OnlineRecogniser
@@ -41,13 +36,8 @@ from .probabilities import fit_calibration as fit_calibration
 from .sources.blocks import Block as Block
 from .sources.blocks import BlockSource as BlockSource
 from .sources.blocks import Timing as Timing
-from .sources.dds import AnswerPublisher as AnswerPublisher
-from .sources.dds import ImuPublisher as ImuPublisher
 from .sources.source_by_name import is_live as is_live
 from .sources.source_by_name import open_source as open_source
-from .sources.topic import Subscriber as Subscriber
-from .sources.topic import discover as discover
-from .sources.topic import topic_blocks as topic_blocks
 from .sources.training_input import Needs as Needs
 from .training import train as train
 from .unknown import Novelty as Novelty

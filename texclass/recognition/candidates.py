@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 
+from texclass import shipped
 from texclass.classifiers.kernel_discriminant import KernelDiscriminant
 from texclass.classifiers.segment_voting import knowing
 from texclass.evaluation.accuracy import Accuracy, cluster_interval, score
@@ -204,8 +205,7 @@ def exportable(
     ValueError
         If nothing is left of any.
     """
-    from texclass.recognition.export.graph_view import without_graph
-
+    without_graph = shipped.module_of("exporters", "onnx").without_graph
     found, lacking = [], dict[str, None]()
     for candidate in candidates:
         plan, columns = candidate.plan, []

@@ -12,7 +12,7 @@ pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (the extra
 LOOPBACK = (
     "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' multicast='false'/></Interfaces>"
     "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
-    "<LeaseDuration>1s</LeaseDuration><Baselines><Baseline address='127.0.0.1'/></Baselines></Discovery>"
+    "<LeaseDuration>1s</LeaseDuration><Peers><Peer address='127.0.0.1'/></Peers></Discovery>"
     "</Domain></CycloneDDS>"
 )
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from texclass.recognition import AnswerPublisher, ImuPublisher
+from texclass.robot import AnswerPublisher, ImuPublisher
 
 
 def publish_imu(topic: str, fs: float, seconds: float, first: int) -> None:

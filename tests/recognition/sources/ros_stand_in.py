@@ -2,7 +2,7 @@
 
 import types
 
-from texclass.recognition.sources.dds import message_class
+from texclass.robot.dds import message_class
 
 DiagnosticStatus = message_class("diagnostic_msgs/msg/DiagnosticStatus")
 

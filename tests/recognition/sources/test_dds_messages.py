@@ -8,9 +8,9 @@ pytest.importorskip("rosbags", reason="rosbags is not installed (the extra `robo
 
 from rosbags.typesys import Stores, get_typestore
 
-from texclass.loaders.ros_messages import MULTI_ARRAY
-from texclass.recognition.sources.dds import dds_topic, dds_type, message_class, ros_type
-from texclass.recognition.sources.topic import decoded_messages
+from texclass.robot.dds import dds_topic, dds_type, message_class, ros_type
+from texclass.robot.ros_messages import MULTI_ARRAY
+from texclass.robot.topic import decoded_messages
 
 
 def made(name, *values):

@@ -12,9 +12,10 @@ pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (the extra
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from texclass.recognition import ImuPublisher, Subscriber, discover, open_source, topic_blocks
-from texclass.recognition.sources.dds import dds_topic, message_class, participant, quality
+from texclass.recognition import open_source
 from texclass.recording import RecordingError
+from texclass.robot import ImuPublisher, Subscriber, discover, topic_blocks
+from texclass.robot.dds import dds_topic, message_class, participant, quality
 
 
 def test_no_sample_is_lost(child):

@@ -7,10 +7,11 @@ pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (the extra
 
 from turning_surfaces import FS, N, recording, values
 
-from texclass.recognition import Notice, OnlineSettings, Session, WindowAnswer, open_source, topic_blocks
-from texclass.recognition.sources.dds import message_class
-from texclass.recognition.sources.topic import decoded_messages
+from texclass.recognition import Notice, OnlineSettings, Session, WindowAnswer, open_source
 from texclass.recording import RecordingError
+from texclass.robot import topic_blocks
+from texclass.robot.dds import message_class
+from texclass.robot.topic import decoded_messages
 
 
 def test_a_model_of_turn_rates_hears_them_over_dds(child, turning, tmp_path):
@@ -35,7 +36,7 @@ def test_a_model_of_turn_rates_hears_them_over_dds(child, turning, tmp_path):
 
 
 def test_open_source_asks_a_topic_for_what_the_model_needs(child, turning, monkeypatch):
-    monkeypatch.setattr("texclass.recognition.sources.topic.UNTURNED_S", 0.2)
+    monkeypatch.setattr("texclass.robot.topic.UNTURNED_S", 0.2)
     child("imu", "/plain", 200, 30, 0)
     source = open_source("ros2:/plain", fs=200, model=turning)
     flags = []

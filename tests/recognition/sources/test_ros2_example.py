@@ -9,7 +9,7 @@ import pytest
 import ros_stand_in
 from turning_surfaces import FS, N, recording, values
 
-from texclass.recognition.sources.dds import message_class
+from texclass.robot.dds import message_class
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "ros2_node.py"
 START_S = 1_700_000_000

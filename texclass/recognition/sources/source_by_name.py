@@ -12,6 +12,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from texclass import shipped
 from texclass.features.phase_view import TURN
 from texclass.loaders import find_recording
 from texclass.loaders.columns import refused
@@ -103,10 +104,10 @@ def open_source(
         blocks = _heard(file or sys.stdin.buffer, fs, unit, block_s, raw_channels, model, **reading)
     elif isinstance(source, str) and source.startswith(ROS2):
         try:
-            from texclass.recognition.sources.topic import topic_blocks
+            topic_blocks = shipped.module_of("sources", "ros2").topic_blocks
         except ImportError as error:
             raise RecordingError(
-                f"{source}: needs the extra `robot` ({error}): pip install texclass[robot]"
+                f"{source}: topics require the extra `robot` ({error}): pip install 'texclass[robot]'"
             ) from error
         blocks = topic_blocks(source.removeprefix(ROS2), fs=fs, unit=unit, needs=needs, **reading)
     else:

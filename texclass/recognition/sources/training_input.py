@@ -13,14 +13,13 @@ from texclass import shipped
 from texclass.features.phase_view import TURN
 from texclass.loaders import files, find_recording, open_dataset
 from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
-from texclass.loaders.columns import BAG_FOLDER, ReadOptions, choose_acceleration
+from texclass.loaders.columns import BAG_FOLDER, TURN_RATE, ReadOptions, choose_acceleration
 from texclass.loaders.data_files import composed
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.exports import export_in
 from texclass.loaders.filesets import conditioned
 from texclass.loaders.open import flat_files
 from texclass.loaders.plausibility import agreed_unit, build_recording
-from texclass.loaders.ros_messages import TURN_RATE
 from texclass.loaders.stamps import NEAR_RATE
 from texclass.recording import Recording, RecordingError, Samples
 from texclass.validation import Written

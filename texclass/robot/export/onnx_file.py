@@ -10,18 +10,18 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from texclass import __version__
-from texclass.recognition.export import sample_parity
-from texclass.recognition.export.answers_graph import build
-from texclass.recognition.export.graph import OnnxExportError
-from texclass.recognition.export.parity import TOLERANCE, Parity, check_parity, listed, run, self_checks
-from texclass.recognition.export.sample_graph import (
+from texclass.recognition.model import Model
+from texclass.robot.export import sample_parity
+from texclass.robot.export.answers_graph import build
+from texclass.robot.export.graph import OnnxExportError
+from texclass.robot.export.parity import TOLERANCE, Parity, check_parity, listed, run, self_checks
+from texclass.robot.export.sample_graph import (
     SAMPLES,
     build_of_samples,
     channels_of,
     check_graphs,
     window_of_model,
 )
-from texclass.recognition.model import Model
 from texclass.whole_files import path_ending, write_whole
 
 NEEDED = ("onnx", "onnxruntime", "skl2onnx")

@@ -8,10 +8,10 @@ from scipy import fft
 from texclass.features import autoregression, bands, cepstrum, roughness, slopes
 from texclass.features.excess import octaves_of
 from texclass.features.spectra import LONG_FRAME_S, window_of
-from texclass.recognition.export.fourier_graphs import band_magnitude, banded, low_passed, power
-from texclass.recognition.export.graph import Tensor
-from texclass.recognition.export.graph_view import GraphView, graph_of, once
 from texclass.recording import Samples
+from texclass.robot.export.fourier_graphs import band_magnitude, banded, low_passed, power
+from texclass.robot.export.graph import Tensor
+from texclass.robot.export.graph_view import GraphView, graph_of, once
 from texclass.vibration.reflection import EXHAUSTED, LARGEST
 
 # Slopes and curvatures.

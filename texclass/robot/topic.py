@@ -14,16 +14,11 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 from numpy.typing import NDArray
 
-from texclass.loaders.ros_messages import (
-    MULTI_ARRAY,
-    TURN_RATE,
-    TYPES,
-    MessageError,
-    decode_multi_array,
-    decode_stamped,
-)
+from texclass.loaders.columns import TURN_RATE
 from texclass.recognition.sources.blocks import Block, BlockSource, Timing
-from texclass.recognition.sources.dds import (
+from texclass.recognition.sources.training_input import ACCELERATION_ONLY, Needs
+from texclass.recording import RecordingError, Samples
+from texclass.robot.dds import (
     DEPTH,
     Reliability,
     dds_topic,
@@ -32,8 +27,13 @@ from texclass.recognition.sources.dds import (
     quality,
     ros_type,
 )
-from texclass.recognition.sources.training_input import ACCELERATION_ONLY, Needs
-from texclass.recording import RecordingError, Samples
+from texclass.robot.ros_messages import (
+    MULTI_ARRAY,
+    TYPES,
+    MessageError,
+    decode_multi_array,
+    decode_stamped,
+)
 
 SIGNALS = ("sensor_msgs/msg/Imu", "geometry_msgs/msg/AccelStamped", MULTI_ARRAY)
 """Types that can be subscribed to."""

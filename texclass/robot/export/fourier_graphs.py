@@ -11,9 +11,9 @@ import numpy as np
 from scipy import fft
 
 from texclass.features import conditioning
-from texclass.recognition.export.graph import Graph, Tensor
-from texclass.recognition.export.graph_view import GraphView, once
 from texclass.recording import Samples
+from texclass.robot.export.graph import Graph, Tensor
+from texclass.robot.export.graph_view import GraphView, once
 
 
 def rfft(rows: Tensor, n: int, n_fft: int, n_bins: int) -> tuple[Tensor, Tensor]:

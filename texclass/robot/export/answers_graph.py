@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from sklearn.impute import SimpleImputer
 
 from texclass.recognition.deployed import Part
-from texclass.recognition.export.graph import OPSETS, Graph, OnnxExportError, Tensor, along, tensor_of
 from texclass.recognition.model import Model
 from texclass.recognition.probabilities import LEAST_PROBABILITY
 from texclass.recording import Samples
+from texclass.robot.export.graph import OPSETS, Graph, OnnxExportError, Tensor, along, tensor_of
 
 FEATURES = "features"
 OUTPUTS: tuple[str, ...] = ("label", "probabilities", "p_known", "unknown")

@@ -17,12 +17,12 @@ from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 from texclass.classifiers.kernel_discriminant import KernelDiscriminant
 from texclass.classifiers.segment_voting import SegmentVoting
 from texclass.recognition.deployed import prepared_by
-from texclass.recognition.export.answers_graph import FEATURES, OUTPUTS, UNDEFINED
-from texclass.recognition.export.graph import OnnxExportError
 from texclass.recognition.model import Model
 from texclass.recognition.probabilities import class_scores
 from texclass.recognition.unknown import strangeness
 from texclass.recording import Samples
+from texclass.robot.export.answers_graph import FEATURES, OUTPUTS, UNDEFINED
+from texclass.robot.export.graph import OnnxExportError
 
 SEED = 2015
 BATCH = 64

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from texclass.loaders.columns import TURN_RATE
 from texclass.loaders.stamps import Stamps
 from texclass.recording import RecordingError, Samples
 
@@ -19,8 +20,6 @@ MOST_DEFINITION = 1 << 16
 """Characters of the definition of a type."""
 MOST_CHANNELS = 1024
 """Channels of a `Float64MultiArray`; more is taken for a damaged message."""
-TURN_RATE = ("wx", "wy", "wz")
-"""Columns of a turn rate, rad/s."""
 
 
 class MessageError(ValueError):

@@ -10,19 +10,26 @@ from pathlib import Path
 
 import numpy as np
 
-from texclass.loaders.bag_files import Connection, bag_messages, bag_topics
-from texclass.loaders.columns import ReadOptions, ReadSignals, check_size, listed, refused, require
-from texclass.loaders.ros_messages import (
+from texclass.loaders.columns import (
+    TURN_RATE,
+    ReadOptions,
+    ReadSignals,
+    check_size,
+    listed,
+    refused,
+    require,
+)
+from texclass.loaders.stamps import Stamps, at_uniform_rate
+from texclass.recording import STANDARD_GRAVITY, RecordingError, Samples
+from texclass.robot.bag_files import Connection, bag_messages, bag_topics
+from texclass.robot.ros_messages import (
     MULTI_ARRAY,
     READABLE,
-    TURN_RATE,
     TYPES,
     decode_multi_array,
     decode_stamped,
     type_of,
 )
-from texclass.loaders.stamps import Stamps, at_uniform_rate
-from texclass.recording import STANDARD_GRAVITY, RecordingError, Samples
 
 BATCH = 4096
 """Messages decoded at a time."""

@@ -8,13 +8,13 @@ import numpy as np
 from texclass.features.phase_view import LEAST_PIECE, TURN, kept_length
 from texclass.features.plan import Plan
 from texclass.recognition.deployed import prepared_by
-from texclass.recognition.export.answers_graph import add_answers
-from texclass.recognition.export.fourier_graphs import irfft, rfft
-from texclass.recognition.export.graph import Graph, OnnxExportError, Tensor, tensor_of
-from texclass.recognition.export.graph_view import GraphView, member_graph, without_graph
 from texclass.recognition.live.online_recogniser import Stretches
 from texclass.recognition.model import Model
 from texclass.recording import STANDARD_GRAVITY, Recording, Samples
+from texclass.robot.export.answers_graph import add_answers
+from texclass.robot.export.fourier_graphs import irfft, rfft
+from texclass.robot.export.graph import Graph, OnnxExportError, Tensor, tensor_of
+from texclass.robot.export.graph_view import GraphView, member_graph, without_graph
 from texclass.signals import AXIS_PREFERENCE_SINGLE, HAND_SPAN_S
 
 SAMPLES = "samples"

@@ -19,7 +19,7 @@ import numpy as np
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import LEAST_PIECE, PhaseView
 from texclass.features.sets import FeatureSet, Member
-from texclass.recognition.export.graph import Graph, Made, Tensor
+from texclass.robot.export.graph import Graph, Made, Tensor
 
 Builder = Callable[..., Tensor]
 Given = ParamSpec("Given")

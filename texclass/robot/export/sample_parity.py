@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.recognition.export.answers_graph import OUTPUTS, UNDEFINED
-from texclass.recognition.export.parity import check_of, check_same, reference, run
-from texclass.recognition.export.sample_graph import SAMPLES, channels_of, recording_of
 from texclass.recognition.model import Model
 from texclass.recording import STANDARD_GRAVITY, Samples
+from texclass.robot.export.answers_graph import OUTPUTS, UNDEFINED
+from texclass.robot.export.parity import check_of, check_same, reference, run
+from texclass.robot.export.sample_graph import SAMPLES, channels_of, recording_of
 
 TOLERANCE = 1e-5
 """Largest difference of a probability that counts as none."""

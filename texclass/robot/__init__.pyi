@@ -1,0 +1,10 @@
+from .dds import AnswerPublisher as AnswerPublisher
+from .dds import ImuPublisher as ImuPublisher
+from .export.graph import OnnxExportError as OnnxExportError
+from .export.onnx_file import check_onnx as check_onnx
+from .export.onnx_file import export_onnx as export_onnx
+from .export.parity import ParityError as ParityError
+from .export.parity import check_parity as check_parity
+from .topic import Subscriber as Subscriber
+from .topic import discover as discover
+from .topic import topic_blocks as topic_blocks
