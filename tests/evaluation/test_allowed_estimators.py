@@ -152,7 +152,7 @@ def test_a_model_file_is_held_to_the_same_list(made, message):
 GENERATED = """
 import json, random, sys, warnings
 from pathlib import Path
-sys.path.insert(0, TESTS)
+sys.path.insert(0, BENCHMARKS)
 import numpy as np
 from fuzz.contract import WATCH
 from threadpoolctl import threadpool_info
@@ -190,7 +190,7 @@ print(json.dumps({**outcomes, "used": len(outcomes["used"])}))
 
 
 def test_no_generated_pipeline_writes_a_file_opens_a_socket_starts_a_process_or_unpickles(tmp_path):
-    code = GENERATED.replace("TESTS", repr(str(Path(__file__).parents[1])))
+    code = GENERATED.replace("BENCHMARKS", repr(str(Path(__file__).parents[2] / "benchmarks")))
     run = subprocess.run(
         [sys.executable, "-c", code, str(tmp_path), "150"],
         capture_output=True,

@@ -123,7 +123,7 @@ def test_the_page_never_scrolls_sideways(browser, path, width):
 
 def test_on_a_phone_a_row_begins_with_its_name_and_accuracy_and_captions_are_not_cut(browser, path):
     browser.open(path, width=360)
-    table = "document.querySelector('#s1 table.sorts:not(figure *)')"
+    table = "document.querySelector('#s2 table.sorts:not(figure *)')"
     right = f"{table}.tBodies[0].rows[0].cells[1].getBoundingClientRect().right"
     assert browser.run(f"{table}.tBodies[0].rows[0].cells[1].textContent").startswith("90.0")
     assert browser.run(right) <= 360
@@ -132,10 +132,10 @@ def test_on_a_phone_a_row_begins_with_its_name_and_accuracy_and_captions_are_not
 
 def test_a_heading_sorts_its_column_by_click_and_by_key(browser, path):
     browser.open(path)
-    rows = """[...document.querySelector("#s1 table.sorts:not(figure *)").tBodies[0].rows]
+    rows = """[...document.querySelector("#s2 table.sorts:not(figure *)").tBodies[0].rows]
       .map((row) => row.cells[0].textContent)"""
     as_written = browser.run(rows)
-    button = "document.querySelectorAll('#s1 table.sorts:not(figure *) [data-column=\"1\"] button')[0]"
+    button = "document.querySelectorAll('#s2 table.sorts:not(figure *) [data-column=\"1\"] button')[0]"
     state = f"{button}.closest('th').getAttribute('aria-sort')"
     browser.run(f"{button}.click()")
     assert browser.run(state) == "descending"

@@ -152,7 +152,7 @@ def test_other_files_are_refused(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"the rule is classes of scikit-learn and texclass.*safe\)$"):
         load_recogniser(tmp_path / "foreign.skops")
     monkeypatch.setattr(trusted, "foreign_in", lambda data: ["texclass.evaluation.choice.Choice"])
-    with pytest.raises(ValueError, match=r"names texclass\.experiment\.choice\.Choice.* make it again with"):
+    with pytest.raises(ValueError, match=r"names texclass\.evaluation\.choice\.Choice.* make it again with"):
         load_recogniser(tmp_path / "foreign.skops")
 
 
