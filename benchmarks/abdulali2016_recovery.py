@@ -14,8 +14,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "examples" / "papers"))
 from abdulali2016_simulated import SURFACES, simulate_scan
 from abdulali2016_study import FS, study_bound, study_held_out
 
-from texclass.document import Table
 from texclass.haptics.textures.abdulali2016 import bake, model_scan
+from texclass.reporting import Table
 
 KEPT = ("speed", "force", "direction")
 LEAST = 0.95

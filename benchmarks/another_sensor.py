@@ -15,13 +15,13 @@ import pandas as pd
 from scipy import signal
 from study import command_line, table, write
 
-from texclass.document import Heading
 from texclass.evaluation import cached_table, load_pipeline
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recognition import Model, train
 from texclass.recognition.adaptation import adapted_to
 from texclass.recording import Recording, Samples
+from texclass.reporting import Heading
 from texclass.simulate import freehand
 from texclass.simulate.recipe import Recipe
 from texclass.simulate.tool import Sensor

@@ -13,8 +13,8 @@ import pandas as pd
 from scipy import fft, linalg, signal
 from study import command_line, in_turns, table, write
 
-from texclass.document import Heading, Table
 from texclass.recording import Samples
+from texclass.reporting import Heading, Table
 from texclass.vibration import Autoregression, LatticeInverse, LatticeSynthesis, fit
 from texclass.vibration.autoregressive import from_direct_form
 

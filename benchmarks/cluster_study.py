@@ -24,11 +24,11 @@ from distributed import Client
 from scaling_study import FS, SEED, card_of
 from study import command_line, table, write
 
-from texclass.document import Heading
 from texclass.evaluation import extract_partitions, extract_table, running_on
 from texclass.features import load_feature_set
 from texclass.loaders import open_dataset
 from texclass.provenance import versions
+from texclass.reporting import Heading
 
 NUMBERS, SIZE, SECONDS, N_WORKERS = (500, 1000, 2000, 5000), 100, 1.5, 2
 FAR = (100_000, 1_000_000)

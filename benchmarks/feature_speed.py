@@ -25,10 +25,10 @@ import pandas as pd
 from study import ROOT, command_line, table, timed, write
 
 from texclass.baselines.worker_process import ENVIRONMENT, HERE
-from texclass.document import Heading
 from texclass.features import FeatureSet, load_feature_set
 from texclass.features.phase_view import Views
 from texclass.recording import Phases, Recording, Samples, Tap
+from texclass.reporting import Heading
 
 FS, DURATION_S = 10_000.0, 25.0
 SEED = 0

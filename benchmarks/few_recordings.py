@@ -15,7 +15,6 @@ import numpy as np
 import pandas as pd
 from study import command_line, table, write
 
-from texclass.document import Heading
 from texclass.evaluation import (
     PipelineDefinition,
     cached_table,
@@ -34,6 +33,7 @@ from texclass.recognition import Novelty
 from texclass.recognition.candidates import Candidate, HeldOut, candidates_of, hold_out, without_choice
 from texclass.recognition.holding_out import LATER_ALARMS, of_succession
 from texclass.recognition.unknown import cautious
+from texclass.reporting import Heading
 
 SEED = 11
 FALSE_ALARMS = 0.05

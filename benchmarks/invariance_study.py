@@ -16,12 +16,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 from study import command_line, table, write
 
-from texclass.document import Table
-from texclass.document.figure_style import LOOKS, MUTED, OTHER, OURS, THIRD
 from texclass.features import load_feature_set
 from texclass.features.plan import Plan
 from texclass.phases import segment
 from texclass.recording import AUXILIARY_UNITS, Phases, Recording, Tap
+from texclass.reporting import Table
+from texclass.reporting.figure_style import LOOKS, MUTED, OTHER, OURS, THIRD
 from texclass.simulate import (
     Surface,
     operator_catalogue,

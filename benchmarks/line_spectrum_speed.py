@@ -10,7 +10,7 @@ import pandas as pd
 from scipy import signal
 from study import command_line, in_turns, table, write
 
-from texclass.document import Heading
+from texclass.reporting import Heading
 from texclass.vibration.autoregressive import Autoregression
 from texclass.vibration.line_spectrum import conditioning, from_reflection, to_reflection
 

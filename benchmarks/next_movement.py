@@ -16,12 +16,12 @@ import numpy as np
 import pandas as pd
 from study import command_line, table, write
 
-from texclass.document import Heading
 from texclass.evaluation import cached_table, load_pipeline
 from texclass.loaders.simulated import open_gestures
 from texclass.recognition import Exploration, KnownGesture, Model, train
 from texclass.recognition.exploration import ROWS, STROKES
 from texclass.recording import Samples
+from texclass.reporting import Heading
 from texclass.simulate import GESTURES, Recipe
 
 SEED = 2015

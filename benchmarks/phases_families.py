@@ -21,10 +21,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from made_recordings import FAMILIES, MATCH_S, make, matched, overlap
 
-from texclass.document import Heading, Table
 from texclass.phases import segment
 from texclass.provenance import code_hash
 from texclass.recording import Recording
+from texclass.reporting import Heading, Table
 
 SEED = 602_214
 """Of the first recording of each family; those from 0 to 1299, 271828 and on, 314159 and on came before."""

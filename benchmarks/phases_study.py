@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from made_recordings import MATCH_S, matched, overlap
 
-from texclass.document import Heading, Table
 from texclass.phases import segment
+from texclass.reporting import Heading, Table
 from texclass.simulate import operator_catalogue, record_freehand, surface_catalogue
 
 SEED = 48611

@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from scipy.io import wavfile
 from study import command_line, timed, write
 
-from texclass.document import Heading, Table
 from texclass.recording import Samples
+from texclass.reporting import Heading, Table
 from texclass.vibration import DecayingModes, fit_matrix_pencil, fit_prony
 from texclass.vibration.decaying_modes import prony
 

@@ -14,9 +14,9 @@ import pandas as pd
 from scipy import stats
 from study import command_line, table, write
 
-from texclass.document import Table
 from texclass.evaluation.benchmark import run_benchmark
 from texclass.evaluation.pipeline import load_pipeline
+from texclass.reporting import Table
 
 SEED, DURATION_S, N_RECORDINGS, N_OPERATORS = 2015, 6.0, 10, 5
 COMBINED = (

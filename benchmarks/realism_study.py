@@ -13,10 +13,10 @@ from matplotlib.ticker import LogLocator, NullLocator
 from scipy import signal, stats
 from study import command_line, write
 
-from texclass.document import Table
 from texclass.loaders import open_dataset
 from texclass.phases import segment
 from texclass.recording import Recording
+from texclass.reporting import Table
 from texclass.signals import combine
 
 BAND_HZ = (40.0, 350.0)

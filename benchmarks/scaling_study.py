@@ -31,14 +31,14 @@ import soundfile
 from matplotlib.figure import Figure
 from study import command_line, table, timed, write
 
-from texclass.document import Heading
-from texclass.document.figure_style import INK, OTHER, OURS
 from texclass.evaluation import extract_table
 from texclass.features import load_feature_set
 from texclass.features.plan import Plan
 from texclass.loaders import open_dataset
 from texclass.phases import segment
 from texclass.provenance import versions
+from texclass.reporting import Heading
+from texclass.reporting.figure_style import INK, OTHER, OURS
 
 FS, SEED = 10_000, 2015
 NUMBERS = (100, 250, 500, 1000, 2000, 3000, 4000, 5000)

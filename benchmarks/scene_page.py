@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from study import ROOT, command_line, table, write
 
-from texclass.document.blocks import Block
 from texclass.haptics.scene import PlannedScene, plan_scene, write_feel_page
 from texclass.haptics.scene.pages import N_CONTACTS
 from texclass.haptics.scene.renderer import packed
 from texclass.haptics.textures.grid import GridModel
+from texclass.reporting.blocks import Block
 
 sys.path.insert(0, str(ROOT / "tests"))
 from chromium import Browser

@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 from study import command_line, table, write
 
-from texclass.document import Heading
 from texclass.haptics.scene import PlannedScene, SceneRenderer, plan_scene, read_scene
 from texclass.haptics.scene.proof import quantiles, run_steps, without_garbage_collection
 from texclass.haptics.scene.renderer import PEAK_FACTOR
 from texclass.haptics.textures.grid import GridModel
+from texclass.reporting import Heading
 
 SCENE, CONTACTS, ORDER = "twenty", 4, 400
 N_RUNS, PATH_SAMPLES = 5, 2000

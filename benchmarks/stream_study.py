@@ -22,7 +22,6 @@ import numpy as np
 import pandas as pd
 from study import command_line, in_turns, interval, table, timed, write
 
-from texclass.document import Heading, Table
 from texclass.evaluation import PipelineDefinition, load_pipeline, touches, wilson_interval
 from texclass.evaluation.pipeline import RowDefinition
 from texclass.evaluation.windows import by_recording
@@ -41,6 +40,7 @@ from texclass.recognition import (
     train,
 )
 from texclass.recording import Recording, Samples
+from texclass.reporting import Heading, Table
 
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "numba")
 BLOCK_S, SPEED_S = 0.025, 30.0

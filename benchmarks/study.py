@@ -19,10 +19,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
-from texclass.document import Document, Table, render_markdown
-from texclass.document.blocks import Block
-from texclass.document.figure_style import save_figure
 from texclass.provenance import made_by, versions
+from texclass.reporting import Document, Table, render_markdown
+from texclass.reporting.blocks import Block
+from texclass.reporting.figure_style import save_figure
 
 R = TypeVar("R")
 ROOT = Path(__file__).resolve().parents[1]
@@ -57,7 +57,7 @@ LIBRARIES = {
     "numba": "numba", "onnx": "onnx", "onnxruntime": "onnxruntime", "cyclonedds": "cyclonedds",
 }  # fmt: skip
 """Modules on whose versions figures depend, and their distributions."""
-WORDS = {"cli", "document", "front_door", "provenance", "reporting", "_version"}
+WORDS = {"cli", "front_door", "provenance", "reporting", "_version"}
 """Rooms and modules on which no figure depends."""
 
 

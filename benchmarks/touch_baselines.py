@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from study import command_line, interval, table, write
 
 from texclass.baselines import BaselineSettings, compare_with_baselines
-from texclass.document.figure_style import FOURTH, MUTED, OTHER, OURS, THIRD
 from texclass.evaluation import load_pipeline, run_benchmark, touches
 from texclass.loaders import open_dataset
+from texclass.reporting.figure_style import FOURTH, MUTED, OTHER, OURS, THIRD
 
 SECONDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 BASELINES = "mfcc,catch22,minirocket"

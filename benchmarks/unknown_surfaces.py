@@ -15,7 +15,6 @@ from scipy.special import stdtrit
 from sklearn.metrics import roc_auc_score
 from study import command_line, table, write
 
-from texclass.document import Heading
 from texclass.evaluation import PipelineDefinition, cached_table, find_protocol, load_pipeline
 from texclass.evaluation.accuracy import jackknife_error
 from texclass.evaluation.pipeline import MatchedRow
@@ -24,6 +23,7 @@ from texclass.recognition import Novelty
 from texclass.recognition.probabilities import class_scores
 from texclass.recognition.unknown import fit_nearness
 from texclass.recording import Samples
+from texclass.reporting import Heading
 
 SEED = 6
 FALSE_ALARMS = 0.05

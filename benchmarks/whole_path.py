@@ -24,14 +24,14 @@ from feature_speed import baseline_versions, baselines
 from matplotlib.figure import Figure
 from study import command_line, in_turns, table, timed, write
 
-from texclass.document import Heading, Table
-from texclass.document.figure_style import INK, OURS
 from texclass.features import FeatureSet, load_feature_set
 from texclass.features.phase_view import UndefinedFeatureError, Views
 from texclass.loaders import load_recording, open_dataset
 from texclass.phases import segment
 from texclass.recognition import Model, train
 from texclass.recording import Phases, Recording
+from texclass.reporting import Heading, Table
+from texclass.reporting.figure_style import INK, OURS
 from texclass.simulate.recipe import Recipe
 
 SEED = 0

@@ -14,12 +14,12 @@ from toy_noises import TINY
 from typer.models import OptionInfo
 
 from texclass.cli import app
+from texclass.cli.result_files import write_page
 from texclass.evaluation import extract_table
 from texclass.features import load_feature_set
 from texclass.haptics.exchange import write_wav
 from texclass.loaders import open_dataset
 from texclass.recognition.model_files import write_model_file
-from texclass.reporting import write_page
 from texclass.robot import export_onnx
 
 INPUTS = {"labels", "baselines_python", "taps"}

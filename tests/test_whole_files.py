@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from texclass.cli.app import main
-from texclass.document import Document, write_document
 from texclass.haptics.exchange import write_wav
 from texclass.loaders import load_recording, open_dataset
 from texclass.loaders.cards import CardError
 from texclass.recording import RecordingError
+from texclass.reporting import Document, write_document
 from texclass.whole_files import sibling, write_whole
 
 

@@ -1,5 +1,4 @@
 from . import classifiers as classifiers
-from . import document as document
 from . import evaluation as evaluation
 from . import features as features
 from . import haptics as haptics

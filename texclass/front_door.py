@@ -126,8 +126,8 @@ def plot_recording(
     fs, unit : optional
         As `load_recording` takes them.
     """
+    from texclass.evaluation.inspection import inspected
     from texclass.loaders import find_recording
-    from texclass.reporting import inspected
 
     one = find_recording(recording, fs=fs, unit=unit) if isinstance(recording, str | Path) else recording
     return inspected(one, "strese2015")[0]

@@ -7,13 +7,13 @@ from pathlib import Path
 from fuzz.contract import Target
 from fuzz.mutate import json_of, of_text, toml_of, trees
 from texclass import shipped
-from texclass.document import render_page
+from texclass.cli.result_files import read_document
 from texclass.evaluation import load_pipeline
 from texclass.features import load_feature_set
 from texclass.haptics.scene.definition import EXAMPLES, read_path, read_scene
 from texclass.loaders import open_dataset, read_card
 from texclass.loaders.filesets import match_name
-from texclass.reporting import read_document
+from texclass.reporting import render_page
 
 _TOML = trees(lambda data: tomllib.loads(data.decode()), toml_of)
 _CARD = """title = "Toy"

@@ -11,8 +11,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import texclass as tx
-from texclass.document.figure_style import DPI, OURS, STYLE
 from texclass.features.examination import behaviour
+from texclass.reporting.figure_style import DPI, OURS, STYLE
 from texclass.shipped import names
 from texclass.simulate import Grating, Surface, operator_catalogue, record_freehand
 

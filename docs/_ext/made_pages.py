@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from sphinx_gallery.scrapers import figure_rst, matplotlib_scraper
 
 import texclass as tx
-from texclass.document.figure_style import DPI, LOOKS, STYLE
+from texclass.reporting.figure_style import DPI, LOOKS, STYLE
 
 ROOT = Path(__file__).parents[2]
 MADE = ("reports", "features", "api")

@@ -44,4 +44,4 @@ plt.show()
 study = tx.evaluation.study_feature(
     dataset, tx.load_pipeline("strese2015"), tx.features.find("kurtosis"), n_folds=4
 )
-print(tx.document.render_markdown(study.document())[:1200])
+print(tx.reporting.render_markdown(study.document())[:1200])

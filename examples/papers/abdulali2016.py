@@ -12,13 +12,13 @@ from matplotlib.figure import Figure as Drawing
 from scipy import signal
 from threadpoolctl import threadpool_limits
 
-from texclass.document import Heading, new_figure
-from texclass.document.figure_style import FAINT, FOURTH, INK, LOOKS, OTHER, OURS, THIRD
 from texclass.haptics.textures import Scan
 from texclass.haptics.textures.abdulali2016 import bake, condition, model_scan
 from texclass.haptics.textures.abdulali2016.network_fit import segment_enough
 from texclass.haptics.textures.resonant_surfaces import GROWTH
 from texclass.provenance import versions
+from texclass.reporting import Heading, new_figure
+from texclass.reporting.figure_style import FAINT, FOURTH, INK, LOOKS, OTHER, OURS, THIRD
 
 KEY, FS = "abdulali2016", study.FS
 WAYS = (

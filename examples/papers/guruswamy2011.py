@@ -33,7 +33,6 @@ from guruswamy2011_measures import (
 from guruswamy2011_objects import OBJECTS, TABLE_1, TABLE_2, TABLE_3
 from shared import arguments, write_chapter
 
-from texclass.document import Document, Figure, Heading, Table
 from texclass.haptics.textures.guruswamy2011 import (
     RESOLUTION,
     FittedScan,
@@ -45,6 +44,7 @@ from texclass.haptics.textures.guruswamy2011.texture import LARGEST_OUTPUT, N_RI
 from texclass.haptics.textures.scan import Scan
 from texclass.loaders import DataNotFoundError, open_dataset
 from texclass.provenance import versions
+from texclass.reporting import Document, Figure, Heading, Table
 
 KEY = "guruswamy2011"
 N_TRIALS, N_LOOSE = 50, 10

@@ -9,10 +9,10 @@ from guruswamy2011_objects import LAWS, OBJECTS, ROW, TABLE_1, Samples
 from matplotlib.figure import Figure as Drawing
 from scipy import ndimage, signal
 
-from texclass.document.figure_style import FAINT, INK, LOOKS, OTHER, OURS, legend_above
-from texclass.document.wording import MINUS
 from texclass.haptics.textures.guruswamy2011 import FittedScan, LevelFit
 from texclass.haptics.textures.guruswamy2011.fit import SMOOTHING_HZ
+from texclass.reporting.figure_style import FAINT, INK, LOOKS, OTHER, OURS, legend_above
+from texclass.reporting.wording import MINUS
 
 COLOURS = (*(colour for colour, _ in LOOKS), INK)
 

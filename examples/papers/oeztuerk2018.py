@@ -11,8 +11,6 @@ from matplotlib.figure import Figure as Drawing
 from oeztuerk2018_study import FRICTIONS, FS, SPEEDS_MM_S
 from scipy import fft, signal
 
-from texclass.document import Heading
-from texclass.document.figure_style import FAINT, INK, OTHER, OURS
 from texclass.haptics.exchange import write_wav
 from texclass.haptics.textures.oeztuerk2018 import (
     BIN_MM_S,
@@ -23,6 +21,8 @@ from texclass.haptics.textures.oeztuerk2018 import (
     speed_intervals,
 )
 from texclass.provenance import versions
+from texclass.reporting import Heading
+from texclass.reporting.figure_style import FAINT, INK, OTHER, OURS
 from texclass.vibration import fit, fit_major_frequencies, synthesize
 from texclass.vibration.major_frequencies import BEAT_THRESHOLDS_HZ
 

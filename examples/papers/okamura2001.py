@@ -29,8 +29,6 @@ from okamura2001_taps import FS, MATERIALS, TABLE_I, TABLE_II, VELOCITIES_M_S, S
 from scipy import signal, stats
 from shared import arguments, write_chapter
 
-from texclass.document import Document, Figure, Heading, Table
-from texclass.document.figure_style import FAINT, INK, OTHER, OURS, legend_above, log_x
 from texclass.haptics.textures.okamura2001 import (
     ForceDevice,
     TapLibrary,
@@ -42,6 +40,8 @@ from texclass.haptics.textures.okamura2001 import (
 )
 from texclass.loaders import DataNotFoundError, open_dataset
 from texclass.provenance import versions
+from texclass.reporting import Document, Figure, Heading, Table
+from texclass.reporting.figure_style import FAINT, INK, OTHER, OURS, legend_above, log_x
 from texclass.vibration import TapModel, fit_okamura
 
 KEY = "okamura2001"

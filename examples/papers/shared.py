@@ -9,9 +9,9 @@ from typing import Any
 
 import pandas as pd
 
-from texclass.document import Document, Figure, Table, print_document, write_document
 from texclass.loaders import DataNotFoundError, open_dataset
 from texclass.recording import Recording
+from texclass.reporting import Document, Figure, Table, print_document, write_document
 
 ABSENT = "Skipped: the recordings are not on this machine (`TEXCLASS_DATA`)."
 

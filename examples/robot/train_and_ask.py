@@ -16,7 +16,7 @@ import texclass as tx
 
 dataset = tx.open_dataset("simulated6")
 model = tx.train(dataset, row="Movement", classifier="lda")
-tx.document.print_document(tx.recognition.model_document(model))
+tx.reporting.print_document(tx.recognition.model_document(model))
 
 # %%
 # It is saved and loaded without pickle: what is not on the list of classes is refused by name.

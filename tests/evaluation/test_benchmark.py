@@ -11,12 +11,12 @@ import pytest
 from scipy.stats import spearmanr
 from toy_noises import CLASSIFIERS, FS, STEPS, TINY, a_table, row
 
-from texclass.document import render_markdown
 from texclass.evaluation.benchmark import choose_inside, inner_splits, rank_agreement, run_benchmark
 from texclass.evaluation.feature_table import FeatureTable
 from texclass.evaluation.pipeline import MatchedRow, Selection, Use, load_pipeline
 from texclass.evaluation.protocols import find_protocol
 from texclass.recording import RecordingError
+from texclass.reporting import render_markdown
 
 ROWS = (
     row("Level", "level", published={"naive_bayes": 90}),

@@ -27,7 +27,7 @@ from okamura2001_people import (
 from okamura2001_taps import MATERIALS, TABLE_II
 from scipy import stats
 
-from texclass.document.figure_style import STYLE, WIDTH
+from texclass.reporting.figure_style import STYLE, WIDTH
 from texclass.vibration import TapModel
 
 

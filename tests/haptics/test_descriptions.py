@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import texclass as tx
-from texclass.document import render_markdown
 from texclass.haptics import felt_document
+from texclass.reporting import render_markdown
 
 REFERENCES = """
 title = "Six simulated surfaces"

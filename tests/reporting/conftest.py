@@ -3,7 +3,7 @@
 import pytest
 from told import FILES
 
-from texclass.reporting import write_page
+from texclass.cli.result_files import write_page
 
 
 @pytest.fixture(scope="session")

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 from told import DATA, HOSTILE, result
 
-from texclass.reporting import read_document, write_page
-from texclass.reporting.result_files import KINDS
+from texclass.cli.result_files import KINDS, read_document, write_page
 
 REPORTS = Path(__file__).parents[2] / "reports"
 INVARIANCE = DATA / "invariance.json"
@@ -60,7 +59,7 @@ def outline(page):
 @pytest.fixture
 def text_of(tmp_path, monkeypatch):
     """Return what gives the page of a result, its figures left blank."""
-    monkeypatch.setattr("texclass.document.page.inline_svg", lambda *_: "<svg></svg>")
+    monkeypatch.setattr("texclass.reporting.page.inline_svg", lambda *_: "<svg></svg>")
 
     def page_of(data):
         path = tmp_path / "result.json"
@@ -171,7 +170,7 @@ def test_the_same_results_give_the_same_page(tmp_path):
 
 
 def test_results_of_equal_titles_are_told_apart(tmp_path, monkeypatch):
-    monkeypatch.setattr("texclass.document.page.inline_svg", lambda *_: "")
+    monkeypatch.setattr("texclass.reporting.page.inline_svg", lambda *_: "")
     for name in ("a", "b"):
         (tmp_path / f"{name}.json").write_text(
             json.dumps(result("benchmark") | {"pipeline": {"name": name, "hash": "ff", "features": "f"}})

@@ -8,11 +8,11 @@ from told import result
 
 from texclass import provenance
 from texclass.cli.evaluation_commands import report
+from texclass.cli.result_files import stale_results
 from texclass.evaluation import load_pipeline
 from texclass.evaluation.result import COMPUTED_BY
 from texclass.features import load_feature_set
 from texclass.provenance import code_hash, made_by
-from texclass.reporting import stale_results
 
 
 def todays():

@@ -6,9 +6,9 @@ from itertools import pairwise
 import pytest
 from told import HOSTILE, document, everywhere, result
 
-from texclass.document import Figure, Heat, Table, render_markdown, write_document
-from texclass.document.figure_style import NARROW, WIDTH, drawn
 from texclass.evaluation.additions import verdict
+from texclass.reporting import Figure, Heat, Table, render_markdown, write_document
+from texclass.reporting.figure_style import NARROW, WIDTH, drawn
 
 KINDS = ["benchmark", "feature", "tradeoff", "baselines", "invariance", "stability"]
 

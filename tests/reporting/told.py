@@ -6,8 +6,8 @@ from typing import Any
 
 from rich.console import Console
 
-from texclass.document import Document, render_markdown, render_terminal
-from texclass.reporting.result_files import KINDS
+from texclass.cli.result_files import KINDS
+from texclass.reporting import Document, render_markdown, render_terminal
 
 HOSTILE = '<script>alert("x")</script>'
 DATA = Path(__file__).parent / "data"

@@ -3,7 +3,7 @@ import json
 import pandas as pd
 import pytest
 
-from texclass.document import render_markdown
+from texclass.reporting import render_markdown
 from texclass.stability import Mark, StabilityResult
 from texclass.stability.battery import summed_up
 

@@ -6,29 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from texclass.document import Document, Figure, Finding, Folded, Heading, Table
-from texclass.document.blocks import Block
-from texclass.document.figure_style import (
-    OTHER,
-    OURS,
-    PAPER,
-    chance_line,
-    legend_above,
-    log_x,
-    new_figure,
-    per_cent_limits,
-)
-from texclass.document.wording import (
-    aligned,
-    digits,
-    estimate,
-    gain,
-    p_value,
-    percent,
-    points,
-    points_interval,
-    sentence,
-)
 from texclass.evaluation.result import (
     CHOICE,
     again_facts,
@@ -39,6 +16,29 @@ from texclass.evaluation.result import (
     over,
     protocol_title,
     size,
+)
+from texclass.reporting import Document, Figure, Finding, Folded, Heading, Table
+from texclass.reporting.blocks import Block
+from texclass.reporting.figure_style import (
+    OTHER,
+    OURS,
+    PAPER,
+    chance_line,
+    legend_above,
+    log_x,
+    new_figure,
+    per_cent_limits,
+)
+from texclass.reporting.wording import (
+    aligned,
+    digits,
+    estimate,
+    gain,
+    p_value,
+    percent,
+    points,
+    points_interval,
+    sentence,
 )
 
 if TYPE_CHECKING:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from texclass.baselines.baseline_worker.baselines import BASELINES, Baseline
 from texclass.baselines.baseline_worker.run import write_task
 from texclass.baselines.worker_process import measure_ours, run_worker
-from texclass.document import Document
 from texclass.evaluation.accuracy import compare, score
 from texclass.evaluation.benchmark import BenchmarkResult
 from texclass.evaluation.feature_table import FeatureTable, cached_table
@@ -29,6 +28,7 @@ from texclass.loaders.dataset import Dataset
 from texclass.phases import segment
 from texclass.provenance import made_by
 from texclass.recording import Phases, Recording, Samples
+from texclass.reporting import Document
 
 Given = Literal["same", "each"]
 DESCRIPTIONS: dict[Given, str] = {

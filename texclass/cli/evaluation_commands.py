@@ -175,9 +175,9 @@ def extract(
     from texclass.loaders import open_dataset
 
     recordings = open_dataset(dataset, **reading, labels=labels, skip_bad=skip_bad)
-    from texclass.document.wording import counted
     from texclass.evaluation import extract_partitions, extract_table, running_on
     from texclass.features import load_feature_set
+    from texclass.reporting.wording import counted
 
     feature_set = load_feature_set(features)
     with running_on(backend, scheduler), progress_bar() as progress:
@@ -316,7 +316,7 @@ def report(
     stale
         List results whose code, pipeline or features have changed, and skipped files; write no page.
     """
-    from texclass.reporting import stale_results, write_page
+    from texclass.cli.result_files import stale_results, write_page
 
     if stale:
         found, skipped = stale_results(results)

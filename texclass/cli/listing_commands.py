@@ -38,8 +38,8 @@ def inspect(
     from texclass.loaders import find_recording
 
     found = find_recording(recording, **reading)
-    from texclass.document.wording import counted
-    from texclass.reporting import inspected
+    from texclass.evaluation.inspection import inspected
+    from texclass.reporting.wording import counted
     from texclass.whole_files import write_whole
 
     figure, phases = inspected(found, features)
@@ -113,7 +113,7 @@ def sample(
 def datasets(context: typer.Context) -> None:
     """List the dataset cards; `get` fetches published recordings."""
     if context.invoked_subcommand is None:
-        from texclass.reporting import datasets_document
+        from texclass.cli.listings import datasets_document
 
         tell(datasets_document())
 
@@ -152,6 +152,6 @@ def features(
     name
         A shipped feature set or a TOML of yours.
     """
-    from texclass.reporting import features_document
+    from texclass.cli.listings import features_document
 
     tell(features_document(name))

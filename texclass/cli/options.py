@@ -13,8 +13,8 @@ from texclass.cli.app import told
 from texclass.whole_files import path_ending
 
 if TYPE_CHECKING:
-    from texclass.document import Document
     from texclass.evaluation.result import Result
+    from texclass.reporting import Document
 
 
 FILE_SUFFIXES = (
@@ -292,7 +292,7 @@ def write_json(path: Path | None, text: str) -> None:
 
 def tell(document: "Document", lines: Iterable[str] = ()) -> None:
     """Print a document, and lines below it."""
-    from texclass.document import print_document
+    from texclass.reporting import print_document
 
     print_document(document)
     for line in lines:

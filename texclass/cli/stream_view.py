@@ -14,9 +14,9 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from texclass.document.wording import counted
 from texclass.recognition import ContactVerdict, Event, ExploredVerdict, Notice, Session, WindowAnswer
 from texclass.recognition.conformal import told as sets_told
+from texclass.reporting.wording import counted
 
 REFRESH_S = 0.1
 N_SHOWN = 5

@@ -8,10 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from texclass.document import Figure, Table
-from texclass.document.blocks import Block
-from texclass.document.figure_style import INK, OURS, PAPER, legend_above, row_axes
-from texclass.document.wording import aligned, gain, p_value, percent, points
 from texclass.evaluation.accuracy import LEVEL, compare, holm
 from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable
@@ -20,6 +16,10 @@ from texclass.evaluation.pipeline import MatchedRow, PipelineDefinition
 from texclass.evaluation.protocols import Protocol, repeated
 from texclass.evaluation.result import classifier_title, over
 from texclass.evaluation.workers import Progress, each
+from texclass.reporting import Figure, Table
+from texclass.reporting.blocks import Block
+from texclass.reporting.figure_style import INK, OURS, PAPER, legend_above, row_axes
+from texclass.reporting.wording import aligned, gain, p_value, percent, points
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing

@@ -41,7 +41,7 @@ from texclass.provenance import made_by, versions
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from texclass.document import Document
+    from texclass.reporting import Document
 
 ACCURACY_KEYS = ("mean", "low", "high", "interval", "clusters", "n_clusters", "balanced", "worst")
 LIBRARIES = ("numpy", "scipy", "scikit-learn", "pandas", "PyWavelets", "librosa", "joblib")

@@ -8,22 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from texclass.document import Document, Figure, Finding, Heading, Heat, Shade, Table
-from texclass.document.blocks import Block
-from texclass.document.figure_style import (
-    FAINT,
-    INK,
-    LOOKS,
-    OTHER,
-    OURS,
-    PAPER,
-    chance_line,
-    legend_above,
-    new_figure,
-    per_cent_limits,
-    row_axes,
-)
-from texclass.document.wording import aligned, counted, digits, estimate, interval, percent, points, sentence
 from texclass.evaluation.additions import gains_blocks
 from texclass.evaluation.result import (
     Pair,
@@ -38,6 +22,22 @@ from texclass.evaluation.result import (
     protocol_title,
     size,
 )
+from texclass.reporting import Document, Figure, Finding, Heading, Heat, Shade, Table
+from texclass.reporting.blocks import Block
+from texclass.reporting.figure_style import (
+    FAINT,
+    INK,
+    LOOKS,
+    OTHER,
+    OURS,
+    PAPER,
+    chance_line,
+    legend_above,
+    new_figure,
+    per_cent_limits,
+    row_axes,
+)
+from texclass.reporting.wording import aligned, counted, digits, estimate, interval, percent, points, sentence
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing

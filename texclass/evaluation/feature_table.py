@@ -25,7 +25,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from texclass import __version__
-from texclass.document.wording import counted
 from texclass.evaluation.parts import Part, read_part, write_part
 from texclass.evaluation.windows import Window, by_recording, parent_id
 from texclass.evaluation.workers import Progress, each
@@ -35,6 +34,7 @@ from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet, code_hash
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import RecordingError, Samples, axes_differ, describe_axes
+from texclass.reporting.wording import counted
 from texclass.whole_files import cache_root, path_ending, sibling, write_whole
 
 DOUBTS = ("unit:", "clipped:", "constant:", "narrow band:", "time:", "merged log:", "divided:")

@@ -13,9 +13,6 @@ from sklearn.model_selection import KFold, cross_val_predict
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from texclass.document import Document, Finding, Folded, Heading, Table, write_document
-from texclass.document.blocks import Block
-from texclass.document.wording import digits, estimate, p_value, percent, points, points_interval
 from texclass.evaluation.accuracy import LEVEL
 from texclass.evaluation.additions import unseen
 from texclass.evaluation.benchmark import BenchmarkResult, run_benchmark
@@ -30,6 +27,9 @@ from texclass.features.examination import EXACT, behaviour, gain_law
 from texclass.features.phase_view import View, views_of
 from texclass.loaders.dataset import Dataset
 from texclass.recording import Samples
+from texclass.reporting import Document, Finding, Folded, Heading, Table, write_document
+from texclass.reporting.blocks import Block
+from texclass.reporting.wording import digits, estimate, p_value, percent, points, points_interval
 
 Data = Mapping[str, Any]
 N_NEAREST = 3

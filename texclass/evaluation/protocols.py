@@ -12,8 +12,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from sklearn.model_selection import LeaveOneGroupOut, StratifiedGroupKFold, StratifiedKFold
 
-from texclass.document.wording import counted
 from texclass.evaluation.windows import asked, parents
+from texclass.reporting.wording import counted
 
 Indices = NDArray[np.intp]
 Split = tuple[Indices, Indices]

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from texclass.document.wording import counted
 from texclass.evaluation.accuracy import LEAST_CLUSTERS
 from texclass.evaluation.windows import asked, parents
 from texclass.recording import Recording, Samples
+from texclass.reporting.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from texclass.document import Document
     from texclass.loaders.dataset import Dataset
+    from texclass.reporting import Document
 
 COMPUTED_BY = ("recording", "signals", "phases", "features", "vibration", "classifiers", "evaluation")
 """Rooms and modules whose code the figures of a result depend on."""
@@ -81,7 +81,7 @@ class Result:
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write JSON, Markdown and pictures into a folder; their names begin with `stem`."""
-        from texclass.document import write_document
+        from texclass.reporting import write_document
 
         return write_document(self.document(), folder, self.stem, json=self.to_json())
 

@@ -13,11 +13,11 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from texclass.document.wording import counted
 from texclass.features.phase_view import Channels, channels_apart
 from texclass.features.plan import Computed, Plan
 from texclass.features.sets import FeatureSet, load_feature_set
 from texclass.recording import Phases, Recording, RecordingError, Samples, axes_differ, describe_axes
+from texclass.reporting.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd

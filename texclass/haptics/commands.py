@@ -81,8 +81,8 @@ def plan(
     report : FOLDER
         Write the plan here as Markdown, with a figure of what the speed does to each surface.
     """
-    from texclass.document import write_document
     from texclass.haptics.scene import plan_scene, read_scene
+    from texclass.reporting import write_document
 
     read = read_scene(definition)
     with progress_bar() as progress:
@@ -204,8 +204,8 @@ def texture(
     """
     import json
 
-    from texclass.document import Document
     from texclass.haptics.exchange import describe
+    from texclass.reporting import Document
 
     found = describe(file)
     tell(Document(str(file), [{key: _words(value) for key, value in found.items()}]))
@@ -295,7 +295,7 @@ def convert(
     seed
         Of the noise.
     """
-    from texclass.document import Document
+    from texclass.reporting import Document
 
     if target is None:
         raise ValueError(f"{source}: where to is missing; the rule is -o OUT")

@@ -8,9 +8,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from texclass.document import Document, Table
-from texclass.document.blocks import Block, Heading
-from texclass.document.wording import digits
 from texclass.evaluation.feature_table import cached_table
 from texclass.evaluation.workers import Progress
 from texclass.features.extractor import FeatureExtractor
@@ -19,6 +16,9 @@ from texclass.haptics.scales import COLUMNS, OVER_THE_WAY, SCALES, Scale, link_o
 from texclass.loaders import find_recording, open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.recording import Recording
+from texclass.reporting import Document, Table
+from texclass.reporting.blocks import Block, Heading
+from texclass.reporting.wording import digits
 
 NOMINAL_FS = 1.0
 """Rate of recordings whose rate nobody knows."""

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from texclass.document.wording import counted
 from texclass.loaders.cards import LabelTable
 from texclass.loaders.columns import (
     UNNAMED,
@@ -31,6 +30,7 @@ from texclass.loaders.labels import Labels, find_label_columns, is_label_table
 from texclass.loaders.open import recording_files
 from texclass.loaders.plausibility import doubtful_levels
 from texclass.recording import AUXILIARY_UNITS, RecordingError, Samples
+from texclass.reporting.wording import counted
 
 QUESTION = "# QUESTION: "
 """Start of a line about something that the folder leaves open."""

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from texclass.document.wording import counted
 from texclass.loaders.data_files import data_files
+from texclass.reporting.wording import counted
 
 ACCELERATIONS = (
     *("total acceleration", "accelerometer", "acceleration"),

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from texclass.document.wording import counted
 from texclass.loaders.cards import CardError, DeclaredPhases, FileCard, FileReading, Reading, RowCard
 from texclass.loaders.columns import (
     BAG_FOLDER,
@@ -30,6 +29,7 @@ from texclass.loaders.places import digest_files, digest_of, file_digests, leave
 from texclass.loaders.plausibility import build_recording, doubtful_labels
 from texclass.loaders.stamps import NEAR_RATE
 from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
+from texclass.reporting.wording import counted
 
 LONGEST_MATCH_S = 0.2
 """Seconds of the processor that a pattern may take on one name; usual ones take microseconds."""

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 
-from texclass.document.wording import counted
 from texclass.loaders.cards import CardError, LabelTable
 from texclass.loaders.data_files import composed
 from texclass.loaders.files import suffixes
 from texclass.recording import RecordingError
+from texclass.reporting.wording import counted
 
 HEADERS = {
     "recording": ("file", "recording", "filename", "file name", "name", "path", "id"),

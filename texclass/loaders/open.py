@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from texclass import shipped
-from texclass.document.wording import counted
 from texclass.loaders.cards import FileCard, FileReading, ModelsCard, RowCard, SimulatedCard, read_card
 from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, refused
 from texclass.loaders.data_files import composed, data_files
@@ -30,6 +29,7 @@ from texclass.loaders.labels import find_label_columns
 from texclass.loaders.places import data_roots, find_folder, leaves
 from texclass.loaders.plausibility import agreed_rate, agreed_unit, doubtful_levels
 from texclass.recording import Recording, RecordingError
+from texclass.reporting.wording import counted
 
 
 def open_dataset(

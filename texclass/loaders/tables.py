@@ -16,7 +16,6 @@ import pyarrow.csv as arrow_csv
 from numpy.typing import NDArray
 from pyarrow import parquet
 
-from texclass.document.wording import counted
 from texclass.loaders.columns import (
     ReadOptions,
     ReadSignals,
@@ -31,6 +30,7 @@ from texclass.loaders.columns import (
 from texclass.loaders.dates import is_date, parse_dates
 from texclass.loaders.text_layout import DATE, MISSING, TextLayout, find_layout, is_number, split_cells
 from texclass.recording import RecordingError
+from texclass.reporting.wording import counted
 
 FEW_ROWS = 3
 """Rows above a line of text that rather belong to the lines above the table."""

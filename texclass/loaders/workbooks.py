@@ -16,10 +16,10 @@ from xml.parsers import expat
 
 import openpyxl
 
-from texclass.document.wording import counted
 from texclass.loaders import tables
 from texclass.loaders.columns import ReadOptions, ReadSignals, is_time, listed, readable, refused, require
 from texclass.loaders.text_layout import is_number
+from texclass.reporting.wording import counted
 
 MOST_EXPANSION = 100
 """A workbook that expands to more than so many times its size (and more than 64 MB) is refused."""

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from texclass.document import Document, Table
-from texclass.document.wording import counted, estimate
 from texclass.evaluation.accuracy import score
 from texclass.evaluation.confusion import write_confusion
 from texclass.recognition.answers import Prediction
+from texclass.reporting import Document, Table
+from texclass.reporting.wording import counted, estimate
 
 UNKNOWN = "unknown"
 """Predicted label of a recording that is called unknown."""

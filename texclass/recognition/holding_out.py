@@ -7,10 +7,10 @@ from typing import Any
 
 import pandas as pd
 
-from texclass.document.wording import counted
 from texclass.evaluation.protocols import Protocol, Split, fewest, find_protocol, splits_of
 from texclass.evaluation.windows import parents
 from texclass.recognition.unknown import cautious, check_false_alarms, least_held_out
+from texclass.reporting.wording import counted
 
 FALSE_ALARMS = 0.05
 ENOUGH_REPETITIONS = 20

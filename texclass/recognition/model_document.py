@@ -3,12 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from texclass.document import Document, Table
-from texclass.document.wording import counted
 from texclass.recognition.answers import Answer
 from texclass.recognition.conformal import told
 from texclass.recognition.model import Model
 from texclass.recognition.model_files import Manifest
+from texclass.reporting import Document, Table
+from texclass.reporting.wording import counted
 
 
 def model_document(model: Model) -> Document:

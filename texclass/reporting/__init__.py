@@ -1,4 +1,4 @@
-"""Pages of several results, the listings of what is shipped, and the picture of one recording."""
+"""Tell a result once, as a document of blocks, and show it on a terminal, in Markdown and on an HTML page."""
 
 import lazy_loader
 

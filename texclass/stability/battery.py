@@ -15,9 +15,9 @@ from typing import Any, Literal
 
 import pandas as pd
 
-from texclass.document import Document, Finding, Folded, Heading, Heat, Shade, Table
 from texclass.evaluation.result import COMPUTED_BY, Result
 from texclass.provenance import made_by, versions
+from texclass.reporting import Document, Finding, Folded, Heading, Heat, Shade, Table
 from texclass.stability.inputs import FAMILIES, SEED, battery_hash
 from texclass.stability.rules import BAD, Mark, cells_at, quiet_thread
 

@@ -6,9 +6,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from texclass.document import Document, Figure, Finding, Folded, Heading, Table
-from texclass.document.blocks import Block
-from texclass.document.figure_style import (
+from texclass.evaluation.result import (
+    again_facts,
+    chance_of,
+    classifier_title,
+    dataset_facts,
+    over,
+    size,
+)
+from texclass.reporting import Document, Figure, Finding, Folded, Heading, Table
+from texclass.reporting.blocks import Block
+from texclass.reporting.figure_style import (
     FAINT,
     INK,
     LOOKS,
@@ -22,15 +30,7 @@ from texclass.document.figure_style import (
     per_cent_limits,
     row_axes,
 )
-from texclass.document.wording import aligned, counted, digits, estimate, interval, percent, points, sentence
-from texclass.evaluation.result import (
-    again_facts,
-    chance_of,
-    classifier_title,
-    dataset_facts,
-    over,
-    size,
-)
+from texclass.reporting.wording import aligned, counted, digits, estimate, interval, percent, points, sentence
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,7 +10,6 @@ import numpy as np
 from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 
-from texclass.document import Document
 from texclass.evaluation.cost import CostMeter, CostModel, classifier_cost
 from texclass.evaluation.feature_table import FeatureTable
 from texclass.evaluation.protocols import find_protocol
@@ -23,6 +22,7 @@ from texclass.features.sets import FeatureSet, load_feature_set
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import made_by, versions
+from texclass.reporting import Document
 from texclass.tradeoff.curves import Conditions, order_curve, sensor_curves, touch_curve, training_curves
 from texclass.tradeoff.front import (
     KNEE_LOSS,

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from texclass.document.page import templates
 from texclass.haptics.scales import SCALES
 from texclass.haptics.scene.renderer import PlannedScene, packed
 from texclass.haptics.textures import PackedTexture, Texture, felt_scales, retouch
 from texclass.haptics.textures.grid import GridModel
 from texclass.haptics.textures.packing import OF_SPECTRUM, scales_halfway
+from texclass.reporting.page import templates
 from texclass.vibration import DecayingModes, TapModel
 from texclass.vibration.autoregressive import Autoregression
 from texclass.whole_files import path_ending, write_whole
@@ -93,7 +93,7 @@ def feel_page(
     folder = files(__package__).joinpath("feel")
     named = [name for name in SCRIPTS if more or name != "sliders"]
     scripts = {name: folder.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in named}
-    styles = files("texclass.document").joinpath("templates", "page.css"), folder.joinpath("page.css")
+    styles = files("texclass.reporting").joinpath("templates", "page.css"), folder.joinpath("page.css")
     bank, index = packed(scene)
     surfaces = [_surface(name, scene, taps or {}) for name in scene.assigned]
     heard = [one for one in surfaces if one["rms"] > 0]

@@ -14,8 +14,6 @@ from typing import Any, get_args
 import numpy as np
 import pandas as pd
 
-from texclass.document import Document, Table
-from texclass.document.wording import counted
 from texclass.haptics.scene.definition import Expected, SceneDefinition, SurfaceDefinition, read_scene
 from texclass.haptics.scene.fits import (
     LARGEST_ORDER,
@@ -33,6 +31,8 @@ from texclass.haptics.scene.renderer import PlannedScene
 from texclass.haptics.scene.speed_figure import against_speed, speed_figure
 from texclass.haptics.textures.grid import GridModel, operations
 from texclass.recording import Samples
+from texclass.reporting import Document, Table
+from texclass.reporting.wording import counted
 
 MARGINS = (0.95, 0.85, 0.75, 0.65, 0.55, 0.45, 0.35)
 """Parts of the tolerance that a choice is given, one after the other, until the proof holds."""

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from texclass.document import Figure, Table
-from texclass.document import figure_style as style
 from texclass.haptics.scene.fits import model_spectra
 from texclass.haptics.scene.observations import LEAST_POWER, Judge, Observed, Points, Scored, slopes
 from texclass.haptics.textures.grid import GridModel
 from texclass.recording import Samples
+from texclass.reporting import Figure, Table
+from texclass.reporting import figure_style as style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing

@@ -12,8 +12,8 @@ from rich.measure import Measurement
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from texclass.document.blocks import Block, Document, Figure, Folded, Heading, Heat, Table
-from texclass.document.wording import split_interval, texts_of, titles_of
+from texclass.reporting.blocks import Block, Document, Figure, Folded, Heading, Heat, Table
+from texclass.reporting.wording import split_interval, texts_of, titles_of
 
 LEAST_NAME, LEAST_WORDS = 16, 10
 """Characters that names, and other columns of words, keep at least, or their longest text if that is less."""

@@ -12,14 +12,14 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import ConfigDict, Field, create_model, model_validator
 
 from texclass.baselines.baselines_document import baselines_document
-from texclass.document import Document, render_markdown, render_page
+from texclass.cli.invariance_document import invariance_document
 from texclass.evaluation.benchmark_document import benchmark_document
 from texclass.evaluation.new_feature import new_feature_document
 from texclass.evaluation.pipeline import load_pipeline
 from texclass.evaluation.result import COMPUTED_BY
 from texclass.features.sets import load_feature_set
 from texclass.provenance import code_hash
-from texclass.reporting.invariance_document import invariance_document
+from texclass.reporting import Document, render_markdown, render_page
 from texclass.stability.battery import stability_document
 from texclass.stability.rules import Mark
 from texclass.tradeoff.tradeoff_document import tradeoff_document

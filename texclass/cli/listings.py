@@ -3,12 +3,12 @@
 import pandas as pd
 
 from texclass import shipped
-from texclass.document import Document, Table
 from texclass.features.contract import registered
 from texclass.features.sets import load_feature_set
 from texclass.loaders import read_card
 from texclass.loaders.cards import SimulatedCard
 from texclass.loaders.places import DataNotFoundError, find_folder
+from texclass.reporting import Document, Table
 from texclass.signals import HAND_SPAN_S
 
 

@@ -5,9 +5,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
+from texclass.evaluation.inspection import draw_inspection
 from texclass.phases import segment
 from texclass.recording import Phases, Recording, Tap
-from texclass.reporting.inspection import draw_inspection
 
 
 def _recording(n=20_000, n_axes=3, fs=10_000.0, **facts):

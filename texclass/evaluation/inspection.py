@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import signal
 
-from texclass.document.figure_style import shorten_middle
-from texclass.document.wording import counted
 from texclass.evaluation.result import main_direction, outline
 from texclass.phases import segment
 from texclass.recording import Phases, Recording, Samples
+from texclass.reporting.figure_style import shorten_middle
+from texclass.reporting.wording import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,9 +16,9 @@ import pandas as pd
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from texclass.document.blocks import Document, Figure, Folded, Heading, Heat, Table
-from texclass.document.figure_style import NARROW, PALETTE, STYLE, WIDTH
-from texclass.document.wording import split_interval, texts_of, titles_of
+from texclass.reporting.blocks import Document, Figure, Folded, Heading, Heat, Table
+from texclass.reporting.figure_style import NARROW, PALETTE, STYLE, WIDTH
+from texclass.reporting.wording import split_interval, texts_of, titles_of
 
 MACROS: dict[type, str] = {
     Heading: "heading", str: "text", Mapping: "facts", Table: "table", Figure: "figure", Heat: "heat",
@@ -160,7 +160,7 @@ def templates(package: str, folder: str) -> Environment:
 
     They may extend `shell.html`, which is given `title`, `style` and `scripts`, name -> text.
     """
-    folders = PackageLoader(package, folder), PackageLoader("texclass.document", "templates")
+    folders = PackageLoader(package, folder), PackageLoader("texclass.reporting", "templates")
     environment = Environment(
         loader=ChoiceLoader(folders),
         autoescape=True,
@@ -174,7 +174,7 @@ def templates(package: str, folder: str) -> Environment:
 
 @cache
 def _environment() -> Environment:
-    environment = templates("texclass.document", "templates")
+    environment = templates("texclass.reporting", "templates")
     environment.filters |= {
         "kind": lambda block: next(macro for kind, macro in MACROS.items() if isinstance(block, kind)),
         "heads": _heads,

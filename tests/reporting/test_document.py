@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure as Drawing
 from rich.console import Console
 
-from texclass.document import (
+from texclass.reporting import (
     Document,
     Figure,
     Finding,
@@ -24,8 +24,8 @@ from texclass.document import (
     render_terminal,
     write_document,
 )
-from texclass.document.figure_style import OTHER, OURS, PAPER, legend_above, row_axes, save_figure
-from texclass.document.page import inline_svg
+from texclass.reporting.figure_style import OTHER, OURS, PAPER, legend_above, row_axes, save_figure
+from texclass.reporting.page import inline_svg
 
 HOSTILE = '<script>alert("$x$")</script> & $y'
 TWO_LEVELS = [("Row", ""), ("Columns", ""), ("LDA", "% [95 %]"), ("LDA", "Paper %"), ("ms", "")]

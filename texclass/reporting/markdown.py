@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from texclass.document.blocks import Block, Document, Figure, Folded, Heading, Heat, Table
-from texclass.document.figure_style import drawn, save_figure
-from texclass.document.wording import split_interval, texts_of, titles_of
+from texclass.reporting.blocks import Block, Document, Figure, Folded, Heading, Heat, Table
+from texclass.reporting.figure_style import drawn, save_figure
+from texclass.reporting.wording import split_interval, texts_of, titles_of
 from texclass.whole_files import write_whole
 
 

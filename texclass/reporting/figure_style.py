@@ -13,13 +13,13 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import LogFormatter, LogLocator, NullLocator
 from PIL import Image
 
-from texclass.document.blocks import Heat
+from texclass.reporting.blocks import Heat
 from texclass.whole_files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from texclass.document import blocks
+    from texclass.reporting import blocks
 
 PALETTE = {
     "ink": "#1a1e23", "muted": "#565f69", "grid": "#e7eaed", "paper": "#ffffff",

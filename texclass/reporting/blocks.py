@@ -3,7 +3,7 @@
 A document is built beside its result, from the same dict that is saved as JSON, and shown anywhere:
 
 >>> import pandas as pd
->>> from texclass.document import Document, Finding, Heading, Table, render_markdown
+>>> from texclass.reporting import Document, Finding, Heading, Table, render_markdown
 >>> rows = pd.DataFrame({"Surface": ["oak", "felt"], "%": ["90.0 [82.6, 94.5]", ""], "ms": [1.5, None]})
 >>> document = Document(
 ...     "toy, folds over recordings",

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from texclass.document import Document, Figure, Finding, Heading, Table
-from texclass.document.blocks import Block
-from texclass.document.figure_style import LOOKS, MUTED, legend_above, log_x, row_axes
-from texclass.document.wording import digits
+from texclass.reporting import Document, Figure, Finding, Heading, Table
+from texclass.reporting.blocks import Block
+from texclass.reporting.figure_style import LOOKS, MUTED, legend_above, log_x, row_axes
+from texclass.reporting.wording import digits
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing

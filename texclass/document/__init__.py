@@ -1,5 +1,0 @@
-"""Tell a result once, as a document of blocks, and show it on a terminal, in Markdown and on an HTML page."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
