@@ -12,7 +12,7 @@ from fuzz.targets import target_of
 
 from texclass.evaluation.feature_table import read_part, read_table
 from texclass.loaders import CardError
-from texclass.loaders.files import READERS
+from texclass.loaders.files import suffixes
 from texclass.recording import RecordingError
 
 LONG = "9" * 5000
@@ -60,7 +60,7 @@ SPOILT = {
 """Reader -> what is exchanged in a valid input for what nothing can be."""
 
 
-@pytest.mark.parametrize("suffix", [suffix for suffix in READERS if suffix not in TEXTS])
+@pytest.mark.parametrize("suffix", [suffix for suffix in suffixes() if suffix not in TEXTS])
 def test_a_recording_that_lost_its_end_is_refused_or_reported(suffix, tmp_path):
     """A shorter recording without a flag would look whole."""
     if suffix in OF_BAGS:

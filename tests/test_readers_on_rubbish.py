@@ -16,7 +16,7 @@ from fuzz.mutate import of_bytes
 from fuzz.recordings import OF_BAGS, SEEDS
 from fuzz.targets import SHARES, parts_of, target_of
 
-from texclass.loaders.files import READERS
+from texclass.loaders.files import suffixes
 
 N_SPOILT = (
     {"model": 10, "recogniser": 5, "feature set": 5, "feature table": 5}
@@ -50,7 +50,7 @@ def reader(request):
     return _seeds(request.param)
 
 
-@pytest.mark.parametrize("suffix", READERS)
+@pytest.mark.parametrize("suffix", suffixes())
 def test_every_registered_suffix_has_valid_files(suffix):
     assert suffix in SEEDS or suffix in OF_BAGS, f"{suffix} has no valid files in fuzz/recordings.py"
     name = OF_BAGS.get(suffix, suffix[1:])

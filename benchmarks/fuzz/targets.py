@@ -7,7 +7,7 @@ from texclass.loaders.files import READERS
 
 SHARES: dict[str, dict[str, int]] = {
     "recordings": {
-        **{suffix[1:]: 25_000 for suffix, module in READERS.items() if module != "bags"},
+        **{suffix[1:]: 25_000 for suffix in READERS},
         "table of rows": 8_000,
         "table of labels": 60_000,
         "lines of standard input": 120_000,

@@ -13,7 +13,7 @@ from texclass.loaders.plausibility import check_acceleration, clipped_share
 from texclass.recording import RecordingError
 
 FS = 10_000.0
-SUFFIXES = [suffix for suffix, reader in READERS.items() if reader != "bags"]
+SUFFIXES = [*READERS]
 STATES_FS = (".lvm", ".tdms", ".wav", ".flac", ".mat", ".npz", ".h5", ".hdf5")
 NOISE = np.random.default_rng(0).normal(size=20_000)
 
