@@ -25,7 +25,7 @@ assert not loaded("numpy", "scipy", "pandas", "sklearn", "numba", "librosa", "ma
 import texclass.features as features
 assert not loaded("numpy")
 features.FeatureExtractor
-others = ("evaluation", "recognition", "reporting", "haptics", "cli", "loaders")
+others = ("evaluation", "recognition", "baselines", "haptics", "robot", "cli", "loaders")
 assert not loaded("librosa", "texclass.features.roughness", *(f"texclass.{room}" for room in others))
 assert "mfcc" in features.registered()
 assert loaded("texclass.features.roughness")
