@@ -99,3 +99,8 @@ def test_a_shipped_name_is_a_name_not_a_path_and_an_unknown_one_lists_them():
     for name in ("nothing", "../datasets/simulated", "./simulated"):
         with pytest.raises(FileNotFoundError, match="simulated69"):
             shipped.locate("datasets", name)
+
+
+def test_what_nothing_registers_is_an_import_error_with_its_group():
+    with pytest.raises(ImportError, match=r"no installed package registers 'dds' under texclass\.sources"):
+        shipped.module_of("sources", "dds")

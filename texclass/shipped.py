@@ -86,8 +86,10 @@ def module_of(group: str, name: str) -> ModuleType:
     Raises
     ------
     ImportError
-        If it cannot be imported; the message names the entry point.
+        If nothing has the name, or it cannot be imported; the message names the entry point.
     """
+    if name not in added(group):
+        raise ImportError(f"no installed package registers {name!r} under texclass.{group}")
     try:
         return importlib.import_module(added(group)[name])
     except Exception as error:

@@ -122,6 +122,18 @@ def test_the_drafted_card_of_exports_gives_the_same_recordings(tmp_path):
     np.testing.assert_array_equal(drafted[3].turn_rate, folder[3].turn_rate)
 
 
+def test_the_drafted_card_of_labelled_exports_has_their_turn_rate(tmp_path):
+    for k in (1, 2):
+        sensor_logger(tmp_path / "own" / f"rec{k}", seed=k)
+    table = tmp_path / "own" / "labels.csv"
+    table.write_text("file,surface\nrec1,oak\nrec2,wool\n")
+    (tmp_path / "card.toml").write_text(draft_card(tmp_path / "own", tmp_path, unit="m/s^2"))
+    drafted = open_dataset(tmp_path / "card.toml")
+    folder = open_dataset(tmp_path / "own", unit="m/s^2", labels=table)
+    assert drafted.labels.to_dict() == folder.labels.to_dict() == {"rec1": "oak", "rec2": "wool"}
+    np.testing.assert_array_equal(drafted[1].turn_rate, folder[1].turn_rate)
+
+
 def test_a_model_of_exports_judges_an_export(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     _two_surfaces(tmp_path / "own")

@@ -151,9 +151,7 @@ class FeatureTable:
     def summary(self) -> str:
         """What was found in the recordings and which columns have no value, in one line."""
         n = len(self.phases)
-        movement_s, whole_s = (
-            sum(getattr(one, of) for one in self.phases) for of in ("movement_s", "duration_s")
-        )
+        movement_s, whole_s = sum(p.movement_s for p in self.phases), sum(p.duration_s for p in self.phases)
         tapped = sum(one.n_taps > 0 for one in self.phases)
         found = (
             f"movement in {movement_s:.3g} of {whole_s:.3g} s, taps in {tapped} of {counted(n, 'recording')}"

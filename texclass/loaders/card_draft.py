@@ -144,9 +144,10 @@ def draft_card(
     if not names:
         raise RecordingError(f"{root} contains no file of a known format. Expected one file per recording")
     exports = find_exports(path.relative_to(root).as_posix() for path in data_files(root))
-    layout = _labelled(names, Labels.read(table, columns), root) if table and columns else _layout(names)
-    if exports and not table:
-        layout = _of_exports(names, exports)
+    if table and columns:
+        layout = _labelled(names, Labels.read(table, columns), root, exports)
+    else:
+        layout = _of_exports(names, exports) if exports else _layout(names)
     options = ReadOptions(codes=unit == "counts", **stated)
     found = _signals(root, layout, options, columns_of(column), unit)
     lines = [
@@ -165,15 +166,17 @@ def draft_card(
     return "\n".join(lines) + "\n"
 
 
-def _labelled(names: Sequence[str], labels: Labels, root: Path) -> _Layout:
+def _labelled(names: Sequence[str], labels: Labels, root: Path, exports: Sequence[Export]) -> _Layout:
     """Return how names become recordings if a table states their surfaces."""
     pattern = rf"(?:.+/)?[^/]+?{_axis(names)}\.(?i:{_suffixes(names)})"
+    pattern = export_pattern(exports, labelled=True) if exports else pattern
     named: dict[str, Mapping[str, str]] = {}
     problems = []
     for name in names:
         if found := match_name((pattern,), name):
             try:
-                named[name] = labels.of(PurePosixPath(found[1]).with_suffix("").as_posix(), [name], root.name)
+                stem = PurePosixPath(found[1]).with_suffix("").as_posix()
+                named[name] = labels.of(found[0].get("recording", stem), [name], root.name)
             except RecordingError as error:
                 problems.append(str(error))
     questions = (f"{counted(len(problems), 'file')} without a label: {problems[0]}",) if problems else ()
@@ -389,7 +392,7 @@ def _label_lines(columns: LabelTable | None) -> Iterator[str]:
 def _companion_lines(exports: Sequence[Export]) -> Iterator[str]:
     for field, names in export_companions(exports).items():
         yield ""
-        yield f"# Files of other signals beside the acceleration, {exports[0].facts}."
+        yield f"# Files of other signals beside the acceleration: {exports[0].facts}."
         yield "[companions]"
         yield f"{field} = [{', '.join(map(_toml, names))}]"
 

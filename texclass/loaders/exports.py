@@ -56,7 +56,7 @@ class Export:
         """What is read, for a user."""
         turn_rate = f" with the turn rate of {PurePosixPath(self.turn_rate).name}" if self.turn_rate else ""
         others = counted(len(self.ignored), "other file")
-        return f"export: {PurePosixPath(self.acceleration).name} is read{turn_rate}, {others} ignored"
+        return f"{PurePosixPath(self.acceleration).name} is read{turn_rate}, {others} ignored"
 
 
 def sensor_of(name: str) -> str:

@@ -299,7 +299,7 @@ def sources(path: Path) -> tuple[dict[str, Path], dict[str, Path], tuple[str, ..
     if (export := export_in(path)) is None:
         return axis_files(path), {}, ()
     beside = {"turn_rate": path / export.turn_rate} if export.turn_rate else {}
-    return {"": path / export.acceleration}, beside, (export.facts,)
+    return {"": path / export.acceleration}, beside, (f"export: {export.facts}",)
 
 
 def recording_name(path: Path, axes: Mapping[str, Path]) -> str:

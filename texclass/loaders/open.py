@@ -172,8 +172,8 @@ def _open_folder(
 ) -> Dataset:
     # A process that works elsewhere, such as one kept from an earlier call, finds the files too.
     root, given = root.absolute(), root
-    files = recording_files(root)
-    exports = find_exports(path.relative_to(root).as_posix() for path in data_files(root))
+    every, files = data_files(root), recording_files(root)
+    exports = find_exports(path.relative_to(root).as_posix() for path in every)
     if labels is None:
         files = [path for path in files if path.parent != root]
     else:
@@ -205,10 +205,10 @@ def _open_folder(
         fs, rate_of = (agreed_rate(first.fs, None, path), str(path)) if fs is None else (fs, "")
     notes += sorted(
         f"{counted(n, 'folder')} of a sensor app: {facts}"
-        for facts, n in Counter(e.facts.removeprefix("export: ") for e in exports).items()
+        for facts, n in Counter(export.facts for export in exports).items()
     )
     ignored = {name for export in exports for name in (export.turn_rate, *export.ignored) if name}
-    others = {path.relative_to(root).as_posix() for path in data_files(root) if not _is_recording(path)}
+    others = {path.relative_to(root).as_posix() for path in every if not _is_recording(path)}
     if n_others := len(others - ignored):
         notes.append(f"{n_others} files of other kinds are ignored")
     ends = rf"\.(?i:{'|'.join(re.escape(suffix[1:]) for suffix in suffixes())})"

@@ -248,7 +248,8 @@ class TrainingFiles(Written):
             stated |= {key: value for key, value in reading.items() if value is not None}
             dataset = open_dataset(path, labels=labels, **stated)
             found = [(path / entry.paths[0], entry.material) for entry in dataset.entries]
-            whole = [file.parent if export_in(file.parent) else file for file, _ in found]
+            exported = {folder for folder in {file.parent for file, _ in found} if export_in(folder)}
+            whole = [file.parent if file.parent in exported else file for file, _ in found]
             return [
                 Member(str(file), partial(self.find, file, **reading), surface)
                 for file, (_, surface) in zip(whole, found, strict=True)
