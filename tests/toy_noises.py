@@ -20,7 +20,7 @@ format = "simulated"
 [recipe]
 n_surfaces = 3
 n_recordings = 4
-n_operators = 2
+n_operators = 3
 duration_s = 4.0
 fs = 10000
 seed = 11
