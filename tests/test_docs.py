@@ -26,7 +26,7 @@ from texclass.tradeoff import trade_off
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-NEW_FEATURE = ROOT / "docs" / "new-feature.md"
+NEW_FEATURE = ROOT / "docs" / "evaluate-feature.md"
 BLOCK = re.compile(r"```(sh|python|toml)(?: (\S+))?\n(.*?)```", re.S)
 """Kind, file that the reader is to save it as (or none), text."""
 
@@ -125,10 +125,11 @@ def test_every_example_of_a_module_gives_what_it_says(module, tmp_path, monkeypa
     )
 
 
-def test_the_page_of_experiments_says_what_a_cluster_was_measured_to_move():
+def test_the_guide_states_the_measured_traffic_of_a_cluster():
     study = json.loads((ROOT / "reports/studies/cluster.json").read_text(encoding="utf-8"))
     runs = pd.DataFrame(study["runs"])
     moved, caller = (runs.pivot_table(what, "n", "way") for what in ("moved_mb", "caller_mb"))
-    assert "move a third of the bytes" in (ROOT / "docs/experiments.md").read_text(encoding="utf-8")
+    text = " ".join((ROOT / "docs/classify.md").read_text(encoding="utf-8").split())
+    assert "partitions of 100 recordings move a third of the bytes" in text
     assert moved.partitions[5000] / moved.table[5000] == pytest.approx(1 / 3, abs=0.05)
     assert caller.partitions[5000] < 1.05 * caller.partitions[500]

@@ -164,7 +164,7 @@ def index(features):
         *titled("Features", "="),
         "What is computed of a recording. Each page is made from what the feature declares (where it comes",
         "from, which phase it reads, how it scales), from what moves it, and from what it answers to bad",
-        "input. How to write one: :doc:`/new-feature`.",
+        "input. See :doc:`/evaluate-feature` for your own.",
         "",
     ]
     by_phase = {
