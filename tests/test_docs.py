@@ -29,6 +29,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 NEW_FEATURE = ROOT / "docs" / "evaluate-feature.md"
 BLOCK = re.compile(r"```(sh|python|toml)(?: (\S+))?\n(.*?)```", re.S)
 """Kind, file that the reader is to save it as (or none), text."""
+BLOCK_OF_ANY_KIND = re.compile(r"^```.*?^```", re.S | re.M)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -99,14 +100,20 @@ def test_every_link_of_a_page_leads_somewhere(page):
     assert not [link for link in links if not (page.parent / link).exists()]
 
 
-@pytest.mark.parametrize(
-    "said",
-    sorted(set(re.findall(r"(?:^|`|/)texclass ([a-z]+(?: --[a-z-]+)?)", PAGES[0].read_text("utf-8"), re.M))),
-)
-def test_every_command_that_the_readme_only_mentions_exists(said):
-    name, *options = said.split()
-    parameters = typer.main.get_command(app).commands[name].params
-    assert set(options) <= {option for parameter in parameters for option in parameter.opts}
+def all_options(command) -> set[str]:
+    options = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+    return options.union(*(all_options(child) for child in getattr(command, "commands", {}).values()))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_command_and_option_that_a_page_names_exists(page):
+    program = typer.main.get_command(app)
+    prose = BLOCK_OF_ANY_KIND.sub("", page.read_text(encoding="utf-8"))
+    named = [words.split() for words in re.findall(r"`([^`\n]+)`", prose) if not words.startswith("python ")]
+    commands = {words[1] for words in named if words[0] == "texclass" and len(words) > 1}
+    assert {name for name in commands if not name.startswith("--")} <= set(program.commands)
+    options = {word for words in named for word in words if re.fullmatch(r"--[a-z-]+", word)}
+    assert options <= all_options(program)
 
 
 PACKAGE = Path(texclass.__file__).parent
