@@ -1,9 +1,9 @@
 """
-Another hand
-============
+Another operator
+================
 
-An accuracy over folds says how well a surface is told when the same people explored it before. Leave out
-one operator after the other, and it says what a stranger would get.
+k-fold over recordings estimates the accuracy for operators in the training set. Leave one operator out to
+estimate the accuracy for a new operator.
 """
 
 import matplotlib.pyplot as plt
@@ -20,8 +20,8 @@ for protocol in ("recording", "operator"):
     tables[protocol] = result.table.query("classifier == 'lda'").set_index("row")
 
 # %%
-# An interval is over what is independent: recordings in the first case, operators in the second, and there
-# are only four of those.
+# The confidence interval is over the independent unit: recordings in the first case, four operators in the
+# second.
 
 for protocol, table in tables.items():
     print(protocol, table[["clusters", "n_clusters"]].iloc[0].to_dict())

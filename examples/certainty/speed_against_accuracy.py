@@ -1,30 +1,29 @@
 """
-Speed against accuracy
-======================
+Accuracy against latency
+========================
 
-Each feature costs milliseconds. Which subset buys most, and where does more stop to pay?
+Each feature costs time. The Pareto front shows the best accuracy for each latency.
 """
 
 import matplotlib.pyplot as plt
 
 import texclass as tx
 
-found = tx.trade_off("simulated6", "strese2015", n_folds=3, n_repeats=1, with_curves=False)
-front, knee = found.data["front"], found.data["knee"]
+result = tx.trade_off("simulated6", "strese2015", n_folds=3, n_repeats=1, with_curves=False)
+front, knee = result.data["front"], result.data["knee"]
 
 # %%
-# Subsets are chosen inside each training part, from the cheapest on; the *knee* is the point after which
-# further milliseconds buy little.
+# Subsets are selected inside each training set. Beyond the *knee point*, more time gains little accuracy.
 
 figure, axis = plt.subplots(figsize=(7, 3.5))
 axis.step([p["ms"] for p in front], [100 * p["accuracy"]["mean"] for p in front], "o-", where="post")
-axis.plot(knee["ms"], 100 * knee["accuracy"]["mean"], "s", color="C1", markersize=10, label="knee")
-axis.axhline(100 * found.data["full"]["mean"], color="C2", linestyle=":", label="all features")
-axis.set_xlabel("milliseconds a recording")
+axis.plot(knee["ms"], 100 * knee["accuracy"]["mean"], "s", color="C1", markersize=10, label="knee point")
+axis.axhline(100 * result.data["full"]["mean"], color="C2", linestyle=":", label="all features")
+axis.set_xlabel("latency in ms per recording")
 axis.set_ylabel("accuracy in %")
 axis.legend()
 plt.show()
 
 # %%
-# A budget picks a point: ``tx.trade_off(..., limits=tx.tradeoff.Limits(max_ms=2),
-# model_file="fast.skops")`` saves the recogniser that keeps it.
+# A budget selects a point: ``tx.trade_off(..., limits=tx.tradeoff.Limits(max_ms=2),
+# model_file="fast.skops")`` saves the model.

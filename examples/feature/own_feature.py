@@ -2,7 +2,7 @@
 A feature of your own
 =====================
 
-One decorated function is a feature. What it is worth beside the paper's table is then a matter of one call.
+A feature is one decorated function. One call compares it with the published table.
 """
 
 import matplotlib.pyplot as plt
@@ -12,24 +12,23 @@ import texclass as tx
 from texclass.features.conditioning import unit
 
 # %%
-# The decorator says which phase it reads, its unit, where it comes from, and how it scales when the signal
-# is multiplied by a gain.
+# The decorator states the phase, the unit, the reference, and how the value scales with the signal level.
 
 
 @tx.feature("movement", unit="1", reference="this page", gain=tx.features.Gain())
 def kurtosis(view):
-    """Fourth moment over the squared second one: 3 for Gaussian noise, more where there are spikes."""
-    x = unit(view)  # over its peak; refuses silence and NaN with a reason
+    """Return the fourth moment over the squared second moment: 3 for Gaussian noise, more for spikes."""
+    x = unit(view)  # divided by its peak; silence and NaN raise with a reason
     return np.mean(x**4) / np.mean(x**2) ** 2
 
 
 # %%
-# It is a function of an array,
+# It computes the feature of an array,
 
 kurtosis(np.random.default_rng(0).standard_normal(20_000), fs=10_000)
 
 # %%
-# and of recordings: here by surface, a dot each.
+# or of recordings, here one dot per recording:
 
 dataset = tx.open_dataset("simulated6")
 values = [kurtosis(r.acceleration[slice(*tx.segment(r).movement)], fs=r.fs) for r in dataset]
@@ -39,7 +38,7 @@ axis.set_xlabel("kurtosis of the movement")
 plt.show()
 
 # %%
-# Beside the paper's table: its own row with every classifier, and what it adds to the best one.
+# Its own row with every classifier, and the accuracy it adds to the best row:
 
 study = tx.evaluation.study_feature(
     dataset, tx.load_pipeline("strese2015"), tx.features.find("kurtosis"), n_folds=4

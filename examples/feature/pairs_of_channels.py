@@ -1,9 +1,9 @@
 """
-How two channels move together
-==============================
+Pairs of channels
+=================
 
-A robot rolls and shakes on every floor, as strongly on one as on the other. On which floor it is shows in
-what follows what: here a made-up rover leans before it shakes, at once, or after it.
+Two channels can have the same spectra on every floor and still differ in their delay. A simulated rover leans
+before it shakes, at the same time, or after it.
 """
 
 import matplotlib.pyplot as plt
@@ -21,7 +21,7 @@ floors, n, fs = {"tiles": -2, "carpet": 0, "gravel": 2}, 250, 50.0
 
 
 def drive(floor):
-    """Return 5 s: the turn rate about x is the acceleration along y, some samples later, and noise."""
+    """Return 5 s in which the turn rate about x follows the acceleration along y with a delay."""
     shaken, turned = rng.standard_normal((2, n, 3))
     turned[:, 0] += np.roll(shaken[:, 1], floors[floor])
     return tx.Recording(
@@ -33,7 +33,7 @@ drives = [drive(floor) for floor in floors for _ in range(20)]
 materials = [one.material for one in drives]
 
 # %%
-# A feature of phase "pair" is computed of every two channels that are kept apart, and named after both.
+# A feature of phase "pair" is computed for every two channels. Its columns are named after both.
 
 coarse = load_feature_set("coarse")
 extractor = FeatureExtractor(coarse, channels="all").set_output(transform="pandas")
@@ -42,13 +42,13 @@ both = features.filter(like="y*turn_x/lag_correlation").groupby(np.array(materia
 figure, axis = plt.subplots(figsize=(6, 3.2), layout="constrained")
 for floor, course in both.mean().iterrows():
     axis.plot([int(name.rpartition("lag")[2]) for name in course.index], course, "o-", label=floor)
-axis.set_xlabel("turn about x later than acceleration along y, samples")
+axis.set_xlabel("delay of the turn rate after the acceleration, samples")
 axis.set_ylabel("correlation")
 axis.legend()
 plt.show()
 
 # %%
-# No spectrum of a channel tells the floors apart.
+# The spectra of single channels do not separate the floors; the lagged correlation does.
 
 for names in (["band_level", "octave_level"], ["lag_correlation"]):
     some = FeatureExtractor(coarse.restricted_to(names), channels="all")

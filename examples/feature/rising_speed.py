@@ -1,9 +1,9 @@
 """
-Does it depend on how one strokes
-=================================
+Dependence on speed and force
+=============================
 
-A feature of the surface should not tell the hand instead. The paper turned a plate faster and faster under
-the tool, and pressed harder and harder; here the plate is simulated.
+A feature should depend on the surface, not on speed and force of the hand. As in the paper, a plate turns
+faster and faster under the tool, or is pressed harder and harder; here it is simulated.
 """
 
 from itertools import pairwise
@@ -19,7 +19,7 @@ faster = tx.simulate.record_rising_speed(surface, operator, seed=1, speed_mm_s=(
 harder = tx.simulate.record_rising_force(surface, operator, seed=1, force_n=(0.4, 2.5))
 
 # %%
-# Ten seconds, cut into ten: each second has its features.
+# Compute the features of each of ten seconds.
 
 
 def by_second(scan, condition):
@@ -31,8 +31,8 @@ def by_second(scan, condition):
 
 
 # %%
-# The amplitude grows with speed, and with it whatever measures a level; a spectrum that is cut by a filter
-# bank in constant bands moves, too. Force changes less.
+# The amplitude grows with speed, and with it every feature of level. Features of constant bands change too.
+# Force has less effect.
 
 names = ["temporal_roughness", "fineness", "mfcc_constant.c2", "mfcc_constant.c5"]
 runs = {

@@ -2,7 +2,7 @@
 Taps as decaying sinusoids
 ==========================
 
-A tap at impact velocity v is A v exp(-B t) sin(w t) [okamura2001, eq. 1]: three numbers a material.
+A tap at impact velocity v is A v exp(-B t) sin(w t) [okamura2001, eq. 1]: three parameters per material.
 """
 
 import matplotlib.pyplot as plt
@@ -11,7 +11,7 @@ import numpy as np
 import texclass as tx
 
 # %%
-# Taps of three materials at several velocities, simulated with noise.
+# Simulate taps on three materials at several velocities, with noise.
 
 fs = 25_000
 truth = {
@@ -27,31 +27,31 @@ taps = {
 }
 
 # %%
-# As published (peaks and spectra, tap by tap), and by maximum likelihood over all taps at once.
+# Fit as published (peaks and spectra, tap by tap), and by maximum likelihood over all taps.
 
 fits = {}
 for name, model in truth.items():
     published = tx.vibration.fit_okamura(taps[name], velocity, fs)
     fits[name] = tx.vibration.fit_tap_model(taps[name], velocity, fs)
-    found = f"as published {published.decay_per_s:.1f}, by likelihood {fits[name].decay_per_s:.1f} 1/s"
-    print(f"{name}: B is {model.decay_per_s:.0f}; {found}")
+    fitted = f"as published {published.decay_per_s:.1f}, maximum likelihood {fits[name].decay_per_s:.1f} 1/s"
+    print(f"{name}: B is {model.decay_per_s:.0f}; {fitted}")
 
 # %%
-# Where the recordings begin some time before the impact, the moments of impact are fitted, too; the models
-# of all materials are one library, to be saved or displayed by a device.
+# If recordings begin before the impact, the time of impact is fitted too. The models of all materials form a
+# library.
 
-late = {name: [np.concatenate([np.zeros(37), tap]) for tap in of_one] for name, of_one in taps.items()}
-library, found = tx.haptics.textures.okamura2001.fit_library(late, dict.fromkeys(late, velocity), fs)
+late = {name: [np.concatenate([np.zeros(37), tap]) for tap in recorded] for name, recorded in taps.items()}
+library, fits_by_name = tx.haptics.textures.okamura2001.fit_library(late, dict.fromkeys(late, velocity), fs)
 for name, model in library.items():
-    print(f"{name}: B {model.decay_per_s:.1f} 1/s, struck at sample {found[name].onset.mean():.2f}")
+    print(f"{name}: B {model.decay_per_s:.1f} 1/s, impact at sample {fits_by_name[name].onset.mean():.2f}")
 
 # %%
 figure, axes = plt.subplots(1, 3, sharey=True, figsize=(10, 3))
-for axis, (name, found) in zip(axes, fits.items(), strict=True):
+for axis, (name, model) in zip(axes, fits.items(), strict=True):
     ms = 1e3 * np.arange(500) / fs
     axis.plot(ms, taps[name][-1], color="0.7", label="recorded")
-    axis.plot(ms, found.synthesize(velocity[-1], 500, fs), color="C0", label="model")
-    axis.set_title(f"{name}, {found.frequency_hz:.0f} Hz")
+    axis.plot(ms, model.synthesize(velocity[-1], 500, fs), color="C0", label="model")
+    axis.set_title(f"{name}, {model.frequency_hz:.0f} Hz")
     axis.set_xlabel("ms")
 axes[0].set_ylabel("m/s²")
 axes[0].legend()

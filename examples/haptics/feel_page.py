@@ -1,9 +1,9 @@
 """
-A page to be stroked
-====================
+Stroke a scene in a browser
+===========================
 
-A planned scene becomes one HTML file, in which the pointer's speed and pressure drive the planned models
-sample by sample. It needs no network and opens from a file.
+A planned scene becomes one HTML file that needs no network. The speed and pressure of the pointer drive the
+models sample by sample.
 """
 
 from html import escape
@@ -15,21 +15,20 @@ import texclass as tx
 from texclass.haptics.textures.grid import GridModel
 
 # %%
-# A dozen simulated surfaces: resonances at frequencies of their own that rise with the speed, and ribs whose
-# lines follow it. Each is a model at the nodes of a grid of speeds (mm/s) and forces (N), as `texclass scene
-# plan` fits them to recordings.
+# Twelve simulated surfaces with resonances that rise with the speed, and some with ridges. Each is a grid of
+# models over speeds (mm/s) and forces (N), as `texclass scene plan` fits them to recordings.
 
 SPEEDS, FORCES, FS = np.array([30.0, 90.0, 270.0]), np.array([0.3, 3.0]), 1000.0
 
 
-def surface(hz, width, level, ribs_mm=None):
-    """Return a surface that rings at `hz`, with ribs so far apart if there are any."""
+def surface(hz, width, level, ridges_mm=None):
+    """Return a surface with a resonance, and ridges at a spatial period if it is given."""
     centre = hz * (SPEEDS / 90) ** 0.2
     r = np.exp(-np.pi * width / FS)
     k = np.column_stack([-2 * r * np.cos(2 * np.pi * centre / FS) / (1 + r**2), np.full(3, r**2)])
     rows = np.repeat(k[:, np.newaxis], 2, axis=1)
     power = (level * np.outer((SPEEDS / 90) ** 0.8, FORCES**0.5)) ** 2
-    lines = np.array([] if ribs_mm is None else [1 / ribs_mm])
+    lines = np.array([] if ridges_mm is None else [1 / ridges_mm])
     rows = np.concatenate([rows, np.full((3, 2, lines.size), 1.1)], axis=-1)
     return GridModel((SPEEDS, FORCES), rows, power, 4 * np.sqrt(power.max()), 0 * lines, lines)
 
@@ -56,7 +55,7 @@ class Framed(str):
 Framed(tx.haptics.scene.feel_page(scene))
 
 # %%
-# What the speed does to three of them:
+# Level against speed for three of them:
 
 renderer = tx.haptics.SceneRenderer(scene, n_contacts=1)
 figure, axis = plt.subplots(figsize=(9, 3))

@@ -1,8 +1,8 @@
 """
-A surface in few bytes, and a rougher one
-=========================================
+Pack a texture into 64 bytes
+============================
 
-A stroke becomes a texture of at most 64 bytes; then one that feels rougher, and else the same.
+Pack a stroke into a texture of at most 64 bytes, then make it rougher.
 """
 
 import matplotlib.pyplot as plt
@@ -14,20 +14,20 @@ surface = tx.simulate.surface_catalogue(6, seed=6)[2]
 operator = tx.simulate.operator_catalogue(4, seed=6)[1]
 recording = tx.simulate.record_freehand(surface, operator, duration_s=6.0, seed=30)
 start, stop = recording.phases.movement
-felt = recording.acceleration[start:stop, 2]
+stroke = recording.acceleration[start:stop, 2]
 
-packed = tx.haptics.textures.pack(felt, 64, fs=recording.fs)
+packed = tx.haptics.textures.pack(stroke, 64, fs=recording.fs)
 print(len(packed.to_bytes()), "bytes, an AR model of order", packed.order)
 
 # %%
-# Rendered at any speed and force: what was felt alone has one spectrum and one level; a
-# :class:`texclass.haptics.textures.Scan` tells what speed and force do to them, too.
+# Render it. A stroke has one spectrum and one level; with a :class:`texclass.haptics.textures.Scan`, both
+# depend on speed and force.
 
 n = round(2 * packed.fs)
 rendered = packed.renderer(seed=1).process(np.tile([110.0, 0.0], (n, 1)), np.ones(n))
 
 # %%
-# The scales of ``texclass describe`` that hang on a spectrum can be asked of a texture.
+# Change a scale of ``texclass describe``; the others stay.
 
 before = tx.haptics.textures.felt_scales(packed)
 rougher = tx.haptics.textures.retouch(packed, rough=before["rough"] + 2)
@@ -37,8 +37,8 @@ print({name: f"{before[name]:.1f} -> {after[name]:.1f}" for name in before})
 # %%
 
 figure, axis = plt.subplots(figsize=(8, 3.5), layout="constrained")
-again = rougher.renderer(seed=1).process(np.tile([110.0, 0.0], (n, 1)), np.ones(n))
-for x, name in ((felt - felt.mean(), "felt"), (rendered, "64 bytes"), (again, "rougher")):
+rougher_signal = rougher.renderer(seed=1).process(np.tile([110.0, 0.0], (n, 1)), np.ones(n))
+for x, name in ((stroke - stroke.mean(), "recorded"), (rendered, "64 bytes"), (rougher_signal, "rougher")):
     axis.psd(x, NFFT=2048, Fs=recording.fs, label=name)
 axis.set(xscale="log", xlim=(20, 1000), ylim=(-45, 5), xlabel="frequency in Hz", ylabel="dB re (m/s²)²/Hz")
 axis.legend()

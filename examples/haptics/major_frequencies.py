@@ -2,7 +2,7 @@
 Major frequencies
 =================
 
-Some dozen lines, as far apart as a finger can tell them, stand for a texture [oeztuerk2018, section 3.2].
+Represent a texture by about a dozen sinusoids that a finger can separate [oeztuerk2018, section 3.2].
 """
 
 import matplotlib.pyplot as plt
@@ -16,8 +16,7 @@ x = movement - movement.mean()
 lines = tx.vibration.fit_major_frequencies(x, recording.fs, n_frequencies=13)
 
 # %%
-# Drawn over the amplitude spectrum: lines that lie closer to a stronger one than the beat threshold are
-# skipped.
+# Lines that are closer to a stronger line than the beat threshold are skipped.
 
 f = np.fft.rfftfreq(x.size, 1 / recording.fs)
 amplitude = 2 * np.abs(np.fft.rfft(x)) / x.size
@@ -31,6 +30,6 @@ axis.legend()
 plt.show()
 
 # %%
-# How much of the power they hold:
+# Share of the power in these lines:
 
 print(f"{100 * np.sum(lines.amplitude**2 / 2) / np.mean(x**2):.0f} %")

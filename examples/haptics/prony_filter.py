@@ -1,9 +1,9 @@
 """
-Prony's filter and the matrix pencil
+Prony's method and the matrix pencil
 ====================================
 
-A decaying vibration as the impulse response of a filter [guruswamy2011, section IV-A]. Prony's method gives
-whatever poles solve its equations; the matrix pencil never returns one that grows.
+Model a decaying vibration as the impulse response of a filter [guruswamy2011, section IV-A]. Prony's method
+can return unstable poles; the matrix pencil never does.
 """
 
 import matplotlib.pyplot as plt
@@ -19,7 +19,7 @@ clean = 3 * np.exp(-80 * t) * np.cos(2 * np.pi * 420 * t) + np.exp(-150 * t) * n
 x = clean + 0.05 * np.random.default_rng(0).standard_normal(t.size)
 
 # %%
-# Prony raises its order until the error falls below a resolution: the noise has to be modelled, too.
+# Prony increases the order until the error is below the resolution, so it models the noise too.
 
 prony = tx.vibration.fit_prony(x, resolution=0.08)
 modes = tx.vibration.fit_matrix_pencil(x, fs)
@@ -28,7 +28,7 @@ for f, b, a in zip(modes.frequency_hz, modes.decay_per_s, modes.amplitude, stric
     print(f"pencil: {f:.0f} Hz, decay {b:.0f} 1/s, amplitude {a:.2f}")
 
 # %%
-# Both follow the recording; what differs is how many poles they need for it, and where these lie.
+# Both fit the recording, with different numbers of poles.
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4))
 left.plot(1e3 * t, x, ".", color="0.7", label="recorded")

@@ -1,9 +1,8 @@
 """
-A scene
-=======
+Plan a scene
+============
 
-What a device has to show decides how much a model may cost: each surface gets the cheapest one that is
-within the tolerance, on speeds and forces that it was not fitted to.
+Each surface gets the smallest model that is within the tolerance at speeds and forces it was not fitted to.
 """
 
 import json
@@ -20,12 +19,12 @@ for surface in plan.surfaces:
     print(f"{surface.name}: {surface.model.kind}, order {surface.model.order}; {surface.why}")
 
 # %%
-# Against order 400 everywhere, as the thesis renders:
+# Compared with order 400 for every surface, as in the thesis:
 
-print(f"{plan.saving:.0f} times fewer operations a sample; budget kept: {plan.met}")
+print(f"{plan.saving:.0f} times fewer operations per sample; budget kept: {plan.met}")
 
 # %%
-# What the speed does to a surface is kept: the worst held-out point counts, and how steeply the level rises.
+# Level against speed of recordings (held out) and models:
 
 figure, axis = plt.subplots(figsize=(6, 3))
 for surface, colour in zip(json.loads(plan.to_json())["surfaces"], ("C2", "C1"), strict=True):
@@ -42,7 +41,7 @@ axis.legend()
 plt.show()
 
 # %%
-# The renderer is called sample by sample; here a path that goes over each surface from slow to fast.
+# Render a path that strokes each surface from slow to fast.
 
 path = tx.haptics.scene.sweep(
     list(plan.scene.assigned), speeds_mm_s=(40, 160), forces_n=(0.5, 1.5), fs=plan.scene.fs

@@ -2,9 +2,8 @@
 Sliders for how a surface feels
 ===============================
 
-A stroked surface becomes a page with a slider for each scale on which it is described: rougher, bumpier,
-finer, more regular, harder, stickier. What they make of it is heard at once; a command that the page says
-writes it.
+A page with a slider for each scale: rough, bumpy, fine, regular, hard, sticky. The change is audible at once,
+and the page shows the command that writes the texture.
 """
 
 from html import escape
@@ -20,7 +19,7 @@ recording = tx.simulate.record_freehand(surface, operator, duration_s=6.0, fs=20
 texture = tx.haptics.textures.pack(recording, 128, name="wood")
 
 # %%
-# `tx.haptics.scene.write_slider_page("sliders.html", texture)` writes this page, and so does
+# Write the page with `tx.haptics.scene.write_slider_page("sliders.html", texture)` or
 # `texclass texture wood.texture --sliders sliders.html`. Move a slider, or press the surface and stroke it.
 
 
@@ -32,18 +31,18 @@ class Framed(str):
 Framed(tx.haptics.scene.slider_page(texture, file="wood.texture"))
 
 # %%
-# The sliders do what :func:`texclass.haptics.textures.retouch` does: one scale follows, the others stay.
+# The sliders call :func:`texclass.haptics.textures.retouch`: one scale changes, the others stay.
 
 before = tx.haptics.textures.felt_scales(texture)
-asked = before["rough"] + np.array([-2.0, -1.0, 1.0, 2.0])
-felt = [
+targets = before["rough"] + np.array([-2.0, -1.0, 1.0, 2.0])
+measured = [
     tx.haptics.textures.felt_scales(tx.haptics.textures.retouch(texture, rough=value), seed=5)
-    for value in asked
+    for value in targets
 ]
 
 figure, axis = plt.subplots(figsize=(7, 4), layout="constrained")
 for name in ("rough", "bumpy", "fine", "regular"):
-    axis.plot(asked, [one[name] for one in felt], "o-" if name == "rough" else "o--", label=name)
-axis.set(xlabel="rough, as asked", ylabel="as measured again")
+    axis.plot(targets, [scales[name] for scales in measured], "o-" if name == "rough" else "o--", label=name)
+axis.set(xlabel="rough, target", ylabel="measured")
 axis.legend()
 plt.show()

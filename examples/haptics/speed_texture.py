@@ -1,9 +1,9 @@
 """
-Between two speeds
-==================
+Interpolate between speeds
+==========================
 
-Models of a surface at a few speeds become a texture at every speed: line spectral frequencies are
-interpolated, which no blend makes unstable [oeztuerk2018, section 3.1].
+Models at a few speeds become a texture at every speed. Line spectral frequencies are interpolated, so the
+model stays stable [oeztuerk2018, section 3.1].
 """
 
 import matplotlib.pyplot as plt
@@ -13,12 +13,11 @@ from scipy.signal import lfilter, welch
 import texclass as tx
 
 # %%
-# A surface whose resonance follows the speed, recorded at four speeds, rendered at one that was never
-# recorded.
+# A surface whose resonance is proportional to the speed is recorded at four speeds and rendered at another.
 
 
 def recorded(speed, seed):
-    """Two seconds at 2 kHz: noise through a resonance at 2 Hz a mm/s, louder where it is faster."""
+    """Return 2 s at 2 kHz: noise through a resonance at 2 Hz per mm/s; the level rises with speed."""
     noise = np.random.default_rng(seed).standard_normal(4000)
     resonance = [1, -1.9 * np.cos(2 * np.pi * 2 * speed / 2000), 0.95**2]
     return speed / 100 * lfilter([1], resonance, noise)

@@ -1,9 +1,9 @@
 """
-Without Python
-==============
+Export a model to ONNX
+======================
 
-What follows the features becomes an ONNX file, which a dozen languages read. It is written only if it
-answers as scikit-learn does.
+An ONNX file classifies features without Python. It is written only if its answers equal those of
+scikit-learn.
 """
 
 import json
@@ -22,31 +22,33 @@ file = Path(tempfile.mkdtemp()) / "surfaces.onnx"
 exported = tx.robot.export_onnx(model, file)
 
 # %%
-# Its metadata name what it is to be fed with.
+# The metadata describe the input.
 
 session = onnxruntime.InferenceSession(file)
 facts = session.get_modelmeta().custom_metadata_map
 {name: fact[:60] for name, fact in facts.items()}
 
 # %%
-# The features stay the task of your program; here texclass computes them.
+# Your program computes the features; here texclass does.
 
 columns = json.loads(facts["texclass.columns"])
 X = tx.extract(dataset, "texclass")[columns].to_numpy(dtype=np.float64)
 label, probabilities, p_known, unknown = session.run(None, {"features": X})
-print(f"{np.mean(label == dataset.labels):.1%} of the recordings it was trained on")
+print(f"{np.mean(label == dataset.labels):.1%} of the training recordings correct")
 
 # %%
-# A kernel keeps recordings that it was trained on. Within a limit it keeps fewer, in 16 bits.
+# A kernel classifier stores training samples. A limit on its size stores fewer of them, in 16 bits.
 
 for max_kb in (None, 10):
     kernel = tx.train(dataset, row="Movement", classifier="kernel", max_kb=max_kb)
     written = tx.robot.export_onnx(kernel, file.with_name("kernel.onnx")).path
     accuracy = kernel.manifest.accuracy["mean"]
-    print(f"{max_kb or 'no'} kB: {written.stat().st_size} bytes, {accuracy:.1%} of held-out recordings")
+    print(
+        f"{max_kb or 'no'} kB: {written.stat().st_size} bytes, accuracy {accuracy:.1%} on held-out recordings"
+    )
 
 # %%
-# Probabilities, a row a recording, a column a surface:
+# Probabilities, one row per recording and one column per surface:
 
 figure, axis = plt.subplots(figsize=(6, 4))
 axis.imshow(probabilities, aspect="auto", interpolation="none", cmap="Blues")

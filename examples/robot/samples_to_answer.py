@@ -1,9 +1,9 @@
 """
-Samples in, answer out
-======================
+From samples to the answer in ONNX
+==================================
 
-The whole path of a model of touches in one ONNX file: conditioning, spectra, features, classifier, verdict.
-Whoever has ONNX Runtime needs nothing else.
+One ONNX file contains the whole path of a model of windows: conditioning, spectra, features, classifier and
+novelty detection. It needs only ONNX Runtime.
 """
 
 import json
@@ -23,7 +23,7 @@ exported = tx.robot.export_onnx(model, file, start="samples")
 print(exported.of_samples)
 
 # %%
-# The metadata say what a window is, and hold what the file can be checked by.
+# The metadata describe the window, and contain windows with their answers to check the file.
 
 session = onnxruntime.InferenceSession(file)
 facts = session.get_modelmeta().custom_metadata_map
@@ -32,21 +32,21 @@ print(window)
 print(tx.robot.check_onnx(file))
 
 # %%
-# A stroke, window by window, from its samples alone.
+# Classify a stroke window by window.
 
-felt = dataset.load(dataset.entries[30])
-start, stop = tx.segment(felt).movement
+recording = dataset.load(dataset.entries[30])
+start, stop = tx.segment(recording).movement
 step = window["n_samples"] // 4
 starts = np.arange(start, stop - window["n_samples"], step)
-samples = np.stack([felt.acceleration[k : k + window["n_samples"]].T for k in starts]).astype(np.float32)
+samples = np.stack([recording.acceleration[k : k + window["n_samples"]].T for k in starts]).astype(np.float32)
 label, probabilities, p_known, unknown = session.run(None, {"samples": samples})
 
 figure, (above, below) = plt.subplots(2, 1, figsize=(7, 5), sharex=True)
-above.plot(np.arange(start, stop) / felt.fs, felt.acceleration[start:stop], linewidth=0.3)
+above.plot(np.arange(start, stop) / recording.fs, recording.acceleration[start:stop], linewidth=0.3)
 above.set_ylabel("m/s²")
-below.plot((starts + window["n_samples"]) / felt.fs, probabilities, label=model.materials)
+below.plot((starts + window["n_samples"]) / recording.fs, probabilities, label=model.materials)
 below.set_xlabel("s")
 below.set_ylabel("probability")
 below.legend(fontsize="small")
-above.set_title(f"{felt.material}: {np.mean(label == felt.material):.0%} of the windows say so")
+above.set_title(f"{recording.material}: {np.mean(label == recording.material):.0%} of the windows correct")
 plt.show()

@@ -2,32 +2,32 @@
 A first recording
 =================
 
-Open a dataset, look at one recording, compute its features.
+Open a dataset, plot a recording and compute its features.
 """
 
 import texclass as tx
 
 # %%
-# A dataset is opened by name, by the path of its card, or as a folder with one subfolder a material.
-# Nothing is read before it is asked for; this one is simulated.
+# Open a dataset by name, by the path of its card, or as a folder with one subfolder per surface. Recordings
+# are read when they are used; these are simulated.
 
 dataset = tx.open_dataset("simulated6")
 dataset
 
 # %%
-# A recording knows what was explored, by whom, how often it was sampled and in which unit.
+# A recording has a surface, an operator, a sampling rate and a unit.
 
 recording = dataset[0]
 recording
 
 # %%
-# At a glance: the taps, the strokes, the clearest tap and the spectrogram.
+# Plot its taps and strokes, the clearest tap and the spectrogram.
 
 figure = tx.plot_recording(recording)
 figure
 
 # %%
-# Features are a DataFrame, one row a recording. The set `strese2015` holds those of the paper, as printed.
+# Features are a DataFrame with one row per recording. The set `strese2015` contains those of the paper.
 
 features = tx.extract(recording, "strese2015")
 features[["hardness", "waviness", "fineness", "friction"]]

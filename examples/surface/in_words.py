@@ -1,10 +1,9 @@
 """
-In words
-========
+Describe a surface in words
+===========================
 
-Hard, rough, bumpy, sticky, fine, regular: six scales, each a monotone link to one measured feature
-(`texclass.haptics.scales`). 0 and 10 are the lowest and the highest twentieth of simulated everyday
-surfaces. Where the speed of the tool was recorded, fine and regular follow the ribs found along its way.
+Rate recordings on six scales: hard, rough, bumpy, sticky, fine, regular. Each scale is a monotone function of
+one feature (`texclass.haptics.scales`); 0 and 10 are the 5th and 95th percentile of simulated surfaces.
 """
 
 from dataclasses import replace
@@ -16,18 +15,17 @@ import texclass as tx
 
 surfaces = tx.simulate.surface_catalogue(14, seed=6)
 operator = tx.simulate.operator_catalogue(4, seed=6)[1]
-felt = [
+recordings = [
     tx.simulate.record_freehand(surfaces[i], operator, duration_s=6.0, seed=30).with_(recording_id=name)
     for i, name in ((1, "metal"), (3, "foam"), (13, "sandpaper"))
 ]
-measured = tx.extract(felt, "scales")
+measured = tx.extract(recordings, "scales")
 values = tx.haptics.scale_values(measured)
 values.round(1)
 
 # %%
-# The same with its places among reference surfaces is ``tx.haptics.describe(felt)``, and on a command line
-# ``texclass describe FILE``. What a recording cannot tell is left out: without a tap nothing is hard, without
-# a friction channel nothing is sticky.
+# ``tx.haptics.describe(recordings)`` and ``texclass describe FILE`` add the rank among reference surfaces.
+# Undefined scales are left out: *hard* needs a tap, *sticky* a friction channel.
 
 figure, axes = plt.subplots(figsize=(7, 3.5))
 values.T.plot.bar(ax=axes, rot=0, color=["C0", "C1", "C2"])
@@ -37,8 +35,8 @@ axes.legend(title="")
 plt.show()
 
 # %%
-# A grating, its ribs 1.6 mm apart, is stroked slowly and twice as fast. Over time nothing tells a slower hand
-# from ribs further apart; over the way of the tool, which its recorded speed gives, the ribs are the same.
+# A grating with ridges every 1.6 mm is stroked at two speeds. If the speed of the tool is recorded, *fine*
+# and *regular* use the spatial period of the ridges, which does not depend on the speed.
 
 ribs = tx.simulate.surfaces.Grating(wavelength_mm=1.6, depth_um=8.0, sharpness=0.4, jitter=0.1)
 grating = replace(surfaces[1], gratings=(ribs,), bumps=None)
@@ -49,11 +47,11 @@ strokes = [
     )
     for speed in (90, 180)
 ]
-known = tx.extract(strokes, "scales")
-unknown = tx.extract([one.with_(speed=None) for one in strokes], "scales")
+with_speed = tx.extract(strokes, "scales")
+without_speed = tx.extract([one.with_(speed=None) for one in strokes], "scales")
 fine = {
-    "ribs per mm": known["rib_density"],
-    "fine": tx.haptics.scale_values(known)["fine"],
-    "fine, without speed": tx.haptics.scale_values(unknown)["fine"],
+    "ridges per mm": with_speed["rib_density"],
+    "fine": tx.haptics.scale_values(with_speed)["fine"],
+    "fine, without speed": tx.haptics.scale_values(without_speed)["fine"],
 }
 pd.DataFrame(fine).round(2)

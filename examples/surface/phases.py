@@ -1,9 +1,9 @@
 """
-Its phases
-==========
+Find taps and movement
+======================
 
-Taps come first, then strokes. Where they are is found in the acceleration alone; this recording is
-simulated, so the truth is known.
+A freehand recording has taps, then strokes. Both are detected in the acceleration alone. This recording is
+simulated, so the true phases are known.
 """
 
 import matplotlib.pyplot as plt
@@ -14,24 +14,23 @@ surface = tx.simulate.surface_catalogue(6, seed=6)[2]
 operator = tx.simulate.operator_catalogue(4, seed=6)[1]
 recording = tx.simulate.record_freehand(surface, operator, duration_s=4.0, seed=30)
 truth = recording.phases
-found = tx.segment(recording.with_(phases=None))  # without the truth, as of a file
-found.kind
+detected = tx.segment(recording.with_(phases=None))
+detected.kind
 
 # %%
-# Each tap says where the hand began to move, where the tool hit, how wide the impact is and how surely it
-# is one.
+# Each tap has the sample of its impact, a width and a quality between 0 and 1.
 
-for tap in found.taps:
+for tap in detected.taps:
     at, wide = tap.impact / recording.fs, 1e3 * tap.width / recording.fs
     print(f"impact at {at:.3f} s, {wide:.1f} ms wide, quality {tap.quality:.2f}")
 
 # %%
-# Found above, true below.
+# Detected phases above, true phases below:
 
 time = [i / recording.fs for i in range(recording.n_samples)]
 signal = recording.acceleration[:, 2] - recording.acceleration[0, 2]
 figure, axes = plt.subplots(2, sharex=True, sharey=True, figsize=(9, 4.5))
-for axis, phases, name in zip(axes, (found, truth), ("found", "true"), strict=True):
+for axis, phases, name in zip(axes, (detected, truth), ("detected", "true"), strict=True):
     axis.plot(time, signal, color="C0", linewidth=0.5)
     start, stop = phases.movement
     axis.axvspan(start / recording.fs, stop / recording.fs, color="C2", alpha=0.15, label="movement")

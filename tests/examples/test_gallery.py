@@ -21,7 +21,7 @@ SLOW = {
     "samples_to_answer",
     "scene",
     "speed_against_accuracy",
-    "train_and_ask",
+    "train_and_predict",
     "unknown_surfaces",
 }
 """Run where the documentation is built."""

@@ -1,9 +1,8 @@
 """
-Train, then ask
-===============
+Train a model and classify
+==========================
 
-A model in one call: row and classifier are chosen on recordings that were held out, probabilities are
-calibrated on them, and the file holds data only.
+`train` fits a classifier, calibrates its probabilities on held-out recordings, and states its accuracy.
 """
 
 import tempfile
@@ -19,14 +18,14 @@ model = tx.train(dataset, row="Movement", classifier="lda")
 tx.reporting.print_document(tx.recognition.model_document(model))
 
 # %%
-# It is saved and loaded without pickle: what is not on the list of classes is refused by name.
+# Save and load it. The file contains data only; classes that are not on the allow-list are refused.
 
 file = Path(tempfile.mkdtemp()) / "surfaces.skops"
 model.save(file)
 model = tx.load_model(file)
 
 # %%
-# Every answer has its probability, the runner-up, and whether the surface is unknown.
+# Each answer has a probability, the second most probable surface, and whether the surface is unknown.
 
 answers = {r.recording_id: model.answer(r) for r in (dataset[0], dataset[40], dataset[70])}
 pd.DataFrame(answer.to_dict() for answer in answers.values())
