@@ -19,7 +19,7 @@ from study import ROOT, command_line, table, write
 
 from texclass.robot import topic_blocks
 
-CHILD = ROOT / "tests" / "recognition" / "sources" / "dds_child.py"
+CHILD = ROOT / "tests" / "robot" / "dds" / "dds_child.py"
 RATES_HZ = (1000, 10_000)
 LOOPBACK = (
     "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' multicast='false'/></Interfaces>"

@@ -64,3 +64,34 @@ def command(monkeypatch, capsys):
         return (code, *capsys.readouterr())
 
     return call
+
+
+# Small models that are trained once.
+
+
+@pytest.fixture(scope="session")
+def kernel_model(_own_cache):
+    from toy_surfaces import spectrum_model
+
+    return spectrum_model("kernel")
+
+
+@pytest.fixture(scope="session")
+def linear_model(_own_cache):
+    from toy_surfaces import spectrum_model
+
+    return spectrum_model("lda")
+
+
+@pytest.fixture(scope="session")
+def touch_model(_own_cache):
+    from toy_surfaces import spectrum_model
+
+    return spectrum_model("lda", touch_s=0.25)
+
+
+@pytest.fixture(scope="session")
+def turning(_own_cache):
+    from turning_surfaces import turning_model
+
+    return turning_model()

@@ -18,8 +18,6 @@ from texclass.recognition.model_document import model_document
 from texclass.recognition.probabilities import prior_calibration
 from texclass.recognition.training import pipeline_for
 from texclass.recognition.unknown import Novelty, cautious
-from texclass.robot import check_parity
-from texclass.robot.export.answers_graph import build
 
 STUDY = Path(__file__).parents[2] / "reports" / "studies" / "few_recordings.json"
 
@@ -72,11 +70,6 @@ def test_a_model_of_one_recording_each_calls_nothing_unknown_and_says_so(one):
     assert (stranger.unknown, stranger.p_known) == (False, 1.0)
     assert "whether it is of another surface is not judged" in stranger.reasons
     assert set(stranger.sets[0.9]) == set(SURFACES)
-
-
-def test_a_model_of_one_recording_each_is_exported(one):
-    graph = build(one).SerializeToString()
-    assert check_parity(one, graph).n_unknown == 1  # the row without any value
 
 
 def test_what_needs_several_recordings_is_not_trained_on_one():

@@ -8,6 +8,9 @@ pytest.importorskip("rosbags", reason="rosbags is not installed (the extra `robo
 
 from rosbags.typesys import Stores, get_typestore
 
+from texclass.recognition.sources.training_input import Needs
+from texclass.recording import RecordingError
+from texclass.robot import topic_blocks
 from texclass.robot.dds import dds_topic, dds_type, message_class, ros_type
 from texclass.robot.ros_messages import MULTI_ARRAY
 from texclass.robot.topic import decoded_messages
@@ -107,3 +110,10 @@ def test_blocks_of_another_size_than_the_first_are_left_out():
     assert received.samples.shape == (2, 3, 2)
     assert received.n_bad == 1
     np.testing.assert_array_equal(received.stamps_ns, [1, 3])
+
+
+def test_a_topic_without_friction_is_refused_before_the_stream_begins():
+    needs = Needs(("ax", "ay", "az"), ("friction",), ("friction",))
+    told = "no friction, needed by friction; the rule is ax, ay, az, friction, .* --row of acceleration only"
+    with pytest.raises(RecordingError, match=f"ros2:/imu: sensor_msgs/msg/Imu has {told}"):
+        topic_blocks("/imu", type_name="sensor_msgs/msg/Imu", reliability="reliable", needs=needs)

@@ -7,12 +7,13 @@ from functools import partial
 import numpy as np
 import onnx
 import pytest
+from changed_graphs import changed_graphs
 from onnx import numpy_helper
 from onnxruntime import InferenceSession
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.impute import SimpleImputer
 from sklearn.preprocessing import StandardScaler
-from toy_models import changed_graphs, model_of
+from toy_models import model_of
 from toy_surfaces import FS, SURFACES, pipeline, recording, surfaces
 
 from texclass.classifiers.segment_voting import SegmentVoting

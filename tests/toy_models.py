@@ -1,8 +1,6 @@
 """Models of made-up features: any steps, any classifier, any number of surfaces, trained in milliseconds."""
 
 import numpy as np
-import onnx
-from onnx import numpy_helper
 
 from texclass.features import load_feature_set
 from texclass.features.plan import Plan
@@ -66,15 +64,3 @@ def manifest_of(y, false_alarms):
         accuracy={}, calibration={}, unknown={"false_alarms": false_alarms}, cost={}, touch_s=0.5,
         versions={"texclass": "0"}, shortest_s=0.4,
     )  # fmt: skip
-
-
-def changed_graphs(graph, chosen, change):
-    """Return a graph, as bytes, with one of its constants changed: one for each whose values are chosen."""
-    found = []
-    for i, constant in enumerate(graph.graph.initializer):
-        values = numpy_helper.to_array(constant).copy()
-        if chosen(values):
-            tampered = onnx.ModelProto.FromString(graph.SerializeToString())
-            tampered.graph.initializer[i].CopyFrom(numpy_helper.from_array(change(values), constant.name))
-            found.append(tampered.SerializeToString())
-    return found

@@ -8,6 +8,7 @@ import numpy as np
 import onnx
 import onnxruntime
 import pytest
+from changed_graphs import changed_graphs
 from onnx import numpy_helper
 from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis, QuadraticDiscriminantAnalysis
@@ -20,14 +21,14 @@ from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
 from sklearn.svm import SVC
-from toy_models import changed_graphs, model_of, plan_of, rows_of
-from toy_surfaces import FS, STRANGER, SURFACES, signal
+from toy_models import model_of, plan_of, rows_of
+from toy_surfaces import FS, STRANGER, SURFACES, pipeline, recording, signal, surfaces
 
 from texclass.classifiers.kernel_discriminant import KernelDiscriminant
 from texclass.classifiers.segment_voting import SegmentVoting, knowing
 from texclass.evaluation.pipeline import load_pipeline
 from texclass.phases import segment
-from texclass.recognition import load_model
+from texclass.recognition import adapt, load_model, train
 from texclass.recognition.deployed import described_classifier
 from texclass.robot import OnnxExportError, ParityError, check_parity, export_onnx
 from texclass.robot.export import onnx_file as export
@@ -53,9 +54,9 @@ def lda(**settings):
 def shipped_combinations():
     """Return every (steps, classifier) that a shipped pipeline names, once each."""
     found = {}
-    for pipeline in map(load_pipeline, sorted(names("pipelines"))):
-        for name, use in pipeline.classifiers.items():
-            found.setdefault(f"{pipeline.steps} {use}", (f"{pipeline.name}-{name}", pipeline.steps, use))
+    for shipped in map(load_pipeline, sorted(names("pipelines"))):
+        for name, use in shipped.classifiers.items():
+            found.setdefault(f"{shipped.steps} {use}", (f"{shipped.name}-{name}", shipped.steps, use))
     return list(found.values())
 
 
@@ -147,6 +148,19 @@ def test_segment_voting_beside_tap_features_gives_the_answers_of_scikit_learn():
     model = model_of([filled()], vote, plan=plan)
     assert len(model.recogniser[-1].undivided) == 2
     checked(model, rows_of(len(plan.columns), 4, seed=7)[0])
+
+
+def test_an_adapted_model_is_exported(linear_model):
+    recordings = [recording(surface, 50) for surface in ("cork", "felt", "oak")]
+    references = [one.with_(acceleration=1.5 * one.acceleration) for one in recordings]
+    adapted = adapt(linear_model, references)
+    assert check_parity(adapted, build(adapted).SerializeToString()).n_ties == 0
+
+
+def test_a_model_of_one_recording_of_each_surface_is_exported():
+    model = train(surfaces(1), pipeline())
+    graph = build(model).SerializeToString()
+    assert check_parity(model, graph).n_unknown == 1  # the row without any value
 
 
 @pytest.mark.parametrize("keep", [True, False])

@@ -6,6 +6,7 @@ from scipy.signal import lfilter
 from texclass.evaluation.pipeline import PipelineDefinition, RowDefinition, Use
 from texclass.features import load_feature_set
 from texclass.loaders.dataset import Dataset, Entry
+from texclass.recognition import train
 from texclass.recording import Phases, Recording, RecordingError
 
 FS, N = 4000.0, 2000
@@ -69,3 +70,7 @@ def pipeline(**changes):
         "seed": 0,
     }
     return PipelineDefinition(**facts | changes)
+
+
+def spectrum_model(classifier, **options):
+    return train(surfaces(), pipeline(), row="Spectrum", classifier=classifier, **options)
