@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from texclass.atomic_write import cache_root
 from texclass.features import FeatureExtractor, load_feature_set
 from texclass.loaders import CardError, DataNotFoundError, find_recording, open_dataset
 from texclass.loaders.filesets import contact
 from texclass.loaders.places import data_roots
 from texclass.recording import RecordingError
-from texclass.whole_files import cache_root
 
 FS = 10_000.0
 CARD = r"""

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from texclass.atomic_write import path_ending
 from texclass.cli import options
 from texclass.cli.app import command
 from texclass.cli.options import progress_bar, tell_and_save, wrote
-from texclass.whole_files import path_ending
 
 if TYPE_CHECKING:
     from texclass.baselines import BaselineSettings

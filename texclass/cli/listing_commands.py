@@ -38,15 +38,15 @@ def inspect(
     from texclass.loaders import find_recording
 
     found = find_recording(recording, **reading)
+    from texclass.atomic_write import write_atomic
     from texclass.evaluation.inspection import inspected
     from texclass.reporting.wording import counted
-    from texclass.whole_files import write_whole
 
     figure, phases = inspected(found, features)
     path = output or Path(f"{Path(found.recording_id).name}.inspect.png")
     picture = io.BytesIO()
     figure.savefig(picture, dpi=130, format=path.suffix[1:].lower())
-    write_whole(path, picture.getvalue())
+    write_atomic(path, picture.getvalue())
     moved = "none"
     if phases.movement is not None:
         moved = "{:.2f} to {:.2f} s".format(*(sample / found.fs for sample in phases.movement))
@@ -74,14 +74,14 @@ def card(
     output : -o, --output
         Card to write (.toml); card.toml here by default.
     """
+    from texclass.atomic_write import write_atomic
     from texclass.loaders import draft_card
     from texclass.loaders.card_draft import QUESTION
-    from texclass.whole_files import write_whole
 
     if output.exists():
         raise FileExistsError(f"{output} exists already. Remove it, or choose another file with --output")
     text = draft_card(folder, output.parent, labels=labels, **reading)
-    write_whole(output, text)
+    write_atomic(output, text)
     for line in text.splitlines():
         if line.startswith(QUESTION):
             typer.echo(f"question: {line.removeprefix(QUESTION)}")

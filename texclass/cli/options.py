@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from texclass.atomic_write import path_ending
 from texclass.cli.app import told
-from texclass.whole_files import path_ending
 
 if TYPE_CHECKING:
     from texclass.evaluation.result import Result
@@ -285,9 +285,9 @@ def write_json(path: Path | None, text: str) -> None:
     if path == Path("-"):
         typer.echo(text)
     elif path is not None:
-        from texclass.whole_files import write_whole
+        from texclass.atomic_write import write_atomic
 
-        write_whole(path, text)
+        write_atomic(path, text)
 
 
 def tell(document: "Document", lines: Iterable[str] = ()) -> None:

@@ -11,6 +11,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import ConfigDict, Field, create_model, model_validator
 
+from texclass.atomic_write import path_ending, write_atomic
 from texclass.baselines.baselines_document import baselines_document
 from texclass.cli.invariance_document import invariance_document
 from texclass.evaluation.benchmark_document import benchmark_document
@@ -24,7 +25,6 @@ from texclass.stability.battery import stability_document
 from texclass.stability.rules import Mark
 from texclass.tradeoff.tradeoff_document import tradeoff_document
 from texclass.validation import Written, checked
-from texclass.whole_files import path_ending, write_whole
 
 TITLE = "Surfaces from what a tool felt"
 """Of a page of several datasets."""
@@ -415,7 +415,7 @@ def write_page(paths: Sequence[str | Path], output: str | Path, title: str = "")
         page = "\n".join(map(render_markdown, documents))
     else:
         page = render_page(documents, title, written_by="texclass report")
-    write_whole(output, page)
+    write_atomic(output, page)
     return output
 
 

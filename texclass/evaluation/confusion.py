@@ -5,7 +5,7 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from texclass.whole_files import write_whole
+from texclass.atomic_write import write_atomic
 
 
 def write_confusion(
@@ -26,5 +26,5 @@ def write_confusion(
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["true label", *predicted])
     writer.writerows([label, *row] for label, row in zip(true, counts, strict=True))
-    write_whole(Path(path), text.getvalue())
+    write_atomic(Path(path), text.getvalue())
     return Path(path)

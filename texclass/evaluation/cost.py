@@ -18,6 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from sklearn.base import clone
 
+from texclass.atomic_write import cache_root, write_if_possible
 from texclass.evaluation.workers import one_thread
 from texclass.features.contract import UndefinedFeatureError
 from texclass.features.phase_view import Channels, Views, channels_apart, views_of
@@ -28,7 +29,6 @@ from texclass.phases import segment
 from texclass.provenance import code_hash as hash_of_code
 from texclass.provenance import versions
 from texclass.recording import Recording, Samples
-from texclass.whole_files import cache_root, write_if_possible
 
 R = TypeVar("R")
 PRECISE = time.get_clock_info("thread_time").resolution < 1e-5

@@ -25,6 +25,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from texclass import __version__
+from texclass.atomic_write import cache_root, path_ending, sibling, write_atomic
 from texclass.evaluation.parts import Part, read_part, write_part
 from texclass.evaluation.windows import Window, by_recording, parent_id
 from texclass.evaluation.workers import Progress, each
@@ -35,7 +36,6 @@ from texclass.features.sets import FeatureSet, code_hash
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import RecordingError, Samples, axes_differ, describe_axes
 from texclass.reporting.wording import counted
-from texclass.whole_files import cache_root, path_ending, sibling, write_whole
 
 DOUBTS = ("unit:", "clipped:", "constant:", "narrow band:", "time:", "merged log:", "divided:")
 """Flags that a user has to see before any table: what they begin with."""
@@ -275,7 +275,7 @@ def extract_table(
     if path.suffix.lower() == ".csv":
         options: dict[str, Any] = {"channels": channels, "n_jobs": n_jobs, "skip_bad": skip_bad}
         kept = extract_table(dataset, feature_set, _in_cache(feature_set, key), **options, progress=progress)
-        write_whole(path, kept.frame.to_csv(index=False))
+        write_atomic(path, kept.frame.to_csv(index=False))
         return kept
     table: FeatureTable | None = None
     with suppress(FileNotFoundError, ValueError):  # not there, or damaged: it is computed
@@ -413,7 +413,7 @@ def write_table(table: FeatureTable, path: Path) -> None:
     stated = {**(arrow.schema.metadata or {}), b"texclass": json.dumps(facts).encode()}
     file = io.BytesIO()
     pq.write_table(arrow.replace_schema_metadata(stated), file)
-    write_whole(path, file.getvalue())
+    write_atomic(path, file.getvalue())
 
 
 def _plan(dataset: Dataset, feature_set: FeatureSet, channels: Channels, skip_bad: bool) -> Plan:

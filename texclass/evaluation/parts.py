@@ -9,10 +9,10 @@ from pathlib import Path
 
 from pydantic import BaseModel, FiniteFloat, TypeAdapter
 
+from texclass.atomic_write import write_atomic
 from texclass.features.plan import Plan
 from texclass.loaders.dataset import Entry
 from texclass.recording import Recording, RecordingError
-from texclass.whole_files import write_whole
 
 
 class Part(BaseModel):
@@ -47,7 +47,7 @@ def write_part(
             rows.append(part | {"reasons": row.reasons, "flags": recording.flags})
     except RecordingError as error:
         return str(error)
-    write_whole(path, json.dumps(rows).encode())
+    write_atomic(path, json.dumps(rows).encode())
     return None
 
 

@@ -13,13 +13,13 @@ from typing import Annotated
 import pandas as pd
 from pydantic import Field, TypeAdapter
 
+from texclass.atomic_write import cache_root, write_if_possible
 from texclass.evaluation.workers import Progress, each
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.phases import segment
 from texclass.provenance import code_hash
 from texclass.recording import Recording, RecordingError
 from texclass.validation import check_above_0
-from texclass.whole_files import cache_root, write_if_possible
 
 
 @dataclass(frozen=True, kw_only=True)

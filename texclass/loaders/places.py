@@ -13,8 +13,8 @@ import numpy as np
 import platformdirs
 
 from texclass import shipped
+from texclass.atomic_write import cache_root, write_atomic, write_if_possible
 from texclass.loaders.cards import CardError, Convert, StoredCard, read_card
-from texclass.whole_files import cache_root, write_if_possible, write_whole
 
 PATIENCE_S = 60
 """Seconds in which a server has to answer."""
@@ -108,7 +108,7 @@ def fetch_recordings(
         for done, (made, sources) in enumerate(lacking.items(), len(files) - len(lacking)):
             progress(done, len(files), card.name)
             paths = [_fetched(published.url, source, sha256, fetched) for source, sha256 in sources]
-            write_whole(begun / made, converted(paths, published.convert, card.fs_hz))
+            write_atomic(begun / made, converted(paths, published.convert, card.fs_hz))
         found = digest_files(begun, files, "")
     except OSError:
         if begun != root and root.is_dir():  # another process has finished, and removed what this one fetched

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from texclass.atomic_write import cache_root, write_atomic, write_if_possible
 from texclass.loaders.dataset import Dataset, Entry
 from texclass.recording import AUXILIARY_UNITS, Recording
 from texclass.simulate.recipe import Recipe
-from texclass.whole_files import cache_root, write_if_possible, write_whole
 
 SIGNALS = ("acceleration", *AUXILIARY_UNITS)
 FACTS = ("fs", "unit", "recording_id", "material", "operator", "repetition", "source", "channels", "flags")
@@ -121,7 +121,7 @@ def write_sample(folder: str | Path, first: int = 1) -> tuple[Path, ...]:
             path = Path(folder) / name / f"{name}_{k:02d}.txt"
             if path.exists() and path.read_bytes() != text.encode():
                 raise ValueError(f"{path}: holds something else; the rule is a folder that is new")
-            write_whole(path, text)
+            write_atomic(path, text)
             written.append(path)
     return tuple(written)
 

@@ -11,6 +11,7 @@ from zipfile import ZipFile, ZipInfo
 import numpy as np
 from pydantic import Field
 
+from texclass.atomic_write import path_ending, write_atomic
 from texclass.evaluation.trusted import (
     ARRAY,
     archive_of,
@@ -25,7 +26,6 @@ from texclass.features.plan import Plan
 from texclass.recognition.sources.training_input import TrainingFiles
 from texclass.recording import Phases, Recording, Samples, Tap
 from texclass.validation import Written, checked
-from texclass.whole_files import path_ending, write_whole
 
 FORMAT = 3
 """Version of the format of model files: a file of another version is refused."""
@@ -183,7 +183,7 @@ def write_model_file(
     with ZipFile(buffer, "a") as archive:
         for name, content in added.items():
             archive.writestr(ZipInfo(name), content)
-    write_whole(Path(path), buffer.getvalue())
+    write_atomic(Path(path), buffer.getvalue())
 
 
 def unsafe_classes(document: Mapping[str, Any]) -> list[str]:

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import LogFormatter, LogLocator, NullLocator
 from PIL import Image
 
+from texclass.atomic_write import write_atomic
 from texclass.reporting.blocks import Heat
-from texclass.whole_files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -138,7 +138,7 @@ def save_figure(figure: Drawing, path: str | Path, title: str = "") -> None:
     picture = Image.fromarray(np.vstack(parts)).convert("RGB")
     picture = picture.quantize(method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     picture.save(made, format="png", optimize=True, dpi=(DPI, DPI))
-    write_whole(path, made.getvalue())
+    write_atomic(path, made.getvalue())
 
 
 def _pixels(figure: Drawing) -> Any:

@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from texclass.atomic_write import write_atomic
 from texclass.reporting.blocks import Block, Document, Figure, Folded, Heading, Heat, Table
 from texclass.reporting.figure_style import drawn, save_figure
 from texclass.reporting.wording import split_interval, texts_of, titles_of
-from texclass.whole_files import write_whole
 
 
 def write_document(
@@ -37,7 +37,7 @@ def write_document(
     texts = {"json": json, "md": render_markdown(document, stem if pictures else None)}
     written = [folder / f"{stem}.{suffix}" for suffix, text in texts.items() if text]
     for path in written:
-        write_whole(path, texts[path.suffix[1:]])
+        write_atomic(path, texts[path.suffix[1:]])
     for block in document.blocks if pictures else ():
         if isinstance(block, Figure | Heat):
             written.append(folder / f"{stem}-{block.name}.png")

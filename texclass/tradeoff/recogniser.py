@@ -14,13 +14,13 @@ from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, RobustScaler, StandardScaler
 
 from texclass import __version__
+from texclass.atomic_write import write_atomic
 from texclass.evaluation.trusted import archive_of, load_trusted, read_bounded
 from texclass.features.extractor import FeatureExtractor
 from texclass.features.phase_view import Channels
 from texclass.features.plan import Plan
 from texclass.features.sets import FeatureSet
 from texclass.recording import Samples
-from texclass.whole_files import write_whole
 
 COLUMN_WISE: Mapping[type, tuple[str, ...]] = {
     SimpleImputer: ("statistics_",),
@@ -104,7 +104,7 @@ class Recogniser(Pipeline):  # type: ignore[misc]
 
     def save(self, path: str | Path) -> None:
         """Write the fitted recogniser with skops, which holds data and names of classes, and no code."""
-        write_whole(Path(path), archive_of(self.document()))
+        write_atomic(Path(path), archive_of(self.document()))
 
     def document(self) -> dict[str, Any]:
         """Return the fitted recogniser as what skops writes: plain data and scikit-learn objects."""

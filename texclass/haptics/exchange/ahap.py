@@ -17,10 +17,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
+from texclass.atomic_write import path_ending, write_atomic
 from texclass.haptics.exchange.foreign import Part, read_foreign
 from texclass.haptics.exchange.rendition import LONGEST_S, Rendition
 from texclass.recording import Samples
-from texclass.whole_files import path_ending, write_whole
 
 LARGEST_FILE, MOST_ENTRIES = 4 << 20, 20_000
 MOST_POINTS = 16
@@ -148,7 +148,7 @@ def write_ahap(rendition: Rendition, path: str | Path) -> dict[str, str]:
     told = {"Description": rendition.told, "Intensity1": f"{full:.6g} {unit}", "Project": "texclass"}
     content = {"Version": 1.0, "Metadata": told, "Pattern": items}
     pattern = Pattern.model_validate_json(json.dumps(content))
-    write_whole(path, pattern.model_dump_json(exclude_none=True, indent=1))
+    write_atomic(path, pattern.model_dump_json(exclude_none=True, indent=1))
     return {
         **rendition.lost,
         **lost,

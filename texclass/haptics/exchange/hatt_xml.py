@@ -32,6 +32,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from texclass.atomic_write import path_ending, write_atomic
 from texclass.haptics.exchange.foreign import printable, read_limited
 from texclass.haptics.textures import Texture
 from texclass.haptics.textures.hatt import HattTexture, Mesh
@@ -39,7 +40,6 @@ from texclass.recording import ACCELERATION_UNITS, Samples
 from texclass.vibration import Autoregression, line_spectrum
 from texclass.vibration.autoregressive import from_autocorrelation, from_direct_form
 from texclass.vibration.reflection import log_cosines
-from texclass.whole_files import path_ending, write_whole
 
 LARGEST_FILE = 8 << 20
 """Bytes; the published textures have 120,000."""
@@ -273,7 +273,7 @@ def write_hatt(texture: HattTexture, path: str | Path) -> Path:
         _add(model, "forceMod", float(mesh.force[i]))
     ElementTree.indent(root, "")
     text = ElementTree.tostring(root, encoding="unicode", short_empty_elements=False)
-    write_whole(path, f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'.encode())
+    write_atomic(path, f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'.encode())
     return path
 
 

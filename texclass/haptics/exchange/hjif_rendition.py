@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from texclass.atomic_write import path_ending, write_atomic
 from texclass.haptics.exchange import wavelet_stream
 from texclass.haptics.exchange.hjif import (
     FS,
@@ -30,7 +31,6 @@ from texclass.haptics.exchange.rendition import Rendition, told_level
 from texclass.haptics.exchange.wav import resampled
 from texclass.recording import UNITS, Samples
 from texclass.validation import check_above_0
-from texclass.whole_files import path_ending, write_whole
 
 RATES = (1000, 2000, 4000, 8000)
 """Of wavelet bands, samples in 1000 ticks: blocks of 512 samples then last a power of two of ticks."""
@@ -77,7 +77,7 @@ def write_hjif(
     if not 1 <= planes <= wavelet_stream.MOST_PLANES:
         raise ValueError(f"planes are {planes}; the rule is 1 to {wavelet_stream.MOST_PLANES}")
     haptics, lost = made_hjif(rendition, planes)
-    write_whole(path, haptics.model_dump_json(exclude_none=True))
+    write_atomic(path, haptics.model_dump_json(exclude_none=True))
     return lost
 
 

@@ -20,13 +20,13 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from texclass._version import __version__
+from texclass.atomic_write import path_ending, write_atomic
 from texclass.haptics.exchange.foreign import printable, read_limited
 from texclass.haptics.exchange.hatt_xml import read_hatt
 from texclass.haptics.textures.contract import Stored, Texture
 from texclass.haptics.textures.packed import MARK, PackedTexture
 from texclass.recording import Unit
 from texclass.validation import Written, checked
-from texclass.whole_files import path_ending, write_whole
 
 if TYPE_CHECKING:
     from texclass.haptics.textures.okamura2001 import TapLibrary
@@ -79,7 +79,7 @@ def save_texture(texture: Stored, path: str | Path, *, unit: str | None = None) 
     """
     if isinstance(texture, PackedTexture):
         path = path_ending(path, SUFFIX)
-        write_whole(path, texture.to_bytes())
+        write_atomic(path, texture.to_bytes())
         return path
     if texture.family not in TEXTURES | TAPS:
         known = ", ".join(sorted(TEXTURES | TAPS))
@@ -227,7 +227,7 @@ def write_stored(stored: Stored, path: str | Path, *, unit: str) -> Path:
     path = path_ending(path, SUFFIX)
     arrays = {name: np.array(array, order="C") for name, array in stored.arrays().items()}
     _check_arrays(arrays, path)
-    write_whole(path, sealed(header_of(stored, unit, path), arrays))
+    write_atomic(path, sealed(header_of(stored, unit, path), arrays))
     return path
 
 

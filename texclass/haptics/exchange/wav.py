@@ -20,9 +20,9 @@ from pydantic_core import from_json
 from scipy.fft import next_fast_len
 from scipy.signal import hilbert, resample_poly
 
+from texclass.atomic_write import path_ending, write_atomic
 from texclass.recording import UNITS, Samples, Unit
 from texclass.validation import Written, checked
-from texclass.whole_files import path_ending, write_whole
 
 Encoding = Literal["float32", "pcm16", "audible"]
 FULL_SCALE = 32767
@@ -117,7 +117,7 @@ def write_wav(
     with soundfile.SoundFile(made, "w", round(fs), channels, _SUBTYPES[encoding], format="WAV") as file:
         file.comment = json.dumps(note.model_dump(exclude_defaults=True))
         file.write(codes)
-    write_whole(path, made.getvalue())
+    write_atomic(path, made.getvalue())
     return path
 
 

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from texclass.atomic_write import path_ending, write_atomic
 from texclass.haptics.scales import SCALES
 from texclass.haptics.scene.renderer import PlannedScene, packed
 from texclass.haptics.textures import PackedTexture, Texture, felt_scales, retouch
@@ -26,7 +27,6 @@ from texclass.haptics.textures.packing import OF_SPECTRUM, scales_halfway
 from texclass.reporting.page import templates
 from texclass.vibration import DecayingModes, TapModel
 from texclass.vibration.autoregressive import Autoregression
-from texclass.whole_files import path_ending, write_whole
 
 HIGHEST_FS = 44_100.0
 """Models are brought up to the rate of the loudspeaker, never down."""
@@ -145,7 +145,7 @@ def write_feel_page(
         As `feel_page`, or if the name does not end in `.html`.
     """
     path = path_ending(path, ".html")
-    write_whole(path, feel_page(scene, taps=taps, title=title).encode())
+    write_atomic(path, feel_page(scene, taps=taps, title=title).encode())
     return path
 
 
@@ -214,7 +214,7 @@ def write_slider_page(path: str | Path, texture: Texture, **given: Any) -> Path:
         As `slider_page`, or if the name does not end in `.html`.
     """
     path = path_ending(path, ".html")
-    write_whole(path, slider_page(texture, **given).encode())
+    write_atomic(path, slider_page(texture, **given).encode())
     return path
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from texclass import __version__
+from texclass.atomic_write import path_ending, write_atomic
 from texclass.recognition.model import Model
 from texclass.robot.export import sample_parity
 from texclass.robot.export.answers_graph import build
@@ -22,7 +23,6 @@ from texclass.robot.export.sample_graph import (
     check_graphs,
     window_of_model,
 )
-from texclass.whole_files import path_ending, write_whole
 
 NEEDED = ("onnx", "onnxruntime", "skl2onnx")
 PREFIX = "texclass."
@@ -105,7 +105,7 @@ def export_onnx(
         value = fact if isinstance(fact, str) else json.dumps(fact)
         graph.metadata_props.add(key=f"{PREFIX}{name}", value=value)
     graph.producer_name, graph.producer_version = "texclass", model.manifest.versions.get("texclass", "")
-    write_whole(Path(path), graph.SerializeToString())
+    write_atomic(Path(path), graph.SerializeToString())
     return Exported(Path(path), parity, single, facts, of_samples)
 
 

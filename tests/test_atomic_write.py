@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from texclass.atomic_write import sibling, write_atomic
 from texclass.cli.app import main
 from texclass.haptics.exchange import write_wav
 from texclass.loaders import load_recording, open_dataset
 from texclass.loaders.cards import CardError
 from texclass.recording import RecordingError
 from texclass.reporting import Document, write_document
-from texclass.whole_files import sibling, write_whole
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def full_disk(monkeypatch):
 def test_a_full_disk_leaves_a_result_as_it_was_and_nothing_beside_it(tmp_path, full_disk):
     (tmp_path / "r.json").touch()
     for write in (
-        lambda: write_whole(tmp_path / "r.json", '{"new": 1}'),
+        lambda: write_atomic(tmp_path / "r.json", '{"new": 1}'),
         lambda: write_document(Document("A result", ["text"]), tmp_path, "r", json='{"new": 1}'),
         lambda: write_wav(tmp_path / "r.wav", np.ones(1000), 1000, unit="g"),
     ):
@@ -56,9 +56,9 @@ def test_a_full_disk_leaves_no_half_of_a_picture(tmp_path, full_disk, monkeypatc
 def test_a_link_stays_a_link_and_what_is_no_file_is_written_to(tmp_path):
     (tmp_path / "real").touch()
     (tmp_path / "link").symlink_to(tmp_path / "real")
-    write_whole(tmp_path / "link", "text")
+    write_atomic(tmp_path / "link", "text")
     assert ((tmp_path / "link").is_symlink(), (tmp_path / "real").read_text()) == (True, "text")
-    write_whole(os.devnull, "text")
+    write_atomic(os.devnull, "text")
     assert not Path(os.devnull).is_file()
 
 
@@ -66,7 +66,7 @@ def test_a_folder_that_another_process_removes_is_made_again(tmp_path, monkeypat
     there = iter([False, True])
     made = Path.mkdir
     monkeypatch.setattr(Path, "mkdir", lambda path, **how: next(there) and made(path, **how))
-    write_whole(tmp_path / "parts" / "1.json", "{}")
+    write_atomic(tmp_path / "parts" / "1.json", "{}")
     assert (tmp_path / "parts" / "1.json").read_text() == "{}"
 
 
@@ -79,7 +79,7 @@ def test_a_file_that_somebody_reads_on_windows_is_written_in_the_end(tmp_path, m
         return put(path, target)
 
     monkeypatch.setattr(Path, "replace", replace)
-    write_whole(tmp_path / "1.json", "{}")
+    write_atomic(tmp_path / "1.json", "{}")
     assert [path.name for path in tmp_path.iterdir()] == ["1.json"]
 
 
@@ -110,7 +110,7 @@ def test_control_characters_of_names_reach_no_terminal_and_no_page(tmp_path, cap
 
 @pytest.mark.parametrize("name", ["a" * 250 + ".json", "ü" * 122 + ".json"])
 def test_names_up_to_the_limit_of_file_systems_are_written(tmp_path, name):
-    write_whole(tmp_path / name, "text")
+    write_atomic(tmp_path / name, "text")
     assert (tmp_path / name).read_text() == "text"
     assert sibling(tmp_path / name, ".parts").name.endswith(".parts")
     sibling(tmp_path / name, ".parts").mkdir()
@@ -122,5 +122,5 @@ def test_a_full_disk_is_reported_with_the_file(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(OSError, match=r"No space left on device: '.*result\.json'"):
-        write_whole(tmp_path / "result.json", "text")
+        write_atomic(tmp_path / "result.json", "text")
     assert list(tmp_path.iterdir()) == []

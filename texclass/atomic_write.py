@@ -1,4 +1,4 @@
-"""Files that are whole or absent, whoever is killed, however full the disk is; and the folder of caches."""
+"""Atomic writes of files, checked suffixes of output files, and the folder of caches."""
 
 import contextlib
 import os
@@ -36,7 +36,7 @@ def sibling(path: Path, suffix: str, prefix: str = "") -> Path:
     return path.with_name(f"{prefix}{name}{suffix}")
 
 
-def write_whole(path: str | Path, content: bytes | str) -> None:
+def write_atomic(path: str | Path, content: bytes | str) -> None:
     """Write a file that is either complete or what it was before; its folders are made.
 
     It is written under a name of its own beside the file, so that two processes (on two machines, or in two
@@ -83,4 +83,4 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
 def write_if_possible(path: Path, content: bytes) -> None:
     """Write a file of the cache, whole; a full or read-only disk is no error."""
     with contextlib.suppress(OSError):
-        write_whole(path, content)
+        write_atomic(path, content)
