@@ -121,52 +121,13 @@ class Reading(Written):
 
     @property
     def facts(self) -> str:
-        """Everything that changes a recording, as text for a digest; titles and notes do not.
-
-        Results name the digest, so the text stays what it was: it tells the keys of every format, and one
-        that cards got later only where it is set.
-        """
-        told: dict[str, Any] = _UNSAID | {key: value for key, value in self}
-        auxiliary = dict(told["channels"])
-        acceleration = auxiliary.pop("acceleration", ())
-        roles = f"ColumnRoles(acceleration={acceleration}, auxiliary={auxiliary})"
-        keys = [key for key in _UNSAID if key not in _LATER or told[key] != _UNSAID[key]]
-        parts = (f"({key!r}, {roles if key == 'channels' else repr(told[key])})" for key in keys)
-        return f"[{', '.join(parts)}]"
+        """What changes a recording, as text for a digest."""
+        return _facts(self)
 
 
-_UNSAID = {
-    "format": "files",
-    "folder": "",
-    "fs_hz": 0.0,
-    "unit": "",
-    "scale": 1.0,
-    "files": (),
-    "label_column": "",
-    "labels": None,
-    "channels": {},
-    "companions": {},
-    "delimiter": None,
-    "topic": None,
-    "phases": "detect",
-    "remove_resting_level": False,
-    "trim": False,
-    "recipe": {},
-    "time_column": None,
-    "time_unit": None,
-    "resample_hz": None,
-    "materials": {},
-    "turn_rate_scale": 1.0,
-    "skip_rows": None,
-    "comment": None,
-    "drop_incomplete": False,
-}
-"""What `Reading.facts` tells of a key that a format has not."""
-_LATER = (
-    *("topic", "time_column", "time_unit", "resample_hz", "materials", "turn_rate_scale"),
-    *("skip_rows", "comment", "drop_incomplete"),
-)
-"""Keys that cards got later."""
+def _facts(card: Written) -> str:
+    """Return the keys that are set, without those that change no recording: titles, notes, places."""
+    return card.model_dump_json(exclude={*StoredCard.model_fields}, exclude_defaults=True)
 
 
 class LabelTable(Written):
@@ -193,9 +154,6 @@ class LabelTable(Written):
     def columns(self) -> dict[str, str]:
         """Of `TOLD`, which one is in which column."""
         return {group: column for group, column in self if group != "file" and column is not None}
-
-    def __repr__(self) -> str:
-        return f"LabelTable(file={self.file!r}, columns={self.columns})"
 
 
 class FileReading(Reading):
@@ -365,9 +323,8 @@ class ModelsCard(StoredCard):
 
     @property
     def facts(self) -> str:
-        """Everything that changes a recording, as text for a digest."""
-        made = (self.files, self.fs_hz, self.n_recordings, self.duration_s, self.seed, self.phases)
-        return f"hatt-models {made!r}"
+        """What changes a recording, as text for a digest."""
+        return _facts(self)
 
 
 class SimulatedCard(Card):

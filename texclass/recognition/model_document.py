@@ -97,11 +97,8 @@ def _unknown(m: Manifest) -> str:
 
 
 def _cost(cost: Mapping[str, float]) -> str:
-    # Models of 0.2 do not hold the first.
     steps = ", ".join(
-        f"{step} {cost[f'{step}_ms']:.2f}"
-        for step in ("segmentation", "features", "classifier")
-        if f"{step}_ms" in cost
+        f"{step} {cost[f'{step}_ms']:.2f}" for step in ("segmentation", "features", "classifier")
     )
     return f"{sum(cost.values()):.2f} ms a recording ({steps}) on the machine that trained it"
 
