@@ -8,16 +8,14 @@ import pytest
 from fuzz.contract import judge
 from fuzz.mutate import json_of
 from fuzz.recordings import OF_BAGS
-from fuzz.targets import target_of
+from fuzz.targets import LIBRARIES, target_of
 
 from texclass.evaluation.feature_table import read_part, read_table
 from texclass.loaders import CardError
-from texclass.loaders.files import suffixes
+from texclass.loaders.readers import formats
 from texclass.recording import RecordingError
 
 LONG = "9" * 5000
-TEXTS = (".txt", ".csv", ".tsv", ".lvm")
-"""Suffixes of files whose end cannot be seen from their content."""
 SPOILT = {
     "dataset card": [
         ('format = "files"', "format = []"),
@@ -60,13 +58,12 @@ SPOILT = {
 """Reader -> what is exchanged in a valid input for what nothing can be."""
 
 
-@pytest.mark.parametrize("suffix", [suffix for suffix in suffixes() if suffix not in TEXTS])
+@pytest.mark.parametrize("suffix", [suffix for suffix, kind in formats().items() if "text" not in kind.name])
 def test_a_recording_that_lost_its_end_is_refused_or_reported(suffix, tmp_path):
-    """A shorter recording without a flag would look whole."""
-    if suffix in OF_BAGS:
-        pytest.importorskip("rosbags", reason="the extra `robot` is not installed")
-    if suffix in {".xlsx", ".tdms"}:
-        pytest.importorskip("nptdms", reason="the extra `formats` is not installed")
+    """A shorter recording without a flag would look whole; the end of a text cannot be seen in it."""
+    extra = formats()[suffix].extra
+    for library in LIBRARIES.get(extra, ()):
+        pytest.importorskip(library, reason=f"the extra `{extra}` is not installed")
     target = target_of(OF_BAGS.get(suffix, suffix[1:]))
     data, path = target.seeds()[0], tmp_path / f"a{suffix}"
     path.write_bytes(data)

@@ -14,9 +14,9 @@ import pytest
 from fuzz.contract import Target, judge
 from fuzz.mutate import of_bytes
 from fuzz.recordings import OF_BAGS, SEEDS
-from fuzz.targets import SHARES, parts_of, target_of
+from fuzz.targets import LIBRARIES, SHARES, parts_of, target_of
 
-from texclass.loaders.files import suffixes
+from texclass.loaders.readers import FORMATS, formats
 
 N_SPOILT = (
     {"model": 10, "recogniser": 5, "feature set": 5, "feature table": 5}
@@ -35,28 +35,30 @@ def _seeds(name: str) -> tuple[Target, list[bytes]]:
     return target, seeds
 
 
-OF_EXTRAS = {
-    **dict.fromkeys(SHARES["bags"], ("robot", "rosbags", "mcap", "cyclonedds")),
-    **dict.fromkeys(("xlsx", "tdms"), ("formats", "openpyxl", "nptdms")),
+OF_EXTRAS = dict.fromkeys(SHARES["bags"], "robot") | {
+    suffix[1:]: kind.extra for suffix, kind in FORMATS.items() if kind.extra
 }
-"""Reader -> the extra that it needs, and its libraries."""
+"""Reader -> the extra that it needs."""
+
+
+def _skip_without_libraries(name):
+    extra = OF_EXTRAS.get(name, "")
+    for library in LIBRARIES.get(extra, ()):
+        pytest.importorskip(library, reason=f"the extra `{extra}` is not installed")
 
 
 @pytest.fixture(params=parts_of())
 def reader(request):
-    extra, *libraries = OF_EXTRAS.get(request.param, ("",))
-    for library in libraries:
-        pytest.importorskip(library, reason=f"the extra `{extra}` is not installed")
+    _skip_without_libraries(request.param)
     return _seeds(request.param)
 
 
-@pytest.mark.parametrize("suffix", suffixes())
+@pytest.mark.parametrize("suffix", formats())
 def test_every_registered_suffix_has_valid_files(suffix):
     assert suffix in SEEDS or suffix in OF_BAGS, f"{suffix} has no valid files in fuzz/recordings.py"
     name = OF_BAGS.get(suffix, suffix[1:])
     assert name in parts_of()
-    if name in OF_EXTRAS:
-        pytest.importorskip(OF_EXTRAS[name][1], reason=f"the extra `{OF_EXTRAS[name][0]}` is not installed")
+    _skip_without_libraries(name)
     assert target_of(name).file.endswith(suffix)
 
 

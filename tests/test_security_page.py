@@ -5,16 +5,16 @@ from pathlib import Path
 import pytest
 
 from texclass.evaluation import allowed_estimators, trusted
-from texclass.loaders import columns, filesets, text_layout
+from texclass.loaders import filesets, readers, text_layout
 
 TEXT = (Path(__file__).parents[1] / "SECURITY.md").read_text(encoding="utf-8")
 
 
 def test_the_stated_limits_are_those_of_the_code():
     for stated in (
-        f"{columns.MAX_VALUES:,} values in one recording",
+        f"{readers.MAX_VALUES:,} values in one recording",
         f"a first line of {text_layout.LONGEST_LINE:,} characters and {text_layout.MOST_COLUMNS:,} columns",
-        f"expand at most {columns.MOST_EXPANSION} times",
+        f"expand at most {readers.MOST_EXPANSION} times",
         f"may take {filesets.LONGEST_MATCH_S:g} s of CPU time",
         f"whole numbers up to {allowed_estimators.MOST_INTEGER}",
         f"{allowed_estimators.MOST_MODELS} models in nested ensembles",

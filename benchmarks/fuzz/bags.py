@@ -14,7 +14,7 @@ from fuzz.contract import BAG_IN_FOLDER, Target
 from fuzz.mutate import either, of_bytes
 from fuzz.recordings import valid, written
 from texclass.loaders import load_recording
-from texclass.loaders.columns import BAG_FOLDER
+from texclass.loaders.readers import BAG_FOLDER
 from texclass.recording import RecordingError
 from texclass.robot.ros_messages import MULTI_ARRAY, TYPES, decode_multi_array, decode_stamped
 from texclass.robot.topic import decoded_messages

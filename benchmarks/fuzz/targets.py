@@ -3,11 +3,11 @@
 import importlib
 
 from fuzz.contract import Target
-from texclass.loaders.files import READERS
+from texclass.loaders.readers import FORMATS
 
 SHARES: dict[str, dict[str, int]] = {
     "recordings": {
-        **{suffix[1:]: 25_000 for suffix in READERS},
+        **{suffix[1:]: 25_000 for suffix in FORMATS},
         "table of rows": 8_000,
         "table of labels": 60_000,
         "lines of standard input": 120_000,
@@ -50,6 +50,10 @@ SHARES: dict[str, dict[str, int]] = {
     },
 }
 """Module -> name -> parts; those that read a file in C, or many files, are slower and get fewer."""
+
+
+LIBRARIES = {"robot": ("rosbags", "mcap", "cyclonedds"), "formats": ("openpyxl", "nptdms")}
+"""Extra of texclass -> the libraries that its readers import."""
 
 
 def parts_of() -> dict[str, int]:

@@ -19,7 +19,7 @@ from fuzz.contract import judge
 from fuzz.mutate import archive_of
 from fuzz.targets import target_of
 
-from texclass.loaders import columns, load_recording
+from texclass.loaders import load_recording, readers
 from texclass.recording import RecordingError
 
 SIGNAL = np.random.default_rng(0).normal(size=400)
@@ -60,7 +60,7 @@ def test_more_values_than_the_limit_are_refused_before_they_are_read(tmp_path, m
     (tmp_path / "r.npy").write_bytes(member.getvalue())
     for name in ("r.npz", "r.npy"):
         refused(tmp_path / name, rf"{name}: announces 1000000000000 values")
-    monkeypatch.setattr(columns, "MAX_VALUES", 399)
+    monkeypatch.setattr(readers, "MAX_VALUES", 399)
     np.savez_compressed(tmp_path / "r.npz", acceleration=SIGNAL)
     with h5py.File(tmp_path / "r.h5", "w") as file:
         file["acceleration"] = SIGNAL

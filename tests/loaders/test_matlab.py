@@ -10,7 +10,7 @@ import pytest
 import scipy.io
 
 from texclass.loaders import load_recording
-from texclass.loaders.matlab import variables
+from texclass.loaders.matlab import matlab_5_arrays
 from texclass.recording import RecordingError
 
 SIGNAL = np.random.default_rng(0).normal(size=400)
@@ -161,7 +161,7 @@ def test_files_that_matlab_wrote_are_read_as_by_scipy():
         for path in folder.glob(f"{name}*.mat"):
             if scipy.io.matlab.matfile_version(str(path))[0] == 1:
                 stored = scipy.io.loadmat(path)
-                for variable in filter(lambda v: v.is_signal, variables(path)):
+                for variable in (array for array in matlab_5_arrays(path) if not array.kind):
                     first, *fields = variable.name.split(".")
                     expected = stored[first]
                     for field in fields:

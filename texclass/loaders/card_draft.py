@@ -12,50 +12,20 @@ from typing import Any
 import numpy as np
 
 from texclass.loaders.cards import LabelTable
-from texclass.loaders.columns import (
-    UNNAMED,
-    ReadOptions,
-    ReadSignals,
-    choose_acceleration,
-    columns_of_kind,
-    is_time,
-    listed,
-    plain,
-)
+from texclass.loaders.columns import UNNAMED, choose_acceleration, columns_of_kind, is_time, plain
 from texclass.loaders.data_files import data_files
 from texclass.loaders.exports import Export, export_companions, export_pattern, find_exports
-from texclass.loaders.files import AXIS, axis_files, check_stated, column_names, columns_of, read_signals
+from texclass.loaders.files import AXIS, axis_files, column_names, read_signals
 from texclass.loaders.filesets import match_name
 from texclass.loaders.labels import Labels, find_label_columns, is_label_table
 from texclass.loaders.open import recording_files
 from texclass.loaders.plausibility import doubtful_levels
+from texclass.loaders.readers import ReaderSettings, ReadSignals, columns_of, listed
 from texclass.recording import AUXILIARY_UNITS, RecordingError, Samples
 from texclass.reporting.wording import counted
 
 QUESTION = "# QUESTION: "
 """Start of a line about something that the folder leaves open."""
-MOST_READ = 100
-"""Files that are read: one per surface first, then others."""
-LEAST_COUNTS = 100
-"""Largest value from which whole numbers are taken as codes of a converter."""
-_TURN_RATES = tuple(tuple(f"{stem}{axis}" for axis in "xyz") for stem in ("w", "g", "gyro ", "gyroscope "))
-_AT_REST = {"m/s^2": 9.81, "g": 1.0, "mg": 1000.0}
-"""Magnitude of gravity in each unit."""
-_AXIS = r"_(?P<axis>[XYZxyz])(?:_[^/]*)?"
-_SESSION = r"(?P<session>(?i:s|sess|session)[_-]?\d+)"
-_REPETITION = r"[A-Za-z]*(?P<repetition>\d+)"
-_IN_FOLDERS = (
-    rf"(?:[^/]*[_\- ])?{_SESSION}[_\- ]+{_REPETITION}",
-    r"[^/]*?(?P<repetition>\d+)",
-    r"[^/]+?",
-)
-_IN_NAMES = (
-    rf"(?P<material>[^/]+?)[_\- ]+{_SESSION}[_\- ]+{_REPETITION}",
-    rf"(?P<material>[^/]+?)[_\- ]+{_REPETITION}",
-    r"(?P<material>[^/]*[^\d/_\- ])(?P<repetition>\d+)",
-    r"(?P<material>[^/]+?)",
-)
-"""Names without axis and suffix, the most specific pattern first; the last one fits all."""
 
 
 @dataclass(frozen=True)
@@ -90,15 +60,9 @@ def draft_card(
     *,
     fs: float | None = None,
     unit: str | None = None,
-    column: str | Sequence[str] | None = None,
-    delimiter: str | None = None,
-    time_column: str | None = None,
-    time_unit: str | None = None,
     resample: float | None = None,
-    skip_rows: int | None = None,
-    comment: str | None = None,
-    drop_incomplete: bool | None = None,
     labels: str | Path | None = None,
+    **reading: Any,
 ) -> str:
     """Return the text of a dataset card for a folder.
 
@@ -108,9 +72,7 @@ def draft_card(
         Folder of recordings: one subfolder per surface, or files named by surface and number.
     beside : str or Path
         Folder in which the card will be written.
-    fs, unit, column, delimiter, time_column, time_unit, resample : optional
-        Facts of the files, as `open_dataset` takes them.
-    skip_rows, comment, drop_incomplete : optional
+    fs, unit, resample, **reading : optional
         Facts of the files, as `open_dataset` takes them.
     labels : str or Path, optional
         Table with the surface of each file (default: a CSV in the folder with the columns `file` and
@@ -124,15 +86,8 @@ def draft_card(
         If the given table of labels cannot be used.
     """
     root = Path(folder).expanduser()
-    how: dict[str, Any] = {
-        "delimiter": delimiter,
-        "time_unit": time_unit,
-        "skip_rows": skip_rows,
-        "comment": comment,
-    }
-    check_stated(root, fs, unit, resample=resample, **how)
-    how |= {"time_column": time_column, "drop_incomplete": drop_incomplete or None}
-    stated = {key: value for key, value in how.items() if value is not None}
+    settings = ReaderSettings(fs=fs, unit=unit, resample=resample, **reading)
+    settings.check(root)
     if not root.is_dir():
         raise RecordingError(f"{root} is not a folder. Expected a folder of recordings")
     files = recording_files(root)
@@ -148,13 +103,12 @@ def draft_card(
         layout = _labelled(names, Labels.read(table, columns), root, exports)
     else:
         layout = _of_exports(names, exports) if exports else _layout(names)
-    options = ReadOptions(codes=unit == "counts", **stated)
-    found = _signals(root, layout, options, columns_of(column), unit)
+    found = _signals(root, layout, settings)
     lines = [
         *_layout_lines(root, Path(beside), names, layout),
         *_rate_lines(found.rates, fs, resample),
         *_unit_lines(found),
-        *(f"{key} = {_toml(value)}" for key, value in stated.items()),
+        *(f"{key} = {_toml(value)}" for key, value in settings.of_a_card.items()),
         "",
         "# A recording is segmented into taps and movement. Without taps, or with taps only, set this:",
         '# phases = "movement"',
@@ -192,7 +146,8 @@ def _of_exports(names: Sequence[str], exports: Sequence[Export]) -> _Layout:
 
 def _axis(names: Sequence[str]) -> str:
     """Return the pattern of an axis if most names have one."""
-    return _AXIS if sum(AXIS.search(name) is not None for name in names) > len(names) / 2 else ""
+    has_axes = sum(AXIS.search(name) is not None for name in names) > len(names) / 2
+    return r"_(?P<axis>[XYZxyz])(?:_[^/]*)?" if has_axes else ""
 
 
 def _suffixes(names: Sequence[str]) -> str:
@@ -201,13 +156,20 @@ def _suffixes(names: Sequence[str]) -> str:
 
 def _layout(names: Sequence[str]) -> _Layout:
     """Return how names become recordings: by subfolders if there are any, else by the names of the files."""
+    session = r"(?P<session>(?i:s|sess|session)[_-]?\d+)[_\- ]+"
+    repetition = r"[A-Za-z]*(?P<repetition>\d+)"
     below = [name for name in names if "/" in name]
     questions: list[str] = []
+    # names without axis and suffix, the most specific pattern first; the last one fits all
     if below:
         heads, names = _folders(below), below
-        candidates = [(head, stem) for head in heads for stem in _IN_FOLDERS]
+        stems = [rf"(?:[^/]*[_\- ])?{session}{repetition}", r"[^/]*?(?P<repetition>\d+)", r"[^/]+?"]
+        candidates = [(head, stem) for head in heads for stem in stems]
     else:
-        candidates = [("", stem) for stem in _IN_NAMES]
+        surface = r"(?P<material>[^/]+?)"
+        stems = [rf"{surface}[_\- ]+{session}{repetition}", rf"{surface}[_\- ]+{repetition}"]
+        stems += [r"(?P<material>[^/]*[^\d/_\- ])(?P<repetition>\d+)", surface]
+        candidates = [("", stem) for stem in stems]
     kinds, axis = _suffixes(names), _axis(names)
     for head, stem in candidates:
         pattern = rf"{head}{stem}{axis}\.(?i:{kinds})"
@@ -239,14 +201,14 @@ def _folders(names: Sequence[str]) -> list[str]:
     return [*sessions, rf"{shared}(?P<material>[^/]+)/(?:.+/)?"]
 
 
-def _signals(
-    root: Path, layout: _Layout, options: ReadOptions, column: tuple[str, ...], unit: str | None
-) -> _Signals:
+def _signals(root: Path, layout: _Layout, settings: ReaderSettings) -> _Signals:
     """Read files of all surfaces: columns and unit of the first one, rates of all."""
     firsts: dict[str, str] = {}
     for name, groups in layout.named.items():
         firsts.setdefault(groups["material"], name)
-    files = list(dict.fromkeys([*firsts.values(), *layout.named]))[:MOST_READ]
+    files = list(dict.fromkeys([*firsts.values(), *layout.named]))[:100]  # enough to know them all
+    unit, column = settings.unit, columns_of(settings.column)
+    settings = ReaderSettings(unit=unit, **settings.of_a_card)
     channels: dict[str, Sequence[str]] = {}
     questions: list[str] = []
     rates: dict[str, float | None] = {}
@@ -255,8 +217,8 @@ def _signals(
     for name in files:
         try:
             if read is None:
-                channels, questions = _channels(root / name, options, column)
-            signals = read_signals(axis_files(root / name), channels, options)
+                channels, questions = _channels(root / name, settings, column)
+            signals = read_signals(axis_files(root / name), channels, settings)
         except RecordingError as error:
             errors.append(error)
             continue
@@ -268,13 +230,14 @@ def _signals(
         return _Signals(channels, unit or "arbitrary", "", rates, False, tuple(questions))
     acceleration = read.named[UNNAMED]
     resting = _magnitude(acceleration)
-    by_level = next((u for u, level in _AT_REST.items() if abs(resting / level - 1) < 0.06), None)
+    gravities = {"m/s^2": 9.81, "g": 1.0, "mg": 1000.0}
+    by_level = next((u for u, level in gravities.items() if abs(resting / level - 1) < 0.06), None)
     stated = unit or read.unit
     if stated:
         source = "given" if unit else "from the names of the columns or the messages"
     elif by_level:
         stated, source = by_level, f"the level at rest, {resting:.4g}, is gravity in {by_level}"
-    elif np.abs(acceleration).max() > LEAST_COUNTS and np.all(acceleration == np.rint(acceleration)):
+    elif np.abs(acceleration).max() > 100 and np.all(acceleration == np.rint(acceleration)):
         stated, source = "counts", "all values are whole numbers"
     else:
         stated, source = "arbitrary", ""
@@ -289,10 +252,10 @@ def _magnitude(acceleration: Samples) -> float:
 
 
 def _channels(
-    path: Path, options: ReadOptions, column: tuple[str, ...]
+    path: Path, settings: ReaderSettings, column: tuple[str, ...]
 ) -> tuple[dict[str, Sequence[str]], list[str]]:
     """Return the columns of each signal of a file, and what is open; none for a file of one column."""
-    present = column_names(path, options)
+    present = column_names(path, settings)
     others = [name for name in present if not is_time(name)]
     if len(others) < 2:
         return ({UNNAMED: column} if column else {}), []
@@ -300,8 +263,8 @@ def _channels(
     for field in AUXILIARY_UNITS:
         if (found := [name for name in others if plain(name) == plain(field)]) and len(found) == 1:
             channels[field] = found
-    for convention in _TURN_RATES:
-        if axes := columns_of_kind(convention, others):
+    for stem in ("w", "g", "gyro ", "gyroscope "):
+        if axes := columns_of_kind([f"{stem}{axis}" for axis in "xyz"], others):
             channels.setdefault("turn_rate", axes)
     taken = {name for names in channels.values() for name in names}
     questions = list[str]()

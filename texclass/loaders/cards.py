@@ -1,6 +1,7 @@
 """Dataset cards: what a TOML file says of a dataset, one model for each format of datasets."""
 
 import re
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -8,8 +9,8 @@ from annotated_types import Predicate
 from pydantic import BeforeValidator, Field, PrivateAttr, RootModel, model_validator
 
 from texclass import shipped
-from texclass.loaders.columns import COMMENT
 from texclass.loaders.dataset import GROUPS
+from texclass.loaders.readers import COMMENT, TIME_UNITS, ReaderSettings
 from texclass.recording import AUXILIARY_UNITS, Unit
 from texclass.simulate.recipe import Recipe
 from texclass.validation import Written, checked, read_toml
@@ -23,8 +24,10 @@ DeclaredPhases = Literal["detect", "movement", "tap", "taps"]
 if TYPE_CHECKING:
     Signal = str
     Role = str
-else:  # taken from `texclass.recording`, where alone they are listed
+    TimeUnit = str
+else:  # each is listed once, elsewhere
     Signal = Literal[*AUXILIARY_UNITS]
+    TimeUnit = Literal[*TIME_UNITS]
     Role = Literal["acceleration", *AUXILIARY_UNITS]
 
 
@@ -204,12 +207,19 @@ class FileReading(Reading):
     )
     drop_incomplete: bool = False
     time_column: Annotated[str | None, BeforeValidator(lambda given: given and _named(given)[0])] = None
-    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "days"] | None = None
+    time_unit: TimeUnit | None = None
     resample_hz: float | None = Field(default=None, gt=0, le=MOST_LARGE, description="a rate in Hz above 0")
     topic: str | None = None
     trim: bool = False
     _rate_of: str = PrivateAttr(default="")
     """File whose rate `fs_hz` is, where neither user nor card state one."""
+
+    @property
+    def settings(self) -> ReaderSettings:
+        """How its files are read."""
+        shared = {field.name for field in fields(ReaderSettings)} & set(FileReading.model_fields)
+        fs = self.fs_hz if self.resample_hz is None else None
+        return ReaderSettings(fs=fs, rate_of=self._rate_of, **{name: getattr(self, name) for name in shared})
 
     @model_validator(mode="after")
     def _material_is_told(self) -> "FileReading":

@@ -14,21 +14,12 @@ from numpy.typing import NDArray
 
 from texclass import shipped
 from texclass.loaders.columns import (
-    BAG_FOLDER,
-    BAGS,
-    COMMENT,
-    NO_TIME_COLUMN,
-    TIME_UNITS,
     UNNAMED,
-    ReadOptions,
-    ReadSignals,
-    as_samples,
     choose_acceleration,
     doubtful_numbers,
     group_of,
     is_time,
     numbered,
-    refused,
     signal_columns,
     time_unit,
     turn_rate_factor,
@@ -36,34 +27,26 @@ from texclass.loaders.columns import (
     without_unit,
 )
 from texclass.loaders.exports import export_in, other_sensor
-from texclass.loaders.plausibility import LEAST_HZ, MOST_HZ, UNIT_RULE, build_recording
-from texclass.loaders.time_columns import by_time_column, increases
-from texclass.recording import (
-    AUXILIARY_UNITS,
-    UNITS,
-    Recording,
-    RecordingError,
-    Samples,
-    read_only,
+from texclass.loaders.plausibility import build_recording
+from texclass.loaders.readers import (
+    BAG_FOLDER,
+    FORMATS,
+    NO_TIME_COLUMN,
+    ReaderSettings,
+    ReadSignals,
+    as_samples,
+    columns_of,
+    formats,
+    is_bag,
+    refused,
 )
+from texclass.loaders.time_columns import by_time_column, increases
+from texclass.recording import AUXILIARY_UNITS, Recording, RecordingError, Samples, read_only
 
-READERS = {
-    **dict.fromkeys((".txt", ".csv", ".tsv", ".lvm", ".parquet"), "tables"),
-    **dict.fromkeys((".wav", ".flac", ".mat", ".npy", ".npz", ".h5", ".hdf5"), "arrays"),
-    ".xlsx": "workbooks",
-    ".tdms": "tdms",
-}
-"""Suffix of a file that can be a recording (case does not matter) -> module that reads it."""
 AXIS = re.compile(r"_(?P<axis>[XYZxyz])(?=[_.])")
 """The part of a file's name that says which axis it holds: `<name>_X.txt`, `<name>_X_train1.txt`."""
-LEAST_SHARED = 0.9
-"""Share of the time of an acceleration that a signal in another file has to cover."""
 _BESIDE = "beside\0"
 """Before the name of a signal in another file, as no column is named."""
-MOST_TRIED = 12
-"""Columns that are read to find some for a suggestion."""
-BAG = "bag:"
-"""Before the path of a bag whose topic is named, too: bag:FILE?topic=/name."""
 
 
 def load_recording(
@@ -133,37 +116,31 @@ def load_recording(
         If a fact is missing or contradicted, or the file is not what it should be.
     """
     path, asked = located(path)
-    check_stated(
-        path,
-        fs,
-        unit,
-        resample=resample,
-        delimiter=delimiter,
-        time_unit=time_unit,
-        skip_rows=skip_rows,
-        comment=comment,
-    )
-    options = ReadOptions(
-        delimiter,
-        codes=unit == "counts",
-        topic=topic or asked,
+    settings = ReaderSettings(
         fs=fs,
+        unit=unit,
+        column=column,
+        delimiter=delimiter,
         time_column=time_column,
         time_unit=time_unit,
+        resample=resample,
+        topic=topic or asked,
         skip_rows=skip_rows,
         comment=comment,
         drop_incomplete=drop_incomplete,
     )
+    settings.check(path)
     roles = {name: columns_of(names) for name, names in {UNNAMED: column, **(auxiliary or {})}.items()}
-    axes, beside, said = sources(path)
-    signals = read_signals(axes, roles, options, companions=beside)
-    by_name = unit is None and signals.unit is not None and not is_bag(path)
+    axes, beside, flags = sources(path)
+    signals = read_signals(axes, roles, settings, companions=beside)
+    if unit is None and signals.unit is not None and not is_bag(path):
+        flags = (*flags, f"in {signals.unit}: the names of its columns say so")
     return build_recording(
         signals,
         fs=fs,
         unit=unit,
         resample=resample,
-        flags=(*said, *(f"in {signals.unit}: the names of its columns say so",) * by_name),
+        flags=flags,
         recording_id=recording_name(path, axes),
         source=str(path),
     )
@@ -180,7 +157,7 @@ def located(name: str | Path) -> tuple[Path, str | None]:
     topic = None
     path = Path(name).expanduser()
     if is_bag_name(name):
-        rest, _, query = str(name).removeprefix(BAG).partition("?")
+        rest, _, query = str(name).removeprefix("bag:").partition("?")
         path, topic = Path(rest).expanduser(), query.removeprefix("topic=") or None
         if query and not query.startswith("topic="):
             raise refused(name, f"asks for {query!r}", "bag:FILE?topic=/name")
@@ -189,7 +166,12 @@ def located(name: str | Path) -> tuple[Path, str | None]:
     return path / BAG_FOLDER if (path / BAG_FOLDER).is_file() else path, topic
 
 
-def column_names(path: Path, options: ReadOptions) -> tuple[str, ...]:
+def is_bag_name(name: str | Path) -> bool:
+    """Whether a name is of the form "bag:FILE" and not a file itself."""
+    return str(name).startswith("bag:") and not Path(name).exists()
+
+
+def column_names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
     """Return the names of the columns or arrays of a file.
 
     Raises
@@ -197,7 +179,7 @@ def column_names(path: Path, options: ReadOptions) -> tuple[str, ...]:
     RecordingError
         If the file does not exist, is empty, unreadable, or of an unknown kind.
     """
-    names: tuple[str, ...] = _reader(path).names(path, options)
+    names: tuple[str, ...] = _reader(path).names(path, settings)
     return names
 
 
@@ -213,16 +195,6 @@ def topics(path: Path) -> tuple[str, ...]:
     return found
 
 
-def suffixes() -> tuple[str, ...]:
-    """Return the suffixes of files that can be read, those of other packages last."""
-    return (*READERS, *(f".{suffix}" for suffix in shipped.added("readers")))
-
-
-def is_bag(path: Path) -> bool:
-    """Whether a file is, by its name, a bag."""
-    return path.suffix.lower() in BAGS or path.name == BAG_FOLDER
-
-
 def _reader(path: Path) -> ModuleType:
     """Return the module that reads a file that is there; its libraries are imported only now."""
     try:
@@ -234,61 +206,19 @@ def _reader(path: Path) -> ModuleType:
     if size == 0:
         raise refused(path, "is empty (0 bytes)", "at least two samples")
     suffix = ".mcap" if path.name == BAG_FOLDER else path.suffix.lower()
-    kind = READERS.get(suffix)
-    if kind is None and suffix not in suffixes():
-        raise refused(path, f"suffix is {path.suffix!r}", f"one of {', '.join(suffixes())}")
+    if (kind := formats().get(suffix)) is None:
+        raise refused(path, f"suffix is {path.suffix!r}", f"one of {', '.join(formats())}")
     try:
-        if kind is None:
-            return shipped.module_of("readers", suffix[1:])
-        return importlib.import_module(f"texclass.loaders.{kind}")
+        if suffix in FORMATS:
+            return importlib.import_module(kind.module)
+        return shipped.module_of("readers", suffix[1:])
     except ImportError as error:
-        if kind is None and suffix not in BAGS:
+        if not kind.extra:
             raise
-        extra = "robot" if suffix in BAGS else "formats"
         raise RecordingError(
-            f"{path}: {suffix} files require the extra `{extra}` ({error}): pip install 'texclass[{extra}]'"
+            f"{path}: {suffix} files require the extra `{kind.extra}` ({error}): "
+            f"pip install 'texclass[{kind.extra}]'"
         ) from error
-
-
-def is_bag_name(name: str | Path) -> bool:
-    """Whether a name is of the form "bag:FILE" and not a file itself."""
-    return str(name).startswith(BAG) and not Path(name).exists()
-
-
-def check_stated(
-    where: object,
-    fs: float | None,
-    unit: str | None,
-    *,
-    resample: float | None = None,
-    delimiter: str | None = None,
-    time_unit: str | None = None,
-    skip_rows: int | None = None,
-    comment: str | None = None,
-) -> None:
-    """Check what a user states of files, before any is read.
-
-    Raises
-    ------
-    RecordingError
-        If a unit is unknown, a rate not above 0, the delimiter not one character, a number of lines
-        negative, or the beginning of comments blank.
-    """
-    if unit not in (None, *UNITS):
-        raise refused(where, f"unit is {unit!r}", UNIT_RULE)
-    for name, rate in {"fs": fs, "resample": resample}.items():
-        if rate is not None and not LEAST_HZ <= rate <= MOST_HZ:
-            raise refused(
-                where, f"{name} is {rate:g} Hz", f"a sampling rate in Hz from {LEAST_HZ:g} to {MOST_HZ:g}"
-            )
-    if delimiter is not None and (len(delimiter) != 1 or delimiter in '"\r\n'):
-        raise refused(where, f"delimiter is {delimiter!r}", "one character, no quote")
-    if time_unit not in (None, *TIME_UNITS):
-        raise refused(where, f"time unit is {time_unit!r}", f"one of {', '.join(TIME_UNITS)}")
-    if skip_rows is not None and skip_rows < 0:
-        raise refused(where, f"skip_rows is {skip_rows}", "a number of lines, at least 0")
-    if comment is not None and not re.fullmatch(COMMENT, comment):
-        raise refused(where, f"comment is {comment!r}", "1 to 8 characters, no blank, digit or quote")
 
 
 def sources(path: Path) -> tuple[dict[str, Path], dict[str, Path], tuple[str, ...]]:
@@ -326,7 +256,7 @@ def axis_files(path: Path) -> dict[str, Path]:
 def read_signals(
     axes: Mapping[str, Path],
     roles: Mapping[str, Sequence[str]],
-    options: ReadOptions,
+    settings: ReaderSettings,
     *,
     trim: bool = False,
     companions: Mapping[str, Path] | None = None,
@@ -340,7 +270,7 @@ def read_signals(
     roles : mapping of str to sequence of str
         "acceleration" or an auxiliary field of `Recording` -> its column(s), in the order of the axes. By
         default the acceleration is in the columns of conventional names, or in the only one.
-    options : ReadOptions
+    settings : ReaderSettings
         How to read.
     trim : bool
         Cut axes of different lengths to the shortest instead of refusing them.
@@ -358,65 +288,71 @@ def read_signals(
         raise RecordingError(
             f"signals {sorted(unknown)} are unknown; the rule is one of {', '.join(AUXILIARY_UNITS)}"
         )
-    parts, names, joined = {}, list[str](), companions or {}
-    for axis, path in axes.items():
-        is_known = is_bag(path) and roles.get(UNNAMED)
-        present = () if is_known else column_names(path, options)
-        if not roles.get(UNNAMED) and (sensor := other_sensor(path)):
-            rule = "an accelerometer: --column names its columns, if they hold an acceleration"
-            raise refused(path, f"its name is that of a {sensor}", rule)
-        chosen = numbered(roles.get(UNNAMED, ()), present) or choose_acceleration(
-            present, path, partial(_varying, path, options)
-        )
-        if steering := next((name for name in chosen if not name.isprintable()), None):
-            raise refused(path, f"the column {steering!r} holds a control character", "printable names")
-        beside = {field: numbered(names, present) for field, names in roles.items() if field != UNNAMED}
-        groups = {UNNAMED: chosen, **beside}
-        wanted = tuple(dict.fromkeys(name for names in groups.values() for name in names))
-        read = _read(path, wanted, options, joined)
-        names += chosen
-        fields = {}
-        for field, its in groups.items():
-            columns = [read.named[name] for name in its]
-            if len({len(column) for column in columns}) > 1:
-                found = ", ".join(f"{name!r} has {len(read.named[name])}" for name in its)
-                raise refused(path, f"its columns differ in length: {found} samples", "one length")
-            fields[field] = read_only(columns[0] if len(columns) == 1 else np.column_stack(columns))
-        fields |= {field: read.named[key] for field in joined if (key := _BESIDE + field) in read.named}
-        parts[axis] = replace(
-            read,
-            named=fields,
-            flags=(*read.flags, *doubtful_numbers(roles.get(UNNAMED, ()), present)),
-            unit=read.unit or unit_of(names, path),
-            channels=tuple(map(without_unit, chosen)) if len(chosen) > 1 else (),
-        )
-    first = next(iter(parts.values()))
+    parts = {axis: _read_file(path, roles, settings, companions or {}) for axis, path in axes.items()}
+    axis, first = next(iter(parts.items()))
     if len(parts) == 1:
-        axis = next(iter(parts))
         is_one_axis = axis and first.named[UNNAMED].ndim == 1
-        return replace(first, channels=(axis,) if is_one_axis else first.channels)
-    where = str(next(iter(axes.values())))
+        return replace(first, channels=(axis,)) if is_one_axis else first
+    where = str(axes[axis])
     lengths = {axis: len(part.named[UNNAMED]) for axis, part in parts.items()}
     if len(set(lengths.values())) > 1 and not trim:
         raise refused(where, f"its axes have {lengths} samples", "one length")
     rates = [part.fs for part in parts.values()]
     if len(set(rates)) > 1:
         raise refused(where, f"its axes have rates {rates}", "one")
+    units = {part.unit: None for part in parts.values() if part.unit is not None}
+    if len(units) > 1:
+        raise refused(where, f"its axes are in {' and '.join(sorted(units))}", "one unit")
     n = min(lengths.values())
     acceleration = read_only(np.column_stack([part.named[UNNAMED][:n] for part in parts.values()]))
     named = {**first.named, UNNAMED: acceleration}
     flags = tuple(dict.fromkeys(flag for part in parts.values() for flag in part.flags))
-    return ReadSignals(named, first.fs, channels=tuple(parts), unit=parts[axis].unit, flags=flags)
+    return ReadSignals(named, first.fs, flags, tuple(parts), next(iter(units), None))
 
 
-def _varying(path: Path, options: ReadOptions, names: Sequence[str]) -> list[str]:
+def _read_file(
+    path: Path, roles: Mapping[str, Sequence[str]], settings: ReaderSettings, companions: Mapping[str, Path]
+) -> ReadSignals:
+    """Read the signals of one file, and those beside them, by the fields of `Recording`."""
+    stated = roles.get(UNNAMED, ())
+    present = () if is_bag(path) and stated else column_names(path, settings)
+    if not stated and (sensor := other_sensor(path)):
+        rule = "an accelerometer: --column names its columns, if they hold an acceleration"
+        raise refused(path, f"its name is that of a {sensor}", rule)
+    varying = partial(_varying, path, settings)
+    chosen = numbered(stated, present) or choose_acceleration(present, path, varying)
+    if steering := next((name for name in chosen if not name.isprintable()), None):
+        raise refused(path, f"the column {steering!r} holds a control character", "printable names")
+    columns = {field: numbered(names, present) for field, names in roles.items()} | {UNNAMED: chosen}
+    wanted = tuple(dict.fromkeys(name for names in columns.values() for name in names))
+    read = _read(path, wanted, settings, companions)
+    named = {field: _stacked(read, names, path) for field, names in columns.items()}
+    named |= {field: read.named[_BESIDE + field] for field in companions if _BESIDE + field in read.named}
+    return replace(
+        read,
+        named=named,
+        flags=(*read.flags, *doubtful_numbers(stated, present)),
+        unit=read.unit or unit_of(chosen, path),
+        channels=tuple(map(without_unit, chosen)) if len(chosen) > 1 else (),
+    )
+
+
+def _stacked(read: ReadSignals, names: Sequence[str], path: Path) -> Samples:
+    """Return columns of a file as one signal."""
+    columns = [read.named[name] for name in names]
+    if len({len(column) for column in columns}) > 1:
+        found = ", ".join(f"{name!r} has {len(read.named[name])}" for name in names)
+        raise refused(path, f"its columns differ in length: {found} samples", "one length")
+    return read_only(columns[0] if len(columns) == 1 else np.column_stack(columns))
+
+
+def _varying(path: Path, settings: ReaderSettings, names: Sequence[str]) -> list[str]:
     """Return the columns of varying numbers that neither rise nor fall throughout, as long as the first."""
     found: dict[str, Samples] = {}
-    tolerant = replace(options, drop_incomplete=True)
-    for name in names[:MOST_TRIED]:
+    tolerant = replace(settings, drop_incomplete=True)
+    for name in names[:12]:  # enough for a suggestion
         try:
-            array = _reader(path).read(path, (name,), tolerant).named[name]
-            samples = as_samples(array, name, path)
+            samples = as_samples(_reader(path).read(path, (name,), tolerant).named[name], name, path)
         except RecordingError:
             continue
         steps = np.diff(samples, axis=0)
@@ -428,32 +364,32 @@ def _varying(path: Path, options: ReadOptions, names: Sequence[str]) -> list[str
 
 
 def _read(
-    path: Path, wanted: tuple[str, ...], options: ReadOptions, beside: Mapping[str, Path]
+    path: Path, wanted: tuple[str, ...], settings: ReaderSettings, beside: Mapping[str, Path]
 ) -> ReadSignals:
     """Read columns of a file, at the rate of its time stamps if there are any."""
     read: ReadSignals
-    reader, named = _reader(path), options.time_column
+    reader, stated = _reader(path), settings.time_column
     if is_bag(path):  # it has time stamps
-        return reader.read(path, wanted, options)  # type: ignore[no-any-return]
-    if named is not None and named != NO_TIME_COLUMN:
-        (time,) = numbered((named,), reader.names(path, options))
-        read = reader.read(path, tuple(dict.fromkeys((*wanted, time))), options)
-        return _at_times(replace(read, fs=None), wanted, time, path, options, beside)
-    candidates = [] if named else _time_candidates(reader.names(path, options), wanted)
+        return reader.read(path, wanted, settings)  # type: ignore[no-any-return]
+    if stated is not None and stated != NO_TIME_COLUMN:
+        (time,) = numbered((stated,), reader.names(path, settings))
+        read = reader.read(path, tuple(dict.fromkeys((*wanted, time))), settings)
+        return _at_times(replace(read, fs=None), wanted, time, path, settings, beside)
     ignored = list[str]()
-    for time in candidates:
+    for time in [] if stated else _time_candidates(reader.names(path, settings), wanted):
         try:
-            read = reader.read(path, (*wanted, time), options)
+            read = reader.read(path, (*wanted, time), settings)
         except RecordingError:  # if reading without it succeeds
             ignored.append(f"time: column {time!r} is ignored, it has neither numbers nor dates in each row")
             continue
         if any(len(read.named[name]) != len(read.named[time]) for name in wanted):
             ignored.append(f"time: column {time!r} is ignored, it has another length than the signals")
-            continue
-        if increases(read.named[time]):
+        elif not increases(read.named[time]):
+            ignored.append(f"time: column {time!r} is ignored, it does not increase like time stamps")
+        else:
             read = replace(read, flags=(*read.flags, *ignored))
             try:
-                return _at_times(read, wanted, time, path, options, beside)
+                return _at_times(read, wanted, time, path, settings, beside)
             except RecordingError as error:
                 if read.fs is None or beside:
                     raise
@@ -462,8 +398,7 @@ def _read(
                     "Expected one rate: --time-column none uses the stated one, "
                     f"--time-column {shlex.quote(time)} the time stamps (`time_column` in a card)"
                 ) from error
-        ignored.append(f"time: column {time!r} is ignored, it does not increase like time stamps")
-    read = reader.read(path, wanted, options)
+    read = reader.read(path, wanted, settings)
     signals = {name: as_samples(read.named[name], name, path) for name in wanted}
     return replace(read, named=signals, flags=(*read.flags, *ignored))
 
@@ -483,48 +418,48 @@ def _at_times(
     wanted: tuple[str, ...],
     time: str,
     path: Path,
-    options: ReadOptions,
+    settings: ReaderSettings,
     beside: Mapping[str, Path],
 ) -> ReadSignals:
     """Return signals at the uniform rate that a column of time stamps implies."""
-    signals = [as_samples(read.named[name], name, path) for name in wanted]
     times = read.named[time]
-    joined = {
-        _BESIDE + field: _interpolated(file, field, time, times, options) for field, file in beside.items()
-    }
-    wanted, signals = (*wanted, *joined), [*signals, *joined.values()]
-    said = [f"joined: {field} of {file.name}, at the times of {path.name}" for field, file in beside.items()]
-    if lengths := {len(signal) for signal in signals} - {len(times)}:
+    signals = {name: as_samples(read.named[name], name, path) for name in wanted}
+    for field, file in beside.items():
+        signals[_BESIDE + field] = _interpolated(file, field, time, times, settings)
+    if lengths := {len(signal) for signal in signals.values()} - {len(times)}:
         raise refused(
             path,
             f"its time column {time!r} has {len(times)} values, a signal {lengths.pop()}",
             "one length, or --time-column none",
         )
-    columns = [signal.reshape(len(times), -1) for signal in signals]
+    columns = [signal.reshape(len(times), -1) for signal in signals.values()]
     uniform, fs, flags = by_time_column(
         np.column_stack(columns),
         times,
         time,
-        options.fs if read.fs is None else read.fs,
+        settings.fs if read.fs is None else read.fs,
         where=str(path),
-        unit=options.time_unit,
-        rate_of=options.rate_of,
+        unit=settings.time_unit,
+        rate_of=settings.rate_of,
     )
     parts = np.split(uniform, np.cumsum([column.shape[1] for column in columns])[:-1], axis=1)
     named = {
         name: part.reshape(len(part), *signal.shape[1:])
-        for name, signal, part in zip(wanted, signals, parts, strict=True)
+        for (name, signal), part in zip(signals.items(), parts, strict=True)
     }
-    return replace(read, named=named, fs=fs, flags=(*read.flags, *flags, *said))
+    joined = [
+        f"joined: {field} of {file.name}, at the times of {path.name}" for field, file in beside.items()
+    ]
+    return replace(read, named=named, fs=fs, flags=(*read.flags, *flags, *joined))
 
 
 def _interpolated(
-    path: Path, field: str, time: str, times: NDArray[np.generic], options: ReadOptions
+    path: Path, field: str, time: str, times: NDArray[np.generic], settings: ReaderSettings
 ) -> Samples:
     """Return a signal of another file at some times, linearly interpolated."""
     reader = _reader(path)
-    names = signal_columns(reader.names(path, options), path)
-    read = reader.read(path, (*names, time), options)
+    names = signal_columns(reader.names(path, settings), path)
+    read = reader.read(path, (*names, time), settings)
     own = read.named[time]
     if own.dtype.kind != times.dtype.kind:
         raise refused(path, f"its column {time!r} is of another kind", "the time stamps of the acceleration")
@@ -532,17 +467,10 @@ def _interpolated(
         clock.astype(np.int64 if clock.dtype.kind == "M" else float).astype(float) for clock in (times, own)
     )
     share = float(np.mean((at >= known.min()) & (at <= known.max())))
-    if share < LEAST_SHARED:
-        raise refused(
-            path, f"it covers {share:.0%} of the times of the acceleration", f"{LEAST_SHARED:.0%} or more"
-        )
+    if share < 0.9:  # of the time of the acceleration
+        raise refused(path, f"it covers {share:.0%} of the times of the acceleration", "90% or more")
     order = np.argsort(known, kind="stable")
     factor = turn_rate_factor(names, path) if field == "turn_rate" else 1.0
     columns = [as_samples(read.named[name], name, path)[order] * factor for name in names]
     found = np.column_stack([np.interp(at, known[order], column) for column in columns])
     return found[:, 0] if len(names) == 1 else found
-
-
-def columns_of(names: str | Sequence[str] | None) -> tuple[str, ...]:
-    """Return columns that are given as one, several, or not at all."""
-    return () if names is None else (names,) if isinstance(names, str) else tuple(names)

@@ -11,22 +11,14 @@ from typing import Any
 import numpy as np
 
 from texclass.loaders.cards import CardError, DeclaredPhases, FileCard, FileReading, Reading, RowCard
-from texclass.loaders.columns import (
-    BAG_FOLDER,
-    STORAGE,
-    UNNAMED,
-    ReadOptions,
-    ReadSignals,
-    refused,
-    signal_columns,
-    storage_suffix,
-)
+from texclass.loaders.columns import UNNAMED, signal_columns
 from texclass.loaders.data_files import composed, data_files, is_hidden
 from texclass.loaders.dataset import GROUPS, Dataset, Entry
-from texclass.loaders.files import column_names, is_bag, read_signals, topics
+from texclass.loaders.files import column_names, read_signals, topics
 from texclass.loaders.labels import Labels
 from texclass.loaders.places import digest_files, digest_of, file_digests, leaves
 from texclass.loaders.plausibility import build_recording, doubtful_labels
+from texclass.loaders.readers import BAG_FOLDER, STORAGE, ReadSignals, is_bag, refused, storage_suffix
 from texclass.loaders.stamps import NEAR_RATE
 from texclass.recording import Phases, Recording, RecordingError, Samples, Tap
 from texclass.reporting.wording import counted
@@ -65,26 +57,14 @@ def load_files(reading: FileReading, root: Path, entry: Entry) -> Recording:
                 for companion in entry.paths:
                     if composed(companion) in candidates:
                         companions[signal] = root / companion
-    topic = entry.topic or reading.topic
-    options = ReadOptions(
-        reading.delimiter,
-        codes=reading.unit == "counts",
-        topic=topic,
-        fs=reading.fs_hz if reading.resample_hz is None else None,
-        rate_of=reading._rate_of,
-        time_column=reading.time_column,
-        time_unit=reading.time_unit,
-        skip_rows=reading.skip_rows,
-        comment=reading.comment,
-        drop_incomplete=reading.drop_incomplete,
-    )
-    signals = read_signals(axes, reading.channels, options, trim=reading.trim, companions=companions)
+    settings = replace(reading.settings, topic=entry.topic or reading.topic)
+    signals = read_signals(axes, reading.channels, settings, trim=reading.trim, companions=companions)
     named = dict(signals.named)
     flags = [f"absent: no file with the {name}" for name in reading.companions if name not in companions]
     for name, path in companions.items():
         if name not in named:
-            columns = signal_columns(column_names(path, options), path)
-            one = read_signals({"": path}, {UNNAMED: columns}, replace(options, time_column=None))
+            columns = signal_columns(column_names(path, settings), path)
+            one = read_signals({"": path}, {UNNAMED: columns}, replace(settings, time_column=None))
             if one.fs and signals.fs and abs(one.fs / signals.fs - 1) > NEAR_RATE:
                 raise refused(
                     path, f"its rate is {one.fs:g} Hz, that of the acceleration {signals.fs:g}", "one"
@@ -135,7 +115,7 @@ def open_files(
     entries: list[Entry] = []
     present = {path.relative_to(root).as_posix() for path in data_files(root)}
     present -= not_recordings(present).union(own)
-    alike = {composed(name): name for name in present}
+    alike = {composed(name): name for name in sorted(present)}
     if len(alike) < len(present):
         other, name = next(
             (alike[composed(name)], name) for name in sorted(present) if alike[composed(name)] != name

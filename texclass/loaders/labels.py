@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 
 from texclass.loaders.cards import CardError, LabelTable
 from texclass.loaders.data_files import composed
-from texclass.loaders.files import suffixes
+from texclass.loaders.readers import formats
 from texclass.recording import RecordingError
 from texclass.reporting.wording import counted
 
@@ -175,7 +175,7 @@ class Labels:
         stems: dict[str, list[str]] = {}
         for name in self.rows:
             path = PurePosixPath(name)
-            if path.suffix.lower() in suffixes():
+            if path.suffix.lower() in formats():
                 stems.setdefault(str(path.with_suffix("")), []).append(name)
         return stems
 

@@ -12,12 +12,12 @@ import zlib
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.loaders.columns import check_held
+from texclass.loaders.readers import check_held
 
 MOST_NESTED, MOST_MEMBERS = 32, 10_000
 """Groups or structs within each other, and members of one."""
@@ -30,32 +30,28 @@ _CLASSES = (
 """Classes by their code."""
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 """Types of numbers by their code."""
-_DIMENSIONS, _MATRIX, _COMPRESSED = (5, 6), 14, 15
-_HEADER = 128
-"""Bytes before the first element."""
-_LONGEST_HEAD = 4096
-"""Bytes of flags, dimensions and name of an array; they take some hundred."""
-_COMPLEX, _LOGICAL = 0x800, 0x200
+_MATRIX, _COMPRESSED = 14, 15
 Bytes = NDArray[np.uint8]
 
 
-class Variable(NamedTuple):
-    """A variable, or a field of a struct: `struct.field`."""
+def _no_values() -> Any:
+    raise ValueError("an object has no numbers")
+
+
+class StoredArray(NamedTuple):
+    """An array in a file, or something else there."""
 
     name: str
-    matlab_class: str
-    shape: tuple[int, ...]
-    values: Callable[[], NDArray[np.float64]]
+    kind: str
+    """Class of what is no array of real numbers; else ""."""
+    size: int = 0
+    values: Callable[[], Any] = _no_values
     """Read the values; only of arrays of real numbers."""
-
-    @property
-    def is_signal(self) -> bool:
-        """Whether it is an array of real numbers."""
-        return self.matlab_class in NUMERIC
+    is_attribute: bool = False
 
 
-def variables(path: Path) -> Iterator[Variable]:
-    """Yield the variables of a file, with the fields of structs of one element in place of the struct.
+def matlab_5_arrays(path: Path) -> Iterator[StoredArray]:
+    """Yield the variables of a file, and the fields of structs of one element as `struct.field`.
 
     Raises
     ------
@@ -67,8 +63,7 @@ def variables(path: Path) -> Iterator[Variable]:
         If a struct announces more than its bytes can hold.
     """
     data: Bytes = np.memmap(path, np.uint8, "r")
-    order = "<" if bytes(data[_HEADER - 2 : _HEADER]) == b"IM" else ">"
-    at = _HEADER
+    order, at = "<" if bytes(data[126:128]) == b"IM" else ">", 128  # after the header
     while at + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}2I", data.data, at)
         stored = data[at + 8 : at + 8 + size]
@@ -78,7 +73,8 @@ def variables(path: Path) -> Iterator[Variable]:
         whole = (
             partial(_inflated, stored, order, path) if kind == _COMPRESSED else partial(np.asarray, stored)
         )
-        head = _inflated(stored, order, path, _LONGEST_HEAD) if kind == _COMPRESSED else stored
+        # flags, dimensions and name of an array take some hundred bytes
+        head = _inflated(stored, order, path, 4096) if kind == _COMPRESSED else stored
         yield from _found(head, whole, order)
 
 
@@ -98,7 +94,7 @@ def _inflated(stored: Bytes, order: str, path: Path, most: int = 0) -> Bytes:
 
 def _found(
     head: Bytes, whole: Callable[[], Bytes], order: str, name: str = "", depth: int = 1
-) -> Iterator[Variable]:
+) -> Iterator[StoredArray]:
     """Yield what an array is, from its first bytes, and a function that returns all of them."""
     _, flags_at, _, at = _element(head, order, 0)
     (flags,) = struct.unpack_from(f"{order}I", head.data, flags_at)
@@ -109,10 +105,10 @@ def _found(
             _, start, size, at = _element(head, order, at)
             texts.append(_text(head[start : start + size]))
         if texts[1] == "MCOS" or texts[0]:
-            yield Variable(name or texts[0], texts[2] or "object", (), _no_values)
+            yield StoredArray(name or texts[0], texts[2] or "object")
         return
     kind, start, size, at = _element(head, order, at)
-    if kind not in _DIMENSIONS or size % 4:
+    if kind not in {5, 6} or size % 4:  # whole numbers of 32 bit
         raise ValueError(f"the dimensions of an array are of type {kind}")
     shape = tuple(map(int, head[start : start + size].view(f"{order}i4")))
     _, start, size, at = _element(head, order, at)
@@ -124,12 +120,14 @@ def _found(
     if matlab_class == "struct" and math.prod(shape) == 1:
         yield from _fields(whole(), at, order, name, depth)
         return
-    if matlab_class in NUMERIC and flags & (_COMPLEX | _LOGICAL):
-        matlab_class = "complex" if flags & _COMPLEX else "logical"
-    yield Variable(name, matlab_class, shape, lambda: _numbers(whole(), at, order, name, shape))
+    is_complex, is_logical = flags & 0x800, flags & 0x200
+    if matlab_class in NUMERIC:
+        matlab_class = "complex" if is_complex else "logical" if is_logical else ""
+    size = math.prod(shape)
+    yield StoredArray(name, matlab_class, size, lambda: _numbers(whole(), at, order, name, shape))
 
 
-def _fields(data: Bytes, at: int, order: str, name: str, depth: int) -> Iterator[Variable]:
+def _fields(data: Bytes, at: int, order: str, name: str, depth: int) -> Iterator[StoredArray]:
     """Yield the fields of a struct: their names, of one length, then an array each."""
     _, start, _, at = _element(data, order, at)
     (length,) = struct.unpack_from(f"{order}i", data.data, start)
@@ -174,7 +172,3 @@ def _element(data: Bytes, order: str, at: int) -> tuple[int, int, int, int]:
 
 def _text(data: Bytes) -> str:
     return bytes(data).partition(b"\0")[0].decode("latin1")
-
-
-def _no_values() -> NDArray[np.float64]:
-    raise ValueError("an object has no numbers")

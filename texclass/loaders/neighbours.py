@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from texclass.loaders.columns import UNNAMED, ReadSignals, refused
+from texclass.loaders.columns import UNNAMED
 from texclass.loaders.dataset import GROUPS
 from texclass.loaders.plausibility import build_recording
+from texclass.loaders.readers import ReadSignals, refused
 from texclass.loaders.time_columns import by_time_column
 from texclass.recording import Phases, Recording, Samples
 

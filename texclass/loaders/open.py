@@ -4,30 +4,31 @@ import difflib
 import os
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from texclass import shipped
-from texclass.loaders.cards import FileCard, FileReading, ModelsCard, RowCard, SimulatedCard, read_card
-from texclass.loaders.columns import BAG_FOLDER, UNNAMED, ReadOptions, refused
+from texclass.loaders.cards import (
+    AnyCard,
+    FileCard,
+    FileReading,
+    LabelTable,
+    ModelsCard,
+    RowCard,
+    SimulatedCard,
+    read_card,
+)
+from texclass.loaders.columns import UNNAMED
 from texclass.loaders.data_files import composed, data_files
 from texclass.loaders.dataset import Dataset
-from texclass.loaders.exports import export_companions, export_pattern, find_exports
-from texclass.loaders.files import (
-    axis_files,
-    check_stated,
-    columns_of,
-    is_bag,
-    is_bag_name,
-    load_recording,
-    read_signals,
-    suffixes,
-)
+from texclass.loaders.exports import Export, export_companions, export_pattern, find_exports
+from texclass.loaders.files import axis_files, is_bag_name, load_recording, read_signals
 from texclass.loaders.filesets import not_recordings, open_files, open_rows
 from texclass.loaders.labels import find_label_columns
 from texclass.loaders.places import data_roots, find_folder, leaves
 from texclass.loaders.plausibility import agreed_rate, agreed_unit, doubtful_levels
+from texclass.loaders.readers import BAG_FOLDER, ReaderSettings, columns_of, formats, is_bag, refused
 from texclass.recording import Recording, RecordingError
 from texclass.reporting.wording import counted
 
@@ -37,16 +38,10 @@ def open_dataset(
     *,
     fs: float | None = None,
     unit: str | None = None,
-    column: str | Sequence[str] | None = None,
-    delimiter: str | None = None,
-    time_column: str | None = None,
-    time_unit: str | None = None,
     resample: float | None = None,
-    skip_rows: int | None = None,
-    comment: str | None = None,
-    drop_incomplete: bool | None = None,
     labels: str | Path | None = None,
     skip_bad: bool = False,
+    **reading: Any,
 ) -> Dataset:
     """Return a lazy dataset; no recording is read before it is asked for.
 
@@ -61,15 +56,16 @@ def open_dataset(
     unit : str, optional
         Unit of the acceleration, for a folder; not needed where messages of bags or names of columns state
         it. What a card says must agree.
-    column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete : optional
-        Of the files of a folder, as `load_recording` takes them; a card says these itself.
+    resample : float, optional
+        Rate in Hz to which recordings of files are brought, band-limited; then each file may state its own.
     labels : str or Path, optional
         Table (CSV) with a column `file` and a column `surface` for a folder of any layout, optionally with
         `operator`, `session` and `repetition`. A card has [labels] instead.
-    resample : float, optional
-        Rate in Hz to which recordings of files are brought, band-limited; then each file may state its own.
     skip_bad : bool
         Let `Dataset.attempt` return the error of a bad recording instead of raising it.
+    **reading : optional
+        Of the files of a folder, what else `load_recording` takes: column, delimiter, time_column, time_unit,
+        topic, skip_rows, comment, drop_incomplete. A card states these itself.
 
     Returns
     -------
@@ -86,52 +82,15 @@ def open_dataset(
         If a fact is missing or contradicted, or the folder holds no recording.
     """
     path = Path(name_or_path).expanduser()
-    how: dict[str, Any] = {
-        "delimiter": delimiter,
-        "time_unit": time_unit,
-        "skip_rows": skip_rows,
-        "comment": comment,
-    }
-    check_stated(path, fs, unit, resample=resample, **how)
-    how |= {"time_column": time_column, "drop_incomplete": drop_incomplete or None, "resample_hz": resample}
-    if str(name_or_path) not in shipped.names("datasets") and path.is_dir():
-        acceleration = columns_of(column)
-        how = {name: value for name, value in how.items() if value is not None}
-        how["channels"] = {UNNAMED: acceleration} if acceleration else {}
-        try:
-            return _open_folder(path, fs, unit, how, labels, skip_bad=skip_bad)
-        except RecordingError as error:
-            remedy = f"`texclass card {path} -o card.toml` drafts a dataset card of the folder"
-            raise RecordingError(f"{error}. {remedy}") from error
-    card = read_card(name_or_path)
-    del how["resample_hz"]
-    for key, given in {**how, "[channels]": column, "[labels]": labels and str(labels)}.items():
-        if given is not None:
-            raise refused(card.path, f"{given!r} was given beside a card", f"to say it in the card: {key}")
-    if resample is not None and not isinstance(card, FileCard):
-        raise refused(card.path, f"resampling to {resample:g} Hz was asked for", "a card of files")
-    about: dict[str, Any] = {"name": card.name, "title": card.title, "licence": card.licence}
-    about |= {"source": card.source, "notes": card.notes, "skip_bad": skip_bad}
-    if isinstance(card, SimulatedCard):
-        from texclass.loaders.simulated import open_simulated
-
-        agreed_rate(card.recipe.fs, fs, card.path)
-        agreed_unit("m/s^2", unit, card.path)
-        return open_simulated(card.recipe, **about)
-    agreed_rate(card.fs_hz, fs, card.path)
-    agreed_unit("m/s^2" if isinstance(card, ModelsCard) else card.unit, unit, card.path)
-    root = find_folder(card).absolute()
-    if leaves(root, data_roots(card.path)):
-        outside = f"the card's folder {card.folder!r} is outside of the card's own and of the folders of data"
-        about["notes"] = (*card.notes, f"{outside}: {root}")
-    if isinstance(card, ModelsCard):
-        made: Dataset = shipped.module_of("dataset_formats", card.format).open_models(card, root, **about)
-        return made
-    if isinstance(card, RowCard):
-        return open_rows(card, root, **about)
-    if resample is not None:
-        card = card.model_copy(update={"resample_hz": resample})
-    return open_files(card, root, **about)
+    settings = ReaderSettings(fs=fs, unit=unit, resample=resample, **reading)
+    settings.check(path)
+    if str(name_or_path) in shipped.names("datasets") or not path.is_dir():
+        return _open_card(read_card(name_or_path), settings, labels, skip_bad=skip_bad)
+    try:
+        return _open_folder(path, settings, labels, skip_bad=skip_bad)
+    except RecordingError as error:
+        remedy = f"`texclass card {path} -o card.toml` drafts a dataset card of the folder"
+        raise RecordingError(f"{error}. {remedy}") from error
 
 
 def find_recording(
@@ -161,19 +120,46 @@ def find_recording(
     return dataset[ids.index(recording_id)]
 
 
+def _open_card(
+    card: AnyCard, settings: ReaderSettings, labels: str | Path | None, *, skip_bad: bool
+) -> Dataset:
+    beside = {"[channels]": settings.column, "[labels]": labels and str(labels)}
+    for key, stated in {**settings.of_a_card, **beside}.items():
+        if stated is not None:
+            raise refused(card.path, f"{stated!r} was given beside a card", f"to say it in the card: {key}")
+    if settings.resample is not None and not isinstance(card, FileCard):
+        found = f"resampling to {settings.resample:g} Hz was asked for"
+        raise refused(card.path, found, "a card of files")
+    about: dict[str, Any] = {"name": card.name, "title": card.title, "licence": card.licence}
+    about |= {"source": card.source, "notes": card.notes, "skip_bad": skip_bad}
+    agreed_rate(card.recipe.fs if isinstance(card, SimulatedCard) else card.fs_hz, settings.fs, card.path)
+    agreed_unit(card.unit if isinstance(card, FileCard | RowCard) else "m/s^2", settings.unit, card.path)
+    if isinstance(card, SimulatedCard):
+        from texclass.loaders.simulated import open_simulated
+
+        return open_simulated(card.recipe, **about)
+    root = find_folder(card).absolute()
+    if leaves(root, data_roots(card.path)):
+        outside = f"the card's folder {card.folder!r} is outside of the card's own and of the folders of data"
+        about["notes"] = (*card.notes, f"{outside}: {root}")
+    if isinstance(card, ModelsCard):
+        made: Dataset = shipped.module_of("dataset_formats", card.format).open_models(card, root, **about)
+        return made
+    if isinstance(card, RowCard):
+        return open_rows(card, root, **about)
+    if settings.resample is not None:
+        card = card.model_copy(update={"resample_hz": settings.resample})
+    return open_files(card, root, **about)
+
+
 def _open_folder(
-    root: Path,
-    fs: float | None,
-    unit: str | None,
-    how: Mapping[str, Any],
-    labels: str | Path | None,
-    *,
-    skip_bad: bool,
+    root: Path, settings: ReaderSettings, labels: str | Path | None, *, skip_bad: bool
 ) -> Dataset:
     # A process that works elsewhere, such as one kept from an earlier call, finds the files too.
-    root, given = root.absolute(), root
+    root, shown = root.absolute(), root
     every, files = data_files(root), recording_files(root)
     exports = find_exports(path.relative_to(root).as_posix() for path in every)
+    columns: LabelTable | None = None
     if labels is None:
         files = [path for path in files if path.parent != root]
     else:
@@ -183,26 +169,20 @@ def _open_folder(
     if not files:
         layout = "one subfolder per surface with files" if labels is None else "files"
         remedy = "" if labels else ", or --labels LABELS.csv with columns `file` and `surface`"
-        raise RecordingError(f"{given}: no recording. Expected {layout} of {', '.join(suffixes())}{remedy}")
-    rate_of = ""
+        raise RecordingError(f"{shown}: no recording. Expected {layout} of {', '.join(formats())}{remedy}")
     # The folder of an export is the name of a recording.
     exported = {root / export.acceleration for export in exports}
-    named = [(path.parent if path in exported else path).relative_to(root).parts for path in files]
-    notes = [] if labels else doubtful_levels(named)
+    parts = [(path.parent if path in exported else path).relative_to(root).parts for path in files]
+    notes = [] if labels else doubtful_levels(parts)
+    fs, unit, rate_of = settings.fs, settings.unit, ""
+    channels = {UNNAMED: columns_of(settings.column)} if settings.column else {}
     if fs is None or unit is None:
-        stated = {name: value for name, value in how.items() if name not in ("channels", "resample_hz")}
-        options = ReadOptions(codes=unit == "counts", **stated)
-        for path in files:  # the first one, or the first good one
-            try:
-                first = read_signals({"": path}, how["channels"], options)
-                break
-            except RecordingError:
-                if not skip_bad or path == files[-1]:
-                    raise
+        stated_unit, stated_fs, path = _first_facts(files, channels, settings, skip_bad=skip_bad)
         if unit is None:
-            unit = agreed_unit(first.unit, None, path)
+            unit = agreed_unit(stated_unit, None, path)
             notes.append(f"in {unit}: the messages or the names of the columns of {path} say so")
-        fs, rate_of = (agreed_rate(first.fs, None, path), str(path)) if fs is None else (fs, "")
+        if fs is None:
+            fs, rate_of = agreed_rate(stated_fs, None, path), str(path)
     notes += sorted(
         f"{counted(n, 'folder')} of a sensor app: {facts}"
         for facts, n in Counter(export.facts for export in exports).items()
@@ -211,17 +191,16 @@ def _open_folder(
     others = {path.relative_to(root).as_posix() for path in every if not _is_recording(path)}
     if n_others := len(others - ignored):
         notes.append(f"{n_others} files of other kinds are ignored")
-    ends = rf"\.(?i:{'|'.join(re.escape(suffix[1:]) for suffix in suffixes())})"
-    surface = "" if labels else "(?P<material>[^/]+)/"
-    patterns: tuple[str, ...] = (  # an axis each, a recording each, rosbag2
-        rf"{surface}(?:.+/)?[^/]+_(?P<axis>[XYZxyz])(?:_[^/]*)?{ends}",
-        rf"{surface}.+{ends}",
-        rf"{surface}.+/{re.escape(BAG_FOLDER)}",
+    reading = FileReading(
+        fs_hz=fs,
+        unit=unit,
+        files=_folder_patterns(exports, is_labelled=columns is not None),
+        labels=columns,
+        channels=channels,
+        companions=export_companions(exports),
+        resample_hz=settings.resample,
+        **settings.of_a_card,
     )
-    if exports:
-        patterns = (export_pattern(exports, labelled=labels is not None), *patterns)
-        how = {**how, "companions": export_companions(exports)}
-    reading = FileReading(fs_hz=fs, unit=unit, files=patterns, labels=columns if labels else None, **how)
     reading._rate_of = rate_of
     return open_files(
         reading,
@@ -230,9 +209,37 @@ def _open_folder(
         notes=tuple(notes),
         skip_bad=skip_bad,
         name=root.resolve().name,
-        title=f"Recordings in {given}",
+        title=f"Recordings in {shown}",
         licence="not stated",
-        source=str(given),
+        source=str(shown),
+    )
+
+
+def _first_facts(
+    files: Sequence[Path], channels: dict[str, tuple[str, ...]], settings: ReaderSettings, *, skip_bad: bool
+) -> tuple[str | None, float | None, Path]:
+    """Return unit, rate and path of the first file, or of the first good one."""
+    settings = ReaderSettings(unit=settings.unit, **settings.of_a_card)
+    for path in files:
+        try:
+            first = read_signals({"": path}, channels, settings)
+            break
+        except RecordingError:
+            if not skip_bad or path == files[-1]:
+                raise
+    return first.unit, first.fs, path
+
+
+def _folder_patterns(exports: Sequence[Export], *, is_labelled: bool) -> tuple[str, ...]:
+    """Return the patterns of exports, one file per axis, one per recording, and bags that are folders."""
+    ends = rf"\.(?i:{'|'.join(re.escape(suffix[1:]) for suffix in formats())})"
+    surface = "" if is_labelled else "(?P<material>[^/]+)/"
+    exported = (export_pattern(exports, labelled=is_labelled),) if exports else ()
+    return (
+        *exported,
+        rf"{surface}(?:.+/)?[^/]+_(?P<axis>[XYZxyz])(?:_[^/]*)?{ends}",
+        rf"{surface}.+{ends}",
+        rf"{surface}.+/{re.escape(BAG_FOLDER)}",
     )
 
 
@@ -255,4 +262,4 @@ def flat_files(folder: Path) -> list[Path]:
 
 
 def _is_recording(path: Path) -> bool:
-    return path.suffix.lower() in suffixes() or is_bag(path)
+    return path.suffix.lower() in formats() or is_bag(path)

@@ -7,15 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from texclass.loaders.columns import UNNAMED, ReadSignals, contradicting_rates, refused
+from texclass.loaders.columns import UNNAMED
+from texclass.loaders.readers import RATES_HZ, ReadSignals, contradicting_rates, refused
 from texclass.loaders.stamps import resample as band_limited
 from texclass.recording import ACCELERATION_UNITS, STANDARD_GRAVITY, UNITS, Recording, Samples
 
-UNIT_RULE = f"one of {', '.join(UNITS)}"
-MOST_HZ = 1e8
-"""No sensor that a hand holds is sampled faster."""
-LEAST_HZ = 1e-3
-"""Slower sampling is no vibration: the rate is a mistake."""
 MOST_VALUE = 1e30
 """No sensor's value is larger; that of a damaged file often is."""
 RESTING_BLOCK_S = 0.25
@@ -104,8 +100,9 @@ def agreed_rate(stated: float | None, given: float | None, where: object, rate_o
     if stated is not None and given is not None and not math.isclose(stated, given, rel_tol=1e-9):
         raise contradicting_rates(where, f"{stated:g} Hz", given, rate_of)
     rate = float(stated if stated is not None else given)  # type: ignore[arg-type]
-    if not LEAST_HZ <= rate <= MOST_HZ:
-        raise refused(where, f"fs is {rate:g} Hz", f"a sampling rate in Hz from {LEAST_HZ:g} to {MOST_HZ:g}")
+    low, high = RATES_HZ
+    if not low <= rate <= high:
+        raise refused(where, f"fs is {rate:g} Hz", f"a sampling rate in Hz from {low:g} to {high:g}")
     return rate
 
 
@@ -118,7 +115,7 @@ def agreed_unit(stated: str | None, given: str | None, where: object) -> str:
         If it is missing or contradicted.
     """
     if (unit := stated if given is None else given) is None:
-        raise refused(where, "unit is missing", f"{UNIT_RULE}, never guessed: give --unit")
+        raise refused(where, "unit is missing", f"one of {', '.join(UNITS)}, never guessed: give --unit")
     if stated not in (None, unit):
         found = f"unit is {stated!r} there, {unit!r} was given (or is another file's)"
         raise refused(where, found, "one unit (`scale` in a card for another)")

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.loaders.columns import contradicting_rates, refused
+from texclass.loaders.readers import contradicting_rates, refused
 from texclass.recording import RecordingError, Samples
 
 Stamps = NDArray[np.int64]

@@ -4,7 +4,6 @@
 be commas, and a column of times may contain dates.
 """
 
-import mmap
 import re
 from pathlib import Path
 from typing import Any
@@ -16,28 +15,32 @@ import pyarrow.csv as arrow_csv
 from numpy.typing import NDArray
 from pyarrow import parquet
 
-from texclass.loaders.columns import (
-    ReadOptions,
+from texclass.loaders.columns import is_time
+from texclass.loaders.dates import is_date, parse_dates
+from texclass.loaders.readers import (
+    ReaderSettings,
     ReadSignals,
     as_samples,
     check_held,
     check_size,
-    is_time,
     readable,
     refused,
     require,
 )
-from texclass.loaders.dates import is_date, parse_dates
-from texclass.loaders.text_layout import DATE, MISSING, TextLayout, find_layout, is_number, split_cells
+from texclass.loaders.text_layout import (
+    DATE,
+    MISSING,
+    TextLayout,
+    find_layout,
+    is_number,
+    opened,
+    split_cells,
+)
 from texclass.recording import RecordingError
 from texclass.reporting.wording import counted
 
-FEW_ROWS = 3
-"""Rows above a line of text that rather belong to the lines above the table."""
-_NUMBER = r"^\s*[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?\s*$"
 
-
-def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
+def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
     """Return the names of the columns: those above the rows of a text, the schema of a Parquet file.
 
     Raises
@@ -45,10 +48,12 @@ def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
     RecordingError
         If it is no text, or has no rows of numbers.
     """
-    return _parquet(path)[1] if path.suffix.lower() == ".parquet" else find_layout(path, options).names
+    if path.suffix.lower() == ".parquet":
+        return _parquet(path)[1]
+    return find_layout(_mapped(path), str(path), settings).names
 
 
-def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
+def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadSignals:
     """Read the wanted columns; blank lines and comments of a text are skipped.
 
     Raises
@@ -58,29 +63,38 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     """
     if path.suffix.lower() == ".parquet":
         return _read_parquet(path, wanted)
-    layout = find_layout(path, options)
+    return read_text(_mapped(path), str(path), wanted, settings)
+
+
+def _mapped(path: Path) -> pa.Buffer:
+    """Return a file's bytes, which stay on the disk until they are used."""
+    with pa.memory_map(str(path)) as file:
+        return file.read_buffer()
+
+
+def read_text(data: pa.Buffer, where: str, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadSignals:
+    """Read the wanted columns of a text, see `read`; `where` is its file, as `find_layout` takes it."""
+    layout = find_layout(data, where, settings)
     is_one = len(layout.names) == 1
     hint = f" (is {layout.delimiter!r} the delimiter? --delimiter, `delimiter` in a card)" if is_one else ""
-    require(wanted, layout.names, path, hint=hint)
-    check_size(path.stat().st_size // 2, path)
+    require(wanted, layout.names, where, hint=hint)
+    check_size(data.size // 2, where)
     # A first cell that is a date, with or without a zone, makes a column of dates.
     first = dict(zip(layout.names, layout.first, strict=False))
     dates = {name: DATE.fullmatch(cell) for name, cell in first.items()}
     types = {name: pa.timestamp("ns", "UTC" if date[1] else None) for name, date in dates.items() if date}
     others = {name for name, cell in first.items() if name not in types and is_date(cell)}
     types = {name: types.get(name, pa.string() if name in others else pa.float64()) for name in wanted}
-    in_memory = not isinstance(path, Path)  # of a workbook
-    rows, n_comments = _rows(path, layout, is_whole=options.drop_incomplete or in_memory)
-    flags = [*layout.flags, f"comments: {counted(n_comments, 'line')} between the rows left out"][
-        : None if n_comments else -1
-    ]
+    rows, n_comments = _rows(data, layout, is_decoded=bool(settings.drop_incomplete))
+    flags = [*layout.flags]
+    if n_comments:
+        flags.append(f"comments: {counted(n_comments, 'line')} between the rows left out")
     problem: Exception | None = None
     for decimal in ".,":
         try:
-            if options.drop_incomplete:
+            n_dropped = 0
+            if settings.drop_incomplete:
                 table, n_dropped = _complete(rows, layout, types, decimal)
-                if n_dropped:
-                    flags.append(f"incomplete: {counted(n_dropped, 'line')} without all numbers left out")
             else:
                 table = _cells(rows, layout, types, decimal)
             named: dict[str, NDArray[Any]] = {
@@ -89,43 +103,45 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
         except (pa.ArrowException, ValueError, TypeError, KeyError) as error:
             problem = problem or error
             continue
+        if n_dropped:
+            flags.append(f"incomplete: {counted(n_dropped, 'line')} without all numbers left out")
         if decimal == ",":
             flags.append("decimals: commas are read as decimal points")
         is_stamped = any(map(is_time, wanted))
         return ReadSignals(named, None if is_stamped else layout.fs, flags=tuple(flags))
-    raise _bad_line(path, layout, wanted, str(problem)) from problem
+    raise _bad_line(data, where, layout, wanted, str(problem)) from problem
 
 
-def _rows(path: Path, layout: TextLayout, *, is_whole: bool) -> tuple[Path | bytes, int]:
-    """Return a text as pyarrow reads it, and how many comments between the rows were left out.
+def _rows(data: pa.Buffer, layout: TextLayout, *, is_decoded: bool) -> tuple[pa.Buffer, int]:
+    """Return the rows of a text as pyarrow reads them, and how many comments between them were left out.
 
-    A file that pyarrow can read as it is stays on the disk, unless `is_whole`: pyarrow cannot leave out a
-    line that is not UTF-8.
+    What pyarrow can read as it is stays on the disk, unless `is_decoded`: pyarrow cannot leave out a line
+    that is not UTF-8.
     """
-    marks = [mark.encode() for mark in layout.comments]
-    any_mark = b"|".join(map(re.escape, marks))
-    if not is_whole and layout.encoding != "utf-16" and layout.is_plain and layout.delimiter != " ":
-        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            begin = 0
-            for _ in range(layout.n_above):
-                begin = data.find(b"\n", begin) + 1
-            if not marks or not re.compile(rb"\n(?:" + any_mark + rb")").search(data, max(begin - 1, 0)):
-                return path, 0
-    lines = path.read_text(layout.encoding, errors="replace").split("\n", layout.n_above)
+    any_mark = b"|".join(re.escape(mark.encode()) for mark in layout.comments)
+    if not is_decoded and layout.encoding != "utf-16" and layout.is_plain and layout.delimiter != " ":
+        ends = re.compile(rb"\n").finditer(data)
+        begin = 0
+        for _, end in zip(range(layout.n_above), ends, strict=False):
+            begin = end.end()
+        if not any_mark or not re.compile(rb"\n(?:" + any_mark + rb")").search(data, max(begin - 1, 0)):
+            # pyarrow reads no rows from a blank line, and refuses a text without any
+            return data[begin:] if begin < data.size else pa.py_buffer(b"\n"), 0
+    lines = opened(data, layout.encoding, errors="replace").read().split("\n", layout.n_above)
     text = lines[-1].encode("utf-8", "replace") if len(lines) > layout.n_above else b""
     n_comments = 0
-    if marks:
+    if any_mark:
         text, n_comments = re.subn(rb"(?m)^[ \t]*(?:" + any_mark + rb").*\n?", b"", text)
     if layout.delimiter == " ":  # any number of blanks, as they align numbers
         text = text.replace(b"\t", b" ")
         while b"  " in text:  # a regular expression takes longer than reading the numbers
             text = text.replace(b"  ", b" ")
         text = text.replace(b"\n ", b"\n").replace(b" \n", b"\n").strip(b" ")
-    return text, n_comments
+    return pa.py_buffer(text), n_comments
 
 
 def _cells(
-    rows: Path | bytes,
+    rows: pa.Buffer,
     layout: TextLayout,
     types: dict[str, pa.DataType],
     decimal: str,
@@ -135,12 +151,8 @@ def _cells(
     """Return columns of some types; lines with other cells are an error, or left out."""
     hidden = tuple(f"empty {i}" for i in range(len(layout.names), layout.width))
     return arrow_csv.read_csv(
-        pa.BufferReader(rows) if isinstance(rows, bytes) else rows,
-        read_options=arrow_csv.ReadOptions(
-            column_names=(*layout.names, *hidden),
-            skip_rows=0 if isinstance(rows, bytes) else layout.n_above,
-            use_threads=False,
-        ),
+        pa.BufferReader(rows),
+        read_options=arrow_csv.ReadOptions(column_names=(*layout.names, *hidden), use_threads=False),
         parse_options=arrow_csv.ParseOptions(
             delimiter=layout.delimiter, invalid_row_handler=None if is_strict else lambda row: "skip"
         ),
@@ -155,17 +167,17 @@ def _cells(
 
 
 def _complete(
-    rows: Path | bytes, layout: TextLayout, types: dict[str, pa.DataType], decimal: str
+    rows: pa.Buffer, layout: TextLayout, types: dict[str, pa.DataType], decimal: str
 ) -> tuple[pa.Table, int]:
     """Return the rows that have a number or date in each column, and how many lines have not."""
     texts = _cells(rows, layout, dict.fromkeys(types, pa.string()), decimal, is_strict=False)
+    number = r"^\s*[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?\s*$"
     is_whole = np.ones(len(texts), bool)
     for name, kind in types.items():
-        pattern = _NUMBER if pa.types.is_floating(kind) else r"\d:\d"
+        pattern = number if pa.types.is_floating(kind) else r"\d:\d"
         is_whole &= pc.match_substring_regex(texts[name], pattern).to_numpy()
     kept = texts.filter(pa.array(is_whole))
-    content = rows if isinstance(rows, bytes) else rows.read_bytes().split(b"\n", layout.n_above)[-1]
-    n_lines = sum(map(bool, map(bytes.strip, content.splitlines())))
+    n_lines = sum(map(bool, map(bytes.strip, rows.to_pybytes().splitlines())))
     columns = {}
     for name, kind in types.items():
         column = kept[name]
@@ -176,47 +188,35 @@ def _complete(
     return pa.table(columns), n_lines - len(kept)
 
 
-def _bad_line(path: Path, layout: TextLayout, wanted: tuple[str, ...], problem: str) -> RecordingError:
+def _bad_line(
+    data: pa.Buffer, where: str, layout: TextLayout, wanted: tuple[str, ...], problem: str
+) -> RecordingError:
     """Return the error of the first line that is no row, with the options that leave it out."""
     is_one = layout.width == 1
     rule = "one number per line" if is_one else "a number in every cell"
-    with path.open(encoding=layout.encoding, errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            beginning = line.lstrip()
-            is_row = (
-                number > layout.n_above
-                and beginning
-                and not (layout.comments and beginning.startswith(layout.comments))
-            )
-            if not is_row:
-                continue
-            cells = split_cells(line.rstrip("\r\n"), layout.delimiter)
-            bad = next(
-                (
-                    name
-                    for name, cell in zip(layout.names, cells, strict=False)
-                    if name in wanted and not is_number(cell)
-                ),
-                None,
-            )
-            if len(cells) == layout.width and bad is None:
-                continue
-            reason = f"column {bad!r} is no number" if bad and not is_one else ""
-            if len(cells) != layout.width and not is_one:
-                reason = f"it has {counted(len(cells), 'cell')}, others have {layout.width}"
-            options = ["--drop-incomplete leaves such lines out (`drop_incomplete` in a card)"]
-            if not any(map(is_number, cells)) and any(cell.lower() not in MISSING for cell in cells):
-                skips = f"--skip-rows {number} skips this line and those above it (`skip_rows` in a card)"
-                options.insert(0 if number - layout.n_above <= FEW_ROWS else 1, skips)
-            if re.match(r"""[^\w\s"'+.,;-]""", beginning):
-                options.append(
-                    f"--comment {beginning[0]!r} leaves out lines that begin so (`comment` in a card)"
-                )
-            where = f"line {number} is {line.strip()[:40]!r}"
-            return RecordingError(
-                f"{path}: {where}{reason and f', {reason}'}. Expected {rule}. {', '.join(options)}"
-            )
-    return refused(path, problem, rule)
+    for number, line in enumerate(opened(data, layout.encoding, errors="replace"), start=1):
+        beginning = line.lstrip()
+        is_comment = bool(layout.comments) and beginning.startswith(layout.comments)
+        if number <= layout.n_above or not beginning or is_comment:
+            continue
+        cells = split_cells(line.rstrip("\r\n"), layout.delimiter)
+        present = zip(layout.names, cells, strict=False)
+        bad = next((name for name, cell in present if name in wanted and not is_number(cell)), None)
+        if len(cells) == layout.width and bad is None:
+            continue
+        reason = f", column {bad!r} is no number" if bad and not is_one else ""
+        if len(cells) != layout.width and not is_one:
+            reason = f", it has {counted(len(cells), 'cell')}, others have {layout.width}"
+        options = ["--drop-incomplete leaves such lines out (`drop_incomplete` in a card)"]
+        if not any(map(is_number, cells)) and any(cell.lower() not in MISSING for cell in cells):
+            skips = f"--skip-rows {number} skips this line and those above it (`skip_rows` in a card)"
+            # a text below three rows or fewer rather belongs to the lines above the table
+            options.insert(0 if number - layout.n_above <= 3 else 1, skips)
+        if re.match(r"""[^\w\s"'+.,;-]""", beginning):
+            options.append(f"--comment {beginning[0]!r} leaves out lines that begin so (`comment` in a card)")
+        found = f"line {number} is {line.strip()[:40]!r}{reason}"
+        return RecordingError(f"{where}: {found}. Expected {rule}. {', '.join(options)}")
+    return refused(where, problem, rule)
 
 
 def _array(column: pa.ChunkedArray) -> NDArray[Any]:

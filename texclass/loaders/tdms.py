@@ -13,24 +13,19 @@ import numpy as np
 from nptdms import TdmsFile
 from nptdms.log import log_manager
 
-from texclass.loaders.columns import (
-    ReadOptions,
+from texclass.loaders.columns import is_time, plain_unit, with_unit
+from texclass.loaders.readers import (
+    ReaderSettings,
     ReadSignals,
     as_samples,
     check_held,
-    is_time,
     listed,
-    plain_unit,
     readable,
     refused,
     require,
-    with_unit,
 )
 
 log_manager.set_level(logging.CRITICAL)  # what it warns of, incomplete segments, is reported here
-
-_LEAD_IN = 28
-"""Bytes at the beginning of a segment, with the number of those that follow."""
 
 
 @dataclass
@@ -52,7 +47,7 @@ class Channels:
     is_incomplete: bool = False
 
 
-def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
+def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
     """Return the names of the channels, with their unit: "acc [g]", with several groups "group/acc [g]".
 
     Raises
@@ -64,7 +59,7 @@ def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
         return tuple(channels.numeric)
 
 
-def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
+def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadSignals:
     """Read the wanted channels; `wf_increment` states the rate.
 
     Of a file that ends within a segment, channels have the samples that all of them have.
@@ -115,11 +110,11 @@ def _rate(channels: dict[str, Any], path: Path) -> float | None:
 
 def _is_whole(file: IO[bytes], size: int) -> bool:
     """Whether a file ends with a segment: npTDMS does not report a segment that ends before its samples."""
-    at = 0
+    at, lead_in = 0, 28  # bytes at the beginning of a segment, with the number of those that follow
     while at < size:
         file.seek(at)
-        (length,) = struct.unpack("<12xQ8x", file.read(_LEAD_IN).ljust(_LEAD_IN, b"\xff"))
-        at += _LEAD_IN + length
+        (length,) = struct.unpack("<12xQ8x", file.read(lead_in).ljust(lead_in, b"\xff"))
+        at += lead_in + length
     return at == size
 
 

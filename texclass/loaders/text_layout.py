@@ -6,42 +6,25 @@ above the first row names the columns; a line of units may be between them.
 
 import codecs
 import csv
+import io
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from pathlib import Path
 
-from texclass.loaders.columns import ROW_NUMBER, UNNAMED, ReadOptions, plain_unit, refused, with_unit
+import pyarrow as pa
+
+from texclass.loaders.columns import ROW_NUMBER, UNNAMED, plain_unit, with_unit
 from texclass.loaders.dates import is_date
+from texclass.loaders.readers import ReaderSettings, refused
 from texclass.recording import RecordingError
 
-DELIMITERS = "\t;|"
-"""Marks that only divide columns; a comma may also be a decimal point, a blank may be part of a text."""
-COMMENTS = ("#", "%", "//")
-"""Beginnings of comment lines, unless the user names one."""
 LONGEST_LINE = 1 << 20
 """Characters of the longest line: names of 10,000 columns take a tenth."""
 MOST_COLUMNS = 10_000
-MOST_LINES, MOST_CHARACTERS = 200, 1 << 18
-"""Lines from which the layout is found: at most so many, and no more after so many characters."""
-N_REFERENCE = 3
-"""Last lines with numbers that are taken as rows."""
-MOST_CELL_LINES = 3
-"""Lines that a quoted name may have."""
-MOST_ABOVE = 3
-"""Lines above the first row among which the names of the columns are."""
 MISSING = ("", "na", "n/a", "null", "none", "-")
 """Cells without a value."""
-_BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
-_LABVIEW, _END_OF_HEADER = "LabVIEW Measurement", "***End_of_Header***"
-_RATE = re.compile(
-    r"\b(?:(?:sampl\w*|update|measurement|acquisition)[ _-]*(?:rate|frequency)|abtastrate|"
-    r"data[ _-]rate(?=[^\d\n]{0,12}[\d.,]+\s*k?hz))\b([^\d\n]{0,12})(\d+(?:[.,]\d+)?)\s*(k?hz\b)?",
-    re.IGNORECASE,
-)
-"""A sampling rate in words, its number, and its unit before or behind it."""
 DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d(?::?\d\d){0,2}(?:\.\d+)?(Z|[+-]\d\d:?\d*)?")
 """A date and time that pyarrow reads; its group is the zone."""
 
@@ -105,39 +88,55 @@ class _Row:
         return any(map(is_number, self.cells))
 
 
-def find_layout(path: Path, options: ReadOptions) -> TextLayout:
+def opened(
+    data: pa.Buffer, encoding: str, *, errors: str = "strict", newline: str | None = None
+) -> io.TextIOWrapper:
+    """Return bytes as an open text."""
+    return io.TextIOWrapper(pa.BufferReader(data), encoding, errors, newline)
+
+
+def find_layout(data: pa.Buffer, where: str, settings: ReaderSettings) -> TextLayout:
     """Return the layout of a text table.
+
+    Parameters
+    ----------
+    data : pyarrow.Buffer
+        The text.
+    where : str
+        File (or file and sheet), for messages; in a file that ends in ".txt", blanks divide columns.
+    settings : ReaderSettings
+        What the user states of it.
 
     Raises
     ------
     RecordingError
         If it is no text, a line is too long, or no row of numbers is found.
     """
-    encoding, lines, is_whole = _head(path, options.skip_rows or 0)
-    n_skipped = options.skip_rows or 0
-    delimiter, n_above = options.delimiter, 0
+    n_skipped, is_txt = settings.skip_rows or 0, where.lower().endswith(".txt")
+    encoding, lines, is_whole = _head(data, where, n_skipped)
+    delimiter, n_above = settings.delimiter, 0
     if lines and (stated := re.fullmatch(r'"?sep=(.)"?\s*', lines[0])):
         delimiter, n_above = delimiter or stated[1], 1
     labview: dict[str, list[str]] = {}
-    if lines and lines[0].startswith(_LABVIEW):
-        n_above = 1 + max((i for i, line in enumerate(lines) if line.startswith(_END_OF_HEADER)), default=0)
+    if lines and lines[0].startswith("LabVIEW Measurement"):
+        ends = [i for i, line in enumerate(lines) if line.startswith("***End_of_Header***")]
+        n_above = 1 + max(ends, default=0)
         for words in (line.strip().split("\t") for line in lines[:n_above]):
             labview[words[0]] = words[1:]
         mark = {"Tab": "\t", "Comma": ","}.get("".join(labview.get("Separator", [])))
         delimiter = delimiter or mark or "\t"
-    comments: tuple[str, ...] = (options.comment,) if options.comment else COMMENTS
+    comments: tuple[str, ...] = (settings.comment,) if settings.comment else ("#", "%", "//")
     below = [line for line in lines[n_above:] if line.strip()]
-    if not options.comment and not any(
+    if not settings.comment and not any(
         any(map(str.isdigit, line)) for line in below if not _begins(line, comments)
     ):
         comments = ()  # "#1;0.5": the names of the rows begin so
-    delimiter = delimiter or _delimiter(
-        [line.strip() for line in below if not _begins(line, comments)], is_txt=path.suffix.lower() == ".txt"
-    )
+    rest = [line.strip() for line in below if not _begins(line, comments)]
+    delimiter = delimiter or _delimiter(rest, is_txt=is_txt)
     rows = list(_rows(lines, n_above, delimiter or ",", comments))
     if widest := max((len(row.cells) for row in rows if len(row.cells) > MOST_COLUMNS), default=0):
-        raise refused(path, f"its first lines have {widest} columns", f"at most {MOST_COLUMNS}")
-    layout = _named(rows, path, labview, is_whole=is_whole)
+        raise refused(where, f"its first lines have {widest} columns", f"at most {MOST_COLUMNS}")
+    layout = _named(rows, where, labview, is_whole=is_whole, is_txt=is_txt)
     flags = ("encoding: not UTF-8, read as Windows-1252",) if encoding == "cp1252" else ()
     return replace(
         layout,
@@ -170,37 +169,36 @@ def split_cells(line: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-def _head(path: Path, n_skipped: int) -> tuple[str, list[str], bool]:
+def _head(data: pa.Buffer, where: str, n_skipped: int) -> tuple[str, list[str], bool]:
     """Return the encoding of a text, its first lines after skipped ones, and whether these are all."""
-    with path.open("rb") as file:
-        begin = file.read(4)
-    encoding = next((name for mark, name in _BOMS.items() if begin.startswith(mark)), "utf-8-sig")
-    for codec in dict.fromkeys((encoding, "cp1252")):
-        lines, n_characters = list[str](), 0
+    is_wide = data[:4].to_pybytes().startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    for codec in ("utf-16" if is_wide else "utf-8-sig", "cp1252"):
         try:
-            with path.open(encoding=codec, newline="") as file:
-                for _ in islice(iter(lambda: file.readline(LONGEST_LINE), ""), n_skipped):
-                    pass
-                while line := file.readline(LONGEST_LINE):
-                    if len(line) == LONGEST_LINE:
-                        raise refused(
-                            path, "its first line is too long", f"at most {LONGEST_LINE} characters"
-                        )
-                    lines.append(line)
-                    n_characters += len(line)
-                    if len(lines) == MOST_LINES or (
-                        n_characters > MOST_CHARACTERS and len(lines) > 2 * N_REFERENCE
-                    ):
-                        return codec, lines, False
+            lines, is_whole = _first_lines(opened(data, codec, newline=""), where, n_skipped)
         except UnicodeError as error:
             problem = error
             continue
-        if codec == "cp1252" and any("\0" in line for line in lines):
+        if codec == "cp1252" and is_whole and any("\0" in line for line in lines):
             break
-        return codec, lines, True
+        return codec, lines, is_whole
     raise RecordingError(
-        f"{path}: is not text ({problem}). Expected UTF-8, or UTF-16 with a byte order mark"
+        f"{where}: is not text ({problem}). Expected UTF-8, or UTF-16 with a byte order mark"
     ) from problem
+
+
+def _first_lines(file: io.TextIOWrapper, where: str, n_skipped: int) -> tuple[list[str], bool]:
+    """Return at most 200 lines, no more after 256 k characters, and whether these are all."""
+    lines, n_characters = list[str](), 0
+    for _ in islice(iter(lambda: file.readline(LONGEST_LINE), ""), n_skipped):
+        pass
+    while line := file.readline(LONGEST_LINE):
+        if len(line) == LONGEST_LINE:
+            raise refused(where, "its first line is too long", f"at most {LONGEST_LINE} characters")
+        lines.append(line)
+        n_characters += len(line)
+        if len(lines) == 200 or (n_characters > 1 << 18 and len(lines) > 6):
+            return lines, False
+    return lines, True
 
 
 def _begins(line: str, marks: Sequence[str]) -> bool:
@@ -210,7 +208,8 @@ def _begins(line: str, marks: Sequence[str]) -> bool:
 def _delimiter(lines: Sequence[str], *, is_txt: bool) -> str:
     """Return what divides most of the last lines with digits; "" if nothing does."""
     last = ([line for line in lines if any(map(str.isdigit, line))] or list(lines))[-5:]
-    for mark in DELIMITERS:
+    # a comma may also be a decimal point, a blank may be part of a text: these are tried last
+    for mark in "\t;|":
         if 2 * sum(mark in line for line in last) > len(last):
             return mark
     words = [line.split() for line in last]
@@ -232,21 +231,23 @@ def _rows(lines: Sequence[str], begin: int, delimiter: str, comments: tuple[str,
         if is_comment := _begins(line, comments):
             line = re.sub(rf"^\s*(?:{'|'.join(map(re.escape, comments))})+[ ]*", "", line)
         elif line.count('"') % 2:
-            for end in range(first + 2, first + 1 + MOST_CELL_LINES):
+            for end in range(first + 2, first + 4):  # a quoted name may have three lines
                 if "".join(lines[first:end]).count('"') % 2 == 0:
                     line, last = " ".join(part.rstrip("\r\n") for part in lines[first:end]), end
                     break
         yield _Row(first, last, tuple(split_cells(line.rstrip("\r\n"), delimiter)), is_comment)
 
 
-def _named(rows: list[_Row], path: Path, labview: dict[str, list[str]], *, is_whole: bool) -> TextLayout:
+def _named(
+    rows: list[_Row], where: str, labview: dict[str, list[str]], *, is_whole: bool, is_txt: bool
+) -> TextLayout:
     """Return a layout with names, units and the first row."""
     lines = [row for row in rows if not row.is_comment]
-    reference = [row for row in lines if row.has_number][-N_REFERENCE:]
+    reference = [row for row in lines if row.has_number][-3:]  # the last lines with numbers are rows
     if not reference:
         if not is_whole:
             raise refused(
-                path,
+                where,
                 f"no numbers are in the first {len(rows)} lines",
                 "rows of numbers: --skip-rows N skips N lines above them (`skip_rows` in a card)",
             )
@@ -260,7 +261,7 @@ def _named(rows: list[_Row], path: Path, labview: dict[str, list[str]], *, is_wh
     body = [row for row in lines[at:] if len(row.cells) == width]
     above = rows[: rows.index(lines[at])]
     flags = list[str]()
-    if _is_counted(body, is_txt=path.suffix.lower() == ".txt"):
+    if _is_counted(body, is_txt=is_txt):
         flags.append(
             f"names: the line {','.join(body[0].cells)!r:.40} is taken as names of columns, not as a row"
         )
@@ -315,8 +316,13 @@ def _numbered_names(body: Sequence[_Row], n_filled: int) -> list[str]:
 
 def _stated_rate(above: Sequence[_Row]) -> tuple[float | None, str]:
     """Return the sampling rate in Hz that a line above the rows states, and the words that do."""
+    rate = re.compile(
+        r"\b(?:(?:sampl\w*|update|measurement|acquisition)[ _-]*(?:rate|frequency)|abtastrate|"
+        r"data[ _-]rate(?=[^\d\n]{0,12}[\d.,]+\s*k?hz))\b([^\d\n]{0,12})(\d+(?:[.,]\d+)?)\s*(k?hz\b)?",
+        re.IGNORECASE,
+    )
     for row in above:
-        if found := _RATE.search(" ".join(row.cells)):
+        if found := rate.search(" ".join(row.cells)):
             between, number, unit = found.groups()
             factor = 1000 if "khz" in f"{between} {unit}".lower() else 1
             return factor * float(number.replace(",", ".")) or None, found[0]
@@ -391,7 +397,7 @@ def _header(
         return row.n_named == n_filled - 1 and _counts(body)
 
     lines = [row for row in above if not row.is_comment]
-    candidates = [*lines[: -1 - MOST_ABOVE : -1]] if width > 1 else lines[-1:]
+    candidates = [*lines[:-4:-1]] if width > 1 else lines[-1:]  # the last three, from below
     if width > 1:
         candidates += [row for row in reversed(above) if row.is_comment]
     return next(filter(names_all, candidates), None)

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from texclass.loaders.columns import TIME_UNITS, refused, time_unit
+from texclass.loaders.columns import time_unit
+from texclass.loaders.readers import TIME_UNITS, refused
 from texclass.loaders.stamps import NEAR_RATE, at_uniform_rate, usual_step
 from texclass.recording import RecordingError, Samples
 

@@ -6,19 +6,20 @@ import warnings
 import zipfile
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import date, datetime, time, timedelta
 from functools import lru_cache
 from pathlib import Path
-from types import SimpleNamespace
-from typing import IO, Any, cast
+from typing import IO, Any, NamedTuple
 from xml.parsers import expat
 
 import openpyxl
+import pyarrow as pa
 
 from texclass.loaders import tables
-from texclass.loaders.columns import ReadOptions, ReadSignals, is_time, listed, readable, refused, require
-from texclass.loaders.text_layout import is_number
+from texclass.loaders.columns import is_time
+from texclass.loaders.readers import ReaderSettings, ReadSignals, listed, readable, refused, require
+from texclass.loaders.text_layout import find_layout, is_number
 from texclass.reporting.wording import counted
 
 MOST_EXPANSION = 100
@@ -30,54 +31,24 @@ MOST_CELLS = 1 << 24
 kilobytes can announce 1000 times as many."""
 LEAST_ROWS = 2
 """Rows with a number from which a sheet has a table."""
-_ERRORS = ("#N/A", "#DIV/0!", "#NAME?", "#NULL!", "#NUM!", "#REF!", "#VALUE!")
-"""Results of formulas that have no value."""
 
 
-@dataclass(frozen=True)
-class SheetText:
-    """A sheet as comma-separated text, with the methods of `Path` by which text tables are read.
+class Sheet(NamedTuple):
+    """A sheet as comma-separated text."""
 
-    Attributes
-    ----------
-    name : str
-        File and sheet, for messages.
-    title : str
-        Name of the sheet.
-    prefix : str
-        Stands before the names of its columns.
-    data : bytes
-        The text (UTF-8).
-    """
-
-    name: str
     title: str
+    where: str
+    """File and sheet, for messages."""
     prefix: str
-    data: bytes
-    suffix = ".csv"
+    """Stands before the names of its columns."""
+    data: pa.Buffer
 
-    def __str__(self) -> str:
-        return self.name
-
-    def open(self, mode: str = "r", **how: Any) -> IO[Any]:
-        """Return the text as an open file."""
-        file = io.BytesIO(self.data)
-        return file if "b" in mode else io.TextIOWrapper(file, **how)
-
-    def read_text(self, encoding: str, errors: str) -> str:
-        """Return the text."""
-        return self.data.decode(encoding, errors)
-
-    def read_bytes(self) -> bytes:
-        """Return the text, encoded."""
-        return self.data
-
-    def stat(self) -> SimpleNamespace:
-        """Return the size in bytes."""
-        return SimpleNamespace(st_size=len(self.data))
+    def names(self, settings: ReaderSettings) -> tuple[str, ...]:
+        """Return the names of its columns."""
+        return tuple(self.prefix + name for name in find_layout(self.data, self.where, settings).names)
 
 
-def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
+def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
     """Return the columns of the first sheet with rows of numbers, then those of others as "sheet/column".
 
     Raises
@@ -85,10 +56,10 @@ def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
     RecordingError
         If it is no workbook, or no sheet has rows of numbers.
     """
-    return tuple(name for sheet in _sheets(path) for name in _qualified(sheet, options))
+    return tuple(name for sheet in _sheets(path) for name in sheet.names(settings))
 
 
-def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
+def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadSignals:
     """Read the wanted columns of one sheet; formulas have their stored values.
 
     Raises
@@ -96,51 +67,36 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     RecordingError
         If a column is not there, a cell is not a number, or the columns are in several sheets.
     """
-    sheets = _sheets(path)
-    columns = {sheet: _qualified(sheet, options) for sheet in sheets}
-    require(wanted, [name for of_sheet in columns.values() for name in of_sheet], path)
-    sheet = next((sheet for sheet, of_sheet in columns.items() if set(wanted) <= set(of_sheet)), None)
-    if sheet is None:
+    sheets = [(sheet, sheet.names(settings)) for sheet in _sheets(path)]
+    require(wanted, [name for _, names in sheets for name in names], path)
+    found = next(((sheet, names) for sheet, names in sheets if set(wanted) <= set(names)), None)
+    if found is None:
         raise refused(path, f"{listed(wanted)} are in several sheets", "columns of one sheet")
+    sheet, present = found
     inner = {name: name.removeprefix(sheet.prefix) for name in wanted}
-    found = tables.read(cast("Path", sheet), tuple(inner.values()), options)
+    signals = tables.read_text(sheet.data, sheet.where, tuple(inner.values()), settings)
     flags: tuple[str, ...] = ()
     if len(sheets) > 1:
         n_others = counted(len(sheets) - 1, "other sheet")
-        other = next(of_sheet for one, of_sheet in columns.items() if one != sheet)
+        other = next(names for _, names in sheets if names != present)
         example = next((name for name in other if not is_time(name)), other[0])
         flags = (f"sheet: {sheet.title!r:.40} is read, {n_others} not; --column {example!r:.60} selects one",)
-    return replace(
-        found,
-        named={name: found.named[column] for name, column in inner.items()},
-        flags=(*flags, *found.flags),
-    )
+    named = {name: signals.named[column] for name, column in inner.items()}
+    return replace(signals, named=named, flags=(*flags, *signals.flags))
 
 
-def _qualified(sheet: SheetText, options: ReadOptions) -> tuple[str, ...]:
-    return tuple(sheet.prefix + name for name in tables.names(cast("Path", sheet), options))
-
-
-def _sheets(path: Path) -> tuple[SheetText, ...]:
+def _sheets(path: Path) -> tuple[Sheet, ...]:
     state = path.stat()
     return _read_sheets(path, state.st_mtime_ns, state.st_size)
 
 
 @lru_cache(maxsize=1)  # names and columns are read one after another
-def _read_sheets(path: Path, modified: int, size: int) -> tuple[SheetText, ...]:
+def _read_sheets(path: Path, modified: int, size: int) -> tuple[Sheet, ...]:
     """Return the sheets with a table."""
     most = max(1 << 26, MOST_EXPANSION * size)
-    found = list[SheetText]()
+    found = list[Sheet]()
     with readable(path, "Excel"):
-        with zipfile.ZipFile(path) as archive:
-            expanded = sum(member.file_size for member in archive.infolist())
-            if expanded > most:
-                raise refused(
-                    path, f"expands to {expanded} bytes", f"64 MB, or {MOST_EXPANSION} times its size"
-                )
-            for member in archive.infolist():
-                with archive.open(member) as content:
-                    _check_prolog(content, f"{path} ({member.filename:.80})")
+        _check_archive(path, most)
         with warnings.catch_warnings(), path.open("rb") as file:
             warnings.simplefilter("ignore")  # of styles and extensions that are not read
             book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
@@ -149,11 +105,23 @@ def _read_sheets(path: Path, modified: int, size: int) -> tuple[SheetText, ...]:
                 where = f"{path} (sheet {sheet.title!r:.40})"
                 if text := _text(sheet.iter_rows(values_only=True), where, most):
                     prefix = f"{sheet.title}/" if found else ""
-                    found.append(SheetText(where, sheet.title, prefix, text.encode("utf-8", "replace")))
+                    data = pa.py_buffer(text.encode("utf-8", "replace"))
+                    found.append(Sheet(sheet.title, where, prefix, data))
     if not found:
         rule = f"a sheet with at least {LEAST_ROWS}; formulas need stored values: save the file in Excel"
         raise refused(path, "no sheet has rows of numbers", rule)
     return tuple(found)
+
+
+def _check_archive(path: Path, most: int) -> None:
+    """Refuse a workbook that expands to more than `most` bytes, or declares entities."""
+    with zipfile.ZipFile(path) as archive:
+        expanded = sum(member.file_size for member in archive.infolist())
+        if expanded > most:
+            raise refused(path, f"expands to {expanded} bytes", f"64 MB, or {MOST_EXPANSION} times its size")
+        for member in archive.infolist():
+            with archive.open(member) as content:
+                _check_prolog(content, f"{path} ({member.filename:.80})")
 
 
 def _check_prolog(content: IO[bytes], where: str) -> None:
@@ -221,7 +189,8 @@ def _aligned(text: str, columns: Sequence[int]) -> str:
 
 
 def _cell(value: Any) -> str:
-    if value is None or value in _ERRORS:
+    errors = ("#N/A", "#DIV/0!", "#NAME?", "#NULL!", "#NUM!", "#REF!", "#VALUE!")  # of formulas
+    if value is None or value in errors:
         return ""
     if isinstance(value, timedelta):
         return repr(value.total_seconds())

@@ -25,8 +25,8 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader
 from rosbags.rosbag1.reader import Header, RecordType, read_bytes, read_uint32
 
-from texclass.loaders.columns import BAG_FOLDER, STORAGE, refused, storage_suffix
 from texclass.loaders.data_files import is_hidden
+from texclass.loaders.readers import BAG_FOLDER, STORAGE, refused, storage_suffix
 from texclass.recording import RecordingError
 
 MOST_BYTES = 1 << 27

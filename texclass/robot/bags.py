@@ -10,15 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from texclass.loaders.columns import (
-    TURN_RATE,
-    ReadOptions,
-    ReadSignals,
-    check_size,
-    listed,
-    refused,
-    require,
-)
+from texclass.loaders.columns import TURN_RATE
+from texclass.loaders.readers import ReaderSettings, ReadSignals, check_size, listed, refused, require
 from texclass.loaders.stamps import Stamps, at_uniform_rate
 from texclass.recording import STANDARD_GRAVITY, RecordingError, Samples
 from texclass.robot.bag_files import Connection, bag_messages, bag_topics
@@ -37,7 +30,7 @@ MOST_LARGE = 1e100
 """A larger value is no signal but damage; sums of squares must stay finite."""
 
 
-def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
+def names(path: Path, settings: ReaderSettings) -> tuple[str, ...]:
     """Return the names of the columns: those of the chosen topic, then "/topic/column" of the others.
 
     Raises
@@ -46,7 +39,7 @@ def names(path: Path, options: ReadOptions) -> tuple[str, ...]:
         If it is no bag, or no topic can be chosen.
     """
     topics = bag_topics(path)
-    chosen = choose_topic(topics, options.topic, path)
+    chosen = choose_topic(topics, settings.topic, path)
     if (type_ := type_of(*chosen.of_type)) is not None:
         own = tuple(type_.columns)
     else:
@@ -72,7 +65,7 @@ def readable_topics(path: Path) -> tuple[str, ...]:
     return tuple(topic for topic, sent in bag_topics(path).items() if sent.type_name in READABLE)
 
 
-def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSignals:
+def read(path: Path, wanted: tuple[str, ...], settings: ReaderSettings) -> ReadSignals:
     """Read columns at a uniform rate: the one given if the stamps agree, else the one the stamps say.
 
     Raises
@@ -81,7 +74,7 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
         If a column is missing or not measured, a message damaged, or the stamps contradict the given rate.
     """
     topics = bag_topics(path)
-    chosen = choose_topic(topics, options.topic, path)
+    chosen = choose_topic(topics, settings.topic, path)
     where = f"{path}?topic={chosen.topic}"
     own = tuple(name for name in wanted if not name.startswith("/"))
     stamps, received, samples = _messages(path, chosen, own)
@@ -101,7 +94,7 @@ def read(path: Path, wanted: tuple[str, ...], options: ReadOptions) -> ReadSigna
     samples, received = samples[order], received[order]
     instants = stamps[order] if stamps is not None and by_header else received
     uniform, fs, start_s, flags = at_uniform_rate(
-        samples, instants, received, options.fs, by_header=by_header, where=where, rate_of=options.rate_of
+        samples, instants, received, settings.fs, by_header=by_header, where=where, rate_of=settings.rate_of
     )
     named = {name: np.ascontiguousarray(uniform[:, i]) for i, name in enumerate(own)}
     t = start_s + np.arange(len(uniform)) / fs

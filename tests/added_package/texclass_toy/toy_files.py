@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from texclass.loaders.columns import ReadSignals
+from texclass.loaders.readers import ReadSignals
 
 
-def names(path, options):
+def names(path, settings):
     """Return the names of the columns of a file."""
     return ("acceleration",)
 
 
-def read(path, wanted, options):
+def read(path, wanted, settings):
     """Read a file."""
     fs, *samples = path.read_text().split()
     return ReadSignals({"acceleration": np.array(samples, dtype=float)}, fs=float(fs))

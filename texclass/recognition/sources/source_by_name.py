@@ -15,9 +15,8 @@ import numpy as np
 from texclass import shipped
 from texclass.features.phase_view import TURN
 from texclass.loaders import find_recording
-from texclass.loaders.columns import refused
-from texclass.loaders.files import check_stated, columns_of
 from texclass.loaders.plausibility import agreed_unit
+from texclass.loaders.readers import ReaderSettings, columns_of, refused
 from texclass.recognition.model import Model
 from texclass.recognition.sources.blocks import Block, BlockSource, resampled
 from texclass.recognition.sources.training_input import ACCELERATION_ONLY
@@ -143,7 +142,7 @@ def _heard(
     delimiter: str | None = None,
 ) -> BlockSource:
     """Return what standard input says, as text or as numbers of so many channels, in the units of a model."""
-    check_stated(STDIN, fs, unit, delimiter=delimiter)
+    ReaderSettings(fs=fs, unit=unit, delimiter=delimiter).check(STDIN)
     unit = agreed_unit(None, unit or (None if model is None else model.manifest.input.unit), STDIN)
     if fs is None:
         raise RecordingError(f"{STDIN}: fs is missing; the rule is a rate in Hz, never guessed: give --fs")

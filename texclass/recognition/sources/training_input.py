@@ -13,13 +13,14 @@ from texclass import shipped
 from texclass.features.phase_view import TURN
 from texclass.loaders import files, find_recording, open_dataset
 from texclass.loaders.cards import DeclaredPhases, FileReading, Reading
-from texclass.loaders.columns import BAG_FOLDER, TURN_RATE, ReadOptions, choose_acceleration
+from texclass.loaders.columns import TURN_RATE, choose_acceleration
 from texclass.loaders.data_files import composed
 from texclass.loaders.dataset import Dataset
 from texclass.loaders.exports import export_in
 from texclass.loaders.filesets import conditioned
 from texclass.loaders.open import flat_files
 from texclass.loaders.plausibility import agreed_unit, build_recording
+from texclass.loaders.readers import BAG_FOLDER, FORMATS, ReaderSettings, columns_of, is_bag
 from texclass.loaders.stamps import NEAR_RATE
 from texclass.recording import Recording, RecordingError, Samples
 from texclass.validation import Written
@@ -182,11 +183,11 @@ class TrainingFiles(Written):
             As `find_recording`.
         """
         path = Path(name).expanduser()
-        is_file = path.suffix.lower() in files.READERS and (path.exists() or ":" not in str(name))
+        is_file = path.suffix.lower() in FORMATS and (path.exists() or ":" not in str(name))
         is_file |= export_in(path) is not None
         if is_file or _is_bag(name):
             resample = reading.pop("resample", None)
-            told = {"acceleration": files.columns_of(reading.pop("column", None)), **reading}
+            told = {"acceleration": columns_of(reading.pop("column", None)), **reading}
             like = self.model_copy(update={key: value for key, value in told.items() if value})
             return like.load(name, fs=fs, unit=unit, resample=resample)
         return find_recording(name, fs=fs, unit=unit, **reading)
@@ -283,39 +284,31 @@ class TrainingFiles(Written):
             If the file is bad, or contradicts `fs` or `unit`.
         """
         path, asked = files.located(name) if _is_bag(name) else (Path(name).expanduser(), None)
-        if not asked and self.topic is not None and files.is_bag(path) and self.topic in files.topics(path):
+        if not asked and self.topic is not None and is_bag(path) and self.topic in files.topics(path):
             asked = self.topic
-        files.check_stated(
-            path,
-            fs,
-            unit,
-            resample=resample,
-            delimiter=self.delimiter,
-            skip_rows=self.skip_rows,
-            comment=self.comment,
-        )
-        codes = (unit or self.unit) == "counts"
-        options = ReadOptions(
-            self.delimiter,
-            codes=codes,
-            topic=asked,
+        settings = ReaderSettings(
             fs=fs,
+            unit=unit or self.unit,
+            resample=resample,
+            topic=asked,
+            delimiter=self.delimiter,
             time_column=self.time_column,
             time_unit=self.time_unit,
             skip_rows=self.skip_rows,
             comment=self.comment,
             drop_incomplete=self.drop_incomplete,
         )
+        settings.check(path)
         axes, beside, said = files.sources(path)
         first = next(iter(axes.values()))
-        of_bag = files.is_bag(first)
+        of_bag = is_bag(first)
         roles = {"acceleration": self.acceleration, **self.auxiliary}
         if of_bag:
-            roles = self._roles_in(first, options)
-        signals = files.read_signals(axes, roles, options, companions=beside)
+            roles = self._roles_in(first, settings)
+        signals = files.read_signals(axes, roles, settings, companions=beside)
         if of_bag:
             if fs is None and 0 < abs(float(signals.fs or 0) / self.fs - 1) <= NEAR_RATE:
-                signals = files.read_signals(axes, roles, replace(options, fs=self.fs))
+                signals = files.read_signals(axes, roles, replace(settings, fs=self.fs))
             if len(signals.channels) == len(self.axes):
                 signals = replace(signals, channels=self.axes)
         own = signals.unit if of_bag or self.scale == 1.0 else None  # else it was scaled to another
@@ -340,9 +333,9 @@ class TrainingFiles(Written):
             turn_rate_scale=self.turn_rate_scale if as_trained else 1.0,
         )
 
-    def _roles_in(self, path: Path, options: ReadOptions) -> dict[str, tuple[str, ...]]:
+    def _roles_in(self, path: Path, settings: ReaderSettings) -> dict[str, tuple[str, ...]]:
         """Return which columns of a bag are what: as in the training files if it has those, else its own."""
-        present = files.column_names(path, options)
+        present = files.column_names(path, settings)
         own = [name for name in present if not name.startswith("/")]
         auxiliary = {field: names for field, names in self.auxiliary.items() if set(names) <= set(present)}
         if "turn_rate" in self.auxiliary and set(TURN_RATE) <= set(own):
@@ -359,5 +352,5 @@ class TrainingFiles(Written):
 def _is_bag(name: str | Path) -> bool:
     """Whether a name is of a bag: "bag:FILE", a file, or a folder of rosbag2."""
     path = Path(name).expanduser()
-    is_there = (path.exists() or ":" not in str(name)) and files.is_bag(path)
+    is_there = (path.exists() or ":" not in str(name)) and is_bag(path)
     return files.is_bag_name(name) or is_there or (path / BAG_FOLDER).is_file()
