@@ -289,8 +289,8 @@ def protocols() -> Any:
         "paper": ("strese2015", "--protocol", "paper", "--folds", 4),
         "blocks": ("multiscale", "--protocol", "blocks"),
         "few-shot": ("coarse", "--protocol", "few-shot"),
-        "choose": ("coarse", "--protocol", "recording", "--folds", 4, "--choose"),
-        "touches": ("multiscale", "--touch", 0.8, "--touches", 2, "--folds", 3),
+        "choose": ("coarse", "--protocol", "recording", "--folds", 4, "--nested-cv"),
+        "touches": ("multiscale", "--window", 0.8, "--max-windows", 2, "--folds", 3),
         "too many folds": ("coarse", "--folds", 9),
         "new feature": ("coarse", "--folds", 4, "--feature", f"{own}:crest"),
     }
@@ -684,7 +684,7 @@ def recognition_answers() -> Any:
     whole, touch = SCRATCH / "whole.skops", SCRATCH / "touch.skops"
     for file, n_asked, words in (
         (whole, 48, ("--row", "Taps, movement, friction", "--classifier", "lda")),
-        (touch, 16, ("--row", "Movement", "--classifier", "kernel", "--touch", 1.0)),
+        (touch, 16, ("--row", "Movement", "--classifier", "kernel", "--window", 1.0)),
     ):
         _, _, err = command("train", small(), "-o", file, "--jobs", 1, *words)
         assert file.exists(), err

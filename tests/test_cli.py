@@ -1,9 +1,13 @@
+import ast
 import gc
 import inspect
 import io
 import json
+import re
 import subprocess
 import sys
+from pathlib import Path
+from typing import Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pandas as pd
@@ -12,9 +16,15 @@ import typer
 from toy_noises import TINY
 
 from texclass import __version__
+from texclass.baselines.comparison import Given
 from texclass.cli import app, main
-from texclass.cli.app import GROUPS
+from texclass.cli.parameters import reader_settings
+from texclass.evaluation.protocols import PROTOCOLS
+from texclass.evaluation.workers import Backend
 from texclass.loaders import load_recording
+from texclass.recognition.answers import Kind
+from texclass.robot.export.onnx_file import Start
+from texclass.stability.battery import Group
 
 FEW = """
 features = "coarse"
@@ -31,7 +41,35 @@ features = ["band_level"]
 """
 
 
-COMMANDS = typer.main.get_command(app)
+ROOT = Path(__file__).parents[1]
+PROGRAM = typer.main.get_command(app)
+COMMANDS = {
+    f"{group}{name}": command
+    for group, of in (("", PROGRAM), *((f"{g} ", PROGRAM.commands[g]) for g in ("datasets", "scene")))
+    for name, command in of.commands.items()
+    if name != "scene"
+}
+FOLDERS = {"benchmark", "tradeoff"}
+"""Readers with an output folder."""
+READERS = {
+    name: command for name, command in COMMANDS.items() if any(p.name == "column" for p in command.params)
+}
+"""Commands that read files of recordings."""
+SCIENTIFIC = ("numpy", "scipy", "pandas", "sklearn", "numba", "librosa", "matplotlib", "pyarrow")
+
+
+def imported(*calls):
+    """Run the command line in a new process; give output, errors and the scientific packages it imported."""
+    code = (
+        "import sys\nfrom texclass.cli import main\n"
+        f"for words in {[[*map(str, words)] for words in calls]}:\n"
+        "    sys.argv = ['texclass', *words]\n"
+        "    try:\n        main()\n    except SystemExit as ended:\n        print('exit code', ended.code)\n"
+        f"print([name for name in {SCIENTIFIC} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    *lines, packages = done.stdout.splitlines()
+    return lines, done.stderr, ast.literal_eval(packages)
 
 
 @pytest.fixture(scope="module")
@@ -48,24 +86,73 @@ def run(command, monkeypatch, tmp_path, cache):
     return command
 
 
-def test_version_and_help_import_nothing_heavy():
-    heavy = ["numpy", "scipy", "pandas", "sklearn", "numba", "librosa", "matplotlib", "pyarrow"]
-    code = (
-        "import sys\nfrom texclass.cli import main\n"
-        "for sys.argv in (['texclass', '--help'], ['texclass', 'benchmark', '--help']):\n"
-        "    try:\n        main()\n    except SystemExit:\n        pass\n"
-        f"sys.exit(str([m for m in {heavy} if m in sys.modules] or ''))"
+def test_help_imports_nothing_scientific():
+    lines, _, packages = imported(*([*name.split(), "--help"] for name in ("", *COMMANDS)))
+    assert lines.count("exit code 0") == 1 + len(COMMANDS)
+    assert packages == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("benchmark --train repetition=1", "--train and --test must be given together"),
+        ("benchmark --leave-out operator --protocol blocks", "only one of --protocol"),
+        ("train d -o m.skops --shots 1 --protocol blocks", "--shots requires --protocol few-shot"),
+        ("tradeoff --shots 1", "--shots requires --protocol few-shot"),
+        ("benchmark --max-windows 2", "--max-windows requires --window"),
+        ("benchmark --baseline mfcc", "--baseline requires --baselines"),
+        ("benchmark --baselines --feature a:b", "only one of --baselines and --feature"),
+        ("benchmark --confusion c.csv --feature a:b", "--confusion cannot be combined with --feature"),
+        ("benchmark --scheduler tcp://nowhere:8786", "--scheduler requires --backend dask"),
+        ("extract d -o x.csv --scheduler tcp://nowhere:8786", "--scheduler requires --backend dask"),
+        ("tradeoff --scheduler tcp://nowhere:8786", "--scheduler requires --backend dask"),
+        ("stream m.skops --diagnostics /d", "--diagnostics requires --publish"),
+        ("stream m.skops --gesture-time tap", "--gesture-time must have the form NAME=NUMBER, got 'tap'"),
+        ("export m.skops", "one of --output and --check"),
+        ("export m.skops -o m.onnx --window 1", "--window requires --from samples"),
+        ("convert a.texture -o b.texture --scale rough", "--scale must have the form NAME=NUMBER"),
+        ("benchmark --protocol random", "'random' is not one of"),
+        ("stability --only lattice", "'lattice' is not one of"),
+    ],
+)
+def test_wrong_options_end_with_exit_code_2_and_name_the_options(command, arguments, message):
+    code, out, err = command(*arguments.split())
+    assert (code, out) == (2, "")
+    assert message in " ".join(err.replace("│", " ").split())
+
+
+def test_wrong_options_and_a_missing_unit_are_reported_before_anything_scientific_is_imported(tmp_path):
+    (tmp_path / "oak").mkdir()
+    (tmp_path / "oak" / "a.txt").write_text("1\n2\n")
+    lines, _, packages = imported(
+        ["benchmark", "--max-windows", "2"], ["tradeoff", "--shots", "1"], ["export", "m.skops"]
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0 or done.stderr.strip() == "", done.stderr
-    assert "benchmark" in done.stdout
+    assert (lines, packages) == (["exit code 2"] * 3, [])
+    lines, errors, packages = imported(["train", tmp_path, "-o", "model.skops"])
+    assert lines == ["exit code 1"]
+    assert "unit is missing" in errors
+    assert {"scipy", "sklearn", "numba", "librosa"}.isdisjoint(packages)
 
 
-def test_options_are_told_where_python_keeps_no_docstrings():
-    words = [sys.executable, "-OO", "-m", "texclass", "train", "--help"]
-    told = subprocess.run(words, capture_output=True, text=True, check=True).stdout
-    assert "-o, --output" in told
-    assert "Model file to write (.skops)." in " ".join(told.split())
+def choices(command):
+    """Return the choices of each option that has some."""
+    kinds = get_type_hints(inspect.unwrap(command.callback)).items()
+    found = {
+        name: next((k for k in (kind, *get_args(kind)) if get_origin(k) is Literal), None)
+        for name, kind in kinds
+    }
+    return {name: set(get_args(kind)) for name, kind in found.items() if kind}
+
+
+def test_choices_are_those_of_the_library():
+    of = {name: choices(command) for name, command in COMMANDS.items()}
+    for name in ("benchmark", "train", "tradeoff"):
+        assert of[name]["protocol"] == set(PROTOCOLS)
+    assert of["stability"]["only"] == set(get_args(Group))
+    assert of["stream"]["evidence"] == set(get_args(Kind))
+    assert of["benchmark"]["baselines_signals"] == set(get_args(Given))
+    assert of["benchmark"]["backend"] == set(get_args(Backend))
+    assert of["export"]["start"] == set(get_args(Start))
 
 
 def test_a_command_seldom_looks_for_garbage_and_leaves_none_to_look_for_at_its_end(monkeypatch):
@@ -94,33 +181,42 @@ def test_what_an_output_cannot_show_is_left_out_of_it(monkeypatch):
     assert b"?" in written.getvalue()
 
 
-LISTED = {
-    f"{group}{name}": command
-    for group, of in (("", COMMANDS), *((f"{g} ", COMMANDS.commands[g]) for g in ("datasets", "scene")))
-    for name, command in of.commands.items()
-    if not command.hidden and name != "scene"
-}
-
-
-def test_help_lists_every_command_under_a_heading():
-    listed = [name for names in GROUPS.values() for name in names]
-    shown = {name for name, command in COMMANDS.commands.items() if not command.hidden}
-    assert len(listed) == len(set(listed))
-    assert set(listed) == shown
-
-
-@pytest.mark.parametrize("name", LISTED)
-def test_options_mean_one_thing_and_each_help_has_an_example(name):
-    command = LISTED[name]
-    options = {spelled: p for p in command.params for spelled in p.opts}
-    assert {"--out", "--window", "--rate"}.isdisjoint(options)
-    for spelled in {"-o", "--json", "--jsonl"} & set(options):
-        takes = {"-o": ("output", True), "--json": ("json", True), "--jsonl": ("jsonl", False)}[spelled]
-        assert ((f"--{takes[0]}" in options[spelled].opts), not options[spelled].is_flag) == (True, takes[1])
-    assert [p.name for p in command.params if not (p.help or p.hidden)] == []
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_command_has_a_panel_an_example_and_options_with_help_and_kind(name):
+    command = COMMANDS[name]
+    options = {flag: p for p in command.params for flag in (*p.opts, *p.secondary_opts)}
+    if " " not in name:
+        assert command.rich_help_panel in {"Recordings", "Evaluation", "Models", "Rendering"}
+    for flag in {"-o", "--json", "--jsonl"} & set(options):
+        takes = {"-o": ("output", True), "--json": ("json", True), "--jsonl": ("jsonl", False)}[flag]
+        assert ((f"--{takes[0]}" in options[flag].opts), not options[flag].is_flag) == (True, takes[1])
+    for p in command.params:
+        assert p.help, p.name
+        if p.param_type_name == "option" and not p.is_flag and p.name not in choices(command):
+            assert p.metavar == p.metavar.upper(), p.name
     example = command.epilog.removeprefix("Example: ")
     assert example.startswith(f"texclass {name}")
     assert {word for word in example.split() if word.startswith("--")} <= set(options)
+
+
+@pytest.mark.parametrize("folder", ["docs", "datasets", "texclass"])
+def test_every_option_that_a_page_or_a_message_names_exists(folder):
+    params = [p for command in COMMANDS.values() for p in command.params]
+    options = {flag for p in params for flag in (*p.opts, *p.secondary_opts)}
+    options |= {
+        "--help",
+        "--version",
+        "--out",
+        "--verbose",
+    }  # the last: of the chapters, of `ros2 topic info`
+    files = [path for path in (ROOT / folder).rglob("*.*") if path.suffix in {".md", ".py", ".toml"}]
+    named = {
+        option
+        for path in (ROOT / "README.md", *files)
+        for option in re.findall(r"(?<![\w-])(--[a-z]+(?:-[a-z]+)*)", path.read_text(encoding="utf-8"))
+    }
+    assert len(named) > 20 or folder == "datasets"
+    assert named <= options
 
 
 @pytest.mark.parametrize(
@@ -137,19 +233,6 @@ def test_a_shell_is_offered_what_begins_so(command, monkeypatch, shell, asked, o
     assert offered in command()[1]
 
 
-def test_a_missing_unit_is_said_before_anything_heavy_is_imported(tmp_path):
-    (tmp_path / "oak").mkdir()
-    (tmp_path / "oak" / "a.txt").write_text("1\n2\n")
-    code = (
-        "import sys\nfrom texclass.cli import main\ntry:\n    main()\nexcept SystemExit:\n"
-        "    sys.exit(str([m for m in ('scipy', 'sklearn', 'numba', 'librosa') if m in sys.modules]))"
-    )
-    asked = [sys.executable, "-c", code, "train", tmp_path, "-o", "model.skops"]
-    done = subprocess.run(asked, capture_output=True, text=True, check=False)
-    assert done.stderr.splitlines()[-1] == "[]"
-    assert "unit is missing" in done.stderr
-
-
 def test_benchmark_prints_the_table_and_writes_its_report(run, tmp_path):
     (tmp_path / "few.toml").write_text(FEW)
     told = ("--pipeline", "few.toml", "--folds", "4", "--jobs", "1")
@@ -164,7 +247,7 @@ def test_benchmark_prints_the_table_and_writes_its_report(run, tmp_path):
 
 def test_benchmark_of_touches_reports_windows_and_the_vote_of_each_run(run, tmp_path):
     (tmp_path / "few.toml").write_text(FEW)
-    told = ("--touch", "0.5", "--touches", "2", "--protocol", "run", "--folds", "4", "--jobs", "1")
+    told = ("--window", "0.5", "--max-windows", "2", "--protocol", "run", "--folds", "4", "--jobs", "1")
     told = (*told, "--pipeline", "few.toml")
     code, out, _ = run("benchmark", "tiny.toml", *told, "--output", "here", "--json", "x.json")
     assert code == 0
@@ -202,8 +285,7 @@ def test_inspect_draws_a_recording_and_says_what_it_found(run, tmp_path):
         (("inspect", "numbers.txt", "--unit", "g"), "--fs"),
         (("benchmark", "empty_folder", "--fs", "1000", "--unit", "g"), "empty_folder"),
         (("benchmark", "tiny.toml"), "has 4 recordings; 10 folds need at least 10 of each"),
-        (("benchmark", "tiny.toml", "--touch", "-1"), "-1"),
-        (("benchmark", "tiny.toml", "--touches", "2"), "--touch"),
+        (("benchmark", "tiny.toml", "--window", "-1"), "-1"),
         (("benchmark", "tiny.toml", "--pipeline", "no_such_pipeline"), "no_such_pipeline"),
         (("extract", "tiny.toml", "-o", "x.parquet", "--features", "no_such_set"), "no_such_set"),
     ],
@@ -264,29 +346,37 @@ def test_benchmark_trains_on_these_and_tests_on_those(run, tmp_path):
     assert run(*asked, "--protocol", "few-shot", "--shots", "1")[0] == 0
     result = json.loads((tmp_path / "here/tiny-few-few-shot-1.json").read_text())
     assert (result["protocol"], result["n_starts"], result["n_folds"]) == ("few-shot 1", 2, 4)
-    for wrong, rule in (
-        (("--train", "repetition=0"), "the rule is both"),
-        (("--leave-out", "operator", "--protocol", "blocks"), "are alternatives"),
-        (("--leave-out", "hand"), "no label of recordings is 'hand'"),
-        (("--shots", "1", "--protocol", "blocks"), "but the protocol is not few-shot; the rule is both"),
-    ):
-        code, _, said = run(*asked, *wrong)
-        assert (code, rule in said) == (1, True), said
+    code, _, said = run(*asked, "--leave-out", "hand")
+    assert (code, "no label of recordings is 'hand'" in said) == (1, True), said
 
 
-def test_every_command_that_takes_files_takes_what_says_how_they_are_read(run, tmp_path):
-    files = {f"--{name.replace('_', '-')}" for name in inspect.signature(load_recording).parameters}
-    files -= {"--path", "--auxiliary", "--topic"}
-    of_one_recording = {"inspect", "stream", "describe"}
-    commands = {
-        name: {flag for option in command.params for flag in option.opts}
-        for name, command in COMMANDS.commands.items()
-    }
-    reading = {name: flags for name, flags in commands.items() if "--column" in flags}
-    assert of_one_recording < set(reading)
-    for name, taken in reading.items():
-        assert files <= taken, name
-        assert ("--labels" in taken) == (name not in of_one_recording), name
+@pytest.mark.parametrize("name", READERS)
+def test_every_option_of_reading_reaches_the_reader(command, monkeypatch, name):
+    taken = {flag for option in READERS[name].params for flag in option.opts}
+    loading = {flag.replace("_", "-") for flag in inspect.signature(load_recording).parameters}
+    assert {f"--{option}" for option in loading - {"path", "auxiliary", "topic"}} <= taken
+    assert ("--labels" in taken) == (name not in {"inspect", "stream", "describe"})
+    values = {
+        "fs": 1000.0, "unit": "g", "column": "a, b", "delimiter": "tab", "time_column": "t",
+        "time_unit": "ms", "skip_rows": 3, "comment": "!",
+    }  # fmt: skip
+    settings = {}
+
+    def stop(*positional):
+        settings.update(reader_settings(*positional))
+        raise ValueError("stopped")
+
+    monkeypatch.setattr("texclass.cli.parameters.reader_settings", stop)
+    options = [word for key, value in values.items() for word in (f"--{key.replace('_', '-')}", value)]
+    n_arguments = sum(p.param_type_name == "argument" and p.required for p in READERS[name].params)
+    suffix = {"card": ".toml", "extract": ".csv", "inspect": ".png"}.get(name, ".skops")
+    output = ("-o", f"x{suffix}") if "-o" in taken - {"--json"} and name not in FOLDERS else ()
+    code, _, err = command(*name.split(), *["absent"] * n_arguments, *output, *options, "--drop-incomplete")
+    assert (code, err) == (1, "error: stopped\n")
+    assert settings == values | {"column": ("a", "b"), "delimiter": "\t", "drop_incomplete": True}
+
+
+def test_columns_and_delimiter_read_a_file(run, tmp_path):
     for material in ("wood", "steel"):
         (tmp_path / "felt" / material).mkdir(parents=True)
         rows = np.random.default_rng(0).normal(size=(2000, 3))

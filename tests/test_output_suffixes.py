@@ -45,7 +45,7 @@ EXPECTED = {
     "scene page output": ".html",
     "texture page_file": ".html",
     "texture slider_file": ".html",
-    "convert target": ".texture or .xml or .hjif or .ahap or .wav",
+    "convert output": ".texture or .xml or .hjif or .ahap or .wav",
 }
 """Command and option -> what a message lists; `--json` writes JSON everywhere."""
 

@@ -1,5 +1,7 @@
 """What is shipped is known by name, and so is what an installed package adds: features, sets, readers."""
 
+import os
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -53,6 +55,38 @@ def test_what_a_package_adds_is_known_by_name(installed, tmp_path):
     table = tx.extract(dataset, "toy")
     assert list(table.columns) == ["toy_crest"]
     assert np.isfinite(table.to_numpy()).all()
+
+
+def test_a_command_that_a_package_adds_is_listed_and_runs(installed, tmp_path):
+    installed(installed.groups)
+    (tmp_path / "a.toy").write_text("500\n1\n-3\n1\n1\n")
+    places = os.pathsep.join(map(str, (tmp_path, PACKAGE, *sys.path)))
+
+    def texclass(*words):
+        run = [sys.executable, "-m", "texclass", *words]
+        return subprocess.run(
+            run,
+            env=os.environ | {"PYTHONPATH": places},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+
+    assert "Print the crest factor of a recording." in texclass("--help").stdout
+    done = texclass("crest", "a.toy", "--unit", "g")
+    assert (done.stdout, done.stderr) == ("1.732\n", "")
+
+
+def test_a_command_that_cannot_be_imported_is_named_and_the_others_run(installed, tmp_path):
+    installed({"texclass.commands": {"toy": "nowhere_at_all"}})
+    run = [sys.executable, "-m", "texclass", "--help"]
+    places = os.pathsep.join(map(str, (tmp_path, *sys.path)))
+    done = subprocess.run(
+        run, env=os.environ | {"PYTHONPATH": places}, capture_output=True, text=True, check=True
+    )
+    assert "warning: entry point texclass.commands: toy = 'nowhere_at_all'" in done.stderr
+    assert "benchmark" in done.stdout
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ The areas `texclass.haptics` and `texclass.robot`, and other packages, register 
 | `texclass.dataset_formats` | `format` of a card | module with `open_models(card, root, **about)` |
 | `texclass.sources` | "ros2" | module with `topic_blocks` and `AnswerPublisher` |
 | `texclass.exporters` | "onnx" | module with `without_graph(feature_set)` |
-| `texclass.commands` | any | module that registers commands with `texclass.cli.app.command` |
+| `texclass.commands` | any | module that registers commands with `texclass.cli.app.app.command()` |
 
     [project.entry-points."texclass.readers"]
     rec = "mine.rec_files"

@@ -33,7 +33,7 @@ def run(command, monkeypatch, tmp_path, noises):
 @pytest.mark.usefixtures("ours_here")
 def test_baselines_are_run_printed_and_reported(run, interpreter, tmp_path):
     code, out, err = run(
-        "--jobs", "1", "--output", "here", "--baselines", "--baselines-only", "quant, minirocket",
+        "--jobs", "1", "--output", "here", "--baselines", "--baseline", "quant", "--baseline", "minirocket",
         "--baselines-python", interpreter("perfect"),
     )  # fmt: skip
     assert code == 0, err
@@ -47,10 +47,8 @@ def test_baselines_are_run_printed_and_reported(run, interpreter, tmp_path):
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (("--baselines", "--baselines-only", "weka"), "weka"),
-        (("--baselines", "--baselines-signals", "raw"), "'raw'"),
+        (("--baselines", "--baseline", "weka"), "weka"),
         (("--baselines", "--baselines-limit", "3"), "limit of 3"),
-        (("--baselines", "--feature", "a:b"), "one of them"),
     ],
 )
 def test_bad_options_end_with_one_line(run, options, told):

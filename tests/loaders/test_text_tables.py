@@ -1,12 +1,13 @@
 """Text tables as loggers and programs write them: read correctly, or refused with an option that works."""
 
+import inspect
 import re
 import shlex
 
 import numpy as np
 import pytest
 
-from texclass.cli.options import columns_read
+from texclass.cli.parameters import reader_settings
 from texclass.loaders import load_recording
 from texclass.recording import RecordingError
 
@@ -296,8 +297,8 @@ def options_in(message):
     words.whitespace_split = True
     value = words.get_token()
     if match[1] in ("column", "delimiter"):
-        read = columns_read(**{"column": None, "delimiter": None} | {match[1]: value})
-        return {name: one for name, one in read.items() if one is not None}
+        unset = dict.fromkeys(inspect.signature(reader_settings).parameters)
+        return {match[1]: reader_settings(**unset | {match[1]: value})[match[1]]}
     return {match[1].replace("-", "_"): int(value) if value.isdecimal() else value}
 
 
@@ -439,7 +440,7 @@ def test_numbers_that_are_names_of_other_columns_are_reported(tmp_path, header, 
     samples = np.random.default_rng(0).normal(size=(500, 3)).round(4)
     path = tmp_path / "x.csv"
     np.savetxt(path, samples, delimiter=",", header=header, comments="")
-    recording = load(path, **columns_read(column, None))
+    recording = load(path, column=column.split(","))
     places = [header.split(",").index(name) for name in chosen]
     np.testing.assert_allclose(recording.acceleration, samples[:, places])
     reported = [flag for flag in recording.flags if flag.startswith("columns: ")]

@@ -243,7 +243,7 @@ def test_the_command_explores_and_the_stream_takes_the_folder(command, folder, t
     assert err == f"listening to {asked[2]}\n"
     assert code == 0
     assert "1 gesture; next: " in out
-    code, out, _ = command(*asked, "--confidence", 0.999, "--jsonl", "--seconds", "slow stroke=0.01")
+    code, out, _ = command(*asked, "--confidence", 0.999, "--jsonl", "--gesture-time", "slow stroke=0.01")
     final = json.loads(out.splitlines()[-1])
     assert final["advice"]["text"].startswith("slow stroke: ")
 
@@ -252,9 +252,8 @@ def test_the_command_explores_and_the_stream_takes_the_folder(command, folder, t
     ("arguments", "message"),
     [
         (("--surface", "tin"), "to be simulated; the rule is one of stone-01"),
-        (("--seconds", "tap"), "--seconds is 'tap'; the rule is GESTURE=SECONDS"),
-        (("--seconds", "tip=1"), "seconds of 'tip'; the rule is one of"),
-        (("--seconds", "tap=-1"), "costs -1.0 s; the rule is above 0"),
+        (("--gesture-time", "tip=1"), "seconds of 'tip'; the rule is one of"),
+        (("--gesture-time", "tap=-1"), "costs -1.0 s; the rule is above 0"),
         (("--confidence", "1"), "confidence 1.0; the rule is"),
     ],
 )

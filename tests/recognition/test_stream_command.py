@@ -52,7 +52,7 @@ def run(command, monkeypatch, model_file, samples):
 
 
 def test_json_lines_hold_events_answers_and_the_final_answer(run):
-    code, out, err = run(*LIVE, "--touch", 0.5, "--jsonl")
+    code, out, err = run(*LIVE, "--window", 0.5, "--jsonl")
     lines = [json.loads(line) for line in out.splitlines()]
     assert (code, err) == (0, "")
     assert [one["kind"] for one in lines if one["type"] == "event"] == ["contact"]
@@ -99,7 +99,7 @@ def test_answers_need_no_library_that_trains(model_file, tmp_path, samples):
 def test_the_result_of_a_stream_is_what_was_said_last_of_each_contact(run, tmp_path, samples):
     x = np.concatenate([samples, samples])
     np.savetxt(tmp_path / "oak.txt", x)
-    asked = (tmp_path / "oak.txt", "--fs", FS, "--touch", 0.5, "--json", tmp_path / "felt.json")
+    asked = (tmp_path / "oak.txt", "--fs", FS, "--window", 0.5, "--json", tmp_path / "felt.json")
     assert run(*asked)[0] == 0
     contacts = json.loads((tmp_path / "felt.json").read_text())["contacts"]
     assert [contact["surface"] for contact in contacts] == ["oak", "oak"]
@@ -117,7 +117,7 @@ def test_lines_say_contact_and_surface(run):
 
 def test_another_rate_is_resampled_when_asked(run):
     up = np.repeat(felt(SURFACES["oak"], 3, 6000), 2)  # twice the rate
-    options = ("--fs", 2 * FS, "--unit", "m/s^2", "--touch", 0.5, "--in-contact")
+    options = ("--fs", 2 * FS, "--unit", "m/s^2", "--window", 0.5, "--in-contact")
     code, out, err = run(*options, "--resample", x=up)
     assert code == 0
     assert "resampled" in err
@@ -139,7 +139,6 @@ def test_nothing_felt_ends_with_its_own_exit_code(run):
     [
         ((), "1\n", "fs is missing"),
         (LIVE, "abc\n", "line 1 is 'abc'"),
-        ((*LIVE, "--evidence", "mean"), "1\n2\n", "majority"),
         (("nothing.wav", "--fs", "4000"), "", "nothing.wav"),
         ((*LIVE, "--hop", "-1"), "1\n", "hop_s"),
     ],
@@ -164,7 +163,7 @@ def test_control_c_ends_with_the_answer_so_far(run, monkeypatch, tmp_path, sampl
 
     monkeypatch.setattr(sources, "_played", interrupted)
     np.savetxt(tmp_path / "oak.txt", samples)
-    code, out, err = run(tmp_path / "oak.txt", "--fs", FS, "--touch", 0.5)
+    code, out, err = run(tmp_path / "oak.txt", "--fs", FS, "--window", 0.5)
     assert (code, err) == (0, f"listening to {tmp_path / 'oak.txt'}\n")
     assert "final: oak" in out
 
@@ -182,7 +181,7 @@ def test_a_signal_ends_with_the_answer_so_far_and_is_given_back(run, monkeypatch
             yield block
 
     monkeypatch.setattr(sources, "_text", ended)
-    code, out, _ = run(*LIVE, "--touch", 0.5, "--jsonl")
+    code, out, _ = run(*LIVE, "--window", 0.5, "--jsonl")
     lines = [json.loads(line) for line in out.splitlines()]
     assert (code, lines[-1]["type"], lines[-1]["surface"]) == (0, "final", "oak")
     assert lines[-1]["stop_s"] < 2.3
@@ -201,7 +200,7 @@ def test_an_ignored_sighup_stays_ignored(run, monkeypatch):
     monkeypatch.setattr(sources, "_text", hung_up)
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        code, out, _ = run(*LIVE, "--touch", 0.5, "--jsonl")
+        code, out, _ = run(*LIVE, "--window", 0.5, "--jsonl")
     finally:
         signal.signal(signal.SIGHUP, before)
     last = json.loads(out.splitlines()[-1])
@@ -220,7 +219,7 @@ def test_json_tells_that_it_listens_that_it_lives_and_how_old_answers_are(run, m
             yield replace(block, age_s=0.25)
 
     monkeypatch.setattr(sources, "_text", stuck)
-    _, out, _ = run(*LIVE, "--touch", 0.5, "--jsonl", "--heartbeat", 0.05)
+    _, out, _ = run(*LIVE, "--window", 0.5, "--jsonl", "--heartbeat", 0.05)
     lines = [json.loads(line) for line in out.splitlines()]
     assert lines[0] == {"type": "listening", "source": "-"}
     beats = [one for one in lines if one["type"] == "heartbeat"]
@@ -246,7 +245,7 @@ def test_answers_are_published_where_the_command_says(run, monkeypatch):
 
     monkeypatch.setattr(robot, "AnswerPublisher", Publisher, raising=False)
     options = ("--publish", "/surface", "--diagnostics", "/diagnostics", "--domain", 7)
-    _, out, _ = run(*LIVE, "--touch", 0.5, "--jsonl", *options)
+    _, out, _ = run(*LIVE, "--window", 0.5, "--jsonl", *options)
     answers = [one for line in out.splitlines() if (one := json.loads(line))["type"] == "answer"]
     *told, last = published
     assert last == "closed"

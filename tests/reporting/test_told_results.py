@@ -225,7 +225,7 @@ def test_gains_claim_no_more_than_was_found():
     gains["groups"][0]["paired"] |= {"least": 0.07, "clusters": "recording", "n_clusters": 40}
     assert verdict(gains) == (
         "No difference seen with taps (corrected p below 0.05); with 40 recordings less than 7 points could "
-        "not be seen in 8 of 10 trials; try more recordings, or `--touch 1`."
+        "not be seen in 8 of 10 trials; try more recordings, or `--window 1`."
     )
     gains["groups"][0]["paired"] |= {"clusters": "operator", "n_clusters": 5}
     assert "5 operators cannot reach 5% by their signs alone (6.2%); try more operators" in verdict(gains)

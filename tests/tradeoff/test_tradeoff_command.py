@@ -57,7 +57,7 @@ def test_without_limits_the_knee_is_saved_for_use(tradeoff, plates):
 
 def test_every_limit_is_kept_and_named_in_what_is_written(tradeoff, plates):
     code, out, err = tradeoff(
-        "--max-ms", 1000, "--max-seconds", 0.25, "--max-features", 2, "--materials", "cork, oak",
+        "--max-ms", 1000, "--max-seconds", 0.25, "--max-features", 2, "--surfaces", "cork, oak",
         "--protocol", "recording", "--backend", "local", "--output", "here", "--json", "there/x.json",
     )  # fmt: skip
     assert (code, err) == (0, "")
@@ -84,10 +84,9 @@ def test_every_limit_is_kept_and_named_in_what_is_written(tradeoff, plates):
         (("--max-features", 0), "max_features is 0; the rule is above 0"),
         (("--max-seconds", -1), "seconds is -1.0; the rule is above 0"),
         (("--max-seconds", 9), "no recording can be used"),
-        (("--materials", "cork,silk"), "no material 'silk'; its materials are cork, felt, oak"),
-        (("--materials", "cork"), "the rule is at least two to tell apart"),
+        (("--surfaces", "cork,silk"), "no material 'silk'; its materials are cork, felt, oak"),
+        (("--surfaces", "cork"), "the rule is at least two to tell apart"),
         (("--protocol", "operator"), "operator"),
-        (("--scheduler", "tcp://nowhere:8786"), "the rule is 'local' without"),
         (("--features", "none.toml"), "none.toml"),
     ],
 )

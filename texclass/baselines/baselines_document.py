@@ -141,7 +141,7 @@ def _in_view(data: Data) -> str:
     if data.get("n_pairs") == 1:
         return baseline
     return (
-        f"Ours here is the highest{pairs}, chosen with the tests in view, so optimistic (`--choose` says "
+        f"Ours here is the highest{pairs}, chosen with the tests in view, so optimistic (`--nested-cv` says "
         f"what the choice is worth). {baseline}"
     )
 

@@ -1,18 +1,15 @@
-"""The command line: parse, call one function, print.
+"""The command line: parse the options, call one function of the package, print its result.
 
+The signature of a command states its options; types that several commands share are in `parameters`.
 Commands of the areas and of other packages are modules named by entry points under `texclass.commands`.
-
-Nothing heavy is imported before a command needs it: recordings are opened first, so that a missing unit is
-said at once. The options of a command are the arguments of its function, told in its docstring (`app.told`);
-groups of them that several commands have, or that belong together, are functions of their own
-(`options.shared`).
+Scientific packages are imported inside the commands, so that help and wrong options are answered at once.
 """
 
 import typer
 
-# Importing a module of commands registers them.
+# Importing a module registers its commands: the help page lists them in this order.
 from texclass import shipped
-from texclass.cli import evaluation_commands, listing_commands, model_commands, stream_command
+from texclass.cli import dataset_commands, evaluation_commands, model_commands, stream_command
 from texclass.cli.app import app, main
 
 for _name in shipped.added("commands"):

@@ -1,180 +1,91 @@
-"""What a researcher asks for: benchmark, extract, tradeoff, stability, report."""
+"""Commands to evaluate features and pipelines: features, extract, benchmark, tradeoff, stability, report."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+from typer import Argument, Option
 
 from texclass.atomic_write import path_ending
-from texclass.cli import options
-from texclass.cli.app import command
-from texclass.cli.options import progress_bar, tell_and_save, wrote
+from texclass.cli import parameters as p
+from texclass.cli.app import app
+from texclass.cli.output import print_and_save, print_lines, progress_bar
 
 if TYPE_CHECKING:
     from texclass.baselines import BaselineSettings
 
 
-@options.shared("baselines")
-def compares_baselines(
-    *,
-    baselines: bool = False,
-    baselines_python: Path | None = None,
-    baselines_only: str | None = None,
-    baselines_limit: int | None = None,
-    baselines_seconds: float = 900.0,
-    baselines_signals: str = "same",
-) -> "tuple[BaselineSettings, int | None] | None":
-    """Give a command how baselines are compared, and on how many recordings at most; None where they are not.
-
-    Parameters
-    ----------
-    baselines
-        Run librosa MFCC, TSFEL, tsfresh, catch22, QUANT and the rockets on the same folds, too.
-    baselines_python
-        The interpreter that has the baselines and scikit-learn; this one by default (extra `baselines`).
-    baselines_only
-        Only these baselines, separated by commas: mfcc,minirocket.
-    baselines_limit
-        At most so many recordings: materials are left out whole, for ours as well.
-    baselines_seconds
-        Time limit for each baseline, in seconds; the folds it finished count.
-    baselines_signals
-        What baselines are given: the `same` signals as our features, or `each` channel by itself.
-    """
-    if not baselines:
-        return None
-    from texclass.baselines import BaselineSettings
-
-    given: dict[str, Any] = {"time_limit_s": baselines_seconds, "signals": baselines_signals}
-    if baselines_python is not None:
-        # Not resolved: the interpreter of a virtual environment is a link.
-        given["python"] = baselines_python.expanduser().absolute()
-    if baselines_only is not None:
-        given["names"] = tuple(name.strip() for name in baselines_only.split(","))
-    return BaselineSettings(**given), baselines_limit
-
-
-@command("texclass benchmark recordings --fs 10000 --unit m/s^2 --jobs 1")
-@compares_baselines
-@options.reads_files
-@options.holds_out
-def benchmark(
-    dataset: options.Recordings = "simulated",
-    pipeline: Annotated[str, typer.Option(autocompletion=options.shipped("pipelines"))] = "strese2015",
-    feature: str | None = None,
-    touch: float | None = None,
-    touches: int | None = None,
-    folds: Annotated[int | None, typer.Option(min=2)] = None,
-    choose: bool = False,
-    jobs: options.Jobs = -1,
-    backend: options.RunOn = "local",
-    scheduler: options.Scheduler = None,
-    labels: options.Labels = None,
-    skip_bad: options.SkipBad = False,
-    output: Annotated[Path, options.WRITES_FOLDER] = Path("reports"),
-    confusion: Annotated[Path | None, options.writes(".csv", "")] = None,
-    json_file: options.Json = None,
-    *,
-    protocol: str | None,
-    reading: dict[str, Any],
-    baselines: "tuple[BaselineSettings, int | None] | None",
+@app.command(rich_help_panel="Evaluation", epilog="Example: texclass features strese2015")
+def features(
+    name: Annotated[
+        str | None,
+        Argument(
+            help="Shipped feature set or feature set file (TOML); all features by default.",
+            autocompletion=p.shipped_names("feature_defs"),
+        ),
+    ] = None,
 ) -> None:
-    """Classify a dataset with every row of a pipeline's table. Published figures stand beside ours.
+    """List all features, or those of a set, with unit and reference."""
+    from texclass.cli.listings import features_document
+    from texclass.reporting import print_document
 
-    Parameters
-    ----------
-    pipeline
-        A shipped pipeline, or a TOML of yours.
-    feature
-        A feature of yours to put against the table: module:function or file.py:function.
-    touch
-        Classify single windows of so many seconds of movement, not recordings.
-    touches
-        At most so many windows of each recording, the first; all by default.
-    folds
-        Number of folds; the pipeline's own by default.
-    choose
-        Also choose row and classifier inside each training part, unseen by tests.
-    output : -o, --output
-        Folder for the table (Markdown), the pictures (PNG), the confusion matrix (CSV) and the JSON.
-    confusion
-        Another file for the confusion matrix of the best row (CSV).
-    """
-    from texclass.loaders import open_dataset
-
-    if confusion and feature:
-        raise ValueError("--confusion and --feature exclude each other: a feature study has no matrix")
-    if baselines and feature:
-        raise ValueError("--baselines and --feature are given; the rule is one of them at a time")
-    if touches is not None and touch is None:
-        raise ValueError(f"--touches is {touches}, but there is no --touch; the rule is both")
-    recordings = open_dataset(dataset, **reading, labels=labels, skip_bad=skip_bad)
-    from texclass.evaluation.workers import begin_loading
-
-    if backend == "local":
-        begin_loading(jobs)
-    from texclass.evaluation import BenchmarkResult, load_pipeline, run_benchmark, running_on, study_feature
-    from texclass.evaluation import touches as cut_touches
-    from texclass.features import load_feature
-
-    definition = load_pipeline(pipeline)
-    new = load_feature(feature) if feature else None
-    if baselines:
-        from texclass.baselines import compare_with_baselines, whole_materials
-
-        settings, most = baselines
-        recordings = recordings if most is None else whole_materials(recordings, most)
-    work: dict[str, Any] = {"n_folds": folds, "n_jobs": jobs, "skip_bad": skip_bad}
-    asked = {"protocol": protocol, "choose": choose, **work}
-    with running_on(backend, scheduler), progress_bar() as progress:
-        if touch is not None:
-            recordings = cut_touches(recordings, touch, per_recording=touches, n_jobs=jobs, progress=progress)
-        if new is None:
-            result = run_benchmark(recordings, definition, **asked, progress=progress)
-        else:
-            result = study_feature(recordings, definition, new, **asked, progress=progress)
-    tell_and_save(result, output, json_file)
-    if confusion is not None and isinstance(result, BenchmarkResult):
-        wrote([result.save_confusion(confusion)])
-    if baselines:
-        with progress_bar() as progress:
-            compared = compare_with_baselines(
-                recordings, definition, result, settings, **work, progress=progress
-            )
-        tell_and_save(compared, output)
+    print_document(features_document(name))
 
 
-@command("texclass extract recordings --fs 10000 --unit m/s^2 -o features.parquet")
-@options.reads_files
+@app.command(
+    rich_help_panel="Evaluation",
+    epilog="Example: texclass extract recordings --fs 10000 --unit m/s^2 -o features.parquet",
+)
 def extract(
-    dataset: options.Recordings,
-    output: Path,
-    features: options.FeatureSet = "texclass",
-    partition: int | None = None,
-    jobs: options.Jobs = -1,
-    backend: options.RunOn = "local",
-    scheduler: options.Scheduler = None,
-    labels: options.Labels = None,
-    skip_bad: options.SkipBad = False,
+    dataset: p.Dataset,
     *,
-    reading: dict[str, Any],
+    features: p.FeatureSet = "texclass",
+    fs: p.SamplingRate = None,
+    unit: p.Unit = None,
+    column: p.Column = None,
+    delimiter: p.Delimiter = None,
+    time_column: p.TimeColumn = None,
+    time_unit: p.TimeUnit = None,
+    skip_rows: p.SkipRows = None,
+    comment: p.Comment = None,
+    drop_incomplete: p.DropIncomplete = False,
+    resample: p.Resample = None,
+    labels: p.Labels = None,
+    skip_bad: p.SkipBad = False,
+    jobs: p.Jobs = -1,
+    backend: p.Backend = "local",
+    scheduler: p.Scheduler = None,
+    output: Annotated[
+        Path,
+        p.output_option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="Feature table to write (.parquet or .csv); with --partition a folder of Parquet files.",
+        ),
+    ],
+    partition: Annotated[
+        int | None,
+        p.output_option(
+            min=1,
+            metavar="N",
+            help="Write one file per N recordings, for tables that do not fit into memory.",
+        ),
+    ] = None,
 ) -> None:
-    """Compute a feature table. A run that was killed goes on where it stopped.
-
-    Parameters
-    ----------
-    output : -o, --output
-        Feature table to write (.parquet or .csv); with --partition a folder of Parquet files.
-    partition
-        Recordings of a file: each is computed and written by one worker, and no process holds them all.
-    """
+    """Compute a feature table. An interrupted run resumes where it stopped."""
+    p.check_scheduler(backend, scheduler)
     if partition is None:
         path_ending(output, ".parquet", ".csv")
     else:
-        options.check_folder(output)
+        p.check_folder(output)
     from texclass.loaders import open_dataset
 
-    recordings = open_dataset(dataset, **reading, labels=labels, skip_bad=skip_bad)
+    reader = p.reader_settings(
+        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
+    )
+    recordings = open_dataset(dataset, **reader, resample=resample, labels=labels, skip_bad=skip_bad)
     from texclass.evaluation import extract_partitions, extract_table, running_on
     from texclass.features import load_feature_set
     from texclass.reporting.wording import counted
@@ -184,101 +95,297 @@ def extract(
         work: dict[str, Any] = {"n_jobs": jobs, "skip_bad": skip_bad, "progress": progress}
         if partition is not None:
             parts = extract_partitions(recordings, feature_set, output, partition, **work)
-            for name, _, left_out, doubts in parts.itertuples():
-                for said in (*(f"left out: {bad}" for bad in left_out), *(f"note: {one}" for one in doubts)):
-                    typer.echo(f"{name}: {said}")
-            counts = counted(int(parts["recordings"].sum()), "recording"), counted(len(parts), "file")
-            typer.echo(f"wrote {output}: {counts[0]} in {counts[1]}")
-            for note in recordings.notes:
-                typer.echo(f"note: {note}")
+            for name, _, left_out, notes in parts.itertuples():
+                print_lines(f"{name}: left out:", left_out)
+                print_lines(f"{name}: note:", notes)
+            n_recordings = int(parts["recordings"].sum())
+            typer.echo(
+                f"wrote {output}: {counted(n_recordings, 'recording')} in {counted(len(parts), 'file')}"
+            )
+            print_lines("note:", recordings.notes)
             return
         table = extract_table(recordings, feature_set, output, **work)
     typer.echo(
         f"wrote {output}: {counted(table.n_recordings, 'recording')}, {counted(table.n_columns, 'column')}"
     )
     typer.echo(table.summary)
-    for line in table.left_out:
-        typer.echo(f"left out: {line}")
-    for note in (*recordings.notes, *table.doubts):
-        typer.echo(f"note: {note}")
+    print_lines("left out:", table.left_out)
+    print_lines("note:", (*recordings.notes, *table.doubts))
 
 
-@command("texclass tradeoff recordings --fs 10000 --unit m/s^2 --max-ms 5")
-@options.reads_files
-@options.holds_out
-def tradeoff(
-    dataset: options.Recordings = "simulated",
-    features: options.FeatureSet = "texclass",
-    max_ms: options.MaxMs = None,
-    max_seconds: float | None = None,
-    max_features: options.MaxFeatures = None,
-    materials: str | None = None,
-    curves: bool = True,
-    jobs: options.Jobs = -1,
-    backend: options.RunOn = "local",
-    scheduler: options.Scheduler = None,
-    output: Annotated[Path, options.WRITES_FOLDER] = Path("reports"),
-    json_file: options.Json = None,
-    labels: options.Labels = None,
-    *,
-    protocol: str | None,
-    reading: dict[str, Any],
+@app.command(
+    rich_help_panel="Evaluation",
+    epilog="Example: texclass benchmark recordings --fs 10000 --unit m/s^2 --jobs 1",
+)
+def benchmark(
+    dataset: p.Dataset = "simulated",
+    pipeline: Annotated[
+        str,
+        Option(
+            metavar="NAME",
+            help="Shipped pipeline or pipeline file (TOML).",
+            autocompletion=p.shipped_names("pipelines"),
+        ),
+    ] = "strese2015",
+    feature: Annotated[
+        str | None,
+        Option(
+            metavar="FUNCTION", help="Own feature to add to the table: module:function or file.py:function."
+        ),
+    ] = None,
+    window: Annotated[
+        float | None, Option(metavar="S", help="Classify windows of this length instead of whole recordings.")
+    ] = None,
+    max_windows: Annotated[
+        int | None,
+        Option(min=1, metavar="N", help="Use the first N windows of each recording (default: all)."),
+    ] = None,
+    fs: p.SamplingRate = None,
+    unit: p.Unit = None,
+    column: p.Column = None,
+    delimiter: p.Delimiter = None,
+    time_column: p.TimeColumn = None,
+    time_unit: p.TimeUnit = None,
+    skip_rows: p.SkipRows = None,
+    comment: p.Comment = None,
+    drop_incomplete: p.DropIncomplete = False,
+    resample: p.Resample = None,
+    labels: p.Labels = None,
+    skip_bad: p.SkipBad = False,
+    protocol: p.Protocol = None,
+    shots: p.Shots = None,
+    train: p.TrainingSet = None,
+    test: p.TestSet = None,
+    leave_out: p.LeaveOut = None,
+    folds: Annotated[
+        int | None,
+        p.evaluation_option(min=2, metavar="N", help="Number of folds (default: that of the pipeline)."),
+    ] = None,
+    nested_cv: Annotated[
+        bool,
+        p.evaluation_option(
+            "--nested-cv",
+            help="Add nested cross-validation: select feature subset and classifier in each training set.",
+        ),
+    ] = False,
+    baselines: Annotated[
+        bool,
+        p.baseline_option(
+            "--baselines",
+            help="Compare with MFCC, TSFEL, tsfresh, catch22, QUANT and ROCKET on the same folds.",
+        ),
+    ] = False,
+    baseline: Annotated[
+        list[str] | None,
+        p.baseline_option(metavar="NAME", help="Only this baseline, e.g. mfcc (repeatable)."),
+    ] = None,
+    baselines_python: Annotated[
+        Path | None,
+        p.baseline_option(
+            metavar="FILE", help="Python interpreter with the baselines installed (default: this one)."
+        ),
+    ] = None,
+    baselines_limit: Annotated[
+        int | None,
+        p.baseline_option(
+            metavar="N", help="Use at most N recordings, of complete surfaces, for texclass too."
+        ),
+    ] = None,
+    baselines_timeout: Annotated[
+        float, p.baseline_option(metavar="S", help="Time limit per baseline; folds finished within it count.")
+    ] = 900.0,
+    baselines_signals: Annotated[
+        Literal["same", "each"],
+        p.baseline_option(
+            help="Input of the baselines: the same signals as texclass, or each channel separately."
+        ),
+    ] = "same",
+    jobs: p.Jobs = -1,
+    backend: p.Backend = "local",
+    scheduler: p.Scheduler = None,
+    output: p.OutputFolder = Path("reports"),
+    confusion: Annotated[
+        Path | None,
+        p.output_file(
+            "--confusion", suffixes=[".csv", ""], help="Also write the best row's confusion matrix (CSV)."
+        ),
+    ] = None,
+    json_file: p.JsonFile = None,
 ) -> None:
-    """Measure what accuracy costs on a dataset. The pipeline at the budget, or at the knee, is saved.
+    """Evaluate every feature subset and classifier of a pipeline on a dataset.
 
-    Parameters
-    ----------
-    max_seconds
-        Seconds of movement that are felt; whole recordings by default.
-    materials
-        Materials of a scene, separated by commas: the fewest columns for these.
-    curves
-        Also accuracy against touch, training, rate, bits and model order.
-    output : -o, --output
-        Folder for the report (Markdown, JSON, PNG) and the pipeline (skops).
+    Reports accuracy with a 95 % confidence interval, the chance level and, if any, published results.
     """
+    if confusion and feature:
+        raise typer.BadParameter(
+            "--confusion cannot be combined with --feature, which has no confusion matrix"
+        )
+    if baselines and feature:
+        raise typer.BadParameter("use only one of --baselines and --feature")
+    if baseline and not baselines:
+        raise typer.BadParameter("--baseline requires --baselines")
+    if max_windows is not None and window is None:
+        raise typer.BadParameter("--max-windows requires --window")
+    p.check_scheduler(backend, scheduler)
+    chosen_protocol = p.protocol_name(protocol, shots, train, test, leave_out)
+    from texclass.loaders import open_dataset
+
+    reader = p.reader_settings(
+        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
+    )
+    recordings = open_dataset(dataset, **reader, resample=resample, labels=labels, skip_bad=skip_bad)
+    from texclass.evaluation.workers import begin_loading
+
+    if backend == "local":
+        begin_loading(jobs)
+    from texclass.evaluation import (
+        BenchmarkResult,
+        load_pipeline,
+        run_benchmark,
+        running_on,
+        study_feature,
+        touches,
+    )
+    from texclass.features import load_feature
+
+    definition = load_pipeline(pipeline)
+    new_feature = load_feature(feature) if feature else None
+    if baselines:
+        from texclass.baselines import compare_with_baselines, whole_materials
+
+        settings = _baseline_settings(baseline, baselines_python, baselines_timeout, baselines_signals)
+        if baselines_limit is not None:
+            recordings = whole_materials(recordings, baselines_limit)
+    work: dict[str, Any] = {"n_folds": folds, "n_jobs": jobs, "skip_bad": skip_bad}
+    how = {"protocol": chosen_protocol, "choose": nested_cv, **work}
+    with running_on(backend, scheduler), progress_bar() as progress:
+        if window is not None:
+            recordings = touches(
+                recordings, window, per_recording=max_windows, n_jobs=jobs, progress=progress
+            )
+        if new_feature is None:
+            result = run_benchmark(recordings, definition, **how, progress=progress)
+        else:
+            result = study_feature(recordings, definition, new_feature, **how, progress=progress)
+    print_and_save(result, output, json_file)
+    if confusion is not None and isinstance(result, BenchmarkResult):
+        print_lines("wrote", [result.save_confusion(confusion)])
+    if baselines:
+        with progress_bar() as progress:
+            comparison = compare_with_baselines(
+                recordings, definition, result, settings, **work, progress=progress
+            )
+        print_and_save(comparison, output)
+
+
+def _baseline_settings(
+    names: list[str] | None, python: Path | None, timeout_s: float, signals: Literal["same", "each"]
+) -> "BaselineSettings":
+    from texclass.baselines import BaselineSettings
+
+    settings = BaselineSettings(time_limit_s=timeout_s, signals=signals)
+    if names:
+        settings = replace(settings, names=tuple(names))
+    if python is not None:
+        # Not resolved: the interpreter of a virtual environment is a link.
+        settings = replace(settings, python=python.expanduser().absolute())
+    return settings
+
+
+@app.command(
+    rich_help_panel="Evaluation",
+    epilog="Example: texclass tradeoff recordings --fs 10000 --unit m/s^2 --max-ms 5",
+)
+def tradeoff(
+    dataset: p.Dataset = "simulated",
+    features: p.FeatureSet = "texclass",
+    max_ms: p.MaxMs = None,
+    max_seconds: Annotated[
+        float | None, Option(metavar="S", help="Budget of movement to record (default: whole recordings).")
+    ] = None,
+    max_features: p.MaxFeatures = None,
+    surfaces: Annotated[
+        str | None,
+        Option(metavar="NAMES", help="Surfaces of a scene, e.g. oak,felt: the fewest features for these."),
+    ] = None,
+    curves: Annotated[
+        bool,
+        Option(help="Also measure accuracy over window, training set, sampling rate, bits and model order."),
+    ] = True,
+    fs: p.SamplingRate = None,
+    unit: p.Unit = None,
+    column: p.Column = None,
+    delimiter: p.Delimiter = None,
+    time_column: p.TimeColumn = None,
+    time_unit: p.TimeUnit = None,
+    skip_rows: p.SkipRows = None,
+    comment: p.Comment = None,
+    drop_incomplete: p.DropIncomplete = False,
+    resample: p.Resample = None,
+    labels: p.Labels = None,
+    protocol: p.Protocol = None,
+    shots: p.Shots = None,
+    train: p.TrainingSet = None,
+    test: p.TestSet = None,
+    leave_out: p.LeaveOut = None,
+    jobs: p.Jobs = -1,
+    backend: p.Backend = "local",
+    scheduler: p.Scheduler = None,
+    output: Annotated[
+        Path,
+        p.output_folder(
+            "--output",
+            "-o",
+            help="Folder for report (Markdown), JSON, figures (PNG) and recogniser (.skops).",
+        ),
+    ] = Path("reports"),
+    json_file: p.JsonFile = None,
+) -> None:
+    """Measure accuracy against cost, and save a recogniser.
+
+    It is the best within the budgets, or without budgets the one at the knee point of the Pareto front.
+    """
+    p.check_scheduler(backend, scheduler)
+    chosen_protocol = p.protocol_name(protocol, shots, train, test, leave_out)
     from texclass.evaluation import running_on
     from texclass.features import load_feature_set
     from texclass.loaders import open_dataset
     from texclass.tradeoff import Limits, trade_off
     from texclass.tradeoff.trading import tradeoff_stem
 
-    recordings = open_dataset(dataset, **reading, labels=labels, skip_bad=True)
-    scene = tuple(name.strip() for name in (materials or "").split(",") if name.strip())
+    reader = p.reader_settings(
+        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
+    )
+    recordings = open_dataset(dataset, **reader, resample=resample, labels=labels, skip_bad=True)
+    scene = tuple(name.strip() for name in (surfaces or "").split(",") if name.strip())
     stem = tradeoff_stem({"name": recordings.name, "materials": scene, "max_seconds": max_seconds})
     with running_on(backend, scheduler), progress_bar() as progress:
         result = trade_off(
             recordings,
             load_feature_set(features),
             Limits(max_ms, max_seconds, max_features, scene),
-            protocol=protocol or "recording",
+            protocol=chosen_protocol or "recording",
             with_curves=curves,
             model_file=output / f"{stem}.skops",
             n_jobs=jobs,
             progress=progress,
         )
-    tell_and_save(result, output, json_file, Path(result.data["chosen"]["file"]))
+    print_and_save(result, output, json_file, written=[Path(result.data["chosen"]["file"])])
 
 
-@command("texclass stability --quick")
+@app.command(rich_help_panel="Evaluation", epilog="Example: texclass stability --quick")
 def stability(
-    quick: bool = False,
-    only: Literal["models", "filters", "transforms", "features", "baselines"] | None = None,
-    output: Annotated[Path, options.WRITES_FOLDER] = Path("reports"),
-    json_file: options.Json = None,
+    quick: Annotated[bool, Option("--quick", help="Run a small part of the battery, half a minute.")] = False,
+    only: Annotated[
+        Literal["models", "filters", "transforms", "features", "baselines"] | None,
+        Option(metavar="GROUP", help="One group only: models, filters, transforms, features or baselines."),
+    ] = None,
+    output: p.OutputFolder = Path("reports"),
+    json_file: p.JsonFile = None,
 ) -> None:
-    """Try hard inputs on every model, filter and feature.
+    """Test every model, filter and feature on extreme inputs.
 
-    Public libraries that are installed here answer the same inputs. Exit code 1 if any of ours is wrong.
-
-    Parameters
-    ----------
-    quick
-        A small part of the battery, in half a minute.
-    only
-        One part alone.
-    output : -o, --output
-        Folder for stability.md, .json and pictures.
+    Installed public libraries get the same inputs. Exit code 1 if a result of texclass is wrong.
     """
     from texclass.baselines import extreme_inputs
     from texclass.stability import run_stability
@@ -288,7 +395,7 @@ def stability(
         result = run_stability(
             quick=quick, only=only, baselines=baselines, left_out=left_out, progress=progress
         )
-    tell_and_save(result, output, json_file)
+    print_and_save(result, output, json_file)
     for cell in result.data["ours_wrong"]:
         typer.echo(f"{cell['mark']}: {cell['subject']}, {cell['case']} ({cell['family']}): {cell['reason']}")
     typer.echo(f"texclass: {len(result.wrong)} of {len(result.ours)} cells wrong")
@@ -296,34 +403,36 @@ def stability(
         raise typer.Exit(1)
 
 
-@command("texclass report reports/*.json -o report.html")
+@app.command(rich_help_panel="Evaluation", epilog="Example: texclass report reports/*.json -o report.html")
 def report(
-    results: list[Path],
-    output: Annotated[Path, options.writes(".html", ".htm", ".md")] = Path("report.html"),
-    title: str = "",
-    stale: bool = False,
+    results: Annotated[
+        list[Path], Argument(help="JSON files of benchmark, tradeoff, stability or the invariance study.")
+    ],
+    title: Annotated[
+        str, Option(metavar="TEXT", help="Title of the page (default: the names of the datasets).")
+    ] = "",
+    stale: Annotated[
+        bool,
+        Option(
+            "--stale",
+            help="List results whose code, pipeline or features have changed instead of writing a page.",
+        ),
+    ] = False,
+    output: Annotated[
+        Path,
+        p.output_file(
+            "--output", "-o", suffixes=[".html", ".htm", ".md"], help="Page to write (.html or .md)."
+        ),
+    ] = Path("report.html"),
 ) -> None:
-    """Write results as one page that needs no network. It holds tables, figures, datasets and versions.
-
-    Parameters
-    ----------
-    results
-        JSON files that benchmark, tradeoff, stability or the study of invariance wrote.
-    output : -o, --output
-        Page to write: HTML (.html) or Markdown (.md).
-    title
-        Its title; the datasets' names by default.
-    stale
-        List results whose code, pipeline or features have changed, and skipped files; write no page.
-    """
+    """Write results as one self-contained page with tables, figures, datasets and versions."""
     from texclass.cli.result_files import stale_results, write_page
 
     if stale:
-        found, skipped = stale_results(results)
-        for path, why in found.items():
-            typer.echo(f"{path}: {why}")
-        for path, why in skipped.items():
-            typer.echo(f"skipped {path}: {why}")
-        typer.echo(f"{len(found)} of {len(results) - len(skipped)} results are to be made again")
+        reasons, skipped = stale_results(results)
+        for path, reason in reasons.items():
+            typer.echo(f"{path}: {reason}")
+        print_lines("skipped", (f"{path}: {reason}" for path, reason in skipped.items()))
+        typer.echo(f"{len(reasons)} of {len(results) - len(skipped)} results are out of date")
         return
     typer.echo(f"wrote {write_page(results, output, title)}")

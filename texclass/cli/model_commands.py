@@ -1,67 +1,102 @@
-"""Models: train, predict, adapt, model."""
+"""Commands on models: train, model, predict, adapt."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
-from texclass.cli import options
-from texclass.cli.app import command, shown
-from texclass.cli.options import progress_bar, shipped, tell, write_json
+from texclass.cli import parameters as p
+from texclass.cli.app import app, escape_control_characters
+from texclass.cli.output import print_lines, progress_bar, write_json
+
+NewModelFile = Annotated[
+    Path, p.output_file("--output", "-o", suffixes=[".skops"], help="Model file to write (.skops).")
+]
 
 
-@command("texclass train recordings --fs 10000 --unit m/s^2 -o surfaces.skops")
-@options.reads_files
-@options.holds_out
+@app.command(
+    rich_help_panel="Models",
+    epilog="Example: texclass train recordings --fs 10000 --unit m/s^2 -o surfaces.skops",
+)
 def train(
-    dataset: options.Recordings,
-    output: Annotated[Path, options.writes(".skops")],
-    pipeline: Annotated[str | None, typer.Option(autocompletion=shipped("pipelines"))] = None,
-    row: str | None = None,
-    classifier: str | None = None,
-    max_ms: options.MaxMs = None,
-    max_features: options.MaxFeatures = None,
-    max_kb: float | None = None,
-    touch: float | None = None,
-    false_alarms: float = 0.05,
-    exportable: bool = False,
-    jobs: options.Jobs = -1,
-    labels: options.Labels = None,
-    skip_bad: options.SkipBad = False,
+    dataset: p.Dataset,
     *,
-    protocol: str | None,
-    reading: dict[str, Any],
+    pipeline: Annotated[
+        str | None,
+        Option(
+            metavar="NAME",
+            help="Shipped pipeline or pipeline file (TOML). Default: surfaces; coarse for an inertial unit; "
+            "texclass with a row, classifier or budget.",
+            autocompletion=p.shipped_names("pipelines"),
+        ),
+    ] = None,
+    row: Annotated[
+        str | None,
+        Option(metavar="NAME", help="Feature subset, by its row of the pipeline (default: the best)."),
+    ] = None,
+    classifier: Annotated[
+        str | None, Option(metavar="NAME", help="Classifier of the pipeline (default: the best).")
+    ] = None,
+    max_ms: p.MaxMs = None,
+    max_features: p.MaxFeatures = None,
+    max_kb: Annotated[
+        float | None,
+        Option(metavar="KB", help="Budget of an exported kernel: fewer training samples, in fewer bits."),
+    ] = None,
+    window: Annotated[
+        float | None, Option(metavar="S", help="Train on windows of this length instead of whole recordings.")
+    ] = None,
+    false_alarms: Annotated[
+        float, Option(metavar="P", help="Share of known surfaces that may be called unknown.")
+    ] = 0.05,
+    exportable: Annotated[
+        bool, Option("--exportable", help="Use only features that `texclass export --from samples` supports.")
+    ] = False,
+    fs: p.SamplingRate = None,
+    unit: p.Unit = None,
+    column: p.Column = None,
+    delimiter: p.Delimiter = None,
+    time_column: p.TimeColumn = None,
+    time_unit: p.TimeUnit = None,
+    skip_rows: p.SkipRows = None,
+    comment: p.Comment = None,
+    drop_incomplete: p.DropIncomplete = False,
+    resample: p.Resample = None,
+    labels: p.Labels = None,
+    skip_bad: p.SkipBad = False,
+    protocol: Annotated[
+        p.ProtocolName | None,
+        p.evaluation_option(
+            metavar="NAME",
+            help="Evaluation protocol, see `texclass benchmark --help`. Default: blocks for 20 or more "
+            "numbered repetitions per surface, since sensors drift; else that of the pipeline.",
+        ),
+    ] = None,
+    shots: p.Shots = None,
+    train: p.TrainingSet = None,
+    test: p.TestSet = None,
+    leave_out: p.LeaveOut = None,
+    jobs: p.Jobs = -1,
+    output: NewModelFile,
 ) -> None:
-    """Train a model on all recordings. What is chosen is chosen by cross-validation.
+    """Train a model on all recordings of a dataset.
 
-    Parameters
-    ----------
-    output : -o, --output
-        Model file to write (.skops).
-    pipeline
-        A shipped pipeline, or a TOML of yours; by default surfaces, for an inertial unit coarse, with a
-        row, a classifier or a budget texclass.
-    row
-        Row of the pipeline; the best by cross-validation by default.
-    classifier
-        Classifier of the pipeline; the best by default.
-    max_kb
-        Kilobytes of an exported kernel: fewer training samples, in fewer bits.
-    touch
-        Seconds of movement of one answer; whole recordings by default.
-    false_alarms
-        Share of known surfaces that may be called unknown.
-    exportable
-        Only features that `export --from samples` can write.
+    Feature subset and classifier are selected by cross-validation, unless they are given.
     """
+    chosen_protocol = p.protocol_name(protocol, shots, train, test, leave_out)
     from texclass.loaders import open_dataset
 
-    recordings = open_dataset(dataset, **reading, labels=labels, skip_bad=skip_bad)
-    from texclass.recognition import train as train_model
+    reader = p.reader_settings(
+        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
+    )
+    recordings = open_dataset(dataset, **reader, resample=resample, labels=labels, skip_bad=skip_bad)
+    from texclass import recognition
     from texclass.recognition.model_document import model_document
+    from texclass.reporting import print_document
 
     with progress_bar() as progress:
-        model = train_model(
+        model = recognition.train(
             recordings,
             pipeline,
             row=row,
@@ -69,134 +104,150 @@ def train(
             max_ms=max_ms,
             max_features=max_features,
             max_kb=max_kb,
-            touch_s=touch,
+            touch_s=window,
             exportable=exportable,
-            protocol=protocol,
+            protocol=chosen_protocol,
             false_alarms=false_alarms,
             n_jobs=jobs,
             skip_bad=skip_bad,
             progress=progress,
         )
     model.save(output)
-    left_out = (f"left out: {line}" for line in model.left_out)
-    tell(model_document(model), (*left_out, *(f"note: {note}" for note in recordings.notes)))
+    print_document(model_document(model))
+    print_lines("left out:", model.left_out)
+    print_lines("note:", recordings.notes)
     typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")
 
 
-@command("texclass predict surfaces.skops felt.txt")
-@options.reads_files
-def predict(
-    model: Path,
-    files: list[str],
-    as_lines: options.JsonLines = False,
-    json_file: options.Json = None,
-    confusion: Annotated[Path | None, options.writes(".csv", "")] = None,
-    labels: options.Labels = None,
-    skip_bad: bool = False,
-    *,
-    reading: dict[str, Any],
-) -> None:
-    """Predict the surface of each recording. Bad files are named, the others answered.
-
-    Parameters
-    ----------
-    model
-        A model file that `texclass train` wrote.
-    files
-        Recordings: files, folders, cards, or DATASET:RECORDING. Of a folder with one subfolder per surface,
-        and of a card, accuracy and confusion matrix are reported.
-    confusion
-        File for the confusion matrix (CSV).
-    skip_bad
-        Exit with 0 although some files were bad; they are named.
-    """
-    import json
-
-    from texclass.recognition import load_model
-    from texclass.recognition import predict as predict_files
-    from texclass.recognition.model_document import answers_document
-
-    trained, found, facts = load_model(model), [], []
-    with progress_bar() as progress:
-        for prediction in predict_files(trained, files, labels=labels, **reading):
-            found.append(prediction)
-            if prediction.answer is None:
-                typer.echo(f"error: {shown(str(prediction.problem))}", err=True)
-            told = {"error": prediction.problem} if prediction.answer is None else prediction.answer.to_dict()
-            true = {} if prediction.surface is None else {"true_surface": prediction.surface}
-            facts.append({"file": prediction.name, **true, **told})
-            if as_lines:
-                typer.echo(json.dumps(facts[-1]))
-            progress(len(found), max(len(found), len(files)), "recordings")
-    write_json(json_file, json.dumps(facts, indent=1))
-    answered = [(p.name, p.answer) for p in found if p.answer is not None]
-    if answered and not as_lines:
-        tell(answers_document(answered))
-    if confusion is not None or (not as_lines and any(p.surface for p in found if p.answer is not None)):
-        from texclass.recognition.evaluation import PredictionSummary
-
-        summary = PredictionSummary.of(found, trained.materials)
-        if not as_lines:
-            tell(summary.document())
-        if confusion is not None:
-            typer.echo(f"wrote {summary.save_confusion(confusion)}", err=as_lines)
-    if len(answered) < len(found) and not skip_bad:
-        raise typer.Exit(1)
-
-
-@command("texclass adapt surfaces.skops oak=new/1.txt slate=new/2.txt foam=new/3.txt -o new.skops")
-@options.reads_files
-def adapt(
-    model: Path,
-    references: list[str],
-    output: Annotated[Path, options.writes(".skops")],
-    unlabelled: bool = False,
-    labels: options.Labels = None,
-    *,
-    reading: dict[str, Any],
-) -> None:
-    """Let a model follow another sensor. From a few references felt with it, without training again.
-
-    Parameters
-    ----------
-    model
-        A model file that `texclass train` wrote.
-    references
-        Recordings felt with the other sensor: SURFACE=FILE, files of unknown surfaces, DATASET:RECORDING,
-        cards, or folders with one subfolder per surface.
-    output : -o, --output
-        Model file to write (.skops).
-    unlabelled
-        Do not believe which surfaces they are of.
-    """
-    from texclass.recognition import load_model
-    from texclass.recognition.adaptation import adapt as adapt_model
-    from texclass.recognition.model_document import adapted_facts
-
-    trained = load_model(model)
-    felt = trained.manifest.input.references(references, labels=labels, **reading)
-    adapted = adapt_model(trained, felt, labelled=not unlabelled, resampled=reading["resample"] is not None)
-    adapted.save(output)
-    typer.echo(f"adapted to {adapted_facts(adapted.manifest)}")
-    typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")
-
-
-@command("texclass model surfaces.skops")
+@app.command(rich_help_panel="Models", epilog="Example: texclass model surfaces.skops")
 def model(
-    file: Path,
-    json_file: options.Json = None,
+    file: Annotated[Path, Argument(metavar="MODEL", help="Model file written by `texclass train`.")],
+    json_file: p.JsonFile = None,
 ) -> None:
-    """Show what is in a model. Surfaces, features, accuracy, calibration, cost and versions.
-
-    Parameters
-    ----------
-    file : MODEL
-        A model file that `texclass train` wrote.
-    """
+    """Show surfaces, features, accuracy, calibration, cost and versions of a model."""
     from texclass.recognition import load_model
     from texclass.recognition.model_document import model_document
+    from texclass.reporting import print_document
 
     loaded = load_model(file)
     write_json(json_file, loaded.manifest.to_json())
     if json_file != Path("-"):
-        tell(model_document(loaded))
+        print_document(model_document(loaded))
+
+
+@app.command(rich_help_panel="Models", epilog="Example: texclass predict surfaces.skops new.txt")
+def predict(
+    model: p.ModelFile,
+    files: Annotated[
+        list[str],
+        Argument(
+            help="Recordings: files, DATASET:RECORDING, dataset cards or folders. Accuracy and confusion "
+            "matrix are reported where the surfaces are known."
+        ),
+    ],
+    fs: p.SamplingRate = None,
+    unit: p.Unit = None,
+    column: p.Column = None,
+    delimiter: p.Delimiter = None,
+    time_column: p.TimeColumn = None,
+    time_unit: p.TimeUnit = None,
+    skip_rows: p.SkipRows = None,
+    comment: p.Comment = None,
+    drop_incomplete: p.DropIncomplete = False,
+    resample: p.Resample = None,
+    labels: p.Labels = None,
+    skip_bad: Annotated[
+        bool, p.data_option("--skip-bad", help="Exit with code 0 although files were unreadable.")
+    ] = False,
+    as_lines: p.JsonLines = False,
+    json_file: p.JsonFile = None,
+    confusion: Annotated[
+        Path | None,
+        p.output_file("--confusion", suffixes=[".csv", ""], help="Also write the confusion matrix (CSV)."),
+    ] = None,
+) -> None:
+    """Predict the surface of each recording; unreadable files are listed and skipped."""
+    import json
+
+    from texclass import recognition
+    from texclass.recognition.model_document import answers_document
+    from texclass.reporting import print_document
+
+    reader = p.reader_settings(
+        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
+    )
+    trained, predictions, facts = recognition.load_model(model), [], []
+    with progress_bar() as progress:
+        for prediction in recognition.predict(trained, files, labels=labels, **reader, resample=resample):
+            predictions.append(prediction)
+            if prediction.answer is None:
+                typer.echo(f"error: {escape_control_characters(str(prediction.problem))}", err=True)
+                answer = {"error": prediction.problem}
+            else:
+                answer = prediction.answer.to_dict()
+            true = {} if prediction.surface is None else {"true_surface": prediction.surface}
+            facts.append({"file": prediction.name, **true, **answer})
+            if as_lines:
+                typer.echo(json.dumps(facts[-1]))
+            progress(len(predictions), max(len(predictions), len(files)), "recordings")
+    write_json(json_file, json.dumps(facts, indent=1))
+    answers = [(one.name, one.answer) for one in predictions if one.answer is not None]
+    if answers and not as_lines:
+        print_document(answers_document(answers))
+    has_labels = any(one.surface for one in predictions if one.answer is not None)
+    if confusion is not None or (has_labels and not as_lines):
+        from texclass.recognition.evaluation import PredictionSummary
+
+        summary = PredictionSummary.of(predictions, trained.materials)
+        if not as_lines:
+            print_document(summary.document())
+        if confusion is not None:
+            typer.echo(f"wrote {summary.save_confusion(confusion)}", err=as_lines)
+    if len(answers) < len(predictions) and not skip_bad:
+        raise typer.Exit(1)
+
+
+@app.command(
+    rich_help_panel="Models",
+    epilog="Example: texclass adapt surfaces.skops oak=new/1.txt slate=new/2.txt foam=new/3.txt -o new.skops",
+)
+def adapt(
+    model: p.ModelFile,
+    references: Annotated[
+        list[str],
+        Argument(
+            help="Reference recordings with the other sensor: SURFACE=FILE, files of unknown surfaces, "
+            "DATASET:RECORDING, dataset cards, or folders with one subfolder per surface."
+        ),
+    ],
+    *,
+    unlabelled: Annotated[
+        bool, Option("--unlabelled", help="Ignore the surface labels of the reference recordings.")
+    ] = False,
+    fs: p.SamplingRate = None,
+    unit: p.Unit = None,
+    column: p.Column = None,
+    delimiter: p.Delimiter = None,
+    time_column: p.TimeColumn = None,
+    time_unit: p.TimeUnit = None,
+    skip_rows: p.SkipRows = None,
+    comment: p.Comment = None,
+    drop_incomplete: p.DropIncomplete = False,
+    resample: p.Resample = None,
+    labels: p.Labels = None,
+    output: NewModelFile,
+) -> None:
+    """Adapt a model to another sensor from a few reference recordings, without training it again."""
+    from texclass import recognition
+    from texclass.recognition import adaptation
+    from texclass.recognition.model_document import adapted_facts
+
+    reader = p.reader_settings(
+        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
+    )
+    trained = recognition.load_model(model)
+    recordings = trained.manifest.input.references(references, labels=labels, **reader, resample=resample)
+    adapted = adaptation.adapt(trained, recordings, labelled=not unlabelled, resampled=resample is not None)
+    adapted.save(output)
+    typer.echo(f"adapted to {adapted_facts(adapted.manifest)}")
+    typer.echo(f"wrote {output}, {output.stat().st_size / 1e6:.1f} MB")

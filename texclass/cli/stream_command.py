@@ -1,205 +1,211 @@
-"""texclass stream, a model and a live source in, surfaces out as they are felt; explore, its rehearsal."""
+"""Commands that classify a live stream, and that explore a surface in simulation: stream, explore."""
 
 import json
 import os
 import signal
 import sys
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
+from typer import Argument, Option
 
 from texclass import shipped
-from texclass.cli import options
-from texclass.cli.app import command
-from texclass.cli.options import progress_bar
+from texclass.cli import parameters as p
+from texclass.cli.app import app
+from texclass.cli.output import progress_bar, write_json
 
-NO_ANSWER = 3
-"""Exit code of a stream in which nothing was felt long enough for an answer."""
+contact_option = partial(Option, rich_help_panel="Contact")
 
 
-@options.shared("opening")
-def opens_source(
-    *,
-    fs: float | None = None,
-    unit: str | None = None,
-    resample: bool = False,
-    column: options.Column = None,
-    delimiter: options.Delimiter = None,
-    time_column: options.TimeColumn = None,
-    time_unit: options.TimeUnit = None,
-    skip_rows: options.SkipRows = None,
-    comment: options.Comment = None,
-    drop_incomplete: options.DropIncomplete = False,
-    channels: int | None = None,
-    paced: bool = False,
-    reliability: str | None = None,
-    depth: int | None = None,
-) -> dict[str, Any]:
-    """Give a command how a source is opened.
+@app.command(
+    rich_help_panel="Models", epilog="Example: texclass stream surfaces.skops new.txt --fs 10000 --unit m/s^2"
+)
+def stream(
+    model: Annotated[
+        Path,
+        Argument(
+            help="Model file written by `texclass train`, or a folder with one model per gesture (tap.skops, "
+            "slow_stroke.skops): the stream then also recommends the next gesture."
+        ),
+    ],
+    source: Annotated[
+        str,
+        Argument(
+            help="- (standard input, one sample per line), FILE, DATASET:RECORDING, bag:FILE?topic=/NAME or "
+            "ros2:/TOPIC. Columns: acceleration, then, if the model needs them, 3 of turn rate (rad/s) and 1 "
+            "of friction."
+        ),
+    ] = "-",
+    window: Annotated[
+        float | None, Option(metavar="S", help="Length of the windows (default: as in training).")
+    ] = None,
+    hop: Annotated[
+        float | None, Option(metavar="S", help="Time between two answers (default: half a window).")
+    ] = None,
+    evidence: Annotated[
+        Literal["sequential", "majority"],
+        Option(metavar="RULE", help="Rule that combines the windows of a contact: sequential or majority."),
+    ] = "sequential",
+    confidence: p.Confidence = 0.95,
+    stop_when_sure: Annotated[
+        bool, Option("--stop-when-sure", help="Skip the remaining windows of a contact once it is sure.")
+    ] = False,
+    gesture_time: p.GestureTime = None,
+    forget: Annotated[
+        float | None,
+        contact_option(
+            metavar="S",
+            help="Time after which evidence fades, for tools that slide on to other surfaces (default: "
+            "never; 4 windows with --always-in-contact).",
+        ),
+    ] = None,
+    in_contact: Annotated[
+        bool | None,
+        contact_option(
+            "--in-contact/--at-rest", help="State at the start of the stream (default: detected)."
+        ),
+    ] = None,
+    always_in_contact: Annotated[
+        bool,
+        contact_option("--always-in-contact", help="For wheels and legs: no lift-off, and evidence fades."),
+    ] = False,
+    fs: p.SamplingRate = None,
+    unit: Annotated[
+        str | None, p.data_option(metavar="UNIT", help="Unit of the acceleration (default: as in training).")
+    ] = None,
+    column: p.Column = None,
+    delimiter: p.Delimiter = None,
+    time_column: p.TimeColumn = None,
+    time_unit: p.TimeUnit = None,
+    skip_rows: p.SkipRows = None,
+    comment: p.Comment = None,
+    drop_incomplete: p.DropIncomplete = False,
+    resample: Annotated[
+        bool, p.data_option("--resample", help="Resample to the sampling rate of the model.")
+    ] = False,
+    channels: Annotated[
+        int | None,
+        p.data_option(
+            metavar="N", help="Standard input is little-endian float32 with N channels instead of text."
+        ),
+    ] = None,
+    real_time: Annotated[bool, p.data_option("--real-time", help="Play a file in real time.")] = False,
+    reliability: Annotated[
+        str | None,
+        p.data_option(
+            metavar="NAME", help="Of a ROS 2 topic: reliable or 'best effort' (default: as published)."
+        ),
+    ] = None,
+    depth: Annotated[
+        int | None,
+        p.data_option(metavar="N", help="Of a ROS 2 topic: queue length in messages (default: 20,000)."),
+    ] = None,
+    as_lines: p.JsonLines = False,
+    heartbeat: Annotated[
+        float,
+        p.output_option(metavar="S", help="With --jsonl: time between two heartbeat lines; 0 writes none."),
+    ] = 5.0,
+    json_file: p.JsonFile = None,
+    publish: Annotated[
+        str | None,
+        p.output_option(
+            metavar="TOPIC", help="Publish answers as JSON (std_msgs/String) on this ROS 2 topic."
+        ),
+    ] = None,
+    diagnostics: Annotated[
+        str | None,
+        p.output_option(metavar="TOPIC", help="Also publish diagnostic_msgs/DiagnosticArray on this topic."),
+    ] = None,
+    domain: Annotated[
+        int | None, p.output_option(metavar="N", help="DDS domain (default: $ROS_DOMAIN_ID, or 0).")
+    ] = None,
+) -> None:
+    """Classify the surface during contact.
 
-    Parameters
-    ----------
-    fs
-        Sampling rate of the source in Hz, where it does not state it.
-    unit
-        Of the source; that of the training files by default.
-    resample
-        Convert another rate to the model's, band-limited.
-    channels
-        Standard input is little-endian float32 of so many channels, not text.
-    paced
-        Play a file at its own speed.
-    reliability
-        Of ros2:/TOPIC: reliable or 'best effort'; what its publishers offer by default.
-    depth
-        Of ros2:/TOPIC: messages kept until they are taken; 20,000 by default.
+    Ctrl-C, SIGTERM or SIGHUP ends the stream with a final answer.
     """
-    read = options.columns_read(column, delimiter)
-    read |= {"time_column": time_column, "time_unit": time_unit, "skip_rows": skip_rows, "comment": comment}
-    read["drop_incomplete"] = drop_incomplete or None
-    of_topic = {"reliability": reliability, "depth": depth}
-    stated = {"fs": fs, "unit": unit, "resample": resample, "paced": paced, "raw_channels": channels}
-    return {**stated, **read, **of_topic}
+    if diagnostics and not publish:
+        raise typer.BadParameter("--diagnostics requires --publish")
+    seconds = p.numbers_by_name("--gesture-time", gesture_time)
+    from texclass.cli.stream_view import view_of
+    from texclass.recognition import (
+        AskingSession,
+        OnlineSettings,
+        Session,
+        is_live,
+        load_gestures,
+        load_model,
+        open_source,
+    )
 
-
-@options.shared("settings")
-def listens(
-    *,
-    touch: float | None = None,
-    hop: float | None = None,
-    evidence: str = "sequential",
-    confidence: float = 0.95,
-    stop_when_sure: bool = False,
-    forget: float | None = None,
-    in_contact: bool | None = None,
-    always_in_contact: bool = False,
-) -> Any:
-    """Give a command how a stream is listened to.
-
-    Parameters
-    ----------
-    touch
-        Seconds of movement of one answer; as trained by default.
-    hop
-        Seconds from answer to answer; half a touch by default.
-    evidence
-        How answers of one contact are put together: sequential or majority.
-    confidence
-        Probability from which on a verdict is sure.
-    stop_when_sure
-        Compute no more of a contact whose verdict is sure.
-    forget
-        Seconds after which evidence fades, for tools that slide on to other surfaces; 4 windows with
-        --always-in-contact, else never.
-    in_contact : --in-contact/--at-rest
-        The stream begins in a movement, or at rest; found out by default.
-    always_in_contact
-        Wheels and legs: no lift-off, and evidence fades (see --forget).
-    """
-    from texclass.recognition import OnlineSettings
-
-    kind: Any = evidence
-    return OnlineSettings(
-        window_s=touch,
+    reader = p.reader_settings(
+        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
+    )
+    settings = OnlineSettings(
+        window_s=window,
         hop_s=hop,
-        evidence=kind,
+        evidence=evidence,
         confidence=confidence,
         forget_s=forget or float("inf"),
         stop_when_sure=stop_when_sure,
         assume_contact=in_contact,
         always_in_contact=always_in_contact,
     )
-
-
-@command("texclass stream surfaces.skops felt.txt --fs 10000 --unit m/s^2")
-@listens
-@opens_source
-def stream(
-    model: Path,
-    source: Annotated[str, typer.Argument()] = "-",
-    as_lines: bool = False,
-    json_file: options.Json = None,
-    heartbeat: float = 5.0,
-    seconds: options.Seconds = None,
-    publish: str | None = None,
-    diagnostics: str | None = None,
-    domain: int | None = None,
-    *,
-    opening: dict[str, Any],
-    settings: Any,
-) -> None:
-    """Say which surface is felt while it is felt. Ctrl-C, SIGTERM or SIGHUP ends it with the final answer.
-
-    Parameters
-    ----------
-    model
-        A model file that `texclass train` wrote; or a folder of them, one for each gesture (tap.skops,
-        slow_stroke.skops): the stream then says which gesture would tell most.
-    source
-        - (standard input: text, a sample a line), FILE or DATASET:RECORDING, bag:FILE?topic=/NAME,
-        ros2:/TOPIC. Columns: axes of the acceleration, then, where the model needs them, 3 of the turn
-        rate (rad/s), 1 of the friction.
-    as_lines : --jsonl
-        Print one JSON object a line: answers, events, notices, the final answer.
-    heartbeat
-        With --jsonl, a line says every so many seconds that it listens; 0: never.
-    publish
-        Publish answers as JSON (std_msgs/String) on this ROS 2 topic.
-    diagnostics
-        With --publish: diagnostic_msgs/DiagnosticArray on this topic, too.
-    domain
-        DDS domain; $ROS_DOMAIN_ID or 0 by default.
-    """
-    from texclass.cli.stream_view import view_of
-    from texclass.recognition import AskingSession, Session, is_live, load_gestures, load_model, open_source
-
     if publish:
         answer_publisher = shipped.module_of("sources", "ros2").AnswerPublisher
     models = load_gestures(model) if model.is_dir() else {}
     trained = next(iter(models.values())) if models else load_model(model)
-    rate = trained.manifest.fs if opening.pop("resample") else None
+    topic: dict[str, Any] = {"reliability": reliability, "depth": depth}
     if source.startswith("ros2:") or not publish:  # else the domain is that of the answers alone
-        opening["domain"] = domain
-    blocks = open_source(source, rate=rate, model=trained, **opening)
-    publisher = answer_publisher(publish, diagnostics, domain=domain) if publish else None
-    listening: dict[str, Any] = {"raw": is_live(source), "settings": settings}
-    session = (
-        AskingSession(models, seconds=options.seconds_of(seconds), **listening)
-        if models
-        else Session(trained, **listening)
+        topic["domain"] = domain
+    blocks = open_source(
+        source,
+        rate=trained.manifest.fs if resample else None,
+        model=trained,
+        paced=real_time,
+        raw_channels=channels,
+        **reader,
+        **topic,
     )
-    shown = view_of(session, source, as_lines, heartbeat)
-    shown.contacts = None if json_file is None else {}
-    answered = _heard(shown, session, blocks, publisher)
-    if shown.contacts is not None:
-        found = {"source": source, "contacts": [*shown.contacts.values()]}
-        options.write_json(json_file, json.dumps(found, indent=1))
-    if not answered:
-        raise typer.Exit(NO_ANSWER)
+    publisher = answer_publisher(publish, diagnostics, domain=domain) if publish else None
+    session = (
+        AskingSession(models, seconds=seconds, raw=is_live(source), settings=settings)
+        if models
+        else Session(trained, raw=is_live(source), settings=settings)
+    )
+    view = view_of(session, source, as_lines, heartbeat)
+    view.contacts = None if json_file is None else {}
+    has_answer = _listen(view, session, blocks, publisher)
+    if view.contacts is not None:
+        contacts = {"source": source, "contacts": [*view.contacts.values()]}
+        write_json(json_file, json.dumps(contacts, indent=1))
+    if not has_answer:
+        raise typer.Exit(3)  # documented in the help of `texclass`
 
 
-def _heard(shown: Any, session: Any, blocks: Any, publisher: Any) -> bool:
-    """Tell what a session makes of blocks, till they end or somebody ends it; return whether it answered."""
-    from texclass.cli.stream_view import tell
+def _listen(view: Any, session: Any, blocks: Any, publisher: Any) -> bool:
+    """Show the answers to all blocks until they end or the user interrupts; return whether there was one."""
+    from texclass.cli.stream_view import show_and_publish
 
     ending = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    # nohup ignores SIGHUP, and that stays so
-    heeded = [number for number in ending if signal.getsignal(number) != signal.SIG_IGN]
-    before = {number: signal.signal(number, signal.default_int_handler) for number in heeded}
+    # nohup ignores SIGHUP, which must stay ignored
+    handled = [number for number in ending if signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, signal.default_int_handler) for number in handled}
     try:
-        with shown:
+        with view:
             try:
-                shown.listening()
+                view.listening()
                 for block in blocks:
-                    tell(shown, session.take(block), publisher)
+                    show_and_publish(view, session.take(block), publisher)
             except KeyboardInterrupt:
                 pass
             finally:
                 blocks.close()
-            tell(shown, session.finish(), publisher)
-        return bool(shown.end())
-    except BrokenPipeError:  # nobody reads any more, and nobody asks for more than was found till then
+            show_and_publish(view, session.finish(), publisher)
+        return bool(view.end())
+    except BrokenPipeError:  # the reader has closed the pipe: the answers so far are the result
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return True
     finally:
@@ -209,31 +215,32 @@ def _heard(shown: Any, session: Any, blocks: Any, publisher: Any) -> bool:
             publisher.close()
 
 
-@command("texclass explore --surface wood-03 -o gestures")
+@app.command(rich_help_panel="Models", epilog="Example: texclass explore --surface wood-03 -o gestures")
 def explore(
-    models: Annotated[Path | None, typer.Argument()] = None,
-    surface: list[str] | None = None,
-    confidence: float = 0.95,
-    seconds: options.Seconds = None,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
-    output: Annotated[Path | None, options.WRITES_FOLDER] = None,
-    as_lines: options.JsonLines = False,
+    models: Annotated[
+        Path | None,
+        Argument(
+            help="Folder of models that `texclass explore -o` wrote (default: train on simulated gestures)."
+        ),
+    ] = None,
+    surface: Annotated[
+        list[str] | None,
+        Option(metavar="NAME", help="Simulated surface to explore (repeatable; default: all six)."),
+    ] = None,
+    confidence: p.Confidence = 0.95,
+    gesture_time: p.GestureTime = None,
+    seed: p.Seed = 0,
+    output: Annotated[
+        Path | None,
+        p.output_folder("--output", "-o", help="Folder for the models, which `texclass stream` accepts."),
+    ] = None,
+    as_lines: p.JsonLines = False,
 ) -> None:
-    """Show how to explore: a simulated hand makes the gesture that would tell most, until it is sure.
+    """Rehearse active exploration with a simulated hand.
 
-    Parameters
-    ----------
-    models
-        Folder of models that `-o` wrote; by default they are trained on simulated gestures.
-    surface
-        What is explored, several times; each of the six by default.
-    confidence
-        Probability from which on a surface is sure.
-    seed
-        Of what the simulated hand does.
-    output : -o, --output
-        Folder to write the models to; `texclass stream` takes it.
+    It repeats the gesture with the highest expected information gain per second until the surface is sure.
     """
+    seconds = p.numbers_by_name("--gesture-time", gesture_time)
     from texclass.recognition import load_gestures
     from texclass.recognition.exploration import REHEARSED, rehearse, train_gestures
 
@@ -247,15 +254,25 @@ def explore(
         for name, model in trained.items():
             model.save(output / f"{name.replace(' ', '_')}.skops")
     for name in surface or [one.name for one in REHEARSED.surfaces]:
-        costs = options.seconds_of(seconds)
-        for step in rehearse(trained, name, seed=seed, seconds=costs, confidence=confidence):
-            advice = step["advice"]
+        for step in rehearse(trained, name, seed=seed, seconds=seconds, confidence=confidence):
             if as_lines:
-                facts = {key: step[key] for key in ("gesture", "seconds", "surface", "probability", "sure")}
-                facts |= {key: round(step[key], 6) for key in ("seconds", "probability")}
-                following = None if advice is None else advice.gesture
-                typer.echo(json.dumps({"felt": name, **facts, "next": following}))
+                typer.echo(json.dumps({"felt": name, **_step_facts(step)}))
             else:
-                told = f"{step['surface']}, {100 * step['probability']:.1f} %{', sure' * step['sure']}"
-                after = f"; next: {advice}" if advice is not None else ""
-                typer.echo(f"{name}: {step['seconds']:5.2f} s  {step['gesture']:<12} {told}{after}")
+                is_sure = ", sure" if step["sure"] else ""
+                advice = "" if step["advice"] is None else f"; next: {step['advice']}"
+                typer.echo(
+                    f"{name}: {step['seconds']:5.2f} s  {step['gesture']:<12} {step['surface']}, "
+                    f"{100 * step['probability']:.1f} %{is_sure}{advice}"
+                )
+
+
+def _step_facts(step: dict[str, Any]) -> dict[str, Any]:
+    """Return one step of a rehearsal as JSON."""
+    return {
+        "gesture": step["gesture"],
+        "seconds": round(step["seconds"], 6),
+        "surface": step["surface"],
+        "probability": round(step["probability"], 6),
+        "sure": step["sure"],
+        "next": None if step["advice"] is None else step["advice"].gesture,
+    }

@@ -268,14 +268,16 @@ class Publisher(Protocol):
         """Publish one answer."""
 
 
-def tell(shown: Lines, found: Iterable[Event | WindowAnswer | Notice], publisher: Publisher | None) -> None:
-    """Show what a block has told, and publish its answers where somebody wants them."""
-    found = tuple(found)
-    shown.show(found)
+def show_and_publish(
+    view: Lines, updates: Iterable[Event | WindowAnswer | Notice], publisher: Publisher | None
+) -> None:
+    """Show the events, answers and notices of a block, and publish its answers if there is a publisher."""
+    updates = tuple(updates)
+    view.show(updates)
     if publisher is not None:
-        for update in found:
+        for update in updates:
             if isinstance(update, WindowAnswer):
-                publisher.publish(shown.facts(update))
+                publisher.publish(view.facts(update))
 
 
 def _surfaces(heard: WindowAnswer) -> Table:

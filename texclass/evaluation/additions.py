@@ -237,7 +237,7 @@ def unseen(groups: list[Gains]) -> str:
     )
     if n <= 5:
         told += f", and {n} {what} cannot reach {LEVEL:.0%} by their signs alone ({2.0 ** (1 - n):.1%})"
-    ways = {"recording": "more recordings, or `--touch 1`", "run": "more runs, or `--protocol recording`"}
+    ways = {"recording": "more recordings, or `--window 1`", "run": "more runs, or `--protocol recording`"}
     return f"{told}; try {ways.get(paired['clusters'], f'more {what}, or `--protocol recording`')}"
 
 

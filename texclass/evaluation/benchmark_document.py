@@ -118,7 +118,7 @@ def _finding(data: Data, best: Pair) -> Finding:
     else:
         found, said = best.accuracy, f"{of}, by {row}"
         if n_pairs > 1:
-            said += f": {highest}, so optimistic (`--choose` says what the choice is worth)"
+            said += f": {highest}, so optimistic (`--nested-cv` says what the choice is worth)"
         brief = f"{row}; {brief}" if brief else f"{row}."
     if data.get("n_starts"):
         under += f" The worst fold: {percent(found['worst'])} %."

@@ -1,13 +1,15 @@
 """Commands that describe and render surfaces: describe, scene (plan, render, page), texture, convert."""
 
+import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
-from texclass.cli import options
-from texclass.cli.app import app, command
-from texclass.cli.options import progress_bar, shipped, tell, write_json, wrote
+from texclass.cli import parameters as p
+from texclass.cli.app import app
+from texclass.cli.output import print_lines, progress_bar, write_json
 
 if TYPE_CHECKING:
     from texclass.haptics.exchange import Rendition
@@ -16,116 +18,127 @@ if TYPE_CHECKING:
     from texclass.haptics.scene import PlannedScene
 
 TEXTURES, PATTERNS = (".texture", ".xml"), (".hjif", ".ahap")
-"""What holds a texture, and what holds it as played once."""
+"""Suffixes of files that hold a texture, and of those that hold its vibration at one speed and force."""
 
-scene = typer.Typer(
-    help="Plan the cheapest textures of a scene, and render it.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
-app.add_typer(scene, name="scene")
+scene = typer.Typer(no_args_is_help=True)
 
-SceneArgument = Annotated[
+PlannedSceneName = Annotated[
     str,
-    typer.Argument(metavar="SCENE", help="A scene's TOML, or the name of a shipped one: example, twenty."),
+    Argument(
+        metavar="SCENE",
+        help="Planned scene (.texture), or a scene to be planned first: TOML, example, twenty.",
+    ),
+]
+Physical = Annotated[
+    bool, Option("--physical", help="Write 32-bit float in the unit of the vibration, for devices, not ears.")
 ]
 
 
-@command("texclass describe recordings/oak/oak_01.txt --fs 10000 --unit m/s^2")
-@options.reads_files
+@app.command(
+    rich_help_panel="Recordings",
+    epilog="Example: texclass describe recordings/oak/oak_01.txt --fs 10000 --unit m/s^2",
+)
 def describe(
-    recordings: list[str],
-    references: Annotated[str, typer.Option(autocompletion=shipped("datasets"))] = "simulated",
-    jobs: options.Jobs = -1,
-    json_file: options.Json = None,
-    *,
-    reading: dict[str, Any],
+    recordings: Annotated[list[str], Argument(help="Recordings: files, or DATASET:RECORDING.")],
+    references: Annotated[
+        str,
+        Option(
+            metavar="DATASET",
+            help="Surfaces to compare with: shipped dataset, dataset card, or folder that needs no --fs.",
+            autocompletion=p.shipped_names("datasets"),
+        ),
+    ] = "simulated",
+    fs: p.SamplingRate = None,
+    unit: p.Unit = None,
+    column: p.Column = None,
+    delimiter: p.Delimiter = None,
+    time_column: p.TimeColumn = None,
+    time_unit: p.TimeUnit = None,
+    skip_rows: p.SkipRows = None,
+    comment: p.Comment = None,
+    drop_incomplete: p.DropIncomplete = False,
+    resample: p.Resample = None,
+    jobs: p.Jobs = -1,
+    json_file: p.JsonFile = None,
 ) -> None:
-    """Say how a surface feels. Hard, rough, bumpy, sticky, fine, regular, among reference surfaces.
-
-    Parameters
-    ----------
-    recordings
-        Recordings: files, or DATASET:RECORDING.
-    references
-        Surfaces to compare with: a shipped dataset card, a card, or a folder that needs no --fs.
-    """
+    """Rate surfaces on perceptual scales: hard, rough, bumpy, sticky, fine, regular."""
     from texclass.loaders import find_recording
 
-    found = [find_recording(name, **reading) for name in recordings]
-    from texclass.haptics import describe as describe_recordings
-    from texclass.haptics import felt_document
+    reader = p.reader_settings(
+        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
+    )
+    found = [find_recording(name, **reader, resample=resample) for name in recordings]
+    from texclass import haptics
+    from texclass.reporting import print_document
 
     with progress_bar() as progress:
-        felt = describe_recordings(found, references, n_jobs=jobs, progress=progress)
-    write_json(json_file, felt.to_json(orient="records", indent=1))
+        scales = haptics.describe(found, references, n_jobs=jobs, progress=progress)
+    write_json(json_file, scales.to_json(orient="records", indent=1))
     if json_file != Path("-"):
-        tell(felt_document(felt))
+        print_document(haptics.felt_document(scales))
 
 
-@command("texclass scene plan example -o example.texture", scene)
+@scene.command(epilog="Example: texclass scene plan example -o example.texture")
 def plan(
-    definition: SceneArgument = "example",
-    output: Annotated[Path | None, options.writes(".texture")] = None,
-    report: Annotated[Path | None, options.WRITES_FOLDER] = None,
-    json_file: options.Json = None,
+    definition: Annotated[
+        str, Argument(metavar="SCENE", help="Scene file (TOML) or shipped scene: example, twenty.")
+    ] = "example",
+    output: Annotated[
+        Path | None,
+        p.output_file(
+            "--output", "-o", suffixes=[".texture"], help="Planned scene to write (default: SCENE.texture)."
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None,
+        p.output_folder(
+            "--report", help="Folder for the plan (Markdown) and a figure of the effect of speed."
+        ),
+    ] = None,
+    json_file: p.JsonFile = None,
 ) -> None:
-    """Choose the cheapest model of each surface. The budget is proved by measuring.
+    """Choose the cheapest texture of each surface within the tolerance.
 
-    Exit code 1 if a surface is outside the tolerance or the budget does not hold.
-
-    Parameters
-    ----------
-    output : -o, --output
-        Where the planned models are written; SCENE.texture here by default.
-    report : FOLDER
-        Write the plan here as Markdown, with a figure of what the speed does to each surface.
+    Exit code 1 if a surface is outside the tolerance, or the measured time exceeds the budget.
     """
     from texclass.haptics.scene import plan_scene, read_scene
-    from texclass.reporting import write_document
+    from texclass.reporting import print_document, write_document
 
-    read = read_scene(definition)
+    wanted = read_scene(definition)
     with progress_bar() as progress:
-        found = plan_scene(read, progress=progress)
-    document = found.document()
-    tell(document)
-    write_json(json_file, found.to_json())
+        result = plan_scene(wanted, progress=progress)
+    document = result.document()
+    print_document(document)
+    write_json(json_file, result.to_json())
     if report is not None:
-        wrote(write_document(document, report, read.source.stem))
-    path = found.scene.save(output or Path(f"{read.source.stem}.texture"))
+        print_lines("wrote", write_document(document, report, wanted.source.stem))
+    path = result.scene.save(output or Path(f"{wanted.source.stem}.texture"))
     typer.echo(f"wrote {path}, {path.stat().st_size} bytes")
-    if not found.met:
+    if not result.met:
         raise typer.Exit(1)
 
 
-@command("texclass scene render example.texture -o example.wav", scene)
+@scene.command(epilog="Example: texclass scene render example.texture -o example.wav")
 def render(
-    definition: str,
-    path: Annotated[Path | None, typer.Argument()] = None,
-    output: Annotated[Path, options.writes(".wav")] = Path("scene.wav"),
-    physical: bool = False,
-    shift: float = 0.0,
-    seed: int = 0,
+    definition: PlannedSceneName,
+    path: Annotated[
+        Path | None,
+        Argument(
+            help="CSV file with time (s), x, y (mm), force (N), surface (default: a sweep over all surfaces)."
+        ),
+    ] = None,
+    physical: Physical = False,
+    shift: Annotated[
+        float, Option(metavar="HZ", help="Move the whole band up by 0 to 10000 Hz, for ears.")
+    ] = 0.0,
+    seed: p.Seed = 0,
+    output: Annotated[
+        Path, p.output_file("--output", "-o", suffixes=[".wav"], help="WAV file to write.")
+    ] = Path("scene.wav"),
 ) -> None:
-    """Play a path over a scene to WAV. It is rendered one sample a call, and timed.
+    """Render a path over a scene to WAV, sample by sample, and measure the time.
 
-    The WAV is for ears: 48 kHz, 16 bit, as loud as it can be. What full scale stands for is printed, and
-    noted in the file.
-
-    Parameters
-    ----------
-    definition : SCENE
-        A planned scene (.texture), or what `plan` takes: it is planned first.
-    path
-        CSV with time (s), x, y (mm), force (N), surface; a sweep over all by default.
-    output : -o, --output
-        The WAV to be written.
-    physical
-        For devices: 32-bit float in the unit of the scene, at its own rate.
-    shift
-        For ears: move the whole band up, Hz (0 ... 10000).
-    seed
-        Of the noise.
+    The WAV file is for ears: 48 kHz, 16 bit, scaled to full scale. The gain is printed and stored in it.
     """
     from texclass.haptics.exchange import read_wav, write_wav
     from texclass.haptics.scene import play_path, read_path, sweep_of
@@ -143,28 +156,24 @@ def render(
     for line in played.lines(planned):
         typer.echo(line)
     wav = read_wav(output)
-    full = f"; full scale is {wav.peak:.4g} {wav.unit}, gain {1 / max(wav.peak, 1e-300):.4g}"
-    typer.echo(f"wrote {output}, {wav.fs:g} Hz{'' if physical else full}")
+    scale = f"; full scale is {wav.peak:.4g} {wav.unit}, gain {1 / max(wav.peak, 1e-300):.4g}"
+    typer.echo(f"wrote {output}, {wav.fs:g} Hz{'' if physical else scale}")
 
 
-@command("texclass scene page example.texture -o feel.html", scene)
+@scene.command(epilog="Example: texclass scene page example.texture -o feel.html")
 def page(
-    definition: Annotated[str, typer.Argument()] = "example",
-    output: Annotated[Path, options.writes(".html")] = Path("feel.html"),
-    taps: Path | None = None,
+    definition: PlannedSceneName = "example",
+    taps: Annotated[
+        Path | None,
+        Option(metavar="FILE", help="Tap library (.texture) by names of surfaces (default: estimated taps)."),
+    ] = None,
+    output: Annotated[
+        Path, p.output_file("--output", "-o", suffixes=[".html"], help="Page to write (.html).")
+    ] = Path("feel.html"),
 ) -> None:
-    """Write a page in which a planned scene is stroked, tapped, heard and felt.
+    """Write a self-contained page on which a scene can be stroked, tapped, heard and felt.
 
-    One file that needs no network: the very models of the plan, driven by the pointer's speed and pressure.
-
-    Parameters
-    ----------
-    definition : SCENE
-        A planned scene (.texture), or what `plan` takes: it is planned first.
-    output : -o, --output
-        The page to be written.
-    taps
-        A library of taps (.texture), by names of surfaces; guessed by default.
+    The page renders the textures of the plan, driven by speed and pressure of the pointer.
     """
     from texclass.haptics.exchange import load_taps
     from texclass.haptics.scene import write_feel_page
@@ -174,8 +183,16 @@ def page(
     typer.echo(f"wrote {path}, {path.stat().st_size} bytes")
 
 
+app.add_typer(
+    scene,
+    name="scene",
+    rich_help_panel="Rendering",
+    help="Plan the cheapest textures of a scene, and render it.",
+)
+
+
 def _planned(definition: str) -> "PlannedScene":
-    """Return a planned scene from its file, or of what is planned first."""
+    """Return a planned scene from its file, or plan a scene."""
     from texclass.haptics.scene import load_scene, plan_scene, read_scene
 
     if definition.endswith(".texture"):
@@ -184,43 +201,43 @@ def _planned(definition: str) -> "PlannedScene":
         return plan_scene(read_scene(definition), progress=progress).scene
 
 
-@command("texclass texture wood.texture --page wood.html")
+@app.command(rich_help_panel="Rendering", epilog="Example: texclass texture wood.texture --page wood.html")
 def texture(
-    file: Path,
-    page_file: Annotated[Path | None, options.writes(".html")] = None,
-    slider_file: Annotated[Path | None, options.writes(".html")] = None,
-    json_file: options.Json = None,
+    file: Annotated[Path, Argument(help="Texture (.texture or HaTT .xml).")],
+    page_file: Annotated[
+        Path | None,
+        p.output_file(
+            "--page", suffixes=[".html"], help="Also write a page on which it can be stroked and heard."
+        ),
+    ] = None,
+    slider_file: Annotated[
+        Path | None,
+        p.output_file(
+            "--sliders",
+            suffixes=[".html"],
+            help="Also write a page with a slider per scale of `texclass describe`.",
+        ),
+    ] = None,
+    json_file: p.JsonFile = None,
 ) -> None:
-    """Show what is in a texture file. Family, points, order, sampling rate, unit and bytes.
-
-    Parameters
-    ----------
-    file
-        A .texture, or the .xml of a HaTT texture.
-    page_file : --page
-        Also write a page in which it is stroked and heard.
-    slider_file : --sliders
-        The same with a slider for each scale of `describe`; see `convert`.
-    """
-    import json
-
+    """Show family, points, order, sampling rate, unit and bytes of a texture."""
     from texclass.haptics.exchange import describe
-    from texclass.reporting import Document
+    from texclass.reporting import Document, print_document
 
-    found = describe(file)
-    tell(Document(str(file), [{key: _words(value) for key, value in found.items()}]))
-    write_json(json_file, json.dumps(found, indent=1))
+    facts = describe(file)
+    print_document(Document(str(file), [{key: _words(value) for key, value in facts.items()}]))
+    write_json(json_file, json.dumps(facts, indent=1))
     if page_file is not None:
         from texclass.haptics.scene import load_scene, plan_scene, scene_of_texture, write_feel_page
         from texclass.haptics.textures import PackedTexture
 
         taps = {}
-        if found["family"] == "scene":
+        if facts["family"] == "scene":
             planned = load_scene(file)
         else:
             with progress_bar() as progress:
                 planned = plan_scene(scene_of_texture(file), progress=progress).scene
-        if found["family"] == PackedTexture.family:
+        if facts["family"] == PackedTexture.family:
             tap = PackedTexture.from_bytes(file.read_bytes()).tap
             taps = dict.fromkeys(planned.assigned, tap) if tap.n_modes else {}
         write_feel_page(page_file, planned, taps=taps)
@@ -229,9 +246,9 @@ def texture(
         from texclass.haptics.exchange import load_texture
         from texclass.haptics.scene import write_slider_page
 
-        felt = load_texture(file)
+        loaded = load_texture(file)
         with progress_bar() as progress:
-            write_slider_page(slider_file, felt, file=file.name, unit=found["unit"], progress=progress)
+            write_slider_page(slider_file, loaded, file=file.name, unit=facts["unit"], progress=progress)
         typer.echo(f"wrote {slider_file}, {slider_file.stat().st_size} bytes")
 
 
@@ -243,85 +260,101 @@ def _words(value: object) -> str:
     return "-" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
 
 
-@command("texclass convert wood.texture -o wood.hjif --speed 80 --force 1")
+@app.command(
+    rich_help_panel="Rendering",
+    epilog="Example: texclass convert wood.texture -o wood.hjif --speed 80 --force 1",
+)
 def convert(
-    source: Path,
-    target: Annotated[Path | None, options.writes(*TEXTURES, *PATTERNS, ".wav")] = None,
-    n_bytes: int | None = None,
-    scale: list[str] | None = None,
-    fs: float | None = None,
-    unit: options.Unit = None,
-    order: Annotated[int, typer.Option(min=1, max=100)] = 20,
-    surface: str | None = None,
-    speed: float | None = None,
-    force: float | None = None,
-    seconds: float = 2.0,
-    physical: bool = False,
-    seed: int = 0,
+    source: Annotated[
+        Path,
+        Argument(
+            help="Texture, taps or scene (.texture), HaTT model (.xml) or pattern (.hjif, .ahap); with "
+            "--bytes also a recording."
+        ),
+    ],
+    *,
+    n_bytes: Annotated[
+        int | None,
+        Option("--bytes", metavar="N", help="Pack a texture or a recording into a .texture of N bytes."),
+    ] = None,
+    scale: Annotated[
+        list[str] | None,
+        Option(
+            metavar="SCALE=VALUE",
+            help="Change a texture on a scale of `texclass describe` (repeatable): rough=8, bumpy=2, fine=5, "
+            "regular=4; hard=7 if it has a tap, sticky=3 if it has friction.",
+        ),
+    ] = None,
+    fs: Annotated[
+        float | None,
+        Option(
+            metavar="HZ",
+            help="Sampling rate of the models in .xml (default: 1000), or of a recording that states none.",
+        ),
+    ] = None,
+    unit: Annotated[
+        str | None, Option(metavar="UNIT", help="Unit of a recording: m/s^2, g, mg, counts, V or arbitrary.")
+    ] = None,
+    order: Annotated[
+        int, Option(min=1, max=100, metavar="N", help="Largest order of the models in .xml.")
+    ] = 20,
+    surface: Annotated[
+        str | None, Option(metavar="NAME", help="Surface of a scene or of taps (default for taps: all).")
+    ] = None,
+    speed: Annotated[
+        float | None,
+        Option(metavar="MM/S", help="Speed of the vibration (default: the middle of the texture's range)."),
+    ] = None,
+    force: Annotated[
+        float | None,
+        Option(metavar="NEWTON", help="Force of the vibration (default: the middle of the texture's range)."),
+    ] = None,
+    duration: Annotated[float, Option(metavar="S", help="Duration of the vibration, at most 30 s.")] = 2.0,
+    physical: Physical = False,
+    seed: p.Seed = 0,
+    output: Annotated[
+        Path,
+        p.output_file(
+            "--output",
+            "-o",
+            suffixes=[*TEXTURES, *PATTERNS, ".wav"],
+            help="File to write: .texture, .xml, .hjif, .ahap or .wav.",
+        ),
+    ],
 ) -> None:
-    """Convert a surface to the format of another device. What is lost there is told.
+    """Convert a surface to the format of another device, and list what is lost.
 
-    HaTT XML holds a texture, as .texture does. MPEG haptics (.hjif), Apple's patterns (.ahap) and WAV hold
-    the vibration at one speed and force. A .hjif or .ahap is rendered to WAV; a .hjif becomes a texture
-    again, as far as it holds one. With --bytes a texture or a recording becomes a small texture; --scale
-    changes how a texture feels.
-
-    Parameters
-    ----------
-    source : IN
-        A .texture (a texture, taps, a scene), a HaTT .xml; or .hjif, .ahap, rendered; with --bytes
-        a recording, too.
-    target : -o, --output
-        File to write: .texture, .xml, .hjif, .ahap or .wav.
-    n_bytes : --bytes
-        Pack a texture or a recording into a .texture so small.
-    scale : SCALE=VALUE
-        Of a texture, several times: rough=8, bumpy=2, fine=5, regular=4, as `describe` tells; hard=7
-        where it holds a tap, sticky=3 where it holds friction.
-    fs
-        To XML: sampling rate of the models, Hz, 1000 by default. Of a recording: its own.
-    order
-        To XML: largest order of the models.
-    surface
-        Which one, of a scene or of taps; of taps all by default.
-    speed
-        To be played at, mm/s; amid what the texture knows by default.
-    force
-        The same, N.
-    seconds
-        To be played, at most 30.
-    physical
-        To WAV: 32-bit float in the unit, not for ears.
-    seed
-        Of the noise.
+    .texture and HaTT .xml hold a texture for all speeds and forces. MPEG haptics
+    (.hjif), Apple patterns (.ahap) and WAV hold its vibration at one speed and
+    force. Patterns can be rendered to WAV, and .hjif can be converted back to a
+    texture, as far as it holds one.
     """
-    from texclass.reporting import Document
+    from texclass.reporting import Document, print_document
 
-    if target is None:
-        raise ValueError(f"{source}: where to is missing; the rule is -o OUT")
-    kinds = source.suffix.lower(), target.suffix.lower()
-    if scale:
-        lost = _retouch(source, target, scale, n_bytes)
+    kinds = source.suffix.lower(), output.suffix.lower()
+    scales = p.numbers_by_name("--scale", scale)
+    if scales:
+        lost = _retouch(source, output, scales, n_bytes)
     elif n_bytes is not None:
-        lost = _pack(source, target, n_bytes, fs, unit)
+        lost = _pack(source, output, n_bytes, fs, unit)
     elif kinds[0] in PATTERNS and kinds[1] in (".wav", ".texture") and kinds != (".ahap", ".texture"):
         try:
-            heard = kinds[1] == ".wav"
-            lost = _play_pattern(source, target, physical) if heard else _read_played(source, target)
-        except ValueError as error:  # what plays does not know the file
+            is_wav = kinds[1] == ".wav"
+            lost = _play_pattern(source, output, physical) if is_wav else _read_played(source, output)
+        except ValueError as error:  # the reader of a pattern does not know the name of the file
             raise ValueError(str(error) if str(source) in str(error) else f"{source}: {error}") from error
     elif kinds[0] in TEXTURES and kinds[1] in (*PATTERNS, ".wav"):
-        lost = _write_played(_rendition(source, surface, speed, force, seconds, seed), target, physical)
+        lost = _write_played(_rendition(source, surface, speed, force, duration, seed), output, physical)
     elif kinds in {(".xml", ".texture"), (".texture", ".xml")}:
-        lost = _convert_texture(source, target, 1000.0 if fs is None else fs, order)
+        lost = _convert_texture(source, output, 1000.0 if fs is None else fs, order)
     else:
         raise ValueError(
-            f"{source} to {target}; the rule is .texture or .xml to the other one, .hjif, .ahap or .wav, "
-            ".hjif or .ahap to .wav, .hjif to .texture"
+            f"cannot convert {source} to {output.name}. Expected .texture or .xml to each other or to .hjif, "
+            ".ahap or .wav; .hjif or .ahap to .wav; or .hjif to .texture"
         )
-    typer.echo(f"wrote {target}, {target.stat().st_size} bytes")
+    typer.echo(f"wrote {output}, {output.stat().st_size} bytes")
     if lost:
-        tell(Document("How it feels" if scale else "What is lost", [lost]))
+        print_document(Document("Perceptual scales" if scales else "Lost in conversion", [lost]))
 
 
 def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str | None) -> dict[str, str]:
@@ -353,15 +386,14 @@ def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str 
     }
 
 
-def _retouch(source: Path, target: Path, scales: list[str], n_bytes: int | None) -> dict[str, str]:
-    """Write a texture that feels otherwise on some scales, and return how it feels now."""
+def _retouch(source: Path, target: Path, scales: dict[str, float], n_bytes: int | None) -> dict[str, str]:
+    """Write a texture with other values on some perceptual scales; return all scales before and after."""
     from texclass.haptics import exchange
     from texclass.haptics.textures import felt_scales, retouch
 
-    asked = options.named_numbers("--scale", scales, "SCALE=VALUE, rough=8")
     texture = exchange.load_texture(source)
     unit = exchange.describe(source)["unit"]
-    retouched = retouch(texture, 128 if n_bytes is None else n_bytes, unit=unit, **asked)
+    retouched = retouch(texture, 128 if n_bytes is None else n_bytes, unit=unit, **scales)
     exchange.save_texture(retouched, target)
     before, after = felt_scales(texture), felt_scales(retouched)
     return {name: f"{before[name]:.1f} before, {after[name]:.1f} now" for name in after}

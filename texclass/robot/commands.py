@@ -4,47 +4,50 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+from typer import Argument, Option
 
-from texclass.cli import options
-from texclass.cli.app import command
-from texclass.cli.options import write_json
+from texclass.cli import parameters as p
+from texclass.cli.app import app
+from texclass.cli.output import write_json
 
 
-@command("texclass export surfaces.skops --from samples -o surfaces.onnx")
+@app.command(
+    rich_help_panel="Models", epilog="Example: texclass export surfaces.skops --from samples -o surfaces.onnx"
+)
 def export(
-    model: Path,
-    output: Annotated[Path | None, options.writes(".onnx")] = None,
-    start: Literal["features", "samples"] = "features",
-    touch: float | None = None,
-    check: bool = False,
-    json_file: options.Json = None,
+    model: Annotated[
+        Path, Argument(help="Model file written by `texclass train`; with --check, an ONNX file.")
+    ],
+    start: Annotated[
+        Literal["features", "samples"],
+        Option("--from", help="Input of the ONNX model: features that you compute, or windows of samples."),
+    ] = "features",
+    window: Annotated[
+        float | None,
+        Option(metavar="S", help="Length of the windows with --from samples (default: as in training)."),
+    ] = None,
+    check: Annotated[
+        bool, Option("--check", help="Check the answers of an ONNX file against those stored in it.")
+    ] = False,
+    output: Annotated[
+        Path | None, p.output_file("--output", "-o", suffixes=[".onnx"], help="ONNX file to write (.onnx).")
+    ] = None,
+    json_file: p.JsonFile = None,
 ) -> None:
-    """Write a model as ONNX. It is refused where its answers differ from texclass's.
-
-    Parameters
-    ----------
-    model : MODEL
-        A model file that `texclass train` wrote; with --check, the ONNX file.
-    output : -o, --output
-        ONNX file to write (.onnx).
-    start : --from
-        What the file takes: features of your own, or windows of samples.
-    touch
-        Seconds of a window of samples; as in the training by default.
-    check
-        Ask an ONNX file what it holds the answers to.
-    """
+    """Write a model as ONNX, after checking that its answers equal those of texclass."""
+    if not check and output is None:
+        raise typer.BadParameter("one of --output and --check is required")
+    if window is not None and start != "samples":
+        raise typer.BadParameter("--window requires --from samples")
     import json
 
     from texclass.recognition import load_model
     from texclass.robot import check_onnx, export_onnx
 
-    if check:
+    if output is None or check:
         typer.echo(f"{model}: {check_onnx(model)}")
         return
-    if output is None:
-        raise typer.BadParameter("missing; the rule is -o FILE.onnx, or --check", param_hint="--output")
-    exported = export_onnx(load_model(model), output, start=start, touch_s=touch)
+    exported = export_onnx(load_model(model), output, start=start, touch_s=window)
     write_json(json_file, json.dumps(exported.facts, indent=1))
     if json_file == Path("-"):
         return

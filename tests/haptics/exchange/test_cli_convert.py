@@ -65,7 +65,7 @@ def test_other_formats_are_refused(tmp_path):
 def test_a_surface_is_played_for_other_devices_comes_back_and_what_is_lost_is_told(slate, tmp_path, kind):
     write_hatt(slate, tmp_path / "a.xml")
     target = tmp_path / f"a.{kind}"
-    result = run("convert", tmp_path / "a.xml", "-o", target, "--speed", 90, "--seconds", 0.5)
+    result = run("convert", tmp_path / "a.xml", "-o", target, "--speed", 90, "--duration", 0.5)
     assert result.exit_code == 0, result.output
     assert f"wrote {target}, {target.stat().st_size} bytes" in result.output
     assert "fixed at 90 mm/s" in " ".join(result.output.split())

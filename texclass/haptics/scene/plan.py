@@ -127,7 +127,7 @@ class ScenePlan:
             if surface.dataset is not None:
                 materials.setdefault(surface.dataset, []).append(surface.material or name)
         return tuple(
-            f"texclass tradeoff {dataset} --materials {','.join(names)}"
+            f"texclass tradeoff {dataset} --surfaces {','.join(names)}"
             for dataset, names in materials.items()
             if len(names) > 1
         )

@@ -243,7 +243,7 @@ class Session:
             found += self._noticed(
                 block.t_s,
                 f"window: {felt_s:g} s, trained on runs of {trained_s:.3g} s and more; a model of such "
-                f"windows (texclass train --touch {felt_s:g}) knows how sure it may be",
+                f"windows (texclass train --window {felt_s:g}) knows how sure it may be",
             )
         kept = "m/s^2" if block.unit in ACCELERATION_UNITS else block.unit
         for unlike in self.model.unlike(block.fs, kept):

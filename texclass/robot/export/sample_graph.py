@@ -89,7 +89,7 @@ def window_of_model(model: Model, window_s: float | None = None) -> int:
     if seconds is None:
         raise OnnxExportError(
             "the model was trained on whole recordings; the rule is a model of touches (texclass train "
-            "--touch SECONDS), or a length (texclass export --touch SECONDS)"
+            "--window SECONDS), or a length (texclass export --window SECONDS)"
         )
     if not 0 < seconds < math.inf:
         raise OnnxExportError(f"a window of {seconds!r} s; the rule is above 0, and finite")

@@ -1,0 +1,161 @@
+"""Commands on recordings and datasets: sample, card, inspect, datasets."""
+
+import io
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Argument, Option
+
+from texclass.cli import parameters as p
+from texclass.cli.app import app
+from texclass.cli.output import print_lines, progress_bar
+
+cards = typer.Typer(invoke_without_command=True, epilog="Example: texclass datasets get taps5")
+
+
+@app.command(rich_help_panel="Recordings", epilog="Example: texclass sample recordings")
+def sample(
+    folder: Annotated[Path, Argument(help="Folder to write, with one subfolder per surface.")],
+    first: Annotated[
+        int, Option(min=1, max=995, metavar="N", help="Number of the first recording of each surface.")
+    ] = 1,
+) -> None:
+    """Write a small folder of simulated recordings to try commands on."""
+    from texclass.loaders import write_sample
+
+    files = write_sample(folder, first)
+    typer.echo(f"wrote {len(files)} recordings, in m/s^2 at 10000 Hz. Look at one:")
+    typer.echo(f"texclass inspect {files[0]} --fs 10000 --unit m/s^2")
+
+
+@app.command(
+    rich_help_panel="Recordings",
+    epilog="Example: texclass card recordings --fs 10000 --unit m/s^2 -o recordings.toml",
+)
+def card(
+    folder: Annotated[
+        Path,
+        Argument(
+            help="Folder of recordings: one subfolder per surface, or files named by surface and number."
+        ),
+    ],
+    fs: p.SamplingRate = None,
+    unit: p.Unit = None,
+    column: p.Column = None,
+    delimiter: p.Delimiter = None,
+    time_column: p.TimeColumn = None,
+    time_unit: p.TimeUnit = None,
+    skip_rows: p.SkipRows = None,
+    comment: p.Comment = None,
+    drop_incomplete: p.DropIncomplete = False,
+    resample: p.Resample = None,
+    labels: p.Labels = None,
+    output: Annotated[
+        Path, p.output_file("--output", "-o", suffixes=[".toml"], help="Dataset card to write (.toml).")
+    ] = Path("card.toml"),
+) -> None:
+    """Draft a dataset card for a folder, with open questions as comments."""
+    from texclass.atomic_write import write_atomic
+    from texclass.loaders import draft_card
+    from texclass.loaders.card_draft import QUESTION
+
+    if output.exists():
+        raise FileExistsError(f"{output} exists already. Remove it, or choose another file with --output")
+    reader = p.reader_settings(
+        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
+    )
+    text = draft_card(folder, output.parent, labels=labels, **reader, resample=resample)
+    write_atomic(output, text)
+    lines = text.splitlines()
+    print_lines("question:", (line.removeprefix(QUESTION) for line in lines if line.startswith(QUESTION)))
+    typer.echo(f"wrote {output}. Check it, then: texclass benchmark {output}")
+
+
+@app.command(
+    rich_help_panel="Recordings",
+    epilog="Example: texclass inspect recordings/oak/oak_01.txt --fs 10000 --unit m/s^2",
+)
+def inspect(
+    recording: Annotated[
+        str, Argument(help="File in any supported format, or DATASET:RECORDING, e.g. simulated:wood-03-01.")
+    ],
+    features: p.FeatureSet = "strese2015",
+    fs: p.SamplingRate = None,
+    unit: p.Unit = None,
+    column: p.Column = None,
+    delimiter: p.Delimiter = None,
+    time_column: p.TimeColumn = None,
+    time_unit: p.TimeUnit = None,
+    skip_rows: p.SkipRows = None,
+    comment: p.Comment = None,
+    drop_incomplete: p.DropIncomplete = False,
+    resample: p.Resample = None,
+    output: Annotated[
+        Path | None,
+        p.output_file(
+            "--output",
+            "-o",
+            suffixes=[".png", ".pdf", ".svg", ".jpg", ".jpeg", ".tif", ".tiff", ".webp"],
+            help="Figure to write: .png, .pdf, .svg, .jpg, .tif or .webp (default: RECORDING.inspect.png).",
+        ),
+    ] = None,
+) -> None:
+    """Draw one recording: phases, taps, spectrum and features."""
+    from texclass.loaders import find_recording
+
+    reader = p.reader_settings(
+        fs, unit, column, delimiter, time_column, time_unit, skip_rows, comment, drop_incomplete
+    )
+    found = find_recording(recording, **reader, resample=resample)
+    from texclass.atomic_write import write_atomic
+    from texclass.evaluation.inspection import inspected
+    from texclass.reporting.wording import counted
+
+    figure, phases = inspected(found, features)
+    path = output or Path(f"{Path(found.recording_id).name}.inspect.png")
+    picture = io.BytesIO()
+    figure.savefig(picture, dpi=130, format=path.suffix[1:].lower())
+    write_atomic(path, picture.getvalue())
+    movement = "none"
+    if phases.movement is not None:
+        start, stop = phases.movement
+        movement = f"{start / found.fs:.2f} to {stop / found.fs:.2f} s"
+    typer.echo(f"{phases.kind}: {counted(len(phases.taps), 'tap')}, movement {movement}")
+    print_lines("note:", (*found.flags, *phases.notes))
+    typer.echo(f"wrote {path}")
+
+
+@cards.callback()
+def datasets(context: typer.Context) -> None:
+    """List the dataset cards, or download published recordings with `get`."""
+    if context.invoked_subcommand is None:
+        from texclass.cli.listings import datasets_document
+        from texclass.reporting import print_document
+
+        print_document(datasets_document())
+
+
+@cards.command(epilog="Example: texclass datasets get taps5")
+def get(
+    names: Annotated[
+        list[str],
+        Argument(
+            help="Shipped dataset cards, or card files (TOML).", autocompletion=p.shipped_names("datasets")
+        ),
+    ],
+) -> None:
+    """Download the published recordings of dataset cards."""
+    from texclass.loaders import fetch_recordings, read_card
+
+    for name in names:
+        card = read_card(name)
+        typer.echo(f"{card.title}\nfrom: {card.source}\nlicence: {card.licence}")
+        if card.citation:
+            typer.echo(f"cite: {card.citation}")
+        with progress_bar() as progress:
+            folder = fetch_recordings(name, progress)
+        typer.echo(f"complete, each file as published: {folder}")
+
+
+app.add_typer(cards, name="datasets", rich_help_panel="Recordings")

@@ -1,0 +1,60 @@
+"""Print and write the results of commands, and draw progress bars."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from texclass.evaluation.result import Result
+
+
+def write_json(path: Path | None, text: str) -> None:
+    """Write a result as JSON to the file of the option --json, if there is one; `-` is standard output."""
+    if path == Path("-"):
+        typer.echo(text)
+    elif path is not None:
+        from texclass.atomic_write import write_atomic
+
+        write_atomic(path, text)
+
+
+def print_lines(prefix: str, lines: Iterable[object]) -> None:
+    """Print each line behind a prefix, such as "note" or "wrote"."""
+    for line in lines:
+        typer.echo(f"{prefix} {line}")
+
+
+def print_and_save(
+    result: "Result", folder: Path, json_file: Path | None = None, *, written: Iterable[Path] = ()
+) -> None:
+    """Print a result, write its JSON and its report, and list these files and others already `written`."""
+    from texclass.reporting import print_document
+
+    print_document(result.document())
+    write_json(json_file, result.to_json())
+    print_lines("wrote", (*result.save(folder), *written))
+
+
+@contextmanager
+def progress_bar() -> Iterator[Any]:
+    """Give a callable (done, total, what) that draws a progress bar on standard error."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    if not console.is_interactive:  # rich would print an empty line
+        yield lambda done, total, what: None
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        tasks: dict[str, Any] = {}
+
+        def advance(done: int, total: int, what: str) -> None:
+            if what not in tasks:
+                tasks[what] = bar.add_task(what, total=total)
+            bar.update(tasks[what], completed=done, total=total)
+
+        yield advance

@@ -1,0 +1,266 @@
+"""Arguments and options that several commands share, as types of their parameters."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+import typer
+from typer import Argument, Option
+
+from texclass.atomic_write import path_ending
+from texclass.shipped import Kind
+
+# Options in one panel of the help page.
+data_option = partial(Option, rich_help_panel="Data")
+evaluation_option = partial(Option, rich_help_panel="Evaluation")
+baseline_option = partial(Option, rich_help_panel="Baselines")
+running_option = partial(Option, rich_help_panel="Running")
+output_option = partial(Option, rich_help_panel="Output")
+
+ProtocolName = Literal["recording", "operator", "blocks", "few-shot", "run", "paper"]
+"""The names in `texclass.evaluation.protocols.PROTOCOLS`, which cannot be imported without scikit-learn."""
+
+
+def shipped_names(kind: Kind) -> Callable[[str], list[str]]:
+    """Return a shell completion for the names of shipped definitions."""
+
+    def complete(incomplete: str) -> list[str]:
+        from texclass.shipped import names
+
+        return [name for name in names(kind) if name.startswith(incomplete)]
+
+    return complete
+
+
+def output_file(*flags: str, suffixes: Sequence[str], help: str) -> Any:
+    """Return an option for an output file whose suffix decides its format and is checked before any work."""
+
+    def check(path: Path | None) -> Path | None:
+        return None if path is None else path_ending(path, *suffixes)
+
+    return output_option(*flags, metavar="FILE", callback=check, help=help)
+
+
+def check_folder(path: Path | None) -> Path | None:
+    """Refuse an output folder that is named like a file: `-o results.csv` would create a folder."""
+    files = {".csv", ".htm", ".html", ".json", ".md", ".parquet", ".pdf", ".png", ".skops", ".txt", ".xlsx"}
+    if path is not None and path.suffix.lower() in files and not path.is_dir():
+        raise ValueError(f"cannot write {path}: the suffix is {path.suffix!r}. Expected a folder")
+    return path
+
+
+def output_folder(*flags: str, help: str) -> Any:
+    """Return an option for an output folder."""
+    return output_option(*flags, metavar="FOLDER", callback=check_folder, help=help)
+
+
+# Data
+Dataset = Annotated[
+    str,
+    Argument(
+        help="Shipped dataset, dataset card (TOML), or folder with one subfolder per surface.",
+        autocompletion=shipped_names("datasets"),
+    ),
+]
+SamplingRate = Annotated[
+    float | None, data_option("--fs", metavar="HZ", help="Sampling rate, if the files do not state it.")
+]
+Unit = Annotated[
+    str | None,
+    data_option(metavar="UNIT", help="Unit of the acceleration: m/s^2, g, mg, counts, V or arbitrary."),
+]
+Column = Annotated[
+    str | None,
+    data_option(
+        metavar="COLUMNS", help="Columns of the acceleration by name or number, e.g. ax,ay,az or 2,3,4."
+    ),
+]
+Delimiter = Annotated[
+    str | None, data_option(metavar="CHAR", help="Column delimiter of text files, e.g. ';' or 'tab'.")
+]
+TimeColumn = Annotated[
+    str | None,
+    data_option(
+        metavar="COLUMN", help="Column of the time stamps by name or number; 'none' ignores time stamps."
+    ),
+]
+TimeUnit = Annotated[
+    str | None,
+    data_option(
+        metavar="UNIT", help="Unit of the time stamps: s, ms, us, ns, min, h or days (default: inferred)."
+    ),
+]
+SkipRows = Annotated[
+    int | None, data_option(min=0, metavar="N", help="Skip the first N lines of text files.")
+]
+Comment = Annotated[
+    str | None,
+    data_option(metavar="TEXT", help="Start of comment lines in text files (default: #, % and //)."),
+]
+DropIncomplete = Annotated[
+    bool, data_option("--drop-incomplete", help="Drop lines of text files that lack a number in a column.")
+]
+Resample = Annotated[float | None, data_option(metavar="HZ", help="Resample all recordings to this rate.")]
+Labels = Annotated[
+    Path | None,
+    data_option(
+        metavar="CSV",
+        help="Table with the columns `file` and `surface`, for a folder without subfolders per surface.",
+    ),
+]
+SkipBad = Annotated[
+    bool, data_option("--skip-bad", help="Skip and list unreadable recordings instead of stopping.")
+]
+
+# Evaluation
+Protocol = Annotated[
+    ProtocolName | None,
+    evaluation_option(
+        metavar="NAME",
+        help=f"Evaluation protocol: {', '.join(get_args(ProtocolName))} (default: that of the pipeline).",
+    ),
+]
+Shots = Annotated[
+    int | None,
+    evaluation_option(min=1, metavar="N", help="Training repetitions per surface for few-shot (default: 3)."),
+]
+TrainingSet = Annotated[
+    list[str] | None,
+    evaluation_option(
+        "--train",
+        metavar="LABEL=VALUES",
+        help="Training set, e.g. repetition=1-20 or session=a,b (repeatable; all must hold).",
+    ),
+]
+TestSet = Annotated[
+    list[str] | None,
+    evaluation_option(
+        "--test", metavar="LABEL=VALUES", help="Test set, e.g. repetition=31-40 (repeatable; all must hold)."
+    ),
+]
+LeaveOut = Annotated[
+    str | None,
+    evaluation_option(metavar="LABEL", help="Leave one group out: operator, session or repetition."),
+]
+
+# Features and their cost
+FeatureSet = Annotated[
+    str,
+    Option(
+        metavar="NAME",
+        help="Shipped feature set or feature set file (TOML).",
+        autocompletion=shipped_names("feature_defs"),
+    ),
+]
+MaxMs = Annotated[
+    float | None,
+    Option(metavar="MS", help="Budget of computing time for the features of a recording, on this machine."),
+]
+MaxFeatures = Annotated[
+    int | None, Option(metavar="N", help="Budget of feature columns that reach the classifier.")
+]
+
+# Models and streams
+ModelFile = Annotated[Path, Argument(help="Model file written by `texclass train`.")]
+Confidence = Annotated[
+    float, Option(metavar="P", help="Probability above which the answer of a contact counts as sure.")
+]
+GestureTime = Annotated[
+    list[str] | None,
+    Option(
+        metavar="GESTURE=S",
+        help="Time that a gesture takes, e.g. tap=0.5 (repeatable; default: its signal and half a second).",
+    ),
+]
+
+# Running
+Jobs = Annotated[int, running_option(metavar="N", help="Number of processes; -1 uses all cores.")]
+Backend = Annotated[
+    Literal["local", "dask"], running_option(help="Run on this machine or on a Dask cluster.")
+]
+Scheduler = Annotated[
+    str | None,
+    running_option(
+        metavar="ADDRESS",
+        help="Dask scheduler, e.g. tcp://host:8786 (default: Dask's configuration, or a cluster on this "
+        "machine).",
+    ),
+]
+Seed = Annotated[int, running_option(min=0, metavar="N", help="Seed of the random numbers.")]
+
+# Output
+OutputFolder = Annotated[
+    Path, output_folder("--output", "-o", help="Folder for the report (Markdown), figures (PNG) and JSON.")
+]
+JsonFile = Annotated[
+    Path | None,
+    output_file("--json", suffixes=(".json", ""), help="Also write the result as JSON; - prints it."),
+]
+JsonLines = Annotated[bool, output_option("--jsonl", help="Print one JSON object per line instead of text.")]
+
+
+def reader_settings(
+    fs: float | None,
+    unit: str | None,
+    column: str | None,
+    delimiter: str | None,
+    time_column: str | None,
+    time_unit: str | None,
+    skip_rows: int | None,
+    comment: str | None,
+    drop_incomplete: bool,
+) -> dict[str, Any]:
+    """Return the keyword arguments of `load_recording` for the options of the panel "Data"."""
+    from texclass.loaders.columns import split_columns
+
+    return {
+        "fs": fs,
+        "unit": unit,
+        "column": split_columns(column) if column else None,
+        "delimiter": "\t" if delimiter in ("tab", "\\t") else delimiter,
+        "time_column": time_column,
+        "time_unit": time_unit,
+        "skip_rows": skip_rows,
+        "comment": comment,
+        "drop_incomplete": drop_incomplete or None,
+    }
+
+
+def protocol_name(
+    protocol: str | None,
+    shots: int | None,
+    train: list[str] | None,
+    test: list[str] | None,
+    leave_out: str | None,
+) -> str | None:
+    """Return the name of the protocol that the options select; None for that of the pipeline."""
+    if bool(train) != bool(test):
+        raise typer.BadParameter("--train and --test must be given together")
+    if sum(map(bool, (protocol, train, leave_out))) > 1:
+        raise typer.BadParameter("use only one of --protocol, --train with --test, and --leave-out")
+    if shots is not None and protocol != "few-shot":
+        raise typer.BadParameter("--shots requires --protocol few-shot")
+    if shots is not None:
+        return f"few-shot {shots}"
+    if train and test:
+        return f"{' & '.join(train)} -> {' & '.join(test)}"
+    return f"leave-out {leave_out}" if leave_out else protocol
+
+
+def check_scheduler(backend: str, scheduler: str | None) -> None:
+    """Refuse the address of a Dask scheduler for a run on this machine."""
+    if scheduler is not None and backend != "dask":
+        raise typer.BadParameter("--scheduler requires --backend dask")
+
+
+def numbers_by_name(option: str, pairs: list[str] | None) -> dict[str, float]:
+    """Return the numbers of a repeatable option with values of the form NAME=NUMBER."""
+    numbers = {}
+    for pair in pairs or ():
+        name, _, number = pair.partition("=")
+        try:
+            numbers[name.strip()] = float(number)
+        except ValueError as error:
+            raise typer.BadParameter(f"{option} must have the form NAME=NUMBER, got {pair!r}") from error
+    return numbers
