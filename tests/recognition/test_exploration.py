@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from texclass.cli.stream_view import Picture
+from texclass.cli.stream_view import TerminalView
 from texclass.recognition import (
     AskingSession,
     Block,
@@ -186,7 +186,7 @@ def test_a_contact_is_taken_for_what_was_asked_for_although_another_model_answer
 
 def test_the_picture_says_what_to_do_next_after_the_tool_has_left_the_surface(models):
     session = AskingSession(models, settings=OnlineSettings(confidence=0.999))
-    shown = Picture(session, "felt", Console(file=io.StringIO(), force_terminal=True, width=100))
+    shown = TerminalView(session, "felt", Console(file=io.StringIO(), force_terminal=True, width=100))
     events = []
     with shown:
         for block in blocks_of(["tap", "fast stroke"]):
@@ -196,7 +196,7 @@ def test_the_picture_says_what_to_do_next_after_the_tool_has_left_the_surface(mo
     assert events[-1] == "lift-off"
     text = Console(width=100, file=io.StringIO())
     text.print(shown.picture())
-    assert f"next: {shown.heard.verdict.advice}" in text.file.getvalue()
+    assert f"next: {shown.answer.verdict.advice}" in text.file.getvalue()
 
 
 def test_a_surface_is_unknown_if_half_of_the_gestures_are(models):

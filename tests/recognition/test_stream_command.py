@@ -16,7 +16,7 @@ from toy_surfaces import FS, SURFACES
 from toy_surfaces import signal as felt
 
 from texclass import robot
-from texclass.cli.stream_view import Picture, bar
+from texclass.cli.stream_view import TerminalView, bar
 from texclass.recognition import OnlineSettings, Session
 from texclass.recognition.sources import source_by_name as sources
 
@@ -259,7 +259,7 @@ def test_the_picture_shows_phase_level_surfaces_and_latency(linear_model, sample
 
     session = Session(linear_model, settings=OnlineSettings(window_s=0.5))
     console = Console(file=io.StringIO(), force_terminal=True, width=100)
-    shown = Picture(session, "toy", console)
+    shown = TerminalView(session, "toy", console)
     with shown:
         for k in range(0, 9000, 100):
             flags = ("gaps: 3 samples interpolated",) if k == 5000 else ()

@@ -1,4 +1,4 @@
-"""What there is: the shipped dataset cards, and the features."""
+"""Listings of the shipped dataset cards and of the features, as documents."""
 
 import pandas as pd
 
@@ -13,43 +13,40 @@ from texclass.signals import HAND_SPAN_S
 
 
 def datasets_document() -> Document:
-    """Return the shipped dataset cards: name, title, rate, and whether it is on this machine."""
+    """Return a table of the shipped dataset cards: name, title, rate, and whether it is available."""
     rows = []
     for card in map(read_card, shipped.names("datasets")):
         if isinstance(card, SimulatedCard):
-            fs, here = card.recipe.fs, "always"
+            fs, available = card.recipe.fs, "simulated"
         else:
-            fs, here = card.fs_hz, "yes"
+            fs, available = card.fs_hz, "yes"
             try:
                 find_folder(card)
             except DataNotFoundError:
-                here = "can be fetched" if card.published else "no"
-        rows.append((card.path.stem, card.title, f"{fs:g} Hz", here))
-    frame = pd.DataFrame(rows, columns=["dataset", "what it is", "rate", "here"])
+                available = "download" if card.published else "no"
+        rows.append((card.path.stem, card.title, f"{fs:g} Hz", available))
+    frame = pd.DataFrame(rows, columns=["dataset", "title", "rate", "available"])
     return Document("Shipped datasets", [Table(frame, n_words=4)])
 
 
 def features_document(feature_set: str | None = None) -> Document:
-    """Return every registered feature, or those of a set: phase, outputs, unit, gain law, source."""
+    """Return a table of all features, or of those of a set: phase, columns, unit, reference, gain law."""
     if feature_set is None:
-        title, said = "All features", []
-        named = [
-            (feature.name, feature, len(feature.columns(feature.name, {})))
-            for feature in registered().values()
-        ]
+        title, about = "All features", []
+        columns = {name: (feature, feature.columns(name, {})) for name, feature in registered().items()}
     else:
         members = load_feature_set(feature_set)
         title = f"Features of {members.name}"
-        named = [(member.name, member.feature, len(member.columns)) for member in members.members]
-        hand = f"; where gravity is felt in m/s^2, less what a moving average over {HAND_SPAN_S:g} s holds"
-        said = [f"{members.description}. Movements: mean removed{hand if members.without_hand else ''}."]
+        conditioning = "Movements: mean removed"
+        if members.without_hand:
+            conditioning += f"; with gravity in m/s^2, a moving average over {HAND_SPAN_S:g} s removed"
+        about = [f"{members.description}. {conditioning}."]
+        columns = {member.name: (member.feature, member.columns) for member in members.members}
     rows = []
-    for name, feature, n_columns in named:
-        # Where it comes from, how it scales, and what else moves it.
+    for name, (feature, names) in columns.items():
         contract = f"{feature.reference}; signal x g: {feature.gain}"
         if feature.depends_on:
             contract += f"; depends on {' and '.join(sorted(feature.depends_on))}"
-        told = f"{feature.summary}\n{contract}\n"
-        rows.append((name, feature.phase, str(n_columns), feature.unit, told))
-    frame = pd.DataFrame(rows, columns=["feature", "phase", "columns", "unit", "what it is"])
-    return Document(title, [*said, Table(frame, n_words=5)])
+        rows.append((name, feature.phase, str(len(names)), feature.unit, f"{feature.summary}\n{contract}\n"))
+    frame = pd.DataFrame(rows, columns=["feature", "phase", "columns", "unit", "description"])
+    return Document(title, [*about, Table(frame, n_words=5)])

@@ -196,7 +196,7 @@ def _listen(view: Any, session: Any, blocks: Any, publisher: Any) -> bool:
     try:
         with view:
             try:
-                view.listening()
+                view.on_open()
                 for block in blocks:
                     show_and_publish(view, session.take(block), publisher)
             except KeyboardInterrupt:

@@ -225,7 +225,7 @@ def texture(
     from texclass.reporting import Document, print_document
 
     facts = describe(file)
-    print_document(Document(str(file), [{key: _words(value) for key, value in facts.items()}]))
+    print_document(Document(str(file), [{key: _as_text(value) for key, value in facts.items()}]))
     write_json(json_file, json.dumps(facts, indent=1))
     if page_file is not None:
         from texclass.haptics.scene import load_scene, plan_scene, scene_of_texture, write_feel_page
@@ -252,9 +252,9 @@ def texture(
         typer.echo(f"wrote {slider_file}, {slider_file.stat().st_size} bytes")
 
 
-def _words(value: object) -> str:
+def _as_text(value: object) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{name} {_words(inner)}" for name, inner in value.items())
+        return ", ".join(f"{name} {_as_text(inner)}" for name, inner in value.items())
     if isinstance(value, list):
         return " x ".join(map(str, value)) or "number"
     return "-" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
@@ -358,30 +358,31 @@ def convert(
 
 
 def _pack(source: Path, target: Path, n_bytes: int, fs: float | None, unit: str | None) -> dict[str, str]:
-    """Write a texture, or what a recording holds, in so few bytes, and return what is lost."""
+    """Write a texture or a recording as a small texture of `n_bytes`, and return what is lost."""
     from texclass.haptics import exchange
     from texclass.haptics.textures import pack
     from texclass.loaders import load_recording
 
     if source.suffix.lower() in TEXTURES:
         packed = pack(exchange.load_texture(source), n_bytes, unit=exchange.describe(source)["unit"])
-        law, taps = "40 to 200 mm/s, 0.4 to 2 N", "none in the texture, or too few bytes"
-        rubs_as = ""
+        validity, taps = "40 to 200 mm/s, 0.4 to 2 N", "none in the texture, or too few bytes"
+        friction = ""
     else:
         packed = pack(load_recording(source, fs=fs, unit=unit), n_bytes, name=source.stem)
-        law = "those of the recording"
+        validity = "those of the recording"
         taps = "none found, or too few bytes"
-        rubs_as = ", as the recording's channel says it; other devices take it for a coefficient"
-    several = packed.model.speeds.size > 1
-    felt = f"{law}: a level law, two spectra" if several else "one spectrum and one level, whatever they are"
+        friction = ", in the unit of the recording's channel; other devices read it as a coefficient"
+    if packed.model.speeds.size > 1:
+        conditions = f"{validity}: level as a function of both, two spectra"
+    else:
+        conditions = "one spectrum and one level for all"
     if n_modes := packed.tap.n_modes:
         taps = f"one, neither the hardest nor the softest, as {n_modes} decaying sinusoids"
-    rubs = f"{packed.mu:.2f}{rubs_as}" if packed.mu else "none known, or too few bytes"
     exchange.save_texture(packed, target)
     return {
-        "speed and force": felt,
+        "speed and force": conditions,
         "taps": taps,
-        "friction": rubs,
+        "friction": f"{packed.mu:.2f}{friction}" if packed.mu else "unknown, or too few bytes",
         "spectrum": f"an AR model of order {packed.order}",
     }
 
@@ -400,7 +401,7 @@ def _retouch(source: Path, target: Path, scales: dict[str, float], n_bytes: int 
 
 
 def _convert_texture(source: Path, target: Path, fs: float, order: int) -> dict[str, str]:
-    """Write a texture as the other of the two kinds, and return what is lost."""
+    """Convert between .texture and HaTT .xml, and return what is lost."""
     from texclass.haptics import exchange
     from texclass.haptics.exchange.rendition import told_level
 
@@ -424,7 +425,7 @@ def _convert_texture(source: Path, target: Path, fs: float, order: int) -> dict[
 def _rendition(
     source: Path, surface: str | None, speed: float | None, force: float | None, seconds: float, seed: int
 ) -> "Rendition":
-    """Return what a file holds, played; the surface is one of a scene or of taps."""
+    """Return the vibration of a texture, of taps, or of one surface of a scene."""
     from texclass.haptics.exchange import describe, load_taps, load_texture, play_taps, play_texture
     from texclass.haptics.exchange.rendition import TAP_M_S
     from texclass.haptics.scene import SceneSurface, load_scene
@@ -445,7 +446,7 @@ def _rendition(
         _check_surface(source, name, names)
         texture = SceneSurface(scene, str(name))
     elif surface is not None:
-        raise ValueError(f"{source}: holds one texture; the rule is no --surface")
+        raise ValueError(f"{source} contains a single texture. Omit --surface")
     else:
         texture = load_texture(source)
     return play_texture(texture, unit=known["unit"], speed=speed, force=force, seconds=seconds, seed=seed)
@@ -453,11 +454,11 @@ def _rendition(
 
 def _check_surface(source: Path, surface: str | None, names: list[str]) -> None:
     if surface not in names:
-        raise ValueError(f"{source}: --surface is {surface!r}; the rule is one of {', '.join(names)}")
+        raise ValueError(f"{source}: --surface must be one of {', '.join(names)}, got {surface!r}")
 
 
 def _write_played(rendition: "Rendition", target: Path, physical: bool) -> dict[str, str]:
-    """Write what was played, and return what is lost."""
+    """Write a vibration in the format of the suffix, and return what is lost."""
     from texclass.haptics.exchange import write_ahap, write_hjif, write_wav
 
     match target.suffix.lower():
@@ -471,7 +472,7 @@ def _write_played(rendition: "Rendition", target: Path, physical: bool) -> dict[
 
 
 def _read_played(source: Path, target: Path) -> dict[str, str]:
-    """Write the texture of a file that is made to be played, and return what is lost."""
+    """Write the texture in a .hjif file, and return what is lost."""
     from texclass.haptics.exchange import read_hjif, rendition_of, save_texture, texture_of
 
     played = rendition_of(read_hjif(source))
@@ -481,7 +482,7 @@ def _read_played(source: Path, target: Path) -> dict[str, str]:
 
 
 def _play_pattern(source: Path, target: Path, physical: bool) -> dict[str, str]:
-    """Write what a pattern plays as WAV, and return what is lost."""
+    """Render a .hjif or .ahap pattern to WAV, and return what is lost."""
     from texclass.haptics.exchange import play_ahap, play_hjif, read_ahap, read_hjif, write_wav
     from texclass.haptics.exchange.hjif import FS
 
@@ -492,11 +493,11 @@ def _play_pattern(source: Path, target: Path, physical: bool) -> dict[str, str]:
             one for one in haptics.perceptions if one.perception_modality.startswith("Vibrotactile")
         ]
         if not vibrations:
-            raise ValueError(f"{source}: holds no vibration; the rule is a Vibrotactile perception")
+            raise ValueError(f"{source} contains no vibration. Expected a Vibrotactile perception")
         played = play_hjif(haptics.model_copy(update={"perceptions": tuple(vibrations)}))
         write_wav(target, played[:, 0] if played.shape[1] == 1 else played, FS, encoding=encoding)
         left = len(haptics.perceptions) - len(vibrations)
-        return {"perceptions": f"{left} that are no vibrations"} if left else {}
+        return {"perceptions": f"{left} other than vibrations"} if left else {}
     played = play_ahap(read_ahap(source), FS)
     write_wav(target, played, FS, unit="arbitrary", encoding=encoding)
-    return {"unit": "AHAP has none: 1 is its full intensity"}
+    return {"unit": "AHAP has no unit: 1 is its full intensity"}
