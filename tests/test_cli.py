@@ -49,8 +49,6 @@ COMMANDS = {
     for name, command in of.commands.items()
     if name != "scene"
 }
-FOLDERS = {"benchmark", "tradeoff"}
-"""Readers with an output folder."""
 READERS = {
     name: command for name, command in COMMANDS.items() if any(p.name == "column" for p in command.params)
 }
@@ -92,42 +90,41 @@ def test_help_imports_nothing_scientific():
     assert packages == []
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("benchmark --train repetition=1", "--train and --test must be given together"),
-        ("benchmark --leave-out operator --protocol blocks", "only one of --protocol"),
-        ("train d -o m.skops --shots 1 --protocol blocks", "--shots requires --protocol few-shot"),
-        ("tradeoff --shots 1", "--shots requires --protocol few-shot"),
-        ("benchmark --max-windows 2", "--max-windows requires --window"),
-        ("benchmark --baseline mfcc", "--baseline requires --baselines"),
-        ("benchmark --baselines --feature a:b", "only one of --baselines and --feature"),
-        ("benchmark --confusion c.csv --feature a:b", "--confusion cannot be combined with --feature"),
-        ("benchmark --scheduler tcp://nowhere:8786", "--scheduler requires --backend dask"),
-        ("extract d -o x.csv --scheduler tcp://nowhere:8786", "--scheduler requires --backend dask"),
-        ("tradeoff --scheduler tcp://nowhere:8786", "--scheduler requires --backend dask"),
-        ("stream m.skops --diagnostics /d", "--diagnostics requires --publish"),
-        ("stream m.skops --gesture-time tap", "--gesture-time must have the form NAME=NUMBER, got 'tap'"),
-        ("export m.skops", "one of --output and --check"),
-        ("export m.skops -o m.onnx --window 1", "--window requires --from samples"),
-        ("convert a.texture -o b.texture --scale rough", "--scale must have the form NAME=NUMBER"),
-        ("benchmark --protocol random", "'random' is not one of"),
-        ("stability --only lattice", "'lattice' is not one of"),
-    ],
-)
-def test_wrong_options_end_with_exit_code_2_and_name_the_options(command, arguments, message):
+WRONG_OPTIONS = {
+    "benchmark --train repetition=1": "--train and --test must be given together",
+    "benchmark --leave-out operator --protocol blocks": "only one of --protocol",
+    "train d -o m.skops --shots 1 --protocol blocks": "--shots requires --protocol few-shot",
+    "tradeoff --shots 1": "--shots requires --protocol few-shot",
+    "benchmark --max-windows 2": "--max-windows requires --window",
+    "benchmark --baseline mfcc": "--baseline requires --baselines",
+    "benchmark --baselines --feature a:b": "only one of --baselines and --feature",
+    "benchmark --confusion c.csv --feature a:b": "--confusion cannot be combined with --feature",
+    "benchmark --scheduler tcp://nowhere:8786": "--scheduler requires --backend dask",
+    "extract d -o x.csv --scheduler tcp://nowhere:8786": "--scheduler requires --backend dask",
+    "tradeoff --scheduler tcp://nowhere:8786": "--scheduler requires --backend dask",
+    "stream m.skops --diagnostics /d": "--diagnostics requires --publish",
+    "stream m.skops --gesture-time tap": "--gesture-time must have the form NAME=NUMBER, got 'tap'",
+    "export m.skops": "one of --output and --check",
+    "export m.skops -o m.onnx --window 1": "--window requires --from samples",
+    "convert a.texture -o b.texture --scale rough": "--scale must have the form NAME=NUMBER",
+    "benchmark --protocol random": "'random' is not one of",
+    "stability --only lattice": "'lattice' is not one of",
+}
+"""Arguments -> what the message says."""
+
+
+@pytest.mark.parametrize("arguments", WRONG_OPTIONS)
+def test_wrong_options_end_with_exit_code_2_and_name_the_options(command, arguments):
     code, out, err = command(*arguments.split())
     assert (code, out) == (2, "")
-    assert message in " ".join(err.replace("│", " ").split())
+    assert WRONG_OPTIONS[arguments] in " ".join(err.replace("│", " ").split())
 
 
 def test_wrong_options_and_a_missing_unit_are_reported_before_anything_scientific_is_imported(tmp_path):
+    lines, _, packages = imported(*map(str.split, WRONG_OPTIONS))
+    assert (lines, packages) == (["exit code 2"] * len(WRONG_OPTIONS), [])
     (tmp_path / "oak").mkdir()
     (tmp_path / "oak" / "a.txt").write_text("1\n2\n")
-    lines, _, packages = imported(
-        ["benchmark", "--max-windows", "2"], ["tradeoff", "--shots", "1"], ["export", "m.skops"]
-    )
-    assert (lines, packages) == (["exit code 2"] * 3, [])
     lines, errors, packages = imported(["train", tmp_path, "-o", "model.skops"])
     assert lines == ["exit code 1"]
     assert "unit is missing" in errors
@@ -203,12 +200,8 @@ def test_each_command_has_a_panel_an_example_and_options_with_help_and_kind(name
 def test_every_option_that_a_page_or_a_message_names_exists(folder):
     params = [p for command in COMMANDS.values() for p in command.params]
     options = {flag for p in params for flag in (*p.opts, *p.secondary_opts)}
-    options |= {
-        "--help",
-        "--version",
-        "--out",
-        "--verbose",
-    }  # the last: of the chapters, of `ros2 topic info`
+    options |= {"--help", "--version"}
+    options |= {"--out", "--verbose"}  # of the chapters, and of `ros2 topic info`
     files = [path for path in (ROOT / folder).rglob("*.*") if path.suffix in {".md", ".py", ".toml"}]
     named = {
         option
@@ -368,21 +361,9 @@ def test_every_option_of_reading_reaches_the_reader(command, monkeypatch, name):
 
     monkeypatch.setattr("texclass.cli.parameters.reader_settings", stop)
     options = [word for key, value in values.items() for word in (f"--{key.replace('_', '-')}", value)]
-    n_arguments = sum(p.param_type_name == "argument" and p.required for p in READERS[name].params)
-    suffix = {"card": ".toml", "extract": ".csv", "inspect": ".png"}.get(name, ".skops")
-    output = ("-o", f"x{suffix}") if "-o" in taken - {"--json"} and name not in FOLDERS else ()
-    code, _, err = command(*name.split(), *["absent"] * n_arguments, *output, *options, "--drop-incomplete")
+    required = [p.name for p in READERS[name].params if p.required]
+    files = {"output": ("-o", "x.csv" if name == "extract" else "x.skops")}
+    required = [word for argument in required for word in files.get(argument, ("absent",))]
+    code, _, err = command(name, *required, *options, "--drop-incomplete")
     assert (code, err) == (1, "error: stopped\n")
     assert settings == values | {"column": ("a", "b"), "delimiter": "\t", "drop_incomplete": True}
-
-
-def test_columns_and_delimiter_read_a_file(run, tmp_path):
-    for material in ("wood", "steel"):
-        (tmp_path / "felt" / material).mkdir(parents=True)
-        rows = np.random.default_rng(0).normal(size=(2000, 3))
-        np.savetxt(tmp_path / "felt" / material / "r.csv", rows, delimiter=";")
-    told = ("--fs", "1000", "--unit", "m/s^2", "--jobs", "1", "--features", "coarse", "-o", "t.parquet")
-    code, _, said = run("extract", "felt", *told)
-    assert (code, "--column c1,c2,c3" in said) == (1, True)
-    code, out, said = run("extract", "felt", *told, "--delimiter", ";", "--column", "1,2,3")
-    assert (code, out.startswith("wrote t.parquet: 2 recordings")) == (0, True), said

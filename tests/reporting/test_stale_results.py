@@ -90,7 +90,7 @@ def test_files_that_are_no_results_are_skipped_and_listed(tmp_path, capsys):
     report(files, stale=True)
     said = capsys.readouterr().out
     assert f"skipped {other}: " in said
-    assert "1 of 1 results are to be made again" in said
+    assert "1 of 1 results are out of date" in said
     with pytest.raises(FileNotFoundError):
         stale_results([tmp_path / "gone.json"])
 

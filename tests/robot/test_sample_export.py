@@ -359,9 +359,6 @@ def test_a_file_of_features_can_be_checked_too(command, folder):
     code, _, err = command("export", "surfaces.skops", "--check")
     assert code == 1
     assert "surfaces.skops: not a model of texclass" in err
-    code, _, err = command("export", "surfaces.skops")
-    assert code != 0
-    assert "the rule is -o FILE.onnx, or --check" in err
 
 
 @pytest.fixture

@@ -329,10 +329,10 @@ def convert(
     force. Patterns can be rendered to WAV, and .hjif can be converted back to a
     texture, as far as it holds one.
     """
+    scales = p.numbers_by_name("--scale", scale)
     from texclass.reporting import Document, print_document
 
     kinds = source.suffix.lower(), output.suffix.lower()
-    scales = p.numbers_by_name("--scale", scale)
     if scales:
         lost = _retouch(source, output, scales, n_bytes)
     elif n_bytes is not None:

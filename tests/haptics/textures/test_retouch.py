@@ -94,6 +94,3 @@ def test_a_texture_is_retouched_on_the_command_line(command, texture, tmp_path):
     assert code == 0, err
     assert "rough" in out
     assert felt_scales(load_texture(target))["rough"] == pytest.approx(rough, abs=0.6)
-    code, _, err = command("convert", path, "-o", target, "--scale", "rough")
-    assert code == 1
-    assert "SCALE=VALUE" in err
