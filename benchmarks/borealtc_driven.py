@@ -1,9 +1,9 @@
 """Which terrain a robot drives on, against the seconds it has driven (`reports/studies/borealtc-driven`).
 
 Run it by hand from the project's root: `python benchmarks/borealtc_driven.py [--draws N]`. Pipeline
-`coarse` with its kernel discriminant, windows of 5 s, one each second, folds grouped by run as protocol
-`run` draws them. Each fold's classifier is calibrated on runs held out of its training part, so no run that
-is tested has been seen in any way. Evidence is that of the online recogniser.
+`coarse` with its kernel discriminant, windows of 5 s, one each second, folds of the protocol
+`grouped`. Each fold's classifier is calibrated on runs held out of its training part, so no run that is
+tested has been seen in any way. Evidence is that of the online recogniser.
 """
 
 import warnings
@@ -23,7 +23,7 @@ from texclass.evaluation import (
     touches,
     wilson_interval,
 )
-from texclass.evaluation.protocols import runs
+from texclass.evaluation.splits import runs
 from texclass.loaders import open_dataset
 from texclass.recognition import Answer, Evidence, expected_calibration_error, fit_calibration
 from texclass.recognition.probabilities import class_scores
@@ -37,7 +37,7 @@ KINDS = ("sequential", "majority")
 
 def probabilities(frame: pd.DataFrame, X: Samples, pipeline: PipelineDefinition, seed: int) -> Samples:
     """Return calibrated probabilities (n, n_classes) of windows by a classifier that never saw their run."""
-    y, run, protocol = frame["material"].to_numpy(str), runs(frame).to_numpy(), find_protocol("run")
+    y, run, protocol = frame["material"].to_numpy(str), runs(frame).to_numpy(), find_protocol("grouped")
     classes, labels = np.unique(y, return_inverse=True)
     number = frame["recording_id"].str.rpartition("#")[2].astype(int)
     single = np.flatnonzero((number - 1) % round(WINDOW_S / HOP_S) == 0)

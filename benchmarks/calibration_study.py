@@ -24,13 +24,13 @@ AIM = 0.05
 CASE = ("dataset", "pipeline", "row", "classifier", "protocol", "touch_s")
 CASES = (
     ("biotac20", "multiscale", "All", "vote", "recording", None),
-    ("biotac20", "multiscale", "All", "vote", "blocks", None),
+    ("biotac20", "multiscale", "All", "vote", "chronological", None),
     ("biotac20", "texclass", "Modified MFCC", "lda", "recording", None),
-    ("biotac20", "texclass", "Modified MFCC", "lda", "blocks", None),
+    ("biotac20", "texclass", "Modified MFCC", "lda", "chronological", None),
     ("biotac20", "texclass", "Modified MFCC", "naive_bayes", "recording", None),
-    ("biotac20", "texclass", "Modified MFCC", "naive_bayes", "blocks", None),
+    ("biotac20", "texclass", "Modified MFCC", "naive_bayes", "chronological", None),
     ("biotac20", "multiscale", "All", "kernel", "recording", 1.0),
-    ("biotac20", "multiscale", "All", "kernel", "blocks", 1.0),
+    ("biotac20", "multiscale", "All", "kernel", "chronological", 1.0),
     ("simulated", "multiscale", "All", "vote", "recording", None),
     ("simulated", "texclass", "All", "lda", "recording", None),
     ("simulated", "texclass", "All", "naive_bayes", "recording", None),
@@ -112,10 +112,10 @@ def main() -> None:
         "Models are trained, thresholds and temperatures included, on repetitions 1-20 of `biotac20`, and "
         "asked about 21-40 (the sensor has drifted); on `simulated` they are asked in five outer folds. "
         "`held out` says how the training recordings were held out to calibrate: in random folds "
-        "(recording), or later ones from earlier ones (blocks). ECE is the expected calibration error of "
-        f"the likeliest surface in {N_BINS} bins of equal width (of equal counts in the next column), with a "
-        "bootstrap interval over recordings; `before` is that of the classifier's own probabilities. "
-        f"Aim: at most {AIM}. False alarms: known surfaces called unknown, 5 % asked for.",
+        "(recording), or later ones from earlier ones (chronological). ECE is the expected calibration "
+        f"error of the likeliest surface in {N_BINS} bins of equal width (of equal counts in the next "
+        "column), with a bootstrap interval over recordings; `before` is that of the classifier's own "
+        f"probabilities. Aim: at most {AIM}. False alarms: known surfaces called unknown, 5 % asked for.",
         table(
             shown,
             "dataset = {dataset} | touch = {touch} | row, classifier = {pipeline}: {row}, {classifier} | "

@@ -66,7 +66,7 @@ def compared(name: str, n_baseline_draws: int, asked: Any) -> dict[str, Any]:
     felt, pipeline = touches(open_dataset(name), SECONDS), load_pipeline("coarse")
     known = cached_table(felt, *pipeline.needed, channels=pipeline.channels)
     names, labels = np.unique(known.materials, return_inverse=True)
-    protocol = find_protocol("run")
+    protocol = find_protocol("grouped")
     runs = protocol.clusters(known.frame)
     recordings = [felt.load(entry) for entry in felt.entries]
     apart = channels_apart(recordings[0], "all")

@@ -27,7 +27,8 @@ from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable
 from texclass.evaluation.folds import Evaluation, evaluate
 from texclass.evaluation.pipeline import MatchedRow
-from texclass.evaluation.protocols import N_STARTS, Indices, Split, runs, splits_of
+from texclass.evaluation.protocols import FewShot, splits_of
+from texclass.evaluation.splits import Indices, Split, runs
 from texclass.loaders import open_dataset
 from texclass.recognition import Novelty
 from texclass.recognition.candidates import Candidate, HeldOut, candidates_of, hold_out, without_choice
@@ -84,7 +85,7 @@ def main() -> None:
 def cells(frame: pd.DataFrame) -> Iterator[tuple[str, str, Sequence[Split]]]:
     """Yield protocol, number of recordings (or runs) of each surface that train, and splits of a data set."""
     if several("operator", frame) or several("session", frame):
-        apart = find_protocol("operator" if several("operator", frame) else "run")
+        apart = find_protocol("operator" if several("operator", frame) else "grouped")
         splits = apart.split(frame, 5, SEED)
         unit = runs(frame)
         least = min(unit.iloc[a].groupby(frame["material"].iloc[a]).nunique().min() for a, _ in splits)
@@ -96,7 +97,7 @@ def cells(frame: pd.DataFrame) -> Iterator[tuple[str, str, Sequence[Split]]]:
         counts = frame["material"].value_counts()
         for n in (n for n in N_SHOTS if 2 * n <= counts.min()):
             yield "few-shot", str(n), find_protocol(f"few-shot {n}").split(frame, 1, SEED)
-        yield "blocks", "all", find_protocol("blocks").split(frame, 1, SEED)
+        yield "chronological", "all", find_protocol("chronological").split(frame, 1, SEED)
 
 
 def several(label: str, frame: pd.DataFrame) -> bool:
@@ -149,7 +150,7 @@ def made_in_one_go(frame: pd.DataFrame) -> Iterator[tuple[int, int, Indices, Ind
     """
     for n in ONE_GO:
         if several("session", frame):
-            for start in range(N_STARTS):
+            for start in range(FewShot.n_starts):
                 yield n, start, *windows_of_one_run(frame, n, SEED + start)
         elif several("operator", frame):
             for start, (others, own) in enumerate(find_protocol("operator").split(frame, 1, SEED)):
@@ -252,7 +253,7 @@ def report(found: dict[str, list[dict[str, Any]]], made: dict[str, Any], out: Pa
         f"What `train` takes by default is within {NEAR:g} point of the best other row, or better, in "
         f"{n_near} of {len(beside)} cells. The best is chosen with the tests in view, so it is optimistic. "
         "Accuracies in %, mean over surfaces and folds, and the worst fold. n: recordings of "
-        "each surface that train (runs, under `run`).",
+        "each surface that train (runs, under `grouped`).",
         table(
             beside,
             "set = {set} | protocol = {protocol} | n = {n} | folds = {n_folds} | default = {default_row} | "

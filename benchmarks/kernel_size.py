@@ -47,7 +47,7 @@ def main() -> None:
     asked = command_line(__doc__, jobs=1)
     pipeline, felt = load_pipeline("texclass"), touches(open_dataset("biotac20"), TOUCH_S)
     found = cached_table(felt, *pipeline.needed, channels=pipeline.channels, n_jobs=asked.jobs)
-    frame, protocol = found.frame, find_protocol("blocks")
+    frame, protocol = found.frame, find_protocol("chronological")
     row = next(row for row in pipeline.rows if row.name == ROW)
     columns = list(MatchedRow.of(row, pipeline.features, found).columns)
     data = Labelled(

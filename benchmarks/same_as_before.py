@@ -248,7 +248,7 @@ def predictions(
     fold = np.full(len(y), -1)
     for number, (_, test) in enumerate(splits):
         fold[test] = number
-    options = {"nested": split_by.nested, "clusters": split_by.clusters(table.frame)}
+    options = {"nested": split_by.is_nested, "clusters": split_by.clusters(table.frame)}
     labels: dict[str, Any] = {}
     for declared in (row for row in definition.rows if row.select is None):
         row = MatchedRow.of(declared, definition.features, table)
@@ -270,10 +270,10 @@ def benchmark_and_labels(pipeline: str, name: Callable[[], str | Path], **asked:
 
 for _pipeline, _name, _dataset, _asked in (
     *((name, "simulated", None, {}) for name in ("strese2015", "texclass", "multiscale", "coarse")),
-    ("texclass", "biotac20", few_of_biotac, {"protocol": "blocks"}),
+    ("texclass", "biotac20", few_of_biotac, {"protocol": "chronological"}),
     ("multiscale", "biotac20", few_of_biotac, {"protocol": "few-shot"}),
     *((name, "taps5", None, {"folds": 4}) for name in ("strese2015", "strese2015+models", "texclass")),
-    ("coarse", "borealtc", None, {"touch": 5, "touches": 6, "protocol": "run", "folds": 5}),
+    ("coarse", "borealtc", None, {"touch": 5, "touches": 6, "protocol": "grouped", "folds": 5}),
 ):
     _of = _dataset or (lambda name=_name: name)
     _needs = () if _name == "simulated" else (_name,)
@@ -287,7 +287,7 @@ def protocols() -> Any:
     asked: dict[str, tuple[object, ...]] = {
         "operator": ("texclass", "--protocol", "operator"),
         "paper": ("strese2015", "--protocol", "paper", "--folds", 4),
-        "blocks": ("multiscale", "--protocol", "blocks"),
+        "chronological": ("multiscale", "--protocol", "chronological"),
         "few-shot": ("coarse", "--protocol", "few-shot"),
         "choose": ("coarse", "--protocol", "recording", "--folds", 4, "--nested-cv"),
         "touches": ("multiscale", "--window", 0.8, "--max-windows", 2, "--folds", 3),

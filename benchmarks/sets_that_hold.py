@@ -37,8 +37,8 @@ N_TRAINED, LAST_TRAINED = 16, 20
 CASE = ("dataset", "pipeline", "row", "classifier", "touch_s", "held_out")
 CASES = (
     ("biotac20", "multiscale", "All", "vote", None, "recording"),
-    ("biotac20", "multiscale", "All", "vote", None, "blocks"),
-    ("borealtc", "coarse", "Bands", "kernel", 5.0, "run"),
+    ("biotac20", "multiscale", "All", "vote", None, "chronological"),
+    ("borealtc", "coarse", "Bands", "kernel", 5.0, "grouped"),
 )
 """What is trained, what an answer feels, and how training recordings are held out for the sets."""
 Rows = NDArray[np.intp]
@@ -76,7 +76,7 @@ def measure(case: dict[str, Any]) -> list[dict[str, Any]]:
         several = case["touch_s"] is not None
         p = calibration(held_out.decisions)
         correlation = fit_correlation(p, held_out.labels, of["contact"]) if several else None
-        ages = n_later(of["material"], of["repetition"]) if case["held_out"] == "blocks" else 0
+        ages = n_later(of["material"], of["repetition"]) if case["held_out"] == "chronological" else 0
         known = conformities(
             held_out.decisions,
             held_out.labels,
@@ -88,7 +88,7 @@ def measure(case: dict[str, Any]) -> list[dict[str, Any]]:
         answers = hold_out(candidate, frame, [(train, test)])
         odds, p = log_odds(calibration.beta * answers.decisions), calibration(answers.decisions)
         least = {"training": {level: np.full(len(test), known.least(level)) for level in LEVELS}}
-        if case["held_out"] == "blocks":
+        if case["held_out"] == "chronological":
             right = odds[np.arange(len(test)), answers.labels]
             least["references"] = following(known, right, facts(asked))
         for way, of_level in least.items():

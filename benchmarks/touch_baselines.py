@@ -77,7 +77,7 @@ def told(part: dict[str, Any], c: dict[str, Any]) -> dict[str, str]:
 def main() -> None:
     """Compare at every length; write the report after each, so that nothing computed is lost."""
     asked = command_line(
-        __doc__, dataset="biotac20", pipeline="surfaces", protocol="blocks", touches=4, whole_s=8.0,
+        __doc__, dataset="biotac20", pipeline="surfaces", protocol="chronological", touches=4, whole_s=8.0,
         baselines=BASELINES, baselines_seconds=900.0, jobs=2, baselines_python=Path, seconds=SECONDS,
     )  # fmt: skip
     dataset, pipeline, lengths = open_dataset(asked.dataset), load_pipeline(asked.pipeline), []

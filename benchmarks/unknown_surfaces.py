@@ -39,8 +39,8 @@ SCORES = {
 }
 DESIGNS = {
     "recordings": "every fifth repetition of the known materials tests, the others train",
-    "blocks": "repetitions 1-20 of the known materials train, 21-40 test: the sensor has drifted",
-    "blocks, drift expected": "as blocks; the threshold is set on 11-20 by a recogniser of 1-10",
+    "chronological": "repetitions 1-20 of the known materials train, 21-40 test: the sensor has drifted",
+    "chronological, drift expected": "the same; the threshold is set on 11-20 by a recogniser of 1-10",
 }
 
 
@@ -77,8 +77,8 @@ def study(
     fifth, late = (repetition + number) % 5 == 0, repetition > 20
     for name, protocol, test in (
         ("recordings", "recording", fifth),
-        ("blocks", "recording", late),
-        ("blocks, drift expected", "blocks", late),
+        ("chronological", "recording", late),
+        ("chronological, drift expected", "chronological", late),
     ):
         train = np.flatnonzero(~unknown & ~test)
         asked = np.flatnonzero(test | (unknown & (name == "recordings")))

@@ -240,7 +240,7 @@ def test_benchmark_prints_the_table_and_writes_its_report(run, tmp_path):
 
 def test_benchmark_of_touches_reports_windows_and_the_vote_of_each_run(run, tmp_path):
     (tmp_path / "few.toml").write_text(FEW)
-    told = ("--window", "0.5", "--max-windows", "2", "--protocol", "run", "--folds", "4", "--jobs", "1")
+    told = ("--window", "0.5", "--max-windows", "2", "--protocol", "grouped", "--folds", "4", "--jobs", "1")
     told = (*told, "--pipeline", "few.toml")
     code, out, _ = run("benchmark", "tiny.toml", *told, "--output", "here", "--json", "x.json")
     assert code == 0

@@ -262,7 +262,7 @@ def test_one_set_of_splits_says_which_test_was_used_over_how_many_clusters():
         ("abcdef", "exact McNemar test, t interval over recordings", 6),
         ("aabbcd", "t-test over recordings", 4),
     ):
-        found = compared("blocks", groups)
+        found = compared("chronological", groups)
         assert (found["test"], found["n_clusters"], found["clusters"]) == (test, n, "recording")
         assert found["difference"] == pytest.approx(1 / 3)
         assert found["low"] <= found["difference"] <= found["high"]

@@ -67,7 +67,7 @@ def test_a_named_row_and_classifier_are_taken_else_the_best_without_a_group_insi
 def test_splits_that_are_not_drawn_are_compared_once_over_what_is_independent(gains):
     for protocol, test, p in (
         ("operator", "t-test over operators", 0.5),  # two of them say no more than two coins
-        ("blocks", "exact McNemar test, t interval over recordings", 0.05),
+        ("chronological", "exact McNemar test, t interval over recordings", 0.05),
     ):
         found = gains(protocol=protocol)[1]
         paired = found["groups"][0]["paired"]

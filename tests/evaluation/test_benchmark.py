@@ -217,7 +217,7 @@ def two(pipeline):
 def choice_of(pipeline, frame):
     """Choose a row and a classifier for some values, blocks first; return it beside every evaluation."""
     table = FeatureTable(frame, pipeline.features.column_names, np.zeros(len(frame)))
-    protocol = find_protocol("blocks")
+    protocol = find_protocol("chronological")
     splits = protocol.split(table.frame, 0, 0)
     rows = [MatchedRow.of(definition, pipeline.features, table) for definition in pipeline.rows]
     evaluations = {
@@ -237,7 +237,7 @@ def test_the_row_that_fits_the_tests_by_chance_is_not_chosen(two):
     values |= {peak: np.where(later, truth, noise[1]) for peak in peaks}
     choice, evaluations = choice_of(two, a_table(4, 20).assign(**values))
     assert choice["chosen"] == [["Level", "euclidean"]]
-    assert choice["protocol"] == "blocks"
+    assert choice["protocols"] == ["chronological"]
     assert choice["accuracy"]["mean"] == evaluations["Level"]["euclidean"].accuracy.mean
 
 
@@ -277,7 +277,7 @@ def test_of_rows_that_do_equally_well_the_widest_is_chosen(toy_dataset, pipeline
 def test_one_row_and_one_classifier_are_chosen_before_any_recording_is_seen(toy_dataset, pipeline):
     one = pipeline(row("Both", "level", "peaks"), classifiers=EUCLIDEAN, steps=STEPS[1:])
     found = run_benchmark(toy_dataset(), one, protocol="repetition=1 -> repetition=2-4", choose=True).data
-    assert found["choice"]["protocol"] == "nothing to choose"
+    assert found["choice"]["protocols"] == []
     assert found["choice"]["accuracy"] == found["rows"][0]["accuracy"]["euclidean"]
 
 
@@ -285,8 +285,8 @@ def test_training_parts_are_split_as_the_whole_where_possible():
     two_operators = a_table(3, 6).assign(operator=np.tile(["a", "a", "a", "b", "b", "b"], 3))
     for protocol, frame, inner in (
         ("recording", a_table(3, 6), "recording"),
-        ("blocks", a_table(3, 8), "blocks"),
-        ("blocks", a_table(3, 6), "recording"),
+        ("chronological", a_table(3, 8), "chronological"),
+        ("chronological", a_table(3, 6), "recording"),
         ("few-shot", a_table(3, 8), "recording"),
         ("operator", two_operators, "recording"),  # one is left, and cannot be left out
     ):

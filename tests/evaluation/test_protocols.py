@@ -1,5 +1,8 @@
 """Protocols: recordings are the unit, and an impossible split says why."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,8 +11,9 @@ from sklearn.preprocessing import StandardScaler
 from toy_noises import a_table
 
 from texclass.evaluation.folds import evaluate
-from texclass.evaluation.protocols import PROTOCOLS, find_protocol, n_trainings, repeated
+from texclass.evaluation.protocols import PROTOCOLS, find_protocol, repeated
 from texclass.evaluation.selection import ForwardSelector
+from texclass.evaluation.splits import n_starts
 
 
 def split(name, table, n_folds=10, seed=0):
@@ -18,14 +22,30 @@ def split(name, table, n_folds=10, seed=0):
 
 def test_no_recording_trains_and_tests_in_one_fold_and_each_is_tested_once_where_folds_cover_all():
     table = a_table()
-    for name in PROTOCOLS:
+    for name, protocol in PROTOCOLS.items():
         folds = split(name, table)
         for train, test in folds:
             assert not set(train) & set(test)
             assert set(table["material"][test]) == set(table["material"][train])
-        if name not in ("blocks", "few-shot"):
+        if protocol.is_random or name == "operator":
             assert sorted(np.concatenate([test for _, test in folds])) == list(range(30))
-    assert [p.name for p in PROTOCOLS.values() if not p.nested] == ["paper"]
+        assert n_starts(folds) == (3 if name == "few-shot" else None)
+    assert [p.name for p in PROTOCOLS.values() if not p.is_nested] == ["paper"]
+
+
+def test_a_protocol_needs_its_labels_and_no_other():
+    for name, protocol in PROTOCOLS.items():
+        needless = {"operator", "session", "repetition"} - set(protocol.needs)
+        assert split(name, a_table().assign(**dict.fromkeys(needless, None)))
+        if protocol.needs:
+            with pytest.raises(ValueError, match=protocol.needs[0]):
+                split(name, a_table().assign(**dict.fromkeys(protocol.needs, None)))
+
+
+def test_the_guide_lists_every_protocol():
+    guide = (Path(__file__).parents[2] / "docs" / "experiments.md").read_text(encoding="utf-8")
+    table = guide.partition("| `--protocol` |")[2].partition("\n\n")[0]
+    assert re.findall(r"^\| `([^`]+)` \|", table, flags=re.M) == list(PROTOCOLS)
 
 
 def test_permuted_labels_stay_at_chance_under_every_protocol():
@@ -36,7 +56,7 @@ def test_permuted_labels_stay_at_chance_under_every_protocol():
     for name, protocol in PROTOCOLS.items():
         _, unit = np.unique(protocol.clusters(table), return_inverse=True)
         chooser = (
-            ForwardSelector(GaussianNB(), n_features_to_select=2) if protocol.nested else StandardScaler()
+            ForwardSelector(GaussianNB(), n_features_to_select=2) if protocol.is_nested else StandardScaler()
         )
         right = []
         for seed in range(5):
@@ -59,7 +79,7 @@ def test_operator_leaves_one_out_entirely_and_falls_back_to_sessions():
 
 def test_blocks_train_on_the_first_repetitions_whatever_the_order_of_rows():
     table = a_table(2, 9).sample(frac=1, random_state=0, ignore_index=True)
-    ((train, test),) = split("blocks", table)
+    ((train, test),) = split("chronological", table)
     assert set(table["repetition"][train]) == {1, 2, 3, 4}
     assert set(table["repetition"][test]) == {5, 6, 7, 8, 9}
 
@@ -83,7 +103,7 @@ def test_few_shot_has_as_many_starts_as_fit_before_the_same_later_tests(name, n,
         for fold in split(name, table)
     ]
     assert found == [[list(start), list(test)] for start in starts for test in tests]
-    assert n_trainings(split(name, table)) == len(starts)
+    assert n_starts(split(name, table)) == (len(starts) if len(starts) > 1 else None)
 
 
 def test_few_shot_draws_runs_where_recordings_have_no_number():
@@ -106,23 +126,23 @@ def test_no_run_trains_and_tests_and_every_fold_tests():
         rows = [run for run in runs for _ in range(rng.integers(1, 12))]
         table = pd.DataFrame(rows, columns=["material", "session"]).assign(operator=None, repetition=None)
         table["recording_id"] = [f"r{i}" for i in range(len(table))]
-        folds = split("run", table, 5, seed)
+        folds = split("grouped", table, 5, seed)
         assert len(folds) == 5
         for train, test in folds:
             assert not set(table["session"][train]) & set(table["session"][test])
             assert set(table["material"][train]) == {"m0", "m1", "m2"}
     # Without sessions a run is a recording.
-    assert find_protocol("run").clusters(a_table()).tolist() == a_table()["recording_id"].tolist()
+    assert find_protocol("grouped").clusters(a_table()).tolist() == a_table()["recording_id"].tolist()
 
 
 def test_splits_follow_the_seed_and_repeats_are_those_of_the_next_seeds():
-    for name in ("recording", "run", "paper"):
+    for name in ("recording", "grouped", "paper"):
         repeats = repeated(find_protocol(name), a_table(), 5, 3, 7)
         for r, folds in enumerate(repeats):
             tests = [test.tolist() for _, test in folds]
             assert tests == [test.tolist() for _, test in split(name, a_table(), 5, 7 + r)]
         assert repeats[0][0][1].tolist() != repeats[1][0][1].tolist()
-    for name, n in (("recording", 0), ("blocks", 2), ("few-shot", 3), ("operator", 2)):
+    for name, n in (("recording", 0), ("chronological", 2), ("few-shot", 3), ("operator", 2)):
         with pytest.raises(ValueError, match=f"{n} repeats of the protocol `{name}`; the rule is 1"):
             repeated(find_protocol(name), a_table(), 5, n, 0)
 
@@ -138,8 +158,8 @@ def test_an_impossible_split_names_value_and_rule():
             a_table(2, 7),
             "7 recordings; 10 folds need at least 10 of each; 2 to 7 folds are possible: `--folds 7`",
         ),
-        ("run", a_table(2, 7), "m0 has 7 runs; 10 folds .* at least 10 of each; 2 to 7 folds are"),
-        ("run", three_runs, "has 3 runs; 10 folds grouped by run need at least 10 of each; 2 to 3 folds"),
+        ("grouped", a_table(2, 7), "m0 has 7 runs; 10 folds .* at least 10 of each; 2 to 7 folds are"),
+        ("grouped", three_runs, "has 3 runs; 10 folds grouped by run need at least 10 of each; 2 to 3 folds"),
         ("few-shot", a_table(3, 5), "m0 has 5 recordings; the protocol `few-shot` needs 6 of each"),
         (
             "few-shot",
@@ -150,10 +170,10 @@ def test_an_impossible_split_names_value_and_rule():
         ("operator", a_table(operator=None), "0 operators and 0 sessions"),
         ("operator", a_table(operator="o1"), "1 operators and 0 sessions"),
         ("operator", single, "material m0 has no recording without operator a"),
-        ("blocks", a_table(3, 1), "material m0 has 1 recording"),
-        ("blocks", a_table(repetition=None), "recording m0_1 has no repetition number"),
-        ("random", a_table(), "recording, operator, blocks, few-shot, run, paper, few-shot NUMBER"),
-        ("repetition=0-4 -> repetition=4-9", a_table(), "of repetition=0-4 and of repetition=4-9"),
+        ("chronological", a_table(3, 1), "material m0 has 1 recording"),
+        ("chronological", a_table(repetition=None), "recording m0_1 has no repetition number"),
+        ("random", a_table(), f"{', '.join(PROTOCOLS)}, few-shot NUMBER, leave-out LABEL, LABEL=VALUES"),
+        ("repetition=0-4 -> repetition=4-9", a_table(), "recording m0_4 would train and test"),
         ("repetition=0-4 -> repetition=40-49", a_table(), "has repetition '40-49'; there are 1, 2, 3"),
         ("repetition=0-4 -> smell=a", a_table(), "label .* 'smell'; the rule is one of material, operator"),
         ("repetition=0-4 -> session", a_table(), "chosen by 'session'; the rule is LABEL=VALUE,VALUE"),
@@ -181,8 +201,8 @@ def test_these_recordings_train_and_those_test_by_any_label():
 def test_what_is_left_out_is_independent_else_runs_or_recordings():
     table = a_table().assign(session=[f"s{i % 3}" for i in range(30)])
     for name, unit, n in (
-        ("operator", "operator", 5), ("leave-out session", "session", 3), ("run", "run", 3),
-        ("recording", "recording", 30), ("blocks", "recording", 30),
+        ("operator", "operator", 5), ("leave-out session", "session", 3), ("grouped", "run", 3),
+        ("recording", "recording", 30), ("chronological", "recording", 30),
     ):  # fmt: skip
         found, of = find_protocol(name).independent(table)
         assert (found, len(set(of))) == (unit, n)

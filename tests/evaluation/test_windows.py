@@ -134,7 +134,7 @@ def test_no_protocol_parts_the_windows_of_a_recording_and_they_are_split_as_reco
             assert not set(shuffled["parent"][train]) & set(shuffled["parent"][test])
             for rows in (train, test):  # all windows of a recording, or none
                 assert (shuffled.iloc[rows].groupby("parent").size() == 3).all()
-        if name in ("recording", "blocks", "few-shot"):
+        if name in ("recording", "chronological", "few-shot"):
             pairs = zip(protocol.split(whole, 3, 0), protocol.split(cut, 3, 0), strict=True)
             for (_, test), (_, of_windows) in pairs:
                 assert set(whole["recording_id"][test]) == set(cut["parent"][of_windows])
@@ -145,7 +145,7 @@ def test_no_protocol_parts_the_windows_of_a_recording_and_they_are_split_as_reco
 def test_the_benchmark_of_windows_reports_them_their_interval_and_their_vote(toy_dataset, pipeline):
     euclidean = {"euclidean": CLASSIFIERS["euclidean"]}
     few = pipeline(row("Level", "level"), classifiers=euclidean, steps=(), protocol=FoldSettings(folds=3))
-    result = run_benchmark(touches(toy_dataset(3, 6), 0.02), few, protocol="run")
+    result = run_benchmark(touches(toy_dataset(3, 6), 0.02), few, protocol="grouped")
     facts = result.data["dataset"]
     assert (facts["n_windows"], facts["n_recordings"]) == (3 * 6 * 15, 3 * 6)
     told = result.data["rows"][0]["accuracy"]["euclidean"]
@@ -155,7 +155,7 @@ def test_the_benchmark_of_windows_reports_them_their_interval_and_their_vote(toy
     assert told["per_run"]["mean"] > told["mean"]
     assert told["balanced"] == pytest.approx(told["mean"])
     felt, closer = touches(toy_dataset(3, 6), 0.02), few.model_copy(update={"overlap": 2})
-    found = run_benchmark(felt, closer, protocol="run").data
+    found = run_benchmark(felt, closer, protocol="grouped").data
     assert found["dataset"] == facts
     assert np.sum(found["confusion"]["counts"]) == facts["n_windows"]
 

@@ -115,7 +115,9 @@ def test_few_that_are_all_right_promise_less_than_all_and_later_ones_as_little_a
     low = 1 / 4 + LATER_KEPT * (accuracy["low"] - 1 / 4)  # four surfaces
     assert accuracy["later"] == {"low": pytest.approx(low), "high": accuracy["high"]}
     assert of_later({"low": 0.01, "high": 0.3}, 4) == {"low": 0.01, "high": 0.3}  # below chance already
-    in_time = train(surfaces(FEW - 2), pipeline(), protocol="blocks", false_alarms=0.1).manifest.accuracy
+    in_time = train(
+        surfaces(FEW - 2), pipeline(), protocol="chronological", false_alarms=0.1
+    ).manifest.accuracy
     assert "later" not in in_time
     assert in_time["mean"] == pytest.approx(17 / 18)
 
@@ -151,10 +153,10 @@ def test_margins_are_wider_where_later_recordings_cannot_be_told():
         (n, protocol): train(surfaces(n), pipeline(), protocol=protocol, false_alarms=0.2).manifest.unknown[
             "level"
         ]
-        for n, protocol in ((10, "recording"), (10, "blocks"), (20, "recording"))
+        for n, protocol in ((10, "recording"), (10, "chronological"), (20, "recording"))
     }
     assert levels[10, "recording"] == cautious(0.2, 40, LATER_ALARMS) == 1 / 41
-    assert levels[10, "blocks"] == levels[20, "recording"] == 0.2
+    assert levels[10, "chronological"] == levels[20, "recording"] == 0.2
 
 
 def test_recordings_that_several_starts_ask_about_are_no_windows():
@@ -174,10 +176,10 @@ def test_what_is_held_out_decides_what_can_be_told():
 
     late = np.where(table["repetition"] > 2, "b", "a")
     assert told_not("recording") == ["later recordings", "another session or operator"]
-    assert told_not("blocks") == ["another session or operator"]
+    assert told_not("chronological") == ["another session or operator"]
     assert told_not("repetition=1,2 -> repetition=4") == ["another session or operator"]
     assert told_not("operator", operator=late) == ["later recordings", "another session"]
-    assert told_not("run", session=table["recording_id"]) == ["later recordings", "another operator"]
+    assert told_not("grouped", session=table["recording_id"]) == ["later recordings", "another operator"]
     assert told_not("leave-out session", session=late) == ["later recordings", "another operator"]
 
 

@@ -40,8 +40,8 @@ ENOUGH = _table()
     ("table", "asked", "own", "false_alarms", "name"),
     [
         # Many numbered repetitions are held out in time.
-        (ENOUGH, None, "recording", 0.05, "blocks"),
-        (_table(operator="ann"), None, "recording", 0.05, "blocks"),
+        (ENOUGH, None, "recording", 0.05, "chronological"),
+        (_table(operator="ann"), None, "recording", 0.05, "chronological"),
         # Else recordings are held out as the pipeline says.
         (_table(ENOUGH_REPETITIONS - 1), None, "recording", 0.05, "recording"),
         (pd.concat([ENOUGH, _table(6, ("oak",))], ignore_index=True), None, "recording", 0.05, "recording"),
@@ -51,16 +51,16 @@ ENOUGH = _table()
             ENOUGH.assign(operator=np.where(ENOUGH["repetition"] > 10, "ann", "ben")),
             *(None, "recording", 0.05, "recording"),
         ),
-        (ENOUGH, None, "run", 0.05, "run"),
+        (ENOUGH, None, "grouped", 0.05, "grouped"),
         # What is asked for counts.
         (ENOUGH, "recording", "recording", 0.05, "recording"),
-        (_table(4), "blocks", "recording", 0.05, "blocks"),
+        (_table(4), "chronological", "recording", 0.05, "chronological"),
         # Half of the recordings, 20, must do for the rate of false alarms: 0.045 takes 22.
-        (ENOUGH, None, "recording", 0.048, "blocks"),
+        (ENOUGH, None, "recording", 0.048, "chronological"),
         (ENOUGH, None, "recording", 0.045, "recording"),
         # Windows count as their recordings.
         (_windows(8), None, "recording", 0.05, "recording"),
-        (_windows(ENOUGH_REPETITIONS), None, "recording", 0.05, "blocks"),
+        (_windows(ENOUGH_REPETITIONS), None, "recording", 0.05, "chronological"),
     ],
 )
 def test_recordings_are_held_out_in_time_where_that_can_be_told(table, asked, own, false_alarms, name):
@@ -107,12 +107,15 @@ def test_blocks_raise_fewer_false_alarms_when_a_sensor_drifts(drifting, tmp_path
         for protocol in (None, "recording")
     }
     facts = made[None].manifest
-    assert (facts.accuracy["protocol"], facts.accuracy["n_tested"]) == ("blocks", 4 * ENOUGH_REPETITIONS / 2)
+    assert (facts.accuracy["protocol"], facts.accuracy["n_tested"]) == (
+        "chronological",
+        4 * ENOUGH_REPETITIONS / 2,
+    )
     assert _false_alarms(made[None], late) < _false_alarms(made["recording"], late) - 0.1
     assert np.mean([made[None].answer(recording("stranger", seed)).unknown for seed in range(10)]) >= 0.8
     made[None].save(tmp_path / "m.skops")
     (told,) = model_document(load_model(tmp_path / "m.skops")).blocks
-    assert told["Held out"].startswith("protocol blocks, 1 fold (20 numbered repetitions")
+    assert told["Held out"].startswith("protocol chronological, 1 fold (20 numbered repetitions")
     assert ("drift makes distances" in told["Held out"]) == (classifier == "lda")
     assert "best of" not in told["Pipeline"]  # one candidate was asked for
 

@@ -231,7 +231,7 @@ def test_what_is_no_result_is_refused_with_file_and_rule(text, rule, tmp_path):
         ("benchmark", lambda d: d["gains"]["groups"][0]["paired"].update(low=None),
          r"groups\.1\.paired\.low is None"),
         ("benchmark", lambda d: d.update(choice={"accuracy": {"mean": 1, "low": 1, "high": 1},
-                                                 "chosen": [["All"]], "protocol": "x"}),
+                                                 "chosen": [["All"]], "protocols": ["x"]}),
          r"choice\.chosen\.1\.2"),
         ("benchmark", lambda d: d["rows"][0].update(ms_per_recording=1e308),
          r"ms_per_recording is 1e\+308; .* 1e\+100"),

@@ -111,7 +111,7 @@ def over_operators(data, interval, n, **more):
 
 
 CHOICE = {
-    "accuracy": {"mean": 0.7, "low": 0.604, "high": 0.781}, "protocol": "blocks",
+    "accuracy": {"mean": 0.7, "low": 0.604, "high": 0.781}, "protocols": ["chronological"],
     "chosen": [["All", "lda"], ["Level", "lda"], ["All", "lda"]],
 }  # fmt: skip
 PROBLEMS = {
@@ -310,7 +310,7 @@ def test_the_features_of_the_study_are_ordered_by_their_worst_condition():
 
 def test_published_figures_are_a_measure_only_of_as_many_surfaces_under_the_same_protocol():
     for changed, why in (
-        ({"protocol": "blocks"}, "protocol `blocks` here, `operator` there"),
+        ({"protocol": "chronological"}, "protocol `chronological` here, `operator` there"),
         ({"published_on": {"n_materials": 69, "protocols": ["operator"]}}, "3 surfaces here, 69 there"),
         ({"published_on": None}, "it is not said on how many surfaces"),
     ):

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from texclass.evaluation.protocols import find_protocol
 from texclass.evaluation.result import (
     CHOICE,
     again_facts,
@@ -14,7 +15,6 @@ from texclass.evaluation.result import (
     classifier_title,
     dataset_facts,
     over,
-    protocol_title,
     size,
 )
 from texclass.reporting import Document, Figure, Finding, Folded, Heading, Table
@@ -81,7 +81,7 @@ def baselines_document(data: Data) -> Document:
     return Document(
         f"{data['dataset']['name']}, beside other tools",
         [*blocks, list(_notes(data)), *folded],
-        f"Pipeline {pipeline}, {protocol_title(data['protocol'])}: {size(data['dataset'])}",
+        f"Pipeline {pipeline}, {find_protocol(data['protocol']).title}: {size(data['dataset'])}",
         _finding(data),
         dataset_facts(data),
         again_facts(data, f"{pipeline} ({data['pipeline_hash']})"),

@@ -18,8 +18,9 @@ from texclass.evaluation.accuracy import compare, score
 from texclass.evaluation.benchmark import BenchmarkResult
 from texclass.evaluation.feature_table import FeatureTable, cached_table
 from texclass.evaluation.pipeline import MatchedRow, PipelineDefinition
-from texclass.evaluation.protocols import Protocol, Split, find_protocol
+from texclass.evaluation.protocols import Protocol, find_protocol
 from texclass.evaluation.result import CHOICE, COMPUTED_BY, Result
+from texclass.evaluation.splits import Split
 from texclass.evaluation.windows import overlapping
 from texclass.evaluation.workers import Progress
 from texclass.features.contract import UndefinedFeatureError
@@ -162,7 +163,7 @@ def compare_with_baselines(
             versions |= outcome["versions"]
             report(done, total, "baselines")
     notes, benchmark = list[str](), result.data
-    if not protocol.nested:
+    if not protocol.is_nested:
         notes.append(
             "ours is prepared on all recordings, test folds included, as the protocol says; no baseline is"
         )
@@ -243,7 +244,7 @@ def _ours(
         measured[name, judge] = {
             "name": name, "title": name, "ours": True, "reference": definitions[name].reference,
             "classifier": judge, "status": "done", "message": "", "n_columns": row.n_features,
-            **measure_ours(row, judge, pipeline, dataset, table, splits, nested=protocol.nested),
+            **measure_ours(row, judge, pipeline, dataset, table, splits, nested=protocol.is_nested),
         }  # fmt: skip
     entrants = [_chosen([measured[pair] for pair in chosen])] if chosen else []
     entrants += [measured[pair] for pair in pairs]

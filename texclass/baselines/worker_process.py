@@ -17,7 +17,7 @@ from texclass.baselines.baseline_worker.run import timed, watch_memory
 from texclass.evaluation.feature_table import FeatureTable
 from texclass.evaluation.folds import Evaluation
 from texclass.evaluation.pipeline import MatchedRow, PipelineDefinition
-from texclass.evaluation.protocols import Split
+from texclass.evaluation.splits import Split
 from texclass.evaluation.workers import each
 from texclass.features.phase_view import channels_apart
 from texclass.features.plan import Plan

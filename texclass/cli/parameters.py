@@ -18,7 +18,7 @@ baseline_option = partial(Option, rich_help_panel="Baselines")
 running_option = partial(Option, rich_help_panel="Running")
 output_option = partial(Option, rich_help_panel="Output")
 
-ProtocolName = Literal["recording", "operator", "blocks", "few-shot", "run", "paper"]
+ProtocolName = Literal["recording", "operator", "chronological", "few-shot", "grouped", "paper"]
 """The names in `texclass.evaluation.protocols.PROTOCOLS`, which cannot be imported without scikit-learn."""
 
 

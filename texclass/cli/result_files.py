@@ -137,7 +137,7 @@ GROUP = part(
 GAINS = part(
     row=str, classifier=str, chosen=str, without=SUM, n_repeats=COUNT, n_folds=COUNT, groups=listed(GROUP)
 )
-CHOICE = part(accuracy=ACCURACY, chosen=listed(tuple[str, str], least=1), protocol=str)
+CHOICE = part(accuracy=ACCURACY, chosen=listed(tuple[str, str], least=1), protocols=listed(str))
 EXAMPLE = part(
     recording=str, material=(str, ""), unit=str, seconds=ABOVE_0,
     low=listed(NUMBER, least=1), high=listed(NUMBER, least=1),

@@ -15,7 +15,8 @@ from scipy.special import bdtr, expit, ndtri, stdtr, stdtrit
 from texclass.recording import Samples
 
 if TYPE_CHECKING:
-    from texclass.evaluation.protocols import Protocol, Split
+    from texclass.evaluation.protocols import Protocol
+    from texclass.evaluation.splits import Split
 
 Labels = NDArray[Any]
 Hits = Sequence[Sequence[NDArray[np.bool_]]]
@@ -389,7 +390,7 @@ def compare(
     tested = np.concatenate([groups[test] for _, test in splits[: len(hits[0])]])
     first = slice(tested.size)  # of the first repeat
     sums, n_tests = by_cluster(one[first].astype(int) - two[first], tested)
-    if protocol.drawn and len(hits[0]) > 1 and not agree(differences):
+    if protocol.is_random and len(hits[0]) > 1 and not agree(differences):
         ratio = float(np.mean([test.size / train.size for train, test in splits]))
         interval, p = corrected_resampled_t(differences, ratio)
         test, difference, free = "corrected resampled t-test over folds and repeats", differences.mean(), None

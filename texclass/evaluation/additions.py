@@ -106,10 +106,10 @@ def measure_additions(
     row, classifier, chosen = base
     groups = [MatchedRow.of(group, pipeline.features, table) for group in pipeline.additions]
     rows = [row, *(_joined(row, group) for group in groups if group.columns)]
-    n_repeats = pipeline.gain.repeats if protocol.drawn else 1
+    n_repeats = pipeline.gain.repeats if protocol.is_random else 1
     repeats = repeated(protocol, table.frame, n_folds, n_repeats, pipeline.seed)
     trials = [pipeline.trial(row, classifier, table) for row in rows]
-    calls = [partial(trial, splits, nested=protocol.nested) for trial in trials for splits in repeats]
+    calls = [partial(trial, splits, nested=protocol.is_nested) for trial in trials for splits in repeats]
     found = [
         e.hits for e in each(calls, n_jobs=n_jobs, progress=progress, what="additions", total=len(calls))
     ]

@@ -23,14 +23,13 @@ from texclass.evaluation.folds import Evaluation
 from texclass.evaluation.pipeline import MatchedRow, PipelineDefinition, load_pipeline
 from texclass.evaluation.protocols import (
     Protocol,
-    Split,
     fewest,
     find_protocol,
-    n_trainings,
     require_unseen,
     splits_of,
 )
 from texclass.evaluation.result import COMPUTED_BY, Result, best_of, example_of, measured_on, pairs_of
+from texclass.evaluation.splits import Split, n_starts
 from texclass.evaluation.windows import asked, overlapping
 from texclass.evaluation.workers import Progress, each
 from texclass.features.extractor import Reason
@@ -165,7 +164,7 @@ def run_benchmark(
     protocol : str, optional
         A name of `PROTOCOLS`; the pipeline's own by default.
     n_folds : int, optional
-        Folds of "recording", "run" and "paper"; the pipeline's own by default.
+        Folds of "recording", "grouped" and "paper"; the pipeline's own by default.
     choose : bool
         Also choose a row and a classifier inside each training part, see `choose_inside`.
     n_jobs : int
@@ -231,7 +230,7 @@ def run_benchmark(
             "protocol": chosen.name,
             "protocol_description": chosen.description,
             "n_folds": len(splits),
-            **({"n_starts": n_trainings(splits)} if chosen.several_starts else {}),
+            **({"n_starts": starts} if (starts := n_starts(splits)) else {}),
             "accuracy_unit": f"fraction of {tested}; low and high are the 95 % interval by `interval`",
             "rows": lines,
             "segmentation_ms": meter.segmentation_ms,
@@ -262,7 +261,7 @@ def _evaluate(
 ) -> dict[str, dict[str, Evaluation]]:
     """Evaluate every computable row with every classifier: row name -> classifier -> evaluation."""
     options = {
-        "nested": protocol.nested,
+        "nested": protocol.is_nested,
         "clusters": protocol.clusters(table.frame),
         "independent": protocol.independent(table.frame)[1],
     }
@@ -391,9 +390,10 @@ def choose_inside(
     -------
     dict or None
         As JSON: the `accuracy` of the chosen rows and classifiers on the test parts, which had no say; row
-        and classifier `chosen` in each fold; the `protocol` that split the training parts. None where no row
-        could be computed. Of rows that do equally well within a training part, as few
-        recordings often leave them, the one that reads the most columns is chosen; of such, the first.
+        and classifier `chosen` in each fold; the `protocols` that split the training parts, none where
+        there is nothing to choose. None where no row could be computed. Of rows that do equally well within a
+        training part, as few recordings often leave them, the one that reads the most columns is chosen; of
+        such, the first.
 
     Raises
     ------
@@ -409,7 +409,7 @@ def choose_inside(
         known = evaluations[row.definition.name][name].accuracy
         chosen = [[row.definition.name, name]] * len(splits)
         units = protocol.unit, protocol.independent(table.frame)[0]
-        return {"accuracy": known.to_dict(*units), "chosen": chosen, "protocol": "nothing to choose"}
+        return {"accuracy": known.to_dict(*units), "chosen": chosen, "protocols": []}
     inner = inner_splits(protocol, table.frame, splits, pipeline.seed)
     y, clusters = table.materials, protocol.clusters(table.frame)
     over, independent = protocol.independent(table.frame)
@@ -430,7 +430,7 @@ def choose_inside(
     return {
         "accuracy": score(truth, predicted, *tested).to_dict(protocol.unit, over),
         "chosen": chosen,
-        "protocol": ", ".join(dict.fromkeys(name for name, _ in inner)),
+        "protocols": list(dict.fromkeys(name for name, _ in inner)),
     }
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from texclass.evaluation.additions import gains_blocks
+from texclass.evaluation.protocols import find_protocol
 from texclass.evaluation.result import (
     Pair,
     again_facts,
@@ -19,7 +20,6 @@ from texclass.evaluation.result import (
     dataset_facts,
     over,
     pairs_of,
-    protocol_title,
     size,
 )
 from texclass.reporting import Document, Figure, Finding, Heading, Heat, Shade, Table
@@ -61,7 +61,7 @@ def benchmark_document(data: Data) -> Document:
     best = best_of(data)
     pipeline = data["pipeline"]
     return Document(
-        f"{data['dataset']['name']}, {protocol_title(data['protocol'])}",
+        f"{data['dataset']['name']}, {find_protocol(data['protocol']).title}",
         list(benchmark_blocks(data)),
         f"Pipeline {pipeline['name']}: {size(data['dataset'])}",
         _finding(data, best)
@@ -447,9 +447,10 @@ def _notes(data: Data, best: Pair | None) -> Iterator[str]:
         n, found = len(choice["chosen"]), choice["accuracy"]
         mean, low, high = (digits(round(100 * found[key], 1)) for key in ("mean", "low", "high"))
         listed = "; ".join(f"{row}, {classifier_title(name)} ({k} of {n} folds)" for (row, name), k in folds)
+        titles = ", ".join(find_protocol(name).title for name in choice["protocols"])
         yield (
             "Row and classifier chosen inside each training part (by "
-            f"{protocol_title(choice['protocol'])}): {mean} % [{low}, {high}]; chosen: {listed}."
+            f"{titles or 'nothing to choose'}): {mean} % [{low}, {high}]; chosen: {listed}."
         )
     for row in data["rows"]:
         if row["accuracy"] and row.get("note"):

@@ -27,7 +27,7 @@ from sklearn.base import clone
 from sklearn.dummy import DummyClassifier
 
 from texclass.evaluation.accuracy import Accuracy, score
-from texclass.evaluation.protocols import Indices, Split
+from texclass.evaluation.splits import Indices, Split
 from texclass.evaluation.workers import one_thread
 from texclass.recording import Samples
 

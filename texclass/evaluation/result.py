@@ -30,14 +30,6 @@ CLASSIFIER_TITLES = {
     "euclidean": "Euclidean",
     "nearest_neighbour": "Nearest neighbour",
 }
-PROTOCOL_TITLES = {
-    "recording": "folds over recordings",
-    "operator": "leave one operator out",
-    "run": "folds over whole runs",
-    "blocks": "first half of the repetitions to second half",
-    "few-shot": "three repetitions, several starts, to second half",
-    "paper": "the paper's protocol",
-}
 CHOICE = "row chosen inside the training parts"
 """What the choice of a benchmark is called beside its rows."""
 FEW = 10
@@ -112,14 +104,6 @@ def best_of(data: Mapping[str, Any]) -> Pair | None:
 def classifier_title(name: str) -> str:
     """Return a classifier in words."""
     return CLASSIFIER_TITLES.get(name, name.replace("_", " ").capitalize())
-
-
-def protocol_title(name: str) -> str:
-    """Return a protocol in words."""
-    if name.startswith("few-shot "):
-        n_shots = counted(int(name.removeprefix("few-shot ")), "repetition")
-        return f"{n_shots}, several starts, to second half"
-    return PROTOCOL_TITLES.get(name, name)
 
 
 def size(facts: Mapping[str, Any]) -> str:

@@ -22,7 +22,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from texclass.classifiers.kernel_discriminant import class_means
 from texclass.evaluation.folds import Fold, without_remarks
-from texclass.evaluation.protocols import Split
+from texclass.evaluation.splits import Split
 from texclass.recording import Samples
 
 Labels = NDArray[np.intp]

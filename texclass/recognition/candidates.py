@@ -18,7 +18,7 @@ from texclass.evaluation.cost import CostMeter
 from texclass.evaluation.feature_table import FeatureTable
 from texclass.evaluation.folds import Fold, over_folds
 from texclass.evaluation.pipeline import MatchedRow, PipelineDefinition
-from texclass.evaluation.protocols import Split
+from texclass.evaluation.splits import Split
 from texclass.features.plan import Plan
 from texclass.recognition.probabilities import class_scores
 from texclass.recognition.unknown import fit_nearness, kind_for, strangeness

@@ -7,7 +7,8 @@ from typing import Any
 
 import pandas as pd
 
-from texclass.evaluation.protocols import Protocol, Split, fewest, find_protocol, splits_of
+from texclass.evaluation.protocols import Protocol, fewest, find_protocol, splits_of
+from texclass.evaluation.splits import Split
 from texclass.evaluation.windows import parents
 from texclass.recognition.unknown import cautious, check_false_alarms, least_held_out
 from texclass.reporting.wording import counted
@@ -21,7 +22,7 @@ LATER_KEPT = 0.45
 """Of what an accuracy is above chance, the least that later recordings kept in the study `few_recordings`."""
 LATER_ALARMS = 3.0
 """How many times as often later recordings are called unknown there as those held out between, the median."""
-AT_RANDOM, IN_TIME = "recording", "blocks"
+AT_RANDOM, IN_TIME = "recording", "chronological"
 LATER = "later recordings"
 """What the tests cannot tell of, where this begins the list."""
 

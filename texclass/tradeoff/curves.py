@@ -18,7 +18,8 @@ from sklearn.neighbors import NearestCentroid
 from texclass import vibration
 from texclass.evaluation.feature_table import FeatureTable, cached_table
 from texclass.evaluation.folds import evaluate
-from texclass.evaluation.protocols import Protocol, Split, repeated
+from texclass.evaluation.protocols import Protocol, repeated
+from texclass.evaluation.splits import Split
 from texclass.evaluation.windows import touches
 from texclass.evaluation.workers import Progress, each
 from texclass.features.contract import UndefinedFeatureError
@@ -75,7 +76,7 @@ class Conditions:
     def splits(self, frame: pd.DataFrame) -> tuple[Split, ...]:
         """Return all folds of all repeats, fewer folds where a material has few recordings."""
         n_folds = min(self.n_folds, int(frame["material"].value_counts().min()))
-        n_repeats = self.n_repeats if self.protocol.drawn else 1
+        n_repeats = self.n_repeats if self.protocol.is_random else 1
         drawn = repeated(self.protocol, frame, n_folds, n_repeats, self.seed)
         return tuple(split for repeat in drawn for split in repeat)
 

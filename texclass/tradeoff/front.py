@@ -16,9 +16,10 @@ from sklearn.preprocessing import StandardScaler
 from texclass.evaluation.accuracy import cluster_interval
 from texclass.evaluation.cost import CostModel
 from texclass.evaluation.folds import Fold, over_folds
-from texclass.evaluation.protocols import Protocol, Split
+from texclass.evaluation.protocols import Protocol
 from texclass.evaluation.result import measured_on
 from texclass.evaluation.selection import SubsetScore, inner_splits
+from texclass.evaluation.splits import Split
 from texclass.evaluation.workers import Progress, each
 from texclass.features.sets import FeatureSet
 from texclass.loaders.dataset import Dataset

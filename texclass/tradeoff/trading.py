@@ -159,7 +159,7 @@ def trade_off(
     facts["dataset"] |= {"materials": list(limits.materials), "max_seconds": limits.max_seconds}
     middle = offer.costs.total - offer.costs.features_ms / 2
     half = [p for p in front if p["budget_ms"] <= middle * (1 + 1e-9)]
-    n_drawn = n_repeats if conditions.protocol.drawn else 1
+    n_drawn = n_repeats if conditions.protocol.is_random else 1
     left_out = (f"left out: {item}" for item in offer.table.left_out[:4])
     return Tradeoff(
         {

@@ -26,7 +26,7 @@ Table = NDArray[np.floating[Any]]
 FRAME_S, HOP, LEAST = 0.025, 0.6, 50
 """Of cepstra: frame in seconds, hop as a share of it (15 ms), and the fewest samples a frame may have."""
 N_COEFFICIENTS, N_MELS = 13, 26
-"""Bands and transform length: of six settings the most even one on the TEST parts of biotac20 (blocks,
+"""Bands and transform length: of six settings the most even one on the TEST parts of biotac20 (chronological,
 few-shot), so these figures lean in the baseline's favour there."""
 TSFEL_LEAST_HZ = 100.0
 BATCH = 32
