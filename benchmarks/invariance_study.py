@@ -194,6 +194,7 @@ def main() -> None:
     found = pd.concat([first, second], ignore_index=True)
     chosen = [surfaces[i].name for i in np.linspace(0, len(surfaces) - 1, 4).astype(int)]
     result = {
+        "kind": "invariance",
         "seed": SEED,
         "rows": json.loads(found.to_json(orient="records", double_precision=15)),  # NaN becomes null
     }

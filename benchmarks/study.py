@@ -146,7 +146,7 @@ def write(
     folder.mkdir(parents=True, exist_ok=True)
     loaded = {name.split(".")[1] for name in sys.modules if name.startswith("texclass.")}
     used = versions(*(name for module, name in LIBRARIES.items() if module in sys.modules))
-    result = {"versions": used, **result, **made_by(*loaded - WORDS)}
+    result = {"kind": "study", "version": 1, "versions": used, **result, **made_by(*loaded - WORDS)}
     text = json.dumps(result, indent=1, default=lambda array: array.tolist())
     (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
     if picture is not None:

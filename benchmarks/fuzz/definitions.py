@@ -7,7 +7,7 @@ from pathlib import Path
 from fuzz.contract import Target
 from fuzz.mutate import json_of, of_text, toml_of, trees
 from texclass import shipped
-from texclass.cli.result_files import read_document
+from texclass.cli.result_files import read_document, refusing_damage
 from texclass.evaluation import load_pipeline
 from texclass.features import load_feature_set
 from texclass.haptics.scene.definition import EXAMPLES, read_path, read_scene
@@ -167,7 +167,9 @@ def _results() -> list[bytes]:
 
 
 def _page(path: Path) -> object:
-    page = render_page([read_document(path)])
+    document = read_document(path)
+    with refusing_damage(str(path)):
+        page = render_page([document])
     assert page.startswith("<!")
     return page
 

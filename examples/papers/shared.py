@@ -30,7 +30,9 @@ def write_chapter(document: Document, numbers: dict[str, Any], out: Path, key: s
     print_document(document)
     written = list(write_document(document, out, key))
     written.append(out / f"{key}.json")
-    written[-1].write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
+    written[-1].write_text(
+        json.dumps({"kind": "study", "version": 1, **numbers}, indent=1) + "\n", encoding="utf-8"
+    )
     for path in written:
         print(f"wrote {path}")
     return written

@@ -14,6 +14,8 @@ from texclass.evaluation.result import COMPUTED_BY
 from texclass.features import load_feature_set
 from texclass.provenance import code_hash, made_by
 
+STUDY = {"kind": "study", "version": 1}
+
 
 def todays():
     pipeline, features = load_pipeline("strese2015"), load_feature_set("strese2015")
@@ -68,9 +70,9 @@ def test_studies_name_the_code_that_made_them_and_are_listed_too(tmp_path):
         (made_by("haptics") | {"code_of": ["gone"]}, "made by other code"),
         ({}, "made before results carried a hash of their code"),
     ):
-        path.write_text(json.dumps({"versions": {}, "pipeline": ["multiscale"], "ratio": np.nan, **facts}))
+        path.write_text(json.dumps({**STUDY, "pipeline": ["multiscale"], "ratio": np.nan, **facts}))
         assert stale_results([path])[0].get(path) == why
-    path.write_text(json.dumps({"versions": {}, "code_of": ["/"]}))
+    path.write_text(json.dumps({**STUDY, "code_hash": "0", "code_of": ["/"]}))
     stale, skipped = stale_results([path])
     assert not stale
     assert "code_of" in skipped[path]
@@ -86,7 +88,7 @@ def test_files_that_are_no_results_are_skipped_and_listed(tmp_path, capsys):
     found, skipped = stale_results(files)
     assert found == {stale: "made by other code"}
     assert list(skipped) == files[:4]
-    assert "title" in skipped[other]
+    assert "kind" in skipped[other]
     report(files, stale=True)
     said = capsys.readouterr().out
     assert f"skipped {other}: " in said

@@ -4,13 +4,13 @@ import re
 from itertools import pairwise
 
 import pytest
-from told import HOSTILE, document, everywhere, result
+from told import FILES, HOSTILE, document, everywhere, result
 
 from texclass.evaluation.additions import verdict
 from texclass.reporting import Figure, Heat, Table, render_markdown, write_document
 from texclass.reporting.figure_style import NARROW, WIDTH, drawn
 
-KINDS = ["benchmark", "feature", "tradeoff", "baselines", "invariance", "stability"]
+KINDS = [file.stem for file in FILES]
 
 
 def table(told, i=0):

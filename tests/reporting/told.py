@@ -6,8 +6,8 @@ from typing import Any
 
 from rich.console import Console
 
-from texclass.cli.result_files import KINDS
 from texclass.reporting import Document, render_markdown, render_terminal
+from texclass.reporting.result_files import RESULTS
 
 HOSTILE = '<script>alert("x")</script>'
 DATA = Path(__file__).parent / "data"
@@ -21,7 +21,7 @@ def result(kind: str) -> Any:
 
 def document(kind: str, data: Any = None) -> Document:
     """Return a result, or the given one of its kind, as a document."""
-    return KINDS[kind].document(result(kind) if data is None else data)
+    return RESULTS[kind](result(kind) if data is None else data).document()
 
 
 def on_terminal(document: Document, width: int = 120) -> str:

@@ -19,7 +19,7 @@ from texclass.evaluation.benchmark import BenchmarkResult
 from texclass.evaluation.feature_table import FeatureTable, cached_table
 from texclass.evaluation.pipeline import MatchedRow, PipelineDefinition
 from texclass.evaluation.protocols import Protocol, find_protocol
-from texclass.evaluation.result import CHOICE, COMPUTED_BY, Result
+from texclass.evaluation.result import CHOICE, COMPUTED_BY
 from texclass.evaluation.splits import Split
 from texclass.evaluation.windows import overlapping
 from texclass.evaluation.workers import Progress
@@ -30,6 +30,7 @@ from texclass.phases import segment
 from texclass.provenance import made_by
 from texclass.recording import Phases, Recording, Samples
 from texclass.reporting import Document
+from texclass.reporting.result_files import Result
 
 Given = Literal["same", "each"]
 DESCRIPTIONS: dict[Given, str] = {
@@ -77,7 +78,7 @@ class BaselineSettings:
             raise ValueError(f"the time limit of baselines is {self.time_limit_s} s; the rule is above 0")
 
 
-class BaselineComparison(Result):
+class BaselineComparison(Result, kind="baselines"):
     """Our rows and baselines on the same folds; see `compare_with_baselines`.
 
     `data` holds facts of `dataset`, `pipeline` and `protocol`; what baselines were given (`signals`) and the
@@ -90,6 +91,11 @@ class BaselineComparison(Result):
     def stem(self) -> str:
         """What the names of its files begin with."""
         return f"{self.data['dataset']['name']}-{self.data['pipeline']}-{self.data['protocol']}-baselines"
+
+    @property
+    def definitions(self) -> dict[str, tuple[str, str]]:
+        """Name and hash of the pipeline."""
+        return {"pipeline": (self.data["pipeline"], self.data["pipeline_hash"])}
 
     def document(self) -> Document:
         """Return the comparison as a document."""

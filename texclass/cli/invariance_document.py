@@ -8,10 +8,19 @@ import pandas as pd
 from texclass.reporting import Document, Figure, Finding, Heading, Table
 from texclass.reporting.blocks import Block
 from texclass.reporting.figure_style import LOOKS, MUTED, legend_above, log_x, row_axes
+from texclass.reporting.result_files import Result
 from texclass.reporting.wording import digits
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
+
+
+class InvarianceStudy(Result, kind="invariance"):
+    """The study of features under other speeds, forces and impacts: `benchmarks/invariance_study.py`."""
+
+    def document(self) -> Document:
+        """Return the study as a document."""
+        return invariance_document(self.data)
 
 
 def invariance_document(data: Mapping[str, Any]) -> Document:

@@ -69,7 +69,7 @@ def train(
         p.ProtocolName | None,
         p.evaluation_option(
             metavar="NAME",
-            help="Evaluation protocol, see `texclass benchmark --help`. Default: blocks for 20 or more "
+            help="Evaluation protocol, see `texclass benchmark --help`. Default: chronological for 20 or more "
             "numbered repetitions per surface, since sensors drift; else that of the pipeline.",
         ),
     ] = None,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from texclass.evaluation.result import Result
+    from texclass.reporting.result_files import Result
 
 
 def write_json(path: Path | None, text: str) -> None:

@@ -3,6 +3,7 @@
 The best of a table is chosen with the tests in view; what it is really worth, `choose_inside` tells.
 """
 
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -28,7 +29,7 @@ from texclass.evaluation.protocols import (
     require_unseen,
     splits_of,
 )
-from texclass.evaluation.result import COMPUTED_BY, Result, best_of, example_of, measured_on, pairs_of
+from texclass.evaluation.result import COMPUTED_BY, best_of, example_of, measured_on, pairs_of
 from texclass.evaluation.splits import Split, n_starts
 from texclass.evaluation.windows import asked, overlapping
 from texclass.evaluation.workers import Progress, each
@@ -36,6 +37,7 @@ from texclass.features.extractor import Reason
 from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import made_by, versions
+from texclass.reporting.result_files import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,7 +52,7 @@ LOADING_S = 2.0
 """CPU seconds that other processes would take to load scikit-learn, at most."""
 
 
-class BenchmarkResult(Result):
+class BenchmarkResult(Result, kind="benchmark"):
     """A pipeline evaluated on a dataset; see `run_benchmark`.
 
     `data` holds `dataset` (facts and numbers), `pipeline`, `protocol`, `rows` (accuracies by classifier,
@@ -69,6 +71,21 @@ class BenchmarkResult(Result):
     def _repr_html_(self) -> str:
         """Return the table for a notebook."""
         return self.table.to_html(index=False, float_format="{:.3g}".format)
+
+    @property
+    def stem(self) -> str:
+        """What the names of its files begin with: dataset, pipeline and protocol."""
+        protocol = re.sub(r"[^\w.+-]+", "-", self.data["protocol"].replace("->", "to"))
+        return f"{self.data['dataset']['name']}-{self.data['pipeline']['name']}-{protocol}"
+
+    @property
+    def definitions(self) -> dict[str, tuple[str, str]]:
+        """Name and hash of pipeline and feature set."""
+        made_with = self.data["pipeline"]
+        return {
+            "pipeline": (made_with["name"], made_with["hash"]),
+            "feature set": (made_with["features"], made_with.get("features_hash", "")),
+        }
 
     @property
     def table(self) -> pd.DataFrame:

@@ -36,7 +36,7 @@ N_NEAREST = 3
 """Existing columns that are named for each new one."""
 
 
-class FeatureStudy(BenchmarkResult):
+class FeatureStudy(BenchmarkResult, kind="feature"):
     """A new feature against the table of a pipeline on a dataset; see `study_feature`.
 
     `data` is that of the benchmark, with a row for the feature alone and, as `gains`, what it adds to the
@@ -48,6 +48,14 @@ class FeatureStudy(BenchmarkResult):
     def result(self) -> BenchmarkResult:
         """The benchmark alone."""
         return BenchmarkResult({key: value for key, value in self.data.items() if key != "new_feature"})
+
+    @property
+    def definitions(self) -> dict[str, tuple[str, str]]:
+        """Name and hash of the pipeline that the feature was added to."""
+        name, digest = super().definitions["pipeline"]
+        return {
+            "pipeline": (name.removesuffix(f"+{self.data['new_feature']['name']}"), digest.partition("+")[0])
+        }
 
     def document(self) -> Document:
         """Return the study as a document."""

@@ -1,10 +1,6 @@
-"""What a study found: plain JSON values, the document they make, and how what it was found with is named."""
+"""Values of results that several documents share: best rows, names, facts of a dataset, an example."""
 
-import json
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -18,7 +14,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from texclass.loaders.dataset import Dataset
-    from texclass.reporting import Document
 
 COMPUTED_BY = ("recording", "signals", "phases", "features", "vibration", "classifiers", "evaluation")
 """Rooms and modules whose code the figures of a result depend on."""
@@ -36,46 +31,6 @@ FEW = 10
 """Clusters below which an accuracy above 90 % (or below 10 %) is told with a caution."""
 N_BLOCKS = 300
 """Parts in which the outline of a recording is kept."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Result:
-    """What a study found.
-
-    Attributes
-    ----------
-    data : mapping
-        Plain JSON values, accuracies as fractions: what a saved result holds, what its document is made of.
-    """
-
-    data: Mapping[str, Any]
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} of {self.data['dataset']['name']}>"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain JSON values."""
-        return dict(self.data)
-
-    def to_json(self) -> str:
-        """Return the result as JSON text."""
-        return json.dumps(self.data, indent=1, allow_nan=False) + "\n"
-
-    @property
-    def stem(self) -> str:
-        """What the names of its files begin with."""
-        named = re.sub(r"[^\w.+-]+", "-", self.data["protocol"].replace("->", "to"))
-        return f"{self.data['dataset']['name']}-{self.data['pipeline']['name']}-{named}"
-
-    def document(self) -> "Document":
-        """Return the result as a document."""
-        raise NotImplementedError
-
-    def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write JSON, Markdown and pictures into a folder; their names begin with `stem`."""
-        from texclass.reporting import write_document
-
-        return write_document(self.document(), folder, self.stem, json=self.to_json())
 
 
 class Pair(NamedTuple):

@@ -9,15 +9,16 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 import pandas as pd
 
-from texclass.evaluation.result import COMPUTED_BY, Result
+from texclass.evaluation.result import COMPUTED_BY
 from texclass.provenance import made_by, versions
 from texclass.reporting import Document, Finding, Folded, Heading, Heat, Shade, Table
+from texclass.reporting.result_files import Result
 from texclass.stability.inputs import FAMILIES, SEED, battery_hash
 from texclass.stability.rules import BAD, Mark, cells_at, quiet_thread
 
@@ -41,7 +42,7 @@ RULE = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StabilityResult(Result):
+class StabilityResult(Result, kind="stability"):
     """What the battery found; see `run_stability`.
 
     `data` holds `versions` of Python, texclass and every library that was tried, the `seed` of every random
@@ -51,10 +52,11 @@ class StabilityResult(Result):
     Attributes
     ----------
     cells : DataFrame
-        One line for each subject and input, with the columns that `texclass.stability.judge` returns.
+        One line for each subject and input, with the columns that `texclass.stability.judge` returns; none
+        where the result was read from a file.
     """
 
-    cells: pd.DataFrame
+    cells: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {len(self.wrong)} of {len(self.ours)} cells wrong>"

@@ -13,7 +13,7 @@ from sklearn.neighbors import KNeighborsClassifier, NearestCentroid
 from texclass.evaluation.cost import CostMeter, CostModel, classifier_cost
 from texclass.evaluation.feature_table import FeatureTable
 from texclass.evaluation.protocols import find_protocol
-from texclass.evaluation.result import COMPUTED_BY, Result
+from texclass.evaluation.result import COMPUTED_BY
 from texclass.evaluation.windows import touches
 from texclass.evaluation.workers import Progress
 from texclass.features.phase_view import Channels
@@ -23,6 +23,7 @@ from texclass.loaders import open_dataset
 from texclass.loaders.dataset import Dataset
 from texclass.provenance import made_by, versions
 from texclass.reporting import Document
+from texclass.reporting.result_files import Result
 from texclass.tradeoff.curves import Conditions, order_curve, sensor_curves, touch_curve, training_curves
 from texclass.tradeoff.front import (
     KNEE_LOSS,
@@ -54,7 +55,7 @@ N_CHECKED = 10
 """Random subsets on which the cost model is checked."""
 
 
-class Tradeoff(Result):
+class Tradeoff(Result, kind="tradeoff"):
     """What accuracy costs on a dataset; see `trade_off`.
 
     `data` holds `costs` (a feature's `share` of the full set, `alone`, and what leaving it out would save:
@@ -69,6 +70,11 @@ class Tradeoff(Result):
     def stem(self) -> str:
         """What the names of its files begin with: dataset, materials of a scene, seconds, "tradeoff"."""
         return tradeoff_stem(self.data["dataset"])
+
+    @property
+    def definitions(self) -> dict[str, tuple[str, str]]:
+        """Name and hash of the feature set."""
+        return {"feature set": (self.data["features"], self.data.get("features_hash", ""))}
 
     def document(self) -> Document:
         """Return the trade-off as a document."""
